@@ -480,10 +480,10 @@ class Stage:
         return returned
 
     @functools.cached_property
-    def makes(self) -> type[Any]:
+    def product_type(self) -> type[Any]:
         """Type of its product; for a stage that edits, the type in recipes."""
-        product_type: type[Any] = self.returns
-        return OccupancyGrid if self.edits else product_type
+        returned: type[Any] = self.returns
+        return OccupancyGrid if self.edits else returned
 
     @functools.cached_property
     def takes(self) -> tuple[type[Any], ...]:

@@ -321,7 +321,7 @@ def test_failures_of_a_cluster_are_outcomes_of_their_map():
         (ZeroDivisionError("x"), "/d/m.yaml: was lost: x"),
     ):
         sent = Future()
-        future = cluster._told_as_ours(sent, job)
+        future = cluster._with_own_errors(sent, job)
         if isinstance(problem, CancelledError):
             sent.cancel()
             sent.set_running_or_notify_cancel()

@@ -245,7 +245,7 @@ def test_a_failure_at_any_step_puts_everything_back(tmp_path, monkeypatch, opera
 
 
 @pytest.mark.parametrize("name", NEW)
-def test_a_folder_that_has_come_in_the_way_of_a_file_leaves_the_others_as_they_were(old, name):
+def test_a_folder_that_has_come_in_the_plan_blocks_a_file_leaves_the_others_as_they_were(old, name):
     with (
         pytest.raises(FileAccessError, match="cannot be replaced: Is a directory"),
         Transaction([old / file_name for file_name in NEW], force=True) as transaction,

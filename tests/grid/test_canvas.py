@@ -72,7 +72,7 @@ def test_every_kind_of_grid_is_padded(occupancy, resolution, yaw, margins):
     frame = margins_of(Frame(*occupancy.shape, resolution, (1.5, -2.0, yaw)), margins)
     part = frame.window(margins[0], margins[2], *occupancy.shape)
     kinds = list(kinds_of(OccupancyGrid(occupancy, resolution, part.origin)))
-    assert {type(grid) for grid in kinds} == {stage.makes for stage in STAGES}
+    assert {type(grid) for grid in kinds} == {stage.product_type for stage in STAGES}
     for grid in kinds:
         extended = on_canvas(grid, frame)
         assert (extended.frame, extended.origin) == (frame, frame.origin)

@@ -10,7 +10,7 @@ import pytest
 from mapdeal.errors import MalformedInputError, MapdealWarning, capture_warnings, emit_warning
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import run_map
-from mapdeal.pipeline.settings import Settings, heard
+from mapdeal.pipeline.settings import Settings, adding_warnings
 
 KEYS = "resolution: 0.25\norigin: [1.5, -2, 0.3]\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 NO_NEGATE = "missing: negate (ROS requires it); assuming 0"
@@ -70,7 +70,7 @@ def test_filters_of_who_calls_decide_what_becomes_of_warnings(action):
         warnings.simplefilter(action, MapdealWarning)
         try:
             for _ in range(2):
-                with heard(texts):
+                with adding_warnings(texts):
                     emit_warning("odd")
         except MapdealWarning as error:
             assert (action, str(error)) == ("error", "odd")
@@ -83,13 +83,13 @@ def test_a_warning_is_about_the_code_that_its_level_names(recwarn):
         emit_warning("odd", stacklevel=2)
 
     work()
-    with heard([]):
+    with adding_warnings([]):
         work()
     lines = Path(__file__).read_text().splitlines()
     assert [lines[warning.lineno - 1].strip() for warning in recwarn] == ["work()"] * 2
 
 
 def test_warnings_that_are_captured_twice_keep_their_place():
-    with capture_warnings() as captured, heard(texts := []):
+    with capture_warnings() as captured, adding_warnings(texts := []):
         emit_warning(MapdealWarning("odd", "image.lossy"))
     assert (texts, [warning.check for warning in captured]) == (["odd"], ["image.lossy"])

@@ -128,7 +128,7 @@ def test_layers_are_made_once_for_figures_and_once_for_all_files(
 
     count("distances", esdf_module, "signed_distance", len)
     count("costs", exponential.BaseCosts, "costs", lambda _, rows: rows.stop - rows.start)
-    monkeypatch.setattr(memory, "_way_of", in_blocks_of_40_rows)
+    monkeypatch.setattr(memory, "_plan_blocks", in_blocks_of_40_rows)
     recipe, settings = load_recipe("default"), Settings(threads=1, images=False)
     run_map(building, tmp_path / "out", recipe, settings)
     assert counts == expected

@@ -187,7 +187,7 @@ def test_a_radius_that_counts_twice_is_warned_of():
         load_recipe("default", changes=[model])
 
 
-def test_a_recipe_file_in_every_way_of_writing(file):
+def test_a_recipe_file_in_every_plan_blocks_writing(file):
     recipe = described(file(
         "stages:\n  - active\n  - inflate:\n  - esdf: {max_distance: none, strength: 5e-1}\n"
         "  - cost:\n      model: rings\n      values: [80, 40]\n"

@@ -60,7 +60,8 @@ def test_the_policy_allows_what_the_page_holds_and_nothing_else():
     assert {tag: len(found) for tag, found in hashes.items()} == {"style": 1, "script": 1}
     assert policy.split("; ") == [
         "default-src 'none'", f"script-src {hashes['script'][0]}",
-        f"style-src {hashes['style'][0]}", "base-uri 'none'", "form-action 'none'",
+        f"style-src {hashes['style'][0]}", "img-src data:", "base-uri 'none'",
+        "form-action 'none'",
     ]  # fmt: skip
     for _, attrs in page.tags:
         assert not {name for name in attrs if name.startswith("on") or name in ("style", "src")}

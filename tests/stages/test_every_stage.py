@@ -90,7 +90,7 @@ def test_every_stage_of_the_folder_is_listed():
     in_folder = {
         p.stem
         for p in folder.glob("*.py")
-        if re.search(r"^@(stage|cost_model)\(", p.read_text(), re.MULTILINE)
+        if re.search(r"^@(command\.)?(stage|cost_model)\(", p.read_text(), re.MULTILINE)
     }
     listed = {stage.function.__module__.rpartition(".")[2] for stage in catalogue.STAGES}
     assert in_folder == listed

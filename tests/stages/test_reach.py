@@ -321,7 +321,7 @@ UNNAMED = Goal(7.1, 3.2), Goal(1.5, -2.0)
     ([], ()),
     ({}, ()),
 ], ids=repr)  # fmt: skip
-def test_goals_in_every_way_of_writing(value, goals):
+def test_goals_in_every_plan_blocks_writing(value, goals):
     assert accept_goals("goals", value) == goals
 
 

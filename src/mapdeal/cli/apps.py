@@ -55,23 +55,18 @@ _EDITED = "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz."
 
 
 def _apply_stage(
-    models: Mapping[str | None, Stage],
-    *,
-    source: Path,
-    output: Path,
-    footprint: Footprint | None = None,
-    robot: Annotated[RobotParameters | None, Words()] = None,
+    models: Mapping[str | None, Stage], *, source: Path, output: Path,
+    footprint: Footprint | None = None, robot: Annotated[RobotParameters | None, Words()] = None,
     recipe: Annotated[str | None, Words("NAME|FILE", completed=recipe_words)] = None,
-    encoding: Encoding = "occupancy",
-    curve: Annotated[Path | None, Words("FILE.png")] = None,
+    encoding: Encoding = "occupancy", curve: Annotated[Path | None, Words("FILE.png")] = None,
     **values: Any,
-) -> SingleResult:
+) -> SingleResult:  # fmt: skip
     """Apply a stage to a file.
 
     Parameters
     ----------
     recipe : str, optional
-        Take the costs of a recipe, as for mapdeal run; options win over it.
+        Use the costs of a recipe, as for mapdeal run; options win over it.
     encoding : {'occupancy', 'costmap2d'}
         Pixels of a .yaml: the values that ROS publishes, or costmap_2d's bytes.
     curve : path, optional
@@ -91,7 +86,7 @@ def _apply_stage(
         _warn_of_unused(step, shaped)
     else:
         step = _step_of(models, footprint, values)
-        shape = step.stage.robot if stage.makes is Costmap and footprint is None else None
+        shape = step.stage.robot if stage.product_type is Costmap and footprint is None else None
         if shape is not None and shape.replaces not in values:
             emit_warning(
                 "no robot is given, by --robot-radius, --footprint, --params-file or "
@@ -101,7 +96,7 @@ def _apply_stage(
     started = time.perf_counter()
     result = apply_to_file(
         source, output, step, work.settings, encoding=encoding, curve=curve,
-        with_curve=work.as_json and stage.makes is Costmap, with_sums=work.as_json,
+        with_curve=work.as_json and stage.product_type is Costmap, with_sums=work.as_json,
         also_read=inputs,
     )  # fmt: skip
     terminal.detail(f"{stage.name}: {time.perf_counter() - started:.3f} s")
@@ -139,7 +134,7 @@ class _StageCommand(Command):
         model = f"The rule of the {stage.name}s.  [default: {next(iter(self.models))}"
         model += "; with --params-file the robot's]" if stage.robot is not None else "]"
         texts = {"source": source, "model": model, **definitions.meanings_of(_apply_stage)}
-        texts["as_json"] = _JSON_OF_COSTS if stage.makes is Costmap else _JSON
+        texts["as_json"] = _JSON_OF_COSTS if stage.product_type is Costmap else _JSON
         for name, owners in self._owners.items():
             text = next(iter(owners.values())).meanings[name]
             if len(owners) < len(self.models):
@@ -150,7 +145,7 @@ class _StageCommand(Command):
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
         own = definitions.parameters_of(_apply_stage)
-        is_of_costs = self._first.makes is Costmap
+        is_of_costs = self._first.product_type is Costmap
         found = {"recipe": own["recipe"]} if is_of_costs else {}
         if None not in self.models:
             names = [str(model) for model in self.models]
@@ -190,17 +185,18 @@ class _StageCommand(Command):
 def _command_of_stage(name: str) -> Command:
     models = models_of(name)
     first = next(iter(models.values()))
-    files = files_of(first.makes)
+    files = files_of(first.product_type)
     output = Output("OUT", _EDITED) if first.edits else Output(files.metavar, files.about)
     has_robot = any(stage.robot is not None for stage in models.values())
-    shared = [*(["robot"] if has_robot else []), *(["mask"] if first.makes is Costmap else [])]
+    is_of_costs = first.product_type is Costmap
+    shared = ["robot"] * has_robot + ["mask"] * is_of_costs
     texts = {} if first.edits else {"max_memory": _MEMORY}
     if first.shows_changes:
         texts["image"] = "Write a picture of the changed cells."
     return _StageCommand(
         partial(_apply_stage, models), first.group, first.example, name, output,
         (*shared, "files"), texts, models=models,
-        makes_costs=lambda values: first.makes is Costmap and values.get("recipe") is None,
+        makes_costs=lambda values: is_of_costs and values.get("recipe") is None,
     )  # fmt: skip
 
 

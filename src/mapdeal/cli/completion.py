@@ -1,4 +1,4 @@
-"""``mapdeal completion``: typer's script for a shell, and the words that mapdeal then offers."""
+"""``mapdeal completion``: typer's script for a shell, and the words that mapdeal offers."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ app = command_app("completion", sys.modules[__name__])
 
 
 def prepare_completion() -> None:
-    """Have typer answer a shell in place of running a command."""
+    """Make typer answer a shell instead of running a command."""
     try:
         from typer._completion_classes import BashComplete, completion_init
     except ImportError:  # typer before 0.12
@@ -54,12 +54,12 @@ def prepare_completion() -> None:
         )
 
     class Bash(BashComplete):
-        """Bash, which splits words at ``=`` and replaces what stands behind the last one."""
+        """Bash: it splits words at ``=`` and completes the part after the last one."""
 
         def get_completion_args(self) -> tuple[list[str], str]:
             words = os.environ["COMP_WORDS"].split("\n")[: int(os.environ["COMP_CWORD"]) + 1]
-            whole = re.sub(r"\n=\n?", "=", "\n".join(words))
-            os.environ.update(COMP_WORDS=whole, COMP_CWORD=str(whole.count("\n")))
+            line = re.sub(r"\n=\n?", "=", "\n".join(words))
+            os.environ.update(COMP_WORDS=line, COMP_CWORD=str(line.count("\n")))
             return super().get_completion_args()
 
         def format_completion(self, item: Any) -> str:

@@ -60,10 +60,10 @@ def write_commands(
     group: Any, context: Any, formatter: Any, *, names: Iterable[str] | None = None
 ) -> None:
     groups = in_groups(group, context, names)
-    longest = max(len(one.name) for members in groups.values() for one in members)
+    longest = max(len(command.name) for members in groups.values() for command in members)
     for title, members in groups.items():
         with formatter.section(title):
-            rows = [(one.name, one.short_help) for one in members]
+            rows = [(command.name, command.short_help) for command in members]
             formatter.write_dl(rows, col_max=longest)
 
 
@@ -90,7 +90,7 @@ def _write_options(command: Any, write_ungrouped: Any, context: Any, formatter: 
             formatter.write_dl(rows)
 
 
-def _placed(parameter: Any, text: str, others: Iterable[Any]) -> tuple[str, str]:
+def _placed(parameter: Any, text: str, parameters: Iterable[Any]) -> tuple[str, str]:
     # Help texts say in their first words with what an option counts: "With a bag: ...", or the
     # value of another option, "rings: ...". Below a title that says so they need not.
     if parameter.param_type_name == "argument":
@@ -98,12 +98,13 @@ def _placed(parameter: Any, text: str, others: Iterable[Any]) -> tuple[str, str]
     title = _COMMON if parameter.name == "help" else getattr(parameter, "rich_help_panel", None)
     if title is not None:
         return title, text
-    condition, colon, rest = text.partition(": ")
+    condition, colon, meaning = text.partition(": ")
     if colon and condition in _CONDITIONS:
-        return condition, rest[:1].upper() + rest[1:]
-    for other in others:
-        if condition in (other.metavar or "").split("|") + list(getattr(other.type, "choices", ())):
-            return f"With {other.opts[0]} {condition}", rest[:1].upper() + rest[1:]
+        return condition, meaning[:1].upper() + meaning[1:]
+    for choice in parameters:
+        choices = [*(choice.metavar or "").split("|"), *getattr(choice.type, "choices", ())]
+        if condition in choices:
+            return f"With {choice.opts[0]} {condition}", meaning[:1].upper() + meaning[1:]
     return "Options", text
 
 

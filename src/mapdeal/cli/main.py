@@ -20,8 +20,8 @@ from mapdeal.cli.signals import begin_work, ending, release_reserve
 from mapdeal.cli.usage import accept_words, point_hint, usage_error
 from mapdeal.errors import FileAccessError, FindingError, MapdealError, refusal_of_the_system
 
-# typer brings its own copy of click in new versions and uses the package in old ones; both
-# have the same tree of errors, reached from the one class that typer exports.
+# New versions of typer contain a copy of click, old ones import the package. Both have the same
+# error classes, above the class that typer exports.
 _ClickError: Any = typer.BadParameter.__mro__[2]
 
 
@@ -57,9 +57,9 @@ class _LazyGroup(TyperGroup):
             return None
         begin_work()
         command: Any = typer.main.get_command(app)
-        for one in (command, *getattr(command, "commands", {}).values()):
-            accept_words(one, cmd_name)
-            lay_out(one)
+        for each in (command, *getattr(command, "commands", {}).values()):
+            accept_words(each, cmd_name)
+            lay_out(each)
         command.name = cmd_name
         first, _, _ = (command.help or "").partition("\n\n")
         command.short_help = " ".join(first.split())  # else it is cut off in the list
@@ -71,7 +71,7 @@ class _LazyGroup(TyperGroup):
         write_commands(self, ctx, formatter)
 
 
-vars(typer.core)["rich"] = None  # with which typer before 0.12 lays out help in its own way
+vars(typer.core)["rich"] = None  # else typer before 0.12 lays out help with it
 
 app = typer.Typer(
     cls=_LazyGroup,
@@ -82,8 +82,8 @@ app = typer.Typer(
 )
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(is_requested: bool) -> None:
+    if is_requested:
         from mapdeal.kernels.engine import version_text
 
         terminal.result(version_text())
@@ -122,7 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
             prepare_completion()
             group.main(prog_name="mapdeal")  # answers the shell and ends the process
-        # as click's own main, whose silence and exit codes are not ours
+        # in place of click's main, which has other messages and exit codes
         with group.make_context("mapdeal", words or ["info"]) as context:
             if words:
                 group.invoke(context)
@@ -132,23 +132,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except typer.Exit as end:
         code = end.exit_code
     except FindingError as error:
-        return _told(terminal.lost() or error)  # that results are lost is worse
+        return _report(terminal.lost() or error)  # lost results are worse
     except FileAccessError as error:
         if error.is_missing and error.hint is None:
             from mapdeal.files.source import similar_file_hint
 
             name = str(error.source)
             error.hint = point_hint(name, words[0]) or similar_file_hint(name)
-        return _told(error)
+        return _report(error)
     except MapdealError as error:
-        return _told(error)
+        return _report(error)
     except _ClickError as error:
-        return _told(usage_error(error))
+        return _report(usage_error(error))
     except KeyboardInterrupt as interrupt:
-        what, code = ending()
-        _told(MapdealError("; ".join([what, *interrupt.args])))
+        cause, code = ending()
+        _report(MapdealError("; ".join([cause, *interrupt.args])))
         return code
-    except BrokenPipeError:  # whoever reads has seen enough
+    except BrokenPipeError:  # the reader has closed the pipe
         return 0
     except Exception as error:  # noqa: BLE001 - the last resort, which says that it is one
         release_reserve()
@@ -157,16 +157,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
             rule = f"cannot be written: {error.strerror}"
             refusal = FileAccessError(rule, source="standard output")
         if refusal is not None:
-            return _told(refusal)
+            return _report(refusal)
         with contextlib.suppress(OSError):
             traceback.print_exc()
-        return _told(
+        return _report(
             MapdealError("internal error", hint="this is a bug in mapdeal; please report it")
         )
     lost = terminal.lost()
-    return code if lost is None else _told(lost)
+    return code if lost is None else _report(lost)
 
 
-def _told(error: MapdealError) -> int:
+def _report(error: MapdealError) -> int:
     terminal.error(error)
     return error.exit_code

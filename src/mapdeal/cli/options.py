@@ -1,4 +1,4 @@
-"""Arguments and values of options, and the one way to make a stage's options."""
+"""Options and their values: those of parameters, and those that many commands share."""
 
 from __future__ import annotations
 
@@ -33,10 +33,8 @@ OR_STDOUT = "Or - for an .npz on stdout."
 
 
 def option_of(parameter: Parameter, help_text: str, *, is_flag: bool = False) -> Any:
-    """Return the option of a parameter: its name with dashes, its default shown.
-
-    The option's own default is None, "not given": the value stands in the function's signature.
-    """
+    """Return the option of a parameter; its help shows the default of the function."""
+    # An option with the default None is absent from the function's arguments.
     words = parameter.words or Words()
     default = None if parameter.is_required else parameter.default
     metavar = words.metavar or (parameter.unit.metavar if parameter.unit else None)
@@ -82,13 +80,10 @@ def type_of(parameter: Parameter) -> Any:
 
 
 def robot_shape(
-    *,
-    footprint: str | None,
-    robot_radius: float | None,
-    footprint_padding: float,
+    *, footprint: str | None, robot_radius: float | None, footprint_padding: float,
     robot_16_gon: bool | None = None,
-) -> Footprint | None:
-    """Return the robot's shape; without the option for it, a round one has 16 corners, always."""
+) -> Footprint | None:  # fmt: skip
+    """Return the robot's shape; commands without --robot-16-gon always use 16 corners."""
     if robot_16_gon and robot_radius is None:
         raise ParameterError("needs --robot-radius", source="--robot-16-gon")
     if footprint is not None and robot_radius is not None:
@@ -106,19 +101,12 @@ def robot_shape(
 
 
 def robot_parameters(
-    *,
-    params_file: Sequence[Path] | None,
-    costmap: CostmapName | None,
-    namespace: str | None,
-    dialect: Dialect,
-    is_shape: bool = False,
-    has_mask: bool = False,
-    has_pose: bool = False,
-) -> RobotParameters | None:
+    *, params_file: Sequence[Path] | None, costmap: CostmapName | None, namespace: str | None,
+    dialect: Dialect, is_shape: bool = False, has_mask: bool = False, has_pose: bool = False,
+) -> RobotParameters | None:  # fmt: skip
     """Return the robot that parameter files describe, if there are any, and report its layers.
 
-    Readers older than today's Nav2 stand for its older costmap, too. Layers are not reported where
-    only the shape is wanted.
+    Dialects before nav2 select the older inflation layer. With `is_shape`, layers are not reported.
     """
     if not params_file:
         for option, value in (("--costmap", costmap), ("--namespace", namespace)):
@@ -164,12 +152,12 @@ Command = Callable[..., None]
 _ROBOT, _AGAINST, _ALWAYS = "robot", "against", "always"
 
 _OF_FILES = ("params_file", "costmap", "namespace")
-"""The options of the group ``robot`` that are about a robot's own parameters."""
+"""Options of the group ``robot`` for a robot's own parameter files."""
 
 OF_IMAGES = ("resolution", "origin")
 """The options for images without a YAML file; some commands have others of these names."""
 
-_OF_SETTINGS = {one.name for one in fields(Settings)}
+_OF_SETTINGS = {setting.name for setting in fields(Settings)}
 
 
 class SharedOption(NamedTuple):
@@ -214,34 +202,29 @@ SHARED_OPTIONS = {
         float, "Distance to move the edges of the shape outwards, metres; ROS uses 0.01.", "M", 0.0
     ),
     "robot_16_gon": _robots(
-        bool,
-        "Treat a round robot as a polygon of 16 corners, as costmap_2d does.  [default: no]",
-        default=False,
+        bool, "Treat a round robot as a polygon of 16 corners, as costmap_2d does.  [default: no]",
+        default=False
     ),
     "params_file": _robots(
         list[Path] | None,
         "Take shape and costs from a robot's own parameters: a Nav2 file, or ROS 1's costmap "
-        "files; can be repeated, later files win.",
-        "FILE",
+        "files; can be repeated, later files win.", "FILE"
     ),
     "costmap": _robots(CostmapName | None, "Costmap of --params-file.  [default: global]"),
     "namespace": _robots(str | None, "Robot of --params-file, if it contains several.", "NS"),
     "against": SharedOption(
         list[Path] | None,
-        "Compare with the costmap of these parameters; can be repeated, later files win.",
-        "FILE",
-        group=_AGAINST,
+        "Compare with the costmap of these parameters; can be repeated, later files win.", "FILE",
+        group=_AGAINST
     ),
     "image": SharedOption(Path | None, "Also write a picture of the result.", "FILE.png"),
     "image_extent": SharedOption(
-        ImageExtent,
-        "Extent of pictures: the known cells and a margin, or the whole map.",
-        default=Settings.image_extent,
+        ImageExtent, "Extent of pictures: the known cells and a margin, or the whole map.",
+        default=Settings.image_extent
     ),
     "dialect": SharedOption(
-        Dialect,
-        "How the image is read: as nav2 (jazzy and newer), humble or ros1.",
-        default=Settings.dialect,
+        Dialect, "How the image is read: as nav2 (jazzy and newer), humble or ros1.",
+        default=Settings.dialect
     ),
     "resolution": SharedOption(
         float | None, "For an image without its .yaml: side of a cell, metres.", "M"
@@ -249,44 +232,35 @@ SHARED_OPTIONS = {
     "origin": SharedOption(
         str | None,
         "For an image without its .yaml: pose of its lower left corner.  [default: 0,0,0]",
-        "X,Y,YAW",
+        "X,Y,YAW"
     ),
     "max_cells": SharedOption(
         int | None,
         "Refuse larger images before allocating memory.  [default: 2e8 for compressed images, "
-        "1e9 for others]",
-        "N",
-        least=1,
+        "1e9 for others]", "N", least=1
     ),
     "force": SharedOption(bool, "Replace existing outputs.", default=False),
     "threads": SharedOption(int | None, "Threads to use.  [default: all cores]", "N", least=1),
     "max_memory": SharedOption(
         str | None,
         "Memory to use, such as 4G or 500M; what needs more is refused.  [default: half of the "
-        "free memory]",
-        "SIZE",
+        "free memory]", "SIZE"
     ),
     "image_max": SharedOption(
-        int,
-        "Longest side of pictures, pixels; 0 for one pixel per cell.",
-        "PIXELS",
-        Settings.image_max,
-        group=None,
-        least=0,
+        int, "Longest side of pictures, pixels; 0 for one pixel per cell.", "PIXELS",
+        Settings.image_max, group=None, least=0
     ),
     "mask": SharedOption(
         Path | None,
         "Keepout mask, a map: the lower bound of the costs; robots stay out of where it is 100.",
-        "MASK",
-        group=None,
-        marks=(FROM_STDIN,),
+        "MASK", group=None, marks=(FROM_STDIN,)
     ),
     "no_images": SharedOption(bool, "Write no pictures.", default=False, group=None),
     "strict": _always("Exit with 1, and write nothing, if there is a warning."),
     "quiet": _always("Print only errors and requested results."),
     "verbose": _always("Print what is read and done."),
-}
-"""By name of the parameter; a group has this order. Every command ends with ``always``."""
+}  # fmt: skip
+"""Options by parameter, in the order of their groups. All commands end with ``always``."""
 
 
 def expanded(names: Iterable[str]) -> list[str]:
@@ -295,22 +269,18 @@ def expanded(names: Iterable[str]) -> list[str]:
         if option.group is not None:
             groups.setdefault(option.group, []).append(name)
     names = list(names)
-    own = {*names, *(("origin",) if "resolution" in names else ())}  # of what the command makes
-    groups["files"] = [one for one in groups["files"] if one not in own & {*OF_IMAGES}]
+    own = {*names, *(("origin",) if "resolution" in names else ())}  # of the output
+    groups["files"] = [name for name in groups["files"] if name not in own & {*OF_IMAGES}]
     return [member for name in names for member in groups.get(name, [name])]
 
 
 def with_shared_options(
-    function: Command,
-    own: Iterable[Argument],
-    names: Sequence[str],
-    *,
+    function: Command, own: Iterable[Argument], names: Sequence[str], *,
     help_texts: Mapping[str, str] | None = None,
-    makes_costs: Callable[[Mapping[str, Any]], bool] = lambda _: True,
-    ending: str = ".npz",
-) -> Command:
-    """Return a command that hands a function `Settings`, the robot, and its own options."""
-    by_name = {one.name: one for one in own}
+    makes_costs: Callable[[Mapping[str, Any]], bool] = lambda _: True, ending: str = ".npz",
+) -> Command:  # fmt: skip
+    """Return a command that calls a function with `Settings`, the robot, and its own options."""
+    by_name = {argument.name: argument for argument in own}
     parameters = _spliced(function.__name__, by_name, names, help_texts)
     ordered = expanded([*names, _ALWAYS])
     shared = [name for name in SHARED_OPTIONS if name in ordered and name not in by_name]
@@ -325,19 +295,19 @@ def with_shared_options(
         for name, value in values.items():
             if isinstance(value, Enum):
                 values[name] = value.value
-            elif value in ([], ()):  # typer before 0.13 has no None for options that are repeated
+            elif value in ([], ()):  # typer before 0.13 has this for repeated options
                 values[name] = defaults[name]
-        given = {name: values.pop(name) for name in shared}
-        if given["quiet"] and given["verbose"]:
+        shared_values = {name: values.pop(name) for name in shared}
+        if shared_values["quiet"] and shared_values["verbose"]:
             raise ParameterError("cannot be given together with --quiet", source="--verbose")
-        terminal.configure(**{name: given[name] for name in ("quiet", "verbose", "strict")})
-        values["settings"] = settings = _settings_of(given)
+        terminal.configure(**{name: shared_values[name] for name in ("quiet", "verbose", "strict")})
+        values["settings"] = settings = _settings_of(shared_values)
         with strict_warnings(settings.strict):
             if robot:
-                shape = {name: given[name] for name in robot if name not in _OF_FILES}
+                shape = {name: shared_values[name] for name in robot if name not in _OF_FILES}
                 values |= {"footprint": robot_shape(**shape)} if shape else {}
             if "params_file" in shared:
-                files = {name: given[name] for name in _OF_FILES}
+                files = {name: shared_values[name] for name in _OF_FILES}
                 read_parameters = partial(
                     robot_parameters,
                     dialect=settings.dialect,
@@ -346,8 +316,9 @@ def with_shared_options(
                     has_pose=values.get("pose") is not None,
                 )
                 values["robot"] = read_parameters(**files)
-                if given.get("against"):
-                    values["against"] = read_parameters(**files | {"params_file": given["against"]})
+                if shared_values.get("against"):
+                    files["params_file"] = shared_values["against"]
+                    values["against"] = read_parameters(**files)
             if settings.resolution is not None and not _names_image(values):
                 rule = "applies to images without their .yaml, and none is named"
                 raise ParameterError(rule, source="--resolution")
@@ -370,7 +341,7 @@ def with_shared_options(
 
 
 def _for_typer(annotation: Any) -> Any:
-    """Return an annotation as typer 0.9, of Ubuntu 24.04, reads it: no ``|`` and no Literal."""
+    """Return an annotation that typer 0.9, of Ubuntu 24.04, reads: without ``|`` and Literal."""
     hint, *marks = get_args(annotation) if get_origin(annotation) is Annotated else [annotation]
     kind, is_optional = split_optional(hint)
     if get_origin(kind) is Literal:
@@ -382,17 +353,15 @@ def _for_typer(annotation: Any) -> Any:
 def _names_image(values: Mapping[str, Any]) -> bool:
     """Return whether an input, or one of several, is an image."""
     named = [value for name, value in values.items() if name != "output"]
-    texts = [one for value in named for one in (value if isinstance(value, list) else [value])]
-    return any(Path(one).suffix.lower() in IMAGE_SUFFIXES for one in texts
-               if isinstance(one, str | Path))  # fmt: skip
+    texts = [item for value in named for item in (value if isinstance(value, list) else [value])]
+    return any(Path(item).suffix.lower() in IMAGE_SUFFIXES for item in texts
+               if isinstance(item, str | Path))  # fmt: skip
 
 
 def _spliced(
-    command: str,
-    own: Mapping[str, Argument],
-    names: Sequence[str],
+    command: str, own: Mapping[str, Argument], names: Sequence[str],
     help_texts: Mapping[str, str] | None,
-) -> list[Argument]:
+) -> list[Argument]:  # fmt: skip
     ordered = expanded([*names, _ALWAYS])
     for name in ordered:
         if name not in own and name not in SHARED_OPTIONS:
@@ -401,18 +370,18 @@ def _spliced(
         if ordered.count(name) > 1 or is_twice:
             raise ValueError(f"{command}: option {name!r} comes twice")
     texts = dict(help_texts or {})
-    parameters = {name: one for name, one in own.items() if name not in ordered}
+    parameters = {name: argument for name, argument in own.items() if name not in ordered}
     for name in ordered:
         parameters[name] = own.get(name) or SHARED_OPTIONS[name].parameter(
             name, texts.pop(name, None)
         )
     if texts:
         raise ValueError(f"{command}: no shared option {next(iter(texts))!r}")
-    return [one.replace(kind=Argument.KEYWORD_ONLY) for one in parameters.values()]
+    return [argument.replace(kind=Argument.KEYWORD_ONLY) for argument in parameters.values()]
 
 
-def _settings_of(given: Mapping[str, Any]) -> Settings:
-    values = {name: given[name] for name in given if name in _OF_SETTINGS}
+def _settings_of(shared_values: Mapping[str, Any]) -> Settings:
+    values = {name: shared_values[name] for name in shared_values if name in _OF_SETTINGS}
     if values.get("origin") is None:
         values.pop("origin", None)
     elif values.get("resolution") is None:
@@ -421,6 +390,6 @@ def _settings_of(given: Mapping[str, Any]) -> Settings:
         values["origin"] = numbers_of(values["origin"], "X,Y,YAW", place="--origin")
     if values.get("max_memory") is not None:
         values["max_memory"] = size_of(values["max_memory"], "--max-memory")
-    if "no_images" in given:
-        values["images"] = not given["no_images"]
+    if "no_images" in shared_values:
+        values["images"] = not shared_values["no_images"]
     return Settings(**values, progress=terminal.blocks_done)

@@ -1,4 +1,4 @@
-"""What commands say, and to which stream: results on stdout, everything else on stderr."""
+"""Output of commands: results on stdout, messages on stderr."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ _warned: set[str] = set()
 
 
 def configure(*, quiet: bool, verbose: bool, strict: bool = False) -> None:
-    """Set how much is said: quiet leaves errors and asked-for results only.
+    """Set the amount of output: a quiet command prints errors and requested results only.
 
-    A strict command ends because of its warnings, so they are always said.
+    A strict command fails on warnings, so it always prints them.
     """
     global _quiet, _verbose, _strict, _stdout_dropped, _is_for_data
     _quiet, _verbose, _strict = quiet, verbose, strict
@@ -60,7 +60,7 @@ def has_reader() -> bool:
 
 
 def leave_stdout_to_data(*, is_text: bool) -> None:
-    """Have all that is said go to stderr: a file goes to stdout."""
+    """Send all text to stderr, because a file goes to stdout."""
     global _is_for_data
     if has_reader() and not is_text:
         hint = "pipe it into another command, or name a file"
@@ -69,14 +69,14 @@ def leave_stdout_to_data(*, is_text: bool) -> None:
 
 
 def need_stdout(option: str) -> None:
-    """Raise ParameterError if a file goes to stdout, where an option's answer belongs."""
+    """Refuse an option that prints to stdout if a file goes there."""
     if _is_for_data:
         rule = "cannot be given together with -o -: both go to standard output"
         raise ParameterError(rule, source=option, hint="name a file with -o")
 
 
 def refuse_keyboard() -> None:
-    """Raise ParameterError if what comes in on stdin is typed."""
+    """Refuse a terminal as stdin."""
     if sys.stdin is not None and sys.stdin.isatty():
         hint = "mapdeal convert MAP -o - | mapdeal ... - takes a map from another command"
         raise ParameterError("is a terminal, and an npz is not text", source="-", hint=hint)
@@ -90,12 +90,12 @@ def call_files(names: Mapping[Path, str]) -> None:
         _called[path.as_uri()] = quote(name)
         for written in (text, json.dumps(text)[1:-1]):
             _called[written] = name
-        with contextlib.suppress(OSError):  # reports for machines have it from the working folder
+        with contextlib.suppress(OSError):  # some reports use it from the working folder
             _called[quote(os.path.relpath(path))] = quote(name)
 
 
 def send(path: Path) -> None:
-    """Write a file to stdout; a reader that has gone has seen enough."""
+    """Write a file to stdout, until its reader closes it."""
     from mapdeal.files.source import chunks_of
 
     for chunk in chunks_of(path):
@@ -112,13 +112,13 @@ def _write_bytes(chunk: bytes) -> None:
 def result(text: str) -> None:
     """Print a result that the user asked for, quiet or not."""
     if _is_for_data:
-        _say(text)
+        _print_message(text)
     else:
         _to_stdout(lambda: print(_as_called(text)))  # noqa: T201
 
 
 def input_chunks() -> Iterator[bytes]:
-    """Yield what comes in on stdin, as soon as it comes."""
+    """Yield chunks of stdin as they arrive."""
     if sys.stdin is None:
         raise ParameterError("is closed", source="standard input")
     try:
@@ -130,7 +130,7 @@ def input_chunks() -> Iterator[bytes]:
 
 
 def stream(parts: Iterable[str]) -> None:
-    """Print a result piece by piece, each as soon as it is there, while somebody reads them."""
+    """Print the parts of a result as they are computed, until the reader closes stdout."""
     for part in parts:
         result(part)
         _to_stdout(sys.stdout.flush)
@@ -139,14 +139,14 @@ def stream(parts: Iterable[str]) -> None:
 
 
 def warn(text: str) -> None:
-    """Print a warning, unless quiet; `emit_warning` is what a strict command heeds."""
+    """Print a warning, unless quiet; only `emit_warning` makes a strict command fail."""
     if _strict or not _quiet:
-        _say(f"warning: {one_line(text)}")
+        _print_message(f"warning: {one_line(text)}")
 
 
 @contextmanager
 def few_warnings(hint: str) -> Iterator[Callable[[str], None]]:
-    """Give what prints warnings: the first few, and in the end how many more there were."""
+    """Yield a function that prints the first warnings; print the number of others last."""
     count = 0
 
     def show(text: str) -> None:
@@ -162,28 +162,28 @@ def few_warnings(hint: str) -> Iterator[Callable[[str], None]]:
 
 
 def summary(lines: Iterable[str], *, is_asked_for: bool = False) -> None:
-    """Print what was done, unless quiet and not asked for."""
+    """Print lines of a result, unless quiet and not requested."""
     if is_asked_for or not _quiet:
         for line in lines:
             result(one_line(line))
 
 
 def remark(lines: Iterable[str]) -> None:
-    """Print beside the results what goes with them, unless quiet."""
+    """Print remarks on stderr, unless quiet."""
     if not _quiet:
         for line in lines:
-            _say(one_line(line))
+            _print_message(one_line(line))
 
 
 def is_verbose() -> bool:
-    """Return whether details are said, so that some can be left out that take long to find."""
+    """Return whether details are printed, so that slow ones can be omitted."""
     return _verbose
 
 
 def detail(text: str) -> None:
-    """Print what only a verbose command says."""
+    """Print a line of a verbose command."""
     if _verbose:
-        _say(one_line(text))
+        _print_message(one_line(text))
 
 
 @contextmanager
@@ -217,7 +217,7 @@ def activity_shown(command: str) -> Iterator[None]:
 
 
 def _show_line(text: str) -> None:
-    """Show a line of progress in the place of the last one; an empty one erases it."""
+    """Replace the line of progress; an empty text erases it."""
     global _has_line
     with _writing, contextlib.suppress(OSError):
         if text or _has_line:
@@ -227,18 +227,18 @@ def _show_line(text: str) -> None:
 
 
 class Progress:
-    """How far a command is: a bar on a terminal; elsewhere, of many things, a line now and then."""
+    """Progress of a command: a bar on a terminal, elsewhere a line at intervals."""
 
-    def __init__(self, length: int, what: str | None = None) -> None:
-        self._length, self._what = length, what
-        self._done = self._failed = 0
-        self._told = time.monotonic()
+    def __init__(self, length: int, noun: str | None = None) -> None:
+        self._length, self._noun = length, noun
+        self._advanced = self._failed = 0
+        self._printed_at = time.monotonic()
         self._bar: Any = None
         if not _quiet and sys.stderr.isatty():
             import typer
 
             self._bar = typer.progressbar(
-                length=length, file=sys.stderr, show_pos=what is not None, info_sep=", ",
+                length=length, file=sys.stderr, show_pos=noun is not None, info_sep=", ",
                 bar_template="[%(bar)s] %(info)s", item_show_func=lambda _: self._failures()
             )  # fmt: skip
 
@@ -246,15 +246,15 @@ class Progress:
         return f"{self._failed} failed" if self._failed else None
 
     def advance(self, steps: int = 1, *, failed: bool = False) -> None:
-        self._done += steps
+        self._advanced += steps
         self._failed += failed
         if self._bar is not None:
             with contextlib.suppress(OSError):
                 self._bar.update(steps)
-        elif self._what and not _quiet and time.monotonic() > self._told + PROGRESS_SECONDS:
-            self._told = time.monotonic()
-            text = f"{self._done} of {self._length} {self._what}s done"
-            _say(", ".join(filter(None, [text, self._failures()])))
+        elif self._noun and not _quiet and time.monotonic() > self._printed_at + PROGRESS_SECONDS:
+            self._printed_at = time.monotonic()
+            text = f"{self._advanced} of {self._length} {self._noun}s done"
+            _print_message(", ".join(filter(None, [text, self._failures()])))
 
     def __enter__(self) -> Self:
         global _has_bar
@@ -265,38 +265,38 @@ class Progress:
             self._bar.__enter__()
         return self
 
-    def __exit__(self, *how: object) -> None:
+    def __exit__(self, *exception: object) -> None:
         global _has_bar
         if self._bar is not None:
             _has_bar = False
             with contextlib.suppress(OSError):
-                self._bar.__exit__(*how)
+                self._bar.__exit__(*exception)
 
 
 @contextmanager
 def blocks_done(steps: int) -> Iterator[Callable[[int], object]]:
-    """Show the progress of a map that is processed in blocks; give what takes some of the steps."""
+    """Show the progress of a map in blocks; yield a function that advances it."""
     detail("processed in blocks of rows")
     with Progress(steps) as bar:
         yield bar.advance
 
 
 @contextmanager
-def counted(steps: int, what: str | None = None) -> Iterator[Callable[..., object]]:
-    """Show the progress of some steps, if there are any; give what takes some of them."""
-    with Progress(steps, what) if steps else contextlib.nullcontext() as bar:
+def counted(steps: int, noun: str | None = None) -> Iterator[Callable[..., object]]:
+    """Show the progress of steps, if there are any; yield a function that advances it."""
+    with Progress(steps, noun) if steps else contextlib.nullcontext() as bar:
         yield bar.advance if bar else int
 
 
 def error(problem: MapdealError) -> None:
     """Print an error: one line, and its hint on a second."""
-    _say(f"error: {problem}")
+    _print_message(f"error: {problem}")
     if problem.hint:
-        _say(f"hint: {one_line(problem.hint)}")
+        _print_message(f"hint: {one_line(problem.hint)}")
 
 
 def prepare() -> None:
-    """Print mapdeal's warnings as one line each, and as escapes what a stream cannot encode."""
+    """Print warnings on one line each, and escape characters that a stream cannot encode."""
     configure(quiet=False, verbose=False)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -304,9 +304,9 @@ def prepare() -> None:
     warnings.simplefilter("always", MapdealWarning)
     original = warnings.showwarning
 
-    def show(message: Warning | str, category: type[Warning], *others: Any) -> None:
+    def show(message: Warning | str, category: type[Warning], *details: Any) -> None:
         if not issubclass(category, MapdealWarning):
-            original(message, category, *others)
+            original(message, category, *details)
         elif (text := str(message)) not in _warned:  # a map may be read more than once
             _warned.add(text)
             warn(text)
@@ -315,7 +315,7 @@ def prepare() -> None:
 
 
 def lost() -> FileAccessError | None:
-    """Write out what stdout still holds; return what to report if results have been lost."""
+    """Flush stdout; return an error if results have been lost."""
     global _stdout_problem
     _to_stdout(sys.stdout.flush)
     problem, _stdout_problem = _stdout_problem, None
@@ -331,17 +331,14 @@ def _as_called(text: str) -> str:
 
 
 def _to_stdout(write: Callable[[], object]) -> None:
-    """Write, unless that has failed before; the work goes on, and `lost` reports it.
-
-    Then stdout points at nothing, so that no later line and no flush complains.
-    """
+    """Write to stdout; after a failure, which `lost` reports, discard all further output."""
     global _stdout_problem, _stdout_dropped
     try:
         with _writing:
             _show_line("")
             write()
     except OSError as error:
-        if not isinstance(error, BrokenPipeError):  # whose reader has seen enough
+        if not isinstance(error, BrokenPipeError):  # the reader has closed the pipe
             _stdout_problem = error.strerror or str(error)
         _stdout_dropped = True
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -350,14 +347,14 @@ def _to_stdout(write: Callable[[], object]) -> None:
 _COLOURS = {"error": "31;1", "warning": "33", "hint": "36"}
 
 
-def _say(text: str) -> None:
-    # What nobody can read on stderr must not change what is done, nor the exit code.
+def _print_message(text: str) -> None:
+    # A closed stderr must not change the outputs or the exit code.
     with _writing, contextlib.suppress(OSError):
         _show_line("")
         text = _as_called(text)
-        word, colon, rest = text.partition(":")
+        word, colon, message = text.partition(":")
         if colon and word in _COLOURS and _has_colours():
-            text = f"\x1b[{_COLOURS[word]}m{word}:\x1b[0m{rest}"
+            text = f"\x1b[{_COLOURS[word]}m{word}:\x1b[0m{message}"
         print(f"{_CLEAR if _has_bar else ''}{text}", file=sys.stderr)  # noqa: T201
 
 
@@ -371,7 +368,7 @@ DASH = Path("-")
 
 
 class Streamed(Enum):
-    """Marks a parameter in whose place ``-`` stands for a standard stream."""
+    """Mark of a parameter that accepts ``-`` for a standard stream."""
 
     INPUT, OUTPUT = False, True
 
@@ -381,9 +378,9 @@ FROM_STDIN, TO_STDOUT = Streamed
 
 def streamed(parameters: Iterable[Any]) -> dict[str, bool]:
     return {
-        one.name: mark.value
-        for one in parameters
-        for mark in getattr(one.annotation, "__metadata__", ())
+        parameter.name: mark.value
+        for parameter in parameters
+        for mark in getattr(parameter.annotation, "__metadata__", ())
         if isinstance(mark, Streamed)
     }
 
@@ -392,23 +389,23 @@ def streamed(parameters: Iterable[Any]) -> dict[str, bool]:
 def piped(
     values: Mapping[str, Any], marked: Mapping[str, bool], *, ending: str = ".npz"
 ) -> Iterator[dict[str, Any]]:
-    """Give the values of a command with files in the place of standard streams.
+    """Yield the values of a command with temporary files in place of standard streams.
 
-    When the block ends without an error, the file that stands for standard output is sent.
+    When the block ends without an error, the file for standard output is sent.
     """
     inputs = [
         name for name in values
         if name != "output" and _dashes(values[name]) and not marked.get(name)
     ]  # fmt: skip
-    wanted = [name for name in inputs if name in marked]
+    streamed_inputs = [name for name in inputs if name in marked]
     output = next((n for n, is_output in marked.items() if is_output and values[n] == DASH), None)
-    if not wanted and output is None:
+    if not streamed_inputs and output is None:
         yield dict(values)
         return
-    if wanted and values.get("in_place"):
+    if streamed_inputs and values.get("in_place"):
         rule = "is standard input, which cannot be repaired in place"
         raise ParameterError(rule, source="-", hint="--fix -o OUT writes a repaired map")
-    if sum(_dashes(values[name]) for name in inputs) > 1 and wanted:
+    if sum(_dashes(values[name]) for name in inputs) > 1 and streamed_inputs:
         rule = "can be used for one input only: standard input is one file"
         raise ParameterError(rule, source="-")
     from mapdeal.files.transaction import temporary_folder
@@ -416,13 +413,13 @@ def piped(
 
     if output is not None:
         leave_stdout_to_data(is_text=ending != ".npz")
-    if wanted:
+    if streamed_inputs:
         refuse_keyboard()
     with ExitStack() as stack:
         folder = stack.enter_context(temporary_folder())
         call_files({folder / f"{STDOUT}{ending}": STDOUT})
         files = dict(values)
-        for name in wanted:
+        for name in streamed_inputs:
             npz_path = save_npz(input_chunks(), folder)
             call_files({npz_path: "standard input"})
             files[name] = _replaced(values[name], npz_path)
@@ -434,10 +431,10 @@ def piped(
 
 
 def _dashes(value: object) -> int:
-    return sum(str(one) == "-" for one in (value if isinstance(value, list) else [value]))
+    return sum(str(item) == "-" for item in (value if isinstance(value, list) else [value]))
 
 
 def _replaced(value: Any, path: Path) -> Any:
     if isinstance(value, list):
-        return [_replaced(one, path) if _dashes(one) else one for one in value]
+        return [_replaced(item, path) if _dashes(item) else item for item in value]
     return str(path) if isinstance(value, str) else path

@@ -1,4 +1,4 @@
-"""How words on the command line are read, and what is said of those that nobody knows."""
+"""Reading of words on the command line, and the errors for unknown ones."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ _SYNONYMS = {
     "fix": "lint", "filter": "clean", "resize": "rescale", "slam": "build", "stitch": "merge",
     "version": "--version",
 }  # fmt: skip
-"""What other programs call what commands do."""
+"""Names of commands in other programs."""
 
 _USAGE_ERROR: Any = typer.BadParameter.__mro__[1]  # click's, of which typer may have a copy
 _POINT = re.compile(r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}")
 
 
 def accept_words(command: Any, name: str) -> None:
-    """Have a command read words as recipes do: spellings, numbers, flags; and points in rows."""
+    """Make a command accept spellings, numbers and flags as in recipes, and several points."""
     parse = command.parse_args
     flags = {
         option[2:]
@@ -70,7 +70,7 @@ def accept_words(command: Any, name: str) -> None:
 
 
 def _spelled(kind: Any) -> Any:
-    """Return a type of click's that takes all spellings, and only numbers and names that are."""
+    """Return a type of click that accepts all spellings, but only plain numbers and names."""
     kind = copy(kind)  # click has one for all numbers
     convert, choices = kind.convert, [str(choice) for choice in getattr(kind, "choices", ())]
     is_number, is_path = kind.name.startswith(_NUMBERS), hasattr(kind, "file_okay")
@@ -100,7 +100,7 @@ def _spelled(kind: Any) -> Any:
 
 
 def _joined(words: Sequence[str], flags: Iterable[str]) -> list[str]:
-    """Allow flags to be written as in recipes: ``--inflate-unknown no`` and ``=no``."""
+    """Accept values of flags as in recipes, such as ``--inflate-unknown no``."""
     joined: list[str] = []
     for before, word in pairwise(["", *words]):
         name, equals, value = word.removeprefix("--").partition("=")
@@ -118,7 +118,7 @@ def _joined(words: Sequence[str], flags: Iterable[str]) -> list[str]:
 
 
 def _spread(words: Sequence[str], option: str | None) -> list[str]:
-    """Allow an option that is repeated for each point to be given once: ``--at 1,2 3,4``."""
+    """Accept several points after one option: ``--at 1,2 3,4``."""
     spread: list[str] = []
     for word in words:
         if option in spread[-2:-1] and _POINT.fullmatch(word):
@@ -178,7 +178,7 @@ def point_hint(word: str, command: str) -> str | None:
 
 
 def usage_error(error: Any) -> ParameterError:
-    """Return click's error as one of ours, on one line."""
+    """Return click's error as a ParameterError, on one line."""
     message = " ".join(error.format_message().split()).removesuffix(".")
     message = message[:1].lower() + message[1:]
     context = getattr(error, "ctx", None)
@@ -186,9 +186,9 @@ def usage_error(error: Any) -> ParameterError:
     unknown, no_choice = _UNKNOWN.match(message), _NO_CHOICE.search(message)
     is_astray = message.startswith(("got unexpected extra", "no such option"))
     hint = getattr(error, "suggested", None)
-    if unknown is not None:  # click adds what is near to some of them, in ways of its own
+    if unknown is not None:  # click's own suggestion is dropped
         message = unknown[0]
-        hint = _meant(unknown["name"], command, context)
+        hint = _nearest_hint(unknown["name"], command, context)
     elif no_choice is not None:
         hint = nearest_hint(no_choice["word"], map(str, getattr(error.param.type, "choices", ())))
     if (
@@ -202,14 +202,14 @@ def usage_error(error: Any) -> ParameterError:
     return ParameterError(message, hint=hint or f"run {path} --help for usage")
 
 
-def _meant(word: str, command: Any, context: Any) -> str | None:
-    """Return the hint of what was meant by an unknown command or option, if anything is near."""
+def _nearest_hint(word: str, command: Any, context: Any) -> str | None:
+    """Return a hint with the name closest to an unknown command or option, if there is one."""
     if not word.startswith("-"):
         known = command.list_commands(context)
         if word.lower() in _SYNONYMS:
             return f"did you mean {_SYNONYMS[word.lower()]}?"
         return nearest_hint(word, [*known, "help"])
-    options = [name for one in command.params for name in (*one.opts, *one.secondary_opts)]
+    options = [name for option in command.params for name in (*option.opts, *option.secondary_opts)]
     same = {name for names in _SAME_OPTIONS if word.lstrip("-") in names for name in names}
     for option in options:
         if option[:2] == "--" and option[2:] in same:

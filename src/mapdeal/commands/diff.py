@@ -57,8 +57,8 @@ class DiffReport(Difference, Result):
     geometry : dict
         Pairs of values for each of width, height, resolution and origin that differs.
     common_cells, differing, beyond_tolerance : int
-        Number of cells that both maps cover, of those with different values, and of those that the
-        tolerance does not explain.
+        Numbers of cells: covered by both maps, with different values, and different beyond the
+        tolerance.
     not_compared : int
         Number of known cells of A that B does not cover.
     confusion : dict of dict of int
@@ -66,9 +66,9 @@ class DiffReport(Difference, Result):
         between (1..99). ``confusion["free"]["occupied"]`` counts new obstacles.
     first_to_second, second_to_first : WallShift or None
         Distances, metres, from the obstacles of A in the common area to the nearest obstacle of
-        B, and from those of B to A; None if either map has no obstacles to compare.
+        B, and from those of B to A; None if a map lacks obstacles.
     symmetry : str, optional
-        Rotation or reflection of B that makes it much more similar to A; None if there is none.
+        Rotation or reflection of B that makes it much more similar to A, if any.
     tolerance : float
         Tolerance that was given, cells of A.
     frame : Frame
@@ -85,7 +85,7 @@ class DiffReport(Difference, Result):
     transform : Transform, optional
         From A's frame to B's, by which they were compared; None if as they lie.
     faults : tuple of Fault
-        What is wrong with B if A is right, the worst first, as `score` says it.
+        Faults of B, taking A as the truth, as in `score`; the worst first.
     """
 
     bounds: tuple[Bound, ...]
@@ -101,7 +101,7 @@ class DiffReport(Difference, Result):
     @property
     def metadata(self) -> dict[str, tuple[Any, Any]]:
         """Pairs of values of mode, negate, thresholds and cost_scale that differ in YAML files."""
-        a, b = (one.metadata for one in self.maps)
+        a, b = (source.metadata for source in self.maps)
         if a is None or b is None:
             return {}
         pairs = {name: (getattr(a, name), getattr(b, name)) for name in _METADATA}
@@ -130,19 +130,19 @@ class DiffReport(Difference, Result):
             "faults": finding.document_of(self.faults),
             "transform": self.transform and transform_document(self.transform),
             "changes": [
-                {"kind": one.kind, "area_m2": one.area, "x": one.x, "y": one.y}
-                for one in self.largest_changes(_LISTED)[0]
+                {"kind": record.kind, "area_m2": record.area, "x": record.x, "y": record.y}
+                for record in self.largest_changes(_LISTED)[0]
             ],
-            "walls": {name: None if one is None else asdict(one) for name, one in shifts.items()},
+            "walls": {name: shift and asdict(shift) for name, shift in shifts.items()},
             "bounds": {bound.name.replace("-", "_"): bound.document() for bound in self.bounds},
             "passes": self.passes,
         }
 
     def lines(self) -> Iterator[str]:
         yield f"{self.maps[0].name}, {self.maps[1].name}: {', '.join(self._verdict())}"
-        for what, pairs in (("geometry", self.geometry), ("metadata", self.metadata)):
+        for heading, pairs in (("geometry", self.geometry), ("metadata", self.metadata)):
             for name, (a, b) in pairs.items():
-                yield f"  {what:<9} {name} {a} -> {b}"
+                yield f"  {heading:<9} {name} {a} -> {b}"
         cells = f"  cells     {self.common_cells} in both, {self.differing} differ"
         if self.tolerance:
             cells += f", {self.beyond_tolerance} beyond a tolerance of {self.tolerance:g} cells"
@@ -155,11 +155,11 @@ class DiffReport(Difference, Result):
             yield two_maps.moved_line(self.transform)
         for number, fault in enumerate(self.faults):
             yield f"  {'and' if number else 'B has':<9} {fault.text}"
-        largest, left = self.largest_changes(_SHOWN)
-        for one in largest:
-            yield f"  {one.kind:<9} {one.place}"
-        if left:
-            yield f"  {'':<9} and {count_text(left, 'smaller change')}"
+        largest, unlisted = self.largest_changes(_SHOWN)
+        for change in largest:
+            yield f"  {change.kind:<9} {change.place}"
+        if unlisted:
+            yield f"  {'':<9} and {count_text(unlisted, 'smaller change')}"
         yield f"  walls     {_shift_text('A to B', self.first_to_second)}"
         yield f"  walls     {_shift_text('B to A', self.second_to_first)}"
         for bound in self.bounds:
@@ -185,7 +185,7 @@ class DiffReport(Difference, Result):
         }
         yield " " * 24 + "".join(f"{name:>12}" for name in shown.values())
         for state, name in shown.items():
-            yield f"{name:>24}" + "".join(f"{table[state][other]:>12}" for other in shown)
+            yield f"{name:>24}" + "".join(f"{table[state][second]:>12}" for second in shown)
 
     def _repr_parts(self) -> Iterator[str]:
         yield from self._verdict()
@@ -279,8 +279,8 @@ def diff(
     >>> diff(before, after).confusion["free"]["occupied"]
     1
     """
-    given = {"tolerance": tolerance, "max_shift": max_shift, "max_differing": max_differing}
-    limits = accept_parameters(parameters_of(diff), given, "diff")
+    values = {"tolerance": tolerance, "max_shift": max_shift, "max_differing": max_differing}
+    limits = accept_parameters(parameters_of(diff), values, "diff")
     maps, move = two_maps.opened_in_one_frame(first, second, align=align, by=by, **reading)
     if two_maps.are_costs(maps):
         hint = "compare_costmaps compares costs"
@@ -373,7 +373,7 @@ def differences(
 
 
 def _faults(a: MapInput, b: MapInput, move: Transform | None) -> tuple[finding.Fault, ...]:
-    """Return what is wrong with B if A is right, on the cells of A."""
+    """Return the faults of B, taking A as the truth, on the cells of A."""
     truth = a.occupancy
     lies_in = (move or Transform()).inverse().frame(b.occupancy.frame)
     values, inside = sampled(truth.frame, b.occupancy.occupancy, lies_in)
@@ -386,7 +386,7 @@ def compared(
     **reading: Unpack[Reading],
 ) -> Difference:  # fmt: skip
     """Return what differs between two maps that were read, unless it takes too much memory."""
-    grids = [one.occupancy for one in maps]
+    grids = [source.occupancy for source in maps]
     if move is not None:
         frame = move.inverse().frame(grids[1].frame)
         grids[1] = OccupancyGrid(grids[1].occupancy, frame.resolution, frame.origin)

@@ -21,7 +21,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.reach import GoalReach, Passage, Reach, reach_radius
 from mapdeal.grid.values import count_text, decimal_text
 from mapdeal.pictures.canvas import Image
-from mapdeal.pipeline.folder import passage_document, reach_document, rounded, said
+from mapdeal.pipeline.folder import format_value, passage_document, reach_document, rounded
 from mapdeal.pipeline.inputs import Map, MapInput, Reading, claim_cells, opened
 from mapdeal.pipeline.recipe import planned_shape, step_for
 from mapdeal.pipeline.step import make_step
@@ -173,7 +173,7 @@ def value_text(value: Any) -> str:
     """Return a parameter with its numbers rounded: ROS's float32 has 0.19 as 0.1899999976."""
     if isinstance(value, list):
         return f"[{','.join(map(value_text, value))}]"
-    return f"{value:.6g}" if isinstance(value, float) else said(value)
+    return f"{value:.6g}" if isinstance(value, float) else format_value(value)
 
 
 def compare_robots(

@@ -14,14 +14,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from mapdeal import errors
 from mapdeal.command import Result, Words, command
-from mapdeal.errors import (
-    BatchError,
-    FileAccessError,
-    MalformedInputError,
-    MapdealError,
-    capture_warnings,
-)
 from mapdeal.files.source import exists, is_folder, sha256_of, status_of, sums_of_reads
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import PotentialField
@@ -34,7 +28,7 @@ from mapdeal.inputs.listing import list_maps
 from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.npz import holds_reach, read_reach
 from mapdeal.maps.reading import open_map
-from mapdeal.pipeline.folder import MANIFEST, manifest_in, said, stages_behind, summary_of
+from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, stages_behind, summary_of
 from mapdeal.pipeline.inputs import Work, claim_work
 from mapdeal.pipeline.settings import ProgressCallback, Settings
 from mapdeal.ros.load import flavour_of_file, read_robot
@@ -96,7 +90,7 @@ class Descriptions(Result):
     """Descriptions of files, each made when its turn comes."""
 
     reports: Iterator[Report]
-    failed: list[MapdealError] = field(default_factory=list)
+    failed: list[errors.MapdealError] = field(default_factory=list)
     """Errors of files, one of several, that have been met so far."""
 
     def document(self) -> dict[str, Any]:
@@ -114,7 +108,7 @@ class Descriptions(Result):
 
     def check(self) -> None:
         if self.failed:
-            raise BatchError(f"{count_text(len(self.failed), 'file')} cannot be described")
+            raise errors.BatchError(f"{count_text(len(self.failed), 'file')} cannot be described")
 
 
 @command(
@@ -170,7 +164,7 @@ def describe(
             for is_robot, group in groups
             for part in ([(True, group)] if is_robot else [(False, [one]) for one in group])
         ]
-    failed: list[MapdealError] = []
+    failed: list[errors.MapdealError] = []
 
     def reports() -> Iterator[Report]:
         for is_robot, group in groups:
@@ -179,7 +173,7 @@ def describe(
                     yield _describe_robot(group, costmap or "global", namespace, dialect, of_map)
                 else:
                     yield _described(group[0], settings, work.counted)
-            except MapdealError as error:
+            except errors.MapdealError as error:
                 if len(groups) == 1:
                     raise
                 failed.append(error)
@@ -201,7 +195,7 @@ def _describe_robot(
     map_path: Path | None,
 ) -> Report:  # fmt: skip
     """Return what a robot's parameter files say of one of its costmaps, as JSON can hold it."""
-    with capture_warnings():
+    with errors.capture_warnings():
         robot = read_robot(paths, costmap=costmap, namespace=namespace, older=dialect != "nav2")
     report = {"file": str(paths[-1]), "kind": "robot parameters", **robot.described()}
     for entry, one in zip(report["layers"], robot.layers, strict=True):
@@ -223,7 +217,7 @@ def _described(
         if path.suffix.lower() == ".npz" and holds_reach(path):
             return _describe_reach(path, settings.max_cells)
         return _describe_map(path, settings.dialect, settings.max_cells)
-    except (MalformedInputError, FileAccessError) as error:
+    except (errors.MalformedInputError, errors.FileAccessError) as error:
         # an error about a file that a map names is not about what the map is
         kind = kind_of(path) if str(error.source) == str(path) else None
         if kind is None or kind.name in (MAP, IMAGE, POINTER):
@@ -307,7 +301,7 @@ def _lines_of(report: Report) -> Iterator[str]:
 
 
 def _rows_of_run(report: Report) -> Iterator[Row]:
-    yield "kind", f"run of mapdeal {said(report['version'])}"
+    yield "kind", f"run of mapdeal {format_value(report['version'])}"
     yield "inputs", _listed(report["inputs"], with_values=False)
     yield "options", _listed(report["options"])
     if "robot" in report:
@@ -326,7 +320,7 @@ def _robot_of_run(robot: Any) -> str:
         radii = [f"{name} {robot[name]:.6g} m" for name in _RADII]
         return f"{robot['node']} of {names}, {', '.join(radii)}"
     except (LookupError, TypeError, ValueError):
-        return said(robot)
+        return format_value(robot)
 
 
 def _rows_of_file(report: Report) -> Iterator[Row]:
@@ -346,8 +340,8 @@ def _figures(figures: Report) -> str:
 
 def _listed(values: object, *, with_values: bool = True) -> str:
     if not isinstance(values, dict):
-        return said(values)
-    return ", ".join(f"{key} {said(one)}" if with_values else key
+        return format_value(values)
+    return ", ".join(f"{key} {format_value(one)}" if with_values else key
                      for key, one in values.items())  # fmt: skip
 
 
@@ -355,7 +349,7 @@ def _measured(figures: Report) -> str:
     """Return figures with counts in front of what they count: ``5 points, encoding ascii``."""
     parts = []
     for name, value in figures.items():
-        text = f"{value} {name}" if isinstance(value, int) else f"{name} {said(value)}"
+        text = f"{value} {name}" if isinstance(value, int) else f"{name} {format_value(value)}"
         parts.append(text.removesuffix("s") if value == 1 else text)
     return ", ".join(parts)
 

@@ -353,7 +353,7 @@ def lint(
             listing.print_notes(work.terminal, "checked")
             at_once = jobs_at_once(jobs, len(maps), work.terminal)
             if len(maps) > 1:
-                counted = partial(work.terminal.counted, what="map")
+                counted = partial(work.terminal.counted, noun="map")
         robot = None
         if len(robots) == 1 and maps:
             robot = first_robot(robots[0], costmap=costmap, namespace=namespace)

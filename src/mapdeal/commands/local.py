@@ -26,7 +26,7 @@ from mapdeal.sensors.points import has_times
 class LocalMaps(Batch):
     """Outcomes of the clouds of a sequence."""
 
-    what = "cloud"
+    noun = "cloud"
     is_brief = True
 
     def lines(self) -> Iterator[str]:

@@ -20,7 +20,7 @@ from mapdeal.maps.reading import read_map
 from mapdeal.pictures.overlay import Overlay, RouteOverlay, StepsOverlay
 from mapdeal.pipeline.folder import rounded, write_picture
 from mapdeal.pipeline.local import LocalCommon, LocalJob
-from mapdeal.pipeline.settings import heard
+from mapdeal.pipeline.settings import adding_warnings
 from mapdeal.planning.goal_routes import route_in_window, shortest_over
 from mapdeal.planning.routes import Terrain
 
@@ -38,7 +38,7 @@ class WindowPlanner:
     @classmethod
     def for_goal(cls, goal: Point, common: LocalCommon) -> WindowPlanner:
         steps, known = common.recipe.steps, None
-        if not steps or steps[-1].stage.makes is not Costmap:
+        if not steps or steps[-1].stage.product_type is not Costmap:
             raise ParameterError("needs a recipe that ends in costs", place="route_to")
         if common.global_map is not None:
             grid: Any = common.global_map.grid
@@ -102,7 +102,7 @@ class WindowPlanner:
         return Costmap(layer, side, (x, y, yaw), costs[0].scale)
 
     def costs_in(self, folder: Path) -> Costmap:
-        with heard([]):  # the run that wrote these costs has shown its warnings
+        with adding_warnings([]):  # the run that wrote these costs has shown its warnings
             costs = read_map(folder / f"{self.common.recipe.steps[-1].stage.product}.npz")
         if not isinstance(costs, Costmap):
             raise TypeError("the recipe of a planner ends in costs")

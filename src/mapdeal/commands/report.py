@@ -1,4 +1,4 @@
-"""``mapdeal report``: one page of runs, maps, and what was found out about them."""
+"""``mapdeal report``: one page of runs, maps, and results about them."""
 
 from __future__ import annotations
 
@@ -10,27 +10,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from mapdeal.command import Output, Result, Words, command
+from mapdeal.commands import report_entries
 from mapdeal.commands.build import DOCUMENT
-from mapdeal.commands.report_checks import Asked
+from mapdeal.commands.report_checks import RunChecks
 from mapdeal.commands.report_documents import Results, read_results
-from mapdeal.commands.report_entries import (
-    NOT_SHOWN,
-    Draft,
-    Grids,
-    Opened,
-    add_layers,
-    columns_of,
-    drafts_about,
-    fill_from_run,
-    folder_of,
-    give_score,
-    methods_in,
-    place_of,
-    rows_of,
-    runs_in,
-    two_maps,
-    two_robots,
-)
+from mapdeal.commands.report_entries import Draft, Grids, Opened
 from mapdeal.errors import (
     FileAccessError,
     FindingError,
@@ -40,26 +24,7 @@ from mapdeal.errors import (
     emit_warning,
     one_line,
 )
-from mapdeal.files.json_values import (
-    ALIGNMENT,
-    COMPARISON,
-    COST_DIFF,
-    DIFF,
-    LINT,
-    ROBOT_DIFF,
-    SCORE,
-)
-from mapdeal.files.source import (
-    NAMED_MAPS,
-    YAML,
-    exists,
-    head_of,
-    identity_of,
-    is_folder,
-    size_of,
-    size_text,
-    status_of,
-)
+from mapdeal.files import json_values, source
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.filters import FilterInfo, mask_description, mask_rows
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -111,8 +76,8 @@ class WrittenReport(Result):
     @property
     def state(self) -> State:
         """The worst that is claimed of a map."""
-        claims = (claim.state for one in self.verdicts for claim in one.claims)
-        return worst_of([*claims, *(one.state for one in self.verdicts)]) or "unknown"
+        claims = (claim.state for verdict in self.verdicts for claim in verdict.claims)
+        return worst_of([*claims, *(verdict.state for verdict in self.verdicts)]) or "unknown"
 
     def _repr_parts(self) -> Iterator[str]:
         yield str(self.path)
@@ -120,8 +85,8 @@ class WrittenReport(Result):
         yield f"{self.size} bytes"
 
     def document(self) -> dict[str, Any]:
-        """Return what ``--json`` prints: the page, and what it concludes about each map."""
-        entries = [asdict(one) for one in self.verdicts]
+        """Return what ``--json`` prints: the page, and the verdict on each map."""
+        entries = [asdict(verdict) for verdict in self.verdicts]
         for claim in (claim for entry in entries for claim in entry["claims"]):
             del claim["evidence"]  # a place on the page
         for entry in entries:
@@ -133,7 +98,7 @@ class WrittenReport(Result):
 
     def lines(self) -> Iterator[str]:
         """Yield what ``mapdeal report`` prints."""
-        yield f"{self.path}: {count_text(self.maps, 'map')}, {size_text(self.size)}"
+        yield f"{self.path}: {count_text(self.maps, 'map')}, {source.size_text(self.size)}"
         if command := most_urgent(self.verdicts):
             yield f"Next: {command}"
 
@@ -165,9 +130,9 @@ mapdeal report out/office examples/maps/office.yaml -o out/report.html""",
 def write_report(
     path: File, sources: Annotated[File | Sequence[File], Words("PATH...", typed=list[Path])], *,
     title: Annotated[str | None, Words("TEXT")] = None,
-    max_size: Annotated[int, Words("SIZE", size_of)] = LARGEST_PAGE, dialect: Dialect = "nav2",
-    max_cells: int | None = None, force: bool = False, threads: int | None = None,
-    max_memory: int | None = None,
+    max_size: Annotated[int, Words("SIZE", source.size_of)] = LARGEST_PAGE,
+    dialect: Dialect = "nav2", max_cells: int | None = None, force: bool = False,
+    threads: int | None = None, max_memory: int | None = None,
 ) -> WrittenReport:  # fmt: skip
     """Write one HTML page about runs, maps, findings and routes.
 
@@ -225,7 +190,7 @@ def write_report(
     if not is_whole(max_size):
         raise ParameterError("must be a whole number of bytes", place="max_size", got=max_size)
     if max_size < _SMALLEST_PAGE:
-        rule = f"must be at least {size_text(_SMALLEST_PAGE)}"
+        rule = f"must be at least {source.size_text(_SMALLEST_PAGE)}"
         raise ParameterError(rule, place="max_size", got=max_size)
     settings = Settings(
         dialect=dialect, max_cells=max_cells, force=force, threads=threads, max_memory=max_memory
@@ -238,16 +203,16 @@ def write_report(
 
 def _written(
     output: Path, paths: Sequence[Path], settings: Settings, *, title: str | None = None,
-    size: int = LARGEST_PAGE, inputs: Sequence[Path] = (), asked: Asked | None = None,
+    size: int = LARGEST_PAGE, inputs: Sequence[Path] = (), checks: RunChecks | None = None,
 ) -> WrittenReport:  # fmt: skip
     """Write a page, see `gathered`; of an error nothing is changed."""
     # With what a run has asked of its maps, the verdict goes beside the page as JSON.
     if output.suffix.lower() not in _ENDINGS:
         raise ParameterError("the page must end in .html", source=output)
     with settings.reading(), use_threads(settings.threads), Grids(settings) as grids:
-        report = gathered(paths, grids, title=title, inputs=inputs, asked=asked)
+        report = gathered(paths, grids, title=title, inputs=inputs, checks=checks)
         read = [*paths, *grids.files]
-        verdict = [] if asked is None else [output.with_name(VERDICT)]
+        verdict = [] if checks is None else [output.with_name(VERDICT)]
         verdicts = verdicts_of(report.entries)
         with Transaction([output, *verdict], inputs=read, force=settings.force) as transaction:
             sizes: list[int] = []
@@ -258,48 +223,49 @@ def _written(
                     yield part
 
             transaction.write_parts(output, measured())
-            made = WrittenReport(output, len(report.entries), sum(sizes), verdicts)
+            report_written = WrittenReport(output, len(report.entries), sum(sizes), verdicts)
             for path in verdict:
-                transaction.write_json(path, made.document())
-    return made
+                transaction.write_json(path, report_written.document())
+    return report_written
 
 
 def page_in(folder: Path) -> Path:
     """Return where the page of runs goes; refuse to replace there what mapdeal has not made."""
     page = folder / _PAGE
-    if exists(page) and _GENERATOR not in head_of(page, _HEAD):
+    if source.exists(page) and _GENERATOR not in source.head_of(page, _HEAD):
         rule = "exists, and is not a page written by mapdeal"
         raise FileAccessError(rule, source=page, hint="move it: --report writes there")
     verdict = folder / VERDICT
-    if exists(verdict) and _VERDICT_FORMAT.encode() not in head_of(verdict, _HEAD):
+    if source.exists(verdict) and _VERDICT_FORMAT.encode() not in source.head_of(verdict, _HEAD):
         rule = "exists, and is not a verdict written by mapdeal"
         raise FileAccessError(rule, source=verdict, hint="move it: --report writes there")
     return page
 
 
 def report_of_runs(
-    page: Path, paths: Sequence[Path], inputs: Sequence[Path], asked: Asked
+    page: Path, paths: Sequence[Path], inputs: Sequence[Path], checks: RunChecks
 ) -> WrittenReport:
     """Write a page of the runs that have been made; their `inputs` join them."""
-    return _written(page, paths, replace(asked.settings, force=True), inputs=inputs, asked=asked)
+    return _written(page, paths, replace(checks.settings, force=True), inputs=inputs, checks=checks)
 
 
 def gathered(
     paths: Sequence[Path], grids: Grids, *, title: str | None = None, inputs: Sequence[Path] = (),
-    asked: Asked | None = None,
+    checks: RunChecks | None = None,
 ) -> Report:  # fmt: skip
     """Return the content of a page; maps among `inputs` join the runs that were made of them."""
     gathering = _Gathering(grids)
     first_names: dict[object, Path] = {}
     for path in paths:
-        first_names.setdefault(identity_of(path) or path, path)
+        first_names.setdefault(source.identity_of(path) or path, path)
     paths = list(first_names.values())
-    seen: set[object] = set()
-    entries_of = {path: _entries_of(path, grids, seen) for path in paths}
+    known: set[object] = set()
+    entries_of = {path: _entries_of(path, grids, known) for path in paths}
     gathering.runs = [draft for found in entries_of.values() for draft in found or ()]
-    if asked is not None:
+    if checks is not None:
         for draft in gathering.runs:
-            draft.map_path, draft.question = asked.map_of_folder.get(draft.path), asked.question
+            draft.map_path = checks.map_of_folder.get(draft.path)
+            draft.question = checks.question
     for path in paths:
         found = entries_of[path]
         if found is not None:
@@ -309,42 +275,46 @@ def gathered(
         else:
             gathering.add_document(path)
     for path in inputs:
-        with suppress(MapdealError):  # whoever made the run has told of it
+        with suppress(MapdealError):  # the run has reported this error
             runs = gathering.add_input(grids.open(path, quietly=True))
             for run in runs:
-                if asked is not None:
-                    asked.add_reach(
-                        run, path, with_layer=len(inputs) == 1, held=grids.held
+                if checks is not None:
+                    checks.add_reach(
+                        run, path, with_layer=len(inputs) == 1, grid_bytes=grids.bytes_in_memory
                     )  # fmt: skip
-    if asked is not None:
-        gathering.add_lint(inputs, asked)
+    if checks is not None:
+        gathering.add_lint(inputs, checks)
     gathering.settle(paths[0])
-    files = {*paths, *grids.files, *(one for draft in gathering.drafts for one in draft.places)}
+    files = {*paths, *grids.files, *(place for draft in gathering.drafts for place in draft.places)}
     names = {*gathering.named, *map(str, files)}
-    folders = {folder for name in names if (folder := folder_of(name)) is not None}
+    folders = {folder for name in names if (folder := report_entries.folder_of(name)) is not None}
     entries = tuple(draft.entry(grids.settings, folders) for draft in gathering.drafts)
     if title is None:
         title = entries[0].name if len(entries) == 1 else count_text(len(entries), "map")
     return Report(title, entries, __version__)
 
 
-def _entries_of(path: Path, grids: Grids, seen: set[object]) -> list[Draft] | None:
+def _entries_of(path: Path, grids: Grids, known: set[object]) -> list[Draft] | None:
     """Return the entries in a folder, but for runs that were `seen`; None of another file."""
     folder = path.parent if path.name in (MANIFEST, SUMMARY, DOCUMENT) else path
-    status_of(folder)
-    if not is_folder(folder):
+    source.status_of(folder)
+    if not source.is_folder(folder):
         return None
-    if exists(folder / DOCUMENT):
-        return [methods_in(folder, grids)] if _is_first(folder, seen) else []
-    found = runs_in(folder)
+    if source.exists(folder / DOCUMENT):
+        return [report_entries.methods_in(folder, grids)] if _is_first(folder, known) else []
+    found = report_entries.runs_in(folder)
     if found is None:
         rule = f"contains no run: no {MANIFEST} in it or below"
         hint = "mapdeal run MAP -o DIR makes one; maps in a folder are named one by one"
         raise FileAccessError(rule, source=folder, hint=hint)
-    found = [one for one in found if one.status == NOT_SHOWN or _is_first(one.path, seen)]
+    found = [
+        draft
+        for draft in found
+        if draft.status == report_entries.NOT_SHOWN or _is_first(draft.path, known)
+    ]
     for draft in found:
         try:
-            fill_from_run(draft, grids)
+            report_entries.fill_from_run(draft, grids)
         except MapdealError as error:
             if len(found) == 1:
                 raise
@@ -354,21 +324,21 @@ def _entries_of(path: Path, grids: Grids, seen: set[object]) -> list[Draft] | No
 
 def _filter_of(path: Path) -> FilterInfo | None:
     """Return how the filter reads a mask that mapdeal has made; None of another file."""
-    if path.suffix not in YAML:
+    if path.suffix not in source.YAML:
         return None
     with capture_warnings():  # said when the map was read
         return FilterInfo.of(read_metadata(path).extra)
 
 
-def _is_first(path: Path, seen: set[object]) -> bool:
-    key = identity_of(path) or path
-    is_first = key not in seen
-    seen.add(key)
+def _is_first(path: Path, known: set[object]) -> bool:
+    key = source.identity_of(path) or path
+    is_first = key not in known
+    known.add(key)
     return is_first
 
 
 def _is_grid(path: Path) -> bool:
-    if path.suffix.lower() not in NAMED_MAPS:
+    if path.suffix.lower() not in source.NAMED_MAPS:
         return is_bare_image(path)
     kind = kind_of(path)
     return kind is None or kind.name != SHAPES
@@ -382,12 +352,12 @@ class _Gathering:
         self.runs: list[Draft] = []
         self.drafts: list[Draft] = []
         self.named: set[str] = set()
-        self._seen: set[object] = set()
+        self._known_files: set[object] = set()
         self._waiting: list[tuple[Path, Results, Draft | None]] = []
 
     def add_grid(self, path: Path) -> None:
         """Add the grid of a file to the draft that it belongs to, or to a new one, once."""
-        if not _is_first(path, self._seen):
+        if not _is_first(path, self._known_files):
             return
         opened = self._grids.open(path)
         if self.add_input(opened):
@@ -400,20 +370,20 @@ class _Gathering:
         if opened.kind is OccupancyGrid and draft.map_path is None:
             draft.map_path = path
         name = draft.free_name(path.stem)
-        add_layers(draft, self._grids.layers(path, name, grid.kind.capitalize()))
+        report_entries.add_layers(draft, self._grids.layers(path, name, grid.kind.capitalize()))
         draft.paths.append(path)
         draft.sums |= set(opened.sums.values())
         figures = grid.figures()
-        draft.figures |= {**columns_of({name: figures}), **draft.figures}
+        draft.figures |= {**report_entries.columns_of({name: figures}), **draft.figures}
         info = _filter_of(path)
         if info is not None and isinstance(grid, OccupancyGrid):
             rows = tuple(mask_rows(mask_description(info, grid)))
             draft.tables.append(Table(f"{name}: zones", rows))
         draft.tables += [
-            Table(f"{name}: figures", rows_of(figures)),
-            Table(f"{name}: SHA-256", rows_of(opened.sums)),
+            Table(f"{name}: figures", report_entries.rows_of(figures)),
+            Table(f"{name}: SHA-256", report_entries.rows_of(opened.sums)),
         ]
-        draft.warn(opened.heard, opened.files)
+        draft.warn(opened.warnings, opened.files)
 
     def add_input(self, opened: Opened) -> list[Draft]:
         """Add a map to the runs that were made of it, and return these."""
@@ -422,23 +392,23 @@ class _Gathering:
             name = run.free_name(_INPUT)
             above = run.layers
             run.layers = self._grids.layers(opened.path, name, "Map as read")
-            add_layers(run, above)
-            of_map = columns_of({name: self._grids.grid(opened.path).figures()})
+            report_entries.add_layers(run, above)
+            of_map = report_entries.columns_of({name: self._grids.grid(opened.path).figures()})
             run.figures = {**of_map, **{k: v for k, v in run.figures.items() if k not in of_map}}
             run.paths.append(opened.path)
             run.map_path = opened.path
-            run.warn(opened.heard, opened.files)
+            run.warn(opened.warnings, opened.files)
         return runs
 
     def add_document(self, path: Path) -> None:
         """Read a document; its content goes where it belongs, at the end."""
         results = read_results(path)
         self.named |= set(results.files)
-        if results.kind in (DIFF, COST_DIFF, ALIGNMENT):
-            self.drafts.append(two_maps(path, results, self._grids))
-        elif results.kind == ROBOT_DIFF:
-            self.drafts.append(two_robots(path, results, self._grids))
-        elif results.kind == COMPARISON:
+        if results.kind in (json_values.DIFF, json_values.COST_DIFF, json_values.ALIGNMENT):
+            self.drafts.append(report_entries.two_maps(path, results, self._grids))
+        elif results.kind == json_values.ROBOT_DIFF:
+            self.drafts.append(report_entries.two_robots(path, results, self._grids))
+        elif results.kind == json_values.COMPARISON:
             rule = "is what build --compare has written beside its maps"
             raise ParameterError(rule, source=path, hint=f"name the folder, {path.parent}")
         else:
@@ -446,23 +416,27 @@ class _Gathering:
 
     def settle(self, first: Path) -> None:
         """Add the content of documents, `first` among them, to the entries that they belong to."""
-        linted = [(path, one) for path, one, _ in self._waiting if one.kind == LINT]
-        scored = [(path, one) for path, one, _ in self._waiting if one.kind == SCORE]
+        linted, scored = (
+            [(path, results) for path, results, _ in self._waiting if results.kind == kind]
+            for kind in (json_values.LINT, json_values.SCORE)
+        )
         if not self.drafts:
             for _, results in linted:
                 self._add_maps(Path(part.name) for part in results.parts if part.is_map)
             maps = [(own, path) for path, results in scored for own in results.maps]
-            self._add_maps(place_of(own, path) for own, path in maps if own is not None)
+            self._add_maps(
+                report_entries.place_of(own.file, path) for own, path in maps if own is not None
+            )
         if not self.drafts:  # such as findings about parameter files alone
             rule = "belongs to a map or a run, and none is named"
             raise ParameterError(rule, source=first, hint="name it before this file")
         for path, results, draft in self._waiting:
-            if results.kind not in (LINT, SCORE):
+            if results.kind not in (json_values.LINT, json_values.SCORE):
                 (draft or self.drafts[0]).add_about(path, results)
         for path, results in linted:
             self.add_findings(path, results)
         for path, results in scored:
-            give_score(path, results, self.drafts, self._grids)
+            report_entries.give_score(path, results, self.drafts, self._grids)
 
     def _add_maps(self, paths: Iterable[Path]) -> None:
         for path in paths:
@@ -472,10 +446,10 @@ class _Gathering:
                 self.drafts.append(Draft(path.stem, path, map_path=path))
                 self.drafts[-1].lacks("this map", path, error)
 
-    def add_lint(self, paths: Sequence[Path], asked: Asked) -> None:
+    def add_lint(self, paths: Sequence[Path], checks: RunChecks) -> None:
         """Add what lint finds in the maps of a run, unless its configuration is invalid."""
         try:
-            results = asked.findings(paths)
+            results = checks.findings(paths)
         except MapdealError as error:
             text = f"{one_line(str(error))}, so findings of lint are not shown"
             emit_warning(text, stacklevel=2)
@@ -483,14 +457,14 @@ class _Gathering:
                 draft.warn([text])
                 draft.claims.append(on_no_lint())
         else:
-            self.add_findings(Path(LINT), results)
+            self.add_findings(Path(json_values.LINT), results)
 
     def add_findings(self, path: Path, results: Results) -> None:
         """Add what lint has found to the entries of the maps that it names."""
         self.named |= set(results.files)
         lost = []
         for part in results.parts:
-            drafts = drafts_about(part.name, self.drafts)
+            drafts = report_entries.drafts_about(part.name, self.drafts)
             if not drafts and len(results.parts) == len(self.drafts) == 1:
                 drafts = self.drafts
             for draft in drafts:

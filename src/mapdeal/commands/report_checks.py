@@ -1,4 +1,4 @@
-"""What ``run --report`` asks of its maps: what is wrong with them, and where the robot can go."""
+"""Checks of ``run --report``: findings of lint on its maps, and where the robot can go."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from mapdeal.grid.reach import Goal, Reach
 from mapdeal.pipeline.folder import reach_document
 from mapdeal.pipeline.inputs import KeepoutMask, Work, map_input, mask_of, read_input
 from mapdeal.pipeline.recipe import planned_shape
-from mapdeal.pipeline.settings import Settings, heard
+from mapdeal.pipeline.settings import Settings, adding_warnings
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.report.document import Claim, PageLayer, State, page_layers
 from mapdeal.report.verdict import on_no_robot
@@ -43,7 +43,7 @@ class GoalAnswer:
 
 
 @dataclass(frozen=True)
-class Asked:
+class RunChecks:
     """Who is to go where on the maps of a run.
 
     Parameters
@@ -68,7 +68,7 @@ class Asked:
     start: tuple[float, ...] | None = None
     goals: Sequence[Goal] = field(default=())
     map_of_folder: Mapping[Path, Path] = field(default_factory=dict)
-    _done: set[int] = field(default_factory=set)
+    _answered: set[int] = field(default_factory=set)
 
     @property
     def has_goals(self) -> bool:
@@ -137,19 +137,18 @@ class Asked:
             return GoalAnswer(path, lines, document, str(error.found_in(path)))
         return GoalAnswer(path, lines, document)
 
-    def add_reach(self, draft: Draft, path: Path, *, with_layer: bool, held: int) -> None:
+    def add_reach(self, draft: Draft, path: Path, *, with_layer: bool, grid_bytes: int) -> None:
         """Add where the robot can go on a map to its draft, unless its own recipe has asked."""
-        # `held` are the bytes of what is in memory beside it.
-        has_asked = any(one.about == "goals" for one in draft.claims)
-        if has_asked and (not self.has_goals or id(draft) in self._done):
+        has_asked = any(claim.about == "goals" for claim in draft.claims)
+        if has_asked and (not self.has_goals or id(draft) in self._answered):
             return
-        self._done.add(id(draft))
+        self._answered.add(id(draft))
         if self._shape is None and not self.has_goals:
             draft.claims.append(on_no_robot())
             return
         texts: list[str] = []
         try:
-            with heard(texts), holding(held):
+            with adding_warnings(texts), holding(grid_bytes):
                 found = self.reachability(path).reach
         except MapdealError as error:
             is_too_large = error.hint is not None and "--max-memory" in error.hint

@@ -7,12 +7,11 @@ Numbers that JSON does not have, an infinite width for instance, are null there.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple, cast, get_args
+from typing import cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,45 +23,21 @@ from mapdeal.compare.bounds import figure_text, figures_named
 from mapdeal.compare.costs import CostChange
 from mapdeal.compare.difference import Change
 from mapdeal.errors import MalformedInputError, ParameterError, one_line
-from mapdeal.files.json_values import (
-    ALIGNMENT,
-    COMPARISON,
-    COST_DIFF,
-    DIFF,
-    LINT,
-    REACH,
-    ROBOT_DIFF,
-    ROUTE,
-    ROUTE_GRAPH,
-    SCORE,
-    JsonValue,
-    NamedMap,
-    document_kind,
-    named_map,
-    read_document,
-)
+from mapdeal.files import json_values
+from mapdeal.files.json_values import JsonValue, NamedMap
 from mapdeal.files.source import head_of
+from mapdeal.grid import reach
 from mapdeal.grid.filters import KINDS
 from mapdeal.grid.footprint import Footprint, checked_corners
 from mapdeal.grid.frame import FARTHEST, Frame, Point, Transform
-from mapdeal.grid.reach import (
-    MOST_HEADINGS,
-    Bottleneck,
-    Goal,
-    GoalReach,
-    Method,
-    Passage,
-    PlaceOfLimit,
-    Route,
-    robot_text,
-)
+from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Method, Passage, PlaceOfLimit, Route
 from mapdeal.grid.route_graph import RouteNode
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.grid.values import CostScale, count_text, decimal_text
 from mapdeal.inputs.kinds import SHAPES, recognised
 from mapdeal.maps.route_graphs import parsed_graph
 from mapdeal.maps.shapes import geojson_shapes, read_shapes
-from mapdeal.report.document import About, Claim, Item, ItemKind, Table, Tone, Zone
+from mapdeal.report.document import About, Claim, Item, Table, Tone, Zone
 from mapdeal.report.outlines import outlines_of
 from mapdeal.report.verdict import GEOMETRY, on_findings, on_goals
 from mapdeal.ros.robot import CostmapName
@@ -82,11 +57,10 @@ _WIDEST, _MOST_CORNERS = 1000.0, 500
 """Largest coordinate of a robot's corner, metres, and how many corners it may have."""
 
 _LARGEST = FARTHEST**2
-_WANTED = (
+_KNOWN_DOCUMENTS = (
     "what lint, reach, route, diff, align, score or build --compare writes as JSON, nor a file of "
     "shapes"
 )
-Row = tuple[str, str]
 
 
 @dataclass(frozen=True)
@@ -128,16 +102,11 @@ def costmap_subject(name: str, files: Iterable[tuple[str, str]]) -> Subject:
     return Subject("costmap", (name, sums), f"the {name} costmap of {', '.join(names)}")
 
 
-class NamedFile(NamedTuple):
-    file: str
-    sha256: str
-
-
 @dataclass(frozen=True)
 class NamedRobot:
     """The parameter files of a robot, and which of its costmaps is read from them."""
 
-    files: tuple[NamedFile, ...]
+    files: tuple[tuple[str, str], ...]  # names and checksums
     costmap: CostmapName
     namespace: str | None
 
@@ -151,8 +120,7 @@ class Results:
     tables: list[Table] = field(default_factory=list)
     parts: list[Part] = field(default_factory=list)
     maps: tuple[NamedMap | None, ...] = ()
-    files: tuple[str, ...] = ()  # names of files in it
-
+    truth: str | None = None  # name of its file
     transform: Transform | None = None
     tolerance: float = 0.0  # cells
     claims: tuple[Claim, ...] = ()
@@ -162,122 +130,129 @@ class Results:
     goals: tuple[Goal, ...] = ()
     robots: tuple[NamedRobot, ...] = ()  # whose parameters are compared
 
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the files in the document."""
+        names = [part.name for part in self.parts] if self.kind == json_values.LINT else []
+        names += [named.file for named in self.maps if named is not None]
+        names += [] if self.truth is None else [self.truth]
+        return (*names, *(name for robot in self.robots for name, _ in robot.files))
+
 
 def read_results(path: Path) -> Results:
     """Return what lint, reach, route, diff, align, score or build --compare wrote, or shapes."""
     if not head_of(path, 1 << 10).removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):
         return Results(SHAPES, shape_items(read_shapes(path)))
-    document = read_document(path)
-    name = document_kind(document.value)
+    document = json_values.read_document(path)
+    name = json_values.document_kind(document.value)
     if name == SHAPES:
         return Results(SHAPES, shape_items(geojson_shapes(document), zones_in(document.value)))
     if name not in _READERS:
-        with recognised(path, _WANTED):
-            raise MalformedInputError(f"is not {_WANTED}", source=path)
+        with recognised(path, _KNOWN_DOCUMENTS):
+            raise MalformedInputError(f"is not {_KNOWN_DOCUMENTS}", source=path)
     return results_of(document)
 
 
 def results_of(document: JsonValue) -> Results:
     """Return what a document says that a command has written, or would write."""
     try:
-        return _READERS[document_kind(document.value)](document)
+        return _READERS[json_values.document_kind(document.value)](document)
     except RecursionError:  # a value that is shown, or kept as it is
         raise MalformedInputError("nested too deep", source=document.source) from None
 
 
 def _lint(document: JsonValue) -> Results:
     files = document.get("parameter_files")
-    parts = [_linted(one, is_map=False) for one in ([] if files is None else files.items())]
-    parts += [_linted(one, is_map=True) for one in document["maps"].items()]
+    parts = [_part_of_lint(file, is_map=False) for file in ([] if files is None else files.items())]
+    parts += [_part_of_lint(file, is_map=True) for file in document["maps"].items()]
     for key in ("errors", "warnings", "notes", "suppressed"):
         document[key].integer()
-    return Results(LINT, parts=parts, files=tuple(part.name for part in parts))
+    return Results(json_values.LINT, parts=parts)
 
 
-def _linted(one: JsonValue, *, is_map: bool) -> Part:
-    file, repairs = one["file"].text(), one.get("repairs")
-    findings = [_finding(found, file) for found in one["findings"].items()]
-    counts = Counter(found.severity for found in findings)
-    rows = [(f"{severity}s", str(counts[severity])) for severity in SEVERITIES]
-    rows.append(("suppressed", str(one["suppressed"].integer())))
+def _part_of_lint(document: JsonValue, *, is_map: bool) -> Part:
+    file, repairs = document["file"].text(), document.get("repairs")
+    findings = [_finding(finding, file) for finding in document["findings"].items()]
+    texts: dict[str, list[str]] = {
+        severity: [short(found.message) for found in findings if found.severity == severity]
+        for severity in SEVERITIES
+    }
+    rows = [(f"{severity}s", str(len(messages))) for severity, messages in texts.items()]
+    rows.append(("suppressed", str(document["suppressed"].integer())))
     for number, repair in enumerate([] if repairs is None else repairs.items(), start=1):
         rows.append((f"repair {number}", short(repair.text())))
     items = _shortened((item for found in findings for item in _items_of(found)), "finding")
-    texts: dict[str, list[str]] = {
-        severity: [short(one.message) for one in findings if one.severity == severity]
-        for severity in SEVERITIES
-    }
     claims = (on_findings(texts),) if is_map else ()
-    table = Table("Lint", tuple(rows))
-    return Part(file, items, [table], is_map, is_clean=not findings, claims=claims)
+    return Part(file, items, [Table("Lint", tuple(rows))], is_map, not findings, claims)
 
 
-def _finding(one: JsonValue, file: str) -> Finding:
-    severity = cast("Severity", one["severity"].word(*SEVERITIES))
-    line = one["line"].or_none(JsonValue.integer)
-    places = tuple(place.point() for place in one["places"].items())
-    return Finding(one["check"].text(), severity, file, one["message"].text(), line, places)
+def _finding(document: JsonValue, file: str) -> Finding:
+    severity = cast("Severity", document["severity"].word(*SEVERITIES))
+    return Finding(
+        document["check"].text(), severity, file,
+        document["message"].text(), document["line"].or_none(JsonValue.integer),
+        tuple(place.point() for place in document["places"].items()),
+    )  # fmt: skip
 
 
-def _items_of(found: Finding) -> Iterator[Item]:
-    line = f" (line {found.line})" if found.line is not None else ""
-    text = short(f"{found.check}: {found.message}{line}")
-    # Findings of one check are one line, and so are the places of one finding.
-    group = short(f"{found.severity} {found.check}")
-    first = found.places[0] if found.places else None
-    yield Item("finding", text, found.severity, first, group=group)
-    for index, place in enumerate(found.places[1:], start=2):
-        text = short(f"{found.check}: place {index} of {len(found.places)}")
-        yield Item("finding", text, found.severity, place, group=group)
+def _items_of(finding: Finding) -> Iterator[Item]:
+    line = f" (line {finding.line})" if finding.line is not None else ""
+    # Findings of one check share a line of the list, and so do the places of one finding.
+    group = short(f"{finding.severity} {finding.check}")
+    for index, place in enumerate(finding.places or (None,), start=1):
+        words = f"{finding.message}{line}"
+        if index > 1:
+            words = f"place {index} of {len(finding.places)}"
+        text = short(f"{finding.check}: {words}")
+        yield Item("finding", text, finding.severity, place, group=group)
 
 
 def _reach(document: JsonValue) -> Results:
-    robot, yaw = _robot(document["robot"]), document["start"]["yaw"]
-    headings = document["robot"]["headings"].integer(1, MOST_HEADINGS)
-    place = _place(document["start"])
-    heading = "" if yaw.is_null else f", yaw {yaw.number():.4g}"
-    goals = [goal_of(one) for one in document["goals"].items()]
-    passages = [passage_of(one) for one in document["passages"].items()]
+    robot, yaw = _robot(document["robot"]), document["start"]["yaw"].or_none(JsonValue.number)
+    headings = document["robot"]["headings"].integer(1, reach.MOST_HEADINGS)
+    place, text = _place(document["start"]), reach.robot_text(robot)
+    goals = [goal_of(goal) for goal in document["goals"].items()]
+    passages = [passage_of(passage) for passage in document["passages"].items()]
     is_open = document["through_unknown"].flag()
     areas = [document[f"{name}_m2"].number(least=0) for name in ("reachable", "open", "free")]
     share = document["share"].number(least=0, most=1)
-    closed = sum(not one.is_open for one in passages)
+    closed = sum(not passage.is_open for passage in passages)
     rows = (
-        ("robot", robot_text(robot)),
+        ("robot", text),
         ("headings", str(headings)),
         ("unknown cells", "open" if is_open else "closed"),
         ("reachable", f"{areas[0]:.6g} m2"),
         ("open to the robot", f"{areas[1]:.6g} m2"),
         ("free", f"{areas[2]:.6g} m2"),
         ("reachable share of free", f"{100 * share:.4g} %"),
-        ("goals reached", f"{sum(one.reachable for one in goals)} of {len(goals)}"),
+        ("goals reached", f"{sum(goal.reachable for goal in goals)} of {len(goals)}"),
         ("passages", f"{len(passages)}, {closed} of them closed"),
     )
-    text = f"start at {_at(place)}{heading}: {robot_text(robot)}"
-    start = Item("start", text, place=place, label="start")
-    items = [start, *goal_items(goals, robot, headings), *passage_items(passages)]
-    fits = min(areas[0] / areas[1], 1.0) if areas[1] else 1.0
-    claims = (on_goals(goals, passages, robot, share=fits),)
-    subjects = [] if robot is None else [
-        robot_subject(
-            robot_text(robot), robot.inscribed_radius,
-            robot.circumscribed_radius if robot.vertices else None,
-        )
-    ]  # fmt: skip
-    words = (*robot_words(robot), *(("--through-unknown",) if is_open else ()))
-    start_pose = place if yaw.is_null else (*place, yaw.number())
-    question = ReachQuestion(start_pose, tuple(goal.goal for goal in goals), words)
-    costmap, about = document.get("costmap"), document.get("map")
-    named = None if about is None else named_map(about)
+    heading = "" if yaw is None else f", yaw {yaw:.4g}"
+    start = Item("start", f"start at {_at(place)}{heading}: {text}", place=place, label="start")
+    subjects, words = [], [*robot_words(robot), *(["--through-unknown"] if is_open else [])]
+    if robot is not None:
+        outer = robot.circumscribed_radius if robot.vertices else None
+        subjects.append(robot_subject(text, robot.inscribed_radius, outer))
+    costmap, named = document.get("costmap"), document.get("map")
     if costmap is not None and not costmap.is_null:
-        files = [
-            (file["name"].text(), file["sha256"].sha256()) for file in costmap["files"].items()
-        ]
+        files = _named_files(costmap, "name")
         subjects.append(costmap_subject(costmap["costmap"].text(), files))
+    share_of_open = min(areas[0] / areas[1], 1.0) if areas[1] else 1.0
+    start_pose = place if yaw is None else (*place, yaw)
     return Results(
-        REACH, items, [Table("What the robot can reach", rows)], claims=claims,
-        maps=(named,), files=() if named is None else (named.file,), subjects=tuple(subjects),
-        question=question,
+        json_values.REACH,
+        [start, *goal_items(goals, robot, headings), *passage_items(passages)],
+        [Table("What the robot can reach", rows)],
+        claims=(on_goals(goals, passages, robot, share=share_of_open),),
+        maps=(None if named is None else json_values.named_map(named),), subjects=tuple(subjects),
+        question=ReachQuestion(start_pose, tuple(goal.goal for goal in goals), tuple(words)),
+    )  # fmt: skip
+
+
+def _named_files(document: JsonValue, key: str) -> tuple[tuple[str, str], ...]:
+    return tuple(
+        (file[key].text(), file["sha256"].sha256()) for file in document["files"].items()
     )  # fmt: skip
 
 
@@ -286,7 +261,7 @@ def _robot(robot: JsonValue) -> Footprint | None:
     if corners is None:
         radius = robot["radius"].number(least=0, most=_WIDEST)
         return Footprint.circle(radius) if radius else None
-    points = [one.point() for one in corners.items()]
+    points = [corner.point() for corner in corners.items()]
     try:
         return Footprint(
             checked_corners(points, "footprint", within=_WIDEST, least=3, most=_MOST_CORNERS)
@@ -295,70 +270,74 @@ def _robot(robot: JsonValue) -> Footprint | None:
         raise error.in_file(corners.source, corners.place) from None
 
 
-def goal_of(one: JsonValue) -> GoalReach:
-    name = one.get("name")
+def goal_of(document: JsonValue) -> GoalReach:
+    name = document.get("name")
     return GoalReach(
-        Goal(*_place(one), None if name is None else name.text()), one["reachable"].flag(),
-        one["heading_count"].integer(), one["widest_radius_m"].number_or(math.inf),
-        one["limited_by"].or_none(_bottleneck), one["reason"].or_none(JsonValue.text),
-        one["nearest_open"].or_none(_place),
+        Goal(*_place(document), None if name is None else name.text()),
+        document["reachable"].flag(), document["heading_count"].integer(),
+        document["widest_radius_m"].number_or(math.inf),
+        document["limited_by"].or_none(_bottleneck), document["reason"].or_none(JsonValue.text),
+        document["nearest_open"].or_none(_place),
     )  # fmt: skip
 
 
-def _bottleneck(one: JsonValue) -> Bottleneck:
-    at = cast("PlaceOfLimit", one["at"].word(*get_args(PlaceOfLimit)))
-    return Bottleneck(*_place(one), one["width_m"].number_or(math.inf), at)
+def _bottleneck(document: JsonValue) -> Bottleneck:
+    at = cast("PlaceOfLimit", document["at"].word(*get_args(PlaceOfLimit)))
+    return Bottleneck(*_place(document), document["width_m"].number_or(math.inf), at)
 
 
-def passage_of(one: JsonValue) -> Passage:
-    ends = [end.point() for end in one["ends"].items()]
+def passage_of(document: JsonValue) -> Passage:
+    ends = [end.point() for end in document["ends"].items()]
     if len(ends) != 2:
-        raise one["ends"].error("must be two points [x, y]")
+        raise document["ends"].error("must be two points [x, y]")
     return Passage(
-        *_place(one), one["width_m"].number_or(math.inf), one["cuts_off_m2"].number_or(math.inf),
-        one["open"].flag(), (ends[0], ends[1]),
+        *_place(document), document["width_m"].number_or(math.inf),
+        document["cuts_off_m2"].number_or(math.inf), document["open"].flag(), (ends[0], ends[1]),
     )  # fmt: skip
 
 
-def _place(one: JsonValue) -> Point:
-    return one["x"].number(), one["y"].number()
+def _place(document: JsonValue) -> Point:
+    return document["x"].number(), document["y"].number()
 
 
 def goal_items(
     goals: Iterable[GoalReach], robot: Footprint | None, heading_count: int
 ) -> list[Item]:
     items = []
-    for one in goals:
-        place = one.goal.x, one.goal.y
-        text = f"goal {one.goal.label}: {'reachable' if one.reachable else 'not reachable'}"
-        if one.reachable and robot is not None and robot.vertices:
-            text += f" in {one.heading_count} of {count_text(heading_count, 'heading')}"
-        if one.reason is not None:
-            text += f": {one.stopped_by}"
-        elif one.widest_radius == 0:
+    for answer in goals:
+        place = answer.goal.x, answer.goal.y
+        text = f"goal {answer.goal.label}: {'reachable' if answer.reachable else 'not reachable'}"
+        if answer.reachable and robot is not None and robot.vertices:
+            text += f" in {answer.heading_count} of {count_text(heading_count, 'heading')}"
+        if answer.reason is not None:
+            text += f": {answer.stopped_by}"
+        elif answer.widest_radius == 0:
             text += "; by no robot, however small"
-        elif math.isfinite(one.widest_radius):
-            text += f"; a round robot gets there with a radius below {_metres(one.widest_radius)}"
-        limit = one.limited_by
-        if one.reason is None and limit is not None and math.isfinite(limit.width):
+        elif math.isfinite(answer.widest_radius):
+            radius = _metres(answer.widest_radius)
+            text += f"; a round robot gets there with a radius below {radius}"
+        limit = answer.limited_by
+        if answer.reason is None and limit is not None and math.isfinite(limit.width):
             text += f": {limit.text}"
-        tone: Tone = "good" if one.reachable else "error"
-        items.append(Item("goal", short(text), tone, place, label=short(one.goal.name or "goal")))
+        tone: Tone = "good" if answer.reachable else "error"
+        items.append(
+            Item("goal", short(text), tone, place, label=short(answer.goal.name or "goal"))
+        )
     return _shortened(items, "goal")
 
 
 def passage_items(passages: Iterable[Passage]) -> list[Item]:
     """Return passages, each a line between the obstacles on both sides of it."""
     items = []
-    for one in passages:
-        width, area = _metres(one.width), f"{decimal_text(one.cut_off)} m2"
+    for passage in passages:
+        width, area = _metres(passage.width), f"{decimal_text(passage.cut_off)} m2"
         text = f"closed passage of {width}, cuts off {area}"
         tone: Tone = "error"
-        if one.is_open:
+        if passage.is_open:
             text, tone = f"narrow passage of {width}, {area} behind it", "warning"
-        line = np.array(one.ends, dtype=np.float64)
-        label = f"{100 * one.width:.0f} cm" if one.width < 1 else width
-        items.append(Item("passage", text, tone, (one.x, one.y), (line,), label))
+        line = np.array(passage.ends, dtype=np.float64)
+        label = f"{100 * passage.width:.0f} cm" if passage.width < 1 else width
+        items.append(Item("passage", text, tone, (passage.x, passage.y), (line,), label))
     return _shortened(items, "passage")
 
 
@@ -376,7 +355,7 @@ def _route(document: JsonValue) -> Results:
         ("cells expanded", "-" if route.expanded is None else str(route.expanded)),
         ("certainly the cheapest", "yes" if route.optimal else "no"),
     )
-    return Results(ROUTE, route_items(route), [Table("Route", rows)])
+    return Results(json_values.ROUTE, route_items(route), [Table("Route", rows)])
 
 
 def route_of(document: JsonValue) -> Route:
@@ -423,20 +402,20 @@ def route_items(route: Route) -> list[Item]:
 def _route_graph(document: JsonValue) -> Results:
     graph = parsed_graph(document).graph
     if not len(graph.edges):
-        return Results(ROUTE_GRAPH)
+        return Results(json_values.ROUTE_GRAPH)
     lines = graph.points_xy[np.unique(np.sort(graph.ends, axis=1), axis=0)]
     nodes, edges = count_text(len(graph.nodes), "node"), count_text(len(graph.edges), "edge")
     text = f"route graph of {nodes} and {edges}"
     items = [Item("graph", text, "note", lines=tuple(lines))]
-    items += _shortened((_node_item(one) for one in graph.nodes), "graph")
+    items += _shortened(map(_node_item, graph.nodes), "graph")
     lengths = f"{float(graph.lengths.sum()):.6g} m, each direction by itself"
     rows = (("nodes", str(len(graph.nodes))), ("edges", str(len(graph.edges))), ("length", lengths))
-    return Results(ROUTE_GRAPH, items, [Table("Route graph", rows)])
+    return Results(json_values.ROUTE_GRAPH, items, [Table("Route graph", rows)])
 
 
 def _node_item(node: RouteNode) -> Item:
-    told = ", ".join(f"{key} {value}" for key, value in node.metadata.items())
-    text = f"node {node.id} at {_at((node.x, node.y))}" + (f": {told}" if told else "")
+    metadata = ", ".join(f"{key} {value}" for key, value in node.metadata.items())
+    text = f"node {node.id} at {_at((node.x, node.y))}" + (f": {metadata}" if metadata else "")
     name = node.metadata.get("name")
     label = short(str(name)) if name else ""
     return Item("graph", short(text), "note", (node.x, node.y), label=label)
@@ -444,10 +423,10 @@ def _node_item(node: RouteNode) -> Item:
 
 def shape_items(shapes: Sequence[Shape], zones: Sequence[Zone] = ()) -> list[Item]:
     """Return the shapes of a file; if they are all polygons, `zones` says what each is for."""
-    found = (_shape_item(one) for one in shapes)
+    items: Iterable[Item] = map(_shape_item, shapes)
     if len(zones) == len(shapes):
-        found = (_zone_item(*one) for one in zip(found, zones, strict=True))
-    return _shortened(found, "shape")
+        items = map(_zone_item, items, zones)
+    return _shortened(items, "shape")
 
 
 def _zone_item(item: Item, zone: Zone) -> Item:
@@ -461,8 +440,8 @@ def zones_in(document: object) -> list[Zone]:
     """Return the zones in a file of shapes, if all are polygons that have a zone's kind."""
     features = document.get("features") if isinstance(document, dict) else None
     zones = []
-    for one in features if isinstance(features, list) else ():
-        geometry, known = (one.get(name) for name in ("geometry", "properties"))
+    for feature in features if isinstance(features, list) else ():
+        geometry, known = (feature.get(name) for name in ("geometry", "properties"))
         if not isinstance(geometry, dict) or geometry.get("type") != "Polygon":
             return []
         known = known if isinstance(known, dict) else {}
@@ -501,19 +480,17 @@ def _shape_item(shape: Shape) -> Item:
     return Item("shape", text, place=place, lines=lines)
 
 
-def _named(document: JsonValue, *keys: str) -> tuple[tuple[NamedMap | None, ...], tuple[str, ...]]:
-    maps = tuple(named_map(document[key]) for key in keys)
-    return maps, tuple(one.file for one in maps if one is not None)
+def _maps(document: JsonValue, *keys: str) -> tuple[NamedMap | None, ...]:
+    return tuple(json_values.named_map(document[key]) for key in keys)
 
 
 def _alignment(document: JsonValue) -> Results:
-    maps, files = _named(document, "first", "second")
     transform = _transform(document["transform"])
     is_same = document["same_place"].flag()
-    reason = document["reason"].or_none(JsonValue.text)
+    reason = short(document["reason"].or_none(JsonValue.text) or "")
     shares = [document[key].number(least=0, most=1) for key in ("overlap", "agreement")]
     rows = (
-        ("same place", "yes" if is_same else f"not sure: {short(reason or '')}"),
+        ("same place", "yes" if is_same else f"not sure: {reason}"),
         ("transform", _transform_text(transform)),
         ("score", f"{document['score'].number(least=0):.2f}"),
         ("best score elsewhere", f"{document['runner_up'].number(least=0):.2f}"),
@@ -524,9 +501,12 @@ def _alignment(document: JsonValue) -> Results:
     words = f"The two maps overlap by {100 * shares[0]:.0f} %, "
     words += f"and {100 * shares[1]:.0f} % of their common walls agree"
     if not is_same:
-        words = f"It is not sure that the two maps show the same place: {short(reason or '')}"
+        words = f"It is not sure that the two maps show the same place: {reason}"
     claims = (Claim("geometry", "good" if is_same else "warning", words, table.title),)
-    return Results(ALIGNMENT, [], [table], [], maps, files, transform, claims=claims)
+    maps = _maps(document, "first", "second")
+    return Results(
+        json_values.ALIGNMENT, tables=[table], maps=maps, transform=transform, claims=claims
+    )
 
 
 _COUNTS_OF_DIFF = {
@@ -535,79 +515,55 @@ _COUNTS_OF_DIFF = {
 }  # fmt: skip
 
 
-def _rows_of_diff(document: JsonValue, maps: Iterable[NamedMap | None]) -> list[Row]:
+def _diff(document: JsonValue) -> Results:
+    kind = json_values.document_kind(document.value) or ""
+    is_of_costs, maps = kind == json_values.COST_DIFF, _maps(document, "first", "second")
     rows = [(key, "yes" if document[key].flag() else "no") for key in ("equal", "passes")]
     for title, named in zip(("first map", "second map"), maps, strict=True):
         rows += [] if named is None else [(title, short(named.file))]
     for key, title in _COUNTS_OF_DIFF.items():
-        if key != "beyond_tolerance" or "confusion" in document.fields():
+        if key != "beyond_tolerance" or not is_of_costs:
             rows.append((title, str(document[key].integer())))
-    return rows
-
-
-def _claims_on_bounds(document: JsonValue, about: About, evidence: str) -> tuple[Claim, ...]:
+    pairs, tolerance = _pairs(document["geometry"]), None
+    if is_of_costs:
+        rows.append(("cost scale", document["cost_scale"].word(*get_args(CostScale))))
+        moved: JsonValue | None = document["transform"]
+    else:
+        symmetry = document["symmetry"].or_none(JsonValue.text)
+        if symmetry is not None:
+            rows.append(("the second is much more like it", f"if it is {short(symmetry)}"))
+        for key in ("first_to_second", "second_to_first"):
+            shift = document["walls"][key].or_none(_shift) or "no obstacles"
+            rows.append((f"directed Hausdorff distance, {key.replace('_', ' ')}", shift))
+        pairs |= _pairs(document["metadata"])
+        moved, tolerance = document.get("transform"), document.get("tolerance")
     bounds = document["bounds"].fields()
-    missed = [name for name, bound in bounds.items() if not bound["holds"].flag()]
-    text = f"The bound on {short(' and '.join(missed))} does not hold"
-    return (Claim(about, "error", text, evidence),) if missed else ()
-
-
-def _diff(document: JsonValue) -> Results:
-    maps, files = _named(document, "first", "second")
-    rows = _rows_of_diff(document, maps)
-    symmetry = document["symmetry"].or_none(JsonValue.text)
-    if symmetry is not None:
-        rows.append(("the second is much more like it", f"if it is {short(symmetry)}"))
-    for key in ("first_to_second", "second_to_first"):
-        shift = document["walls"][key].or_none(_shift)
-        what = f"directed Hausdorff distance, {key.replace('_', ' ')}"
-        rows.append((what, shift or "no obstacles"))
-    for name, one in document["bounds"].fields().items():
-        rows.append((short(name), _bound_of_diff(one)))
+    rows += [(short(name), _bound_of_diff(bound)) for name, bound in bounds.items()]
     tables = [Table("What differs", tuple(rows))]
-    pairs = {**_pairs(document["geometry"]), **_pairs(document["metadata"])}
-    if pairs:
-        tables.append(Table(GEOMETRY, tuple(pairs.items())))
-    cells = [
-        (short(f"{state} → {other}"), count.integer())
-        for state, row in document["confusion"].fields().items()
-        for other, count in row.fields().items()
-    ]
-    counted = tuple((what, str(count)) for what, count in cells if count)
-    tables.append(Table("Cells, first → second", counted))
-    moved, tolerance = document.get("transform"), document.get("tolerance")
+    tables += [Table(GEOMETRY, tuple(pairs.items()))] if pairs else []
+    if not is_of_costs:
+        cells = [
+            (short(f"{state} → {second_state}"), count.integer())
+            for state, row in document["confusion"].fields().items()
+            for second_state, count in row.fields().items()
+        ]
+        counted = tuple((states, str(count)) for states, count in cells if count)
+        tables.append(Table("Cells, first → second", counted))
+    missed = " and ".join(name for name, bound in bounds.items() if not bound["holds"].flag())
+    about: About = "cells" if is_of_costs else "obstacles"
+    words = f"The bound on {short(missed)} does not hold"
     return Results(
-        DIFF, [], tables, [], maps, files,
+        kind, tables=tables, maps=maps,
         transform=None if moved is None else moved.or_none(_transform),
         tolerance=0.0 if tolerance is None else tolerance.number(least=0),
-        claims=_claims_on_bounds(document, "obstacles", tables[0].title),
-    )  # fmt: skip
-
-
-def _cost_diff(document: JsonValue) -> Results:
-    maps, files = _named(document, "first", "second")
-    rows = _rows_of_diff(document, maps)
-    rows.append(("cost scale", document["cost_scale"].word(*get_args(CostScale))))
-    for name, bound in document["bounds"].fields().items():
-        rows.append((short(name), _bound_of_diff(bound)))
-    tables = [Table("What differs", tuple(rows))]
-    if pairs := _pairs(document["geometry"]):
-        tables.append(Table(GEOMETRY, tuple(pairs.items())))
-    return Results(
-        COST_DIFF, [], tables, [], maps, files,
-        transform=document["transform"].or_none(_transform),
-        claims=_claims_on_bounds(document, "cells", tables[0].title),
+        claims=(Claim(about, "error", words, tables[0].title),) if missed else (),
     )  # fmt: skip
 
 
 def _robot_diff(document: JsonValue) -> Results:
-    maps, files = _named(document, "map")
     robots = tuple(
         NamedRobot(
-            tuple(
-                NamedFile(file["file"].text(), file["sha256"].sha256())
-                for file in robot["files"].items()
-            ),
+            _named_files(robot, "file"),
             cast("CostmapName", robot["costmap"].word(*get_args(CostmapName))),
             robot["namespace"].or_none(JsonValue.text),
         )
@@ -617,9 +573,9 @@ def _robot_diff(document: JsonValue) -> Results:
         raise document["robots"].error("must be two robots with parameter files")
     start = tuple(number.number() for number in document["start"].items())
     reaches = document["reach"].items()[:1]  # both have the same goals
-    goals = tuple(goal_of(goal).goal for reach in reaches for goal in reach["goals"].items())
-    files += tuple(file.file for robot in robots for file in robot.files)
-    return Results(ROBOT_DIFF, maps=maps, files=files, start=start, goals=goals, robots=robots)
+    goals = tuple(goal_of(goal).goal for answer in reaches for goal in answer["goals"].items())
+    maps = _maps(document, "map")
+    return Results(json_values.ROBOT_DIFF, maps=maps, start=start, goals=goals, robots=robots)
 
 
 def passage_change_items(passages: Iterable[Passage], word: str, tone: Tone) -> list[Item]:
@@ -639,35 +595,38 @@ def cost_change_items(changes: Iterable[CostChange], frame: Frame) -> list[Item]
     return [replace(item, lines=()) if item.kind in ("rose", "fell") else item for item in items]
 
 
-def _transform_text(one: Transform) -> str:
-    return f"x {one.x:.4g} m, y {one.y:.4g} m, yaw {math.degrees(one.yaw):.4g} degrees"
+def _transform_text(transform: Transform) -> str:
+    return (
+        f"x {transform.x:.4g} m, y {transform.y:.4g} m, "
+        f"yaw {math.degrees(transform.yaw):.4g} degrees"
+    )
 
 
-def _transform(one: JsonValue) -> Transform:
-    return Transform(*(one[key].number() for key in ("x", "y", "yaw")))
+def _transform(document: JsonValue) -> Transform:
+    return Transform(*(document[key].number() for key in ("x", "y", "yaw")))
 
 
-def _shift(one: JsonValue) -> str:
+def _shift(document: JsonValue) -> str:
     largest, most, mean = (
-        _metres(one[name].number(least=0)) for name in ("largest", "percentile_95", "mean")
+        _metres(document[name].number(least=0)) for name in ("largest", "percentile_95", "mean")
     )
     return f"{largest}; 95 % within {most}, mean {mean}"
 
 
-def _bound_of_diff(one: JsonValue) -> str:
-    allowed = one["allowed"].number(least=0)
-    found = one["found"].or_none(lambda value: value.number(least=0))
-    return f"at most {allowed:g}: {_verdict(one, found, 'nothing to compare')}"
+def _bound_of_diff(bound: JsonValue) -> str:
+    allowed = bound["allowed"].number(least=0)
+    found = bound["found"].or_none(lambda value: value.number(least=0))
+    return f"at most {allowed:g}: {_verdict(bound, found, 'nothing to compare')}"
 
 
-def _verdict(one: JsonValue, found: float | None, absent: str) -> str:
-    verdict = "holds" if one["holds"].flag() else "missed"
+def _verdict(bound: JsonValue, found: float | None, absent: str) -> str:
+    verdict = "holds" if bound["holds"].flag() else "missed"
     return f"{verdict}, {absent if found is None else f'found {found:.9g}'}"
 
 
-def _pairs(one: JsonValue) -> dict[str, str]:
+def _pairs(document: JsonValue) -> dict[str, str]:
     found = {}
-    for name, pair in one.fields().items():
+    for name, pair in document.fields().items():
         values = pair.items()
         if len(values) != 2:
             raise pair.error("must be two values")
@@ -675,49 +634,49 @@ def _pairs(one: JsonValue) -> dict[str, str]:
     return found
 
 
-def change_items(changes: Sequence[Change], left: int, frame: Frame) -> list[Item]:
+def change_items(changes: Sequence[Change], unlisted: int, frame: Frame) -> list[Item]:
     """Return the places where obstacles are new or gone, the largest first, as outlines."""
     items = []
     room = MOST_POINTS
-    for number, one in enumerate(changes, start=1):
-        lines = outlines_of(one.cells, frame)
+    for number, change in enumerate(changes, start=1):
+        lines = outlines_of(change.cells, frame)
         count = sum(map(len, lines))
         lines = lines if count <= room else []  # of a map that has nothing in common with the other
         room -= count if lines else 0
-        kind: ItemKind = one.kind
-        place = one.x, one.y
+        place = change.x, change.y
         at = ", ".join(f"{round(part, 2) + 0.0:.6g}" for part in place)
-        text, label = f"{number}. {decimal_text(one.area, 3)} m2 at {at}", str(number)
-        items.append(Item(kind, text, "plain", place, tuple(lines), label))
-    if left:
-        items.append(Item(changes[-1].kind, f"{count_text(left, 'smaller change')} not listed"))
+        text, label = f"{number}. {decimal_text(change.area, 3)} m2 at {at}", str(number)
+        items.append(Item(change.kind, text, "plain", place, tuple(lines), label))
+    if unlisted:
+        items.append(Item(changes[-1].kind, f"{count_text(unlisted, 'smaller change')} not listed"))
     return items
 
 
 def _comparison(document: JsonValue) -> Results:
-    for one in document["inputs"].items():
-        one.text()
+    for name in document["inputs"].items():
+        name.text()
     document["width"].integer(1), document["height"].integer(1)
     document["resolution"].number(least=1e-6)
-    if len([one.number() for one in document["origin"].items()]) != 3:
+    if len([number.number() for number in document["origin"].items()]) != 3:
         raise document["origin"].error("must be three numbers [x, y, yaw]")
-    parts = [_method(name, one) for name, one in document["methods"].fields().items()]
+    parts = [_method(name, method) for name, method in document["methods"].fields().items()]
     pairs = {}
-    for one in document["pairs"].items():
-        pairs[short(f"{one['first'].text()}, {one['second'].text()}")] = one["differing"].integer()
+    for pair in document["pairs"].items():
+        differing = pair["differing"].integer()
+        pairs[short(f"{pair['first'].text()}, {pair['second'].text()}")] = differing
     rows = tuple((name, str(count)) for name, count in pairs.items())
     tables = [table for part in parts for table in part.tables]
-    return Results(COMPARISON, [], [*tables, Table("Differing cells", rows)], parts)
+    return Results(json_values.COMPARISON, [], [*tables, Table("Differing cells", rows)], parts)
 
 
-def _method(name: str, one: JsonValue) -> Part:
+def _method(name: str, document: JsonValue) -> Part:
     rows = []
-    for key, told in one.fields().items():
+    for key, figure in document.fields().items():
         if key not in ("parameters", "vanished"):
-            text = "-" if told.is_null else f"{told.number(most=_LARGEST):.9g}"
+            text = "-" if figure.is_null else f"{figure.number(most=_LARGEST):.9g}"
             rows.append((short(key.replace("_", " ")), text))
     items = []
-    for place in one["vanished"].items():
+    for place in document["vanished"].items():
         count = count_text(place["cells"].integer(), "cell")
         text = short(f"{name}: {count} with hits vanished")
         group = short(f"{name}: hits vanished")
@@ -727,9 +686,8 @@ def _method(name: str, one: JsonValue) -> Part:
 
 
 def _score(document: JsonValue) -> Results:
-    maps, files = _named(document, "map")
     truth, moved, lattice = document["truth"], document["transform"], document["lattice"]
-    rows = [("bound", _bound(one)) for one in document["bounds"].items()]
+    rows = [("bound", _bound(bound)) for bound in document["bounds"].items()]
     truth_file = None if truth.is_null else truth["file"].text()
     if not moved.is_null:
         x, y, yaw = (moved[key].number() for key in ("x", "y", "yaw"))
@@ -750,15 +708,18 @@ def _score(document: JsonValue) -> Results:
     verdict = "passes" if document["passes"].flag() else "does not pass"
     title = f"Score: {verdict}" if document["bounds"].items() else "Score"
     table = Table(title, tuple(rows[:_MOST_ROWS]))
-    files += () if truth_file is None else (truth_file,)
-    return Results(SCORE, [], [table], [], maps, files)
+    maps = _maps(document, "map")
+    return Results(json_values.SCORE, tables=[table], maps=maps, truth=truth_file)
 
 
-def _bound(one: JsonValue) -> str:
-    side = "at least" if one["side"].word("min", "max") == "min" else "at most"
-    allowed, found = one["allowed"].number(least=-_LARGEST, most=_LARGEST), _figure(one["found"])
-    verdict = _verdict(one, found, "not measured")
-    return f"{short(one['name'].text())} {side} {allowed:g}: {verdict}"
+def _bound(bound: JsonValue) -> str:
+    side = "at least" if bound["side"].word("min", "max") == "min" else "at most"
+    allowed, found = (
+        bound["allowed"].number(least=-_LARGEST, most=_LARGEST),
+        _figure(bound["found"]),
+    )
+    verdict = _verdict(bound, found, "not measured")
+    return f"{short(bound['name'].text())} {side} {allowed:g}: {verdict}"
 
 
 def _figures(values: JsonValue) -> dict[str, float | None]:
@@ -767,21 +728,20 @@ def _figures(values: JsonValue) -> dict[str, float | None]:
         if isinstance(value.value, dict):
             for part, inner in value.fields().items():
                 found[f"{name}.{part}"] = _figure(inner)
-        elif not isinstance(value.value, list):  # a size, which the lattice tells too
+        elif not isinstance(value.value, list):  # sizes are also in the lattice
             found[name] = _figure(value)
     return found
 
 
 def _figure(value: JsonValue) -> float | None:
-    return value.or_none(lambda one: one.number(least=-_LARGEST, most=_LARGEST))
+    return value.or_none(lambda figure: figure.number(least=-_LARGEST, most=_LARGEST))
 
 
-def _shortened(items: Iterable[Item], what: str) -> list[Item]:
-    rest = iter(items)
-    listed = list(islice(rest, MOST_ITEMS))
-    left = sum(1 for _ in rest)
-    if left:
-        text = f"{count_text(left, f'more {what}')} not listed"
+def _shortened(items: Iterable[Item], noun: str) -> list[Item]:
+    remaining = iter(items)
+    listed = list(islice(remaining, MOST_ITEMS))
+    if unlisted := sum(1 for _ in remaining):
+        text = f"{count_text(unlisted, f'more {noun}')} not listed"
         listed.append(Item(listed[0].kind, text, "note"))
     return listed
 
@@ -802,7 +762,9 @@ def _at(point: Sequence[float]) -> str:
 
 
 _READERS: dict[str | None, Callable[[JsonValue], Results]] = {
-    LINT: _lint, REACH: _reach, ROUTE: _route, DIFF: _diff, COMPARISON: _comparison,
-    SCORE: _score, ALIGNMENT: _alignment, ROUTE_GRAPH: _route_graph, COST_DIFF: _cost_diff,
-    ROBOT_DIFF: _robot_diff,
+    json_values.LINT: _lint, json_values.REACH: _reach, json_values.ROUTE: _route,
+    json_values.DIFF: _diff, json_values.COST_DIFF: _diff,
+    json_values.ROBOT_DIFF: _robot_diff, json_values.COMPARISON: _comparison,
+    json_values.SCORE: _score, json_values.ALIGNMENT: _alignment,
+    json_values.ROUTE_GRAPH: _route_graph,
 }  # fmt: skip

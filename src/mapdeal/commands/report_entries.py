@@ -1,4 +1,4 @@
-"""Entries of a report: what it shows of files, of runs in folders, and of maps in documents."""
+"""Entries of a report: the content of files, of runs in folders, and of maps in documents."""
 
 from __future__ import annotations
 
@@ -13,25 +13,12 @@ from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
 
+from mapdeal.commands import report_documents
 from mapdeal.commands.build import DOCUMENT
 from mapdeal.commands.diff import compared
 from mapdeal.commands.diff_costs import change_codes, change_text, costmaps_compared
 from mapdeal.commands.diff_robots import robots_compared, value_text
-from mapdeal.commands.report_documents import (
-    MOST_CHANGES,
-    NamedFile,
-    Part,
-    Results,
-    Subject,
-    change_items,
-    cost_change_items,
-    costmap_subject,
-    goal_items,
-    passage_change_items,
-    read_results,
-    robot_subject,
-    short,
-)
+from mapdeal.commands.report_documents import Part, Results, Subject
 from mapdeal.commands.report_next import ReachQuestion, next_command
 from mapdeal.commands.two_maps import names_of_two
 from mapdeal.compare.costs import CostDifference
@@ -44,7 +31,7 @@ from mapdeal.errors import (
     emit_warning,
     one_line,
 )
-from mapdeal.files.json_values import COMPARISON, COST_DIFF, DIFF, NamedMap, read_json
+from mapdeal.files.json_values import COMPARISON, COST_DIFF, DIFF, read_json
 from mapdeal.files.source import (
     CHANGED,
     bytes_of_lines,
@@ -65,21 +52,13 @@ from mapdeal.maps.npz import Grid, holds_reach, open_npz, read_cloud_layers, rea
 from mapdeal.maps.reading import MapFile, is_bare_image, open_map
 from mapdeal.pictures.styles import cost_change_style, difference_style
 from mapdeal.pipeline.batch import SUMMARY
-from mapdeal.pipeline.folder import MANIFEST, manifest_in, product_of, said
+from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, product_of
 from mapdeal.pipeline.inputs import Reading, bytes_of, map_input, read_together
-from mapdeal.pipeline.settings import Settings, heard, portable
+from mapdeal.pipeline.settings import Settings, adding_warnings, portable
 from mapdeal.pipeline.step import Step, make_step
+from mapdeal.report import verdict
 from mapdeal.report.document import MAP, Claim, Entry, Item, PageLayer, Table, kinds_of, page_layers
 from mapdeal.report.tiles import extent_of
-from mapdeal.report.verdict import (
-    COST_CHANGES,
-    on_cost_difference,
-    on_costs,
-    on_difference,
-    on_failure,
-    on_robots,
-    settled,
-)
 from mapdeal.ros.load import read_robot
 
 Kind = TypeVar("Kind")
@@ -135,15 +114,15 @@ class Draft:
         emit_warning(text, stacklevel=2)
         self.warn([text], [file])
 
-    def lacks(self, what: str, file: Path, error: MapdealError) -> None:
-        self.miss(f"{one_line(str(error))}, so {what} is not shown", file)
+    def lacks(self, content: str, file: Path, error: MapdealError) -> None:
+        self.miss(f"{one_line(str(error))}, so {content} is not shown", file)
 
     def compare_sums(
-        self, file: Path, found: Collection[object], told: Collection[object], what: str
+        self, file: Path, found: Collection[object], named: Collection[object], claim: str
     ) -> None:
         """Warn of a map that is not what a document is of, given the checksums of both."""
-        if told and found != told:
-            self.miss(f"{file}: is not the map that {what}: its checksum differs", file)
+        if named and found != named:
+            self.miss(f"{file}: is not the map that {claim}: its checksum differs", file)
 
     def add_subjects(self, path: Path, subjects: Iterable[Subject]) -> None:
         """Note the robot and costmap of a result; warn if they differ from those of an earlier."""
@@ -160,21 +139,23 @@ class Draft:
         known = self.sums | self.outputs
         for named in results.maps:
             if named is not None and known and not set(named.sha256.values()) <= known:
-                self.miss(f"{path}: another map than here: {short(named.file)}", path)
+                self.miss(
+                    f"{path}: another map than here: {report_documents.short(named.file)}", path
+                )
         self.add_subjects(path, results.subjects)
         self.add(results)
 
-    def add(self, one: Part | Results) -> None:
-        self.items += one.items
-        self.tables += one.tables
-        self.claims += one.claims
-        if isinstance(one, Results):
-            self.question = self.question or one.question
+    def add(self, results: Part | Results) -> None:
+        self.items += results.items
+        self.tables += results.tables
+        self.claims += results.claims
+        if isinstance(results, Results):
+            self.question = self.question or results.question
 
     def free_name(self, name: str) -> str:
-        taken = {layer.name for layer in self.layers}
-        names = (name if number == 1 else f"{name}-{number}" for number in range(1, len(taken) + 2))
-        return next(one for one in names if one not in taken)
+        used = {layer.name for layer in self.layers}
+        names = (name if number == 1 else f"{name}-{number}" for number in range(1, len(used) + 2))
+        return next(candidate for candidate in names if candidate not in used)
 
     def next_command(self, settings: Settings, claims: Iterable[Claim]) -> str:
         named = next(path for path in (self.path, *self.path.parents) if exists(path))
@@ -193,15 +174,15 @@ class Draft:
         def shown(text: str) -> str:
             return without_folders(text, folders)
 
-        items = _first(self.items, lambda rest: Item("finding", rest, "note"))
+        items = _first(self.items, lambda text: Item("finding", text, "note"))
         tables = []
-        for table in _first(self.tables, lambda rest: Table(rest, ())):
-            rows = _first(table.rows, lambda rest: (rest, ""))
+        for table in _first(self.tables, lambda text: Table(text, ())):
+            rows = _first(table.rows, lambda text: (text, ""))
             tables.append(Table(shown(table.title), tuple((shown(k), shown(v)) for k, v in rows)))
-        claims = settled(self.claims)
+        claims = verdict.settled(self.claims)
         return Entry(
             shown(self.name), tuple(self.layers),
-            tuple(replace(one, text=shown(one.text)) for one in items), tuple(tables),
+            tuple(replace(item, text=shown(item.text)) for item in items), tuple(tables),
             tuple(map(shown, _first(tuple(self.warnings), str))), self.status,
             dict(self.figures), self.curve, self.compared, extent_of(self.layers, self.items),
             tuple(replace(claim, text=shown(claim.text)) for claim in claims),
@@ -217,20 +198,20 @@ def folder_of(name: str) -> str | None:
 
 def without_folders(text: str, folders: Collection[str]) -> str:
     """Return a text in which names of files lack those `folders` that they begin with."""
-    shown, done = "", 0
+    shown, copied_to = "", 0
     for start in (match.start() for match in _ABSOLUTE.finditer(text)):
         parts = islice(_SEPARATOR.finditer(text, start + 1), _DEEPEST)
         ends = [part.end() for part in parts if text[start : part.start()] in folders]
-        if ends and start >= done:
-            shown, done = shown + text[done:start], ends[-1]
-    return shown + text[done:]
+        if ends and start >= copied_to:
+            shown, copied_to = shown + text[copied_to:start], ends[-1]
+    return shown + text[copied_to:]
 
 
-def _first(found: Sequence[Kind], told: Callable[[str], Kind]) -> tuple[Kind, ...]:
+def _first(found: Sequence[Kind], make_item: Callable[[str], Kind]) -> tuple[Kind, ...]:
     """Return the first of very many, and one that counts the rest."""
     if len(found) <= _MOST:
         return tuple(found)
-    return (*found[:_MOST], told(f"{len(found) - _MOST} more are not listed"))
+    return (*found[:_MOST], make_item(f"{len(found) - _MOST} more are not listed"))
 
 
 _OF_PAGE, _PER_LINE = 20_000_000, 16
@@ -247,7 +228,7 @@ class Opened:
     kind: type[Any]
     files: tuple[Path, ...]
     sums: Mapping[str, str]
-    heard: tuple[str, ...]
+    warnings: tuple[str, ...]
 
 
 class Grids:
@@ -261,15 +242,15 @@ class Grids:
         self._room = _NO_LIMIT if limit is None else limit // _SHARE
         self._stack = ExitStack()
         self._opened: dict[Path, Opened] = {}
-        self._kept: OrderedDict[Path, Grid] = OrderedDict()
-        self._made: tuple[tuple[Path, int], Layer] | None = None
+        self._grids: OrderedDict[Path, Grid] = OrderedDict()
+        self._layer_read: tuple[tuple[Path, int], Layer] | None = None
 
     def __enter__(self) -> Grids:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._kept.clear()
-        self._made = None
+        self._grids.clear()
+        self._layer_read = None
         self._stack.close()
 
     @property
@@ -277,9 +258,9 @@ class Grids:
         return tuple(file for opened in self._opened.values() for file in opened.files)
 
     @property
-    def held(self) -> int:
+    def bytes_in_memory(self) -> int:
         """Bytes of the grids in memory."""
-        return sum(0 if grid.is_lazy else bytes_of(grid) for grid in self._kept.values())
+        return sum(0 if grid.is_lazy else bytes_of(grid) for grid in self._grids.values())
 
     def open(self, path: Path, *, quietly: bool = False) -> Opened:
         """Read a file for the first time; what reading warns of is given, unless `quietly`."""
@@ -288,7 +269,7 @@ class Grids:
             with ExitStack() as stack:
                 if quietly:
                     stack.enter_context(capture_warnings())
-                stack.enter_context(heard(texts))
+                stack.enter_context(adding_warnings(texts))
                 read = stack.enter_context(sums_of_reads())
                 grid, file = self._read(path)
                 sums = file.sums_by_name(read)
@@ -296,26 +277,26 @@ class Grids:
             self._opened[path] = Opened(path, type(grid), file.files, sums, tuple(texts))
         return self._opened[path]
 
-    def is_there(self, path: Path, draft: Draft, what: str, *, quietly: bool = False) -> bool:
+    def is_there(self, path: Path, draft: Draft, content: str, *, quietly: bool = False) -> bool:
         """Open a file as `open` does; if it cannot be read, warn that `what` is not shown."""
         try:
             self.open(path, quietly=quietly)
         except MapdealError as error:
-            draft.lacks(what, path, error)
+            draft.lacks(content, path, error)
             return False
         return True
 
     def grid(self, path: Path) -> Grid:
         # A `FileAccessError` if it has changed since.
-        if path not in self._kept:
+        if path not in self._grids:
             with capture_warnings(), sums_of_reads() as read:  # they were given when it was opened
                 grid, file = self._read(path)
                 sums = file.sums_by_name(read)
             if sums != self._opened[path].sums:
                 raise FileAccessError(CHANGED, source=path)
             self._keep(path, grid)
-        self._kept.move_to_end(path)
-        return self._kept[path]
+        self._grids.move_to_end(path)
+        return self._grids[path]
 
     def layers(self, path: Path, name: str, title: str) -> list[PageLayer]:
         """Return the layers of a page that the grid of a file becomes, read when asked for."""
@@ -353,26 +334,26 @@ class Grids:
             return layer
 
         def rows(some: slice) -> Any:
-            if self._made is None or self._made[0] != (path, index):
+            if self._layer_read is None or self._layer_read[0] != (path, index):
                 grid = self.grid(path)
-                self._made = (path, index), kinds_of(grid)[index].values(grid)
-            return self._made[1][some]
+                self._layer_read = (path, index), kinds_of(grid)[index].values(grid)
+            return self._layer_read[1][some]
 
         values = lazy_layer(layer.frame.shape, layer.values.dtype, rows, block_height=_ROWS)
         return replace(layer, values=values)
 
     def _keep(self, path: Path, grid: Grid) -> None:
-        """Keep a grid, and let those go that were asked for longest ago."""
-        self._kept[path] = grid
-        while len(self._kept) > 1 and self.held > self._room:
-            self._kept.popitem(last=False)
+        """Store a grid, and drop the least recently used ones if memory runs out."""
+        self._grids[path] = grid
+        while len(self._grids) > 1 and self.bytes_in_memory > self._room:
+            self._grids.popitem(last=False)
 
 
 NOT_SHOWN = "not shown"  # the status of a run of a batch that is in no folder of it
 _GRIDS = (".npz", ".yaml")  # the files of a product that hold its values, the most exact first
 _MOST_WRONG = 20  # files of a run that are warned of one by one
 _LARGEST_FIGURE = 1e15  # up to here a float has all whole numbers of a manifest
-_DONE = ("done", "unchanged")
+_FINISHED = ("done", "unchanged")
 
 _OF_MAPS = ("occupied %", "free %", "unknown %")  # columns about the map that a run was made of
 _UNKNOWN_MAP = np.full((1, 1), -1, dtype=np.int8)
@@ -380,24 +361,24 @@ _UNKNOWN_MAP = np.full((1, 1), -1, dtype=np.int8)
 
 def runs_in(folder: Path) -> list[Draft] | None:
     """Return a draft for each run in a folder: its own, those of a batch, or those below it."""
-    # Those that have failed have what its summary contains. None if there is none.
+    # Failed runs show their part of the summary.
     if exists(folder / MANIFEST):
-        local = (one for one in contents_of(folder)[0] if exists(folder / one / MANIFEST))
+        local = (name for name in contents_of(folder)[0] if exists(folder / name / MANIFEST))
         return [
             Draft(folder.name or str(folder), folder),
-            *(Draft(f"{folder.name}/{one}", folder / one) for one in local),
+            *(Draft(f"{folder.name}/{name}", folder / name) for name in local),
         ]
     summary = read_json(folder / SUMMARY)
     entries = summary.get("maps") if isinstance(summary, dict) else None
-    if isinstance(entries, list) and entries and all(isinstance(one, dict) for one in entries):
-        return [draft for one in entries for draft in _drafts_of_batch(folder, one)]
+    if isinstance(entries, list) and entries and all(isinstance(row, dict) for row in entries):
+        return [draft for record in entries for draft in _drafts_of_batch(folder, record)]
     found = [path for path, files in folders_below([folder], contents_of) if MANIFEST in files]
     return [Draft(str(path.relative_to(folder)), path) for path in sorted(found)] or None
 
 
-def _drafts_of_batch(folder: Path, told: Mapping[str, Any]) -> Iterator[Draft]:
+def _drafts_of_batch(folder: Path, record: Mapping[str, Any]) -> Iterator[Draft]:
     """Yield what a summary contains about a map, and about the local map beside it."""
-    place, status, name = str(told.get("folder")), str(told.get("status")), str(told.get("map"))
+    place, status, name = (str(record.get(key)) for key in ("folder", "status", "map"))
     parts = PurePath(place).parts
     if not parts or ".." in parts or PurePath(place).is_absolute():  # whatever there is
         draft = Draft(place, folder, status=NOT_SHOWN)
@@ -406,21 +387,23 @@ def _drafts_of_batch(folder: Path, told: Mapping[str, Any]) -> Iterator[Draft]:
         yield draft
         return
     # a run that was there already is the same run
-    status = _DONE[0] if status in _DONE else status
+    status = _FINISHED[0] if status in _FINISHED else status
     draft = Draft(place, folder / place, status=status, names={name})
-    if status not in _DONE:
+    if status not in _FINISHED:
         draft.tables.append(Table("Input", (("map", name),)))
-        reason = str(told.get("error", status))
+        reason = str(record.get("error", status))
         draft.warn([reason])
-        draft.claims.append(on_failure(short(reason).removeprefix(f"{one_line(name)}: ")))
+        draft.claims.append(
+            verdict.on_failure(report_documents.short(reason).removeprefix(f"{one_line(name)}: "))
+        )
     yield draft
-    if "local" in told:
+    if "local" in record:
         yield Draft(f"{place}/local", folder / place / "local", status=status)
 
 
 def fill_from_run(draft: Draft, grids: Grids) -> None:
-    # What does not match the manifest, or is not there, becomes a warning; the rest is shown.
-    if draft.status and draft.status not in _DONE and not exists(draft.path / MANIFEST):
+    # Missing files, and files that differ from the manifest, become warnings.
+    if draft.status and draft.status not in _FINISHED and not exists(draft.path / MANIFEST):
         return
     manifest = manifest_in(draft.path)
     inputs = manifest.get("inputs")
@@ -440,7 +423,7 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
             Table(f"{name}: figures", rows_of(figures)),
         ]
         draft.curve = _curve_of(name, parameters, figures) or draft.curve
-    version = ("mapdeal", said(manifest.get("version")))
+    version = ("mapdeal", format_value(manifest.get("version")))
     draft.tables += [
         Table("Run", (version, *rows_of(manifest.get("options")))),
         Table("Robot", rows_of(manifest.get("robot"))),
@@ -449,12 +432,12 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
     ]
     draft.tables = [table for table in draft.tables if table.rows]
     # what a stage has made of a map says little of the map: inflated, most of it is occupied
-    made = columns_of(manifest["figures"])
-    draft.figures |= {name: value for name, value in made.items() if name not in _OF_MAPS}
+    columns = columns_of(manifest["figures"])
+    draft.figures |= {name: value for name, value in columns.items() if name not in _OF_MAPS}
     warnings = manifest.get("warnings")
     draft.warn(map(str, warnings if isinstance(warnings, list) else ()))
-    if (costs := on_costs(manifest)) is not None:
-        draft.claims.append(replace(costs, text=short(costs.text)))
+    if (costs := verdict.on_costs(manifest)) is not None:
+        draft.claims.append(replace(costs, text=report_documents.short(costs.text)))
 
 
 def _subjects_of_run(manifest: Mapping[str, Any]) -> Iterator[Subject]:
@@ -467,7 +450,7 @@ def _subjects_of_run(manifest: Mapping[str, Any]) -> Iterator[Subject]:
         files = robot.get("files")
         if isinstance(files, list) and all(isinstance(file, dict) for file in files):
             named = [(str(file.get("name")), str(file.get("sha256"))) for file in files]
-            yield costmap_subject(str(robot.get("costmap")), named)
+            yield report_documents.costmap_subject(str(robot.get("costmap")), named)
         if robot.get("robot_radius") is not None:
             radii = radii[0], None
     elif shape is not None:
@@ -485,7 +468,7 @@ def _subjects_of_run(manifest: Mapping[str, Any]) -> Iterator[Subject]:
         outer = radii[1] if _is_figure(radii[1]) else None
         text = f"a robot of radius {radii[0]:.4g} m"
         text += "" if outer is None else f" to {outer:.4g} m"
-        yield robot_subject(text, radii[0], outer)
+        yield report_documents.robot_subject(text, radii[0], outer)
 
 
 def _is_shape(parameters: object) -> bool:
@@ -497,8 +480,8 @@ def _check_outputs(draft: Draft, manifest: Mapping[str, Any]) -> None:
     wrong = _wrong_outputs(draft.path, manifest["outputs"])
     for path, rule in islice(wrong, _MOST_WRONG):
         draft.miss(f"{path}: {rule}", path)
-    if left := sum(1 for _ in wrong):
-        rule = f"{left} more of the files that it lists are missing, or are others"
+    if unlisted := sum(1 for _ in wrong):
+        rule = f"{unlisted} more of the files that it lists are missing, or are others"
         draft.miss(f"{draft.path / MANIFEST}: {rule}", draft.path / MANIFEST)
 
 
@@ -517,7 +500,7 @@ def _add_product(
 ) -> None:  # fmt: skip
     product = product_of(stage)
     names = [f"{product}{ending}" for ending in _GRIDS]
-    path = next((draft.path / one for one in names if one in manifest["outputs"]), None)
+    path = next((draft.path / name for name in names if name in manifest["outputs"]), None)
     if path is None:
         rule = f"the run wrote no values of stage {stage}"
         draft.miss(f"{draft.path / MANIFEST}: {rule}", draft.path / MANIFEST)
@@ -532,7 +515,7 @@ def _add_results(draft: Draft, name: str, manifest: Mapping[str, Any]) -> None:
     if name not in manifest["outputs"]:
         return
     try:
-        draft.add(read_results(draft.path / name))
+        draft.add(report_documents.read_results(draft.path / name))
     except MapdealError as error:
         draft.miss(one_line(str(error)), draft.path / name)
 
@@ -542,21 +525,21 @@ def add_layers(draft: Draft, layers: Iterable[PageLayer]) -> None:
     instead: dict[str | None, str] = {}
     for layer in layers:
         if layer.name.endswith(f"-{MAP}"):
-            same = next((one for one in draft.layers if _are_equal(one, layer)), None)
+            same = next((earlier for earlier in draft.layers if _are_equal(earlier, layer)), None)
             if same is not None:
                 instead[layer.name] = same.name
                 continue
         draft.layers.append(replace(layer, states=instead.get(layer.states, layer.states)))
 
 
-def _are_equal(one: PageLayer, other: PageLayer) -> bool:
-    colours = one.style.by_value, other.style.by_value
-    if one.frame != other.frame or colours[0] is None or colours[1] is None:
+def _are_equal(layer: PageLayer, earlier: PageLayer) -> bool:
+    colours = layer.style.by_value, earlier.style.by_value
+    if layer.frame != earlier.frame or colours[0] is None or colours[1] is None:
         return False
     if not np.array_equal(colours[0], colours[1]):
         return False
-    blocks = blocks_of(one.values)
-    return all(np.array_equal(one.values[rows], other.values[rows]) for rows in blocks)
+    blocks = blocks_of(layer.values)
+    return all(np.array_equal(layer.values[rows], earlier.values[rows]) for rows in blocks)
 
 
 def _step_of(stage: str, parameters: Mapping[str, Any]) -> Step | None:
@@ -578,16 +561,16 @@ def _curve_of(stage: str, parameters: Mapping[str, Any], figures: object) -> Cos
 def columns_of(figures: Mapping[str, Any]) -> dict[str, str | float]:
     """Return figures of some stages as columns of a table of maps."""
     columns: dict[str, str | float] = {}
-    for told in figures.values():
-        if isinstance(told, dict):
-            for name, value in _columns_of_grid(told).items():
+    for record in figures.values():
+        if isinstance(record, dict):
+            for name, value in _columns_of_grid(record).items():
                 columns.setdefault(name, value)
     return columns
 
 
-def _columns_of_grid(told: Mapping[str, Any]) -> dict[str, str | float]:
+def _columns_of_grid(figures: Mapping[str, Any]) -> dict[str, str | float]:
     """Return the columns of those figures that are numbers: anybody may have written them."""
-    known = {name: value for name, value in told.items() if _is_figure(value)}
+    known = {name: value for name, value in figures.items() if _is_figure(value)}
     cells = known.get("width", 0) * known.get("height", 0)
     columns: dict[str, str | float] = {}
     if cells > 0:
@@ -612,7 +595,9 @@ def _is_figure(value: object) -> TypeGuard[int | float]:
 def rows_of(values: object) -> tuple[tuple[str, str], ...]:
     if not isinstance(values, dict):
         return ()
-    return tuple((str(name), one_line(said(_as_written(value)))) for name, value in values.items())
+    return tuple(
+        (str(name), one_line(format_value(_as_written(value)))) for name, value in values.items()
+    )
 
 
 _DIGITS = 6  # of numbers as people write them: ROS's float32 has 0.19 as 0.19000000692903996
@@ -622,9 +607,9 @@ _LARGEST_ROUNDED = 1e6
 def _as_written(value: object) -> object:
     """Return a value of a manifest with its numbers rounded, not so that a page must be long."""
     if isinstance(value, dict):
-        return {key: _as_written(one) for key, one in value.items()}
+        return {key: _as_written(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [_as_written(one) for one in value]
+        return [_as_written(item) for item in value]
     if isinstance(value, float) and abs(value) < _LARGEST_ROUNDED:
         return float(f"{value:.{_DIGITS}g}")
     return value
@@ -636,7 +621,7 @@ def drafts_about(file: str, drafts: Sequence[Draft]) -> list[Draft]:
     # gives a map, or a folder; then a file that a run was made of, if no other run was made of one
     # of its name.
     path = Path(file)
-    same = [draft for draft in drafts if any(is_same_file(path, one) for one in draft.places)]
+    same = [draft for draft in drafts if any(is_same_file(path, place) for place in draft.places)]
     if same:
         return same
     ends = [draft for draft in drafts if any(_ends_with(file, name) for name in draft.names)]
@@ -651,15 +636,15 @@ def _ends_with(file: str, name: str) -> bool:
     return bool(parts) and PurePath(file).parts[-len(parts) :] == parts
 
 
-def place_of(named: NamedMap | NamedFile, document: Path) -> Path:
+def place_of(name: str, document: Path) -> Path:
     """Return where a file is: as it was named, or beside the document."""
-    places = (Path(named.file), document.parent / Path(named.file).name)
-    return next((one for one in places if exists(one)), places[0])
+    beside = document.parent / Path(name).name
+    return beside if exists(beside) and not exists(Path(name)) else Path(name)
 
 
 def give_score(document: Path, results: Results, drafts: list[Draft], grids: Grids) -> None:
     (own,) = results.maps
-    place = None if own is None else place_of(own, document)
+    place = None if own is None else place_of(own.file, document)
     owners = [] if place is None else drafts_about(str(place), drafts)
     if not owners and len(drafts) == 1:
         owners = drafts
@@ -667,17 +652,19 @@ def give_score(document: Path, results: Results, drafts: list[Draft], grids: Gri
         draft.tables += results.tables
         for path in draft.paths:
             if own is not None and place is not None and is_same_file(place, path):
-                found, told = (sorted(one.values()) for one in (grids.open(path).sums, own.sha256))
-                draft.compare_sums(path, found, told, f"{document.name} scores")
+                found, named = (
+                    sorted(sums.values()) for sums in (grids.open(path).sums, own.sha256)
+                )
+                draft.compare_sums(path, found, named, f"{document.name} scores")
     if not owners:
-        name = "a map that is not a file" if own is None else short(own.file)
+        name = "a map that is not a file" if own is None else report_documents.short(own.file)
         text = f"{document}: the score of {name} is left out: the map is not shown here"
         emit_warning(text, stacklevel=2)
 
 
 def methods_in(folder: Path, grids: Grids) -> Draft:
     """Return the draft of a folder of ``build --compare``: a layer for each method."""
-    results = read_results(folder / DOCUMENT)
+    results = report_documents.read_results(folder / DOCUMENT)
     if results.kind != COMPARISON:
         raise MalformedInputError("is not a comparison of methods", source=folder / DOCUMENT)
     draft = Draft(folder.name or str(folder), folder, tables=list(results.tables))
@@ -708,7 +695,7 @@ def two_maps(path: Path, results: Results, grids: Grids) -> Draft:
     draft = Draft(f" {'and' if is_diff else 'on'} ".join(names), path, tables=list(results.tables))
     found = []
     for named, name in ((first, "first"), (second, "second")):
-        place = place_of(named, path)
+        place = place_of(named.file, path)
         if not grids.is_there(place, draft, "this map"):
             continue
         found.append(place)
@@ -720,7 +707,7 @@ def two_maps(path: Path, results: Results, grids: Grids) -> Draft:
         title = f"{name.capitalize()} map{'' if moved is None else ', moved'}: {place.name}"
         layers = grids.layers(place, name, title)
         if moved is not None:
-            layers = [replace(one, frame=moved.frame(one.frame)) for one in layers]
+            layers = [replace(layer, frame=moved.frame(layer.frame)) for layer in layers]
         if is_diff:
             layers = layers[-1:]
             draft.paths.append(place)
@@ -742,7 +729,7 @@ def _add_difference(
     settings = grids.settings
     with capture_warnings():  # they were given when the maps were opened
         sources = zip(paths, read_together(paths, settings), strict=True)
-        maps = [map_input(one, path) for path, one in sources]
+        maps = [map_input(grid, path) for path, grid in sources]
         reading: Reading = {"max_memory": settings.max_memory}
         if results.kind == DIFF:
             found = compared(maps, tolerance=results.tolerance, move=results.transform, **reading)
@@ -750,16 +737,16 @@ def _add_difference(
         try:
             costs = costmaps_compared(maps, results.transform, None, **reading).costs
             add_cost_changes(draft, costs)
-            draft.items += cost_change_items(costs.changes.values(), costs.frame)
-            draft.claims += on_cost_difference(costs)
+            draft.items += report_documents.cost_change_items(costs.changes.values(), costs.frame)
+            draft.claims += verdict.on_cost_difference(costs)
         except ParameterError as error:  # a file that was replaced by a map
             draft.lacks("what differs", Path(str(error.source)), error)
         return
     style, title = difference_style(), "What differs"
     draft.layers.append(PageLayer("difference", title, found.frame, found.changes, style))
-    changes, left = found.largest_changes(MOST_CHANGES)
-    draft.items += change_items(changes, left, found.frame)
-    draft.claims += on_difference(found, changes, left)
+    changes, unlisted = found.largest_changes(report_documents.MOST_CHANGES)
+    draft.items += report_documents.change_items(changes, unlisted, found.frame)
+    draft.claims += verdict.on_difference(found, changes, unlisted)
 
 
 def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
@@ -767,12 +754,12 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
     (named,), settings = results.maps, grids.settings
     if named is None:
         raise MalformedInputError("does not name its map", source=path)
-    place = place_of(named, path)
+    place = place_of(named.file, path)
     draft = Draft("", path, paths=[place])
     with capture_warnings():
         robots = [
             read_robot(
-                [place_of(file, path) for file in robot.files],
+                [place_of(name, path) for name, _ in robot.files],
                 costmap=robot.costmap, namespace=robot.namespace,
                 older=settings.dialect != "nav2",
             )
@@ -786,8 +773,8 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
     sums = grids.open(place).sums
     draft.compare_sums(place, dict(sums), dict(named.sha256), f"{path.name} names")
     for robot, named_robot in zip(robots, results.robots, strict=True):
-        for file, named_file in zip(robot.files, named_robot.files, strict=False):
-            if file.sha256 != named_file.sha256:
+        for file, (_, sha256) in zip(robot.files, named_robot.files, strict=False):
+            if file.sha256 != sha256:
                 draft.miss(f"{file.path}: is not the file that {path.name} names", file.path)
     draft.name = f"{Path(place).stem}: {' → '.join(found.names)}"
     draft.layers += grids.layers(place, "map", f"Map: {place.name}")[-1:]
@@ -799,11 +786,11 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
     draft.compared = "first", "second"
     draft.opens_swiped = False
     after = found.reaches[1]
-    draft.items += passage_change_items(found.closed, "closes", "error")
-    draft.items += passage_change_items(found.opened, "opens", "good")
-    draft.items += goal_items(after.goals, after.robot, after.heading_count)
+    draft.items += report_documents.passage_change_items(found.closed, "closes", "error")
+    draft.items += report_documents.passage_change_items(found.opened, "opens", "good")
+    draft.items += report_documents.goal_items(after.goals, after.robot, after.heading_count)
     add_cost_changes(draft, found.costs)
-    draft.claims += on_robots(
+    draft.claims += verdict.on_robots(
         list(pairs),
         found.verdict,
         found.reach_text().replace("->", "→"),
@@ -819,4 +806,4 @@ def add_cost_changes(draft: Draft, found: CostDifference) -> None:
     draft.layers.append(PageLayer("difference", title, found.frame, change_codes(found), style))
     changes = [change for change in found.changes.values() if change.cells]
     rows = tuple((change.kind, change_text(change)) for change in changes)
-    draft.tables.append(Table(COST_CHANGES, rows or (("changes", "none"),)))
+    draft.tables.append(Table(verdict.COST_CHANGES, rows or (("changes", "none"),)))

@@ -516,7 +516,7 @@ def _costs_of(
         for step in _recipe_for(footprint, robot).steps:
             if over is not None and step.accepts_mask:
                 grid, over = over.costs_of(step, grid, one.path)[1], None
-            elif not (step.stage.makes is DistanceField and isinstance(grid, DistanceField)):
+            elif not (step.stage.product_type is DistanceField and isinstance(grid, DistanceField)):
                 grid = step.apply(grid, one.path)
         if not isinstance(grid, Costmap):
             raise TypeError("the recipe of routes must end in costs")

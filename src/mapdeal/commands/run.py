@@ -46,7 +46,7 @@ from mapdeal.ros.robot import RobotParameters
 
 if TYPE_CHECKING:
     from mapdeal.commands.report import WrittenReport
-    from mapdeal.commands.report_checks import Asked, GoalAnswer
+    from mapdeal.commands.report_checks import GoalAnswer, RunChecks
     from mapdeal.pipeline.local import Around
 
 _LOCAL_SET = "--local-set"
@@ -127,32 +127,30 @@ def run(
     -----
     Outputs appear together, the manifest last; after an error nothing has changed.
     """
-    if isinstance(path, list | tuple):
-        more: Any = {
-            "footprint": footprint, "sim": sim, "canvas": canvas, "images": images, "mask": mask,
-            "image_max": image_max, "image_extent": image_extent, "force": force,
-            "strict": strict, "threads": threads, "robot_radius": robot_radius,
-        }  # fmt: skip
-        if len({Path(one).stem for one in path}) < len(path):
-            raise ParameterError("must have different names", place="path")
-        return [run(one, output, recipe, changes, **more, **reading) for one in path]
-    if not isinstance(path, str | PathLike):
-        hint = "apply_recipe takes a grid, write_map writes it to a file"
-        raise ParameterError("takes the path of a map", place="run", got=path, hint=hint)
-    source = Path(path)
+    paths = list(path) if isinstance(path, list | tuple) else [path]
+    for each in paths:
+        if not isinstance(each, str | PathLike):
+            hint = "apply_recipe takes a grid, write_map writes it to a file"
+            raise ParameterError("takes the path of a map", place="run", got=each, hint=hint)
+    sources = [Path(each) for each in paths]
+    if len({source.stem for source in sources}) < len(sources):
+        raise ParameterError("must have different names", place="path")
     settings = Settings(
         force=force, strict=strict, threads=threads, images=images, image_max=image_max,
         image_extent=image_extent, canvas=canvas, mask=None if mask is None else Path(mask),
         **reading,
     )  # fmt: skip
-    with strict_warnings(strict, source):
-        loaded = recipes.load_recipe(
-            recipe, changes, footprint=footprint, sim=sim, robot_radius=robot_radius
-        )
-        settings = replace(settings, mask=used_mask(loaded, settings.mask))
-        if not loaded.is_smaller:
-            settings = replace(settings, canvas="crop")  # the same, as manifests tell it
-        return run_map(source, Path(output) / source.stem, loaded, settings)
+    reports = []
+    for source in sources:
+        with strict_warnings(strict, source):
+            loaded = recipes.load_recipe(
+                recipe, changes, footprint=footprint, sim=sim, robot_radius=robot_radius
+            )
+            settings = replace(settings, mask=used_mask(loaded, settings.mask))
+            if not loaded.is_smaller:
+                settings = replace(settings, canvas="crop")  # manifests contain this value
+            reports.append(run_map(source, Path(output) / source.stem, loaded, settings))
+    return reports if isinstance(path, list | tuple) else reports[0]
 
 
 @command(
@@ -259,7 +257,7 @@ def run_maps(
     jobs : int, optional
         Number of maps to run at the same time, each in a process. [default: the cores]
     scheduler : str, optional
-        Have the workers of this dask scheduler run the maps. [needs the package distributed]
+        Run the maps on the workers of this dask scheduler. [needs the package distributed]
     report : bool
         Write a page of all that was made, too, with a verdict on each map: DIR/report.html, and the
         verdict as DIR/report.json. Maps are checked by lint, and if there is a robot or a goal by
@@ -272,7 +270,7 @@ def run_maps(
     points : path, optional
         File of goals, as for `reach`; - reads standard input.
     dry_run : bool
-        Say what would be read, written, skipped and refused, and the memory it takes.
+        Only list the files to read and write, the maps to skip and to refuse, and the memory.
     """
     work = Work.in_shell()
     terminal = work.terminal
@@ -295,7 +293,7 @@ def run_maps(
     if canvas == "full" and not loaded.is_smaller:
         emit_warning("--canvas full: has no effect, no stage of the recipe crops the map")
         canvas = "crop"
-    # progress: of a single map alone, see `_run_one`
+    # only `_run_one` shows the progress of its map
     settings = replace(work.settings, canvas=canvas, progress=None)
     shape = footprint
     if footprint is None and robot is not None:
@@ -330,25 +328,25 @@ def run_maps(
         size = batch.jobs_at_once(jobs, len(all_jobs), terminal)
         map_run = map_run.sharing(size)
     page: Path | None = None
-    goal_check: Asked | None = None
+    goal_check: RunChecks | None = None
     if report:
         from mapdeal.commands.report import VERDICT, page_in, report_of_runs
 
         page = page_in(output)
     if report or start is not None or goals or points is not None:
-        from mapdeal.commands.report_checks import Asked
+        from mapdeal.commands.report_checks import RunChecks
 
         map_of_folder = {job.folder: job.path for job in all_jobs if job.error is None}
         listed = chosen_goals(goals, points)
-        goal_check = Asked(settings, shape, robot, start, listed, map_of_folder)
+        goal_check = RunChecks(settings, shape, robot, start, listed, map_of_folder)
     if dry_run:
-        others = [*([output / batch.SUMMARY] if is_batch else [])]
-        others += [page, output / VERDICT] if page else []
-        plans = batch.Plans([batch.plan_of(job, map_run) for job in all_jobs], size, others)
+        also_written = [output / batch.SUMMARY] if is_batch else []
+        also_written += [page, output / VERDICT] if page else []
+        plans = batch.Plans([batch.plan_of(job, map_run) for job in all_jobs], size, also_written)
         error = plans.plans[0].error
         if not is_batch and error is not None:
             raise error
-        return RunAnswer(plans)  # ends as the run would, as far as that is known
+        return RunAnswer(plans)
     workers: batch.Workers | None = None
     is_default = recipe is None and robot is None
     assumed = list(_assumed(loaded, changes or [], footprint)) if is_default else []
@@ -364,23 +362,22 @@ def run_maps(
 
             workers = ProcessWorkers(size)
         if is_batch:
-            answer = RunAnswer(
-                batch.run_and_report(
-                    all_jobs, output, map_run, batch.Batch, terminal, workers=workers
-                ),
-                assumed,
+            maps = batch.run_and_report(
+                all_jobs, output, map_run, batch.Batch, terminal, workers=workers
             )
+            answer = RunAnswer(maps, assumed)
         else:
-            done = _run_one(all_jobs[0], map_run, workers, work)
-            answer = RunAnswer(done, assumed if done.status == "done" else [], all_jobs[0])
+            run_report = _run_one(all_jobs[0], map_run, workers, work)
+            is_new = run_report.status == "done"
+            answer = RunAnswer(run_report, assumed if is_new else [], all_jobs[0])
     if page is not None and goal_check is not None:
         with_map = [job.path for job in all_jobs if job.error is None]
-        made = [output] if is_batch else [all_jobs[0].folder]
-        answer = replace(answer, page=report_of_runs(page, made, with_map, goal_check))
+        folders = [output] if is_batch else [all_jobs[0].folder]
+        answer = replace(answer, page=report_of_runs(page, folders, with_map, goal_check))
     elif goal_check is not None:
         done_paths = [job.path for job in all_jobs]
-        if isinstance(answer.made, batch.Batch):
-            done_paths = answer.made.done_paths()
+        if isinstance(answer.outcome, batch.Batch):
+            done_paths = answer.outcome.done_paths()
         answer = replace(answer, goals=[goal_check.answer(path) for path in done_paths])
     if goal_check is not None:
         refuse_warnings("; the maps are written")
@@ -400,26 +397,26 @@ def run_maps(
 
 @dataclass(frozen=True, repr=False)
 class RunAnswer(Result):
-    """What the command says: what was made or would be, the page, and what differs from before."""
+    """Result of the command: runs or plans, the page, and differences from golden runs."""
 
-    made: RunReport | batch.Batch | batch.Plans
+    outcome: RunReport | batch.Batch | batch.Plans
     assumed: Sequence[str] = ()
-    job: batch.Job | None = None  # of the only map
+    job: batch.Job | None = None  # if there is one map
     page: WrittenReport | None = None
     golden: Path | None = None
     stored: Sequence[str] = ()
     differing: Sequence[str] = ()
-    goals: Sequence[GoalAnswer] = ()  # without a page, which has them otherwise
+    goals: Sequence[GoalAnswer] = ()  # empty if a page has them
 
     @property
     def has_failed(self) -> bool:
-        return isinstance(self.made, batch.Batch) and self.made.count("failed") > 0
+        return isinstance(self.outcome, batch.Batch) and self.outcome.count("failed") > 0
 
     def document(self) -> dict[str, Any]:
-        document = self.made.document()
+        document = self.outcome.document()
         if self.job is not None:
             head = {"map": self.job.name, "folder": self.job.place}
-            document = {"maps": [{**head, **batch.Outcome(self.made).document(self.job)}]}
+            document = {"maps": [{**head, **batch.Outcome(self.outcome).document(self.job)}]}
         if self.page is not None:
             document["report"] = self.page.document()
         if self.goals:
@@ -431,7 +428,7 @@ class RunAnswer(Result):
         return document
 
     def lines(self) -> Iterator[str]:
-        lines = [self.assumed, self.made.lines()]  # of many maps the last line counts them
+        lines = [self.assumed, self.outcome.lines()]  # the last line of a batch counts its maps
         for some in lines if self.job is None else reversed(lines):
             yield from some
         if self.page is not None:
@@ -443,7 +440,7 @@ class RunAnswer(Result):
             yield f"{self.golden}: all stages as stored"
 
     def details(self) -> Iterable[str]:
-        return self.made.details()
+        return self.outcome.details()
 
     def found(self) -> Iterable[str]:
         return self.differing
@@ -453,7 +450,7 @@ class RunAnswer(Result):
             verb = "differs" if len(self.differing) == 1 else "differ"
             rule = f"{count_text(len(self.differing), 'stage')} {verb} from the golden run"
             raise FindingError(rule, source=self.golden, hint="--update-golden accepts them")
-        self.made.check()
+        self.outcome.check()
         if self.page is not None:
             self.page.check()
         problems = [answer.problem for answer in self.goals if answer.problem is not None]
@@ -496,12 +493,12 @@ def _around(
     for name in options:
         if cloud is None and name not in OF_WINDOWS:
             raise ParameterError("needs --cloud", source=_LOCAL_SET, got=f"{_OF_LOCAL}{name}")
-    others = [text for text in changes if text not in own]
+    recipe_changes = [text for text in changes if text not in own]
     recipe = LOCAL_RECIPE if recipe is None else recipe
     try:
         return Around(
             check_pose(pose, "--pose"),
-            recipes.load_recipe(recipe, others, footprint=footprint),
+            recipes.load_recipe(recipe, recipe_changes, footprint=footprint),
             LocalOptions(frame or "robot", **options),
             None if cloud is None else only_cloud([cloud]).path,
             takes_cells=cloud is None and "resolution" not in options,
@@ -520,7 +517,7 @@ def _option_of(text: str) -> tuple[str, Any]:
     """Return name and value of a change of the command local's options."""
     target, equals, value = text.partition("=")
     name = target.strip().removeprefix(_OF_LOCAL).replace("-", "_")
-    known = [one for one in parameters_of(LocalOptions) if one != "frame"]
+    known = [field for field in parameters_of(LocalOptions) if field != "frame"]
     if not equals:
         raise ParameterError("must look like stage.parameter=value", source=_LOCAL_SET, got=text)
     if name not in known:

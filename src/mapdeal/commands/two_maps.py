@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from os import PathLike
@@ -39,21 +40,21 @@ def given_transform(
 
 
 def transform_in(
-    told: TransformFile | Transform, files: Sequence[Path], maps: Sequence[inputs.MapInput]
+    source: TransformFile | Transform, files: Sequence[Path], maps: Sequence[inputs.MapInput]
 ) -> Transform:
     """Return the transform of a file, turned round if it goes the other way between two files."""
-    if isinstance(told, Transform):
-        return told
-    ends = [set(sums.values()) for sums in (told.first, told.second)]
-    own = [set(one.sums.values()) for one in maps]
-    if not all(ends) or any(one.path is None for one in maps) or ends == own:
-        return told.transform
+    if isinstance(source, Transform):
+        return source
+    ends = [set(sums.values()) for sums in (source.first, source.second)]
+    own = [set(source_map.sums.values()) for source_map in maps]
+    if not all(ends) or any(source_map.path is None for source_map in maps) or ends == own:
+        return source.transform
     is_other_way = ends == own[::-1]
-    what = "is between other maps: the checksums are not those of these two"
+    rule = "is between other maps: the checksums are not those of these two"
     if is_other_way:
-        what = f"leads from {maps[1].title} to {maps[0].title}; its inverse is used"
-    emit_warning(f"{files[0]}: {what}", stacklevel=3)
-    return told.transform.inverse() if is_other_way else told.transform
+        rule = f"leads from {maps[1].title} to {maps[0].title}; its inverse is used"
+    emit_warning(f"{files[0]}: {rule}", stacklevel=3)
+    return source.transform.inverse() if is_other_way else source.transform
 
 
 def opened_in_one_frame(
@@ -110,17 +111,17 @@ def aligned(maps: Sequence[inputs.MapInput], *, hint: str) -> Transform:
 
 
 def bytes_to_place(maps: Sequence[inputs.MapInput]) -> int:
-    return bytes_to_align([one.grid.shape[0] * one.grid.shape[1] for one in maps])
+    return bytes_to_align([math.prod(source.grid.shape) for source in maps])
 
 
 def warn_of_frames(maps: Sequence[inputs.MapInput], advice: str) -> bool:
     """Warn of two maps whose walls hardly meet where they lie, and do much better once aligned."""
-    first, second = (one.occupancy for one in maps)
+    first, second = (source_map.occupancy for source_map in maps)
     before = _meeting(first, second, Transform())
     if before is None or before >= _MEET_ANYWAY:
         return False
     found = None
-    with suppress(MalformedInputError):  # who has no memory for it goes without this advice
+    with suppress(MalformedInputError):  # without the memory for aligning, omit this advice
         claim(maps[0].name, bytes_to_place(maps))
         found = placed(first, second)
     if found is None or not found.same_place:
@@ -139,7 +140,7 @@ def warn_of_frames(maps: Sequence[inputs.MapInput], advice: str) -> bool:
 
 
 def _meeting(first: OccupancyGrid, second: OccupancyGrid, transform: Transform) -> float | None:
-    """Return the share of walls of a map that lie on those of another; None without any."""
+    """Return the share of the first map's walls on walls of the second, if both have walls."""
     cells = np.argwhere(first.occupied())
     there = second.occupied()
     if not len(cells) or not there.any():

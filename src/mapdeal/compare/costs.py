@@ -23,7 +23,6 @@ from mapdeal.grid.values import (
     count_text,
     decimal_text,
 )
-from mapdeal.kernels.components import labelled
 from mapdeal.kernels.lookup import look_up
 
 Costs = NDArray[np.uint8]
@@ -195,9 +194,6 @@ def _change(
         low, high = (first, second) if kind == "rose" else (second, first)
         sizes = np.bincount(high[marked] - low[marked], minlength=256)
         by_size = {f"{least}-{most}": int(sizes[least : most + 1].sum()) for least, most in SIZES}
-    groups = labelled(marked, corners=True)
-    order = np.argsort(-groups.sizes[1:], kind="stable")[:MOST_REGIONS] + 1
-    largest = [Change.of(kind, np.argwhere(groups.cells == label), frame) for label in order]
+    largest, regions = Change.largest(kind, marked, frame, MOST_REGIONS)
     count = int(np.count_nonzero(marked))
-    area = count * frame.resolution**2
-    return CostChange(kind, count, area, len(groups.sizes) - 1, tuple(largest), by_size)
+    return CostChange(kind, count, count * frame.resolution**2, regions, tuple(largest), by_size)

@@ -133,6 +133,16 @@ class Change:
         x, y = frame.xy_from_rowcol([cells[int(np.argmin(away))].tolist()])[0].tolist()
         return cls(kind, len(cells) * frame.resolution**2, x, y, cells)
 
+    @classmethod
+    def largest(
+        cls, kind: ChangeKind, marked: NDArray[np.bool_], frame: Frame, most: int
+    ) -> tuple[list[Change], int]:
+        """Return the largest regions of cells that touch, corners included, and how many exist."""
+        cells, regions = touching_groups(marked)
+        sizes = np.bincount(regions)
+        order = np.argsort(-sizes, kind="stable")[:most]
+        return [cls.of(kind, cells[regions == region], frame) for region in order], len(sizes)
+
     @property
     def place(self) -> str:
         return f"{decimal_text(self.area, 3)} m2 at {self.x + 0.0:.6g},{self.y + 0.0:.6g}"
@@ -157,23 +167,15 @@ class Difference:
     beyond: NDArray[np.bool_]
 
     def largest_changes(self, most: int) -> tuple[list[Change], int]:
-        """Return the largest groups of obstacles that one map alone has, and how many more are."""
-        # Within the tolerance there are none.
-        found, count = [], 0
-        kinds: tuple[tuple[int, Literal["added", "removed"]], ...]
-        kinds = (ADDED, "added"), (REMOVED, "removed")
-        for kind, name in kinds:
-            cells, groups = touching_groups((self.changes == kind) & self.beyond)
-            sizes = np.bincount(groups)
-            count += len(sizes)
-            for group in np.argsort(-sizes, kind="stable")[:most].tolist():
-                own = cells[groups == group]
-                away = np.square(own - own.mean(axis=0)).sum(axis=1)
-                x, y = self.frame.xy_from_rowcol([own[int(np.argmin(away))].tolist()])[0].tolist()
-                area = int(sizes[group]) * self.frame.resolution**2
-                found.append(Change(name, area, x, y, own))
-        found = sorted(found, key=lambda one: -one.area)[:most]
-        return found, count - len(found)
+        """Return the largest regions of obstacles that only one map has, and the number of others.
+
+        Regions within the tolerance do not count.
+        """
+        is_added, is_removed = ((self.changes == code) & self.beyond for code in (ADDED, REMOVED))
+        added, added_count = Change.largest("added", is_added, self.frame, most)
+        removed, removed_count = Change.largest("removed", is_removed, self.frame, most)
+        changes = sorted(added + removed, key=lambda change: -change.area)[:most]
+        return changes, added_count + removed_count - len(changes)
 
     @property
     def is_equal(self) -> bool:
@@ -275,10 +277,10 @@ def confusion_of(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray
 
 def frame_around(first: Frame, second: Frame) -> Frame:
     """Return the cells of the first lattice that both maps lie in."""
-    other = region_around(first, second)
-    row, col = min(other.row, 0), min(other.col, 0)
-    height = max(other.row + other.height, first.height) - row
-    width = max(other.col + other.width, first.width) - col
+    second_region = region_around(first, second)
+    row, col = min(second_region.row, 0), min(second_region.col, 0)
+    height = max(second_region.row + second_region.height, first.height) - row
+    width = max(second_region.col + second_region.width, first.width) - col
     if height * width > MOST_CELLS:
         rule = f"the maps lie too far apart: {width} x {height} cells hold both"
         raise ParameterError(rule, place="origin")
@@ -292,9 +294,9 @@ def _is_beyond(
     beyond = np.zeros(both.shape, dtype=np.bool_)
     for state in range(len(STATES)):
         of_first, of_second = (first == state) & both, (second == state) & both
-        for own, other in ((of_first, of_second), (of_second, of_first)):
+        for own, opposite in ((of_first, of_second), (of_second, of_first)):
             if own.any():
-                beyond |= own & ~within_distance(other, square)
+                beyond |= own & ~within_distance(opposite, square)
     return beyond
 
 
@@ -313,14 +315,14 @@ def _better_symmetry(first: NDArray[np.int8], second: NDArray[np.int8]) -> str |
 
 
 def _shift(
-    walls: NDArray[np.float64], obstacles: NDArray[np.float64], apart: NDArray[np.bool_]
+    walls: NDArray[np.float64], opposite_walls: NDArray[np.float64], apart: NDArray[np.bool_]
 ) -> WallShift | None:
-    """Return the distances of walls from obstacles; walls that are not apart have the same cell."""
-    if not len(walls) or not len(obstacles):
+    """Return how far walls are from the opposite ones; those not `apart` share a cell."""
+    if not len(walls) or not len(opposite_walls):
         return None
     from scipy.spatial import cKDTree
 
-    tree = cKDTree(obstacles, balanced_tree=False, compact_nodes=False)  # three times as fast
+    tree = cKDTree(opposite_walls, balanced_tree=False, compact_nodes=False)  # three times as fast
     distance, _ = tree.query(walls[apart])
     clean = np.zeros(len(walls))
     clean[apart] = np.where(distance < 1e-9, 0.0, distance)

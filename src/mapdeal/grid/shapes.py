@@ -14,19 +14,8 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import area_of, check_simple, checked_corners, is_number
 from mapdeal.grid.frame import CELL_TOLERANCE, FARTHEST, Frame, Point
 from mapdeal.grid.values import OneLine, count_text, points_text
+from mapdeal.kernels import polygons
 from mapdeal.kernels.arrays import Integers
-from mapdeal.kernels.polygons import (
-    FARTHEST_CELL,
-    Cell,
-    Edges,
-    Spans,
-    capsule_spans,
-    edges_through,
-    enumerated,
-    line_spans,
-    polygon_spans,
-    stacked_spans,
-)
 
 _MOST_VERTICES = 10_000
 _ROWS_TOGETHER = 1 << 14  # of polygons: larger arrays leave the cache
@@ -95,10 +84,10 @@ class Polygon(OneLine):
         if self.value is not None:
             yield f"value {self.value}"
 
-    def spans(self, frame: Frame) -> Iterator[Spans]:
+    def spans(self, frame: Frame) -> Iterator[polygons.Spans]:
         """Return the cells of a grid that the polygon covers, in parts."""
         rings = [_cells(frame, ring, self.kind) for ring in (self.points_xy, *self.holes_xy)]
-        return polygon_spans(rings, frame.shape)
+        return polygons.polygon_spans(rings, frame.shape)
 
     def outside_part(self, frame: Frame) -> str | None:
         """Return a description of the first corner outside a grid; upper edges are outside."""
@@ -167,13 +156,15 @@ class Line(OneLine):
         if self.value is not None:
             yield f"value {self.value}"
 
-    def spans(self, frame: Frame) -> Iterator[Spans]:
-        thin = line_spans(edges_through(_cells(frame, self.points_xy, self.kind)), frame.shape)
+    def spans(self, frame: Frame) -> Iterator[polygons.Spans]:
+        thin = polygons.line_spans(
+            polygons.edges_through(_cells(frame, self.points_xy, self.kind)), frame.shape
+        )
         if self._reach(frame) == 0:
             return thin
         radius = _checked_cells(frame, self.thickness, "line thickness") / 2
         ends = pairwise(_positions(frame, self.points_xy))
-        return chain(thin, (capsule_spans(a, b, radius, frame.shape) for a, b in ends))
+        return chain(thin, (polygons.capsule_spans(a, b, radius, frame.shape) for a, b in ends))
 
     def outside_part(self, frame: Frame) -> str | None:
         """Return a description of the first point, or the thickness, outside a grid."""
@@ -238,17 +229,19 @@ class Circle:
             rule = "must be a finite number of metres of at least 0"
             raise ParameterError(rule, place="circle radius", got=self.radius)
 
-    def spans(self, frame: Frame) -> Iterator[Spans]:
+    def spans(self, frame: Frame) -> Iterator[polygons.Spans]:
         (cell,) = _cells(frame, [self.center_xy], self.kind)
         (place,) = _positions(frame, [self.center_xy])
         radius = _checked_cells(frame, self.radius, "circle radius")
         center = []
         if frame.holds(cell):
             row, col = (np.array([index]) for index in cell)
-            center.append(Spans(row, col, col + 1))
+            center.append(polygons.Spans(row, col, col + 1))
         if radius == 0:
             return iter(center)
-        return chain(center, (capsule_spans(place, place, radius, frame.shape) for _ in range(1)))
+        return chain(
+            center, (polygons.capsule_spans(place, place, radius, frame.shape) for _ in range(1))
+        )
 
     def outside_part(self, frame: Frame) -> str | None:
         """Return a description of the center, or else the rim, if outside a grid."""
@@ -292,7 +285,7 @@ class PlainPolygons:
             return
         self._bottom = np.minimum.reduceat(self._cells[:, 0], self._firsts)
         self._height = np.maximum.reduceat(self._cells[:, 0], self._firsts) - self._bottom + 1
-        is_near = np.abs(self._cells).max(axis=1) <= FARTHEST_CELL
+        is_near = np.abs(self._cells).max(axis=1) <= polygons.FARTHEST_CELL
         is_low = self._height <= 2 * frame.height
         self.is_plain[chosen] = np.logical_and.reduceat(is_near, self._firsts) & is_low
         inside = np.logical_and.reduceat(frame.contains(points), self._firsts)
@@ -304,7 +297,7 @@ class PlainPolygons:
         # Rounding decides nothing here: polygons with less than twice the least area are looked at.
         self.fits[chosen] = inside & (areas > 2 * _FLAT * (high - low).max(axis=1) ** 2)
 
-    def spans(self, indices: Sequence[int]) -> Iterator[tuple[Spans, Integers]]:
+    def spans(self, indices: Sequence[int]) -> Iterator[tuple[polygons.Spans, Integers]]:
         """Yield the cells of some shapes in order, and whose each run is."""
         # Each polygon gets rows of its own in a stack of all.
         chosen = np.array(indices)
@@ -314,20 +307,23 @@ class PlainPolygons:
             numbers = self._number[some]
             heights = self._height[numbers]
             offsets = np.cumsum(heights) - heights
-            polygon_of, at = enumerated(self._firsts[numbers], self._ends[numbers])
+            polygon_of, at = polygons.enumerated(self._firsts[numbers], self._ends[numbers])
             shifts = offsets - self._bottom[numbers]
             rows, cols = self._cells[:, 0], self._cells[:, 1]
             ahead = self._after[at]
-            edges = Edges(
+            edges = polygons.Edges(
                 rows[at] + shifts[polygon_of], cols[at],
                 rows[ahead] + shifts[polygon_of], cols[ahead],
             )  # fmt: skip
-            for spans in stacked_spans(edges, (int(heights.sum()), self._shape[1])):
+            for spans in polygons.stacked_spans(edges, (int(heights.sum()), self._shape[1])):
                 polygon_of_run = np.searchsorted(offsets, spans.rows, side="right") - 1
                 rows_of_runs = spans.rows - shifts[polygon_of_run]
                 inside = (rows_of_runs >= 0) & (rows_of_runs < self._shape[0])
-                runs = Spans(rows_of_runs, spans.starts, spans.stops)
-                yield Spans(*(column[inside] for column in runs)), some[polygon_of_run[inside]]
+                runs = polygons.Spans(rows_of_runs, spans.starts, spans.stops)
+                yield (
+                    polygons.Spans(*(column[inside] for column in runs)),
+                    some[polygon_of_run[inside]],
+                )
 
 
 def _ring(points: Sequence[Point], name: str, most: int = _MOST_VERTICES) -> tuple[Point, ...]:
@@ -336,12 +332,12 @@ def _ring(points: Sequence[Point], name: str, most: int = _MOST_VERTICES) -> tup
     return corners
 
 
-def _cells(frame: Frame, points: Sequence[Point], kind: str) -> list[Cell]:
+def _cells(frame: Frame, points: Sequence[Point], kind: str) -> list[polygons.Cell]:
     cells = frame.unbounded_rowcol_from_xy(points)
-    far = np.abs(cells).max(axis=1) > FARTHEST_CELL
+    far = np.abs(cells).max(axis=1) > polygons.FARTHEST_CELL
     if far.any():
         index = int(np.argmax(far))
-        rule = f"lies more than {FARTHEST_CELL} cells from the map"
+        rule = f"lies more than {polygons.FARTHEST_CELL} cells from the map"
         raise ParameterError(rule, place=f"{kind} vertex {index + 1}", got=points[index])
     return [(row, col) for row, col in cells.tolist()]
 
@@ -353,8 +349,8 @@ def _positions(frame: Frame, points: Sequence[Point]) -> list[tuple[float, float
 
 def _checked_cells(frame: Frame, length: float, place: str) -> float:
     cells = length / frame.resolution
-    if cells > FARTHEST_CELL:  # larger numbers would overflow
-        rule = f"must not be more than {FARTHEST_CELL} cells"
+    if cells > polygons.FARTHEST_CELL:  # larger numbers would overflow
+        rule = f"must not be more than {polygons.FARTHEST_CELL} cells"
         raise ParameterError(rule, place=place, got=length)
     return cells
 

@@ -16,16 +16,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mapdeal.command import (
-    ABOVE_0,
-    AT_LEAST_0,
-    AT_LEAST_1,
-    METRES,
-    Condition,
-    Unit,
-    Words,
-    parameters_of,
-)
+from mapdeal import command
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.grid.frame import Figures, Frame, Region, check_resolution
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -53,8 +44,8 @@ from mapdeal.mapping.voxels import (
 
 Drops = Literal["occupied", "unknown"]
 Up = Literal["z", "-z", "y", "-y", "x", "-x"]
-DEGREES = Unit("degrees", "DEGREES")
-_SLOPE = Condition("above 0 and below 60", lambda value: 0 < value < 60)
+DEGREES = command.Unit("degrees", "DEGREES")
+_SLOPE = command.Condition("above 0 and below 60", lambda value: 0 < value < 60)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,19 +76,19 @@ class CloudOptions:
         Place on the storey to map, metres; the lowest storey by default.
     """
 
-    climb: Annotated[float, ABOVE_0, METRES] = 0.05
-    robot_height: Annotated[float, ABOVE_0, METRES] = 1.0
+    climb: Annotated[float, command.ABOVE_0, command.METRES] = 0.05
+    robot_height: Annotated[float, command.ABOVE_0, command.METRES] = 1.0
     max_slope: Annotated[float, _SLOPE, DEGREES] = 20.0
     drops: Drops = "occupied"
-    min_points: Annotated[int, AT_LEAST_1] = 3
-    fill: Annotated[float, AT_LEAST_0, METRES] = 0.15
+    min_points: Annotated[int, command.AT_LEAST_1] = 3
+    fill: Annotated[float, command.AT_LEAST_0, command.METRES] = 0.15
     level: bool = False
     up: Up | None = None
-    floor: Annotated[float | None, Words("Z"), METRES] = None
-    at: Annotated[tuple[float, float, float] | None, Words("X,Y,Z")] = None
+    floor: Annotated[float | None, command.Words("Z"), command.METRES] = None
+    at: Annotated[tuple[float, float, float] | None, command.Words("X,Y,Z")] = None
 
     def __post_init__(self) -> None:
-        for name, parameter in parameters_of(CloudOptions).items():
+        for name, parameter in command.parameters_of(CloudOptions).items():
             object.__setattr__(self, name, parameter.accept(getattr(self, name)))
         if self.floor is not None and self.at is not None:
             rule = "cannot be given together with floor"

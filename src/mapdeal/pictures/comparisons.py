@@ -13,16 +13,8 @@ from numpy.typing import NDArray
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED
-from mapdeal.pictures import colours
-from mapdeal.pictures.canvas import (
-    GREY,
-    WHITE,
-    Image,
-    Pen,
-    on_sheet,
-    text_size_of,
-    text_width,
-)
+from mapdeal.pictures import canvas, colours
+from mapdeal.pictures.canvas import Image, Pen
 from mapdeal.pictures.colours import ColourBar, LayerStyle, Swatch, interpolated, palette_of
 from mapdeal.pictures.overlay import DEFAULT_IMAGE_MAX, ImageExtent, Raster, shown_part
 from mapdeal.pictures.styles import difference_style, occupancy_style
@@ -42,7 +34,7 @@ def difference_image(
     raster = Raster.fitting(frame.shape, image_max, part=part, **more)
     pixels = raster.enlarged(raster.largest(changes))
     style = style or difference_style(only_in)
-    return on_sheet(pixels, style, frame, raster, title=title, before=before)
+    return canvas.on_sheet(pixels, style, frame, raster, title=title, before=before)
 
 
 _NOT_KNOWN, _FREE, _OCCUPIED, _NO_CONFLICT = 0, 1, 101, 101
@@ -78,7 +70,9 @@ def merge_image(
         swatches=tuple(Swatch(kind, text) for kind, text in legend.items()),
     )
     title = title or f"{', '.join(names[:-1])} and {names[-1]}, merged"
-    return on_sheet(raster.enlarged(raster.largest(kinds)), style, frame, raster, title=title)
+    return canvas.on_sheet(
+        raster.enlarged(raster.largest(kinds)), style, frame, raster, title=title
+    )
 
 
 # Codes of cells; of several cells in a pixel the largest code shows.
@@ -140,8 +134,8 @@ def score_image(
         swatches=tuple(Swatch(index, label) for index, label in _LABELS.items()),
         bar=ColourBar(range(_FIRST, _FIRST + _LEVELS), ticks, unit),
     )
-    map_sheet = on_sheet(pixels, style, walls.frame, raster, title=title)
-    return _with_histogram(map_sheet, walls, text_size_of(pixels.shape))
+    map_sheet = canvas.on_sheet(pixels, style, walls.frame, raster, title=title)
+    return _with_histogram(map_sheet, walls, canvas.text_size_of(pixels.shape))
 
 
 def codes_of(walls: ScoredWalls) -> NDArray[np.uint8]:
@@ -180,7 +174,7 @@ def _with_histogram(above: Image, walls: ScoredWalls, size: int) -> Image:
     height, width = above.indices.shape
     pen = Pen(size)
     bins = bins_of(walls.distances, walls.frame.resolution, walls.top)
-    labels = text_width("100 %", size) + 2 * size
+    labels = canvas.text_width("100 %", size) + 2 * size
     wide = max(width, labels + 34 * size)
     room, tall = 4 * size, 12 * size  # above the bars, and they themselves
     pen.open(wide, height + room + tall + 4 * size)
@@ -203,11 +197,11 @@ def _bars(
     for k in range(math.floor(highest / step + _ROUNDING) + 1):
         y = bottom - round(tall * k * step / highest)
         label = f"{100 * k * step:.0f} %"
-        pen.label(left_x - size - text_width(label, size), y, label)
+        pen.label(left_x - size - canvas.text_width(label, size), y, label)
         row = pen.sheet[y, left_x : left_x + bar * len(bins)]
-        row[row == WHITE] = WHITE - 2
+        row[row == canvas.WHITE] = canvas.WHITE - 2
     names = ["farther" if math.isinf(middle) else f"{middle:g}" for middle, _ in bins]
-    widths = [text_width(name, size) for name in names]
+    widths = [canvas.text_width(name, size) for name in names]
     every = max(1, math.ceil((max(widths[:-1]) + size) / bar))
     last_free = left_x + len(bins) * bar - (bar + widths[-1]) // 2 - size // 2
     for k, (middle, share) in enumerate(bins):
@@ -218,7 +212,7 @@ def _bars(
         is_last = k == len(bins) - 1
         if is_last or (k % every == 0 and start + widths[k] <= last_free):
             pen.label(start, bottom + int(0.9 * size), names[k])
-    pen.sheet[bottom, left_x - size // 3 : left_x + bar * len(bins)] = GREY
+    pen.sheet[bottom, left_x - size // 3 : left_x + bar * len(bins)] = canvas.GREY
     pen.label(left_x, bottom + int(2.4 * size), "distance to the nearest true wall [m]")
 
 

@@ -13,18 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.frame import RADIUS_TOLERANCE
 from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE
-from mapdeal.pictures import colours
-from mapdeal.pictures.canvas import (
-    BLACK,
-    GREY,
-    WHITE,
-    Image,
-    Pen,
-    fitting,
-    round_step,
-    text_width,
-    ticks_between,
-)
+from mapdeal.pictures import canvas, colours
+from mapdeal.pictures.canvas import Image, Pen
 from mapdeal.pictures.overlay import Brush
 from mapdeal.pictures.styles import CostPalette
 
@@ -190,7 +180,7 @@ _AXES = {
 }
 
 
-class Plot:
+class _Drawing:
     def __init__(self, curve: CostCurve) -> None:
         self.curve, self.half = curve, curve.resolution / 2
         self.palette = CostPalette.of(curve.scale)
@@ -200,6 +190,13 @@ class Plot:
         self.ticks = _TICKS[curve.scale]
         self.axis = _AXES[curve.metric]
         self.is_along_row = curve.cells == np.floor(curve.cells)
+        self.per_cost = _PER_COST[curve.scale]
+        self.pen = Pen(_SIZE)
+        self.left_x = _SIZE + canvas.text_width("254", _SIZE) + int(1.6 * _SIZE)
+        self.band_top = _SIZE + int(3.4 * _SIZE) + _LINE
+        self.top = self.band_top + _BAND + 1 + int(_ROW * len(self.marks) + 0.4 * _SIZE)
+        self.bottom = self.top + self.palette.lethal_cost * self.per_cost
+        self.right = self.left_x + _WIDTH
 
     def formula(self, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Return `count` distances and their costs by the formula, if it can be drawn."""
@@ -208,23 +205,10 @@ class Plot:
         metres = np.linspace(self.half, min(self.curve.reach, self.end), count)
         return metres, np.minimum(self.curve.formula(metres), self.palette.lethal_cost - 1.0)
 
-
-class _Drawing(Plot):
-    def __init__(self, curve: CostCurve) -> None:
-        super().__init__(curve)
-        self.per_cost = _PER_COST[curve.scale]
-        self.pen = Pen(_SIZE)
-        top_cost = self.palette.lethal_cost
-        self.left_x = _SIZE + text_width("254", _SIZE) + int(1.6 * _SIZE)
-        self.band_top = _SIZE + int(3.4 * _SIZE) + _LINE
-        self.top = self.band_top + _BAND + 1 + int(_ROW * len(self.marks) + 0.4 * _SIZE)
-        self.bottom = self.top + top_cost * self.per_cost
-        self.right = self.left_x + _WIDTH
-
     def image(self, title: str) -> Image:
         pen = self.pen
         legend = self._legend_lines()
-        legend_width = int(1.9 * _SIZE) + max(text_width(line, _SIZE) for _, line in legend)
+        legend_width = int(1.9 * _SIZE) + max(canvas.text_width(line, _SIZE) for _, line in legend)
         ribbon_top = self.bottom + int(4.4 * _SIZE)
         height = ribbon_top + int(6.2 * _SIZE)
         pen.open(self.right + 2 * _SIZE + legend_width + _SIZE, height)
@@ -276,7 +260,7 @@ class _Drawing(Plot):
     def _grid_lines(self) -> None:
         for cost in self.ticks[1:]:
             row = self.pen.sheet[self.bottom - cost * self.per_cost, self.left_x : self.right]
-            row[row == WHITE] = WHITE - 2
+            row[row == canvas.WHITE] = canvas.WHITE - 2
 
     def _unseen(self) -> None:
         """Tint the distances at which the robot may collide although there is no cost."""
@@ -284,12 +268,12 @@ class _Drawing(Plot):
             if zone.kind in (ZoneKind.UNSEEN_COLLISION, ZoneKind.UNSEEN_HEADING):
                 a, b = (self._column(x) for x in (zone.start, zone.end))
                 under = self.pen.sheet[self.top : self.bottom, a:b]
-                under[under == WHITE] = len(self.palette.colours) + len(ZONE_COLOURS)
+                under[under == canvas.WHITE] = len(self.palette.colours) + len(ZONE_COLOURS)
 
     def _formula(self) -> None:
         line = self.formula(2 * _WIDTH)
         if line is not None:
-            Brush(self.pen.sheet).polyline(self._places(*line), BLACK, thickness=2)
+            Brush(self.pen.sheet).polyline(self._places(*line), canvas.BLACK, thickness=2)
 
     def _dots_shown(self) -> list[_Dot]:
         kinds = [_ALONG_ROW, _OFF_ROW] if self.curve.metric == "euclidean" else [_ALONG_ROW]
@@ -305,12 +289,12 @@ class _Drawing(Plot):
         for dot in reversed(self._dots_shown()):
             mask = shown & (self.is_along_row if dot is _ALONG_ROW else ~self.is_along_row)
             for place in self._places(curve.distance[mask], curve.cost[mask]):
-                brush.dot(place, WHITE, radius=dot.radius + 1.2)
-                brush.dot(place, BLACK, radius=dot.radius)
+                brush.dot(place, canvas.WHITE, radius=dot.radius + 1.2)
+                brush.dot(place, canvas.BLACK, radius=dot.radius)
 
     def _draw_contour_dot(self, place: NDArray[np.float64]) -> None:
         brush = Brush(self.pen.sheet)
-        brush.dot(place, BLACK, radius=8.0)
+        brush.dot(place, canvas.BLACK, radius=8.0)
         brush.dot(place, self.palette.contour, radius=6.0)
 
     def _draw_marks(self) -> None:
@@ -318,8 +302,8 @@ class _Drawing(Plot):
         for row, mark in enumerate(self.marks):
             middle = self.band_top + _BAND + 1 + int(0.9 * _SIZE) + row * _ROW
             is_beyond = mark.distance > self.end
-            label = fitting(mark.label, _WIDTH - 2 * _SIZE, _SIZE) + " >" * is_beyond
-            last = self.right - text_width(label, _SIZE) - 4
+            label = canvas.fitting(mark.label, _WIDTH - 2 * _SIZE, _SIZE) + " >" * is_beyond
+            last = self.right - canvas.text_width(label, _SIZE) - 4
             if is_beyond:
                 self._boxed(last, middle, label)
                 continue
@@ -328,13 +312,13 @@ class _Drawing(Plot):
             dashes = dashes[dashes % 8 < 5]
             under = sheet[dashes, x]
             is_cost = under < len(self.palette.colours)
-            sheet[dashes, x] = np.where(is_cost, WHITE, GREY)
+            sheet[dashes, x] = np.where(is_cost, canvas.WHITE, canvas.GREY)
             self._boxed(min(x + 6, last), middle, label)
 
     def _boxed(self, x: int, middle: int, label: str) -> None:
         half = int(0.6 * _SIZE)
-        width = text_width(label, _SIZE)
-        self.pen.sheet[middle - half : middle + half, x - 2 : x + width + 2] = WHITE
+        width = canvas.text_width(label, _SIZE)
+        self.pen.sheet[middle - half : middle + half, x - 2 : x + width + 2] = canvas.WHITE
         self.pen.label(x, middle, label)
 
     def _axes(self) -> None:
@@ -344,10 +328,12 @@ class _Drawing(Plot):
         for cost in self.ticks:
             y = self.bottom - cost * self.per_cost
             pen.fill(self.left_x - 6, y, self.left_x - 2, y)
-            pen.label(self.left_x - 10 - text_width(str(cost), _SIZE), y, str(cost))
-        pen.label(self.left_x - 10 - text_width("cost", _SIZE), self.top - int(1.4 * _SIZE), "cost")
+            pen.label(self.left_x - 10 - canvas.text_width(str(cost), _SIZE), y, str(cost))
+        pen.label(
+            self.left_x - 10 - canvas.text_width("cost", _SIZE), self.top - int(1.4 * _SIZE), "cost"
+        )
         scale = (self.end + self.half) / _WIDTH
-        ticks = ticks_between(-self.half, _WIDTH, scale, _SIZE)
+        ticks = canvas.ticks_between(-self.half, _WIDTH, scale, _SIZE)
         self._ticks(self.bottom, [tick for tick in ticks if not tick[1].startswith("-")])
         self._centred(self.bottom + int(2.8 * _SIZE), f"{self.axis}, metres")
 
@@ -355,10 +341,12 @@ class _Drawing(Plot):
         for pixel, label in ticks:
             x = self.left_x + pixel
             self.pen.fill(x, bottom + 1, x, bottom + 6)
-            self.pen.label(x - text_width(label, _SIZE) // 2, bottom + 6 + int(0.8 * _SIZE), label)
+            self.pen.label(
+                x - canvas.text_width(label, _SIZE) // 2, bottom + 6 + int(0.8 * _SIZE), label
+            )
 
     def _centred(self, middle: int, text: str) -> None:
-        x = self.left_x + (_WIDTH - text_width(text, _SIZE)) // 2
+        x = self.left_x + (_WIDTH - canvas.text_width(text, _SIZE)) // 2
         self.pen.label(x, middle, text)
 
     def _draw_band(self) -> None:
@@ -368,8 +356,8 @@ class _Drawing(Plot):
             a, b = (self._column(x) for x in (zone.start, zone.end))
             self.pen.sheet[self.band_top : self.band_top + _BAND, a:b] = indices[zone.kind]
             if b < self.right:
-                self.pen.sheet[self.band_top : self.band_top + _BAND, b] = WHITE
-            width = text_width(zone.kind.value, _SIZE)
+                self.pen.sheet[self.band_top : self.band_top + _BAND, b] = canvas.WHITE
+            width = canvas.text_width(zone.kind.value, _SIZE)
             if width <= b - a - 4:
                 self.pen.label(
                     (a + b - width) // 2, self.band_top - int(0.8 * _SIZE), zone.kind.value
@@ -384,7 +372,7 @@ class _Drawing(Plot):
         sheet[top:bottom, self.left_x : self.right] = self.palette.by_value[costs]
         if self._per_cell >= 6:
             edges = np.flatnonzero(np.diff(cells)) + 1
-            sheet[top:bottom, self.left_x + edges] = GREY
+            sheet[top:bottom, self.left_x + edges] = canvas.GREY
         self.pen.frame(self.left_x, top, _WIDTH, bottom - top)
         self._ticks(bottom, _cell_ticks(self._per_cell))
         self._centred(
@@ -422,7 +410,7 @@ class _Drawing(Plot):
             elif sign == "contour":
                 self._draw_contour_dot(np.array([x + side / 2, middle + 0.5]))
             elif isinstance(sign, _Dot):
-                brush.dot(np.array([x + side / 2, middle + 0.5]), BLACK, radius=sign.radius)
+                brush.dot(np.array([x + side / 2, middle + 0.5]), canvas.BLACK, radius=sign.radius)
             self.pen.label(x + 1.8 * _SIZE, middle, text)
             y += _LINE
 
@@ -430,9 +418,17 @@ class _Drawing(Plot):
 def _cell_ticks(per_cell: float) -> list[tuple[int, str]]:
     """Return whole numbers of cells with their pixels, as many as fit."""
     last = int(_WIDTH / per_cell - 0.5)
-    room = text_width(str(last), _SIZE) + 1.2 * _SIZE
-    step = int(max(round_step(room / per_cell), 1.0))
+    room = canvas.text_width(str(last), _SIZE) + 1.2 * _SIZE
+    step = int(max(canvas.round_step(room / per_cell), 1.0))
     return [(round((k + 0.5) * per_cell), str(k)) for k in range(0, last + 1, step)]
+
+
+def curve_text(curve: CostCurve) -> str:
+    """Return the picture in words: the zones with their costs, and the notable distances."""
+    end = end_of(curve)
+    zones = "; ".join(f"{zone.kind.value} {described(zone, end)}" for zone in zones_of(curve, end))
+    marks = "; ".join(mark.label for mark in marks_of(curve))
+    return f"Cost over the distance from the nearest obstacle. {zones}. {marks}."
 
 
 def cost_curve_image(curve: CostCurve, *, title: str) -> Image:

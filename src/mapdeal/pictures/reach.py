@@ -10,17 +10,7 @@ from numpy.typing import NDArray
 
 from mapdeal.grid.reach import GoalReach, Passage, Reach
 from mapdeal.grid.values import count_text
-from mapdeal.pictures import styles
-from mapdeal.pictures.canvas import (
-    WHITE,
-    Image,
-    Pen,
-    ascent,
-    capital_height,
-    on_sheet,
-    printable,
-    text_width,
-)
+from mapdeal.pictures import canvas, styles
 from mapdeal.pictures.colours import Swatch
 from mapdeal.pictures.overlay import (
     DEFAULT_IMAGE_MAX,
@@ -70,12 +60,12 @@ class Captions:
 
     def _letters(self, text: str) -> NDArray[np.uint8]:
         pad = max(2, self._size // 5)
-        capitals = capital_height(self._size)
-        pen = Pen(self._size)
-        line = printable(text)
+        capitals = canvas.capital_height(self._size)
+        pen = canvas.Pen(self._size)
+        line = canvas.printable(text)
         descends = not set("gjpqy,;()[]|/").isdisjoint(line)
-        below = max(pad, ascent(self._size) // 4) if descends else pad
-        pen.open(text_width(line, self._size) + 2 * pad + 1, capitals + pad + below + 2)
+        below = max(pad, canvas.ascent(self._size) // 4) if descends else pad
+        pen.open(canvas.text_width(line, self._size) + 2 * pad + 1, capitals + pad + below + 2)
         pen.write(pad + 1, capitals + pad + 1, line, self._size)
         return pen.sheet
 
@@ -112,7 +102,7 @@ _MOST_WIDTHS = 300  # most passages with a written width: those that cut off mos
 def reach_image(
     reach: Reach, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "all", overlay: Overlay | None = None,
-) -> Image:  # fmt: skip
+) -> canvas.Image:  # fmt: skip
     """Return a map with the area that a robot reaches, and the passages that limit it."""
     # The largest cut-off areas have a colour each. Passages are bars across the door with their
     # width beside them, red if they are closed. The robot's outline at the start is true to scale.
@@ -128,7 +118,7 @@ def reach_image(
     raster = Raster.fitting(reach.shape, image_max, part=part)
     pixels = np.array(raster.enlarged(raster.largest(codes)))
     marks = _Marks(Surface(pixels, raster.frame_of(reach.frame), raster))
-    return on_sheet(
+    return canvas.on_sheet(
         pixels, style, reach.frame, raster, title=title, before=_summary(reach),
         swatches=[*style.swatches, *marks.draw(reach)], overlay=overlay,
     )  # fmt: skip
@@ -198,7 +188,7 @@ class _Marks:
         is_open = np.array([passage.is_open for passage in passages])
         for brush, mask, index, extra in (
             (self._captions.kept_free, slice(None), 1, 6),
-            (self._brush, slice(None), WHITE, 4),
+            (self._brush, slice(None), canvas.WHITE, 4),
             (self._brush, is_open, styles.TIGHT, 0),
             (self._brush, ~is_open, styles.CLOSED, 0),
         ):
@@ -214,7 +204,7 @@ class _Marks:
         self._captions.write(text, ends.mean(axis=0), index, away=away, towards=towards)
 
     def _ringed_dot(self, place: NDArray[np.float64], index: int) -> None:
-        self._brush.dot(place, WHITE, radius=self._dot + 2)
+        self._brush.dot(place, canvas.WHITE, radius=self._dot + 2)
         self._brush.dot(place, index, radius=self._dot)
         self._captions.kept_free.dot(place, 1, radius=self._dot + 3)
 
@@ -225,7 +215,7 @@ class _Marks:
             arm = 0.5 * self._dot
             for across in ((arm, arm), (arm, -arm)):
                 cross = np.array([place - across, place + across])
-                self._brush.polyline(cross, WHITE, thickness=max(2, round(self._dot / 3)))
+                self._brush.polyline(cross, canvas.WHITE, thickness=max(2, round(self._dot / 3)))
 
     def _robot(self, reach: Reach) -> list[Swatch]:
         x, y = reach.start[:2]
@@ -235,12 +225,12 @@ class _Marks:
         swatches = [Swatch(styles.START, "start")]
         if reach.robot is not None:
             outline = self._on.places(outline_of(reach.robot, (x, y, yaw or 0.0)))
-            for index, thickness in ((WHITE, 4), (styles.ROBOT, 2)):
+            for index, thickness in ((canvas.WHITE, 4), (styles.ROBOT, 2)):
                 self._brush.polyline(outline, index, thickness=thickness)
             self._captions.kept_free.polyline(outline, 1, thickness=4)
             swatches.append(Swatch(styles.ROBOT, "robot, to scale"))
         if yaw is not None:
             ahead = self._place((x + math.cos(yaw), y + math.sin(yaw))) - place
             direction = ahead / math.hypot(*ahead)
-            self._brush.dart(place, direction, WHITE, length=1.5 * self._dot)
+            self._brush.dart(place, direction, canvas.WHITE, length=1.5 * self._dot)
         return swatches

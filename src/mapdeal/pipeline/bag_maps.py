@@ -39,9 +39,10 @@ _OF_COSTS = "costmap"  # word in the names of topics on which Nav2 and move_base
 
 
 def _index_of(bag: Bag, connections: Sequence[Connection]) -> MessageIndex:
-    index = bag.index([one.id for one in connections])
+    index = bag.index([connection.id for connection in connections])
     if not len(index):
-        raise bag.malformed("holds no messages", ", ".join({one.topic for one in connections}))
+        topics = dict.fromkeys(connection.topic for connection in connections)
+        raise bag.malformed("holds no messages", ", ".join(topics))
     return index
 
 
@@ -65,7 +66,7 @@ class GridTopic:
     def __init__(self, bag: Bag, topic: str | None, read_as: ReadAs | None = None) -> None:
         named = [] if topic is None else [topic]
         connections = chosen_connections(bag, named, messages.GRID_TYPES, "maps and costmaps")
-        self._types = {one.id: one.type for one in connections}
+        self._types = {connection.id: connection.type for connection in connections}
         self._index = _index_of(bag, connections)
         self._decoder = Decoder(bag)
         self.files = bag.files
@@ -152,76 +153,79 @@ _COMMANDS: dict[str, tuple[str, ...]] = {
 
 
 def describe_bag(path: Path, *, progress: ProgressCallback | None = None) -> dict[str, Any]:
-    """Return what there is to know of a bag, as JSON can hold it."""
+    """Return topics, transforms and times of a bag, as a JSON document."""
     with open_bag(path) as bag:
-        told = bag.summary()
+        recorded_by_id = bag.summary()
         decoder = Decoder(bag)
-        topics = list(_topics(bag, told, decoder))
+        topics = list(_topics(bag, recorded_by_id, decoder))
         edges = []
         try:
             edges = _edges(bag, decoder, progress or report_nothing)
-        except ParameterError as error:  # without lz4
+        except ParameterError as error:  # lz4 is not installed
             bag.remark(f"{error.rule} for frames and transforms")
-        whole = reduce(Recorded.joined, told.values(), Recorded())
-        if not whole.count:
+        recorded = reduce(Recorded.joined, recorded_by_id.values(), Recorded())
+        if not recorded.count:
             bag.remark("holds no messages")
         return {
             "file": str(path),
             "kind": "bag",
             "is": bag.form,
-            "messages": whole.count,
-            "start_ns": whole.first if whole.count else None,
-            "end_ns": whole.last if whole.count else None,
-            "duration_s": (whole.last - whole.first) * _SECONDS if whole.count else None,
+            "messages": recorded.count,
+            "start_ns": recorded.first if recorded.count else None,
+            "end_ns": recorded.last if recorded.count else None,
+            "duration_s": (recorded.last - recorded.first) * _SECONDS if recorded.count else None,
             "topics": topics,
             "transforms": edges,
             "use": list(_uses(path, topics)),
         }
 
 
-def _topics(bag: Bag, told: dict[int, Recorded], decoder: Decoder) -> Iterator[dict[str, Any]]:
+def _topics(bag: Bag, counts: dict[int, Recorded], decoder: Decoder) -> Iterator[dict[str, Any]]:
     groups: dict[tuple[str, str], list[Connection]] = {}
-    for one in bag.connections:
-        groups.setdefault((one.topic, one.type), []).append(one)
-    for (topic, name), ours in sorted(groups.items()):
-        recorded = reduce(Recorded.joined, (told[one.id] for one in ours), Recorded())
-        can_be_read = ours[0].encoding in CAN_BE_READ
+    for connection in bag.connections:
+        groups.setdefault((connection.topic, connection.type), []).append(connection)
+    for (topic, name), connections in sorted(groups.items()):
+        of_topic = (counts[connection.id] for connection in connections)
+        recorded = reduce(Recorded.joined, of_topic, Recorded())
+        can_be_read = connections[0].encoding in CAN_BE_READ
         commands = list(_COMMANDS.get(name, ())) if can_be_read and recorded.count else []
         has_frame = commands and name not in messages.TF_TYPES
         yield {
             "topic": topic,
-            "type": ours[0].spelled,
+            "type": connections[0].spelled,
             "count": recorded.count,
             "first_ns": recorded.first if recorded.count else None,
             "last_ns": recorded.last if recorded.count else None,
-            "frame": _frame(bag, ours, decoder) if has_frame else None,
+            "frame": _frame(bag, connections, decoder) if has_frame else None,
             "commands": commands,
         }
 
 
 def _frame(bag: Bag, connections: list[Connection], decoder: Decoder) -> str | None:
-    for one in connections:
-        for piece in bag.pieces([one.id]):
-            if len(piece):
+    for connection in connections:
+        for places in bag.pieces([connection.id]):
+            if len(places):
                 with suppress(MalformedInputError, ParameterError):
-                    return decoder.header(piece[0])[1]
+                    return decoder.header(places[0])[1]
     return None
 
 
 def _edges(bag: Bag, decoder: Decoder, progress: ProgressCallback) -> list[dict[str, Any]]:
     """Return how often each transform comes, those of odometry included."""
     types = (*messages.TF_TYPES, messages.ODOMETRY)
-    by_id = {one.id: one for one in bag.of_types(*types) if one.encoding in CAN_BE_READ}
+    readable = [each for each in bag.of_types(*types) if each.encoding in CAN_BE_READ]
+    by_id = {connection.id: connection for connection in readable}
     index = bag.index(by_id) if by_id else ()
     found: Counter[tuple[str, str, str]] = Counter()
     with progress(len(index)) as advance:
         for place in index:
-            one = by_id[place.connection]
-            if one.type == messages.ODOMETRY:
+            connection = by_id[place.connection]
+            if connection.type == messages.ODOMETRY:
                 stamped = [decoder.read(place, messages.odometry_of)]
             else:
                 stamped = decoder.read(place, messages.transforms_of)
-            found.update((one.topic, of.parent, of.child) for of in stamped)
+            topic = connection.topic
+            found.update((topic, transform.parent, transform.child) for transform in stamped)
             advance(1)
     return [
         {"topic": topic, "parent": parent, "child": child, "count": count}
@@ -239,7 +243,7 @@ def _uses(path: Path, topics: list[dict[str, Any]]) -> Iterator[str]:
     )
     for names, line in lines:
         fitting = [
-            one["topic"] for one in topics if one["count"] and normalised_type(one["type"]) in names
+            row["topic"] for row in topics if row["count"] and normalised_type(row["type"]) in names
         ]
         if fitting:
             yield line.format(shlex.quote(fitting[0]))
@@ -260,13 +264,13 @@ class SensorFrames:
         self._decoder = Decoder(bag)
         self.tree = TransformTree()
         self._fixed = FIXED_FRAMES[0]
-        # those of /tf and /tf_static; of a robot with a namespace, if there are no others, its own
-        ours = [one for one in bag.of_types(*messages.TF_TYPES) if one.encoding in CAN_BE_READ]
-        ours = [one for one in ours if one.topic in (_TF, _STATIC)] or ours
-        self._static = [one.id for one in ours if one.topic.endswith(_STATIC)]
-        moving = [one.id for one in ours if one.id not in self._static]
-        wanted = self._static if options.poses is not None else [*moving, *self._static]
-        self._index = bag.index(wanted)
+        # A robot with a namespace may have its own topics in place of /tf and /tf_static.
+        readable = [tf for tf in bag.of_types(*messages.TF_TYPES) if tf.encoding in CAN_BE_READ]
+        readable = [tf for tf in readable if tf.topic in (_TF, _STATIC)] or readable
+        self._static = [tf.id for tf in readable if tf.topic.endswith(_STATIC)]
+        moving = [tf.id for tf in readable if tf.id not in self._static]
+        listed = self._static if options.poses is not None else [*moving, *self._static]
+        self._index = bag.index(listed)
         self.count = len(self._index)
         self.files = () if options.poses is None else (options.poses,)
 
@@ -284,9 +288,9 @@ class SensorFrames:
         for parent, child in self.tree.of_both_kinds[:_SEVERAL]:
             text = f"{parent} -> {child} is both static and dynamic"
             self._bag.remark(f"{text}: the more frequent kind is used")
-        for child, (chosen, *others) in sorted(self.tree.several_parents.items())[:_SEVERAL]:
+        for child, (chosen, *unused) in sorted(self.tree.several_parents.items())[:_SEVERAL]:
             text = f"frame {child} has several parents: {chosen}, the most frequent, is used"
-            self._bag.remark(f"{text}, and not {', '.join(others)}")
+            self._bag.remark(f"{text}, and not {', '.join(unused)}")
 
     def read_alone(self, sensor: str, advance: Callable[[int], object]) -> None:
         """Read all transforms, where only the place of a sensor on the robot is asked for."""
@@ -300,7 +304,7 @@ class SensorFrames:
             raise MalformedInputError(rule, source=self._bag.path)
         return found
 
-    def told_span(self, frame: str) -> str:
+    def span_text(self, frame: str) -> str:
         span = self.tree.span(self._fixed, frame)
         if span is None:
             return "at no time"
@@ -314,14 +318,13 @@ class SensorFrames:
     def _read_all(self, advance: Callable[[int], object]) -> None:
         static = set(self._static)
         for place in self._index:
-            for one in self._decoder.read(place, messages.transforms_of):
-                self._add(one, is_static=place.connection in static)
+            for transform in self._decoder.read(place, messages.transforms_of):
+                self._add(transform, is_static=place.connection in static)
             advance(1)
 
-    def _add(self, one: messages.Stamped, *, is_static: bool) -> None:
-        self.tree.add(
-            one.parent, one.child, one.time, one.translation, one.quaternion, is_static=is_static
-        )
+    def _add(self, transform: messages.Stamped, *, is_static: bool) -> None:
+        pose = transform.time, transform.translation, transform.quaternion
+        self.tree.add(transform.parent, transform.child, *pose, is_static=is_static)
 
     def _take_mount(self, sensors: list[str]) -> None:
         """Place sensors where the user says, on a robot whose frame is known or not yet."""
@@ -343,16 +346,15 @@ class SensorFrames:
         self._take_mount(sensors)
         base = self.base_frame()
         frames = [base] if base is not None else sensors
-        wanted = self._options.base_frame or BASE_FRAMES[0]
+        base_name = self._options.base_frame or BASE_FRAMES[0]
         if base is None and len(sensors) > 1:
-            rule = (
-                f"no transforms lead from {wanted} to {', '.join(sensors)}: whose poses are they?"
-            )
+            names = ", ".join(sensors)
+            rule = f"no transforms lead from {base_name} to {names}: whose poses are they?"
             hint = "--topic names one; --mount gives its pose on the robot"
             raise MalformedInputError(rule, source=path, hint=hint)
         if base is None:
             text = f"{path} is taken for the poses of {sensors[0]}: no transform leads there from"
-            self._bag.remark(f"{text} {wanted}; --mount gives the pose of a sensor on the robot")
+            self._bag.remark(f"{text} {base_name}; --mount gives the pose of a sensor on the robot")
         rows = zip(*(part.tolist() for part in read_trajectory(path)), strict=True)
         for time, translation, quaternion in rows:
             for frame in frames:
@@ -362,17 +364,17 @@ class SensorFrames:
 
     def _fixed_for(self, sensors: list[str]) -> str:
         named = self._options.fixed_frame
-        wanted = FIXED_FRAMES if named is None else (named.lstrip("/"),)
-        found = next((name for name in wanted if self._leads(name, sensors)), None)
+        names = FIXED_FRAMES if named is None else (named.lstrip("/"),)
+        found = next((name for name in names if self._leads(name, sensors)), None)
         if found is None:
             self._take_odometry(sensors)
-            found = next((name for name in wanted if self._leads(name, sensors)), None)
+            found = next((name for name in names if self._leads(name, sensors)), None)
         if found is None and named is None:
             root = self.tree.root_of(sensors[0])
             if self._leads(root, sensors) and self.tree.is_moving(root, sensors[0]):
                 found = root
         if found is None:
-            raise self._no_way(wanted[0], sensors)
+            raise self._no_way(names[0], sensors)
         if named is None and found != FIXED_FRAMES[0]:
             text = f"no transforms lead to {FIXED_FRAMES[0]}: the map is made in {found}"
             drift = ", with whatever its odometry drifts" if found == FIXED_FRAMES[1] else ""
@@ -383,7 +385,7 @@ class SensorFrames:
         return all(self.tree.leads(fixed, sensor) for sensor in sensors)
 
     def _no_way(self, fixed: str, sensors: list[str]) -> MalformedInputError:
-        sensor = next((one for one in sensors if not self.tree.leads(fixed, one)), sensors[0])
+        sensor = next((name for name in sensors if not self.tree.leads(fixed, name)), sensors[0])
         error = self.tree.no_chain(fixed, sensor).found_in(self._bag.path)
         error.hint = "--poses FILE gives the robot's poses, t x y z qx qy qz qw a line"
         if len(self.tree.frames) > 1:
@@ -398,9 +400,9 @@ class SensorFrames:
         if not named and not self._bag.of_types(messages.ODOMETRY):
             return
         connections = chosen_connections(self._bag, named, (messages.ODOMETRY,), "odometry")
-        for place in self._bag.index([one.id for one in connections]):
+        for place in self._bag.index([connection.id for connection in connections]):
             self._add(self._decoder.read(place, messages.odometry_of), is_static=False)
-        self._take_mount([one for one in sensors if one not in self.tree.frames])
+        self._take_mount([name for name in sensors if name not in self.tree.frames])
 
 
 _POINTS_TOGETHER = 1 << 18
@@ -462,11 +464,11 @@ class BagClouds:
         return _number_in(self._index, -1 if index is None else index, self.topic, source="--index")
 
     def poses(self, numbers: Sequence[int]) -> list[Pose | None]:
-        """Return where the robot was at each of some clouds; None where it is not known."""
+        """Return the pose of the robot at each of some clouds, if it is known."""
         headers = [self._header(number) for number in numbers]
         found: list[Pose | None] = [None] * len(numbers)
-        for frame in {self._base or frame for _, frame in headers}:
-            ours = [k for k, (_, one) in enumerate(headers) if (self._base or one) == frame]
+        for frame in {self._base or sensor for _, sensor in headers}:
+            ours = [k for k, (_, sensor) in enumerate(headers) if (self._base or sensor) == frame]
             times = np.array([headers[k][0] for k in ours], np.int64)
             with errors_named(self.bag.path):
                 posed = self._frames.at(frame, times)
@@ -476,7 +478,7 @@ class BagClouds:
             missing = int(np.count_nonzero(~posed.known))
             if missing:
                 text = f"{self.bag.path}: {missing} of {len(numbers)} clouds are left out: where "
-                text += f"{frame} was is known {self._frames.told_span(frame)}"
+                text += f"{frame} was is known {self._frames.span_text(frame)}"
                 emit_warning(text, stacklevel=2)
         return found
 
@@ -551,8 +553,8 @@ class BagClouds:
     @property
     def topic_and_mount(self) -> dict[str, str]:
         mount = self._options.mount
-        told = {"topic": self.topic, "base_frame": self._base or "none"}
-        return told if mount is None else told | {"mount": ",".join(map(repr, mount))}
+        options = {"topic": self.topic, "base_frame": self._base or "none"}
+        return options if mount is None else options | {"mount": ",".join(map(repr, mount))}
 
     def _header(self, number: int) -> tuple[int, str]:
         place = self._index[number]
@@ -679,12 +681,12 @@ class BagScans(ScanSource):
     def warn(self) -> None:
         texts = [
             f"{count} of {self.count} scans are left out: where {frame} was is known "
-            f"{self._frames.told_span(frame)}"
+            f"{self._frames.span_text(frame)}"
             for frame, count in sorted(self._outside.items())
         ]
         if self._leaning:
-            what = "scans are left out: their sensor leans by more than 10 degrees"
-            texts.append(f"{self._leaning} of {self.count} {what}")
+            reason = "scans are left out: their sensor leans by more than 10 degrees"
+            texts.append(f"{self._leaning} of {self.count} {reason}")
         if self._unstamped:
             texts.append(f"{self._unstamped} scans have no time: that of their recording is taken")
         if self._deskew and not self._has_steps:
@@ -705,7 +707,7 @@ class BagScans(ScanSource):
     ) -> Iterator[tuple[list[LaserScan], Posed, Stances]]:
         """Yield scans of the same geometry that follow each other, without those left out."""
         # The poses are those of all times of a scan, one scan behind the other.
-        counts = [len(one) for one in times]
+        counts = [len(stamps) for stamps in times]
         every = np.concatenate(times)
         translations, quaternions = np.empty((len(every), 3)), np.empty((len(every), 4))
         known = np.empty(len(every), np.bool_)
@@ -716,7 +718,7 @@ class BagScans(ScanSource):
             translations[ours], quaternions[ours] = posed.translations, posed.quaternions
             known[ours] = posed.known
         stance = stances(translations, quaternions)
-        kept: list[tuple[LaserScan, NDArray[np.intp]]] = []
+        placed: list[tuple[LaserScan, NDArray[np.intp]]] = []
         rows_of_scans = np.split(np.arange(len(every)), np.cumsum(counts)[:-1])
         for scan, rows in zip(scans, rows_of_scans, strict=True):
             if not known[rows].all():
@@ -724,14 +726,14 @@ class BagScans(ScanSource):
             elif stance.leans[rows].any():
                 self._leaning += 1
             else:
-                kept.append((scan, rows))
+                placed.append((scan, rows))
 
-        def kind(one: tuple[LaserScan, NDArray[np.intp]]) -> tuple[object, ...]:
-            scan, rows = one
+        def kind(placed_scan: tuple[LaserScan, NDArray[np.intp]]) -> tuple[object, ...]:
+            scan, rows = placed_scan
             return (*scan.geometry, stance.is_level[rows].all(), stance.is_flipped[rows[0]])
 
-        for _, some in groupby(kept, kind):
-            run, parts = zip(*some, strict=True)
+        for _, group in groupby(placed, kind):
+            run, parts = zip(*group, strict=True)
             rows = np.concatenate(parts)
             yield (
                 list(run),

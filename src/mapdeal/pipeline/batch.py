@@ -13,19 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, TypeVar
 
+from mapdeal import errors
 from mapdeal.command import Result
-from mapdeal.errors import (
-    BatchError,
-    FileAccessError,
-    FindingError,
-    MapdealError,
-    ParameterError,
-    capture_warnings,
-    one_line,
-    refusal_of_the_system,
-    refuse_warnings,
-    strict_warnings,
-)
 from mapdeal.files.source import exists, ignores_case, is_same_file, size_text, sums_of_reads
 from mapdeal.files.transaction import Transaction, make_folder
 from mapdeal.grid.values import count_text
@@ -44,14 +33,14 @@ _LONGEST_REASON = 100
 
 @dataclass(frozen=True)
 class Job:
-    """One input of a batch, and where what is made of it goes."""
+    """One input of a batch, and the folder of its outputs."""
 
     path: Path
     folder: Path
     name: str
     place: str
     is_new: bool = False
-    error: MapdealError | None = None
+    error: errors.MapdealError | None = None
     """Why there is no map to run."""
 
 
@@ -64,14 +53,14 @@ class Outcome:
     def status(self) -> str:
         if self.result is None:
             return "interrupted"
-        if isinstance(self.result, MapdealError):
+        if isinstance(self.result, errors.MapdealError):
             return "failed"
         local = getattr(self.result, "local", None)
         return "done" if local is not None and local.status == "done" else str(self.result.status)
 
     def document(self, job: Job) -> dict[str, Any]:
         document: dict[str, Any] = {"status": self.status}
-        if isinstance(self.result, MapdealError):
+        if isinstance(self.result, errors.MapdealError):
             error = text_of(str(self.result), job)
             document |= {"exit_code": self.result.exit_code, "error": error}
         elif self.result is not None:
@@ -107,99 +96,103 @@ class MapRun:
         if job.error is not None:
             raise job.error
         settings = replace(self.settings, force=self.settings.force or job.is_new)
-        with settings.reading(anew=True), strict_warnings(settings.strict, job.path):
+        with settings.reading(anew=True), errors.strict_warnings(settings.strict, job.path):
             return run_map(job.path, job.folder, self.recipe, settings, self.around)
 
 
-def jobs_at_once(wanted: int | None, maps: int, terminal: Terminal) -> int:
+def jobs_at_once(requested: int | None, maps: int, terminal: Terminal) -> int:
     """Return how many jobs there are at the same time: not more than can be of use."""
     processors = available_threads()
     most = max(_LEAST_CAP, _MOST_PER_PROCESSOR * processors)
-    if wanted is not None and wanted > most:
-        terminal.remark([f"note: --jobs {wanted}: using {most}, as there are {processors} cores"])
-    return min(wanted or processors, maps, most)
+    if requested is not None and requested > most:
+        text = f"note: --jobs {requested}: using {most}, as there are {processors} cores"
+        terminal.remark([text])
+    return min(requested or processors, maps, most)
 
 
-def attempt(run_one: Callable[[Any], Any], job: Job) -> Outcome:
+def attempt(run_job: Callable[[Any], Any], job: Job) -> Outcome:
     """Do a job; whatever it raises or warns of is part of the outcome."""
-    with capture_warnings() as kept:
+    with errors.capture_warnings() as warnings:
         try:
-            result = run_one(job)
-        except MapdealError as error:
+            result = run_job(job)
+        except errors.MapdealError as error:
             result = error
         except Exception as problem:  # noqa: BLE001 - a bug met by one map is not to stop the rest
-            result = refusal_of_the_system(problem, job.path) or internal_error(job, problem)
-    return Outcome(result, tuple(one_line(str(one)) for one in kept))
+            result = errors.refusal_of_the_system(problem, job.path) or internal_error(job, problem)
+    return Outcome(result, tuple(errors.one_line(str(warning)) for warning in warnings))
 
 
-def internal_error(job: Job, problem: BaseException) -> MapdealError:
+def internal_error(job: Job, problem: BaseException) -> errors.MapdealError:
     text = f"internal error: {type(problem).__name__}: {problem}"
-    return MapdealError(text, source=job.path, hint="this is a bug in mapdeal")
+    return errors.MapdealError(text, source=job.path, hint="this is a bug in mapdeal")
 
 
 def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -> list[Job]:
     jobs: dict[Path, Job] = {}
     in_order: list[Job] = []
-    for one in maps:
-        if one.error is not None:
-            in_order.append(Job(one.path, output / one.name, one.name, one.name, error=one.error))
+    for listed in maps:
+        if listed.error is not None:
+            name = listed.name
+            in_order.append(Job(listed.path, output / name, name, name, error=listed.error))
             continue
-        place = one.place
+        place = listed.place
         odd = [part for part in place.parts if part in ("", ".", "..")]
         if odd or not place.name:
             rule = "the map's name cannot be the name of a folder"
-            raise ParameterError(rule, source=one.path, got=odd[0] if odd else place.name)
+            raise errors.ParameterError(rule, source=listed.path, got=odd[0] if odd else place.name)
         if len(maps) > 1 and place.parts[0] == SUMMARY:
-            raise ParameterError(f"would write into the place of {SUMMARY}", source=one.path)
+            raise errors.ParameterError(
+                f"would write into the place of {SUMMARY}", source=listed.path
+            )
         if place in jobs:
             rule = f"would write into {output / place}, as {jobs[place].path} does"
             hint = (
                 "maps of a folder, a quoted pattern or @LIST.txt keep their path below the output"
             )
-            raise ParameterError(rule, source=one.path, hint=hint)
-        jobs[place] = Job(one.path, output / place, one.name, place.as_posix())
+            raise errors.ParameterError(rule, source=listed.path, hint=hint)
+        jobs[place] = Job(listed.path, output / place, listed.name, place.as_posix())
         in_order.append(jobs[place])
     for place, job in jobs.items():
         # the folder of one run may lie in that of another, but not in the place of its files
         for above in place.parents:
             if above in jobs and place.relative_to(above).parts[0] in outputs:
                 rule = f"would write into the place of a file of {jobs[above].path}"
-                raise ParameterError(rule, source=job.path)
-    alike: dict[str, Job] = {}
+                raise errors.ParameterError(rule, source=job.path)
+    by_folded_name: dict[str, Job] = {}
     for place, job in jobs.items():
-        other = alike.setdefault(place.as_posix().casefold(), job)
-        if other is not job and ignores_case(output):
-            rule = f"would write into {job.folder}, as {other.path} does: the disk ignores case"
-            raise ParameterError(rule, source=job.path)
+        first_job = by_folded_name.setdefault(place.as_posix().casefold(), job)
+        if first_job is not job and ignores_case(output):
+            rule = f"would write into {job.folder}, as {first_job.path} does: the disk ignores case"
+            raise errors.ParameterError(rule, source=job.path)
     return in_order
 
 
 @dataclass(frozen=True)
 class Plan:
     job: Job
-    what: Literal["new", "replace", "unchanged", "refused", "failed"]
+    status: Literal["new", "replace", "unchanged", "refused", "failed"]
     height: int = 0
     width: int = 0
     need: Need | None = None
     reads: tuple[Path, ...] = ()
     writes: tuple[Path, ...] = ()
-    error: MapdealError | None = None
+    error: errors.MapdealError | None = None
 
     @property
     def row(self) -> tuple[str, ...]:
         size = f"{self.width} x {self.height}"
         if self.error is not None:
-            what = f"{self.what} ({self.error.exit_code})"
-            return what, "-", size if self.height else "-", "-", _failure(self.error, self.job)
+            status = f"{self.status} ({self.error.exit_code})"
+            return status, "-", size if self.height else "-", "-", _failure(self.error, self.job)
         memory = "-"
         if self.need is not None:
             memory = size_text(self.need.memory) + " in blocks" * self.need.by_blocks
         where = f"{self.job.name} -> {self.job.folder}"
-        return self.what, str(len(self.writes)) if self.writes else "-", size, memory, where
+        return self.status, str(len(self.writes)) if self.writes else "-", size, memory, where
 
     def document(self) -> dict[str, Any]:
         document: dict[str, Any] = {"map": self.job.name, "folder": self.job.place}
-        document |= {"status": self.what, "width": self.width, "height": self.height}
+        document |= {"status": self.status, "width": self.width, "height": self.height}
         if self.need is not None:
             document |= {"memory": self.need.memory, "in_blocks": self.need.by_blocks}
         document |= {"reads": list(map(str, self.reads)), "writes": list(map(str, self.writes))}
@@ -216,7 +209,7 @@ def plan_of(job: Job, run: MapRun) -> Plan:
         return Plan(job, "failed", *size, error=job.error)
     try:
         with (
-            capture_warnings(),  # the run itself warns
+            errors.capture_warnings(),  # the run itself warns
             sums_of_reads() as sums,
             open_map(job.path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
         ):
@@ -232,8 +225,8 @@ def plan_of(job: Job, run: MapRun) -> Plan:
             files = (*files, *run.around.files)
         for target in folders:
             target.check_inputs(files)
-        new = [one for one in folders if settings.force or one.unchanged_figures() is None]
-    except MapdealError as error:
+        new = [folder for folder in folders if settings.force or folder.unchanged_figures() is None]
+    except errors.MapdealError as error:
         return Plan(job, "failed", *size, error=error)
     if not new:
         return Plan(job, "unchanged", *size, reads=files)
@@ -242,10 +235,10 @@ def plan_of(job: Job, run: MapRun) -> Plan:
     inputs = [path for path in existing if any(is_same_file(path, file) for file in files)]
     refusal = None
     if inputs:
-        refusal = FileAccessError("the output is the input", source=inputs[0])
+        refusal = errors.FileAccessError("the output is the input", source=inputs[0])
     elif existing and not settings.force:
         hint = "--force replaces it"
-        refusal = FileAccessError("the output exists", source=existing[0], hint=hint)
+        refusal = errors.FileAccessError("the output exists", source=existing[0], hint=hint)
     if refusal is not None:
         return Plan(job, "refused", *size, reads=files, error=refusal)
     return Plan(job, "replace" if existing else "new", *size, need, files, outputs)
@@ -257,13 +250,13 @@ class Plans(Result):
 
     plans: Sequence[Plan]
     at_once: int | None  # number of jobs, None on a cluster
-    others: Sequence[Path]
+    also_written: Sequence[Path]
 
     def document(self) -> dict[str, Any]:
         return {
             "dry_run": True,
             "maps": [plan.document() for plan in self.plans],
-            "also_writes": list(map(str, self.others)),
+            "also_writes": list(map(str, self.also_written)),
         }
 
     def lines(self) -> Iterator[str]:
@@ -271,13 +264,13 @@ class Plans(Result):
         ordered = sorted(self.plans, key=lambda plan: plan.error is not None)
         head = ("what", "files", "cells", "memory", "map -> folder")
         yield from _aligned([head, *(plan.row for plan in ordered)])
-        counts = Counter(plan.what for plan in self.plans)
+        counts = Counter(plan.status for plan in self.plans)
         running, failing = counts["new"] + counts["replace"], counts["refused"] + counts["failed"]
-        others = f", and {' and '.join(map(str, self.others))}" if self.others else ""
+        also = f", and {' and '.join(map(str, self.also_written))}" if self.also_written else ""
         yield (
             f"{count_text(len(self.plans), 'map')}: {running} to run, {counts['unchanged']} "
             f"unchanged, {failing} that would fail; "
-            f"{sum(len(plan.writes) for plan in self.plans)} files to write{others}"
+            f"{sum(len(plan.writes) for plan in self.plans)} files to write{also}"
         )
         needed = sorted((plan.need.memory for plan in self.plans if plan.need), reverse=True)
         if needed:
@@ -297,7 +290,7 @@ class Plans(Result):
         failing = sum(plan.error is not None for plan in self.plans)
         if failing:
             rule = f"{failing} of {count_text(len(self.plans), 'map')} would fail"
-            raise BatchError(rule, source="--dry-run")
+            raise errors.BatchError(rule, source="--dry-run")
 
 
 Work = Callable[[Job], Outcome]
@@ -307,8 +300,8 @@ Submit = Callable[[Job], Future[Outcome]]
 TOO_LARGE = "it may have run out of memory: mapdeal run --dry-run shows what a map needs"
 
 
-class WorkerDiedError(MapdealError):
-    exit_code = BatchError.exit_code
+class WorkerDiedError(errors.MapdealError):
+    exit_code = errors.BatchError.exit_code
 
 
 class Workers(Protocol):
@@ -318,13 +311,13 @@ class Workers(Protocol):
 
     def started(self, size: int, work: Work) -> AbstractContextManager[Submit]:
         """Run `size` workers within a ``with`` block; yield a function that sends them a job."""
-        # An exception that leaves the block stops what they do. A future raises `BrokenExecutor` if
-        # it is not known which worker died, and of what.
+        # An exception that leaves the block stops them. A future raises `BrokenExecutor` if it is
+        # unknown which worker died, and why.
 
 
 def dispatch(
     count: int, job_of: Callable[[int], Job], work: Work, workers: Workers,
-    done: Callable[[int, Outcome], None],
+    on_outcome: Callable[[int, Outcome], None],
 ) -> None:  # fmt: skip
     # When a process dies, its pool is lost, and any of the jobs that were under way may be why.
     # Each of them is tried again, alone. If that kills its process, too, it has failed; all others
@@ -342,8 +335,8 @@ def dispatch(
                             under_way[submit(job_of(index))] = index
                         except BrokenExecutor:
                             suspects.append(index)
-                        except MapdealError as error:
-                            done(index, Outcome(error))
+                        except errors.MapdealError as error:
+                            on_outcome(index, Outcome(error))
                     finished, _ = wait(under_way, return_when=FIRST_COMPLETED)
                     for future in sorted(finished, key=under_way.__getitem__):
                         index = under_way[future]
@@ -351,12 +344,12 @@ def dispatch(
                         if outcome is None:
                             suspects.append(index)
                         else:
-                            done(index, outcome)
+                            on_outcome(index, outcome)
                         del under_way[future]
-        except KeyboardInterrupt:  # what was finished all the same is told
+        except KeyboardInterrupt:  # report the jobs that have finished
             for future, index in under_way.items():
                 if future.done() and not future.cancelled() and future.exception() is None:
-                    done(index, future.result())
+                    on_outcome(index, future.result())
             raise
         return sorted(suspects)
 
@@ -366,7 +359,7 @@ def dispatch(
             if until_broken(deque([suspect]), 1):
                 rule = "the worker process died, and again with this map alone"
                 error = WorkerDiedError(rule, source=job_of(suspect).path, hint=TOO_LARGE)
-                done(suspect, Outcome(error))
+                on_outcome(suspect, Outcome(error))
 
 
 def _outcome_of(future: Future[Outcome], job: Job) -> Outcome | None:
@@ -374,7 +367,7 @@ def _outcome_of(future: Future[Outcome], job: Job) -> Outcome | None:
         return future.result()
     except BrokenExecutor:
         return None
-    except MapdealError as error:
+    except errors.MapdealError as error:
         return Outcome(error)
     except Exception as problem:  # noqa: BLE001 - such as a result that cannot be sent
         return Outcome(internal_error(job, problem))
@@ -382,7 +375,7 @@ def _outcome_of(future: Future[Outcome], job: Job) -> Outcome | None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Batch(Result):
-    what: ClassVar[str] = "map"
+    noun: ClassVar[str] = "map"
     is_brief: ClassVar[bool] = False
     """Whether only the first line of each job is printed, and warnings as they are."""
 
@@ -393,7 +386,7 @@ class Batch(Result):
 
     def document(self) -> dict[str, Any]:
         maps = [
-            {self.what: job.name, "folder": job.place, **outcome.document(job)}
+            {self.noun: job.name, "folder": job.place, **outcome.document(job)}
             for job, outcome in zip(self.jobs, self.outcomes, strict=True)
         ]
         return {"maps": maps}
@@ -411,24 +404,24 @@ class Batch(Result):
         rows, failed = [("status", "cells", "map")], []
         for job, outcome in zip(self.jobs, self.outcomes, strict=True):
             result = outcome.result
-            if isinstance(result, MapdealError):
+            if isinstance(result, errors.MapdealError):
                 failed.append((f"failed ({result.exit_code})", "-", _failure(result, job)))
             elif result is not None:
                 size = cells_text(next(iter(result.figures.values())))
                 rows.append((result.status, size, job.name))
         yield from _aligned([*rows, *failed])
         counts = [f"{self.count(status)} {status}" for status in ("done", "unchanged", "failed")]
-        yield f"{count_text(len(self.jobs), self.what)}: {', '.join(counts)}"
+        yield f"{count_text(len(self.jobs), self.noun)}: {', '.join(counts)}"
 
     def check(self) -> None:
         failed = self.count("failed")
         if failed:
             rule = f"{failed} of {len(self.jobs)} maps failed"
-            raise BatchError(rule, source=self.output / SUMMARY)
+            raise errors.BatchError(rule, source=self.output / SUMMARY)
         missing = sum(bool(outcome.result.missed_goals) for outcome in self.outcomes)
         if missing:
             rule = f"on {missing} of {len(self.jobs)} maps the robot does not reach every goal"
-            raise FindingError(rule, source=self.output / SUMMARY)
+            raise errors.FindingError(rule, source=self.output / SUMMARY)
 
     @classmethod
     def printed(cls, job: Job, warning: str) -> str:
@@ -440,7 +433,7 @@ B = TypeVar("B", bound=Batch)
 
 
 def run_all(
-    jobs: Sequence[Job], output: Path, run_one: Callable[[Job], RunReport],
+    jobs: Sequence[Job], output: Path, run_job: Callable[[Job], RunReport],
     on_done: Callable[[Job, Outcome], None], kind: type[B], *, workers: Workers | None = None,
 ) -> B:  # fmt: skip
     """Run every job, none stopped by another's failure, and write ``summary.json``."""
@@ -453,7 +446,7 @@ def run_all(
             marked[index] = replace(jobs[index], is_new=not exists(jobs[index].folder))
         return marked[index]
 
-    def done(index: int, outcome: Outcome) -> None:
+    def record(index: int, outcome: Outcome) -> None:
         outcomes[index] = outcome
         on_done(jobs[index], outcome)
 
@@ -464,19 +457,19 @@ def run_all(
             transaction.write_json(output / SUMMARY, batch.document())
         return batch
 
-    refuse_warnings()
+    errors.refuse_warnings()
     make_folder(output)
     try:
         if workers is None:
             for index in range(len(jobs)):
-                done(index, attempt(run_one, job_of(index)))
+                record(index, attempt(run_job, job_of(index)))
         else:
-            dispatch(len(jobs), job_of, partial(attempt, run_one), workers, done)
+            dispatch(len(jobs), job_of, partial(attempt, run_job), workers, record)
     except KeyboardInterrupt:
         summarised()
-        told = f"{len(outcomes)} of {len(jobs)} {kind.what}s are done"
-        raise KeyboardInterrupt(f"{told}, run the same command to continue") from None
-    except MapdealError:
+        progress = f"{len(outcomes)} of {len(jobs)} {kind.noun}s are done"
+        raise KeyboardInterrupt(f"{progress}, run the same command to continue") from None
+    except errors.MapdealError:
         if outcomes:
             summarised()
         raise
@@ -484,19 +477,19 @@ def run_all(
 
 
 def run_and_report(
-    jobs: Sequence[Job], output: Path, run_one: Callable[[Job], RunReport], kind: type[B],
+    jobs: Sequence[Job], output: Path, run_job: Callable[[Job], RunReport], kind: type[B],
     terminal: Terminal, *, workers: Workers | None = None,
 ) -> B:  # fmt: skip
     """Run every job as `run_all` does; report failures and warnings when they happen."""
     with (
-        terminal.counted(len(jobs), kind.what) as advance,
+        terminal.counted(len(jobs), kind.noun) as advance,
         terminal.few_warnings(f"{output / SUMMARY} has them all") as warn,
     ):
 
         def report(job: Job, outcome: Outcome) -> None:
             for text in outcome.warnings:
                 warn(kind.printed(job, text))
-            if isinstance(outcome.result, MapdealError):
+            if isinstance(outcome.result, errors.MapdealError):
                 terminal.error(outcome.result)
             elif outcome.result is not None:
                 lines = list(outcome.result.lines())
@@ -504,13 +497,13 @@ def run_and_report(
                     terminal.detail(line)
             advance(failed=outcome.status == "failed")
 
-        return run_all(jobs, output, run_one, report, kind, workers=workers)
+        return run_all(jobs, output, run_job, report, kind, workers=workers)
 
 
-def _failure(error: MapdealError, job: Job) -> str:
+def _failure(error: errors.MapdealError, job: Job) -> str:
     text = text_of(str(error), job)
     for source in (job.name, str(job.path)):
-        text = text.removeprefix(f"{one_line(source)}: ")
+        text = text.removeprefix(f"{errors.one_line(source)}: ")
     shown = text if len(text) <= _LONGEST_REASON else f"{text[: _LONGEST_REASON - 3]}..."
     return f"{job.name}: {shown}"
 

@@ -16,14 +16,8 @@ from typing import Any, BinaryIO, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal import errors
 from mapdeal.command import Result
-from mapdeal.errors import (
-    FileAccessError,
-    MalformedInputError,
-    ParameterError,
-    emit_warning,
-    one_line,
-)
 from mapdeal.files.json_values import json_of, read_json
 from mapdeal.files.source import MAPS, YAML, exists, holds, is_same_file, real_path, status_of
 from mapdeal.files.transaction import OpenOutput, PutRows, RowsWriter, Transaction
@@ -44,7 +38,7 @@ from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pictures import layers
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.overlay import KnownLines, OtherThan, Overlay, Overlays, RobotOverlay
-from mapdeal.pipeline.settings import Settings, heard_from, located, passes_reported, portable
+from mapdeal.pipeline.settings import Settings, collected_from, located, passes_reported, portable
 from mapdeal.pipeline.step import Step
 from mapdeal.stages.catalogue import models_of
 from mapdeal.version import __version__
@@ -54,7 +48,7 @@ _DEEPEST = 3  # mappings in mappings whose entries are listed one by one
 _COST_SHARES = ["lethal", "inscribed", "graded", "free", "unknown"]
 _OCCUPANCY_SHARES = ["occupied", "between", "free", "unknown"]
 _SHOWN_AS = {"between": "values 1..99", "graded": "intermediate"}
-"""What people read for names of figures that say too little."""
+"""Words of summaries for figures with unclear names."""
 
 
 def summary_of(figures: Figures) -> str:
@@ -70,14 +64,14 @@ def summary_of(figures: Figures) -> str:
     if "lowest_distance" in figures:
         least, most = figures["lowest_distance"], figures["highest_distance"]
         if least is None or most is None:
-            what = "no obstacle" if figures["obstacles"] == 0 else "nothing but obstacles"
-            return what + around
+            words = "no obstacle" if figures["obstacles"] == 0 else "nothing but obstacles"
+            return words + around
         return f"{least + 0.0:.4g} .. {most:.4g} m, convention {figures['convention']}{around}"
     if "lowest_potential" in figures:
         least, most = figures["lowest_potential"], figures["highest_potential"]
         x, y = figures["goal"] or (None, None)
-        what = "no goal, repulsion" if x is None else f"goal {x:.10g}, {y:.10g}, potential"
-        text = f"{what} {least:.5g} .. {most:.5g}"
+        goal_words = "no goal, repulsion" if x is None else f"goal {x:.10g}, {y:.10g}, potential"
+        text = f"{goal_words} {least:.5g} .. {most:.5g}"
         text += f", gradient up to {figures['steepest_gradient']:.5g} per metre"
         if "cost_to_go_of" in figures:
             text += f", cost to go of {figures['cost_to_go_of']}"
@@ -139,22 +133,22 @@ def changes_between(old: Figures, new: Figures) -> list[str]:
 
 
 def are_goals(value: object) -> TypeGuard[dict[str, bool]]:
-    return isinstance(value, dict) and all(isinstance(one, bool) for one in value.values())
+    return isinstance(value, dict) and all(isinstance(item, bool) for item in value.values())
 
 
 def _changed_entries(old: Figures, new: Figures, place: str, depth: int) -> list[str]:
     texts = []
     for name in {**old, **new}:
-        one, other = old.get(name), new.get(name)
-        if isinstance(one, dict) and isinstance(other, dict) and depth:
-            texts += _changed_entries(one, other, f"{place}{name}.", depth - 1)
-        elif one != other:
-            texts.append(f"{place}{name} {one} -> {other}")
+        before, after = old.get(name), new.get(name)
+        if isinstance(before, dict) and isinstance(after, dict) and depth:
+            texts += _changed_entries(before, after, f"{place}{name}.", depth - 1)
+        elif before != after:
+            texts.append(f"{place}{name} {before} -> {after}")
     return texts
 
 
 def are_figures_of(stored: object, stages: Sequence[str]) -> TypeGuard[dict[str, Figures]]:
-    """Return whether what a manifest says are figures of exactly these stages, with sizes."""
+    """Return whether a manifest's figures are those of exactly these stages, with sizes."""
     if not isinstance(stored, dict) or set(stored) != set(stages):
         return False
     if not all(isinstance(figures, dict) for figures in stored.values()):
@@ -163,32 +157,32 @@ def are_figures_of(stored: object, stages: Sequence[str]) -> TypeGuard[dict[str,
     return all(type(size) is int and size > 0 for size in sizes)
 
 
-def said(value: object) -> str:
+def format_value(value: object) -> str:
     if value is None or isinstance(value, bool):
         return {None: "none", True: "yes", False: "no"}[value]
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key}: {said(one)}" for key, one in value.items()) + "}"
+        return "{" + ", ".join(f"{key}: {format_value(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list):
-        return f"[{', '.join(map(said, value))}]"
+        return f"[{', '.join(map(format_value, value))}]"
     return str(value)
 
 
 def step_line(step: Step) -> str:
     values = step.described()[step.name].items()
-    return f"{step.name}: {', '.join(f'{name}={said(value)}' for name, value in values)}"
+    return f"{step.name}: {', '.join(f'{name}={format_value(value)}' for name, value in values)}"
 
 
 @contextmanager
 def one_pass(transaction: Transaction, grid: Grid) -> Iterator[Grid]:
     """Write all files of a grid within a ``with`` block in one pass."""
-    # Its rows are then made once for all of them, where layers have no room to be kept. Files of a
-    # grid in memory are written as ever, at the same time.
+    # The rows of lazy layers are then computed once for all files. Files of a grid in memory are
+    # written at the same time.
     if not grid.is_lazy:
         yield grid
         return
     rows = _Pass(grid)
     with transaction.together(rows.write_all):
-        yield rows.asked
+        yield rows.pass_grid
 
 
 class _Pass:
@@ -202,16 +196,17 @@ class _Pass:
 
         self._layer = layer
         self._next = 0
-        self._puts: list[tuple[Path, PutRows]] = []
-        self.asked: Grid = grid.with_layer(made_by_rows(layer, layer.dtype, handed_on))
+        self._row_writers: list[tuple[Path, PutRows]] = []
+        self.pass_grid: Grid = grid.with_layer(made_by_rows(layer, layer.dtype, handed_on))
 
     def write_all(self, files: Sequence[OpenOutput]) -> None:
         finishes = []
-        for path, file, writer in sorted(files, key=lambda one: not isinstance(one[2], RowsWriter)):
+        row_writers_first = sorted(files, key=lambda item: not isinstance(item[2], RowsWriter))
+        for path, file, writer in row_writers_first:
             with _failing_at(path):
                 if isinstance(writer, RowsWriter):
-                    put, finish = writer.begin(file)
-                    self._puts.append((path, put))
+                    put_rows, finish = writer.begin(file)
+                    self._row_writers.append((path, put_rows))
                     finishes.append((path, finish))
                 else:
                     writer(file)
@@ -223,11 +218,11 @@ class _Pass:
                 finish()
 
     def _hand_on(self, rows: slice) -> None:
-        if rows.start != self._next:  # asked for once more
+        if rows.start != self._next:  # a second request of the same rows
             return
-        for path, put in self._puts:
+        for path, put_rows in self._row_writers:
             with _failing_at(path):
-                put(rows)
+                put_rows(rows)
         self._next = rows.stop
         report_rows(self._layer, rows)
 
@@ -239,10 +234,10 @@ def _failing_at(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         rule = f"cannot be written: {error.strerror or error}"
-        raise FileAccessError(rule, source=path) from None
+        raise errors.FileAccessError(rule, source=path) from None
 
 
-_DECIMALS = 9  # of metres: what is beyond is the rounding of binary fractions
+_DECIMALS = 9  # of metres: further ones are rounding errors of binary fractions
 
 
 def rounded(value: float) -> float | None:
@@ -250,7 +245,7 @@ def rounded(value: float) -> float | None:
 
 
 def spread_json(document: Mapping[str, Any], *spread: str) -> str:
-    """Return a document as JSON text, an entry on a line, of some of them each item."""
+    """Return a document as JSON text, one entry a line, and one item a line of entries `spread`."""
     lines = []
     for key, value in document.items():
         text = json.dumps(value)
@@ -262,7 +257,7 @@ def spread_json(document: Mapping[str, Any], *spread: str) -> str:
 
 
 class Spread(Result):
-    """A result whose document is written as it is printed, each part as soon as it is found."""
+    """A result whose document is written in parts, each as soon as it is computed."""
 
     def summary(self, output: Path) -> Iterator[str]:
         yield f"{output}: {'; '.join(self.lines())}"
@@ -293,26 +288,26 @@ def reach_document(reach: Reach) -> dict[str, Any]:
         "open_m2": rounded(reach.open_area),
         "free_m2": rounded(reach.free_area),
         "share": rounded(reach.share),
-        "goals": [_goal(one) for one in reach.goals],
+        "goals": [_goal(goal) for goal in reach.goals],
         "passages": [passage_document(passage) for passage in reach.passages],
     }
 
 
-def _goal(one: GoalReach) -> dict[str, Any]:
-    narrowest = one.limited_by
+def _goal(reach: GoalReach) -> dict[str, Any]:
+    narrowest = reach.limited_by
     return {
-        **({} if one.goal.name is None else {"name": one.goal.name}),
-        **_place(one.goal.x, one.goal.y),
-        "reachable": one.reachable,
-        "heading_count": one.heading_count,
-        "widest_radius_m": rounded(one.widest_radius),
+        **({} if reach.goal.name is None else {"name": reach.goal.name}),
+        **_place(reach.goal.x, reach.goal.y),
+        "reachable": reach.reachable,
+        "heading_count": reach.heading_count,
+        "widest_radius_m": rounded(reach.widest_radius),
         "limited_by": None if narrowest is None else {
             **_place(narrowest.x, narrowest.y),
             "width_m": rounded(narrowest.width),
             "at": narrowest.at,
         },
-        "reason": one.reason,
-        "nearest_open": None if one.nearest_open is None else _place(*one.nearest_open),
+        "reason": reach.reason,
+        "nearest_open": None if reach.nearest_open is None else _place(*reach.nearest_open),
     }  # fmt: skip
 
 
@@ -332,7 +327,7 @@ def _place(x: float, y: float) -> dict[str, Any]:
 
 PICTURE = ".png"
 
-_FARTHEST = 100.0  # metres: a radius beyond that is of no robot, and would fit no picture
+_FARTHEST = 100.0  # metres: larger radii are not drawn
 
 
 @dataclass(frozen=True)
@@ -345,10 +340,10 @@ class GridFiles:
     drawing: type[layers.Drawing] | None = None
 
 
-def _reach_image(grid: Reach, **how: Any) -> Image:
+def _reach_image(grid: Reach, **options: Any) -> Image:
     from mapdeal.pictures.reach import reach_image
 
-    return reach_image(grid, **how)
+    return reach_image(grid, **options)
 
 
 _FILES: dict[type[Any], GridFiles] = {
@@ -379,46 +374,46 @@ _FILES: dict[type[Any], GridFiles] = {
 }  # fmt: skip
 
 
-def files_of(made: type[Any]) -> GridFiles:
-    if made not in _FILES:
-        raise TypeError(f"it is not known how a {made.__name__} is written")
-    return _FILES[made]
+def files_of(kind: type[Any]) -> GridFiles:
+    if kind not in _FILES:
+        raise TypeError(f"it is not known how a {kind.__name__} is written")
+    return _FILES[kind]
 
 
 def paths_of(step: Step, folder: Path, *, images: bool) -> list[Path]:
     """Return the files that a step of a run writes into `folder`, in the order of writing."""
-    endings = [*files_of(step.stage.makes).in_folder, *([PICTURE] if images else [])]
+    endings = [*files_of(step.stage.product_type).in_folder, *([PICTURE] if images else [])]
     return [folder / f"{step.stage.product}{ending}" for ending in endings]
 
 
 def passes_of(step: Step, endings: Iterable[str]) -> int:
-    """Return how often lazy layers are gone through for a step and some files of its product."""
-    # once for its figures and once for the files; besides that by the stage, and by its view
+    """Return the number of passes through lazy layers for a step and files of its product."""
+    # one for its figures and one for the files, then those of the stage and of its view
     has_view = step.stage.view is not None and not {".pgm", *YAML}.isdisjoint(endings)
     return 2 + step.stage.passes + (step.stage.view_passes(step.view) if has_view else 0)
 
 
 def output_of(step: Step, output: Path) -> list[Path]:
     """Return the files that a step's product becomes if it is written to `output`."""
-    endings = files_of(step.stage.makes).endings
+    endings = files_of(step.stage.product_type).endings
     if output.suffix not in endings:
         hint = "--image writes a picture" if output.suffix == PICTURE else None
         *first, last = (ending for ending in endings if ending != ".yml")
         rule = f"the output must end in {' or '.join(filter(None, [', '.join(first), last]))}"
-        raise ParameterError(rule, source=output, hint=hint)
+        raise errors.ParameterError(rule, source=output, hint=hint)
     if output.suffix == ".npy":
         return [output, output.with_suffix(".yaml")]
     return list(output_paths(output))
 
 
 def write_product(
-    transaction: Transaction, output: Path, grid: Grid, step: Step, *, asked: Grid,
+    transaction: Transaction, output: Path, grid: Grid, step: Step, *, pass_grid: Grid,
     encoding: Encoding = "occupancy",
 ) -> None:  # fmt: skip
     """Write a step's product to a file, and the other one of a pair."""
-    # Within a pass; `asked` is the grid that `one_pass` gives.
-    if isinstance(asked, DistanceField) and output.suffix == ".npy":
-        transaction.write(output, lambda file: write_npy(file, asked.distance))
+    # Within a pass; `pass_grid` is the grid from `one_pass`.
+    if isinstance(pass_grid, DistanceField) and output.suffix == ".npy":
+        transaction.write(output, lambda file: write_npy(file, pass_grid.distance))
         names = ("convention", "strength", "max_distance", "lethal_threshold", "unknown")
         document = {
             "distance": output.name,
@@ -432,8 +427,8 @@ def write_product(
     elif isinstance(grid, DistanceField) and output.suffix != ".npz":
         write_grid(transaction, output, step.view_of(grid), mode="raw")
     else:
-        made = asked if output.suffix == ".npz" else grid
-        write_grid(transaction, output, made, encoding=encoding)
+        written = pass_grid if output.suffix == ".npz" else grid
+        write_grid(transaction, output, written, encoding=encoding)
 
 
 def write_picture(
@@ -441,17 +436,19 @@ def write_picture(
     overlay: Overlay | None = None,
 ) -> None:  # fmt: skip
     files = files_of(type(grid))
-    how: dict[str, Any] = {
+    options: dict[str, Any] = {
         "image_max": settings.image_max, "image_extent": settings.image_extent, "overlay": overlay
     }  # fmt: skip
     make_drawing = files.drawing
     if make_drawing is None:
-        write_image(transaction, path, lambda: files.draw(grid, title=one_line(title), **how))
+        write_image(
+            transaction, path, lambda: files.draw(grid, title=errors.one_line(title), **options)
+        )
         return
 
     def begin(file: BinaryIO) -> tuple[PutRows, Callable[[], object]]:
-        drawing = make_drawing(grid, **how)
-        return drawing.take, lambda: _encode(file, drawing.image(one_line(title)))
+        drawing = make_drawing(grid, **options)
+        return drawing.take, lambda: _encode(file, drawing.image(errors.one_line(title)))
 
     transaction.write(path, RowsWriter(grid.layer, begin))
 
@@ -466,12 +463,12 @@ def _encode(file: BinaryIO, image: Image) -> None:
 
 
 def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:
-    """Return what the picture of a step's product shows of the robot that the step is about."""
+    """Return the robot's shape, to be drawn over the picture of a step's product."""
     shape = step.stage.robot
-    if shape is None or step.stage.makes is Reach:  # whose picture has it at its start
+    if shape is None or step.stage.product_type is Reach:  # whose picture has it at its start
         return []
-    given = [step.parameters.get(name) for name in (*shape.sets, shape.replaces)]
-    known = next((one for one in given if isinstance(one, Footprint)), robot)
+    shapes = [step.parameters.get(name) for name in (*shape.sets, shape.replaces)]
+    known = next((item for item in shapes if isinstance(item, Footprint)), robot)
     radius = step.parameters[shape.replaces]
     if known is None and radius and radius <= _FARTHEST:
         around = step.parameters.get("circumscribed_radius")
@@ -485,7 +482,7 @@ MANIFEST = "manifest.json"
 INPUT_PICTURE = "input.png"
 _FORMAT = "mapdeal-run/1"
 _PASSES_OF_INPUT = 2
-"""Of a map that is processed block by block, for its picture: others have no progress."""
+"""Passes for the picture of a map that is processed in blocks."""
 
 
 @dataclass(frozen=True)
@@ -512,12 +509,12 @@ class OutputFolder:
         return [path for path in self.outputs() if exists(path)]
 
     def check_inputs(self, files: Iterable[Path]) -> None:
-        """Refuse inputs in the folder: one day they would be replaced or removed as products."""
+        """Refuse inputs in the folder: a later run might replace or remove them as products."""
         for file in files:
-            if any(is_same_file(one.parent, self.path) for one in (file, real_path(file))):
+            if any(is_same_file(path.parent, self.path) for path in (file, real_path(file))):
                 rule = f"lies in {self.path}, where the outputs go"
                 hint = "move it, or name another folder for the outputs"
-                raise FileAccessError(rule, source=file, hint=hint)
+                raise errors.FileAccessError(rule, source=file, hint=hint)
 
     def unchanged_figures(self) -> dict[str, Figures] | None:
         old = self._stored()
@@ -526,8 +523,8 @@ class OutputFolder:
         if any(key in old and key not in self._manifest() for key in ("robot", "mask")):
             return None
         outputs, figures = old.get("outputs"), old.get("figures")
-        wanted = {path.name for path in self.outputs()} - {MANIFEST}
-        if not isinstance(outputs, dict) or set(outputs) != wanted:
+        names = {path.name for path in self.outputs()} - {MANIFEST}
+        if not isinstance(outputs, dict) or set(outputs) != names:
             return None
         if not are_figures_of(figures, [step.name for step in self.steps]):
             return None
@@ -535,15 +532,15 @@ class OutputFolder:
         return figures if same else None
 
     def repeat_warnings(self, filling: Filling) -> None:
-        """Warn of what the run that has written the folder has warned of, but reading has not."""
+        """Repeat the warnings of the run that wrote the folder, except those of reading."""
         remarks = self._stored().get("warnings")
         texts = [str(remark) for remark in remarks] if isinstance(remarks, list) else []
         for text in located(texts, filling.named):
-            if text not in filling.heard:
-                emit_warning(text, stacklevel=2)
+            if text not in filling.warnings:
+                errors.emit_warning(text, stacklevel=2)
 
     def passes(self) -> int:
-        """Return how often the rows of lazy products are gone through to write them."""
+        """Return the number of passes through the rows of lazy products."""
         passes = _PASSES_OF_INPUT * len(self._input_picture())
         for step in self.steps:
             passes += passes_of(step, [path.suffix for path in self._outputs_of(step)])
@@ -562,40 +559,40 @@ class OutputFolder:
         """Write all files within a transaction, the manifest last; return each step's figures."""
         before = self._stored().get("outputs")
         figures: dict[str, Figures] = {}
-        texts = list(filling.heard)
+        texts = list(filling.warnings)
         settings = self.settings
         shows_known = settings.images and settings.image_extent == "known"
         if filling.read is not None:
             for path in self._input_picture():
                 title = f"{filling.stem}: map as read"
                 write_picture(transaction, path, filling.read, title, settings)
-        for product in heard_from(filling.products, texts):
+        for product in collected_from(filling.products, texts):
             step, grid = product.step, product.grid
             if shows_known and isinstance(grid, (OccupancyGrid, Costmap)) and grid.is_lazy:
-                # one pass finds the box of known cells and what the figures count
+                # one pass finds the box of known cells and the counts of the figures
                 gathered(grid.layer, histogram, KnownLines(OtherThan(grid.unknown_value)))
             figures[step.name] = {**grid.figures(), **product.figures}
             remark = step.remark_on(figures[step.name])
             if remark is not None:
                 texts.append(f"{filling.subject}: {remark}")
-                emit_warning(texts[-1], stacklevel=2)
+                errors.emit_warning(texts[-1], stacklevel=2)
             overlays = robot_overlays(step, filling.robot)
-            overlays[:0] = [one for one in (filling.overlay, product.overlay) if one is not None]
+            overlays[:0] = filter(None, (filling.overlay, product.overlay))
             overlay = together(overlays)
             title = f"{filling.stem}: {step.title}"
             title += f", with {product.mask}" if product.mask is not None else ""
-            with one_pass(transaction, grid) as asked:
+            with one_pass(transaction, grid) as pass_grid:
                 for path in self._outputs_of(step):
                     if path.suffix == PICTURE:
                         write_picture(transaction, path, grid, title, settings, overlay)
                     elif path.suffix != ".pgm":  # it is written with its YAML
-                        write_product(transaction, path, grid, step, asked=asked)
+                        write_product(transaction, path, grid, step, pass_grid=pass_grid)
         remarks = portable(texts, filling.named)
-        made = transaction.checksums()
-        sums = {path.name: digest for path, digest in made.items() if path.parent == self.path}
+        checksums = transaction.checksums()
+        sums = {path.name: digest for path, digest in checksums.items() if path.parent == self.path}
         found = {"figures": figures, "warnings": remarks, "outputs": sums}
         transaction.write_bytes(self.path / MANIFEST, json_of({**self._manifest(), **found}))
-        # outputs of the run before that are not made any more go, if nobody changed them
+        # remove unchanged outputs of an earlier run that this one does not write
         current = {path.name for path in self.outputs()}
         for name, digest in before.items() if isinstance(before, dict) else ():
             path = self.path / Path(str(name)).name
@@ -638,7 +635,7 @@ class Filling:
     subject: Path
     overlay: Overlay | None = None
     by_blocks: bool = False
-    heard: Sequence[str] = ()
+    warnings: Sequence[str] = ()
     read: Grid | None = None
     robot: Footprint | None = None
 
@@ -658,10 +655,10 @@ def fill_together(fillings: Sequence[Filling]) -> list[dict[str, Figures]]:
         filling.folder.check_inputs(read)
     folders = [filling.folder for filling in fillings]
     force = all(folder.settings.force for folder in folders)
-    taken = next((folder for folder in folders if folder.existing()), folders[0])
+    occupied = next((folder for folder in folders if folder.existing()), folders[0])
     passes = sum(filling.folder.passes() for filling in fillings if filling.by_blocks)
     outputs = [path for folder in folders for path in folder.outputs()]
-    hint = "" if force else taken.hint()
+    hint = "" if force else occupied.hint()
     with (
         passes_reported(folders[0].settings.progress if passes else None, passes),
         Transaction(outputs, inputs=read, force=force, hint=hint, checksums=True) as transaction,
@@ -672,7 +669,7 @@ def fill_together(fillings: Sequence[Filling]) -> list[dict[str, Figures]]:
 def manifest_in(folder: Path) -> dict[str, Any]:
     manifest = read_json(folder / MANIFEST)
     if not _is_manifest(manifest):
-        raise MalformedInputError("is not the manifest of a run", source=folder / MANIFEST)
+        raise errors.MalformedInputError("is not the manifest of a run", source=folder / MANIFEST)
     return manifest
 
 
@@ -681,30 +678,30 @@ def stages_behind(name: str, folder: Path, sums: Mapping[str, str]) -> list[dict
     if not _is_manifest(manifest) or not sums.items() <= manifest["outputs"].items():
         return None
     stages: list[dict[str, Any]] = manifest["stages"]
-    products = [product_of(next(iter(one))) for one in stages]
+    products = [product_of(next(iter(stage))) for stage in stages]
     stem = Path(name).stem
     return stages[: products.index(stem) + 1] if stem in products else None
 
 
 def product_of(stage: str) -> str:
-    """Return what the files of a stage are called; of one that is no recipe's, its name."""
-    return next((one.product for one in models_of(stage).values()), stage)
+    """Return the stem of a stage's files; for a stage outside recipes, its name."""
+    return next((stage_model.product for stage_model in models_of(stage).values()), stage)
 
 
 def _is_manifest(value: object) -> TypeGuard[dict[str, Any]]:
-    """Return whether figures, outputs and stages are there in the shape that a run gives them."""
+    """Return whether figures, outputs and stages have the types that a run writes."""
     # No stage runs twice, see `Recipe`.
     if not isinstance(value, dict):
         return False
     figures, outputs, stages = (value.get(key) for key in ("figures", "outputs", "stages"))
     return (
         isinstance(figures, dict)
-        and all(isinstance(one, dict) for one in figures.values())
+        and all(isinstance(entry, dict) for entry in figures.values())
         and isinstance(outputs, dict)
         and all(isinstance(digest, str) for digest in outputs.values())
         and isinstance(stages, list)
         and all(isinstance(stage, dict) and len(stage) == 1 for stage in stages)
-        and all(isinstance(one, dict) for stage in stages for one in stage.values())
+        and all(isinstance(entry, dict) for stage in stages for entry in stage.values())
         and len({name for stage in stages for name in stage}) == len(stages)
     )
 
@@ -725,24 +722,24 @@ def differences_from_golden(folder: Path, golden: Path, place: str | None = None
     stored = golden / (place or folder.name) / MANIFEST
     try:
         status_of(stored)
-    except FileAccessError as error:
+    except errors.FileAccessError as error:
         rule, hint = f"no golden run: {error.rule}", "--update-golden stores it"
-        raise FileAccessError(rule, source=stored, hint=hint) from None
+        raise errors.FileAccessError(rule, source=stored, hint=hint) from None
     new, old = manifest_in(folder), manifest_in(stored.parent)
     lines = []
     for stage in dict.fromkeys([*old["figures"], *new["figures"]]):
-        told = _difference(stage, old, new)
-        if told is not None:
-            lines.append(f"{place or folder.name}: {stage}: {told}")
+        difference = _difference(stage, old, new)
+        if difference is not None:
+            lines.append(f"{place or folder.name}: {stage}: {difference}")
     return lines
 
 
 def _difference(stage: str, old: dict[str, Any], new: dict[str, Any]) -> str | None:
-    for one, other in ((old, "is new"), (new, "is missing")):
-        if stage not in one["figures"]:
-            return other
+    for manifest, words in ((old, "is new"), (new, "is missing")):
+        if stage not in manifest["figures"]:
+            return words
     parameters: list[dict[str, Any]] = [
-        next((one[stage] for one in manifest["stages"] if stage in one), {})
+        next((entry[stage] for entry in manifest["stages"] if stage in entry), {})
         for manifest in (old, new)
     ]
     changed = _changes(*parameters)
@@ -756,11 +753,11 @@ def _difference(stage: str, old: dict[str, Any], new: dict[str, Any]) -> str | N
     ]  # fmt: skip
     if not differing:
         return None
-    told = _changes(old["figures"][stage], new["figures"][stage])
-    return f"{', '.join(differing)} differ" + (f": {told}" if told else "")
+    changes = _changes(old["figures"][stage], new["figures"][stage])
+    return f"{', '.join(differing)} differ" + (f": {changes}" if changes else "")
 
 
 def _changes(old: Figures, new: Figures) -> str:
     texts = changes_between(old, new)
-    shown = one_line(", ".join(texts[:_SHOWN]))
+    shown = errors.one_line(", ".join(texts[:_SHOWN]))
     return shown + (f" and {len(texts) - _SHOWN} more" if len(texts) > _SHOWN else "")

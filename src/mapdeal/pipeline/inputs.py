@@ -55,10 +55,10 @@ _PER_LINE, _PER_MEASURED_LINE = 16, 130
 sides above `LONGEST_SIDE` are left to scipy."""
 
 _ON_CANVAS = 0.75
-"""Of what a stage takes, what it takes again where its product is put onto a larger canvas."""
+"""Share of a stage's memory that extending its product to a larger canvas takes besides."""
 
 _READ = 1.0
-"""Bytes of each cell of a map in memory; what reading takes besides is over before stages begin."""
+"""Bytes of each cell of a map in memory; reading releases the rest before stages begin."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def bytes_in_memory(
 
 
 def bytes_to_read(reading: int) -> int:
-    """Return about how many bytes a program takes that reads a map, given what reading takes."""
+    """Return about how many bytes a process takes that reads a map with `reading` bytes."""
     return _DEMANDS[engine_name()].base + reading
 
 
@@ -120,7 +120,7 @@ def opened_map(
     path: Path, steps: Sequence[Step], settings: Settings, *, image_max: int | None,
     with_sums: bool = False,
 ) -> Iterator[Source]:  # fmt: skip
-    """Open a map to which stages are to be applied: in memory if it fits, else block by block."""
+    """Open a map for stages: in memory if it fits, else block by block."""
     with ExitStack() as stack:
         stack.enter_context(settings.reading())
         with sums_of_reads(is_wanted=with_sums) as sums:
@@ -141,13 +141,13 @@ def _read(
     """Return the map in a file, whole or lazy, as the memory demands it."""
     limit, _ = memory_limit()
     budget = _NO_LIMIT if limit is None else limit
-    way = _way_of(file, file.shape(), steps, budget, image_max, canvas)
-    if way is not None and way.is_by_rows:
-        return file.by_rows(block_height=way.block_height, budget=way.cache)
+    blocks = _plan_blocks(file, file.shape(), steps, budget, image_max, canvas)
+    if blocks is not None and blocks.is_by_rows:
+        return file.by_rows(block_height=blocks.block_height, budget=blocks.cache)
     source = file.read()
     grid = source.grid
     crop = _bytes_of_crop(grid)
-    canvas = "full" if crop else canvas  # what is made of the box is put back
+    canvas = "full" if crop else canvas  # products of the box are extended
     needed = bytes_in_memory(grid.shape, steps, image_max, canvas=canvas) + crop
     if needed <= budget:
         return source
@@ -164,18 +164,18 @@ def _read(
 
 @dataclass(frozen=True)
 class _Blocks:
-    """How a map is processed of which not all layers fit the memory."""
+    """How to process a map whose layers exceed the memory."""
 
     is_by_rows: bool
     block_height: int
     cache: CacheBudget
 
 
-def _way_of(
+def _plan_blocks(
     file: MapFile, shape: tuple[int, int], steps: Sequence[Step], budget: int,
     image_max: int | None, canvas: Canvas,
 ) -> _Blocks | None:  # fmt: skip
-    """Return how a map is to be processed, from its headers; None if it fits the memory."""
+    """Return the blocks of a map that exceeds the memory, from its headers."""
     # Cells of an image that is decoded as a whole are kept. Others are read again, row by row.
     reading = file.memory_to_read()
     needed = bytes_in_memory(shape, steps, image_max, canvas=canvas, reading=reading)
@@ -193,7 +193,7 @@ def _way_of(
 def check_fits(
     path: Path | str, shape: tuple[int, int], steps: Sequence[Step], image_max: int | None
 ) -> None:  # fmt: skip
-    """Refuse a map that is yet to be made, and stages on it, if they take too much memory."""
+    """Refuse a future map and stages on it that take too much memory."""
     count = bytes_in_memory(shape, steps, image_max) - _DEMANDS[engine_name()].base
     claim(path, count, what=f"{shape[1]} x {shape[0]} cells")
 
@@ -202,7 +202,7 @@ def claim_work(
     path: Path | str, grid: Framed, per_cell: float, *, cells: int | None = None,
     besides: int = 0, measures: bool = False,
 ) -> None:  # fmt: skip
-    """Refuse what is about to be done with a grid that was read, if it takes too much memory."""
+    """Refuse work on a grid in memory that takes too much memory."""
     with work_claimed(path, grid, per_cell, cells=cells, besides=besides, measures=measures):
         pass
 
@@ -212,11 +212,11 @@ def work_claimed(
     path: Path | str, grid: Framed, per_cell: float, *, cells: int | None = None,
     besides: int = 0, measures: bool = True,
 ) -> Iterator[None]:  # fmt: skip
-    """Refuse work as `claim_work` does, and what its tables take while it is under way."""
+    """Refuse work as `claim_work` does, and count the tables that it makes."""
     height, width = grid.shape
     more = int(per_cell * (height * width if cells is None else cells))
     crop = _bytes_of_crop(grid)
-    if crop:  # all is done with the box, and put back
+    if crop:  # stages work on the box, then extend the product
         more = 2 * more + crop
     more += bytes_of_lines(grid.shape, _PER_LINE)
     more += _bytes_to_measure(grid.shape) if measures else 0
@@ -225,7 +225,7 @@ def work_claimed(
 
 
 def claim_step(path: Path, grid: Grid, step: Step) -> None:
-    """Refuse to apply a stage whose need of memory nobody knew before, if it is too much."""
+    """Refuse a stage that takes too much memory, where its need depends on its input."""
     if grid.is_lazy:
         return
     if step.stage.cells is None or not step.moves:
@@ -260,8 +260,8 @@ def need_of(
     """Return the memory that `opened_map` and the stages will take, from headers."""
     budget = memory_budget(settings.max_memory)
     with use_threads(settings.threads):
-        way = _way_of(file, shape, steps, budget, image_max, settings.canvas)
-    if way is not None:
+        blocks = _plan_blocks(file, shape, steps, budget, image_max, settings.canvas)
+    if blocks is not None:
         return Need(budget, by_blocks=True)  # layers are kept as long as there is room
     reading = file.memory_to_read()
     needed = bytes_in_memory(shape, steps, image_max, canvas=settings.canvas, reading=reading)
@@ -269,7 +269,7 @@ def need_of(
 
 
 def memory_budget(max_memory: int | None, jobs: int = 1) -> int:
-    """Return the bytes that each job may take: those given, or its part of half of what is free."""
+    """Return the bytes for each job: `max_memory`, or its part of half of the free memory."""
     if max_memory is not None:
         return max_memory
     limit = default_limit(jobs)
@@ -280,28 +280,28 @@ def _cut(
     path: Path, shape: tuple[int, int], steps: Sequence[Step], budget: int, base: int, *,
     needed: int,
 ) -> tuple[int, CacheBudget]:  # fmt: skip
-    """Return how many rows make a block, and what of the budget the layers may keep."""
-    # Blocks, what is kept of each, and `base`, which is taken anyhow, fit the budget.
+    """Return the rows of a block, and the part of the budget that layers may keep."""
+    # Blocks, the layers kept of each, and `base` together fit the budget.
     if any(step.is_whole for step in steps):
         raise _too_large(path, shape, needed, budget)
     height, width = shape
     per_row = _DEMANDS[engine_name()].block * width * (thread_count() + 1)
 
-    def fitting(left: int) -> tuple[int, int]:
+    def fitting(free_bytes: int) -> tuple[int, int]:
         """Return the least and the most rows, half of the memory for blocks, a quarter for runs."""
-        least = -(-_PER_COLUMN_OF_BLOCK * width * height // max(left // 4, 1))
-        return max(least, 1), left // 2 // per_row
+        least = -(-_PER_COLUMN_OF_BLOCK * width * height // max(free_bytes // 4, 1))
+        return max(least, 1), free_bytes // 2 // per_row
 
-    left = budget - base
-    least, most = fitting(left)
+    free_bytes = budget - base
+    least, most = fitting(free_bytes)
     if most < least:
         while most < least:
-            left = max(left + left // 50, per_row)
-            least, most = fitting(left)
-        raise _too_large(path, shape, min(needed, int(1.01 * (base + left))), budget)
+            free_bytes = max(free_bytes + free_bytes // 50, per_row)
+            least, most = fitting(free_bytes)
+        raise _too_large(path, shape, min(needed, int(1.01 * (base + free_bytes))), budget)
     rows = int(min(max(_BLOCK_CELLS // width, least), most, height, (1 << 16) - 1))
     runs = _PER_COLUMN_OF_BLOCK * width * -(-height // rows)
-    return rows, CacheBudget(left - per_row * rows - runs)
+    return rows, CacheBudget(free_bytes - per_row * rows - runs)
 
 
 def _too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> MalformedInputError:
@@ -316,7 +316,7 @@ def _too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> 
 def read_input(
     path: Path, settings: Settings, per_cell: float | None = None, *, with_sums: bool = False
 ) -> Source:
-    """Return the grid in a file, unless what is done with each cell takes too much memory."""
+    """Return the grid in a file; refuse it if `per_cell` bytes a cell take too much memory."""
     with (
         settings.reading(),
         use_threads(settings.threads),
@@ -374,7 +374,7 @@ class MapInput(Source):
         return as_occupancy(self.grid, self.path or self.name)
 
     def document(self) -> dict[str, Any] | None:
-        """Return path and checksums; None for a grid that is no file's."""
+        """Return path and checksums, if the grid comes from a file."""
         if self.path is None:
             return None
         return {"file": str(self.path), "sha256": dict(self.sums)}
@@ -385,7 +385,7 @@ def map_input(source: Source, path: Path) -> MapInput:
 
 
 class Terminal(Protocol):
-    """What can be said while a command is under way, see `mapdeal.cli.terminal`."""
+    """Output of a command in progress, see `mapdeal.cli.terminal`."""
 
     def detail(self, text: str) -> None: ...
     def remark(self, lines: Iterable[str]) -> None: ...
@@ -397,12 +397,12 @@ class Terminal(Protocol):
     def input_chunks(self) -> Iterator[bytes]: ...
     def few_warnings(self, hint: str) -> AbstractContextManager[Callable[[str], None]]: ...
     def counted(
-        self, steps: int, what: str | None = None
+        self, steps: int, noun: str | None = None
     ) -> AbstractContextManager[Callable[..., object]]: ...
 
 
 class Work:
-    """A command under way in the shell: its settings, and the files that it writes together."""
+    """A command in progress in the shell: its settings, and the files that it writes together."""
 
     current: ContextVar[Work | None] = ContextVar("work", default=None)
 
@@ -418,22 +418,22 @@ class Work:
 
     @classmethod
     def in_shell(cls) -> Work:
-        """Return the command under way to a function that serves the shell alone."""
+        """Return the command in progress, for functions that only the shell calls."""
         work = cls.current.get()
         if work is None:
             raise RuntimeError("only the command line calls this function")
         return work
 
     def begin(self, inputs: Sequence[Path] = ()) -> Transaction:
-        """Check the outputs against what has been read, before any work; once."""
+        """Check the outputs against the inputs before any work, once."""
         if self._transaction is None:
-            made = outputs_of(self.outputs, inputs, self.settings)
-            self._transaction = self._stack.enter_context(made)
+            transaction = outputs_of(self.outputs, inputs, self.settings)
+            self._transaction = self._stack.enter_context(transaction)
         return self._transaction
 
 
 def settings_of(**reading: Unpack[Reading]) -> Settings:
-    """Return the settings of the command under way in the shell, or else those given."""
+    """Return the settings of the command in progress in the shell, or else those given."""
     work = Work.current.get()
     return Settings(**reading) if work is None else work.settings
 
@@ -456,21 +456,21 @@ def text_in(path: Path) -> tuple[Iterable[bytes], Path | str]:
 def opened(
     *maps: Map, names: Sequence[str], also: Sequence[Path] = (), **reading: Unpack[Reading]
 ) -> list[MapInput]:
-    """Return maps given as files or as grids, all of them read, by what messages call them."""
+    """Return maps from files or grids, all read, with the names that messages use."""
     work, settings = Work.current.get(), settings_of(**reading)
-    paths = [Path(one) for one in maps if isinstance(one, str | PathLike)]
-    for one in maps:
-        if not isinstance(one, str | PathLike | Grid):
-            raise ParameterError("takes files or grids", got=one)
+    paths = [Path(source) for source in maps if isinstance(source, str | PathLike)]
+    for source in maps:
+        if not isinstance(source, str | PathLike | Grid):
+            raise ParameterError("takes files or grids", got=source)
     sources = iter(read_together(paths, settings))
     found = []
-    for one, name in zip(maps, names, strict=True):
-        if isinstance(one, str | PathLike):
-            found.append(map_input(next(sources), Path(one)))
+    for source, name in zip(maps, names, strict=True):
+        if isinstance(source, str | PathLike):
+            found.append(map_input(next(sources), Path(source)))
         else:
-            found.append(MapInput(one, (), name=name))
+            found.append(MapInput(source, (), name=name))
     if work is not None:
-        work.begin([*(file for one in found for file in one.files), *also])
+        work.begin([*(file for source in found for file in source.files), *also])
     return found
 
 
@@ -509,7 +509,7 @@ class KeepoutMask:
 
 
 def used_mask(mask: Mask, robot: RobotParameters | None) -> Mask | None:
-    """Return a keepout mask, or None if a robot's layers ignore it, which is warned of."""
+    """Return a keepout mask; warn and return None if a robot's layers ignore it."""
     reason = None if robot is None or mask is None else robot.why_mask_unused
     if reason is None:
         return mask
@@ -517,74 +517,74 @@ def used_mask(mask: Mask, robot: RobotParameters | None) -> Mask | None:
     return None
 
 
-def mask_of(given: Map | None, settings: Settings, *beside: Framed) -> KeepoutMask | None:
+def mask_of(mask: Map | None, settings: Settings, *beside: Framed) -> KeepoutMask | None:
     """Return a keepout mask that is given as a file or as a grid, read beside other grids."""
-    if given is None:
+    if mask is None:
         return None
-    if not isinstance(given, str | PathLike):
-        return KeepoutMask(as_occupancy(given, "the mask"))
-    path = Path(given)
-    held = sum(bytes_of(one) for one in beside if not one.is_lazy)
-    with settings.reading(), holding(held):
+    if not isinstance(mask, str | PathLike):
+        return KeepoutMask(as_occupancy(mask, "the mask"))
+    path = Path(mask)
+    taken_bytes = sum(bytes_of(grid) for grid in beside if not grid.is_lazy)
+    with settings.reading(), holding(taken_bytes):
         source = read_input(path, settings, with_sums=True)
     return KeepoutMask(as_occupancy(source.grid, path), path, source.files, source.sums)
 
 
-def refuse(rule: str, /, **given: object) -> None:
+def refuse(rule: str, /, **values: object) -> None:
     """Raise ParameterError about the first of some parameters that is given."""
-    for name, value in given.items():
+    for name, value in values.items():
         if value is not None and value is not False and value != ():
             raise ParameterError(rule, place=name)
 
 
-def transform_of(given: object, *, place: str | None = None) -> Transform | None:
-    if given is None or isinstance(given, Transform):
-        return given
+def transform_of(value: object, *, place: str | None = None) -> Transform | None:
+    if value is None or isinstance(value, Transform):
+        return value
     rule = "must be a transform, or three numbers x, y, yaw"
-    return Transform(*_numbers_in(given, 3, rule, place))
+    return Transform(*_numbers_in(value, 3, rule, place))
 
 
-def numbers_of(given: object, form: str, *, place: str | None = None) -> tuple[float, ...]:
+def numbers_of(value: object, form: str, *, place: str | None = None) -> tuple[float, ...]:
     """Return numbers that may be given as text, as many as a form such as ``X,Y`` has."""
     count = form.count(",") + 1
-    return _numbers_in(given, count, f"must be {_COUNTS[count]} numbers {form}", place)
+    return _numbers_in(value, count, f"must be {_COUNTS[count]} numbers {form}", place)
 
 
 _COUNTS = {2: "two", 3: "three"}
 
 
-def _numbers_in(given: Any, count: int, rule: str, place: str | None) -> tuple[float, ...]:
+def _numbers_in(value: Any, count: int, rule: str, place: str | None) -> tuple[float, ...]:
     try:
-        if isinstance(given, str) and not is_plain(given):
+        if isinstance(value, str) and not is_plain(value):
             raise ValueError
-        parts = given.split(",") if isinstance(given, str) else given
-        numbers = tuple(float(one) for one in parts)
+        parts = value.split(",") if isinstance(value, str) else value
+        numbers = tuple(float(part) for part in parts)
         if len(numbers) != count:
             raise ValueError
     except (TypeError, ValueError):
-        raise ParameterError(rule, place=place, got=given) from None
+        raise ParameterError(rule, place=place, got=value) from None
     return numbers
 
 
 def claim_cells(
-    one: MapInput, per_cell: float, *, measures: bool = False, **reading: Unpack[Reading]
+    map_read: MapInput, per_cell: float, *, measures: bool = False, **reading: Unpack[Reading]
 ) -> None:  # fmt: skip
-    """Refuse what is about to be done with each cell of a map, if it takes too much memory."""
+    """Refuse work on each cell of a map that takes too much memory."""
     with settings_of(**reading).reading():
-        claim_work(one.name, one.grid, per_cell, measures=measures)
+        claim_work(map_read.name, map_read.grid, per_cell, measures=measures)
 
 
 def claim_for(
-    maps: Sequence[MapInput], count: int, what: str, *, of_picture: int = 0,
+    maps: Sequence[MapInput], count: int, purpose: str, *, of_picture: int = 0,
     **reading: Unpack[Reading],
 ) -> None:  # fmt: skip
-    """Refuse what is about to be done with maps that were read, if it takes too much memory."""
+    """Refuse work on maps in memory that takes too much memory."""
     settings = settings_of(**reading)
     if settings.image is not None:
         count = max(count, of_picture)
-    held = sum(bytes_of(one.grid) for one in maps)
+    held_bytes = sum(bytes_of(map_read.grid) for map_read in maps)
     with settings.reading():
-        claim(maps[-1].name, held + count, what=what)
+        claim(maps[-1].name, held_bytes + count, what=purpose)
 
 
 @contextmanager
@@ -609,20 +609,20 @@ def outputs_of(
         yield transaction
 
 
-def warn_of_potential(one: MapInput) -> None:
-    if isinstance(one.grid, PotentialField):
-        text = f"{one.name}: is a potential field; its map is used, its goal and gains are not"
+def warn_of_potential(map_read: MapInput) -> None:
+    if isinstance(map_read.grid, PotentialField):
+        text = f"{map_read.name}: is a potential field; its map is used, its goal and gains are not"
         emit_warning(text, stacklevel=2)
 
 
-def warn_of_published_costs(one: MapInput) -> None:
+def warn_of_published_costs(map_read: MapInput) -> None:
     """Warn that of a map whose values may be published costs only obstacles are used."""
-    grid, metadata = one.grid, one.metadata
+    grid, metadata = map_read.grid, map_read.metadata
     is_view = isinstance(grid, FieldView)  # which is warned of, or refused, by this name
     if isinstance(grid, OccupancyGrid) and metadata and metadata.mode == "raw" and not is_view:
         between = histogram(grid.occupancy)[FREE + 1 : OCCUPIED].sum()
         if between:
-            text = f"{one.name}: {between} cells of 1..99 are not obstacles"
+            text = f"{map_read.name}: {between} cells of 1..99 are not obstacles"
             emit_warning(f"{text}; costs are read from an npz", stacklevel=2)
 
 

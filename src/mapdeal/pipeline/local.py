@@ -14,14 +14,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal import errors
 from mapdeal.command import Stage
-from mapdeal.errors import (
-    FileAccessError,
-    MalformedInputError,
-    MapdealError,
-    ParameterError,
-    emit_warning,
-)
 from mapdeal.files.json_values import json_of
 from mapdeal.files.source import (
     FileState,
@@ -47,7 +41,7 @@ from mapdeal.pipeline.folder import Filling, OutputFolder, Product
 from mapdeal.pipeline.inputs import bytes_of, check_fits, errors_named
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.run import RunReport, around_in, fill, products_of
-from mapdeal.pipeline.settings import Settings, heard
+from mapdeal.pipeline.settings import Settings, adding_warnings
 from mapdeal.pipeline.step import Step
 from mapdeal.sensors.clouds import CLOUD_SUFFIXES, cloud_chunks
 from mapdeal.sensors.points import read_poses
@@ -113,7 +107,7 @@ _LOCAL = Stage(
     local_map, name="local", summary="Make maps around a robot from point clouds.",
     title=lambda _: "local map", memory=12.0,
 )  # fmt: skip
-"""What comes before the recipe: it takes a cloud, so that no recipe can hold it."""
+"""Stage before the recipe: its input is a cloud, so recipes cannot list it."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +117,7 @@ class GlobalMap:
     grid: OccupancyGrid
     files: tuple[Path, ...]
     sums: Mapping[str, str]
-    heard: Sequence[str] = ()
+    warnings: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -139,9 +133,10 @@ class LocalCommon:
 
     @property
     def lethal_threshold(self) -> int:
-        """What is an obstacle of the global map: as the first stage that looks for them has it."""
-        given = (step.parameters.get("lethal_threshold") for step in self.recipe.steps)
-        return next((int(value) for value in given if value is not None), DEFAULT_LETHAL_THRESHOLD)
+        """Least occupancy of an obstacle of the global map: that of the first stage with one."""
+        thresholds = (step.parameters.get("lethal_threshold") for step in self.recipe.steps)
+        found = (int(value) for value in thresholds if value is not None)
+        return next(found, DEFAULT_LETHAL_THRESHOLD)
 
 
 @dataclass(frozen=True)
@@ -155,14 +150,14 @@ class LocalJob:
         if self.cloud is not None:
             return self.cloud.path
         if common.global_map is None:
-            raise ParameterError("a cloud or a global map must be given", place="cloud")
+            raise errors.ParameterError("a cloud or a global map must be given", place="cloud")
         return common.global_map.files[0]
 
 
 def read_global_map(path: Path, settings: Settings) -> GlobalMap:
     texts: list[str] = []
     with (
-        heard(texts),
+        adding_warnings(texts),
         sums_of_reads() as sums,
         open_map(path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
     ):
@@ -194,14 +189,14 @@ def local_filling(job: LocalJob, common: LocalCommon) -> Filling:
     mapper = LocalMapper(job.pose, common.options, grid, lethal_threshold=common.lethal_threshold)
     summed = None if job.cloud is None else job.cloud.summed()
 
-    def made() -> LocalMap:
+    def make() -> LocalMap:
         if summed is not None:
             with errors_named(summed.cloud.path):
                 for points in summed.points():
                     mapper.add(points)
         return mapper.result()
 
-    return filling_of(job, mapper.pose, summed, common, made)
+    return filling_of(job, mapper.pose, summed, common, make)
 
 
 def filling_of(
@@ -212,11 +207,11 @@ def filling_of(
     sums = {} if summed is None else dict(summed.sums)
     options = {**(more_options or {}), **({} if summed is None else summed.options)}
     files = () if job.cloud is None else job.cloud.files
-    heard_of_map: Sequence[str] = ()
+    map_warnings: Sequence[str] = ()
     if known is not None:
         sums |= known.sums
         files += known.files
-        heard_of_map = known.heard
+        map_warnings = known.warnings
     folder = local_folder(job.folder, pose, sums, common, options, has_map=known is not None)
     return Filling(
         folder, _products(folder.steps[0], job, make, common), job.source(common).stem,
@@ -224,7 +219,7 @@ def filling_of(
         # not the map, which is another one's
         job.folder if job.cloud is None else job.cloud.path,
         PoseOverlay(pose),
-        heard=(*common.recipe.remarks, *heard_of_map),
+        warnings=(*common.recipe.remarks, *map_warnings),
     )  # fmt: skip
 
 
@@ -253,22 +248,22 @@ def check_window(source: Path, common: LocalCommon) -> None:
 def _products(
     first: Step, job: LocalJob, make: Callable[[], LocalMap], common: LocalCommon
 ) -> Iterator[Product]:
-    made, known, source = make(), common.global_map, job.source(common)
+    local, known, source = make(), common.global_map, job.source(common)
     if job.cloud is not None:
-        _check_points(made, job.cloud.path, required=common.require_points)
-    if known is not None and not frames_overlap(made.grid.frame, known.grid.frame):
-        x, y = made.pose[:2]
+        _check_points(local, job.cloud.path, required=common.require_points)
+    if known is not None and not frames_overlap(local.grid.frame, known.grid.frame):
+        x, y = local.pose[:2]
         text = f"{known.files[0]}: the map does not reach into the window around {x:.10g}, {y:.10g}"
-        emit_warning(text, stacklevel=2)
-    yield Product(first, made.grid, _figures_of(made, job, common))
-    for product in products_of(common.recipe, made.grid, source):
+        errors.emit_warning(text, stacklevel=2)
+    yield Product(first, local.grid, _figures_of(local, job, common))
+    for product in products_of(common.recipe, local.grid, source):
         if product.step.stage.robot is not None and isinstance(product.grid, OccupancyGrid):
-            _check_robot(product.grid, made, source)
+            _check_robot(product.grid, local, source)
         yield product
 
 
-def _check_points(made: LocalMap, cloud: Path, *, required: bool) -> None:
-    counts = made.counts
+def _check_points(local: LocalMap, cloud: Path, *, required: bool) -> None:
+    counts = local.counts
     if counts.marking:
         return
     named = {
@@ -278,36 +273,36 @@ def _check_points(made: LocalMap, cloud: Path, *, required: bool) -> None:
         "are beyond the angles": counts.beyond_angle,
         "lie outside of the window": counts.outside,
     }
-    parts = [f"{count} {what}" for what, count in named.items() if count]
+    parts = [f"{count} {reason}" for reason, count in named.items() if count]
     why = f"of {counts.points} points {', '.join(parts)}" if parts else "it holds no points"
     if required:
-        raise MalformedInputError(f"no point marks a cell: {why}", source=cloud)
-    emit_warning(f"{cloud}: no point marks a cell: {why}", stacklevel=2)
+        raise errors.MalformedInputError(f"no point marks a cell: {why}", source=cloud)
+    errors.emit_warning(f"{cloud}: no point marks a cell: {why}", stacklevel=2)
 
 
-def _check_robot(inflated: OccupancyGrid, made: LocalMap, cloud: Path) -> None:
+def _check_robot(inflated: OccupancyGrid, local: LocalMap, cloud: Path) -> None:
     """Warn if the robot's own cell is an obstacle: all of its routes are closed then."""
-    (cell,), (inside,) = inflated.frame.bounded_rowcol_from_xy([made.pose[:2]])
+    (cell,), (inside,) = inflated.frame.bounded_rowcol_from_xy([local.pose[:2]])
     if not inside or not inflated.occupied()[tuple(cell)]:
         return
     text = "the robot's own cell is an obstacle once inflated"
-    if made.counts.marking:
+    if local.counts.marking:
         text += "; a larger min_range drops points of the robot itself"
-    emit_warning(f"{cloud}: {text}", stacklevel=2)
+    errors.emit_warning(f"{cloud}: {text}", stacklevel=2)
 
 
-def _figures_of(made: LocalMap, job: LocalJob, common: LocalCommon) -> Figures:
-    figures: Figures = {"pose": list(made.pose)}
+def _figures_of(local: LocalMap, job: LocalJob, common: LocalCommon) -> Figures:
+    figures: Figures = {"pose": list(local.pose)}
     if job.cloud is not None:
-        first, last = made.angles or (None, None)
-        figures |= {**asdict(made.counts), "angle_min": first, "angle_max": last}
+        first, last = local.angles or (None, None)
+        figures |= {**asdict(local.counts), "angle_min": first, "angle_max": last}
         if common.options.angle_min is None:
             del figures["beyond_angle"]
     if common.global_map is not None:
-        figures["from_map"] = made.from_map
+        figures["from_map"] = local.from_map
     if common.keep is not None:
-        figures |= {"clouds": made.clouds, "from_earlier": made.from_earlier}
-    return {**figures, "rear_heading": made.rear_heading}
+        figures |= {"clouds": local.clouds, "from_earlier": local.from_earlier}
+    return {**figures, "rear_heading": local.rear_heading}
 
 
 def other_folders(sequence: Sequence[LocalJob], output: Path) -> list[Path]:
@@ -329,7 +324,7 @@ def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[Lo
     for path in (poses_file, *clouds):
         if real_path(path).parent in places:
             rule = "lies where outputs go; they need a folder of their own"
-            raise FileAccessError(rule, source=path)
+            raise errors.FileAccessError(rule, source=path)
     return jobs
 
 
@@ -337,7 +332,7 @@ def poses_for(count: int, path: Path) -> list[Pose]:
     poses = [(x, y, yaw) for x, y, yaw in read_poses(path).tolist()]
     if len(poses) != count:
         rule = f"must have a pose for each of {count} clouds"
-        raise MalformedInputError(rule, source=path, got=len(poses))
+        raise errors.MalformedInputError(rule, source=path, got=len(poses))
     return poses
 
 
@@ -352,7 +347,7 @@ def numbered_jobs(
 
 
 def _clouds_of(names: Sequence[str]) -> list[Path]:
-    # beside clouds there often lie texts that are none, such as their poses
+    # text files beside clouds are often their poses
     return list_files(names, CLOUD_SUFFIXES, not_in_folders=(".txt",))
 
 
@@ -360,7 +355,9 @@ def only_cloud(names: Sequence[str]) -> FileCloud:
     clouds = _clouds_of(names)
     if len(clouds) > 1:
         rule = f"applies to one cloud, there are {len(clouds)}"
-        raise ParameterError(rule, source="--pose", hint="--poses FILE takes a pose for each")
+        raise errors.ParameterError(
+            rule, source="--pose", hint="--poses FILE takes a pose for each"
+        )
     return FileCloud.of(clouds[0])
 
 
@@ -375,7 +372,7 @@ class RollingRun:
 
     def __init__(self, jobs: Sequence[LocalJob], common: LocalCommon) -> None:
         if common.keep is None:
-            raise ParameterError("must be given", place="keep")
+            raise errors.ParameterError("must be given", place="keep")
         known = common.global_map
         self._jobs = jobs
         self._common = common
@@ -389,8 +386,9 @@ class RollingRun:
             source = jobs[0].source(common)
             check_window(source, common)
             most = self._mapper.remembered
-            what = f"{most.width} x {most.height} cells to remember"
-            claim(source, _PER_CELL * most.cells, what=what, hint="a smaller --keep takes less")
+            cells = f"{most.width} x {most.height} cells to remember"
+            hint = "a smaller --keep takes less"
+            claim(source, _PER_CELL * most.cells, what=cells, hint=hint)
         self._summed: list[SummedCloud | None] = []
 
     def __call__(self, index: int) -> RunReport:
@@ -398,17 +396,17 @@ class RollingRun:
         job = self._jobs[index]
         self._summed.append(None)  # unless it can be read
         if job.cloud is None:
-            raise ParameterError("must be given", place="cloud")
+            raise errors.ParameterError("must be given", place="cloud")
         summed = job.cloud.summed()
         first = 0 if self._keep is None else max(0, index + 1 - self._keep)
         before = self._summed[first:index]
-        missing = sum(one is None for one in before)
+        missing = sum(cloud is None for cloud in before)
         parts = [
-            [*([None] if one is None else (*one.sums.values(), *one.options.values())), *pose]
-            for one, pose in zip(before, self._mapper.poses[first:index], strict=True)
+            [*([None] if cloud is None else (*cloud.sums.values(), *cloud.options.values())), *pose]
+            for cloud, pose in zip(before, self._mapper.poses[first:index], strict=True)
         ]
         before_it = {"clouds_before": sha256(json_of(parts)).hexdigest()}
-        make = partial(self._made, index, missing)
+        make = partial(self._make_map, index, missing)
         pose = self._mapper.poses[index]
         filling = filling_of(job, pose, summed, self._common, make, before_it)
         self._summed[index] = summed
@@ -417,7 +415,7 @@ class RollingRun:
     def _cloud(self, index: int) -> Path:
         return self._jobs[index].source(self._common)
 
-    def _made(self, index: int, missing: int) -> LocalMap:
+    def _make_map(self, index: int, missing: int) -> LocalMap:
         while self._mapper.turn < index:  # those before it, if it or a later one needs them
             turn = self._mapper.turn
             forgotten = self._keep is not None and turn + self._keep <= index
@@ -428,18 +426,18 @@ class RollingRun:
         self._add(index)
         if missing:
             text = f"{missing} of the clouds before it could not be read: the map is without them"
-            emit_warning(f"{self._cloud(index)}: {text}", stacklevel=2)
+            errors.emit_warning(f"{self._cloud(index)}: {text}", stacklevel=2)
         return self._mapper.result()
 
     def _add(self, turn: int) -> None:
         """Add a cloud; one that cannot be read is left out of the maps after it."""
         known = self._summed[turn]
         if known is None:
-            raise ParameterError("was not read", source=self._cloud(turn))
+            raise errors.ParameterError("was not read", source=self._cloud(turn))
         try:
             with errors_named(self._cloud(turn)):
                 self._mapper.add_in_parts(known.points())
-        except MapdealError:
+        except errors.MapdealError:
             self._summed[turn] = None
             self._mapper.skip()
             raise
@@ -460,12 +458,12 @@ class Around:
         return () if self.cloud is None else (self.cloud,)
 
     def filling(
-        self, folder: Path, source: Source, settings: Settings, heard: Sequence[str]
+        self, folder: Path, source: Source, settings: Settings, warnings: Sequence[str]
     ) -> Filling:
         """Return what goes into the local map's folder, given that of the run and its map."""
-        # `heard` is what reading the map has warned of.
+        # `warnings` are those of reading the map.
         grid = as_occupancy(source.grid, source.files[0])
-        known = GlobalMap(grid, source.files, dict(source.sums), heard)
+        known = GlobalMap(grid, source.files, dict(source.sums), warnings)
         common = self._common(settings, known.grid.resolution, known)
         cloud = None if self.cloud is None else FileCloud.of(self.cloud)
         with holding_map(None if known.grid.is_lazy else known):

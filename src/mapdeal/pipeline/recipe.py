@@ -69,8 +69,8 @@ Changes = Annotated[
 """Options of commands that run a recipe."""
 
 
-class Given(dict[str, object]):
-    """The parameters that a stage is given, and the sources of those that have one."""
+class StageValues(dict[str, object]):
+    """Parameters set for a stage, and where each was set, if that is known."""
 
     def __init__(
         self, values: Mapping[str, object] | None = None, sources: Mapping[str, str] | None = None
@@ -78,7 +78,7 @@ class Given(dict[str, object]):
         super().__init__(values or {})
         self.sources = dict(sources or {})
 
-    def put(self, values: Mapping[str, object], source: str | None = None) -> None:
+    def set_values(self, values: Mapping[str, object], source: str | None = None) -> None:
         self.update(values)
         for name in values:
             self.sources.pop(name, None)
@@ -93,7 +93,7 @@ class Given(dict[str, object]):
         return error
 
 
-Draft = list[tuple[str, Given]]
+Draft = list[tuple[str, StageValues]]
 
 
 def read_recipe_file(path: Path, name: str) -> Draft:
@@ -112,9 +112,9 @@ def read_recipe_file(path: Path, name: str) -> Draft:
             raise _at(listed, ParameterError(_NO_STAGES, hint=_LOOKS), name)
         draft: Draft = []
         for item in listed.items():
-            stage, given = _stage_of(item, name)
-            _check_place(item, stage, [done for done, _ in draft], name)
-            draft.append((stage, given))
+            stage, values = _stage_of(item, name)
+            _check_place(item, stage, [name_before for name_before, _ in draft], name)
+            draft.append((stage, values))
     except MalformedInputError as error:  # one of usage, with the line behind the file's name
         found = _LINE.fullmatch(error.place or "")
         error.source = name
@@ -139,15 +139,15 @@ def _entries_in(path: Path) -> dict[str, Entry]:
     return entries
 
 
-def _stage_of(item: Entry, name: str) -> tuple[str, Given]:
+def _stage_of(item: Entry, name: str) -> tuple[str, StageValues]:
     rule = "an item of stages must look like stage: {parameter: value}"
     if isinstance(item.node, yaml.ScalarNode) and not item.is_nothing():
-        return item.text(), Given()
+        return item.text(), StageValues()
     if not isinstance(item.node, yaml.MappingNode) or len(item.node.value) != 1:
         raise item.error(rule)
     ((stage, below),) = item.fields().items()
     if below.is_nothing():
-        return stage, Given()
+        return stage, StageValues()
     if not isinstance(below.node, yaml.MappingNode):
         raise item.error(rule)
     fields = below.merged_fields()
@@ -155,18 +155,20 @@ def _stage_of(item: Entry, name: str) -> tuple[str, Given]:
         key: Entry(field.source, f"{stage}.{key}", field.node).plain_value()
         for key, field in fields.items()
     }
-    return stage, Given(values, {key: f"{name}:{field.line}" for key, field in fields.items()})
+    return stage, StageValues(
+        values, {key: f"{name}:{field.line}" for key, field in fields.items()}
+    )
 
 
-def _check_place(item: Entry, stage: str, done: Sequence[str], name: str) -> None:
-    if not models_of(stage):
-        raise _at(item, unknown_name("stage", stage, STAGE_NAMES), name)
-    if stage in done:
-        raise _at(item, ParameterError("a stage can run once", place=stage), name)
-    first = {one: next(iter(models_of(one).values())) for one in (*done, stage)}
-    works_on = next((first[one] for one in reversed(done) if first[one].passes_output_on), None)
-    if works_on and works_on.is_last and works_on.makes not in first[stage].takes:
-        raise _at(item, ParameterError(f"cannot follow {works_on.name}", place=stage), name)
+def _check_place(item: Entry, added: str, before: Sequence[str], name: str) -> None:
+    if not models_of(added):
+        raise _at(item, unknown_name("stage", added, STAGE_NAMES), name)
+    if added in before:
+        raise _at(item, ParameterError("a stage can run once", place=added), name)
+    *earlier, own = (next(iter(models_of(stage_name).values())) for stage_name in (*before, added))
+    works_on = next((stage for stage in reversed(earlier) if stage.passes_output_on), None)
+    if works_on and works_on.is_last and works_on.product_type not in own.takes:
+        raise _at(item, ParameterError(f"cannot follow {works_on.name}", place=added), name)
 
 
 def _at(entry: Entry, error: ParameterError, name: str) -> ParameterError:
@@ -183,8 +185,8 @@ def draft_for(layers: CostmapLayers) -> Draft:
         for model, stage in models_of(name).items():
             values = stage.parameters_from_layers(layers)
             if values is not None:
-                given: dict[str, Any] = {} if model is None else {"model": model}
-                draft.append((name, Given({**given, **values})))
+                model_value = {} if model is None else {"model": model}
+                draft.append((name, StageValues({**model_value, **values})))
                 break
     return draft
 
@@ -200,28 +202,28 @@ def planned_shape(robot: RobotParameters) -> Footprint:
     return Footprint.circle(robot.inscribed_radius)
 
 
-def step_for(name: str, robot: RobotParameters, given: Mapping[str, object]) -> Step:
-    """Return the step of one stage for a robot; what is given wins over the robot's parameters."""
-    is_placed = given.get("pose") is not None or given.get("map_to_odom") is not None
+def step_for(name: str, robot: RobotParameters, values: Mapping[str, object]) -> Step:
+    """Return the step of one stage for a robot; `values` override the robot's parameters."""
+    is_placed = values.get("pose") is not None or values.get("map_to_odom") is not None
     layers = robot.layers_around_robot if is_placed else robot.costmap_layers
-    own = _own_of(name, layers, given.get("model"))
+    own = _own_of(name, layers, values.get("model"))
     if own is not None:
-        for key, value in given.items():
+        for key, value in values.items():
             put_value(name, own, key, value)
         return make_step(name, own)
-    stage = _model_of(name, given.get("model", next(iter(models_of(name)))))
-    values: dict[str, object] = {}
-    if stage is not None and stage.robot is not None and stage.robot.replaces not in given:
-        values |= stage.robot.parameters(robot.footprint)
+    stage = _model_of(name, values.get("model", next(iter(models_of(name)))))
+    shaped_values: dict[str, object] = {}
+    if stage is not None and stage.robot is not None and stage.robot.replaces not in values:
+        shaped_values |= stage.robot.parameters(robot.footprint)
     static_layers = robot.costmap_layers.static_layers
     if stage is not None and "lethal_threshold" in stage.parameters and static_layers:
-        values["lethal_threshold"] = max(static_layers[-1].lethal_cost_threshold, 1)
+        shaped_values["lethal_threshold"] = max(static_layers[-1].lethal_cost_threshold, 1)
     if stage is not None and "through_unknown" in stage.parameters:
-        values["through_unknown"] = not robot.costmap_layers.keeps_unknown
-    return make_step(name, {**values, **given})
+        shaped_values["through_unknown"] = not robot.costmap_layers.keeps_unknown
+    return make_step(name, {**shaped_values, **values})
 
 
-def _own_of(name: str, layers: CostmapLayers, model: object) -> Given | None:
+def _own_of(name: str, layers: CostmapLayers, model: object) -> StageValues | None:
     """Return the parameters of a stage for a robot's layers, if it, or its model, follows them."""
     own = dict(draft_for(layers)).get(name)
     if own is None or model is None or model == own.get("model"):
@@ -232,7 +234,7 @@ def _own_of(name: str, layers: CostmapLayers, model: object) -> Given | None:
         rule = "cannot make what the layers of the parameter file make"
         hint = f"model {own['model']} can, which is taken without it"
         raise ParameterError(rule, place=f"{name}.model", got=model, hint=hint)
-    return None if values is None else Given({"model": model, **values})
+    return None if values is None else StageValues({"model": model, **values})
 
 
 def put_map_rules(draft: Draft, robot: RobotParameters) -> None:
@@ -246,17 +248,18 @@ def put_map_rules(draft: Draft, robot: RobotParameters) -> None:
     of_map = {} if threshold == DEFAULT_LETHAL_THRESHOLD else {"lethal_threshold": threshold}
     of_all = {} if layers.keeps_unknown else {"through_unknown": True}
     works_on: type[Any] = OccupancyGrid
-    for name, given in draft:
+    for name, values in draft:
         stage = next(iter(models_of(name).values()))
         if stage.passes_output_on:
-            works_on = stage.makes
+            works_on = stage.product_type
         elif stage.robot is not None:
             rules = {**of_all, **(of_map if works_on is OccupancyGrid else {})}
-            given.put({k: v for k, v in rules.items() if k in stage.parameters and k not in given})
+            new = {k: v for k, v in rules.items() if k in stage.parameters and k not in values}
+            values.set_values(new)
 
 
 def put_value(
-    name: str, own: Given, key: str, value: object, source: str | None = None
+    name: str, own: StageValues, key: str, value: object, source: str | None = None
 ) -> None:  # fmt: skip
     """Set a parameter of a stage, or of one of its layers if only layers have it."""
     stage = _model_of(name, own.get("model"))
@@ -270,7 +273,7 @@ def put_value(
             raise
         if changed is not None:
             key, value = "layers", changed
-    own.put({key: value}, source)
+    own.set_values({key: value}, source)
 
 
 DEFAULT = "default"
@@ -314,7 +317,7 @@ class Recipe(OneLine):
 
     def described(self) -> list[dict[str, Any]]:
         """Return the steps with all their parameters, as values that JSON or YAML can represent."""
-        return [one.described() for one in self.steps]
+        return [step.described() for step in self.steps]
 
 
 RecipeLike = str | PathLike[str] | Recipe | RobotParameters
@@ -413,30 +416,30 @@ def _steps_of(
     robot: RobotParameters | None, *, source: str | None = "changes",
 ) -> list[Step]:  # fmt: skip
     if footprint is not None:
-        round_one = None if robot is None or robot.robot_radius is None else robot.inscribed_radius
-        seen = footprint if round_one is None else Footprint.circle(round_one)
-        _adapt_to_footprint(draft, footprint, seen, name)
+        radius = None if robot is None or robot.robot_radius is None else robot.inscribed_radius
+        planner_shape = footprint if radius is None else Footprint.circle(radius)
+        _adapt_to_footprint(draft, footprint, planner_shape, name)
     _apply_changes(draft, changes, name, source)
     steps = []
-    for stage, given in draft:
+    for stage, values in draft:
         try:
-            steps.append(make_step(stage, given))
+            steps.append(make_step(stage, values))
         except ParameterError as error:
-            raise given.located(error, stage) from None
+            raise values.located(error, stage) from None
     return steps
 
 
 def step_of_recipe(
-    recipe: str, name: str, given: Mapping[str, object], *, footprint: Footprint | None = None,
+    recipe: str, name: str, values: Mapping[str, object], *, footprint: Footprint | None = None,
     robot: RobotParameters | None = None,
 ) -> Step:  # fmt: skip
-    """Return one stage as a recipe has it; what is given wins, and the robot is only a shape."""
-    draft = [one for one in _read_draft(recipe) if one[0] == name]
+    """Return one stage of a recipe, overridden by `values`, with the robot's shape alone."""
+    draft = [item for item in _read_draft(recipe) if item[0] == name]
     if not draft:
         raise ParameterError(f"has no stage {name}", source=f"recipe {recipe}")
     if footprint is None and robot is not None:
         footprint = robot.footprint
-    changes = {f"{name}.{key}": value for key, value in given.items()}
+    changes = {f"{name}.{key}": value for key, value in values.items()}
     (step,) = _steps_of(draft, recipe, changes, footprint, robot, source=None)
     return step
 
@@ -457,45 +460,48 @@ def _read_draft(name: str) -> Draft:
     if name in BUILT_IN:
         with _recipes() as folder:
             draft = read_recipe_file(folder / f"{name}.yaml", name)
-        return [(stage, Given(given)) for stage, given in draft]
+        return [(stage, StageValues(values)) for stage, values in draft]
     path = Path(name)
     if path.suffix not in YAML and not exists(path):
         raise unknown_name("recipe", name, BUILT_IN)
     return read_recipe_file(path, name)
 
 
-def _stage_in(name: str, given: Given) -> Stage:
+def _stage_in(name: str, values: StageValues) -> Stage:
     """Return the stage of an item, in the model that it asks for; an unknown one fails later."""
-    return _model_of(name, given.get("model")) or next(iter(models_of(name).values()))
+    return _model_of(name, values.get("model")) or next(iter(models_of(name).values()))
 
 
 def _adapt_to_sim(draft: Draft) -> None:
     for stage in reversed(STAGES):
         rule = stage.in_simulation
-        given = dict(draft).get(stage.name)
-        if rule is not None and given is None and rule.is_added:
-            given = Given()
-            draft.insert(0, (stage.name, given))
-        if rule is not None and given is not None:
-            given.put(rule.parameters)
+        values = dict(draft).get(stage.name)
+        if rule is not None and values is None and rule.is_added:
+            values = StageValues()
+            draft.insert(0, (stage.name, values))
+        if rule is not None and values is not None:
+            values.set_values(rule.parameters)
 
 
-def _adapt_to_footprint(draft: Draft, footprint: Footprint, seen: Footprint, name: str) -> None:
-    """Apply the robot's shape to the first stage that needs it, and to those that only look."""
-    # These are the ones that hand nothing on. In what a stage has made with the shape they would
-    # count it twice; only costs tell obstacles from what is around them. What they are given,
-    # `seen`, is of a robot that its own files say is round a circle, as its planner has it.
+def _adapt_to_footprint(
+    draft: Draft, footprint: Footprint, of_planner: Footprint, name: str
+) -> None:
+    """Apply the robot's shape to the first stage that needs it, and to side stages."""
+    # After a stage that grows obstacles by the shape, a later stage would apply it twice. Costs
+    # still distinguish obstacles from the cells around them. Side stages, which pass nothing on,
+    # get the shape `of_planner`: a circle if the robot's own files define it as round.
     shaped: Stage | None = None
     grown, is_used = False, False
-    for done, given in draft:
-        stage = _stage_in(done, given)
+    for stage_name, values in draft:
+        stage = _stage_in(stage_name, values)
         if stage.robot is None or grown or (stage.passes_output_on and shaped is not None):
             continue
-        given.pop(stage.robot.replaces, None)
-        given.put(stage.robot.parameters(footprint if stage.passes_output_on else seen))
+        values.pop(stage.robot.replaces, None)
+        shape = footprint if stage.passes_output_on else of_planner
+        values.set_values(stage.robot.parameters(shape))
         is_used = True
         if stage.passes_output_on:
-            shaped, grown = stage, stage.makes is not Costmap
+            shaped, grown = stage, stage.product_type is not Costmap
     if not is_used:
         raise ParameterError("the recipe has no stage that uses a robot's shape", source=name)
 
@@ -507,7 +513,7 @@ def _apply_changes(draft: Draft, changes: object, name: str, source: str | None)
         return
     texts: Any = () if changes is None else changes
     is_list = isinstance(texts, Sequence) and not isinstance(texts, str)
-    if not is_list or not all(isinstance(one, str) for one in texts):
+    if not is_list or not all(isinstance(text, str) for text in texts):
         raise ParameterError("must be values by name", place="changes", got=changes)
     for setting in texts:
         target, equals, value = setting.partition("=")
@@ -520,8 +526,11 @@ def _apply_changes(draft: Draft, changes: object, name: str, source: str | None)
 
 def _value_of(target: str, text: str) -> object:
     stage, _, parameter = target.strip().partition(".")
-    known = [one.parameters.get(parameter.replace("-", "_")) for one in models_of(stage).values()]
-    if not any(one is not None and one.is_yaml for one in known):
+    name = parameter.replace("-", "_")
+    known = [
+        model.parameters[name] for model in models_of(stage).values() if name in model.parameters
+    ]
+    if not any(parameter_of_model.is_yaml for parameter_of_model in known):
         return text.strip()
     try:
         return parse_value(text, SET)
@@ -531,62 +540,59 @@ def _value_of(target: str, text: str) -> object:
 
 
 def _apply_change(
-    draft: Draft,
-    target: str,
-    value: object,
-    name: str,
-    option: str | None,
+    draft: Draft, target: str, value: object, name: str, option: str | None,
     setting: str | None = None,
-) -> None:
+) -> None:  # fmt: skip
     """Set ``stage.parameter`` to a value; errors show the setting that asks for it."""
     setting = setting or target
     stage, dot, parameter = str(target).partition(".")
     if not (dot and stage and parameter):
         rule = "must look like {'stage.parameter': value}"
         raise ParameterError(rule, source=option, got=target, hint=_hint_for(draft, target))
-    given = dict(draft).get(stage)
-    if given is None:
+    values = dict(draft).get(stage)
+    if values is None:
         if not models_of(stage):
             raise unknown_name("stage", stage, STAGE_NAMES, place=option)
         rule = f"recipe {name} has no stage {stage}"
-        hint = f"its stages are {', '.join(done for done, _ in draft)}"
+        hint = f"its stages are {', '.join(stage_name for stage_name, _ in draft)}"
         raise ParameterError(rule, source=option, got=setting, hint=hint)
     parameter = parameter.replace("-", "_")
-    for by, other in _stage_in(stage, given).in_place_of.items():  # one takes the other's place
-        if parameter in (by, other.parameter):
-            given.pop(by, None)
-            given.pop(other.parameter, None)
-    put_value(stage, given, parameter, value, option)
+    for by, replacement in _stage_in(stage, values).in_place_of.items():
+        if parameter in (by, replacement.parameter):
+            values.pop(by, None)
+            values.pop(replacement.parameter, None)
+    put_value(stage, values, parameter, value, option)
 
 
 def _hint_for(draft: Draft, target: object) -> str | None:
     """Return which parameters of the recipe a name without a stage may mean."""
-    asked = str(target).strip().replace("-", "_")
-    found = [
-        f"{done}.{asked}" for done, given in draft if asked in _stage_in(done, given).parameters
-    ]
+    parameter = str(target).strip().replace("-", "_")
+    found = [f"{stage}.{parameter}" for stage, values in draft
+             if parameter in _stage_in(stage, values).parameters]  # fmt: skip
     return f"did you mean {' or '.join(found)}?" if found else None
 
 
 def _remarks_on(steps: Sequence[Step]) -> Iterator[str]:
     """Yield a text where the robot's radius counts in a stage, and once more in one after it."""
     before: Step | None = None
-    for one in steps:
-        found = _radius_in(one)
+    for step in steps:
+        found = _radius_in(step)
         if found is None:
             continue
         name, radius = found
         if before is None:
-            before = one if one.stage.passes_output_on else None
-        elif radius > 0 and not (before.stage.makes is Costmap and Costmap in one.stage.takes):
+            before = step if step.stage.passes_output_on else None
+        elif before.stage.product_type is Costmap and Costmap in step.stage.takes:
+            continue
+        elif radius > 0:
             yield (
-                f"{one.name}: {name} {radius:g} m comes on top of stage {before.name} "
+                f"{step.name}: {name} {radius:g} m comes on top of stage {before.name} "
                 "before it, so the robot's radius counts twice"
             )
 
 
 def _radius_in(step: Step) -> tuple[str, float] | None:
-    """Return which radius of a robot a step holds, and how long it is; None if it has none."""
+    """Return the name and length of the robot's radius in a step, if it has one."""
     robot, radius_in = step.stage.robot, step.stage.radius_in
     if robot is None:
         return None if radius_in is None else radius_in(step.parameters)
@@ -649,11 +655,15 @@ def read_robot_parameters(
 
     check_choice(costmap, CostmapName, "costmap")
     check_choice(dialect, Dialect, "dialect")
-    given = [paths] if isinstance(paths, str | PathLike) else paths
-    if not isinstance(given, Sequence) or not all(isinstance(one, str | PathLike) for one in given):
+    listed = [paths] if isinstance(paths, str | PathLike) else paths
+    are_paths = isinstance(listed, Sequence) and all(isinstance(p, str | PathLike) for p in listed)
+    if not are_paths:
         raise ParameterError("takes paths of parameter files", place="paths", got=paths)
     return read_robot(
-        [Path(one) for one in given], costmap=costmap, namespace=namespace, older=dialect != "nav2"
+        [Path(path) for path in listed],
+        costmap=costmap,
+        namespace=namespace,
+        older=dialect != "nav2",
     )
 
 
@@ -704,11 +714,11 @@ def cost_curve(
         cells = OccupancyGrid(_UNKNOWN_MAP, float(cells))
     if not isinstance(cells, Framed):
         raise ParameterError("must be a grid, or a length in metres", place="cells", got=cells)
-    given = {**({} if model is None else {"model": model}), **parameters}
+    values = {**({} if model is None else {"model": model}), **parameters}
     if robot is not None:
-        step = step_for("cost", robot if footprint is None else robot.with_shape(footprint), given)
+        step = step_for("cost", robot if footprint is None else robot.with_shape(footprint), values)
     else:
-        step = make_step("cost", given)
+        step = make_step("cost", values)
     if footprint is not None and robot is None:
         shaped = step.stage.robot
         if shaped is None:
@@ -717,7 +727,7 @@ def cost_curve(
         if shaped.replaces in parameters:
             rule = f"cannot be given together with {shaped.replaces}"
             raise ParameterError(rule, place="footprint")
-        step = make_step("cost", {**given, **shaped.parameters(footprint)})
+        step = make_step("cost", {**values, **shaped.parameters(footprint)})
     curve = step.curve_on(cells)
     if curve is None:
         raise step.no_curve()

@@ -1,4 +1,4 @@
-"""A run: one map through one recipe into one folder, and what is around a robot into another."""
+"""A run: one map through one recipe into one folder, and perhaps a local map into another."""
 
 from __future__ import annotations
 
@@ -28,39 +28,22 @@ from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import Source, output_paths, read_map, write_grid
 from mapdeal.pictures.overlay import KeepoutOverlay
+from mapdeal.pipeline import folder as folders
 from mapdeal.pipeline import inputs
-from mapdeal.pipeline.folder import (
-    MANIFEST,
-    PICTURE,
-    Filling,
-    OutputFolder,
-    Product,
-    fill_together,
-    one_pass,
-    output_of,
-    passes_of,
-    robot_overlays,
-    summary_of,
-    together,
-    write_image,
-    write_picture,
-    write_product,
-    written_line,
+from mapdeal.pipeline import recipe as recipes
+from mapdeal.pipeline.settings import (
+    DEFAULT_SETTINGS,
+    Canvas,
+    Settings,
+    adding_warnings,
+    passes_reported,
 )
-from mapdeal.pipeline.recipe import (
-    DEFAULT,
-    Recipe,
-    RecipeLike,
-    load_recipe,
-    read_robot_parameters,
-)
-from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Canvas, Settings, heard, passes_reported
 from mapdeal.pipeline.step import Step, grid_of
 from mapdeal.ros.robot import CostmapName, RobotParameters
 
 _LEAST_COLUMN = 8
 _ALL_AROUND = 2 * math.pi - 0.1
-"""Radians: with gaps as short as this there is no direction that a cloud does not cover."""
+"""Radians: from this angle on, a cloud counts as covering all directions."""
 
 LOCAL_RECIPE = "local"  # the recipe for local maps, and the folder of the one that a run makes
 
@@ -106,7 +89,8 @@ class RunReport(Result):
             yield head if local is None else f"{head}: {_summary_of_local(local)}"
             width = max(_LEAST_COLUMN, *map(len, self.figures))
             for stage, figures in self.figures.items():
-                yield f"  {stage:<{width}} {cells_text(figures)} cells, {summary_of(figures)}"
+                text = folders.summary_of(figures)
+                yield f"  {stage:<{width}} {cells_text(figures)} cells, {text}"
         if self.local is not None:
             yield from self.local.lines()
 
@@ -163,17 +147,17 @@ class LocalOfRun(Protocol):
     @property
     def files(self) -> tuple[Path, ...]: ...
     def filling(
-        self, folder: Path, source: Source, settings: Settings, heard: Sequence[str]
-    ) -> Filling: ...
+        self, folder: Path, source: Source, settings: Settings, warnings: Sequence[str]
+    ) -> folders.Filling: ...
     def folder(
         self, folder: Path, sums: Mapping[str, str], resolution: float, settings: Settings
-    ) -> OutputFolder: ...
+    ) -> folders.OutputFolder: ...
 
 
 def products_of(
-    recipe: Recipe, grid: Grid, path: Path | None, *, canvas: Frame | None = None,
+    recipe: recipes.Recipe, grid: Grid, path: Path | None, *, canvas: Frame | None = None,
     mask: inputs.KeepoutMask | None = None,
-) -> Iterator[Product]:  # fmt: skip
+) -> Iterator[folders.Product]:  # fmt: skip
     """Yield the product of each step of a recipe; errors name the file of the grid, if any."""
     # With a canvas, each product is extended to it, which does not change what the steps compute. A
     # stage that moves the map makes a new canvas. A mask is laid over costs as they are written;
@@ -184,25 +168,25 @@ def products_of(
         is_elsewhere = is_elsewhere or step.moves
         if is_elsewhere and path is not None:
             inputs.claim_step(path, grid, step)
-        if mask is not None and step.stage.makes is Costmap:
+        if mask is not None and step.stage.product_type is Costmap:
             without, costs = mask.costs_of(step, grid, path)
             product: Grid = costs if step.accepts_mask else without
             if canvas is not None:
                 canvas = costs.frame if step.moves else canvas
                 without, costs = on_canvas(without, canvas), on_canvas(costs, canvas)
             overlay = KeepoutOverlay.of(without, costs)
-            yield Product(step, costs, mask=Path(mask.path).name, overlay=overlay)
+            yield folders.Product(step, costs, mask=Path(mask.path).name, overlay=overlay)
         else:
             product = step.apply(grid, path, mask=None if mask is None else mask.grid)
             if canvas is not None and step.moves:
                 canvas = product.frame
-            yield Product(step, product if canvas is None else on_canvas(product, canvas))
+            yield folders.Product(step, product if canvas is None else on_canvas(product, canvas))
         if step.stage.passes_output_on:
             grid = product
 
 
 def apply_recipe(
-    grid: Grid, recipe: RecipeLike = DEFAULT,
+    grid: Grid, recipe: recipes.RecipeLike = recipes.DEFAULT,
     changes: Mapping[str, object] | Sequence[str] | None = None, *,
     footprint: Footprint | None = None, sim: bool = False, canvas: Canvas = "crop",
     mask: OccupancyGrid | None = None, robot_radius: float | None = None,
@@ -250,16 +234,18 @@ def apply_recipe(
         hint = "mapdeal.run takes the path of a map, read_map reads it"
         raise ParameterError("takes a grid", place="apply_recipe", got=grid, hint=hint)
     canvas = Settings(canvas=canvas).canvas
-    loaded = load_recipe(recipe, changes, footprint=footprint, sim=sim, robot_radius=robot_radius)
-    made = {}
-    whole = grid.frame if canvas == "full" else None
-    over = inputs.mask_of(used_mask(loaded, mask), DEFAULT_SETTINGS)
-    for product in products_of(loaded, grid, None, canvas=whole, mask=over):
-        made[product.step.name] = product.grid
+    loaded = recipes.load_recipe(
+        recipe, changes, footprint=footprint, sim=sim, robot_radius=robot_radius
+    )
+    products = {}
+    full_frame = grid.frame if canvas == "full" else None
+    keepout = inputs.mask_of(used_mask(loaded, mask), DEFAULT_SETTINGS)
+    for product in products_of(loaded, grid, None, canvas=full_frame, mask=keepout):
+        products[product.step.name] = product.grid
         remark = product.step.remark_on(product.grid.figures())
         if remark is not None:
             emit_warning(remark, stacklevel=2)
-    return made
+    return products
 
 
 def costmap(
@@ -315,7 +301,7 @@ def costmap(
     if robot is None:
         recipe = "nav2"
     elif not isinstance(robot, RobotParameters):
-        recipe = read_robot_parameters(robot, costmap=costmap, namespace=namespace)
+        recipe = recipes.read_robot_parameters(robot, costmap=costmap, namespace=namespace)
     shape = Footprint.parse(footprint) if isinstance(footprint, str) else footprint
     products = apply_recipe(
         grid, recipe, footprint=shape, robot_radius=robot_radius, mask=mask, canvas="full"
@@ -327,14 +313,14 @@ def costmap(
 
 
 def run_map(
-    path: Path, folder: Path, recipe: Recipe, settings: Settings = DEFAULT_SETTINGS,
+    path: Path, folder: Path, recipe: recipes.Recipe, settings: Settings = DEFAULT_SETTINGS,
     around: LocalOfRun | None = None,
 ) -> RunReport:  # fmt: skip
     """Read a map, apply a recipe and write everything into a folder."""
     texts: list[str] = []
     with ExitStack() as stack:
         stack.enter_context(use_threads(settings.threads))
-        with heard(texts):
+        with adding_warnings(texts):
             source = stack.enter_context(
                 inputs.opened_map(
                     path, recipe.steps, settings, image_max=settings.picture_size, with_sums=True
@@ -348,9 +334,9 @@ def run_map(
         also = () if mask is None else mask.files
         robot = None if recipe.robot is None else recipe.robot.footprint
         fillings = [
-            Filling(
+            folders.Filling(
                 target, products, path.stem, (*source.files, *recipe.files, *also), path,
-                by_blocks=source.grid.is_lazy, heard=remarks, read=source.grid, robot=robot,
+                by_blocks=source.grid.is_lazy, warnings=remarks, read=source.grid, robot=robot,
             )
         ]  # fmt: skip
         if around is not None:
@@ -360,9 +346,9 @@ def run_map(
 
 
 def fill(
-    source: Path, fillings: Sequence[Filling], settings: Settings, *, skip: bool = True
+    source: Path, fillings: Sequence[folders.Filling], settings: Settings, *, skip: bool = True
 ) -> list[RunReport]:
-    """Fill folders together, but those that are to be skipped as they hold all this already."""
+    """Write the folders in one pass; skip those that are up to date."""
     found = []
     for filling in fillings:
         filling.folder.check_inputs(filling.files)
@@ -375,9 +361,9 @@ def fill(
     if len(fillings) == 1 and new and new[0].folder.shows_input:
         _warn_of_another(around_in(new[0].folder.path))
     with use_threads(settings.threads):
-        made = iter(fill_together(new) if new else [])
+        figures_of_new = iter(folders.fill_together(new) if new else [])
     return [
-        RunReport(filling.folder.path, "done", next(made), source)
+        RunReport(filling.folder.path, "done", next(figures_of_new), source)
         if old is None
         else RunReport(filling.folder.path, "unchanged", old, source)
         for filling, old in zip(fillings, found, strict=True)
@@ -386,7 +372,7 @@ def fill(
 
 def _warn_of_another(folder: Path) -> None:
     """Warn of a local map that an earlier run has left beside what this one has made."""
-    manifest = read_json(folder / MANIFEST)
+    manifest = read_json(folder / folders.MANIFEST)
     stages = manifest.get("stages") if isinstance(manifest, dict) else None
     if isinstance(stages, list) and stages and isinstance(stages[0], dict) and "local" in stages[0]:
         text = f"{folder}: holds the local map of an earlier run, which is left as it is"
@@ -394,8 +380,8 @@ def _warn_of_another(folder: Path) -> None:
 
 
 def output_folder(
-    folder: Path, sums: Mapping[str, str], recipe: Recipe, settings: Settings
-) -> OutputFolder:
+    folder: Path, sums: Mapping[str, str], recipe: recipes.Recipe, settings: Settings
+) -> folders.OutputFolder:
     options = {
         "dialect": settings.dialect, **settings.picture_options, "canvas": settings.canvas
     }  # fmt: skip
@@ -403,15 +389,15 @@ def output_folder(
         options |= {"resolution": settings.resolution, "origin": list(settings.origin)}
     robot = None if recipe.robot is None else recipe.robot.described()
     mask = None if settings.mask is None else inputs.sums_of(settings.mask, settings)
-    return OutputFolder(
+    return folders.OutputFolder(
         folder, recipe.steps, sums, options, settings, robot, mask, shows_input=True
     )
 
 
-def used_mask(recipe: Recipe, mask: inputs.Mask) -> inputs.Mask | None:
+def used_mask(recipe: recipes.Recipe, mask: inputs.Mask) -> inputs.Mask | None:
     """Return a keepout mask, or None if the recipe's robot ignores it; refuse it without costs."""
     if mask is not None and not any(
-        step.stage.makes is Costmap or step.accepts_mask for step in recipe.steps
+        step.stage.product_type is Costmap or step.accepts_mask for step in recipe.steps
     ):
         rule = "the recipe makes no costs, which alone a mask applies to"
         raise ParameterError(rule, place="mask")
@@ -436,7 +422,7 @@ class SingleResult(Result):
             return {"map": file, **self.result.document()}
         parameters = self.step.described()[self.step.name]
         document = {"parameters": parameters, "figures": self.figures}
-        if self.step.stage.makes is not Costmap:
+        if self.step.stage.product_type is not Costmap:
             return document
         return {**document, **({"curve": None} if self.curve is None else self.curve.document())}
 
@@ -444,7 +430,7 @@ class SingleResult(Result):
         yield json_of(self.document()).decode().removesuffix("\n")
 
     def lines(self) -> Iterator[str]:
-        yield written_line(self.output, self.figures, with_origin=self.step.moves)
+        yield folders.written_line(self.output, self.figures, with_origin=self.step.moves)
         yield from getattr(self.result, "lines", tuple)()
 
 
@@ -457,57 +443,63 @@ def apply_to_file(
     # their curve goes to `curve`, if that is given; `with_curve` asks for the curve alone, if there
     # is one. Files that were read for the parameters are no more replaced than the map is.
     stage = step.stage
-    outputs = output_paths(output) if stage.edits else output_of(step, output)
-    endings = [output.suffix, *([PICTURE] if settings.image is not None else [])]
+    outputs = output_paths(output) if stage.edits else folders.output_of(step, output)
+    endings = [output.suffix, *([folders.PICTURE] if settings.image is not None else [])]
     image_max = None if settings.image is None else settings.image_max
     opened = inputs.opened_map(path, [step], settings, image_max=image_max, with_sums=with_sums)
     with use_threads(settings.threads), opened as source:
-        over = inputs.mask_of(settings.mask, settings, source.grid)
-        read = [*source.files, *(over.files if over else ()), *also_read]
+        keepout = inputs.mask_of(settings.mask, settings, source.grid)
+        read = [*source.files, *(keepout.files if keepout else ()), *also_read]
         progress = settings.progress if source.grid.is_lazy else None
         with (
-            passes_reported(progress, passes_of(step, endings)),
+            passes_reported(progress, folders.passes_of(step, endings)),
             inputs.outputs_of(outputs, read, settings, curve=curve) as transaction,
             inputs.errors_named(path),
         ):
-            taken = source.grid if stage.edits else step.taken(source.grid, path)
+            accepted = source.grid if stage.edits else step.input_of(source.grid, path)
             if step.moves:
-                inputs.claim_step(path, taken, step)
+                inputs.claim_step(path, accepted, step)
             masked: Costmap | None = None
-            if over is not None and stage.makes is Costmap:
-                result, masked = over.costs_of(step, taken, path)
+            if keepout is not None and stage.product_type is Costmap:
+                result, masked = keepout.costs_of(step, accepted, path)
             else:
-                result = step.result_of(taken, path)
+                result = step.result_of(accepted, path)
             grid, title = grid_of(result), step.title
-            costs = step.curve_on(taken) if curve is not None or with_curve else None
+            costs = step.curve_on(accepted) if curve is not None or with_curve else None
             if curve is not None and costs is None:
                 raise step.no_curve()
-            overlays = robot_overlays(step)
-            if over is not None and masked is not None and isinstance(grid, Costmap):
+            overlays = folders.robot_overlays(step)
+            if keepout is not None and masked is not None and isinstance(grid, Costmap):
                 overlays.insert(0, KeepoutOverlay.of(grid, masked))
-                grid, title = masked, f"{title}, with {Path(over.path).name}"
+                grid, title = masked, f"{title}, with {Path(keepout.path).name}"
             title = f"{path.stem}: {title}"
-            with one_pass(transaction, grid) as asked:
+            with folders.one_pass(transaction, grid) as pass_grid:
                 if stage.edits:
                     # with the scale of costs and further keys of the YAML that it was read from
                     metadata = source.metadata
                     as_bytes = metadata is not None and metadata.cost_scale is not None
                     scale: Encoding = "costmap2d" if as_bytes else "occupancy"
                     extra = dict(metadata.extra) if metadata else {}
-                    edited = asked if output.suffix == ".npz" else grid
+                    edited = pass_grid if output.suffix == ".npz" else grid
                     write_grid(transaction, output, edited, encoding=scale, extra=extra)
                 else:
-                    write_product(transaction, output, grid, step, asked=asked, encoding=encoding)
+                    folders.write_product(
+                        transaction, output, grid, step, pass_grid=pass_grid, encoding=encoding
+                    )
                 if stage.shows_changes:
-                    _add_changes(transaction, settings, taken, grid, title)
+                    _add_changes(transaction, settings, accepted, grid, title)
                 elif settings.image is not None:
-                    overlay = together(overlays)
-                    write_picture(transaction, settings.image, grid, title, settings, overlay)
+                    overlay = folders.together(overlays)
+                    folders.write_picture(
+                        transaction, settings.image, grid, title, settings, overlay
+                    )
             if curve is not None and costs is not None:
                 from mapdeal.pictures.cost_curve import cost_curve_image  # few ask
 
                 heading = one_line(f"{path.stem}: {step.title}")
-                write_image(transaction, curve, partial(cost_curve_image, costs, title=heading))
+                folders.write_image(
+                    transaction, curve, partial(cost_curve_image, costs, title=heading)
+                )
             figures = grid.figures()
             remark = step.remark_on(figures)
             if remark is not None:
@@ -535,4 +527,4 @@ def _add_changes(
     image = difference_image(
         changes, before.frame, title=one_line(title), image_extent=extent, style=style
     )
-    write_image(transaction, settings.image, lambda: image)
+    folders.write_image(transaction, settings.image, lambda: image)

@@ -1,4 +1,4 @@
-"""What a command was asked for beside the parameters of its stages: one type, all the way."""
+"""Settings of a command besides the parameters of its stages, and collected warnings."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExt
 
 Canvas = Literal["crop", "full"]
 
-Advance = Callable[[int], object]  # called with the number of steps that have just been taken
+Advance = Callable[[int], object]  # called with the number of steps since the last call
 
 ProgressCallback = Callable[[int], AbstractContextManager[Advance]]
-"""Called with the number of all steps; gives, within a ``with`` block, what to call."""
+"""Called with the number of all steps; its context is the function that reports progress."""
 
 
 def is_whole(value: object) -> bool:
@@ -68,7 +68,7 @@ class Settings:
 
     @contextmanager
     def reading(self, *, anew: bool = False) -> Iterator[None]:
-        """Hold readers to the memory, and to the resolution of images without a YAML file."""
+        """Apply the memory limit and the resolution of images without a YAML file to readers."""
         with ExitStack() as stack:
             stack.enter_context(
                 use_memory(self.max_memory, is_chosen=self.memory_is_chosen, anew=anew)
@@ -79,12 +79,12 @@ class Settings:
 
     @property
     def picture_size(self) -> int | None:
-        """`image_max` of the pictures in a folder, None if it gets none."""
+        """`image_max`, or None if pictures are off."""
         return self.image_max if self.images else None
 
     @property
     def picture_options(self) -> dict[str, Any]:
-        """What shapes the pictures in a folder, as JSON can hold it."""
+        """Options of the pictures in a folder, as a JSON document."""
         shown = {"images": bool(self.images), "image_max": int(self.image_max)}
         return {**shown, "image_extent": self.image_extent}
 
@@ -99,28 +99,28 @@ _STEPS = 1000  # of one pass through a layer
 
 @contextmanager
 def passes_reported(progress: ProgressCallback | None, passes: int) -> Iterator[None]:
-    """Report the passes through lazy layers that are made within a ``with`` block."""
+    """Report passes through lazy layers within a ``with`` block."""
     if progress is None:
         yield
         return
     lock = Lock()
     most = passes * _STEPS
-    done, taken = 0.0, 0
+    passes_made, steps_reported = 0.0, 0
     with progress(most) as advance:
 
-        def tell(rows: int, height: int) -> None:  # from any thread
-            nonlocal done, taken
+        def report(rows: int, height: int) -> None:  # from any thread
+            nonlocal passes_made, steps_reported
             with lock:
-                done += rows / height
-                reached = min(int(_STEPS * done + 1e-6), most)
-                if reached > taken:
-                    advance(reached - taken)
-                    taken = reached
+                passes_made += rows / height
+                reached = min(int(_STEPS * passes_made + 1e-6), most)
+                if reached > steps_reported:
+                    advance(reached - steps_reported)
+                    steps_reported = reached
 
-        with rows_reported(tell):
+        with rows_reported(report):
             yield
-        if taken < most:  # a pass was not needed, since what it finds was known
-            advance(most - taken)
+        if steps_reported < most:  # a result was known without its pass
+            advance(most - steps_reported)
 
 
 @contextmanager
@@ -129,22 +129,22 @@ def report_nothing(_: int) -> Iterator[Advance]:
 
 
 @contextmanager
-def heard(texts: list[str]) -> Iterator[None]:
+def adding_warnings(texts: list[str]) -> Iterator[None]:
     """Add the texts of mapdeal's warnings in the block to a list when it ends."""
-    with collect_warnings() as told:
+    with collect_warnings() as caught:
         try:
             yield
         finally:
-            texts += map(str, told)
+            texts += map(str, caught)
 
 
-def heard_from(items: Iterable[Item], texts: list[str]) -> Iterator[Item]:
-    """Yield items; add the texts of the warnings that come up while each is made, see `heard`."""
-    rest = iter(items)
+def collected_from(items: Iterable[Item], texts: list[str]) -> Iterator[Item]:
+    """Yield items; add the texts of warnings raised while each is computed to a list."""
+    iterator = iter(items)
     while True:
-        with heard(texts):
+        with adding_warnings(texts):
             try:
-                item = next(rest)
+                item = next(iterator)
             except StopIteration:
                 return
         yield item

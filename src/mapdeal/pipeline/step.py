@@ -64,19 +64,19 @@ class Step:
         return self.stage.is_smaller(self.parameters)
 
     def apply(self, grid: Grid, source: Path | None, *, mask: OccupancyGrid | None = None) -> Grid:
-        return grid_of(self.result_of(self.taken(grid, source), source, mask=mask))
+        return grid_of(self.result_of(self.input_of(grid, source), source, mask=mask))
 
     def result_of(
-        self, taken: Grid, source: Path | None, *, mask: OccupancyGrid | None = None
+        self, grid: Grid, source: Path | None, *, mask: OccupancyGrid | None = None
     ) -> Any:
-        """Return what the stage returns; errors name the file that `taken` came from, if any."""
+        """Return what the stage returns; errors name the file that `grid` came from, if any."""
         known = self.stage.own_parameters
         values = {known[key].name: value for key, value in self.parameters.items()}
         if mask is not None and self.accepts_mask:
             values["mask"] = mask
         if self.stage.where_it_fits is not None:
             argument, products, per_cell = self.stage.where_it_fits
-            cells, available = taken.shape[0] * taken.shape[1], room()
+            cells, available = grid.shape[0] * grid.shape[1], room()
             values[argument] = available is None or per_cell * cells <= available
             if not values[argument]:
                 size = size_text(int(per_cell * cells))
@@ -84,23 +84,23 @@ class Step:
                 emit_warning(f"{self.name}: {text}, which --max-memory can allow", stacklevel=3)
         try:
             with activity(self.name):
-                return self.stage.function(taken, **values)
+                return self.stage.function(grid, **values)
         except MapdealError as error:
             raise error if source is None else error.found_in(source) from None
 
     def curve_on(self, grid: Grid) -> CostCurve | None:
-        """Return the costs over the distance from the nearest obstacle, None if there are none."""
-        taken = self.taken(grid)
-        box = taken.cropped if isinstance(taken, FieldGrid) else taken
+        """Return the costs by distance from the nearest obstacle, if the step computes costs."""
+        accepted = self.input_of(grid)
+        box = accepted.cropped if isinstance(accepted, FieldGrid) else accepted
         return self.stage.curve(box, self.parameters)
 
     def no_curve(self) -> ParameterError:
-        what = " ".join(filter(None, [self.name, self.stage.model]))
+        words = " ".join(filter(None, [self.name, self.stage.model]))
         rule = "no cost depends on the distance from an obstacle, so it has no curve"
-        return ParameterError(rule, source=what)
+        return ParameterError(rule, source=words)
 
-    def taken(self, grid: Grid, source: Path | None = None) -> Grid:
-        """Return what the stage works on: the grid, or the map in it, with a warning if need be."""
+    def input_of(self, grid: Grid, source: Path | None = None) -> Grid:
+        """Return the grid, or the map in it if the stage does not accept the grid itself."""
         kind = DistanceField if isinstance(grid, FieldView) else type(grid)
         return grid if kind in self.stage.takes else as_occupancy(grid, source or "the input")
 
@@ -109,8 +109,8 @@ class Step:
         return None if text is None else f"{self.name}: {text}"
 
     def view_of(self, product: DistanceField) -> OccupancyGrid:
-        made: OccupancyGrid = (self.stage.view or field_view)(product, **self.view)
-        return made
+        view: OccupancyGrid = (self.stage.view or field_view)(product, **self.view)
+        return view
 
     def described(self) -> dict[str, Any]:
         model = {"model": self.stage.model} if self.stage.model else {}
@@ -118,27 +118,27 @@ class Step:
         return {self.name: {key: _plain(value) for key, value in values.items()}}
 
 
-def grid_of(made: Any) -> Grid:
-    grid: Grid = made if isinstance(made, Grid) else made.grid
+def grid_of(result: Any) -> Grid:
+    grid: Grid = result if isinstance(result, Grid) else result.grid
     return grid
 
 
-def make_step(name: str, given: Mapping[str, object]) -> Step:
+def make_step(name: str, values: Mapping[str, object]) -> Step:
     models = models_of(name)
     if not models:
         raise unknown_name("stage", name, STAGE_NAMES)
-    stage, given = _in_model(name, models, dict(given))
-    for key in given:
+    stage, values = _in_model(name, models, dict(values))
+    for key in values:
         if key not in stage.parameters:
             raise unknown_parameter(key, stage.parameters, name)
-    own, view = ({key: value for key, value in given.items() if key in known}
+    own, view = ({key: value for key, value in values.items() if key in known}
                  for known in (stage.own_parameters, stage.view_parameters))  # fmt: skip
     parameters = accept_parameters(stage.own_parameters, own, name)
     _settle(parameters, stage, own)
     return Step(stage, parameters, accept_parameters(stage.view_parameters, view, name))
 
 
-def _settle(parameters: dict[str, Any], stage: Stage, given: Mapping[str, object]) -> None:
+def _settle(parameters: dict[str, Any], stage: Stage, values: Mapping[str, object]) -> None:
     """Set parameters that others replace to the values that take effect."""
     for by, rule in stage.in_place_of.items():
         if parameters[by] is None:
@@ -149,9 +149,9 @@ def _settle(parameters: dict[str, Any], stage: Stage, given: Mapping[str, object
             is_same = value is old
         else:
             is_same = math.isclose(value, old, rel_tol=1e-9)
-        if key in given and not is_same:
-            what = "" if value is None else f", which makes it {value:g}"
-            conflict = f"cannot be given together with {by}{what}"
+        if key in values and not is_same:
+            effect = "" if value is None else f", which makes it {value:g}"
+            conflict = f"cannot be given together with {by}{effect}"
             raise ParameterError(conflict, place=f"{stage.name}.{key}", got=old)
         parameters[key] = value
     try:
@@ -162,21 +162,21 @@ def _settle(parameters: dict[str, Any], stage: Stage, given: Mapping[str, object
 
 
 def _in_model(
-    name: str, models: Mapping[str | None, Stage], given: dict[str, object]
+    name: str, models: Mapping[str | None, Stage], values: dict[str, object]
 ) -> tuple[Stage, dict[str, object]]:
     if None in models:
-        return models[None], given
-    model = given.pop("model", next(iter(models)))
+        return models[None], values
+    model = values.pop("model", next(iter(models)))
     if not isinstance(model, str) or model not in models:
-        known = [str(one) for one in models]
+        known = [str(model_name) for model_name in models]
         raise unknown_name(f"{name} model", model, known, place=f"{name}.model")
     stage = models[model]
-    for key in given:
-        others = [str(m) for m, other in models.items() if key in other.parameters]
-        if others and key not in stage.parameters:
-            rule = f"is a parameter of model {' and '.join(others)}, not of {model}"
+    for key in values:
+        owners = [str(m) for m, owner in models.items() if key in owner.parameters]
+        if owners and key not in stage.parameters:
+            rule = f"is a parameter of model {' and '.join(owners)}, not of {model}"
             raise ParameterError(rule, place=f"{name}.{key}")
-    return stage, given
+    return stage, values
 
 
 def _plain(value: Any) -> Any:
@@ -186,6 +186,6 @@ def _plain(value: Any) -> Any:
         return {key: _plain(field) for key, field in asdict(value).items()}
     if hasattr(value, "described"):
         return value.described()
-    if isinstance(value, tuple) and value and all(isinstance(one, Goal) for one in value):
+    if isinstance(value, tuple) and value and all(isinstance(item, Goal) for item in value):
         return described_goals(value)
-    return [_plain(one) for one in value] if isinstance(value, tuple) else value
+    return [_plain(item) for item in value] if isinstance(value, tuple) else value

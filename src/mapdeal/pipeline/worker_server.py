@@ -1,6 +1,6 @@
-"""What the server that workers are forked from does at its own end; imported there, and only there.
+"""Clean-up of the server that workers are forked from; imported there alone.
 
-It outlives the command that started it until the last worker is gone. So it can take away the
+The server outlives the command that started it until the last worker is gone. So it can remove the
 folder of its socket even if the command was killed.
 """
 
@@ -19,7 +19,7 @@ _SERVER, _COMMAND = os.getpid(), os.getppid()
 
 
 def _remove_folder() -> None:
-    # So long as the command is there, it does so itself, and would miss it.
+    # A living command removes the folder itself, and fails if it is missing.
     server = getattr(forkserver, "_forkserver", None)
     address = getattr(server, "_forkserver_address", None)
     if os.getpid() != _SERVER or os.getppid() == _COMMAND or not isinstance(address, str):
@@ -30,7 +30,7 @@ def _remove_folder() -> None:
 
 
 def _fail_silently(*_: object) -> None:
-    """Keep a server that cannot fork from printing a traceback: the command says what it lacks."""
+    """Print no traceback if the server cannot fork: the command reports the error."""
 
 
 prepare_libraries()

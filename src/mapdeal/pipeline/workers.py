@@ -48,15 +48,15 @@ _PRELOADED = (
     "mapdeal.pipeline.batch", "mapdeal.pipeline.workers", "mapdeal.pictures.layers",
     "PIL.Image", "PIL.ImageDraw", "PIL.ImageFont", "PIL.PngImagePlugin", "tokenize",
 )  # fmt: skip
-"""What a run imports, some of it late: imported once, where workers are forked from."""
+"""Modules that runs import: the server that workers are forked from imports them once."""
 
 
 class ProcessWorkers:
     """Worker processes on this machine."""
 
-    # They hold the reading end of a pipe of which this process alone has the other end. When it is
-    # closed, whether on purpose or because the process is gone, a worker stops: what it does ends
-    # as by an exception, so that temporary files are removed.
+    # They hold the reading end of a pipe of which this process alone has the other end. When that
+    # end is closed, on purpose or because the process is gone, a worker stops: an exception unwinds
+    # its job, so that temporary files are removed.
 
     def __init__(self, size: int) -> None:
         self.size = size
@@ -65,11 +65,11 @@ class ProcessWorkers:
     def started(self, size: int, work: Work) -> Iterator[Submit]:
         """Run processes within a ``with`` block, stopped early if an exception leaves it."""
         with ExitStack() as stack:
-            with _start_told():
+            with _start_errors():
                 context = _context()
-                lifeline, held = multiprocessing.Pipe(duplex=False)
+                lifeline, held_end = multiprocessing.Pipe(duplex=False)
                 stack.callback(lifeline.close)
-                stack.callback(held.close)
+                stack.callback(held_end.close)
                 executor = ProcessPoolExecutor(
                     size, context, initializer=_set_up,
                     initargs=(lifeline, os.environ.get(VARIABLE)),
@@ -92,39 +92,39 @@ class ProcessWorkers:
                 return future
 
             try:
-                with _start_told():
+                with _start_errors():
                     _wait_for_first(executor)
                 yield submit
             except BaseException:
-                held.close()
+                held_end.close()
                 raise
             if is_lost.is_set():
                 # A pool that has lost a process ends the others, but not one that is started at
                 # that moment, and would wait for it for ever.
-                held.close()
+                held_end.close()
 
 
 @contextmanager
-def _start_told() -> Iterator[None]:
-    """Turn what the system says to the start of processes within a block into one error."""
+def _start_errors() -> Iterator[None]:
+    """Replace errors of the system at the start of processes by one error."""
     try:
         yield
     except (OSError, EOFError, RuntimeError, ImportError, NotImplementedError) as error:
-        # a pool is broken, and a server gone, because of what they could not be given
+        # a pool breaks, and a server ends, when the system refuses them a resource
         why = getattr(error, "strerror", None) or "the system has no more to give"
         rule = f"cannot be started: {why}"
         hint = "--jobs 1 needs none; ulimit -a shows the limits"
         raise FileAccessError(rule, source="worker processes", hint=hint) from None
 
 
-def _sent(executor: ProcessPoolExecutor, function: Callable[..., _T], *given: Any) -> Future[_T]:
+def _sent(executor: ProcessPoolExecutor, function: Callable[..., _T], *values: Any) -> Future[_T]:
     """Send work to a pool, which may start a process for it, not to be lost by a Ctrl-C."""
     with signals_deferred(), _terminal_blocked():
-        return executor.submit(function, *given)
+        return executor.submit(function, *values)
 
 
 def _shut_down(executor: ProcessPoolExecutor) -> None:
-    with suppress(RuntimeError):  # of a pool whose own thread could not be started
+    with suppress(RuntimeError):  # the pool's own thread could not be started
         executor.shutdown(cancel_futures=True)
 
 
@@ -199,7 +199,7 @@ def _terminal_blocked() -> Iterator[None]:
 
 
 class _StoppedError(BaseException):
-    """The worker is to stop; no Exception, so that nothing takes it for a failure."""
+    """The worker must stop; handlers of Exception do not catch it."""
 
 
 _is_busy = False
@@ -225,7 +225,7 @@ def _watch(lifeline: Connection) -> NoReturn:
 
 
 def _stop(*_: object) -> None:
-    """End at once, or unwind what is being done, which is not to be disturbed."""
+    """End at once, or unwind the job in progress."""
     global _is_stopping
     if not _is_busy:
         os._exit(_STOPPED)
@@ -243,7 +243,7 @@ def _stoppable(work: Work, job: Job) -> Outcome:
         finally:
             _is_busy = False
     except _StoppedError:
-        # removes what the exception came too early for, as multiprocessing itself does
+        # removes temporary files that the exception left behind, as multiprocessing itself does
         atexit._run_exitfuncs()  # noqa: SLF001
         os._exit(_STOPPED)
 
@@ -272,8 +272,7 @@ class ClusterWorkers:
     """The workers of a cluster, sent jobs through its interface of concurrent.futures."""
 
     # The machines must share the folders of inputs and outputs under the same paths. When a worker
-    # dies, the scheduler gives what it had to others; only a job that takes several with it has
-    # failed.
+    # dies, the scheduler gives its jobs to others; a job fails only if several workers died of it.
 
     def __init__(self, client: Any, address: str, size: int | None = None) -> None:
         self.size = size or _AT_ONCE
@@ -295,7 +294,7 @@ class ClusterWorkers:
         def submit(job: Job) -> Future[Outcome]:
             self._wait_for_scheduler(job)
             try:
-                return _told_as_ours(executor.submit(on_worker, job), job)
+                return _with_own_errors(executor.submit(on_worker, job), job)
             except Exception as error:  # noqa: BLE001 - dask raises plain ones if it has just lost it
                 rule = f"was not started: {_first_line(error)}"
                 raise WorkerDiedError(rule, source=job.path) from None
@@ -342,9 +341,7 @@ def _client(address: str) -> Any:
     except ModuleNotFoundError:
         rule = "needs dask.distributed: pip install 'distributed>=2024.8'"
         raise ParameterError(rule, source="--scheduler") from None
-    for name in list(
-        logging.root.manager.loggerDict
-    ):  # what they have to say ends up in our errors
+    for name in list(logging.root.manager.loggerDict):  # errors repeat their messages
         if name.partition(".")[0] in ("asyncio", "distributed", "tornado"):
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     client_type: Any = distributed.Client
@@ -416,28 +413,28 @@ def _memory_limit(dask_worker: Any) -> int | None:
     return getattr(getattr(dask_worker, "memory_manager", None), "memory_limit", None)
 
 
-def _told_as_ours(sent: Future[Outcome], job: Job) -> Future[Outcome]:
-    """Return a future whose exceptions are ours, where the cluster is to blame."""
+def _with_own_errors(sent: Future[Outcome], job: Job) -> Future[Outcome]:
+    """Return a future that replaces exceptions of the cluster by mapdeal's errors."""
     from distributed import KilledWorker
 
-    told: Future[Outcome] = Future()
-    told.set_running_or_notify_cancel()
+    relayed: Future[Outcome] = Future()
+    relayed.set_running_or_notify_cancel()
 
-    def pass_on(done: Future[Outcome]) -> None:
+    def pass_on(finished: Future[Outcome]) -> None:
         try:
-            told.set_result(done.result())
+            relayed.set_result(finished.result())
         except CancelledError:
             rule = "was lost: the scheduler is gone or has dropped it"
-            told.set_exception(WorkerDiedError(rule, source=job.path))
+            relayed.set_exception(WorkerDiedError(rule, source=job.path))
         except KilledWorker:
             rule = "every worker that tried this map died"
-            told.set_exception(WorkerDiedError(rule, source=job.path, hint=TOO_LARGE))
+            relayed.set_exception(WorkerDiedError(rule, source=job.path, hint=TOO_LARGE))
         except Exception as error:  # noqa: BLE001 - the work itself raises none
             rule = f"was lost: {_first_line(error)}"
-            told.set_exception(WorkerDiedError(rule, source=job.path))
+            relayed.set_exception(WorkerDiedError(rule, source=job.path))
 
     sent.add_done_callback(pass_on)
-    return told
+    return relayed
 
 
 def _first_line(error: Exception) -> str:

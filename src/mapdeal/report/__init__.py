@@ -1,1 +1,1 @@
-"""A page of what was made of maps, and of what was found out about them."""
+"""A page about runs, maps and results."""

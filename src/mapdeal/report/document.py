@@ -17,17 +17,9 @@ from mapdeal.grid.occupancy import CloudLayers, OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import FREE, OCCUPIED, Convention
 from mapdeal.kernels.blocks import Layer, counts_of, mapped
+from mapdeal.pictures import styles
 from mapdeal.pictures.colours import LayerStyle
-from mapdeal.pictures.styles import (
-    POTENTIAL_OBSTACLE,
-    FieldEnds,
-    cost_style,
-    field_style,
-    number_style,
-    occupancy_style,
-    potential_style,
-    reach_codes,
-)
+from mapdeal.pictures.styles import FieldEnds
 
 Points = NDArray[np.float64]
 
@@ -52,9 +44,9 @@ class Claim:
     Parameters
     ----------
     about : str
-        What it is about; an entry has one claim about each, the worst.
+        Subject; an entry shows the worst claim about each subject.
     state : {'error', 'warning', 'unknown', 'good'}
-        What it comes to.
+        State of the subject.
     text : str
         The sentence.
     evidence : str
@@ -102,7 +94,7 @@ class PageLayer:
 
 @dataclass(frozen=True)
 class Zone:
-    """What a polygon of a file is for, so that it can be edited on the page."""
+    """Purpose of a polygon of a file; the page can edit it."""
 
     kind: str
     speed: float | None = None  # percent of the robot's maximum
@@ -203,13 +195,13 @@ def page_layers(grid: Any, name: str, title: str) -> list[PageLayer]:
 
 def _of_cells(style: LayerStyle) -> LayerStyle:
     """Return a style without the swatches of colours that no value takes."""
-    taken: set[int | None] = set() if style.by_value is None else set(style.by_value.tolist())
+    used: set[int | None] = set() if style.by_value is None else set(style.by_value.tolist())
     if style.scale is not None:
         levels = range(style.scale.first, style.scale.first + style.scale.levels)
-        taken = {*levels, style.nowhere, style.line}
-        taken |= {level + style.faded_by for level in levels if style.faded_by is not None}
-    kept = tuple(swatch for swatch in style.swatches if swatch.index in taken)
-    return replace(style, swatches=kept)
+        used = {*levels, style.nowhere, style.line}
+        used |= {level + style.faded_by for level in levels if style.faded_by is not None}
+    swatches = tuple(swatch for swatch in style.swatches if swatch.index in used)
+    return replace(style, swatches=swatches)
 
 
 def _as_bytes(layer: Layer) -> Layer:
@@ -223,26 +215,26 @@ _ABOVE_UNKNOWN.flags.writeable = False
 
 def _map_of(grid: Any) -> dict[str, Any]:
     threshold = getattr(grid, "lethal_threshold", OCCUPIED)
-    style = occupancy_style()
+    style = styles.occupancy_style()
     if not counts_of(grid.occupancy)[FREE + 1 : OCCUPIED].any():  # black and white need no scale
         style = replace(style, bar=None)
     return {"style": style, "rank": _ABOVE_UNKNOWN, "lethal_threshold": threshold}
 
 
 def _cost(costmap: Costmap) -> dict[str, Any]:
-    return {"style": cost_style(costmap), "rank": _ABOVE_UNKNOWN}
+    return {"style": styles.cost_style(costmap), "rank": _ABOVE_UNKNOWN}
 
 
 def _field(field: DistanceField) -> dict[str, Any]:
     return {
-        "style": field_style(field, FieldEnds.of(field)), "unit": "m", "pooled": "smallest",
+        "style": styles.field_style(field, FieldEnds.of(field)), "unit": "m", "pooled": "smallest",
         "convention": field.convention, "lethal_threshold": field.lethal_threshold,
         "strength": field.strength,
     }  # fmt: skip
 
 
 def _potential(field: PotentialField) -> dict[str, Any]:
-    return {"style": replace(potential_style(field), line=POTENTIAL_OBSTACLE)}
+    return {"style": replace(styles.potential_style(field), line=styles.POTENTIAL_OBSTACLE)}
 
 
 def _numbers(name: str, title: str, unit: str = "m", *, is_from_0: bool = True) -> LayerKind:
@@ -252,7 +244,7 @@ def _numbers(name: str, title: str, unit: str = "m", *, is_from_0: bool = True) 
     def about(grid: Any) -> dict[str, Any]:
         finite = values(grid)[np.isfinite(values(grid))]
         low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
-        return {"style": number_style(0.0 if is_from_0 else low, high, unit), "unit": unit}
+        return {"style": styles.number_style(0.0 if is_from_0 else low, high, unit), "unit": unit}
 
     return LayerKind(name, title, values, about)
 
@@ -279,8 +271,8 @@ _KINDS: dict[type[Any], tuple[LayerKind, ...]] = {
         _numbers("clearance", "distance to the nearest obstacle"),
         _numbers("widest", "radius of the largest round robot that gets here"),
         LayerKind(
-            "", "", lambda reach: reach_codes(reach)[0],
-            lambda reach: {"style": reach_codes(reach)[1]},
+            "", "", lambda reach: styles.reach_codes(reach)[0],
+            lambda reach: {"style": styles.reach_codes(reach)[1]},
         ),
     ),
 }  # fmt: skip

@@ -8,12 +8,12 @@ from __future__ import annotations
 import base64
 import hashlib
 import html
+import io
 import json
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from itertools import pairwise
 from string import Template
 from typing import Any, cast, get_args
 
@@ -24,17 +24,18 @@ from mapdeal.compare.difference import ChangeKind
 from mapdeal.errors import one_line
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.values import count_text
-from mapdeal.pictures.canvas import round_step
+from mapdeal.maps.png import write_indexed_png
 from mapdeal.pictures.colours import ColourBar, LayerStyle
-from mapdeal.pictures.cost_curve import ZONE_COLOURS, Plot, described
+from mapdeal.pictures.cost_curve import cost_curve_image, curve_text
 from mapdeal.report.document import Claim, Entry, Item, PageLayer, Report, State, Table
 from mapdeal.report.tiles import TILE, encoded
 from mapdeal.report.verdict import MOST_CLAIMS, most_urgent, shared_by, state_of, verdicts_of
 
 Value = str | int | float | bool | None
-"""Of an attribute: True for its name alone, False and None for no attribute."""
+"""Value of an attribute: True writes its name alone, False and None omit it."""
 
-_VOID = {"input", "meta", "br", "wbr", "rect", "line", "circle", "path", "polyline", "stop"}
+_PNG = "data:image/png;base64,"
+_VOID = {"input", "meta", "br", "wbr", "img", "rect", "line", "circle", "path", "polyline", "stop"}
 _RAW = {"script", "style"}
 
 
@@ -54,13 +55,14 @@ def element(name: str, /, *content: Content, **attributes: Value) -> Markup:
     parts = (_attribute(k.rstrip("_").replace("_", "-"), v) for k, v in attributes.items())
     start = f"<{name}{''.join(parts)}"
     if name in _VOID:
-        return Markup(f"{start}{'>' if name in ('input', 'meta', 'br', 'wbr') else '/>'}")
+        return Markup(f"{start}{'>' if name in ('input', 'meta', 'br', 'wbr', 'img') else '/>'}")
     return Markup(f"{start}>{joined(content).text}</{name}>")
 
 
 def joined(content: Iterable[Content]) -> Markup:
     """Return pieces one behind the other, text escaped."""
-    return Markup("".join(one.text if isinstance(one, Markup) else escaped(one) for one in content))
+    texts = (piece.text if isinstance(piece, Markup) else escaped(piece) for piece in content)
+    return Markup("".join(texts))
 
 
 def escaped(text: str) -> str:
@@ -73,7 +75,8 @@ def escaped(text: str) -> str:
 def _attribute(name: str, value: Value) -> str:
     if value is None or value is False:
         return ""
-    if name == "style" or name.startswith("on") or name in ("src", "srcset", "action"):
+    is_picture = name == "src" and str(value).startswith(_PNG)
+    if (name in ("style", "src", "srcset", "action") and not is_picture) or name.startswith("on"):
         raise ValueError(f"no attribute {name} is allowed")
     if value is True:
         return f" {name}"
@@ -89,14 +92,14 @@ _CLOSE = 2.0  # levels that a gradient may differ from the palette
 
 
 def legend_of(style: LayerStyle, key: str) -> Markup:
-    """Return swatches and colour bar of a style; `key` tells it from others on the page."""
+    """Return swatches and colour bar of a style; `key` is unique on the page."""
     parts: list[Content] = []
     if style.bar is not None:
         parts.append(_bar(style, style.bar, key))
     if style.swatches:
         swatches = [
-            element("li", swatch(style.colours[one.index]), " ", one.label)
-            for one in style.swatches
+            element("li", swatch(style.colours[swatch_style.index]), " ", swatch_style.label)
+            for swatch_style in style.swatches
         ]
         parts.append(element("ul", *swatches, class_="swatches"))
     return joined(parts)
@@ -153,15 +156,15 @@ def _stops(colours: NDArray[np.float64]) -> list[int]:
 
 def _ticks(ticks: Sequence[tuple[float, str]]) -> list[Markup]:
     """Return ticks and labels; the ends come first, others where there is room."""
-    taken: list[tuple[float, float]] = []
+    used_ranges: list[tuple[float, float]] = []
     parts = []
     for share, text in sorted(ticks, key=lambda tick: (0 < tick[0] < 1, tick[0])):
         x = 0.5 + share * (_BAR_WIDTH - 1)
         width = _BAR_LETTER * len(text)
         start = min(max(x - width / 2, 0.0), _BAR_WIDTH - width)
-        if any(start < end + 4 and begin < start + width + 4 for begin, end in taken):
+        if any(start < end + 4 and begin < start + width + 4 for begin, end in used_ranges):
             continue
-        taken.append((start, start + width))
+        used_ranges.append((start, start + width))
         anchor = "start" if start == 0 else "end" if start == _BAR_WIDTH - width else "middle"
         at = {"start": 0.0, "end": float(_BAR_WIDTH), "middle": x}[anchor]
         parts.append(element("line", x1=x, x2=x, y1=_BAR, y2=_BAR + 4, stroke="currentColor"))
@@ -169,117 +172,17 @@ def _ticks(ticks: Sequence[tuple[float, str]]) -> list[Markup]:
     return parts
 
 
-_LEFT, _RIGHT, _WIDTH = 44, 16, 700  # pixels
-_MARK, _PLOT, _BELOW = 18, 220, 40
-_COLUMNS = 700
-_LETTER = 6.4
-
-
 def curve_figure(curve: CostCurve) -> Markup:
-    plot = _Plot(curve)
-    zones = []
-    for zone in plot.zones:
-        square, kind = swatch(ZONE_COLOURS[zone.kind]), element("b", zone.kind.value)
-        zones.append(element("li", square, " ", kind, " ", described(zone, plot.end)))
-    caption = f"Cells of {curve.resolution:.6g} m" + (f"; {curve.note}" if curve.note else "")
+    """Return the picture of a cost curve, its zones and distances in words as its text."""
+    image, file = cost_curve_image(curve, title="Cost curve"), io.BytesIO()
+    write_indexed_png(file, image.indices, image.palette)
+    source = f"{_PNG}{base64.b64encode(file.getvalue()).decode()}"
+    picture = element("img", src=source, alt=curve_text(curve))
     return element(
         "figure",
-        element("div", plot.drawn(), class_="wide", tabindex=0, role="group", aria_label="Plot"),
-        element("figcaption", caption),
-        element("ul", *zones, class_="zones"),
+        element("div", picture, class_="wide", tabindex=0, role="group", aria_label="Plot"),
         class_="curve",
     )
-
-
-class _Plot(Plot):
-    def __init__(self, curve: CostCurve) -> None:
-        super().__init__(curve)
-        self.marks = [mark for mark in self.marks if mark.distance <= self.end]
-        self.top = 14 + _MARK * len(self.marks)
-        self.bottom = self.top + _PLOT
-
-    def x(self, metres: float) -> float:
-        share = (metres + self.half) / (self.end + self.half)
-        return round(_LEFT + share * (_WIDTH - _LEFT - _RIGHT), 2)
-
-    def y(self, cost: float) -> float:
-        return round(self.bottom - _PLOT * cost / self.palette.lethal_cost, 2)
-
-    def drawn(self) -> Markup:
-        return element(
-            "svg",
-            *self._bars(), *self._axes(), *self._line(), *self._dots(), *self._marks(),
-            viewBox=f"0 0 {_WIDTH} {self.bottom + _BELOW}", role="img", aria_label=self._told(),
-        )  # fmt: skip
-
-    def _told(self) -> str:
-        zones = "; ".join(f"{zone.kind.value} {described(zone, self.end)}" for zone in self.zones)
-        return f"Cost over the distance from the nearest obstacle. {zones}."
-
-    def _bars(self) -> list[Markup]:
-        curve = self.curve
-        edges = np.linspace(-self.half, self.end, _COLUMNS + 1)
-        middles = np.maximum((edges[1:] + edges[:-1]) / 2, 0.0)
-        costs = curve.cost_near(middles / curve.resolution)
-        starts = np.flatnonzero(np.diff(costs, prepend=-1))
-        parts = []
-        for first, last in pairwise([*starts.tolist(), _COLUMNS]):
-            cost = int(costs[first])
-            if cost == 0:
-                continue
-            left, right = self.x(edges[first]), self.x(edges[last])
-            colour = hex_of(self.palette.colours[self.palette.by_value[cost]])
-            width, height = round(right - left, 2), round(self.bottom - self.y(cost), 2)
-            parts.append(
-                element("rect", x=left, y=self.y(cost), width=width, height=height, fill=colour)
-            )
-        return parts
-
-    def _axes(self) -> list[Markup]:
-        parts = []
-        left, right = self.x(-self.half), self.x(self.end)
-        for cost in self.ticks:
-            y = self.y(cost)
-            parts.append(element("line", x1=left, x2=right, y1=y, y2=y, class_="rule"))
-            parts.append(element("text", str(cost), x=left - 6, y=y + 4, text_anchor="end"))
-        step = round_step(self.end / 8)
-        for k in range(int(self.end / step) + 1):
-            x = self.x(k * step)
-            line = element("line", x1=x, x2=x, y1=self.bottom, y2=self.bottom + 5, class_="tick")
-            text = f"{k * step:.6g}"
-            parts += [line, element("text", text, x=x, y=self.bottom + 18, text_anchor="middle")]
-        low, bottom = self.bottom + 35, self.bottom
-        parts.append(element("line", x1=left, x2=right, y1=bottom, y2=bottom, class_="tick"))
-        middle = (left + right) / 2
-        parts.append(element("text", f"{self.axis}, m", x=middle, y=low, text_anchor="middle"))
-        parts.append(element("text", "cost", x=left - 6, y=self.top - 10, text_anchor="end"))
-        return parts
-
-    def _line(self) -> list[Markup]:
-        line = self.formula(200)
-        if line is None:
-            return []
-        pairs = zip(*(numbers.tolist() for numbers in line), strict=True)
-        points = " ".join(f"{self.x(m):g},{self.y(c):g}" for m, c in pairs)
-        return [element("polyline", points=points, class_="formula")]
-
-    def _dots(self) -> list[Markup]:
-        curve = self.curve
-        if (_WIDTH - _LEFT - _RIGHT) * curve.resolution / (self.end + self.half) < 6:
-            return []
-        shown = self.is_along_row & (curve.distance <= self.end)
-        pairs = zip(curve.distance[shown].tolist(), curve.cost[shown].tolist(), strict=True)
-        return [element("circle", cx=self.x(m), cy=self.y(c), r=3, class_="dot") for m, c in pairs]
-
-    def _marks(self) -> list[Markup]:
-        parts = []
-        for row, mark in enumerate(self.marks):
-            x, y = self.x(mark.distance), 12 + row * _MARK
-            parts.append(element("line", x1=x, x2=x, y1=y - 8, y2=self.bottom, class_="mark"))
-            fits = x + 6 + _LETTER * len(mark.label) <= _WIDTH
-            at, anchor = (x + 5, "start") if fits else (x - 5, "end")
-            parts.append(element("text", mark.label, x=at, y=y, text_anchor=anchor))
-        return parts
 
 
 _KINDS = {
@@ -297,7 +200,7 @@ _STATES = {"error": "Problem", "warning": "Check", "unknown": "Not checked", "go
 """What a verdict says of its states: they have colours, but nobody needs to see these."""
 
 _FAILED = "failed"
-_TOLD_BY_SIZE = ("cells", "m per cell")
+_IN_SIZE_TEXT = ("cells", "m per cell")
 _NAMED = 3  # maps that a line of the verdict on several maps names
 
 
@@ -311,20 +214,20 @@ def body_of(report: Report) -> Markup:
 def subtitle_of(report: Report) -> str:
     if len(report.entries) > 1:
         counts = [_counts(entry) for entry in report.entries]
-        told = [
+        parts = [
             count_text(sum(count[k] for count in counts), name)
             for k, name in enumerate(("error", "warning"))
         ]
         failed = sum(entry.status == _FAILED for entry in report.entries)
         bare = sum(not entry.layers for entry in report.entries if entry.status != _FAILED)
-        told += [f"{failed} failed"] if failed else []
-        told += [f"{bare} without layers"] if bare else []
+        parts += [f"{failed} failed"] if failed else []
+        parts += [f"{bare} without layers"] if bare else []
         shared = shared_by(report.entries)
         sound = sum(state_of(entry, shared) == "good" for entry in report.entries)
-        told += [f"{sound} sound"] if sound else []
-        return ", ".join([count_text(len(report.entries), "map"), *told])
+        parts += [f"{sound} sound"] if sound else []
+        return ", ".join([count_text(len(report.entries), "map"), *parts])
     entry = report.entries[0]
-    figures = [_figure(k, v) for k, v in entry.figures.items() if k not in _TOLD_BY_SIZE]
+    figures = [_figure(k, v) for k, v in entry.figures.items() if k not in _IN_SIZE_TEXT]
     return ", ".join([_size_text(entry), *figures])
 
 
@@ -355,7 +258,7 @@ def _text(value: str | float) -> str:
 def _counts(entry: Entry) -> tuple[int, int]:
     errors = sum(item.tone == "error" for item in entry.items)
     warnings = sum(item.tone == "warning" for item in entry.items)
-    if entry.status == _FAILED:  # what is listed as a warning is why
+    if entry.status == _FAILED:  # its warnings are the reasons
         return errors or max(1, len(entry.warnings)), warnings
     return errors, warnings + len(entry.warnings)
 
@@ -379,15 +282,16 @@ def _verdict_on(entry: Entry, number: int) -> Markup:
     """Return the claims about an entry, each with a link to where its evidence is."""
     places = {kind: (f"list-{number}-{k}", title) for k, (title, kinds) in enumerate(_lists(entry))
               for kind in kinds}  # fmt: skip
-    tables = {one.title: (f"table-{number}-{k}", one.title) for k, one in enumerate(entry.tables)}
+    titles = [table.title for table in entry.tables]
+    tables = {title: (f"table-{number}-{k}", title) for k, title in enumerate(titles)}
     claims: list[Content] = []
-    worst_first = sorted(entry.claims, key=lambda one: get_args(State).index(one.state))
-    for one in worst_first:
-        place, title = (tables | places).get(one.evidence, ("", ""))
+    worst_first = sorted(entry.claims, key=lambda claim: get_args(State).index(claim.state))
+    for claim in worst_first:
+        place, title = (tables | places).get(claim.evidence, ("", ""))
         link: list[Content] = (
             [" ", element("a", title, href=f"#{place}", class_="evidence")] if place else []
         )
-        claims.append(_claim(one.state, f"{one.text}.", *link))
+        claims.append(_claim(claim.state, f"{claim.text}.", *link))
     return _verdict(claims, entry.next_command)
 
 
@@ -401,16 +305,16 @@ def _verdict_on_all(entries: tuple[Entry, ...]) -> Markup:
     claims = []
     for state, words in (("error", "has a problem"), ("warning", "should be checked")):
         if found := numbers[state]:
-            what = words if len(found) == 1 else words.replace("has", "have")
+            verb = words if len(found) == 1 else words.replace("has", "have")
             also = f" ({failed} failed)" if failed and state == "error" else ""
-            text = f"{len(found)} of {count_text(len(entries), 'map')} {what}{also}: "
+            text = f"{len(found)} of {count_text(len(entries), 'map')} {verb}{also}: "
             claims.append(_claim(cast("State", state), text, *_links(found, entries)))
-    claims += [_claim(one.state, f"All maps: {one.text}.") for one in shared]
+    claims += [_claim(claim.state, f"All maps: {claim.text}.") for claim in shared]
     good, unknown = len(numbers["good"]), len(numbers["unknown"])
-    told = [f"{good} {'is' if good == 1 else 'are'} sound"] if good else []
-    told += [f"{unknown} {'was' if unknown == 1 else 'were'} not checked"] if unknown else []
-    if told:
-        claims.append(_claim("good" if good else "unknown", f"{', '.join(told)}."))
+    counts = [f"{good} {'is' if good == 1 else 'are'} sound"] if good else []
+    counts += [f"{unknown} {'was' if unknown == 1 else 'were'} not checked"] if unknown else []
+    if counts:
+        claims.append(_claim("good" if good else "unknown", f"{', '.join(counts)}."))
     return _verdict(claims[:MOST_CLAIMS], most_urgent(verdicts_of(entries)))
 
 
@@ -456,7 +360,7 @@ def _maps(entries: tuple[Entry, ...]) -> Markup:
 
 
 def _columns(entries: tuple[Entry, ...]) -> list[str]:
-    """Return the names of figures, but of those that are equal in all entries the first."""
+    """Return the names of figures; figures equal in all entries share the first name."""
     columns: dict[tuple[object, ...], str] = {}
     for name in dict.fromkeys(name for entry in entries for name in entry.figures):
         columns.setdefault(tuple(entry.figures.get(name) for entry in entries), name)
@@ -512,8 +416,9 @@ def _row(entry: Entry, number: int, names: list[str], shared: Sequence[Claim]) -
         aria_label=f"Thumbnail of {entry.name}",
     )  # fmt: skip
     link = element("a", *_broken(entry.name), href=f"#entry-{number}")
-    by_state = [one for state in ("error", "warning") for one in entry.claims if one.state == state]
-    reasons = [_reason(one) for one in by_state if one not in shared]
+    claims = [claim for claim in entry.claims if claim not in shared]
+    reasons = [_reason(claim) for state in ("error", "warning") for claim in claims
+               if claim.state == state]  # fmt: skip
     reason = [element("span", reasons[0], class_="reason")] if reasons else []
     head = element("th", link, *reason, scope="row", data_value=entry.name)
     state = state_of(entry, shared)
@@ -536,7 +441,7 @@ def _row(entry: Entry, number: int, names: list[str], shared: Sequence[Claim]) -
 
 
 def _reason(claim: Claim) -> str:
-    """Return why a map is to be looked at, without the counts that are in the row anyhow."""
+    """Return the reason to check a map, without the counts, which the row has."""
     return claim.text.partition(": ")[2] if claim.about == "map" else claim.text
 
 
@@ -554,16 +459,16 @@ def _entry(entry: Entry, number: int, *, several: bool) -> Markup:
         parts.append(_verdict_on(entry, number))
     if entry.warnings and not (entry.status == _FAILED and entry.claims):  # which is the verdict
         lines = element("ul", *(element("li", text) for text in entry.warnings))
-        what = "error" if entry.status == _FAILED else "warning"
-        title = count_text(len(entry.warnings), what)
-        parts.append(_section(title, lines, class_=f"warnings {what}"))
-    rest = element("div", *_below(entry, number), class_="rest")
+        noun = "error" if entry.status == _FAILED else "warning"
+        title = count_text(len(entry.warnings), noun)
+        parts.append(_section(title, lines, class_=f"warnings {noun}"))
+    below = element("div", *_below(entry, number), class_="rest")
     if entry.layers:
         slot = element("div", class_="slot")
-        parts.append(element("div", slot, _panels(entry, number), rest, class_="work"))
+        parts.append(element("div", slot, _panels(entry, number), below, class_="work"))
     else:
         parts.append(element("p", "This map has no layer to show.", class_="notice"))
-        parts += [_items(entry, number), rest]
+        parts += [_items(entry, number), below]
     return element("section", *parts, class_="entry", id=f"entry-{number}", aria_label=entry.name)
 
 
@@ -604,7 +509,7 @@ def _layer(layer: PageLayer, k: int, number: int, count: int) -> Markup:
 _MODES = {
     "layers": "Layers", "swipe": "Swipe", "beside": "Side by side", "blink": "Blink"
 }  # fmt: skip
-"""Ways to look at two layers, and what they are called."""
+"""Titles of the views of two layers."""
 
 
 def _compare(entry: Entry, number: int) -> Markup:
@@ -705,17 +610,17 @@ def _group(items: Sequence[Item], group: Sequence[int]) -> Markup:
     if len(group) == 1:
         return _item(first, group[0], first.text)
     words = [items[k].text.partition(": ")[2] or items[k].text for k in group]
-    own = sum(not one.startswith(_PLACE) for one in words)  # findings, each at its first place
+    own = sum(not text.startswith(_PLACE) for text in words)  # findings, each at its first place
     count = count_text(len(group), "place") if own == 1 else count_text(own, "finding")
     if words[1].startswith(_PLACE):
-        words[0] = f"{_PLACE}1"  # what it says is in the line above
+        words[0] = f"{_PLACE}1"  # the line above has its text
     rows = []
     for k, text in zip(group, words, strict=True):
         place = items[k].place
         is_bare = place is not None and text.startswith(_PLACE)
         shown = f"{text} at {_at(place)}" if place is not None and is_bare else text
-        rows.append(_item(items[k], k, shown, is_told=False))
-    head = element("summary", _told(first, first.text), " ", element("i", f"({count})"))
+        rows.append(_item(items[k], k, shown, has_tone=False))
+    head = element("summary", _with_tone(first, first.text), " ", element("i", f"({count})"))
     css = _css(notes=first.tone == "note")
     return element("li", element("details", head, element("ul", *rows), class_=css))
 
@@ -728,14 +633,14 @@ def _at(place: tuple[float, float]) -> str:
     return ", ".join(f"{part + 0.0:.6g}" for part in place)
 
 
-def _item(item: Item, number: int, words: str, *, is_told: bool = True) -> Markup:
-    text: Content = _told(item, words) if is_told else words
+def _item(item: Item, number: int, words: str, *, has_tone: bool = True) -> Markup:
+    text: Content = _with_tone(item, words) if has_tone else words
     if item.place is None and not item.lines:
         return element("li", element("span", text))
     return element("li", element("button", text, type="button", data_item=number))
 
 
-def _told(item: Item, words: str) -> Content:
+def _with_tone(item: Item, words: str) -> Content:
     """Return a text behind the word for its severity, or for its kind."""
     tone = item.kind if item.kind in _IN_ONE_LIST else item.tone
     if tone in ("good", "plain"):
@@ -771,7 +676,7 @@ def page_of(report: Report, *, size: int) -> Iterator[bytes]:
     fields = {
         "policy": (
             f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; "
-            "base-uri 'none'; form-action 'none'"
+            "img-src data:; base-uri 'none'; form-action 'none'"
         ),
         "title": escaped(report.title),
         "subtitle": escaped(subtitle_of(report)),
@@ -880,11 +785,11 @@ def _page_entry(entry: Entry) -> dict[str, Any]:
         )
         for layer in entry.layers
     ]
-    whole = _box(np.vstack(corners)) if corners else None
+    full_box = _box(np.vstack(corners)) if corners else None
     return {
         "name": one_line(entry.name),
-        "whole": whole,
-        "extent": whole if entry.extent is None else list(entry.extent),
+        "whole": full_box,
+        "extent": full_box if entry.extent is None else list(entry.extent),
         "items": [_page_item(item) for item in entry.items],
     }
 
@@ -895,7 +800,7 @@ def _box(points: NDArray[np.float64]) -> list[float]:
 
 def _page_item(item: Item) -> dict[str, Any]:
     places = [] if item.place is None else [np.array([item.place], dtype=np.float64)]
-    points = [one for one in (*places, *item.lines) if len(one)]
+    points = [line for line in (*places, *item.lines) if len(line)]
     return {
         "kind": item.kind,
         "tone": item.tone,

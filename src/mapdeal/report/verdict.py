@@ -19,7 +19,7 @@ MOST_CLAIMS = 3
 """Claims of an entry, and names in one of them: more is not read."""
 
 _NEARLY_ALL = 0.9
-"""Share of the area that a robot fits in: what is left are corners behind shelves, not rooms."""
+"""Share of the area that a robot fits in: beyond it lie corners behind shelves, not rooms."""
 
 _FEWEST_SHARING = 2
 
@@ -37,13 +37,13 @@ def settled(claims: Iterable[Claim]) -> tuple[Claim, ...]:
     """Return at most three claims, of those about the same the worst, in the order of `About`."""
     # A failed run has one claim: findings of lint would repeat its reason.
     chosen: dict[About, Claim] = {}
-    for one in claims:
-        known = chosen.get(one.about)
-        if known is None or worst_of([one.state, known.state]) != known.state:
-            chosen[one.about] = one
+    for claim in claims:
+        known = chosen.get(claim.about)
+        if known is None or worst_of([claim.state, known.state]) != known.state:
+            chosen[claim.about] = claim
     if "run" in chosen and chosen["run"].state == "error":
         chosen = {"run": chosen["run"]}
-    return tuple(sorted(chosen.values(), key=lambda one: get_args(About).index(one.about)))[
+    return tuple(sorted(chosen.values(), key=lambda claim: get_args(About).index(claim.about)))[
         :MOST_CLAIMS
     ]
 
@@ -73,7 +73,7 @@ def on_no_lint() -> Claim:
 
 
 def on_costs(manifest: Mapping[str, Any]) -> Claim | None:
-    """Return whose costs a run has made, and what was assumed; None if it made none."""
+    """Return whose costs a run has computed, and the assumptions, if it computed costs."""
     stages = {name: values for stage in manifest["stages"] for name, values in stage.items()}
     costs, robot = stages.get("cost"), manifest.get("robot")
     if not isinstance(costs, dict):
@@ -87,13 +87,13 @@ def on_costs(manifest: Mapping[str, Any]) -> Claim | None:
         parts.append(f"walls inflated by {radius:.4g} m")
     parts += [text.format(costs[name]) for name, text in _ABOUT_COSTS.items()
               if _is_number(costs.get(name)) and costs[name]]  # fmt: skip
-    given = f", but with {', '.join(parts)}" if parts else ""
-    text = f"The costmap is not made from the robot's own parameter file{given}"
+    assumptions = f", but with {', '.join(parts)}" if parts else ""
+    text = f"The costmap is not made from the robot's own parameter file{assumptions}"
     return Claim("costmap", "warning", text, "cost: parameters")
 
 
 def _on_robot(robot: Mapping[str, Any], *, has_mask: bool) -> Claim:
-    files = [str(one.get("name")) for one in _dicts_in(robot.get("files"))]
+    files = [str(file.get("name")) for file in _dicts_in(robot.get("files"))]
     text = f"The costmap is the robot's own: {robot.get('costmap')} costmap"
     text += f" of {', '.join(files)}" if files else ""
     layers = _dicts_in(robot.get("layers"))
@@ -115,7 +115,7 @@ def _on_robot(robot: Mapping[str, Any], *, has_mask: bool) -> Claim:
 
 def _dicts_in(value: object) -> list[dict[str, Any]]:
     listed = value if isinstance(value, list) else []  # anybody may have written it
-    return [one for one in listed if isinstance(one, dict)]
+    return [item for item in listed if isinstance(item, dict)]
 
 
 def _is_number(value: object) -> bool:
@@ -129,8 +129,8 @@ def on_goals(
     """Return whether a robot gets where it must, and the passages that stop it."""
     # `share` is the part that it reaches of the area in which it can stand.
     who = "The robot" if robot is not None else "A point, as no robot was given,"
-    missed = [one for one in goals if not one.reachable]
-    closed = [one for one in passages if not one.is_open]
+    missed = [answer for answer in goals if not answer.reachable]
+    closed = [answer for answer in passages if not answer.is_open]
     shut = (
         f"{count_text(len(closed), 'passage')} {'is' if len(closed) == 1 else 'are'} closed to it"
     )
@@ -139,13 +139,13 @@ def on_goals(
         if len(closed) > 1:
             text += f"{shut}. "
         text += "Not reached: "
-        names = [_named(one, robot) for one in missed[:MOST_CLAIMS]]
+        names = [_named(answer, robot) for answer in missed[:MOST_CLAIMS]]
         more = [f"{len(missed) - MOST_CLAIMS} more"] if len(missed) > MOST_CLAIMS else []
         return Claim("goals", "error", text + "; ".join([*names, *more]), "goal")
     state: State = "good" if robot is not None else "warning"
     if goals:
         every = {1: "its goal", 2: "both goals"}.get(len(goals), f"all {len(goals)} goals")
-        widths = [one.limited_by.width for one in goals if one.limited_by is not None]
+        widths = [answer.limited_by.width for answer in goals if answer.limited_by is not None]
         text = f"{who} reaches {every}"
         if widths and math.isfinite(min(widths)):
             text += f"; the narrowest place on the way is {min(widths):.3g} m wide"
@@ -157,13 +157,13 @@ def on_goals(
     return Claim("goals", state if share >= _NEARLY_ALL else "warning", text, "start")
 
 
-def _named(one: GoalReach, robot: Footprint | None) -> str:
-    name = one.goal.label
-    if one.reason is not None or one.limited_by is None:
-        return f"{name} ({one.stopped_by or 'no way leads there'})"
+def _named(answer: GoalReach, robot: Footprint | None) -> str:
+    name = answer.goal.label
+    if answer.reason is not None or answer.limited_by is None:
+        return f"{name} ({answer.stopped_by or 'no way leads there'})"
     needs = 2 * reach_radius(robot)
-    if one.limited_by.width <= needs + 2 * RADIUS_TOLERANCE:
-        return f"{name} ({one.limited_by.text}, the robot needs {needs:.4g} m)"
+    if answer.limited_by.width <= needs + 2 * RADIUS_TOLERANCE:
+        return f"{name} ({answer.limited_by.text}, the robot needs {needs:.4g} m)"
     return f"{name} (it cannot turn on the way)"
 
 
@@ -172,20 +172,22 @@ def on_no_robot() -> Claim:
     return Claim("goals", "unknown", text)
 
 
-def on_difference(found: Difference, changes: Sequence[Change], left: int) -> list[Claim]:
+def on_difference(found: Difference, changes: Sequence[Change], unlisted: int) -> list[Claim]:
     """Return how much two maps differ: obstacles, all cells, and geometry."""
     cell = found.frame.resolution**2
     if not found.common_cells:
         return [Claim("obstacles", "error", "The maps have no cell in common")]
     claims = []
     if changes:
-        count = Counter(one.kind for one in changes)
-        areas = {kind: sum(one.area for one in changes if one.kind == kind) for kind in count}
+        count = Counter(change.kind for change in changes)
+        areas = {
+            kind: sum(change.area for change in changes if change.kind == kind) for kind in count
+        }
         parts = [
             f"{decimal_text(areas[kind], 3)} m2 {kind} in {count_text(count[kind], 'place')}"
             for kind in count
         ]
-        more = f", and {count_text(left, 'smaller change')}" if left else ""
+        more = f", and {count_text(unlisted, 'smaller change')}" if unlisted else ""
         text = f"Obstacles differ: {' and '.join(parts)}{more}"
         evidence = changes[0].kind
         claims.append(Claim("obstacles", "warning", text, evidence))
@@ -286,12 +288,12 @@ def shared_by(entries: Sequence[Entry]) -> tuple[Claim, ...]:
     found = [entry.claims for entry in entries if entry.layers and entry.claims]
     if len(found) < _FEWEST_SHARING:
         return ()
-    return tuple(one for one in found[0] if all(one in claims for claims in found))
+    return tuple(claim for claim in found[0] if all(claim in claims for claims in found))
 
 
 def state_of(entry: Entry, shared: Sequence[Claim] = ()) -> State:
     """Return what an entry comes to, leaving out what holds for all; by its items if without."""
-    own = worst_of(one.state for one in entry.claims if one not in shared)
+    own = worst_of(claim.state for claim in entry.claims if claim not in shared)
     if own is not None:
         return own
     if shared and entry.claims:

@@ -29,15 +29,8 @@ from typing import Any
 
 import yaml
 
+from mapdeal.files import yaml_text
 from mapdeal.files.source import read_file
-from mapdeal.files.yaml_text import (
-    YamlLimits,
-    decoded_text,
-    events_of,
-    fault_in,
-    refuse_image,
-    source_text,
-)
 from mapdeal.ros.robot import ParameterFileError, ParameterValue
 
 _TRUE = frozenset(["Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"])
@@ -478,14 +471,14 @@ def line_of(event: yaml.Event) -> int:
 
 def _between(first: yaml.Event, last: yaml.Event) -> str:
     """Return the text from one event to another, on one line, shortened."""
-    return " ".join(source_text(first, last, _LONGEST_TEXT).split())
+    return " ".join(yaml_text.source_text(first, last, _LONGEST_TEXT).split())
 
 
 def _short(text: str) -> str:
     return text if len(text) <= _LONGEST_TEXT else f"{text[:_LONGEST_TEXT]}..."
 
 
-_LIMITS = YamlLimits(bytes=1 << 20, nodes=50_000)
+_LIMITS = yaml_text.YamlLimits(bytes=1 << 20, nodes=50_000)
 _DEEPEST = 40
 
 
@@ -531,10 +524,10 @@ def read_ros2(paths: Sequence[Path]) -> Ros2Parameters:
     nodes: dict[str, Ros2Node] = {}
     files, aliases = [], []
     for path in paths:
-        data = read_file(path, limit=_LIMITS.bytes, inspect=partial(refuse_image, path))
+        data = read_file(path, limit=_LIMITS.bytes, inspect=partial(yaml_text.refuse_image, path))
         files.append((path, hashlib.sha256(data).hexdigest()))
         reader = FileReader(path, nodes)
-        for event in _events(path, decoded_text(path, data)):
+        for event in _events(path, yaml_text.decoded_text(path, data)):
             reader.handle(event)
         aliases += [(path, line_of(alias), f"*{alias.anchor}") for alias in reader.aliases[:1]]
     if not nodes:
@@ -547,7 +540,7 @@ def read_ros2(paths: Sequence[Path]) -> Ros2Parameters:
 def _events(path: Path, text: str) -> Iterator[yaml.Event]:
     depth = 0
     try:
-        for count, event in enumerate(events_of(path, text, _LIMITS)):
+        for count, event in enumerate(yaml_text.events_of(path, text, _LIMITS)):
             depth += isinstance(event, yaml.CollectionStartEvent)
             depth -= isinstance(event, yaml.CollectionEndEvent)
             if depth > _DEEPEST:
@@ -557,5 +550,5 @@ def _events(path: Path, text: str) -> Iterator[yaml.Event]:
                 raise refusal(path, rule, line_of(event))
             yield event
     except yaml.YAMLError as error:
-        rule, place = fault_in(text, error)
+        rule, place = yaml_text.fault_in(text, error)
         raise refusal(path, rule, place[0] if place else None) from None

@@ -10,16 +10,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import (
-    AT_LEAST_0,
-    COST,
-    METRES,
-    POSE,
-    Condition,
-    FromRobot,
-    OnlyInPython,
-    Parameters,
-)
+from mapdeal import command
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.field import DistanceField
@@ -45,14 +36,14 @@ from mapdeal.stages.cost import ObstacleSource, cost_model, refuse_view, warn_of
 from mapdeal.stages.structured import LayerList
 
 _DEFAULT_LAYERS = (StaticLayer(), InflationLayer())
-_EMPTY_COST = Condition("0 or 255", lambda value: value in (FREE_SPACE, NO_INFORMATION))
+_EMPTY_COST = command.Condition("0 or 255", lambda value: value in (FREE_SPACE, NO_INFORMATION))
 
 
-def _stack_of(parameters: Parameters) -> CostmapLayers:
+def _stack_of(parameters: command.Parameters) -> CostmapLayers:
     return CostmapLayers(parameters["layers"], parameters["default_cost"])
 
 
-def _advice(parameters: Parameters, cost: int) -> str:
+def _advice(parameters: command.Parameters, cost: int) -> str:
     inflations = _stack_of(parameters).inflation_layers
     return advice_on(cost, inflations[-1]) if inflations else "no inflation layer spreads costs"
 
@@ -68,7 +59,7 @@ def _parameters_from_layers(layers: CostmapLayers) -> dict[str, object]:
     }
 
 
-def _curve(source: Framed, parameters: Parameters) -> CostCurve | None:
+def _curve(source: Framed, parameters: command.Parameters) -> CostCurve | None:
     inflations = _stack_of(parameters).inflations_above_map
     if inflations is None:  # no layer below the inflation has obstacles
         return None
@@ -76,22 +67,22 @@ def _curve(source: Framed, parameters: Parameters) -> CostCurve | None:
     return inflation_curve(inflations, source.resolution, circumscribed_radius=radius)
 
 
-def _more_memory(parameters: Parameters) -> float:
+def _more_memory(parameters: command.Parameters) -> float:
     return max((layer.memory for layer in _stack_of(parameters).effective), default=0.0)
 
 
-def _radius_in(parameters: Parameters) -> tuple[str, float]:
+def _radius_in(parameters: command.Parameters) -> tuple[str, float]:
     layers = _stack_of(parameters).inflation_layers
     return "inscribed_radius", max((layer.inscribed_radius for layer in layers), default=0.0)
 
 
-def _has_own_area(parameters: Parameters) -> bool:
+def _has_own_area(parameters: command.Parameters) -> bool:
     """Return whether the costmap has other cells than the map."""
     area = parameters["area"]
     return area is not None and not (area.is_rolling and parameters["pose"] is None)
 
 
-def _cells(_: Framed, parameters: Parameters) -> Iterator[int]:
+def _cells(_: Framed, parameters: command.Parameters) -> Iterator[int]:
     yield parameters["area"].height * parameters["area"].width
 
 
@@ -115,13 +106,14 @@ def layered_cost(
     source: ObstacleSource,
     *,
     layers: LayerList = _DEFAULT_LAYERS,
-    default_cost: Annotated[int, _EMPTY_COST, COST] = FREE_SPACE,
-    circumscribed_radius: Annotated[float, AT_LEAST_0, METRES, FromRobot] | None = None,
-    area: Annotated[CostmapArea | None, FromRobot] = None,
-    footprint: Annotated[Footprint | None, FromRobot] = None,
-    pose: Annotated[tuple[float, float, float], POSE] | None = None,
-    map_to_odom: Annotated[tuple[float, float, float], POSE] | None = None,
-    mask: Annotated[OccupancyGrid | None, OnlyInPython] = None,
+    default_cost: Annotated[int, _EMPTY_COST, command.COST] = FREE_SPACE,
+    circumscribed_radius: Annotated[float, command.AT_LEAST_0, command.METRES, command.FromRobot]
+    | None = None,
+    area: Annotated[CostmapArea | None, command.FromRobot] = None,
+    footprint: Annotated[Footprint | None, command.FromRobot] = None,
+    pose: Annotated[tuple[float, float, float], command.POSE] | None = None,
+    map_to_odom: Annotated[tuple[float, float, float], command.POSE] | None = None,
+    mask: Annotated[OccupancyGrid | None, command.OnlyInPython] = None,
 ) -> Costmap:
     """Compute the costs of a stack of costmap layers, applied in order.
 

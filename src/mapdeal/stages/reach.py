@@ -7,20 +7,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import (
-    AT_LEAST_0,
-    HEADINGS,
-    METRES,
-    POSE,
-    SQUARE_METRES,
-    FromRobot,
-    InPlaceOf,
-    LethalThreshold,
-    OnlyInPython,
-    Parameters,
-    RobotShape,
-    stage,
-)
+from mapdeal import command
 from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
@@ -38,13 +25,13 @@ _MEMORY = 15.0
 """Bytes per cell: squares and basins need four each; 14.3 were measured with Python 3.14."""
 
 
-def _shape_of(parameters: Parameters) -> Footprint | None:
+def _shape_of(parameters: command.Parameters) -> Footprint | None:
     footprint: Footprint | None = parameters["footprint"]
     radius: float = parameters["radius"]
     return footprint or (Footprint.circle(radius) if radius > 0 else None)
 
 
-def _memory_of_headings(parameters: Parameters) -> float:
+def _memory_of_headings(parameters: command.Parameters) -> float:
     shape = _shape_of(parameters)
     if shape is None or not shape.vertices:
         return 0.0
@@ -52,7 +39,7 @@ def _memory_of_headings(parameters: Parameters) -> float:
     return max(0.0, count / 8 + 5.0 - _MEMORY)
 
 
-def _remark(_: Parameters, figures: Figures) -> str | None:
+def _remark(_: command.Parameters, figures: Figures) -> str | None:
     """Return a remark on the goals that are unreachable, if there are any, with the reasons."""
     missed = [name for name, is_reached in figures["goals"].items() if not is_reached]
     if not missed:
@@ -64,7 +51,7 @@ def _remark(_: Parameters, figures: Figures) -> str | None:
     return f"not reachable: {', '.join(texts)}{more}"
 
 
-@stage(
+@command.stage(
     name="reach",
     summary="Show where a robot can go from a start, and which passages stop it.",
     title=lambda parameters: f"reach of {robot_text(_shape_of(parameters))}",
@@ -74,22 +61,22 @@ def _remark(_: Parameters, figures: Figures) -> str | None:
     passes_output_on=False,
     accepts_mask=lambda _: True,
     remark=_remark,
-    robot=RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
-    in_place_of={"footprint": InPlaceOf("radius", lambda p: reach_radius(p["footprint"]))},
+    robot=command.RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
+    in_place_of={"footprint": command.InPlaceOf("radius", lambda p: reach_radius(p["footprint"]))},
 )
 def reach(
     source: OccupancyGrid | DistanceField | Costmap,
     *,
-    start: Annotated[tuple[float, ...], POSE] | None = None,
+    start: Annotated[tuple[float, ...], command.POSE] | None = None,
     goals: Goals = (),
-    radius: Annotated[float, AT_LEAST_0, METRES, FromRobot] = 0.0,
+    radius: Annotated[float, command.AT_LEAST_0, command.METRES, command.FromRobot] = 0.0,
     footprint: Footprint | None = None,
-    headings: Annotated[int, HEADINGS] = 72,
+    headings: Annotated[int, command.HEADINGS] = 72,
     through_unknown: bool = False,
-    margin: Annotated[float, AT_LEAST_0, METRES] = 0.1,
-    min_area: Annotated[float, AT_LEAST_0, SQUARE_METRES] = 1.0,
-    lethal_threshold: LethalThreshold | None = None,
-    mask: Annotated[OccupancyGrid | None, OnlyInPython] = None,
+    margin: Annotated[float, command.AT_LEAST_0, command.METRES] = 0.1,
+    min_area: Annotated[float, command.AT_LEAST_0, command.SQUARE_METRES] = 1.0,
+    lethal_threshold: command.LethalThreshold | None = None,
+    mask: Annotated[OccupancyGrid | None, command.OnlyInPython] = None,
 ) -> Reach:
     """Compute where a robot can go from a start, and the passages that stop it.
 

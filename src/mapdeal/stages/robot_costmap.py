@@ -7,18 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import (
-    ABOVE_0,
-    AT_LEAST_0,
-    COST,
-    FACTOR,
-    METRES,
-    PERCENT,
-    VIEW_VALUE,
-    InPlaceOf,
-    LethalThreshold,
-    Parameters,
-)
+from mapdeal import command
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.costmap import CostCurve, Costmap, squares_up_to
 from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, truncated
@@ -42,7 +31,7 @@ _HIGHEST_BELOW_OBSTACLE = 99
 _TOLERANCE = 1e-9  # metres; rounding may put a cell this far below a threshold
 
 
-def _title(parameters: Parameters) -> str:
+def _title(parameters: command.Parameters) -> str:
     named = []
     for name in ("down", "up"):
         distance = parameters[f"{name}_distance"]
@@ -50,7 +39,7 @@ def _title(parameters: Parameters) -> str:
     return f"cost, thresholds {' and '.join(named)}, {parameters['view']}"
 
 
-def _advice(parameters: Parameters, cost: int) -> str:
+def _advice(parameters: command.Parameters, cost: int) -> str:
     is_per_map = parameters["view"] == "per-map"
     if cost and is_per_map:
         return "view per-map is scaled by the extremes of the map; take view metric"
@@ -79,7 +68,9 @@ def _advice(parameters: Parameters, cost: int) -> str:
     return f"{both}, or give up_distance and down_distance in metres"
 
 
-def _curve_of_thresholds(source: ObstacleSource | FieldView, parameters: Parameters) -> CostCurve:
+def _curve_of_thresholds(
+    source: ObstacleSource | FieldView, parameters: command.Parameters
+) -> CostCurve:
     view, view_range = parameters["view"], parameters["view_range"]
     if isinstance(source, FieldView):
         scale, strength = source.scale, 1.0
@@ -99,20 +90,22 @@ def _curve_of_thresholds(source: ObstacleSource | FieldView, parameters: Paramet
     advice=_advice,
     when_closed="lower the radius of inflate",
     curve=_curve_of_thresholds,
-    in_place_of={f"{name}_distance": InPlaceOf(name, lambda _: None) for name in ("down", "up")},
+    in_place_of={
+        f"{name}_distance": command.InPlaceOf(name, lambda _: None) for name in ("down", "up")
+    },
 )
 def threshold_cost(
     source: ObstacleSource | FieldView,
     *,
-    down: Annotated[float, PERCENT, VIEW_VALUE] | None = 45,
-    up: Annotated[float, PERCENT, VIEW_VALUE] | None = 54,
-    down_distance: Annotated[float, AT_LEAST_0, METRES] | None = None,
-    up_distance: Annotated[float, AT_LEAST_0, METRES] | None = None,
-    down_factor: Annotated[float, AT_LEAST_0, FACTOR] = 0.0,
-    up_factor: Annotated[float, AT_LEAST_0, FACTOR] = 1.5,
+    down: Annotated[float, command.PERCENT, command.VIEW_VALUE] | None = 45,
+    up: Annotated[float, command.PERCENT, command.VIEW_VALUE] | None = 54,
+    down_distance: Annotated[float, command.AT_LEAST_0, command.METRES] | None = None,
+    up_distance: Annotated[float, command.AT_LEAST_0, command.METRES] | None = None,
+    down_factor: Annotated[float, command.AT_LEAST_0, command.FACTOR] = 0.0,
+    up_factor: Annotated[float, command.AT_LEAST_0, command.FACTOR] = 1.5,
     view: View = "metric",
-    view_range: Annotated[float, ABOVE_0, METRES] = 2.0,
-    lethal_threshold: LethalThreshold | None = None,
+    view_range: Annotated[float, command.ABOVE_0, command.METRES] = 2.0,
+    lethal_threshold: command.LethalThreshold | None = None,
 ) -> Costmap:
     """Compute costs by thresholds on the 0..100 view of the distance field.
 
@@ -279,7 +272,9 @@ def _contradiction(
     return ParameterError(rule, place=place, got=got, hint=f"give {second_name} as well")
 
 
-def _value_at(threshold: str, parameters: Parameters, scale: ViewScale, resolution: float) -> float:
+def _value_at(
+    threshold: str, parameters: command.Parameters, scale: ViewScale, resolution: float
+) -> float:
     name = f"{threshold}_distance"
     value: float | None = parameters[threshold]
     distance: float | None = parameters[name]
@@ -312,7 +307,7 @@ def _check_clip(field: DistanceField, rule: _Rule, scale: ViewScale) -> None:
             raise ParameterError(text, place="max_distance", got=limit, hint=hint)
 
 
-def _curve_of_rings(source: Framed, parameters: Parameters) -> CostCurve:
+def _curve_of_rings(source: Framed, parameters: command.Parameters) -> CostCurve:
     values = parameters["values"]
     cells = np.arange(len(values) + 1, dtype=np.float64)
     cost = np.array([OCCUPIED, *values], dtype=np.int8)
@@ -333,8 +328,8 @@ def _curve_of_rings(source: Framed, parameters: Parameters) -> CostCurve:
 def ring_cost(
     source: ObstacleSource,
     *,
-    values: Annotated[tuple[int, ...], PERCENT, COST] = (90, 70, 50),
-    lethal_threshold: LethalThreshold | None = None,
+    values: Annotated[tuple[int, ...], command.PERCENT, command.COST] = (90, 70, 50),
+    lethal_threshold: command.LethalThreshold | None = None,
 ) -> Costmap:
     """Compute costs that decrease ring by ring around obstacles.
 

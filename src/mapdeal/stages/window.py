@@ -9,17 +9,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import (
-    AT_LEAST_0,
-    CELLS,
-    METRES,
-    POINT,
-    VALUE,
-    InSimulation,
-    Parameters,
-    Words,
-    stage,
-)
+from mapdeal import command
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.grid.canvas import (
     FieldGrid,
@@ -53,7 +43,7 @@ V = TypeVar("V", bound=ValueGrid)
 Mask = NDArray[np.bool_]
 
 
-@stage(
+@command.stage(
     name="active",
     group="Maps, distance fields, costmaps",
     example="mapdeal active examples/maps/arena.yaml -o out/active.yaml --margin 0.5",
@@ -63,14 +53,14 @@ Mask = NDArray[np.bool_]
     passes=1,
     is_whole=lambda parameters: parameters["min_component"] > 1,
     is_smaller=lambda parameters: parameters["canvas"] == "crop",
-    in_simulation=InSimulation({}, is_added=True),
+    in_simulation=command.InSimulation({}, is_added=True),
 )
 def active_region(
     grid: OccupancyGrid,
     *,
-    margin: Annotated[float, AT_LEAST_0, METRES] = 0.0,
+    margin: Annotated[float, command.AT_LEAST_0, command.METRES] = 0.0,
     canvas: Literal["crop", "full"] = "crop",
-    min_component: Annotated[int, AT_LEAST_0, CELLS] = 0,
+    min_component: Annotated[int, command.AT_LEAST_0, command.CELLS] = 0,
 ) -> OccupancyGrid:
     """Crop a map to the bounding box of its known cells.
 
@@ -147,7 +137,7 @@ def _span(has_known: Mask, grow: int) -> slice:
     return slice(max(int(indices[0]) - grow, 0), min(int(indices[-1]) + 1 + grow, len(has_known)))
 
 
-def _cells(grid: Any, parameters: Parameters) -> Iterator[int]:
+def _cells(grid: Any, parameters: command.Parameters) -> Iterator[int]:
     frame: Frame | None = parameters["like"]
     if frame is None:
         corner, center = parameters["corner"], parameters["at"]
@@ -158,7 +148,7 @@ def _cells(grid: Any, parameters: Parameters) -> Iterator[int]:
         yield count + min(count, math.prod(grid.shape))
 
 
-def _check(parameters: Parameters) -> Parameters:
+def _check(parameters: command.Parameters) -> command.Parameters:
     size, at, corner = (parameters[name] for name in ("size", "at", "corner"))
     if parameters["like"] is not None:
         if (size, at, corner) != (None, None, None):
@@ -172,7 +162,7 @@ def _check(parameters: Parameters) -> Parameters:
     return {}
 
 
-@stage(
+@command.stage(
     name="window",
     group="Changing a map",
     example="mapdeal window examples/maps/office.yaml -o out/w.yaml --at 0.5,0.3 --size 8,8",
@@ -190,11 +180,11 @@ def _check(parameters: Parameters) -> Parameters:
 def window(
     grid: G,
     *,
-    size_xy: Annotated[Point, POINT, Words("WX,WY", name="size")] | None = None,
-    corner_xy: Annotated[Point, POINT, Words(name="corner")] | None = None,
-    center_xy: Annotated[Point, POINT, Words(name="at")] | None = None,
-    frame: Annotated[Frame, Words("MAP", name="like")] | None = None,
-    default: Annotated[int, VALUE] | None = None,
+    size_xy: Annotated[Point, command.POINT, command.Words("WX,WY", name="size")] | None = None,
+    corner_xy: Annotated[Point, command.POINT, command.Words(name="corner")] | None = None,
+    center_xy: Annotated[Point, command.POINT, command.Words(name="at")] | None = None,
+    frame: Annotated[Frame, command.Words("MAP", name="like")] | None = None,
+    default: Annotated[int, command.VALUE] | None = None,
 ) -> G:
     """Return a rectangular part of a grid, which may extend beyond it.
 
@@ -305,7 +295,7 @@ def copied(grid: G, region: Region, frame: Frame, *, fill: int | None, stage_nam
     return on_canvas(part, frame, fill=fill)
 
 
-@stage(
+@command.stage(
     name="shift",
     group="Changing a map",
     example="mapdeal shift examples/maps/office.yaml -o out/shifted.yaml --origin -10,-6.5",
@@ -320,9 +310,9 @@ def copied(grid: G, region: Region, frame: Frame, *, fill: int | None, stage_nam
 )
 def shift_origin(
     grid: V,
-    origin_xy: Annotated[Point, POINT, Words(name="origin")],
+    origin_xy: Annotated[Point, command.POINT, command.Words(name="origin")],
     *,
-    default: Annotated[int, VALUE] | None = None,
+    default: Annotated[int, command.VALUE] | None = None,
 ) -> V:
     """Move a grid to another origin at the same size, like a rolling window.
 
