@@ -187,7 +187,7 @@ def layers_of_costmaps(_: str) -> str:
 def plugins(_: str) -> str:
     """Return the table of the plugins of Nav2 and ROS 1 whose costs are computed."""
     return markdown_table(
-        ["layer", "Nav2", "ROS 1", "what it does to the costs"],
+        ["layer", "Nav2", "ROS 1", "effect on the costs"],
         [
             (f"`{layer.key}`", _classes(layer.nav2_plugins), _classes(layer.ros1_plugins),
              layer.about)
@@ -203,7 +203,7 @@ def _classes(names: Sequence[str]) -> str:
 def stages(_: str) -> str:
     """Return the table of all stages: their files in a run, and the memory that they take."""
     return markdown_table(
-        ["stage", "model", "files in a folder of outputs", "works on", "bytes a cell in memory"],
+        ["stage", "model", "files in a folder of outputs", "works on", "bytes per cell in memory"],
         [
             (
                 f"`{stage.name}`",

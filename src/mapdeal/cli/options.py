@@ -208,13 +208,13 @@ SHARED_OPTIONS = {
     "params_file": _robots(
         list[Path] | None,
         "Take shape and costs from a robot's own parameters: a Nav2 file, or ROS 1's costmap "
-        "files; can be repeated, later files win.", "FILE"
+        "files; can be repeated, later files override earlier ones.", "FILE"
     ),
     "costmap": _robots(CostmapName | None, "Costmap of --params-file.  [default: global]"),
     "namespace": _robots(str | None, "Robot of --params-file, if it contains several.", "NS"),
     "against": SharedOption(
         list[Path] | None,
-        "Compare with the costmap of these parameters; can be repeated, later files win.", "FILE",
+        "Compare with the costmap of these parameters; repeatable, later files override.", "FILE",
         group=_AGAINST
     ),
     "image": SharedOption(Path | None, "Also write a picture of the result.", "FILE.png"),
@@ -258,7 +258,7 @@ SHARED_OPTIONS = {
     "no_images": SharedOption(bool, "Write no pictures.", default=False, group=None),
     "strict": _always("Exit with 1, and write nothing, if there is a warning."),
     "quiet": _always("Print only errors and requested results."),
-    "verbose": _always("Print what is read and done."),
+    "verbose": _always("Print the files read and the steps taken."),
 }  # fmt: skip
 """Options by parameter, in the order of their groups. All commands end with ``always``."""
 
