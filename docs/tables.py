@@ -25,7 +25,7 @@ from typing import Any, get_args
 
 import typer
 
-from mapdeal.checks import lint  # noqa: F401 - which lists all checks
+from mapdeal.checks import lint
 from mapdeal.checks.findings import CHECKS
 from mapdeal.cli.help_pages import in_groups
 from mapdeal.cli.main import app
@@ -135,7 +135,10 @@ def shared_options(names: str) -> str:
 
 def checks(_: str) -> str:
     """Return the table of all checks of ``lint``."""
-    rows = [(f"`{one.name}`", one.severity, one.about) for _, one in sorted(CHECKS.items())]
+    rows = [
+        (f"`{name}`", lint.severity_text(check), check.explanation.about)
+        for name, check in sorted(CHECKS.items())
+    ]
     return markdown_table(["check", "severity", "finds"], rows)
 
 

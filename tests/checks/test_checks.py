@@ -98,9 +98,10 @@ def test_a_check_finds_what_it_is_about(tmp_path, check, pair):
     assert messages(check, write_pair(tmp_path, **pair)) != []
 
 
-ON_GREY = "0.2 is the shade of grey {} (1 pixels): readers disagree on it"
-MANY = [7, *[6] * 2, *[5] * 3, *[9] * 4, *[8] * 5, *[11] * 6, 255]
-GREYS = "{} pixels have greys other than 0, 205, 254 (11: 6, 8: 5, 9: 4, 5: 3, 6: 2{})"
+ON_GREY = "0.2 is the shade of grey {} (1 pixels): readers disagree on it; move it by 0.01"
+MANY = [107, *[106] * 2, *[105] * 3, *[109] * 4, *[108] * 5, *[111] * 6, 255]
+GREYS = "{} pixels are neither free nor occupied and become unknown "
+GREYS += "(111: 6, 108: 5, 109: 4, 105: 3, 106: 2{}); check the thresholds"
 FREED = "{} of grey 205, which map_saver writes for unknown, are read as free by {}"
 ALL_READERS, LOWER = "nav2, humble and ros1", "; lower free_thresh from {} to 0.196"
 AVERAGED = " the image as a PGM, since humble and ros1 average the opacity into the grey"
@@ -120,7 +121,12 @@ UNUSUAL, OFF_LATTICE = "yaml.resolution-unusual", "yaml.origin-off-lattice"
     ("image.cartographer", [128] * 3 + [0] * 27, {}, None),
     ("image.cartographer", [128] * 4 + [0] * 26, {},
      "4 pixels have grey 128, Cartographer's unknown"),
-    ("image.greys", [0, 205, 254, 255], {}, None),
+    ("image.greys", [0, 205, 254, 255, 89, 206], {}, None),  # shades 0.651 and 0.192
+    ("image.greys", [*[128] * 2, 0, 205, 90, 254], {},
+     "1 pixels are neither free nor occupied and become unknown (90: 1); check the thresholds"),
+    ("image.greys", [128, *[0] * 9], {}, ANY),  # too few for Cartographer's unknown
+    ("thresholds.on-grey", [0, 254], {"mode": "scale", "occupied_thresh": 1.0}, None),
+    ("thresholds.on-grey", [0, 254], {"occupied_thresh": 1.0}, ANY),
     ("image.greys", MANY, {}, GREYS.format(21, ", and 1 more greys")),
     ("image.greys", [*MANY[1:], 254], {}, GREYS.format(20, "")),
     ("image.greys", MANY, {"mode": "scale"}, None),
@@ -144,7 +150,7 @@ UNUSUAL, OFF_LATTICE = "yaml.resolution-unusual", "yaml.origin-off-lattice"
     # map_saver writes three decimals
     (COMMENT, pgm(ROOM, comment="0.050 m/pix"), {"resolution": 0.0505}, None),
     (COMMENT, pgm(ROOM, comment="0.050 m/pix"), {"resolution": 0.0507},
-     "the image says 0.05 m per pixel, the YAML 0.0507"),
+     "the image says 0.05 m per pixel, the YAML 0.0507; measure a wall"),
     (COMMENT, pgm(ROOM, comment="0.051 m/pix"), {"resolution": 0.0505}, None),
     (COMMENT, pgm(ROOM, comment="1000.000 m/pix"), {"resolution": 1000.001}, None),
     # however it is written
@@ -166,13 +172,13 @@ UNUSUAL, OFF_LATTICE = "yaml.resolution-unusual", "yaml.origin-off-lattice"
     # where 32-bit floats are coarser than a tenth of a cell: steps of 2^-8 and 2^-7 m
     ("yaml.origin-far", [0], {"origin": "[40000, 0, 0]"}, None),
     ("yaml.origin-far", [0], {"origin": "[0, -70000, 0]"},
-     "32-bit floats have steps of 0.0078125 m there"),
+     "32-bit floats have steps of 0.0078125 m there; move the origin near 0"),
     ("image.colour", [*[[9, 9, 9], [9, 9, 8]] * 2, [9, 9, 9], [0, 0, 255]], {"name": "m.png"},
-     "3 pixels (50 %) are coloured; readers make grey of them differently"),
+     "3 pixels (50 %) are coloured; readers make grey of them differently: save the image in grey"),
     ("image.colour", [[9, 9, 9]] * 2, {"name": "m.png"}, None),
     ("image.alpha", [[9, 9, 9], [9, 9, 8]], {"name": "m.png"}, None),
     ("image.alpha", [[9, 9, 9, 255], [9, 9, 9, 254], [9, 9, 9, 0]], {"name": "m.png"},
-     "2 pixels (66.7 %) are not opaque: unknown to Nav2, grey to ROS 1"),
+     "2 pixels (66.7 %) are not opaque: unknown to Nav2, grey to ROS 1; make them opaque"),
     ("image.alpha", [[9, 9, 9, 255]], {"name": "m.png"}, None),
     ("image.absolute-path", [0], {}, None),
 ], ids=lambda value: str(value)[:30])  # fmt: skip
@@ -182,11 +188,13 @@ def test_messages_of_checks_of_pairs(tmp_path, check, row, changes, expected):
     compare(messages(check, write_pair(tmp_path, row, **changes)), expected)
 
 
-CUT_OFF = "area{} of free space, {} m2, cannot be reached from the largest, 1.5 m2"
-SPECKS = "{} of free space below 1 m2, {} cells"
+CUT_OFF = "area{} of free space, {} m2, cannot be reached from the largest, 1.5 m2: goals there "
+CUT_OFF += "fail; is a doorway closed?"
+SPECKS = "{} of free space below 1 m2, {} cells: goals there fail; mapdeal clean --min-free 4 "
+SPECKS += "removes them"
 ACROSS_CORNERS = "..##\n..##\n##..\n##.."
-BORDER = "{} of 10 cells on the border are free; is the map cut off?"
-SMALL = "all that is known lies in {}: try mapdeal active"
+BORDER = "{} of 10 cells on the border are free: paths can lead off the map; is it cut off?"
+SMALL = "all that is known lies in {}: the rest takes memory and time; try mapdeal active"
 
 
 # cells of 0.25 m2: areas of a square metre are 4 of them, and the largest is no island
@@ -298,12 +306,25 @@ def test_every_check_is_tried_here_or_elsewhere():
     assert all(re.fullmatch(r"[a-z]+\.[a-z-]+", name) for name in CHECKS)
 
 
-def test_findings_contain_the_counts_of_both_readers(tmp_path):
+def test_readers_with_the_same_counts_share_a_finding(tmp_path):
     path = write_pair(tmp_path, painted(5, 5, 102), occupied_thresh="0.6")
-    first, second = messages("readers.differ", path)
-    counts = "(nav2: occupied 43, free 87"
-    assert first.startswith(f"1 cells (0.556 %) differ between nav2 and humble {counts}")
-    assert second.endswith("ros1: occupied 42, free 87, unknown 51)")
+    (message,) = messages("readers.differ", path)
+    assert message == (
+        "1 cells (0.556 %) differ between nav2 and humble, ros1 (nav2: occupied 43, free 87, "
+        "unknown 50; humble, ros1: occupied 42, free 87, unknown 51); mapdeal convert writes a map "
+        "that all read alike"
+    )
+    write_map(tmp_path / "anew.yaml", read_map(path))
+    assert messages("readers.differ", tmp_path / "anew.yaml") == []
+
+
+def test_readers_with_other_counts_have_findings_of_their_own(tmp_path):
+    image = png(Image.fromarray(painted(5, 5, 102)).quantize(8))  # ROS 1 reads its indices
+    path = write_pair(tmp_path, image, name="m.png", occupied_thresh="0.6")
+    found = messages("readers.differ", path)
+    assert [re.findall(r"nav2 and (\S+) \(", message) for message in found] == [
+        ["humble"], ["ros1"],
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "body", "message"), [

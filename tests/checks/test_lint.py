@@ -33,7 +33,7 @@ def test_a_run_whose_costs_say_nothing_has_a_finding(command, folder):
     assert (code, err.count(warning)) == (0, 1)
     (found,) = lint_file(folder / "out" / "good")
     assert (found.check, found.severity) == ("run.uniform-cost", "warning")
-    assert found.message == "cost: 100 % of the open cells cost 0"
+    assert found.message == "cost: 100 % of the open cells cost 0; check the inflation radius"
     assert command("lint", "out/good")[0] == 0
     assert command("lint", "out/good", "--strict")[0] == 1
 

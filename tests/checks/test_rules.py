@@ -19,7 +19,17 @@ from mapdeal.checks.findings import (
 from mapdeal.checks.lint import lint_file  # noqa: F401 - lists all checks
 from mapdeal.errors import MalformedInputError, ParameterError
 
-NAMES = ["all", "image", "image.", "image.alpha", "map", "map.specks", "yaml.origin-yaw", "yaml"]
+NAMES = [
+    "all",
+    "image",
+    "image.",
+    "image.alpha",
+    "image.gamma",
+    "map",
+    "map.specks",
+    "yaml.origin-yaw",
+    "yaml",
+]
 
 
 def config(tmp_path=Path("/p"), **values):
@@ -49,7 +59,8 @@ some = st.lists(st.sampled_from(NAMES), max_size=3).map(tuple)
 @given(select=some, ignore=some, of_file=st.tuples(st.none() | some, some))
 def test_the_more_precise_name_wins_and_the_caller_comes_after_the_file(select, ignore, of_file):
     selection = selection_of(select, ignore, config=config(select=of_file[0], ignore=of_file[1]))
-    assert selection.checks == chosen(chosen(CHECKS, *of_file), select or None, ignore)
+    default = {name for name in CHECKS if not CHECKS[name].on_request}
+    assert selection.checks == chosen(chosen(default, *of_file), select or None, ignore)
 
 
 @pytest.mark.parametrize(("text", "hint"), [

@@ -1,13 +1,18 @@
 """``mapdeal lint`` as a gate, on the command line."""
 
 import json
+import re
 import sys
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mapdeal import OccupancyGrid, write_map
+from mapdeal.checks.findings import CHECKS
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "maps"
 
 
 @pytest.fixture
@@ -22,7 +27,9 @@ def maps(here):
 
 
 def test_a_folder_is_gated_by_one_line(sh, maps):
-    message = "yaml.origin-yaw: yaw 0.5 rad is ignored by costmap_2d and AMCL"
+    message = (
+        "yaml.origin-yaw: yaw 0.5 rad is ignored by costmap_2d and AMCL; lint --fix turns the cells"
+    )
     code, out, err = sh("lint maps")
     line, total = out.splitlines()
     assert (code, line) == (0, f"maps/old/turned.yaml:4: warning: {message}")
@@ -76,7 +83,7 @@ def test_what_is_suppressed_is_counted(sh, maps):
         ("json -v", "{", "}\n"),
         ("sarif", "{", "}\n"),
         ("junit -v", "<?xml", "</testsuites>\n"),
-        ("github", "::warning file=", "AMCL\n"),
+        ("github", "::warning file=", "cells\n"),
     ],
 )
 def test_stdout_holds_the_report_alone(sh, maps, form, start, end):
@@ -133,7 +140,6 @@ FIVE_MISTAKES = [
     (10, "warning", "params.silent-default"),
     (11, "warning", "params.misspelt"),
     (13, "warning", "params.silent-default"),
-    (10, "note", "params.inflation-defaults"),
 ]
 ROBOT_LINT = "lint --params-file robot.yaml"
 NAV2 = """\
@@ -167,7 +173,7 @@ def test_a_file_that_nav2_refuses_ends_with_1(sh, here):
 
 
 def test_every_form_of_the_report_lists_five_mistakes_with_their_lines(sh, robot):
-    assert sh.ok(ROBOT_LINT).splitlines()[-1] == "1 parameter file: 0 errors, 5 warnings, 1 note"
+    assert sh.ok(ROBOT_LINT).splitlines()[-1] == "1 parameter file: 0 errors, 5 warnings, 0 notes"
     assert sh(f"{ROBOT_LINT} --strict")[0] == 1
     document = sh.json(f"{ROBOT_LINT} --format json")
     (entry,) = document["parameter_files"]
@@ -190,7 +196,10 @@ def test_every_form_of_the_report_lists_five_mistakes_with_their_lines(sh, robot
 def test_parameters_and_maps_are_linted_together(sh, maps, robot):
     out = sh("lint maps --params-file robot.yaml --select params,yaml")[1]
     message = "resolution 0.05 m has no effect: the static layer takes the map's, 0.25 m "
-    assert f"robot.yaml:8: note: params.resolution: {message}(good.yaml and 1 more)\n" in out
+    assert (
+        f"robot.yaml:8: note: params.resolution: {message}(good.yaml and 1 more); remove it\n"
+        in out
+    )
     assert "maps/old/turned.yaml:4: warning: yaml.origin-yaw" in out
     assert out.splitlines()[-1].startswith("1 parameter file, 2 maps: ")
 
@@ -200,7 +209,7 @@ def test_rules_count_for_parameter_files(sh):
     Path("robot.yaml").write_text(text)
     out = sh(ROBOT_LINT)[1]
     assert "params.misspelt" not in out
-    assert out.splitlines()[-1] == "1 parameter file: 0 errors, 4 warnings, 1 note, 1 suppressed"
+    assert out.splitlines()[-1] == "1 parameter file: 0 errors, 4 warnings, 0 notes, 1 suppressed"
     Path("mapdeal.toml").write_text('[lint.severity]\n"params.silent-default" = "error"\n')
     assert sh(ROBOT_LINT)[0] == 1
     nothing = "1 parameter file: 0 errors, 0 warnings, 0 notes\n"
@@ -229,7 +238,9 @@ def test_a_parameter_file_is_recognised_among_maps(sh, maps, robot):
     out = sh("lint maps/good.yaml robot.yaml --select params,yaml")[1]
     assert out == sh("lint maps/good.yaml --params-file robot.yaml --select params,yaml")[1]
     files = "nav2.yaml maps/good.yaml common.yaml robot.yaml"
-    code, out, _ = sh(f"lint {files} --select params --ignore params.resolution")
+    code, out, _ = sh(
+        f"lint {files} --select params --ignore params.resolution,params.inflation-defaults"
+    )
     found = [line.partition(": ")[0] for line in out.splitlines()]
     assert (code, found[0], len(found)) == (0, "nav2.yaml:6", 2 + len(FIVE_MISTAKES))
     assert found[1:-1] == [f"robot.yaml:{line}" for line, *_ in FIVE_MISTAKES]
@@ -254,3 +265,66 @@ def test_findings_name_their_costmap(sh, here):
     assert [line.partition(" no ")[0] for line in out.splitlines()[:-1]] == [
         "common.yaml:2: warning: params.no-inflation:"
     ]
+
+
+def test_explanations_are_printed_by_name_area_and_all(sh):
+    text = sh.ok("lint --explain yaml.nan-yaw")
+    assert text == (
+        "yaml.nan-yaw (error)\n"
+        "  A yaw of nan, which some map savers write.\n"
+        "  Every pose computed with the yaw is nan, so the robot cannot be placed on the map.\n"
+        "  Example: `origin: [-1.5, 2.0, nan]`.\n"
+        "  Fix: Write 0, or run lint --fix.\n\n"
+    )
+
+    def explained(names):
+        return re.findall(r"^(\S+) \(", sh.ok(f"lint --explain {names}"), re.MULTILINE)
+
+    assert explained("all") == sorted(CHECKS)
+    assert explained("readers,yaml.nan-yaw") == ["readers.differ", "yaml.nan-yaw"]
+    graph = sorted(name for name in CHECKS if name.startswith("graph."))
+    assert explained("graph.one-way --explain graph") == graph
+    (check,) = json.loads(sh.ok("lint --explain image.gamma --json"))["checks"]
+    assert list(check) == ["check", "severity", "on_request", "about", "why", "example", "fix"]
+    assert (check["check"], check["severity"], check["on_request"]) == ("image.gamma", "note", True)
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    ("--explain image.gama",
+     "--explain: unknown check, got 'image.gama'\nhint: did you mean image.gamma?"),
+    ("maps --explain image", "maps: cannot be given together with --explain"),
+    ("--explain image --format sarif",
+     "--format: cannot be given together with --explain, got 'sarif'"),
+    ("maps --statistics --format junit",
+     "--format: cannot be given together with --statistics, got 'junit'"),
+])  # fmt: skip
+def test_explanations_and_statistics_refuse_what_they_cannot_be(sh, maps, words, message):
+    assert sh(f"lint {words}") == (2, "", f"error: {message}\n")
+
+
+def test_statistics_count_findings_by_check(sh, maps):
+    findings = json.loads(sh(f"lint maps {EXAMPLES} --select all --format json")[1])["maps"]
+    counts = Counter(found["check"] for entry in findings for found in entry["findings"])
+    ranked = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    assert len(ranked) > 2
+    code, out, _ = sh(f"lint maps {EXAMPLES} --select all --statistics")
+    *lines, totals = out.splitlines()
+    assert [(line.split()[1], int(line.split()[0])) for line in lines] == ranked
+    findings_code, findings_out, _ = sh(f"lint maps {EXAMPLES} --select all")
+    assert (code, totals) == (findings_code, findings_out.splitlines()[-1])
+    document = json.loads(sh(f"lint maps {EXAMPLES} --select all --statistics --json")[1])
+    assert [(e["check"], e["count"], e["severity"]) for e in document["statistics"]] == [
+        (name, count, CHECKS[name].severity) for name, count in ranked
+    ]
+    assert list(document) == ["statistics", "errors", "warnings", "notes", "suppressed"]
+
+
+def test_checks_on_request_run_if_they_are_named(sh, here):
+    write_map("m.yaml", OccupancyGrid([[0, 100]], 0.5, (0.3, 0.0, 0.0)))
+    lattice = "yaml.origin-off-lattice"
+    assert lattice not in sh.ok("lint m.yaml --no-config")
+    for words in (f"--select {lattice}", "--select yaml", "--select all"):
+        assert lattice in sh.ok(f"lint m.yaml {words}")
+    Path("mapdeal.toml").write_text('[lint]\nselect = ["all"]\n')
+    assert lattice in sh.ok("lint m.yaml")
+    assert lattice not in sh.ok(f"lint m.yaml --ignore {lattice}")

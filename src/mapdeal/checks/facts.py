@@ -12,7 +12,16 @@ from typing import Any, TypeVar, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.checks.findings import CHECKS, Check, Finding, Remark, Severity, add_check, places_of
+from mapdeal.checks.findings import (
+    CHECKS,
+    Check,
+    Finding,
+    Remark,
+    Severity,
+    add_check,
+    parse_explanation,
+    places_of,
+)
 from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
@@ -721,8 +730,13 @@ _FACTS = (
 CheckFunction = TypeVar("CheckFunction", bound=Callable[[Any], Iterator[Remark | str]])
 
 
-def check(name: str, severity: Severity, about: str) -> Callable[[CheckFunction], CheckFunction]:
-    """Add a function to the list of checks; its parameter's annotation selects the facts."""
+def check(
+    name: str, severity: Severity, *, on_request: bool = False
+) -> Callable[[CheckFunction], CheckFunction]:
+    """Add a function to the list of checks; its parameter's annotation selects the facts.
+
+    Its docstring explains the check, in the form that `parse_explanation` reads.
+    """
 
     def register(function: CheckFunction) -> CheckFunction:
         hints = get_type_hints(function)
@@ -731,7 +745,8 @@ def check(name: str, severity: Severity, about: str) -> Callable[[CheckFunction]
             known = " or ".join(facts_class.__name__ for facts_class in _FACTS)
             rule = f"check {name} must have one parameter, annotated {known}"
             raise TypeError(f"{rule}, got {facts}")
-        add_check(Check(name, severity, about, function, facts[0]))
+        explanation = parse_explanation(function.__doc__ or "")
+        add_check(Check(name, severity, explanation, function, facts[0], on_request))
         return function
 
     return register

@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from html import escape
 from pathlib import Path, PurePath
+from textwrap import TextWrapper
 from typing import Any, Literal, overload
 from urllib.parse import quote_from_bytes
 
@@ -22,10 +23,10 @@ from mapdeal.checks.facts import MaskFacts, RoomFacts, gather, gather_rooms
 from mapdeal.checks.findings import (
     CHECKS,
     SEVERITIES,
+    Check,
     Finding,
     IgnoreComment,
     Severity,
-    declare_check,
     read_ignore_comments,
 )
 from mapdeal.checks.map_checks import lint_run
@@ -45,8 +46,6 @@ from mapdeal.grid.values import OneLine, count_text
 from mapdeal.ros.robot import CostmapName
 
 LEFT_OUT = "lint.left-out"
-
-declare_check(LEFT_OUT, "note", "a check was skipped because it needs too much memory")
 
 _LARGEST_PARAMETERS = 1 << 20  # bytes of a robot's parameter file
 
@@ -207,6 +206,10 @@ class LintReport(Result, Sequence[Finding]):
         Why maps could not be repaired.
     output : path, optional
         Repaired copy that was written instead of a report.
+    only_counts : bool
+        Whether lines and document have the number of findings of each check instead of findings.
+    explained : tuple of Check
+        Checks that lines and document explain, instead of findings.
     """
 
     maps: tuple[MapReport, ...]
@@ -214,6 +217,8 @@ class LintReport(Result, Sequence[Finding]):
     form: ReportForm = "text"
     problems: tuple[MapdealError, ...] = ()
     output: Path | None = None
+    only_counts: bool = False
+    explained: tuple[Check, ...] = ()
 
     def __len__(self) -> int:
         return len(self.findings)
@@ -271,6 +276,12 @@ class LintReport(Result, Sequence[Finding]):
         """Number of findings of each severity."""
         return counts_of(self.findings)
 
+    @cached_property
+    def statistics(self) -> dict[str, int]:
+        """Number of findings of each check, most frequent first."""
+        counts = Counter(finding.check for finding in self.findings)
+        return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+
     @property
     def suppressed(self) -> int:
         """Number of findings suppressed by comments or configuration."""
@@ -288,10 +299,20 @@ class LintReport(Result, Sequence[Finding]):
 
     def document(self) -> dict[str, Any]:
         """Return the report as the dict that ``mapdeal lint --format json`` prints."""
+        if self.explained:
+            return {"checks": list(map(_check_document, self.explained))}
         files = [report.document() for report in self.maps if report.is_parameters]
+        maps = [report.document() for report in self.maps if not report.is_parameters]
+        content: dict[str, Any] = {**({"parameter_files": files} if files else {}), "maps": maps}
+        if self.only_counts:
+            content = {
+                "statistics": [
+                    {"check": name, "severity": CHECKS[name].severity, "count": count}
+                    for name, count in self.statistics.items()
+                ]
+            }
         return {
-            **({"parameter_files": files} if files else {}),
-            "maps": [report.document() for report in self.maps if not report.is_parameters],
+            **content,
             **{f"{severity}s": count for severity, count in self.counts.items()},
             "suppressed": self.suppressed,
         }
@@ -312,8 +333,13 @@ class LintReport(Result, Sequence[Finding]):
         for report in self.maps if self.output is not None else ():
             yield f"{report.file} -> {self.output}"
             yield from (f"  {line}" for line in report.repairs)
-        if self.output is None and self.form == "text":
+        if self.output is None and self.form == "text" and not self.explained:
             yield self.summary()
+
+
+def _check_document(check: Check) -> dict[str, Any]:
+    fields = {"check": check.name, "severity": check.severity, "on_request": check.on_request}
+    return {**fields, **asdict(check.explanation)}
 
 
 def counts_of(findings: Iterable[Finding]) -> dict[str, int]:
@@ -391,13 +417,6 @@ _SCHEMA = (
     "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
 )
 _ROOT = "%SRCROOT%"
-_MEANINGS = {
-    "error": "An error: the map is wrong, or unsafe for some reader.",
-    "warning": "A warning: a trap.",
-    "note": "A note: good to know.",
-}
-_PARAMETERS_AREA = "params."
-_WRONG_PARAMETERS = "An error: ROS refuses the files, or the robot is unsafe with them."
 
 
 def _sarif_lines(report: LintReport) -> list[str]:
@@ -417,16 +436,12 @@ def _sarif_lines(report: LintReport) -> list[str]:
 
 def _rule(name: str) -> dict[str, Any]:
     check = CHECKS[name]
-    about = f"{check.about[:1].upper()}{check.about[1:]}."
-    meaning = _MEANINGS[check.severity]
-    if check.severity == "error" and name.startswith(_PARAMETERS_AREA):
-        meaning = _WRONG_PARAMETERS
-    text = f"{about} {meaning}"
+    texts = check.explanation
     return {
         "id": name,
-        "shortDescription": {"text": about},
-        "help": {"text": f"{text} mapdeal's docs/lint.md lists all checks."},
-        "defaultConfiguration": {"level": check.severity},
+        "shortDescription": {"text": texts.about},
+        "help": {"text": f"{texts.about} {texts.why} Example: {texts.example} Fix: {texts.fix}"},
+        "defaultConfiguration": {"level": check.severity, "enabled": not check.on_request},
         "properties": {"tags": [name.partition(".")[0]]},
     }
 
@@ -463,8 +478,38 @@ def _location(name: str, *, is_folder: bool) -> dict[str, str]:
     return {"uri": uri, "uriBaseId": _ROOT}
 
 
+def _text_lines(report: LintReport) -> list[str]:
+    if report.explained:
+        return [line for check in report.explained for line in _explanation_lines(check)]
+    if not report.only_counts:
+        return [*repair_lines(report), *map(str, report.findings)]
+    width = max(map(len, report.statistics), default=0)
+    return [
+        f"{count:6}  {name:{width}}  {CHECKS[name].severity:7}  {CHECKS[name].explanation.about}"
+        for name, count in report.statistics.items()
+    ]
+
+
+def _explanation_lines(check: Check) -> Iterator[str]:
+    """Yield the four parts of a check's explanation, and an empty line."""
+    texts = check.explanation
+    yield f"{check.name} ({severity_text(check)})"
+    for text in (texts.about, texts.why, f"Example: {texts.example}", f"Fix: {texts.fix}"):
+        yield from _FILLED.wrap(text)
+    yield ""
+
+
+_FILLED = TextWrapper(
+    88, initial_indent="  ", subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+)
+
+
+def severity_text(check: Check) -> str:
+    return f"{check.severity}, on request" if check.on_request else check.severity
+
+
 REPORTS: dict[ReportForm, Callable[[LintReport], list[str]]] = {
-    "text": lambda report: [*repair_lines(report), *map(str, report.findings)],
+    "text": _text_lines,
     "json": lambda report: [json.dumps(report.document(), indent=2)],
     "github": lambda report: [_annotation(found) for found in report.findings],
     "sarif": _sarif_lines,

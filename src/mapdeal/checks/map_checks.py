@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import difflib
+import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 import numpy as np
 
 from mapdeal.checks.facts import GridFacts, PairFacts, RoomFacts, check, without_rounding_noise
-from mapdeal.checks.findings import CHECKS, Finding, Remark, declare_check, places_of
+from mapdeal.checks.findings import CHECKS, Finding, Remark, declare_checks, places_of
 from mapdeal.errors import FileAccessError
 from mapdeal.files.json_values import read_json
 from mapdeal.files.source import contents_of, exists, holds
@@ -20,7 +21,7 @@ from mapdeal.grid.filters import FILTER_KEYS
 from mapdeal.grid.values import count_text, decimal_text
 from mapdeal.inputs.kinds import kind_of
 from mapdeal.inputs.listing import ListedFolders
-from mapdeal.maps.dialects import MapMetadata
+from mapdeal.maps.dialects import Dialect, MapMetadata
 from mapdeal.maps.images import IMAGE_FORMATS
 from mapdeal.maps.map_server import MAP_SAVER_UNKNOWN, NOTHING_KNOWN, percent, remark_on_freed
 
@@ -33,10 +34,14 @@ _PER_PIXEL = re.compile(
 )
 
 
-@check("thresholds.unknown-becomes-free", "error",
-       "map_saver's unknown, grey 205, is read as free in 0.1 % of the cells or more")  # fmt: skip
+@check("thresholds.unknown-becomes-free", "error")
 def unknown_becomes_free(facts: PairFacts) -> Iterator[Remark]:
-    """Count free cells of grey 205; free_thresh above 0.196 or transparency causes them."""
+    """The grey of unknown, 205, is read as free in 0.1 % of the cells or more.
+
+    Planners lead the robot through unexplored space, where walls and stairs may be.
+    Example: `free_thresh: 0.25`, above the shade 0.196 of grey 205.
+    Fix: Write free_thresh: 0.196, or run lint --fix.
+    """
     if facts.pixels.freed:
         text = remark_on_freed(facts.pixels.freed, facts.pixels.size, facts.metadata)
         if text is not None:
@@ -44,92 +49,162 @@ def unknown_becomes_free(facts: PairFacts) -> Iterator[Remark]:
             yield Remark(text, "free_thresh", places=places)
 
 
-@check("thresholds.on-grey", "warning", "a threshold that is exactly a grey of the image")
+@check("thresholds.on-grey", "warning")
 def on_grey(facts: PairFacts) -> Iterator[Remark]:
-    """Compare thresholds with greys; on equality, the result depends on a reader's precision."""
+    """A threshold that is exactly a grey of the image.
+
+    Readers compare in different precision: the same cells are obstacles for some and unknown for
+    others.
+    Example: `free_thresh: 0.2` and pixels of grey 204.
+    Fix: Move the threshold by 0.01.
+    """
     if facts.metadata.mode == "raw":
         return
     for key in ("occupied_thresh", "free_thresh"):
         threshold = getattr(facts.metadata, key)
+        if facts.metadata.mode == "scale" and threshold in (0, 1):
+            continue  # usual for scale: readers.differ counts cells that really differ
         for grey, count in facts.pixels.greys.items():
             shade = (grey if facts.metadata.negate else 255 - grey) / 255
             if abs(shade - threshold) < 1e-6:
                 text = f"{threshold:g} is the shade of grey {grey} ({count} pixels)"
                 places = facts.places_of_greys([grey])
-                yield Remark(f"{text}: readers disagree on it", key, places=places)
+                text += ": readers disagree on it; move it by 0.01"
+                yield Remark(text, key, places=places)
 
 
-@check("readers.differ", "warning", "cells that nav2, humble and ROS 1 read differently")
+@check("readers.differ", "warning")
 def readers_differ(facts: PairFacts) -> Iterator[Remark]:
+    """Cells that nav2, humble and ROS 1 read differently.
+
+    After a change of ROS the robot has other obstacles or other free space on the same files.
+    Example: `occupied_thresh: 0.6` and pixels of grey 102.
+    Fix: Write the map anew with mapdeal convert.
+    """
     pixels = facts.pixels
+    readers: dict[tuple[int, str], list[Dialect]] = {}  # those that agree share a finding
     for name, cells in pixels.differing.items():
         if cells:
-            counts = "; ".join(
-                f"{r}: {', '.join(f'{kind} {n}' for kind, n in pixels.counts[r].items() if n)}"
-                for r in ("nav2", name)
-            )
-            share = percent(cells, pixels.size)
-            text = f"{cells} cells ({share}) differ between nav2 and {name} ({counts})"
-            yield Remark(text, places=facts.places_of_greys(pixels.differing_greys[name]))
+            readers.setdefault((cells, _counts_text(pixels.counts[name])), []).append(name)
+    for (cells, counts), names in readers.items():
+        text = f"{cells} cells ({percent(cells, pixels.size)}) differ between nav2 and "
+        listed = ", ".join(names)
+        text += f"{listed} (nav2: {_counts_text(pixels.counts['nav2'])}; {listed}: {counts}); "
+        text += "mapdeal convert writes a map that all read alike"
+        greys = (grey for name in names for grey in pixels.differing_greys[name])
+        yield Remark(text, places=facts.places_of_greys(dict.fromkeys(greys)))
 
 
-@check("image.ending", "note", "an image with the suffix of another format")
+def _counts_text(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{kind} {count}" for kind, count in counts.items() if count)
+
+
+@check("image.ending", "note", on_request=True)
 def ending(facts: PairFacts) -> Iterator[Remark]:
-    """Compare the file's suffix with its contents; readers go by the contents."""
+    """An image with the suffix of another format.
+
+    Map readers look at the contents, so the robot reads it well. Other tools may refuse to open it.
+    Example: A PNG called `office.pgm`.
+    Fix: Rename the file, and the image in the YAML.
+    """
     suffix, kind = facts.image_path.suffix.lower(), facts.kind.file_format
     if suffix not in IMAGE_FORMATS[kind].suffixes:
         yield Remark(f"{facts.image_path.name} is a {kind} image", "image")
 
 
-@check("image.maxval", "warning", "a maximum brightness other than 255")
+@check("image.maxval", "warning")
 def maxval(facts: PairFacts) -> Iterator[str]:
+    """A maximum brightness other than 255.
+
+    Readers that do not scale greys take white for dark: free space becomes unknown or occupied.
+    Example: A PGM with the maximum 127.
+    Fix: Run mapdeal convert, which writes 255.
+    """
     if facts.kind.file_format == "PNM" and facts.kind.maxval not in (1, 255):
-        yield f"maxval is {facts.kind.maxval}: not all readers scale it"
+        yield f"maxval is {facts.kind.maxval}: not all readers scale it; mapdeal convert writes 255"
 
 
-@check("image.alpha", "note", "pixels that are not opaque")
+@check("image.alpha", "note")
 def alpha(facts: PairFacts) -> Iterator[str]:
+    """Pixels that are not opaque.
+
+    Nav2 makes them unknown, ROS 1 reads their grey: planners of both take different ways.
+    Example: A PNG whose background was erased in an editor.
+    Fix: Save the image without transparency.
+    """
     count = facts.pixels.not_opaque
     if count:
         share = percent(count, facts.pixels.size)
-        yield f"{count} pixels ({share}) are not opaque: unknown to Nav2, grey to ROS 1"
+        text = f"{count} pixels ({share}) are not opaque: unknown to Nav2, grey to ROS 1"
+        yield f"{text}; make them opaque"
 
 
-@check("image.gamma", "note", "a gamma or colour profile (PNG gAMA, iCCP), which is not applied")
+@check("image.gamma", "note", on_request=True)
 def gamma(facts: PairFacts) -> Iterator[str]:
+    """A gamma or colour profile (PNG gAMA, iCCP), which is not applied.
+
+    The robot is not affected, as map readers ignore it. Viewers may show other greys than the robot
+    reads.
+    Example: A PNG saved by GIMP with its profile.
+    Fix: Export without a colour profile.
+    """
     if facts.kind.display:
         display = " and ".join(facts.kind.display)
         yield f"{display}: viewers may show other greys than map readers, which ignore it, take"
 
 
-@check("image.colour", "warning", "pixels that are not grey")
+@check("image.colour", "warning")
 def colour(facts: PairFacts) -> Iterator[str]:
+    """Pixels that are not grey.
+
+    Readers compute grey from colour differently: marks in the map may be walls for some robots
+    only.
+    Example: An orange note drawn on a map.
+    Fix: Convert the image to greys.
+    """
     count = facts.pixels.coloured
     if count:
         share = percent(count, facts.pixels.size)
-        yield f"{count} pixels ({share}) are coloured; readers make grey of them differently"
+        text = f"{count} pixels ({share}) are coloured; readers make grey of them differently"
+        yield f"{text}: save the image in grey"
 
 
-@check("image.palette", "warning", "an image with a palette: ROS 1 reads its indices as greys")
+@check("image.palette", "warning")
 def palette(facts: PairFacts) -> Iterator[str]:
+    """An image with a palette: ROS 1 reads its indices as greys.
+
+    In ROS 1 the robot gets another map, often with no free space at all.
+    Example: A PNG with 8 colours, as optimisers write it.
+    Fix: Save the image in mode grey.
+    """
     if facts.kind.colour == "palette" and facts.kind.file_format != "BMP":
-        yield "ROS 1 reads indices of the palette, not colours"
+        yield "ROS 1 reads indices of the palette, not colours; save the image in grey"
 
 
-@check("image.greys", "note", "greys other than 0, 205, 254 and 255 in a trinary map")
+@check("image.greys", "note")
 def greys(facts: PairFacts) -> Iterator[Remark]:
-    """Count unusual greys, as in edited or anti-aliased maps: thresholds decide their state."""
-    unusual = {g: n for g, n in facts.pixels.greys.items() if g not in _TRINARY}
-    if unusual and facts.metadata.mode == "trinary":
+    """Greys of a trinary map that become unknown, other than 205.
+
+    Blurred edges of walls and drawn marks become unknown cells: planners avoid them or drive
+    through, as set.
+    Example: Grey 120 along walls after the image was scaled.
+    Fix: Check the thresholds, or save 0, 205 and 254 only.
+    """
+    if facts.metadata.mode != "trinary":
+        return
+    usual = _TRINARY | {_CARTOGRAPHER_UNKNOWN} if _unknown_of_cartographer(facts) else _TRINARY
+    unusual = {
+        grey: count
+        for grey, count in facts.pixels.greys.items()
+        if grey not in usual and _is_between(grey, facts.metadata)
+    }
+    if unusual:
         common = sorted(unusual.items(), key=lambda item: -item[1])[:5]
         shown = ", ".join(f"{grey}: {count}" for grey, count in common)
         rare = len(unusual) - len(common)
         omitted = f", and {rare} more greys" if rare else ""
-        total = sum(unusual.values())
-        text = f"{total} pixels have greys other than 0, 205, 254 ({shown}{omitted})"
-        between = sum(n for grey, n in unusual.items() if _is_between(grey, facts.metadata))
-        if between:
-            text += f"; {between} of them are neither free nor occupied and become unknown"
+        text = f"{sum(unusual.values())} pixels are neither free nor occupied and become unknown "
+        text += f"({shown}{omitted}); check the thresholds"
         yield Remark(text, places=facts.places_of_greys(grey for grey, _ in common))
 
 
@@ -142,9 +217,14 @@ _DARKER_THAN_UNKNOWN = 0.05  # least difference in shade of a wall from the dark
 _MOST_FADED = 0.25
 
 
-@check("map.faded-walls", "warning", "a quarter or more of the walls are too light to be obstacles")
+@check("map.faded-walls", "warning")
 def faded_walls(facts: PairFacts) -> Iterator[Remark]:
-    """Count the pixels that are darker than greys for unknown, but too light to be occupied."""
+    """A quarter or more of the walls are too light to be obstacles.
+
+    Neither planner nor localisation sees these walls, and the robot may drive into them.
+    Example: Walls of grey 110 with `occupied_thresh: 0.65`.
+    Fix: Lower occupied_thresh below the walls' shade.
+    """
     if facts.metadata.mode != "trinary":
         return
     faded: dict[int, int] = {}
@@ -160,61 +240,105 @@ def faded_walls(facts: PairFacts) -> Iterator[Remark]:
         share = percent(count, count + walls)
         text = f"{count} pixels ({share} of the dark ones) are walls by their grey, and too light"
         text += f" for occupied_thresh {facts.metadata.occupied_thresh:g}: they are no obstacles"
+        lightest = max(faded) if not facts.metadata.negate else 255 - min(faded)
+        text += f"; write {math.floor(99 * (255 - lightest) / 255) / 100:g}"
         places = facts.places_of_greys(sorted(faded, key=lambda grey: -faded[grey])[:5])
         yield Remark(text, "occupied_thresh", places=places)
 
 
-@check("image.cartographer", "note", "Cartographer's grey for unknown, 128")
+@check("image.cartographer", "note", on_request=True)
 def cartographer(facts: PairFacts) -> Iterator[str]:
-    count = facts.pixels.greys.get(_CARTOGRAPHER_UNKNOWN, 0)
-    if count > facts.pixels.size / 10:
+    """The grey that Cartographer writes for unknown, 128.
+
+    With usual thresholds it is read as unknown, as it should be. A free_thresh above 0.5 would make
+    it free.
+    Example: A map from cartographer_pbstream_to_ros_map.
+    Fix: Nothing, with free_thresh below 0.49.
+    """
+    count = _unknown_of_cartographer(facts)
+    if count:
         yield f"{count} pixels have grey 128, Cartographer's unknown"
 
 
-@check("image.comment-resolution", "warning", "a resolution in the image other than the YAML's")
+def _unknown_of_cartographer(facts: PairFacts) -> int:
+    count = facts.pixels.greys.get(_CARTOGRAPHER_UNKNOWN, 0)
+    return count if count > facts.pixels.size / 10 else 0
+
+
+@check("image.comment-resolution", "warning")
 def comment_resolution(facts: PairFacts) -> Iterator[Remark]:
-    """Read the comments that map_saver and Cartographer write into the image's header."""
+    """A resolution in the image other than the YAML's.
+
+    With a wrong cell size, all distances are wrong: the robot misses doors and does not localise.
+    Example: `0.050 m/pix` in the PGM and 0.1 in the YAML.
+    Fix: Measure a known wall, and correct the YAML.
+    """
     for comment in facts.comments:
         match = _PER_PIXEL.search(comment)
         if match is None:
             continue
         noted, used = float(match[1]), facts.metadata.resolution
         if abs(noted - used) > 0.51e-3 + 1e-6 * used:  # comments have 3 decimals
-            yield Remark(f"the image says {noted:g} m per pixel, the YAML {used:g}", "resolution")
+            yield Remark(
+                f"the image says {noted:g} m per pixel, the YAML {used:g}; measure a wall",
+                "resolution",
+            )
 
 
 _MIN_ISLAND_AREA = 1.0
 """Square metres at or above which a component of free space is an island, not a speck."""
 
 
-@check("map.no-obstacle", "warning", "a map without any obstacle")
+@check("map.no-obstacle", "warning")
 def no_obstacle(facts: GridFacts) -> Iterator[str]:
-    """Report maps without obstacles, because their distance field is infinite everywhere."""
+    """A map without any obstacle.
+
+    Planners lead straight through walls, and localisation has nothing to match.
+    Example: A map read with `negate: 1` by mistake.
+    Fix: Check thresholds and negate.
+    """
     if not facts.cells.counts["occupied"] and facts.cells.counts["unknown"] < facts.cells.size:
         yield "no cell is occupied; are the thresholds and negate right?"
 
 
-@check("map.no-free", "warning", "a map without any free cell")
+@check("map.no-free", "warning")
 def no_free(facts: GridFacts) -> Iterator[str]:
+    """A map without any free cell.
+
+    No plan is found from anywhere on this map.
+    Example: A map read with too low an occupied_thresh.
+    Fix: Check thresholds and negate.
+    """
     if not facts.cells.counts["free"] and facts.cells.counts["unknown"] < facts.cells.size:
         yield "no cell is free; are the thresholds and negate right?"
 
 
-@check("map.all-unknown", "error", "a map with unknown cells only")
+@check("map.all-unknown", "error")
 def all_unknown(facts: GridFacts) -> Iterator[str]:
+    """A map with unknown cells only.
+
+    The costmap is empty: with unknown allowed, planners lead straight through walls.
+    Example: Thresholds between which all greys lie.
+    Fix: Check thresholds, mode and negate.
+    """
     if facts.cells.counts["unknown"] == facts.cells.size:
         yield NOTHING_KNOWN
 
 
-@check("map.mostly-unknown", "note", "a small known part on a large unknown canvas")
+@check("map.mostly-unknown", "note")
 def mostly_unknown(facts: GridFacts) -> Iterator[Remark]:
-    """Compare the bounding box of known cells with the map; gmapping's canvas is often larger."""
+    """A small known part on a large unknown canvas.
+
+    Costmaps and planners of the robot take memory and time for the unknown part, too.
+    Example: A gmapping canvas of 4000 x 4000 cells for one room.
+    Fix: Crop it with mapdeal active.
+    """
     height, width = facts.cells.known_box
     share = height * width / facts.cells.size
     if 0 < share < 0.5:
         text = f"all that is known lies in {width} x {height} cells, {100 * share:.0f} %"
         middle = facts.places([facts.cells.middle_of_known])
-        yield Remark(f"{text}: try mapdeal active", places=middle)
+        yield Remark(f"{text}: the rest takes memory and time; try mapdeal active", places=middle)
 
 
 _LEAST_CELLS = 1000  # smaller maps are made for tests
@@ -222,9 +346,14 @@ _WIDTH_OF_WALLS = 2.0  # cells
 _PIECES_OF_WALLS, _LARGEST_PIECE = 10, 0.75
 
 
-@check("map.inside-out", "warning", "free cells that look like walls, and more cells occupied")
+@check("map.inside-out", "warning")
 def inside_out(facts: GridFacts) -> Iterator[str]:
-    """Judge by the shape of free space: race tracks and keepout masks are mostly occupied, too."""
+    """Free cells that look like walls, and more cells occupied.
+
+    The robot may drive in walls only: no plan is found in rooms.
+    Example: A map whose `negate` was swapped.
+    Fix: Swap negate in the YAML.
+    """
     cells = facts.cells
     occupied, free = cells.counts["occupied"], cells.counts["free"]
     if not occupied > free > 0 or cells.size < _LEAST_CELLS:
@@ -238,8 +367,14 @@ def inside_out(facts: GridFacts) -> Iterator[str]:
         yield f"{text}of {cells.mean_free_width:.2g} cells' width, as walls do; is negate right?"
 
 
-@check("map.islands", "warning", "free space that cannot be reached from the largest part")
+@check("map.islands", "warning")
 def islands(facts: GridFacts) -> Iterator[Remark]:
+    """Free space that cannot be reached from the largest part.
+
+    A goal there is never reached. Often a door was closed or a doorway is painted over.
+    Example: `...#..#...`: three areas behind walls.
+    Fix: Open the doorway with mapdeal edit, or ignore it.
+    """
     sizes, counts = facts.other_components
     is_large = sizes * facts.frame.resolution**2 >= _MIN_ISLAND_AREA
     count = int(counts[is_large].sum())
@@ -249,43 +384,59 @@ def islands(facts: GridFacts) -> Iterator[Remark]:
         parts = "area" if count == 1 else "areas"
         text = (
             f"{count} {parts} of free space, {decimal_text(area, 3)} m2, cannot be reached from"
-            f" the largest, {decimal_text(largest)} m2"
+            f" the largest, {decimal_text(largest)} m2: goals there fail; is a doorway closed?"
         )
         least = int(sizes[is_large][0])
         cells = facts.cells.places_of_components(least, facts.cells.size)
         yield Remark(text, places=facts.places(cells))
 
 
-@check("map.specks", "note", "small isolated patches of free space")
+@check("map.specks", "note")
 def specks(facts: GridFacts) -> Iterator[Remark]:
-    """Count the smaller components, mostly caused by stray beams."""
+    """Small isolated patches of free space.
+
+    Goals there fail, and global localisation may place the robot in them.
+    Example: Cells behind a window that one beam has hit.
+    Fix: Remove them with mapdeal clean --min-free.
+    """
     sizes, counts = facts.other_components
     is_small = sizes * facts.frame.resolution**2 < _MIN_ISLAND_AREA
     count = int(counts[is_small].sum())
     if count:
         cells = int((sizes * counts)[is_small].sum())
         text = f"{count_text(count, 'speck')} of free space below 1 m2, {count_text(cells, 'cell')}"
+        least = math.ceil(_MIN_ISLAND_AREA / facts.frame.resolution**2 - 1e-6)
+        text += f": goals there fail; mapdeal clean --min-free {least} removes them"
         places = facts.cells.places_of_components(1, int(sizes[is_small][-1]))
         yield Remark(text, places=facts.places(places))
 
 
-@check("map.open-border", "note", "free cells on the border of the map")
+@check("map.open-border", "note")
 def open_border(facts: GridFacts) -> Iterator[Remark]:
+    """Free cells on the border of the map.
+
+    Paths may lead to the edge of the map, and beyond it the robot knows no obstacle.
+    Example: A hall cut off by a crop.
+    Fix: Map further, or close the border with mapdeal edit.
+    """
     count = facts.cells.free_on_border
     if count:
-        text = f"{count} of {facts.cells.border} cells on the border are free; is the map cut off?"
+        text = f"{count} of {facts.cells.border} cells on the border are free: paths can lead off "
+        text += "the map; is it cut off?"
         yield Remark(text, places=facts.places(facts.cells.free_stretches))
 
 
 _MOST_PASSAGES, _MOST_PLACES = 10, 20
 
 
-@check(
-    "map.disconnected",
-    "warning",
-    "areas joined only by passages too narrow for the robot; needs a robot's shape",
-)
+@check("map.disconnected", "warning")
 def disconnected(facts: RoomFacts) -> Iterator[Remark]:
+    """Areas joined only by passages too narrow for the robot; needs a robot's shape.
+
+    Goals behind such a passage fail, although the map looks connected.
+    Example: A door of 0.8 m for a radius of 0.4 m.
+    Fix: Correct the doorway in the map, or exclude the area.
+    """
     needed = 2 * facts.radius
     passages = sorted(facts.passages, key=lambda p: -p.cut_off)
     for p in passages[:_MOST_PASSAGES]:
@@ -307,8 +458,14 @@ _OLD_MODES = ("trinary", "scale", "raw")
 _STRING = "tag:yaml.org,2002:str"
 
 
-@check("yaml.unknown-key", "warning", "a key that map_server does not know")
+@check("yaml.unknown-key", "warning")
 def unknown_key(facts: PairFacts) -> Iterator[Remark]:
+    """A key that map_server does not know.
+
+    map_server ignores it, so a misspelt key has its default on the robot.
+    Example: `ocupied_thresh: 0.5`.
+    Fix: Correct the spelling, or remove the key.
+    """
     for key in facts.metadata.extra:
         if key in FILTER_KEYS:  # mapdeal writes these into masks
             continue
@@ -317,26 +474,42 @@ def unknown_key(facts: PairFacts) -> Iterator[Remark]:
         yield Remark(f"unknown key '{key}', which map_server ignores{suggestion}", key)
 
 
-@check("yaml.mode-case", "warning", "a mode in capitals, which ROS 1 refuses")
+@check("yaml.mode-case", "warning")
 def mode_case(facts: PairFacts) -> Iterator[Remark]:
+    """A mode in capitals, which ROS 1 refuses.
+
+    map_server of ROS 1 does not start with it.
+    Example: `mode: Trinary`.
+    Fix: Write it in lower case.
+    """
     if "mode" in facts.entries:
         text = facts.entries["mode"].text()
         if text != text.lower():
             yield Remark(f"{text} is refused by ROS 1; write {text.lower()}", "mode")
 
 
-@check("yaml.image-unquoted", "warning", "an image name that YAML takes for a date or number")
+@check("yaml.image-unquoted", "warning")
 def image_unquoted(facts: PairFacts) -> Iterator[Remark]:
-    """Check the type of the name: ROS reads the text, other readers the value."""
+    """An image name that YAML takes for a date or number.
+
+    Python tools read a date or number, and do not find the image.
+    Example: `image: 2024-01-01`.
+    Fix: Put the name in quotes.
+    """
     node = facts.entries["image"].node
     if node.tag != _STRING:
         yield Remark(f"{facts.metadata.image} is not text in YAML; put it in quotes", "image")
 
 
-@check("yaml.resolution-noise", "warning",
-       "a resolution with rounding noise, such as 0.05000000074505806")  # fmt: skip
+@check("yaml.resolution-noise", "warning")
 def resolution_noise(facts: PairFacts) -> Iterator[Remark]:
-    """Report the exact decimal: cells are displaced from those of maps with that resolution."""
+    """A resolution with rounding noise, such as 0.05000000074505806.
+
+    Tools that compare resolutions exactly see two maps of one place as different, and refuse to
+    merge them.
+    Example: `resolution: 0.05000000074505806`.
+    Fix: Write 0.05, or run lint --fix.
+    """
     value = facts.metadata.resolution
     plain = without_rounding_noise(value)
     if plain is not None:
@@ -345,57 +518,106 @@ def resolution_noise(facts: PairFacts) -> Iterator[Remark]:
         )
 
 
-@check("yaml.resolution-unusual", "warning", "cells larger than 10 m or smaller than 1 mm")
+@check("yaml.resolution-unusual", "warning")
 def resolution_unusual(facts: PairFacts) -> Iterator[Remark]:
+    """Cells larger than 10 m or smaller than 1 mm.
+
+    The unit may be wrong: then walls are thousands of metres apart, or the whole map is below the
+    robot.
+    Example: `resolution: 50`, millimetres written as metres.
+    Fix: Write metres per cell.
+    """
     value = facts.metadata.resolution
     if not 1e-3 <= value <= 10:
         yield Remark(f"{value:g} m per cell is unusual; is the unit right?", "resolution")
 
 
-@check("yaml.origin-noise", "note", "an origin with rounding noise, such as -10.000000149011612")
+@check("yaml.origin-noise", "note")
 def origin_noise(facts: PairFacts) -> Iterator[Remark]:
+    """An origin with rounding noise, such as -10.000000149011612.
+
+    Tools that compare origins exactly take a mask or second map of the same place for displaced.
+    Example: `origin: [-1.5000000000000009, 2, 0]`.
+    Fix: Run lint --fix, which rounds it.
+    """
     for name, value in zip(("x", "y", "yaw"), facts.metadata.origin, strict=True):
         plain = without_rounding_noise(value)
         if plain is not None:
-            yield Remark(f"{name} {value!r} is {plain!r} with the noise of rounding", "origin")
+            yield Remark(
+                f"{name} {value!r} is {plain!r} with the noise of rounding; write {plain!r}",
+                "origin",
+            )
 
 
-@check("yaml.origin-yaw", "warning", "a map with a yaw, which costmap_2d and AMCL ignore")
+@check("yaml.origin-yaw", "warning")
 def origin_yaw(facts: PairFacts) -> Iterator[Remark]:
+    """A map with a yaw, which costmap_2d and AMCL ignore.
+
+    The robot uses the map unturned, while RViz shows it turned: goals lie in other places than
+    shown.
+    Example: `origin: [-1.5, 2.0, 0.1]`.
+    Fix: Run lint --fix, which turns the cells.
+    """
     yaw = facts.metadata.origin[2]
     if yaw:
-        yield Remark(f"yaw {yaw:g} rad is ignored by costmap_2d and AMCL", "origin")
+        text = f"yaw {yaw:g} rad is ignored by costmap_2d and AMCL; lint --fix turns the cells"
+        yield Remark(text, "origin")
 
 
-@check("yaml.origin-off-lattice", "note", "an origin that is not a multiple of the resolution")
+@check("yaml.origin-off-lattice", "note", on_request=True)
 def origin_off_lattice(facts: PairFacts) -> Iterator[Remark]:
-    """Compare origin and resolution: cells of different maps coincide only on the lattice."""
+    """An origin that is not a multiple of the resolution.
+
+    A single map is not affected. Cells of two maps coincide only on the lattice: merging shifts one
+    by half a cell.
+    Example: `origin: [-1.52, 2.0, 0]` with cells of 0.05 m.
+    Fix: Align it only where maps are combined.
+    """
     x, y, _ = facts.metadata.origin
     cells = np.array([x, y]) / facts.metadata.resolution
     if np.abs(cells - np.rint(cells)).max() > 1e-3:
         yield Remark(f"{x:g}, {y:g} is not a multiple of {facts.metadata.resolution:g} m", "origin")
 
 
-@check("yaml.origin-far", "warning", "an origin too far for the 32-bit floats of some readers")
+@check("yaml.origin-far", "warning")
 def origin_far(facts: PairFacts) -> Iterator[Remark]:
-    """Compare a 32-bit float's step at the origin with the resolution, as for UTM coordinates."""
+    """An origin too far for the 32-bit floats of some readers.
+
+    Positions are rounded to steps near the size of a cell: paths and scans jump.
+    Example: `origin: [500000, 5400000, 0]`, UTM coordinates.
+    Fix: Move the origin near 0, 0.
+    """
     step = max(float(np.spacing(np.float32(abs(v)))) for v in facts.metadata.origin[:2])
     if step > facts.metadata.resolution / 10:
-        yield Remark(f"32-bit floats have steps of {step:g} m there", "origin")
+        yield Remark(
+            f"32-bit floats have steps of {step:g} m there; move the origin near 0", "origin"
+        )
 
 
-@check("image.absolute-path", "warning", "an absolute path, which is valid on one machine only")
+@check("image.absolute-path", "warning")
 def absolute_path(facts: PairFacts) -> Iterator[Remark]:
+    """An absolute path, which is valid on one machine only.
+
+    Copied to the robot, the map does not load.
+    Example: `image: /home/me/maps/m.pgm`.
+    Fix: Write the file's name alone, or run lint --fix.
+    """
     name = facts.metadata.image
     if PurePosixPath(name).is_absolute() or PureWindowsPath(name).is_absolute():
         yield Remark(f"{name} is absolute; write {facts.image_path.name}", "image")
 
 
-@check("image.outside-folder", "note", "an image that is not beside its YAML file")
+@check("image.outside-folder", "note")
 def outside_folder(facts: PairFacts) -> Iterator[Remark]:
+    """An image that is not beside its YAML file.
+
+    If the folder alone is copied to the robot, the image is missing and the map does not load.
+    Example: `image: ../m.pgm`.
+    Fix: Move the image beside the YAML.
+    """
     name = facts.metadata.image
     if ".." in PurePosixPath(name).parts:
-        yield Remark(f"{name} leaves the folder of the YAML file", "image")
+        yield Remark(f"{name} leaves the folder of the YAML file; move the image there", "image")
 
 
 MANIFEST = "manifest.json"
@@ -412,17 +634,37 @@ def is_run(folder: Path) -> bool:
 RUN_FOLDERS = ListedFolders(MANIFEST, is_run, "summary.json", parts=(LOCAL_FOLDER,))
 """Rule that distinguishes folders of runs from folders of maps."""
 
-declare_check(
-    "run.no-manifest", "error", "a folder without a map, and without the manifest of a run"
-)
-declare_check("run.missing-file", "error", "a file that the manifest lists is gone")
-declare_check(
-    "run.other-file", "error", "a file is not the manifest's: changed, or of a run that was killed"
-)
-declare_check(
-    "run.uniform-cost",
-    "warning",
-    "uninformative costs: nearly all cells have the same, or none is open",
+declare_checks(
+    """
+    run.no-manifest (error)
+        A folder without a map, and without the manifest of a run.
+
+        Nothing in it was checked. A gate that passes it would pass anything.
+        Example: A misspelt path in a CI job.
+        Fix: Name the folder of maps, or of a run.
+
+    run.missing-file (error)
+        A file that the manifest lists is gone.
+
+        Robots and pages that read the run do not find its result.
+        Example: A deleted `cost.pgm`.
+        Fix: Run mapdeal run again.
+
+    run.other-file (error)
+        A file is not the manifest's: changed, or of a run that was killed.
+
+        The robot may use costs that do not belong to the map and parameters in the manifest.
+        Example: A `cost.pgm` edited by hand.
+        Fix: Run mapdeal run again with --force.
+
+    run.uniform-cost (warning)
+        Uninformative costs: nearly all cells have the same, or none is open.
+
+        Planners see no difference between the middle of a corridor and its walls, or find no path
+        at all.
+        Example: An inflation radius of 5 m in rooms of 4 m.
+        Fix: Check the radius and the thresholds of the map.
+    """
 )
 
 
@@ -470,5 +712,6 @@ def _check_costs(folder: Path, figures: object) -> Iterator[Finding]:
         elif isinstance(common, dict):
             share, cost = common.get("share"), common.get("cost")
             if isinstance(share, float) and share > UNIFORM_SHARE:
-                text = f"{stage}: {100 * share:.4g} % of the open cells cost {cost}"
+                text = f"{stage}: {100 * share:.4g} % of the open cells cost {cost}; "
+                text += "check the inflation radius"
                 yield CHECKS["run.uniform-cost"].finding(folder, text)

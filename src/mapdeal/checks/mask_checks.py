@@ -31,8 +31,14 @@ _MOST_ZONES = 50
 _MOST = 10
 
 
-@check("mask.geometry", "warning", "a mask of another resolution, size or origin than its map")
+@check("mask.geometry", "warning")
 def geometry(facts: MaskFacts) -> Iterator[Remark]:
+    """A mask of another resolution, size or origin than its map.
+
+    Zones are displaced against the walls by the difference, unless it is meant.
+    Example: A mask of the map before it was cropped.
+    Fix: Draw the mask anew with mapdeal mask.
+    """
     mask, grid = facts.mask.frame, facts.grid.frame
     if not math.isclose(mask.resolution, grid.resolution, rel_tol=_TOLERANCE):
         text = f"resolution {mask.resolution:g} m; the map has {grid.resolution:g} m"
@@ -48,21 +54,39 @@ def geometry(facts: MaskFacts) -> Iterator[Remark]:
         yield Remark(f"yaw {mask.origin[2]:g}, which Nav2 takes for 0", "origin")
 
 
-@check("mask.elsewhere", "error", "a mask without any cell where the map is known")
+@check("mask.elsewhere", "error")
 def elsewhere(facts: MaskFacts) -> Iterator[Remark]:
+    """A mask without any cell where the map is known.
+
+    No zone has an effect where the robot drives.
+    Example: A mask of another floor, 100 m away.
+    Fix: Give the mask the origin of its map.
+    """
     if not facts.covered:
         yield Remark(f"covers no known cell of {facts.map_name}: it lies elsewhere", "origin")
 
 
-@check("mask.part", "warning", "a mask that does not cover all known cells of the map")
+@check("mask.part", "warning")
 def part(facts: MaskFacts) -> Iterator[Remark]:
+    """A mask that does not cover all known cells of the map.
+
+    Outside of the mask there is no zone: the robot may drive there, at full speed.
+    Example: A mask drawn before the map was extended.
+    Fix: Draw it anew on the map of today.
+    """
     if 0 < facts.covered < 1:
         share = f"{math.floor(1000 * facts.covered) / 10:g} %"
         yield Remark(f"covers {share} of the known cells of {facts.map_name}", "image")
 
 
-@check("mask.nothing", "error", "a mask whose mode and thresholds leave no zone")
+@check("mask.nothing", "error")
 def nothing(facts: MaskFacts) -> Iterator[Remark]:
+    """A mask whose mode and thresholds leave no zone.
+
+    The filter has no effect, and the robot drives through every zone.
+    Example: Zones of grey 100 with `occupied_thresh: 0.65`.
+    Fix: Paint zones black, or use mode: scale.
+    """
     counts = histogram(facts.mask.occupancy)
     if counts[FREE + 1 : OCCUPIED + 1].any():
         return
@@ -80,8 +104,14 @@ def nothing(facts: MaskFacts) -> Iterator[Remark]:
     yield Remark(text, "occupied_thresh", places=facts.pair.places_of_greys(list(greys)[:_MOST]))
 
 
-@check("mask.all-or-nothing", "warning", "a speed mask in mode trinary: full speed or one limit")
+@check("mask.all-or-nothing", "warning")
 def all_or_nothing(facts: MaskFacts) -> Iterator[Remark]:
+    """A speed mask in mode trinary: full speed or one limit.
+
+    All zones get the same limit, whatever their grey.
+    Example: Zones of 30 % and 60 % with `mode: trinary`.
+    Fix: Write mode: scale with thresholds 1.0 and 0.0.
+    """
     is_trinary = facts.pair is not None and facts.pair.metadata.mode == "trinary"
     if facts.info.kind == "speed" and is_trinary:
         limit = facts.info.limit_of(OCCUPIED)
@@ -90,8 +120,14 @@ def all_or_nothing(facts: MaskFacts) -> Iterator[Remark]:
         yield Remark(f"{text}; write mode: scale, with thresholds 1.0 and 0.0", "mode")
 
 
-@check("mask.no-limit", "warning", "zones of a speed mask that Nav2 reads as 'no limit'")
+@check("mask.no-limit", "warning")
 def no_limit(facts: MaskFacts) -> Iterator[Remark]:
+    """Zones of a speed mask that Nav2 reads as 'no limit'.
+
+    The robot drives at full speed in a zone that was meant to be slow.
+    Example: A zone of value 0 with base 0.
+    Fix: Use values whose limit is between 0 and 100 %.
+    """
     if facts.info.kind != "speed":
         return
     occupancy = np.asarray(facts.mask.occupancy)
@@ -103,8 +139,14 @@ def no_limit(facts: MaskFacts) -> Iterator[Remark]:
             yield Remark(f"{text}is no limit to Nav2", places=places)
 
 
-@check("mask.unknown", "warning", "unknown cells in a speed mask, where the last limit persists")
+@check("mask.unknown", "warning")
 def unknown_in_mask(facts: MaskFacts) -> Iterator[Remark]:
+    """Unknown cells in a speed mask, where the last limit persists.
+
+    The robot stays slow or fast after it has left the zone, and Nav2 logs an error.
+    Example: Grey 205 around the zones.
+    Fix: Paint everything outside of zones white.
+    """
     unknown = np.asarray(facts.mask.occupancy) == UNKNOWN
     count = int(np.count_nonzero(unknown))
     if facts.info.kind == "speed" and count:
@@ -112,10 +154,14 @@ def unknown_in_mask(facts: MaskFacts) -> Iterator[Remark]:
         yield Remark(text, places=_places(facts.mask.frame, unknown))
 
 
-@check(
-    "mask.frees-unknown", "warning", "a keepout mask of 0 where the map is unknown: free to Nav2"
-)
+@check("mask.frees-unknown", "warning")
 def frees_unknown(facts: MaskFacts) -> Iterator[Remark]:
+    """A keepout mask of 0 where the map is unknown: free to Nav2.
+
+    The filter overwrites unknown by free: planners lead the robot through unexplored space.
+    Example: A white mask around a few black zones.
+    Fix: Leave unknown cells of the map unknown.
+    """
     if facts.info.kind != "keepout" or facts.mask.frame != facts.grid.frame:
         return
     freed = np.asarray(facts.mask.occupancy) == FREE
@@ -129,15 +175,27 @@ def frees_unknown(facts: MaskFacts) -> Iterator[Remark]:
         yield Remark(f"{text}; unknown cells of a mask change nothing", places=places)
 
 
-@check("mask.start", "error", "a start that a keepout mask covers")
+@check("mask.start", "error")
 def start(facts: MaskFacts) -> Iterator[Remark]:
+    """A start that a keepout mask covers.
+
+    Planners refuse to start in a closed cell, so the robot does not move.
+    Example: A charging place within a zone.
+    Fix: Cut the zone back around the start.
+    """
     if facts.start_is_closed and facts.start is not None:
         x, y = facts.start[:2]
         yield Remark(f"the start {x:g},{y:g} lies in a keepout zone", places=places_of([(x, y)]))
 
 
-@check("mask.goal", "error", "a place, such as a dock, that a keepout mask covers or cuts off")
+@check("mask.goal", "error")
 def goal(facts: MaskFacts) -> Iterator[Remark]:
+    """A place, such as a dock, that a keepout mask covers or cuts off.
+
+    The robot never gets there while the filter is active.
+    Example: A zone across the only corridor to the dock.
+    Fix: Leave a lane to the place.
+    """
     if facts.reaches is None:
         return
     before, after = (reach.goals for reach in facts.reaches)
@@ -150,9 +208,14 @@ def goal(facts: MaskFacts) -> Iterator[Remark]:
         yield Remark(f"{masked.goal.label} {why}", places=places_of([xy]))
 
 
-@check("mask.closes", "warning", "a keepout zone that closes the only way to a part of the map")
+@check("mask.closes", "warning")
 def closes(facts: MaskFacts) -> Iterator[Remark]:
-    """Compare the areas that the robot reaches without the mask and with it."""
+    """A keepout zone that closes the only way to a part of the map.
+
+    All goals in that part fail while the filter is active.
+    Example: A zone across a corridor.
+    Fix: Make the zone narrower, or open another way.
+    """
     if facts.reaches is None:
         return
     before, after = facts.reaches
@@ -207,9 +270,14 @@ def _places(frame: Frame, cells: Mask) -> tuple[Point, ...]:
     return places_of([_middle(frame, cells)])
 
 
-@check("params.filter-topic", "warning",
-       "a topic of a filter or its info server that no server in the files publishes")  # fmt: skip
+@check("params.filter-topic", "warning")
 def filter_topic(facts: FilterFacts) -> Iterator[Remark]:
+    """A topic of a filter or its info server that no server in the files publishes.
+
+    The filter waits for its mask for ever: keepout zones and speed limits are not respected.
+    Example: `filter_info_topic: /zones` while the server publishes /info.
+    Fix: Write the same topic in both places.
+    """
     servers = facts.servers
     published = {
         topic_of(server.get("filter_info_topic", "costmap_filter_info")) for server in servers.info
@@ -231,8 +299,14 @@ def filter_topic(facts: FilterFacts) -> Iterator[Remark]:
             yield Remark(text, at=server.values["mask_topic"])
 
 
-@check("params.filter-type", "error", "an info server of a type that the filter refuses")
+@check("params.filter-type", "error")
 def filter_type(facts: FilterFacts) -> Iterator[Remark]:
+    """An info server of a type that the filter refuses.
+
+    The filter ignores the mask: the robot drives through its zones.
+    Example: A KeepoutFilter with `type: 1`, a speed limit.
+    Fix: Set the type that the message names.
+    """
     for listed, server in _served(facts):
         plugin = listed.plugin.rpartition(":")[2]
         types, kind = TYPES_OF_PLUGIN.get(plugin), server.get("type", 0)
@@ -246,9 +320,14 @@ def filter_type(facts: FilterFacts) -> Iterator[Remark]:
             yield Remark(text, at=server.values.get("base", server.values.get("multiplier", at)))
 
 
-@check("params.filter-lifecycle", "warning",
-       "a server of a filter that no lifecycle manager in the files activates")  # fmt: skip
+@check("params.filter-lifecycle", "warning")
 def filter_lifecycle(facts: FilterFacts) -> Iterator[Remark]:
+    """A server of a filter that no lifecycle manager in the files activates.
+
+    The server publishes nothing, and the filter has no mask.
+    Example: An info server missing from `node_names`.
+    Fix: Add the server to node_names.
+    """
     managed = facts.servers.managed
     for server in facts.servers.info if managed else ():
         name = server.name.rpartition("/")[2]

@@ -33,9 +33,15 @@ _MOST_NAMES, _LONGEST_NAME = 1000, 60
 """Limits of the search for misspelt names, which compares each name with all known ones."""
 
 
-@check("params.renamed", "warning", "a parameter that Nav2 has renamed")
+@check("params.renamed", "warning")
 def renamed(facts: ParameterFacts) -> Iterator[Remark]:
-    """Check obstacle layers and the costmap; layers of other packages use the old names."""
+    """A parameter that Nav2 has renamed.
+
+    Nav2 ignores the old name and uses the default: the robot sees obstacles later or earlier than
+    set.
+    Example: `obstacle_layer: {obstacle_range: 5.0}`.
+    Fix: Write the new name.
+    """
     layers = {name for name, plugin in facts.plugins if _class_name(plugin) in _OBSTACLE_LAYERS}
     for path, value in facts.values.items() if facts.flavour == "nav2" else ():
         if path[-1] not in _RENAMED or (len(path) > 1 and path[0] not in layers):
@@ -46,9 +52,15 @@ def renamed(facts: ParameterFacts) -> Iterator[Remark]:
             yield Remark(f"{text} by default: write {name}", at=value)
 
 
-@check("params.planner-misspelt", "warning",
-       "a misspelt parameter of a planner")  # fmt: skip
+@check("params.planner-misspelt", "warning")
 def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
+    """A misspelt parameter of a planner.
+
+    Nav2 ignores it and plans with the default.
+    Example: `planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased: {plugin:
+    "nav2_navfn_planner::NavfnPlanner", tolerence: 0.5}}}`.
+    Fix: Write the name that the message proposes.
+    """
     classes = _planner_classes(facts.values)
     of_any_planner = set().union(*PLANNER_PARAMETERS.values())
     unlisted: dict[str, ParameterValue] = {}

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.checks.facts import FilterFacts, ParameterFacts, PlannerFacts, RobotFacts, check
-from mapdeal.checks.findings import CHECKS, Finding, Remark, Severity, declare_check
+from mapdeal.checks.findings import CHECKS, Finding, Remark, Severity, declare_checks
 from mapdeal.checks.nav2_names import planner_facts
 from mapdeal.errors import MalformedInputError, MapdealError
 from mapdeal.grid.values import NO_INFORMATION
@@ -109,12 +109,14 @@ _OTHER_MARKING = ("NonPersistentVoxelLayer", "SpatioTemporalVoxelLayer")
 """Layer classes that write lethal cells and that mapdeal does not model."""
 
 
-@check(
-    "params.layer-after-inflation",
-    "warning",
-    "a layer that writes obstacles after the inflation layer: they are not inflated",
-)
+@check("params.layer-after-inflation", "warning")
 def layer_after_inflation(facts: RobotFacts) -> Iterator[Remark]:
+    """A layer that writes obstacles after the inflation layer: they are not inflated.
+
+    Planners lead the robot's centre right beside these obstacles, so that its sides hit them.
+    Example: `plugins: [static_layer, inflation_layer, obstacle_layer]`.
+    Fix: List the inflation layer last.
+    """
     inflation = None
     for listed in facts.robot.layers:
         if not listed.is_enabled or listed.is_filter:
@@ -128,46 +130,79 @@ def layer_after_inflation(facts: RobotFacts) -> Iterator[Remark]:
         ):
             overwrites = listed.layer is not None and listed.layer.overwrites_all
             effect = "it overwrites the costs" if overwrites else "its obstacles are not inflated"
-            text = f"{listed.name} comes after {inflation}: {effect}"
+            text = f"{listed.name} comes after {inflation}: {effect}; list {inflation} last"
             yield Remark(text, at=facts.value("plugins"))
 
 
-@check("params.two-inflations", "warning", "two inflation layers that are both switched on")
+@check("params.two-inflations", "warning")
 def two_inflations(facts: RobotFacts) -> Iterator[Remark]:
+    """Two inflation layers that are both switched on.
+
+    Each cell has the higher of two costs, so changing one layer may have no effect on paths.
+    Example: `{plugins: [static_layer, inflation_layer, wide], wide: {plugin:
+    "nav2_costmap_2d::InflationLayer"}}`.
+    Fix: Remove one of them.
+    """
     names = [layer.name for layer in facts.robot.inflation_layers]
     if len(set(names)) > 1:
         text = f"{' and '.join(names)} both inflate: a cell gets the higher of their costs"
         yield Remark(text, at=facts.value("plugins"))
 
 
-@check("params.layer-disabled", "note", "a listed layer that is switched off")
+@check("params.layer-disabled", "note")
 def layer_disabled(facts: RobotFacts) -> Iterator[Remark]:
+    """A listed layer that is switched off.
+
+    What the layer would add, such as obstacles from a sensor, is not in the costmap: the robot does
+    not avoid it.
+    Example: `obstacle_layer: {enabled: false}`.
+    Fix: Set enabled: true, or remove it from plugins.
+    """
     for listed in facts.robot.layers:
         is_inflation = listed.layer is not None and listed.layer.spreads
         is_last = is_inflation and not facts.robot.inflation_layers
         if not listed.is_enabled and not is_last:  # params.no-inflation reports the last one
-            yield Remark(f"{listed.name} is switched off", at=facts.value(listed.name, "enabled"))
+            text = f"{listed.name} is switched off and adds no costs; set it to true, or unlist it"
+            yield Remark(text, at=facts.value(listed.name, "enabled"))
 
 
-@check("params.mask-unused", "warning", "a keepout filter whose mask has no effect on the costs")
+@check("params.mask-unused", "warning")
 def mask_unused(facts: RobotFacts) -> Iterator[Remark]:
+    """A keepout filter whose mask has no effect on the costs.
+
+    The robot drives through keepout zones.
+    Example: A `KeepoutFilter` listed before a layer that replaces all costs.
+    Fix: List the filter last, below filters.
+    """
     # params.layer-disabled reports filters that are switched off.
     reason = facts.robot.why_mask_unused
     if reason is not None and facts.robot.has_keepout_filter:
         yield Remark(f"the keepout mask has no effect: {reason}", at=facts.value("plugins"))
 
 
-@check("params.plugin-twice", "warning", "a layer that is listed twice")
+@check("params.plugin-twice", "warning")
 def plugin_twice(facts: ParameterFacts) -> Iterator[Remark]:
+    """A layer that is listed twice.
+
+    Nav2 or ROS 1 loads it twice or fails at the second; costs may count an obstacle twice.
+    Example: `plugins: [static_layer, inflation_layer, inflation_layer]`.
+    Fix: Remove one of the two names.
+    """
     for name, count in Counter(name for name, _ in facts.plugins).items():
         if count > 1:
-            text = f"{name} is listed {count} times"
+            text = f"{name} is listed {count} times; remove it once"
             yield Remark(text, at=facts.values.get(("plugins",)))
 
 
-@check("params.unused-section", "note",
-       "parameters of a layer that the list of plugins does not name")  # fmt: skip
+@check("params.unused-section", "note")
 def unused_section(facts: ParameterFacts) -> Iterator[Remark]:
+    """Parameters of a layer that the list of plugins does not name.
+
+    The layer does not exist on the robot: its obstacles are not avoided.
+    Example: `obstacle_layers: {plugin: "nav2_costmap_2d::ObstacleLayer", observation_sources:
+    scan}`.
+    Fix: Add its name to plugins, or remove the section.
+    """
     # ROS 1 files that both costmaps load contain the layers of both. Many Nav2 files have an unused
     # static layer in the local costmap, as Nav2's example has.
     listed_names = {name for name, _ in facts.plugins} | set(_nested_names(facts))
@@ -193,8 +228,15 @@ def _nested_names(facts: ParameterFacts) -> Iterator[str]:
                 yield from (name for name in value.value if isinstance(name, str))
 
 
-@check("params.misspelt", "warning", "a misspelt parameter")
+@check("params.misspelt", "warning")
 def misspelt(facts: ParameterFacts) -> Iterator[Remark]:
+    """A misspelt parameter.
+
+    ROS ignores it without a word and uses the default: the robot behaves otherwise than was
+    set.
+    Example: `inflation_layer: {inflate_unknow: true}`.
+    Fix: Write the name that the message proposes.
+    """
     unknown = 0
     for section, known in _scopes(facts):
         for path, value in section.items():
@@ -219,8 +261,14 @@ def _scopes(facts: ParameterFacts) -> Iterator[tuple[dict[Name, ParameterValue],
             yield {path: value for path, value in section.items() if len(path) == 2}, known
 
 
-@check("params.misplaced", "warning", "a parameter at a level where it has no effect")
+@check("params.misplaced", "warning")
 def misplaced(facts: ParameterFacts) -> Iterator[Remark]:
+    """A parameter at a level where it has no effect.
+
+    The default applies: an inflation radius at the wrong level leaves the robot with 0.55 m.
+    Example: `inflation_radius: 0.9`.
+    Fix: Move it to where the message says.
+    """
     inflations = [name for name, kind in facts.plugins if kind.endswith("InflationLayer")]
     for path, value in facts.values.items():
         if facts.flavour == "nav2" and len(path) == 1 and path[0] in INFLATION_PARAMETERS:
@@ -233,9 +281,14 @@ def misplaced(facts: ParameterFacts) -> Iterator[Remark]:
                 yield Remark(text, at=value)
 
 
-@check("params.without-effect", "note", "ROS 1 parameters without effect beside a list of plugins")
+@check("params.without-effect", "note")
 def without_effect(facts: ParameterFacts) -> Iterator[Remark]:
-    """Report parameters of costmaps before Hydro, as ``warnForOldParameters``."""
+    """ROS 1 parameters without effect beside a list of plugins.
+
+    The layers are those of plugins: `static_map: true` does not add the map to the costmap.
+    Example: ROS 1: `static_map: true`.
+    Fix: Remove it, and list the layer in plugins.
+    """
     if facts.flavour != "ros1" or ("plugins",) not in facts.values:
         return
     for name in OLD_PARAMETERS:
@@ -246,48 +299,264 @@ def without_effect(facts: ParameterFacts) -> Iterator[Remark]:
 
 _SEVERITIES: dict[str, Severity] = {"refused": "error", "warning": "warning", "note": "note"}
 
-_DECLARED: tuple[tuple[str, Severity, str], ...] = (
-    ("syntax", "error", "a parameter file that ROS cannot read"),
-    ("alias", "warning", "an alias in a Nav2 file, which only nav2_bringup's launch files replace"),
-    ("other-kind", "error", "a file of another kind, such as a map or a recipe"),
-    ("empty", "error", "a parameter without a value: roslaunch exits"),
-    ("name", "error", "a name that is not text"),
-    ("type", "error", "a value of a type that ROS refuses"),
-    ("silent-default", "warning",
-     "a value of a wrong type in ROS 1, which silently takes its default, or rounds a number"),
-    ("not-finite", "error", "a number that is not finite"),
-    ("not-positive", "error", "a number that must be positive, or not negative"),
-    ("range", "warning", "a number out of range, which ROS clamps or accepts"),
-    ("substitution", "error", "a value that a launch file would substitute"),
-    ("namespace", "error", "no costmap of the requested name, or several"),
-    ("other-costmap", "warning", "a ROS 1 file that is ignored, as it belongs to another costmap"),
-    ("footprint", "error", "a footprint that ROS refuses"),
-    ("footprint-unused", "warning", "a footprint that ROS ignores"),
-    ("outline", "warning", "a footprint that crosses itself, or does not contain (0, 0)"),
-    ("no-shape", "warning", "neither a footprint nor a radius"),
-    ("too-large", "error", "a footprint with points farther than a kilometre"),
-    ("plugins", "error", "layers that cannot be loaded"),
-    ("old-plugins", "warning",
-     "a list of layers in the form of ROS 1 or Eloquent, which Nav2 does not read"),
-    ("not-modelled", "warning", "a layer that mapdeal does not model, and leaves out"),
-    ("erases-map", "warning", "an obstacle layer that replaces the map by free space"),
-    ("footprint-clearing", "note", "a static layer that frees the cells below the robot"),
-    ("inflation-radius", "error", "an inflation radius below the robot's inscribed radius"),
-    ("custom-inscribed-radius", "warning", "an inscribed radius that is not the footprint's"),
-    ("asymmetric", "note", "inflation that depends on the path, which a map does not have"),
-    ("no-static-layer", "warning", "a global costmap whose layers do not read the map"),
-    ("other-map", "warning", "static layers that read different maps: all get the one here"),
-    ("only-namespace", "warning", "a robot in a namespace that was not requested"),
-    ("defaults", "warning", "a root node without parameters in the files: Nav2's defaults apply"),
-    ("no-node", "error", "a Nav2 file without parameters of the costmap"),
-    ("one-level", "error", "a Nav2 costmap that is not nested twice: it applies to no node"),
-    ("hidden", "warning", "a later value that ROS 2 ignores because of its type"),
-    ("overridden", "warning", "a layer's value that the costmap's own overrides"),
-    ("twice", "warning", "a repeated key with different values"),
-    ("repeated", "note", "a repeated key with equal values"),
-)  # fmt: skip
-for _name, _severity, _about in _DECLARED:
-    declare_check(f"params.{_name}", _severity, _about)
+declare_checks(
+    """
+    params.syntax (error)
+        A parameter file that ROS cannot read.
+
+        The node does not start, and the robot stays where it is.
+        Example: A tab before a key.
+        Fix: Correct the line that the message names.
+
+    params.alias (warning)
+        An alias in a Nav2 file, which only nav2_bringup's launch files replace.
+
+        Nodes that get the file from another launch file do not start.
+        Example: `{robot_radius: &r 0.2, footprint_padding: *r}`.
+        Fix: Write the value in the place of the alias.
+
+    params.other-kind (error)
+        A file of another kind, such as a map or a recipe.
+
+        It holds no parameters, so nothing about the robot was checked.
+        Example: `mapdeal lint --params-file office.yaml`.
+        Fix: Name the robot's parameter file.
+
+    params.empty (error)
+        A parameter without a value: roslaunch exits.
+
+        The launch ends with an error and the robot does not start.
+        Example: ROS 1: `robot_radius: `.
+        Fix: Write a value, or remove the line.
+
+    params.name (error)
+        A name that is not text.
+
+        roslaunch cannot send it and exits.
+        Example: ROS 1: `1: 0.3`.
+        Fix: Put the name in quotes.
+
+    params.type (error)
+        A value of a type that ROS refuses.
+
+        The node throws an exception at start, and the robot has no costmap.
+        Example: `inflation_layer: {inflation_radius: 1}`.
+        Fix: Write the type that the message names: 1.0.
+
+    params.silent-default (warning)
+        A value of a wrong type in ROS 1, which silently takes its default, or rounds a number.
+
+        The robot runs with another value than the file shows.
+        Example: ROS 1: `robot_radius: "0.3"`.
+        Fix: Write the type that the message names.
+
+    params.not-finite (error)
+        A number that is not finite.
+
+        Costs become meaningless: walls may not be inflated at all.
+        Example: `inflation_layer: {inflation_radius: .inf}`.
+        Fix: Write a finite number.
+
+    params.not-positive (error)
+        A number that must be positive, or not negative.
+
+        The node does not start, or computes meaningless costs.
+        Example: `resolution: -0.05`.
+        Fix: Write a positive number.
+
+    params.range (warning)
+        A number out of range, which ROS clamps or accepts.
+
+        The robot runs with another value than the file shows, such as a robot without a size.
+        Example: `robot_radius: 0.0`.
+        Fix: Write a number within the range.
+
+    params.substitution (error)
+        A value that a launch file would substitute.
+
+        Without that launch file the node does not start; costs here cannot be computed.
+        Example: `footprint: $(arg footprint)`.
+        Fix: Pass the file that the node gets.
+
+    params.namespace (error)
+        No costmap of the requested name, or several.
+
+        It is not clear which robot to check, so none was.
+        Example: `mapdeal lint fleet.yaml` with robots r1 and r2.
+        Fix: Choose one with --namespace.
+
+    params.other-costmap (warning)
+        A ROS 1 file that is ignored, as it belongs to another costmap.
+
+        Its values are not part of what was checked.
+        Example: `local_costmap.yaml` with `--costmap global`.
+        Fix: Leave the file out, or check its costmap.
+
+    params.footprint (error)
+        A footprint that ROS refuses.
+
+        move_base exits at start.
+        Example: ROS 1: `footprint: [[0.3, 0.2], [0.3]]`.
+        Fix: Write three points or more, [x, y] in metres.
+
+    params.footprint-unused (warning)
+        A footprint that ROS ignores.
+
+        The robot plans with robot_radius, often smaller than its body, and its corners hit walls.
+        Example: `footprint: "[[0.3, 0.2], [0.3, -0.2]]"`.
+        Fix: Write three points or more.
+
+    params.outline (warning)
+        A footprint that crosses itself, or does not contain (0, 0).
+
+        Inscribed and circumscribed radius are wrong: paths pass too close to obstacles.
+        Example: `footprint: "[[0.1, 0.1], [0.5, 0.1], [0.5, 0.4], [0.1, 0.4]]"`.
+        Fix: List corners in order, around the robot's centre.
+
+    params.no-shape (warning)
+        Neither a footprint nor a radius.
+
+        ROS assumes a radius of 0.1 m (Nav2) or 0.46 m (ROS 1): a larger robot hits walls, a smaller
+        one misses doors.
+        Example: `robot_radius: null`.
+        Fix: Set robot_radius or footprint.
+
+    params.too-large (error)
+        A footprint with points farther than a kilometre, or with too many points.
+
+        The unit is wrong: such a robot fits nowhere.
+        Example: `robot_radius: 2000.0`.
+        Fix: Write metres.
+
+    params.plugins (error)
+        Layers that cannot be loaded.
+
+        The costmap node does not start, and the robot does not move.
+        Example: `plugins: [static_layer, obstacles, inflation_layer]`.
+        Fix: Set the plugin of each listed name.
+
+    params.old-plugins (warning)
+        A list of layers in the form of ROS 1 or Eloquent, which Nav2 does not read.
+
+        Nav2 runs its default layers instead of those in the file.
+        Example: `{plugins: null, plugin_names: [static_layer]}`.
+        Fix: List names in plugins, with a plugin for each.
+
+    params.not-modelled (warning)
+        A layer that mapdeal does not model, and leaves out.
+
+        The robot has obstacles or costs that mapdeal's results lack; paths on the robot may differ.
+        Example: `obstacle_layer: {plugin: "spatio_temporal_voxel_layer/SpatioTemporalVoxelLayer"}`.
+        Fix: Nothing on the robot; --strict refuses such files.
+
+    params.erases-map (warning)
+        An obstacle layer that replaces the map by free space.
+
+        The map's walls are gone until a sensor sees them: the robot plans through them.
+        Example: `{track_unknown_space: false, obstacle_layer: {combination_method: 0}}`.
+        Fix: Set combination_method: 1, the maximum.
+
+    params.footprint-clearing (note, on request)
+        A static layer that frees the cells below the robot.
+
+        It helps a robot off a map's stray obstacle. In mapdeal only cost --pose does so.
+        Example: `static_layer: {footprint_clearing_enabled: true}`.
+        Fix: Nothing, unless the map has obstacles at starts.
+
+    params.inflation-radius (error)
+        An inflation radius below the robot's inscribed radius.
+
+        Cells where the robot collides have cost 0, and planners lead through them.
+        Example: `inflation_layer: {inflation_radius: 0.1}`.
+        Fix: Raise it above the circumscribed radius.
+
+    params.custom-inscribed-radius (warning)
+        An inscribed radius that is not the footprint's.
+
+        Cost 253 then no longer means a collision: too small a radius lets the robot scrape walls.
+        Example: `inflation_layer: {custom_inscribed_radius: 0.1}`.
+        Fix: Remove it, unless all readers of costs expect it.
+
+    params.asymmetric (note)
+        Inflation that depends on the path, which a map does not have.
+
+        On the robot one side of its path is cheaper; results here are the symmetric ones.
+        Example: `inflation_layer: {plugin: "nav2_costmap_2d::AsymmetricInflationLayer",
+        cost_scaling_factor: null, cost_scaling_factor_left: 5.0}`.
+        Fix: Compare with the robot before you trust a cost.
+
+    params.no-static-layer (warning)
+        A global costmap whose layers do not read the map.
+
+        All cells are free until a sensor sees them: planners lead through walls of the map.
+        Example: `plugins: [obstacle_layer, inflation_layer]`.
+        Fix: Add a StaticLayer in front.
+
+    params.other-map (warning)
+        Static layers that read different maps: all get the one here.
+
+        Results here miss the obstacles of the second map.
+        Example: `{plugins: [static_layer, rooms, inflation_layer], static_layer: {map_topic: /a},
+        rooms: {plugin: "nav2_costmap_2d::StaticLayer", map_topic: /b}}`.
+        Fix: Check once with each map.
+
+    params.only-namespace (warning)
+        A robot in a namespace that was not requested.
+
+        The only robot of the file was checked. Nodes without this namespace run with defaults.
+        Example: A file whose nodes are below `robot1:`.
+        Fix: Pass its --namespace.
+
+    params.defaults (warning)
+        A root node without parameters in the files: Nav2's defaults apply.
+
+        The robot runs with a radius of 0.1 m and default layers.
+        Example: `--namespace /` for a file of robot1.
+        Fix: Pass --namespace robot1, or add the node's parameters.
+
+    params.no-node (error)
+        A Nav2 file without parameters of the costmap.
+
+        The costmap runs with defaults, such as a radius of 0.1 m.
+        Example: A file with `controller_server` only.
+        Fix: Pass the file that has global_costmap.
+
+    params.one-level (error)
+        A Nav2 costmap that is not nested twice: it applies to no node.
+
+        None of its values has an effect: the robot runs with defaults.
+        Example: `global_costmap: {ros__parameters: {robot_radius: 0.2}}`.
+        Fix: Nest the name twice.
+
+    params.hidden (warning)
+        A later value that ROS 2 ignores because of its type.
+
+        The robot runs with the earlier value, although the later one was meant to replace it.
+        Example: `robot_radius: 0.2` and later `robot_radius: 1`.
+        Fix: Write both values with one type.
+
+    params.overridden (warning)
+        A layer's value that the costmap's own overrides.
+
+        The layer's line has no effect on the robot.
+        Example: ROS 1: `{track_unknown_space: true, static_layer: {track_unknown_space: false}}`.
+        Fix: Remove one of the two.
+
+    params.twice (warning)
+        A repeated key with different values.
+
+        The later value counts, and the line that is read first is not what the robot does.
+        Example: `robot_radius: 0.2` and below it `robot_radius: 0.3`.
+        Fix: Remove the wrong line.
+
+    params.repeated (note, on request)
+        A repeated key with equal values.
+
+        The robot is not affected. A change of one of the lines only may have no effect.
+        Example: `robot_radius: 0.2` twice.
+        Fix: Remove one of the lines.
+    """
+)
 
 
 def finding_of(problem: Problem, file: str) -> Finding:
@@ -316,26 +585,35 @@ def _widest_inflation(facts: RobotFacts) -> InflationLayer | None:
     return max(layers, key=lambda layer: layer.inflation_radius, default=None)
 
 
-@check(
-    "params.inflation-below-circumscribed",
-    "warning",
-    "an inflation radius between the footprint's inscribed and circumscribed radius",
-)
+@check("params.inflation-below-circumscribed", "warning")
 def inflation_below_circumscribed(facts: RobotFacts) -> Iterator[Remark]:
-    """Compare the radii: planners check the footprint's heading only at costs above 0."""
+    """An inflation radius between the footprint's inscribed and circumscribed radius.
+
+    Planners check headings only where costs are above 0, so corners of the robot may hit obstacles.
+    Example: `{robot_radius: null, footprint: "[[0.5, 0.2], [0.5, -0.2], [-0.5, -0.2], [-0.5,
+    0.2]]", inflation_layer: {inflation_radius: 0.4}}`.
+    Fix: Raise inflation_radius to the circumscribed radius.
+    """
     layer, robot = _widest_inflation(facts), facts.robot
     if layer is None or robot.robot_radius is not None:
         return  # a round robot fits in all headings or in none
     if robot.inscribed_radius <= layer.inflation_radius < robot.circumscribed_radius:
         yield Remark(
             f"{_reach(layer)} is below the circumscribed radius, "
-            f"{robot.circumscribed_radius:.4g} m: cost 0 does not mean that every heading is free",
+            f"{robot.circumscribed_radius:.4g} m: cost 0 does not mean that every heading is free; "
+            f"write {_rounded_up(robot.circumscribed_radius):g}",
             at=facts.of_layer(layer.name, "inflation_radius"),
         )
 
 
-@check("params.no-inflation", "warning", "a costmap in which no inflation layer has an effect")
+@check("params.no-inflation", "warning")
 def no_inflation(facts: RobotFacts) -> Iterator[Remark]:
+    """A costmap in which no inflation layer has an effect.
+
+    Cells beside walls cost 0, although the robot collides there.
+    Example: `plugins: [static_layer, obstacle_layer]`.
+    Fix: Add an InflationLayer as the last layer.
+    """
     robot = facts.robot
     if _widest_inflation(facts) is not None:
         return
@@ -351,33 +629,47 @@ def no_inflation(facts: RobotFacts) -> Iterator[Remark]:
         at = facts.value(layers[0].name, "enabled")
     yield Remark(
         f"{why}: cells beside obstacles cost 0, although the robot collides there "
-        f"(inscribed radius {robot.inscribed_radius:.4g} m)",
+        f"(inscribed radius {robot.inscribed_radius:.4g} m); write an inflation radius above it",
         at=at,
     )
 
 
-@check("params.cost-cliff", "note", "costs that are still high where inflation ends")
+@check("params.cost-cliff", "note")
 def cost_cliff(facts: RobotFacts) -> Iterator[Remark]:
+    """Costs that are still high where inflation ends.
+
+    Just behind the cliff cells cost nothing: paths run along that line instead of the middle of the
+    way.
+    Example: `inflation_layer: {inflation_radius: 0.3, cost_scaling_factor: 1.0}`.
+    Fix: Write one of the values in the message.
+    """
     layer = _widest_inflation(facts)
     if layer is None or layer.inflation_radius <= layer.inscribed_radius:
         return
     beyond = layer.inflation_radius - layer.inscribed_radius
     cost = math.floor(_INSCRIBED_COST * math.exp(-layer.cost_scaling_factor * beyond))
     if cost >= _LEAST_CLIFF_COST:
-        fading = "cost_scaling_factor is 0"
+        decay = math.log(_INSCRIBED_COST / (_LEAST_CLIFF_COST - 1))
+        advice = f"cost_scaling_factor to {_rounded_up(decay / beyond):g}"
         if layer.cost_scaling_factor > 0:
-            radius = layer.inscribed_radius + math.log(_INSCRIBED_COST) / layer.cost_scaling_factor
-            fading = f"cost_scaling_factor {layer.cost_scaling_factor:g} lets them fade out at "
-            fading += f"{radius:.3g} m"
+            radius = layer.inscribed_radius + decay / layer.cost_scaling_factor
+            advice += f" or inflation_radius to {_rounded_up(radius):g} m"
         yield Remark(
-            f"costs drop from {cost} to 0 at {_reach(layer)}; {fading}",
+            f"costs drop from {cost} to 0 at {_reach(layer)}, and paths run along that line; "
+            f"raise {advice}",
             at=facts.of_layer(layer.name, "cost_scaling_factor")
             or facts.of_layer(layer.name, "inflation_radius"),
         )
 
 
-@check("params.cost-ends-early", "note", "costs that are 0 long before inflation ends")
+@check("params.cost-ends-early", "note")
 def cost_ends_early(facts: RobotFacts) -> Iterator[Remark]:
+    """Costs that are 0 long before inflation ends.
+
+    Most of the inflation radius has no effect on paths, and computing it takes time.
+    Example: `inflation_layer: {inflation_radius: 2.0, cost_scaling_factor: 20.0}`.
+    Fix: Lower cost_scaling_factor, or the inflation radius.
+    """
     layer = _widest_inflation(facts)
     if layer is None or layer.cost_scaling_factor <= 0:
         return
@@ -386,14 +678,20 @@ def cost_ends_early(facts: RobotFacts) -> Iterator[Remark]:
     if width < _LEAST_FADING_SHARE * beyond:
         yield Remark(
             f"costs are 0 from {layer.inscribed_radius + width:.3g} m on: with cost_scaling_factor "
-            f"{layer.cost_scaling_factor:g} the rest of {_reach(layer)} has none",
+            f"{layer.cost_scaling_factor:g} the rest of {_reach(layer)} has none; lower one",
             at=facts.of_layer(layer.name, "cost_scaling_factor")
             or facts.of_layer(layer.name, "inflation_radius"),
         )
 
 
-@check("params.inflation-defaults", "note", "an inflation layer with ROS's default values")
+@check("params.inflation-defaults", "note", on_request=True)
 def inflation_defaults(facts: RobotFacts) -> Iterator[Remark]:
+    """An inflation layer with ROS's default values.
+
+    The robot keeps the distance that ROS's defaults give, 0.55 m and factor 10, whatever its size.
+    Example: `inflation_layer: {cost_scaling_factor: null}`.
+    Fix: Write the values that you want.
+    """
     for layer in facts.robot.inflation_layers:
         defaults = [
             f"{name} is {value:g}{unit}"
@@ -409,32 +707,49 @@ def inflation_defaults(facts: RobotFacts) -> Iterator[Remark]:
             yield Remark(f"{layer.name}: not set, and so {' and '.join(defaults)}", at=at)
 
 
-@check("params.radius-and-footprint", "warning",
-       "a robot_radius without effect beside a footprint")  # fmt: skip
+@check("params.radius-and-footprint", "warning")
 def radius_and_footprint(facts: RobotFacts) -> Iterator[Remark]:
-    """Report a radius beside a polygon: ``setRobotFootprint`` uses the polygon."""
+    """A robot_radius without effect beside a footprint.
+
+    The robot plans with the footprint, and changing the radius changes nothing.
+    Example: `footprint: "[[0.2, 0.2], [0.2, -0.2], [-0.2, -0.2], [-0.2, 0.2]]"` beside
+    robot_radius.
+    Fix: Remove the one that is not meant.
+    """
     radius = facts.value("robot_radius")
     if facts.robot.robot_radius is None and radius is not None:
         footprint = facts.value("footprint")
         where = f", on line {footprint.line}" if footprint is not None else ""
-        yield Remark(f"robot_radius has no effect: the footprint counts{where}", at=radius)
+        yield Remark(
+            f"robot_radius has no effect: the footprint counts{where}; remove one", at=radius
+        )
 
 
-@check("params.unknown-is-free", "warning",
-       "unknown space is free, because track_unknown_space is not set")  # fmt: skip
+@check("params.unknown-is-free", "warning")
 def unknown_is_free(facts: RobotFacts) -> Iterator[Remark]:
+    """Unknown space is free, because track_unknown_space is not set.
+
+    Planners lead the robot through unexplored space, where walls and stairs may be.
+    Example: `track_unknown_space: null`.
+    Fix: Set track_unknown_space: true.
+    """
     layers = [layer for layer in facts.robot.static_layers if layer.name != INJECTED]
     free = [layer for layer in layers if not layer.track_unknown_space]
     name = "track_unknown_space"
     if free and not facts.value(name) and not facts.of_layer(free[0].name, name):
-        text = "track_unknown_space is not set, so false: the map's unknown cells cost 0"
+        text = "track_unknown_space is not set, so false: the map's unknown cells cost 0; "
+        text += "set it to true"
         yield Remark(text, at=facts.value("plugins"))
 
 
-@check("params.unknown-cost-value", "warning",
-       "an unknown_cost_value other than 255, which makes unknown cells lethal")  # fmt: skip
+@check("params.unknown-cost-value", "warning")
 def unknown_cost_value(facts: RobotFacts) -> Iterator[Remark]:
-    """Check the value that the static layer compares with cells, 255 for unknown ones."""
+    """An unknown_cost_value other than 255, which makes unknown cells lethal.
+
+    Unknown cells become obstacles, and cells of the value become unknown or free.
+    Example: `unknown_cost_value: 0`.
+    Fix: Write 255, or remove it.
+    """
     for layer in facts.robot.static_layers:
         value = layer.unknown_cost_value
         if value == NO_INFORMATION or layer.name == INJECTED:
@@ -450,9 +765,15 @@ def unknown_cost_value(facts: RobotFacts) -> Iterator[Remark]:
         yield Remark(f"unknown_cost_value {value}: {text}; write 255", at=at)
 
 
-@check("params.costmaps-differ", "note",
-       "a global and a local costmap with different robot shapes")  # fmt: skip
+@check("params.costmaps-differ", "note")
 def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
+    """A global and a local costmap with different robot shapes.
+
+    The planner finds ways that the controller cannot follow, or misses ways that the robot could
+    take.
+    Example: A radius of 0.2 m in one and 0.3 m in the other.
+    Fix: Set the same shape in both.
+    """
     robot, sibling = facts.robot, facts.sibling
     if sibling is None:
         return
@@ -464,15 +785,20 @@ def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
         for r in (robot, sibling)
     )
     yield Remark(
-        f"the robot differs between the costmaps: inscribed and circumscribed radius are {shapes}",
+        f"the robot differs between the costmaps: inscribed and circumscribed radius are {shapes}; "
+        "plans may not be drivable: write one shape in both",
         at=facts.value("footprint") or facts.value("robot_radius"),
     )
 
 
-@check("params.resolution", "note",
-       "a resolution of the global costmap that differs from the map's")  # fmt: skip
+@check("params.resolution", "note")
 def resolution(facts: RobotFacts) -> Iterator[Remark]:
-    """Compare the resolution with the map's, which the static layer sets for the costmap."""
+    """A resolution of the global costmap that differs from the map's.
+
+    The static layer sets the map's resolution: cells, memory and times are not those of the file.
+    Example: `resolution: 0.1` with a map of 0.05 m.
+    Fix: Remove it, or resample the map.
+    """
     value = facts.value("resolution")
     if value is None or facts.robot.rolling_window or not facts.robot.static_layers:
         return
@@ -485,7 +811,13 @@ def resolution(facts: RobotFacts) -> Iterator[Remark]:
         if not math.isclose(value.value, cell, rel_tol=1e-6):
             map_names = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
             text = f"has no effect: the static layer takes the map's, {cell:g} m ({map_names})"
+            text += "; remove it"
             yield Remark(f"resolution {value.value:g} m {text}", at=value)
+
+
+def _rounded_up(value: float) -> float:
+    """Return a value with two decimals that is not below another one."""
+    return math.ceil(100 * value - _SAME_RADIUS) / 100
 
 
 def _reach(layer: InflationLayer) -> str:

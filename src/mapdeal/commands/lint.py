@@ -19,7 +19,13 @@ import numpy as np
 
 from mapdeal.checks import lint as checks
 from mapdeal.checks.facts import PairFacts, RoomFacts, gather, without_rounding_noise
-from mapdeal.checks.findings import CHECKS, Finding, Selections, read_ignore_comments
+from mapdeal.checks.findings import (
+    CHECKS,
+    Finding,
+    Selections,
+    named_checks,
+    read_ignore_comments,
+)
 from mapdeal.checks.lint import LintReport, MapReport, ReportForm, repair_lines
 from mapdeal.checks.map_checks import RUN_FOLDERS
 from mapdeal.checks.parameter_checks import first_robot
@@ -188,6 +194,8 @@ def lint(
     config: Annotated[str | PathLike[str] | bool, Words("FILE", typed=Path)] = True,
     no_config: bool = False,
     form: Annotated[ReportForm, Words(name="format")] = "text",
+    statistics: bool = False,
+    explain: Checks = (),
     jobs: Annotated[int | None, AT_LEAST_1, Words("N", short="j")] = None,
     fix: bool = False,
     output: Annotated[str | PathLike[str] | None, Words(typed=Path)] = None,
@@ -248,7 +256,8 @@ def lint(
     goals : sequence of Goal
         With a keepout mask: place that must stay reachable, such as a dock; more may follow.
     select : str or several
-        Checks, or areas of checks such as image, to run; separated by commas  [default: all].
+        Checks, or areas of checks such as image, to run; separated by commas  [default: all but
+        those on request].
         In Python several names are a list.
     ignore : str or several
         Checks, or areas of checks, to leave out.
@@ -261,6 +270,11 @@ def lint(
         Read no configuration file.
     form : {'text', 'json', 'github', 'sarif', 'junit'}
         Text, one JSON document, GitHub annotations, SARIF 2.1.0, or JUnit XML.
+    statistics : bool
+        Print the number of findings of each check, most frequent first, instead of findings.
+    explain : str or several
+        Print what these checks find, why it matters, an example and what to do; an area of
+        checks, or all.
     jobs : int, optional
         Processes to use for many maps  [default: all cores]. In Python the default is one.
     fix : bool
@@ -291,11 +305,22 @@ def lint(
     --------
     In a script for CI::
 
-        report = mapdeal.lint("maps", ignore="yaml.origin-off-lattice")
+        report = mapdeal.lint("maps", ignore="map.specks")
         for finding in report:
             print(finding)
         sys.exit(0 if report.passes else 1)
     """
+    if (statistics or explain) and form not in ("text", "json"):
+        rule = f"cannot be given together with {'--statistics' if statistics else '--explain'}"
+        raise ParameterError(rule, place="form", got=form)
+    if explain:
+        if paths:
+            raise ParameterError(
+                "cannot be given together with --explain", source=_several(paths)[0]
+            )
+        refuse("cannot be given together with --explain", params_file=params_file)
+        named = named_checks(_several(explain), "--explain")
+        return LintReport((), __version__, form, explained=named)
     work = Work.current.get()
     settings = Settings(max_cells=max_cells, max_memory=max_memory, force=force)
     if work is not None:  # also how images without a YAML file are read
@@ -380,7 +405,7 @@ def lint(
             path = Path(filter_mask)
             reports.append(lint_maps.mask(path, given, mask_kind, footprint, start, goals))
         problems = _repair_in_place(maps, reports, lint_maps) if in_place else []
-    report = LintReport(tuple(reports), __version__, form, tuple(problems))
+    report = LintReport(tuple(reports), __version__, form, tuple(problems), only_counts=statistics)
     if work is not None:
         work.terminal.remark(repair_lines(report) if form != "text" else ())
         for problem in problems[1:]:
