@@ -19,7 +19,7 @@ from strategies import RESOLUTIONS, occupancies
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 OUTSIDE = {"i": -1, "u": 255, "f": np.nan}
 """Values around a grid by the type of a layer's numbers: the rule of the contract."""
-NOT_REACHED = {"reachable": 0, "headings": 0, "widest": 0.0}
+NOT_REACHED = {"reachable": 0, "headings": 0, "widest": 0.0, "cost_to_go": np.inf}
 WALL = grid_from_text("#...?\n#....\n##..#", 0.25, (1.5, -2.0, 0.4))
 
 

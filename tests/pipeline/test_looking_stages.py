@@ -19,8 +19,8 @@ ROUND = Footprint.circle(0.2)
 def visit(monkeypatch):
     """The stage ``visit``, listed; returns the grids that it was given."""
     made_up_stages.list_visit(monkeypatch)
-    made_up_stages.seen.clear()
-    return made_up_stages.seen
+    made_up_stages.visited.clear()
+    return made_up_stages.visited
 
 
 def recipe(tmp_path, stages, **options):
@@ -45,7 +45,7 @@ def test_a_stage_passes_the_parameters_of_its_function(visit, grid):
 ])  # fmt: skip
 def test_a_stage_that_takes_no_costs_or_views_gets_the_map_in_them(name, grid, message):
     with pytest.warns(MapdealWarning, match=message):
-        assert type(make_step(name, {}).taken(grid)) is OccupancyGrid
+        assert type(make_step(name, {}).input_of(grid)) is OccupancyGrid
 
 
 @pytest.mark.parametrize(

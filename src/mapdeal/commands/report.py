@@ -25,6 +25,7 @@ from mapdeal.errors import (
     one_line,
 )
 from mapdeal.files import json_values, source
+from mapdeal.files.source import exists
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.filters import FilterInfo, mask_description, mask_rows
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -232,11 +233,11 @@ def _written(
 def page_in(folder: Path) -> Path:
     """Return where the page of runs goes; refuse to replace there what mapdeal has not made."""
     page = folder / _PAGE
-    if source.exists(page) and _GENERATOR not in source.head_of(page, _HEAD):
+    if exists(page) and _GENERATOR not in source.head_of(page, _HEAD):
         rule = "exists, and is not a page written by mapdeal"
         raise FileAccessError(rule, source=page, hint="move it: --report writes there")
     verdict = folder / VERDICT
-    if source.exists(verdict) and _VERDICT_FORMAT.encode() not in source.head_of(verdict, _HEAD):
+    if exists(verdict) and _VERDICT_FORMAT.encode() not in source.head_of(verdict, _HEAD):
         rule = "exists, and is not a verdict written by mapdeal"
         raise FileAccessError(rule, source=verdict, hint="move it: --report writes there")
     return page
@@ -300,7 +301,7 @@ def _entries_of(path: Path, grids: Grids, known: set[object]) -> list[Draft] | N
     source.status_of(folder)
     if not source.is_folder(folder):
         return None
-    if source.exists(folder / DOCUMENT):
+    if exists(folder / DOCUMENT):
         return [report_entries.methods_in(folder, grids)] if _is_first(folder, known) else []
     found = report_entries.runs_in(folder)
     if found is None:
