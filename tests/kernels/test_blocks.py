@@ -108,7 +108,7 @@ def test_a_layer_is_kept_whole_if_the_budget_has_room(size, times):
     requested = []
     source = lazy(requested=requested, budget=blocks.CacheBudget(size))
     with use_threads(1):
-        layer = blocks.made_by_rows(source, np.int64, lambda rows: source[rows] + 0, is_kept=True)
+        layer = blocks.made_by_rows(source, np.int64, lambda rows: source[rows] + 0, is_cached=True)
     for _ in range(2):
         pieces = [layer[first : first + 3] for first in range(0, 23, 3)]
         assert np.array_equal(np.vstack(pieces), ALL_ROWS)
@@ -131,8 +131,8 @@ def test_passes_through_lazy_layers_report_rows_that_are_done():
 
 def test_the_budget_is_shared_by_all_layers_of_a_map():
     budget = blocks.CacheBudget(23 * 4 + 23 * 3 + 1)
-    layer = blocks.made_by_rows(lazy(budget=budget), np.uint8, ALL_ROWS.__getitem__, is_kept=True)
+    layer = blocks.made_by_rows(lazy(budget=budget), np.uint8, ALL_ROWS.__getitem__, is_cached=True)
     narrow = blocks.made_by_rows(layer, np.int8, lambda rows: ALL_ROWS[rows, :3], shape=(23, 3))
-    blocks.made_by_rows(narrow, np.int8, lambda rows: ALL_ROWS[rows, :3], is_kept=True)
+    blocks.made_by_rows(narrow, np.int8, lambda rows: ALL_ROWS[rows, :3], is_cached=True)
     assert budget.take(1)
     assert not budget.take(1)

@@ -90,14 +90,14 @@ def test_basins_and_edges_are_those_that_appear_as_cells_are_added(each_engine, 
     assert at == sorted(set(basin.values()))
     assert tree.peaks.tolist() == [squared[cell] for cell in at]
     assert all(at[tree.basins[cell]] == peak for cell, peak in basin.items())
-    edges = zip(tree.squares, tree.cells, tree.one, tree.other, strict=True)
+    edges = zip(tree.squares, tree.cells, tree.firsts, tree.seconds, strict=True)
     width = squared.shape[1]
     assert [(s, divmod(c, width), at[first], at[second]) for s, c, first, second in edges] == merges
     areas = paths.basin_areas(tree, squared, above)
     counted = [((tree.basins == k) & (squared > above)).sum() for k in range(len(tree.peaks))]
     assert areas.tolist() == counted
     assert (tree.basins.dtype, tree.peaks.dtype, areas.dtype) == (np.int32, np.int64, np.int64)
-    assert {tree.one.dtype, tree.other.dtype} == {np.dtype(np.int32)}
+    assert {tree.firsts.dtype, tree.seconds.dtype} == {np.dtype(np.int32)}
     assert {tree.squares.dtype, tree.cells.dtype, tree.peak_cells.dtype} == {np.dtype(np.int64)}
 
 
@@ -115,7 +115,7 @@ def test_a_rooted_tree_leads_from_each_basin_to_the_root(each_engine, grid, choi
     depths = {root: 0}
     for basin in rooted.order[1:].tolist():
         edge = rooted.parent_edges[basin]
-        ends = {int(tree.one[edge]), int(tree.other[edge])}
+        ends = {int(tree.firsts[edge]), int(tree.seconds[edge])}
         (parent,) = ends - {basin}
         assert rooted.bottlenecks[basin] == min(rooted.bottlenecks[parent], tree.squares[edge])
         depths[basin] = depths[parent] + 1

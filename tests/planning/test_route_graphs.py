@@ -330,8 +330,8 @@ def test_both_engines_give_the_same_lengths_and_sources(closed, count, seed):
     offsets = rng.integers(0, 60, count) if seed % 2 else None
     limit = int(rng.integers(0, 200)) if seed % 3 else None
     compiled, twin = by_each_engine(
-        lambda: [*nearest_from(~closed, sources, given=offsets, limit=limit),
-                 lengths_from(~closed, sources, given=offsets, limit=limit)]
+        lambda: [*nearest_from(~closed, sources, start_lengths=offsets, limit=limit),
+                 lengths_from(~closed, sources, start_lengths=offsets, limit=limit)]
     )  # fmt: skip
     np.testing.assert_array_equal(compiled, twin)
     np.testing.assert_array_equal(compiled[0], compiled[2])

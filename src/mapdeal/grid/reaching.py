@@ -160,7 +160,7 @@ class Ways:
         if not areas.any():
             return None
         is_wider = tree.squares > closed_up_to
-        labels, _ = joined(len(areas), tree.one[is_wider], tree.other[is_wider])
+        labels, _ = joined(len(areas), tree.firsts[is_wider], tree.seconds[is_wider])
         largest = np.argmax(np.bincount(labels, weights=areas))
         return self.cells_of(labels == largest, closed_up_to)
 
@@ -259,7 +259,7 @@ class WaysFrom:
             self.ways.squared,
             self.start,
             self.ways.frame.resolution,
-            seen=self.rooted,
+            rooted_tree=self.rooted,
             in_place=in_place,
         )
 
@@ -358,7 +358,7 @@ def disconnected(
     ways = Ground(grid.occupancy, grid.frame, through_unknown=False).ways()
     is_open = ways.is_open(largest_closed_square(radius, grid.frame))
     counts, basins = _regions(ways, is_open, radius)
-    parts, _ = joined(len(counts), ways.tree.one, ways.tree.other)
+    parts, _ = joined(len(counts), ways.tree.firsts, ways.tree.seconds)
     _, first, which = np.unique(parts[basins], return_index=True, return_inverse=True)
     largest = counts[basins[first]]
     remaining = np.bincount(which, counts[basins], minlength=len(first)) - largest
@@ -396,7 +396,7 @@ def _first_edge(tree: ClearanceTree, rooted: RootedTree, basin: int, square: int
     while (edge := int(rooted.parent_edges[basin])) >= 0:
         if tree.squares[edge] <= square:
             return edge
-        basin = int(tree.one[edge]) + int(tree.other[edge]) - basin
+        basin = int(tree.firsts[edge]) + int(tree.seconds[edge]) - basin
     return None
 
 
@@ -413,12 +413,12 @@ def _meetings(
     # robot is stopped, consecutive small regions count together as a large one.
     first, end = (_first_not_above(tree.squares, limit) for limit in (wide, narrow))
     count = len(counts)
-    labels, _ = joined(count, tree.one[:first], tree.other[:first])
+    labels, _ = joined(count, tree.firsts[:first], tree.seconds[:first])
     sizes = np.bincount(labels, counts, minlength=count)
     is_large = sizes >= least
     is_large[labels[root]] = True
     is_large &= tree.peaks > wide
-    ends = labels[np.array([tree.one[first:end], tree.other[first:end]])]
+    ends = labels[np.array([tree.firsts[first:end], tree.seconds[first:end]])]
     if narrow >= 0:
         return first + joined(count, ends[0], ends[1], is_large)[1]
     is_piece = is_large | ((sizes > 0) & (tree.peaks > wide))
@@ -440,7 +440,7 @@ def _behind(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.intp]]:
     """Return the sum behind each of some edges, that right before it, and a basin behind it."""
     labels = _parted(tree, edges)
-    ends = labels[np.array([tree.one[edges], tree.other[edges], np.full(len(edges), root)])]
+    ends = labels[np.array([tree.firsts[edges], tree.seconds[edges], np.full(len(edges), root)])]
     used, ends = np.unique(ends, return_inverse=True)
     ends = ends.reshape(3, -1)
     sums = np.column_stack(
@@ -452,9 +452,9 @@ def _behind(
 
 def _parted(tree: ClearanceTree, edges: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return for each basin a basin that stands for all that it is joined to without some edges."""
-    is_other = np.ones(len(tree.one), dtype=np.bool_)
+    is_other = np.ones(len(tree.firsts), dtype=np.bool_)
     is_other[edges] = False
-    return joined(len(tree.peaks), tree.one[is_other], tree.other[is_other])[0]
+    return joined(len(tree.peaks), tree.firsts[is_other], tree.seconds[is_other])[0]
 
 
 def _other_doors(
@@ -496,7 +496,7 @@ def _regions(
     # A region's basin is the one with its widest place.
     tree = ways.tree
     end = _first_not_above(tree.squares, largest_closed_square(radius, ways.frame))
-    labels, _ = joined(len(tree.peaks), tree.one[:end], tree.other[:end])
+    labels, _ = joined(len(tree.peaks), tree.firsts[:end], tree.seconds[:end])
     own = ways.counts(is_open)
     counts: NDArray[np.float64] = np.bincount(labels, own, len(labels))[labels].astype(np.float64)
     order = np.lexsort((-tree.peaks, labels))

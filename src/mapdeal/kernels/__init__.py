@@ -1,1 +1,1 @@
-"""Algorithms on bare arrays, in cells: no units, no files, no types but arrays."""
+"""Algorithms on bare arrays, in cells; units and files belong to other packages."""

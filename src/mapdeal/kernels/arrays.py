@@ -1,4 +1,4 @@
-"""Words for the arrays that kernels take and give; none holds units, or files."""
+"""Types of the arrays that kernels accept and return."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Layers of a grid: arrays, or blocks of rows that are made when they are asked for.
+"""Layers of a grid: arrays, or blocks of rows that are computed on demand.
 
-A stage is written once, on some rows of a layer. Of an array these are all rows, and the result
-is an array; of a lazy layer the result is another lazy layer, which pulls its blocks through the
-stages before it. So a map in memory is a map of one block.
+A stage is written once, for a range of rows. On an array the range is all rows and the result is an
+array. On a lazy layer the result is another lazy layer, which pulls its blocks through the stages
+before it. So a map in memory is a map of one block.
 """
 
 from __future__ import annotations
@@ -27,39 +27,39 @@ Layer = NDArray[Any]  # an array of shape (H, W), or a `LazyLayer`, which stands
 MakeRows = Callable[[slice], NDArray[Any]]
 
 ReportRows = Callable[[int, int], object]
-"""Called with how many rows of a layer have been gone through, and how many it has."""
+"""Called with the number of rows just processed, and the number of rows of the layer."""
 
 _reported_to: ContextVar[ReportRows | None] = ContextVar("reported_to", default=None)
 
 activities: ContextVar[list[str] | None] = ContextVar("activities", default=None)
-"""Names of the work under way, see `activity`; set by whoever shows them."""
+"""Names of the work under way, see `activity`; a progress display sets the list."""
 
-_LOOKED_AT_TOGETHER = 1 << 20
+_CELLS_PER_TEST = 1 << 20
 
 
 class CacheBudget:
-    """Memory that layers may take to keep what they have made: one for all layers of a map."""
+    """Memory for cached blocks, shared by all layers of a map."""
 
     def __init__(self, size: int = 0) -> None:
-        self._left = size
+        self._available = size
         self._lock = Lock()
 
     def take(self, size: int) -> bool:
-        """Take that many bytes if they are left; return whether they were."""
+        """Reserve `size` bytes if so many are available; return whether they were."""
         with self._lock:
-            if size > self._left:
+            if size > self._available:
                 return False
-            self._left -= size
+            self._available -= size
             return True
 
 
 class LazyLayer:
-    """A two-dimensional array whose rows are made when they are asked for, block by block."""
+    """A two-dimensional array whose rows are computed on demand, block by block."""
 
-    # Any rows can be requested; the whole array exists only for who asks for all of it.
+    # Any rows can be requested; the full array exists only after ``layer[:]``.
 
     ndim = 2
-    __array_ufunc__ = None  # arithmetic with arrays fails, rather than to work on the whole
+    __array_ufunc__ = None  # arithmetic with arrays fails instead of computing all rows
 
     def __init__(
         self, shape: tuple[int, int], dtype: Any, make: MakeRows,
@@ -71,10 +71,10 @@ class LazyLayer:
         self.budget = CacheBudget() if budget is None else budget
         self._make = make
         self._keep = keep
-        self._kept: OrderedDict[int, Future[NDArray[Any]]] = OrderedDict()
+        self._cached: OrderedDict[int, Future[NDArray[Any]]] = OrderedDict()
         self._lock = Lock()
         self.found: dict[Hashable, list[Any]] = {}
-        """What `gathered` has found in the blocks already."""
+        """Results of `gathered` for the blocks, by function."""
 
     @property
     def nbytes(self) -> int:
@@ -98,7 +98,7 @@ class LazyLayer:
     def __getitem__(self, rows: slice) -> NDArray[Any]:
         first, end, step = rows.indices(self.shape[0])
         if step != 1:
-            raise IndexError("rows of a lazy layer are requested one after the other")
+            raise IndexError("rows of a lazy layer can be sliced only with step 1")
         end = max(first, end)
         if self._keep == 0:
             return self._make(slice(first, end))
@@ -111,26 +111,26 @@ class LazyLayer:
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def _block(self, number: int) -> NDArray[Any]:
-        """Return a block, made here unless another thread has made it, or does so just now."""
+        """Return a block; wait for it if another thread is computing it."""
         with self._lock:
-            block = self._kept.get(number)
+            block = self._cached.get(number)
             is_mine = block is None
             if block is None:
-                block = self._kept[number] = Future()
-                while len(self._kept) > self._keep:
-                    self._kept.popitem(last=False)
+                block = self._cached[number] = Future()
+                while len(self._cached) > self._keep:
+                    self._cached.popitem(last=False)
             else:
-                self._kept.move_to_end(number)
+                self._cached.move_to_end(number)
         if is_mine:
             first = number * self.block_height
             try:
                 rows = self._make(slice(first, min(first + self.block_height, self.shape[0])))
-                rows.flags.writeable = False  # others are given the same
+                rows.flags.writeable = False  # all callers share this array
                 block.set_result(rows)
             except BaseException as error:
                 block.set_exception(error)
                 with self._lock:
-                    self._kept.pop(number, None)
+                    self._cached.pop(number, None)
                 raise
         return block.result()
 
@@ -143,7 +143,7 @@ def lazy_layer(
     shape: tuple[int, int], dtype: Any, make: MakeRows,
     *, block_height: int, budget: CacheBudget | None = None,
 ) -> Layer:  # fmt: skip
-    """Return the first lazy layer of a map, whose rows are read when they are asked for."""
+    """Return a lazy layer whose rows are read on demand."""
     layer = LazyLayer(shape, dtype, make, block_height=block_height, budget=budget)
     return cast("Layer", layer)
 
@@ -156,7 +156,7 @@ def blocks_of(layer: Layer) -> Iterator[slice]:
 
 @contextmanager
 def rows_reported(report: ReportRows) -> Iterator[None]:
-    """Have `swept` report its progress within a ``with`` block."""
+    """Call `report` with the progress of `swept` within a ``with`` block."""
     token = _reported_to.set(report)
     try:
         yield
@@ -184,14 +184,14 @@ def report_rows(layer: Layer, rows: slice) -> None:
 
 
 def swept(layer: Layer) -> Iterator[slice]:
-    """Yield the rows of each block, as `blocks_of` does, and report those that are done."""
+    """Yield the rows of each block, as `blocks_of` does, and report it afterwards."""
     for rows in blocks_of(layer):
         yield rows
         report_rows(layer, rows)
 
 
 def gathered(layer: Layer, *looks: Callable[[NDArray[Any]], Any]) -> list[list[Any]]:
-    """Return what functions find in the blocks of a layer, in one pass."""
+    """Return the results of functions for the blocks of a layer, in one pass."""
     if not isinstance(layer, LazyLayer):
         return [[look(layer)] for look in looks]
     new: dict[Callable[[NDArray[Any]], Any], list[Any]] = {
@@ -207,39 +207,38 @@ def gathered(layer: Layer, *looks: Callable[[NDArray[Any]], Any]) -> list[list[A
 
 def made_by_rows(
     source: Layer, dtype: Any, make: MakeRows,
-    *, shape: tuple[int, int] | None = None, is_kept: bool = False,
+    *, shape: tuple[int, int] | None = None, is_cached: bool = False,
 ) -> Layer:  # fmt: skip
-    """Return a layer of the kind of `source`: made at once, or block by block when asked for."""
+    """Return an array if `source` is one, else a layer whose blocks are computed on demand."""
     shape = shape or source.shape
     if not isinstance(source, LazyLayer):
         return make(slice(0, shape[0]))
-    # If its blocks are to be kept, they are all kept as long as the budget has room, and otherwise
-    # one for each thread and one more.
+    # All blocks are cached if the budget has room, else one for each thread and one more.
     keep = 0
-    if is_kept:
+    if is_cached:
         keep = thread_count() + 1
         if source.budget.take(shape[0] * shape[1] * np.dtype(dtype).itemsize):
             keep = max(keep, -(-shape[0] // source.block_height))
     height, budget = source.block_height, source.budget
-    made = LazyLayer(shape, dtype, make, block_height=height, keep=keep, budget=budget)
-    return cast("Layer", made)
+    layer = LazyLayer(shape, dtype, make, block_height=height, keep=keep, budget=budget)
+    return cast("Layer", layer)
 
 
 def made_by_windows(
     source: Layer, dtype: Any, change: Callable[[slice], NDArray[Any]], *, halo: int
 ) -> Layer:
-    """Return what `change` makes of rows together with a halo on both sides."""
+    """Return a layer of the rows that `change` computes from rows with a halo on both sides."""
     height = source.shape[0]
 
     def make(rows: slice) -> NDArray[Any]:
         first, end = max(rows.start - halo, 0), min(rows.stop + halo, height)
         return change(slice(first, end))[rows.start - first : rows.stop - first]
 
-    return made_by_rows(source, dtype, make, is_kept=True)
+    return made_by_rows(source, dtype, make, is_cached=True)
 
 
 def mapped(layer: Layer, dtype: Any, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Layer:
-    """Return the layer of what `change` makes of the values of any rows."""
+    """Return a layer of the rows that `change` computes from the same rows of a layer."""
     return made_by_rows(layer, dtype, lambda rows: change(layer[rows]))
 
 
@@ -254,8 +253,8 @@ def counts_of(layer: Layer) -> Integers:
 
 
 def holds_everywhere(layer: Layer, test: Callable[[NDArray[Any]], Mask]) -> bool:
-    """Return whether a test holds for all cells; looks no further than it must."""
-    step = max(1, _LOOKED_AT_TOGETHER // layer.shape[1])
+    """Return whether a test holds for all cells; stop at the first that fails."""
+    step = max(1, _CELLS_PER_TEST // layer.shape[1])
     for block in blocks_of(layer):
         values = layer[block]
         bands = (values[first : first + step] for first in range(0, len(values), step))

@@ -34,11 +34,11 @@ if TYPE_CHECKING:
     from mapdeal.kernels._compiled import Transform
 
 
-LONGEST_SIDE = _compiled.longest_side  # cells; longer ones are left to the scipy twin
+LONGEST_SIDE = _compiled.longest_side  # cells; the scipy twin handles longer ones
 
 
 def squares(marked: Mask, both_kinds: bool, limit: int | None) -> SquaredDistances:
-    """Return squared distances; negative on marked cells if they are of both kinds, else 0."""
+    """Return squared distances; on marked cells negative with `both_kinds`, else 0."""
     squared = np.empty(marked.shape, dtype_of_squares(marked.shape))
     transform = _transform(marked, squared, limit)
     transform.to_squares(both_kinds)
@@ -47,7 +47,7 @@ def squares(marked: Mask, both_kinds: bool, limit: int | None) -> SquaredDistanc
 
 
 def bytes_of_squares(marked: Mask, table: Bytes) -> Bytes:
-    """Return the table's entry for each cell's square, the last one for all beyond."""
+    """Return the table's entry for each cell's square, the last entry for larger squares."""
     looked_up = np.empty(marked.shape, np.uint8)
     transform = _transform(marked, looked_up, len(table) - 2)
     transform.to_bytes(table)
@@ -115,14 +115,14 @@ def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> Clearance
     spare = np.empty_like(keys)
     in_order = spare if _clearance_tree.sort_edges(keys, spare) else keys
     del keys, spare
-    one, other = np.empty((2, peak_count), np.int32)
+    firsts, seconds = np.empty((2, peak_count), np.int32)
     squares, cells = np.empty((2, peak_count), np.int64)
     sets = np.arange(peak_count, dtype=np.int32)
-    kept = _clearance_tree.span_basins(basins, in_order, sets, one, other, squares, cells)
-    for some in (peaks, squares):
-        some[some == _MOST] = unreachable(squared)
+    count = _clearance_tree.span_basins(basins, in_order, sets, firsts, seconds, squares, cells)
+    for values in (peaks, squares):
+        values[values == _MOST] = unreachable(squared)
     return ClearanceTree(
-        basins, peaks, peak_cells, one[:kept], other[:kept], squares[:kept], cells[:kept]
+        basins, peaks, peak_cells, firsts[:count], seconds[:count], squares[:count], cells[:count]
     )
 
 
@@ -131,10 +131,10 @@ def _narrow(squared: SquaredDistances) -> NDArray[np.int32]:
         return np.ascontiguousarray(squared, dtype=np.int32)
     narrow = np.empty(squared.shape, dtype=np.int32)
 
-    def some(rows: slice) -> None:
+    def convert(rows: slice) -> None:
         narrow[rows] = np.minimum(squared[rows], _MOST)
 
-    for_rows(some, squared.shape)
+    for_rows(convert, squared.shape)
     return narrow
 
 
@@ -146,7 +146,7 @@ def rooted(tree: ClearanceTree, root: int) -> RootedTree:
     bottlenecks = np.full(count, -1, dtype=np.int64)
     order[0], bottlenecks[root] = root, tree.peaks[root]
     found = _clearance_tree.root_tree(
-        tree.one, tree.other, tree.squares, begins, ends, order, parent_edges, bottlenecks
+        tree.firsts, tree.seconds, tree.squares, begins, ends, order, parent_edges, bottlenecks
     )
     return RootedTree(order[:found], parent_edges, bottlenecks)
 
@@ -154,34 +154,34 @@ def rooted(tree: ClearanceTree, root: int) -> RootedTree:
 def widest_metres(
     basins: Basins, squared: SquaredDistances, limits: Integers, resolution: float, metres: Metres
 ) -> None:
-    """Fill in the metres of the lesser of square and basin's limit, the first of -1."""
+    """Fill in the metres of the smaller of square and basin limit; `limits[0]` is of basin -1."""
     narrow = _narrow(squared)
     limits_in_metres = np.empty((1, len(limits)), np.float32)
     narrow_limits = np.minimum(limits, _MOST).astype(np.int32).reshape(1, -1)
     clearance_metres(narrow_limits, resolution, limits_in_metres)
 
-    def some(rows: slice) -> None:
+    def fill(rows: slice) -> None:
         part = metres[rows].view(np.uint8)
         _clearance_tree.paint(narrow[rows], basins[rows], limits_in_metres[0], resolution, part)
 
-    for_rows(some, squared.shape)
+    for_rows(fill, squared.shape)
 
 
 def clearance_metres(squared: SquaredDistances, resolution: float, metres: Metres) -> None:
-    """Fill in the metres of squares; they may lie over them."""
+    """Fill in the metres of squares; `metres` may share the memory of `squared`."""
     narrow = _narrow(squared)
 
-    def some(rows: slice) -> None:
+    def fill(rows: slice) -> None:
         _clearance_tree.paint(narrow[rows], None, None, resolution, metres[rows].view(np.uint8))
 
-    for_rows(some, squared.shape)
+    for_rows(fill, squared.shape)
 
 
 def basin_areas(basins: Basins, squared: SquaredDistances, above: int, count: int) -> Integers:
     narrow = _narrow(squared)
-    free: deque[Basins] = deque()  # counts of a thread at a time, not of each part
+    free: deque[Basins] = deque()  # one array for each thread, reused for its parts
 
-    def some(rows: slice) -> None:
+    def count_rows(rows: slice) -> None:
         try:
             counts = free.pop()
         except IndexError:
@@ -189,7 +189,7 @@ def basin_areas(basins: Basins, squared: SquaredDistances, above: int, count: in
         _clearance_tree.count_above(narrow[rows], basins[rows], above, counts)
         free.append(counts)
 
-    for_rows(some, squared.shape)
+    for_rows(count_rows, squared.shape)
     areas = np.zeros(count, np.int64)
     for counts in free:
         areas += counts[1:]
@@ -200,9 +200,9 @@ Words = NDArray[np.uint64]
 
 _WORD, _SHIFTS, _WIDE = 64, 8, 16
 _BAND_ROWS = 32
-"""Rows of poses that are made together: more save work at their edges, fewer stay in the cache."""
+"""Rows of poses computed together: more save work at band edges, fewer stay in the cache."""
 
-_SHARE_WAITING = 64  # one of so many tiles may wait at a time
+_SHARE_WAITING = 64  # the share of tiles that may wait at a time is 1 / 64
 _FEWEST_WAITING = 1024
 
 
@@ -217,16 +217,16 @@ class OpenPoses:
         self._closed = closed
         self._maker = _maker(_packed(blocked), self.shape, footprints)
         self.headings = np.empty(self.shape, dtype=np.uint8)
-        self._planes: Words | None = self._made(self.headings)
+        self._planes: Words | None = self._open_planes(self.headings)
 
     def at(self, row: int, col: int) -> Mask:
         if self._planes is None:
-            self._planes = self._made()
+            self._planes = self._open_planes()
         return _bits_at(self._planes, row, col)
 
     def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell]) -> tuple[Bytes, Mask]:
-        planes = self._made() if self._planes is None else self._planes
-        self._planes = None  # what is reached is taken out
+        planes = self._open_planes() if self._planes is None else self._planes
+        self._planes = None  # the flood clears the bits of reached poses
         opened = [_bits_at(planes, row, col) for row, col in cells]
         reached = np.zeros(planes.shape[:2], dtype=np.uint64)
         starts = np.array(seeds, dtype=np.int64).reshape(-1, 3)
@@ -238,7 +238,7 @@ class OpenPoses:
         del planes
         return _unpacked(reached, self.shape), headings
 
-    def _made(self, numbers: Bytes | None = None) -> Words:
+    def _open_planes(self, numbers: Bytes | None = None) -> Words:
         height, width = self.shape
         words = height * -(-width // _WORD) * self._count
         claim_tables(8 * words - self._count * height * width // 8)  # the last words of all rows
@@ -265,7 +265,7 @@ def _bits_at(planes: Words, row: int, col: int) -> Mask:
 
 
 def _packed(blocked: Layer) -> Bytes:
-    """Return a bit a cell, the lowest first; those behind the last are set."""
+    """Return one bit per cell, the lowest first; padding bits of a row are set."""
     height, width = blocked.shape
     packed = np.empty((height, -(-width // 8)), dtype=np.uint8)
 
@@ -290,13 +290,13 @@ def _unpacked(words: Words, shape: tuple[int, int]) -> Bytes:
 
 
 def _maker(blocked: Bytes, shape: tuple[int, int], footprints: Sequence[Spans]) -> PoseMaker:
-    """Return what makes poses: the runs of all headings, as places in a work area."""
+    """Return a maker of poses, given the runs of all headings as places in a work area."""
     fitting = [all(side.start < side.stop for side in spans.places(shape)) for spans in footprints]
     runs = [halves(spans) for spans, fits in zip(footprints, fitting, strict=True) if fits]
     if not runs:
-        nothing = np.zeros(0, dtype=np.int64)
+        empty = np.zeros(0, dtype=np.int64)
         firsts = np.zeros(_SHIFTS * len(footprints) + 1, dtype=np.int64)
-        return PoseMaker(blocked, shape[1], firsts, nothing, (0, 0, 0, 1, _WIDE, _BAND_ROWS))
+        return PoseMaker(blocked, shape[1], firsts, empty, (0, 0, 0, 1, _WIDE, _BAND_ROWS))
     heading = np.repeat(np.flatnonzero(fitting), [len(rows) for rows, _, _ in runs])
     rows, starts, exponents = map(np.concatenate, zip(*runs, strict=True))
     first_row, first_byte = int(rows.min()), int(starts.min()) // 8

@@ -1,8 +1,8 @@
 """Connected components.
 
-Marked cells are runs along their rows. Runs of neighbouring rows that touch are joined; of what is
-behind, only the components that reach the last row can still grow. Of each size some components are
-remembered by a cell of theirs: the middle of the longest run, which is well inside of most.
+Marked cells are runs along rows. Runs of neighbouring rows that touch are joined; only components
+that reach the last row can still grow. For each size some components are recorded by one cell, the
+middle of their longest run, which usually lies well inside.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ def drop_small_groups(marked: Mask, min_cells: int, *, corners: bool = True) -> 
     if min_cells <= 1:
         return marked
     groups = labelled(marked, corners=corners)
-    return groups.cells_of(groups.sizes >= min_cells)  # of no group there are 0
+    return groups.cells_of(
+        groups.sizes >= min_cells
+    )  # label 0 has size 0, so that unmarked cells drop out
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +59,7 @@ def labelled(marked: Mask, *, corners: bool) -> Labels:
     sizes = np.zeros(count + 1, dtype=np.int64)
     for rows in _bands(cells.shape):
         labels = cells[rows][marked[rows]]
-        if len(labels):  # labels are in the order of cells: those of a band lie close together
+        if len(labels):  # labels rise with cells: those of a band lie close together
             first = labels.min()
             counts = np.bincount(labels - first)
             sizes[first : first + len(counts)] += counts
@@ -81,15 +83,15 @@ def touching_groups(marked: Mask) -> tuple[Integers, Integers]:
 
 
 def least_joined(first: Integers, second: Integers, count: int) -> Integers:
-    """Return for each of some things the least of all that it is joined to, by whatever way."""
-    least = np.arange(count)  # of those known to be joined
+    """Return for each of `count` nodes the least node of its component; edges join nodes."""
+    least = np.arange(count)
     while True:
-        one, other = least[first], least[second]
-        apart = one != other
+        ends = np.stack([least[first], least[second]])
+        apart = ends[0] != ends[1]
         if not apart.any():
             return least
-        first, second, one, other = first[apart], second[apart], one[apart], other[apart]
-        np.minimum.at(least, np.maximum(one, other), np.minimum(one, other))
+        first, second, ends = first[apart], second[apart], ends[:, apart]
+        np.minimum.at(least, ends.max(axis=0), ends.min(axis=0))
         while not np.array_equal(nearer := least[least], least):
             least = nearer
 
@@ -98,9 +100,9 @@ def _beside(at: Integers, cells: Integers, step: tuple[int, int], width: int) ->
     """Return pairs of marked cells a step apart, shape (2, M), as positions in the list."""
     col = cells[:, 1] + step[1]
     inside = np.flatnonzero((col >= 0) & (col < width))
-    wanted = at[inside] + step[0] * width + step[1]
-    found = np.minimum(np.searchsorted(at, wanted), len(at) - 1)
-    is_marked = at[found] == wanted
+    neighbours = at[inside] + step[0] * width + step[1]
+    found = np.minimum(np.searchsorted(at, neighbours), len(at) - 1)
+    is_marked = at[found] == neighbours
     return np.stack([inside[is_marked], found[is_marked]])
 
 
@@ -118,28 +120,27 @@ def _lengths_along(marked: Mask) -> Integers:
     return np.repeat(stops - starts, stops - starts)
 
 
-MOST_PLACES = 20  # components of a size of which a cell is kept
+MOST_PLACES = 20  # components of a size that are recorded by a cell
 _CELLS_TOGETHER = 1 << 18
 _NOWHERE = np.iinfo(np.int64).max
 
 
 class _Front(NamedTuple):
-    """The runs of the last row, shape (N,), and the components that they belong to."""
+    """The runs of the last row, shape (N,), and their components."""
 
     starts: Integers
     stops: Integers
     components: Integers  # of each run, 0 .. K - 1
     sizes: Integers  # cells so far of each component, shape (K,)
     longest: Integers  # the longest run so far of each component, cells
-    middles: Integers  # the cell in the middle of that
+    middles: Integers  # the cell in the middle of the longest run
 
 
 class Components:
-    """Measures the 8-connected components of marked cells, of which some rows come at a time."""
+    """Measures 8-connected components of marked cells, which are added band by band."""
 
     def __init__(self, last_row: int | None = None) -> None:
-        nothing = np.zeros(0, dtype=np.int64)
-        self._front = _Front(nothing, nothing, nothing, nothing, nothing, nothing)
+        self._front = _Front(*(np.zeros(0, dtype=np.int64) for _ in _Front._fields))
         self._closed: Counter[int] = Counter()
         self._places: dict[int, list[int]] = {}
         self._row, self._step = (0, 1) if last_row is None else (last_row, -1)
@@ -157,7 +158,7 @@ class Components:
         return sizes, counts
 
     def places(self) -> dict[int, list[int]]:
-        """Return a cell of some components of each size, those with the lowest of such cells."""
+        """Return the lowest recorded cells of each size, at most `MOST_PLACES`."""
         found = {size: list(listed) for size, listed in self._places.items()}
         growing = zip(self._front.sizes.tolist(), self._front.middles.tolist(), strict=True)
         for size, middle in growing:
@@ -173,11 +174,11 @@ class Components:
         all_starts = np.concatenate([front.starts, starts + stride])
         all_stops = np.concatenate([front.stops, stops + stride])
         nodes = np.concatenate([front.components, live + np.arange(len(starts))])
-        # pairs that touch over an edge or a corner
+        # runs of the row above that touch a run over an edge or a corner
         first = np.searchsorted(all_stops, all_starts + stride)
         behind = np.searchsorted(all_starts, all_stops + stride, side="right")
-        one, other = enumerated(first, behind)
-        least = least_joined(nodes[one], nodes[other], live + len(starts))
+        run, touching = enumerated(first, behind)
+        least = least_joined(nodes[run], nodes[touching], live + len(starts))
         lengths = stops - starts
         cells = np.concatenate([front.sizes, lengths])
         sizes = np.zeros(len(cells), dtype=np.int64)
@@ -213,7 +214,7 @@ class Components:
     def _close(self, sizes: Integers, middles: Integers) -> None:
         if not len(sizes):
             return
-        short = sizes.astype(np.uint16) if sizes.max() < 1 << 16 else sizes  # sorted in one go
+        short = sizes.astype(np.uint16) if sizes.max() < 1 << 16 else sizes  # 16 bits: a radix sort
         order = np.argsort(short, kind="stable")
         sizes, middles = sizes[order], middles[order]
         firsts = np.flatnonzero(np.diff(sizes, prepend=0))
@@ -221,15 +222,15 @@ class Components:
         ranges = zip(sizes[firsts].tolist(), firsts.tolist(), stops.tolist(), strict=True)
         for size, first, stop in ranges:
             self._closed[size] += stop - first
-            some = middles[first:stop]
-            if len(some) > MOST_PLACES:
-                some = np.partition(some, MOST_PLACES)[:MOST_PLACES]
-            kept = self._places.get(size, [])
-            self._places[size] = sorted(kept + some.tolist())[:MOST_PLACES]
+            lowest = middles[first:stop]
+            if len(lowest) > MOST_PLACES:
+                lowest = np.partition(lowest, MOST_PLACES)[:MOST_PLACES]
+            places = self._places.get(size, []) + lowest.tolist()
+            self._places[size] = sorted(places)[:MOST_PLACES]
 
 
 def _runs(marked: Mask) -> tuple[Integers, Integers]:
-    # Rows are counted as one cell wider than they are, so that no run touches one of the next row.
+    # Indices count rows as one cell wider, so that runs of different rows never touch.
     height, width = marked.shape
     edges = np.empty((height, width + 1), dtype=np.bool_)
     edges[:, 0], edges[:, -1] = marked[:, 0], marked[:, -1]
@@ -239,10 +240,10 @@ def _runs(marked: Mask) -> tuple[Integers, Integers]:
 
 
 _STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0))
-_MOST_CELLS = 20_000  # of a ridge: more are not followed
+_MOST_CELLS = 20_000  # of a ridge: further cells are ignored
 _MOST_ENDS = 400
 _OPPOSITE, _ROUGHLY_OPPOSITE = -0.7, -0.3
-"""Cosines of the angle at which two obstacles are seen from between them."""
+"""Cosines of the angle between the directions from a gap's middle to its two sides."""
 
 RowCol = tuple[float, float]
 
@@ -250,10 +251,10 @@ RowCol = tuple[float, float]
 def gap_at(
     squared: SquaredDistances, basins: NDArray[np.int32], cell: tuple[int, int]
 ) -> tuple[RowCol, RowCol]:
-    """Return the two ends of the gap that a saddle lies in."""
-    # In a wall of some thickness all cells in the middle of the door are equally narrow, and any of
-    # them may be the saddle. From it the ridge is followed over cells that are as wide, as long as
-    # none beside them is wider: so it ends where rooms begin, and does not run along their walls.
+    """Return both ends of the gap that a saddle lies in."""
+    # In a thick wall all cells in the middle of a door are equally narrow, and any of them may be
+    # the saddle. The ridge is followed from the saddle over equally wide cells, and ends at a cell
+    # with a wider neighbour. So it ends where rooms begin, and does not run along their walls.
     square = int(squared[cell])
     middle = _middle_of(_ridge(squared, basins, cell))
     reach = 1.5 * math.sqrt(square) + 2
@@ -300,9 +301,10 @@ def _around(
 ) -> NDArray[Any]:
     half = math.ceil(reach)
     around = np.full((2 * half + 1, 2 * half + 1), beyond, dtype=layer.dtype)
-    top, left = middle[0] - half, middle[1] - half
-    inside = layer[max(top, 0) : top + len(around), max(left, 0) : left + len(around)]
-    row, col = max(-top, 0), max(-left, 0)
+    first_row, first_col = middle[0] - half, middle[1] - half
+    rows = slice(max(first_row, 0), first_row + len(around))
+    inside = layer[rows, max(first_col, 0) : first_col + len(around)]
+    row, col = max(-first_row, 0), max(-first_col, 0)
     around[row : row + inside.shape[0], col : col + inside.shape[1]] = inside
     return around
 
@@ -318,7 +320,7 @@ def _nearest(around: Mask, reach: float) -> Integers:
 def _opposite_pair(
     sides: Integers, across: Integers, square: int
 ) -> tuple[Integers, Integers] | None:
-    """Return the closest pair of cells, given from the middle, that lie on opposite sides."""
+    """Return the closest pair of offsets from the middle on opposite sides."""
     if not len(sides) or not len(across):
         return None
     away, away_across = (sides**2).sum(axis=1), (across**2).sum(axis=1)
@@ -339,17 +341,15 @@ def _opposite_pair(
 
 
 def joined(
-    count: int, one: NDArray[np.integer], other: NDArray[np.integer], is_large: Mask | None = None
-) -> tuple[Integers, Integers]:
-    """Join nodes over edges, but never two large ones."""
-    # The edges are taken one after the other, as Kruskal does: each joins what it links, unless a
-    # large node is part of both already.
-    # A node that is not large is alone until its first edge comes. That edge joins it whatever else
-    # has been joined by then, so all such nodes can be joined over their first edge at once; as in
-    # Boruvka's algorithm, a few such rounds are enough.
+    count: int, first: NDArray[np.integer], second: NDArray[np.integer],
+    is_large: Mask | None = None,
+) -> tuple[Integers, Integers]:  # fmt: skip
+    """Join nodes over edges in order, as Kruskal does, but never two groups with a large node."""
+    # The first edge of a small node always joins it. So each round joins all such nodes over their
+    # first edge at once; as in Boruvka's algorithm, a few rounds are enough.
     into = np.arange(count)
-    edges = np.arange(len(one))
-    ends = np.stack([one, other], axis=1).astype(np.intp, copy=False)
+    edges = np.arange(len(first))
+    ends = np.stack([first, second], axis=1).astype(np.intp, copy=False)
     may_move = np.ones(count, dtype=np.bool_) if is_large is None else ~is_large
     while len(edges):
         moving = ends[may_move[ends]]
@@ -357,17 +357,17 @@ def joined(
             break
         _join_over_first_edge(into, ends, moving, may_move)
         ends = into[ends]
-        is_left = ends[:, 0] != ends[:, 1]
-        edges, ends = edges[is_left], ends[is_left]
+        apart = ends[:, 0] != ends[:, 1]
+        edges, ends = edges[apart], ends[apart]
     _follow(into, np.arange(count))
     return into, edges
 
 
 def _join_over_first_edge(into: Integers, ends: Integers, moving: Integers, may_move: Mask) -> None:
-    # Of all nodes in `ends` those in `moving` may; both may name a node more than once.
+    # Only nodes in `moving` may be joined to another; both arrays may repeat a node.
     backwards = ends[::-1]
     first, second = backwards[:, 1], backwards[:, 0]
-    # Of several values for one place the last one stays: that of the first edge.
+    # numpy stores the last of several values for a node: reversed, that of its first edge.
     into[backwards.ravel()] = np.stack([first, second], axis=1).ravel()
     staying = ends[~may_move[ends]]
     into[staying] = staying
@@ -377,7 +377,7 @@ def _join_over_first_edge(into: Integers, ends: Integers, moving: Integers, may_
 
 
 def _follow(into: Integers, nodes: Integers) -> None:
-    """Let nodes point to where the ways from them end, in place."""
+    """Replace the target of each node by the end of its chain of targets, in place."""
     nearer = into[nodes]
     while True:
         farther = into[nearer]
@@ -387,21 +387,21 @@ def _follow(into: Integers, nodes: Integers) -> None:
 
 
 def sums_behind(
-    one: Integers, other: Integers, root: int, values: Floats
+    first: Integers, second: Integers, root: int, values: Floats
 ) -> tuple[Floats, Integers, Integers]:
-    """Return what lies behind each edge of a forest, seen from a node."""
+    """Return the sum of values behind each edge of a forest, seen from the root, and its ends."""
     edges_at: dict[int, list[int]] = {}
-    for edge, pair in enumerate(zip(one.tolist(), other.tolist(), strict=True)):
+    for edge, pair in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
         for node in pair:
             edges_at.setdefault(node, []).append(edge)
-    near, far = np.full(len(one), -1), np.full(len(one), -1)
+    near, far = np.full(len(first), -1), np.full(len(first), -1)
     order: list[int] = []
     waiting = [root]
     while waiting:
         node = waiting.pop()
         for edge in edges_at.get(node, ()):
             if near[edge] < 0:
-                near[edge], far[edge] = node, one[edge] + other[edge] - node
+                near[edge], far[edge] = node, first[edge] + second[edge] - node
                 order.append(edge)
                 waiting.append(int(far[edge]))
     sums = values.astype(np.float64, copy=True)
@@ -415,13 +415,13 @@ def sums_behind(
 def saddles_between(
     squared: SquaredDistances, basins: NDArray[np.int32], labels: Integers
 ) -> Integers:
-    """Return the doors between regions of a grid: the widest places of the borders between them."""
+    """Return the doors between regions of a grid: the widest places of their borders."""
     first, second = _borders(basins, np.append(labels, -1).astype(np.int32))
     square, beyond = squared.reshape(-1)[first], squared.reshape(-1)[second]
     is_narrower = square <= beyond
     narrower, wider = np.where(is_narrower, first, second), np.where(is_narrower, second, first)
     least = np.minimum(square, beyond).astype(np.int64)
-    # the corners of cells that a border runs along: those of one door are linked
+    # the corners of cells along a border; the corners of a door are linked
     width = squared.shape[1]
     corner = second + second // width
     is_beside = first // width == second // width
@@ -451,15 +451,15 @@ def _borders(basins: NDArray[np.int32], labels: NDArray[np.int32]) -> tuple[Inte
     width = basins.shape[1]
     found: dict[int, list[Integers]] = {}
 
-    def some(rows: slice) -> None:
+    def compare(rows: slice) -> None:
         part = labels[basins[rows.start : rows.stop + 1]]
         own = part[: rows.stop - rows.start]
-        for step, one, other in ((1, own[:, :-1], own[:, 1:]), (width, part[:-1], part[1:])):
-            row, col = np.divmod(np.flatnonzero(one != other), max(one.shape[1], 1))
-            are_regions = np.minimum(one[row, col], other[row, col]) >= 0
+        for step, here, there in ((1, own[:, :-1], own[:, 1:]), (width, part[:-1], part[1:])):
+            row, col = np.divmod(np.flatnonzero(here != there), max(here.shape[1], 1))
+            are_regions = np.minimum(here[row, col], there[row, col]) >= 0
             first = (row[are_regions] + rows.start) * width + col[are_regions]
             found.setdefault(rows.start, []).append(np.stack([first, first + step]))
 
-    for_rows(some, basins.shape)
-    pairs = np.concatenate([one for start in sorted(found) for one in found[start]], axis=1)
+    for_rows(compare, basins.shape)
+    pairs = np.concatenate([part for start in sorted(found) for part in found[start]], axis=1)
     return pairs[0], pairs[1]

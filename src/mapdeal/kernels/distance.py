@@ -1,7 +1,7 @@
 """Exact distances to marked cells, and the cells near them, by either engine.
 
-Squares of distances are whole numbers of cells, and are kept so until the last step. A grid is
-taken whole, or block by block (`runs_of`, `halos_of`).
+Squared distances are integers, in cells, until the last step. A grid is transformed at once, or
+block by block (`runs_of`, `halos_of`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mapdeal.kernels.threads import for_rows
 
 SquaredDistances = NDArray[np.signedinteger[Any]]
 
-_LONGEST_SIDE_IN_32_BITS = 32767  # twice its square stays below the largest int32, which is taken
+_LONGEST_SIDE_IN_32_BITS = 32767  # twice its square stays below the largest int32: unreachable
 
 
 def unreachable(squared: SquaredDistances) -> int:
@@ -48,16 +48,16 @@ def squares_between_cells(reach: int) -> Integers:
 Runs = NDArray[np.uint32]
 
 # The first pass of a distance transform counts along the columns to the nearest cell of the other
-# kind. A block, some rows of a grid, needs of all the others only how the runs of equal cells that
-# touch its borders go on there: two numbers a column, its halo. So blocks are looked at in any
-# order or at the same time, what was found makes the halos, and then each is solved alone.
+# kind. A block of rows needs from the other blocks only how far the runs of equal cells at its
+# borders continue: two numbers per column, its halo. So `runs_of` measures the blocks in any order
+# or in parallel, `halos_of` joins these lengths, and then each block is solved alone.
 
 _MOST_ROWS = 1 << 16  # runs within a block are counted in 16 bits
 
 
 @dataclass(frozen=True, eq=False)
 class BlockRuns:
-    """What the blocks beside must know of a block."""
+    """Border rows of a block, and the lengths of the runs that start there."""
 
     rows: int
     first: Mask
@@ -68,7 +68,7 @@ class BlockRuns:
 
 @dataclass(frozen=True, eq=False)
 class Halo:
-    """What a block must know of the rows before and after it."""
+    """Neighbouring rows of a block with the lengths of their runs; None at the grid's edge."""
 
     height: int
     before: tuple[Mask, Runs] | None
@@ -76,7 +76,7 @@ class Halo:
 
 
 def runs_of(marked: Mask) -> BlockRuns:
-    """Return what the blocks beside must know of a block, given its cells, shape (rows, W)."""
+    """Return the runs at both borders of a block of cells, shape (rows, W)."""
     if not 1 <= len(marked) < _MOST_ROWS:
         raise ValueError(f"a block must have between 1 and {_MOST_ROWS - 1} rows")
     return BlockRuns(
@@ -85,17 +85,17 @@ def runs_of(marked: Mask) -> BlockRuns:
 
 
 def _run(marked: Mask) -> Runs:
-    """Return for each column how many cells from the first row on are equal."""
-    goes_on = np.ones(marked.shape[1], dtype=bool)
+    """Return the length of the run of equal cells at the top of each column."""
+    continues = np.ones(marked.shape[1], dtype=bool)
     count = np.ones(marked.shape[1], dtype=np.uint16)
     for row in marked[1:]:
-        goes_on &= row == marked[0]
-        count += goes_on
+        continues &= row == marked[0]
+        count += continues
     return count.astype(np.uint32)
 
 
 def halos_of(blocks: Sequence[BlockRuns]) -> list[Halo]:
-    """Return what each block must know of those beside it; together they are the grid."""
+    """Return the halo of each block, given the runs of all blocks of a grid in order."""
     height = sum(block.rows for block in blocks)
     width = len(blocks[0].first)
     endless = np.full(width, np.iinfo(np.uint32).max - height - 1, dtype=np.uint32)
@@ -107,7 +107,7 @@ def halos_of(blocks: Sequence[BlockRuns]) -> list[Halo]:
 def _reaching(
     blocks: Sequence[tuple[int, Mask, Mask, Runs]], reaching: Runs
 ) -> list[tuple[Mask, Runs] | None]:
-    """Return what reaches each block, given the heights, both borders and runs of those before."""
+    """Return the last row before each block, and the lengths of the runs that end there."""
     found: list[tuple[Mask, Runs] | None] = [None]
     for rows, first, last, within in blocks[:-1]:
         through = within == rows
@@ -124,8 +124,8 @@ _NONE = np.iinfo(np.int64).max
 
 def squares_of_block(marked: Mask, halo: Halo) -> Integers:
     """Return each cell's squared distance to the nearest cell of the other kind in the grid."""
-    # scipy's transform knows nothing of a halo. So heights, the distances within the columns, are
-    # counted here, and each square is the smallest of (x - i)^2 + height(i)^2 over all columns i.
+    # scipy's transform has no halo. So heights, the distances within the columns, are counted here,
+    # and each square is the smallest of (x - i)^2 + height(i)^2 over all columns i.
     heights = np.minimum(_counts(marked, halo.before), _counts(marked[::-1], halo.after)[::-1])
     has_none = heights > halo.height
     own = np.where(has_none, 0, heights) ** 2
@@ -141,7 +141,7 @@ def squares_of_block(marked: Mask, halo: Halo) -> Integers:
 
 
 def _counts(marked: Mask, before: tuple[Mask, Runs] | None) -> Integers:
-    """Return how many cells it is, up the columns, to the nearest cell of the other kind."""
+    """Return the number of cells up the column to the nearest cell of the other kind."""
     counts = np.empty(marked.shape, dtype=np.int64)
     above_any_height = np.iinfo(np.uint32).max // 2
     last_row, last = before or (marked[0], np.full(marked.shape[1], above_any_height))
@@ -154,8 +154,8 @@ def _counts(marked: Mask, before: tuple[Mask, Runs] | None) -> Integers:
 
 def row_minima(values: Integers, exists: Mask) -> Integers:
     """Return the smallest (x - i)^2 + values[row, i] over all i that exist, for each row and x."""
-    # The best i never decreases with x. So the middle cells are solved first, and those between
-    # them among the columns that are left, all rows at the same time.
+    # The best i never decreases with x. So middle cells are solved first, and bound the columns to
+    # try for the cells between them; all rows are solved at once.
     height, width = values.shape
     minima = np.full(values.shape, _NONE)
     has_sites = exists.any(axis=1)
@@ -163,7 +163,7 @@ def row_minima(values: Integers, exists: Mask) -> Integers:
         if has_sites.any():
             minima[has_sites] = row_minima(values[has_sites], exists[has_sites])
         return minima
-    # all columns that count, row after row; those of row r are sites[ends[r] : ends[r + 1]]
+    # existing columns, row by row; those of row r are sites[ends[r] : ends[r + 1]]
     sites, added = np.nonzero(exists)[1], values[exists]
     ends = np.concatenate([[0], np.cumsum(exists.sum(axis=1))])
     best = np.empty(values.shape, dtype=np.int64)  # indices of sites
@@ -226,7 +226,7 @@ def signed_distance(
 
 
 def bytes_by_distance(marked: Mask, table: Bytes) -> Bytes:
-    """Return for each cell what a table says of its squared distance to the nearest marked cell."""
+    """Return `table[square]` for each cell's squared distance to the nearest marked cell."""
     if len(table) < 2:
         raise ValueError("the table needs at least two entries")
     table = np.ascontiguousarray(table, dtype=np.uint8)
@@ -252,17 +252,17 @@ def _engine(marked: Mask, height: int = 0) -> ModuleType:
 
 
 # The compiled engine draws squares, discs and rings of up to 62 cells around all marked cells at
-# once, at a few bytes' work for each cell and row of the shape; larger discs are a matter of
-# distances, larger squares of moved copies.
+# once, with a few byte operations for each cell and row of the shape. Larger discs are drawn by
+# distance, larger squares by shifted copies.
 
 _LARGEST_TABLE = 1 << 20
 _BAND_ROWS = 64
 _HALOS_OF_A_BAND = 2
-"""Rows of a band, in reaches: those around it are looked at again for the next."""
+"""Rows of a band, in reaches: the rows around it are read again for the next band."""
 
 
 def dilate_square(marked: Mask, reach: int) -> Mask:
-    """Return the cells within `reach` cells of a marked one along both axes."""
+    """Return the cells within `reach` cells of a marked cell along both axes."""
     _check_mask(marked)
     if _is_drawn(marked, reach):
         return _covered(marked, reach, None)
@@ -285,17 +285,17 @@ def within_distance(marked: Mask, square: int) -> Mask:
 
 def inflated(
     values: NDArray[np.int8], threshold: int,
-    *, reach: int = 0, square: int | None = None, value: int, kept: int | None = None,
+    *, reach: int = 0, square: int | None = None, value: int, protected: int | None = None,
 ) -> NDArray[np.int8]:  # fmt: skip
-    kept = value if kept is None else kept  # which then makes no difference
+    protected = value if protected is None else protected  # writing `value` over it has no effect
     reach = math.isqrt(square) if square is not None else reach
     if _is_drawn(values, reach):
         from mapdeal.kernels import _dilation
 
-        given, found = np.ascontiguousarray(values), np.empty(values.shape, np.int8)
+        cells, found = np.ascontiguousarray(values), np.empty(values.shape, np.int8)
         _draw(
-            _dilation.put, values.shape, reach, given, threshold, _half_widths(reach, square),
-            square is None, value, kept, found,
+            _dilation.put, values.shape, reach, cells, threshold, _half_widths(reach, square),
+            square is None, value, protected, found,
         )  # fmt: skip
         return found
     occupied = values >= threshold
@@ -303,22 +303,22 @@ def inflated(
         covered = dilate_square(occupied, reach)
     else:
         covered = within_distance(occupied, square)
-    covered &= (values != kept) | occupied
+    covered &= (values != protected) | occupied
     found = values.copy()
     set_where(found, covered, value)
     return found
 
 
 def ringed(values: NDArray[np.int8], marked: Mask, costs: Sequence[int]) -> NDArray[np.int8]:
-    """Return values with those of cells near marked ones replaced by the cost of their ring."""
+    """Return values with the cells around marked ones replaced by the cost of their ring."""
     reach = len(costs) - 1
     found = np.empty(values.shape, np.int8)
     if _is_drawn(marked, reach):
         from mapdeal.kernels import _dilation
 
-        given, table = np.ascontiguousarray(values), np.array(costs, np.int8)
+        cells, table = np.ascontiguousarray(values), np.array(costs, np.int8)
         bytes_, halves = _bytes_of(marked), _half_widths(reach, None)
-        _draw(_dilation.ring, marked.shape, reach, bytes_, halves, table, given, found)
+        _draw(_dilation.ring, marked.shape, reach, bytes_, halves, table, cells, found)
         return found
     found[...] = values
     inner = marked
@@ -331,7 +331,7 @@ def ringed(values: NDArray[np.int8], marked: Mask, costs: Sequence[int]) -> NDAr
 
 
 def _is_drawn(cells: NDArray[np.generic], reach: int) -> bool:
-    """Return whether the compiled engine draws shapes of a reach around cells."""
+    """Return whether the compiled engine can draw shapes of this reach."""
     if engine_name() != "compiled" or cells.size == 0 or reach < 0:
         return False
     from mapdeal.kernels import _dilation
@@ -370,7 +370,7 @@ def _widened(marked: Mask, reach: int) -> Mask:
     reach = min(reach, len(marked))
     grown, covered = marked.copy(), 0
     while covered < reach:
-        # at a border, where one side is cut off, c cells leave no gap when moved by c + 1
+        # c covered cells leave no gap when shifted by c + 1, even if a border cuts off one side
         step = min(covered + 1, reach - covered)
         before = grown.copy()
         grown[step:] |= before[:-step]

@@ -1,7 +1,6 @@
-"""Which engine the kernels run on: compiled code, or numpy and scipy.
+"""Choice of the engine of the kernels: compiled code, or numpy and scipy.
 
-Both give the same bytes. The compiled module is built at installation where there is a C
-compiler.
+Both compute the same bytes. Installation builds the compiled modules if it finds a C compiler.
 """
 
 from __future__ import annotations
@@ -19,31 +18,30 @@ if TYPE_CHECKING:
     from importlib.machinery import ModuleSpec
 
 VARIABLE = "MAPDEAL_KERNELS"  # name of the environment variable that chooses the engine
-_BESIDE = ("_clearance_tree", "_clouds", "_configuration_space", "_dilation", "_rays")
+_COMPILED_MODULES = ("_clearance_tree", "_clouds", "_configuration_space", "_dilation", "_rays")
 
 
 def engine_name() -> Literal["compiled", "scipy"]:
     """Return the engine's name, without importing scipy."""
-    asked = os.environ.get(VARIABLE) or None
-    if asked not in (None, "compiled", "scipy"):
-        raise ParameterError("must be compiled or scipy", place=VARIABLE, got=asked)
-    if asked == "scipy":
+    requested = os.environ.get(VARIABLE) or None
+    if requested not in (None, "compiled", "scipy"):
+        raise ParameterError("must be compiled or scipy", place=VARIABLE, got=requested)
+    if requested == "scipy":
         return "scipy"
     if compiled_module() is not None:
         return "compiled"
-    if asked == "compiled":
+    if requested == "compiled":
         rule = "the compiled kernels are not part of this installation, or cannot be loaded"
         hint = "install again where there is a C compiler"
-        raise ParameterError(rule, place=VARIABLE, got=asked, hint=hint)
+        raise ParameterError(rule, place=VARIABLE, got=requested, hint=hint)
     return "scipy"
 
 
 @cache
 def compiled_module() -> ModuleType | None:
-    """Return the compiled module of distances; None where it is not, or does not load."""
-    # One engine does everything: there is none either if a module beside it is missing. Those are
-    # imported where they are needed.
-    if not all(find_spec(f"mapdeal.kernels.{name}") for name in _BESIDE):
+    """Return the compiled module of distances, or None if a compiled module is unavailable."""
+    # All kernels run on the same engine. The other compiled modules are imported where needed.
+    if not all(find_spec(f"mapdeal.kernels.{name}") for name in _COMPILED_MODULES):
         return None
     try:
         from mapdeal.kernels import _compiled  # type: ignore[attr-defined,unused-ignore]
@@ -60,37 +58,37 @@ def version_text() -> str:
 
 
 _OPENBLAS = 80 << 20
-"""Bytes that numpy and scipy each map until OpenBLAS is loaded, with its buffer of 32 MB."""
+"""Bytes that numpy and scipy each map to load OpenBLAS, with its buffer of 32 MB."""
 
-_LOADED = {"scipy.linalg._fblas", "scipy.special._ufuncs"}  # modules of scipy that load it first
+_LOADERS = {"scipy.linalg._fblas", "scipy.special._ufuncs"}  # scipy's first users of OpenBLAS
 _EPOCH_DIGITS = 11  # up to the year 5138
 
 
 def check_room(size: int) -> None:
-    """Raise an OSError if the system does not give so many bytes."""
+    """Raise an OSError if the system cannot map so many bytes."""
     import mmap
 
     mmap.mmap(-1, size).close()
 
 
-class _RoomFirst:
-    """Refuses to load a copy of OpenBLAS that would try for ever to get its buffer, or exit."""
+class _MemoryGuard:
+    """Refuses to load OpenBLAS without room for its buffer: it would loop for ever, or exit."""
 
     @staticmethod
     def find_spec(name: str, *_: object) -> ModuleSpec | None:
-        """Find nothing, but raise an OSError if there is no room for the library."""
+        """Raise an OSError if memory is too short for the library; find nothing."""
         is_part = name.startswith("scipy") and name.count(".") <= 1
-        if name == "numpy" or (is_part and _LOADED.isdisjoint(sys.modules)):
+        if name == "numpy" or (is_part and _LOADERS.isdisjoint(sys.modules)):
             check_room(_OPENBLAS)
         return None
 
 
 def prepare_libraries() -> None:
-    """Set how a process that is mapdeal's own loads numpy and scipy."""
-    # OpenBLAS would start a thread per processor, for nothing.
+    """Set how mapdeal's own processes load numpy and scipy."""
+    # OpenBLAS would start a thread per processor without any use.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # scipy fails to import on one that is no time; no output of ours holds a time
+    # scipy cannot be imported with an invalid SOURCE_DATE_EPOCH; mapdeal writes no times
     epoch = os.environ.get("SOURCE_DATE_EPOCH", "0")
     if not epoch.isdecimal() or len(epoch) > _EPOCH_DIGITS:
         del os.environ["SOURCE_DATE_EPOCH"]
-    sys.meta_path.insert(0, _RoomFirst)
+    sys.meta_path.insert(0, _MemoryGuard)

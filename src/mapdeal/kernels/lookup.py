@@ -1,6 +1,6 @@
-"""Values of cells: through small tables, between centres, and under the cells of another lattice.
+"""Values of cells: by table, between centres, and under the cells of another lattice.
 
-All work in threads, in one pass, without temporary arrays of the size of the whole.
+All functions run in threads, in one pass, without temporary arrays of the size of the grid.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def look_up(values: EitherBytes, table: NDArray[Any]) -> NDArray[Any]:
     if entries.shape != (256,):
         raise ValueError("the table must have 256 entries of one byte")
     result = np.empty(values.shape, dtype=np.uint8)
-    # a view with gaps within its rows is left to numpy
+    # numpy handles views with gaps within rows
     compiled = engine_name() == "compiled" and source.strides[1] == 1
 
     def part(rows: slice) -> None:
@@ -44,21 +44,21 @@ def set_where(values: EitherBytes, mask: Mask, value: int) -> None:
     for_rows(lambda rows: np.copyto(values[rows], value, where=mask[rows]), values.shape)
 
 
-def raise_bytes(costs: Bytes, asked: Bytes, *, least: int, unknown: int) -> None:
+def raise_bytes(costs: Bytes, requested: Bytes, *, least: int, unknown: int) -> None:
     is_compiled = engine_name() == "compiled" and unknown == np.iinfo(np.uint8).max
-    is_compiled = is_compiled and costs.flags.c_contiguous and asked.flags.c_contiguous
+    is_compiled = is_compiled and costs.flags.c_contiguous and requested.flags.c_contiguous
 
     def raise_rows(rows: slice) -> None:
-        before, wanted = costs[rows], asked[rows]
+        current, raised = costs[rows], requested[rows]
         if is_compiled:
             from mapdeal.kernels import _compiled
 
-            _compiled.raise_costs(before, wanted, least)
+            _compiled.raise_costs(current, raised, least)
             return
-        overwritten = before == unknown
-        overwritten &= wanted >= least
-        np.maximum(before, wanted, out=before)
-        np.copyto(before, wanted, where=overwritten)
+        overwritten = current == unknown
+        overwritten &= raised >= least
+        np.maximum(current, raised, out=current)
+        np.copyto(current, raised, where=overwritten)
 
     for_rows(raise_rows, costs.shape)
 
@@ -67,7 +67,7 @@ def level_rows(
     distance: Metres, obstacles: Mask, unknown: Mask,
     *, low: float, factor: float, levels: int, first: int, below: int, faded_by: int,
 ) -> Bytes:  # fmt: skip
-    """Return the levels of distances on an even scale, on the side of zero where the cell is."""
+    """Return the levels of distances on an even scale; obstacles get levels under `below`."""
     result = np.empty(distance.shape, dtype=np.uint8)
     compiled = engine_name() == "compiled"
 
@@ -95,7 +95,7 @@ def level_rows(
 
 
 def histogram(values: EitherBytes) -> Integers:
-    """Return how often each value occurs, shape (256,); negative ones count from the end."""
+    """Return how often each value occurs, shape (256,); index -1 is 255."""
     source = np.ascontiguousarray(values).view(np.uint8)
     parts: list[Integers] = []
     compiled = engine_name() == "compiled"
@@ -135,7 +135,7 @@ def bytes_of_distances(
     distance: Metres, obstacles: Mask, table: Bytes,
     *, scale: float, shift: float, gain: float, clip: float,
 ) -> Bytes:  # fmt: skip
-    """Return what a table says of the squares that `squares_of_distances` gives."""
+    """Return the table entries of the squares from `squares_of_distances`."""
     result = np.empty(distance.shape, dtype=np.uint8)
     compiled = engine_name() == "compiled"
     distance, obstacles = np.ascontiguousarray(distance), np.ascontiguousarray(obstacles)
@@ -162,9 +162,8 @@ def bytes_of_distances(
 
 def interpolate(values: Metres, places_rowcol: Floats) -> tuple[Floats, Floats]:
     """Return the bilinear interpolant of a grid, and its slopes, at places between cells."""
-    # Beyond the outermost centres the nearest cells go on, so that the slope across the border is
-    # 0. The slopes are those of the interpolant itself: they jump where a line of centres is
-    # crossed.
+    # Beyond the outermost centres the border cells are repeated: the slope across the border is 0.
+    # The slopes are those of the interpolant itself, and jump at the lines of centres.
     between = np.empty(len(places_rowcol))
     slopes = np.empty((len(places_rowcol), 2))
     if engine_name() == "compiled":
@@ -196,7 +195,7 @@ def interpolate(values: Metres, places_rowcol: Floats) -> tuple[Floats, Floats]:
 
 
 def _corners(places: Floats, last: int) -> tuple[Integers, Integers, Floats]:
-    """Return the indices that places lie between, within the grid, and the share of the way."""
+    """Return the indices around places, clipped to the grid, and the share from low to high."""
     from_centre = places - 0.5
     below = np.floor(from_centre)
     index = below.astype(np.int64)
@@ -218,9 +217,9 @@ def least_along(
 ) -> tuple[Integers, Mask]:
     """Return the least value of the cells on each line, and whether all of them are open.
 
-    Lines lead between places within the grid, given by continuous rows and columns, shape (N, 2)
-    each, and are looked at in so many places, evenly. Those that lie as near as `near` to an edge
-    of their cell lie in the cell beyond it, too, for what is open.
+    Lines connect places within the grid, continuous rows and columns of shape (N, 2), and are
+    sampled evenly at `counts` places each. A place within `near` of an edge of its cell is open
+    only if the cell beyond that edge is open, too.
     """
     if engine_name() == "compiled" and values.dtype == np.int32:
         from mapdeal.kernels import _compiled
@@ -237,8 +236,8 @@ def least_along(
     edges = np.flatnonzero(free & is_near)
     low, high = (np.clip(places[edges] + by, 0, np.array(values.shape) - 1).astype(np.int64)
                  for by in (-near, near))  # fmt: skip
-    for one, other in product((low, high), repeat=2):
-        free[edges] &= is_open[one[:, 0], other[:, 1]]
+    for by_row, by_col in product((low, high), repeat=2):
+        free[edges] &= is_open[by_row[:, 0], by_col[:, 1]]
     return (
         np.minimum.reduceat(values[rows, cols], firsts).astype(np.int64),
         np.logical_and.reduceat(free, firsts),
@@ -247,28 +246,28 @@ def least_along(
 
 def sum_of_inverse_distances(marked: Mask, *, scale: float = 1.0, least: float = 0.0) -> Floats:
     """Return for each cell the sum of 1 / distance over all marked cells."""
-    # The sum is the convolution of the mask with 1 / distance, taken as a product of Fourier
-    # transforms: H W log(H W) steps rather than H W times the number of marked cells. 1 / distance
-    # is symmetric along both axes, so that its transform is a real cosine transform of a quarter of
-    # it. What rounding adds is about 1e-16 of the largest values.
+    # The sum is the convolution of the mask with 1 / distance, computed as a product of Fourier
+    # transforms: H W log(H W) steps instead of H W times the number of marked cells. 1 / distance
+    # is symmetric along both axes, so its transform is a real cosine transform of one quarter.
+    # Rounding errors are about 1e-16 of the largest values.
     if not marked.any():
         return np.zeros(marked.shape)
-    # scipy.fft takes longer to import than most maps to transform
+    # imported here: this takes longer than the transform of most maps
     from scipy import fft
 
     workers = thread_count()
     height, width = marked.shape
-    # The periods must leave room for the farthest offsets on both sides, to be apart.
+    # Periods must be long enough to separate the farthest offsets on both sides.
     half_height, half_width = (int(fft.next_fast_len(length, real=True)) for length in marked.shape)
     rows = np.arange(half_height + 1, dtype=np.float64)[:, np.newaxis]
     inverse = np.hypot(rows, np.arange(half_width + 1, dtype=np.float64))
     inverse *= scale
-    far = inverse > least  # never so for a cell and itself
+    far = inverse > least  # False for the offset 0
     np.divide(1.0, inverse, out=inverse, where=far)
     inverse[~far] = 0.0
     try:
         response = fft.dctn(inverse, type=1, overwrite_x=True, workers=workers)
-    except RuntimeError:  # no threads to be had: it has not begun
+    except RuntimeError:  # the system refused threads before the transform began
         workers = 1
         response = fft.dctn(inverse, type=1, overwrite_x=True, workers=workers)
     del inverse, far
@@ -277,27 +276,26 @@ def sum_of_inverse_distances(marked: Mask, *, scale: float = 1.0, least: float =
     )
     spectrum[: half_height + 1] *= response
     spectrum[half_height + 1 :] *= response[half_height - 1 : 0 : -1]
-    del response  # the peak of memory is that of what follows
+    del response  # the next call uses the most memory
     total: Floats = fft.irfft2(
         spectrum, s=(2 * half_height, 2 * half_width), overwrite_x=True, workers=workers
     )
-    # no sum is negative; rounding may make it so, far from everything
+    # far from marked cells rounding may make sums negative
     return np.maximum(total[:height, :width], 0.0)
 
 
 TOUCHING = 1e-6
-"""In sides of the larger cell. Cells that overlap by less only touch: their borders are the same
-on paper."""
+"""In sides of the larger cell. Cells that overlap by less only touch: exact borders coincide."""
 
-_GATHERED = 2.0
-"""Up to this side, neighbours are few: each cell looks at all that it may overlap."""
+_LARGEST_GATHERED = 2.0
+"""Up to this side, neighbours are few: each cell checks every cell that it may overlap."""
 
-_TOGETHER = 1 << 16
+_CELLS_TOGETHER = 1 << 16
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """Where the cells that are asked for, which may be turned, lie among the cells of an array."""
+    """Position of the requested cells, which may be turned, among the cells of an array."""
 
     # The array's own cells have side 1; its coordinates are rows and columns with fractions.
 
@@ -314,7 +312,7 @@ class Lattice:
 
     @property
     def touching(self) -> float:
-        """How far cells may overlap that only touch, in cells of the array."""
+        """Overlap up to which cells only touch, in cells of the array."""
         return min(TOUCHING * max(1.0, self.side), self.side / 4)
 
     def centres(self, rows: slice, width: int) -> tuple[Floats, Floats]:
@@ -338,7 +336,7 @@ def largest_under(values: Bytes, shape: tuple[int, int], lattice: Lattice) -> By
         return found
     if lattice.turn == 0.0:
         _reduce_ranges(found, values, lattice)
-    elif lattice.side <= _GATHERED:
+    elif lattice.side <= _LARGEST_GATHERED:
         _gather(found, values, lattice)
     else:
         _scatter(found, values, lattice)
@@ -368,7 +366,7 @@ def _copy_ranges(found: Bytes, inside: Mask, values: Bytes, lattice: Lattice) ->
 
 
 def _look_up(found: Bytes, inside: Mask, values: Bytes, lattice: Lattice) -> None:
-    """Set the values at centres, wherever they lie."""
+    """Set the values at the centres of a turned lattice."""
     height, width = values.shape
     flat = np.ascontiguousarray(values).reshape(-1)
 
@@ -388,7 +386,7 @@ def _look_up(found: Bytes, inside: Mask, values: Bytes, lattice: Lattice) -> Non
 
 
 def _cells_of(places: Floats, size: int, slack: float) -> Integers:
-    """Return the cells that coordinates lie in; those beyond the array stay just beyond it."""
+    """Return the cells of coordinates; -1 before the array and `size` after it."""
     return np.floor(np.clip(places + slack, -1, size)).astype(np.intp)
 
 
@@ -398,10 +396,10 @@ def _span(cells: Integers, size: int) -> slice:
 
 
 def _reduce_ranges(found: Bytes, values: Bytes, lattice: Lattice) -> None:
-    """Set the largest values in ranges of rows and of columns: the lattice lies along the axes."""
+    """Set the largest values in ranges of rows and columns, for a lattice along the axes."""
     low, high = lattice.edges(lattice.row, found.shape[0], values.shape[0])
-    left, right = lattice.edges(lattice.col, found.shape[1], values.shape[1])
-    cols = np.flatnonzero(left < right)
+    low_col, high_col = lattice.edges(lattice.col, found.shape[1], values.shape[1])
+    cols = np.flatnonzero(low_col < high_col)
     if not len(cols):
         return
 
@@ -409,7 +407,7 @@ def _reduce_ranges(found: Bytes, values: Bytes, lattice: Lattice) -> None:
         rows = part.start + np.flatnonzero(low[part] < high[part])
         if len(rows):
             lines = _largest_of_ranges(values, low[rows], high[rows])
-            across = _largest_of_ranges(lines.T, left[cols], right[cols])
+            across = _largest_of_ranges(lines.T, low_col[cols], high_col[cols])
             found[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1] = across.T
 
     for_rows(look, found.shape)
@@ -423,9 +421,8 @@ def _largest_of_ranges(lines: Bytes, first: Integers, end: Integers) -> Bytes:
 
 
 def _gather(found: Bytes, values: Bytes, lattice: Lattice) -> None:
-    """Set the largest values by a look at all cells that a cell of the lattice may overlap."""
-    # Most cells are done at once: where the largest value around a centre is that of the cell below
-    # it, no other can count.
+    """Set the largest values by checking all cells that a cell of the lattice may overlap."""
+    # Most cells need no check: the cell under their centre has the largest value around.
     height, width = values.shape
     reach = math.ceil(1 + lattice.side / 2 * lattice.wide) - 1
     rim = 2 * reach + 1
@@ -460,7 +457,7 @@ def _gather(found: Bytes, values: Bytes, lattice: Lattice) -> None:
 
 
 def _largest_around(values: Bytes, reach: int) -> Bytes:
-    """Return the largest value in the square of cells around each, `reach` cells far."""
+    """Return the largest value within `reach` cells of each cell along both axes."""
     for _ in range(2):  # across the columns, then across the rows
         values, before = values.T.copy(), values.T
         for step in range(1, reach + 1):
@@ -471,7 +468,7 @@ def _largest_around(values: Bytes, reach: int) -> Bytes:
 
 def _overlap(right: Floats, up: Floats, lattice: Lattice) -> Mask:
     """Return which cells of the array overlap a cell of the lattice, given their distance."""
-    # Two squares overlap unless a line along a side of one of them parts them.
+    # Two squares overlap unless a line along one of their sides separates them.
     cos, sin = math.cos(lattice.turn), math.sin(lattice.turn)
     along = 0.5 + lattice.side / 2 * lattice.wide - lattice.touching
     across = lattice.side / 2 + 0.5 * lattice.wide - lattice.touching
@@ -482,11 +479,11 @@ def _overlap(right: Floats, up: Floats, lattice: Lattice) -> Mask:
 
 
 def _scatter(found: Bytes, values: Bytes, lattice: Lattice) -> None:
-    """Set the largest values, those of small cells in the large ones that they overlap."""
+    """Set the largest values by adding each small cell to the large cells that it overlaps."""
     height, width = found.shape
     cos, sin = math.cos(lattice.turn), math.sin(lattice.turn)
     flat = found.reshape(-1)
-    together = max(1, _TOGETHER // values.shape[1])
+    together = max(1, _CELLS_TOGETHER // values.shape[1])
     for first in range(0, values.shape[0], together):
         band = values[first : first + together]
         row, col = np.nonzero(band)
@@ -500,8 +497,8 @@ def _scatter(found: Bytes, values: Bytes, lattice: Lattice) -> None:
         y_off, x_off = y - row - 0.5, x - col - 0.5
         for down, aside in product((-1, 0, 1), repeat=2):
             at_row, at_col = row + down, col + aside
-            held = (at_row >= 0) & (at_row < height) & (at_col >= 0) & (at_col < width)
-            # the same distance in the array's cells and along its axes
+            overlaps = (at_row >= 0) & (at_row < height) & (at_col >= 0) & (at_col < width)
+            # the offset in the array's cells and along its axes
             off_x, off_y = (x_off - aside) * lattice.side, (y_off - down) * lattice.side
-            held &= _overlap(off_x * cos - off_y * sin, off_y * cos + off_x * sin, lattice)
-            np.maximum.at(flat, at_row[held] * width + at_col[held], value[held])
+            overlaps &= _overlap(off_x * cos - off_y * sin, off_y * cos + off_x * sin, lattice)
+            np.maximum.at(flat, at_row[overlaps] * width + at_col[overlaps], value[overlaps])

@@ -2,7 +2,7 @@
 
 Corners are found all at once, by the pattern of the four cells around each lattice point, and
 joined along rows and columns. A ring has the marked cells on its left: outer rings run
-anticlockwise, holes clockwise. Two marked cells that share a corner alone are not joined there.
+anticlockwise, holes clockwise. Marked cells that share only a corner are not joined there.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.polygons import enumerated
 
 _E, _N, _W, _S = range(4)
-# Of the cells south-west 1, south-east 2, north-west 4 and north-east 8 of a corner: by which
-# direction a ring comes and goes, and one marked cell there, as offsets of row and column. Where
-# marked cells face each other across the corner, 6 and 9, there are two turns.
+# By the sum of the marked cells around a corner (south-west 1, south-east 2, north-west 4,
+# north-east 8): in which directions a ring comes and goes, and the row and column offset of a
+# marked cell. Where marked cells face each other across the corner, 6 and 9, there are two turns.
 _TURNS = {
     1: (_N, _W, -1, -1), 2: (_W, _S, -1, 0), 4: (_E, _N, 0, -1), 8: (_S, _E, 0, 0),
     14: (_E, _S, 0, 0), 13: (_N, _E, 0, -1), 11: (_S, _W, -1, 0), 7: (_W, _N, -1, -1),
@@ -29,12 +29,12 @@ _TURNS = {
 _CROSSINGS = {9: (1, 8), 6: (2, 4)}
 
 MOST_TOLERANCE = 0.5
-"""Cells within which outlines may be moved: lattice lines are 1 apart, so none can meet."""
+"""Largest tolerance, cells: lattice lines are 1 apart, so that moved outlines cannot meet."""
 
 _BELOW = 1 - 1e-6
-_LONG = 2  # cells of both edges of a corner that is no step of a slanted wall
-_LEAST_SHARE = 0.01  # of a polygon's area that simpler outlines may change
-_LEAST_OF_RING = 0.05  # of a ring's
+_LONG = 2  # least cells of both edges at a corner that stays: steps of slanted walls are shorter
+_MOST_CHANGE = 0.01  # share of a polygon's area that simplification may change
+_MOST_RING_CHANGE = 0.05  # the same of a ring
 _MOST_HALVINGS = 12
 
 
@@ -42,7 +42,7 @@ _MOST_HALVINGS = 12
 class Polygons:
     """Outlines of 4-connected components: rings in a row, each outer one before its holes."""
 
-    corners: Floats  # (row, col) in cells, shape (N, 2); the last of a ring is not its first
+    corners: Floats  # (row, col) in cells, shape (N, 2); rings do not repeat their first corner
     ring_ends: Integers  # where the corners of each ring end
     shells: Integers  # which ring is the outer one of each polygon
     cells: Integers  # number of cells of each component
@@ -52,13 +52,13 @@ class Polygons:
 
     @property
     def areas(self) -> Floats:
-        """Area of each polygon in cells; holes run the other way round."""
+        """Area of each polygon in cells, without its holes."""
         areas = _areas(self.corners, self.ring_ends)
         return np.add.reduceat(areas, self.shells) if len(self) else areas
 
 
 def _neighbours(ends: Integers) -> tuple[Integers, Integers]:
-    """Return which corners come before and after each one in its ring."""
+    """Return the indices of the corners before and after each corner in its ring."""
     starts = np.concatenate([[0], ends[:-1]])
     starts, ends = starts[starts < ends], ends[starts < ends]
     count = ends[-1] if len(ends) else 0
@@ -76,7 +76,7 @@ def _areas(corners: Floats, ends: Integers) -> Floats:
 
 
 def corner_count(marked: Mask) -> int:
-    """Return how many corners the outlines of marked cells have, twice those that two share."""
+    """Return the number of corners of the outlines; a corner of two turns counts twice."""
     counts = np.bincount(_codes(marked).reshape(-1), minlength=16)
     return int(counts[list(_TURNS)].sum() + 2 * counts[list(_CROSSINGS)].sum())
 
@@ -84,8 +84,8 @@ def corner_count(marked: Mask) -> int:
 def outlines(marked: Mask, tolerance: float = 0.0) -> Polygons:
     """Return the outlines of marked cells, the largest first, moved by at most `tolerance` cells.
 
-    Rings do not cross, and touch at corners of cells alone. The area of each polygon changes by at
-    most 1 %. With tolerance 0 rings are those of the cells.
+    Rings do not cross, and touch only at corners of cells. The area of each polygon changes by at
+    most 1 %. With tolerance 0 the rings follow the cells.
     """
     components = labelled(marked, corners=False)
     cells = components.sizes[1:]
@@ -116,9 +116,9 @@ class _Rings:
 
 
 def _rings(marked: Mask, labels: NDArray[np.int32]) -> _Rings:
-    # Corners of two long edges stay, both ends of an edge at which the ring turns the same way, as
-    # of the end of a wall, and corners that another outline goes through. Between them are steps of
-    # slanted lines.
+    # Three kinds of corners stay: between two long edges, at both ends of an edge where the ring
+    # turns to the same side, such as the end of a wall, and where another outline passes. All
+    # others are steps of slanted lines.
     nodes = _corners(marked)
     order, ends = _traced(_joined(nodes), nodes.partner)
     before, after = _neighbours(ends)
@@ -135,9 +135,9 @@ def _rings(marked: Mask, labels: NDArray[np.int32]) -> _Rings:
 
 
 def _traced(follows: Integers, partner: Integers) -> tuple[Integers, Integers]:
-    """Return the turns of all rings in a row, and where each ring ends.
+    """Return the turns ring after ring, and where each ring ends.
 
-    A ring that goes through a lattice point twice is divided there.
+    A ring that passes a lattice point twice is divided there.
     """
     order, ends = np.empty_like(follows), np.empty_like(follows)
     if engine_name() == "compiled":
@@ -176,7 +176,7 @@ def _traced(follows: Integers, partner: Integers) -> tuple[Integers, Integers]:
 
 @dataclass(frozen=True, eq=False)
 class _Corners:
-    """Turns of rings: where they are, how rings come and go, and a marked cell beside each.
+    """Turns of rings: lattice points, directions before and after, and an adjacent marked cell.
 
     The partner is the other turn at the same lattice point, -1 without one.
     """
@@ -207,24 +207,24 @@ def _corners(marked: Mask) -> _Corners:
     code = codes.reshape(-1)[at]
     second = np.flatnonzero(np.isin(code, list(_CROSSINGS)))
     first_turn, second_turn = np.arange(16), np.arange(16)
-    for both, (one, other) in _CROSSINGS.items():
-        first_turn[both], second_turn[both] = one, other
+    for code_of_two, turns_there in _CROSSINGS.items():
+        first_turn[code_of_two], second_turn[code_of_two] = turns_there
     turns = np.concatenate([first_turn[code], second_turn[code[second]]])
     at = np.concatenate([at, at[second]])
     table = np.zeros((16, 4), dtype=np.int64)
     for turn, values in _TURNS.items():
         table[turn] = values
-    comes, goes, down, left = table[turns].T
+    comes, goes, row_offset, col_offset = table[turns].T
     row, col = np.divmod(at, codes.shape[1])
     partner = np.full(len(at), -1)
     partner[second], partner[len(code) :] = np.arange(len(code), len(at)), second
-    return _Corners(row, col, comes, goes, row + down, col + left, partner)
+    return _Corners(row, col, comes, goes, row + row_offset, col + col_offset, partner)
 
 
 def _joined(nodes: _Corners) -> Integers:
-    """Return the turn that follows each one along its ring."""
-    # Edges of one direction in one row or column do not overlap: the starts of all of them, in
-    # order, belong to their ends in order.
+    """Return for each turn the next turn of its ring."""
+    # Edges of one direction never overlap within a row or column: sorted along it, the n-th start
+    # belongs to the n-th end.
     follows = np.empty(len(nodes.row), dtype=np.int64)
     row, col = (places.astype(np.min_scalar_type(places.max(initial=0)))  # 16 bits: a radix sort
                 for places in (nodes.row, nodes.col))  # fmt: skip
@@ -239,7 +239,7 @@ def _joined(nodes: _Corners) -> Integers:
 
 
 def _moved(rings: _Rings, cells: Integers, tolerance: float) -> tuple[Floats, Integers, Integers]:
-    """Return corners, and which of them are each ring, simplified as far as areas allow."""
+    """Return simplified corners, and where each ring starts and stops among them."""
     parts = [rings.corners]
     starts, stops = np.concatenate([[0], rings.ends])[: len(rings.ends)], rings.ends.copy()
     if not tolerance or not len(starts):
@@ -256,18 +256,20 @@ def _moved(rings: _Rings, cells: Integers, tolerance: float) -> tuple[Floats, In
         parts.append(corners)
         areas[wrong] = _areas(corners, ends)
         allowed[wrong] /= 2
-        is_off = np.abs(np.bincount(rings.owners, areas) - cells) > _LEAST_SHARE * cells
+        is_off = np.abs(np.bincount(rings.owners, areas) - cells) > _MOST_CHANGE * cells
         change = np.abs(areas - rings.areas)
         is_wrong = is_off[rings.owners] & (change > 0)
-        wrong = np.flatnonzero(can_move & (is_wrong | (change > _LEAST_OF_RING * abs(rings.areas))))
+        wrong = np.flatnonzero(
+            can_move & (is_wrong | (change > _MOST_RING_CHANGE * abs(rings.areas)))
+        )
     stops[wrong] = rings.ends[wrong]
     starts[wrong] = np.concatenate([[0], rings.ends])[wrong]
     return np.concatenate(parts), starts, stops
 
 
 def _simplified(rings: _Rings, chosen: Integers, tolerances: Floats) -> tuple[Floats, Integers]:
-    """Return some rings with fewer corners, which lie within some cells of them."""
-    # New corners lie on the ring: at its corners, or half-way between two.
+    """Return some rings with fewer corners, within a tolerance of the originals."""
+    # New corners lie on the ring: at old corners, or half-way between two.
     stops = rings.ends[chosen]
     begins = np.concatenate([[0], rings.ends])[chosen]
     ring_of, at = enumerated(begins, stops)
@@ -275,24 +277,24 @@ def _simplified(rings: _Rings, chosen: Integers, tolerances: Floats) -> tuple[Fl
     sizes = stops - begins
     offsets = np.cumsum(sizes) - sizes
     has_none = ~np.logical_or.reduceat(stays, offsets)
-    if has_none.any():  # the corner that is farthest from their middle stays
+    if has_none.any():  # the corner farthest from the ring's middle stays
         corners = rings.corners[at]
         sums = [np.bincount(ring_of, places) for places in corners.T]
         middles = np.stack(sums, axis=1) / sizes[:, np.newaxis]
         away = np.square(corners - middles[ring_of]).sum(axis=1)
         is_farthest = away == np.maximum.reduceat(away, offsets)[ring_of]
         stays[_firsts_of(ring_of, is_farthest & has_none[ring_of])] = True
-    # each ring from the first corner that stays to the same corner
+    # each ring starts and ends at its first staying corner
     shifts = _firsts_of(ring_of, stays) - offsets
     ring_of, number = enumerated(np.zeros_like(sizes), sizes + 1)
     order = (number + shifts[ring_of]) % sizes[ring_of] + offsets[ring_of]
     corners, bounds = rings.corners[at[order]], np.flatnonzero(stays[order])
-    is_kept = np.zeros(2 * len(corners), dtype=np.bool_)
-    is_kept[2 * bounds] = True
+    stays_at = np.zeros(2 * len(corners), dtype=np.bool_)
+    stays_at[2 * bounds] = True
     chains = np.stack([bounds[:-1], bounds[1:]])[:, np.diff(bounds) > 1]
-    _straighten(corners, chains, tolerances[ring_of[chains[0]]], is_kept)
-    is_kept[2 * (np.cumsum(sizes + 1) - 1)] = False
-    remaining = np.flatnonzero(is_kept)
+    _straighten(corners, chains, tolerances[ring_of[chains[0]]], stays_at)
+    stays_at[2 * (np.cumsum(sizes + 1) - 1)] = False
+    remaining = np.flatnonzero(stays_at)
     corners = (corners[remaining // 2] + corners[(remaining + 1) // 2]) / 2
     ring_of = ring_of[remaining // 2]
     before, after = _neighbours(np.cumsum(np.bincount(ring_of)))
@@ -303,22 +305,22 @@ def _simplified(rings: _Rings, chosen: Integers, tolerances: Floats) -> tuple[Fl
 
 
 def _firsts_of(ring_of: Integers, chosen: Mask) -> Integers:
-    """Return the first of the chosen corners in each ring."""
+    """Return the first chosen corner of each ring."""
     at = np.flatnonzero(chosen)
     firsts: Integers = at[np.diff(ring_of[at], prepend=-1) != 0]
     return firsts
 
 
-def _straighten(corners: Floats, chains: Integers, tolerances: Floats, is_kept: Mask) -> None:
-    """Mark the places of chains that stay: 2 k for corner k, 2 k + 1 for half-way to the next."""
-    # From each the next is the farthest one to which a line passes all corners within the
-    # tolerance: these narrow the angle of such lines. It is half-way between corners if possible:
-    # from a corner no line passes between those on both sides for long.
+def _straighten(corners: Floats, chains: Integers, tolerances: Floats, stays_at: Mask) -> None:
+    """Mark the places of chains that stay: 2 k is corner k, 2 k + 1 half-way to corner k + 1."""
+    # The next place is the farthest whose line passes all corners between within the tolerance:
+    # each corner narrows the range of angles. Places half-way between corners are preferred: lines
+    # from there stay between the steps on both sides for longer.
     if engine_name() == "compiled":
         from mapdeal.kernels import _compiled
 
         ends = np.ascontiguousarray(chains)
-        _compiled.straighten(corners, ends, tolerances, is_kept.view(np.uint8))
+        _compiled.straighten(corners, ends, tolerances, stays_at.view(np.uint8))
         return
     for first, last, tolerance in zip(*chains.tolist(), tolerances.tolist(), strict=True):
         points = np.repeat(corners[first : last + 1], 2, axis=0)[:-1]
@@ -344,5 +346,5 @@ def _straighten(corners: Floats, chains: Integers, tolerances: Floats, is_kept: 
                     low, high = max(low, angle - spread), min(high, angle + spread)
                     if low > high:
                         break
-            is_kept[2 * first + best] = True
+            stays_at[2 * first + best] = True
             at = best

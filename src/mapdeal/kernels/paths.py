@@ -1,7 +1,7 @@
 """Paths over a grid: the cheapest, the widest, and those of a footprint that turns.
 
-The widest are found from any cell to any other at once, over the edges of traversable cells; the
-bottleneck of one is its least square, of `mapdeal.kernels.distance.squared_distance`.
+The widest paths between all pairs of cells are found at once, over edges of traversable cells. The
+bottleneck of a path is its least squared distance (`mapdeal.kernels.distance.squared_distance`).
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.polygons import Cell, Spans
 
 UNIT = float(1 << 24)
-"""What a weight of 1 is on the scale that paths are summed on. Weights and their diagonals are
-rounded to whole numbers there, so that sums are exact, and equal costs of different paths equal."""
+"""Weight 1 on the scale of path sums. Weights and diagonals are rounded to whole numbers on this
+scale, so that sums are exact and paths of equal cost compare equal."""
 
 ROOT_OF_2 = math.sqrt(2.0)
 _ROUNDING = float(1 << 52)
@@ -41,15 +41,15 @@ def cheapest_path(
     weights: Floats, start: Cell, goal: Cell, *, surcharges: Floats | None = None
 ) -> FoundPath:
     """Return the cheapest path over the eight neighbours of cells, by A*."""
-    # Diagonal steps between two closed cells are not allowed: where walls touch at a corner there
-    # is no gap. What remains to the goal is estimated by the octile distance times the lowest
-    # weight, which is never more than it takes; so the answer is the optimum. Of several, the one
-    # is returned that is found if of equal estimates the latest is followed first.
+    # Diagonal steps between two closed cells are forbidden: walls that touch at a corner leave no
+    # gap. The estimate, octile distance times the lowest weight, never exceeds the remaining cost,
+    # so the path is optimal. Among equal estimates the latest cell is expanded first; this selects
+    # one of several optimal paths.
     # Surcharges make the estimate inconsistent: a cell may be expanded before the cheapest path to
-    # it is known. A cell that was expanded is not opened again: to correct its path afterwards
-    # would undo what the surcharges are for, and could expand cells many times. So each cell is
-    # expanded once at most, and a path is found if there is one.
-    if not all(_holds(weights, cell) and weights[cell] > 0 for cell in (start, goal)):
+    # it is known. It is not opened again, as a correction would undo the effect of the surcharges
+    # and could expand cells many times. Each cell is expanded at most once, and a path is found if
+    # one exists.
+    if not all(_contains(weights, cell) and weights[cell] > 0 for cell in (start, goal)):
         raise ValueError("start and goal must be open cells")
     scaled = np.rint(np.multiply(weights, UNIT, dtype=np.float64))
     np.maximum(scaled, 1.0, out=scaled)
@@ -70,14 +70,14 @@ def cheapest_path(
     return FoundPath(np.stack(np.divmod(cells, weights.shape[1]), axis=1), cost / UNIT, expanded)
 
 
-def _holds(weights: Floats, cell: Cell) -> bool:
+def _contains(weights: Floats, cell: Cell) -> bool:
     return all(0 <= index < length for index, length in zip(cell, weights.shape, strict=True))
 
 
 def _cheapest_path(
     weights: Floats, start: Cell, goal: Cell, least: float, surcharges: Floats | None
 ) -> tuple[Integers, float, int]:
-    """Do as search.h does, step by step."""
+    """Find the path that search.h finds, with the same steps."""
     height, width = weights.shape
     weight_of = weights.reshape(-1).data
     surcharge_of = None if surcharges is None else surcharges.reshape(-1).data
@@ -136,23 +136,23 @@ def _diagonal(weight: float) -> float:
 Basins = NDArray[np.int32]
 
 BYTES_OF_BASIN, BYTES_OF_EDGE = 100, 16
-"""Bytes of all tables that are made of a clearance tree, for each basin and each edge found."""
+"""Bytes of all tables of a clearance tree, for each basin and each edge."""
 
 
 @dataclass(frozen=True, eq=False)
 class ClearanceTree:
     """Basins of clearance, and the widest passages between them."""
 
-    # Cells are ordered by square and, where squares are equal, by flat index. Each points to the
-    # largest of its four neighbours, if that is larger than the cell itself; so each has a way to
-    # the peak of its basin on which squares never fall, and the bottleneck of two cells is the
-    # least of their own squares and of the edges between their basins in the forest.
+    # Cells are ordered by square, then by flat index. Each cell points to the largest of its four
+    # neighbours if that is larger than itself. So a path leads from each cell to the peak of its
+    # basin along which squares never fall, and the bottleneck between two cells is the least of
+    # their own squares and of the edges between their basins in the forest.
 
     basins: Basins
     peaks: Integers
     peak_cells: Integers
-    one: Basins
-    other: Basins
+    firsts: Basins  # basins at both ends of each edge
+    seconds: Basins
     squares: Integers
     cells: Integers
 
@@ -183,17 +183,17 @@ def rooted(tree: ClearanceTree, root: int) -> RootedTree:
 
 def widest_metres(
     tree: ClearanceTree, squared: SquaredDistances, start: Cell, resolution: float,
-    *, seen: RootedTree | None = None, in_place: bool = False,
+    *, rooted_tree: RootedTree | None = None, in_place: bool = False,
 ) -> Metres:  # fmt: skip
     basin = int(tree.basins[start])
     if basin < 0:
         raise ValueError("the start must be a traversable cell")
-    if seen is None:
-        seen = rooted(tree, basin)
-    # The largest square with which each basin's peak has a way to the start. One more comes first,
-    # of the cells that are in no basin (-1): 0, as where there is no way.
+    if rooted_tree is None:
+        rooted_tree = rooted(tree, basin)
+    # The bottleneck from each basin's peak to the start, 0 without a path. The entry before them is
+    # for cells outside of all basins (-1).
     limits = np.zeros(len(tree.peaks) + 1, dtype=np.int64)
-    np.clip(seen.bottlenecks, 0, int(squared[start]), out=limits[1:])
+    np.clip(rooted_tree.bottlenecks, 0, int(squared[start]), out=limits[1:])
     metres = _floats_over(tree.basins, in_place=in_place)
     _engine(squared).widest_metres(tree.basins, squared, limits, resolution, metres)
     return metres
@@ -208,7 +208,7 @@ def clearance_metres(
 
 
 def basin_areas(tree: ClearanceTree, squared: SquaredDistances, above: int = 0) -> Integers:
-    """Return how many cells of each basin a robot may stand on."""
+    """Return the number of cells of each basin with a square above `above`."""
     basins, count = tree.basins, len(tree.peaks)
     return _engine(squared).basin_areas(basins, squared, above, count)  # type: ignore[no-any-return]
 
@@ -231,7 +231,7 @@ def _engine(squared: SquaredDistances | None = None) -> ModuleType:
 
 
 Pose = tuple[int, int, int]  # heading, row and column
-MOST_HEADINGS = 255  # as many as a byte can count
+MOST_HEADINGS = 255  # a byte counts them
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,17 +241,17 @@ class Reached:
 
 
 class ConfigurationSpace:
-    """The poses in which a footprint touches no blocked cell and nothing outside of the grid."""
+    """The open poses of a footprint: inside the grid and clear of blocked cells."""
 
-    # From an open pose there is a way to the same cell in the heading before and after it, where
-    # headings form a circle, and to the four cells beside it, as far as these poses are open.
-    # Of each pose there is one bit, in one plane a heading. Poses that are reached are taken out of
-    # the planes, so that there is no second set of them; who asks again has them made again.
+    # An open pose connects to the open poses of the previous and the next heading at the same cell,
+    # headings being a circle, and to those of the same heading at the four adjacent cells.
+    # Each pose is one bit in the plane of its heading. A flood clears the bits of reached poses
+    # instead of storing a second set; the planes are computed again for the next call.
 
     def __init__(
         self, blocked: Layer, footprints: Sequence[Spans], *, closed: Mask | None = None
     ) -> None:
-        # in `closed` cells no pose has its centre
+        # poses centred on `closed` cells are closed
         if not 1 <= len(footprints) <= MOST_HEADINGS:
             raise ValueError(f"there must be 1 to {MOST_HEADINGS} headings")
         if not all(len(spans.rows) and (spans.starts < spans.stops).all() for spans in footprints):
@@ -260,14 +260,14 @@ class ConfigurationSpace:
         self._count = len(footprints)
         self._poses = _engine().OpenPoses(blocked, footprints, closed)
         self.headings: Bytes = self._poses.headings
-        """In how many headings each cell is open, shape (H, W)."""
+        """Number of open headings of each cell, shape (H, W)."""
 
     def open_headings(self, row: int, col: int) -> Mask:
         self._check(row, col)
         return self._poses.at(row, col)  # type: ignore[no-any-return]
 
     def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell] = ()) -> Reached:
-        """Return what can be reached from poses, and in which headings some cells are."""
+        """Return the cells reachable from poses, and the reachable headings of some cells."""
         for heading, row, col in seeds:
             self._check(row, col, heading)
         for row, col in cells:

@@ -1,9 +1,9 @@
 """Cells of polygons, discs and lines, as spans of rows, and costs of footprints.
 
 Lines are those of ``raytraceLine`` and ``bresenham2D`` in ``costmap_2d.hpp`` of both ROS navigation
-stacks: n is the larger difference, the error starts at n // 2 and grows by the smaller one with
-each step; where it reaches n, the minor axis moves. So after i steps that has moved
-(n // 2 + i * minor) // n times. The line from b to a is not always that from a to b.
+stacks. n is the larger difference; the error starts at n // 2 and grows by the smaller difference
+with each step; where it reaches n, the minor axis moves. So after i steps the minor axis has moved
+(n // 2 + i * minor) // n times. The lines from a to b and from b to a may differ.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.threads import for_rows
 
 _SHORT = 8
-"""Cells up to which runs are painted all together, cell by cell, rather than one by one."""
+"""Runs of up to so many cells are painted together, cell by cell; longer runs one by one."""
 
 MOST_TOGETHER = 1 << 20
-"""Runs that are made at the same time, so that no shape takes memory beyond its map's."""
+"""Runs held at a time, so that a shape needs no more memory than its map."""
 
 
 class Spans(NamedTuple):
@@ -34,7 +34,7 @@ class Spans(NamedTuple):
     stops: Integers
 
     def places(self, shape: tuple[int, int]) -> list[slice]:
-        """Return the rows, and the columns, of the cells from which all runs lie in a grid."""
+        """Return the rows and columns of the cells around which all runs lie in a grid."""
         found = []
         sides = (self.rows, self.rows + 1, shape[0]), (self.starts, self.stops, shape[1])
         for starts, stops, size in sides:
@@ -43,16 +43,16 @@ class Spans(NamedTuple):
         return found
 
     def clipped(self, width: int) -> Spans:
-        """Return what lies in columns 0 .. `width` - 1, without empty runs."""
+        """Return the runs cut off to columns 0 .. `width` - 1, without empty ones."""
         starts, stops = np.clip(self.starts, 0, width), np.clip(self.stops, 0, width)
-        kept = starts < stops
-        return Spans(self.rows[kept], starts[kept], stops[kept])
+        has_cells = starts < stops
+        return Spans(self.rows[has_cells], starts[has_cells], stops[has_cells])
 
 
 def paint(
     values: NDArray[Any], spans: Spans, value: int | Integers, *, over: Mask | None = None
 ) -> None:
-    """Set the cells of runs to a value, or to one for each run, one run after the other."""
+    """Set the cells of runs to a value, or to the value of each run in order."""
     if isinstance(value, np.ndarray):
         columns = (*spans, value)
         for row, start, stop, own in zip(*(column.tolist() for column in columns), strict=True):
@@ -70,13 +70,13 @@ def paint(
         has_more = starts + k < stops
         at = rows[has_more], starts[has_more] + k
         if over is not None:
-            kept = over[values[at].view(np.uint8)]
-            at = at[0][kept], at[1][kept]
+            is_painted = over[values[at].view(np.uint8)]
+            at = at[0][is_painted], at[1][is_painted]
         values[at] = value
 
 
 def enumerated(starts: Integers, stops: Integers) -> tuple[Integers, Integers]:
-    """Return the numbers of all half open ranges one after the other, and before, whose each is."""
+    """Return the range of each number, and the numbers of all half open ranges in order."""
     counts = np.maximum(stops - starts, 0)
     whose = np.repeat(np.arange(len(counts)), counts)
     before = np.cumsum(counts) - counts
@@ -86,21 +86,21 @@ def enumerated(starts: Integers, stops: Integers) -> tuple[Integers, Integers]:
 def halves(spans: Spans) -> tuple[Integers, Integers, Integers]:
     """Return the rows, starts and exponents of runs of 2^exponent cells that together are `spans`.
 
-    Of each run there are one or two, which overlap.
+    Each run of `spans` becomes one run, or two that overlap.
     """
     lengths = spans.stops - spans.starts
     exponents = np.frexp(lengths.astype(np.float64))[1].astype(np.int64) - 1
     second = np.flatnonzero(lengths != 1 << exponents)
-    others = (spans.stops - (1 << exponents))[second]
+    second_starts = (spans.stops - (1 << exponents))[second]
     return (
         np.concatenate([spans.rows, spans.rows[second]]),
-        np.concatenate([spans.starts, others]),
+        np.concatenate([spans.starts, second_starts]),
         np.concatenate([exponents, exponents[second]]),
     )
 
 
 def bands(starts: Integers, stops: Integers, height: int) -> Iterator[tuple[int, int]]:
-    """Return ranges of rows that hold about `MOST_TOGETHER` rows of all given ranges each."""
+    """Yield bands of rows that each hold about `MOST_TOGETHER` rows of all ranges together."""
     change = np.zeros(height + 1, dtype=np.int64)
     np.add.at(change, np.clip(starts, 0, height), 1)
     np.add.at(change, np.clip(np.maximum(starts, stops), 0, height), -1)
@@ -115,10 +115,10 @@ def bands(starts: Integers, stops: Integers, height: int) -> Iterator[tuple[int,
 
 
 _TOLERANCE = 1e-9
-"""In cells: centres exactly on the rim belong to the shape, whatever rounding says."""
+"""In cells: centres exactly on the rim belong to the shape, whatever the rounding."""
 
 _LEVEL = 1e-12
-"""In cells: a side that rises less lies within a single row's centre line."""
+"""In cells: a side that rises less is level and crosses at most one row of centres."""
 
 Position = tuple[float, float]
 
@@ -132,13 +132,12 @@ def capsule_spans(start: Position, stop: Position, radius: float, shape: tuple[i
     if rows.size == 0:
         return Spans(rows, rows, rows)
     y: Floats = rows.astype(np.float64) + 0.5
-    # The shape is convex, so that it meets each row in one run: from the leftmost to the
-    # rightmost of its parts.
+    # The shape is convex: it meets each row in one run, from its leftmost to its rightmost part.
     ends = [_disc(start, reach, y), _disc(stop, reach, y), *_rim(start, stop, reach, y)]
-    left = np.min([end[0] for end in ends], axis=0)
-    right = np.max([end[1] for end in ends], axis=0)
-    first = np.ceil(np.clip(left - 0.5, -1, shape[1] + 1))
-    last = np.floor(np.clip(right - 0.5, -1, shape[1] + 1))
+    low = np.min([end[0] for end in ends], axis=0)
+    high = np.max([end[1] for end in ends], axis=0)
+    first = np.ceil(np.clip(low - 0.5, -1, shape[1] + 1))
+    last = np.floor(np.clip(high - 0.5, -1, shape[1] + 1))
     return Spans(rows, first.astype(np.int64), last.astype(np.int64) + 1).clipped(shape[1])
 
 
@@ -153,7 +152,7 @@ def _disc(centre: Position, radius: float, y: Floats) -> _Ends:
 
 
 def _rim(start: Position, stop: Position, radius: float, y: Floats) -> list[_Ends]:
-    """Return the same of the two long sides of the rectangle around the segment."""
+    """Return the ends in each row of both long sides of the rectangle around the segment."""
     (y0, x0), (y1, x1) = start, stop
     length = math.hypot(y1 - y0, x1 - x0)
     if length == 0.0:
@@ -164,7 +163,7 @@ def _rim(start: Position, stop: Position, radius: float, y: Floats) -> list[_End
         a_y, a_x = y0 + sign * across_y, x0 + sign * across_x
         b_y, b_x = y1 + sign * across_y, x1 + sign * across_x
         if abs(b_y - a_y) < _LEVEL:
-            continue  # along a row: the discs at its ends reach as far
+            continue  # level: the discs at its ends reach as far
         share = (y - a_y) / (b_y - a_y)
         x = a_x + share * (b_x - a_x)
         within = (share >= 0) & (share <= 1)
@@ -174,11 +173,11 @@ def _rim(start: Position, stop: Position, radius: float, y: Floats) -> list[_End
 
 Cell = tuple[int, int]
 
-FARTHEST_CELL = 1 << 30  # cell indices up to which no product in here exceeds 64 bits
+FARTHEST_CELL = 1 << 30  # up to this cell index all products in this module fit 64 bits
 
 
 class Edges(NamedTuple):
-    """Lines between cells, each from its first to its second end: arrays of int64, shape (N,)."""
+    """Directed lines between cells, from row, col to next_row, next_col: int64, shape (N,)."""
 
     row: Integers
     col: Integers
@@ -206,21 +205,21 @@ def edges_through(cells: Sequence[Cell], *, closed: bool = False) -> Edges:
 
 
 def line_spans(edges: Edges, shape: tuple[int, int]) -> Iterator[Spans]:
-    """Return the cells of lines, their ends included, that lie in a grid, in parts."""
+    """Yield the cells of lines within a grid, both ends included, in bands of rows."""
     for bottom, top in bands(edges.bottom, edges.top + 1, shape[0]):
         _, spans = runs(edges, bottom, top)
         yield spans.clipped(shape[1])
 
 
 def runs(edges: Edges, bottom: int, top: int) -> tuple[Integers, Spans]:
-    """Return how far each line reaches within each of the rows `bottom` .. `top` - 1."""
+    """Return the line of each run, and the runs of all lines in rows `bottom` .. `top` - 1."""
     which, rows = enumerated(np.maximum(edges.bottom, bottom), np.minimum(edges.top + 1, top))
     row, col, next_row, next_col = edges.chosen(which)
     across, along = np.abs(next_row - row), np.abs(next_col - col)
     moved = np.abs(rows - row)
     n = np.maximum(np.maximum(across, along), 1)
-    # Where rows are the major axis there is one cell a row. Elsewhere row k holds the steps i
-    # with (n // 2 + i * across) // n == k.
+    # If rows are the major axis, each row has one cell. Otherwise row k holds the steps i with
+    # (n // 2 + i * across) // n == k.
     single = (n // 2 + moved * along) // n
     steps = np.maximum(across, 1)
     first = np.where(moved == 0, 0, -((n // 2 - moved * n) // steps))
@@ -233,27 +232,26 @@ def runs(edges: Edges, bottom: int, top: int) -> tuple[Integers, Spans]:
 
 
 _COUNT_BITS = 20
-"""Bits that count how many runs of one kind a cell lies in; three such counts share 64 bits."""
+"""Bits of the count of runs of a kind that cover a cell; three such counts share 64 bits."""
 _SOLID, _HOLLOW, _RIM = (1 << (_COUNT_BITS * k) for k in range(3))
 _ONE_COUNT = (1 << _COUNT_BITS) - 1
 
 
 def polygon_spans(rings: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> Iterator[Spans]:
-    """Return the cells of a polygon of any form, with holes or without, in parts."""
-    # The outline is costmap_2d's lines of cells between the corners; inside of it is every cell
-    # whose centre an odd number of edges between the corners' centres surround. What is inside of a
-    # hole in the same sense, but not on its edge, is left out. What comes of a polygon that reaches
-    # beyond the grid is exactly its part inside of it.
+    """Yield the cells of any polygon, with or without holes, in bands of rows."""
+    # The outline consists of costmap_2d's lines of cells between the corners. Inside are the cells
+    # whose centre lies inside by the even-odd rule on the corners' centres. Cells inside a hole but
+    # not on its outline are left out. A polygon that reaches beyond the grid is cut off exactly.
     # For a convex polygon these are the cells of costmap_2d's ``convexFillCells``, which fills each
-    # column from its lowest to its highest cell: a column meets just two of its edges, also after
-    # the corners were moved to their cells, since that keeps their order along both axes; and a
-    # cell between the two lines of cells lies between the edges.
+    # column from its lowest to its highest cell. Moving the corners to their cells keeps their
+    # order along both axes, so a column still meets just two edges, and the cells between the two
+    # lines of cells lie between these edges.
     ring_of = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
     yield from _drawn(edges_of_rings(rings), ring_of, shape)
 
 
 def stacked_spans(edges: Edges, shape: tuple[int, int]) -> Iterator[Spans]:
-    """Return the cells of many polygons that share no rows, in the order of their rows."""
+    """Yield the cells of polygons that share no rows, by rising row."""
     yield from _drawn(edges, np.zeros(len(edges.row), dtype=np.int64), shape)
 
 
@@ -263,10 +261,10 @@ def edges_of_rings(rings: Sequence[Sequence[Cell]]) -> Edges:
 
 
 def _drawn(edges: Edges, ring_of: Integers, shape: tuple[int, int]) -> Iterator[Spans]:
-    """Return the cells of rings, of which the first may have any number of parts."""
+    """Yield the cells of ring 0, which may have several parts, minus its holes, the other rings."""
     for bottom, top in bands(edges.bottom, edges.top + 1, shape[0]):
-        which, outline = runs(edges, bottom, top)
-        rim = ring_of[which]
+        line_of, outline = runs(edges, bottom, top)
+        rim = ring_of[line_of]
         inside_of, inside = _inside(edges, ring_of, bottom, top, shape[1])
         spans = Spans(*map(np.concatenate, zip(outline, inside, strict=True)))
         kinds = np.where(
@@ -280,26 +278,26 @@ def _drawn(edges: Edges, ring_of: Integers, shape: tuple[int, int]) -> Iterator[
 def _inside(
     edges: Edges, ring_of: Integers, bottom: int, top: int, width: int
 ) -> tuple[Integers, Spans]:
-    """Return whose inside it is, and the cells inside of each ring by the even-odd rule."""
-    # Cells on an edge belong to the outline, and may be missing here.
+    """Return the ring of each run, and the runs inside of rings by the even-odd rule."""
+    # Cells on an edge may be missing: they belong to the outline.
     which, rows = enumerated(np.maximum(edges.bottom, bottom), np.minimum(edges.top, top))
     row, col, next_row, next_col = edges.chosen(which)
     up = next_row > row
     low_row, low_col = np.where(up, row, next_row), np.where(up, col, next_col)
     high_row, high_col = np.where(up, next_row, row), np.where(up, next_col, col)
-    # First column that is not left of the edge at the rows' centres.
+    # the first column at or right of the edge, at the rows' centres
     passed = -(((rows - low_row) * (low_col - high_col)) // (high_row - low_row))
     cols = np.clip(low_col + passed, 0, width)
     count = int(ring_of[-1]) + 1
     keys = np.sort(((rows - bottom) * count + ring_of[which]) * (width + 1) + cols)
     places, cols = np.divmod(keys, width + 1)
-    # A closed ring crosses a row an even number of times: enter, leave, enter, leave.
+    # A closed ring crosses a row an even number of times: columns alternately enter and leave.
     rows, rings = np.divmod(places[::2], count)
     return rings, Spans(rows + bottom, cols[::2], cols[1::2])
 
 
 def _covered(spans: Spans, kinds: Integers, width: int) -> Spans:
-    """Return the runs of cells that are solid, and in no hollow or on its rim; none overlap."""
+    """Return disjoint runs of the solid cells that lie outside of holes or on their rim."""
     starts, stops = (np.clip(ends, 0, width) for ends in (spans.starts, spans.stops))
     keys = np.concatenate([spans.rows * (width + 1) + ends for ends in (starts, stops)])
     order = np.argsort(keys, kind="stable")
@@ -317,11 +315,11 @@ def _covered(spans: Spans, kinds: Integers, width: int) -> Spans:
 
 LETHAL, UNKNOWN = 254, 255
 _CELLS_TOGETHER = 1 << 18
-"""Cells of outlines that are looked up together: worth a thread, and small in memory."""
+"""Cells of outlines that a thread looks up together: few enough to stay small in memory."""
 
 _POSES_TOGETHER = 1 << 14
 
-# A look-up both ways: of the costs of a line, 254 is the worst, before 255.
+# Severity of a cost, and cost of a severity: 254 is the worst cost of a line, before 255.
 _SEVERITY = np.arange(256, dtype=np.uint8)
 _SEVERITY[[LETHAL, UNKNOWN]] = UNKNOWN, LETHAL
 
@@ -336,29 +334,29 @@ class Lattice(NamedTuple):
 def costs_at_poses(
     costs: Bytes, lattice: Lattice, corners: Floats, poses: Floats, *, filled: bool
 ) -> tuple[Bytes, Mask]:
-    """Return what a footprint costs at each pose, and whether the grid holds all its corners."""
-    # As Nav2's ``FootprintCollisionChecker``: corners are turned, moved, and cut off to cells.
-    # Lines lead from each to the next, and one from the first to the last. A line costs 254 if it
-    # meets that, else the largest of its costs. The footprint costs the largest of its lines, but
-    # the first that costs 254 ends the search, so that a line of 255 before it hides it.
-    # The cells of a footprint that is filled are those of its outline and all that costmap_2d fills
-    # when it draws it (`mapdeal.kernels.polygons`). That draws the last line in the other
-    # direction, which may lead through other cells: both count.
+    """Return the cost of a footprint at each pose, and whether all corners lie in the grid."""
+    # As Nav2's ``FootprintCollisionChecker``: corners are turned, moved, and truncated to cells.
+    # Lines connect each corner to the next, and the first to the last. A line costs 254 if it meets
+    # 254, else its largest cost. The footprint costs as much as its most expensive line, but the
+    # search ends at the first line of 254, so that a line of 255 before it hides it.
+    # A filled footprint has the cells of its outline and those that costmap_2d fills. costmap_2d
+    # draws the last line in the other direction, maybe through other cells: both lines count.
     results = np.empty(len(poses), dtype=np.uint8)
     inside = np.empty(len(poses), dtype=np.bool_)
     costs, corners, poses = map(np.ascontiguousarray, (costs, corners, poses))
     compiled = engine_name() == "compiled"
 
-    def part(some: slice) -> None:
+    def part(chosen: slice) -> None:
         if compiled:
             from mapdeal.kernels import _compiled
 
             _compiled.costs_of_footprints(
                 costs, *lattice[:3], math.cos(lattice.yaw), math.sin(lattice.yaw), corners,
-                poses[some], filled, results[some], inside[some].view(np.uint8),
+                poses[chosen], filled, results[chosen], inside[chosen].view(np.uint8),
             )  # fmt: skip
         else:
-            results[some], inside[some] = _costs_at(costs, lattice, corners, poses[some], filled)
+            found = _costs_at(costs, lattice, corners, poses[chosen], filled)
+            results[chosen], inside[chosen] = found
 
     sides = np.abs(np.roll(corners, -1, axis=0) - corners).sum(axis=1)
     cells = int(min((sides / lattice.resolution).sum(), _CELLS_TOGETHER)) + 2 * len(corners)
@@ -383,9 +381,9 @@ def _costs_at(
 def _corner_cells(
     shape: tuple[int, ...], lattice: Lattice, corners: Floats, poses: Floats
 ) -> tuple[Integers, Integers, Mask]:
-    """Return rows and columns of the corners at the poses that are inside, and which these are."""
+    """Return rows and columns of the corners at poses inside the grid, and which poses are."""
     x, y = poses[:, :1], poses[:, 1:2]
-    # the C library's, which Nav2 and the compiled kernel call: numpy's own differ in last bits
+    # sine and cosine of the C library, as in Nav2 and the compiled kernel: numpy's differ slightly
     angles = np.where(np.isfinite(poses[:, 2]), poses[:, 2], np.nan).tolist()
     cos, sin = (np.array([[of(angle)] for angle in angles]) for of in (math.cos, math.sin))
     grid_cos, grid_sin = math.cos(lattice.yaw), math.sin(lattice.yaw)
@@ -395,13 +393,13 @@ def _corner_cells(
         dy = y + (corners[:, 0] * sin + corners[:, 1] * cos) - lattice.y
         along, across = dx * grid_cos + dy * grid_sin, dy * grid_cos - dx * grid_sin
         cols, rows = along / lattice.resolution, across / lattice.resolution
-    held = (along >= 0) & (across >= 0) & (cols < width) & (rows < height)
-    inside: Mask = held.all(axis=1)
+    is_inside = (along >= 0) & (across >= 0) & (cols < width) & (rows < height)
+    inside: Mask = is_inside.all(axis=1)
     return rows[inside].astype(np.int64), cols[inside].astype(np.int64), inside
 
 
 def _of_outline(costs: Bytes, rows: Integers, cols: Integers, *, filled: bool) -> Bytes:
-    """Return the severity of the outline at each pose; of cells (N, K) of its corners."""
+    """Return the severity of the outline at each pose, given the corner cells, shape (N, K)."""
     last = rows.shape[1] - 1
     starts, ends = [*range(last), 0], [*range(1, last + 1), last]
     if filled:
@@ -421,17 +419,17 @@ def _of_outline(costs: Bytes, rows: Integers, cols: Integers, *, filled: bool) -
 
 
 def _add_inside(worst: Bytes, costs: Bytes, rows: Integers, cols: Integers) -> None:
-    """Let the severity of the cells inside of outlines by the even-odd rule count, in place."""
+    """Raise `worst` by the severity of the cells inside of outlines, by the even-odd rule."""
     ends = np.roll(rows, -1, axis=1), np.roll(cols, -1, axis=1)
     edges = Edges(*(corners.ravel() for corners in (rows, cols, *ends)))
     pose_of_edge = np.repeat(np.arange(len(rows)), rows.shape[1])
     poses, spans = _inside(edges, pose_of_edge, 0, *costs.shape)
     counts = np.cumsum(spans.stops - spans.starts)
     cuts = np.searchsorted(counts, np.arange(0, counts[-1] if len(counts) else 0, _CELLS_TOGETHER))
-    for some in map(slice, cuts, [*cuts[1:], len(counts)]):
-        run, at_col = enumerated(spans.starts[some], spans.stops[some])
+    for chunk in map(slice, cuts, [*cuts[1:], len(counts)]):
+        run, at_col = enumerated(spans.starts[chunk], spans.stops[chunk])
         if len(run):
-            severity = _SEVERITY[costs[spans.rows[some][run], at_col]]
+            severity = _SEVERITY[costs[spans.rows[chunk][run], at_col]]
             begins = np.flatnonzero(np.diff(run, prepend=-1))
             of_runs = np.maximum.reduceat(severity, begins)
-            np.maximum.at(worst, poses[some][run[begins]], of_runs)
+            np.maximum.at(worst, poses[chunk][run[begins]], of_runs)

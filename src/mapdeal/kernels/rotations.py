@@ -1,7 +1,7 @@
 """Rotations of sets of points, and directions of walls.
 
-Quaternions are arrays (..., 4) of x, y, z, w, as ROS has them; a transform is a translation
-(..., 3) and a quaternion, and takes a point p to q p + t.
+Quaternions are arrays (..., 4) of x, y, z, w, as in ROS. A transform is a translation t of shape
+(..., 3) and a quaternion q, and moves a point p to q p + t.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.threads import in_parallel
 
 _NEARLY_EQUAL = 1.0 - 1e-9
-"""The cosine of half an angle from which on a straight line serves as well as an arc."""
+"""Cosine of half an angle above which slerp interpolates along a straight line."""
 
 
 def normalised(quaternions: ArrayLike) -> Floats:
@@ -49,15 +49,15 @@ def rotated(quaternions: Floats, vectors: Floats) -> Floats:
 
 
 def inverse_matrices(matrices: Floats) -> Floats:
-    # Computed from cross products. LAPACK and BLAS reserve 32 MB per thread; if the system refuses,
-    # OpenBLAS exits the process or tries again for ever.
+    # Computed from cross products. LAPACK and BLAS reserve 32 MB per thread; if the system
+    # refuses, OpenBLAS exits the process or tries again for ever.
     a, b, c = np.moveaxis(matrices, -2, 0)
     adjugate = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
     return np.asarray(adjugate / (a * np.cross(b, c)).sum(axis=-1)[..., np.newaxis, np.newaxis])
 
 
 def slerp(first: Floats, second: Floats, share: Floats) -> Floats:
-    """Return rotations on the shorter arc between two, at a share of it from 0 to 1."""
+    """Return the rotations at a share, 0 to 1, of the shorter arc between two rotations."""
     # From Shoemake, "Animating rotation with quaternion curves", 1985; as tf2's
     # ``Quaternion::slerp``.
     cosine = np.sum(first * second, axis=-1)
@@ -74,7 +74,7 @@ def slerp(first: Floats, second: Floats, share: Floats) -> Floats:
 
 
 def composed(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """Return the transforms that do `second`, and then `first`: translations and quaternions."""
+    """Return the transforms that apply `second`, then `first`: translations and quaternions."""
     (a, p), (b, q) = first, second
     return a + rotated(p, b), multiplied(p, q)
 
@@ -86,27 +86,26 @@ def undone(transforms: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
 
 
 _STEPS = (math.radians(0.5), math.radians(0.1), math.radians(0.02))
-"""Of the search for the main direction, radians: each looks around what the one before found."""
+"""Steps of the search for the main direction, radians: each refines the previous result."""
 
 _MOST_POINTS = 20_000
 _SPREAD = (0.7548776662466927, 0.5698402909980532)
-"""Multiples of these, less their whole part, fill a square evenly: Roberts' R2 sequence."""
+"""The fractional parts of multiples fill a square evenly: Roberts' R2 sequence."""
 
-_WIDTH = 2.0  # of the strips that are counted for the main direction, cells
+_WIDTH = 2.0  # of the strips in the Hough spectrum for the main direction, cells
 _DISTINCT = 1.1
-"""How much more than in the median direction must be found in the main one. In noise, and in
-circles, it is 1.08 times as much."""
+"""Least ratio of the spectrum in the main direction to its median; 1.08 in noise and circles."""
 
 
 def hough_spectrum(points_xy: Floats, angles: Floats, width: float) -> Floats:
-    """Return how much of a map's walls runs in each of some directions."""
+    """Return how much of a map's walls runs along each angle."""
     # From S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 25,
-    # 2008: the Hough spectrum, there from the Hough transform of all pixels.
+    # 2008, who compute the Hough spectrum from the Hough transform of all pixels.
     x, y = np.ascontiguousarray((points_xy - points_xy.mean(axis=0)).T / width)
     middle = math.ceil(float(np.hypot(x, y).max())) + 1
     found = np.empty(len(angles))
 
-    def some(first: int, end: int) -> None:
+    def count(first: int, end: int) -> None:
         for k in range(first, end):
             places = y * math.cos(angles[k]) - x * math.sin(angles[k]) + middle
             strips = places.astype(np.int64)
@@ -115,12 +114,12 @@ def hough_spectrum(points_xy: Floats, angles: Floats, width: float) -> Floats:
             counts[1:] += beyond[:-1]
             found[k] = counts @ counts
 
-    in_parallel(some, len(angles))
+    in_parallel(count, len(angles))
     return found
 
 
 def main_direction(occupied: Mask) -> float | None:
-    """Return the direction that most walls run along, or across."""
+    """Return the direction along or across which most walls run, if one prevails."""
     points = _spread_out(edge_points(occupied))
     if len(points) < 2:
         return None
@@ -138,8 +137,8 @@ def main_direction(occupied: Mask) -> float | None:
 
 
 def edge_points(occupied: Mask) -> Floats:
-    """Return the centres, x and y in cells, of obstacle cells with a side to one that is none."""
-    # Beyond the grid everything is as at its border.
+    """Return the centres, x and y in cells, of obstacle cells next to a cell without obstacle."""
+    # The border cells continue beyond the grid.
     inside = occupied.copy()
     inside[1:] &= occupied[:-1]
     inside[:-1] &= occupied[1:]
@@ -149,9 +148,9 @@ def edge_points(occupied: Mask) -> Floats:
 
 
 def _spread_out(points: Floats) -> Floats:
-    """Return some of the points, each at another place of its cell."""
-    # Centres of cells fall onto the middles of strips in the directions of the lattice, and only
-    # there: these would seem to have more walls.
+    """Return a sample of the points, each moved within its cell."""
+    # Cell centres would line up with the strips only in the directions of the lattice, which would
+    # then seem to have more walls.
     if len(points) > _MOST_POINTS:
         points = points[np.arange(_MOST_POINTS) * len(points) // _MOST_POINTS]
     spread: Floats = points + (np.arange(len(points))[:, None] * np.array(_SPREAD)) % 1.0 - 0.5

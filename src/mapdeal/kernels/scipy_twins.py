@@ -1,4 +1,4 @@
-"""The scipy twins of what compiled.py holds: slower, and the same to the last bit."""
+"""The scipy twins of compiled.py: slower, but with the same results to the last bit."""
 
 from __future__ import annotations
 
@@ -66,9 +66,9 @@ def _squares_to(marked: Mask) -> SquaredDistances:
 
     height, width = marked.shape
     dtype = dtype_of_squares(marked.shape)
-    if not marked.any():  # scipy would measure to a cell that is not there
+    if not marked.any():  # scipy would measure to a cell outside of the grid
         return np.full(marked.shape, np.iinfo(dtype).max, dtype=dtype)
-    # scipy's distances are float64 square roots: the nearest cell's index is exact.
+    # The indices of the nearest cells are exact, unlike scipy's distances, float64 square roots.
     nearest = ndimage.distance_transform_edt(~marked, return_distances=False, return_indices=True)
     rows, cols = nearest.astype(dtype, copy=False)
     rows -= np.arange(height, dtype=dtype)[:, np.newaxis]
@@ -96,12 +96,12 @@ def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> Clearance
     numbers[peak_cells] = np.arange(len(peak_cells))
     basins: Basins = numbers[towards]
     claim_tables(BYTES_OF_BASIN * len(peak_cells))
-    # of the falling order of cells: the larger neighbour of a cell comes first
+    # edges by falling order of cells: the larger neighbour of a cell comes first
     narrower, wider = _pairs_of_basins(flat, basins, width)
     best = np.lexsort((narrower - wider, -narrower, -flat[narrower]))
     narrower, wider = narrower[best], wider[best]
-    kept = _spanning(basins[narrower], basins[wider], len(peak_cells))
-    narrower, wider = narrower[kept], wider[kept]
+    chosen = _spanning(basins[narrower], basins[wider], len(peak_cells))
+    narrower, wider = narrower[chosen], wider[chosen]
     return ClearanceTree(
         basins.reshape(height, width), flat[peak_cells], peak_cells,
         basins[narrower], basins[wider], flat[narrower], narrower,
@@ -109,13 +109,13 @@ def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> Clearance
 
 
 def _steepest(heights: Integers) -> Integers:
-    """Return for each cell the flat index of the largest of itself and its four neighbours."""
+    """Return for each cell the flat index of the largest among itself and four neighbours."""
     height, width = heights.shape
     around = np.pad(heights, 1, constant_values=_CLOSED)
     own = np.arange(heights.size).reshape(height, width)
     best = around[:-2, 1:-1].copy()
     towards: Integers = own - width
-    # in rising order of flat indices, so that of equal squares the last one wins
+    # by rising flat index, so that the last of equal squares wins
     for rows, cols, step in ((1, 0, -1), (1, 1, 0), (1, 2, 1), (2, 1, width)):
         candidate = around[rows : rows + height, cols : cols + width]
         larger = candidate >= best
@@ -127,7 +127,7 @@ def _steepest(heights: Integers) -> Integers:
 
 
 def _pairs_of_basins(heights: Integers, basins: Basins, width: int) -> tuple[Integers, Integers]:
-    """Return the narrower and the wider of neighbouring cells of different basins."""
+    """Return the narrower and the wider cells of neighbours in different basins."""
     own = np.arange(len(basins)).reshape(-1, width)
     firsts = np.concatenate([own[:, :-1].reshape(-1), own[:-1].reshape(-1)])
     seconds = np.concatenate([own[:, 1:].reshape(-1), own[1:].reshape(-1)])
@@ -137,28 +137,28 @@ def _pairs_of_basins(heights: Integers, basins: Basins, width: int) -> tuple[Int
     return np.where(is_narrower, firsts, seconds), np.where(is_narrower, seconds, firsts)
 
 
-def _spanning(one: Basins, other: Basins, count: int) -> Integers:
-    """Return which pairs make the spanning forest that prefers those that come first."""
-    # scipy's is that of least weight; the position in the list as weight makes it the only one.
-    if not len(one):
+def _spanning(firsts: Basins, seconds: Basins, count: int) -> Integers:
+    """Return the indices of the pairs in the spanning forest that prefers earlier pairs."""
+    # scipy minimises the total weight; with list positions as weights the forest is unique.
+    if not len(firsts):
         return np.zeros(0, dtype=np.int64)
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import minimum_spanning_tree
 
-    low, high = np.minimum(one, other).astype(np.int64), np.maximum(one, other)
-    _, first = np.unique(low * count + high, return_index=True)
-    weights = first + 1.0  # 0 would be no edge
-    ends = low[first].astype(np.int32), high[first].astype(np.int32)  # all that older scipy takes
+    low, high = np.minimum(firsts, seconds).astype(np.int64), np.maximum(firsts, seconds)
+    _, order = np.unique(low * count + high, return_index=True)
+    weights = order + 1.0  # scipy reads weight 0 as no edge
+    ends = low[order].astype(np.int32), high[order].astype(np.int32)  # older scipy needs int32
     graph = coo_array((weights, ends), shape=(count, count))
-    kept = minimum_spanning_tree(graph.tocsr()).data
-    return np.sort(kept.astype(np.int64)) - 1
+    positions = minimum_spanning_tree(graph.tocsr()).data
+    return np.sort(positions.astype(np.int64)) - 1
 
 
 def rooted(tree: ClearanceTree, root: int) -> RootedTree:
     count, edges = len(tree.peaks), len(tree.squares)
-    ends = np.concatenate([tree.one, tree.other])
-    beyond = np.concatenate([tree.other, tree.one])
-    # both sides of a basin's edges in the order of the edges
+    ends = np.concatenate([tree.firsts, tree.seconds])
+    beyond = np.concatenate([tree.seconds, tree.firsts])
+    # sides of edges by basin, and within a basin in the order of the edges
     sides = np.lexsort((np.arange(2 * edges) % max(edges, 1), ends))
     begins = np.searchsorted(ends[sides], np.arange(count + 1))
     parent_edges = np.full(count, -1, dtype=np.int32)
@@ -183,20 +183,20 @@ def widest_metres(
 ) -> None:
     endless = unreachable(squared)
 
-    def some(rows: slice) -> None:  # metres may lie over the basins
+    def fill(rows: slice) -> None:  # metres may share the memory of the basins
         widest = np.minimum(squared[rows], limits[basins[rows] + 1])
         metres[rows] = _metres(widest, resolution, endless)
 
-    for_rows(some, squared.shape)
+    for_rows(fill, squared.shape)
 
 
 def clearance_metres(squared: SquaredDistances, resolution: float, metres: Metres) -> None:
     endless = unreachable(squared)
 
-    def some(rows: slice) -> None:
+    def fill(rows: slice) -> None:
         metres[rows] = _metres(squared[rows], resolution, endless)
 
-    for_rows(some, squared.shape)
+    for_rows(fill, squared.shape)
 
 
 def _metres(squared: SquaredDistances, resolution: float, endless: int) -> Floats:
@@ -209,7 +209,7 @@ def basin_areas(basins: Basins, squared: SquaredDistances, above: int, count: in
 
 
 class OpenPoses:
-    """A plane of bits for each heading."""
+    """Open poses as a plane of bits for each heading."""
 
     def __init__(
         self, blocked: Layer, footprints: Sequence[Spans], closed: Mask | None = None
@@ -229,9 +229,9 @@ class OpenPoses:
         return np.array([self._plane(k, slice(row, row + 1))[0, col] for k in self._all])
 
     def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell]) -> tuple[Bytes, Mask]:
-        counts, (one, other) = self._joined()
+        counts, (here, ahead) = self._joined()
         firsts = np.cumsum([0, *counts])
-        least = least_joined(one, other, int(firsts[-1]))
+        least = least_joined(here, ahead, int(firsts[-1]))
         labels = [self._labels(heading)[row, col] for heading, row, col in seeds]
         is_reached = np.zeros(len(least), dtype=np.bool_)
         for (heading, _, _), label in zip(seeds, labels, strict=True):
@@ -252,14 +252,14 @@ class OpenPoses:
         return np.unpackbits(self._planes[heading][rows], axis=1, count=width).view(np.bool_)
 
     def _labels(self, heading: int) -> NDArray[np.int32]:
-        """Return the component, 1, 2, ... of each open cell, 0 elsewhere: always the same."""
+        """Return the component, from 1, of each open cell, 0 elsewhere; repeatable."""
         from scipy import ndimage
 
         labels: NDArray[np.int32] = ndimage.label(self._plane(heading))[0]
         return labels
 
     def _joined(self) -> tuple[list[int], Integers]:
-        """Return how many components each heading has, and which touch the next heading's."""
+        """Return the component count of each heading, and pairs that touch in the next heading."""
         counts, pairs = [], []
         before = first = self._labels(0)
         start = 0
@@ -274,11 +274,11 @@ class OpenPoses:
 
 
 class _Dilations:
-    """Blocked cells, and for each power of two where such a run of cells has a blocked one."""
+    """For each power of two the cells from which a run of that length meets a blocked cell."""
 
     def __init__(self, blocked: Mask) -> None:
         self._of_exponents = [blocked]
-        """Of exponent e in column j: whether one of the columns j .. j + 2^e - 1 is blocked."""
+        """Item e in column j: whether any of the columns j .. j + 2^e - 1 is blocked."""
 
     def open_cells(self, spans: Spans) -> Mask:
         height, width = self._of_exponents[0].shape

@@ -1,8 +1,8 @@
-"""What sensors measure, into cells: the points of clouds, and the evidence that rays leave.
+"""Measurements of sensors in cells: points of clouds, and the evidence of rays.
 
-A ray passes the cells of costmap_2d's line between both ends (`mapdeal.kernels.polygons`), the
-first included, the last not: that is where it hits, or where it stops. Ends may lie outside of the
-grid; what lies inside is then the same as it would be on a larger one.
+A ray passes the cells of costmap_2d's line between both ends (`mapdeal.kernels.polygons`) except
+the last, where it hits or stops. Ends may lie outside of the grid; the cells inside are the same as
+on a larger grid.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ _TURN = 2 * math.pi
 def mark_cloud(
     points: Floats, rule: tuple[float, ...], hit: Mask, *, is_placed: bool
 ) -> tuple[Integers, Floats]:
-    """Mark the cells of points, compiled only; return counts, and points as the robot sees them."""
+    """Mark the cells of points (compiled only); return counts, and points in the robot's frame."""
     from mapdeal.kernels import _clouds
 
     counts = np.zeros(6, dtype=np.int64)
     counts[0] = len(points)
     if not len(points):
         return counts, np.empty((0, 2))
-    seen = np.empty((len(points), 2))
+    robot_xy = np.empty((len(points), 2))
     bytes_ = hit.view(np.uint8)
-    found = _clouds.mark(np.ascontiguousarray(points), rule, is_placed, bytes_, seen, counts)
-    return counts, seen[:found]
+    found = _clouds.mark(np.ascontiguousarray(points), rule, is_placed, bytes_, robot_xy, counts)
+    return counts, robot_xy[:found]
 
 
 def cover_angles(angles: Floats, first: Floats, last: Floats) -> None:
-    """Put angles into equal bins of a turn, from -pi, and keep the first and last of each."""
+    """Update the first and last angle of each bin; bins divide a turn from -pi evenly."""
     if engine_name() == "compiled":
         from mapdeal.kernels import _clouds
 
         _clouds.cover(np.ascontiguousarray(angles), _TURN, math.pi, first, last)
         return
     angles = angles - _TURN * np.ceil((angles - math.pi) / _TURN)
-    angles = np.minimum(angles, math.pi)  # rounding may have passed it
+    angles = np.minimum(angles, math.pi)  # rounding may exceed pi
     bins = ((angles + math.pi) * (len(first) / _TURN)).astype(np.int64)
     np.clip(bins, 0, len(first) - 1, out=bins)
     np.minimum.at(first, bins, angles)
@@ -58,7 +58,7 @@ def cells_of_points(
     points_xy: Floats, origin: tuple[float, float, float], resolution: float,
     precision: tuple[float, float, float],
 ) -> Integers | None:  # fmt: skip
-    """Return row and column of points, as if the grid went on for ever."""
+    """Return row and column of points on an unbounded grid."""
     # `precision`: rounding, tolerance and farthest coordinate, as in clouds.h
     if engine_name() != "compiled":
         return None
@@ -74,7 +74,7 @@ def cells_of_points(
 
 
 MOST_EXPANSION = 132
-"""No LZF data expand to more than so many times their length: 264 bytes are a copy of 2."""
+"""Largest expansion ratio of LZF: two bytes of data copy at most 264 bytes."""
 
 
 def lzf_expanded(data: bytes, size: int) -> Bytes | None:
@@ -114,7 +114,7 @@ def _expand(data: bytes, to: memoryview) -> bool:
         run += 2
         if back < 0 or run > len(to) - filled:
             return False
-        while run > 0:  # what is copied may be what was copied just now
+        while run > 0:  # a copy may overlap its source, and repeats it
             part = min(run, filled - back)
             to[filled : filled + part] = to[back : back + part]
             filled, run = filled + part, run - part
@@ -124,17 +124,17 @@ def _expand(data: bytes, to: memoryview) -> bool:
 Counts = NDArray[np.int32]
 
 DISTANCE_UNIT = 1 << 20
-"""What `measure_rays` adds for a distance of one truncation: sums of whole numbers are exact."""
+"""Integer that `measure_rays` adds for one truncation distance: integer sums are exact."""
 
-SEEN, A_HIT, MOST_HITS = 1, 2, 3
-"""What `weigh_rays` notes of cells beside their values: hits are counted up to a few."""
+OBSERVED, A_HIT, MOST_HITS = 1, 2, 3
+"""Marks of `weigh_rays`: an observed cell, one hit, and the number up to which hits count."""
 
-_PARTS_PER_THREAD = 2  # each part of the rows costs another look at every beam
+_PARTS_PER_THREAD = 2  # each part of the rows reads every beam once more
 _CELLS_TOGETHER = 1 << 20
 
 
 class Odds(NamedTuple):
-    """What beams add to a cell's value, and between what it is kept."""
+    """Increments of a cell's value for each beam, and the limits of the value."""
 
     on_miss: int
     on_hit: int
@@ -156,34 +156,34 @@ def count_rays(
 
 
 def weigh_rays(
-    starts: Integers, ends: Integers, is_hit: Mask, odds: Odds, values: Counts, seen: Bytes
+    starts: Integers, ends: Integers, is_hit: Mask, odds: Odds, values: Counts, marks: Bytes
 ) -> None:
-    """Add to cells, in place, what each ray says of them, clamping after each."""
+    """Add the increment of each ray to the cells it passes or hits, in place; clamp each time."""
     if engine_name() == "compiled":
         from mapdeal.kernels import _rays
 
-        _by_rows(_rays.weigh, values, starts, ends, is_hit.view(np.uint8), *odds, values, seen)
+        _by_rows(_rays.weigh, values, starts, ends, is_hit.view(np.uint8), *odds, values, marks)
         return
     who_hits, hit_at = _hit(ends, is_hit, values.shape)
     cells, counts = np.unique(hit_at, return_counts=True)
-    noted = seen.reshape(-1)
-    noted[cells] = SEEN + A_HIT * np.minimum(noted[cells] // A_HIT + counts, MOST_HITS)
-    done = 0
+    marked = marks.reshape(-1)
+    marked[cells] = OBSERVED + A_HIT * np.minimum(marked[cells] // A_HIT + counts, MOST_HITS)
+    hits_so_far = 0
     for whose, at, stop in _passed(starts, ends, values.shape, with_end=False):
-        some = slice(done, int(np.searchsorted(who_hits, stop)))
-        done = some.stop
-        at = np.concatenate([at, hit_at[some]])
-        order = np.concatenate([whose, who_hits[some]])
-        added = np.repeat([odds.on_miss, odds.on_hit], [len(whose), some.stop - some.start])
+        hits = slice(hits_so_far, int(np.searchsorted(who_hits, stop)))
+        hits_so_far = hits.stop
+        at = np.concatenate([at, hit_at[hits]])
+        order = np.concatenate([whose, who_hits[hits]])
+        added = np.repeat([odds.on_miss, odds.on_hit], [len(whose), hits.stop - hits.start])
         _add_in_order(at, order, added, odds, values.reshape(-1))
-        noted[at] |= SEEN
+        marked[at] |= OBSERVED
 
 
 def measure_rays(
     starts: Integers, ends: Integers, sensors_rowcol: Floats, ranges: Floats, truncation: float,
     behind: float, sums: Integers | Floats, weights: Counts, cell: float = 1.0,
 ) -> None:  # fmt: skip
-    """Add to cells, in place, their signed distances to what rays hit."""
+    """Add to cells, in place, their signed distances to the hits of rays."""
     if engine_name() == "compiled":
         from mapdeal.kernels import _rays
 
@@ -204,25 +204,29 @@ def measure_rays(
         if keeps_means:
             _average_in_order(at[near], share, flat, weights.reshape(-1))
             continue
-        whole = (share * DISTANCE_UNIT + (DISTANCE_UNIT + 0.5)).astype(np.int64) - DISTANCE_UNIT
-        np.add.at(flat, at[near], whole)
+        units = (share * DISTANCE_UNIT + (DISTANCE_UNIT + 0.5)).astype(np.int64) - DISTANCE_UNIT
+        np.add.at(flat, at[near], units)
         np.add.at(weights.reshape(-1), at[near], 1)
 
 
 def _by_rows(
-    work: Callable[..., None], layer: NDArray[Any], starts: Integers, ends: Integers, *others: Any
+    work: Callable[..., None],
+    layer: NDArray[Any],
+    starts: Integers,
+    ends: Integers,
+    *arguments: Any,
 ) -> None:
-    # Each thread follows all rays, but only through its own rows, so that beams come to every cell
-    # in their order, and nothing depends on the number of threads.
+    # Each thread follows all rays, but only through its own rows. So every cell receives the beams
+    # in order, and results do not depend on the number of threads.
     starts, ends = np.ascontiguousarray(starts), np.ascontiguousarray(ends)
     height = len(layer)
     parts = min(height, 1 if thread_count() == 1 else _PARTS_PER_THREAD * thread_count())
 
-    def some(first: int, end: int) -> None:
+    def work_on(first: int, end: int) -> None:
         for k in range(first, end):
-            work(starts, ends, *others, height * k // parts, height * (k + 1) // parts)
+            work(starts, ends, *arguments, height * k // parts, height * (k + 1) // parts)
 
-    in_parallel(some, parts)
+    in_parallel(work_on, parts)
 
 
 def _hit(ends: Integers, is_hit: Mask, shape: tuple[int, ...]) -> tuple[Integers, Integers]:
@@ -233,9 +237,9 @@ def _hit(ends: Integers, is_hit: Mask, shape: tuple[int, ...]) -> tuple[Integers
 def _passed(
     starts: Integers, ends: Integers, shape: tuple[int, ...], *, with_end: bool
 ) -> Iterator[tuple[Integers, Integers, int]]:
-    """Yield cells of lines in a grid, about `_CELLS_TOGETHER` at a time: whose, and where, flat.
+    """Yield about `_CELLS_TOGETHER` cells of lines in a grid at a time: line, flat index, stop.
 
-    With each they are those of all lines from the last to, but without, the third number.
+    Each item completes the lines before index `stop`.
     """
     height, width = shape
     edges = Edges(*starts.T, *ends.T)
@@ -253,7 +257,7 @@ def _passed(
 
 
 def _average_in_order(at: Integers, shares: Floats, means: Floats, weights: Counts) -> None:
-    """Take what each ray says of a cell into its mean, the first of all cells, then the second."""
+    """Update means with the shares of rays, first the first share of all cells, then the second."""
     order = np.argsort(at, kind="stable")
     at, shares = at[order], shares[order]
     (following,) = np.nonzero(np.diff(at, prepend=-1))
@@ -269,9 +273,10 @@ def _average_in_order(at: Integers, shares: Floats, means: Floats, weights: Coun
 def _add_in_order(
     at: Integers, order: Integers, added: Integers, odds: Odds, values: Counts
 ) -> None:
-    """Add to cells in order, clamping after each: many at a time."""
-    # To add and clamp, x -> min(max(x + a, low), high), is a function of three numbers, and so are
-    # several of them one after the other: pairs of neighbours become one until each cell has one.
+    """Add to cells in order, clamping after each addition; many cells at a time."""
+    # Adding and clamping, x -> min(max(x + a, low), high), is a function of three parameters, and
+    # the composition of two such functions is another one. Neighbouring pairs are composed until
+    # each cell has one function.
     sorting = np.lexsort((order, at))
     at, a = at[sorting], added[sorting].astype(np.int64)
     low = np.full(len(at), odds.lowest, dtype=np.int64)

@@ -1,8 +1,8 @@
-"""Skeletons: thin lines in the middle of an area, and ways over its cells.
+"""Skeletons: thin lines in the middle of an area, and shortest paths over its cells.
 
-The area shrinks in the order of its cells' squared distances, so what is left lies in the middle,
-and no cell is taken whose removal would part, join or close anything: the lines have the loops and
-the parts of the area.
+Thinning removes cells by rising squared distance, so that the remaining lines lie in the middle. It
+never removes a cell that would split a part, join parts, or open or close a loop: the lines have
+the same parts and loops as the area.
 
 References
 ----------
@@ -23,7 +23,7 @@ from mapdeal.kernels.arrays import Integers, Mask
 from mapdeal.kernels.engine import engine_name
 
 RING = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
-"""Steps to the neighbours of a cell, one after the other around it."""
+"""Steps to the neighbours of a cell, anticlockwise from the next column."""
 
 STRAIGHT, DIAGONAL = 12, 17
 """Lengths of steps: 17 / 12 is 0.2 % more than the root of 2, so lengths are never too small."""
@@ -33,19 +33,19 @@ _FAR = (1 << 32) - 1
 
 @cache
 def _tables() -> tuple[Mask, NDArray[np.uint8]]:
-    """Return, by the bits of its neighbours, whether a cell can go, and how many there are."""
+    """Return for each pattern of neighbours whether a cell can go, and the neighbour count."""
     bits = (np.arange(256)[:, np.newaxis] >> np.arange(8)) & 1
     off = 1 - bits
-    # Yokoi's number for eight neighbours: in how many parts they are, around this cell
+    # Yokoi's number: into how many parts the eight neighbours would fall without this cell
     parts = sum(off[:, k] - off[:, k] * off[:, k + 1] * off[:, (k + 2) % 8] for k in (0, 2, 4, 6))
     return np.asarray(parts == 1), bits.sum(axis=1).astype(np.uint8)
 
 
-def skeleton(levels: Integers, is_kept: Mask, is_end: Mask) -> Mask:
+def skeleton(levels: Integers, stays: Mask, is_end: Mask) -> Mask:
     """Return the thin lines in an area, shape (H, W).
 
-    Cells of the area have a level of at least 0, and go in this order; those of `is_kept` stay, and
-    those of `is_end` where a line ends in them.
+    Cells of the area have a level of at least 0 and are removed by rising level. Cells of `stays`
+    remain, and cells of `is_end` where a line ends in them.
     """
     height, width = levels.shape
     area = np.zeros((height + 2, width + 2), dtype=np.uint8)
@@ -58,7 +58,7 @@ def skeleton(levels: Integers, is_kept: Mask, is_end: Mask) -> Mask:
     ends = ends.reshape(-1)
 
     def thin(parts: list[Integers]) -> None:
-        """Take away what can go, until nothing can; parts are in place what is left."""
+        """Remove cells, also from `parts`, until no further cell can go."""
         active = [True] * 4
         while any(active):
             for k, part in enumerate(parts):
@@ -76,52 +76,52 @@ def skeleton(levels: Integers, is_kept: Mask, is_end: Mask) -> Mask:
                     parts[k] = part[~goes]
                     active = [True] * 4
 
-    # cells of one of four fields are no neighbours of each other, so they can go together
+    # Cells are divided into four fields by the parity of row and column.
+    # Cells of the same field are never neighbours and can go together.
     may_go = area.view(np.bool_).copy()
-    may_go[1:-1, 1:-1] &= ~is_kept
+    may_go[1:-1, 1:-1] &= ~stays
     cells = np.flatnonzero(may_go)
     keys = 4 * levels + np.add.outer(np.arange(height) % 2 * 2, np.arange(width) % 2)
     keys = keys[may_go[1:-1, 1:-1]]
     top = int(keys.max(initial=0)) // 4 + 1
-    if 4 * top < 1 << 16:  # sorted in one go
+    if 4 * top < 1 << 16:  # a radix sort
         keys = keys.astype(np.uint16)
     cells = cells[np.argsort(keys, kind="stable")]
     bounds = np.append(0, np.cumsum(np.bincount(keys, minlength=4 * top))).tolist()
     groups = [cells[first:stop] for first, stop in pairwise(bounds)]
-    left = [groups[level : level + 4] for level in range(0, 4 * top, 4)]
-    for parts in left:
+    by_level = [groups[level : level + 4] for level in range(0, 4 * top, 4)]
+    for parts in by_level:
         thin(parts)
-    thin([np.concatenate(parts) for parts in zip(*left, strict=True)])  # some may go only now
+    # removals of later levels may have freed cells of earlier ones
+    thin([np.concatenate(parts) for parts in zip(*by_level, strict=True)])
     return area[1:-1, 1:-1].view(np.bool_)
 
 
 def lengths_from(
-    is_open: Mask, sources: Integers, *, given: Integers | None = None, limit: int | None = None
-) -> NDArray[np.int32]:
-    """Return the length of the shortest way to each open cell, -1 without one.
+    is_open: Mask, sources: Integers,
+    *, start_lengths: Integers | None = None, limit: int | None = None,
+) -> NDArray[np.int32]:  # fmt: skip
+    """Return the length of the shortest path to each open cell, -1 without a path.
 
-    Sources are flat indices, from each of which a length is `given` or 0. Ways go over eight
-    neighbours, diagonally not between two closed cells, see `STRAIGHT`.
+    Sources are flat indices. Paths start with the length of their source, 0 by default, and step to
+    eight neighbours, but not diagonally between two closed cells; see `STRAIGHT` for units.
     """
-    return _flooded(is_open, sources, given, limit, with_origin=False)[0]
+    return _flooded(is_open, sources, start_lengths, limit, with_origin=False)[0]
 
 
 def nearest_from(
-    is_open: Mask, sources: Integers, *, given: Integers | None = None, limit: int | None = None
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return lengths as `lengths_from`, and the source that each is from, -1 without one."""
-    lengths, origin = _flooded(is_open, sources, given, limit, with_origin=True)
+    is_open: Mask, sources: Integers,
+    *, start_lengths: Integers | None = None, limit: int | None = None,
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:  # fmt: skip
+    """Return the lengths of `lengths_from`, and the index of the nearest source or -1."""
+    lengths, origin = _flooded(is_open, sources, start_lengths, limit, with_origin=True)
     return lengths, origin.reshape(is_open.shape[0] + 2, -1)[1:-1, 1:-1]
 
 
 def _flooded(
-    is_open: Mask,
-    sources: Integers,
-    given: Integers | None,
-    limit: int | None,
-    *,
-    with_origin: bool,
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    is_open: Mask, sources: Integers, start_lengths: Integers | None, limit: int | None,
+    *, with_origin: bool,
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:  # fmt: skip
     height, width = is_open.shape
     wide = width + 2
     openness = np.zeros((height + 2, wide), dtype=np.bool_)
@@ -130,7 +130,7 @@ def _flooded(
     lengths = np.full(len(flat), _FAR, dtype=np.uint32)
     rows, cols = np.divmod(sources, width)
     cells = (rows + 1) * wide + cols + 1
-    starts = np.zeros(len(cells), dtype=np.int64) if given is None else given
+    starts = np.zeros(len(cells), dtype=np.int64) if start_lengths is None else start_lengths
     order = np.lexsort((starts, cells))
     order = order[np.diff(cells[order], prepend=-1) != 0]
     order = order[flat[cells[order]]]
@@ -148,19 +148,19 @@ def _flooded(
     else:
         _flood(flat, wide, cells, starts, most, lengths, origin)
     shape = height + 2, wide
-    return lengths.view(np.int32).reshape(shape)[1:-1, 1:-1], origin  # the largest number is -1
+    return lengths.view(np.int32).reshape(shape)[1:-1, 1:-1], origin  # _FAR reads as -1
 
 
 def _flood(
     is_open: Mask, width: int, sources: Integers, starts: Integers, limit: int,
     lengths: NDArray[np.uint32], origin: NDArray[np.int32],
 ) -> None:  # fmt: skip
-    """Do as flood.h does, with all cells of a length at once."""
+    """Compute the same as flood.h, for all cells of a length at once."""
     latest = np.empty(len(lengths), dtype=np.int32)
     values, firsts = np.unique(starts, return_index=True)
     waiting: dict[int, list[Integers]] = {
-        value: [some]
-        for value, some in zip(values.tolist(), np.split(sources, firsts)[1:], strict=True)
+        value: [cells]
+        for value, cells in zip(values.tolist(), np.split(sources, firsts)[1:], strict=True)
     }
     length = 0
     while waiting:
@@ -168,7 +168,7 @@ def _flood(
             parts = waiting.pop(length)
             now = np.concatenate(parts) if len(parts) > 1 else parts[0]
             now = now[lengths[now] == length]
-            if len(parts) > 1:  # each cell once
+            if len(parts) > 1:  # drop repeated cells
                 number = np.arange(len(now), dtype=np.int32)
                 latest[now] = number
                 now = now[latest[now] == number]
@@ -190,7 +190,7 @@ def _flood(
 
 
 def largest_of_blocks(values: NDArray[Any], step: int) -> NDArray[Any]:
-    """Return the largest value of each square of `step` x `step` cells, or what is left of it."""
+    """Return the largest value of each square of `step` x `step` cells, cut off at the border."""
 
     def of_rows(values: NDArray[Any]) -> NDArray[Any]:
         found = values[::step].copy()

@@ -1,8 +1,8 @@
 """Solids of marked cells, in cells: few boxes, or one closed surface of triangles.
 
-Runs of marked cells along rows that are alike from row to row are one rectangle. Its upper and
-lower edges are divided where rectangles beside it have corners, so that triangles meet edge to edge
-and the surface is closed.
+Equal runs of marked cells in consecutive rows form a rectangle. Its upper and lower edges are
+divided at the corners of adjacent rectangles, so that triangles meet edge to edge and the surface
+is closed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mapdeal.kernels.polygons import enumerated
 
 
 def run_count(marked: Mask) -> int:
-    """Return how many runs along rows the marked cells have."""
+    """Return the number of runs of marked cells along rows."""
     starts = marked[:, 1:] & ~marked[:, :-1]
     return int(np.count_nonzero(marked[:, 0]) + np.count_nonzero(starts))
 
@@ -34,22 +34,22 @@ class Rectangles(NamedTuple):
 
 
 def rectangles(marked: Mask) -> Rectangles:
-    """Return rectangles that together are the marked cells: of each component along one axis."""
-    # A straight wall across the rows is many short runs, and one long run of columns.
+    """Return rectangles that cover exactly the marked cells, with fewer along rows or columns."""
+    # A straight wall across the rows has many short runs along rows, but few along columns.
     across = _rectangles_by_rows(marked)
     first_col, end_col, first_row, end_row = _rectangles_by_rows(np.ascontiguousarray(marked.T))
     along = Rectangles(first_row, end_row, first_col, end_col)
     components = labelled(marked, corners=False)
     count = len(components.sizes)
-    owners = [components.cells[one.first_row, one.first_col] for one in (across, along)]
+    owners = [components.cells[found.first_row, found.first_col] for found in (across, along)]
     few = np.bincount(owners[0], minlength=count) <= np.bincount(owners[1], minlength=count)
-    kept = few[owners[0]], ~few[owners[1]]
-    both = [
-        np.concatenate([one[kept[0]], other[kept[1]]])
-        for one, other in zip(across, along, strict=True)
+    is_across, is_along = few[owners[0]], ~few[owners[1]]
+    columns = [
+        np.concatenate([from_across[is_across], from_along[is_along]])
+        for from_across, from_along in zip(across, along, strict=True)
     ]
-    order = np.lexsort(both[2::-2])
-    return Rectangles(*(one[order] for one in both))
+    order = np.lexsort(columns[2::-2])
+    return Rectangles(*(column[order] for column in columns))
 
 
 def _rectangles_by_rows(marked: Mask) -> Rectangles:
@@ -57,7 +57,7 @@ def _rectangles_by_rows(marked: Mask) -> Rectangles:
     edges = np.diff(np.pad(marked, ((0, 0), (1, 1))).view(np.int8), axis=1)
     row, start = np.nonzero(edges == 1)
     _, stop = np.nonzero(edges == -1)
-    places = np.min_scalar_type(width)  # of up to 16 bits they are sorted in linear time
+    places = np.min_scalar_type(width)  # up to 16 bits: a radix sort in linear time
     order = np.lexsort([stop.astype(places), start.astype(places)])
     row, start, stop = row[order], start[order], stop[order]
     key = start * (width + 1) + stop
@@ -84,8 +84,8 @@ class Surface:
 def surface(marked: Mask) -> Surface:
     """Return the surface of walls on the marked cells.
 
-    Each edge belongs to two triangles. Where four walls meet at a corner that two marked cells
-    share, the edges of one of them are divided at half height, so that this holds there, too.
+    Each edge belongs to exactly two triangles. Where two marked cells share only a corner, four
+    walls meet: the vertical edge is divided at half height for two of these walls.
     """
     found = _rectangles_by_rows(marked)
     stride = marked.shape[1] + 1
@@ -97,7 +97,7 @@ def surface(marked: Mask) -> Surface:
     keys = np.flatnonzero(is_corner)
     points = np.stack([keys // stride, keys % stride], axis=1)
     number_of = np.cumsum(is_corner, dtype=np.int32) - np.int32(1)
-    # of each rectangle the numbers, in `points`, of the ends of its lower and its upper edge
+    # for each rectangle the indices in `points` of the ends of its lower and upper edge
     low, low_end = (number_of[lower + col].astype(np.int64) for col in found[2:])
     top, top_end = (number_of[upper + col].astype(np.int64) for col in found[2:])
     caps = np.concatenate([_fan(low, low_end, top), _fan(top, top_end, low_end, turned=True)])
@@ -107,7 +107,7 @@ def surface(marked: Mask) -> Surface:
     south_west, south_east = cells[rows, cols], cells[rows, cols + 1]
     north_west, north_east = cells[rows + 1, cols], cells[rows + 1, cols + 1]
     pinched = (south_west == north_east) & (south_east == north_west) & (south_west != south_east)
-    # walls, with the marked cells on their left: from, to, and whether each end is divided
+    # walls, with the marked cells on their left: begin, end, and whether each end is divided
     _, bottom = enumerated(low, low_end)
     _, above = enumerated(top, top_end)
     bottom = bottom[~cells[rows[bottom], cols[bottom] + 1]]
@@ -127,7 +127,7 @@ def surface(marked: Mask) -> Surface:
 
 
 def _fan(first: Integers, last: Integers, apex: Integers, *, turned: bool = False) -> Integers:
-    """Return triangles from each stretch of an edge to a point beyond it, anticlockwise."""
+    """Return anticlockwise triangles from the pieces of edges to the apex of each edge."""
     whose, number = enumerated(first, last)
     ends = (number + 1, number) if turned else (number, number + 1)
     return np.stack([*ends, apex[whose]], axis=1)
@@ -137,11 +137,11 @@ def _walls(
     begin: Integers, end: Integers, begin_divided: Mask, end_divided: Mask, count: int,
     middle_of: Integers,
 ) -> Integers:  # fmt: skip
-    """Return the triangles of walls, divided at half height where their ends are."""
+    """Return the triangles of walls; divided ends have a corner at half height."""
     parts = []
     for from_middle, to_middle in ((False, False), (True, False), (False, True), (True, True)):
-        some = (begin_divided == from_middle) & (end_divided == to_middle)
-        p, q = begin[some], end[some]
+        chosen = (begin_divided == from_middle) & (end_divided == to_middle)
+        p, q = begin[chosen], end[chosen]
         p_top, q_top, p_mid, q_mid = p + count, q + count, middle_of[p], middle_of[q]
         corners = {
             (False, False): [(p, q, q_top), (p, q_top, p_top)],
@@ -150,5 +150,5 @@ def _walls(
             (True, True): [(p, q, q_mid), (p, q_mid, p_mid), (p_mid, q_mid, q_top),
                            (p_mid, q_top, p_top)],
         }[from_middle, to_middle]  # fmt: skip
-        parts += [np.stack(one, axis=1) for one in corners]
+        parts += [np.stack(triangle, axis=1) for triangle in corners]
     return np.concatenate(parts)

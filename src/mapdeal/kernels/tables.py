@@ -1,4 +1,4 @@
-"""Tables whose length the cells of a map decide: of basins, of components."""
+"""Memory of tables whose length depends on the map: of basins, of components."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _claim: ContextVar[Callable[[int], object]] = ContextVar("claim", default=lambda
 
 @contextmanager
 def tables_claimed(claim: Callable[[int], object]) -> Iterator[None]:
-    """Make `claim_tables` call a function within a ``with`` block."""
+    """Call `claim` for each `claim_tables` within a ``with`` block."""
     token = _claim.set(claim)
     try:
         yield

@@ -20,13 +20,13 @@ from mapdeal.kernels.engine import check_room
 _PARTS_PER_THREAD = 8  # so that parts of uneven cost even out
 CELLS_WORTH_A_THREAD = 1 << 18  # below, starting a thread takes longer than it saves
 _ROWS_CELLS = 1 << 16
-"""Cells that are worked on together: temporary arrays of so many stay in the cache."""
+"""Cells of a part: temporary arrays of this size stay in the cache."""
 
 _MOST_THREADS = 1024
-"""More are of no use anywhere, and libraries take no count that C cannot hold."""
+"""More threads never help, and libraries refuse counts above the range of C integers."""
 
 _STACK = 16 << 20
-"""Bytes to be free before a thread is started: its stack, and some more to begin with."""
+"""Bytes that must be free before a thread starts: its stack, and some more."""
 
 _chosen: ContextVar[int | None] = ContextVar("threads", default=None)
 
@@ -39,13 +39,13 @@ def available_threads() -> int:
 
 
 def thread_count() -> int:
-    """Return the number of threads to use: what `use_threads` says, else `available_threads`."""
+    """Return the number of threads to use: that of `use_threads`, else `available_threads`."""
     return _chosen.get() or available_threads()
 
 
 @contextmanager
 def use_threads(count: int | None) -> Iterator[None]:
-    """Have kernels and writers use at most `count` threads each within a ``with`` block."""
+    """Limit kernels and writers to `count` threads each within a ``with`` block."""
     token = _chosen.set(min(count, _MOST_THREADS) if count else _chosen.get())
     try:
         yield
@@ -54,7 +54,7 @@ def use_threads(count: int | None) -> Iterator[None]:
 
 
 class Worker:
-    """A thread; `threading.Thread` waits for ever for one that finds no memory to begin with."""
+    """A thread; `threading.Thread.start` waits for ever if the new thread runs out of memory."""
 
     def __init__(self, work: Callable[[], object]) -> None:
         self._work = work
@@ -62,19 +62,19 @@ class Worker:
         self.has_begun = False
 
     def start(self) -> bool:
-        """Return whether the system has a thread to give, and memory for it to begin with."""
-        told = Lock()
+        """Return whether the system has started a thread, and the thread its work."""
+        starting = Lock()
         try:
             check_room(_STACK)
-            told.acquire()
-            start_new_thread(self._begin, ([_Releaser(told)],))
+            starting.acquire()
+            start_new_thread(self._begin, ([_Releaser(starting)],))
         except (OSError, RuntimeError, MemoryError):
             return False
-        told.acquire()
+        starting.acquire()
         return self.has_begun
 
     def join(self) -> None:
-        """Wait until a thread that has begun is done."""
+        """Wait until a thread that has begun ends."""
         with self._ended:
             pass
 
@@ -86,7 +86,7 @@ class Worker:
 
 
 class _Releaser:
-    """Releases a lock when nothing holds it: of a thread that failed at once, all that is seen."""
+    """Releases a lock when deleted, which also happens if the thread fails before its work."""
 
     def __init__(self, lock: Lock) -> None:
         self._lock = lock
@@ -96,7 +96,7 @@ class _Releaser:
 
 
 def in_parallel(work: Callable[[int, int], object], count: int) -> None:
-    """Call `work` on parts of ``range(count)`` that together are all of it."""
+    """Call `work` in threads on the first and end of parts that together are ``range(count)``."""
     threads = min(thread_count(), count)
     if threads <= 1:
         if count:
@@ -118,10 +118,10 @@ def in_parallel(work: Callable[[int, int], object], count: int) -> None:
             except BaseException as error:  # noqa: BLE001 - raised again in the caller's thread
                 errors.append(error)
 
-    others = [Worker(partial(copy_context().run, take_parts)) for _ in range(threads - 1)]
-    others = list(takewhile(Worker.start, others))
+    workers = [Worker(partial(copy_context().run, take_parts)) for _ in range(threads - 1)]
+    started = list(takewhile(Worker.start, workers))
     take_parts()
-    for thread in others:
+    for thread in started:
         thread.join()
     if errors:
         raise errors[0]
@@ -130,20 +130,20 @@ def in_parallel(work: Callable[[int, int], object], count: int) -> None:
 def for_rows(
     work: Callable[[slice], object], shape: tuple[int, ...], step: int | None = None
 ) -> None:
-    """Call `work` on slices of rows that together are all of an array, in threads."""
+    """Call `work` in threads on slices that together are all rows of an array."""
     height, width = shape
     step = step or max(1, _ROWS_CELLS // max(width, 1))
     bands = -(-height // step)
 
-    def some(first: int, end: int) -> None:
+    def work_on(first: int, end: int) -> None:
         for k in range(first, end):
             work(slice(k * step, min((k + 1) * step, height)))
 
-    in_bands(some, bands, height * width)
+    in_bands(work_on, bands, height * width)
 
 
 def in_bands(work: Callable[[int, int], object], bands: int, cells: int) -> None:
-    """Call `work` on parts of ``range(bands)``, in threads if so many cells are worth them."""
+    """Call `work` on parts of ``range(bands)``, in threads if `cells` is large enough."""
     if cells >= CELLS_WORTH_A_THREAD:
         in_parallel(work, bands)
     elif bands:
@@ -154,9 +154,10 @@ _T = TypeVar("_T")
 
 
 class ThreadPool(Executor):
-    """Threads that do what they are given; fewer where the system has no more to give."""
+    """Executor with up to `size` threads; with fewer if the system refuses to start more."""
 
-    # `concurrent.futures.ThreadPoolExecutor` keeps work that it has refused for want of a thread.
+    # `concurrent.futures.ThreadPoolExecutor` raises if it cannot start a thread, but still queues
+    # the work.
 
     def __init__(self, size: int) -> None:
         self._size = size
@@ -169,18 +170,18 @@ class ThreadPool(Executor):
         work = partial(function, *args, **kwargs)
         if not self._idle.acquire(blocking=False) and len(self._threads) < self._size:
             thread = Worker(self._serve)
-            self._threads.append(thread)  # first: Ctrl-C may come as soon as it runs
+            self._threads.append(thread)  # before the start: Ctrl-C may come as soon as it runs
             if not thread.start():
                 self._threads.remove(thread)
                 self._size = len(self._threads)
         if self._threads:
             self._waiting.put((future, work))
         else:
-            _do(future, work, Exception)  # Ctrl-C is for this thread's caller
+            _do(future, work, Exception)  # Ctrl-C is raised in the caller of submit
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the threads once they have done what waits, or only what they have begun."""
+        """End the threads after all queued work, or after work begun if futures are cancelled."""
         while cancel_futures:
             try:
                 task = self._waiting.get_nowait()
@@ -190,23 +191,23 @@ class ThreadPool(Executor):
                 task[0].cancel()
         self._waiting.put(None)
         for thread in self._threads if wait else ():
-            if thread.has_begun:  # else it had not begun when Ctrl-C came
+            if thread.has_begun:  # Ctrl-C may have come before the thread began
                 thread.join()
 
     def _serve(self) -> None:
         while (task := self._waiting.get()) is not None:
             _do(*task, BaseException)
-            del task  # what it has made is not to be kept until there is another
+            del task  # frees the result while this thread waits
             self._idle.release()
         self._waiting.put(None)  # for the other threads
 
 
-def _do(future: Future[Any], work: Callable[[], Any], told: type[BaseException]) -> None:
+def _do(future: Future[Any], work: Callable[[], Any], caught: type[BaseException]) -> None:
     if not future.set_running_or_notify_cancel():
         return
     try:
         result = work()
-    except told as error:
+    except caught as error:
         future.set_exception(error)
     else:
         future.set_result(result)

@@ -424,7 +424,7 @@ class LogOdds(Evidence):
         return rounded
 
     def often_hit(self) -> Mask:
-        return self._beam_marks >= sensing.SEEN + OFTEN * sensing.A_HIT
+        return self._beam_marks >= sensing.OBSERVED + OFTEN * sensing.A_HIT
 
     def vanished_from(self, grid: OccupancyGrid) -> HitGroups:
         if self._publish_values:

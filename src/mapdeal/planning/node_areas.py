@@ -44,7 +44,7 @@ def far_from(is_open: NDArray[np.bool_], places: Places, limit: int) -> NDArray[
     sources = np.concatenate([flat_cells(places, is_open.shape), rows * width + cols])
     known = most[rows // step, cols // step]
     given = np.concatenate([np.zeros(len(places), np.int64), known])
-    lengths = lengths_from(around, sources, given=given, limit=limit)
+    lengths = lengths_from(around, sources, start_lengths=given, limit=limit)
     return unproven & (lengths < 0)
 
 

@@ -141,7 +141,7 @@ def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
         keepout.lay_over(cost, rows)
         return cost
 
-    layer = made_by_rows(costmap.cost, costmap.cost.dtype, raised, is_kept=True)
+    layer = made_by_rows(costmap.cost, costmap.cost.dtype, raised, is_cached=True)
     for rows in swept(layer):  # a lazy layer is computed for the counts in the warnings
         layer[rows]
     keepout.warn()

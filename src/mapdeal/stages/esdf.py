@@ -182,7 +182,7 @@ class Viewer:
         def values_of(rows: slice) -> NDArray[np.int8]:
             return self._values_of_rows(self._field.part(rows), self._obstacles[rows], cost_of)
 
-        return made_by_rows(self._field.distance, np.int8, values_of, is_kept=cost_of is not None)
+        return made_by_rows(self._field.distance, np.int8, values_of, is_cached=cost_of is not None)
 
     def _values_of_rows(
         self, field: DistanceField, obstacles: Mask, cost_of: CostOfView | None
@@ -296,7 +296,7 @@ def esdf(
         )
 
     return DistanceField(
-        made_by_rows(obstacles, np.float32, distances, is_kept=True),
+        made_by_rows(obstacles, np.float32, distances, is_cached=True),
         grid.occupancy,
         grid.resolution,
         grid.origin,

@@ -241,7 +241,7 @@ def exponential_cost(
     if field is None:
         cost = made_by_windows(source.occupancy, np.uint8, costs, halo=profile.cells)
     else:
-        cost = made_by_rows(source.occupancy, np.uint8, costs, is_kept=True)
+        cost = made_by_rows(source.occupancy, np.uint8, costs, is_cached=True)
     at_circumscribed = circumscribed_cost(circumscribed_radius, layer)
     return Costmap(cost, source.resolution, source.origin, circumscribed_cost=at_circumscribed)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Annotated, Literal
 
 import numpy as np
@@ -80,7 +81,8 @@ def inflate(
     """
     if footprint is not None:
         radius = footprint.circumscribed_radius
-    side, kept_value = grid.resolution, None if inflate_unknown else UNKNOWN
+    side = grid.resolution
+    write = partial(inflated, value=OCCUPIED, protected=None if inflate_unknown else UNKNOWN)
     if kernel == "disc" and 0 < radius < side - RADIUS_TOLERANCE:
         text = f"inflate: radius {radius:g} m is below a cell of {side:g} m and has no effect"
         emit_warning(text, stacklevel=2)
@@ -89,9 +91,9 @@ def inflate(
         values = grid.occupancy[rows]
         if kernel == "square":
             reach = cells_to_cover(min(radius, max(values.shape) * side), side)
-            return inflated(values, lethal_threshold, reach=reach, value=OCCUPIED, kept=kept_value)
+            return write(values, lethal_threshold, reach=reach)
         limit = largest_square_within(min(radius, math.hypot(*values.shape) * side), side)
-        return inflated(values, lethal_threshold, square=limit, value=OCCUPIED, kept=kept_value)
+        return write(values, lethal_threshold, square=limit)
 
     halo = cells_to_cover(min(radius, max(grid.shape) * side), side) + 1
     occupancy = made_by_windows(grid.occupancy, np.int8, inflated_rows, halo=halo)
