@@ -21,7 +21,7 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
 from mapdeal.kernels.skeleton import DIAGONAL, STRAIGHT, lengths_from, nearest_from, skeleton
 from mapdeal.maps.route_graphs import graph_text
-from mapdeal.planning.graph_drafts import Wishes
+from mapdeal.planning.graph_drafts import GraphOptions
 from mapdeal.planning.graph_routes import route_on_graph
 from mapdeal.planning.route_graphs import AREA_PER_NODE, MOST_EDGES, route_graph_of
 from mapdeal.planning.routes import Terrain
@@ -129,7 +129,7 @@ def test_graphs_keep_all_promises(grid, robot, one_way):
         found = reach(grid, footprint=robot)
     except MalformedInputError:
         return  # the robot stands nowhere
-    result = route_graph_of(found, Wishes(spacing=1.5, hall=3.0, cover=2.0, one_way=one_way))
+    result = route_graph_of(found, GraphOptions(spacing=1.5, hall=3.0, cover=2.0, one_way=one_way))
     check_graph(grid, robot, result.graph, 2.0)
     if robot is not BOX:
         assert result.parts == 1
@@ -147,7 +147,7 @@ def cluttered(size, share, seed):
 def test_nothing_leads_where_a_robot_gets_only_sideways(one_way):
     grid = cluttered(30, 0.03, 4)
     found = reach(grid, footprint=BOX)
-    result = route_graph_of(found, Wishes(spacing=1.5, hall=3.0, cover=2.0, one_way=one_way))
+    result = route_graph_of(found, GraphOptions(spacing=1.5, hall=3.0, cover=2.0, one_way=one_way))
     assert result.covered < result.reachable
     check_graph(grid, BOX, result.graph, 2.0)
 
@@ -155,7 +155,7 @@ def test_nothing_leads_where_a_robot_gets_only_sideways(one_way):
 def test_lengths_may_be_longer_than_any_way():
     grid, robot = cluttered(30, 0.03, 4), Footprint.circle(0.15)
     for longest in (1e6, 1e308):
-        result = route_graph_of(reach(grid, footprint=robot), Wishes(longest, longest, longest))
+        result = route_graph_of(reach(grid, footprint=robot), GraphOptions(longest, longest, longest))
         check_graph(grid, robot, result.graph, math.inf)
 
 
@@ -165,7 +165,7 @@ def test_goals_at_the_edges_of_cells_lie_in_the_cells_that_the_frame_says():
         ((x, y),) = grid.frame.xy_from_continuous_rowcol([corner]).tolist()
         found = reach(grid, footprint=POINT, goals=[Goal(x, y, "goal")])
         if found.goals[0].reachable:
-            result = route_graph_of(found, Wishes(1.0, 4.0, 1.0))
+            result = route_graph_of(found, GraphOptions(1.0, 4.0, 1.0))
             (goal,) = (node for node in result.graph.nodes if node.metadata["kind"] == "goal")
             (cell,) = grid.frame.unbounded_rowcol_from_xy([[goal.x, goal.y]]).tolist()
             assert grid.occupancy[tuple(cell)] == 0
@@ -183,7 +183,7 @@ def test_no_node_is_left_on_the_corner_of_an_obstacle():
 ..........
 ....#..#..
 ##..#.....""", 1.0, (0.0, 0.0, 0.0))  # fmt: skip
-    check_graph(grid, POINT, route_graph_of(reach(grid), Wishes(4.04, 8.0, 8.0)).graph, 8.0)
+    check_graph(grid, POINT, route_graph_of(reach(grid), GraphOptions(4.04, 8.0, 8.0)).graph, 8.0)
 
 
 def test_lanes_go_with_the_parts_that_are_dropped():
@@ -201,20 +201,20 @@ def test_lanes_go_with_the_parts_that_are_dropped():
 ................""", 1.0, (0.0, 0.0, 0.0))  # fmt: skip
     robot = Footprint.polygon([[0.5, 0.25], [0.5, -0.25], [-0.5, -0.25], [-0.5, 0.25]])
     found = reach(grid, footprint=robot)
-    result = route_graph_of(found, Wishes(8.0, 4.0, 8.0, one_way="right"))
+    result = route_graph_of(found, GraphOptions(8.0, 4.0, 8.0, one_way="right"))
     check_graph(grid, robot, result.graph, 8.0)
 
 
 def test_crowded_places_have_few_nodes():
     grid, robot = cluttered(80, 0.01, 1), Footprint.circle(0.15)
-    result = route_graph_of(reach(grid, footprint=robot), Wishes())
+    result = route_graph_of(reach(grid, footprint=robot), GraphOptions())
     assert result.reachable / len(result.graph.nodes) >= AREA_PER_NODE
     check_graph(grid, robot, result.graph, 3.0)
 
 
 def test_what_the_footprint_hits_is_gone_before_nodes_are_taken_out():
     grid = cluttered(120, 0.015, 2)
-    result = route_graph_of(reach(grid, footprint=BOX), Wishes())
+    result = route_graph_of(reach(grid, footprint=BOX), GraphOptions())
     assert result.covered > 0.99 * result.reachable  # 55 % the other way round
     check_graph(grid, BOX, result.graph, 3.0)
 
@@ -235,7 +235,7 @@ TWO_ROOMS = """
 
 def graph_of(text, radius=0.2, resolution=0.25, goals=(), **options):
     found = reach(grid_from_text(text, resolution), radius=radius, goals=goals)
-    return route_graph_of(found, Wishes(**options)).graph
+    return route_graph_of(found, GraphOptions(**options)).graph
 
 
 def test_a_door_has_a_node_in_its_middle_with_its_width_and_a_goal_has_its_own():

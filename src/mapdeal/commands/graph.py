@@ -25,7 +25,8 @@ from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import rounded
 from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.pipeline.step import make_step
-from mapdeal.planning.graph_drafts import Made, OneWay, Wishes, check_wishes, coarse_step
+from mapdeal.planning import graph_drafts
+from mapdeal.planning.graph_drafts import GraphResult, LaneSide
 from mapdeal.planning.route_graphs import route_graph_of
 from mapdeal.ros.robot import RobotParameters
 
@@ -37,33 +38,33 @@ _LIBRARIES = 55_000_000  # bytes that parts of scipy take
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PlannedGraph(Result):
-    """A route graph of a map, and how much of what the robot reaches it covers.
+    """A route graph of a map, and how much of the robot's reach it covers.
 
     Parameters
     ----------
     map : MapInput
         The map.
     reach : Reach
-        What the robot reaches.
-    made : Made
-        The graph, and areas.
+        The cells that the robot reaches.
+    result : GraphResult
+        The graph, and the areas that it covers.
     cover : float
-        How far a node may be from a cell that it covers, metres.
+        Longest path from a reached cell to a node, metres.
     """
 
     map: inputs.MapInput
     reach: Reach
-    made: Made
+    result: GraphResult
     cover: float
 
     @property
     def graph(self) -> RouteGraph:
         """The graph."""
-        return self.made.graph
+        return self.result.graph
 
     @property
     def min_clearance(self) -> float:
-        """Least distance of the edges to what is not free, metres; 0 without edges."""
+        """Least distance from the edges to cells that are not free, metres; 0 without edges."""
         found = (float(edge.metadata["min_clearance"]) for edge in self.graph.edges)
         return min(found, default=0.0)
 
@@ -73,19 +74,19 @@ class PlannedGraph(Result):
             "nodes": len(self.graph.nodes),
             "edges": len(self.graph.edges),
             "kinds": dict(sorted(kinds.items())),
-            "reachable_m2": rounded(self.made.reachable),
-            "covered_m2": rounded(self.made.covered),
+            "reachable_m2": rounded(self.result.reachable),
+            "covered_m2": rounded(self.result.covered),
             "cover_m": self.cover,
-            "parts": self.made.parts,
+            "parts": self.result.parts,
             "min_clearance_m": rounded(self.min_clearance),
             "length_m": rounded(float(self.graph.lengths.sum())),
-            "tight_ways": self.made.tight,
+            "tight_ways": self.result.tight,
         }
 
     def lines(self) -> Iterator[str]:
         yield (
             f"{self.map.title}: {len(self.graph.nodes)} nodes, {len(self.graph.edges)} edges, "
-            f"covers {decimal_text(self.made.covered)} of {decimal_text(self.made.reachable)} m2 "
+            f"covers {decimal_text(self.result.covered)} of {decimal_text(self.result.reachable)} m2 "
             f"within {self.cover:g} m, least clearance {self.min_clearance:.2f} m"
         )
 
@@ -121,7 +122,7 @@ def graph(
     hall: Annotated[float, ABOVE_0, METRES] = 4.0,
     cover: Annotated[float, ABOVE_0, METRES] = 3.0,
     slow_below: Annotated[float | None, ABOVE_0, METRES] = None,
-    one_way: OneWay | None = None,
+    one_way: LaneSide | None = None,
     through_unknown: bool = False,
     footprint: Footprint | None = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
@@ -140,18 +141,18 @@ def graph(
         The map, or costs (.npz).
     start : tuple of float, optional
         Where the robot starts, metres; by default the widest place of the largest free area. The
-        graph covers what it reaches from there.
+        graph covers the cells that the robot reaches from there.
     goals : sequence of Goal, optional
         Goal that gets a node of its own with its name, metres; more may follow.
     spacing : float
         Distance between nodes on straight lines and in halls, metres.
     hall : float
-        What is at least as wide gets a lattice of nodes, metres.
+        Least width of spaces that get a lattice of nodes, metres.
     cover : float
         Longest free path from a reached cell to a node, metres.
     slow_below : float, optional
-        Give every edge a speed_limit, in percent: below 100 where the clearance is less than this,
-        metres.
+        Clearance below which the speed_limit of an edge is less than 100 percent, metres. Without
+        it edges have no speed_limit.
     one_way : {'right'}, optional
         Lanes on the right side instead of lines for both directions, where there is room for two
         robots.
@@ -186,7 +187,7 @@ def graph(
     """
     if robot is not None and not isinstance(robot, RobotParameters):
         raise ParameterError("must be RobotParameters", place="robot", got=robot)
-    wishes = Wishes(spacing, hall, cover, slow_below, one_way)
+    options = graph_drafts.GraphOptions(spacing, hall, cover, slow_below, one_way)
     if footprint is None and robot is None:
         emit_warning(
             "no robot is given, by --robot-radius, --footprint or --params-file: the graph is that "
@@ -198,52 +199,54 @@ def graph(
     if start is not None:
         parameters["start"] = start
     step = make_step("reach", {**parameters, "goals": tuple(goals)})
-    (one,) = inputs.opened(map, names=("map",), also=robot.paths if robot else (), **reading)
-    coarse = coarse_step(reach_radius(shape), one.grid.resolution) ** 2
+    (source,) = inputs.opened(map, names=("map",), also=robot.paths if robot else (), **reading)
+    coarse = graph_drafts.coarse_step(reach_radius(shape), source.grid.resolution) ** 2
     per_cell = step.memory + _PER_CELL + _PER_COARSE_CELL / coarse
     with (
         inputs.settings_of(**reading).reading(),
-        inputs.work_claimed(one.name, one.grid, per_cell, besides=_LIBRARIES),
-        inputs.errors_named(one.name),
+        inputs.work_claimed(source.name, source.grid, per_cell, besides=_LIBRARIES),
+        inputs.errors_named(source.name),
     ):
-        grid = one.grid
-        check_wishes(wishes, grid.resolution)
+        grid = source.grid
+        graph_drafts.check_options(options, grid.resolution)
         if not isinstance(grid, Costmap):
-            inputs.warn_of_published_costs(one)
-            inputs.warn_of_potential(one)
+            inputs.warn_of_published_costs(source)
+            inputs.warn_of_potential(source)
             if robot is not None:
-                grid = lethal_costs(robot, one)
-        found = step.apply(grid, one.path)
+                grid = lethal_costs(robot, source)
+        found = step.apply(grid, source.path)
         if not isinstance(found, Reach):
             raise TypeError("the stage reach must make a Reach")
         for goal in found.goals:
             if not goal.reachable:
                 why = goal.stopped_by or "no way leads there"
                 raise FindingError(f"goal {goal.goal.label} is not reachable: {why}")
-        made = route_graph_of(found, wishes)
-    _warn(made, one.name, cover, has_corners=shape is not None and bool(shape.vertices))
-    return PlannedGraph(one, found, made, cover)
+        result = route_graph_of(found, options)
+    _warn(result, source.name, cover, has_corners=shape is not None and bool(shape.vertices))
+    return PlannedGraph(source, found, result, cover)
 
 
-def _warn(made: Made, name: str, cover: float, *, has_corners: bool) -> None:
+def _warn(result: GraphResult, name: str, cover: float, *, has_corners: bool) -> None:
     """Warn of what the graph lacks."""
-    missing = made.reachable - made.covered
-    if missing > _LITTLE * made.reachable:
+    missing = result.reachable - result.covered
+    if missing > _LITTLE * result.reachable:
         why = "it would take too many nodes; take a longer cover"
         if has_corners:
             why = "it gets there only sideways, or turning as it goes"
         emit_warning(
-            f"{name}: {decimal_text(missing, 3)} of {decimal_text(made.reachable)} m2 that the "
+            f"{name}: {decimal_text(missing, 3)} of {decimal_text(result.reachable)} m2 that the "
             f"robot reaches are farther than {cover:g} m from all nodes: {why}",
             stacklevel=2,
         )
-    if made.parts > 1:
-        emit_warning(f"{name}: the graph is in {made.parts} parts that no edge joins", stacklevel=2)
-    if made.missed:
-        emit_warning(f"{name}: no straight edges lead to {', '.join(made.missed)}", stacklevel=2)
-    if made.tight:
+    if result.parts > 1:
         emit_warning(
-            f"{name}: on {made.tight} ways the outline of the robot touches an obstacle, though "
+            f"{name}: the graph is in {result.parts} parts that no edge joins", stacklevel=2
+        )
+    if result.missed:
+        emit_warning(f"{name}: no straight edges lead to {', '.join(result.missed)}", stacklevel=2)
+    if result.tight:
+        emit_warning(
+            f"{name}: on {result.tight} ways the outline of the robot touches an obstacle, though "
             "the costs of their cells are open: it has less than a cell to spare there",
             stacklevel=2,
         )

@@ -1,4 +1,4 @@
-"""Drafts of route graphs: nodes and edges over what a robot reaches, and the graph of them."""
+"""Drafts of route graphs: undirected nodes and edges over the cells that a robot reaches."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from mapdeal.planning.node_areas import far_from, flat_cells
 from mapdeal.planning.skeleton_lines import Cells
 
 Kind = Literal["way", "crossing", "door", "end", "hall", "goal"]
-OneWay = Literal["right"]
+LaneSide = Literal["right"]
 
 Place = tuple[float, float]  # continuous row and column
 Places = NDArray[np.float64]
@@ -33,46 +33,46 @@ _COARSEST = 0.15  # metres: cells of the skeleton
 _DECIMALS = 4  # of positions: a tenth of a millimetre
 _SLOWEST = 10.0  # percent
 SHARE = 0.85
-"""Of the clearance in the middle, what a straight line beside it must have at least."""
+"""Least clearance of a straight line, as a share of that of the path which it replaces."""
 
 
 @dataclass(frozen=True)
-class Wishes:
-    """What a graph should be like; lengths are in metres."""
+class GraphOptions:
+    """Options of a route graph; lengths are in metres."""
 
     spacing: Annotated[float, ABOVE_0] = 2.0
     hall: Annotated[float, ABOVE_0] = 4.0
     cover: Annotated[float, ABOVE_0] = 3.0
     slow_below: Annotated[float | None, ABOVE_0] = None
-    one_way: OneWay | None = None
+    one_way: LaneSide | None = None
 
     def __post_init__(self) -> None:
-        for name, one in parameters_of(Wishes).items():
-            object.__setattr__(self, name, one.accept(getattr(self, name)))
+        for name, parameter in parameters_of(GraphOptions).items():
+            object.__setattr__(self, name, parameter.accept(getattr(self, name)))
 
-    def bounded(self, cells: int, side: float) -> Wishes:
-        """Return the same wishes with lengths that are no longer than any way over some cells."""
-        longest = min(cells, _LONGEST_WAY) * side
+    def bounded(self, cells: int, side: float) -> GraphOptions:
+        """Return the options with lengths cut off to the longest possible path over the cells."""
+        longest = min(cells, _LONGEST_PATH) * side
         return replace(self, **{name: min(getattr(self, name), longest) for name in _LENGTHS})
 
 
 _LENGTHS = ("spacing", "hall", "cover")
-_LONGEST_WAY = 1 << 25  # cells: with more, weights of paths would be too large
+_LONGEST_PATH = 1 << 25  # cells: path weights of longer ones would be too large
 
 
 def coarse_step(radius: float, resolution: float) -> int:
-    """Return how many cells of a map make a cell of the skeleton, along each side."""
-    # They keep apart what is apart for the robot, for whose centre walls are as wide as it.
+    """Return the side of a skeleton's cell, in cells of the map."""
+    # Skeleton cells must not bridge walls, which are as wide as the robot for its centre.
     return max(1, min(int(radius / resolution / 1.5), int(_COARSEST / resolution)))
 
 
 @dataclass(frozen=True, eq=False)
-class Made:
-    """A graph, and what of the robot's reach it covers.
+class GraphResult:
+    """A graph, and how much of the robot's reach it covers.
 
-    Areas are in square metres. `tight` counts the ways of a round robot, both directions one, that
-    are open by the costs of their cells, but on which the outline of costmap_2d, with 16 corners,
-    touches an obstacle. `missed` has the goals that no edge leads to.
+    Areas are in square metres. `tight` counts edges of a round robot, both directions once, that
+    are open by the costs of their cells but on which the robot's outline of 16 corners, as in
+    costmap_2d, touches an obstacle. `missed` names the goals without an edge.
     """
 
     graph: RouteGraph
@@ -84,7 +84,7 @@ class Made:
 
 
 class Area(NamedTuple):
-    """The part of a map around all that is reached; places and lengths are in its cells."""
+    """The part of a map around all reached cells; places and lengths are in its cells."""
 
     sweeps: Sweeps
     radius: float
@@ -100,8 +100,8 @@ class Area(NamedTuple):
         turning = radius if robot is None else robot.circumscribed_radius / frame.resolution
         is_open = reach.reachable > 0
         rows, cols = (np.flatnonzero(is_open.any(axis=axis)) for axis in (1, 0))
-        low = [max(int(one[0]) - math.ceil(turning) - 3, 0) for one in (rows, cols)]
-        high = [int(one[-1]) + math.ceil(turning) + 4 for one in (rows, cols)]
+        low = [max(int(cells[0]) - math.ceil(turning) - 3, 0) for cells in (rows, cols)]
+        high = [int(cells[-1]) + math.ceil(turning) + 4 for cells in (rows, cols)]
         part = slice(low[0], high[0]), slice(low[1], high[1])
         squared = np.ascontiguousarray(squares_to(ground.blocked)[part])
         np.copyto(squared, -1, where=~is_open[part])
@@ -116,58 +116,58 @@ class Area(NamedTuple):
 
 @dataclass(eq=False)
 class Draft:
-    """A graph in the making: undirected, by the indices of its nodes."""
+    """An unfinished graph: undirected, with nodes by index."""
 
     area: Area
-    wishes: Wishes
+    options: GraphOptions
     places: list[Place] = field(default_factory=list)
     kinds: list[Kind] = field(default_factory=list)
     names: dict[int, str] = field(default_factory=dict)
     widths: dict[int, float] = field(default_factory=dict)
     edges: dict[tuple[int, int], float] = field(default_factory=dict)  # least clearances
     beside: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
-    gone: set[int] = field(default_factory=set)  # nodes that are no longer in it
+    gone: set[int] = field(default_factory=set)  # removed nodes
     share: float = SHARE
-    lanes: list[tuple[int, int]] = field(default_factory=list)  # edges that lead one way
-    missing: NDArray[np.bool_] = field(init=False)  # what is far from all nodes
+    lanes: list[tuple[int, int]] = field(default_factory=list)  # directed edges
+    missing: NDArray[np.bool_] = field(init=False)  # reached cells far from all nodes
 
     def __post_init__(self) -> None:
         sweeps = self.area.sweeps
         self.cell = sweeps.frame.resolution
-        self.wishes = self.wishes.bounded(sweeps.is_open.size, self.cell)
-        self.spacing = self.wishes.spacing / self.cell
-        self.is_open, self.squares = sweeps.is_open, sweeps.squared  # -1 where nothing is open
+        self.options = self.options.bounded(sweeps.is_open.size, self.cell)
+        self.spacing = self.options.spacing / self.cell
+        self.is_open, self.squares = sweeps.is_open, sweeps.squared  # -1 in closed cells
         self.has_corners = sweeps.robot is not None and bool(sweeps.robot.vertices)
         self.step = coarse_step(self.area.radius * self.cell, self.cell)
         self.coarse = largest_of_blocks(self.squares, self.step)
 
-    # the parts
+    # nodes and edges
 
     def add_node(self, place: Place, kind: Kind) -> int:
         self.places.append(place)
         self.kinds.append(kind)
         return len(self.places) - 1
 
-    def add_edge(self, one: int, other: int, clearance: float) -> None:
-        if one != other:
-            self.edges[min(one, other), max(one, other)] = clearance
-            self.beside[one][other] = self.beside[other][one] = self.length(one, other)
+    def add_edge(self, start: int, end: int, clearance: float) -> None:
+        if start != end:
+            self.edges[min(start, end), max(start, end)] = clearance
+            self.beside[start][end] = self.beside[end][start] = self.length(start, end)
 
-    def drop_edge(self, one: int, other: int) -> float:
+    def drop_edge(self, start: int, end: int) -> float:
         """Drop an edge, and return its clearance."""
-        del self.beside[one][other], self.beside[other][one]
-        return self.edges.pop((min(one, other), max(one, other)))
+        del self.beside[start][end], self.beside[end][start]
+        return self.edges.pop((min(start, end), max(start, end)))
 
-    def length(self, one: int, other: int) -> float:
-        return math.dist(self.places[one], self.places[other])
+    def length(self, start: int, end: int) -> float:
+        return math.dist(self.places[start], self.places[end])
 
     def rounded(self, places: Any) -> Places:
-        """Return places as they are written."""
+        """Return the places of the rounded coordinates that the file holds."""
         frame = self.area.sweeps.frame
         return self.places_of(frame.xy_from_continuous_rowcol(places).round(_DECIMALS))
 
     def places_of(self, points_xy: Any) -> Places:
-        """Return the places of points, on the edge of a cell never in the one before it."""
+        """Return the places of points; rounding moves none into the cell before."""
         frame = self.area.sweeps.frame
         places = frame.continuous_rowcol_from_xy(points_xy)
         return np.maximum(places, frame.unbounded_rowcol_from_xy(points_xy))
@@ -180,25 +180,25 @@ class Draft:
         return np.asarray(np.sqrt(squares), dtype=np.float64)
 
     def parts(self) -> NDArray[np.intp]:
-        """Return which nodes belong together."""
+        """Return a label for each node, equal for connected nodes."""
         ends = np.array([*self.edges, *self.lanes], dtype=np.int64).reshape(-1, 2)
         return joined(len(self.places), ends[:, 0], ends[:, 1])[0]
 
-    def is_near_by(self, one: int, other: int, limit: float) -> bool:
-        """Return whether some two edges that lead from a node to another are not longer."""
-        beside, beyond = self.beside[one], self.beside[other]
+    def has_short_detour(self, start: int, end: int, limit: float) -> bool:
+        """Return whether two edges connect both nodes within a length."""
+        beside, beyond = self.beside[start], self.beside[end]
         return any(beside[k] + beyond[k] <= limit for k in beside.keys() & beyond.keys())
 
     def length_on_graph(
-        self, one: int, other: int, limit: float, without: int | None = None
+        self, start: int, end: int, limit: float, without: int | None = None
     ) -> float:
-        """Return the length of the shortest way that does not lead through a node."""
-        best: dict[int | None, float] = {one: 0.0, without: 0.0}
-        places, goal = self.places, self.places[other]
-        heap = [(0.0, 0.0, one)]
+        """Return the length of the shortest path that avoids a node; infinite above the limit."""
+        best: dict[int | None, float] = {start: 0.0, without: 0.0}
+        places, goal = self.places, self.places[end]
+        heap = [(0.0, 0.0, start)]
         while heap:
             _, length, node = heapq.heappop(heap)
-            if node == other:
+            if node == end:
                 return length
             if length > best[node]:
                 continue
@@ -213,7 +213,7 @@ class Draft:
 
     @property
     def limit(self) -> int:
-        return int(self.wishes.cover / self.cell * STRAIGHT)
+        return int(self.options.cover / self.cell * STRAIGHT)
 
     def nodes(self) -> list[int]:
         return [node for node in range(len(self.places)) if node not in self.gone]
@@ -222,39 +222,39 @@ class Draft:
         return flat_cells(self.at(nodes), self.is_open.shape, step)
 
     def uncovered(self, nodes: Sequence[int]) -> NDArray[np.bool_]:
-        """Return the reached cells that are farther than `cover` from some nodes."""
+        """Return the reached cells farther than `cover` from all of some nodes."""
         return far_from(self.is_open, self.at(nodes), self.limit)
 
     def move_all(self, moves: Sequence[tuple[int, int, Sequence[int]]]) -> list[bool]:
-        """Drop nodes for others, where lines from there to more nodes can be driven as well.
+        """Merge nodes into others where the robot can follow the new edges; return which moved.
 
-        A move is the node to drop, that which replaces it, and the nodes that get an edge to it.
+        A move is the node to drop, its replacement, and the nodes that get an edge to that.
         """
-        lines = [(kept, other) for _, kept, others in moves for other in others]
+        lines = [(target, end) for _, target, ends in moves for end in ends]
         starts, ends = self.at(line[0] for line in lines), self.at(line[1] for line in lines)
         is_clear, least = self.area.sweeps.along(starts, ends)
-        first, done = 0, []
-        for gone, kept, others in moves:
-            part = slice(first, first := first + len(others))
-            before = [self.edges[min(gone, other), max(gone, other)] for other in others]
+        first, has_moved = 0, []
+        for gone, target, new_ends in moves:
+            part = slice(first, first := first + len(new_ends))
+            before = [self.edges[min(gone, end), max(gone, end)] for end in new_ends]
             is_wide = least[part] >= self.share * np.array(before) - 0.5
             fits = bool(is_clear[part].all() and is_wide.all())
-            done.append(fits)
+            has_moved.append(fits)
             if fits:
-                for other in list(self.beside[gone]):
-                    self.drop_edge(gone, other)
-                for other, clearance in zip(others, least[part].tolist(), strict=True):
-                    self.add_edge(kept, other, clearance)
+                for end in list(self.beside[gone]):
+                    self.drop_edge(gone, end)
+                for end, clearance in zip(new_ends, least[part].tolist(), strict=True):
+                    self.add_edge(target, end, clearance)
                 self.gone.add(gone)
-        return done
+        return has_moved
 
-    def made(self) -> Made:
+    def result(self) -> GraphResult:
         sweeps = self.area.sweeps
         points = sweeps.frame.xy_from_continuous_rowcol(self.places).round(_DECIMALS) + 0.0
         used = np.array(self.nodes())
         order = used[np.lexsort(points[used].T)]
-        number = np.zeros(len(points), dtype=np.int64)
-        number[order] = np.arange(1, len(order) + 1)
+        number_of = np.zeros(len(points), dtype=np.int64)
+        number_of[order] = np.arange(1, len(order) + 1)
         nodes = tuple(
             RouteNode(index, x, y, metadata=self._metadata(k))
             for index, (k, (x, y)) in enumerate(
@@ -263,18 +263,19 @@ class Draft:
         )
         ends = np.array([*self.edges, *self.lanes], dtype=np.int64).reshape(-1, 2)
         leads_back = np.arange(len(ends)) < len(self.edges)
-        numbers = number[ends]
+        numbers = number_of[ends]
         numbers[leads_back] = np.sort(numbers[leads_back], axis=1)
         in_order = np.lexsort(numbers.T[::-1])
         numbers, leads_back = numbers[in_order], leads_back[in_order]
         starts, stops = (points[order[numbers[:, end] - 1]] for end in (0, 1))
-        at = (sweeps.frame.continuous_rowcol_from_xy(one) for one in (starts, stops))
-        is_clear, least = sweeps.along(*at)
+        is_clear, least = sweeps.along(
+            *map(sweeps.frame.continuous_rowcol_from_xy, (starts, stops))
+        )
         width = np.full(len(points), math.inf)
         width[list(self.widths)] = list(self.widths.values())
         widths = width[order[numbers - 1]].min(axis=1)
         edges: list[RouteEdge] = []
-        for (one, other), is_both, length, clearance, door in zip(
+        for pair, is_both, length, clearance, door in zip(
             numbers.tolist(), leads_back.tolist(), np.hypot(*(stops - starts).T).tolist(),
             (least * self.cell).tolist(), widths.tolist(), strict=True,
         ):  # fmt: skip
@@ -282,18 +283,18 @@ class Draft:
             metadata: dict[str, Any] = {"length": length, "min_clearance": round(clearance, 3)}
             if door < math.inf:
                 metadata["door_width"] = round(door, 3)
-            if self.wishes.slow_below is not None:
-                metadata["speed_limit"] = _speed(clearance, self.wishes.slow_below)
-            for start, end in ((one, other), (other, one))[: 1 + is_both]:
-                of_edge = len(nodes) + len(edges) + 1
-                edges.append(RouteEdge(of_edge, start, end, length, metadata=metadata))
+            if self.options.slow_below is not None:
+                metadata["speed_limit"] = _speed(clearance, self.options.slow_below)
+            for start, end in (pair, pair[::-1])[: 1 + is_both]:
+                number = len(nodes) + len(edges) + 1
+                edges.append(RouteEdge(number, start, end, length, metadata=metadata))
         missing = float(np.count_nonzero(self.missing)) * self.cell**2
         covered = self.area.reachable - missing
         parts = len(np.unique(self.parts()[used]))
         tight = int(np.count_nonzero(~is_clear))
         missed = tuple(name for node, name in self.names.items() if node in self.gone)
         graph = RouteGraph(nodes, tuple(edges))
-        return Made(graph, self.area.reachable, covered, parts, tight, missed)
+        return GraphResult(graph, self.area.reachable, covered, parts, tight, missed)
 
     def _metadata(self, node: int) -> dict[str, Any]:
         metadata: dict[str, Any] = {"kind": self.kinds[node]}
@@ -308,10 +309,10 @@ def _speed(clearance: float, slow_below: float) -> float:
     return round(min(100.0, max(_SLOWEST, 100.0 * clearance / slow_below)), 1)
 
 
-def check_wishes(wishes: Wishes, resolution: float) -> None:
+def check_options(options: GraphOptions, resolution: float) -> None:
     """Refuse lengths that are too short for a map's cells."""
     for name in _LENGTHS:
-        value = getattr(wishes, name)
+        value = getattr(options, name)
         if value < 4 * resolution:
             rule = f"must be at least four cells, {4 * resolution:g} m"
             raise ParameterError(rule, place=name, got=value)

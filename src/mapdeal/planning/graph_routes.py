@@ -14,16 +14,16 @@ from mapdeal.grid.reach import Route
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph
 from mapdeal.planning.routes import Terrain, route_over
 
-_NEAREST = 10  # nodes that are tried as the first, or the last, of a route
+_NEAREST = 10  # candidates for the first and for the last node of a route
 
 
 def route_on_graph(terrain: Terrain, graph: RouteGraph, start_xy: Point, goal_xy: Point) -> Route:
-    """Find the cheapest route on a graph, and the ways to its first node and from its last.
+    """Find the cheapest route on a graph, with the paths to its first node and from its last.
 
     Parameters
     ----------
     terrain : Terrain
-        Costs, for the ways from the start and to the goal, and for what the route is measured by.
+        Costs, for the paths from the start and to the goal and for the measures of the route.
     graph : RouteGraph
         Nodes and directed edges; coordinates are metres in the map frame.
     start_xy, goal_xy : tuple of float
@@ -32,8 +32,8 @@ def route_on_graph(terrain: Terrain, graph: RouteGraph, start_xy: Point, goal_xy
     Returns
     -------
     Route
-        Its points are the start, the nodes, and the goal; where no straight line leads to a node,
-        those of the cheapest route are between. If there is no route it has no points.
+        Its points are the start, the nodes, and the goal, with the points of the cheapest route
+        where a straight line to a node is blocked. Without a route it is empty.
 
     Raises
     ------
@@ -42,12 +42,12 @@ def route_on_graph(terrain: Terrain, graph: RouteGraph, start_xy: Point, goal_xy
 
     Notes
     -----
-    An edge costs its length, divided by ``speed_limit`` if it has one, as by Nav2's DistanceScorer;
-    if it is not overridable it costs its own ``cost``. The server begins at the node nearest to the
-    start, and ends at that nearest to the goal; here these are the nearest ones that a straight
-    line through open cells leads to, and that a route connects.
+    An edge costs its length, divided by ``speed_limit`` if set, as with Nav2's DistanceScorer; an
+    edge that is not overridable costs its own ``cost``. The server begins at the node nearest to
+    the start and ends at the node nearest to the goal. Here these are the nearest nodes that a
+    straight line through open cells reaches and that a route connects.
 
-    Edges themselves are taken to be free: ``mapdeal lint --graph`` checks them.
+    Edges are assumed to be free: ``mapdeal lint --graph`` checks them.
     """
     terrain.open_cell_of(start_xy, "start")
     terrain.open_cell_of(goal_xy, "goal")
@@ -56,32 +56,32 @@ def route_on_graph(terrain: Terrain, graph: RouteGraph, start_xy: Point, goal_xy
         nodes, expanded = cheapest_nodes(graph, firsts[first], lasts[last])
         if not nodes:
             continue
-        begin = _way(terrain, start_xy, graph, nodes[0])
-        end = _way(terrain, goal_xy, graph, nodes[-1])
+        begin = _path_to(terrain, start_xy, graph, nodes[0])
+        end = _path_to(terrain, goal_xy, graph, nodes[-1])
         if begin is None or end is None:
             continue
         points = np.concatenate([begin, graph.points_xy[nodes], end[::-1]])
         points = points[np.append(True, (np.diff(points, axis=0) != 0).any(axis=1))]
         measures = terrain.measured(points)
         return Route("graph", True, start_xy, goal_xy, points, **measures, expanded=expanded)
-    nowhere, nan = np.empty((0, 2)), math.nan
-    return Route("graph", False, start_xy, goal_xy, nowhere, nan, nan, nan, expanded=0)
+    empty, nan = np.empty((0, 2)), math.nan
+    return Route("graph", False, start_xy, goal_xy, empty, nan, nan, nan, expanded=0)
 
 
 def _pairs(first: int, second: int) -> Sequence[tuple[int, int]]:
-    """Return pairs of ranks, those first that are best together."""
+    """Return pairs of ranks by rising sum."""
     pairs = ((a, b) for a in range(first) for b in range(second))
     return sorted(pairs, key=lambda pair: (sum(pair), pair))
 
 
 def _nearest(terrain: Terrain, graph: RouteGraph, point: Point) -> list[int]:
-    """Return the nearest nodes, those before all others that a straight line leads to."""
+    """Return the nearest nodes, first those that a straight free line reaches."""
     away = np.hypot(*(graph.points_xy - point).T)
     nearest = np.argsort(away, kind="stable")[:_NEAREST].tolist()
-    return sorted(nearest, key=lambda node: not _is_seen(terrain, point, graph.points_xy[node]))
+    return sorted(nearest, key=lambda node: not _is_visible(terrain, point, graph.points_xy[node]))
 
 
-def _is_seen(terrain: Terrain, point: Point, node: NDArray[np.float64]) -> bool:
+def _is_visible(terrain: Terrain, point: Point, node: NDArray[np.float64]) -> bool:
     places, inside = terrain.costmap.frame.bounded_continuous_rowcol_from_xy(
         np.array([point, node])
     )
@@ -91,12 +91,12 @@ def _is_seen(terrain: Terrain, point: Point, node: NDArray[np.float64]) -> bool:
     return terrain.is_clear(start, end)
 
 
-def _way(
+def _path_to(
     terrain: Terrain, point: Point, graph: RouteGraph, node: int
 ) -> NDArray[np.float64] | None:
-    """Return the points from a place to a node, without the node; None if no way leads there."""
+    """Return the points of a path to a node, except the node; None if it is unreachable."""
     end = graph.points_xy[node]
-    if _is_seen(terrain, point, end):
+    if _is_visible(terrain, point, end):
         return np.array([point])
     cells, inside = terrain.costmap.frame.bounded_rowcol_from_xy([end])
     row, col = cells[0].tolist()
@@ -107,7 +107,7 @@ def _way(
 
 
 def cost_of_edge(edge: RouteEdge, length: float) -> float:
-    """Return what an edge costs Nav2's route server with its default scorer."""
+    """Return the cost of an edge in Nav2's route server with its default scorer."""
     if not edge.overridable:
         return edge.cost
     limit = edge.metadata.get("speed_limit")
@@ -115,12 +115,12 @@ def cost_of_edge(edge: RouteEdge, length: float) -> float:
 
 
 def cheapest_nodes(graph: RouteGraph, first: int, last: int) -> tuple[list[int], int]:
-    """Return the nodes of the cheapest route, none if there is none, and how many were expanded."""
+    """Return the nodes of the cheapest route, maybe empty, and the number of expanded nodes."""
     following: list[list[tuple[int, float]]] = [[] for _ in graph.nodes]
-    for edge, (start, end), length in zip(
+    for edge, ends, length in zip(
         graph.edges, graph.ends.tolist(), graph.lengths.tolist(), strict=True
     ):
-        following[start].append((end, cost_of_edge(edge, length)))
+        following[ends[0]].append((ends[1], cost_of_edge(edge, length)))
     best, before = {first: 0.0}, {first: first}
     heap = [(0.0, first)]
     expanded = 0
@@ -134,8 +134,8 @@ def cheapest_nodes(graph: RouteGraph, first: int, last: int) -> tuple[list[int],
                 nodes.append(before[nodes[-1]])
             return nodes[::-1], expanded
         expanded += 1
-        for other, more in following[node]:
-            if cost + more < best.get(other, math.inf):
-                best[other], before[other] = cost + more, node
-                heapq.heappush(heap, (cost + more, other))
+        for end, step in following[node]:
+            if cost + step < best.get(end, math.inf):
+                best[end], before[end] = cost + step, node
+                heapq.heappush(heap, (cost + step, end))
     return [], expanded

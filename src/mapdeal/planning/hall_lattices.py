@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 Place = tuple[float, float]  # continuous row and column
 Places = NDArray[np.float64]
 
-_FEW = 2  # places across a narrow part of a hall
-_APART = 0.7  # of the spacing: the least distance of places
+_MOST_ACROSS_NARROW = 2  # places across a narrow part of a hall
+_LEAST_DISTANCE = 0.7  # of places, as a share of the spacing
 
 
 def lattices_in(
@@ -25,8 +25,8 @@ def lattices_in(
 ) -> tuple[list[Place], NDArray[np.int64]]:  # fmt: skip
     """Return places in halls, and the pairs of neighbours in one hall, by their indices.
 
-    Halls are given by some points of them, shape (N, 2), and the number of each one's hall. Lines
-    in the direction, and across, are searched for what is usable at each `step`.
+    `points`, shape (N, 2), lie in the halls of the numbers `halls`. Lines along and across the
+    direction are tested for usable places at each `step`.
     """
     cos, sin = math.cos(direction), math.sin(direction)
     along = np.array([[sin, cos], [cos, -sin]])  # of rows and columns
@@ -53,60 +53,61 @@ def _lattice_in(
     hall: Places, along: Places, spacing: float, step: float,
     is_usable: Callable[[Places], NDArray[np.bool_]],
 ) -> list[Place]:  # fmt: skip
-    # What is long both ways gets one lattice for all of the hall, so that a pillar only takes
-    # places out of it; what is narrow one way, such as an aisle, is divided evenly across.
+    # Parts that are wide in both directions share one lattice for the hall, so that a pillar only
+    # removes places. Parts that are narrow in one direction, such as aisles, are divided evenly.
     ticks = []
     for axis in along:
         values = hall[:, 0] * axis[0] + hall[:, 1] * axis[1]
         ticks.append(_ticks(float(values.min()), float(values.max()), spacing))
-    is_small = all(len(one) <= _FEW for one in ticks)
+    is_small = all(len(values) <= _MOST_ACROSS_NARROW for values in ticks)
     points: list[tuple[bool, float, float, int]] = []
-    for way in (0, 1):
-        line = np.arange(ticks[way][0] - spacing, ticks[way][-1] + spacing, step)
-        across = ticks[1 - way][:, np.newaxis, np.newaxis] * along[1 - way]
-        places = line[:, np.newaxis] * along[way] + across
+    for k in (0, 1):
+        line = np.arange(ticks[k][0] - spacing, ticks[k][-1] + spacing, step)
+        across = ticks[1 - k][:, np.newaxis, np.newaxis] * along[1 - k]
+        places = line[:, np.newaxis] * along[k] + across
         usable = is_usable(places.reshape(-1, 2)).reshape(places.shape[:2])
         runs = [
-            _Run(float(ticks[1 - way][row]), float(line[first]), float(line[stop - 1]))
+            _Run(float(ticks[1 - k][row]), float(line[first]), float(line[stop - 1]))
             for row, first, stop in _runs(usable)
         ]
         for run, middle in _levelled(runs, spacing):
             count = len(_ticks(run.low, run.high, spacing))
-            is_narrow = count <= _FEW and not is_small
+            is_narrow = count <= _MOST_ACROSS_NARROW and not is_small
             if is_narrow:
                 own = middle + spacing * (np.arange(count) - (count - 1) / 2)
                 own = np.clip(own, run.low, run.high)
             else:
-                own = ticks[way][(ticks[way] >= run.low) & (ticks[way] <= run.high)]
-            points += [(not is_narrow, one, run.tick, way) for one in own.tolist()]
+                own = ticks[k][(ticks[k] >= run.low) & (ticks[k] <= run.high)]
+            points += [(not is_narrow, value, run.tick, k) for value in own.tolist()]
     return _chosen(points, along, spacing)
 
 
 def _chosen(
     points: Sequence[tuple[bool, float, float, int]], along: Places, spacing: float
 ) -> list[Place]:
-    """Return the places of narrow parts, and then all others that are not near them."""
+    """Return the places of narrow parts, then the places of wide parts farther from them."""
     chosen: list[Place] = []
-    taken: defaultdict[tuple[int, int], list[Place]] = defaultdict(list)
-    for _, value, tick, way in sorted(points, key=lambda one: one[0]):
-        row, col = (value * along[way] + tick * along[1 - way]).tolist()
-        up, on = int(row // spacing), int(col // spacing)
-        near = (one for u in (-1, 0, 1) for v in (-1, 0, 1) for one in taken[up + u, on + v])
-        if all(math.dist((row, col), one) > _APART * spacing for one in near):
+    by_square: defaultdict[tuple[int, int], list[Place]] = defaultdict(list)
+    for _, value, tick, k in sorted(points, key=lambda point: point[0]):
+        row, col = (value * along[k] + tick * along[1 - k]).tolist()
+        up, right = int(row // spacing), int(col // spacing)
+        squares = ((up + u, right + v) for u in (-1, 0, 1) for v in (-1, 0, 1))
+        near = (place for square in squares for place in by_square[square])
+        if all(math.dist((row, col), place) > _LEAST_DISTANCE * spacing for place in near):
             chosen.append((row, col))
-            taken[up, on].append((row, col))
+            by_square[up, right].append((row, col))
     return chosen
 
 
 def _ticks(low: float, high: float, spacing: float) -> NDArray[np.float64]:
-    """Return numbers at a spacing in the middle between two."""
+    """Return evenly spaced numbers, centred between two limits."""
     count = int((high - low) / spacing) + 1
     first = (low + high - (count - 1) * spacing) / 2
     return np.asarray(first + spacing * np.arange(count), dtype=np.float64)
 
 
 class _Run(NamedTuple):
-    """A part of a line through a hall, and the line's place across."""
+    """A part of a line through a hall, and the line's position across the hall."""
 
     tick: float
     low: float
@@ -114,16 +115,16 @@ class _Run(NamedTuple):
 
 
 def _levelled(runs: Sequence[_Run], spacing: float) -> Iterator[tuple[_Run, float]]:
-    """Yield runs and the middle of each, or of all that follow one another about as wide."""
+    """Yield runs with their middle, which neighbouring runs of similar extent share."""
     groups: list[list[_Run]] = []
     growing: list[list[_Run]] = []
     for run in runs:
-        growing = [one for one in growing if one[-1].tick >= run.tick - 1.5 * spacing]
+        growing = [group for group in growing if group[-1].tick >= run.tick - 1.5 * spacing]
         for group in growing:
             last = group[-1]
-            is_like = abs(last.low + last.high - run.low - run.high) < spacing
-            is_like &= min(last.high, run.high) > max(last.low, run.low)
-            if last.tick < run.tick and is_like:
+            is_similar = abs(last.low + last.high - run.low - run.high) < spacing
+            is_similar &= min(last.high, run.high) > max(last.low, run.low)
+            if last.tick < run.tick and is_similar:
                 group.append(run)
                 break
         else:
@@ -136,7 +137,7 @@ def _levelled(runs: Sequence[_Run], spacing: float) -> Iterator[tuple[_Run, floa
 
 
 def _runs(marked: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
-    """Return rows, firsts and stops of what is marked along rows."""
+    """Return the row, first and stop of each run of marked cells along rows."""
     edges = np.argwhere(np.diff(marked.view(np.int8), prepend=0, append=0, axis=1))
     return list(zip(edges[::2, 0].tolist(), edges[::2, 1].tolist(), edges[1::2, 1].tolist(),
                     strict=True))  # fmt: skip

@@ -1,4 +1,4 @@
-"""Nodes and the cells around them: which are far from all, and which nodes are neighbours."""
+"""Areas of cells around nodes: cells far from all nodes, and neighbouring nodes."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def flat_cells(places: Places, shape: tuple[int, ...], step: int = 1) -> Cells:
 
 
 def far_from(is_open: NDArray[np.bool_], places: Places, limit: int) -> NDArray[np.bool_]:
-    """Return open cells to which ways from all places are longer than a limit."""
-    # over blocks of open cells first, which are few: it is at most so far to all of a block
+    """Return open cells to which the paths from all places are longer than a limit."""
+    # First over blocks of open cells, which are fewer: an upper bound for all cells of a block.
     step: int = max(1, min(limit // (15 * STRAIGHT), max(is_open.shape)))
-    whole = largest_of_blocks((~is_open).view(np.uint8), step) == 0
+    open_blocks = largest_of_blocks((~is_open).view(np.uint8), step) == 0
     cells = flat_cells(places, is_open.shape, step)
-    rough = lengths_from(whole, cells, limit=limit // step)
+    rough = lengths_from(open_blocks, cells, limit=limit // step)
     most = rough.astype(np.int64) * step + 3 * step * STRAIGHT
     is_near = (rough >= 0) & (most <= limit)
     height, width = is_open.shape
@@ -43,20 +43,20 @@ def far_from(is_open: NDArray[np.bool_], places: Places, limit: int) -> NDArray[
     rows, cols = np.nonzero(around & is_proven)
     sources = np.concatenate([flat_cells(places, is_open.shape), rows * width + cols])
     known = most[rows // step, cols // step]
-    given = np.concatenate([np.zeros(len(places), np.int64), known])
-    lengths = lengths_from(around, sources, start_lengths=given, limit=limit)
+    starts = np.concatenate([np.zeros(len(places), np.int64), known])
+    lengths = lengths_from(around, sources, start_lengths=starts, limit=limit)
     return unproven & (lengths < 0)
 
 
 class Neighbours(NamedTuple):
-    one: Cells
-    other: Cells
+    firsts: Cells  # nodes
+    seconds: Cells
     lengths: Cells
 
 
 def neighbouring(lengths: NDArray[np.int32], origin: NDArray[np.int32], cells: Cells) -> Neighbours:
-    """Return pairs of nodes whose areas touch, and the shortest ways over a border of the two."""
-    # Of several nodes in one cell only the first has an area.
+    """Return pairs of nodes with touching areas, and the shortest lengths over their borders."""
+    # Of several nodes in a cell only the first has an area.
     order = np.argsort(cells, kind="stable")
     same = np.flatnonzero(np.diff(cells[order]) == 0)
     pairs = [np.stack([order[same], order[same + 1]])]
@@ -65,9 +65,9 @@ def neighbouring(lengths: NDArray[np.int32], origin: NDArray[np.int32], cells: C
         ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
         ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
     ):
-        one, other = origin[here], origin[there]
-        at = np.nonzero((one != other) & (one >= 0) & (other >= 0))
-        pairs.append(np.stack([one[at], other[at]]).astype(np.int64))
+        ends = np.stack([origin[here], origin[there]])
+        at = np.nonzero((ends[0] != ends[1]) & (ends >= 0).all(axis=0))
+        pairs.append(ends[:, at[0], at[1]].astype(np.int64))
         totals.append(lengths[here][at].astype(np.int64) + lengths[there][at] + STRAIGHT)
     both, total = np.concatenate(pairs, axis=1), np.concatenate(totals)
     keys = both.min(axis=0) * len(cells) + both.max(axis=0)

@@ -25,9 +25,9 @@ FIELD_RANGE = 2.0
 
 _LARGEST_FACTOR = 1e6
 
-_AT_CENTRE = 1e-6  # in cells: more than what rounding moves a centre by
-_LARGEST_TOLD_APART = 1 << 20
-"""Squares of cells up to which distances of float32 tell neighbouring ones apart."""
+_AT_CENTRE = 1e-6  # in cells: larger than rounding errors of a centre
+_LARGEST_EXACT_SQUARE = 1 << 20
+"""Squares of cells up to which float32 distances distinguish neighbouring squares."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class Terrain:
         return replace(terrain, weights=terrain.weights_near_obstacles(field_weight))
 
     def weights_near_obstacles(self, field_weight: float) -> NDArray[np.float64]:
-        """Return the weights of open cells and what nearness to obstacles adds, shape (H, W)."""
+        """Return the weights of open cells with the share for nearby obstacles, shape (H, W)."""
         if check_factor("field_weight", field_weight) == 0:
             return self.weights
         weights = self.nearness()
@@ -98,7 +98,7 @@ class Terrain:
         return self.costmap.frame.holds(cell) and bool(self.weights[cell] > 0)
 
     def is_clear(self, start: Place, end: Place) -> bool:
-        """Return whether a straight way is in open cells, never between two closed at a corner."""
+        """Return whether a straight line stays in open cells and passes no closed corner."""
         return is_line_clear(self.is_open, start, end)
 
     def open_cell_of(self, point: Point, name: str) -> Cell:
@@ -106,8 +106,8 @@ class Terrain:
         cell = cell_of_point(frame, point, name)
         if not self.is_open(cell):
             cost = int(self.costmap.cost[cell])
-            what = "unknown" if cost == self.costmap.unknown_value else f"cost {cost}"
-            rule = f"lies in a closed cell ({what})"
+            cost_text = "unknown" if cost == self.costmap.unknown_value else f"cost {cost}"
+            rule = f"lies in a closed cell ({cost_text})"
             hint = nearest_open_text(frame, self.weights > 0, cell)
             raise ParameterError(rule, place=name, got=point, hint=hint)
         return cell
@@ -133,7 +133,7 @@ class Terrain:
         cells = frame.clamped_rowcol_from_xy(points_xy)
         at_centre = self.field.distance[cells[:, 0], cells[:, 1]].astype(np.float64) / resolution
         squares = np.rint(at_centre**2)
-        distances = np.where(squares < _LARGEST_TOLD_APART, np.sqrt(squares), at_centre)
+        distances = np.where(squares < _LARGEST_EXACT_SQUARE, np.sqrt(squares), at_centre)
         is_between = (np.abs(places - cells - 0.5) > _AT_CENTRE).any(axis=1)
         for index in np.flatnonzero(is_between & np.isfinite(at_centre)).tolist():
             reach = math.ceil(at_centre[index] + 1.0)
@@ -261,18 +261,18 @@ def route_over(
     last = terrain.open_cell_of(goal_xy, "goal")
     searched = terrain.weights if weights is None else weights
     found = cheapest_path(searched, first, last, surcharges=surcharges)
-    how: dict[str, Any] = {"expanded": found.expanded, "optimal": surcharges is None}
+    search: dict[str, Any] = {"expanded": found.expanded, "optimal": surcharges is None}
     if len(found.cells) == 0:
         none, nan = np.empty((0, 2)), math.nan
-        return Route("astar", False, start_xy, goal_xy, none, nan, nan, nan, **how)
+        return Route("astar", False, start_xy, goal_xy, none, nan, nan, nan, **search)
     places = found.cells + 0.5
     (start, goal), _ = terrain.costmap.frame.bounded_continuous_rowcol_from_xy([start_xy, goal_xy])
-    # no hooks: the centres of the first and the last cell are left out where the way is clear
+    # no hooks: the centres of the first and the last cell are omitted where the line is clear
     begin = int(len(places) < 2 or terrain.is_clear(start, places[1]))
     end = len(places) - int(len(places) < 2 or terrain.is_clear(places[-2], goal))
     between = terrain.costmap.frame.xy_from_continuous_rowcol(places[begin : max(begin, end)])
     points = np.vstack([[start_xy], between, [goal_xy]])
-    return Route("astar", True, start_xy, goal_xy, points, **terrain.measured(points), **how)
+    return Route("astar", True, start_xy, goal_xy, points, **terrain.measured(points), **search)
 
 
 _STEPS = (0.5, 0.25, 0.125)
@@ -280,9 +280,9 @@ _STEPS = (0.5, 0.25, 0.125)
 
 Ending = Literal["arrived", "minimum", "tired"]
 
-_OFF = (-1e-6, 1e-6)  # in cells: more than what rounding moves a place by
+_OFF = (-1e-6, 1e-6)  # in cells: larger than rounding errors of a place
 _STEPS_PER_CELL_OF_SIDE = 20
-"""Bounds the number of steps: a way as long as ten times both sides of the map."""
+"""Limits the number of steps: a path of ten times the length of both sides of the map."""
 
 
 def descend(
@@ -311,9 +311,8 @@ def descend(
     Returns
     -------
     Route
-        If `reached` is False, the route ends in its `local_minimum`. If that is None, the route
-        was abandoned after as many steps as would make it ten times as long as both sides of the
-        map together.
+        If `reached` is False, the route ends in its `local_minimum`. Without a local minimum the
+        route was abandoned at ten times the length of both sides of the map together.
 
     Raises
     ------
@@ -451,7 +450,7 @@ class _Slope:
         return along_rows, along_cols
 
     def _lowest_neighbour(self, place: Place, here: float) -> Place | None:
-        """Return the centre of the steepest way down to a cell, this one or one beside it."""
+        """Return the centre with the steepest descent, of this cell or of a cell around it."""
         best, steepest = None, 0.0
         cell = _cell_of(place)
         for rows in (-1, 0, 1):
@@ -460,11 +459,11 @@ class _Slope:
                 if not self._terrain.is_open(beside):
                     continue
                 centre = (beside[0] + 0.5, beside[1] + 0.5)
-                drop, way = here - self._at(*beside), math.dist(place, centre)
-                if way == 0 or drop / way <= steepest:
+                drop, length = here - self._at(*beside), math.dist(place, centre)
+                if length == 0 or drop / length <= steepest:
                     continue
                 if self._terrain.is_clear(place, centre):
-                    best, steepest = centre, drop / way
+                    best, steepest = centre, drop / length
         return best
 
 

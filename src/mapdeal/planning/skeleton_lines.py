@@ -1,4 +1,4 @@
-"""Lines of a skeleton: chains of cells between crossings, without what nobody would draw."""
+"""Lines of a skeleton: chains of cells between crossings, without spurious branches."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ Cells = NDArray[np.int64]
 
 @dataclass
 class Chain:
-    one: int
-    other: int
-    cells: list[int]  # from one to the other, both included
+    start: int
+    end: int
+    cells: list[int]  # from start to end, both included
 
 
 class Tracing:
     """Lines of a skeleton as chains of cells between their ends and crossings."""
 
     # Nodes and cells are indices into `cells`, which are blocks of `step` x `step` cells of a
-    # map; `mouths` are ends at which a hall begins. Squares are negative where nothing is open.
+    # map; `mouths` are ends at which a hall begins. Squares of closed cells are negative.
 
     def __init__(
         self, squares: NDArray[Any], step: int, lines: NDArray[np.bool_], halls: NDArray[np.bool_]
@@ -55,7 +55,7 @@ class Tracing:
         self._trace()
 
     def _adjacent(self, lines: NDArray[np.bool_]) -> list[list[int]]:
-        """Return the neighbours of each cell, diagonal ones only where no straight steps lead."""
+        """Return the neighbours of each cell; diagonal ones only without straight steps."""
         height, width = lines.shape
         index = np.full((height + 2, width + 2), -1)
         rows, cols = self.cells[:, 0] + 1, self.cells[:, 1] + 1
@@ -65,8 +65,8 @@ class Tracing:
             columns.append(index[rows + row, cols + col])
         for row, col in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
             there = index[rows + row, cols + col]
-            is_led = (index[rows + row, cols] >= 0) | (index[rows, cols + col] >= 0)
-            columns.append(np.where(is_led, -1, there))
+            is_connected = (index[rows + row, cols] >= 0) | (index[rows, cols + col] >= 0)
+            columns.append(np.where(is_connected, -1, there))
         table = np.column_stack(columns)
         is_there = table >= 0
         beside = table[is_there].tolist()
@@ -74,18 +74,18 @@ class Tracing:
         return [beside[first:stop] for first, stop in pairwise(bounds)]
 
     def _trace(self) -> None:
-        degrees = [len(one) for one in self._beside]
+        degrees = [len(neighbours) for neighbours in self._beside]
         ends = [k for k, degree in enumerate(degrees) if degree != 2 or k in self.mouths]
         is_end = set(ends)
-        seen: set[tuple[int, int]] = set()
+        traced: set[tuple[int, int]] = set()
         passed = set(ends)
         for end in ends:
             for following in self._beside[end]:
-                if (end, following) in seen:
+                if (end, following) in traced:
                     continue
                 cells = self._followed(end, following, is_end)
-                seen.add((cells[-1], cells[-2]))
-                seen.add((end, following))
+                traced.add((cells[-1], cells[-2]))
+                traced.add((end, following))
                 passed.update(cells)
                 self.add(cells)
         for alone in self.mouths:
@@ -100,8 +100,8 @@ class Tracing:
     def _followed(self, start: int, following: int, ends: set[int]) -> list[int]:
         cells = [start, following]
         while cells[-1] not in ends:
-            one, other = self._beside[cells[-1]]
-            cells.append(other if one == cells[-2] else one)
+            (following,) = (cell for cell in self._beside[cells[-1]] if cell != cells[-2])
+            cells.append(following)
         return cells
 
     def add(self, cells: list[int]) -> None:
@@ -112,8 +112,8 @@ class Tracing:
 
     def drop(self, number: int) -> Chain:
         chain = self.chains.pop(number)
-        self.chains_of[chain.one].remove(number)
-        self.chains_of[chain.other].remove(number)
+        self.chains_of[chain.start].remove(number)
+        self.chains_of[chain.end].remove(number)
         return chain
 
     def length(self, chain: Chain) -> float:
@@ -121,7 +121,7 @@ class Tracing:
         return sum(map(math.dist, places, places[1:])) * self.step
 
     def width_around(self, node: int, besides: int, reach: float) -> float:
-        """Return the largest clearance near a node on its chains but one."""
+        """Return the largest clearance near a node on its chains, except chain `besides`."""
         count = max(1, int(reach / self.step))
         found = 0.0
         for number in self.chains_of[node]:
@@ -132,7 +132,7 @@ class Tracing:
         return found
 
     def prune(self, shortest: float, loop: float) -> None:
-        """Contract crossings that are one, and drop ways around little things and dead ends."""
+        """Contract split crossings, and drop short dead ends and loops around small obstacles."""
         order = sorted(self.chains, key=lambda k: (len(self.chains[k].cells), k))
         for number in order:
             if number in self.chains:
@@ -145,7 +145,7 @@ class Tracing:
             if number not in self.chains:
                 continue
             chain = self.chains[number]
-            for end, base in ((chain.one, chain.other), (chain.other, chain.one)):
+            for end, base in ((chain.start, chain.end), (chain.end, chain.start)):
                 is_dead = len(self.chains_of[end]) == 1 and end not in self.mouths
                 if not is_dead or base == end or len(self.chains_of[base]) < 2:
                     continue
@@ -158,79 +158,77 @@ class Tracing:
                 break
 
     def _open_loops(self, most: float) -> None:
-        """Drop the narrower of two ways around something, if the other one is not long."""
+        """Drop the narrower of two chains around an obstacle if both are short."""
         lengths = {number: self.length(chain) for number, chain in self.chains.items()}
         narrowest = {number: min(self.clearances[cell] for cell in chain.cells)
                      for number, chain in self.chains.items()}  # fmt: skip
         for number in sorted(self.chains, key=lambda k: (narrowest[k], k)):
             chain = self.chains[number]
-            if chain.one == chain.other:
-                if lengths[number] <= 2 * most and len(self.chains_of[chain.one]) > 2:
+            if chain.start == chain.end:
+                if lengths[number] <= 2 * most and len(self.chains_of[chain.start]) > 2:
                     self.drop(number)
-            elif lengths[number] <= most and self._other_way(number, lengths, most):
+            elif lengths[number] <= most and self._has_detour(number, lengths, most):
                 self.drop(number)
         for node in list(self.chains_of):
             self._merge(node)
 
-    def _other_way(self, number: int, lengths: dict[int, float], most: float) -> bool:
+    def _has_detour(self, number: int, lengths: dict[int, float], most: float) -> bool:
         chain = self.chains[number]
-        best, heap = {chain.one: 0.0}, [(0.0, chain.one)]
+        best, heap = {chain.start: 0.0}, [(0.0, chain.start)]
         while heap:
             length, node = heapq.heappop(heap)
-            if node == chain.other:
+            if node == chain.end:
                 return True
-            for other in self.chains_of[node]:
-                total = length + lengths[other]
-                ends = self.chains[other]
-                following = ends.other if ends.one == node else ends.one
-                if other != number and total <= most and total < best.get(following, math.inf):
+            for beside in self.chains_of[node]:
+                total = length + lengths[beside]
+                link = self.chains[beside]
+                following = link.end if link.start == node else link.start
+                if beside != number and total <= most and total < best.get(following, math.inf):
                     best[following] = total
                     heapq.heappush(heap, (total, following))
         return False
 
     def _merge(self, node: int) -> int | None:
-        """Make the two chains that are left at a node one."""
+        """Merge the chains at a node if they are two; return the new chain."""
         numbers = self.chains_of[node]
         if len(numbers) != 2 or numbers[0] == numbers[1] or node in self.mouths:
             return None
         first, second = (self.drop(number) for number in list(numbers))
-        head = first.cells if first.other == node else first.cells[::-1]
-        tail = second.cells if second.one == node else second.cells[::-1]
+        head = first.cells if first.end == node else first.cells[::-1]
+        tail = second.cells if second.start == node else second.cells[::-1]
         self.add([*head, *tail[1:]])
         return self._count
 
     def _contract(self, number: int) -> None:
-        """Make two crossings one that are no farther apart than to half of what is around them."""
+        """Merge the crossings at both ends of a chain if it is within half their clearance."""
         chain = self.chains[number]
-        one, other = chain.one, chain.other
-        if one == other or self.mouths & {one, other}:
+        ends = chain.start, chain.end
+        if chain.start == chain.end or not self.mouths.isdisjoint(ends):
             return
-        if min(len(self.chains_of[one]), len(self.chains_of[other])) < 3:
+        if min(len(self.chains_of[end]) for end in ends) < 3:
             return
-        clearance = max(self.clearances[one], self.clearances[other])
+        clearance = max(self.clearances[end] for end in ends)
         if self.length(chain) > max(2 * self.step, 0.5 * clearance):
             return
         if min(self.clearances[cell] for cell in chain.cells) < 0.8 * clearance:
-            return  # something narrow lies between them
-        kept, gone = (
-            (one, other) if self.clearances[one] >= self.clearances[other] else (other, one)
-        )
+            return  # a narrow place lies between them
+        is_start = self.clearances[chain.start] >= self.clearances[chain.end]  # the wider crossing
+        gone, link = (ends[1], chain.cells) if is_start else (ends[0], chain.cells[::-1])
         self.drop(number)
-        link = chain.cells if chain.one == kept else chain.cells[::-1]  # from the one that stays
-        for other_number in list(self.chains_of[gone]):
-            if other_number not in self.chains:
+        for moved_number in list(self.chains_of[gone]):
+            if moved_number not in self.chains:
                 continue
-            moved = self.drop(other_number)
+            moved = self.drop(moved_number)
             cells = moved.cells
-            if moved.one == gone:
+            if moved.start == gone:
                 cells = [*link[:-1], *cells]
-            if moved.other == gone:
+            if moved.end == gone:
                 cells = [*cells, *link[-2::-1]]
             self.add(cells)
 
 
 def _best_in_blocks(squares: NDArray[Any], step: int, blocks: Cells) -> Cells:
-    """Return of each block of cells the one with the largest square, the middle one of several."""
+    """Return the cell of the largest square in each block; of equal ones the most central."""
     if step == 1 or not len(blocks):
         return blocks
     offsets = np.array([(row, col) for row in range(step) for col in range(step)])
