@@ -42,7 +42,7 @@ def cut(available, *, base=500, threads=1, shape=(3000, 1000), steps=(Step,)):
 ])  # fmt: skip
 def test_half_of_the_memory_is_for_blocks(available, threads, rows, unused):
     found, budget = cut(available, threads=threads)
-    assert (found, budget._left) == (rows, unused)
+    assert (found, budget._available) == (rows, unused)
 
 
 def test_blocks_are_no_larger_than_is_of_use():

@@ -155,7 +155,9 @@ def test_nothing_leads_where_a_robot_gets_only_sideways(one_way):
 def test_lengths_may_be_longer_than_any_way():
     grid, robot = cluttered(30, 0.03, 4), Footprint.circle(0.15)
     for longest in (1e6, 1e308):
-        result = route_graph_of(reach(grid, footprint=robot), GraphOptions(longest, longest, longest))
+        result = route_graph_of(
+            reach(grid, footprint=robot), GraphOptions(longest, longest, longest)
+        )
         check_graph(grid, robot, result.graph, math.inf)
 
 

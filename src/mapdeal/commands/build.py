@@ -91,15 +91,17 @@ class _Building:
     def reach_behind(self) -> float:
         """Return how far behind hits any of the methods has an effect, metres."""
         methods = self.methods.items()
-        return max(reach_behind(method, self.resolution, given) for method, given in methods)
+        return max(
+            reach_behind(method, self.resolution, parameters) for method, parameters in methods
+        )
 
 
 def _built(
-    source: ScanSource, how: _Building, *, with_layers: bool = True,
+    source: ScanSource, building: _Building, *, with_layers: bool = True,
     advance: Advance = lambda _: None,
 ) -> BuiltMap:  # fmt: skip
-    (method,) = how.methods
-    builder = _gathered(source, how, _PER_CELL[method], advance)[0][method]
+    (method,) = building.methods
+    builder = _gathered(source, building, _PER_CELL[method], advance)[0][method]
     built = builder.result(with_layers=with_layers)
     _warn_of_nothing(built.grid, source.named)
     if built.vanished:
@@ -108,7 +110,7 @@ def _built(
 
 
 def _gathered(
-    source: ScanSource, how: _Building, per_cell: int, advance: Advance
+    source: ScanSource, building: _Building, per_cell: int, advance: Advance
 ) -> tuple[dict[Method, MapBuilder], dict[Method, float]]:
     """Return what the scans in files say, by all methods that are asked for, and their seconds."""
     # All files are read twice, or one after the other; a pipe can be read but once.
@@ -117,19 +119,19 @@ def _gathered(
         with errors_named(source.named):
             source.prepare(advance)
             parts: Iterable[_Part] | None = None
-            frame = how.frame()
+            frame = building.frame()
             if frame is None:
-                frame, parts = _extent(source, how, advance)
-            what = f"{frame.width} x {frame.height} cells"
+                frame, parts = _extent(source, building, advance)
+            size = f"{frame.width} x {frame.height} cells"
             hint = "a pose may be wrong; --size and --origin bound the map"
-            claim(source.named, per_cell * frame.height * frame.width, what=what, hint=hint)
+            claim(source.named, per_cell * frame.height * frame.width, what=size, hint=hint)
             builders = {
-                method: MapBuilder(frame, method, how.limits, **parameters)
-                for method, parameters in how.methods.items()
+                method: MapBuilder(frame, method, building.limits, **parameters)
+                for method, parameters in building.methods.items()
             }
             seconds = dict.fromkeys(builders, 0.0)
             if parts is None:
-                parts = _parts(source, how.limits, is_told=how.size is None)
+                parts = _parts(source, building.limits, is_reported=building.size is None)
             for beams, scans in parts:
                 for method, builder in builders.items():
                     started = time.perf_counter()
@@ -145,32 +147,32 @@ def _gathered(
     return builders, seconds
 
 
-_Part = tuple[Beams, int]  # some beams, and how many scans were read with them
+_Part = tuple[Beams, int]  # beams, and the number of scans read so far
 
 
 def _extent(
-    source: ScanSource, how: _Building, advance: Advance
+    source: ScanSource, building: _Building, advance: Advance
 ) -> tuple[Frame, list[_Part] | None]:
     """Return the cells that beams reach, and all beams if they are not too many to keep."""
-    extent = Extent(how.limits, how.reach_behind())
-    kept: list[_Part] | None = []
-    taken = 0
-    for beams, scans in _parts(source, how.limits):
+    extent = Extent(building.limits, building.reach_behind())
+    parts: list[_Part] | None = []
+    taken_bytes = 0
+    for beams, scans in _parts(source, building.limits):
         extent.add_beams(beams)
-        taken += beams.nbytes
-        if taken > _MOST_KEPT:
-            kept = None
-        elif kept is not None:
-            kept.append((beams, scans))
+        taken_bytes += beams.nbytes
+        if taken_bytes > _MOST_KEPT:
+            parts = None
+        elif parts is not None:
+            parts.append((beams, scans))
         advance(scans)
-    return extent.frame(how.resolution), kept
+    return extent.frame(building.resolution), parts
 
 
-def _parts(source: ScanSource, limits: BeamLimits, *, is_told: bool = False) -> Iterator[_Part]:
+def _parts(source: ScanSource, limits: BeamLimits, *, is_reported: bool = False) -> Iterator[_Part]:
     """Yield the beams of scans, some at a time; warn of odd angles, unless that was done."""
     for arrays in source.scans():
-        if not is_told and np.abs(arrays.angles).max(initial=0.0) > 2 * math.pi:
-            is_told = True
+        if not is_reported and np.abs(arrays.angles).max(initial=0.0) > 2 * math.pi:
+            is_reported = True
             largest = np.abs(arrays.angles).max()
             text = f"{source.named}: angles of up to {largest:.6g} rad: are they in degrees?"
             emit_warning(text, stacklevel=2)
@@ -234,9 +236,9 @@ def build_map_from_log(
     """
     settings = Settings(max_memory=max_memory, threads=threads)
     limits = BeamLimits(range_min, range_max, clear_max)
-    how = _Building({method: parameters}, limits, resolution, size, origin)
+    building = _Building({method: parameters}, limits, resolution, size, origin)
     with settings.reading(), use_threads(settings.threads):
-        return _built(open_log(Path(path), max_bad=max_bad), how)
+        return _built(open_log(Path(path), max_bad=max_bad), building)
 
 
 def build_map_from_bag(
@@ -293,7 +295,7 @@ def build_map_from_bag(
 
     settings = Settings(max_memory=max_memory, threads=threads)
     limits = BeamLimits(range_min, range_max, clear_max)
-    how = _Building({method: parameters}, limits, resolution, size, origin)
+    building = _Building({method: parameters}, limits, resolution, size, origin)
     frames = FrameOptions(
         fixed_frame=fixed_frame,
         base_frame=base_frame,
@@ -306,7 +308,7 @@ def build_map_from_bag(
         use_threads(settings.threads),
         scans_of_bag(Path(path), topics, frames, deskew=deskew) as scans,
     ):
-        return _built(scans, how)
+        return _built(scans, building)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -364,10 +366,10 @@ class Comparison(Result):
         for pair in figures["pairs"]:
             first, second, cells = pair["first"], pair["second"], pair["cells"]
             only = sum(cells["occupied"][state] for state in ("free", "unknown"))
-            other = sum(cells[state]["occupied"] for state in ("free", "unknown"))
+            unmatched = sum(cells[state]["occupied"] for state in ("free", "unknown"))
             yield (
                 f"  {first}, {second}: {pair['differing']} cells differ, {only} occupied only by "
-                f"{first}, {other} only by {second}"
+                f"{first}, {unmatched} only by {second}"
             )
 
 
@@ -473,7 +475,7 @@ def build(
     if clouds:
         ranged = {"range_max": (range_max, 30.0),
                   "clear_max": (clear_max, 0.0), "max_bad": (max_bad, DEFAULT_MAX_BAD)}  # fmt: skip
-        changed = {name: one for name, (one, usual) in ranged.items() if one != usual}
+        changed = {name: value for name, (value, usual) in ranged.items() if value != usual}
         refuse(
             "applies to laser scans, not to clouds", log=log, angles=angles, ranges=ranges,
             flip_y=flip_y, deskew=deskew, method=method, compare=compare, as_written=as_written,
@@ -493,13 +495,13 @@ def build(
             method=method, values=more.get("values"), layers=layers, image=work.settings.image
         )  # fmt: skip
         chosen = {
-            one: {name: more[name] for name in parameters_of(kind) if name in more}
-            for one, kind in METHODS.items()
+            name: {name: more[name] for name in parameters_of(kind) if name in more}
+            for name, kind in METHODS.items()
         }
     if as_written:
         chosen["tsdf" if compare else next(iter(chosen))]["as_written"] = True
     limits = BeamLimits(range_min, range_max, clear_max)
-    how = _Building(chosen, limits, resolution, size, origin)
+    building = _Building(chosen, limits, resolution, size, origin)
     with ExitStack() as stack:
         if log is not None and is_bag(log):
             from mapdeal.pipeline.bag_maps import scans_of_bag  # of use to bags alone
@@ -521,40 +523,42 @@ def build(
         passes = 2 if size is None else 1
         advance = stack.enter_context(work.counted(source.preparation + passes * source.count))
         if compare:
-            return _compared(source, output, how, work, advance)
+            return _compared(source, output, building, work, advance)
         if layers is not None and layers.suffix != ".npz":
             raise ParameterError("layers are written as .npz", source=layers)
         work.outputs += [*output_paths(output), *([layers] if layers is not None else [])]
         transaction = work.begin(source.files)
-        built = _built(source, how, with_layers=layers is not None, advance=advance)
+        built = _built(source, building, with_layers=layers is not None, advance=advance)
     write_grid(transaction, output, built.grid)
     if layers is not None:
         transaction.write(layers, lambda file: write_npz(file, built.grid, more=built.layers))
-    (method,) = how.methods
+    (method,) = building.methods
     return Build(built.grid, f"{output.stem}: map, {method}", counts=built.counts)
 
 
 def _compared(
-    source: ScanSource, folder: Path, how: _Building, work: Work, advance: Advance
+    source: ScanSource, folder: Path, building: _Building, work: Work, advance: Advance
 ) -> Comparison:
     """Make maps of scans by several methods on one grid; write them, and what differs."""
     if folder.suffix in (*MAPS, ".pgm", ".png", ".json"):
         rule = "must be a folder: a comparison writes several maps"
         raise ParameterError(rule, place="output", got=str(folder))
-    pairs = {pair: folder / f"{pair[0]}_{pair[1]}.png" for pair in combinations(how.methods, 2)}
-    maps = {method: folder / f"{method}.yaml" for method in how.methods}
+    pairs = {
+        pair: folder / f"{pair[0]}_{pair[1]}.png" for pair in combinations(building.methods, 2)
+    }
+    maps = {method: folder / f"{method}.yaml" for method in building.methods}
     for path in maps.values():
         work.outputs += [*output_paths(path), path.with_suffix(".png")]
     work.outputs += [*pairs.values(), folder / DOCUMENT]
     transaction = work.begin(source.files)
-    builders, seconds = _gathered(source, how, _COMPARE_PER_CELL, advance)
+    builders, seconds = _gathered(source, building, _COMPARE_PER_CELL, advance)
     counts = next(iter(builders.values())).counts
     hit_cells, groups = next(iter(builders.values())).hit_groups()
-    made, bytes_per_cell = _results(builders, seconds)
-    grid = next(iter(made.values())).grid
+    results, bytes_per_cell = _results(builders, seconds)
+    grid = next(iter(results.values())).grid
     _warn_of_nothing(grid, source.named)
     name, shown = Path(source.named.name.removesuffix(".gz")).stem, work.settings.image_extent
-    for method, built in made.items():
+    for method, built in results.items():
         write_grid(transaction, maps[method], built.grid)
         label = f"{count_text(len(built.vanished), 'group')} of hits vanished"
         middles = built.vanished.middles_xy(grid.frame)
@@ -563,7 +567,7 @@ def _compared(
         write_picture(transaction, path, built.grid, title, work.settings, rings)
     found = []
     for pair, path in pairs.items():
-        first, second = (states_of(made[method].grid.occupancy) for method in pair)
+        first, second = (states_of(results[method].grid.occupancy) for method in pair)
         found.append(_pair_figures(pair, first, second))
         title = one_line(f"{name}: {pair[0]} and {pair[1]}")
         look = {"title": title, "image_extent": shown, "only_in": pair}
@@ -572,7 +576,7 @@ def _compared(
         "format": _FORMAT,
         "version": __version__,
         "inputs": [file.name for file in source.files],
-        "limits": asdict(how.limits),
+        "limits": asdict(building.limits),
         "width": grid.shape[1],
         "height": grid.shape[0],
         "resolution": grid.resolution,
@@ -582,10 +586,10 @@ def _compared(
         "groups_hit_three_times": len(groups),
         "methods": {
             method: {
-                "parameters": all_parameters(method, how.methods[method]),
+                "parameters": all_parameters(method, building.methods[method]),
                 **_method_figures(built, bytes_per_cell[method]),
             }
-            for method, built in made.items()
+            for method, built in results.items()
         },
         "pairs": found,
     }
@@ -604,13 +608,13 @@ def _draw_difference(
 def _results(
     builders: dict[Method, MapBuilder], seconds: dict[Method, float]
 ) -> tuple[dict[Method, BuiltMap], dict[Method, int]]:
-    made, sizes = {}, {method: builder.bytes_per_cell for method, builder in builders.items()}
+    results, sizes = {}, {method: builder.bytes_per_cell for method, builder in builders.items()}
     # the method whose evidence is largest comes first, so that it is gone when others need room
-    for method in sorted(builders, key=lambda one: -sizes[one]):
+    for method in sorted(builders, key=lambda method: -sizes[method]):
         started = time.perf_counter()
-        made[method] = builders.pop(method).result(with_layers=False)
+        results[method] = builders.pop(method).result(with_layers=False)
         seconds[method] += time.perf_counter() - started
-    return {method: made[method] for method in sizes}, sizes
+    return {method: results[method] for method in sizes}, sizes
 
 
 def _method_figures(built: BuiltMap, bytes_per_cell: int) -> Figures:

@@ -86,8 +86,9 @@ class PlannedGraph(Result):
     def lines(self) -> Iterator[str]:
         yield (
             f"{self.map.title}: {len(self.graph.nodes)} nodes, {len(self.graph.edges)} edges, "
-            f"covers {decimal_text(self.result.covered)} of {decimal_text(self.result.reachable)} m2 "
-            f"within {self.cover:g} m, least clearance {self.min_clearance:.2f} m"
+            f"covers {decimal_text(self.result.covered)} of "
+            f"{decimal_text(self.result.reachable)} m2 within {self.cover:g} m, "
+            f"least clearance {self.min_clearance:.2f} m"
         )
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:

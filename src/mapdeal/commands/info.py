@@ -100,8 +100,10 @@ class Descriptions(Result):
         yield from map(json.dumps, self.reports)
 
     def lines(self) -> Iterator[str]:
-        told = (one for one in self.reports if one["kind"] != "error")  # those are on stderr
-        for index, report in enumerate(told):
+        described = (
+            report for report in self.reports if report["kind"] != "error"
+        )  # those are on stderr
+        for index, report in enumerate(described):
             if index:
                 yield ""
             yield from _lines_of(report)
@@ -152,17 +154,17 @@ def describe(
     """
     settings = Settings(dialect=dialect, max_cells=max_cells)
     work = Work.in_shell()
-    if any(one is not None for one in (costmap, namespace, of_map)):
+    if any(option is not None for option in (costmap, namespace, of_map)):
         groups = [(True, list(sources))]
     else:
-        named = [one for source in sources for one in maps_in(source, work)]
+        named = [path for source in sources for path in maps_in(source, work)]
         groups = [
             (flavour is not None, list(group)) for flavour, group in groupby(named, flavour_of_file)
         ]
         groups = [
             part
             for is_robot, group in groups
-            for part in ([(True, group)] if is_robot else [(False, [one]) for one in group])
+            for part in ([(True, group)] if is_robot else [(False, [path]) for path in group])
         ]
     failed: list[errors.MapdealError] = []
 
@@ -187,7 +189,7 @@ def maps_in(path: Path, work: Work) -> list[Path]:
     """Return the maps in a folder and below, or the file or the run itself."""
     if not is_folder(path) or exists(path / MANIFEST) or kind_of(path) is not None:
         return [path]
-    return [one.path for one in list_maps([str(path)], None, work.terminal.input_chunks).maps]
+    return [entry.path for entry in list_maps([str(path)], None, work.terminal.input_chunks).maps]
 
 
 def _describe_robot(
@@ -198,8 +200,8 @@ def _describe_robot(
     with errors.capture_warnings():
         robot = read_robot(paths, costmap=costmap, namespace=namespace, older=dialect != "nav2")
     report = {"file": str(paths[-1]), "kind": "robot parameters", **robot.described()}
-    for entry, one in zip(report["layers"], robot.layers, strict=True):
-        entry["effect"] = effect_of(one, robot)
+    for entry, layer in zip(report["layers"], robot.layers, strict=True):
+        entry["effect"] = effect_of(layer, robot)
     report["warnings"] = list(robot.remarks)
     if map_path is not None:
         with open_map(map_path, dialect=dialect) as file:
@@ -341,8 +343,8 @@ def _figures(figures: Report) -> str:
 def _listed(values: object, *, with_values: bool = True) -> str:
     if not isinstance(values, dict):
         return format_value(values)
-    return ", ".join(f"{key} {format_value(one)}" if with_values else key
-                     for key, one in values.items())  # fmt: skip
+    return ", ".join(f"{key} {format_value(value)}" if with_values else key
+                     for key, value in values.items())  # fmt: skip
 
 
 def _measured(figures: Report) -> str:
@@ -371,8 +373,8 @@ def _rows_of_map(report: Report) -> Iterator[Row]:
         yield "made with", ", ".join(f"{name} {report[name]:g}" for name in names)
     if "lowest_distance" in report:
         limit = "none" if report["max_distance"] is None else f"{report['max_distance']:g} m"
-        made = f"unknown {report['unknown']}, lethal_threshold {report['lethal_threshold']}"
-        yield "made with", f"{made}, max_distance {limit}, strength {report['strength']:g}"
+        conventions = f"unknown {report['unknown']}, lethal_threshold {report['lethal_threshold']}"
+        yield "made with", f"{conventions}, max_distance {limit}, strength {report['strength']:g}"
     if "view" in report:
         end = report.get("view_range", report.get("farthest"))
         yield "view", f"{report['view']}, 0 at {end:.4g} m"
@@ -380,12 +382,12 @@ def _rows_of_map(report: Report) -> Iterator[Row]:
         row, col, rows, cols = report["known_box"]
         yield "known box", f"{cols} x {rows} cells from row {row}, col {col}; row 0 south"
     if "mode" in report:
-        how = str(report["mode"])
+        mode_text = str(report["mode"])
         if report["mode"] != "raw":
-            how += f", occupied {report['occupied_thresh']:g}, free {report['free_thresh']:g}"
-        how += ", negate" if report["negate"] else ""
+            mode_text += f", occupied {report['occupied_thresh']:g}, free {report['free_thresh']:g}"
+        mode_text += ", negate" if report["negate"] else ""
         yield "image", str(report["image"])
-        yield "read as", f"{how}, dialect {report['dialect']}"
+        yield "read as", f"{mode_text}, dialect {report['dialect']}"
     if "filter" in report:
         yield from mask_rows(report["filter"])
     for name, parameters in chain.from_iterable(map(dict.items, report.get("made_by", ()))):
@@ -405,22 +407,22 @@ def _rows_of_bag(report: Report) -> Iterator[Row]:
             )
     yield "messages", messages
     topics, edges = report["topics"], report["transforms"]
-    digits = max((len(str(one["count"])) for one in topics), default=0)
+    digits = max((len(str(topic["count"])) for topic in topics), default=0)
     rows: list[tuple[str, ...]] = [
         (
-            one["topic"],
-            one["type"],
-            str(one["count"]).rjust(digits),
-            "" if one["frame"] is None else f"in {one['frame']}",
-            f"for {', '.join(one['commands'])}" if one["commands"] else "",
+            topic["topic"],
+            topic["type"],
+            str(topic["count"]).rjust(digits),
+            "" if topic["frame"] is None else f"in {topic['frame']}",
+            f"for {', '.join(topic['commands'])}" if topic["commands"] else "",
         )
-        for one in topics
+        for topic in topics
     ]
     yield from _under("topics", _columns(rows))
-    digits = max((len(str(one["count"])) for one in edges), default=0)
+    digits = max((len(str(edge["count"])) for edge in edges), default=0)
     rows = [
-        (f"{one['parent']} -> {one['child']}", f"{one['count']:>{digits}} on {one['topic']}")
-        for one in edges
+        (f"{edge['parent']} -> {edge['child']}", f"{edge['count']:>{digits}} on {edge['topic']}")
+        for edge in edges
     ]
     yield from _under("transforms", _columns(rows))
     yield from _under("use", report["use"])
@@ -446,13 +448,15 @@ def _rows_of_robot(report: Report) -> Iterator[Row]:
     yield "circumscribed", f"{report['circumscribed_radius']:.6g} m"
     yield "starts out", "unknown" if report["track_unknown_space"] else "free"
     rows = []
-    for one in report["layers"]:
-        kind = "filter" if one.get("filter") else one["plugin"].rpartition(":")[2]
-        rows.append((f"{one['name']} ({kind})", one["effect"]))
+    for layer in report["layers"]:
+        kind = "filter" if layer.get("filter") else layer["plugin"].rpartition(":")[2]
+        rows.append((f"{layer['name']} ({kind})", layer["effect"]))
     yield from _under("layers", _columns(rows))
-    for one in report.get("on_map", ()):
-        reach = f"{one['layer']} reaches {one['cell_inflation_radius']} cells, {one['reach']:.4g} m"
-        cost = f"cost at the circumscribed radius {one['circumscribed_cost']}"
+    for item in report.get("on_map", ()):
+        reach = (
+            f"{item['layer']} reaches {item['cell_inflation_radius']} cells, {item['reach']:.4g} m"
+        )
+        cost = f"cost at the circumscribed radius {item['circumscribed_cost']}"
         yield "on the map", f"{Path(report['map']).name}: {reach}; {cost}"
     for text in report["warnings"]:
         yield "warning", text

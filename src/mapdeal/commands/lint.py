@@ -131,13 +131,13 @@ _WRITTEN = (".pgm", ".png")  # formats of images that can be written as they wer
 _COPY = "mapdeal lint MAP --fix -o OUT writes a repaired copy"
 
 
-def _several(given: Names) -> tuple[str, ...]:
-    names: Iterable[object] = (given,)
-    if isinstance(given, Iterable) and not isinstance(given, str | bytes):
-        names = tuple(given)
-    for one in names:
-        if not isinstance(one, str | PathLike):
-            raise ParameterError("takes names or paths", source="lint", got=one)
+def _several(names_given: Names) -> tuple[str, ...]:
+    names: Iterable[object] = (names_given,)
+    if isinstance(names_given, Iterable) and not isinstance(names_given, str | bytes):
+        names = tuple(names_given)
+    for name in names:
+        if not isinstance(name, str | PathLike):
+            raise ParameterError("takes names or paths", source="lint", got=name)
     return tuple(map(str, names))
 
 
@@ -362,7 +362,7 @@ def lint(
     with settings.reading():
         chunks = _no_standard_input if work is None else work.terminal.input_chunks
         listing = list_maps(names, None, chunks, exempt=RUN_FOLDERS)
-        maps = [one.path for one in listing.maps]
+        maps = [entry.path for entry in listing.maps]
         if graph is not None and len(maps) != 1:
             rule = f"needs one MAP, not {len(maps)}"
             raise ParameterError(rule, place="graph")
@@ -397,13 +397,13 @@ def lint(
             for of_robot in robots
             for report in lint_maps.parameters(of_robot, costmap, namespace, maps)
         ]
-        with counted(len(maps)) as done:
-            reports += lint_maps(maps, done)
+        with counted(len(maps)) as advance:
+            reports += lint_maps(maps, advance)
         if filter_mask is not None:
             with capture_warnings():  # which are among the findings
-                given = map_input(read_input(maps[0], settings), maps[0])
+                map_read = map_input(read_input(maps[0], settings), maps[0])
             path = Path(filter_mask)
-            reports.append(lint_maps.mask(path, given, mask_kind, footprint, start, goals))
+            reports.append(lint_maps.mask(path, map_read, mask_kind, footprint, start, goals))
         problems = _repair_in_place(maps, reports, lint_maps) if in_place else []
     report = LintReport(tuple(reports), __version__, form, tuple(problems), only_counts=statistics)
     if work is not None:
@@ -454,9 +454,9 @@ class _Lint:
         ]
         found_by_file = checks.check_parameters(files, costmap, namespace, headers)
         reports = [self._report(path, found) for path, found in found_by_file.items()]
-        return [replace(one, is_parameters=True) for one in reports]
+        return [replace(report, is_parameters=True) for report in reports]
 
-    def __call__(self, paths: Sequence[Path], done: Callable[[int], object]) -> list[MapReport]:
+    def __call__(self, paths: Sequence[Path], advance: Callable[[int], object]) -> list[MapReport]:
         of_robot = checks.checks_of(RoomFacts)
         radii = {
             path: self.radius
@@ -465,9 +465,9 @@ class _Lint:
         }
         found: dict[int, checks.Findings] = {}
 
-        def take(index: int, one: checks.Findings) -> None:
-            found[index] = one
-            done(1)
+        def take(index: int, findings: checks.Findings) -> None:
+            found[index] = findings
+            advance(1)
 
         if self.jobs > 1 and _are_worth_workers(paths, self.settings):
             _lint_in_processes(paths, self.settings, radii, min(self.jobs, len(paths)), take)
@@ -476,26 +476,28 @@ class _Lint:
                 take(index, checks.check_map(path, self.settings.max_cells, radii.get(path)))
         reports = []
         for index, path in enumerate(paths):
-            is_left_out = any(one.check == checks.LEFT_OUT for one in found[index].findings)
+            is_left_out = any(finding.check == checks.LEFT_OUT for finding in found[index].findings)
             without = of_robot if is_left_out or path not in radii else ()
-            one = found[index]
+            findings = found[index]
             if self.graph is not None:
                 more = _found_on_map(path, *self.graph, self.settings)
-                one = replace(one, findings=(*one.findings, *more))
-            report = self._report(path, one, without)
+                findings = replace(findings, findings=(*findings.findings, *more))
+            report = self._report(path, findings, without)
             reports.append(replace(report, is_folder=is_folder(path)))
         return reports
 
     def mask(
-        self, path: Path, given: MapInput, kind: FilterKind | None, robot: Footprint | None,
+        self, path: Path, map_read: MapInput, kind: FilterKind | None, robot: Footprint | None,
         start: tuple[float, ...] | None, goals: Sequence[Goal],
     ) -> MapReport:  # fmt: skip
         """Return what is wrong with the mask of a costmap filter for a map."""
-        mask, pair = read_mask(path, self.settings, given)
+        mask, pair = read_mask(path, self.settings, map_read)
         info = info_of(pair.metadata, kind)
         if info.kind != "keepout":
             refuse(f"applies to keepout masks, not to {info.kind}", start=start, goals=tuple(goals))
-        facts = mask_facts(given, mask.grid, info, pair=pair, robot=robot, start=start, goals=goals)
+        facts = mask_facts(
+            map_read, mask.grid, info, pair=pair, robot=robot, start=start, goals=goals
+        )
         findings = tuple(checks.lint_mask(path, facts))
         return self._report(path, checks.Findings(findings, tuple(read_ignore_comments(path))))
 
@@ -517,8 +519,8 @@ def _found_on_map(
             height, width = file.shape()
             per_cell = _PER_CELL_OF_GRAPH + (0 if robot is None else COSTS_PER_CELL)
             claim(path, int(per_cell * height * width))
-            given = map_input(file.read(), path)
-            grid = given.occupancy if robot is None else lethal_cells(robot, given)
+            map_read = map_input(file.read(), path)
+            grid = map_read.occupancy if robot is None else lethal_cells(robot, map_read)
             return check_graph(graph, grid, shape)
     except MapdealError as error:  # of the map
         return checks.not_checked(graph, f"its map cannot be read: {error}").findings
@@ -532,12 +534,12 @@ def _repair_in_place(
     # suppressed ones.
     users: ImageUsers = {}
     problems = []
-    for index, (path, one) in enumerate(zip(paths, reports, strict=True)):
-        wanted = {found.check for found in one.findings}
-        if one.is_folder or not wanted:
+    for index, (path, report) in enumerate(zip(paths, reports, strict=True)):
+        repairs_due = {found.check for found in report.findings}
+        if report.is_folder or not repairs_due:
             continue
         try:
-            repairs = _repaired_in_place(path, wanted, lint_maps.settings, users)
+            repairs = _repaired_in_place(path, repairs_due, lint_maps.settings, users)
         except MapdealError as error:
             problems.append(error)
             continue
@@ -576,7 +578,7 @@ def _are_worth_workers(paths: Sequence[Path], settings: Settings) -> bool:
 
 def _lint_in_processes(
     paths: Sequence[Path], settings: Settings, radii: Mapping[Path, float], jobs: int,
-    done: Callable[[int, checks.Findings], None],
+    advance: Callable[[int, checks.Findings], None],
 ) -> None:  # fmt: skip
     from mapdeal.pipeline.workers import ProcessWorkers  # slow to import
 
@@ -584,11 +586,11 @@ def _lint_in_processes(
         path, found = paths[index], outcome.result
         if not isinstance(found, checks.Findings):
             found = checks.not_checked(path, str(found))
-        elif any(SHARE_OF_JOB in one.message for one in found.findings):
+        elif any(SHARE_OF_JOB in finding.message for finding in found.findings):
             found = checks.check_map(
                 path, settings.max_cells, radii.get(path)
             )  # alone it may have all
-        done(index, found)
+        advance(index, found)
 
     of_each = memory_budget(settings.max_memory, jobs)
     is_chosen = settings.max_memory is not None
@@ -607,12 +609,12 @@ def repaired(
     path: Path, pair: PairFacts | None, *, max_cells: int | None = None
 ) -> tuple[OccupancyGrid, list[str]]:
     """Return a map as it should be, and what was changed, a line each."""
-    done: list[str] = []
+    changes: list[str] = []
     with capture_warnings():  # all was told when it was read first
         grid: Any = (
             read_npz(path, max_cells=max_cells)
             if pair is None
-            else _map_of_pair(pair, max_cells, done)
+            else _map_of_pair(pair, max_cells, changes)
         )
     if isinstance(grid, Costmap):
         raise MalformedInputError(_COSTS, source=path)
@@ -621,10 +623,10 @@ def repaired(
     resolution = _plain(grid.resolution)
     x, y, yaw = map(_plain, grid.origin)
     if (resolution, (x, y, yaw)) != (grid.resolution, grid.origin):
-        done.append(f"resolution {resolution!r}, origin {x!r}, {y!r}, {yaw!r} without noise")
+        changes.append(f"resolution {resolution!r}, origin {x!r}, {y!r}, {yaw!r} without noise")
         grid = OccupancyGrid(grid.occupancy, resolution, (x, y, yaw))
     if is_turned(grid.frame):
-        done.append(f"yaw {yaw:g} rad is in the cells now")
+        changes.append(f"yaw {yaw:g} rad is in the cells now")
         lattice = Frame(1, 1, resolution)
         region = region_around(lattice, grid.frame)
         cells = _PER_CELL_OF_TURNED * grid.occupancy.size + _PER_NEW_CELL * region.cells
@@ -632,65 +634,68 @@ def repaired(
         grid = resampled(grid, region.frame_in(lattice))  # with every obstacle of the turned one
     elif yaw:
         grid = OccupancyGrid(grid.occupancy, resolution, (x, y, 0.0))
-    return grid, done
+    return grid, changes
 
 
-def _map_of_pair(pair: PairFacts, max_cells: int | None, done: list[str]) -> OccupancyGrid:
+def _map_of_pair(pair: PairFacts, max_cells: int | None, changes: list[str]) -> OccupancyGrid:
     """Read a map again, with a lower free_thresh if map_saver's unknown is free."""
     if pair.metadata.cost_scale is not None:
         raise MalformedInputError(_COSTS, source=pair.path)
-    given = mended = pair.metadata
+    metadata = mended = pair.metadata
     freed: dict[Dialect, FreedCells] = {"nav2": pair.pixels.freed["nav2"]}
-    if remark_on_freed(freed, pair.pixels.size, given) is not None:
-        mended = replace(given, free_thresh=min(USUAL_FREE_THRESH, given.free_thresh))
+    if remark_on_freed(freed, pair.pixels.size, metadata) is not None:
+        mended = replace(metadata, free_thresh=min(USUAL_FREE_THRESH, metadata.free_thresh))
     changed = 0
     with open_strips(pair.image_path, max_cells=max_cells) as strips:
         occupancy = np.empty(strips.shape, dtype=np.int8)
         for rows, picture in strips.placed():
             cells_of(picture, mended, "nav2", out=occupancy[rows])
-            if mended is not given:
-                before = cells_of(picture, given, "nav2")
+            if mended is not metadata:
+                before = cells_of(picture, metadata, "nav2")
                 changed += int(np.count_nonzero(before != occupancy[rows]))
     if changed:
         cells = "1 cell is" if changed == 1 else f"{changed} cells are"
-        done.append(f"{cells} now unknown instead of free: map_saver's grey for unknown")
-    return OccupancyGrid(occupancy, given.resolution, given.origin)
+        changes.append(f"{cells} now unknown instead of free: map_saver's grey for unknown")
+    return OccupancyGrid(occupancy, metadata.resolution, metadata.origin)
 
 
 def _yaml_repair(
-    pair: PairFacts, frame: Frame | None, wanted: Collection[str]
+    pair: PairFacts, frame: Frame | None, checks_found: Collection[str]
 ) -> tuple[dict[str, Any], bool]:
     """Return values that take traps out of a map's YAML file, and whether cells are to change."""
     metadata, entries = pair.metadata, pair.entries
     values: dict[str, Any] = {}
-    if "yaml.defaults" in wanted:
+    if "yaml.defaults" in checks_found:
         filled_in = {
             "negate": int(metadata.negate),
             "occupied_thresh": metadata.occupied_thresh,
             "free_thresh": metadata.free_thresh,
         }
         values |= {key: value for key, value in filled_in.items() if key not in entries}
-    if "yaml.number-as-text" in wanted:
-        for key in (one for one in _NUMBERS if one in entries):
+    if "yaml.number-as-text" in checks_found:
+        for key in (name for name in _NUMBERS if name in entries):
             numbers = entries[key].items() if key == "origin" else [entries[key]]
-            if any(one.is_yaml_1_1_text for one in numbers):
+            if any(number.is_yaml_1_1_text for number in numbers):
                 values[key] = getattr(metadata, key)
-    if "thresholds.unknown-becomes-free" in wanted and metadata.free_thresh > USUAL_FREE_THRESH:
+    if (
+        "thresholds.unknown-becomes-free" in checks_found
+        and metadata.free_thresh > USUAL_FREE_THRESH
+    ):
         values["free_thresh"] = USUAL_FREE_THRESH
-    if "yaml.resolution-noise" in wanted:
+    if "yaml.resolution-noise" in checks_found:
         values["resolution"] = _plain(metadata.resolution)
     needs_cells = False
     x, y, yaw = metadata.origin
-    if "yaml.origin-noise" in wanted:
+    if "yaml.origin-noise" in checks_found:
         x, y, yaw = map(_plain, metadata.origin)
-    if "yaml.origin-yaw" in wanted and frame is not None:
+    if "yaml.origin-yaw" in checks_found and frame is not None:
         needs_cells = is_turned(frame)
         yaw = yaw if needs_cells else 0.0
-    if (x, y, yaw) != metadata.origin or "yaml.nan-yaw" in wanted:
+    if (x, y, yaw) != metadata.origin or "yaml.nan-yaw" in checks_found:
         values["origin"] = (x, y, yaw)
-    if {"yaml.mode-case", "yaml.legacy-mode"} & set(wanted):
+    if {"yaml.mode-case", "yaml.legacy-mode"} & set(checks_found):
         values["mode"] = metadata.mode
-    image = _image_name(pair, wanted)
+    image = _image_name(pair, checks_found)
     if image is not None:
         values["image"] = image
     return values, needs_cells
@@ -700,11 +705,11 @@ def _plain(value: float) -> float:
     return without_rounding_noise(value) or value
 
 
-def _image_name(pair: PairFacts, wanted: Collection[str]) -> str | None:
+def _image_name(pair: PairFacts, checks_found: Collection[str]) -> str | None:
     """Return a relative name of an image that lies in the folder of its map, or below."""
-    if "yaml.image-unquoted" in wanted:
+    if "yaml.image-unquoted" in checks_found:
         return pair.metadata.image
-    if not {"image.absolute-path", "image.foreign-path"} & set(wanted):
+    if not {"image.absolute-path", "image.foreign-path"} & set(checks_found):
         return None
     folder = pair.path.parent
     if folder not in pair.image_path.parents and folder != Path():
@@ -732,17 +737,17 @@ def _repaired_copy(paths: Sequence[Path], output: Path, settings: Settings) -> L
     inputs = [path, *([pair.path, pair.image_path] if pair is not None else [])]
     with outputs_of(outputs, inputs, settings) as transaction:
         with errors_named(path):
-            grid, done = repaired(path, pair, max_cells=settings.max_cells)
+            grid, changes = repaired(path, pair, max_cells=settings.max_cells)
         write_grid(transaction, output, grid)
     if pair is not None:
-        done += [found.message for found in findings if found.check == "yaml.nan-yaw"]
-        done.append(f"image {outputs[0].name}, usual thresholds")
-    report = MapReport(str(path), (), repairs=tuple(done))
+        changes += [found.message for found in findings if found.check == "yaml.nan-yaw"]
+        changes.append(f"image {outputs[0].name}, usual thresholds")
+    report = MapReport(str(path), (), repairs=tuple(changes))
     return LintReport((report,), __version__, output=output)
 
 
 def _repaired_in_place(
-    path: Path, wanted: Collection[str], settings: Settings, users: ImageUsers
+    path: Path, checks_found: Collection[str], settings: Settings, users: ImageUsers
 ) -> list[str]:
     """Repair a map in its own files; return what was changed, a line each."""
     # In the YAML file the values that are traps are replaced where they stand, so that comments,
@@ -752,18 +757,18 @@ def _repaired_in_place(
     pair, cells, _ = gather(path, max_cells=settings.max_cells)
     if pair is None:
         return []
-    values, needs_cells = _yaml_repair(pair, None if cells is None else cells.frame, wanted)
+    values, needs_cells = _yaml_repair(pair, None if cells is None else cells.frame, checks_found)
     if not values and not needs_cells:
         return []
     states[pair.image_path] = state_of(pair.image_path)
     geometry = {"resolution", "origin"} if needs_cells else set()  # of new cells: not known yet
-    done = [f"{key} {_shown(value)}" for key, value in values.items() if key not in geometry]
+    changes = [f"{key} {_shown(value)}" for key, value in values.items() if key not in geometry]
     target = real_path(pair.path)
     outputs = [target]
     if needs_cells:
-        image, told = _image_for(pair, users)
+        image, image_change = _image_for(pair, users)
         outputs.insert(0, image)
-        done.append(told)
+        changes.append(image_change)
     with (
         use_threads(settings.threads),
         errors_named(pair.path),
@@ -771,7 +776,7 @@ def _repaired_in_place(
     ):
         if needs_cells:
             grid, of_cells = repaired(pair.path, pair, max_cells=settings.max_cells)
-            done = [*of_cells, *done]
+            changes = [*of_cells, *changes]
             new: dict[str, Any] = {
                 "mode": write_map_image(transaction, image, grid),
                 "resolution": grid.resolution,
@@ -782,16 +787,18 @@ def _repaired_in_place(
             }
             if image != real_path(pair.image_path):
                 new["image"] = image.name
-            values |= {key: one for key, one in new.items() if getattr(pair.metadata, key) != one}
+            values |= {
+                key: value for key, value in new.items() if getattr(pair.metadata, key) != value
+            }
         mark = head_of(pair.path, len(BOM_UTF8)) == BOM_UTF8
         data = (BOM_UTF8 if mark else b"") + with_values(pair.entries, values)
         if _metadata_in(data, pair.path) != replace(pair.metadata, **values):
             rule = "its YAML is written in a way that cannot be edited"
             raise MalformedInputError(rule, source=pair.path, hint=_COPY)
         transaction.write_bytes(target, data)
-        for one, state in states.items():
-            check_state(one, state)
-    return done
+        for path, state in states.items():
+            check_state(path, state)
+    return changes
 
 
 def _metadata_in(data: bytes, path: Path) -> MapMetadata | None:
@@ -802,11 +809,13 @@ def _metadata_in(data: bytes, path: Path) -> MapMetadata | None:
 
 def _image_for(pair: PairFacts, users: ImageUsers) -> tuple[Path, str]:
     """Return where the image of new cells goes, and what is said of that."""
-    other = _other_user(pair, users)
-    if other is None and pair.image_path.suffix in _WRITTEN:
+    other_yaml = _other_user(pair, users)
+    if other_yaml is None and pair.image_path.suffix in _WRITTEN:
         return real_path(pair.image_path), f"{pair.image_path.name} written anew"
     new = real_path(pair.path).with_suffix(".pgm")
-    why = "whose format is only read" if other is None else f"which {other.name} also uses"
+    why = (
+        "whose format is only read" if other_yaml is None else f"which {other_yaml.name} also uses"
+    )
     if exists(new):
         rule = f"its image {pair.image_path.name}, {why}, would become {new.name}, which exists"
         raise FileAccessError(rule, source=pair.path, hint=_COPY)

@@ -54,8 +54,8 @@ class FilterMask:
 
     def document(self) -> dict[str, Any]:
         zones = [
-            {"name": one.name, **({} if one.speed is None else {"speed": one.speed})}
-            for one in self.zones
+            {"name": zone.name, **({} if zone.speed is None else {"speed": zone.speed})}
+            for zone in self.zones
         ]
         named = {"file": self.path.name, "mode": self.mode, "zones": zones}
         return mask_description(self.info, self.grid) | named
@@ -65,8 +65,10 @@ class FilterMask:
         text = f"{self.path.name}: {count_text(len(self.zones), f'{self.kind} zone')}, "
         text += f"{decimal_text(document['area_m2'])} m2"
         if self.kind == "speed":
-            limits = sorted(one["limit"] for one in document["limits"] if one["limit"] is not None)
-            listed = ", ".join(f"{one:.4g} {self.info.sign}" for one in limits)
+            limits = sorted(
+                limit["limit"] for limit in document["limits"] if limit["limit"] is not None
+            )
+            listed = ", ".join(f"{limit:.4g} {self.info.sign}" for limit in limits)
             text += f", limited to {listed}" if listed else ""
         return text
 
@@ -84,14 +86,14 @@ class FilterMasks(Result):
     def document(self) -> dict[str, Any]:
         return {
             "map": self.map.name,
-            "masks": [one.document() for one in self.masks],
+            "masks": [mask.document() for mask in self.masks],
             "parameters": _PARAMETERS,
             "launch": _LAUNCH,
         }
 
     def lines(self) -> Iterator[str]:
         yield f"{self.folder}:"
-        yield from (f"  {one.line()}" for one in self.masks)
+        yield from (f"  {mask.line()}" for mask in self.masks)
         yield f"  {_LAUNCH}: starts their servers, with the parameters in {_PARAMETERS}"
 
     def check(self) -> None:
@@ -101,7 +103,7 @@ class FilterMasks(Result):
     def drawn(self, **look: Any) -> Image:
         from mapdeal.pictures.zones import zones_image
 
-        masks = [(one.grid, one.info) for one in self.masks]
+        masks = [(mask.grid, mask.info) for mask in self.masks]
         return zones_image(self.map.occupancy, masks, title=f"{self.map.title}: zones", **look)
 
 
@@ -168,39 +170,41 @@ def mask(
     """
     work = Work.in_shell()
     zones = read_zones(file, kind)
-    kinds = [one for one in KINDS if any(zone.kind == one for zone in zones)]
+    kinds = [kind for kind in KINDS if any(zone.kind == kind for zone in zones)]
     if "speed" not in kinds:
         refuse("applies to speed zones, and there are none", base=base, multiplier=multiplier)
     if "keepout" not in kinds:
         refuse("applies to keepout zones, and there are none", start=start, goals=tuple(goals))
-    paths = [output / f"{one}_mask.yaml" for one in kinds]
-    work.outputs += [one for path in paths for one in pair_paths(path)]
+    paths = [output / f"{kind}_mask.yaml" for kind in kinds]
+    work.outputs += [file for path in paths for file in pair_paths(path)]
     work.outputs += [output / _PARAMETERS, output / _LAUNCH]
-    (given,) = opened(source, names=("the map",), also=[file, *(robot.paths if robot else ())])
-    claim_cells(given, PER_CELL)
+    (map_read,) = opened(source, names=("the map",), also=[file, *(robot.paths if robot else ())])
+    claim_cells(map_read, PER_CELL)
     shape = planned_shape(robot) if footprint is None and robot is not None else footprint
     masks, errors = [], []
-    with errors_named(given.name):
-        for one, path in zip(kinds, paths, strict=True):
-            own = tuple(zone for zone in zones if zone.kind == one)
+    with errors_named(map_read.name):
+        for kind, path in zip(kinds, paths, strict=True):
+            own = tuple(zone for zone in zones if zone.kind == kind)
             grid, info = filter_mask(
-                given.occupancy, one, own, unit=speed_unit, base=base, multiplier=multiplier
+                map_read.occupancy, kind, own, unit=speed_unit, base=base, multiplier=multiplier
             )
             masks.append(FilterMask(grid, info, own, path))
-            facts = mask_facts(given, grid, info, robot=shape, start=start, goals=goals, zones=own)
+            facts = mask_facts(
+                map_read, grid, info, robot=shape, start=start, goals=goals, zones=own
+            )
             for found in lint_mask(path, facts):
                 if found.severity == "error":
                     errors.append(f"{path.name}: {found.message}")
                 else:
                     emit_warning(f"{path}: {found.message}", stacklevel=2)
-    result = FilterMasks(given, tuple(masks), output, tuple(errors))
+    result = FilterMasks(map_read, tuple(masks), output, tuple(errors))
     if work.settings.strict:
         result.check()  # before anything is written
     transaction = work.begin()
-    for made in masks:
-        entries = made.info.entries()
-        write_grid(transaction, made.path, made.grid, mode=made.mode, extra=entries)
-    infos = [one.info for one in masks]
+    for mask in masks:
+        entries = mask.info.entries()
+        write_grid(transaction, mask.path, mask.grid, mode=mask.mode, extra=entries)
+    infos = [mask.info for mask in masks]
     names = [path.name for path in paths]
     transaction.write_bytes(output / _PARAMETERS, filter_parameters(infos).encode())
     transaction.write_bytes(output / _LAUNCH, filter_launch(kinds, _PARAMETERS, names).encode())

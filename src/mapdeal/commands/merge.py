@@ -127,14 +127,14 @@ class Merged(Result):
         yield from self.lines()
 
     def lines(self) -> Iterator[str]:
-        told = f"  {self.common} cells are known in several maps"
+        line = f"  {self.common} cells are known in several maps"
         if self.common:
             share = 100 * self.conflict_count / self.common
-            told += f"; {self.conflict_count} of them ({share:.2f} %) are occupied in one and free"
-            told += " in another"
-        yield told
-        for number, (one, counts) in enumerate(zip(self.inputs, self.maps, strict=True)):
-            text = f"  {one.name}: {counts.known} cells known"
+            line += f"; {self.conflict_count} of them ({share:.2f} %) are occupied in one and free"
+            line += " in another"
+        yield line
+        for number, (source, counts) in enumerate(zip(self.inputs, self.maps, strict=True)):
+            text = f"  {source.name}: {counts.known} cells known"
             text += f", {counts.added} added" if number else ""
             if counts.common:
                 text += f"; of {counts.common} that others know, {counts.occupied_here} are "
@@ -146,11 +146,13 @@ class Merged(Result):
         if self.rule == "newest":
             last, count = self.inputs[-1].name, self.kept
             yield f"  {last} decides where it knows a cell; {count} cells are from before it"
-        for one, counts in zip(self.inputs, self.maps, strict=True):
+        for source, counts in zip(self.inputs, self.maps, strict=True):
             if counts.thickness is None or counts.within_cell is None:
                 continue
             thick = "none left" if self.thickness is None else f"{self.thickness:.3g} m"
-            text = f"  {one.name}: walls {counts.thickness:.3g} m thick on average, {thick} in the"
+            text = (
+                f"  {source.name}: walls {counts.thickness:.3g} m thick on average, {thick} in the"
+            )
             text += f" result, which has {100 * counts.within_cell:.1f} % of them within a cell"
             if counts.same_wall:
                 share = 100 * (counts.within_same_wall or 0.0)
@@ -158,7 +160,7 @@ class Merged(Result):
             yield text
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
-        names = [one.title for one in self.inputs]
+        names = [source.title for source in self.inputs]
         if len(set(names)) < len(names):
             names = [f"map {number}" for number in range(1, len(names) + 1)]
         title = None if title is None else one_line(title)
@@ -291,11 +293,13 @@ def merge(
     names = [f"map {number}" for number in range(1, len(maps) + 1)]
     files: list[Path] = []
     if transforms is not None and not isinstance(transforms, str):
-        files = [Path(one) for one in transforms if isinstance(one, str | PathLike)]
+        files = [
+            Path(transform) for transform in transforms if isinstance(transform, str | PathLike)
+        ]
         if 0 < len(files) < len(transforms):
             raise ParameterError("must be files, or transforms", place="transforms")
     inputs = opened(*maps, names=names, also=files, **reading)
-    grids = [merging.check_is_map(one.grid, one.name) for one in inputs]
+    grids = [merging.check_is_map(source.grid, source.name) for source in inputs]
     settings = settings_of(**reading)
     with settings.reading(), holding(sum(map(bytes_of, grids))):
         claim(inputs[0].name, max(bytes_of_lines(grid.shape, _PER_LINE) for grid in grids))
@@ -313,22 +317,28 @@ def merge(
     frames[1:] = [merging.snapped(frame, frames[0]) for frame in frames[1:]]
     with errors_named(inputs[0].name):
         lattice = merging.lattice_around(grids, frames)
-    held = sum(map(bytes_of, grids)) + _bytes_in(layers)
+    held_bytes = sum(map(bytes_of, grids)) + _bytes_in(layers)
     per_cell = _PER_CELL + len(maps) + _OF_EVIDENCE * (rule == "evidence")
     per_cell += _OF_PICTURE * (settings.image is not None)
     with settings.reading():
-        what = f"{lattice.width} x {lattice.height} cells around all maps"
+        size = f"{lattice.width} x {lattice.height} cells around all maps"
         walls = _PER_WALL * sum(int(np.count_nonzero(grid.occupied())) for grid in grids)
-        claim(inputs[0].name, held + per_cell * lattice.height * lattice.width + walls, what=what)
+        claim(
+            inputs[0].name,
+            held_bytes + per_cell * lattice.height * lattice.width + walls,
+            what=size,
+        )
     parts = merging.merged_on(lattice, grids, frames, rule, layers, same_wall)
     placed = tuple(place or Transform() for place in places)
     merged = Merged(**vars(parts), inputs=tuple(inputs), transforms=placed, rule=rule)
     is_advised = transforms is None and Work.current.get() is not None
-    for other in inputs[1:] if transforms is None else ():
-        told = two_maps.warn_of_frames((inputs[0], other), "--by align places maps by their walls")
-        is_advised = is_advised and not told
+    for second in inputs[1:] if transforms is None else ():
+        is_warned = two_maps.warn_of_frames(
+            (inputs[0], second), "--by align places maps by their walls"
+        )
+        is_advised = is_advised and not is_warned
     advice = "; --by align places maps by their walls" if is_advised else ""
-    for text in _remarks_on(merged, [not one for one in layers], advice):
+    for text in _remarks_on(merged, [not layer for layer in layers], advice):
         emit_warning(text, stacklevel=2)
     return merged
 
@@ -340,33 +350,37 @@ def _given(transforms: Any, count: int) -> list[Transform | None]:
     if len(transforms) != count or isinstance(transforms, str):
         rule = f"must be {count}, one for each map but the first"
         raise ParameterError(rule, place="transforms", got=len(transforms))
-    return [None, *(transform_of(one, place="transforms") for one in transforms)]
+    return [None, *(transform_of(transform, place="transforms") for transform in transforms)]
 
 
 def _evidence_of(
-    maps: Sequence[MapInput], rule: merging.Rule, given: Sequence[merging.Layers | None] | None,
-    max_cells: int | None,
+    maps: Sequence[MapInput], rule: merging.Rule,
+    layers_given: Sequence[merging.Layers | None] | None, max_cells: int | None,
 ) -> list[merging.ChosenLayers]:  # fmt: skip
     """Return the layers of evidence of each map: those given, or those in its file."""
-    if given is not None and rule != "evidence":
+    if layers_given is not None and rule != "evidence":
         raise ParameterError("is for rule evidence alone", place="evidence")
-    if given is not None and len(given) != len(maps):
+    if layers_given is not None and len(layers_given) != len(maps):
         text = f"must be {len(maps)}, one for each map"
-        raise ParameterError(text, place="evidence", got=len(given))
+        raise ParameterError(text, place="evidence", got=len(layers_given))
     chosen: list[merging.ChosenLayers] = []
-    for one, layers in zip(maps, given or [None] * len(maps), strict=True):
-        path = one.path if one.metadata is None and given is None and rule == "evidence" else None
+    for source, layers in zip(maps, layers_given or [None] * len(maps), strict=True):
+        path = (
+            source.path
+            if source.metadata is None and layers_given is None and rule == "evidence"
+            else None
+        )
         try:
             with holding(_bytes_in(chosen)):
                 found = layers if path is None else read_evidence(path, max_cells=max_cells)
-                chosen.append(merging.chosen_layers(found or {}, one.grid.shape))
+                chosen.append(merging.chosen_layers(found or {}, source.grid.shape))
         except ParameterError as error:
-            raise error.found_in(one.name) if path is None else error.in_file(path) from None
+            raise error.found_in(source.name) if path is None else error.in_file(path) from None
     return chosen
 
 
 def _bytes_in(layers: Sequence[merging.ChosenLayers]) -> int:
-    return sum(layer.nbytes for one in layers for layer in one.values())
+    return sum(layer.nbytes for entry in layers for layer in entry.values())
 
 
 def _by_files(files: Sequence[Path], maps: Sequence[MapInput]) -> list[Transform | None]:
@@ -376,15 +390,15 @@ def _by_files(files: Sequence[Path], maps: Sequence[MapInput]) -> list[Transform
     if len(files) >= len(maps):
         rule = f"{len(files)} files are given, and {count_text(len(maps) - 1, 'map')} to place"
         raise ParameterError(rule, place="transforms")
-    own = [k if (first := _number_of(one.sums, maps)) is None else first
-           for k, one in enumerate(maps)]  # fmt: skip
+    own = [k if (first := _number_of(source.sums, maps)) is None else first
+           for k, source in enumerate(maps)]  # fmt: skip
     steps = [_step(path, number, maps) for number, path in enumerate(files, 1)]
     found = {0: Transform()}
     while more := dict(_next_to(found, [(own[a], own[b], step) for a, b, step in steps])):
         found |= more
-    for one, first in zip(maps, own, strict=True):
+    for source, first in zip(maps, own, strict=True):
         if first not in found:
-            rule = f"no transforms lead from {maps[0].name} to {one.name}"
+            rule = f"no transforms lead from {maps[0].name} to {source.name}"
             hint = "pass --by once for each map but the first"
             raise ParameterError(rule, place="transforms", hint=hint)
     return [None, *(found[first] for first in own[1:])]
@@ -392,9 +406,9 @@ def _by_files(files: Sequence[Path], maps: Sequence[MapInput]) -> list[Transform
 
 def _number_of(sums: Mapping[str, str], maps: Sequence[MapInput]) -> int | None:
     """Return which map has these checksums, whatever its files are called."""
-    wanted = sorted(sums.values())
-    known = [sorted(one.sums.values()) for one in maps]
-    return known.index(wanted) if wanted and wanted in known else None
+    sums_sorted = sorted(sums.values())
+    known = [sorted(source.sums.values()) for source in maps]
+    return known.index(sums_sorted) if sums_sorted and sums_sorted in known else None
 
 
 def _by_walls(grids: Sequence[OccupancyGrid], maps: Sequence[MapInput]) -> list[Transform | None]:
@@ -420,8 +434,8 @@ def _by_walls(grids: Sequence[OccupancyGrid], maps: Sequence[MapInput]) -> list[
     for number, reason in reasons.items():
         if number not in found:
             first, name = maps[0].name, maps[number].name
-            others = " or on another" if len(found) > 1 else ""
-            rule = f"its placement on {first}{others} is uncertain: {reason}"
+            elsewhere = " or on another" if len(found) > 1 else ""
+            rule = f"its placement on {first}{elsewhere} is uncertain: {reason}"
             hint = f"mapdeal align {first} {name} shows the result; --by FILE.json uses it"
             raise FindingError(rule, source=name, hint=hint)
     return [None, *(found[number] for number in range(1, len(grids)))]
@@ -440,18 +454,18 @@ def _next_to(
 
 def _step(path: Path, number: int, maps: Sequence[MapInput]) -> tuple[int, int, Transform]:
     """Return between which maps a file's transform leads, and the transform."""
-    told = read_transform(path)
-    first, second = _number_of(told.first, maps), _number_of(told.second, maps)
+    transform = read_transform(path)
+    first, second = _number_of(transform.first, maps), _number_of(transform.second, maps)
     if first is not None and second is not None:
-        return first, second, told.transform
-    if told.first or told.second:
+        return first, second, transform.transform
+    if transform.first or transform.second:
         text = f"{path}: its checksums are not those of the maps; used as the transform from "
         emit_warning(f"{text}{maps[0].name} to {maps[number].name}", stacklevel=2)
-    return 0, number, told.transform
+    return 0, number, transform.transform
 
 
 def _remarks_on(merged: Merged, is_bare: Sequence[bool], advice: str) -> Iterator[str]:
-    names = [one.name for one in merged.inputs]
+    names = [source.name for source in merged.inputs]
     if merged.rule == "evidence" and all(is_bare):
         yield "no map has evidence layers; each of their cells counts as one vote"
     elif merged.rule == "evidence":

@@ -46,8 +46,8 @@ _PER_CELL, _OF_ROBOT = 1.0, 3.0
 
 
 def _form(template: str) -> Form:
-    first, *others = template.split("@")
-    return Form((first, *(text[1:] for text in others)), tuple(int(text[0]) for text in others))
+    first, *parts = template.split("@")
+    return Form((first, *(text[1:] for text in parts)), tuple(int(text[0]) for text in parts))
 
 
 def _forms_of_points() -> Iterator[Form]:
@@ -80,15 +80,15 @@ class Answers(Result):
     """Values of a field at points, or costs of a robot at poses, found as these are read."""
 
     map: inputs.MapInput
-    what: Literal["point", "pose"]
-    asked: Iterable[NumberLines]
+    unit: Literal["point", "pose"]
+    questions: Iterable[NumberLines]
     asked_in: Path | str
     answer: Answer
     is_strict: bool = False
     counts: Counter[str] = field(default_factory=Counter)
 
     def parts(self) -> Iterator[str]:
-        for some in self.asked:
+        for some in self.questions:
             text, is_inside = self.answer(some)
             turned = np.abs(some.numbers[:, 2:]) > 2 * math.pi  # only poses have a third column
             self.counts.update(
@@ -106,25 +106,25 @@ class Answers(Result):
 
     def lines(self) -> Iterator[str]:
         for part in self.parts():
-            yield from map(_told, map(json.loads, part.splitlines()))
+            yield from map(_answer_text, map(json.loads, part.splitlines()))
 
     def details(self) -> Iterator[str]:
         count, outside = self.counts["all"], self.counts["outside"]
-        yield f"{count} {self.what}s, {outside} of them outside of the map"
+        yield f"{count} {self.unit}s, {outside} of them outside of the map"
 
     def check(self) -> None:
         counts, count = self.counts, self.counts["all"]
         if counts["bad"]:
-            emit_warning(f"{self.asked_in}: {counts['bad']} of {count} hold no finite {self.what}")
+            emit_warning(f"{self.asked_in}: {counts['bad']} of {count} hold no finite {self.unit}")
         if counts["turned"]:
             rule = "have a yaw of more than a turn; is it in degrees?"
             emit_warning(f"{counts['turned']} of {count} poses {rule}")
         if self.is_strict and counts["outside"]:
-            rule = f"{counts['outside']} of {count} {self.what}s are not inside of the map"
+            rule = f"{counts['outside']} of {count} {self.unit}s are not inside of the map"
             raise FindingError(rule, source=self.map.name)
 
 
-def _told(answer: Mapping[str, Any]) -> str:
+def _answer_text(answer: Mapping[str, Any]) -> str:
     """Return an answer as people read it."""
     if "error" in answer:
         return str(answer["error"])
@@ -139,13 +139,13 @@ def _told(answer: Mapping[str, Any]) -> str:
     return f"{text}, cell row {answer['row']}, col {answer['col']}"
 
 
-def _with_errors(text: str, asked: NumberLines) -> str:
-    """Return answers of which some say what is wrong with the line that was asked."""
-    answers = text.splitlines(keepends=True) if asked.errors else [text]
-    for index, error in asked.errors.items():
-        line = f', "line": {asked.lines[index]}' if asked.lines[index] else ""
-        told = f'{line}, "error": {json.dumps(error)}'
-        answers[index] = f"{answers[index].removesuffix(_END)}{told}{_END}"
+def _with_errors(text: str, question: NumberLines) -> str:
+    """Return answers, with the error in place of those whose line is wrong."""
+    answers = text.splitlines(keepends=True) if question.errors else [text]
+    for index, error in question.errors.items():
+        line = f', "line": {question.lines[index]}' if question.lines[index] else ""
+        document = f'{line}, "error": {json.dumps(error)}'
+        answers[index] = f"{answers[index].removesuffix(_END)}{document}{_END}"
     return "".join(answers)
 
 
@@ -221,29 +221,29 @@ def query(
     if footprint is None:
         need = "needs --footprint, --robot-radius or --params-file"
         inputs.refuse(need, poses=poses, rule=rule)
-        what, form, file, read = "point", "X,Y", points, read_points
+        unit, form, file, read = "point", "X,Y", points, read_points
     else:
         inputs.refuse("has no yaws; poses of a footprint are given by --poses", points=points)
         inputs.refuse("applies to distances, not to a footprint", convention=convention)
-        what, form, file, read = "pose", "X,Y,YAW", poses, read_pose_lines
+        unit, form, file, read = "pose", "X,Y,YAW", poses, read_pose_lines
     if not at and file is None:
-        raise ParameterError("one of the two is required", place=f"at, {what}s")
+        raise ParameterError("one of the two is required", place=f"at, {unit}s")
     settings = inputs.settings_of()
     if footprint is None:
         inputs.refuse("applies to costs of a robot, not to distances", mask=settings.mask)
     first = _rows(at or (), form)
     chunks, asked_in = ((), "--at") if file is None else inputs.text_in(file)
-    (one,) = inputs.opened(map, names=("map",))
-    given = {name: value for name, value in of_map.items() if value is not None}
+    (map_read,) = inputs.opened(map, names=("map",))
+    reading = {name: value for name, value in of_map.items() if value is not None}
     answer: Answer
     if footprint is None:
-        answer = partial(_answers_of, _field_of(one, given))
+        answer = partial(_answers_of, _field_of(map_read, reading))
     else:
-        mask = inputs.mask_of(settings.mask, settings, one.grid)
-        costs = _costs_of(one, given, robot, mask)
+        mask = inputs.mask_of(settings.mask, settings, map_read.grid)
+        costs = _costs_of(map_read, reading, robot, mask)
         answer = partial(_answers_at, costs, footprint, rule or "outline")
-    asked = chain([first] if at else [], read(chunks, asked_in))
-    return Answers(one, cast("Any", what), asked, asked_in, answer, settings.strict)
+    questions = chain([first] if at else [], read(chunks, asked_in))
+    return Answers(map_read, cast("Any", unit), questions, asked_in, answer, settings.strict)
 
 
 def _rows(at: Sequence[str | Sequence[float]], form: str) -> NumberLines:
@@ -260,23 +260,23 @@ def _rows(at: Sequence[str | Sequence[float]], form: str) -> NumberLines:
     return NumberLines(rows, [0] * len(at), errors)
 
 
-def _field_of(one: inputs.MapInput, given: Mapping[str, Any]) -> DistanceField:
-    if isinstance(one.grid, DistanceField):
-        inputs.refuse("applies to maps: this field is already computed", **given)
-        inputs.claim_cells(one, 0.0)
-        return one.grid
-    inputs.check_fits(one.name, one.grid.shape, [make_step("esdf", {})], None)
-    inputs.warn_of_potential(one)
-    with inputs.errors_named(one.name):
-        return esdf(one.occupancy, **given)
+def _field_of(map_read: inputs.MapInput, reading: Mapping[str, Any]) -> DistanceField:
+    if isinstance(map_read.grid, DistanceField):
+        inputs.refuse("applies to maps: this field is already computed", **reading)
+        inputs.claim_cells(map_read, 0.0)
+        return map_read.grid
+    inputs.check_fits(map_read.name, map_read.grid.shape, [make_step("esdf", {})], None)
+    inputs.warn_of_potential(map_read)
+    with inputs.errors_named(map_read.name):
+        return esdf(map_read.occupancy, **reading)
 
 
-def _answers_of(field: DistanceField, asked: NumberLines) -> tuple[str, NDArray[np.bool_]]:
-    cells, inside = field.frame.bounded_rowcol_from_xy(asked.numbers)
-    samples = field.query(asked.numbers)
+def _answers_of(field: DistanceField, questions: NumberLines) -> tuple[str, NDArray[np.bool_]]:
+    cells, inside = field.frame.bounded_rowcol_from_xy(questions.numbers)
+    samples = field.query(questions.numbers)
     at = cells[:, 0], cells[:, 1]
     columns = np.column_stack(
-        [asked.numbers, cells, samples.distance, samples.gradient, field.distance[at]]
+        [questions.numbers, cells, samples.distance, samples.gradient, field.distance[at]]
     )
     occupancy = field.occupancy[at]
     states = np.where(occupancy >= field.lethal_threshold, _OCCUPIED, _FREE)
@@ -325,12 +325,12 @@ def _costs_of(
 
 
 def _answers_at(
-    costmap: Costmap, footprint: Footprint, rule: FootprintRule, asked: NumberLines
+    costmap: Costmap, footprint: Footprint, rule: FootprintRule, questions: NumberLines
 ) -> tuple[str, NDArray[np.bool_]]:
-    costs, inside = sample_poses(costmap, footprint, asked.numbers, rule=rule)
+    costs, inside = sample_poses(costmap, footprint, questions.numbers, rule=rule)
     states = np.where(costs == values.LETHAL_OBSTACLE, _COLLISION, _FREE_COST)
     states = np.where(costs == values.NO_INFORMATION, _UNKNOWN_COST, states)
     chosen = np.where(inside, states, _OUTSIDE).astype(np.uint8)
-    chosen[list(asked.errors)] = len(_STATES_OF_COSTS)
-    columns = np.column_stack([asked.numbers, costs])
+    chosen[list(questions.errors)] = len(_STATES_OF_COSTS)
+    columns = np.column_stack([questions.numbers, costs])
     return row_texts(columns, _OF_POSES, _FORMS_OF_POSES, chosen), inside

@@ -53,7 +53,7 @@ class Reachability(Spread):
 
     @property
     def missed(self) -> list[GoalReach]:
-        return [one for one in self.reach.goals if not one.reachable]
+        return [goal for goal in self.reach.goals if not goal.reachable]
 
     @property
     def passes(self) -> bool:  # type: ignore[override]
@@ -75,13 +75,13 @@ class Reachability(Spread):
 
     def lines(self) -> Iterator[str]:
         yield f"{self.map.name}, {self.title}: {summary_of(self.reach.figures())}"
-        for one in self.reach.goals:
-            goal = one.goal
+        for result in self.reach.goals:
+            goal = result.goal
             name = "goal" if goal.name is None else f"goal {goal.name}"
             text = f"  {name} {goal.x + 0.0:.10g},{goal.y + 0.0:.10g}: "
-            text += "reached" if one.reachable else "not reached"
-            if one.limited_by is not None:
-                text += f"; {one.limited_by.text}"
+            text += "reached" if result.reachable else "not reached"
+            if result.limited_by is not None:
+                text += f"; {result.limited_by.text}"
             yield text
         for door in self.reach.passages:
             state = "open" if door.is_open else "closed"
@@ -98,11 +98,11 @@ class Reachability(Spread):
     def check(self) -> None:
         if not self.missed:
             return
-        first, *others = self.missed
+        first, *more = self.missed
         rule = not_reachable_text(first, self.reach)
-        if others:
-            verb = "is" if len(others) == 1 else "are"
-            rule += f"; {len(others)} more of {len(self.reach.goals)} goals {verb} not reachable"
+        if more:
+            verb = "is" if len(more) == 1 else "are"
+            rule += f"; {len(more)} more of {len(self.reach.goals)} goals {verb} not reachable"
         hint = None
         if inputs.settings_of().image is None:
             hint = "--image shows where the robot can go"
@@ -127,9 +127,9 @@ def not_reachable_text(missed: GoalReach, found: Reach) -> str:
         return f"{text} by any robot, however small: no way leads there"
     needs = 2 * reach_radius(found.robot)
     if limit.width <= needs + 2 * RADIUS_TOLERANCE:
-        closed = sum(not one.is_open for one in found.passages)
-        others = f", one of {closed} closed passages" if closed > 1 else ""
-        return f"{text}: {limit.text}{others}; the robot needs more than {needs:.4g} m"
+        closed = sum(not passage.is_open for passage in found.passages)
+        more = f", one of {closed} closed passages" if closed > 1 else ""
+        return f"{text}: {limit.text}{more}; the robot needs more than {needs:.4g} m"
     return (
         f"{text} with this footprint, though a round robot of up to {limit.width:.4g} m gets there"
     )
@@ -189,10 +189,10 @@ def _named_points(path: Path) -> Iterator[Goal]:
 def goals_in(path: Path) -> list[Goal]:
     found = list(_named_points(path)) if path.suffix == ".geojson" else []
     chunks, name = ([], path) if path.suffix == ".geojson" else inputs.text_in(path)
-    for one in read_named_points(chunks, name):
-        if one.point is None:
-            raise MalformedInputError(one.error or "", source=name, place=f"line {one.line}")
-        found.append(Goal(*one.point, one.name))
+    for point in read_named_points(chunks, name):
+        if point.point is None:
+            raise MalformedInputError(point.error or "", source=name, place=f"line {point.line}")
+        found.append(Goal(*point.point, point.name))
     if not found:
         raise MalformedInputError("holds no points", source=name)
     return found
@@ -265,8 +265,8 @@ def reachability(
     step = make_step("reach", {**parameters, "footprint": shape})
     mask = inputs.mask_of(work.settings.mask, work.settings)
     also = [*(robot.paths if robot else ()), *([points] if points else ())]
-    (one,) = inputs.opened(map, names=("map",), also=[*also, *(mask.files if mask else ())])
-    found = reach_on_input(one, step, robot, mask)
+    (map_read,) = inputs.opened(map, names=("map",), also=[*also, *(mask.files if mask else ())])
+    found = reach_on_input(map_read, step, robot, mask)
     if "start" not in parameters:
         x, y = found.start[:2]
         emit_warning(
@@ -275,40 +275,40 @@ def reachability(
     if layers is not None:
         write_grid(work.begin(), layers, found)
     closed = None if mask is None else closed_by(mask.grid, found.frame)
-    return Reachability(one, found, step.title, closed, robot)
+    return Reachability(map_read, found, step.title, closed, robot)
 
 
 def reach_on_input(
-    one: inputs.MapInput, step: Step, robot: RobotParameters | None,
+    map_read: inputs.MapInput, step: Step, robot: RobotParameters | None,
     mask: inputs.KeepoutMask | None,
 ) -> Reach:  # fmt: skip
     """Return what the stage finds on a map, or on the costs that a robot's layers make of it."""
     per_cell = step.memory + COSTS_PER_CELL * (robot is not None)
     with (
         inputs.settings_of().reading(),
-        inputs.work_claimed(one.name, one.grid, per_cell),
-        inputs.errors_named(one.name),
+        inputs.work_claimed(map_read.name, map_read.grid, per_cell),
+        inputs.errors_named(map_read.name),
     ):
-        grid = one.grid
+        grid = map_read.grid
         if not isinstance(grid, Costmap):
-            inputs.warn_of_published_costs(one)
-            inputs.warn_of_potential(one)
+            inputs.warn_of_published_costs(map_read)
+            inputs.warn_of_potential(map_read)
             if robot is not None:
-                grid = lethal_costs(robot, one)
+                grid = lethal_costs(robot, map_read)
                 if mask is not None and robot.inflates_keepout and isinstance(grid, Costmap):
                     grid, mask = mask.over(grid), None
-        found = step.apply(grid, one.path, mask=None if mask is None else mask.grid)
+        found = step.apply(grid, map_read.path, mask=None if mask is None else mask.grid)
     if not isinstance(found, Reach):
         raise TypeError("the stage reach must make a Reach")
     return found
 
 
-def lethal_costs(robot: RobotParameters, one: inputs.MapInput) -> Grid:
+def lethal_costs(robot: RobotParameters, map_read: inputs.MapInput) -> Grid:
     """Return what is lethal and what unknown to a robot on a map, and nothing else."""
     # Inscribed costs would cover unknown cells.
-    grid = one.grid
+    grid = map_read.grid
     for step in load_recipe(None, robot=robot.without_inflation()).steps:
-        grid = step.apply(grid, one.path)
+        grid = step.apply(grid, map_read.path)
     if isinstance(grid, Costmap) and any(
         layer.inflate_around_unknown and layer.inflation_radius > 0
         for layer in robot.inflation_layers
@@ -316,11 +316,11 @@ def lethal_costs(robot: RobotParameters, one: inputs.MapInput) -> Grid:
         return grid.with_values(
             np.where(grid.cost == grid.unknown_value, LETHAL_OBSTACLE, grid.cost).astype(np.uint8)
         )
-    occupancy = np.asarray(one.occupancy.occupancy)
+    occupancy = np.asarray(map_read.occupancy.occupancy)
     unknown = np.count_nonzero(occupancy == UNKNOWN)
     if unknown and isinstance(grid, Costmap) and not (grid.cost == grid.unknown_value).any():
         text = (
-            f"{one.name}: the robot's costmap treats unknown cells as free, "
+            f"{map_read.name}: the robot's costmap treats unknown cells as free, "
             f"{100 * unknown / occupancy.size:.3g} % of the map: the robot drives through; "
             "track_unknown_space: true closes them"
         )
@@ -328,11 +328,11 @@ def lethal_costs(robot: RobotParameters, one: inputs.MapInput) -> Grid:
     return grid
 
 
-def lethal_cells(robot: RobotParameters, one: inputs.MapInput) -> OccupancyGrid:
+def lethal_cells(robot: RobotParameters, map_read: inputs.MapInput) -> OccupancyGrid:
     """Return the map as a robot has it: occupied where it is lethal, unknown where that is kept."""
-    grid = lethal_costs(robot, one)
+    grid = lethal_costs(robot, map_read)
     if not isinstance(grid, Costmap):
-        return as_occupancy(grid, one.name)
+        return as_occupancy(grid, map_read.name)
     free = np.where(grid.cost == grid.unknown_value, np.int8(UNKNOWN), np.int8(FREE))
     cells = np.where(grid.cost == LETHAL_OBSTACLE, np.int8(OCCUPIED), free)
     return OccupancyGrid(cells, grid.resolution, grid.origin)

@@ -27,7 +27,7 @@ from mapdeal.pictures.comparisons import ScoredWalls, score_image
 from mapdeal.pipeline import inputs
 from mapdeal.sensors.points import transform_document
 
-Way = Literal["frames", "transform", "align"]
+Placement = Literal["frames", "transform", "align"]
 """How the maps were placed: by their files, by a transform, or by aligning them."""
 
 _COLUMNS = (
@@ -78,7 +78,7 @@ class Score(Result):
     frame: Frame
     maps: tuple[inputs.MapInput, ...]
     transform: tuple[float, float, float] | None = None
-    way: Way = "frames"
+    placement: Placement = "frames"
     comparison: scoring.Comparison | None = None
     faults: tuple[finding.Fault, ...] = ()
 
@@ -94,10 +94,10 @@ class Score(Result):
 
     def document(self) -> dict[str, Any]:
         """Return what ``--json`` prints; ``map`` and ``truth`` are None for grids."""
-        named, truth, *_ = (*(one.document() for one in self.maps), None)
+        named, truth, *_ = (*(source.document() for source in self.maps), None)
         transform = None
         if self.transform is not None:
-            transform = {**transform_document(Transform(*self.transform)), "by": self.way}
+            transform = {**transform_document(Transform(*self.transform)), "by": self.placement}
         return {
             "format": SCORE_FORMAT,
             "map": named,
@@ -119,9 +119,9 @@ class Score(Result):
     def lines(self) -> Iterator[str]:
         frame = self.frame
         size = f"{frame.width} x {frame.height} cells of {frame.resolution:.6g} m"
-        yield f"{' against '.join(one.name for one in self.maps)}: {size}"
+        yield f"{' against '.join(source.name for source in self.maps)}: {size}"
         if self.transform is not None:
-            yield f"  transform  {_transform_text(self.transform, self.way)}"
+            yield f"  transform  {_transform_text(self.transform, self.placement)}"
             yield from finding.lines_of(self.faults)
             yield from self._distances()
         yield from self._figures()
@@ -133,9 +133,11 @@ class Score(Result):
         if found is None:
             raise ParameterError("of a map on its own has no picture", place="a score")
         cell = found.frame.resolution
-        distances = [scoring.metres_of(one, cell) for one in (found.wall_squares, found.missed)]
+        distances = [
+            scoring.metres_of(squares, cell) for squares in (found.wall_squares, found.missed)
+        ]
         walls = ScoredWalls(found.frame, found.estimate, found.truth, *distances)
-        named = " on ".join(one.title for one in self.maps)
+        named = " on ".join(source.title for source in self.maps)
         title = one_line(title or f"{named}: how far off its walls are")
         return score_image(walls, title=title, **look)
 
@@ -186,11 +188,11 @@ class Score(Result):
             yield "within the bounds" if self.passes else "beyond the bounds"
 
 
-def _transform_text(pose: tuple[float, float, float], way: Way) -> str:
-    if way == "frames":
+def _transform_text(pose: tuple[float, float, float], placement: Placement) -> str:
+    if placement == "frames":
         return "none: both maps are taken to be in one frame"
     x, y, yaw = pose
-    found = "found by align" if way == "align" else "as given"
+    found = "found by align" if placement == "align" else "as given"
     return f"x {x:.6g} m, y {y:.6g} m, yaw {math.degrees(yaw):.6g} deg, {found}"
 
 
@@ -315,35 +317,37 @@ def score(
         if truth is None and value is not None:
             raise ParameterError("needs --truth, a map to compare with", place=name)
     limits = score_bounds.checked_bounds(minimum or {}, maximum or {}, with_truth=truth is not None)
-    told, files = two_maps.given_transform(transform, place="transform")
-    given = {"the map": map} if truth is None else {"the map": map, "the truth": truth}
-    maps = inputs.opened(*given.values(), names=list(given), also=files, **reading)
+    known, files = two_maps.given_transform(transform, place="transform")
+    named = {"the map": map} if truth is None else {"the map": map, "the truth": truth}
+    maps = inputs.opened(*named.values(), names=list(named), also=files, **reading)
     _claim(maps, reading, aligns=align)
-    estimate, *others = (one.occupancy for one in maps)
+    estimate, *truths = (source.occupancy for source in maps)
     with inputs.errors_named(maps[0].name):
         _warn_of_values(maps)
-        if not others:
+        if not truths:
             values = scoring.score_alone(scoring.states_of(estimate.occupancy), estimate.frame)
             if not values["wall_cells"]:
                 emit_warning(f"{maps[0].name}: has no occupied cells", stacklevel=2)
             return Score(values, score_bounds.judged(limits, values), estimate.frame, tuple(maps))
-        way: Way = "align" if align else "frames" if told is None else "transform"
+        placement: Placement = "align" if align else "frames" if known is None else "transform"
         move = Transform()
-        if told is not None:
-            move = two_maps.transform_in(told, files, maps)
+        if known is not None:
+            move = two_maps.transform_in(known, files, maps)
         elif align:
             move = two_maps.aligned(maps, hint="--transform uses a transform as it is")
         else:
             two_maps.warn_of_frames(maps, "--align compares them so")
-        found = scoring.compare_to_truth(estimate, others[0], move)
+        found = scoring.compare_to_truth(estimate, truths[0], move)
         _warn_of(found, maps)
     bounds = score_bounds.judged(limits, found.values)
     faults = finding.faults_of(found.estimate, found.truth, found.frame)
-    return Score(found.values, bounds, found.frame, tuple(maps), move.pose, way, found, faults)
+    return Score(
+        found.values, bounds, found.frame, tuple(maps), move.pose, placement, found, faults
+    )
 
 
 def _claim(maps: Sequence[inputs.MapInput], reading: inputs.Reading, *, aligns: bool) -> None:
-    grids = [one.occupancy for one in maps]
+    grids = [source.occupancy for source in maps]
     shape, of_picture = grids[-1].shape, 0
     walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
     if len(grids) == 1:
@@ -353,21 +357,21 @@ def _claim(maps: Sequence[inputs.MapInput], reading: inputs.Reading, *, aligns: 
         of_picture = scoring.bytes_to_compare(shape, walls, is_drawn=True)
     if aligns:
         needed = max(needed, two_maps.bytes_to_place(maps))
-    what = f"{shape[1]} x {shape[0]} cells"
-    inputs.claim_for(maps, needed, what, of_picture=of_picture, **reading)
+    size = f"{shape[1]} x {shape[0]} cells"
+    inputs.claim_for(maps, needed, size, of_picture=of_picture, **reading)
 
 
 def _warn_of_values(maps: Sequence[inputs.MapInput]) -> None:
-    for one in maps:
-        between = int(histogram(one.occupancy.occupancy)[FREE + 1 : OCCUPIED].sum())
+    for source in maps:
+        between = int(histogram(source.occupancy.occupancy)[FREE + 1 : OCCUPIED].sum())
         if between:
             verb = "counts" if between == 1 else "count"
-            text = f"{one.name}: {count_text(between, 'cell')} of 1..99 {verb} as unknown"
+            text = f"{source.name}: {count_text(between, 'cell')} of 1..99 {verb} as unknown"
             emit_warning(text, stacklevel=3)
 
 
 def _warn_of(found: scoring.Comparison, maps: Sequence[inputs.MapInput]) -> None:
-    own, truth = (one.name for one in maps)
+    own, truth = (source.name for source in maps)
     texts = []
     if not (found.truth != scoring.UNKNOWN).any():
         texts.append(f"{truth}: has no known cell, so there is nothing to compare with")
