@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -349,10 +349,10 @@ class Route(OneLine):
     reached: bool
     start: tuple[float, float]
     goal: tuple[float, float]
-    points_xy: NDArray[np.float64]
-    length: float
-    cost: float
-    min_clearance: float
+    points_xy: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
+    length: float = math.nan
+    cost: float = math.nan
+    min_clearance: float = math.nan
     local_minimum: tuple[float, float] | None = None
     mean_clearance: float = math.nan
     expanded: int | None = None

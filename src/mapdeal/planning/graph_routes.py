@@ -64,8 +64,7 @@ def route_on_graph(terrain: Terrain, graph: RouteGraph, start_xy: Point, goal_xy
         points = points[np.append(True, (np.diff(points, axis=0) != 0).any(axis=1))]
         measures = terrain.measured(points)
         return Route("graph", True, start_xy, goal_xy, points, **measures, expanded=expanded)
-    empty, nan = np.empty((0, 2)), math.nan
-    return Route("graph", False, start_xy, goal_xy, empty, nan, nan, nan, expanded=0)
+    return Route("graph", False, start_xy, goal_xy, expanded=0)
 
 
 def _pairs(first: int, second: int) -> Sequence[tuple[int, int]]:

@@ -263,8 +263,7 @@ def route_over(
     found = cheapest_path(searched, first, last, surcharges=surcharges)
     search: dict[str, Any] = {"expanded": found.expanded, "optimal": surcharges is None}
     if len(found.cells) == 0:
-        none, nan = np.empty((0, 2)), math.nan
-        return Route("astar", False, start_xy, goal_xy, none, nan, nan, nan, **search)
+        return Route("astar", False, start_xy, goal_xy, **search)
     places = found.cells + 0.5
     (start, goal), _ = terrain.costmap.frame.bounded_continuous_rowcol_from_xy([start_xy, goal_xy])
     # no hooks: the centres of the first and the last cell are omitted where the line is clear
