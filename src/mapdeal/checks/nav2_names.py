@@ -58,7 +58,7 @@ def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
 
     Nav2 ignores it and plans with the default.
     Example: `planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased: {plugin:
-    "nav2_navfn_planner::NavfnPlanner", tolerence: 0.5}}}`.
+    "nav2_navfn_planner::NavfnPlanner", tolerances: 0.5}}}`.
     Fix: Write the name that the message proposes.
     """
     classes = _planner_classes(facts.values)
