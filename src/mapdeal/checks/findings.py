@@ -365,7 +365,7 @@ declare_checks(
         An ignore comment without effect, or with an unknown check.
 
         A misspelt comment silences nothing, and an outdated one may later hide a new problem.
-        Example: `# mapdeal: ignore yaml.orign-yaw`.
+        Example: `# mapdeal: ignore yaml.origin-yaws`.
         Fix: Correct the name, or remove the comment.
 
     lint.left-out (note)

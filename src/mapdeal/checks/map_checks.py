@@ -463,7 +463,7 @@ def unknown_key(facts: PairFacts) -> Iterator[Remark]:
     """A key that map_server does not know.
 
     map_server ignores it, so a misspelt key has its default on the robot.
-    Example: `ocupied_thresh: 0.5`.
+    Example: `occupied_thresholds: 0.5`.
     Fix: Correct the spelling, or remove the key.
     """
     for key in facts.metadata.extra:

@@ -234,7 +234,7 @@ def misspelt(facts: ParameterFacts) -> Iterator[Remark]:
 
     ROS ignores it without a word and uses the default: the robot behaves otherwise than was
     set.
-    Example: `inflation_layer: {inflate_unknow: true}`.
+    Example: `inflation_layer: {inflate_unknowns: true}`.
     Fix: Write the name that the message proposes.
     """
     unknown = 0
