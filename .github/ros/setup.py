@@ -32,7 +32,15 @@ setup(
     version=version["__version__"],
     packages=find_packages(str(SOURCES)),
     package_dir={"": str(SOURCES)},
-    package_data={"mapdeal": ["py.typed", "pipeline/recipes/*.yaml", "report/page/*"]},
+    package_data={
+        "mapdeal": [
+            "py.typed",
+            "*.pyi",
+            "kernels/*.pyi",
+            "pipeline/recipes/*.yaml",
+            "report/page/*",
+        ]
+    },
     ext_modules=kernels,
     cmdclass=commands,
     entry_points={"console_scripts": ["mapdeal = mapdeal.cli.process:run_process"]},

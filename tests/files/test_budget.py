@@ -126,7 +126,7 @@ warnings.simplefilter("ignore")
 claims = [0]
 for module in list(sys.modules.values()):
     if module.__name__.startswith("mapdeal.") and hasattr(module, "claim"):
-        module.claim = lambda path, count, **_: claims.append(count + _budget().held)
+        module.claim = lambda path, count, **_: claims.append(count + _budget().used)
 
 def peak():
     status = Path("/proc/self/status").read_text()

@@ -28,7 +28,7 @@ from mapdeal.pipeline.step import make_step
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.structured import Goals
 
-_PER_CELL = 60.0
+_PER_CELL = 175.0
 """Bytes for each cell of a map that both costmaps, their difference and one reach take."""
 
 Pair = tuple[Any, Any]
