@@ -56,6 +56,27 @@ def test_ways_are_within_a_fiftieth_of_the_shortest_and_in_open_cells(case):
     assert all(is_line_clear(opens, *piece) for piece in pairwise(inner))
 
 
+@settings(max_examples=60, deadline=None)
+@given(
+    places(), st.lists(st.sampled_from([0.0, 1e-9, 1e-6, 0.5, 1 - 1e-6]), min_size=4, max_size=4)
+)
+def test_ends_at_edges_belong_to_the_cells_that_reach_says(case, offsets):
+    """As typed by people: most round coordinates lie on edges or corners of cells."""
+    is_open, *ends = case
+    ends = np.floor(ends) + np.reshape(offsets, (2, 2))
+    costmap = mapdeal.Costmap(np.where(is_open, 0, 254).astype(np.uint8), *FRAME)
+    start, goal = costmap.frame.xy_from_continuous_rowcol(ends).tolist()
+    cells, inside = costmap.frame.bounded_rowcol_from_xy([start, goal])
+    if not inside.all() or not is_open[tuple(cells.T)].all():
+        return
+    reached = mapdeal.reach(costmap, start=tuple(goal), radius=0.0).reachable.astype(bool)
+    route = shortest_way(costmap, tuple(start), tuple(goal))
+    assert route.reached == reached[tuple(cells[0])]
+    grid = mapdeal.OccupancyGrid(np.where(is_open, 0, 100).astype(np.int8), *FRAME)
+    field = mapdeal.potential(grid, goal=tuple(goal))
+    assert (np.isfinite(field.cost_to_go) == reached).all()
+
+
 def test_a_way_bends_at_the_corner_of_a_wall():
     grid = grid_from_text("""
         .....

@@ -263,6 +263,20 @@ class Frame:
         nearest = np.rint(places - 0.5) + 0.5
         return np.where(np.abs(places - nearest) <= tolerance, nearest, places), inside
 
+    def place_in_cell(self, point_xy: Point) -> tuple[float, float] | None:
+        """Return the place of a point, inside the cell that contains it; None outside the grid.
+
+        A point at an edge is moved off it by 1e-9 cells: rounding may put it into the cell beside,
+        and lines that end on a corner may come from any of four cells.
+        """
+        places, inside = self.bounded_continuous_rowcol_from_xy([point_xy])
+        if not inside[0]:
+            return None
+        cells, _ = self.bounded_rowcol_from_xy([point_xy])
+        inner = cells[0] + CELL_TOLERANCE, cells[0] + 1 - CELL_TOLERANCE
+        row, col = np.clip(places[0], *inner).tolist()
+        return row, col
+
     def _bounded(
         self, points_xy: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:

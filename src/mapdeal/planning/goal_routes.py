@@ -88,7 +88,7 @@ def shortest_over(terrain: Terrain, start_xy: Point, goal_xy: Point) -> Route:
     terrain.open_cell_of(start_xy, "start")
     terrain.open_cell_of(goal_xy, "goal")
     frame = terrain.costmap.frame
-    (start, goal), _ = frame.bounded_continuous_rowcol_from_xy([start_xy, goal_xy])
+    start, goal = (np.array(frame.place_in_cell(point)) for point in (start_xy, goal_xy))
     is_open = terrain.weights > 0
     line = _taut_line(is_open, start, goal)
     if not len(line):

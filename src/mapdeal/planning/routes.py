@@ -83,15 +83,14 @@ class Terrain:
 
     def costs_to(self, point: Point, *, by_length: bool) -> NDArray[np.float64]:
         """Return the lowest cost from each cell to a point, or the length, metres; inf if none."""
-        (place,), inside = self.costmap.frame.bounded_continuous_rowcol_from_xy([point])
-        if not inside[0]:
+        place = self.costmap.frame.place_in_cell(point)
+        if place is None:
             return np.full(self.weights.shape, math.inf)
-        row, col = place.tolist()
         if by_length:
-            costs = lengths_to(self.weights > 0, (row, col))
+            costs = lengths_to(self.weights > 0, place)
         else:
             classes = self.costmap.cost.view(np.uint8)
-            costs = weighted_lengths_to(classes, self.weights_by_cost, (row, col))
+            costs = weighted_lengths_to(classes, self.weights_by_cost, place)
         return costs * self.costmap.resolution
 
     def is_open(self, cell: Cell) -> bool:

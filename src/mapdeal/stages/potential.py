@@ -179,9 +179,8 @@ def potential(
 
 def _lengths_to(goal: Point, ground: Ground, robot: Footprint | None) -> NDArray[np.float64]:
     """Return the length of the shortest way from each cell to a goal, metres; inf if none."""
-    places, inside = ground.frame.bounded_continuous_rowcol_from_xy([goal])
-    if not inside[0]:
+    place = ground.frame.place_in_cell(goal)
+    if place is None:
         return np.full(ground.occupancy.shape, np.inf)
-    row, col = places[0].tolist()
-    is_open = cells_open_to(ground, robot, (math.floor(row), math.floor(col)))
-    return lengths_to(is_open, (row, col)) * ground.frame.resolution
+    is_open = cells_open_to(ground, robot, (math.floor(place[0]), math.floor(place[1])))
+    return lengths_to(is_open, place) * ground.frame.resolution
