@@ -77,6 +77,15 @@ def test_ends_at_edges_belong_to_the_cells_that_reach_says(case, offsets):
     assert (np.isfinite(field.cost_to_go) == reached).all()
 
 
+def test_the_largest_cost_multiplier_leads_to_the_border():
+    costmap = mapdeal.Costmap(np.uint8([[0, 252, 0], [0, 0, 100]]), 0.25, (1.5, -2.0, 0.0))
+    with pytest.warns(mapdeal.MapdealWarning, match="is beyond the map"):
+        answer = mapdeal.route(
+            costmap, start=(1.6, -1.9), goal=(9.0, 9.0), method="astar", cost_travel_multiplier=1e6
+        )
+    assert answer.beyond_window
+
+
 def test_a_way_bends_at_the_corner_of_a_wall():
     grid = grid_from_text("""
         .....

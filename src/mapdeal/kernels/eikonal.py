@@ -24,7 +24,7 @@ from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.paths import ROOT_OF_2
 
 _LEAST_RISE = 0.7  # of a cell's weight, below 1 / sqrt(2) by more than rounding
-LARGEST_WEIGHT_RATIO = 1e6
+LARGEST_WEIGHT_RATIO = 2e6  # the largest cost multiplier, 1e6, gives 1e6 + 1
 
 
 def costs_to_go(classes: Bytes, weights: Floats, sources: Integers, starts: Floats) -> Floats:
