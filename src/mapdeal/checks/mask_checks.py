@@ -324,7 +324,7 @@ def filter_type(facts: FilterFacts) -> Iterator[Remark]:
 def filter_lifecycle(facts: FilterFacts) -> Iterator[Remark]:
     """A server of a filter that no lifecycle manager in the files activates.
 
-    The server publishes nothing, and the filter has no mask.
+    Such a server stays silent, so the filter runs without a mask.
     Example: An info server missing from `node_names`.
     Fix: Add the server to node_names.
     """

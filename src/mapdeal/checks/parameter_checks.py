@@ -769,8 +769,7 @@ def unknown_cost_value(facts: RobotFacts) -> Iterator[Remark]:
 def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
     """A global and a local costmap with different robot shapes.
 
-    The planner finds ways that the controller cannot follow, or misses ways that the robot could
-    take.
+    The planner finds paths that the controller cannot follow, or misses paths that it could follow.
     Example: A radius of 0.2 m in one and 0.3 m in the other.
     Fix: Set the same shape in both.
     """

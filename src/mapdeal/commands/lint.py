@@ -610,7 +610,7 @@ def repaired(
 ) -> tuple[OccupancyGrid, list[str]]:
     """Return a map as it should be, and what was changed, a line each."""
     changes: list[str] = []
-    with capture_warnings():  # all was told when it was read first
+    with capture_warnings():  # lint has reported these already
         grid: Any = (
             read_npz(path, max_cells=max_cells)
             if pair is None

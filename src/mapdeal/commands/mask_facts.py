@@ -34,7 +34,7 @@ def read_mask(path: Path, settings: Settings, beside: MapInput) -> tuple[Keepout
     if pair is None:
         rule = "is no mask that Nav2 loads"
         raise MalformedInputError(rule, source=path, hint="pass the .yaml of a mask")
-    with capture_warnings():  # what it says of a map is no trap in a mask
+    with capture_warnings():  # warnings about maps do not apply to masks
         mask = mask_of(path, settings, beside.grid)
     if mask is None:
         raise TypeError("there is a mask")
