@@ -34,8 +34,8 @@ _STEP_LENGTHS = np.hypot(*np.ogrid[-1:2, -1:2]) + np.diag([0.0, 1.0, 0.0])
 
 def shortest_way(
     costmap: Costmap,
-    start_xy: Point,
-    goal_xy: Point,
+    start: Point,
+    goal: Point,
     *,
     cost_travel_multiplier: float = 2.0,
     through_unknown: bool = False,
@@ -46,7 +46,7 @@ def shortest_way(
     ----------
     costmap : Costmap
         Costs, of which only those of closed cells matter; these are as for `shortest_route`.
-    start_xy, goal_xy : tuple of float
+    start, goal : tuple of float
         Start and goal in the map frame, metres.
     cost_travel_multiplier : float
         Weight of costs relative to length in the route's `cost`; it does not affect the path.
@@ -81,35 +81,35 @@ def shortest_way(
     terrain = Terrain.of(
         costmap, cost_travel_multiplier=cost_travel_multiplier, through_unknown=through_unknown
     )
-    return shortest_over(terrain, start_xy, goal_xy)
+    return shortest_over(terrain, start, goal)
 
 
-def shortest_over(terrain: Terrain, start_xy: Point, goal_xy: Point) -> Route:
-    terrain.open_cell_of(start_xy, "start")
-    terrain.open_cell_of(goal_xy, "goal")
+def shortest_over(terrain: Terrain, start: Point, goal: Point) -> Route:
+    terrain.open_cell_of(start, "start")
+    terrain.open_cell_of(goal, "goal")
     frame = terrain.costmap.frame
-    start, goal = (np.array(frame.place_in_cell(point)) for point in (start_xy, goal_xy))
+    first, last = (np.array(frame.place_in_cell(point)) for point in (start, goal))
     is_open = terrain.weights > 0
-    line = _taut_line(is_open, start, goal)
+    line = _taut_line(is_open, first, last)
     if not len(line):
-        return Route("geodesic", False, start_xy, goal_xy)
+        return Route("geodesic", False, start, goal)
     # The eikonal lengths may favour the wrong side of an obstacle, so a finer grid follows. No
     # shorter line leaves the ellipse of this length around both ends.
-    half = np.sqrt(np.maximum(_length(line) ** 2 - (goal - start)[::-1] ** 2, 0)) / 2 + 1
-    first = np.maximum(np.floor((start + goal) / 2 - half), 0).astype(int)
-    end = np.ceil((start + goal) / 2 + half).astype(int)
-    box = is_open[first[0] : end[0], first[1] : end[1]]
+    half = np.sqrt(np.maximum(_length(line) ** 2 - (last - first)[::-1] ** 2, 0)) / 2 + 1
+    low = np.maximum(np.floor((first + last) / 2 - half), 0).astype(int)
+    end = np.ceil((first + last) / 2 + half).astype(int)
+    box = is_open[low[0] : end[0], low[1] : end[1]]
     parts = min(math.isqrt(_MOST_PARTS // box.size), _MOST_PARTS_OF_SIDE)
     if parts > 1:
-        line = min(line, _taut_line(box, start - first, goal - first, parts) + first, key=_length)
+        line = min(line, _taut_line(box, first - low, last - low, parts) + low, key=_length)
     steps = np.hypot(*np.diff(line, axis=0).T)
     counts = np.maximum(np.ceil(steps / _LONGEST_STEP).astype(int), 1).tolist()
     along = [k + np.arange(count) / count for k, count in enumerate(counts)]
     positions = np.concatenate([*along, [len(counts)]])
     places = [np.interp(positions, np.arange(len(line)), axis) for axis in line.T]
     points = frame.xy_from_continuous_rowcol(np.stack(places, axis=1))
-    points[0], points[-1] = start_xy, goal_xy
-    return Route("geodesic", True, start_xy, goal_xy, points, **terrain.measured(points))
+    points[0], points[-1] = start, goal
+    return Route("geodesic", True, start, goal, points, **terrain.measured(points))
 
 
 def _length(line: Floats) -> float:
@@ -117,7 +117,7 @@ def _length(line: Floats) -> float:
 
 
 def route_in_window(
-    terrain: Terrain, find: Callable[[Point, Point], Route], start_xy: Point, goal_xy: Point, *,
+    terrain: Terrain, find: Callable[[Point, Point], Route], start: Point, goal: Point, *,
     by_length: bool, known: Terrain | None = None,
 ) -> Route:  # fmt: skip
     """Return a route to a goal, or to the border cell with the least total cost to it.
@@ -126,29 +126,29 @@ def route_in_window(
     With a known terrain, a goal cut off within the window is also approached through the border.
     """
     route = None
-    if terrain.costmap.frame.contains([goal_xy])[0]:
-        route = find(start_xy, goal_xy)
+    if terrain.costmap.frame.contains([goal])[0]:
+        route = find(start, goal)
         if route.reached or known is None:
             return route
-    terrain.open_cell_of(start_xy, "start")
-    costs = terrain.costs_to(start_xy, by_length=by_length)
+    terrain.open_cell_of(start, "start")
+    costs = terrain.costs_to(start, by_length=by_length)
     costs[1:-1, 1:-1] = math.inf
     cells = np.argwhere(np.isfinite(costs))
     centres = terrain.costmap.frame.xy_from_rowcol(cells)
     if known is None:
-        remaining = np.hypot(*(centres - goal_xy).T)
+        remaining = np.hypot(*(centres - goal).T)
     else:
         known_cells, inside = known.costmap.frame.bounded_rowcol_from_xy(centres)
         known_cells[~inside] = 0
-        costs_known = known.costs_to(goal_xy, by_length=by_length)
+        costs_known = known.costs_to(goal, by_length=by_length)
         remaining = np.where(inside, costs_known[tuple(known_cells.T)], math.inf)
     total = costs[tuple(cells.T)] + remaining
     if not np.isfinite(total).any():
         method: Method = "geodesic" if by_length else "astar"
-        return route or Route(method, False, start_xy, goal_xy)
+        return route or Route(method, False, start, goal)
     x, y = centres[int(np.argmin(total))].tolist()
-    route = find(start_xy, (x, y))
-    return replace(route, goal=goal_xy, reached=False, beyond_window=route.reached)
+    route = find(start, (x, y))
+    return replace(route, goal=goal, reached=False, beyond_window=route.reached)
 
 
 def _taut_line(is_open: Mask, start: Floats, goal: Floats, parts: int = 1) -> Floats:

@@ -17,7 +17,7 @@ from mapdeal.planning.routes import Terrain, route_over
 _NEAREST = 10  # candidates for the first and for the last node of a route
 
 
-def route_on_graph(terrain: Terrain, graph: RouteGraph, start_xy: Point, goal_xy: Point) -> Route:
+def route_on_graph(terrain: Terrain, graph: RouteGraph, start: Point, goal: Point) -> Route:
     """Find the cheapest route on a graph, with the paths to its first node and from its last.
 
     Parameters
@@ -26,7 +26,7 @@ def route_on_graph(terrain: Terrain, graph: RouteGraph, start_xy: Point, goal_xy
         Costs, for the paths from the start and to the goal and for the measures of the route.
     graph : RouteGraph
         Nodes and directed edges; coordinates are metres in the map frame.
-    start_xy, goal_xy : tuple of float
+    start, goal : tuple of float
         Start and goal in the map frame, metres.
 
     Returns
@@ -49,22 +49,22 @@ def route_on_graph(terrain: Terrain, graph: RouteGraph, start_xy: Point, goal_xy
 
     Edges are assumed to be free: ``mapdeal lint --graph`` checks them.
     """
-    terrain.open_cell_of(start_xy, "start")
-    terrain.open_cell_of(goal_xy, "goal")
-    firsts, lasts = (_nearest(terrain, graph, place) for place in (start_xy, goal_xy))
+    terrain.open_cell_of(start, "start")
+    terrain.open_cell_of(goal, "goal")
+    firsts, lasts = (_nearest(terrain, graph, place) for place in (start, goal))
     for first, last in _pairs(len(firsts), len(lasts)):
         nodes, expanded = cheapest_nodes(graph, firsts[first], lasts[last])
         if not nodes:
             continue
-        begin = _path_to(terrain, start_xy, graph, nodes[0])
-        end = _path_to(terrain, goal_xy, graph, nodes[-1])
+        begin = _path_to(terrain, start, graph, nodes[0])
+        end = _path_to(terrain, goal, graph, nodes[-1])
         if begin is None or end is None:
             continue
         points = np.concatenate([begin, graph.points_xy[nodes], end[::-1]])
         points = points[np.append(True, (np.diff(points, axis=0) != 0).any(axis=1))]
         measures = terrain.measured(points)
-        return Route("graph", True, start_xy, goal_xy, points, **measures, expanded=expanded)
-    return Route("graph", False, start_xy, goal_xy, expanded=0)
+        return Route("graph", True, start, goal, points, **measures, expanded=expanded)
+    return Route("graph", False, start, goal, expanded=0)
 
 
 def _pairs(first: int, second: int) -> Sequence[tuple[int, int]]:

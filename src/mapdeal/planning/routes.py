@@ -169,8 +169,8 @@ def _weights_by_cost(
 
 def shortest_route(
     costmap: Costmap,
-    start_xy: Point,
-    goal_xy: Point,
+    start: Point,
+    goal: Point,
     *,
     cost_travel_multiplier: float = 2.0,
     field_weight: float = 0.0,
@@ -184,7 +184,7 @@ def shortest_route(
     costmap : Costmap
         The costs. Lethal and inscribed cells are closed: 254 and 253, or 100 and 99 on scale
         ``occupancy``.
-    start_xy, goal_xy : tuple of float
+    start, goal : tuple of float
         Start and goal in the map frame, metres.
     cost_travel_multiplier : float
         Weight of costs relative to length, at least 0: a cell of cost c has the weight
@@ -234,7 +234,7 @@ def shortest_route(
         through_unknown=through_unknown,
     )
     surcharges = surcharges_near_obstacles(terrain, heuristic_weight)
-    return route_over(terrain, start_xy, goal_xy, surcharges=surcharges)
+    return route_over(terrain, start, goal, surcharges=surcharges)
 
 
 def surcharges_near_obstacles(
@@ -250,27 +250,27 @@ def surcharges_near_obstacles(
 
 def route_over(
     terrain: Terrain,
-    start_xy: Point,
-    goal_xy: Point,
+    start: Point,
+    goal: Point,
     *,
     weights: NDArray[np.float64] | None = None,
     surcharges: NDArray[np.float64] | None = None,
 ) -> Route:
-    first = terrain.open_cell_of(start_xy, "start")
-    last = terrain.open_cell_of(goal_xy, "goal")
+    first = terrain.open_cell_of(start, "start")
+    last = terrain.open_cell_of(goal, "goal")
     searched = terrain.weights if weights is None else weights
     found = cheapest_path(searched, first, last, surcharges=surcharges)
     search: dict[str, Any] = {"expanded": found.expanded, "optimal": surcharges is None}
     if len(found.cells) == 0:
-        return Route("astar", False, start_xy, goal_xy, **search)
+        return Route("astar", False, start, goal, **search)
     places = found.cells + 0.5
-    (start, goal), _ = terrain.costmap.frame.bounded_continuous_rowcol_from_xy([start_xy, goal_xy])
+    ends, _ = terrain.costmap.frame.bounded_continuous_rowcol_from_xy([start, goal])
     # no hooks: the centres of the first and the last cell are omitted where the line is clear
-    begin = int(len(places) < 2 or terrain.is_clear(start, places[1]))
-    end = len(places) - int(len(places) < 2 or terrain.is_clear(places[-2], goal))
+    begin = int(len(places) < 2 or terrain.is_clear(ends[0], places[1]))
+    end = len(places) - int(len(places) < 2 or terrain.is_clear(places[-2], ends[1]))
     between = terrain.costmap.frame.xy_from_continuous_rowcol(places[begin : max(begin, end)])
-    points = np.vstack([[start_xy], between, [goal_xy]])
-    return Route("astar", True, start_xy, goal_xy, points, **terrain.measured(points), **search)
+    points = np.vstack([[start], between, [goal]])
+    return Route("astar", True, start, goal, points, **terrain.measured(points), **search)
 
 
 _STEPS = (0.5, 0.25, 0.125)
@@ -286,7 +286,7 @@ _STEPS_PER_CELL_OF_SIDE = 20
 def descend(
     costmap: Costmap,
     potential: PotentialField,
-    start_xy: Point,
+    start: Point,
     *,
     cost_travel_multiplier: float = 2.0,
     through_unknown: bool = False,
@@ -299,7 +299,7 @@ def descend(
         Costs on the same cells; which are closed, and the route's `cost`, as for `shortest_route`.
     potential : PotentialField
         Potential with a goal.
-    start_xy : tuple of float
+    start : tuple of float
         Start in the map frame, metres.
     cost_travel_multiplier : float
         Weight of costs relative to length in the route's `cost`; it does not affect the path.
@@ -346,20 +346,20 @@ def descend(
     terrain = Terrain.of(
         costmap, cost_travel_multiplier=cost_travel_multiplier, through_unknown=through_unknown
     )
-    return descend_on(terrain, potential, start_xy)
+    return descend_on(terrain, potential, start)
 
 
-def descend_on(terrain: Terrain, potential: PotentialField, start_xy: Point) -> Route:
+def descend_on(terrain: Terrain, potential: PotentialField, start: Point) -> Route:
     frame = terrain.costmap.frame
     if potential.frame != frame or potential.goal is None:
         raise ParameterError("potential and costmap must have the same cells, and a goal")
-    terrain.open_cell_of(start_xy, "start")
+    terrain.open_cell_of(start, "start")
     terrain.open_cell_of(potential.goal, "goal")
-    start, goal = frame.continuous_rowcol_from_xy([start_xy, potential.goal]).tolist()
+    first, last = frame.continuous_rowcol_from_xy([start, potential.goal]).tolist()
     slope = _Slope(potential.downhill_surface(), terrain)
-    places, ending = _followed(slope, tuple(start), tuple(goal))
+    places, ending = _followed(slope, tuple(first), tuple(last))
     points = frame.xy_from_continuous_rowcol(places)
-    points[0] = start_xy
+    points[0] = start
     minimum = None
     if ending == "arrived":
         points = np.vstack([points, [potential.goal]])
@@ -367,7 +367,7 @@ def descend_on(terrain: Terrain, potential: PotentialField, start_xy: Point) -> 
         minimum = (float(points[-1, 0]), float(points[-1, 1]))
     measures, is_there = terrain.measured(points), ending == "arrived"
     return Route(
-        "descent", is_there, start_xy, potential.goal, points, **measures, local_minimum=minimum
+        "descent", is_there, start, potential.goal, points, **measures, local_minimum=minimum
     )
 
 
