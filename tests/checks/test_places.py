@@ -145,7 +145,7 @@ def test_each_kind_of_file_gives_the_same_places(tmp_path, monkeypatch):
 def test_the_reports_for_machines_have_them(tmp_path, command, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_map("a.yaml", grid_from_text(TEXT, RESOLUTION, ORIGIN))
-    places = {f.check: [list(place) for place in f.places] for f in mapdeal.lint("a.yaml")}
+    places = {f.check: [{"x": x, "y": y} for x, y in f.places] for f in mapdeal.lint("a.yaml")}
     assert len(places["map.specks"]) == 2
     assert places["yaml.origin-yaw"] == []
     _, out, _ = command("lint", "a.yaml", "--format", "json")

@@ -247,7 +247,7 @@ def test_route_takes_costs_as_they_are(sh, hall):
     expanded = answer.pop("expanded")
     assert 0 < expanded < 30 * 40  # no more than this side of the wall
     nothing = dict.fromkeys(("length_m", "min_clearance_m", "mean_clearance_m", "cost"))
-    ends = {"start": [1.0, 1.0], "goal": [5.0, 1.0], "points": []}
+    ends = {"start": {"x": 1.0, "y": 1.0}, "goal": {"x": 5.0, "y": 1.0}, "points": []}
     reached = {"method": "astar", "reached": False, "optimal": True}
     assert answer == {**reached, **ends, **nothing}
     assert Path("c.png").exists()
@@ -278,7 +278,7 @@ def test_route_by_descent_reaches_the_goal_or_tells_the_local_minimum(sh, hall):
     assert [answer[key] for key in keys] == [True, None, False, None]
     err = sh.err(f"{line} {ENDS} -o r.json --image r.png", 1)
     answer = json.loads(Path("r.json").read_text())
-    x, y = answer["local_minimum"]
+    x, y = answer["local_minimum"].values()
     assert (answer["points"][-1], x < 3.0) == ([x, y], True)
     assert f"stopped at {round(x, 3):.10g}, {round(y, 3):.10g}" in err
     assert Path("r.png").exists()
@@ -308,7 +308,7 @@ def test_geodesic_reaches_every_pair_of_the_office_where_descent_stops(sh):
         f"route {folder}/maps/office.yaml --from -7.5,2.5 --to 9,5 --method descent "
         "--attractive-gain 50"
     )
-    x, y = (round(value, 3) for value in json.loads(out)["local_minimum"])
+    x, y = (round(value, 3) for value in json.loads(out)["local_minimum"].values())
     assert f"stopped at {x}, {y}, in a local minimum" in err
     assert "--method geodesic finds its way" in err
 
@@ -402,7 +402,7 @@ def test_pairs_get_a_line_for_each_method_and_their_means(sh, answers_to, pairs)
     ]
     assert all(list(answer) == ["pair", "method", *ROUTE_KEYS] for answer in lines)
     for answer in lines:
-        start, goal = (",".join(map(str, answer[end])) for end in ("start", "goal"))
+        start, goal = (",".join(map(str, answer[end].values())) for end in ("start", "goal"))
         single = sh.json(f"route hall.yaml --from {start} --to {goal} {options[answer['method']]}")
         same = set(ROUTE_KEYS) - ({"cost"} if answer["method"] == "cost" else set())
         assert {key: answer[key] for key in same} == {key: single[key] for key in same}
@@ -444,7 +444,7 @@ def test_pairs_that_cannot_be_planned_are_reported_and_the_others_go_on(sh, hall
     assert lines[1]["hint"].startswith("the nearest open cell is 0.3 m away")
     rule = "must be four numbers x,y,x,y, got '1,1'"
     assert lines[2] == {"pair": 3, "line": 3, "error": rule}
-    assert (lines[3]["line"], lines[3]["start"]) == (4, [99.0, 1.0])
+    assert (lines[3]["line"], lines[3]["start"]) == (4, {"x": 99.0, "y": 1.0})
     assert "outside" in lines[3]["error"]
     assert err.startswith("means of 2 pairs ")
     assert err.endswith("\nerror: p.csv: 3 of 5 pairs have no routes\n")

@@ -44,7 +44,7 @@ def test_reach_belongs_to_what_is_named_before_it(save_output, rooms, shut):
         items = {item.kind: item for item in entries[owner].items}
         assert list(items) == ["start", "goal", "passage"]
         assert items["passage"].place == (passage["x"], passage["y"])
-        assert items["passage"].lines[0].tolist() == passage["ends"]
+        assert [{"x": x, "y": y} for x, y in items["passage"].lines[0].tolist()] == passage["ends"]
         assert (items["goal"].tone, items["goal"].label) == ("error", "lab")
 
 

@@ -41,6 +41,7 @@ from mapdeal.errors import (
     one_line,
     refusal_of_the_system,
 )
+from mapdeal.files.json_values import place_entries
 from mapdeal.files.source import BIT_MAP, absolute_path, is_folder, normal_path
 from mapdeal.grid.values import OneLine, count_text
 from mapdeal.ros.robot import CostmapName
@@ -173,10 +174,10 @@ class MapReport(OneLine):
 
     def document(self) -> dict[str, Any]:
         """Return its entry in what ``mapdeal lint --format json`` prints."""
-        findings = [
-            {k: v for k, v in asdict(found).items() if k != "file" or v != self.file}
-            for found in self.findings
-        ]
+        findings = []
+        for finding in self.findings:
+            fields = asdict(finding) | {"places": list(map(place_entries, finding.places))}
+            findings.append({k: v for k, v in fields.items() if k != "file" or v != self.file})
         entry = {"file": self.file, "findings": findings, "suppressed": self.suppressed}
         return {**entry, "repairs": list(self.repairs)} if self.repairs else entry
 
@@ -453,13 +454,14 @@ def _result(finding: Finding, index: int, report: MapReport) -> dict[str, Any]:
     }
     if report.is_folder:
         del location["region"]
+    places = list(map(place_entries, finding.places))
     return {
         "ruleId": finding.check,
         "ruleIndex": index,
         "level": finding.severity,
         "message": {"text": one_line(finding.message)},
         "locations": [{"physicalLocation": location}],
-        **({"properties": {"places": finding.places}} if finding.places else {}),
+        **({"properties": {"places": places}} if places else {}),
     }
 
 

@@ -18,7 +18,7 @@ from mapdeal.grid.frame import Point, check_point
 from mapdeal.grid.reach import Route
 from mapdeal.maps.reading import read_map
 from mapdeal.pictures.overlay import Overlay, RouteOverlay, StepsOverlay
-from mapdeal.pipeline.folder import rounded, write_picture
+from mapdeal.pipeline.folder import rounded, rounded_place, write_picture
 from mapdeal.pipeline.local import LocalCommon, LocalJob
 from mapdeal.pipeline.settings import adding_warnings
 from mapdeal.planning.goal_routes import route_in_window, shortest_over
@@ -70,7 +70,7 @@ class WindowPlanner:
             {"folder": job.folder.name, **route_document(route)}
             for job, route in zip(jobs, routes, strict=True)
         ]
-        document: dict[str, Any] = {"goal": list(self.goal), "driven_m": rounded(length)}
+        document: dict[str, Any] = {"goal": rounded_place(*self.goal), "driven_m": rounded(length)}
         document |= {"driven": driven.tolist(), "steps": steps}
         costs = self._canvas(jobs)
         files = (output / STEPS, output / "routes.png")

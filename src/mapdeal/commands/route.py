@@ -35,7 +35,7 @@ from mapdeal.pictures.layers import cost_image
 from mapdeal.pictures.overlay import Overlays, RouteOverlay
 from mapdeal.pictures.route_graph import GraphOverlay
 from mapdeal.pipeline import inputs
-from mapdeal.pipeline.folder import Spread, rounded, spread_json
+from mapdeal.pipeline.folder import Spread, rounded, rounded_place, spread_json
 from mapdeal.pipeline.recipe import Recipe, load_recipe, planned_shape
 from mapdeal.planning import routes
 from mapdeal.planning.goal_routes import route_in_window, shortest_over
@@ -188,7 +188,7 @@ class PairedRoutes(Spread):
             found = {name: find(pair.start, pair.goal) for name, find in self.searches.items()}
             return found, {}
         except ParameterError as error:
-            places = {"start": _place(pair.start), "goal": _place(pair.goal)}
+            places = {"start": rounded_place(*pair.start), "goal": rounded_place(*pair.goal)}
             return {}, {**places, "error": str(error), **_given(hint=error.hint)}
 
     @property
@@ -238,17 +238,17 @@ def route_document(route: Route) -> dict[str, Any]:
     document = {"method": route.method, **_entries(route)}
     if route.method == "descent":
         minimum = route.local_minimum
-        document["local_minimum"] = None if minimum is None else _place(minimum)
+        document["local_minimum"] = None if minimum is None else rounded_place(*minimum)
     if route.beyond_window:
         document["beyond_window"] = True
-    return {**document, "points": list(map(_place, route.points_xy.tolist()))}
+    return {**document, "points": [list(map(rounded, point)) for point in route.points_xy.tolist()]}
 
 
 def _entries(route: Route) -> dict[str, Any]:
     return {
         "reached": route.reached,
-        "start": _place(route.start),
-        "goal": _place(route.goal),
+        "start": rounded_place(*route.start),
+        "goal": rounded_place(*route.goal),
         "length_m": rounded(route.length),
         "min_clearance_m": rounded(route.min_clearance),
         "mean_clearance_m": rounded(route.mean_clearance),
@@ -256,10 +256,6 @@ def _entries(route: Route) -> dict[str, Any]:
         "expanded": route.expanded,
         "optimal": route.optimal,
     }
-
-
-def _place(point: Iterable[float]) -> list[float | None]:
-    return list(map(rounded, point))
 
 
 def _point(text: str) -> tuple[float, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -152,10 +152,12 @@ class JsonValue:
         return json.dumps(self.value, ensure_ascii=False)
 
     def point(self) -> Point:
-        """Return two numbers [x, y], metres."""
+        """Return the two numbers of {"x": x, "y": y} or [x, y], metres."""
+        if isinstance(self.value, dict):
+            return self["x"].number(), self["y"].number()
         numbers = self.items()
         if len(numbers) != 2:
-            raise self.error("must be two numbers [x, y]")
+            raise self.error('must be {"x": x, "y": y} or two numbers [x, y]')
         return numbers[0].number(), numbers[1].number()
 
     def points(self) -> NDArray[np.float64]:
@@ -171,6 +173,11 @@ class JsonValue:
         if not isinstance(self.value, dict):
             raise self.error("must be an object")
         return self.value
+
+
+def place_entries(point: Iterable[float]) -> dict[str, float]:
+    x, y = point
+    return {"x": x, "y": y}
 
 
 def _is_pair(value: object) -> bool:

@@ -282,7 +282,7 @@ def reach_document(reach: Reach) -> dict[str, Any]:
     x, y, *yaw = reach.start
     return {
         "robot": {**shape, "headings": reach.heading_count},
-        "start": {**_place(x, y), "yaw": rounded(yaw[0]) if yaw else None},
+        "start": {**rounded_place(x, y), "yaw": rounded(yaw[0]) if yaw else None},
         "through_unknown": reach.through_unknown,
         "reachable_m2": rounded(reach.reachable_area),
         "open_m2": rounded(reach.open_area),
@@ -297,31 +297,31 @@ def _goal(reach: GoalReach) -> dict[str, Any]:
     narrowest = reach.limited_by
     return {
         **({} if reach.goal.name is None else {"name": reach.goal.name}),
-        **_place(reach.goal.x, reach.goal.y),
+        **rounded_place(reach.goal.x, reach.goal.y),
         "reachable": reach.reachable,
         "heading_count": reach.heading_count,
         "widest_radius_m": rounded(reach.widest_radius),
         "limited_by": None if narrowest is None else {
-            **_place(narrowest.x, narrowest.y),
+            **rounded_place(narrowest.x, narrowest.y),
             "width_m": rounded(narrowest.width),
             "at": narrowest.at,
         },
         "reason": reach.reason,
-        "nearest_open": None if reach.nearest_open is None else _place(*reach.nearest_open),
+        "nearest_open": None if reach.nearest_open is None else rounded_place(*reach.nearest_open),
     }  # fmt: skip
 
 
 def passage_document(passage: Passage) -> dict[str, Any]:
     return {
-        **_place(passage.x, passage.y),
+        **rounded_place(passage.x, passage.y),
         "width_m": rounded(passage.width),
         "cuts_off_m2": rounded(passage.cut_off),
         "open": passage.is_open,
-        "ends": [[rounded(x), rounded(y)] for x, y in passage.ends],
+        "ends": [rounded_place(*end) for end in passage.ends],
     }
 
 
-def _place(x: float, y: float) -> dict[str, Any]:
+def rounded_place(x: float, y: float) -> dict[str, Any]:
     return {"x": rounded(x), "y": rounded(y)}
 
 

@@ -298,8 +298,9 @@ _POSE = _LineFormat(
 )  # fmt: skip
 _PAIR = _LineFormat(
     ("x", "y", "x", "y"), "four numbers x,y,x,y",
-    '{"from": [x, y], "to": [x, y]} or [[x, y], [x, y]]',
+    '{"start": {"x": x, "y": y}, "goal": {"x": x, "y": y}} or [[x, y], [x, y]]',
 )  # fmt: skip
+_PAIR_KEYS = (("start", "from"), ("goal", "to"))
 _NAMED_POINT = _LineFormat(
     ("x", "y"),
     "x,y, NAME,x,y or NAME=x,y",
@@ -479,7 +480,9 @@ def _numbers_of(text: str, delimiter: str | None = ",") -> list[float]:
 def _pair_of(text: str) -> tuple[Point, Point]:
     if _is_json(text):
         value = json.loads(text)
-        start, goal = (value["from"], value["to"]) if isinstance(value, dict) else value
+        if isinstance(value, dict):
+            value = [value[old if old in value else key] for key, old in _PAIR_KEYS]
+        start, goal = value
         return _point_of_json(start), _point_of_json(goal)
     start_x, start_y, goal_x, goal_y = _numbers_of(text)
     return (start_x, start_y), (goal_x, goal_y)
