@@ -1,11 +1,17 @@
 """mapdeal: batch processing of robot map files without ROS.
 
-`read_map` returns an `OccupancyGrid`, a `Costmap`, a `DistanceField`, a `PotentialField` or a
-`Reach`; stages such as `inflate`, `esdf` and `layered_cost` make one of another, and `write_map`
-writes it. Functions named like commands (`run`, `lint`, `align`, `score`) take files or grids.
-``dir(mapdeal)`` lists all names; the stub beside this file says where each is defined.
+Files: `read_map` and `write_map`; `read_map` returns an `OccupancyGrid`, a `Costmap`, a
+`DistanceField`, a `PotentialField` or a `Reach`.
+Robots: `costmap(map, robot)`, `read_robot_parameters`, `footprint_costs`, `cost_curve`, `reach`.
+Stages, from grid to grid: `active_region`, `inflate`, `esdf`, `layered_cost`, `exponential_cost`,
+`potential`, `clean`, `window`, `rotate`, `rescale`, `draw`.
+Routes: `shortest_route`, `shortest_way`, `descend`.
+Sensors: `build_map`, `build_map_from_log`, `build_map_from_bag`, `cloud_map`, `local_map`.
+Commands, on files or grids: `run`, `lint`, `diff`, `score`, `align`, `merge`, `route`, `graph`,
+`info`, `write_picture`, `write_report`.
 
-All public names are loaded on first use, so that ``import mapdeal`` costs nothing.
+``help(mapdeal.reach)`` describes one of them, ``dir(mapdeal)`` lists all public names. They are
+loaded on first use, so that ``import mapdeal`` costs nothing.
 """
 
 from __future__ import annotations
@@ -60,8 +66,6 @@ def _draw(drawable: object) -> bytes | None:
 def __getattr__(name: str) -> object:
     from importlib import import_module
 
-    if name == "__all__":
-        return __dir__()
     module_name = None if name.startswith("__") else _module_of(name)
     if module_name is None:
         raise AttributeError(f"module 'mapdeal' has no attribute {name!r}")
@@ -95,6 +99,6 @@ def _show_plain_types(function: object) -> None:
     known.__signature__ = signature.replace(parameters=parameters)
 
 
-def __dir__() -> list[str]:
+def __dir__() -> list[str]:  # no __all__: help(mapdeal) would print the help of every name
     named = (_names_in(module) if name == module else [name] for name, module in _modules().items())
     return sorted(name for names in named for name in names)
