@@ -112,7 +112,12 @@ def test_colours_are_for_terminals_alone(sh, here, monkeypatch, no_color):
     assert "\x1b" not in sh("rnu")[2]
     monkeypatch.setattr("mapdeal.cli.terminal.sys", sys)
     monkeypatch.setattr(type(sys.stderr), "isatty", lambda _: True)
-    assert ("\x1b[31;1merror:\x1b[0m" in sh("rnu")[2]) == (no_color == "")
+    has_colours = no_color == ""
+    assert ("\x1b[31;1merror:\x1b[0m" in sh("rnu")[2]) == has_colours
+    monkeypatch.setattr(type(sys.stdout), "isatty", lambda _: True)
+    Path("p.yaml").write_text("image: none.pgm\n")
+    assert ("p.yaml: \x1b[31;1merror:\x1b[0m " in sh("lint p.yaml")[1]) == has_colours
+    assert ("\x1b[1mOptions\x1b[0m:" in sh("lint --help")[1]) == has_colours
 
 
 def test_info_describes_readable_files_and_reports_others(sh, room):

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
+from mapdeal.cli import terminal
+
 GROUPS = (
     "Maps, distance fields, costmaps",
     "Questions about a map",
@@ -62,7 +64,7 @@ def write_commands(
     groups = in_groups(group, context, names)
     longest = max(len(command.name) for members in groups.values() for command in members)
     for title, members in groups.items():
-        with formatter.section(title):
+        with formatter.section(terminal.bold(title)):
             rows = [(command.name, command.short_help) for command in members]
             formatter.write_dl(rows, col_max=longest)
 
@@ -86,7 +88,7 @@ def _write_options(command: Any, write_ungrouped: Any, context: Any, formatter: 
         write_ungrouped(context, formatter)
         return
     for title, rows in sections_of(command, context).items():
-        with formatter.section(title):
+        with formatter.section(terminal.bold(title)):
             formatter.write_dl(rows)
 
 

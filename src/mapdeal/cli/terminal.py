@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import os
+import re
 import sys
 import threading
 import time
@@ -15,7 +16,7 @@ from contextlib import ExitStack, contextmanager
 from enum import Enum
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from mapdeal.compatibility import Self
 from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning, ParameterError, one_line
@@ -165,7 +166,7 @@ def summary(lines: Iterable[str], *, is_asked_for: bool = False) -> None:
     """Print lines of a result, unless quiet and not requested."""
     if is_asked_for or not _quiet:
         for line in lines:
-            result(one_line(line))
+            result(_coloured(one_line(line), sys.stdout))
 
 
 def remark(lines: Iterable[str]) -> None:
@@ -344,23 +345,33 @@ def _to_stdout(write: Callable[[], object]) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-_COLOURS = {"error": "31;1", "warning": "33", "hint": "36"}
+_COLOURS = {"error": "31;1", "warning": "33", "note": "34", "hint": "36"}
+_SEVERITY = re.compile(rf"(^|: )({'|'.join(_COLOURS)}):")
 
 
 def _print_message(text: str) -> None:
     # A closed stderr must not change the outputs or the exit code.
     with _writing, contextlib.suppress(OSError):
         _show_line("")
-        text = _as_called(text)
-        word, colon, message = text.partition(":")
-        if colon and word in _COLOURS and _has_colours():
-            text = f"\x1b[{_COLOURS[word]}m{word}:\x1b[0m{message}"
+        text = _coloured(_as_called(text), sys.stderr)
         print(f"{_CLEAR if _has_bar else ''}{text}", file=sys.stderr)  # noqa: T201
 
 
-def _has_colours() -> bool:
+def _coloured(text: str, stream: TextIO) -> str:
+    """Colour the severity at the start of a line or after a file's name, on a terminal."""
+    if not _has_colours(stream):
+        return text
+    return _SEVERITY.sub(lambda found: f"{found[1]}\x1b[{_COLOURS[found[2]]}m{found[2]}:\x1b[0m",
+                         text, count=1)  # fmt: skip
+
+
+def bold(title: str) -> str:
+    return f"\x1b[1m{title}\x1b[0m" if _has_colours(sys.stdout) else title
+
+
+def _has_colours(stream: TextIO) -> bool:
     is_dumb = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
-    return sys.stderr.isatty() and not is_dumb
+    return stream.isatty() and not is_dumb
 
 
 DASH = Path("-")
