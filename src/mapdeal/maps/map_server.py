@@ -304,7 +304,9 @@ def find_image(yaml_path: Path, image: str) -> Path:
         return path
     for fallback in fallbacks:
         if exists(fallback):
-            text = f"image: {image} does not exist here; using {fallback}"
+            folder = yaml_path.parent
+            name = fallback.relative_to(folder) if folder in fallback.parents else fallback
+            text = f"image: {image} does not exist here; using {name} beside the YAML file"
             warn_of(yaml_path, text, "image.foreign-path")
             return fallback
     rule, hint = "the image does not exist", _nearest_name(path)
