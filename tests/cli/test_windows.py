@@ -82,3 +82,10 @@ def test_a_window_steps_along_poses(sh, here, world):
         assert {"folder": f"{number:04}", **own} == step
         assert (here / f"steps/{number:04}/route.png").exists()
     assert (here / "steps/routes.png").exists()
+
+
+def test_a_goal_beyond_the_last_window_is_a_warning_that_strict_refuses(sh, here, world):
+    line = "local --map world.yaml --pose 2.25,-0.25,0 --size 5,5 --route-to 9.25,0.25"
+    code, _, err = sh(f"{line} -o a")
+    assert (code, err.count("the goal 9.25, 0.25 is beyond the map: the route ends at")) == (0, 1)
+    assert sh(f"{line} -o b --strict")[0] == 1

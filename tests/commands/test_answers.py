@@ -173,7 +173,7 @@ GONE = object()
     (LINT, (*FINDING, "severity"), "bad",
      "maps[0].findings[0].severity: must be one of error, warning, note, got 'bad'"),
     (LINT, (*FINDING, "message"), 7, "maps[0].findings[0].message: must be a text, got 7"),
-    (LINT, (*FINDING, "places"), [[1]], 'places[0]: must be {"x": x, "y": y} or two numbers [x, y], got [1]'),
+    (LINT, (*FINDING, "places"), [[1]], '{"x": x, "y": y} or two numbers [x, y], got [1]'),
     (LINT, (*FINDING, "places"), [[1, 1e13]], "must be a number from -1e+12 to 1e+12"),
     (LINT, ("errors",), 1.5, "errors: must be a whole number, got 1.5"),
     (REACH, ("robot", "footprint"), [[0, 0]], "at least three vertices"),

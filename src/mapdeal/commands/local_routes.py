@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mapdeal.commands.route import route_document
+from mapdeal.commands.route import route_document, warn_of_border
 from mapdeal.errors import FindingError, ParameterError
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
@@ -47,7 +47,7 @@ class WindowPlanner:
             known = Terrain.of(grid)
         return cls(check_point(goal, "route_to"), common, known)
 
-    def plan(self, job: LocalJob, number: int = 0) -> Route:
+    def plan(self, job: LocalJob, number: int = 0, *, is_last: bool = True) -> Route:
         """Plan on the costs in the job's folder, and write the route and its picture there."""
         folder, x, y = job.folder, job.pose[0], job.pose[1]
         costs = self.costs_in(folder)
@@ -59,11 +59,14 @@ class WindowPlanner:
         files = (folder / ROUTE, folder / PICTURE)
         title = f"route {number}: {'reached' if route.reached else 'to the border'}"
         self.write(files, route_document(route), costs, title, RouteOverlay(route))
+        if is_last:
+            warn_of_border(route, costs)
         return route
 
     def plan_steps(self, jobs: Sequence[LocalJob], output: Path) -> str:
         """Plan at each pose; write all routes and the path driven, and return a line about them."""
-        routes = [self.plan(job, number) for number, job in enumerate(jobs)]
+        last = len(jobs) - 1
+        routes = [self.plan(job, k, is_last=k == last) for k, job in enumerate(jobs)]
         driven = np.array([job.pose[:2] for job in jobs])
         length = float(np.hypot(*np.diff(driven, axis=0).T).sum())
         steps = [

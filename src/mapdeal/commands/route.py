@@ -446,7 +446,6 @@ def route(
     if global_map is not None:
         known = routes.Terrain.of(_costs_of(global_map, *shape)[1], **weights)
     with inputs.errors_named(source.name):
-        is_inside = bool(costs.frame.contains([goal])[0])
         terrain = routes.Terrain.of(costs, **weights, **_given(field_weight=field_weight))
         if followed is not None:
             found = route_on_graph(terrain, followed, start, goal)
@@ -455,12 +454,17 @@ def route(
             find = _search_by(name, terrain, gains, **_given(heuristic_weight=heuristic_weight))
             by_length = method != "astar"
             found = route_in_window(terrain, find, start, goal, by_length=by_length, known=known)
-            if found.beyond_window:
-                x, y = (round(value, 3) + 0.0 for value in found.points_xy[-1].tolist())
-                place = "not reachable within" if is_inside else "beyond"
-                text = f"the goal {goal[0]:.10g}, {goal[1]:.10g} is {place} the map"
-                emit_warning(f"{text}: the route ends at its border, at {x:.10g}, {y:.10g}")
+            warn_of_border(found, costs)
     return PlannedRoute(**vars(found), map=source, costs=costs, graph=followed)
+
+
+def warn_of_border(route: Route, costs: Costmap) -> None:
+    """Warn if a route to a goal beyond a map ends at its border, so that --strict refuses it."""
+    if route.beyond_window:
+        (x, y), (end_x, end_y) = route.goal, route.points_xy[-1].round(3).tolist()
+        place = "not reachable within" if costs.frame.contains([route.goal])[0] else "beyond"
+        text = f"the goal {x:.10g}, {y:.10g} is {place} the map: the route ends at its border, at "
+        emit_warning(f"{text}{end_x + 0.0:.10g}, {end_y + 0.0:.10g}")
 
 
 def _given(**options: Any) -> dict[str, Any]:
