@@ -9,10 +9,7 @@ from typing import Any
 if sys.version_info >= (3, 11):
     from hashlib import file_digest
     from typing import Self, Unpack
-
-    import tomllib
 else:
-    import tomli as tomllib
     from typing_extensions import Self, Unpack
 
     def file_digest(file: Any, name: str) -> Any:
@@ -22,4 +19,4 @@ else:
         return digest
 
 
-__all__ = ["Self", "Unpack", "file_digest", "tomllib"]
+__all__ = ["Self", "Unpack", "file_digest"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
@@ -440,7 +441,10 @@ def read_lint_config(path: Path) -> LintConfig | None:
 
 
 def _document_of(path: Path) -> dict[str, Any]:
-    from mapdeal.compatibility import tomllib
+    if sys.version_info >= (3, 11):
+        import tomllib
+    else:
+        import tomli as tomllib
 
     data = read_file(path, limit=_LARGEST)
     try:

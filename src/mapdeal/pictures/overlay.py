@@ -236,16 +236,20 @@ class Brush:
     def polyline(self, points: NDArray[np.float64], index: int, *, thickness: int) -> None:
         """Draw a line through points, shape (N, 2), with round corners."""
         if len(points) > 1:
-            self.segments(points[:-1], points[1:], index, thickness=thickness)
+            lines = np.stack([points[:-1], points[1:]], axis=1)
+            self._lines(lines, points, index, thickness)
 
     def segments(
         self, starts: NDArray[np.float64], ends: NDArray[np.float64], index: int, *,
         thickness: int,
     ) -> None:  # fmt: skip
         """Draw lines between points, shape (N, 2) each, with round ends."""
-        self._draw(index, np.stack([starts, ends], axis=1), thickness=thickness)
+        points = np.unique(np.concatenate([starts, ends]), axis=0)
+        self._lines(np.stack([starts, ends], axis=1), points, index, thickness)
+
+    def _lines(self, lines: NDArray[Any], points: NDArray[Any], index: int, thickness: int) -> None:
+        self._draw(index, lines, thickness=thickness)
         if thickness > 2:
-            points = np.unique(np.concatenate([starts, ends]), axis=0)
             self._draw(index, points[:, np.newaxis], radius=thickness / 2)
 
     def dot(self, centre: NDArray[np.float64], index: int, *, radius: float) -> None:
