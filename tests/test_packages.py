@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from mapdeal.compatibility import tomllib
+from mapdeal.compatibility import parse_toml
 from mapdeal.version import __version__
 
 pytestmark = pytest.mark.slow
@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 GITHUB = ROOT / ".github"
 WORKFLOWS = sorted((GITHUB / "workflows").glob("*.yml"))
 COLCON = Path(sys.executable).with_name("colcon")
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+PROJECT = parse_toml((ROOT / "pyproject.toml").read_text("utf-8"))
 
 
 @pytest.fixture

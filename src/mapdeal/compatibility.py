@@ -19,4 +19,12 @@ else:
         return digest
 
 
-__all__ = ["Self", "Unpack", "file_digest"]
+def parse_toml(text: str) -> dict[str, Any]:
+    if sys.version_info >= (3, 11):
+        import tomllib
+    else:
+        import tomli as tomllib
+    return tomllib.loads(text)
+
+
+__all__ = ["Self", "Unpack", "file_digest", "parse_toml"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import re
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
@@ -13,6 +12,7 @@ from inspect import cleandoc
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
+from mapdeal.compatibility import parse_toml
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, one_line
 from mapdeal.files.source import exists, is_folder, normal_path, read_file
 from mapdeal.files.yaml_text import OF_MAPS
@@ -441,19 +441,14 @@ def read_lint_config(path: Path) -> LintConfig | None:
 
 
 def _document_of(path: Path) -> dict[str, Any]:
-    if sys.version_info >= (3, 11):
-        import tomllib
-    else:
-        import tomli as tomllib
-
     data = read_file(path, limit=_LARGEST)
     try:
-        return tomllib.loads(data.decode("utf-8"))
+        return parse_toml(data.decode("utf-8"))
     except UnicodeDecodeError as error:
         raise MalformedInputError("not UTF-8", source=path, place=f"byte {error.start}") from None
     except RecursionError:
         raise MalformedInputError("not valid TOML: nested too deeply", source=path) from None
-    except ValueError as error:  # tomllib's own errors, or numbers of many thousand digits
+    except ValueError as error:  # errors of TOML, or numbers of many thousand digits
         raise MalformedInputError(f"not valid TOML: {error}", source=path) from None
 
 
