@@ -17,14 +17,7 @@ from numpy.typing import NDArray
 
 from mapdeal.compatibility import Self
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
-from mapdeal.files.source import (
-    PIECES,
-    check_expansion,
-    claim,
-    contents_of,
-    is_folder,
-    most_expanded,
-)
+from mapdeal.files import source as sources
 from mapdeal.files.transaction import PREFIX
 
 BAG_OUTPUTS = (".bag", ".mcap", ".db3")  # suffixes of bags
@@ -39,8 +32,8 @@ def bag_paths(output: Path) -> tuple[Path, ...]:
     if output.suffix != ".db3":
         return (output,)
     paths = output / f"{name_inside(output)}.db3", output / METADATA
-    if is_folder(output):
-        folders, files = contents_of(output)
+    if sources.is_folder(output):
+        folders, files = sources.contents_of(output)
         known = {path.name for path in paths}
         extra = [*folders, *(f for f in files if f not in known and not f.startswith(PREFIX))]
         if extra:
@@ -50,7 +43,6 @@ def bag_paths(output: Path) -> tuple[Path, ...]:
 
 
 def name_inside(output: Path) -> str:
-    """Return the name of a bag's inner file, without the suffix."""
     # Not all readers accept names that a URI or YAML must escape.
     return output.stem if _PLAIN_NAME.fullmatch(output.stem) else "bag"
 
@@ -194,17 +186,15 @@ class Bag(ABC):
         """Return a message as it was serialized."""
 
     def index(self, connections: Collection[int]) -> MessageIndex:
-        """Return the places of all messages of connections, sorted by time."""
         parts, count = [], 0
         for part in self.pieces(connections):
             count += len(part)
-            needed = 2 * _PLACE_BYTES * count + PIECES
-            claim(self.path, needed, what=f"the places of {count} messages")
+            needed = 2 * _PLACE_BYTES * count + sources.PIECES
+            sources.claim(self.path, needed, what=f"the places of {count} messages")
             parts.append(part)
         return MessageIndex.joined(parts).in_time()
 
     def summary(self) -> dict[int, Recorded]:
-        """Return the number of messages and the first and last time of each connection."""
         recorded = {connection.id: Recorded() for connection in self.connections}
         for piece in self.pieces(recorded.keys()):
             for number in np.unique(piece.connections).tolist():
@@ -258,9 +248,9 @@ def decompress(
         rule = "chunks can be compressed with bz2, lz4 or zstd"
         raise MalformedInputError(rule, source=path, got=compression)
     if size is not None:
-        check_expansion(path, len(data), size)
-        claim(path, len(data) + 2 * size, what=f"the {size} bytes of a chunk")
-    most = most_expanded(len(data)) if size is None else size
+        sources.check_expansion(path, len(data), size)
+        sources.claim(path, len(data) + 2 * size, what=f"the {size} bytes of a chunk")
+    most = sources.most_expanded(len(data)) if size is None else size
     expander = _EXPANDERS[compression](path)
     try:
         # one byte above the declared size reveals a wrong size, and limits decompression bombs

@@ -37,7 +37,6 @@ def add_checksums(path: Path) -> None:
 
 
 def _records(file: IO[bytes]) -> Iterator[tuple[int, int, int]]:
-    """Yield opcode, start and length of each record."""
     position = _MAGIC
     opcode = 0
     while opcode != _FOOTER:

@@ -288,7 +288,6 @@ class Ros1Bag(ChunkedBag):
             self.remark("has no index, as left by a recorder that was killed; all records are read")
 
     def _walk_record(self, position: int) -> int:
-        """Read the record at a position, and return the position of the next one."""
         self._file.seek(position)
         fields, length = self._header_at(position)
         start = self._file.tell()
@@ -561,7 +560,6 @@ class McapBag(ChunkedBag):
 
 
 def _texts(data: bytes, position: int, count: int) -> Iterator[str]:
-    """Yield consecutive texts, each of which is preceded by its length."""
     for _ in range(count):
         (length,) = struct.unpack_from("<I", data, position)
         position += 4 + length

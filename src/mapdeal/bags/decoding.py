@@ -88,7 +88,6 @@ _Types = Mapping[str, list[tuple[int, list[_Field], str]]]
 
 
 def decoder_of(name: str, definition: str, *, is_ros1: bool) -> Callable[[bytes], Any]:
-    """Return the function that decodes messages of a type to objects with their fields."""
     types = _types_in(name, definition)
     if name not in types:
         raise ValueError("it has no definition")

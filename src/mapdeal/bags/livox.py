@@ -23,7 +23,6 @@ _BEFORE_POINTS = 20  # bytes: timebase, point_num, lidar_id, rsvd, and the numbe
 
 
 def points_of_custom(data: bytes, encoding: str) -> NDArray[np.float64]:
-    """Return the points of a serialized message, shape (N, 3)."""
     is_ros1 = encoding == "ros1"
     order = "<" if is_ros1 or data[1:2] == b"\x01" else ">"
     try:

@@ -74,16 +74,13 @@ class LaserScan:
 
     @property
     def angles(self) -> NDArray[np.float64]:
-        """Angles of the beams, shape (M,), radians."""
         return self.start + self.step * np.arange(len(self.ranges), dtype=np.float64)
 
     @property
     def geometry(self) -> tuple[str, float, float, int]:
-        """Frame, first angle, step and number of readings."""
         return self.frame, self.start, self.step, len(self.ranges)
 
     def beam_times(self) -> NDArray[np.int64]:
-        """Return the time of each beam, shape (M,), nanoseconds."""
         delays = np.arange(len(self.ranges)) * (self.between * _SECOND)
         return np.asarray(self.time + np.rint(delays).astype(np.int64))
 
@@ -123,7 +120,6 @@ def laser_scan_of(message: Any) -> LaserScan:
 
 
 def transforms_of(message: Any) -> list[Stamped]:
-    """Return the transforms of a ``tf2_msgs/TFMessage`` or ``tf/tfMessage``."""
     return [
         _stamped(item, item.transform.translation, item.transform.rotation)
         for item in message.transforms
@@ -248,7 +244,6 @@ def _planar(pose: Any) -> tuple[float, float, float]:
 
 
 def points_of(message: Any) -> NDArray[np.float64]:
-    """Return the points of a ``sensor_msgs/PointCloud2``."""
     fields = {str(field.name): field for field in message.fields}
     if not {"x", "y"} <= fields.keys():
         raise MalformedInputError("must name x and y", place="fields", got=" ".join(fields))
@@ -360,7 +355,6 @@ class Decoder:
 
 @lru_cache(maxsize=32)  # for all bags: to compile a store takes longer than to decode messages
 def _idl_store(definition: str) -> Any:
-    """Return the types in a definition in IDL."""
     from rosbags.typesys import Stores, get_types_from_idl, get_typestore
 
     check_length(definition)

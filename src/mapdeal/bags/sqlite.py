@@ -20,17 +20,7 @@ import numpy as np
 
 from mapdeal.bags.bag import Bag, Connection, MessageIndex, Place, Recorded
 from mapdeal.errors import MalformedInputError
-from mapdeal.files.source import (
-    absolute_path,
-    access_to,
-    check_readable,
-    chunks_of,
-    claim,
-    head_of,
-    is_regular,
-    room,
-    status_of,
-)
+from mapdeal.files import source as sources
 from mapdeal.files.transaction import temporary_folder
 
 SQLITE_MAGIC = b"SQLite format 3\0"
@@ -56,11 +46,13 @@ _INTEGER = "CASE typeof({0}) WHEN 'integer' THEN {0} END"
 class SqliteBag(Bag):
     def __init__(self, path: Path) -> None:
         super().__init__(path, "a ROS 2 bag (SQLite)")
-        check_readable(path)
+        sources.check_readable(path)
         self._is_cut = False
-        self._calls = self._most_calls = 64 + _STEPS_PER_BYTE * status_of(path).st_size // _STEPS
+        self._calls = self._most_calls = (
+            64 + _STEPS_PER_BYTE * sources.status_of(path).st_size // _STEPS
+        )
         self._stack = ExitStack()
-        if head_of(path, len(SQLITE_MAGIC)) != SQLITE_MAGIC:
+        if sources.head_of(path, len(SQLITE_MAGIC)) != SQLITE_MAGIC:
             raise self.malformed("is not an SQLite file")
         with self._sqlite_errors():
             self._db = self._connect(path)
@@ -118,7 +110,7 @@ class SqliteBag(Bag):
             row = self._select(f"SELECT length(data) {source}", place.block).fetchone()
         if row is None:
             raise self.malformed("a message has no data")
-        claim(self.path, 2 * row[0], what=f"{row[0]} bytes of a message")
+        sources.claim(self.path, 2 * row[0], what=f"{row[0]} bytes of a message")
         with self._sqlite_errors():
             (data,) = self._select(f"SELECT data {source}", place.block).fetchone()
         return bytes(data)
@@ -129,19 +121,20 @@ class SqliteBag(Bag):
         return self._db.execute(query, values)
 
     def _exceeds_steps(self) -> bool:
-        """Return whether a query exceeds its steps, as with pages that refer to each other."""
         self._calls -= 1
         return self._calls < 0
 
     def _connect(self, path: Path) -> sqlite3.Connection:
         # Immutable means that SQLite ignores locks, journals and write-ahead logs. While a recorder
         # runs, the log contains the latest messages, so a file with a log is opened read-only.
-        mode = "mode=ro" if is_regular(path.with_name(path.name + "-wal")) else "immutable=1"
-        address = f"file:{quote(str(absolute_path(path)))}?{mode}"
+        mode = (
+            "mode=ro" if sources.is_regular(path.with_name(path.name + "-wal")) else "immutable=1"
+        )
+        address = f"file:{quote(str(sources.absolute_path(path)))}?{mode}"
         db = sqlite3.connect(address, uri=True, check_same_thread=False)
         db.text_factory = lambda text: text.decode("utf-8", "replace")
         db.set_progress_handler(self._exceeds_steps, _STEPS)
-        most = room()
+        most = sources.room()
         if most is not None:
             db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(most // 2, _LONGEST_ROW))
         db.execute("PRAGMA trusted_schema = OFF")
@@ -208,7 +201,7 @@ class SqliteBag(Bag):
         for row in self._select(query):
             texts = [value for value in row if isinstance(value, str | bytes)]
             total += _TOPIC_BYTES + 2 * sum(map(len, texts))
-            claim(self.path, total, what="the topics and types")
+            sources.claim(self.path, total, what="the topics and types")
             yield row
 
     def _error(self, error: sqlite3.Error) -> MalformedInputError:
@@ -219,7 +212,6 @@ class SqliteBag(Bag):
 
     @contextmanager
     def _sqlite_errors(self) -> Iterator[None]:
-        """Turn SQLite's exceptions into an error that names the file."""
         try:
             yield
         except sqlite3.Error as error:
@@ -236,9 +228,9 @@ def _whole_pages(path: Path) -> Iterator[Path]:
         yield path
         return
     with temporary_folder() as folder:
-        file, remaining = folder / "whole.db3", status_of(path).st_size - surplus
-        with access_to(path), file.open("wb") as out:
-            for chunk in chunks_of(path):
+        file, remaining = folder / "whole.db3", sources.status_of(path).st_size - surplus
+        with sources.access_to(path), file.open("wb") as out:
+            for chunk in sources.chunks_of(path):
                 out.write(chunk[:remaining])
                 remaining = max(0, remaining - len(chunk))
         yield file
@@ -246,9 +238,9 @@ def _whole_pages(path: Path) -> Iterator[Path]:
 
 def _surplus_bytes(path: Path) -> int:
     """Return the number of bytes after the last complete page, 0 in an intact file."""
-    size = int.from_bytes(head_of(path, 18)[16:18], "big")
+    size = int.from_bytes(sources.head_of(path, 18)[16:18], "big")
     size = 1 << 16 if size == 1 else size
-    return status_of(path).st_size % size if size >= _SMALLEST_PAGE else 0
+    return sources.status_of(path).st_size % size if size >= _SMALLEST_PAGE else 0
 
 
 def _until_damage(cursor: sqlite3.Cursor, is_cut: bool) -> Iterator[tuple[Any, ...]]:

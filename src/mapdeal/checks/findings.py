@@ -82,7 +82,6 @@ _PARTS = re.compile(r"(.+)\n\n(.+)\nExample: (.+)\nFix: (.+)", re.DOTALL)
 
 
 def parse_explanation(text: str) -> Explanation:
-    """Return the parts of a check's docstring; raise ValueError if one is missing."""
     match = _PARTS.fullmatch(cleandoc(text))
     if match is None:
         raise ValueError(f"needs a summary, a reason, 'Example:' and 'Fix:', got {text!r}")
@@ -401,7 +400,6 @@ class LintConfig:
 
 
 def find_lint_config(folder: Path) -> LintConfig | None:
-    """Return the configuration in the nearest file, in a folder or above it, if there is one."""
     # A ``mapdeal.toml`` has precedence over a ``pyproject.toml`` beside it. A ``pyproject.toml``
     # without the table ``[tool.mapdeal.lint]`` is skipped.
     start = normal_path(folder)
@@ -416,7 +414,6 @@ def find_lint_config(folder: Path) -> LintConfig | None:
 
 
 def read_lint_config(path: Path) -> LintConfig | None:
-    """Return the lint configuration in a file; None if its table is missing."""
     document = _document_of(path)
     if path.name == PYPROJECT:
         tool = document.get("tool", {})
@@ -514,7 +511,6 @@ class IgnoreComment:
 
 
 def read_ignore_comments(path: Path, limit: int = OF_MAPS.bytes) -> list[IgnoreComment]:
-    """Return the comments in a file that make lint ignore findings."""
     # The search needs no YAML parser, so comments count in malformed files, too. They start at the
     # beginning of a line or after white space.
     try:
@@ -554,7 +550,6 @@ class Selection:
         self, file: Path, findings: Iterable[Finding], comments: Sequence[IgnoreComment] = (), *,
         skipped: Iterable[str] = (),
     ) -> tuple[tuple[Finding, ...], int]:  # fmt: skip
-        """Return a map's remaining findings, worst first, and the number of suppressed ones."""
         # Suppressed means that the check is selected, but a comment or a pattern ignores it here.
         # A comment without effect is itself a finding, which comments cannot suppress.
         findings = list(findings)
@@ -685,12 +680,10 @@ def _matches(text: str) -> dict[str, int]:
 
 
 def named_checks(names: Iterable[str], option: str) -> tuple[Check, ...]:
-    """Return checks by names and areas, sorted; raise ParameterError if one is unknown."""
     return tuple(CHECKS[name] for name in sorted(_ranks(names, option)))
 
 
 def hint_for(text: str) -> str:
-    """Return a hint with the check or area that is most similar to an unknown name."""
     areas = dict.fromkeys(name.partition(".")[0] for name in CHECKS)
     close = difflib.get_close_matches(text.lower(), [*CHECKS, *areas], n=1)
     if not close:  # a check's name without its area
@@ -699,7 +692,6 @@ def hint_for(text: str) -> str:
 
 
 def _unused(file: Path, comments: Iterable[IgnoreComment], active: set[str]) -> Iterator[Finding]:
-    """Yield a finding for each ignore comment without effect or with an unknown check."""
     for comment in comments:
         messages = [] if comment.names else ["names no check: write # mapdeal: ignore AREA.NAME"]
         for text in comment.names:

@@ -24,7 +24,6 @@ _MOST = 20  # of one check; further ones are summarised
 
 
 def check_graph(path: Path, grid: OccupancyGrid, robot: Footprint | None) -> list[Finding]:
-    """Return the findings in a route graph on a map, for a robot's footprint or a point."""
     try:
         file = read_graph_file(path)
     except (MalformedInputError, FileAccessError) as error:
@@ -42,7 +41,6 @@ def check_graph(path: Path, grid: OccupancyGrid, robot: Footprint | None) -> lis
 
 
 def _shortened(findings: Sequence[Finding]) -> Iterator[Finding]:
-    """Yield the findings of one check, at most `_MOST` and a summary of the others."""
     yield from findings[:_MOST]
     omitted = findings[_MOST:]
     if omitted:
@@ -131,7 +129,6 @@ class _GraphFacts:
         return f"node {number} lies {position}; the nearest open cell is at {x:.10g},{y:.10g}"
 
     def _blocked(self, is_closed: NDArray[np.bool_]) -> Iterator[Finding]:
-        """Yield a finding for each blocked edge between open nodes, for both directions at once."""
         graph = self.graph
         ends = graph.ends
         candidates = np.flatnonzero(~is_closed[ends].any(axis=1))

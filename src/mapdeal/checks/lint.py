@@ -54,7 +54,6 @@ _LARGEST_PARAMETERS = 1 << 20  # bytes of a robot's parameter file
 def lint_file(
     path: Path, *, max_cells: int | None = None, radius: float | None = None
 ) -> list[Finding]:
-    """Return the findings of all checks in a map or a run's folder, most severe first."""
     if is_folder(path):
         return lint_run(path)
     pair, cells, findings = gather(path, max_cells=max_cells)
@@ -80,7 +79,6 @@ def lint_file(
 
 
 def lint_mask(path: Path, facts: MaskFacts) -> Iterator[Finding]:
-    """Yield the findings of all checks in the mask of a costmap filter."""
     entries = {} if facts.pair is None else facts.pair.entries
     for check in CHECKS.values():
         if check.facts is MaskFacts:
@@ -493,7 +491,6 @@ def _text_lines(report: LintReport) -> list[str]:
 
 
 def _explanation_lines(check: Check) -> Iterator[str]:
-    """Yield the four parts of a check's explanation, and an empty line."""
     texts = check.explanation
     yield f"{check.name} ({severity_text(check)})"
     for text in (texts.about, texts.why, f"Example: {texts.example}", f"Fix: {texts.fix}"):

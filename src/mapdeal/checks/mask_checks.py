@@ -254,7 +254,6 @@ def _blocking(
 
 
 def _middle(frame: Frame, cells: Mask) -> tuple[float, float]:
-    """Return the centre of the cell nearest to the mean of the cells."""
     cells_rowcol = np.argwhere(cells)
     off = np.square(cells_rowcol - cells_rowcol.mean(axis=0)).sum(axis=1)
     x, y = frame.xy_from_rowcol([cells_rowcol[int(off.argmin())]])[0].tolist()
@@ -266,7 +265,6 @@ def _text_of(xy: tuple[float, float]) -> str:
 
 
 def _places(frame: Frame, cells: Mask) -> tuple[Point, ...]:
-    """Return the middle of a finding's cells as its places."""
     return places_of([_middle(frame, cells)])
 
 

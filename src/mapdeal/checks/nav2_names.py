@@ -83,7 +83,6 @@ def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
 
 
 def _misspelt_name(name: str, known: Collection[str]) -> str | None:
-    """Return the known name that is most similar to an unknown one, if any is similar."""
     if name in known or len(name) > _LONGEST_NAME:
         return None
     return next(iter(get_close_matches(name, known, n=1, cutoff=_LEAST_SIMILARITY)), None)

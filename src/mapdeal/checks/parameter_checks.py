@@ -95,7 +95,6 @@ OLD_PARAMETERS = ("static_map", "map_type")  # ROS 1 reads them only without a l
 
 
 def known_names(flavour: Flavour, layer: str) -> frozenset[str]:
-    """Return the parameters of a layer's class, or of the costmap if `layer` is empty."""
     if not layer:
         return frozenset(_COSTMAP | _COSTMAP_BY_FLAVOUR[flavour])
     layer_class = layer_named(layer)
@@ -854,7 +853,6 @@ def lint_parameters(
     paths: Sequence[Path], *, costmap: CostmapName | None = None, namespace: str | None = None,
     map_resolutions: Sequence[tuple[str, float]] = (),
 ) -> dict[Path, list[Finding]]:  # fmt: skip
-    """Return the findings of all checks in a robot's parameter files, by file, sorted by line."""
     flavour = flavour_of(paths)
     names = costmaps_in(paths, flavour, namespace) if costmap is None else (costmap,)
     costmaps = [_Costmap(n, *load_robot(paths, costmap=n, namespace=namespace)) for n in names]
@@ -928,7 +926,6 @@ def _check(
 
 
 def _findings_on(facts: Mapping[type, Any], file: str) -> Iterator[Finding]:
-    """Yield the findings of all checks on facts; remarks without a place belong to `file`."""
     for item in CHECKS.values():
         item_facts = None if item.facts is None else facts.get(item.facts)
         for remark in () if item_facts is None else item.remarks(item_facts):

@@ -237,7 +237,6 @@ def _free_blocks(walls: WallMap, cell: float) -> tuple[Floats, Floats]:
 def _best_of_blocks(
     scores: Floats, most: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], list[float]]:
-    """Return row, column and score of the best cells, of each block one at most."""
     height, width = (side // _BLOCK for side in scores.shape)
     whole = scores[: height * _BLOCK, : width * _BLOCK]
     blocks = whole.reshape(height, _BLOCK, width, _BLOCK)
@@ -264,7 +263,6 @@ def _apart(poses: Poses, middle_xy: Floats, distance: float, most: int) -> list[
 
 
 def _turns(angles: Floats) -> NDArray[np.float64]:
-    """Return how far angles are from a whole turn, radians, 0..pi."""
     turns: NDArray[np.float64] = np.abs(np.mod(angles + math.pi, 2 * math.pi) - math.pi)
     return turns
 
@@ -439,7 +437,6 @@ _PER_LOOKED_AT, _LOOKED_AT = 40, 2 * MOST_CELLS_A_SIDE**2
 
 
 def bytes_to_align(cells: Sequence[int]) -> int:
-    """Return the bytes that aligning two maps takes, besides the maps."""
     return _PER_CELL * max(cells) + _PER_LOOKED_AT * min(sum(cells), _LOOKED_AT)
 
 
@@ -547,7 +544,6 @@ def _nowhere(reason: str, prior: Transform | None) -> Placement:
 def _candidates(
     first: WallMap, second: WallMap, near: Near | None, rotations: Sequence[float] | None
 ) -> Poses:
-    """Return places of one map in another, moved to where walls lie on walls."""
     around: Floats = np.arange(_ALL_AROUND) * (2 * math.pi / _ALL_AROUND)
     walls = yaws_by_walls(first, second)
     yaws = None

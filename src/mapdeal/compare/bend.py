@@ -68,19 +68,16 @@ class Bend:
         return np.moveaxis(found, 0, -1)
 
     def at(self, terms: Floats) -> Floats:
-        """Return the displacements, shape (K, N, 2), where the terms are these."""
         how = "nm,kcm->knc" if terms.ndim == 2 else "knm,kcm->knc"
         found: Floats = np.einsum(how, terms, self.coefficients.astype(terms.dtype))
         return found
 
     def moved(self, poses: Poses, points_xy: Floats) -> Floats:
-        """Return points of the first map in the second, shape (K, N, 2)."""
         if not self.coefficients.any():
             return moved(poses, points_xy)
         return moved(poses, points_xy) + self.at(self.terms(points_xy))
 
     def moved_back(self, poses: Poses, points_xy: Floats) -> Floats:
-        """Return points of the second map in the first, shape (K, N, 2)."""
         own = moved_back(poses, points_xy)
         if not self.coefficients.any():
             return own

@@ -91,7 +91,6 @@ def figures_named(*, with_truth: bool) -> dict[str, tuple[str, str]]:
 
 
 def figure_in(values: Mapping[str, Any], name: str) -> float | None:
-    """Return the figure of a dotted name; None if there was nothing to measure."""
     found: Any = values
     for part in name.split("."):
         found = found[part]
@@ -99,7 +98,6 @@ def figure_in(values: Mapping[str, Any], name: str) -> float | None:
 
 
 def figure_text(value: float | None, unit: str) -> str:
-    """Return a figure with its unit as people read it, ``-`` where there is none."""
     if value is None:
         return "-"
     if unit == SHARE:
@@ -157,7 +155,6 @@ class ScoreBound:
 def checked_bounds(
     minimum: Mapping[str, float], maximum: Mapping[str, float], *, with_truth: bool
 ) -> list[tuple[str, Side, float]]:
-    """Return the bounds under the official names of their figures."""
     found: list[tuple[str, Side, float]] = []
     given_bounds: dict[Side, Mapping[str, float]] = {"min": minimum, "max": maximum}
     for side, bounds in given_bounds.items():
@@ -192,7 +189,6 @@ def why_missing(name: str) -> str:
 
 
 def unit_of(name: str, *, with_truth: bool) -> str:
-    """Return the unit to print after a figure; empty for shares and counts."""
     unit, _ = figures_named(with_truth=with_truth)[name]
     return "" if unit in (SHARE, COUNT, NUMBER) else f" {unit}"
 

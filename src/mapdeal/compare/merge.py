@@ -143,7 +143,6 @@ def _clear(states: States, reach: float) -> Mask:
 
 
 def _maps_with(masks: Iterable[Mask], shape: tuple[int, ...]) -> Numbers:
-    """Return in how many of some masks, one for each map, cells are marked."""
     numbers = np.zeros(shape, dtype=np.uint16)
     for mask in masks:
         numbers += mask

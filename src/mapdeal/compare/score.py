@@ -41,7 +41,6 @@ _ROUNDING = 1e-9
 
 
 def _wall_distances(squares: NDArray[np.signedinteger], resolution: float) -> Values:
-    """Return figures of the distances from some wall cells to the nearest ones of another map."""
     # The median and the percentile are numpy's (linear). Squares are compared with
     # (0.1 / resolution) squared, so that two cells of 0.05 m are exactly 0.1 m.
     count = len(squares)
@@ -65,7 +64,6 @@ def _wall_distances(squares: NDArray[np.signedinteger], resolution: float) -> Va
 
 
 def metres_of(squares: NDArray[np.signedinteger], resolution: float) -> NDArray[np.float64]:
-    """Return squared distances in cells as metres; infinite where there is nothing to reach."""
     metres = np.sqrt(squares.astype(np.float64))
     metres *= resolution
     metres[squares == unreachable(squares)] = math.inf
@@ -131,7 +129,6 @@ def bytes_to_compare(shape: tuple[int, int], walls: int, *, is_drawn: bool = Fal
 
 
 def bytes_alone(shape: tuple[int, int], walls: int) -> int:
-    """Return about how many bytes it takes to score a map on its own, as `bytes_to_compare`."""
     of_walls = _PER_WALL_ALONE * walls
     return _bytes(shape, _PER_CELL_ALONE, of_walls, _OF_BAND_ALONE, _AROUND_ALONE, LEAST_ROWS_ALONE)
 
@@ -328,7 +325,6 @@ def enclosed_areas(states: States, resolution: float) -> tuple[int, int, float]:
 
 
 def label_sizes(labels: NDArray[np.integer[Any]], count: int) -> NDArray[np.int64]:
-    """Return how many cells each label from 0 to `count` has, without a copy of them all."""
     sizes = np.zeros(count + 1, dtype=np.int64)
     step = max(1, _TOGETHER // labels.shape[1])
     for first in range(0, len(labels), step):

@@ -54,7 +54,6 @@ class WallMap:
 
     @property
     def wall_length(self) -> float:
-        """Faces of walls, metres: a cell's side for each."""
         return len(self.faces_xy) * self.resolution
 
     @property
@@ -63,7 +62,6 @@ class WallMap:
 
     @property
     def middle_xy(self) -> NDArray[np.float64]:
-        """The middle of the cells, metres from their corner."""
         return np.array(self.frame.size_xy) / 2
 
     def some_faces(self, most: int) -> tuple[Singles, Singles]:
@@ -83,7 +81,6 @@ class WallMap:
         return np.pad(self.known, 1).ravel()
 
     def map_from_cells(self) -> Transform:
-        """Return the transform from metres along the cells' axes to the map frame."""
         return Transform.from_pose(self.frame.origin)
 
 
@@ -171,7 +168,6 @@ def moved(poses: Poses, points_xy: Floats) -> Floats:
 
 
 def moved_back(poses: Poses, points_xy: Floats) -> Floats:
-    """Return points of the second map in the first, shape (K, N, 2)."""
     cos, sin = np.cos(poses[:, :1]), np.sin(poses[:, :1])
     x, y = points_xy[:, 0] - poses[:, 1:2], points_xy[:, 1] - poses[:, 2:3]
     result = np.empty((2, *x.shape), dtype=points_xy.dtype)

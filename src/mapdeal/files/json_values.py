@@ -191,7 +191,6 @@ def read_document(path: Path) -> JsonValue:
 
 
 def parse_document(path: Path, data: bytes, place: str = "") -> Any:
-    """Return the value of a JSON text; `place` is its place in the file, for errors."""
     prefix = f"{place}, " if place else ""
     try:
         return json.loads(
@@ -256,7 +255,6 @@ def is_route_graph(value: Any) -> bool:
 
 
 def document_kind(value: Any) -> str | None:
-    """Return the kind of a JSON document, None if it is unknown."""
     if not isinstance(value, dict):
         return None
     if is_route_graph(value):

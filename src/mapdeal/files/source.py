@@ -77,7 +77,6 @@ def _status_or_none(path: Path) -> os.stat_result | None:
 
 
 def exists(path: Path) -> bool:
-    """Return whether `path` exists; a broken link does not."""
     return _status_or_none(path) is not None
 
 
@@ -92,7 +91,6 @@ def is_folder(path: Path) -> bool:
 
 
 def is_regular(path: Path) -> bool:
-    """Return whether `path` is a regular file: no folder, pipe or device."""
     status = _status_or_none(path)
     return status is not None and stat.S_ISREG(status.st_mode)
 
@@ -124,7 +122,6 @@ def normal_path(path: Path) -> Path:
 
 
 def real_path(path: Path) -> Path:
-    """Return the absolute path without ``..`` and links; cyclic links stay as they are."""
     absolute = absolute_path(path)
     with access_to(path):
         return Path(os.path.realpath(absolute))
@@ -240,7 +237,6 @@ def head_of(path: Path, length: int) -> bytes:
 
 
 def chunks_of(path: Path) -> Iterator[bytes]:
-    """Yield the contents of a file, which may be a pipe, in chunks."""
     status_of(path)
     with access_to(path), path.open("rb", buffering=0) as file:
         while chunk := file.read(_CHUNK):
@@ -357,7 +353,6 @@ _current: ContextVar[_Budget | None] = ContextVar("budget", default=None)
 
 
 def default_limit(jobs: int = 1) -> int | None:
-    """Return the default memory limit of each of `jobs` parallel jobs, in bytes."""
     free = free_memory()
     if free is None:
         return None

@@ -65,7 +65,6 @@ def read_rows(
 
 
 def first_line(file: BinaryIO) -> tuple[int, int, str]:
-    """Return the number, offset and text of the first line that is neither blank nor a comment."""
     # The text is empty if the file has no such line.
     number = 0
     start = file.tell()
@@ -81,7 +80,6 @@ def first_line(file: BinaryIO) -> tuple[int, int, str]:
 
 
 def delimiter_of(line: str) -> str | None:
-    """Return the delimiter of a line: a comma, a semicolon, or None for white space."""
     return next((mark for mark in (",", ";") if mark in line), None)
 
 
@@ -94,7 +92,6 @@ def coordinate_name(word: str) -> str:
 
 
 def is_number(word: str | bytes) -> bool:
-    """Return whether a word is a number that other languages can read, too."""
     text = word.decode("latin-1") if isinstance(word, bytes) else word
     if not text.isascii() or "_" in text:  # Python accepts 1_000 and digits of other scripts
         return False

@@ -95,7 +95,6 @@ class Temporary:
             self.path.chmod(stat.S_IMODE(self.destination.stat().st_mode))
 
     def fill(self, writer: Writer, with_checksum: bool) -> str:
-        """Write the contents; return their sha256, or an empty text without `with_checksum`."""
         file = self.file
         with activity(f"writing {self.destination.name}"):
             writer(file)
@@ -123,7 +122,6 @@ class Temporary:
             self._file.is_discarded = True
 
     def remove(self) -> None:
-        """Remove the file unless it was renamed."""
         self._close_to_move()
         if self._is_ours:
             with contextlib.suppress(OSError):  # it is gone, or the next command removes it
@@ -159,7 +157,6 @@ def _name_beside(path: Path, suffix: str) -> Path:
 
 
 def back_up_beside(path: Path) -> Path:
-    """Create a backup of a file or link beside it; return its path."""
     # The backup is a hard link. Without hard links, or if the file belongs to another user, it is a
     # copy.
     backup = _name_beside(path, _OLD_SUFFIX)
@@ -265,7 +262,6 @@ def _no_folder(error: OSError) -> FileAccessError:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Yield a private folder in the system's folder for temporary files, removed at the end."""
     import tempfile
 
     try:
@@ -484,7 +480,6 @@ class Transaction:
 def _rename_all(
     temporaries: Sequence[Temporary], removed: Sequence[Path], *, replaces: bool
 ) -> None:
-    """Rename temporary files to their final names, in order, then remove other files."""
     # Backups of old files exist until the end, so that a failure can be undone.
     paths = [*(temporary.destination for temporary in temporaries), *removed]
     folders = dict.fromkeys(path.parent for path in paths)

@@ -55,7 +55,6 @@ class Entry:
 
     @property
     def place(self) -> str:
-        """Key and line, as an error names them."""
         return f"{self.key} (line {self.node.start_mark.line + 1})"
 
     def error(self, rule: str, *, hint: str | None = None) -> MalformedInputError:
@@ -68,7 +67,6 @@ class Entry:
         return str(self.node.value)
 
     def number(self) -> float:
-        """Return a scalar as ROS reads numbers."""
         text = self.text().strip()
         if not _NUMBER.fullmatch(text):
             raise self.error("must be a number", hint=_number_hint(text, self.key))
@@ -89,7 +87,6 @@ class Entry:
 
     @property
     def line(self) -> int:
-        """Line number of the key, or of the item in a list, from 1 on."""
         return self.key_line or int(self.node.start_mark.line) + 1
 
     def is_nothing(self) -> bool:
@@ -229,7 +226,6 @@ def decoded_text(path: Path, data: bytes) -> str:
 def compose_documents(
     path: Path, data: bytes, limits: YamlLimits, tags: frozenset[str] = frozenset()
 ) -> list[yaml.Node]:
-    """Return the root nodes of all documents in a YAML file, by PyYAML's own parser."""
     text = decoded_text(path, data)
     with _as_malformed(path, text):
         composer = _PYYAML(text).read(path, text, limits, tags)
@@ -246,7 +242,6 @@ def _compose(path: Path, text: str, limits: YamlLimits) -> yaml.Node | None:
 
 
 def events_of(path: Path, text: str, limits: YamlLimits) -> Iterator[yaml.Event]:
-    """Yield the events of a text; their marks refer to the text."""
     loader = _LIBYAML(text).read(path, text, limits)
     while loader.check_event():
         yield loader.get_event()

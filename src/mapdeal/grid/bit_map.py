@@ -341,7 +341,6 @@ def _located_errors(shape: Shape, name: str) -> Iterator[None]:
 
 
 def _drawing_problems(grid: ValueGrid | BitMap, shape: Shape) -> Iterator[tuple[str, str]]:
-    """Yield each problem of drawing a shape, and its consequence."""
     if not shape.has_extent():
         yield "has no area, its corners lie on a line", "only the line is drawn"
     if part := shape.outside_part(grid.frame):

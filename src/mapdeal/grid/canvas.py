@@ -30,7 +30,6 @@ V = TypeVar("V", bound=ValueGrid)
 
 
 def resampled(grid: V, frame: Frame, *, rule: ResamplingRule = "area") -> V:
-    """Resample a map or costmap to the cells of another frame."""
     check_rule(rule)
     check_values(grid)
     part = _under(frame, grid.values, grid.frame)
@@ -55,7 +54,6 @@ def check_rule(rule: str) -> None:
 
 
 def check_values(grid: object) -> None:
-    """Refuse all grids but maps and costmaps."""
     if not isinstance(grid, ValueGrid):
         rule, hint = "must be a map or a costmap", "edit the map, then run esdf or potential on it"
         raise ParameterError(rule, place="grid", got=type(grid).__name__, hint=hint)
@@ -207,7 +205,6 @@ class FieldGrid(Framed):
         return replaced(self, origin=frame.origin, region=None, **layers)
 
     def figures(self) -> Figures:
-        """Return the grid's size, place and counts; statistics cover only cells with a number."""
         if self.region is None:
             return super().figures()
         height, width = self.shape

@@ -11,22 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
+from mapdeal.grid import values as map_values
 from mapdeal.grid.frame import Figures, Origin, ValueGrid, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import (
-    DEFAULT_LETHAL_THRESHOLD,
-    INSCRIBED_INFLATED_OBSTACLE,
-    INSCRIBED_PUBLISHED,
-    LETHAL_OBSTACLE,
-    NO_INFORMATION,
-    OCCUPIED,
-    UNKNOWN,
-    CostScale,
-    Drawn,
-    cost_from_occupancy,
-    occupancy_from_cost,
-    static_layer_cost_from_occupancy,
-)
 from mapdeal.kernels.blocks import counts_of, is_lazy
 from mapdeal.kernels.distance import squares_between_cells
 from mapdeal.kernels.lookup import look_up
@@ -65,7 +52,7 @@ class Costmap(ValueGrid):
     cost: NDArray[np.uint8] | NDArray[np.int8]
     resolution: float
     origin: Origin = (0.0, 0.0, 0.0)
-    scale: CostScale = "costmap2d"
+    scale: map_values.CostScale = "costmap2d"
     circumscribed_cost: int | None = None
 
     def __post_init__(self) -> None:
@@ -76,7 +63,9 @@ class Costmap(ValueGrid):
         self._freeze(cost=cost)
         if is_lazy(cost):
             return
-        if self.scale == "occupancy" and (cost.min() < UNKNOWN or cost.max() > OCCUPIED):
+        if self.scale == "occupancy" and (
+            cost.min() < map_values.UNKNOWN or cost.max() > map_values.OCCUPIED
+        ):
             rule = "costs on the occupancy scale must lie in -1..100"
             raise ParameterError(rule, got=(int(cost.min()), int(cost.max())))
 
@@ -105,12 +94,16 @@ class Costmap(ValueGrid):
 
     @property
     def value_range(self) -> tuple[int, int]:
-        return (0, NO_INFORMATION) if self.scale == "costmap2d" else (UNKNOWN, OCCUPIED)
+        return (
+            (0, map_values.NO_INFORMATION)
+            if self.scale == "costmap2d"
+            else (map_values.UNKNOWN, map_values.OCCUPIED)
+        )
 
     @property
     def unknown_value(self) -> int:
         """Value of an unknown cell: 255, or -1 on scale ``occupancy``."""
-        return NO_INFORMATION if self.scale == "costmap2d" else UNKNOWN
+        return map_values.NO_INFORMATION if self.scale == "costmap2d" else map_values.UNKNOWN
 
     def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> Costmap:
         return replace(self, cost=values, origin=origin or self.origin)
@@ -126,7 +119,7 @@ class Costmap(ValueGrid):
         if self.scale == "occupancy":
             published: NDArray[Any] = self.cost
         else:
-            published = look_up(self.cost, occupancy_from_cost())
+            published = look_up(self.cost, map_values.occupancy_from_cost())
         return OccupancyGrid(published, self.resolution, self.origin)
 
     @classmethod
@@ -141,7 +134,7 @@ class Costmap(ValueGrid):
         >>> Costmap.from_occupancy(grid).cost.tolist()
         [[0, 3, 127, 251, 254, 255]]
         """
-        cost = look_up(grid.occupancy, cost_from_occupancy())
+        cost = look_up(grid.occupancy, map_values.cost_from_occupancy())
         return cls(cost, grid.resolution, grid.origin)
 
     @classmethod
@@ -149,7 +142,7 @@ class Costmap(ValueGrid):
         cls,
         grid: OccupancyGrid,
         *,
-        lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD,
+        lethal_threshold: int = map_values.DEFAULT_LETHAL_THRESHOLD,
         trinary: bool = True,
         track_unknown: bool = True,
         inscribed_value: int | None = 99,
@@ -183,7 +176,7 @@ class Costmap(ValueGrid):
         >>> Costmap.from_static_layer(grid, trinary=False, inscribed_value=None).cost.tolist()
         [[0, 127, 248, 251, 254, 255]]
         """
-        table = static_layer_cost_from_occupancy(
+        table = map_values.static_layer_cost_from_occupancy(
             lethal_threshold=lethal_threshold,
             trinary=trinary,
             track_unknown=track_unknown,
@@ -192,30 +185,30 @@ class Costmap(ValueGrid):
         return cls(look_up(grid.occupancy, table), grid.resolution, grid.origin)
 
 
-def figures_of_costs(counts: NDArray[np.int64], scale: CostScale) -> Figures:
+def figures_of_costs(counts: NDArray[np.int64], scale: map_values.CostScale) -> Figures:
     figures: Figures = {"cost_scale": scale, "free": int(counts[0])}
     if scale == "costmap2d":
-        figures["lethal"] = int(counts[LETHAL_OBSTACLE])
-        figures["inscribed"] = int(counts[INSCRIBED_INFLATED_OBSTACLE])
-        figures["unknown"] = int(counts[NO_INFORMATION])
+        figures["lethal"] = int(counts[map_values.LETHAL_OBSTACLE])
+        figures["inscribed"] = int(counts[map_values.INSCRIBED_INFLATED_OBSTACLE])
+        figures["unknown"] = int(counts[map_values.NO_INFORMATION])
     else:
-        figures["lethal"] = int(counts[OCCUPIED])
-        figures["unknown"] = int(counts[UNKNOWN])
+        figures["lethal"] = int(counts[map_values.OCCUPIED])
+        figures["unknown"] = int(counts[map_values.UNKNOWN])
     named = sum(figures.get(name, 0) for name in ("free", "lethal", "inscribed", "unknown"))
     figures["graded"] = int(counts.sum()) - named
     figures["most_common"] = _most_common(counts, scale)
     return figures
 
 
-def _most_common(counts: NDArray[np.int64], scale: CostScale) -> Figures | None:
+def _most_common(counts: NDArray[np.int64], scale: map_values.CostScale) -> Figures | None:
     """Return the most common cost of the open cells, if there are any, and its share."""
     # Open cells are free or graded. On scale ``occupancy`` ROS publishes 99 for inscribed, but for
     # some models 99 is the highest graded cost. If nearly all cells but obstacles have it, it is
     # returned.
-    closed_from = INSCRIBED_INFLATED_OBSTACLE
+    closed_from = map_values.INSCRIBED_INFLATED_OBSTACLE
     if scale == "occupancy":
-        closed_from = INSCRIBED_PUBLISHED
-        not_lethal, highest = int(counts[:OCCUPIED].sum()), int(counts[closed_from])
+        closed_from = map_values.INSCRIBED_PUBLISHED
+        not_lethal, highest = int(counts[: map_values.OCCUPIED].sum()), int(counts[closed_from])
         if highest > UNIFORM_SHARE * not_lethal:
             return {"cost": closed_from, "share": highest / not_lethal}
     open_ = counts[:closed_from]
@@ -236,7 +229,7 @@ _MOST_FAR = 1001
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CostCurve(Drawn):
+class CostCurve(map_values.Drawn):
     """Cost by distance from the nearest obstacle, for one cell size.
 
     Parameters
@@ -275,7 +268,7 @@ class CostCurve(Drawn):
     resolution: float
     cells: NDArray[np.float64]
     cost: NDArray[np.integer[Any]]
-    scale: CostScale = "costmap2d"
+    scale: map_values.CostScale = "costmap2d"
     metric: Metric = "euclidean"
     inscribed_radius: float | None = None
     circumscribed_radius: float | None = None

@@ -47,22 +47,18 @@ class FilterInfo:
 
     @property
     def type(self) -> int:
-        """The type of ``CostmapFilterInfo``."""
         return _TYPES[self.kind, self.unit]
 
     @property
     def sign(self) -> str:
-        """Unit of the limits in messages."""
         return "%" if self.unit == "percent" else "m/s"
 
     def limit_of(self, value: int) -> float | None:
-        """Return the speed limit of a value 1..100; None if Nav2 reads it as unlimited."""
         limit = self.base + value * self.multiplier
         is_limit = limit > 0 and (self.unit == "m/s" or limit <= 100)
         return limit if is_limit and value > 0 else None
 
     def value_of(self, speed: float) -> tuple[int, bool]:
-        """Return the value 1..100 of the fastest limit up to a speed, and whether it is exact."""
         exact = (speed - self.base) / self.multiplier
         nearest = round(exact)
         is_exact = abs(exact - nearest) <= _SLACK
@@ -78,7 +74,6 @@ class FilterInfo:
         return value, is_exact
 
     def entries(self) -> dict[str, Any]:
-        """Return the entries for the YAML file of the mask."""
         entries: dict[str, Any] = {_KEY: self.kind}
         if self.kind == "speed":
             entries |= {_UNIT: self.unit, _BASE: self.base, _MULTIPLIER: self.multiplier}
@@ -134,7 +129,6 @@ def mask_description(info: FilterInfo, grid: OccupancyGrid) -> dict[str, Any]:
 
 
 def mask_rows(description: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the result of `mask_description` as rows of a table."""
     if description["kind"] != "speed":
         yield "filter", f"{description['kind']}, zones of {decimal_text(description['area_m2'])} m2"
         return
@@ -147,6 +141,5 @@ def mask_rows(description: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def limits_in(info: FilterInfo, counts: NDArray[np.int64]) -> list[tuple[int, float | None, int]]:
-    """Return each value 1..100 of a mask with its speed limit and its number of cells."""
     values = np.flatnonzero(counts[1 : OCCUPIED + 1]) + 1
     return [(v, info.limit_of(v), int(counts[v])) for v in values.tolist()]

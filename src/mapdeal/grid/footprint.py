@@ -46,7 +46,6 @@ def checked_corners(
 
 
 def edges_of(points: Sequence[Point]) -> list[tuple[Point, Point]]:
-    """Return the edges of a closed polygon, including the one back to the first corner."""
     return list(pairwise([*points, points[0]]))
 
 
@@ -98,7 +97,6 @@ def _near_edges_of_few(points: Sequence[Point]) -> Iterator[tuple[int, NDArray[n
 
 
 def area_of(points: Sequence[Point]) -> float:
-    """Return the area of a polygon, square metres, whichever way it goes round."""
     corners = np.array(points, dtype=np.float64) - np.array(points[0])
     return abs(float(_cross(corners, np.roll(corners, -1, axis=0)).sum())) / 2
 

@@ -71,7 +71,6 @@ def check_resolution(resolution: float) -> float:
 
 
 def check_origin(origin: Sequence[float]) -> Origin:
-    """Return `origin` as a tuple (x, y, yaw) of finite floats."""
     try:
         values = tuple(float(v) for v in origin)
     except (TypeError, ValueError, OverflowError):
@@ -108,7 +107,6 @@ def turned(vectors_xy: NDArray[_Real], angle: float) -> NDArray[_Real]:
 def cells_at(
     places_rowcol: ArrayLike, tolerance: ArrayLike = CELL_TOLERANCE
 ) -> NDArray[np.int64]:  # fmt: skip
-    """Return the cells of continuous cell coordinates, with a tolerance for exact multiples."""
     return np.floor(np.asarray(places_rowcol) + tolerance).astype(np.int64)
 
 
@@ -470,7 +468,6 @@ class Region(NamedTuple):
         return self.height * self.width
 
     def shared_with(self, shape: tuple[int, int]) -> tuple[slice, slice]:
-        """Return the rows and columns of a grid that lie in the region, possibly none."""
         rows = _overlap(self.row, self.height, shape[0])
         return rows, _overlap(self.col, self.width, shape[1])
 
@@ -518,7 +515,6 @@ def region_of(
 
 
 def region_around(frame: Frame, contents: Frame) -> Region:
-    """Return the cells of a lattice that cover another grid."""
     corners = [[row, col] for row in (0, contents.height) for col in (0, contents.width)]
     places = frame.continuous_rowcol_from_xy(contents.xy_from_continuous_rowcol(corners))
     row, col = np.floor(places.min(axis=0) + _TOUCHING).astype(int).tolist()
@@ -775,7 +771,6 @@ class ValueGrid(Framed):
 
 
 def as_points(points_xy: ArrayLike) -> NDArray[np.float64]:
-    """Return one or several points as an array of shape (N, 2)."""
     rule = "points must be an array of x, y pairs, shape (N, 2)"
     try:
         points = np.asarray(points_xy, dtype=np.float64)

@@ -63,7 +63,6 @@ def is_line_clear(is_open: Callable[[Cell], bool], *line: Place) -> bool:
 
 
 def _cells_on(start: Place, end: Place) -> Iterator[Cell]:
-    """Yield the cells that a straight line passes, in its order."""
     extent = (end[0] - start[0], end[1] - start[1])
     shares = {0.0, 1.0}
     for first, length in zip(start, extent, strict=True):

@@ -153,7 +153,6 @@ class Interchange(ABC):
 def message_of(
     frame: Frame, values: NDArray[Any], frame_id: str, message_type: Callable[[], Any] | None
 ) -> Any:
-    """Return a grid as ``nav_msgs/OccupancyGrid``: a plain dict, or an object of a type."""
     x, y, yaw = frame.origin
     stamp = {"sec": 0, "nanosec": 0}
     document = {

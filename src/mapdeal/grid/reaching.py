@@ -45,7 +45,6 @@ Cell = tuple[int, int]
 
 
 def cell_of_point(frame: Frame, point: Point, name: str) -> Cell:
-    """Return the row and column of the cell that a point of the map frame lies in."""
     cells, inside = frame.bounded_rowcol_from_xy([check_point(point, name)])
     if not inside[0]:
         rule = "lies outside of the map"
@@ -102,7 +101,6 @@ class Ways:
         return self.frame.resolution * self.frame.resolution
 
     def counts(self, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return how many cells of a mask lie in each basin."""
         counts, lock = np.zeros(len(self.tree.peaks)), Lock()
 
         def add(rows: slice) -> None:
@@ -302,7 +300,6 @@ def passages(
     circumscribed_radius: float | None = None,
     is_reached: NDArray[np.bool_] | None = None,
 ) -> tuple[Passage, ...]:
-    """Return the passages that stop a robot or barely let it pass, the narrowest first."""
     tree = ways.tree
     root = int(tree.basins[start])
     if root < 0 or not len(tree.squares):
@@ -353,7 +350,6 @@ def _order(passage: Passage) -> tuple[object, ...]:
 def disconnected(
     grid: OccupancyGrid, radius: float, min_area: float = DEFAULT_MIN_AREA
 ) -> list[Passage]:
-    """Return the passages that stop a round robot between areas of a map."""
     # If no way at all connects some parts of the map, each part is seen from its own largest area.
     ways = Ground(grid.occupancy, grid.frame, through_unknown=False).ways()
     is_open = ways.is_open(largest_closed_square(radius, grid.frame))
@@ -569,7 +565,6 @@ def reach_on(
 
 
 def cells_open_to(ground: Ground, robot: Footprint | None, start: Cell) -> NDArray[np.bool_]:
-    """Return the cells that a robot may use on its ways from a cell, shape (H, W)."""
     # Those that are open to a round robot need not all be connected.
     if robot is None or not robot.vertices:
         is_open = squares_to(ground.obstacles) > largest_closed_square(
@@ -721,7 +716,6 @@ def _answer(
     robot: Footprint | None,
     is_open: NDArray[np.bool_],
 ) -> GoalReach:
-    """Return the answer for a goal in a cell, which may lie outside of the map."""
     frame = ground.frame
     widest, limited_by, square = 0.0, None, 0
     if frame.holds(cell):

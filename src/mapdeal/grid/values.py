@@ -49,7 +49,6 @@ def check_choice(value: object, choices: Any, name: str) -> None:
 
 
 def occupancy_from_cost() -> NDArray[np.int8]:
-    """Return the value that costmap_2d publishes for each of the 256 costs."""
     # From ``costmap_2d_publisher.cpp`` of both ROS navigation stacks: 1 + 97 (cost - 1) / 251 in
     # integer division. Not invertible.
     table = 1 + (97 * (np.arange(256) - 1)) // 251
@@ -136,7 +135,6 @@ class Drawn(OneLine):
 
 
 def numbers_text(numbers: Iterable[float]) -> str:
-    """Return numbers in brackets, such as an origin, to ten digits."""
     return f"({', '.join(f'{number + 0.0:.10g}' for number in numbers)})"
 
 

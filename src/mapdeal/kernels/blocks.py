@@ -191,7 +191,6 @@ def swept(layer: Layer) -> Iterator[slice]:
 
 
 def gathered(layer: Layer, *looks: Callable[[NDArray[Any]], Any]) -> list[list[Any]]:
-    """Return the results of functions for the blocks of a layer, in one pass."""
     if not isinstance(layer, LazyLayer):
         return [[look(layer)] for look in looks]
     new: dict[Callable[[NDArray[Any]], Any], list[Any]] = {
@@ -247,13 +246,11 @@ def looked_up(layer: Layer, table: NDArray[Any]) -> Layer:
 
 
 def counts_of(layer: Layer) -> Integers:
-    """Return how often each byte occurs, shape (256,)."""
     (parts,) = gathered(layer, histogram)
     return sum(parts, start=np.zeros(256, dtype=np.int64))
 
 
 def holds_everywhere(layer: Layer, test: Callable[[NDArray[Any]], Mask]) -> bool:
-    """Return whether a test holds for all cells; stop at the first that fails."""
     step = max(1, _CELLS_PER_TEST // layer.shape[1])
     for block in blocks_of(layer):
         values = layer[block]

@@ -389,7 +389,6 @@ def _follow(into: Integers, nodes: Integers) -> None:
 def sums_behind(
     first: Integers, second: Integers, root: int, values: Floats
 ) -> tuple[Floats, Integers, Integers]:
-    """Return the sum of values behind each edge of a forest, seen from the root, and its ends."""
     edges_at: dict[int, list[int]] = {}
     for edge, pair in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
         for node in pair:

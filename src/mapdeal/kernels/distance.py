@@ -199,12 +199,10 @@ def _lowest_in(
 
 
 def squared_distance(marked: Mask, *, limit: int | None = None) -> SquaredDistances:
-    """Return each cell's squared distance to the nearest marked cell."""
     return _squares(marked, limit, both_kinds=False)
 
 
 def signed_squared_distance(occupied: Mask, *, limit: int | None = None) -> SquaredDistances:
-    """Return each cell's squared distance to the nearest cell of the other kind."""
     return _squares(occupied, limit, both_kinds=True)
 
 
@@ -262,7 +260,6 @@ _HALOS_OF_A_BAND = 2
 
 
 def dilate_square(marked: Mask, reach: int) -> Mask:
-    """Return the cells within `reach` cells of a marked cell along both axes."""
     _check_mask(marked)
     if _is_drawn(marked, reach):
         return _covered(marked, reach, None)

@@ -22,7 +22,6 @@ _COMPILED_MODULES = ("_clearance_tree", "_clouds", "_configuration_space", "_dil
 
 
 def engine_name() -> Literal["compiled", "scipy"]:
-    """Return the engine's name, without importing scipy."""
     requested = os.environ.get(VARIABLE) or None
     if requested not in (None, "compiled", "scipy"):
         raise ParameterError("must be compiled or scipy", place=VARIABLE, got=requested)

@@ -118,7 +118,6 @@ def squares_of_distances(
     distance: Metres, obstacles: Mask,
     *, scale: float, shift: float, gain: float, clip: float,
 ) -> Floats:  # fmt: skip
-    """Return the squared distances in cells that a field's distances stand for."""
     metres = distance.astype(np.float64)
     metres /= gain
     clipped = metres >= clip
@@ -161,7 +160,6 @@ def bytes_of_distances(
 
 
 def interpolate(values: Metres, places_rowcol: Floats) -> tuple[Floats, Floats]:
-    """Return the bilinear interpolant of a grid, and its slopes, at places between cells."""
     # Beyond the outermost centres the border cells are repeated: the slope across the border is 0.
     # The slopes are those of the interpolant itself, and jump at the lines of centres.
     between = np.empty(len(places_rowcol))
@@ -245,7 +243,6 @@ def least_along(
 
 
 def sum_of_inverse_distances(marked: Mask, *, scale: float = 1.0, least: float = 0.0) -> Floats:
-    """Return for each cell the sum of 1 / distance over all marked cells."""
     # The sum is the convolution of the mask with 1 / distance, computed as a product of Fourier
     # transforms: H W log(H W) steps instead of H W times the number of marked cells. 1 / distance
     # is symmetric along both axes, so its transform is a real cosine transform of one quarter.

@@ -52,7 +52,6 @@ class Polygons:
 
     @property
     def areas(self) -> Floats:
-        """Area of each polygon in cells, without its holes."""
         areas = _areas(self.corners, self.ring_ends)
         return np.add.reduceat(areas, self.shells) if len(self) else areas
 
@@ -68,7 +67,6 @@ def _neighbours(ends: Integers) -> tuple[Integers, Integers]:
 
 
 def _areas(corners: Floats, ends: Integers) -> Floats:
-    """Return the area of each ring in cells, negative if it runs clockwise."""
     ahead = corners[_neighbours(ends)[1]] - corners
     doubled = corners[:, 1] * ahead[:, 0] - corners[:, 0] * ahead[:, 1]
     ring_of = np.repeat(np.arange(len(ends)), np.diff(ends, prepend=0))
@@ -76,7 +74,6 @@ def _areas(corners: Floats, ends: Integers) -> Floats:
 
 
 def corner_count(marked: Mask) -> int:
-    """Return the number of corners of the outlines; a corner of two turns counts twice."""
     counts = np.bincount(_codes(marked).reshape(-1), minlength=16)
     return int(counts[list(_TURNS)].sum() + 2 * counts[list(_CROSSINGS)].sum())
 

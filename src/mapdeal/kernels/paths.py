@@ -40,7 +40,6 @@ class FoundPath:
 def cheapest_path(
     weights: Floats, start: Cell, goal: Cell, *, surcharges: Floats | None = None
 ) -> FoundPath:
-    """Return the cheapest path over the eight neighbours of cells, by A*."""
     # Diagonal steps between two closed cells are forbidden: walls that touch at a corner leave no
     # gap. The estimate, octile distance times the lowest weight, never exceeds the remaining cost,
     # so the path is optimal. Among equal estimates the latest cell is expanded first; this selects
@@ -208,7 +207,6 @@ def clearance_metres(
 
 
 def basin_areas(tree: ClearanceTree, squared: SquaredDistances, above: int = 0) -> Integers:
-    """Return the number of cells of each basin with a square above `above`."""
     basins, count = tree.basins, len(tree.peaks)
     return _engine(squared).basin_areas(basins, squared, above, count)  # type: ignore[no-any-return]
 

@@ -152,7 +152,6 @@ def _disc(centre: Position, radius: float, y: Floats) -> _Ends:
 
 
 def _rim(start: Position, stop: Position, radius: float, y: Floats) -> list[_Ends]:
-    """Return the ends in each row of both long sides of the rectangle around the segment."""
     (y0, x0), (y1, x1) = start, stop
     length = math.hypot(y1 - y0, x1 - x0)
     if length == 0.0:
@@ -381,7 +380,6 @@ def _costs_at(
 def _corner_cells(
     shape: tuple[int, ...], lattice: Lattice, corners: Floats, poses: Floats
 ) -> tuple[Integers, Integers, Mask]:
-    """Return rows and columns of the corners at poses inside the grid, and which poses are."""
     x, y = poses[:, :1], poses[:, 1:2]
     # sine and cosine of the C library, as in Nav2 and the compiled kernel: numpy's differ slightly
     angles = np.where(np.isfinite(poses[:, 2]), poses[:, 2], np.nan).tolist()

@@ -25,7 +25,6 @@ def normalised(quaternions: ArrayLike) -> Floats:
 
 
 def from_yaw(yaw: ArrayLike) -> Floats:
-    """Return rotations around z, radians."""
     half = np.asarray(yaw, dtype=np.float64) / 2
     zero = np.zeros_like(half)
     return np.stack([zero, zero, np.sin(half), np.cos(half)], axis=-1)
@@ -42,7 +41,6 @@ def multiplied(first: Floats, second: Floats) -> Floats:
 
 
 def rotated(quaternions: Floats, vectors: Floats) -> Floats:
-    """Return vectors, shape (..., 3), turned by rotations."""
     axis, w = quaternions[..., :3], quaternions[..., 3:]
     twice = 2 * np.cross(axis, vectors)
     return np.asarray(vectors + w * twice + np.cross(axis, twice))
@@ -57,7 +55,6 @@ def inverse_matrices(matrices: Floats) -> Floats:
 
 
 def slerp(first: Floats, second: Floats, share: Floats) -> Floats:
-    """Return the rotations at a share, 0 to 1, of the shorter arc between two rotations."""
     # From Shoemake, "Animating rotation with quaternion curves", 1985; as tf2's
     # ``Quaternion::slerp``.
     cosine = np.sum(first * second, axis=-1)

@@ -190,8 +190,6 @@ def _flood(
 
 
 def largest_of_blocks(values: NDArray[Any], step: int) -> NDArray[Any]:
-    """Return the largest value of each square of `step` x `step` cells, cut off at the border."""
-
     def of_rows(values: NDArray[Any]) -> NDArray[Any]:
         found = values[::step].copy()
         for k in range(1, step):

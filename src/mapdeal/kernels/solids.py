@@ -19,7 +19,6 @@ from mapdeal.kernels.polygons import enumerated
 
 
 def run_count(marked: Mask) -> int:
-    """Return the number of runs of marked cells along rows."""
     starts = marked[:, 1:] & ~marked[:, :-1]
     return int(np.count_nonzero(marked[:, 0]) + np.count_nonzero(starts))
 

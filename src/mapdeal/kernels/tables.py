@@ -11,7 +11,6 @@ _claim: ContextVar[Callable[[int], object]] = ContextVar("claim", default=lambda
 
 @contextmanager
 def tables_claimed(claim: Callable[[int], object]) -> Iterator[None]:
-    """Call `claim` for each `claim_tables` within a ``with`` block."""
     token = _claim.set(claim)
     try:
         yield

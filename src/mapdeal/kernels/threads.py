@@ -39,7 +39,6 @@ def available_threads() -> int:
 
 
 def thread_count() -> int:
-    """Return the number of threads to use: that of `use_threads`, else `available_threads`."""
     return _chosen.get() or available_threads()
 
 
@@ -143,7 +142,6 @@ def for_rows(
 
 
 def in_bands(work: Callable[[int, int], object], bands: int, cells: int) -> None:
-    """Call `work` on parts of ``range(bands)``, in threads if `cells` is large enough."""
     if cells >= CELLS_WORTH_A_THREAD:
         in_parallel(work, bands)
     elif bands:

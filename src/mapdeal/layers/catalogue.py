@@ -28,11 +28,9 @@ ROS1_PLUGINS = {plugin: layer for layer in LAYERS for plugin in layer.ros1_plugi
 
 
 def class_name(plugin: str) -> str:
-    """Return the name of a plugin's class, without its package."""
     return plugin.replace("/", "::").rpartition("::")[2]
 
 
 def layer_named(name: str) -> type[CostmapLayer] | None:
-    """Return the layer class by the name of a plugin's class without its package."""
     plugins = {**ROS1_PLUGINS, **NAV2_PLUGINS}
     return {class_name(plugin): layer for plugin, layer in plugins.items()}.get(name)

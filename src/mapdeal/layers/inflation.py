@@ -290,7 +290,6 @@ def reach_in_cells(radius: float, cell_size: float, *, is_tolerant: bool = False
 def cost_table(
     reach: int, layer: InflationLayer, cell_size: float, *, is_tolerant: bool = False
 ) -> NDArray[np.uint8]:
-    """Return the costs of the squared distances 0 .. reach^2, and one 0 beyond."""
     squares = np.arange(reach * reach + 2)
     table = _costs_of_squares(squares, layer, cell_size, is_tolerant=is_tolerant)
     table[-1] = FREE_SPACE
@@ -304,7 +303,6 @@ def _costs_of_squares(
     *,
     is_tolerant: bool,
 ) -> NDArray[np.uint8]:
-    """Return the cost of squared distances in cells, however far costs reach."""
     if layer.lookup == "nav2":
         # in float32 and rounded as Nav2's inflation layer does
         cells = np.sqrt(squares.astype(np.float32))
@@ -334,7 +332,6 @@ def _cost_of(metres: float, layer: InflationLayer) -> int:
 
 
 def circumscribed_cost(radius: float | None, layer: InflationLayer) -> int | None:
-    """Return the cost at a circumscribed radius, with a warning if inflation ends before it."""
     if radius is None:
         return None
     if radius > layer.inflation_radius:

@@ -122,7 +122,6 @@ class MaskCosts:
 def cells_at_centres(
     target: Frame, source: Frame, rows: slice
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the source's row and column below each cell centre in rows of a target."""
     # If both have the same yaw, the results are a column and a row that broadcast.
     along = np.arange(rows.start, rows.stop)[:, np.newaxis]
     across = np.arange(target.width)[np.newaxis, :]

@@ -217,7 +217,6 @@ class CostmapLayer(OneLine):
         """Change the costs of the master grid, in place."""
 
     def effect(self) -> str:
-        """Describe the effect of the layer with these settings."""
         return self.about
 
     @classmethod

@@ -125,7 +125,6 @@ _MOST_LEVELS = 6  # levels that are tested
 def floor_in(
     columns: Columns, tile: int, limits: Limits, places: Floats, at: Floats | None, claim: Claim
 ) -> Floor:
-    """Return the floor of a cloud: the lowest level, or the one below places of shape (N, 3)."""
     patches = patches_of(columns, tile, limits)
     if not len(patches.z):
         rule = "no floor found: no level surface has room above it"
@@ -209,7 +208,6 @@ _BELOW = 3.0  # largest height of a sensor above its floor, metres
 
 
 def _sample_of(columns: Columns, tile: int) -> tuple[Columns, int]:
-    """Return a sample of every n-th row of tiles, and n."""
     every = math.ceil(len(columns.heights) / _SAMPLED)
     return columns.chosen(columns.row // tile % every == 0), every
 

@@ -369,7 +369,6 @@ class Tiles(NamedTuple):
 
 
 def tilt_of(patches: Patches, side: float) -> float:
-    """Return the tilt of the plane of most of the floor, radians."""
     # A single patch looks level if heights are coarse, so a plane is fitted to all: by least
     # trimmed squares, which ignore ramps, from several start heights, so that one of two levels
     # wins. P. Rousseeuw, "Least median of squares regression", JASA 79, 1984.
@@ -441,7 +440,6 @@ def _raster(patches: Patches, side: float, limits: Limits, claim: Claim) -> Tile
 
 
 def _nearest(known: Mask, reach: int) -> tuple[Floats, Integers, Integers]:
-    """Return distance, row and column of the nearest known tile; inf beyond `reach`."""
     # scipy.ndimage could do this, but takes long to import
     height, width = known.shape
     rows, far = np.arange(height)[:, np.newaxis], height + width
@@ -481,7 +479,6 @@ def _around(layers: Floats, side: float) -> tuple[Floats, Floats]:
 def heights_of(
     tiles: Tiles, tile: int, cell: float, rows: Integers, cols: Integers, climb: float
 ) -> Floats:
-    """Return the floor's height in cells, nan where it is unknown."""
     height, width = tiles.z.shape
     own_r, own_c, inside = tile_of(tiles, tile, rows, cols)
     own = _plane(tiles, tile, cell, rows, cols, own_r, own_c)
@@ -527,7 +524,6 @@ def slopes_of(tiles: Tiles, tile: int, rows: Integers, cols: Integers) -> NDArra
 def tile_of(
     tiles: Tiles, tile: int, rows: Integers, cols: Integers
 ) -> tuple[Integers, Integers, Mask]:
-    """Return the row and column of each cell's tile, and whether it exists."""
     r, c = rows // tile - tiles.first_row, cols // tile - tiles.first_col
     height, width = tiles.z.shape
     inside = (r >= 0) & (r < height) & (c >= 0) & (c < width)

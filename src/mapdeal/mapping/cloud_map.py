@@ -520,7 +520,6 @@ _PASSES = 10  # clouds whose beams pass a place per cloud with points there, to 
 def _states(
     contents: _CellContents, counts: NDArray[np.int32], passed: Mask, options: CloudOptions
 ) -> tuple[Mask, Mask]:
-    """Return which cells are occupied and which are free."""
     on_floor = contents.on_floor
     occupied = (counts > 0) & (_around(counts) >= options.min_points)
     # excludes the tails of the noise of the floor, and of a wall in the next cell
@@ -593,7 +592,6 @@ def _around(counts: NDArray[np.int32], join: np.ufunc = np.add) -> NDArray[np.in
 
 
 def _closed(marked: Mask, wide: int) -> Mask:
-    """Return the morphological closing of a mask by squares of wide + 1 cells."""
     sides = [min(wide, side) for side in marked.shape]  # wider ones cover no more of the map
     found = np.pad(marked, [(side, side) for side in sides])
     for join in (np.logical_or, np.logical_and):
@@ -622,7 +620,6 @@ def _ledges(floor: NDArray[np.float32], is_floor: Mask, climb: float) -> Mask:
 
 
 def _box_of(known: Mask) -> Region:
-    """Return the box of the known cells with a margin."""
     rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if not len(rows):
         raise MalformedInputError("no floor found: nothing is known of any cell")
@@ -637,7 +634,6 @@ MARGIN = 2  # cells around the known cells, within the frame
 
 
 def _noise(columns: Columns, floor: Floats, robot_height: float) -> float:
-    """Return the standard deviation of points from the floor, metres."""
     found = np.zeros(_BINS + 1)
     for which, part in columns.parts():
         heights = part.above(floor[which])

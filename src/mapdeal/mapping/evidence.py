@@ -199,7 +199,6 @@ class Beams:
         )  # fmt: skip
 
     def ends_xy(self, beyond: float = 0.0) -> Floats:
-        """Return the ends of the beams, shape (K, 2); hits end `beyond` metres farther."""
         reach = self.ranges + np.where(self.is_hit, beyond, 0.0)
         return self.sensors_xy + self.directions_xy * reach[:, np.newaxis]
 
@@ -212,7 +211,6 @@ def _floats(array: object, name: str) -> Floats:
 
 
 def beams_of(scans: Scans, limits: BeamLimits) -> Beams:
-    """Return the beams of scans that hit something or clear cells."""
     ranges = scans.ranges
     with np.errstate(invalid="ignore"):
         is_hit = (ranges > 0) & (ranges >= limits.range_min) & (ranges < limits.range_max)
@@ -255,7 +253,6 @@ class HitGroups(OneLine):
 
     @property
     def starts(self) -> Integers:
-        """Index in `cells` at which each group begins, shape (M,)."""
         return np.cumsum(self.sizes) - self.sizes
 
     def middles_xy(self, frame: Frame) -> NDArray[np.float64]:

@@ -12,29 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.command import AT_LEAST_0, METRES, RADIANS, Words, parameters_of
 from mapdeal.errors import ParameterError
+from mapdeal.grid import frame as frames
+from mapdeal.grid import values as map_values
 from mapdeal.grid.canvas import contained_in, is_turned, obstacles_in, rows_and_cols_under
-from mapdeal.grid.frame import (
-    CELL_TOLERANCE,
-    FARTHEST,
-    ROUNDING,
-    Frame,
-    Point,
-    Region,
-    check_point,
-    check_resolution,
-    region_of,
-    turned,
-)
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import (
-    DEFAULT_LETHAL_THRESHOLD,
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    Drawn,
-    count_text,
-    numbers_text,
-)
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.polygons import FARTHEST_CELL
@@ -88,8 +69,8 @@ class LocalOptions:
     """
 
     frame: CloudFrame = "robot"
-    offset: Annotated[Point, Words("DX,DY")] = (0.0, 0.0)
-    size: Annotated[Point, Words("WX,WY")] = (20.0, 20.0)
+    offset: Annotated[frames.Point, Words("DX,DY")] = (0.0, 0.0)
+    size: Annotated[frames.Point, Words("WX,WY")] = (20.0, 20.0)
     resolution: Annotated[float, Words("R")] = 0.05
     min_height: Annotated[float | None, METRES] = None
     max_height: Annotated[float | None, METRES] = None
@@ -103,9 +84,9 @@ class LocalOptions:
     def __post_init__(self) -> None:
         for name, parameter in parameters_of(LocalOptions).items():
             object.__setattr__(self, name, parameter.accept(getattr(self, name)))
-        object.__setattr__(self, "offset", check_point(self.offset, "offset"))
-        object.__setattr__(self, "size", check_point(self.size, "size"))
-        object.__setattr__(self, "resolution", check_resolution(self.resolution))
+        object.__setattr__(self, "offset", frames.check_point(self.offset, "offset"))
+        object.__setattr__(self, "size", frames.check_point(self.size, "size"))
+        object.__setattr__(self, "resolution", frames.check_resolution(self.resolution))
         for least, most in (("min_height", "max_height"), ("min_range", "max_range")):
             low, high = getattr(self, least), getattr(self, most)
             if low is not None and high is not None and low > high:
@@ -148,7 +129,13 @@ class SeenCloud:
     """The cells of a cloud whose points come some at a time."""
 
     def __init__(
-        self, pose: Pose, options: LocalOptions, lattice: Frame, window: Region, *, with_beams: bool
+        self,
+        pose: Pose,
+        options: LocalOptions,
+        lattice: frames.Frame,
+        window: frames.Region,
+        *,
+        with_beams: bool,
     ) -> None:
         self._pose, self._options, self._lattice = pose, options, lattice
         self._frame = window.frame_in(lattice)
@@ -207,11 +194,11 @@ class SeenCloud:
             return points
         with np.errstate(over="ignore", invalid="ignore"):
             from_robot, _ = self._from_robot(points[:, :2])
-            behind = (np.arctan2(from_robot[:, 1], from_robot[:, 0]) - first + ROUNDING) % (
+            behind = (np.arctan2(from_robot[:, 1], from_robot[:, 0]) - first + frames.ROUNDING) % (
                 2 * math.pi
             )
         width = last - first if last > first else last - first + 2 * math.pi
-        is_beyond = behind > width + 2 * ROUNDING
+        is_beyond = behind > width + 2 * frames.ROUNDING
         self._beyond_angle += int(np.count_nonzero(is_beyond))
         return points[~is_beyond]
 
@@ -226,18 +213,15 @@ class SeenCloud:
 
     @property
     def sensor(self) -> Integers:
-        """Row and column of the cell in which beams begin, shape (2,)."""
         cell: Integers = self._lattice.unbounded_rowcol_from_xy(self._sensor_xy())[0]
         return cell
 
     @property
     def marks(self) -> Integers:
-        """The cells with a point, shape (M, 2), each once."""
         return _cells_from(self._marks)
 
     @property
     def ends(self) -> Integers:
-        """The cells in which beams end, shape (K, 2), each once."""
         return _cells_from(self._ends)
 
     def _rule(self) -> tuple[float, ...]:
@@ -254,15 +238,17 @@ class SeenCloud:
             x, y, math.cos(turn), math.sin(turn), *options.offset,
             min_height, max_height, min_range, max_range,
             corner_x, corner_y, math.cos(-frame_yaw), math.sin(-frame_yaw), frame.resolution,
-            FARTHEST, ROUNDING, CELL_TOLERANCE,
+            frames.FARTHEST, frames.ROUNDING, frames.CELL_TOLERANCE,
         )  # fmt: skip
 
     def _from_robot(self, points_xy: Floats) -> tuple[Floats, Floats]:
         x, y, yaw = self._pose
         if self._options.frame == "map":
             placed = points_xy - np.array(self._options.offset)
-            return turned(placed - np.array([x, y]), -yaw), placed
-        return points_xy, turned(points_xy, yaw) + np.array([x, y]) - np.array(self._options.offset)
+            return frames.turned(placed - np.array([x, y]), -yaw), placed
+        return points_xy, frames.turned(points_xy, yaw) + np.array([x, y]) - np.array(
+            self._options.offset
+        )
 
     def _sensor_xy(self) -> Floats:
         """Return where the cloud is seen from: moved as it is, shape (1, 2)."""
@@ -272,7 +258,7 @@ class SeenCloud:
     def _add_beams(self, placed: Floats, distance: Floats, near: Mask) -> None:
         """Collect the cells with a point, and the cells in which beams end or stop clearing."""
         useful = _between(distance, self._options.min_range, None) & np.isfinite(distance)
-        useful &= _both(np.abs(placed) <= FARTHEST)
+        useful &= _both(np.abs(placed) <= frames.FARTHEST)
         placed, distance = placed[useful], distance[useful]
         keys, is_kept = self._keys_of(placed)
         marks = ends = np.unique(keys[near[useful] & is_kept])
@@ -316,7 +302,7 @@ def _between(values: Floats, least: float | None, most: float | None) -> Mask:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LocalMap(Drawn):
+class LocalMap(map_values.Drawn):
     """Map of a robot's surroundings, with figures about its points.
 
     Parameters
@@ -350,8 +336,9 @@ class LocalMap(Drawn):
 
     def _repr_parts(self) -> Iterator[str]:
         yield repr(self.grid)
-        yield f"pose {numbers_text(self.pose)}"
-        yield f"{self.counts.marking} of {count_text(self.counts.points, 'point')} are obstacles"
+        yield f"pose {map_values.numbers_text(self.pose)}"
+        points = map_values.count_text(self.counts.points, "point")
+        yield f"{self.counts.marking} of {points} are obstacles"
         if self.clouds > 1:
             yield f"{self.clouds} clouds"
 
@@ -368,14 +355,14 @@ class Sightings:
     # free, and both an obstacle, as costmap_2d clears before it marks. So each cell stores one
     # number: the cloud, and its evidence.
 
-    def __init__(self, region: Region, keep: int | None = None) -> None:
+    def __init__(self, region: frames.Region, keep: int | None = None) -> None:
         self._region = region
         self._keep = keep
         self._count = 0
         # 2 k if the k-th cloud was the last with evidence, 2 k + 1 if that was an obstacle
         self._words = np.zeros((region.height, region.width), dtype=np.int32)
 
-    def move(self, region: Region) -> None:
+    def move(self, region: frames.Region) -> None:
         """Remember the cells of another region from now on; those of both are kept."""
         # As costmap_2d's ``updateOrigin``: the origin moves by whole cells, so that none blurs.
         rows, cols = self._place_of(region).shared_with(self._words.shape)
@@ -402,16 +389,16 @@ class Sightings:
         marks = marks[self._region.holds(marks)] - corner
         self._words[marks[:, 0], marks[:, 1]] = 2 * self._count + 1
 
-    def evidence(self, region: Region) -> NDArray[np.int8]:
+    def evidence(self, region: frames.Region) -> NDArray[np.int8]:
         """Return what the clouds that count say of the cells of a region: -1, 0 or 100."""
         words = self._words_in(region)
-        values = np.full(words.shape, UNKNOWN, dtype=np.int8)
+        values = np.full(words.shape, map_values.UNKNOWN, dtype=np.int8)
         counts = words >= 2 * self._oldest
-        values[counts & (words % 2 == 0)] = FREE
-        values[counts & (words % 2 == 1)] = OCCUPIED
+        values[counts & (words % 2 == 0)] = map_values.FREE
+        values[counts & (words % 2 == 1)] = map_values.OCCUPIED
         return values
 
-    def count_earlier(self, region: Region) -> int:
+    def count_earlier(self, region: frames.Region) -> int:
         """Return how many cells of a region are obstacles by a cloud before the newest."""
         words = self._words_in(region)
         earlier = (words >= 2 * self._oldest) & (words < 2 * self._count) & (words % 2 == 1)
@@ -421,7 +408,7 @@ class Sightings:
     def _oldest(self) -> int:
         return 1 if self._keep is None else max(1, self._count - self._keep + 1)
 
-    def _words_in(self, region: Region) -> NDArray[np.int32]:
+    def _words_in(self, region: frames.Region) -> NDArray[np.int32]:
         words = np.zeros((region.height, region.width), dtype=np.int32)
         place = self._place_of(region)
         rows, cols = place.shared_with(self._words.shape)
@@ -429,22 +416,22 @@ class Sightings:
             words[place.place_of(rows, cols)] = self._words[rows, cols]
         return words
 
-    def _place_of(self, region: Region) -> Region:
+    def _place_of(self, region: frames.Region) -> frames.Region:
         """Return a region, its corner counted from that of the cells that are remembered."""
         row, col = region.row - self._region.row, region.col - self._region.col
-        return Region(row, col, region.height, region.width)
+        return frames.Region(row, col, region.height, region.width)
 
 
-def lattice_of(options: LocalOptions, global_map: OccupancyGrid | None) -> Frame:
+def lattice_of(options: LocalOptions, global_map: OccupancyGrid | None) -> frames.Frame:
     """Return the lattice of local maps, of one cell: the global map's, unless it is turned."""
     corner = (0.0, 0.0)
     if global_map is not None and not is_turned(global_map.frame):
         corner = global_map.origin[:2]
-    return Frame(1, 1, options.resolution, (*corner, 0.0))
+    return frames.Frame(1, 1, options.resolution, (*corner, 0.0))
 
 
-def window_around(pose: Pose, options: LocalOptions, lattice: Frame) -> Region:
-    region = region_of(lattice, options.size, center_xy=pose[:2])
+def window_around(pose: Pose, options: LocalOptions, lattice: frames.Frame) -> frames.Region:
+    region = frames.region_of(lattice, options.size, center_xy=pose[:2])
     region.frame_in(lattice)
     return region
 
@@ -457,7 +444,7 @@ class _KnownMap:
     lethal_threshold: int
 
     def joined_with(
-        self, values: NDArray[np.int8], frame: Frame, *, keeps_unknown: bool
+        self, values: NDArray[np.int8], frame: frames.Frame, *, keeps_unknown: bool
     ) -> tuple[OccupancyGrid, int]:
         """Add it to the evidence of clouds; also return its number of obstacle cells."""
         # The larger value wins, as when costmap_2d combines its layers: obstacles win over free
@@ -470,11 +457,14 @@ class _KnownMap:
                 known = np.asarray(self.grid.occupancy[rows])[:, cols]
                 part = source.window(rows.start, cols.start, *known.shape)
                 obstacles = obstacles_in(frame, known >= self.lethal_threshold, part)
-                values[contained_in(frame, known != UNKNOWN, part) & (values == UNKNOWN)] = FREE
-                values[obstacles] = OCCUPIED
+                values[
+                    contained_in(frame, known != map_values.UNKNOWN, part)
+                    & (values == map_values.UNKNOWN)
+                ] = map_values.FREE
+                values[obstacles] = map_values.OCCUPIED
                 from_map = int(np.count_nonzero(obstacles))
         if not keeps_unknown:
-            values[values == UNKNOWN] = FREE
+            values[values == map_values.UNKNOWN] = map_values.FREE
         return OccupancyGrid(values, frame.resolution, frame.origin), from_map
 
 
@@ -483,7 +473,7 @@ def local_map(
     pose: Sequence[float],
     *,
     global_map: OccupancyGrid | None = None,
-    lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD,
+    lethal_threshold: int = map_values.DEFAULT_LETHAL_THRESHOLD,
     **options: Any,
 ) -> OccupancyGrid:
     """Return a map of a robot's surroundings from a point cloud.
@@ -560,7 +550,7 @@ class LocalMapper:
         options: LocalOptions,
         global_map: OccupancyGrid | None = None,
         *,
-        lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD,
+        lethal_threshold: int = map_values.DEFAULT_LETHAL_THRESHOLD,
     ) -> None:
         self._pose = check_pose(pose)
         self._known = _KnownMap(global_map, lethal_threshold)
@@ -589,12 +579,12 @@ class LocalMapper:
 
     def result(self) -> LocalMap:
         """Return the map of all points so far."""
-        evidence = np.full(self._frame.shape, UNKNOWN, dtype=np.int8)
+        evidence = np.full(self._frame.shape, map_values.UNKNOWN, dtype=np.int8)
         if self._keeps_unknown:
             sightings = Sightings(self._window)
             sightings.add(self._cloud.sensor, self._cloud.ends, np.empty((0, 2), np.int64))
             evidence = sightings.evidence(self._window)
-        evidence[self._cloud.is_hit] = OCCUPIED
+        evidence[self._cloud.is_hit] = map_values.OCCUPIED
         grid, from_map = self._known.joined_with(
             evidence, self._frame, keeps_unknown=self._keeps_unknown
         )
@@ -651,7 +641,7 @@ class RollingMapper:
         *,
         keep: int | None = None,
         global_map: OccupancyGrid | None = None,
-        lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD,
+        lethal_threshold: int = map_values.DEFAULT_LETHAL_THRESHOLD,
     ) -> None:
         if keep is not None and keep < 1:
             raise ParameterError("must be at least 1", place="keep", got=keep)
@@ -663,25 +653,25 @@ class RollingMapper:
         self._lattice = lattice_of(options, global_map)
         self._windows = [window_around(pose, options, self._lattice) for pose in self.poses]
         self._corners = np.array([window[:2] for window in self._windows]).reshape(-1, 2)
-        self._sightings = Sightings(Region(0, 0, 0, 0), keep)
+        self._sightings = Sightings(frames.Region(0, 0, 0, 0), keep)
         self.turn = 0
         """Number of clouds added or skipped so far."""
         self._was_added = np.zeros(len(self.poses), dtype=np.bool_)
         self._newest: SeenCloud | None = None
 
     @property
-    def remembered(self) -> Region:
+    def remembered(self) -> frames.Region:
         """Largest region of the lattice that is remembered at any time."""
         all_of_them = map(self._canvas, range(len(self.poses)))
-        return max(all_of_them, key=lambda region: region.cells, default=Region(0, 0, 0, 0))
+        return max(all_of_them, key=lambda region: region.cells, default=frames.Region(0, 0, 0, 0))
 
-    def _canvas(self, turn: int) -> Region:
+    def _canvas(self, turn: int) -> frames.Region:
         """Return the cells of, and between, all windows to which the cloud of a turn may add."""
         last = None if self._keep is None else turn + self._keep
         corners = self._corners[turn:last]
         row, col = corners.min(axis=0).tolist()
         top, right = (corners.max(axis=0) + self._windows[turn][2:]).tolist()
-        return Region(row, col, top - row, right - col)
+        return frames.Region(row, col, top - row, right - col)
 
     def add(self, points: ArrayLike) -> None:
         """Add the next cloud, shape (N, 2) or (N, 3 or more), metres.

@@ -167,7 +167,6 @@ class Columns(NamedTuple):
     corner: Floats
 
     def chosen(self, mask: NDArray[np.bool_]) -> Columns:
-        """Return the columns selected by a mask."""
         if mask.all():
             return self
         lengths, voxels = self.lengths(), np.repeat(mask, self.lengths())
@@ -178,7 +177,6 @@ class Columns(NamedTuple):
         )  # fmt: skip
 
     def parts(self) -> Iterator[tuple[slice, Columns]]:
-        """Yield the columns in parts, each with its slice."""
         voxels = np.arange(AT_ONCE, len(self.heights), AT_ONCE)
         ends = np.searchsorted(self.starts, voxels).tolist()
         for first, end in pairwise([0, *ends, len(self.starts)]):
@@ -192,7 +190,6 @@ class Columns(NamedTuple):
                 )  # fmt: skip
 
     def above(self, floor: Floats) -> Floats:
-        """Return the heights of voxels above the floor of their columns."""
         return self.heights - np.repeat(floor, self.lengths())
 
     def of_voxels(self) -> Integers:
@@ -203,7 +200,6 @@ class Columns(NamedTuple):
         return np.diff(self.starts, append=len(self.heights))
 
     def coarser(self, times: int) -> Columns:
-        """Return the columns of cells `times` as large, on the same lattice."""
         row, col = self.row // times, self.col // times
         first_row, first_col = row.min(), col.min()
         levels, level = np.unique(self.heights, return_inverse=True)
@@ -351,7 +347,6 @@ _WIDENED, _TOLERANCE = 1.1, 0.45  # corrects pairs of points; cells
 
 
 def steps_of(columns: Columns) -> float:
-    """Return the step between heights that a voxel filter has put on a lattice, else 0."""
     heights = np.sort(columns.heights)
     levels = heights[starts_of(heights)]
     levels = levels[len(levels) // 20 : len(levels) - len(levels) // 20]
@@ -392,7 +387,6 @@ class Tilt:
             self._samples, self._count, self._every = [thinned], len(thinned), 2 * self._every
 
     def up(self) -> Floats:
-        """Return the unit normal of the floor, shape (3,)."""
         best = np.array([0.0, 0.0, 1.0])
         if not self._count:
             return best

@@ -70,7 +70,6 @@ def _font(size: int) -> Any:
 
 
 def text_width(text: str, size: int) -> int:
-    """Return the width of a line of text in pixels."""
     length: float = _font(size).getlength(printable(text))
     return math.ceil(length)
 
@@ -110,7 +109,6 @@ class Pen:
         self.write(x, y + ascent(size), fitting(text, limit, size), size)
 
     def label(self, x: float, y: float, text: str) -> None:
-        """Write a line that begins at x and is vertically centred at y."""
         above, below = _font(self.size).getmetrics()
         self.write(int(x), int(y) + (above - below) // 2, printable(text), self.size)
 
@@ -142,7 +140,6 @@ class Pen:
     def legend(
         self, x: int, y: int, height: int, bar: ColourBar | None, swatches: Sequence[Swatch]
     ) -> list[tuple[tuple[int, int], NDArray[np.uint8]]]:
-        """Draw the labels; return the corner and palette indices of each box of colour."""
         boxes = []
         size = self.size
         if bar is not None:
@@ -169,7 +166,6 @@ class Pen:
         self, left_x: int, bottom: int, across: Sequence[tuple[int, str]],
         along: Sequence[tuple[int, str]],
     ) -> None:  # fmt: skip
-        """Draw round coordinates below and to the left of a map with this lower left corner."""
         mark = max(3, self.size // 3)
         for pixel, label in across:
             x = left_x + pixel
@@ -199,7 +195,6 @@ class Pen:
         return x + pixels + 2 * self.size + text_width(label, self.size)
 
     def image(self, colours: ArrayLike) -> Image:
-        """Return the sheet as a picture, given the colours of the indices below `MOST_COLOURS`."""
         given_colours = np.asarray(colours, dtype=np.uint8)
         palette = np.zeros((256, 3), dtype=np.uint8)
         palette[: len(given_colours)] = given_colours
@@ -305,7 +300,6 @@ def swatches_in(pixels: NDArray[np.uint8], swatches: Sequence[Swatch]) -> list[S
 
 
 def frame_text(frame: Frame, part: Region | None = None) -> str:
-    """Return a map's size in cells and metres for a subtitle; if it is turned, with its pose."""
     # If the picture shows only a part of the map, the part's size is added.
     width, height = frame.width * frame.resolution, frame.height * frame.resolution
     text = (
@@ -319,7 +313,6 @@ def frame_text(frame: Frame, part: Region | None = None) -> str:
 
 
 def corner_of(frame: Frame) -> tuple[float, float] | None:
-    """Return the lower left corner of a map, None if it is turned."""
     x, y, yaw = frame.origin
     return None if yaw else (x, y)
 

@@ -111,7 +111,6 @@ class ScoredWalls:
 
     @property
     def top(self) -> float:
-        """The distance at the end of the colour scale, metres."""
         return max(_TOP, _LEAST_CELLS * self.frame.resolution)
 
 
@@ -139,7 +138,6 @@ def score_image(
 
 
 def codes_of(walls: ScoredWalls) -> NDArray[np.uint8]:
-    """Return the codes of cells: `UNKNOWN` to `MISSED`, then walls by their distance."""
     known, true_known = walls.estimate != 0, walls.truth != 0
     codes = np.zeros(walls.frame.shape, dtype=np.uint8)
     codes[known & ~true_known] = KNOWN_BY_MAP
@@ -161,7 +159,6 @@ def _index_of(metres: NDArray[np.floating[Any]], top: float) -> NDArray[np.uint8
 def bins_of(
     metres: NDArray[np.floating[Any]], resolution: float, top: float
 ) -> list[tuple[float, float]]:  # fmt: skip
-    """Return the middles of bins as wide as a cell, metres, and the share of distances in each."""
     # The last bin has all distances above `top`; its middle is infinite.
     count = math.floor(top / resolution + _ROUNDING) + 1
     places = np.minimum(np.floor(metres / resolution + 0.5), count).astype(np.int64)

@@ -47,7 +47,6 @@ class Zone:
 
 
 def zones_of(curve: CostCurve, end: float) -> list[Zone]:
-    """Return the zones of a curve, from the obstacle's cell up to `end` metres."""
     # Beyond the inscribed radius, zones mention collisions only if the robot's shape is known.
     half = curve.resolution / 2
     inscribed, circumscribed = curve.inscribed_radius or 0.0, curve.circumscribed_radius or 0.0
@@ -93,7 +92,6 @@ class Mark:
 
 
 def described(zone: Zone, end: float) -> str:
-    """Return the end of a zone and its costs as text; `end` is that of the picture."""
     if zone.kind is ZoneKind.OBSTACLE:
         return f"cost {zone.costs[0]}" if zone.costs else ""
     where = "beyond" if zone.end >= end else f"up to {zone.end:.4g} m"
@@ -115,7 +113,6 @@ def end_of(curve: CostCurve) -> float:
 
 
 def marks_of(curve: CostCurve) -> list[Mark]:
-    """Return the notable distances in order; equal radii share a mark."""
     inscribed, circumscribed = curve.inscribed_radius, curve.circumscribed_radius
     named = list(curve.marks)
     if inscribed and circumscribed is not None and math.isclose(inscribed, circumscribed):
@@ -229,7 +226,6 @@ class _Drawing:
 
     @property
     def _metres(self) -> NDArray[np.float64]:
-        """Distance at the middle of each column of the plot, metres."""
         return (np.arange(_WIDTH) + 0.5) / _WIDTH * (self.end + self.half) - self.half
 
     @property
@@ -245,7 +241,6 @@ class _Drawing:
         return round(float(self._places(metres, 0)[0]))
 
     def _costs_of_columns(self) -> NDArray[np.int64]:
-        """Return the cost of each column, by the nearest distance between cells."""
         curve = self.curve
         costs = curve.cost_near(np.maximum(self._metres / curve.resolution, 0.0))
         if curve.metric == "euclidean":

@@ -19,43 +19,32 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import Layer, looked_up, swept
 from mapdeal.kernels.lookup import histogram, level_rows, look_up, set_where
+from mapdeal.pictures import overlay as overlays
 from mapdeal.pictures import styles
 from mapdeal.pictures.canvas import Image, on_sheet
 from mapdeal.pictures.colours import LayerStyle, Scale, Swatch
-from mapdeal.pictures.overlay import (
-    DEFAULT_IMAGE_MAX,
-    Brush,
-    ImageExtent,
-    OtherThan,
-    Overlay,
-    Pooling,
-    Raster,
-    Surface,
-    inner_outline,
-    shown_part,
-)
 
 
 class PictureOptions(TypedDict, total=False):
     image_max: int
-    image_extent: ImageExtent
-    overlay: Overlay | None
+    image_extent: overlays.ImageExtent
+    overlay: overlays.Overlay | None
 
 
 class Drawing(ABC):
     """A picture that is drawn in two steps: all rows of the grid are collected, then rendered."""
 
     def __init__(
-        self, grid: Any, *, image_max: int = DEFAULT_IMAGE_MAX, image_extent: ImageExtent = "all",
-        overlay: Overlay | None = None,
+        self, grid: Any, *, image_max: int = overlays.DEFAULT_IMAGE_MAX,
+        image_extent: overlays.ImageExtent = "all", overlay: overlays.Overlay | None = None,
     ) -> None:  # fmt: skip
         layer, unknown = self._layer_and_unknown(grid)
-        part = shown_part(
-            layer, grid.frame, image_extent, is_known=OtherThan(unknown), overlay=overlay
+        part = overlays.shown_part(
+            layer, grid.frame, image_extent, is_known=overlays.OtherThan(unknown), overlay=overlay
         )
         self._grid, self._overlay = grid, overlay
-        self._raster = Raster.fitting(grid.shape, image_max, part=part)
-        self._collectors: list[Pooling | styles.EndsByRows] = []
+        self._raster = overlays.Raster.fitting(grid.shape, image_max, part=part)
+        self._collectors: list[overlays.Pooling | styles.EndsByRows] = []
         self._begin()
 
     def _layer_and_unknown(self, grid: Any) -> tuple[Layer, int]:
@@ -65,8 +54,8 @@ class Drawing(ABC):
     def _begin(self) -> None:
         """Prepare the collection of rows."""
 
-    def _pooling(self, layer: Layer, choose: np.ufunc) -> Pooling:
-        pooling = Pooling(self._raster, layer, choose)
+    def _pooling(self, layer: Layer, choose: np.ufunc) -> overlays.Pooling:
+        pooling = overlays.Pooling(self._raster, layer, choose)
         self._collectors.append(pooling)
         return pooling
 
@@ -104,7 +93,6 @@ class OccupancyDrawing(Drawing):
 
 
 def occupancy_image(grid: OccupancyGrid, *, title: str, **options: Unpack[PictureOptions]) -> Image:
-    """Return a map in the greys of RViz's scheme "map"."""
     # Of several cells in a pixel the most occupied one shows.
     return _draw_by_rows(OccupancyDrawing(grid, **options), grid, title)
 
@@ -152,13 +140,12 @@ class FieldDrawing(Drawing):
         if nowhere is not None:
             levels[nowhere] = styles.NOWHERE
         pixels = self._raster.enlarged(levels)
-        set_where(pixels, inner_outline(self._raster.enlarged(obstacles)), styles.LINE)
+        set_where(pixels, overlays.inner_outline(self._raster.enlarged(obstacles)), styles.LINE)
         outside = bool((unknown > obstacles).any())
         return pixels, styles.faded_index(below, outside=outside) if unknown.any() else None
 
 
 def field_image(field: DistanceField, *, title: str, **options: Unpack[PictureOptions]) -> Image:
-    """Return a distance field in a diverging scale, obstacles red, free space blue."""
     # The outermost obstacle cells, which are 0 in the Fast-Planner convention, are black. Unknown
     # cells are faded, cells without a distance grey. Of several cells in a pixel the smallest
     # distance shows. The scale ends at the largest distances of known cells.
@@ -168,7 +155,6 @@ def field_image(field: DistanceField, *, title: str, **options: Unpack[PictureOp
 def _field_swatches(
     style: LayerStyle, pixels: NDArray[np.uint8], faded: int | None
 ) -> list[Swatch]:
-    """Return the legend entries for a picture; `faded` is the index for unknown cells."""
     swatches = []
     for swatch in style.swatches:
         index: int | None = swatch.index
@@ -201,14 +187,13 @@ class CostDrawing(Drawing):
         pixels = raster.enlarged(pixels)
         if styles.bounds_circumscribed(costmap):
             above = raster.enlarged(ranks > costmap.circumscribed_cost)
-            line = inner_outline(above)
-            line |= inner_outline(above & ~line)
+            line = overlays.inner_outline(above)
+            line |= overlays.inner_outline(above & ~line)
             pixels[line] = styles.CostPalette.contour
         return self._on_sheet(pixels, style, title)
 
 
 def cost_image(costmap: Costmap, *, title: str, **options: Unpack[PictureOptions]) -> Image:
-    """Return a costmap in an even scale; lethal, inscribed, unknown and free stand apart."""
     # Of several cells in a pixel the highest cost shows. If the circumscribed cost is known, a line
     # encloses the cells at or above it.
     return _draw_by_rows(CostDrawing(costmap, **options), costmap, title)
@@ -224,16 +209,17 @@ _ARROW_SPACING = 34.0  # pixels
 
 
 def potential_image(
-    field: PotentialField, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
-    image_extent: ImageExtent = "all", overlay: Overlay | None = None,
+    field: PotentialField, *, title: str, image_max: int = overlays.DEFAULT_IMAGE_MAX,
+    image_extent: overlays.ImageExtent = "all", overlay: overlays.Overlay | None = None,
 ) -> Image:  # fmt: skip
-    """Return the normalised potential in an even scale, with arrows that point downhill."""
     # Obstacles are black, unknown cells faded, cells without a potential grey. Of several cells in
     # a pixel an obstacle shows, or else the highest potential. The arrows are on a coarse lattice
     # and have one length.
     goal = () if field.goal is None else field.goal
-    part = shown_part(field.occupancy, field.frame, image_extent, overlay=overlay, places_xy=goal)
-    raster = Raster.fitting(field.shape, image_max, part=part)
+    part = overlays.shown_part(
+        field.occupancy, field.frame, image_extent, overlay=overlay, places_xy=goal
+    )
+    raster = overlays.Raster.fitting(field.shape, image_max, part=part)
     frame = raster.frame_of(field.frame)
     style = styles.potential_style(field)
     obstacles = raster.largest(field.obstacles())
@@ -248,13 +234,13 @@ def potential_image(
     levels[nowhere] = styles.POTENTIAL_NOWHERE
     pixels = raster.enlarged(levels).copy()
     has_lines = field.cost_to_go is not None and _draw_isolines(pixels, field.cost_to_go, raster)
-    on = Surface(pixels, frame, raster)
+    on = overlays.Surface(pixels, frame, raster)
     arrows = _draw_arrows(on, field)
     has_goal = False
     if field.goal is not None and frame.contains([field.goal])[0]:
         has_goal = True
         place = on.places([field.goal])[0]
-        Brush(pixels).dot(place, styles.POTENTIAL_GOAL, radius=max(6.0, on.side / 80))
+        overlays.Brush(pixels).dot(place, styles.POTENTIAL_GOAL, radius=max(6.0, on.side / 80))
     occurs = {
         styles.POTENTIAL_OBSTACLE: obstacles.any(),
         styles.POTENTIAL_ARROW: arrows,
@@ -270,9 +256,8 @@ def potential_image(
 
 
 def _draw_isolines(
-    pixels: NDArray[np.uint8], lengths: NDArray[np.float64], raster: Raster
+    pixels: NDArray[np.uint8], lengths: NDArray[np.float64], raster: overlays.Raster
 ) -> bool:  # fmt: skip
-    """Draw lines of equal length to the goal; return whether there are any."""
     bands = np.floor(lengths / styles.length_between_lines(lengths))
     bands = raster.enlarged(raster.smallest(np.where(np.isfinite(bands), bands, -1)))
     lines = np.zeros(bands.shape, np.bool_)
@@ -295,7 +280,7 @@ def _range_text(field: PotentialField) -> str:
     )
 
 
-def _draw_arrows(on: Surface, field: PotentialField) -> int:
+def _draw_arrows(on: overlays.Surface, field: PotentialField) -> int:
     """Draw arrows on a lattice of free cells; return their number."""
     scale = on.raster.enlarge / on.raster.reduce  # pixels per cell
     step = max(1, math.ceil(max(_ARROW_SPACING, on.side / 36) / scale))
@@ -314,7 +299,7 @@ def _draw_arrows(on: Surface, field: PotentialField) -> int:
     centres = (np.stack([cols[j] - col, rows[i] - row], axis=1) + 0.5) * np.float64(scale)
     length = 0.55 * step * scale
     thickness = max(1, round(length / 18))
-    Brush(on.pixels).arrows(
+    overlays.Brush(on.pixels).arrows(
         centres, directions[:, i, j].T, styles.POTENTIAL_ARROW, length=length, thickness=thickness
     )
     return len(centres)

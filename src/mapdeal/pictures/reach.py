@@ -11,18 +11,8 @@ from numpy.typing import NDArray
 from mapdeal.grid.reach import GoalReach, Passage, Reach
 from mapdeal.grid.values import count_text
 from mapdeal.pictures import canvas, styles
+from mapdeal.pictures import overlay as overlays
 from mapdeal.pictures.colours import Swatch
-from mapdeal.pictures.overlay import (
-    DEFAULT_IMAGE_MAX,
-    Brush,
-    ImageExtent,
-    OtherThan,
-    Overlay,
-    Raster,
-    Surface,
-    outline_of,
-    shown_part,
-)
 
 _DIRECTIONS = 16
 _DISTANCES = (1.0, 1.7, 2.8, 4.5)
@@ -37,7 +27,7 @@ class Captions:
         self._pixels = pixels
         self._size = size
         self._occupied = np.zeros_like(pixels)
-        self.kept_free = Brush(self._occupied)  # marks pixels for which texts make room
+        self.kept_free = overlays.Brush(self._occupied)  # marks pixels for which texts make room
 
     def write(
         self, text: str, place: NDArray[np.float64], index: int, *, away: float,
@@ -52,7 +42,7 @@ class Captions:
         left_x, bottom, right, top = box
         if distance >= _FIRST_WITH_A_LINE:
             nearest = np.clip(place, (left_x, bottom), (right, top))
-            Brush(self._pixels).polyline(np.array([place, nearest]), index, thickness=2)
+            overlays.Brush(self._pixels).polyline(np.array([place, nearest]), index, thickness=2)
         self._pixels[bottom:top, left_x:right] = index
         self._pixels[bottom + 1 : top - 1, left_x + 1 : right - 1] = letters[::-1][1:-1, 1:-1]
         self._occupied[bottom:top, left_x:right] = 1
@@ -100,10 +90,9 @@ _MOST_WIDTHS = 300  # most passages with a written width: those that cut off mos
 
 
 def reach_image(
-    reach: Reach, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
-    image_extent: ImageExtent = "all", overlay: Overlay | None = None,
+    reach: Reach, *, title: str, image_max: int = overlays.DEFAULT_IMAGE_MAX,
+    image_extent: overlays.ImageExtent = "all", overlay: overlays.Overlay | None = None,
 ) -> canvas.Image:  # fmt: skip
-    """Return a map with the area that a robot reaches, and the passages that limit it."""
     # The largest cut-off areas have a colour each. Passages are bars across the door with their
     # width beside them, red if they are closed. The robot's outline at the start is true to scale.
     # Of several cells in a pixel an obstacle shows first, then a cut-off area, then the reachable
@@ -111,13 +100,13 @@ def reach_image(
     codes, style = styles.reach_codes(reach)
     goals = [answer.goal for answer in _goals_on(reach)]
     places = [reach.start[:2], *((goal.x, goal.y) for goal in goals)]
-    part = shown_part(
-        codes, reach.frame, image_extent, is_known=OtherThan(styles.UNKNOWN_CODE), overlay=overlay,
-        places_xy=places,
-    )  # fmt: skip
-    raster = Raster.fitting(reach.shape, image_max, part=part)
+    is_known = overlays.OtherThan(styles.UNKNOWN_CODE)
+    part = overlays.shown_part(
+        codes, reach.frame, image_extent, is_known=is_known, overlay=overlay, places_xy=places
+    )
+    raster = overlays.Raster.fitting(reach.shape, image_max, part=part)
     pixels = np.array(raster.enlarged(raster.largest(codes)))
-    marks = _Marks(Surface(pixels, raster.frame_of(reach.frame), raster))
+    marks = _Marks(overlays.Surface(pixels, raster.frame_of(reach.frame), raster))
     return canvas.on_sheet(
         pixels, style, reach.frame, raster, title=title, before=_summary(reach),
         swatches=[*style.swatches, *marks.draw(reach)], overlay=overlay,
@@ -143,8 +132,8 @@ def _goals_on(reach: Reach) -> list[GoalReach]:
 class _Marks:
     """Drawer of passages, goals and the robot on the pixels of a map."""
 
-    def __init__(self, on: Surface) -> None:
-        self._on, self._brush = on, Brush(on.pixels)
+    def __init__(self, on: overlays.Surface) -> None:
+        self._on, self._brush = on, overlays.Brush(on.pixels)
         self._thickness = max(3, round(on.side / 350))
         self._dot = max(5.0, on.side / 130)
         self._captions = Captions(on.pixels, int(min(32, max(12, on.side / 62))))
@@ -224,7 +213,7 @@ class _Marks:
         self._ringed_dot(place, styles.START)
         swatches = [Swatch(styles.START, "start")]
         if reach.robot is not None:
-            outline = self._on.places(outline_of(reach.robot, (x, y, yaw or 0.0)))
+            outline = self._on.places(overlays.outline_of(reach.robot, (x, y, yaw or 0.0)))
             for index, thickness in ((canvas.WHITE, 4), (styles.ROBOT, 2)):
                 self._brush.polyline(outline, index, thickness=thickness)
             self._captions.kept_free.polyline(outline, 1, thickness=4)

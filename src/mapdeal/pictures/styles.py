@@ -111,7 +111,6 @@ def occupancy_style() -> LayerStyle:
 
 
 def cost_style(costmap: Costmap) -> LayerStyle:
-    """Return the even scale of a costmap's graded costs; special costs have separate colours."""
     # The legend includes the contour of the circumscribed cost if the costmap has one.
     palette = CostPalette.of(costmap.scale)
     swatches = [Swatch(palette.lethal, f"lethal {palette.lethal_cost}")]
@@ -137,7 +136,6 @@ def bounds_circumscribed(costmap: Costmap) -> bool:
 
 
 def potential_style(field: PotentialField) -> LayerStyle:
-    """Return the even scale of a normalised potential, 0 to 10; unknown cells are faded."""
     scale = colours.interpolated(colours.POTENTIAL_ANCHORS, POTENTIAL_LEVELS)
     special = [colours.LETHAL, colours.ARROW, colours.GOAL, colours.RVIZ_UNKNOWN, colours.ROUTE]
     swatches = [
@@ -232,7 +230,6 @@ def cost_change_style() -> LayerStyle:
 
 
 def cleaning_style() -> LayerStyle:
-    """Return the colours of the kinds of cells of a cleaned map, 0 to 7."""
     # The kinds are those of a difference, and 7 for unknown cells that became free.
     kinds = list(_KINDS_OF_DIFFERENCE)
     names = ["free, now unknown", "wall", "wall, now free", "unknown, now wall"]
@@ -241,7 +238,6 @@ def cleaning_style() -> LayerStyle:
 
 
 def alignment_style(names: tuple[str, str]) -> LayerStyle:
-    """Return the colours of the kinds of cells of two maps laid over each other, 0 to 5."""
     _, unknown, free, _, wall, first, second = (colour for _, colour in _KINDS_OF_DIFFERENCE)
     kinds = [("outside of both", unknown), ("unknown", unknown), ("free in one of them", free)]
     kinds += [(f"wall of {names[0]}", first), (f"wall of {names[1]}", second)]
@@ -263,7 +259,6 @@ def _style_of_kinds(kinds: Sequence[tuple[str, Colour]]) -> LayerStyle:
 
 
 def number_style(low: float, high: float, unit: str, *, nowhere: str = "no value") -> LayerStyle:
-    """Return an even scale from pale to dark blue, of a layer of plain numbers."""
     if high <= low:
         high = low + 1.0
     ticks = [((value - low) / (high - low), f"{value:g}") for value in ticks_of(low, high, 6)]
@@ -276,7 +271,6 @@ def number_style(low: float, high: float, unit: str, *, nowhere: str = "no value
 
 
 def ticks_of(low: float, high: float, about: int) -> list[float]:
-    """Return about `about` multiples of a round length from `low` to `high`."""
     step = round_length((high - low) / about * 1.5)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     decimals = max(0, -math.floor(math.log10(step)))
@@ -348,7 +342,6 @@ class EndsByRows:
 
 
 def field_style(field: DistanceField, ends: FieldEnds) -> LayerStyle:
-    """Return the scale of a distance field: obstacles red, free space blue, even in metres."""
     # A step of colour has the same length on both sides of zero, which lies between two steps. Each
     # side uses all its shades even if it is short, so thin walls stay red.
     scale, below = _scale(ends)
@@ -504,7 +497,6 @@ def _colour_areas(codes: NDArray[np.uint8]) -> int:
 
 
 def _names(areas: int, *, turns: bool) -> list[tuple[int, str, bool]]:
-    """Return codes in the order of the legend, with names and whether to show their area."""
     return [
         (_REACHED, f"reachable{', room to turn' if turns else ''}", True),
         (_NO_TURN, "reachable, no room to turn", True),

@@ -180,7 +180,6 @@ class Draft:
         return np.asarray(np.sqrt(squares), dtype=np.float64)
 
     def parts(self) -> NDArray[np.intp]:
-        """Return a label for each node, equal for connected nodes."""
         ends = np.array([*self.edges, *self.lanes], dtype=np.int64).reshape(-1, 2)
         return joined(len(self.places), ends[:, 0], ends[:, 1])[0]
 
@@ -310,7 +309,6 @@ def _speed(clearance: float, slow_below: float) -> float:
 
 
 def check_options(options: GraphOptions, resolution: float) -> None:
-    """Refuse lengths that are too short for a map's cells."""
     for name in _LENGTHS:
         value = getattr(options, name)
         if value < 4 * resolution:

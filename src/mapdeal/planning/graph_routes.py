@@ -106,7 +106,6 @@ def _path_to(
 
 
 def cost_of_edge(edge: RouteEdge, length: float) -> float:
-    """Return the cost of an edge in Nav2's route server with its default scorer."""
     if not edge.overridable:
         return edge.cost
     limit = edge.metadata.get("speed_limit")
@@ -114,7 +113,6 @@ def cost_of_edge(edge: RouteEdge, length: float) -> float:
 
 
 def cheapest_nodes(graph: RouteGraph, first: int, last: int) -> tuple[list[int], int]:
-    """Return the nodes of the cheapest route, maybe empty, and the number of expanded nodes."""
     following: list[list[tuple[int, float]]] = [[] for _ in graph.nodes]
     for edge, ends, length in zip(
         graph.edges, graph.ends.tolist(), graph.lengths.tolist(), strict=True

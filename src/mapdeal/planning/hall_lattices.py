@@ -137,7 +137,6 @@ def _levelled(runs: Sequence[_Run], spacing: float) -> Iterator[tuple[_Run, floa
 
 
 def _runs(marked: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
-    """Return the row, first and stop of each run of marked cells along rows."""
     edges = np.argwhere(np.diff(marked.view(np.int8), prepend=0, append=0, axis=1))
     return list(zip(edges[::2, 0].tolist(), edges[::2, 1].tolist(), edges[1::2, 1].tolist(),
                     strict=True))  # fmt: skip

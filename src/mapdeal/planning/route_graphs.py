@@ -22,16 +22,7 @@ from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.paths import cheapest_path
 from mapdeal.kernels.rotations import main_direction
 from mapdeal.kernels.skeleton import STRAIGHT, lengths_from, nearest_from, skeleton
-from mapdeal.planning.graph_drafts import (
-    SHARE,
-    Area,
-    Draft,
-    GraphOptions,
-    GraphResult,
-    Kind,
-    Place,
-    Places,
-)
+from mapdeal.planning import graph_drafts
 from mapdeal.planning.hall_lattices import lattices_in
 from mapdeal.planning.node_areas import neighbouring
 from mapdeal.planning.skeleton_lines import Cells, Tracing
@@ -59,9 +50,8 @@ _SLIVER = 1.05
 """Largest ratio of the length of two edges to that of the edge that they replace."""
 
 
-def route_graph_of(reach: Reach, options: GraphOptions) -> GraphResult:
-    """Build a graph of the cells and goals that a robot reaches."""
-    draft = _CompleteDraft(Area.of(reach), options)
+def route_graph_of(reach: Reach, options: graph_drafts.GraphOptions) -> graph_drafts.GraphResult:
+    draft = _CompleteDraft(graph_drafts.Area.of(reach), options)
     draft.add_halls()
     draft.add_skeleton()
     for reached in reach.goals:
@@ -83,7 +73,7 @@ def route_graph_of(reach: Reach, options: GraphOptions) -> GraphResult:
 
 
 @dataclass(eq=False)
-class _CompleteDraft(Draft):
+class _CompleteDraft(graph_drafts.Draft):
     """A draft with the steps that complete it."""
 
     # halls
@@ -112,7 +102,7 @@ class _CompleteDraft(Draft):
             self.add_node(place, "hall")
         self.add_lines(pairs)
 
-    def _is_usable(self, places: Places, margin: float) -> NDArray[np.bool_]:
+    def _is_usable(self, places: graph_drafts.Places, margin: float) -> NDArray[np.bool_]:
         """Return which places lie in a hall with at least a margin of clearance."""
         rows, cols = np.floor(places.T).astype(np.int64)
         height, width = self.is_open.shape
@@ -155,7 +145,9 @@ class _CompleteDraft(Draft):
             for end in (chain.start, chain.end):
                 if end not in nodes:
                     degree = len(tracing.chains_of[end])
-                    kind: Kind = "crossing" if degree > 2 else "end" if degree == 1 else "way"
+                    kind: graph_drafts.Kind = (
+                        "crossing" if degree > 2 else "end" if degree == 1 else "way"
+                    )
                     if end in tracing.mouths:
                         kind = "way"
                     row, col = tracing.fine[end].tolist()
@@ -234,8 +226,8 @@ class _CompleteDraft(Draft):
             self.at(piece.end for piece in pieces),
         )
         is_clear, least = self.area.sweeps.along(starts, ends)
-        needed = np.array([SHARE * float(piece.clearances[piece.first : piece.last + 1].min())
-                           for piece in pieces])  # fmt: skip
+        lows = [float(piece.clearances[piece.first : piece.last + 1].min()) for piece in pieces]
+        needed = graph_drafts.SHARE * np.array(lows)
         is_loop = np.array([piece.start == piece.end for piece in pieces])
         fits = is_clear & (least >= needed - 0.5) & ~is_loop
         parts: list[_Piece] = []
@@ -325,8 +317,7 @@ class _CompleteDraft(Draft):
 
     # missing nodes and edges
 
-    def add_goal(self, point: Place, name: str) -> None:
-        """Add a node exactly at a goal."""
+    def add_goal(self, point: graph_drafts.Place, name: str) -> None:
         row, col = self.places_of([point])[0].tolist()
         node = self.add_node((row, col), "goal")
         self.names[node] = name
@@ -381,7 +372,7 @@ class _CompleteDraft(Draft):
         starts, ends = (self.at(pair[k] for pair in pairs) for k in (0, 1))
         is_clear, least = self.area.sweeps.along(starts, ends)
         rooms = (self.clearance_at(np.floor(places).astype(np.int64)) for places in (starts, ends))
-        is_straight = is_clear & (least >= SHARE * np.minimum(*rooms) - 0.5)
+        is_straight = is_clear & (least >= graph_drafts.SHARE * np.minimum(*rooms) - 0.5)
         paths = []
         for number, (start, end) in enumerate(pairs):
             short = shorts[number] if len(shorts) else 0.0
@@ -460,7 +451,6 @@ class _CompleteDraft(Draft):
             self.missing &= lengths < 0
 
     def _nearest(self, cells: Sequence[Sequence[int]]) -> list[int | None]:
-        """Return for each cell a node close to it; None for unreachable cells."""
         nodes = self.nodes()
         is_open = self.coarse >= 0
         at = self.cells_of(nodes, self.step)
@@ -597,7 +587,7 @@ class _CompleteDraft(Draft):
         if is_short and end not in self.beside[start]:
             self.move_all([(node, start, [end])])
 
-    def _shorten(self, kinds: Sequence[Kind]) -> None:
+    def _shorten(self, kinds: Sequence[graph_drafts.Kind]) -> None:
         """Remove nodes of some kinds that only divide lines."""
         waiting = [node for node, beside in self.beside.items()
                    if len(beside) == 2 and self.kinds[node] in kinds]  # fmt: skip
@@ -618,7 +608,6 @@ class _CompleteDraft(Draft):
         return self.length_on_graph(start, end, around, without=node) <= around
 
     def limit_edges(self) -> None:
-        """Drop the longest edges of nodes with too many where a path replaces them."""
         for node in list(self.beside):
             lengths = self.beside[node].copy()
             for end in sorted(lengths, key=lambda end: (-lengths[end], end)):
@@ -724,14 +713,14 @@ _HALF_CELL, _FINE_STEP = 0.5, 0.125
 """Steps of checked positions, in cells; the fine one leaves no other result at any position."""
 _APART = 0.2  # metres between robots on adjacent lanes, and between robots and walls
 _ASIDE = 1.0  # metres: largest distance of a lane from the middle
-_RANKS: tuple[Kind, ...] = ("goal", "door", "crossing", "hall", "end", "way")
+_RANKS: tuple[graph_drafts.Kind, ...] = ("goal", "door", "crossing", "hall", "end", "way")
 """Of two merged nodes the one of the earlier kind remains."""
 
 
 class _Path(NamedTuple):
     """Neighbouring cells, by their centres, between two nodes."""
 
-    places: Places
+    places: graph_drafts.Places
     start: int
     end: int
     before: float = 0.0  # clearance beyond both ends
@@ -741,7 +730,7 @@ class _Path(NamedTuple):
 class _Piece(NamedTuple):
     """A part of a path between two nodes."""
 
-    places: Places
+    places: graph_drafts.Places
     clearances: NDArray[np.float64]
     first: int
     start: int

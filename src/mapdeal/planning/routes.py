@@ -82,7 +82,6 @@ class Terrain:
         return np.subtract(1, near, out=near)
 
     def costs_to(self, point: Point, *, by_length: bool) -> NDArray[np.float64]:
-        """Return the lowest cost from each cell to a point, or the length, metres; inf if none."""
         place = self.costmap.frame.place_in_cell(point)
         if place is None:
             return np.full(self.weights.shape, math.inf)
@@ -418,7 +417,6 @@ class _Slope:
         return is_near and self._terrain.is_clear(place, goal)
 
     def value_at(self, place: Place) -> float:
-        """Return the surface between the centres of cells, bilinear."""
         row, col = math.floor(place[0] - 0.5), math.floor(place[1] - 0.5)
         v, u = place[0] - 0.5 - row, place[1] - 0.5 - col
         south = (1 - u) * self._at(row, col) + u * self._at(row, col + 1)

@@ -121,7 +121,6 @@ class Tracing:
         return sum(map(math.dist, places, places[1:])) * self.step
 
     def width_around(self, node: int, besides: int, reach: float) -> float:
-        """Return the largest clearance near a node on its chains, except chain `besides`."""
         count = max(1, int(reach / self.step))
         found = 0.0
         for number in self.chains_of[node]:

@@ -38,7 +38,6 @@ def servers_of(kind: FilterKind) -> tuple[str, str]:
 
 
 def filter_parameters(infos: Sequence[FilterInfo]) -> str:
-    """Return the parameter file of the masks' servers and of the costmaps' filters."""
     # Topics are absolute: Humble resolves relative topics in the costmap's namespace, newer
     # releases in the namespace above it.
     kinds = [info.kind for info in infos]

@@ -45,7 +45,6 @@ def load_robot(
     paths: Sequence[Path], *, costmap: CostmapName = "global", namespace: str | None = None,
     older: bool = False,
 ) -> tuple[RobotParameters | None, tuple[Problem, ...]]:  # fmt: skip
-    """Return the robot, None if its files are unusable, and all problems found in them."""
     if not paths:
         raise ParameterError("takes at least one file", place="params_files")
     ros2_paths = [path for path in paths if is_ros2(path)]
@@ -119,7 +118,6 @@ def flavour_of(paths: Sequence[Path]) -> Flavour:
 def costmaps_in(
     paths: Sequence[Path], flavour: Flavour, namespace: str | None
 ) -> tuple[CostmapName, ...]:
-    """Return the costmaps to check: both for Nav2, those that the files name for ROS 1."""
     if flavour == "nav2":
         return ("global", "local")
     server, _ = load_server(paths, "global", namespace)

@@ -407,7 +407,6 @@ def _resolved(
 
 
 def _area(values: Nav2Values) -> CostmapArea | None:
-    """Return the costmap's own size and place; None if its resolution is unusable."""
     resolution = values.get("resolution", "double", 0.1)
     if not (math.isfinite(resolution) and resolution > 0):
         return None

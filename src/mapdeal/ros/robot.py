@@ -427,7 +427,6 @@ def shape_of(
     corners: Corners, padding: float, radius: float | None,
     report: Callable[[str, Level, str], None],
 ) -> Shape | None:  # fmt: skip
-    """Return a robot's shape, None if it has too many corners; report a flawed outline."""
     if len(corners) > MOST_CORNERS:
         report("params.too-large", "refused", f"must not have more than {MOST_CORNERS} points")
         return None

@@ -221,7 +221,6 @@ class Ros1Namespace:
         return namespace
 
     def set(self, path: _Path, value: ParameterValue) -> None:
-        """Set a parameter; values on its path become namespaces, as in rosmaster."""
         self.below(path[:-1], value.source, value.line).members[path[-1]] = value
 
     def merge(self, prefix: _Path, namespace: Ros1Namespace) -> None:
@@ -602,7 +601,6 @@ _POLYGON_HINT = "write [[x1, y1], [x2, y2], [x3, y3], ...], metres"
 
 
 def _shape(server: Ros1Server) -> Shape | None:
-    """Return the robot's shape; None if the node exits while reading it."""
     padding = server.double(0.01, "footprint_padding", unit=" m")
     place, value = server.search(_FOOTPRINT) or ((), None)
     corners = None if value is None else _corners(server, place, value)
@@ -775,7 +773,6 @@ def _resolved(server: Ros1Server) -> RobotParameters | None:
 
 
 def _area(server: Ros1Server, *, is_rolling: bool) -> CostmapArea | None:
-    """Return the costmap's own size and place; None if its resolution is unusable."""
     count = len(server.problems)
     area = _area_of_parameters(server, is_rolling=is_rolling)
     # If a map defines the size, these values have no effect: a note suffices.

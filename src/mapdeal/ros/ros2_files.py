@@ -494,7 +494,6 @@ class Ros2Parameters:
         return tuple(entry for entry in self.nodes if matches(entry.name, node))
 
     def for_node(self, node: str) -> dict[str, ParameterValue]:
-        """Return the parameters of a node, by its full name."""
         # As in rclcpp's ``parameter_map_from`` since Humble, later entries override earlier ones,
         # no matter whether their name is ``/**`` or the node's full name.
         return {name: value for entry in self.matching(node) for name, value in entry.entries}
@@ -520,7 +519,6 @@ def matches(pattern: str, node: str) -> bool:
 
 
 def read_ros2(paths: Sequence[Path]) -> Ros2Parameters:
-    """Return the parameters in files; later files add to and override earlier ones."""
     nodes: dict[str, Ros2Node] = {}
     files, aliases = [], []
     for path in paths:

@@ -324,7 +324,6 @@ def _number_of_points(entries: dict[str, list[str]]) -> int:
 def _compressed_points(
     file: BinaryIO, header: _PcdHeader, axes: tuple[int, ...], path: Path
 ) -> Iterator[Points]:
-    """Yield the points of a file that stores columns one after the other, compressed with LZF."""
     record, count = header.record, header.points
     sizes = file.read(8)
     if not sizes and count == 0:
@@ -485,7 +484,6 @@ def _text_points(file: BinaryIO, path: Path) -> Iterator[Points]:
 
 
 def _counted_points(file: BinaryIO, path: Path, number: int, line: str) -> Iterator[Points]:
-    """Yield the points of a ``.pts`` file, in which each scan begins with its number of points."""
     while line:
         count, start, found = _whole_number(line, f"line {number}"), file.tell(), 0
         delimiter = delimiter_of(first_line(file)[2])
@@ -522,7 +520,6 @@ def _open(path: Path) -> Iterator[BinaryIO]:
 
 
 def cloud_chunks(path: Path) -> Iterator[Points]:
-    """Yield the points of a cloud in parts of shape (n, 2) or (n, 3), metres."""
     with recognised(path, "a point cloud", CLOUD, NUMBERS):
         check_readable(path)
         suffix = path.suffix.lower()

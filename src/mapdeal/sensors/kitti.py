@@ -34,7 +34,6 @@ def looks_like_kitti(head: bytes, size: int) -> bool:
 
 
 def kitti_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
-    """Yield the points of a file in parts of shape (n, 3), metres."""
     size = os.fstat(file.fileno()).st_size
     if size % _RECORD:
         rule = f"must have {_RECORD} bytes for each point: x, y, z and reflectance as float32"

@@ -43,7 +43,6 @@ class OctreeHeader(NamedTuple):
 
 
 def read_octree_header(file: BinaryIO) -> OctreeHeader:
-    """Read the header; the file's position is then at the data."""
     first, entries = file.readline(256), {"id": "", "res": ""}
     for _ in range(_MOST_LINES):
         key, _, value = file.readline(4096).decode("latin-1").strip().partition(" ")
@@ -62,7 +61,6 @@ def read_octree_header(file: BinaryIO) -> OctreeHeader:
 
 
 def octree_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
-    """Yield the centres of all occupied voxels in parts of shape (n, 3), metres."""
     header = read_octree_header(file)
     record = np.dtype("<u2") if header.is_binary else _RECORDS[header.tree]
     size = os.fstat(file.fileno()).st_size - file.tell()

@@ -114,7 +114,6 @@ class Trajectory(NamedTuple):
 
 
 def read_trajectory(path: Path | str) -> Trajectory:
-    """Return the poses and times in a file of TUM's benchmark tools."""
     path = Path(path)
     with recognised(path, "a file of poses", POSES, NUMBERS):
         rows = _rows_in(path)
@@ -147,7 +146,6 @@ def planar_pose(numbers: Sequence[float]) -> tuple[float, float, float]:
 
 
 def _rows_in(path: Path) -> Poses:
-    """Return all numbers in a file of poses, shape (N, 3) or (N, 8)."""
     file = io.BytesIO(_contents_of(path))
     number, start, line = first_line(file)
     delimiter = delimiter_of(line)

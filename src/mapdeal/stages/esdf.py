@@ -9,25 +9,10 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import (
-    ABOVE_0,
-    FACTOR,
-    METRES,
-    STRENGTH,
-    InSimulation,
-    LethalThreshold,
-    checked,
-    stage,
-)
+from mapdeal import command
+from mapdeal.grid import values as map_values
 from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, obstacles_in
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import (
-    DEFAULT_LETHAL_THRESHOLD,
-    OCCUPIED,
-    UNKNOWN,
-    Convention,
-    UnknownPolicy,
-)
 from mapdeal.kernels.blocks import blocks_of, holds_everywhere, made_by_rows, swept
 from mapdeal.kernels.distance import Halo, halos_of, runs_of, signed_distance
 from mapdeal.kernels.lookup import bytes_of_distances, squares_of_distances
@@ -110,7 +95,7 @@ def _measure(field: DistanceField) -> dict[str, Any]:
     return {"scale": field.resolution, "shift": shift, "gain": field.strength, "clip": clip}
 
 
-def _shifts(convention: Convention, resolution: float) -> tuple[float, float]:
+def _shifts(convention: map_values.Convention, resolution: float) -> tuple[float, float]:
     """Return the offsets of a convention for distances outside and inside of obstacles, metres."""
     return {
         "fast-planner": (0.0, resolution),
@@ -123,12 +108,12 @@ CostOfView = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.flo
 """Function from view values and their distances in metres to costs."""
 
 
-@checked
+@command.checked
 def field_view(
     field: DistanceField,
     *,
     view: View = "metric",
-    view_range: Annotated[float, ABOVE_0, METRES] = 2.0,
+    view_range: Annotated[float, command.ABOVE_0, command.METRES] = 2.0,
 ) -> FieldView:
     """Convert a distance field to values 0..100 that increase towards obstacles.
 
@@ -189,21 +174,25 @@ class Viewer:
     ) -> NDArray[np.int8]:
         def value_of(metres: NDArray[np.float64]) -> NDArray[np.float64]:
             metres = field.strength * metres
-            view = np.minimum(self.scale.values_of(metres, field.resolution), OCCUPIED - 1)
+            view = np.minimum(
+                self.scale.values_of(metres, field.resolution), map_values.OCCUPIED - 1
+            )
             return view if cost_of is None else cost_of(view, metres)
 
         if self._is_free:
             values = np.zeros(field.shape, dtype=np.int8)
         elif self._is_occupied:
-            values = np.full(field.shape, OCCUPIED, dtype=np.int8)
+            values = np.full(field.shape, map_values.OCCUPIED, dtype=np.int8)
         else:
             constant_from = self.scale.end / field.strength
             farthest = min(constant_from, math.hypot(*self._field.shape) * field.resolution)
             values = _bytes_of_metres(field, obstacles, value_of, farthest)
 
         def set_rows(rows: slice) -> None:
-            np.copyto(values[rows], UNKNOWN, where=field.occupancy[rows] == UNKNOWN)
-            np.copyto(values[rows], OCCUPIED, where=obstacles[rows])
+            np.copyto(
+                values[rows], map_values.UNKNOWN, where=field.occupancy[rows] == map_values.UNKNOWN
+            )
+            np.copyto(values[rows], map_values.OCCUPIED, where=obstacles[rows])
 
         for_rows(set_rows, values.shape)
         return values
@@ -214,7 +203,7 @@ def _parameters_from_layers(layers: CostmapLayers) -> dict[str, object] | None:
     return None if rule is None else {"lethal_threshold": rule[0], "unknown": rule[1]}
 
 
-@stage(
+@command.stage(
     name="esdf",
     group="Maps, distance fields, costmaps",
     example="""\
@@ -226,17 +215,17 @@ mapdeal esdf examples/maps/office.yaml -o out/view.yaml --view-range 1.0""",
     view=field_view,
     view_passes=lambda view: 1 if view["view"] == "per-map" else 0,
     passes=1,
-    in_simulation=InSimulation({"unknown": "occupied"}),
+    in_simulation=command.InSimulation({"unknown": "occupied"}),
     parameters_from_layers=_parameters_from_layers,
 )
 def esdf(
     grid: OccupancyGrid,
     *,
-    unknown: UnknownPolicy = "free",
-    convention: Convention = "fast-planner",
-    max_distance: Annotated[float, ABOVE_0, METRES] | None = None,
-    lethal_threshold: LethalThreshold = DEFAULT_LETHAL_THRESHOLD,
-    strength: Annotated[float, STRENGTH, FACTOR] = 1.0,
+    unknown: map_values.UnknownPolicy = "free",
+    convention: map_values.Convention = "fast-planner",
+    max_distance: Annotated[float, command.ABOVE_0, command.METRES] | None = None,
+    lethal_threshold: command.LethalThreshold = map_values.DEFAULT_LETHAL_THRESHOLD,
+    strength: Annotated[float, command.STRENGTH, command.FACTOR] = 1.0,
 ) -> DistanceField:
     """Compute the exact signed Euclidean distance field of a map.
 

@@ -8,40 +8,15 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import (
-    AT_LEAST_0,
-    METRES,
-    OCCUPANCY,
-    PER_METRE,
-    PERCENT,
-    FromRobot,
-    LethalThreshold,
-    Parameters,
-    RobotShape,
-)
+from mapdeal import command
 from mapdeal.errors import ParameterError
+from mapdeal.grid import values as map_values
 from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.frame import Framed, as_float32
-from mapdeal.grid.values import (
-    FREE_SPACE,
-    LETHAL_OBSTACLE,
-    NO_INFORMATION,
-    OCCUPIED,
-    UNKNOWN,
-    static_layer_cost_from_occupancy,
-)
 from mapdeal.kernels.blocks import counts_of, made_by_rows, made_by_windows
 from mapdeal.kernels.lookup import look_up, set_where
-from mapdeal.layers.inflation import (
-    CostLookup,
-    CostProfile,
-    InflationLayer,
-    advice_on,
-    circumscribed_cost,
-    inflation_curve,
-    warn_of_radii,
-)
+from mapdeal.layers import inflation as inflation_layer
 from mapdeal.layers.stack import CostmapLayers
 from mapdeal.stages.cost import ObstacleSource, check_lethal_threshold, cost_model, warn_of_strength
 from mapdeal.stages.esdf import bytes_in, furthest_kept
@@ -50,9 +25,11 @@ _CELLS_AT_ONCE = 1 << 22  # bounds the memory
 _RADII = ("inscribed_radius", "circumscribed_radius")
 
 
-def layer_of(parameters: Parameters) -> InflationLayer:
-    names = (field.name for field in fields(InflationLayer))
-    return InflationLayer(**{name: parameters[name] for name in names if name in parameters})
+def layer_of(parameters: command.Parameters) -> inflation_layer.InflationLayer:
+    names = (field.name for field in fields(inflation_layer.InflationLayer))
+    return inflation_layer.InflationLayer(
+        **{name: parameters[name] for name in names if name in parameters}
+    )
 
 
 def _parameters_from_layers(layers: CostmapLayers) -> dict[str, object] | None:
@@ -62,18 +39,21 @@ def _parameters_from_layers(layers: CostmapLayers) -> dict[str, object] | None:
         return None
     static, inflation = found
     threshold, inscribed = static.lethal_cost_threshold, static.inscribed_obstacle_cost_value
-    if static.unknown_cost_value != NO_INFORMATION or not 1 <= threshold <= OCCUPIED:
+    if (
+        static.unknown_cost_value != map_values.NO_INFORMATION
+        or not 1 <= threshold <= map_values.OCCUPIED
+    ):
         return None
     if static.use_maximum and static.unknown_is_highest:
         return None
     # updateWithMax skips unknown cells, so the free cells of the costmap below stay free
-    keeps_free = static.use_maximum and layers.default_cost == FREE_SPACE
+    keeps_free = static.use_maximum and layers.default_cost == map_values.FREE_SPACE
     values: dict[str, object] = {
         "lethal_threshold": threshold,
         "trinary_costmap": static.trinary_costmap,
         "track_unknown_space": static.track_unknown_space and not keeps_free,
         "inscribed_obstacle_cost_value": (
-            inscribed if inscribed is not None and 0 <= inscribed <= OCCUPIED else None
+            inscribed if inscribed is not None and 0 <= inscribed <= map_values.OCCUPIED else None
         ),
         "float32_resolution": True,
     }
@@ -84,13 +64,13 @@ def _parameters_from_layers(layers: CostmapLayers) -> dict[str, object] | None:
     return {**values, "circumscribed_radius": layers.circumscribed_radius}
 
 
-def _derived(parameters: Parameters) -> dict[str, Any]:
+def _derived(parameters: command.Parameters) -> dict[str, Any]:
     lookup, requested = parameters["lookup"], parameters["float32_resolution"]
     return {"float32_resolution": _resolution_is_float32(lookup, requested)}
 
 
-def _curve(source: Framed, parameters: Parameters) -> CostCurve:
-    return inflation_curve(
+def _curve(source: Framed, parameters: command.Parameters) -> CostCurve:
+    return inflation_layer.inflation_curve(
         [layer_of(parameters)],
         source.resolution,
         circumscribed_radius=parameters["circumscribed_radius"],
@@ -105,10 +85,10 @@ def _curve(source: Framed, parameters: Parameters) -> CostCurve:
         "factor {cost_scaling_factor:.4g}"
     ).format_map,
     memory=3.0,
-    advice=lambda parameters, cost: advice_on(cost, layer_of(parameters)),
+    advice=lambda parameters, cost: inflation_layer.advice_on(cost, layer_of(parameters)),
     when_closed="lower inscribed_radius, or the radius of inflate",
     curve=_curve,
-    robot=RobotShape(
+    robot=command.RobotShape(
         "inscribed_radius",
         _RADII,
         lambda footprint: {name: getattr(footprint, name) for name in _RADII},
@@ -119,18 +99,19 @@ def _curve(source: Framed, parameters: Parameters) -> CostCurve:
 def exponential_cost(
     source: ObstacleSource,
     *,
-    inscribed_radius: Annotated[float, AT_LEAST_0, METRES] = 0.0,
-    inflation_radius: Annotated[float, AT_LEAST_0, METRES] = 0.55,
-    cost_scaling_factor: Annotated[float, AT_LEAST_0, PER_METRE] = 10.0,
+    inscribed_radius: Annotated[float, command.AT_LEAST_0, command.METRES] = 0.0,
+    inflation_radius: Annotated[float, command.AT_LEAST_0, command.METRES] = 0.55,
+    cost_scaling_factor: Annotated[float, command.AT_LEAST_0, command.PER_METRE] = 10.0,
     inflate_unknown: bool = False,
     inflate_around_unknown: bool = False,
-    lethal_threshold: LethalThreshold | None = None,
+    lethal_threshold: command.LethalThreshold | None = None,
     trinary_costmap: bool = True,
     track_unknown_space: bool = True,
-    inscribed_obstacle_cost_value: Annotated[int, PERCENT, OCCUPANCY] | None = None,
-    lookup: CostLookup = "exact",
+    inscribed_obstacle_cost_value: Annotated[int, command.PERCENT, command.OCCUPANCY] | None = None,
+    lookup: inflation_layer.CostLookup = "exact",
     float32_resolution: bool | None = None,
-    circumscribed_radius: Annotated[float, AT_LEAST_0, METRES, FromRobot] | None = None,
+    circumscribed_radius: Annotated[float, command.AT_LEAST_0, command.METRES, command.FromRobot]
+    | None = None,
 ) -> Costmap:
     """Compute the costs of costmap_2d's static layer and inflation layer.
 
@@ -208,7 +189,7 @@ def exponential_cost(
     [[254, 253, 253, 152, 92, 0]]
     """
     warn_of_strength(source, "exponential")
-    layer = InflationLayer(
+    layer = inflation_layer.InflationLayer(
         inscribed_radius=inscribed_radius,
         inflation_radius=inflation_radius,
         cost_scaling_factor=cost_scaling_factor,
@@ -216,10 +197,12 @@ def exponential_cost(
         inflate_around_unknown=inflate_around_unknown,
         lookup=lookup,
     )
-    warn_of_radii(layer)
+    inflation_layer.warn_of_radii(layer)
     is_float32 = _resolution_is_float32(lookup, float32_resolution)
     cell_size = as_float32(source.resolution) if is_float32 else source.resolution
-    profile = CostProfile(layer, source.shape, cell_size, is_tolerant=not is_float32)
+    profile = inflation_layer.CostProfile(
+        layer, source.shape, cell_size, is_tolerant=not is_float32
+    )
     base = BaseCosts(
         source, lethal_threshold=lethal_threshold, trinary_costmap=trinary_costmap,
         track_unknown_space=track_unknown_space,
@@ -242,7 +225,7 @@ def exponential_cost(
         cost = made_by_windows(source.occupancy, np.uint8, costs, halo=profile.cells)
     else:
         cost = made_by_rows(source.occupancy, np.uint8, costs, is_cached=True)
-    at_circumscribed = circumscribed_cost(circumscribed_radius, layer)
+    at_circumscribed = inflation_layer.circumscribed_cost(circumscribed_radius, layer)
     return Costmap(cost, source.resolution, source.origin, circumscribed_cost=at_circumscribed)
 
 
@@ -251,7 +234,7 @@ class BaseCosts:
 
     def __init__(self, source: ObstacleSource, **parameters: Any) -> None:
         self.source = source
-        self.table = static_layer_cost_from_occupancy(
+        self.table = map_values.static_layer_cost_from_occupancy(
             lethal_threshold=check_lethal_threshold(source, parameters["lethal_threshold"]),
             trinary=parameters["trinary_costmap"],
             track_unknown=parameters["track_unknown_space"],
@@ -262,20 +245,24 @@ class BaseCosts:
         occupancy = self.source.occupancy[rows]
         cost: NDArray[np.uint8] = look_up(occupancy, self.table)
         if isinstance(self.source, DistanceField) and self.source.unknown == "occupied":
-            set_where(cost, occupancy == UNKNOWN, LETHAL_OBSTACLE)
+            set_where(cost, occupancy == map_values.UNKNOWN, map_values.LETHAL_OBSTACLE)
         return cost
 
     def spread_from_obstacles(self, field: DistanceField, *, around_unknown: bool) -> bool:
         differs = np.zeros(256, dtype=np.uint8)
-        differs[: field.lethal_threshold] = self.table[: field.lethal_threshold] == LETHAL_OBSTACLE
-        lethal = slice(field.lethal_threshold, OCCUPIED + 1)
-        differs[lethal] = self.table[lethal] != LETHAL_OBSTACLE
+        differs[: field.lethal_threshold] = (
+            self.table[: field.lethal_threshold] == map_values.LETHAL_OBSTACLE
+        )
+        lethal = slice(field.lethal_threshold, map_values.OCCUPIED + 1)
+        differs[lethal] = self.table[lethal] != map_values.LETHAL_OBSTACLE
         if field.unknown == "free":
-            differs[UNKNOWN] = around_unknown and self.table[UNKNOWN] == NO_INFORMATION
+            differs[map_values.UNKNOWN] = (
+                around_unknown and self.table[map_values.UNKNOWN] == map_values.NO_INFORMATION
+            )
         return not differs.any() or not counts_of(field.occupancy)[differs.view(np.bool_)].any()
 
 
-def _distinguishes(field: DistanceField, profile: CostProfile) -> bool:
+def _distinguishes(field: DistanceField, profile: inflation_layer.CostProfile) -> bool:
     """Return whether a field distinguishes all distances that the costs reach."""
     # A clipped field cannot distinguish cells exactly at the limit from those beyond it.
     metres = profile.reach * field.resolution
@@ -288,7 +275,9 @@ def _distinguishes(field: DistanceField, profile: CostProfile) -> bool:
     return False
 
 
-def _raise_from_field(profile: CostProfile, cost: NDArray[np.uint8], field: DistanceField) -> None:
+def _raise_from_field(
+    profile: inflation_layer.CostProfile, cost: NDArray[np.uint8], field: DistanceField
+) -> None:
     height, width = cost.shape
     step = max(1, _CELLS_AT_ONCE // max(1, width))
     for first in range(0, height, step):
@@ -297,7 +286,7 @@ def _raise_from_field(profile: CostProfile, cost: NDArray[np.uint8], field: Dist
         profile.raise_costs(cost[rows], bytes_in(part, part.obstacles(), profile.table))
 
 
-def _resolution_is_float32(lookup: CostLookup, requested: bool | None) -> bool:
+def _resolution_is_float32(lookup: inflation_layer.CostLookup, requested: bool | None) -> bool:
     """Return whether costs are computed with the float32 resolution of a map message."""
     if lookup == "nav2" and requested is False:
         rule = "cannot be no with lookup nav2, which takes the resolution of a map message"

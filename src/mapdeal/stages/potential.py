@@ -8,20 +8,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import (
-    AT_LEAST_0,
-    FACTOR,
-    METRES,
-    POINT,
-    REPULSION,
-    Condition,
-    FromRobot,
-    InPlaceOf,
-    LethalThreshold,
-    OnlyInPython,
-    RobotShape,
-    stage,
-)
+from mapdeal import command
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.field import LARGEST_GAIN, LARGEST_REPULSION, PotentialField
 from mapdeal.grid.footprint import Footprint
@@ -33,8 +20,10 @@ from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.lookup import sum_of_inverse_distances
 from mapdeal.stages.cost import ObstacleSource, obstacles_of
 
-GAIN = Condition(f"between 0 and {LARGEST_GAIN:g}", lambda value: 0 <= value <= LARGEST_GAIN)
-CAP = Condition(
+GAIN = command.Condition(
+    f"between 0 and {LARGEST_GAIN:g}", lambda value: 0 <= value <= LARGEST_GAIN
+)
+CAP = command.Condition(
     f"above 0, at most {LARGEST_REPULSION:g}", lambda value: 0 < value <= LARGEST_REPULSION
 )
 
@@ -42,7 +31,7 @@ LEAST_DISTANCE = 0.001
 """Metres up to which terms are omitted: the distance of a cell to itself is 0."""
 
 
-@stage(
+@command.stage(
     name="potential",
     group="Questions about a map",
     example="""\
@@ -56,22 +45,22 @@ mapdeal potential examples/maps/office.yaml -o out/potential.npz --goal 9,5 \\
     memory=125.0,
     is_whole=lambda _: True,
     passes_output_on=False,
-    robot=RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
-    in_place_of={"footprint": InPlaceOf("radius", lambda p: reach_radius(p["footprint"]))},
+    robot=command.RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
+    in_place_of={"footprint": command.InPlaceOf("radius", lambda p: reach_radius(p["footprint"]))},
     where_it_fits=("with_cost_to_go", "cost_to_go and its gradient", 200.0),
 )
 def potential(
     source: ObstacleSource,
     *,
-    goal: Annotated[tuple[float, float], POINT] | None = None,
-    repulsive_cap: Annotated[float, CAP, REPULSION] = 1e5,
-    attractive_gain: Annotated[float, GAIN, FACTOR] = 1.0,
-    repulsive_gain: Annotated[float, GAIN, FACTOR] = 1.0,
-    lethal_threshold: LethalThreshold | None = None,
-    radius: Annotated[float, AT_LEAST_0, METRES, FromRobot] = 0.0,
+    goal: Annotated[tuple[float, float], command.POINT] | None = None,
+    repulsive_cap: Annotated[float, CAP, command.REPULSION] = 1e5,
+    attractive_gain: Annotated[float, GAIN, command.FACTOR] = 1.0,
+    repulsive_gain: Annotated[float, GAIN, command.FACTOR] = 1.0,
+    lethal_threshold: command.LethalThreshold | None = None,
+    radius: Annotated[float, command.AT_LEAST_0, command.METRES, command.FromRobot] = 0.0,
     footprint: Footprint | None = None,
     through_unknown: bool = False,
-    with_cost_to_go: Annotated[bool, OnlyInPython] = True,
+    with_cost_to_go: Annotated[bool, command.OnlyInPython] = True,
 ) -> PotentialField:
     """Compute the artificial potential field of a map.
 

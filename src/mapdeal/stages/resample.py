@@ -13,26 +13,18 @@ from numpy.typing import NDArray
 
 from mapdeal.command import ABOVE_0, METRES, RADIANS, Parameters, stage
 from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.grid import frame as frames
 from mapdeal.grid.canvas import ResamplingRule, check_rule, check_values, resampled
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.frame import (
-    MOST_CELLS,
-    Frame,
-    Transform,
-    ValueGrid,
-    cells_to_cover,
-    check_resolution,
-    region_around,
-)
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
 from mapdeal.stages.clean import beside
 
 _QUARTER = math.pi / 2
 _TOLERANCE = 2e-5  # radians; makes 1.5708 and 4.7124 quarter turns, and is 2 mm over 100 m
 _THICKEST_WALL = 5  # cells of a wall that count, from its open side
-V = TypeVar("V", bound=ValueGrid)
+V = TypeVar("V", bound=frames.ValueGrid)
 
-_angles: WeakKeyDictionary[ValueGrid, float | None] = WeakKeyDictionary()
+_angles: WeakKeyDictionary[frames.ValueGrid, float | None] = WeakKeyDictionary()
 """Results of `yaw_to_straighten`, which a turn needs twice: for its memory and for its cells."""
 
 
@@ -41,7 +33,7 @@ class Turned(Generic[V]):
     """A turned map, and the transform of its points; None if the map is unchanged."""
 
     grid: V
-    transform: Transform | None
+    transform: frames.Transform | None
 
     def lines(self) -> Iterator[str]:
         """Yield what ``mapdeal rotate`` prints of the turn."""
@@ -58,13 +50,13 @@ def _check(parameters: Parameters) -> Parameters:
     return {}
 
 
-def _cells_to_turn(grid: ValueGrid, parameters: Parameters) -> Iterator[int]:
+def _cells_to_turn(grid: frames.ValueGrid, parameters: Parameters) -> Iterator[int]:
     yaw, count = parameters["yaw"], math.prod(grid.shape)
     if yaw is None:
         yield count
         yaw = yaw_to_straighten(grid)
     new_count = count if yaw is None else cells_when_turned(grid.frame, yaw)
-    if new_count <= MOST_CELLS:  # the turn refuses more
+    if new_count <= frames.MOST_CELLS:  # the turn refuses more
         yield new_count + min(new_count, count)
 
 
@@ -167,10 +159,10 @@ def rotate(grid: V, yaw: float = 0.0, *, rule: ResamplingRule = "area") -> V:
     if quarters is not None:
         check_rule(rule)
         return grid.with_values(np.rot90(grid.values, -quarters), frame.origin)
-    lattice = Frame(1, 1, frame.resolution)
-    region = region_around(lattice, frame)
-    if region.cells > MOST_CELLS:
-        text = f"the turned map must not have more than {MOST_CELLS} cells"
+    lattice = frames.Frame(1, 1, frame.resolution)
+    region = frames.region_around(lattice, frame)
+    if region.cells > frames.MOST_CELLS:
+        text = f"the turned map must not have more than {frames.MOST_CELLS} cells"
         raise ParameterError(text, place="yaw", got=(region.width, region.height))
     there = grid.with_values(grid.values, frame.origin)
     return resampled(there, region.frame_in(lattice), rule=rule)
@@ -207,7 +199,7 @@ def straighten(grid: V, *, rule: ResamplingRule = "area") -> V:
     return turned(grid, straighten=True, rule=rule).grid
 
 
-def yaw_to_straighten(grid: ValueGrid) -> float | None:
+def yaw_to_straighten(grid: frames.ValueGrid) -> float | None:
     """Return the angle by which `rotate` aligns a map's walls with the axes of the map frame.
 
     Parameters
@@ -240,20 +232,20 @@ def yaw_to_straighten(grid: ValueGrid) -> float | None:
     return _angles[grid]
 
 
-def turn_of(yaw: float) -> Transform:
-    transform = Transform(0.0, 0.0, yaw)
+def turn_of(yaw: float) -> frames.Transform:
+    transform = frames.Transform(0.0, 0.0, yaw)
     quarters = _quarters_of(transform.yaw)
-    return transform if quarters is None else Transform(0.0, 0.0, quarters * _QUARTER)
+    return transform if quarters is None else frames.Transform(0.0, 0.0, quarters * _QUARTER)
 
 
-def cells_when_turned(frame: Frame, yaw: float) -> int:
+def cells_when_turned(frame: frames.Frame, yaw: float) -> int:
     turned, quarters = _turned(frame, yaw)
     if quarters is not None:
         return math.prod(frame.shape)
-    return region_around(Frame(1, 1, frame.resolution), turned).cells
+    return frames.region_around(frames.Frame(1, 1, frame.resolution), turned).cells
 
 
-def _turned(frame: Frame, yaw: float) -> tuple[Frame, int | None]:
+def _turned(frame: frames.Frame, yaw: float) -> tuple[frames.Frame, int | None]:
     """Return the frame of a turned grid; for quarter turns without yaw, and with their number."""
     turn = turn_of(yaw)
     x, y, total = turn.frame(frame).origin
@@ -263,11 +255,11 @@ def _turned(frame: Frame, yaw: float) -> tuple[Frame, int | None]:
         x, y = ((x, y), (-y, x), (-x, -y), (y, -x))[quarters_of_turn % 4]
     quarters = _quarters_of(total)
     if quarters is None:
-        return Frame(*frame.shape, frame.resolution, (x, y, total)), None
+        return frames.Frame(*frame.shape, frame.resolution, (x, y, total)), None
     height, width = frame.shape
     row, col = ((0, 0), (0, -height), (-height, -width), (-width, 0))[quarters % 4]
     shape = (width, height) if quarters % 2 else (height, width)
-    straight = Frame(1, 1, frame.resolution, (x + 0.0, y + 0.0, 0.0))
+    straight = frames.Frame(1, 1, frame.resolution, (x + 0.0, y + 0.0, 0.0))
     return straight.window(row, col, *shape), quarters
 
 
@@ -276,7 +268,7 @@ def _quarters_of(yaw: float) -> int | None:
     return quarters if abs(yaw - quarters * _QUARTER) <= _TOLERANCE else None
 
 
-def _walls_of(grid: ValueGrid) -> NDArray[np.bool_]:
+def _walls_of(grid: frames.ValueGrid) -> NDArray[np.bool_]:
     """Return the obstacle cells near open space, or all obstacle cells without open space."""
     # A map that was turned before may be occupied around its old outline, which is not a wall.
     check_values(grid)
@@ -290,7 +282,7 @@ def _walls_of(grid: ValueGrid) -> NDArray[np.bool_]:
     return near if near.any() else obstacles
 
 
-def _cells_to_rescale(grid: ValueGrid, parameters: Parameters) -> Iterator[int]:
+def _cells_to_rescale(grid: frames.ValueGrid, parameters: Parameters) -> Iterator[int]:
     frame = rescaled_frame(grid.frame, parameters["resolution"])
     count, new_count = math.prod(grid.shape), math.prod(frame.shape)
     yield max(count, new_count) + count
@@ -310,7 +302,7 @@ def _cells_to_rescale(grid: ValueGrid, parameters: Parameters) -> Iterator[int]:
     is_whole=lambda _: True,
     edits=True,
     moves=lambda _: True,
-    derived=lambda parameters: {"resolution": check_resolution(parameters["resolution"])},
+    derived=lambda parameters: {"resolution": frames.check_resolution(parameters["resolution"])},
 )
 def rescale(
     grid: V, resolution: Annotated[float, ABOVE_0, METRES], *, rule: ResamplingRule = "area"
@@ -357,12 +349,12 @@ def rescale(
     return grid if frame == grid.frame else resampled(grid, frame, rule=rule)
 
 
-def rescaled_frame(frame: Frame, resolution: float) -> Frame:
-    side = check_resolution(resolution)
+def rescaled_frame(frame: frames.Frame, resolution: float) -> frames.Frame:
+    side = frames.check_resolution(resolution)
     if side == frame.resolution:
         return frame
-    width, height = (max(1, cells_to_cover(length, side)) for length in frame.size_xy)
-    if height * width > MOST_CELLS:
-        rule = f"the result must not have more than {MOST_CELLS} cells"
+    width, height = (max(1, frames.cells_to_cover(length, side)) for length in frame.size_xy)
+    if height * width > frames.MOST_CELLS:
+        rule = f"the result must not have more than {frames.MOST_CELLS} cells"
         raise ParameterError(rule, place="resolution", got=(width, height))
-    return Frame(height, width, side, frame.origin)
+    return frames.Frame(height, width, side, frame.origin)

@@ -11,35 +11,17 @@ from numpy.typing import NDArray
 
 from mapdeal import command
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
-from mapdeal.grid.canvas import (
-    FieldGrid,
-    check_values,
-    cut_out,
-    is_turned,
-    on_canvas,
-    region_on_lattice,
-    replaced,
-)
+from mapdeal.grid import canvas as canvases
+from mapdeal.grid import frame as frames
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.frame import (
-    MOST_CELLS,
-    Frame,
-    Framed,
-    Point,
-    Region,
-    ValueGrid,
-    cells_to_cover,
-    check_point,
-    region_of,
-)
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.blocks import swept
 from mapdeal.kernels.components import drop_small_groups
 
-G = TypeVar("G", bound=ValueGrid | FieldGrid | Reach)
-V = TypeVar("V", bound=ValueGrid)
+G = TypeVar("G", bound=frames.ValueGrid | canvases.FieldGrid | Reach)
+V = TypeVar("V", bound=frames.ValueGrid)
 Mask = NDArray[np.bool_]
 
 
@@ -107,13 +89,15 @@ def active_region(
         raise MalformedInputError("no active cells: every cell is unknown")
     # a larger margin than the map has no further effect
     margin = min(margin, max(grid.shape) * grid.resolution)
-    grow = cells_to_cover(margin, grid.resolution)
+    grow = frames.cells_to_cover(margin, grid.resolution)
     rows, cols = _span(in_rows, grow), _span(in_cols, grow)
-    region = Region(rows.start, cols.start, rows.stop - rows.start, cols.stop - cols.start)
+    region = frames.Region(rows.start, cols.start, rows.stop - rows.start, cols.stop - cols.start)
     box = OccupancyGrid(
-        cut_out(grid.occupancy, region), grid.resolution, region.frame_in(grid.frame).origin
+        canvases.cut_out(grid.occupancy, region),
+        grid.resolution,
+        region.frame_in(grid.frame).origin,
     )
-    return on_canvas(box, grid.frame) if canvas == "full" else box
+    return canvases.on_canvas(box, grid.frame) if canvas == "full" else box
 
 
 def _known_lines(grid: OccupancyGrid, min_component: int) -> tuple[Mask, Mask]:
@@ -138,13 +122,15 @@ def _span(has_known: Mask, grow: int) -> slice:
 
 
 def _cells(grid: Any, parameters: command.Parameters) -> Iterator[int]:
-    frame: Frame | None = parameters["like"]
+    frame: frames.Frame | None = parameters["like"]
     if frame is None:
         corner, center = parameters["corner"], parameters["at"]
-        region = region_of(grid.frame, parameters["size"], corner_xy=corner, center_xy=center)
+        region = frames.region_of(
+            grid.frame, parameters["size"], corner_xy=corner, center_xy=center
+        )
         frame = region.frame_in(grid.frame)
     count = math.prod(frame.shape)
-    if count <= MOST_CELLS:  # the window refuses more
+    if count <= frames.MOST_CELLS:  # the window refuses more
         yield count + min(count, math.prod(grid.shape))
 
 
@@ -180,10 +166,11 @@ def _check(parameters: command.Parameters) -> command.Parameters:
 def window(
     grid: G,
     *,
-    size_xy: Annotated[Point, command.POINT, command.Words("WX,WY", name="size")] | None = None,
-    corner_xy: Annotated[Point, command.POINT, command.Words(name="corner")] | None = None,
-    center_xy: Annotated[Point, command.POINT, command.Words(name="at")] | None = None,
-    frame: Annotated[Frame, command.Words("MAP", name="like")] | None = None,
+    size_xy: Annotated[frames.Point, command.POINT, command.Words("WX,WY", name="size")]
+    | None = None,
+    corner_xy: Annotated[frames.Point, command.POINT, command.Words(name="corner")] | None = None,
+    center_xy: Annotated[frames.Point, command.POINT, command.Words(name="at")] | None = None,
+    frame: Annotated[frames.Frame, command.Words("MAP", name="like")] | None = None,
     default: Annotated[int, command.VALUE] | None = None,
 ) -> G:
     """Return a rectangular part of a grid, which may extend beyond it.
@@ -241,58 +228,60 @@ def window(
     if frame is not None:
         if (size_xy, corner_xy, center_xy) != (None, None, None):
             raise ParameterError("takes the place of size, corner and center", place="frame")
-        place = region_on_lattice(grid.frame, frame)
+        place = canvases.region_on_lattice(grid.frame, frame)
         if place is None:
             raise ParameterError(_mismatch_text(grid.frame, frame), place="frame")
         return copied(grid, place, frame, fill=fill, stage_name="window")
     if size_xy is None:
         raise ParameterError("must be given, or a frame", place="size")
-    region = region_of(grid.frame, size_xy, corner_xy=corner_xy, center_xy=center_xy)
+    region = frames.region_of(grid.frame, size_xy, corner_xy=corner_xy, center_xy=center_xy)
     return copied(grid, region, region.frame_in(grid.frame), fill=fill, stage_name="window")
 
 
-def _mismatch_text(lattice: Frame, frame: Frame) -> str:
+def _mismatch_text(lattice: frames.Frame, frame: frames.Frame) -> str:
     if frame.resolution != lattice.resolution:
         lattice_side, frame_side = lattice.resolution, frame.resolution
         return f"must have cells of {lattice_side:g} m as the grid has, not of {frame_side:g} m"
-    if is_turned(lattice, frame.origin[2]):
+    if canvases.is_turned(lattice, frame.origin[2]):
         return f"must have the grid's yaw, {lattice.origin[2]:g} rad, not {frame.origin[2]:g} rad"
     return "the edges of the cells must coincide: the origins are not whole cells apart"
 
 
-def default_of(grid: Framed, value: int | None) -> int | None:
+def default_of(grid: frames.Framed, value: int | None) -> int | None:
     """Return a value for cells beyond a grid, checked against its scale; None for unknown."""
     if value is None:
         return None
-    if not isinstance(grid, ValueGrid):
+    if not isinstance(grid, frames.ValueGrid):
         raise ParameterError("a distance field takes none", place="default", got=value)
     return grid.accept_value(value, "default")
 
 
-def copied(grid: G, region: Region, frame: Frame, *, fill: int | None, stage_name: str) -> G:
+def copied(
+    grid: G, region: frames.Region, frame: frames.Frame, *, fill: int | None, stage_name: str
+) -> G:
     """Return a grid with the cells of a region, whose frame is `frame`."""
-    if not isinstance(grid, (ValueGrid, DistanceField)):
+    if not isinstance(grid, (frames.ValueGrid, DistanceField)):
         raise ParameterError("takes a map, a costmap or a distance field", source="window")
-    known = Region(0, 0, *grid.shape)
+    known = frames.Region(0, 0, *grid.shape)
     if isinstance(grid, DistanceField) and grid.region is not None:
         known = grid.region
     row, col = max(region.row, known.row), max(region.col, known.col)
-    shared = Region(
+    shared = frames.Region(
         row,
         col,
         min(region.row + region.height, known.row + known.height) - row,
         min(region.col + region.width, known.col + known.width) - col,
     )
     if shared.height <= 0 or shared.width <= 0:
-        if not isinstance(grid, ValueGrid):
+        if not isinstance(grid, frames.ValueGrid):
             raise ParameterError("no cell of it has a distance", place=stage_name)
         emit_warning(f"{stage_name}: lies outside of the map, no cell is kept", stacklevel=4)
         value = grid.unknown_value if fill is None else fill
         values: NDArray[np.generic] = np.full(frame.shape, value, dtype=grid.values.dtype)
         return grid.with_values(values, frame.origin)
-    layers = {name: cut_out(getattr(grid, name), shared) for name in grid.layer_names}
-    part = replaced(grid, origin=shared.frame_in(grid.frame).origin, **layers)
-    return on_canvas(part, frame, fill=fill)
+    layers = {name: canvases.cut_out(getattr(grid, name), shared) for name in grid.layer_names}
+    part = canvases.replaced(grid, origin=shared.frame_in(grid.frame).origin, **layers)
+    return canvases.on_canvas(part, frame, fill=fill)
 
 
 @command.stage(
@@ -310,7 +299,7 @@ def copied(grid: G, region: Region, frame: Frame, *, fill: int | None, stage_nam
 )
 def shift_origin(
     grid: V,
-    origin_xy: Annotated[Point, command.POINT, command.Words(name="origin")],
+    origin_xy: Annotated[frames.Point, command.POINT, command.Words(name="origin")],
     *,
     default: Annotated[int, command.VALUE] | None = None,
 ) -> V:
@@ -348,8 +337,10 @@ def shift_origin(
     >>> shifted.occupancy.tolist(), shifted.origin
     ([[3, 0, 0]], (0.2, 2.0, 0.0))
     """
-    check_values(grid)
+    canvases.check_values(grid)
     fill = default_of(grid, default)
-    region = region_of(grid.frame, grid.frame.size_xy, corner_xy=check_point(origin_xy, "origin"))
+    region = frames.region_of(
+        grid.frame, grid.frame.size_xy, corner_xy=frames.check_point(origin_xy, "origin")
+    )
     region = region._replace(height=grid.shape[0], width=grid.shape[1])
     return copied(grid, region, region.frame_in(grid.frame), fill=fill, stage_name="origin")
