@@ -68,8 +68,6 @@ HEADINGS = Condition("between 4 and 255", lambda value: 4 <= value <= 255)
 
 @dataclass(frozen=True)
 class Unit:
-    """Unit of a parameter."""
-
     symbol: str
     metavar: str
 
@@ -158,7 +156,6 @@ class Parameter:
         return get_args(self.kind) if get_origin(self.kind) is Literal else ()
 
     def accept(self, value: object) -> Any:
-        """Convert `value` to the parameter's type."""
         # Text is read as written in a recipe or a shell: ``0.3``, ``yes``, ``90,70,50``.
         if self.optional and (value is None or (isinstance(value, str) and value == "none")):
             return None
@@ -287,7 +284,6 @@ def unknown_parameter(name: str, known: Iterable[str], owner: str) -> ParameterE
 def unknown_name(
     noun: str, name: object, known: Iterable[str], *, place: str | None = None
 ) -> ParameterError:
-    """Return the error for a name that is not `known`, with a hint of the nearest name."""
     names = list(known)
     hint = nearest_hint(str(name), names) or f"known: {', '.join(names)}"
     return ParameterError(f"no such {noun}", place=place, got=name, hint=hint)
@@ -367,8 +363,6 @@ _SECTION = re.compile(r"(?m)^ {4}(?P<name>\w+)\n {4}-+\n")
 
 @dataclass(frozen=True)
 class RobotShape:
-    """How a stage uses a robot's shape."""
-
     replaces: str
     sets: tuple[str, ...]
     parameters: Callable[[Footprint], dict[str, object]]
@@ -376,8 +370,6 @@ class RobotShape:
 
 @dataclass(frozen=True)
 class InPlaceOf:
-    """Replacement of one parameter by another one."""
-
     parameter: str
     value: Callable[[Parameters], float | None]
 
@@ -465,7 +457,6 @@ class Stage:
 
     @functools.cached_property
     def meanings(self) -> dict[str, str]:
-        """Description of each parameter, from the docstrings of function and view."""
         functions = [self.function, *([] if self.view is None else [self.view])]
         texts = {k: text for function in functions for k, text in meanings_of(function).items()}
         names = {key: parameter.name for key, parameter in self.parameters.items()}
@@ -494,7 +485,6 @@ class Stage:
 
 
 def input_types_of(function: Callable[..., Any]) -> tuple[type[Any], ...]:
-    """Return the types of a function's first argument."""
     function = inspect.unwrap(function)
     first = next(iter(inspect.signature(function).parameters))
     input_type = get_type_hints(function)[first]
@@ -644,7 +634,6 @@ def command(*, group: str, example: str, **more: Any) -> Callable[[C], C]:
 
 
 def commands_named(name: str) -> dict[str, Command]:
-    """Return the command of a name, or the commands of a group by their second word."""
     # Their module must have been imported.
     found = {full_name.name: full_name for full_name in _COMMANDS.values()}
     return {

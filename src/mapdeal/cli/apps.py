@@ -105,8 +105,6 @@ def _apply_stage(
 
 @dataclass(frozen=True, eq=False)
 class _StageCommand(Command):
-    """The command of a stage, with the parameters of all its models as options."""
-
     models: Mapping[str | None, Stage] = field(default_factory=dict)
     flags_have_opposites: ClassVar[bool] = True
 
@@ -201,7 +199,6 @@ def _command_of_stage(name: str) -> Command:
 
 
 def first_sentence(text: str) -> str:
-    """Return the first sentence of a parameter's description, without its markup."""
     match = _FIRST_SENTENCE.match(text)
     return (match[0] if match else text).replace("`", "")
 
@@ -251,7 +248,6 @@ _TYPES = {Map: Path, Map | None: Path | None, Sequence[Map]: list[Path]}  # what
 
 
 def command_app(name: str, module: ModuleType | None = None) -> typer.Typer:
-    """Return the application of a command, or of a stage if there is no module."""
     app = typer.Typer(rich_markup_mode=None, add_completion=False)
     members = {"": _command_of_stage(name)} if module is None else definitions.commands_named(name)
     for word, definition in members.items():

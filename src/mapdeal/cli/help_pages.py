@@ -36,7 +36,6 @@ def in_groups(group: Any, context: Any, names: Iterable[str] | None = None) -> d
 
 
 def lay_out(command: Any) -> None:
-    """Make the ``--help`` of a command list its options in groups, and end with examples."""
     command.format_options = partial(_write_options, command, command.format_options)
     if command.epilog:
         command.format_epilog = partial(_write_examples, command.epilog)
@@ -47,7 +46,6 @@ FIRST = ("run", "view", "info", "reach", "clean", "diff", "build", "lint")
 
 
 def overview(group: Any, context: Any) -> str:
-    """Return what ``mapdeal`` alone prints."""
     formatter = context.make_formatter()
     formatter.write("Process robot map files without ROS.\n\n")
     formatter.write("Start with: mapdeal run MAP.yaml -o out\n")
@@ -70,7 +68,6 @@ def write_commands(
 
 
 def sections_of(command: Any, context: Any) -> dict[str, list[tuple[str, str]]]:
-    """Return the arguments and options of a command by the title that they stand below."""
     parameters = command.get_params(context)
     sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
     for parameter in parameters:

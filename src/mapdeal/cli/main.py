@@ -110,7 +110,6 @@ def mapdeal(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code."""
     terminal.prepare()
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words[:1] == ["help"]:

@@ -33,7 +33,6 @@ OR_STDOUT = "Or - for an .npz on stdout."
 
 
 def option_of(parameter: Parameter, help_text: str, *, is_flag: bool = False) -> Any:
-    """Return the option of a parameter; its help shows the default of the function."""
     # An option with the default None is absent from the function's arguments.
     words = parameter.words or Words()
     default = None if parameter.is_required else parameter.default
@@ -104,10 +103,7 @@ def robot_parameters(
     *, params_file: Sequence[Path] | None, costmap: CostmapName | None, namespace: str | None,
     dialect: Dialect, is_shape: bool = False, has_mask: bool = False, has_pose: bool = False,
 ) -> RobotParameters | None:  # fmt: skip
-    """Return the robot that parameter files describe, if there are any, and report its layers.
-
-    Dialects before nav2 select the older inflation layer. With `is_shape`, layers are not reported.
-    """
+    """Return the robot of parameter files; report its layers, unless only its shape counts."""
     if not params_file:
         for option, value in (("--costmap", costmap), ("--namespace", namespace)):
             if value is not None:
@@ -351,7 +347,6 @@ def _for_typer(annotation: Any) -> Any:
 
 
 def _names_image(values: Mapping[str, Any]) -> bool:
-    """Return whether an input, or one of several, is an image."""
     named = [value for name, value in values.items() if name != "output"]
     texts = [item for value in named for item in (value if isinstance(value, list) else [value])]
     return any(Path(item).suffix.lower() in IMAGE_SUFFIXES for item in texts

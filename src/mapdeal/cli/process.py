@@ -23,7 +23,6 @@ _ENDING = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasatt
 
 
 def run_process() -> NoReturn:
-    """Run the command line and end the process with its exit code."""
     own = [number for number in _ENDING if signal.getsignal(number) != signal.SIG_IGN]
     for number in own:
         signal.signal(number, end_on_signal)

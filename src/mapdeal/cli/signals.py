@@ -19,7 +19,6 @@ _has_begun = False
 
 
 def release_reserve() -> None:
-    """Release the memory that is reserved for reporting errors."""
     _reserve.clear()
 
 

@@ -44,10 +44,7 @@ _warned: set[str] = set()
 
 
 def configure(*, quiet: bool, verbose: bool, strict: bool = False) -> None:
-    """Set the amount of output: a quiet command prints errors and requested results only.
-
-    A strict command fails on warnings, so it always prints them.
-    """
+    """Set the amount of output; a strict command fails on warnings."""
     global _quiet, _verbose, _strict, _stdout_dropped, _is_for_data
     _quiet, _verbose, _strict = quiet, verbose, strict
     _stdout_dropped = _is_for_data = False
@@ -77,7 +74,6 @@ def need_stdout(option: str) -> None:
 
 
 def refuse_keyboard() -> None:
-    """Refuse a terminal as stdin."""
     if sys.stdin is not None and sys.stdin.isatty():
         hint = "mapdeal convert MAP -o - | mapdeal ... - takes a map from another command"
         raise ParameterError("is a terminal, and an npz is not text", source="-", hint=hint)
@@ -96,7 +92,6 @@ def call_files(names: Mapping[Path, str]) -> None:
 
 
 def send(path: Path) -> None:
-    """Write a file to stdout, until its reader closes it."""
     from mapdeal.files.source import chunks_of
 
     for chunk in chunks_of(path):
@@ -111,7 +106,6 @@ def _write_bytes(chunk: bytes) -> None:
 
 
 def result(text: str) -> None:
-    """Print a result that the user asked for, quiet or not."""
     if _is_for_data:
         _print_message(text)
     else:
@@ -119,7 +113,6 @@ def result(text: str) -> None:
 
 
 def input_chunks() -> Iterator[bytes]:
-    """Yield chunks of stdin as they arrive."""
     if sys.stdin is None:
         raise ParameterError("is closed", source="standard input")
     try:
@@ -131,7 +124,6 @@ def input_chunks() -> Iterator[bytes]:
 
 
 def stream(parts: Iterable[str]) -> None:
-    """Print the parts of a result as they are computed, until the reader closes stdout."""
     for part in parts:
         result(part)
         _to_stdout(sys.stdout.flush)
@@ -140,14 +132,12 @@ def stream(parts: Iterable[str]) -> None:
 
 
 def warn(text: str) -> None:
-    """Print a warning, unless quiet; only `emit_warning` makes a strict command fail."""
     if _strict or not _quiet:
         _print_message(f"warning: {one_line(text)}")
 
 
 @contextmanager
 def few_warnings(hint: str) -> Iterator[Callable[[str], None]]:
-    """Yield a function that prints the first warnings; print the number of others last."""
     count = 0
 
     def show(text: str) -> None:
@@ -163,14 +153,12 @@ def few_warnings(hint: str) -> Iterator[Callable[[str], None]]:
 
 
 def summary(lines: Iterable[str], *, is_asked_for: bool = False) -> None:
-    """Print lines of a result, unless quiet and not requested."""
     if is_asked_for or not _quiet:
         for line in lines:
             result(_coloured(one_line(line), sys.stdout))
 
 
 def remark(lines: Iterable[str]) -> None:
-    """Print remarks on stderr, unless quiet."""
     if not _quiet:
         for line in lines:
             _print_message(one_line(line))
@@ -182,7 +170,6 @@ def is_verbose() -> bool:
 
 
 def detail(text: str) -> None:
-    """Print a line of a verbose command."""
     if _verbose:
         _print_message(one_line(text))
 
@@ -218,7 +205,6 @@ def activity_shown(command: str) -> Iterator[None]:
 
 
 def _show_line(text: str) -> None:
-    """Replace the line of progress; an empty text erases it."""
     global _has_line
     with _writing, contextlib.suppress(OSError):
         if text or _has_line:
@@ -290,7 +276,6 @@ def counted(steps: int, noun: str | None = None) -> Iterator[Callable[..., objec
 
 
 def error(problem: MapdealError) -> None:
-    """Print an error: one line, and its hint on a second."""
     _print_message(f"error: {problem}")
     if problem.hint:
         _print_message(f"hint: {one_line(problem.hint)}")

@@ -46,7 +46,6 @@ _POINT = re.compile(r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}")
 
 
 def accept_words(command: Any, name: str) -> None:
-    """Make a command accept spellings, numbers and flags as in recipes, and several points."""
     parse = command.parse_args
     flags = {
         option[2:]
@@ -178,7 +177,6 @@ def point_hint(word: str, command: str) -> str | None:
 
 
 def usage_error(error: Any) -> ParameterError:
-    """Return click's error as a ParameterError, on one line."""
     message = " ".join(error.format_message().split()).removesuffix(".")
     message = message[:1].lower() + message[1:]
     context = getattr(error, "ctx", None)
@@ -203,7 +201,6 @@ def usage_error(error: Any) -> ParameterError:
 
 
 def _nearest_hint(word: str, command: Any, context: Any) -> str | None:
-    """Return a hint with the name closest to an unknown command or option, if there is one."""
     if not word.startswith("-"):
         known = command.list_commands(context)
         if word.lower() in _SYNONYMS:

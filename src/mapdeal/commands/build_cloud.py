@@ -120,7 +120,6 @@ def _of_files(names: Sequence[str], poses: Path | None) -> _Clouds:
 
 
 def _poses_in(path: Path) -> tuple[Points, Points]:
-    """Return the translations and quaternions of poses in a file."""
     if has_times(path):
         _, moves, quaternions = read_trajectory(path)
         return moves, quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)

@@ -373,7 +373,6 @@ def differences(
 
 
 def _faults(a: MapInput, b: MapInput, move: Transform | None) -> tuple[finding.Fault, ...]:
-    """Return the faults of B, taking A as the truth, on the cells of A."""
     truth = a.occupancy
     lies_in = (move or Transform()).inverse().frame(b.occupancy.frame)
     values, inside = sampled(truth.frame, b.occupancy.occupancy, lies_in)
@@ -385,7 +384,6 @@ def compared(
     maps: Sequence[MapInput], *, tolerance: float = 0.0, move: Transform | None = None,
     **reading: Unpack[Reading],
 ) -> Difference:  # fmt: skip
-    """Return what differs between two maps that were read, unless it takes too much memory."""
     grids = [source.occupancy for source in maps]
     if move is not None:
         frame = move.inverse().frame(grids[1].frame)

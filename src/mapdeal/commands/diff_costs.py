@@ -33,7 +33,6 @@ _WORDS = {
 
 
 def change_text(change: CostChange) -> str:
-    """Return what has changed in one way, with the largest of its regions."""
     text = (
         f"{count_text(change.cells, 'cell')} ({decimal_text(change.area)} m2) {_WORDS[change.kind]}"
     )
@@ -89,8 +88,6 @@ def change_codes(found: CostDifference) -> Any:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CostmapDiff(Result):
-    """Differences between the costs of two files."""
-
     costs: CostDifference
     bounds: tuple[Bound, ...]
     maps: Sequence[MapInput]

@@ -269,7 +269,6 @@ def _reaches(
 
 
 def _closing(before: Reach, after: Reach) -> tuple[Passage, ...]:
-    """Return the passages that stop the robot after a change, but not before."""
     return tuple(
         passage for passage in after.passages
         if not passage.is_open and _is_passed(passage, before)
@@ -289,7 +288,6 @@ def _is_passed(passage: Passage, reach: Reach) -> bool:
 
 
 def _differing_parameters(first: RobotParameters, second: RobotParameters) -> dict[str, Pair]:
-    """Return the parameters that differ; those of a layer only if both robots have it."""
     values = _parameters_of(second)
     return {
         name: (value, values[name])

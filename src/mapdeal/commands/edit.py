@@ -76,7 +76,6 @@ def _edits(
 def _edited(
     source: Path, change: Callable[[Any], Any], what: str, *, inputs: Sequence[Path] = ()
 ) -> Made:
-    """Read a map or costmap, or a bit map that is to be written as one, and change it."""
     work = Work.in_shell()
     encoding: Encoding = "occupancy"
     if any(path.suffix == BIT_MAP for path in work.outputs):

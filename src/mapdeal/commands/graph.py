@@ -228,7 +228,6 @@ def graph(
 
 
 def _warn(result: GraphResult, name: str, cover: float, *, has_corners: bool) -> None:
-    """Warn of what the graph lacks."""
     missing = result.reachable - result.covered
     if missing > _LITTLE * result.reachable:
         why = "it would take too many nodes; take a longer cover"

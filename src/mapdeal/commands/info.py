@@ -186,7 +186,6 @@ def describe(
 
 
 def maps_in(path: Path, work: Work) -> list[Path]:
-    """Return the maps in a folder and below, or the file or the run itself."""
     if not is_folder(path) or exists(path / MANIFEST) or kind_of(path) is not None:
         return [path]
     return [entry.path for entry in list_maps([str(path)], None, work.terminal.input_chunks).maps]
@@ -196,7 +195,6 @@ def _describe_robot(
     paths: Sequence[Path], costmap: CostmapName, namespace: str | None, dialect: Dialect,
     map_path: Path | None,
 ) -> Report:  # fmt: skip
-    """Return what a robot's parameter files say of one of its costmaps, as JSON can hold it."""
     with errors.capture_warnings():
         robot = read_robot(paths, costmap=costmap, namespace=namespace, older=dialect != "nav2")
     report = {"file": str(paths[-1]), "kind": "robot parameters", **robot.described()}
@@ -212,7 +210,6 @@ def _describe_robot(
 def _described(
     path: Path, settings: Settings, progress: ProgressCallback | None = None
 ) -> Report:  # fmt: skip
-    """Return what there is to know of a map, costmap or field, as JSON can hold it."""
     if path.name == MANIFEST or exists(path / MANIFEST):
         return _describe_run(path)
     try:
@@ -251,7 +248,6 @@ def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> Report
 
 
 def _describe_reach(path: Path, max_cells: int | None) -> Report:
-    """Return what an npz contains of what a robot can reach; its results are in another file."""
     grid = read_reach(path, max_cells=max_cells)
     claim_work(path, grid, _OF_OTHERS)
     return {
@@ -282,7 +278,6 @@ def _origin_of(path: Path, grid: Any, sums: Mapping[str, str]) -> Report:
 
 
 def _describe_run(path: Path) -> Report:
-    """Return the content of the manifest of a run, except the checksums of its outputs."""
     folder = path if is_folder(path) else path.parent
     status_of(folder / MANIFEST)
     manifest = manifest_in(folder)
@@ -333,7 +328,6 @@ def _rows_of_file(report: Report) -> Iterator[Row]:
 
 
 def _figures(figures: Report) -> str:
-    """Return what a stage has made; of a manifest that somebody has changed as it is."""
     try:
         return f"{figures['width']} x {figures['height']} cells, {summary_of(figures)}"
     except (LookupError, TypeError, ValueError, ZeroDivisionError):
@@ -348,7 +342,6 @@ def _listed(values: object, *, with_values: bool = True) -> str:
 
 
 def _measured(figures: Report) -> str:
-    """Return figures with counts in front of what they count: ``5 points, encoding ascii``."""
     parts = []
     for name, value in figures.items():
         text = f"{value} {name}" if isinstance(value, int) else f"{name} {format_value(value)}"

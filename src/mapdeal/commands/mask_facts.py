@@ -25,7 +25,6 @@ PER_CELL = 60.0
 
 
 def read_mask(path: Path, settings: Settings, beside: MapInput) -> tuple[KeepoutMask, PairFacts]:
-    """Return a mask in a map_server pair, with what its checks look at."""
     with settings.reading():
         pair, _, findings = gather(path, max_cells=settings.max_cells)
     for found in findings:

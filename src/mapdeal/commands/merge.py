@@ -453,7 +453,6 @@ def _next_to(
 
 
 def _step(path: Path, number: int, maps: Sequence[MapInput]) -> tuple[int, int, Transform]:
-    """Return between which maps a file's transform leads, and the transform."""
     transform = read_transform(path)
     first, second = _number_of(transform.first, maps), _number_of(transform.second, maps)
     if first is not None and second is not None:

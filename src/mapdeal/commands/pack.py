@@ -61,7 +61,6 @@ class Made(Result):
 def read_bits(
     path: Path, work: Work, *, also: Sequence[Path] = ()
 ) -> tuple[BitMap, Mapping[str, Any]]:  # fmt: skip
-    """Return a bit map, if it can be worked on, and the keys of its YAML that nobody knows."""
     with work.settings.reading():
         bits, metadata, files = read_bit_map_pair(path, max_cells=work.settings.max_cells)
         claim_work(path, bits, PER_CELL)

@@ -125,7 +125,6 @@ class Answers(Result):
 
 
 def _answer_text(answer: Mapping[str, Any]) -> str:
-    """Return an answer as people read it."""
     if "error" in answer:
         return str(answer["error"])
     place = ",".join(f"{answer[key]:.10g}" for key in ("x", "y", "yaw") if key in answer)
@@ -140,7 +139,6 @@ def _answer_text(answer: Mapping[str, Any]) -> str:
 
 
 def _with_errors(text: str, question: NumberLines) -> str:
-    """Return answers, with the error in place of those whose line is wrong."""
     answers = text.splitlines(keepends=True) if question.errors else [text]
     for index, error in question.errors.items():
         line = f', "line": {question.lines[index]}' if question.lines[index] else ""

@@ -153,7 +153,6 @@ def goals_of(texts: Sequence[str]) -> list[Goal]:
 
 
 def goals_or_names(texts: Sequence[str]) -> list[Goal | str]:
-    """Return the goals of texts; a text without a comma is the name of a point in a file."""
     return [goal for text in texts for goal in (goals_of([text]) if "," in text else [text])]
 
 

@@ -206,7 +206,6 @@ def _written(
     output: Path, paths: Sequence[Path], settings: Settings, *, title: str | None = None,
     size: int = LARGEST_PAGE, inputs: Sequence[Path] = (), checks: RunChecks | None = None,
 ) -> WrittenReport:  # fmt: skip
-    """Write a page, see `gathered`; of an error nothing is changed."""
     # With what a run has asked of its maps, the verdict goes beside the page as JSON.
     if output.suffix.lower() not in _ENDINGS:
         raise ParameterError("the page must end in .html", source=output)
@@ -246,7 +245,6 @@ def page_in(folder: Path) -> Path:
 def report_of_runs(
     page: Path, paths: Sequence[Path], inputs: Sequence[Path], checks: RunChecks
 ) -> WrittenReport:
-    """Write a page of the runs that have been made; their `inputs` join them."""
     return _written(page, paths, replace(checks.settings, force=True), inputs=inputs, checks=checks)
 
 
@@ -254,7 +252,6 @@ def gathered(
     paths: Sequence[Path], grids: Grids, *, title: str | None = None, inputs: Sequence[Path] = (),
     checks: RunChecks | None = None,
 ) -> Report:  # fmt: skip
-    """Return the content of a page; maps among `inputs` join the runs that were made of them."""
     gathering = _Gathering(grids)
     first_names: dict[object, Path] = {}
     for path in paths:
@@ -324,7 +321,6 @@ def _entries_of(path: Path, grids: Grids, known: set[object]) -> list[Draft] | N
 
 
 def _filter_of(path: Path) -> FilterInfo | None:
-    """Return how the filter reads a mask that mapdeal has made; None of another file."""
     if path.suffix not in source.YAML:
         return None
     with capture_warnings():  # said when the map was read
@@ -346,8 +342,6 @@ def _is_grid(path: Path) -> bool:
 
 
 class _Gathering:
-    """The drafts of a report, as they come together."""
-
     def __init__(self, grids: Grids) -> None:
         self._grids = grids
         self.runs: list[Draft] = []
@@ -357,7 +351,6 @@ class _Gathering:
         self._waiting: list[tuple[Path, Results, Draft | None]] = []
 
     def add_grid(self, path: Path) -> None:
-        """Add the grid of a file to the draft that it belongs to, or to a new one, once."""
         if not _is_first(path, self._known_files):
             return
         opened = self._grids.open(path)
@@ -387,7 +380,6 @@ class _Gathering:
         draft.warn(opened.warnings, opened.files)
 
     def add_input(self, opened: Opened) -> list[Draft]:
-        """Add a map to the runs that were made of it, and return these."""
         runs = [run for run in self.runs if run.takes(opened.sums.values())]
         for run in runs:
             name = run.free_name(_INPUT)
@@ -416,7 +408,6 @@ class _Gathering:
             self._waiting.append((path, results, self.drafts[-1] if self.drafts else None))
 
     def settle(self, first: Path) -> None:
-        """Add the content of documents, `first` among them, to the entries that they belong to."""
         linted, scored = (
             [(path, results) for path, results, _ in self._waiting if results.kind == kind]
             for kind in (json_values.LINT, json_values.SCORE)
@@ -461,7 +452,6 @@ class _Gathering:
             self.add_findings(Path(json_values.LINT), results)
 
     def add_findings(self, path: Path, results: Results) -> None:
-        """Add what lint has found to the entries of the maps that it names."""
         self.named |= set(results.files)
         lost = []
         for part in results.parts:

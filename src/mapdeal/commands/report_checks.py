@@ -34,8 +34,6 @@ from mapdeal.ros.robot import RobotParameters
 
 @dataclass(frozen=True)
 class GoalAnswer:
-    """Which goals the robot reaches on a map, and the error if it misses one."""
-
     path: Path
     lines: Sequence[str]
     document: Mapping[str, Any]
@@ -44,23 +42,7 @@ class GoalAnswer:
 
 @dataclass(frozen=True)
 class RunChecks:
-    """Who is to go where on the maps of a run.
-
-    Parameters
-    ----------
-    settings : Settings
-        Of the run.
-    footprint : Footprint, optional
-        The robot's shape, instead of that of `robot`.
-    robot : RobotParameters, optional
-        The robot's own parameters.
-    start : tuple of float, optional
-        Where it starts, as for `reach`.
-    goals : sequence of Goal
-        Where it must get to.
-    map_of_folder : mapping of Path to Path
-        The map of each folder of a run.
-    """
+    """Who is to go where on the maps of a run, of which each is in the folder that names it."""
 
     settings: Settings
     footprint: Footprint | None = None
@@ -82,7 +64,6 @@ class RunChecks:
 
     @property
     def question(self) -> ReachQuestion:
-        """The start, the goals and the options of the robot, as they were typed."""
         robot, words = self.robot, [*robot_words(self.footprint)]
         if robot is not None:
             words += [text for path in robot.paths for text in ("--params-file", typed_path(path))]
@@ -105,8 +86,6 @@ class RunChecks:
         )  # fmt: skip
 
     def findings(self, paths: Sequence[Path]) -> Results:
-        """Return what lint finds in maps."""
-
         def linted() -> LintReport:
             Work.current.set(None)  # lint is not the command under way
             settings = self.settings
@@ -119,13 +98,11 @@ class RunChecks:
         return results_of(JsonValue(Path("lint"), document))
 
     def reachability(self, path: Path) -> Reachability:
-        """Compute where the robot can go on a map."""
         source = map_input(read_input(path, self.settings), path)
         found = reach_on_input(source, self._step, self.robot, self._mask)
         return Reachability(source, found, self._step.title)
 
     def answer(self, path: Path) -> GoalAnswer:
-        """Return where the robot can go on a map as text, and why it misses a goal."""
         lines: list[str] = []
         document: dict[str, Any] = {}
         try:
@@ -166,5 +143,4 @@ class RunChecks:
 
 
 def _layers_of(found: Reach, name: str, title: str) -> list[PageLayer]:
-    """Return the layer that shows where the robot gets to; not its distances, which take room."""
     return page_layers(found, name, title[:1].upper() + title[1:])[-1:]

@@ -92,7 +92,6 @@ _RADIUS_DIGITS = 4
 
 
 def robot_subject(text: str, inscribed: float, circumscribed: float | None) -> Subject:
-    """Return a robot by its radii; that of a round robot has no corners beyond it."""
     outer = None if circumscribed is None else round(circumscribed, _RADIUS_DIGITS)
     return Subject("robot", (round(inscribed, _RADIUS_DIGITS), outer), text)
 
@@ -104,8 +103,6 @@ def costmap_subject(name: str, files: Iterable[tuple[str, str]]) -> Subject:
 
 @dataclass(frozen=True)
 class NamedRobot:
-    """The parameter files of a robot, and which of its costmaps is read from them."""
-
     files: tuple[tuple[str, str], ...]  # names and checksums
     costmap: CostmapName
     namespace: str | None
@@ -132,7 +129,6 @@ class Results:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Names of the files in the document."""
         names = [part.name for part in self.parts] if self.kind == json_values.LINT else []
         names += [named.file for named in self.maps if named is not None]
         names += [] if self.truth is None else [self.truth]
@@ -140,7 +136,6 @@ class Results:
 
 
 def read_results(path: Path) -> Results:
-    """Return what lint, reach, route, diff, align, score or build --compare wrote, or shapes."""
     if not head_of(path, 1 << 10).removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):
         return Results(SHAPES, shape_items(read_shapes(path)))
     document = json_values.read_document(path)
@@ -327,7 +322,6 @@ def goal_items(
 
 
 def passage_items(passages: Iterable[Passage]) -> list[Item]:
-    """Return passages, each a line between the obstacles on both sides of it."""
     items = []
     for passage in passages:
         width, area = _metres(passage.width), f"{decimal_text(passage.cut_off)} m2"
@@ -422,7 +416,6 @@ def _node_item(node: RouteNode) -> Item:
 
 
 def shape_items(shapes: Sequence[Shape], zones: Sequence[Zone] = ()) -> list[Item]:
-    """Return the shapes of a file; if they are all polygons, `zones` says what each is for."""
     items: Iterable[Item] = map(_shape_item, shapes)
     if len(zones) == len(shapes):
         items = map(_zone_item, items, zones)
@@ -579,7 +572,6 @@ def _robot_diff(document: JsonValue) -> Results:
 
 
 def passage_change_items(passages: Iterable[Passage], word: str, tone: Tone) -> list[Item]:
-    """Return passages that close or open, as `word` says."""
     return [
         replace(item, tone=tone, text=f"passage that {word}: {passage_text(passage)}")
         for item, passage in zip(passage_items(passages), passages, strict=False)
@@ -587,7 +579,6 @@ def passage_change_items(passages: Iterable[Passage], word: str, tone: Tone) -> 
 
 
 def cost_change_items(changes: Iterable[CostChange], frame: Frame) -> list[Item]:
-    """Return the largest regions of each change; only those of closed cells with outlines."""
     listed = [region for change in changes for region in change.largest[:_MOST_OF_A_CHANGE]]
     if not listed:
         return []
@@ -635,7 +626,6 @@ def _pairs(document: JsonValue) -> dict[str, str]:
 
 
 def change_items(changes: Sequence[Change], unlisted: int, frame: Frame) -> list[Item]:
-    """Return the places where obstacles are new or gone, the largest first, as outlines."""
     items = []
     room = MOST_POINTS
     for number, change in enumerate(changes, start=1):

@@ -74,8 +74,6 @@ _DEEPEST = 32
 
 @dataclass
 class Draft:
-    """An entry of a report while it is being gathered."""
-
     name: str
     path: Path
     sums: set[str] = field(default_factory=set)
@@ -102,15 +100,12 @@ class Draft:
         return (self.path, *self.paths)
 
     def takes(self, sums: Collection[str]) -> bool:
-        """Return whether a map whose files have these sums is what the run was made of."""
         return bool(sums) and self.sums >= set(sums)
 
     def warn(self, texts: Iterable[str], files: Iterable[Path] = ()) -> None:
-        """Note what the page is to warn of, each text once, files by their names alone."""
         self.warnings |= dict.fromkeys(portable(texts, files))
 
     def miss(self, text: str, file: Path) -> None:
-        """Warn of a file that is missing or does not match, on the page, too."""
         emit_warning(text, stacklevel=2)
         self.warn([text], [file])
 
@@ -208,7 +203,6 @@ def without_folders(text: str, folders: Collection[str]) -> str:
 
 
 def _first(found: Sequence[Kind], make_item: Callable[[str], Kind]) -> tuple[Kind, ...]:
-    """Return the first of very many, and one that counts the rest."""
     if len(found) <= _MOST:
         return tuple(found)
     return (*found[:_MOST], make_item(f"{len(found) - _MOST} more are not listed"))
@@ -259,7 +253,6 @@ class Grids:
 
     @property
     def bytes_in_memory(self) -> int:
-        """Bytes of the grids in memory."""
         return sum(0 if grid.is_lazy else bytes_of(grid) for grid in self._grids.values())
 
     def open(self, path: Path, *, quietly: bool = False) -> Opened:
@@ -307,7 +300,6 @@ class Grids:
         ]
 
     def _read(self, path: Path) -> tuple[Grid, MapFile]:
-        """Return the grid in a file, by rows if the whole would take too much memory."""
         settings = self.settings
         with ExitStack() as stack:
             file = stack.enter_context(
@@ -441,7 +433,6 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
 
 
 def _subjects_of_run(manifest: Mapping[str, Any]) -> Iterator[Subject]:
-    """Yield the robot and the costmap of a run, if its manifest names them."""
     robot = manifest.get("robot")
     stages = {name: values for stage in manifest["stages"] for name, values in stage.items()}
     shape = next((s["footprint"] for s in stages.values() if _is_shape(s)), None)
@@ -521,7 +512,6 @@ def _add_results(draft: Draft, name: str, manifest: Mapping[str, Any]) -> None:
 
 
 def add_layers(draft: Draft, layers: Iterable[PageLayer]) -> None:
-    """Add layers to those of a draft, but no map of a field that is there already."""
     instead: dict[str | None, str] = {}
     for layer in layers:
         if layer.name.endswith(f"-{MAP}"):
@@ -559,7 +549,6 @@ def _curve_of(stage: str, parameters: Mapping[str, Any], figures: object) -> Cos
 
 
 def columns_of(figures: Mapping[str, Any]) -> dict[str, str | float]:
-    """Return figures of some stages as columns of a table of maps."""
     columns: dict[str, str | float] = {}
     for record in figures.values():
         if isinstance(record, dict):
@@ -616,7 +605,6 @@ def _as_written(value: object) -> object:
 
 
 def drafts_about(file: str, drafts: Sequence[Draft]) -> list[Draft]:
-    """Return the drafts of a map or run that lint has called by a name."""
     # The map or the folder itself, wherever lint was started, counts most; then a name that a batch
     # gives a map, or a folder; then a file that a run was made of, if no other run was made of one
     # of its name.
@@ -663,7 +651,6 @@ def give_score(document: Path, results: Results, drafts: list[Draft], grids: Gri
 
 
 def methods_in(folder: Path, grids: Grids) -> Draft:
-    """Return the draft of a folder of ``build --compare``: a layer for each method."""
     results = report_documents.read_results(folder / DOCUMENT)
     if results.kind != COMPARISON:
         raise MalformedInputError("is not a comparison of methods", source=folder / DOCUMENT)
@@ -684,7 +671,6 @@ def methods_in(folder: Path, grids: Grids) -> Draft:
 
 
 def two_maps(path: Path, results: Results, grids: Grids) -> Draft:
-    """Return the draft of a document of ``diff`` or ``align``: one map over the other."""
     # The maps are read again. A map that is missing, or has changed since, is reported.
     first, second = results.maps
     is_diff = results.kind in (DIFF, COST_DIFF)
@@ -750,7 +736,6 @@ def _add_difference(
 
 
 def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
-    """Return the draft of two versions of a robot's parameters, which are read again."""
     (named,), settings = results.maps, grids.settings
     if named is None:
         raise MalformedInputError("does not name its map", source=path)
@@ -801,7 +786,6 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
 
 
 def add_cost_changes(draft: Draft, found: CostDifference) -> None:
-    """Add the layer and the table of what differs between two costmaps."""
     style, title = cost_change_style(), "Change of the cost"
     draft.layers.append(PageLayer("difference", title, found.frame, change_codes(found), style))
     changes = [change for change in found.changes.values() if change.cells]

@@ -147,11 +147,7 @@ class PlannedRoute(Route, Spread):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PairedRoutes(Spread):
-    """Routes of many pairs of points by several ways, found as the pairs are read.
-
-    `searches` finds a route each way; `sums` are those of the figures of each way over the pairs
-    whose goals are all reached.
-    """
+    """Routes of many pairs of points, found as these are read; `searches` finds one each way."""
 
     pairs: Iterable[PairLine]
     pairs_in: Path | str
@@ -181,7 +177,6 @@ class PairedRoutes(Spread):
             raise MalformedInputError("holds no pairs of points", source=self.pairs_in)
 
     def _found(self, pair: PairLine) -> tuple[dict[str, Route], dict[str, Any]]:
-        """Return the route of each way between two points, and why there are none."""
         if pair.start is None or pair.goal is None:
             return {}, {"error": pair.error}
         try:
@@ -193,7 +188,6 @@ class PairedRoutes(Spread):
 
     @property
     def reached(self) -> int:
-        """Number of pairs whose goals are all reached."""
         return self.counts["pairs"] - self.counts["failed"] - self.counts["unreached"]
 
     def document(self) -> dict[str, Any]:
@@ -475,7 +469,6 @@ def _search_by(
     name: str, terrain: routes.Terrain, gains: Mapping[str, Any], *,
     field_weight: float = _FIELD_WEIGHT, heuristic_weight: float = _HEURISTIC_WEIGHT,
 ) -> Callable[[Point, Point], Route]:  # fmt: skip
-    """Return what finds a route by a method, or one of the ways of A*."""
     if name == "geodesic":
         return partial(shortest_over, terrain)
     if name == "descent":

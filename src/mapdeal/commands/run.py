@@ -397,8 +397,6 @@ def run_maps(
 
 @dataclass(frozen=True, repr=False)
 class RunAnswer(Result):
-    """Result of the command: runs or plans, the page, and differences from golden runs."""
-
     outcome: RunReport | batch.Batch | batch.Plans
     assumed: Sequence[str] = ()
     job: batch.Job | None = None  # if there is one map
@@ -463,7 +461,6 @@ class RunAnswer(Result):
 def _assumed(
     recipe: recipes.Recipe, changes: Sequence[str], footprint: Footprint | None
 ) -> Iterator[str]:
-    """Yield which robot the default recipe is for, and how to get the costmap of Nav2."""
     radii = [step.parameters["radius"] for step in recipe.steps if step.name == "inflate"]
     if radii and footprint is not None:
         shape = "--footprint F" if footprint.vertices else f"--robot-radius {footprint.radius:g}"
@@ -483,7 +480,6 @@ def _around(
     pose: Sequence[float], cloud: str | None, frame: CloudFrame | None, recipe: str | None,
     changes: Sequence[str], footprint: Footprint | None,
 ) -> Around:  # fmt: skip
-    """Return where a robot stands on the map, and how its local map is made."""
     from mapdeal.pipeline.local import OF_WINDOWS, Around, only_cloud  # of use to few runs
 
     if cloud is None:
@@ -514,7 +510,6 @@ def _around(
 
 
 def _option_of(text: str) -> tuple[str, Any]:
-    """Return name and value of a change of the command local's options."""
     target, equals, value = text.partition("=")
     name = target.strip().removeprefix(_OF_LOCAL).replace("-", "_")
     known = [field for field in parameters_of(LocalOptions) if field != "frame"]

@@ -33,7 +33,6 @@ _MEET_ANYWAY = 0.7  # share of walls that meet where maps certainly lie in one f
 def given_transform(
     by: str | PathLike[str] | Transform | Sequence[float] | None, *, place: str
 ) -> tuple[TransformFile | Transform | None, list[Path]]:
-    """Return a transform from the first map to the second, or the file of one, and the file."""
     if isinstance(by, str | PathLike):
         return read_transform(Path(by)), [Path(by)]
     return inputs.transform_of(by, place=place), []
@@ -62,7 +61,6 @@ def opened_in_one_frame(
     by: str | PathLike[str] | Transform | Sequence[float] | None,
     **reading: Unpack[inputs.Reading],
 ) -> tuple[list[inputs.MapInput], Transform | None]:  # fmt: skip
-    """Read two maps, and return them with the transform between them if any is used."""
     if align and by is not None:
         raise ParameterError("cannot be given together with --by", place="align")
     transform, files = given_transform(by, place="by")

@@ -20,8 +20,6 @@ _PAGES = (".html", ".htm")
 
 @dataclass(frozen=True, repr=False)
 class Viewed(Result):
-    """A page, and whether a browser shows it."""
-
     path: Path
     is_opened: bool
     is_wanted: bool

@@ -211,7 +211,6 @@ def _frame(bag: Bag, connections: list[Connection], decoder: Decoder) -> str | N
 
 
 def _edges(bag: Bag, decoder: Decoder, progress: ProgressCallback) -> list[dict[str, Any]]:
-    """Return how often each transform comes, those of odometry included."""
     types = (*messages.TF_TYPES, messages.ODOMETRY)
     readable = [each for each in bag.of_types(*types) if each.encoding in CAN_BE_READ]
     by_id = {connection.id: connection for connection in readable}
@@ -437,7 +436,6 @@ class BagClouds:
         return len(self._index)
 
     def prepare(self, advance: Callable[[int], object] = lambda _: None) -> None:
-        """Read transforms; find those from the sensor to the robot and the fixed frame."""
         _, sensor = self._decoder.header(self._index[0])
         if self._has_poses:
             self._frames.read_alone(sensor, advance)
@@ -511,7 +509,6 @@ class BagClouds:
         return BagCloud(path, f"{path.name} of {self.topic}", self.files, self, number)
 
     def points(self, number: int) -> local.Points:
-        """Return the points of a cloud, shape (N, 3), as the robot sees them."""
         place = self._index[number]
         connection = self._connections[place.connection]
         if connection.type in livox.CUSTOM_TYPES:

@@ -33,8 +33,6 @@ _LONGEST_REASON = 100
 
 @dataclass(frozen=True)
 class Job:
-    """One input of a batch, and the folder of its outputs."""
-
     path: Path
     folder: Path
     name: str
@@ -111,7 +109,6 @@ def jobs_at_once(requested: int | None, maps: int, terminal: Terminal) -> int:
 
 
 def attempt(run_job: Callable[[Any], Any], job: Job) -> Outcome:
-    """Do a job; whatever it raises or warns of is part of the outcome."""
     with errors.capture_warnings() as warnings:
         try:
             result = run_job(job)
@@ -202,7 +199,6 @@ class Plan:
 
 
 def plan_of(job: Job, run: MapRun) -> Plan:
-    """Return what a run would do with a map, from headers, checksums and the manifest."""
     settings, steps = run.settings, run.recipe.steps
     size = (0, 0)
     if job.error is not None:
@@ -260,7 +256,6 @@ class Plans(Result):
         }
 
     def lines(self) -> Iterator[str]:
-        """Yield a line a map, those that would fail at the end, and the totals."""
         ordered = sorted(self.plans, key=lambda plan: plan.error is not None)
         head = ("what", "files", "cells", "memory", "map -> folder")
         yield from _aligned([head, *(plan.row for plan in ordered)])
@@ -395,12 +390,10 @@ class Batch(Result):
         return sum(outcome.status == status for outcome in self.outcomes)
 
     def done_paths(self) -> list[Path]:
-        """Return the maps whose outputs are there."""
         outcomes = zip(self.jobs, self.outcomes, strict=True)
         return [job.path for job, outcome in outcomes if outcome.status in ("done", "unchanged")]
 
     def lines(self) -> Iterator[str]:
-        """Yield a line a map, those that failed at the end, where one looks first."""
         rows, failed = [("status", "cells", "map")], []
         for job, outcome in zip(self.jobs, self.outcomes, strict=True):
             result = outcome.result
@@ -436,7 +429,6 @@ def run_all(
     jobs: Sequence[Job], output: Path, run_job: Callable[[Job], RunReport],
     on_done: Callable[[Job, Outcome], None], kind: type[B], *, workers: Workers | None = None,
 ) -> B:  # fmt: skip
-    """Run every job, none stopped by another's failure, and write ``summary.json``."""
     marked: dict[int, Job] = {}
     outcomes: dict[int, Outcome] = {}
     started = time.perf_counter()
@@ -480,7 +472,6 @@ def run_and_report(
     jobs: Sequence[Job], output: Path, run_job: Callable[[Job], RunReport], kind: type[B],
     terminal: Terminal, *, workers: Workers | None = None,
 ) -> B:  # fmt: skip
-    """Run every job as `run_all` does; report failures and warnings when they happen."""
     with (
         terminal.counted(len(jobs), kind.noun) as advance,
         terminal.few_warnings(f"{output / SUMMARY} has them all") as warn,

@@ -174,7 +174,6 @@ def step_line(step: Step) -> str:
 
 @contextmanager
 def one_pass(transaction: Transaction, grid: Grid) -> Iterator[Grid]:
-    """Write all files of a grid within a ``with`` block in one pass."""
     # The rows of lazy layers are then computed once for all files. Files of a grid in memory are
     # written at the same time.
     if not grid.is_lazy:
@@ -410,7 +409,6 @@ def write_product(
     transaction: Transaction, output: Path, grid: Grid, step: Step, *, pass_grid: Grid,
     encoding: Encoding = "occupancy",
 ) -> None:  # fmt: skip
-    """Write a step's product to a file, and the other one of a pair."""
     # Within a pass; `pass_grid` is the grid from `one_pass`.
     if isinstance(pass_grid, DistanceField) and output.suffix == ".npy":
         transaction.write(output, lambda file: write_npy(file, pass_grid.distance))
@@ -454,7 +452,6 @@ def write_picture(
 
 
 def write_image(transaction: Transaction, path: Path, draw: Callable[[], Image]) -> None:
-    """Write a picture; it is drawn in the thread that writes it."""
     transaction.write(path, lambda file: _encode(file, draw()))
 
 
@@ -463,7 +460,6 @@ def _encode(file: BinaryIO, image: Image) -> None:
 
 
 def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:
-    """Return the robot's shape, to be drawn over the picture of a step's product."""
     shape = step.stage.robot
     if shape is None or step.stage.product_type is Reach:  # whose picture has it at its start
         return []
@@ -649,7 +645,6 @@ def together(overlays: Sequence[Overlay]) -> Overlay | None:
 
 
 def fill_together(fillings: Sequence[Filling]) -> list[dict[str, Figures]]:
-    """Write the files of some folders: all appear, or none; return the figures of each."""
     read = tuple(dict.fromkeys(file for filling in fillings for file in filling.files))
     for filling in fillings:
         filling.folder.check_inputs(read)
@@ -684,12 +679,10 @@ def stages_behind(name: str, folder: Path, sums: Mapping[str, str]) -> list[dict
 
 
 def product_of(stage: str) -> str:
-    """Return the stem of a stage's files; for a stage outside recipes, its name."""
     return next((stage_model.product for stage_model in models_of(stage).values()), stage)
 
 
 def _is_manifest(value: object) -> TypeGuard[dict[str, Any]]:
-    """Return whether figures, outputs and stages have the types that a run writes."""
     # No stage runs twice, see `Recipe`.
     if not isinstance(value, dict):
         return False
@@ -718,7 +711,6 @@ def store_golden(folder: Path, golden: Path, place: str | None = None) -> Path:
 
 
 def differences_from_golden(folder: Path, golden: Path, place: str | None = None) -> list[str]:
-    """Return a line for each stage in which a run differs from its golden run."""
     stored = golden / (place or folder.name) / MANIFEST
     try:
         status_of(stored)

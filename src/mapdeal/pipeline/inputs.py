@@ -138,7 +138,6 @@ def opened_map(
 def _read(
     file: MapFile, steps: Sequence[Step], image_max: int | None, canvas: Canvas
 ) -> Source:  # fmt: skip
-    """Return the map in a file, whole or lazy, as the memory demands it."""
     limit, _ = memory_limit()
     budget = _NO_LIMIT if limit is None else limit
     blocks = _plan_blocks(file, file.shape(), steps, budget, image_max, canvas)
@@ -175,7 +174,6 @@ def _plan_blocks(
     file: MapFile, shape: tuple[int, int], steps: Sequence[Step], budget: int,
     image_max: int | None, canvas: Canvas,
 ) -> _Blocks | None:  # fmt: skip
-    """Return the blocks of a map that exceeds the memory, from its headers."""
     # Cells of an image that is decoded as a whole are kept. Others are read again, row by row.
     reading = file.memory_to_read()
     needed = bytes_in_memory(shape, steps, image_max, canvas=canvas, reading=reading)
@@ -193,7 +191,6 @@ def _plan_blocks(
 def check_fits(
     path: Path | str, shape: tuple[int, int], steps: Sequence[Step], image_max: int | None
 ) -> None:  # fmt: skip
-    """Refuse a future map and stages on it that take too much memory."""
     count = bytes_in_memory(shape, steps, image_max) - _DEMANDS[engine_name()].base
     claim(path, count, what=f"{shape[1]} x {shape[0]} cells")
 
@@ -202,7 +199,6 @@ def claim_work(
     path: Path | str, grid: Framed, per_cell: float, *, cells: int | None = None,
     besides: int = 0, measures: bool = False,
 ) -> None:  # fmt: skip
-    """Refuse work on a grid in memory that takes too much memory."""
     with work_claimed(path, grid, per_cell, cells=cells, besides=besides, measures=measures):
         pass
 
@@ -225,7 +221,6 @@ def work_claimed(
 
 
 def claim_step(path: Path, grid: Grid, step: Step) -> None:
-    """Refuse a stage that takes too much memory, where its need depends on its input."""
     if grid.is_lazy:
         return
     if step.stage.cells is None or not step.moves:
@@ -257,7 +252,6 @@ def need_of(
     file: MapFile, shape: tuple[int, int], steps: Sequence[Step], settings: Settings, *,
     image_max: int | None,
 ) -> Need:  # fmt: skip
-    """Return the memory that `opened_map` and the stages will take, from headers."""
     budget = memory_budget(settings.max_memory)
     with use_threads(settings.threads):
         blocks = _plan_blocks(file, shape, steps, budget, image_max, settings.canvas)
@@ -269,7 +263,6 @@ def need_of(
 
 
 def memory_budget(max_memory: int | None, jobs: int = 1) -> int:
-    """Return the bytes for each job: `max_memory`, or its part of half of the free memory."""
     if max_memory is not None:
         return max_memory
     limit = default_limit(jobs)
@@ -316,7 +309,6 @@ def _too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> 
 def read_input(
     path: Path, settings: Settings, per_cell: float | None = None, *, with_sums: bool = False
 ) -> Source:
-    """Return the grid in a file; refuse it if `per_cell` bytes a cell take too much memory."""
     with (
         settings.reading(),
         use_threads(settings.threads),
@@ -341,7 +333,6 @@ def read_together(paths: Sequence[Path], settings: Settings) -> list[Source]:
 
 
 def frame_of_file(path: Path, settings: Settings) -> tuple[Frame, tuple[Path, ...]]:
-    """Return where the grid in a file lies, and the files whose headers were read for it."""
     with settings.reading(), open_map(path, max_cells=settings.max_cells) as file:
         return file.frame(), file.files
 
@@ -402,8 +393,6 @@ class Terminal(Protocol):
 
 
 class Work:
-    """A command in progress in the shell: its settings, and the files that it writes together."""
-
     current: ContextVar[Work | None] = ContextVar("work", default=None)
 
     def __init__(
@@ -456,7 +445,6 @@ def text_in(path: Path) -> tuple[Iterable[bytes], Path | str]:
 def opened(
     *maps: Map, names: Sequence[str], also: Sequence[Path] = (), **reading: Unpack[Reading]
 ) -> list[MapInput]:
-    """Return maps from files or grids, all read, with the names that messages use."""
     work, settings = Work.current.get(), settings_of(**reading)
     paths = [Path(source) for source in maps if isinstance(source, str | PathLike)]
     for source in maps:
@@ -475,7 +463,6 @@ def opened(
 
 
 def sums_of(path: Path, settings: Settings) -> dict[str, str]:
-    """Return the checksums of a map's files, by their names."""
     with settings.reading(), open_map(path, max_cells=settings.max_cells) as file:
         return file.sums_by_name({})
 
@@ -485,8 +472,6 @@ Mask = TypeVar("Mask")
 
 @dataclass(frozen=True, eq=False)
 class KeepoutMask:
-    """A keepout mask, and its files and their checksums."""
-
     grid: OccupancyGrid
     path: Path | str = "the mask"
     files: tuple[Path, ...] = ()
@@ -497,7 +482,6 @@ class KeepoutMask:
             return apply_keepout_mask(costs, self.grid)
 
     def costs_of(self, step: Step, grid: Grid, path: Path | None) -> tuple[Costmap, Costmap]:
-        """Return the costs that a step makes of a grid, without the mask and with it."""
         without = cast("Costmap", step.apply(grid, path))
         if not step.accepts_mask:
             return without, self.over(without)
@@ -518,7 +502,6 @@ def used_mask(mask: Mask, robot: RobotParameters | None) -> Mask | None:
 
 
 def mask_of(mask: Map | None, settings: Settings, *beside: Framed) -> KeepoutMask | None:
-    """Return a keepout mask that is given as a file or as a grid, read beside other grids."""
     if mask is None:
         return None
     if not isinstance(mask, str | PathLike):
@@ -569,7 +552,6 @@ def _numbers_in(value: Any, count: int, rule: str, place: str | None) -> tuple[f
 def claim_cells(
     map_read: MapInput, per_cell: float, *, measures: bool = False, **reading: Unpack[Reading]
 ) -> None:  # fmt: skip
-    """Refuse work on each cell of a map that takes too much memory."""
     with settings_of(**reading).reading():
         claim_work(map_read.name, map_read.grid, per_cell, measures=measures)
 
@@ -578,7 +560,6 @@ def claim_for(
     maps: Sequence[MapInput], count: int, purpose: str, *, of_picture: int = 0,
     **reading: Unpack[Reading],
 ) -> None:  # fmt: skip
-    """Refuse work on maps in memory that takes too much memory."""
     settings = settings_of(**reading)
     if settings.image is not None:
         count = max(count, of_picture)

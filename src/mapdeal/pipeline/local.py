@@ -51,8 +51,6 @@ Points = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SummedCloud:
-    """A cloud as it was when its checksum was made."""
-
     cloud: Cloud
     sums: Mapping[str, str]
     options: Mapping[str, str]
@@ -68,8 +66,6 @@ class SummedCloud:
 
 @dataclass(frozen=True)
 class Cloud(ABC):
-    """A cloud that can be read more than once."""
-
     path: Path  # what errors and pictures name
     name: str  # what summaries call it
     files: tuple[Path, ...]
@@ -168,7 +164,6 @@ def read_global_map(path: Path, settings: Settings) -> GlobalMap:
 
 
 def make_local(job: LocalJob, common: LocalCommon, *, skip: bool = False) -> RunReport:
-    """Make a local map of a cloud, apply the recipe and write everything into a folder."""
     with common.settings.reading(), holding_map(common.global_map):
         filling = local_filling(job, common)
     return fill(job.source(common), [filling], common.settings, skip=skip)[0]
@@ -237,7 +232,6 @@ def local_folder(
 
 
 def check_window(source: Path, common: LocalCommon) -> None:
-    """Refuse a window that takes too much memory; one of too many cells is never made."""
     options = common.options
     width, height = (cells_to_cover(length, options.resolution) for length in options.size)
     if height * width <= MOST_CELLS:
@@ -312,7 +306,6 @@ def other_folders(sequence: Sequence[LocalJob], output: Path) -> list[Path]:
 
 
 def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[LocalJob]:
-    """Return the jobs of a sequence: its clouds in order, a pose and a numbered folder for each."""
     # Without clouds, each pose has the window of the global map around it.
     if not names:
         windows = [(x, y, yaw) for x, y, yaw in read_poses(poses_file).tolist()]
@@ -365,8 +358,6 @@ _PER_CELL = 10  # bytes for each cell that is remembered: while the cells move, 
 
 
 class RollingRun:
-    """Makes the rolling maps of a sequence, in its order."""
-
     # A map is a function of the last clouds and their poses: those that are there already are
     # skipped, and their clouds read only once a later map needs them.
 

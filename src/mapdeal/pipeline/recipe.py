@@ -50,7 +50,6 @@ def recipe_words() -> Iterable[str]:
 
 
 def setting_words() -> Iterable[str]:
-    """Return ``stage.parameter=`` for each parameter of each stage, with its choices behind."""
     words: dict[str, None] = {}  # models of a stage share parameters
     for stage in STAGES:
         if stage.model:
@@ -70,8 +69,6 @@ Changes = Annotated[
 
 
 class StageValues(dict[str, object]):
-    """Parameters set for a stage, and where each was set, if that is known."""
-
     def __init__(
         self, values: Mapping[str, object] | None = None, sources: Mapping[str, str] | None = None
     ) -> None:
@@ -177,7 +174,6 @@ def _at(entry: Entry, error: ParameterError, name: str) -> ParameterError:
 
 
 def draft_for(layers: CostmapLayers) -> Draft:
-    """Return the stages that compute a robot's costmap of a map."""
     # Each stage knows whether it has a part in that; of several models the first one that can do
     # all that the layers do is taken.
     draft: Draft = []
@@ -203,7 +199,6 @@ def planned_shape(robot: RobotParameters) -> Footprint:
 
 
 def step_for(name: str, robot: RobotParameters, values: Mapping[str, object]) -> Step:
-    """Return the step of one stage for a robot; `values` override the robot's parameters."""
     is_placed = values.get("pose") is not None or values.get("map_to_odom") is not None
     layers = robot.layers_around_robot if is_placed else robot.costmap_layers
     own = _own_of(name, layers, values.get("model"))
@@ -261,7 +256,6 @@ def put_map_rules(draft: Draft, robot: RobotParameters) -> None:
 def put_value(
     name: str, own: StageValues, key: str, value: object, source: str | None = None
 ) -> None:  # fmt: skip
-    """Set a parameter of a stage, or of one of its layers if only layers have it."""
     stage = _model_of(name, own.get("model"))
     layers: Any = own.get("layers")
     if stage is not None and key not in stage.parameters and isinstance(layers, tuple):
@@ -433,7 +427,6 @@ def step_of_recipe(
     recipe: str, name: str, values: Mapping[str, object], *, footprint: Footprint | None = None,
     robot: RobotParameters | None = None,
 ) -> Step:  # fmt: skip
-    """Return one stage of a recipe, overridden by `values`, with the robot's shape alone."""
     draft = [item for item in _read_draft(recipe) if item[0] == name]
     if not draft:
         raise ParameterError(f"has no stage {name}", source=f"recipe {recipe}")
@@ -543,7 +536,6 @@ def _apply_change(
     draft: Draft, target: str, value: object, name: str, option: str | None,
     setting: str | None = None,
 ) -> None:  # fmt: skip
-    """Set ``stage.parameter`` to a value; errors show the setting that asks for it."""
     setting = setting or target
     stage, dot, parameter = str(target).partition(".")
     if not (dot and stage and parameter):
@@ -592,7 +584,6 @@ def _remarks_on(steps: Sequence[Step]) -> Iterator[str]:
 
 
 def _radius_in(step: Step) -> tuple[str, float] | None:
-    """Return the name and length of the robot's radius in a step, if it has one."""
     robot, radius_in = step.stage.robot, step.stage.radius_in
     if robot is None:
         return None if radius_in is None else radius_in(step.parameters)

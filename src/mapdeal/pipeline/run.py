@@ -158,7 +158,6 @@ def products_of(
     recipe: recipes.Recipe, grid: Grid, path: Path | None, *, canvas: Frame | None = None,
     mask: inputs.KeepoutMask | None = None,
 ) -> Iterator[folders.Product]:  # fmt: skip
-    """Yield the product of each step of a recipe; errors name the file of the grid, if any."""
     # With a canvas, each product is extended to it, which does not change what the steps compute. A
     # stage that moves the map makes a new canvas. A mask is laid over costs as they are written;
     # steps after them work on the costs without it, because closed cells are not obstacles, unless
@@ -316,7 +315,6 @@ def run_map(
     path: Path, folder: Path, recipe: recipes.Recipe, settings: Settings = DEFAULT_SETTINGS,
     around: LocalOfRun | None = None,
 ) -> RunReport:  # fmt: skip
-    """Read a map, apply a recipe and write everything into a folder."""
     texts: list[str] = []
     with ExitStack() as stack:
         stack.enter_context(use_threads(settings.threads))

@@ -28,7 +28,6 @@ ProgressCallback = Callable[[int], AbstractContextManager[Advance]]
 
 
 def is_whole(value: object) -> bool:
-    """Return whether a value is a whole number, of Python's or numpy's."""
     return isinstance(value, Integral) and not isinstance(value, bool)
 
 
@@ -84,7 +83,6 @@ class Settings:
 
     @property
     def picture_options(self) -> dict[str, Any]:
-        """Options of the pictures in a folder, as a JSON document."""
         shown = {"images": bool(self.images), "image_max": int(self.image_max)}
         return {**shown, "image_extent": self.image_extent}
 

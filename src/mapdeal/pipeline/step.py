@@ -89,7 +89,6 @@ class Step:
             raise error if source is None else error.found_in(source) from None
 
     def curve_on(self, grid: Grid) -> CostCurve | None:
-        """Return the costs by distance from the nearest obstacle, if the step computes costs."""
         accepted = self.input_of(grid)
         box = accepted.cropped if isinstance(accepted, FieldGrid) else accepted
         return self.stage.curve(box, self.parameters)
@@ -139,7 +138,6 @@ def make_step(name: str, values: Mapping[str, object]) -> Step:
 
 
 def _settle(parameters: dict[str, Any], stage: Stage, values: Mapping[str, object]) -> None:
-    """Set parameters that others replace to the values that take effect."""
     for by, rule in stage.in_place_of.items():
         if parameters[by] is None:
             continue

@@ -52,8 +52,6 @@ _PRELOADED = (
 
 
 class ProcessWorkers:
-    """Worker processes on this machine."""
-
     # They hold the reading end of a pipe of which this process alone has the other end. When that
     # end is closed, on purpose or because the process is gone, a worker stops: an exception unwinds
     # its job, so that temporary files are removed.
@@ -155,7 +153,6 @@ def _end_helpers() -> None:
 
 
 def _context() -> BaseContext:
-    """Return how processes are started: forked from one that has imported everything."""
     # Left alone, helpers notice only later that this process has ended. The number makes this the
     # last thing that multiprocessing does at its end, after it has removed the server's socket.
     util.Finalize(None, _end_helpers, exitpriority=-101)
@@ -400,7 +397,6 @@ def _check_workers(client: Any, address: str, shared: Sequence[Path]) -> None:
 
 
 def _answers(client: Any, address: str, function: Any, *arguments: str) -> list[tuple[str, Any]]:
-    """Return what a function returns on each worker that can call it."""
     try:
         answers = _within_timeout(client.run, function, *arguments, on_error="ignore")
     except Exception as error:  # noqa: BLE001 - of the network, of pickles, of the event loop

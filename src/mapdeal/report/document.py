@@ -39,19 +39,7 @@ About = Literal["run", "map", "costmap", "goals", "obstacles", "cells", "geometr
 
 @dataclass(frozen=True)
 class Claim:
-    """One sentence of a verdict, and where on the page its evidence is.
-
-    Parameters
-    ----------
-    about : str
-        Subject; an entry shows the worst claim about each subject.
-    state : {'error', 'warning', 'unknown', 'good'}
-        State of the subject.
-    text : str
-        The sentence.
-    evidence : str
-        Kind of items, or title of a table, that shows why; empty if there is none.
-    """
+    """One sentence of a verdict; `evidence` is the kind of items, or the table, that shows why."""
 
     about: About
     state: State
@@ -65,8 +53,6 @@ def worst_of(states: Iterable[State]) -> State | None:
 
 @dataclass(frozen=True, eq=False)
 class PageLayer:
-    """A layer that the page shows, with its values."""
-
     name: str
     title: str
     frame: Frame
@@ -94,8 +80,6 @@ class PageLayer:
 
 @dataclass(frozen=True)
 class Zone:
-    """Purpose of a polygon of a file; the page can edit it."""
-
     kind: str
     speed: float | None = None  # percent of the robot's maximum
     name: str = ""
@@ -146,8 +130,6 @@ class Entry:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The claims about a map, the state that follows, and the command to type next."""
-
     name: str
     state: State
     claims: tuple[Claim, ...]

@@ -69,7 +69,6 @@ def _right_turn(loop: list[tuple[int, int]], ends: list[tuple[int, int]]) -> int
 
 
 def _without_straight(loop: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the corners of a loop at which it turns."""
     before, after = loop - np.roll(loop, 1, axis=0), np.roll(loop, -1, axis=0) - loop
     turns: NDArray[np.float64] = loop[(before != after).any(axis=1)]
     return turns

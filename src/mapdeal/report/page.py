@@ -60,7 +60,6 @@ def element(name: str, /, *content: Content, **attributes: Value) -> Markup:
 
 
 def joined(content: Iterable[Content]) -> Markup:
-    """Return pieces one behind the other, text escaped."""
     texts = (piece.text if isinstance(piece, Markup) else escaped(piece) for piece in content)
     return Markup("".join(texts))
 
@@ -92,7 +91,6 @@ _CLOSE = 2.0  # levels that a gradient may differ from the palette
 
 
 def legend_of(style: LayerStyle, key: str) -> Markup:
-    """Return swatches and colour bar of a style; `key` is unique on the page."""
     parts: list[Content] = []
     if style.bar is not None:
         parts.append(_bar(style, style.bar, key))
@@ -279,7 +277,6 @@ def _sign(state: State) -> Markup:
 
 
 def _verdict_on(entry: Entry, number: int) -> Markup:
-    """Return the claims about an entry, each with a link to where its evidence is."""
     places = {kind: (f"list-{number}-{k}", title) for k, (title, kinds) in enumerate(_lists(entry))
               for kind in kinds}  # fmt: skip
     titles = [table.title for table in entry.tables]
@@ -296,7 +293,6 @@ def _verdict_on(entry: Entry, number: int) -> Markup:
 
 
 def _verdict_on_all(entries: tuple[Entry, ...]) -> Markup:
-    """Return what the states of several entries come to, in three lines at most."""
     shared = shared_by(entries)
     numbers: dict[str, list[int]] = {state: [] for state in _STATES}
     for k in _by_urgency(entries):
@@ -360,7 +356,6 @@ def _maps(entries: tuple[Entry, ...]) -> Markup:
 
 
 def _columns(entries: tuple[Entry, ...]) -> list[str]:
-    """Return the names of figures; figures equal in all entries share the first name."""
     columns: dict[tuple[object, ...], str] = {}
     for name in dict.fromkeys(name for entry in entries for name in entry.figures):
         columns.setdefault(tuple(entry.figures.get(name) for entry in entries), name)
@@ -368,7 +363,6 @@ def _columns(entries: tuple[Entry, ...]) -> list[str]:
 
 
 def _by_urgency(entries: tuple[Entry, ...]) -> list[int]:
-    """Return the numbers of the entries, those first that somebody must look at."""
     shared = shared_by(entries)
 
     def urgency(number: int) -> tuple[bool, int, int, int]:

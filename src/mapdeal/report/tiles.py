@@ -172,7 +172,6 @@ def codings_of(
 
 
 def packed(values: Numbers, codings: Sequence[Coding]) -> bytes:
-    """Return the bytes of a tile, in the first coding that holds all of its numbers."""
     for index, coding in enumerate(codings):
         fit = _fit(values, coding)
         if fit is not None:
@@ -227,8 +226,6 @@ coarser cells, which differ more from their neighbours, there is less to gain.""
 
 @dataclass(frozen=True)
 class Level:
-    """A layer in one of its resolutions."""
-
     reduce: int
     shape: tuple[int, int]
     tiles: tuple[bytes, ...]
@@ -240,8 +237,6 @@ class Level:
 
 @dataclass(frozen=True)
 class EncodedLayer:
-    """A layer in its resolutions, the coarsest first."""
-
     coding: dict[str, Any]
     levels: tuple[Level, ...]
 
@@ -257,7 +252,6 @@ class Encoded:
 
     @property
     def layers(self) -> list[dict[str, Any]]:
-        """Entries for the page's header, one per layer: ``coding`` and ``levels``."""
         headers, offset = [], 0
         for layer in self.encoded:
             levels = []
@@ -273,7 +267,6 @@ class Encoded:
 
     @property
     def data(self) -> list[bytes]:
-        """The base64 text of all tiles, in the order of their offsets."""
         return [tile for layer in self.encoded for level in layer.levels for tile in level.tiles]
 
     @property
@@ -282,7 +275,6 @@ class Encoded:
 
 
 def encoded(layers: Sequence[PageLayer], *, size: int) -> Encoded:
-    """Return layers as levels of compressed tiles."""
     # A level is four times coarser than the next; the coarsest is 256 cells a side or less. The
     # finest has the layer's own cells if none of its sides is longer than 4096, else as many as
     # 2^26 allow. If all is too large, the cells of the finest level become twice as long, of all
@@ -368,7 +360,6 @@ def _tile(cells: Cells, codings: Sequence[Coding], compression: int) -> bytes:
 
 
 def _encoded_layer(layer: PageLayer, compressor: _Compressor) -> EncodedLayer:
-    """Return a layer in all resolutions, each half the one before: `_fitted` chooses of them."""
     codings: tuple[Coding, ...] = ()
     coding: dict[str, Any] = {"kind": "bytes"}
     if not layer.is_bytes:
@@ -422,7 +413,6 @@ class _Pooling:
         return ranked if self.order is None else look_up(ranked, self.order)
 
     def pooled(self, cells: Cells, step: int) -> Cells:
-        """Return one cell for each square of `step` a side, fewer at the north and east edges."""
         return cells if step == 1 else pooled(cells, step, self.choose)
 
 
@@ -446,7 +436,6 @@ class _LevelMaker:
         self._tiles: list[Future[bytes]] = []
 
     def add(self, rows: Cells) -> None:
-        """Add the next rows, ranked."""
         while len(rows):
             if not self._filled:
                 height = min(TILE, self._shape[0] - self._rows_cut)

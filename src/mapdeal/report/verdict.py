@@ -53,7 +53,6 @@ def on_failure(reason: str) -> Claim:
 
 
 def on_findings(messages: Mapping[str, Sequence[str]]) -> Claim:
-    """Return what lint's messages come to, by severity."""
     errors, warnings = messages.get("error", ()), messages.get("warning", ())
     if errors:
         text = f"The map has {count_text(len(errors), 'error')}"
@@ -73,7 +72,6 @@ def on_no_lint() -> Claim:
 
 
 def on_costs(manifest: Mapping[str, Any]) -> Claim | None:
-    """Return whose costs a run has computed, and the assumptions, if it computed costs."""
     stages = {name: values for stage in manifest["stages"] for name, values in stage.items()}
     costs, robot = stages.get("cost"), manifest.get("robot")
     if not isinstance(costs, dict):
@@ -173,7 +171,6 @@ def on_no_robot() -> Claim:
 
 
 def on_difference(found: Difference, changes: Sequence[Change], unlisted: int) -> list[Claim]:
-    """Return how much two maps differ: obstacles, all cells, and geometry."""
     cell = found.frame.resolution**2
     if not found.common_cells:
         return [Claim("obstacles", "error", "The maps have no cell in common")]
@@ -277,7 +274,6 @@ def verdicts_of(entries: Sequence[Entry]) -> tuple[Verdict, ...]:
 
 
 def most_urgent(verdicts: Sequence[Verdict]) -> str:
-    """Return the next command of the verdict with the worst state that has one."""
     order = get_args(State).index
     found = [verdict for verdict in verdicts if verdict.next_command]
     return min(found, key=lambda verdict: order(verdict.state)).next_command if found else ""
