@@ -11,7 +11,7 @@ from compare.buildings import OTHER_WALLS, WALLS, between, drawn, errors
 from mapdeal import OccupancyGrid, Transform
 from mapdeal.compare.align import bend_between, placed
 from mapdeal.compare.bend import Bend, _solved
-from mapdeal.compare.places import place_text
+from mapdeal.compare.faults import place_text
 from mapdeal.compare.walls import moved, walls_of
 
 pytestmark = pytest.mark.slow

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from mapdeal.grid.frame import Frame
-from mapdeal.report.outlines import outlines_of
+from mapdeal.report.document import outlines_of
 
 FRAME = Frame(7, 9, 0.25, (1.5, -2.0, 0.4))
 

@@ -20,8 +20,7 @@ from mapdeal.command import (
     parameters_of,
 )
 from mapdeal.commands import two_maps
-from mapdeal.commands.diff_costs import costmaps_compared
-from mapdeal.commands.diff_robots import compare_robots, robots_compared
+from mapdeal.commands.diff_costs import compare_robots, costmaps_compared, robots_compared
 from mapdeal.commands.reach import goals_in, goals_of, start_of
 from mapdeal.compare import faults as finding
 from mapdeal.compare.difference import STATES, Bound, Difference, WallShift, compare, frame_around

@@ -2,45 +2,178 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from contextvars import copy_context
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from itertools import islice
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
+from mapdeal import errors
+from mapdeal.checks.lint import LintReport
 from mapdeal.command import Output, Result, Words, command
+from mapdeal.commands import report_documents as documents
 from mapdeal.commands import report_entries
 from mapdeal.commands.build import DOCUMENT
-from mapdeal.commands.report_checks import RunChecks
-from mapdeal.commands.report_documents import Results, read_results
+from mapdeal.commands.lint import lint
+from mapdeal.commands.reach import Reachability, reach_on_input
 from mapdeal.commands.report_entries import Draft, Grids, Opened
-from mapdeal.errors import (
-    FileAccessError,
-    FindingError,
-    MapdealError,
-    ParameterError,
-    capture_warnings,
-    emit_warning,
-    one_line,
-)
 from mapdeal.files import json_values, source
-from mapdeal.files.source import exists
+from mapdeal.files.json_values import JsonValue, json_of
+from mapdeal.files.source import exists, holding
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.filters import FilterInfo, mask_description, mask_rows
+from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.reach import Goal, Reach
 from mapdeal.grid.values import count_text
 from mapdeal.inputs.kinds import SHAPES, kind_of
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps.dialects import Dialect, read_metadata
 from mapdeal.maps.reading import is_bare_image
 from mapdeal.pipeline.batch import SUMMARY
-from mapdeal.pipeline.folder import MANIFEST
-from mapdeal.pipeline.settings import Settings, is_whole
-from mapdeal.report.document import Report, State, Table, Verdict, worst_of
+from mapdeal.pipeline.folder import MANIFEST, reach_document
+from mapdeal.pipeline.inputs import KeepoutMask, Work, map_input, mask_of, read_input
+from mapdeal.pipeline.recipe import planned_shape
+from mapdeal.pipeline.settings import Settings, adding_warnings, is_whole
+from mapdeal.pipeline.step import Step, make_step
+from mapdeal.report.document import (
+    Claim,
+    PageLayer,
+    Report,
+    State,
+    Table,
+    Verdict,
+    page_layers,
+    worst_of,
+)
 from mapdeal.report.page import page_of
-from mapdeal.report.verdict import most_urgent, on_no_lint, verdicts_of
+from mapdeal.report.verdict import most_urgent, on_no_lint, on_no_robot, verdicts_of
+from mapdeal.ros.robot import RobotParameters
 from mapdeal.version import __version__
+
+
+@dataclass(frozen=True)
+class GoalAnswer:
+    path: Path
+    lines: Sequence[str]
+    document: Mapping[str, Any]
+    problem: str | None = None
+
+
+@dataclass(frozen=True)
+class RunChecks:
+    """Who is to go where on the maps of a run, of which each is in the folder that names it."""
+
+    settings: Settings
+    footprint: Footprint | None = None
+    robot: RobotParameters | None = None
+    start: tuple[float, ...] | None = None
+    goals: Sequence[Goal] = field(default=())
+    map_of_folder: Mapping[Path, Path] = field(default_factory=dict)
+    _answered: set[int] = field(default_factory=set)
+
+    @property
+    def has_goals(self) -> bool:
+        return bool(self.goals) or self.start is not None
+
+    @property
+    def _shape(self) -> Footprint | None:
+        if self.footprint is None and self.robot is not None:
+            return planned_shape(self.robot)
+        return self.footprint
+
+    @property
+    def question(self) -> documents.ReachQuestion:
+        robot, words = self.robot, [*documents.robot_words(self.footprint)]
+        if robot is not None:
+            words += [
+                text
+                for path in robot.paths
+                for text in ("--params-file", documents.typed_path(path))
+            ]
+            words += [] if robot.costmap == "global" else ["--costmap", robot.costmap]
+            namespace, _, node = robot.node.partition(f"/{robot.costmap}_costmap/")
+            words += ["--namespace", namespace] if namespace and node else []
+        mask = self.settings.mask
+        words += [] if mask is None else ["--mask", documents.typed_path(mask)]
+        return documents.ReachQuestion(tuple(self.start or ()), tuple(self.goals), tuple(words))
+
+    @cached_property
+    def _mask(self) -> KeepoutMask | None:
+        return mask_of(self.settings.mask, self.settings)
+
+    @cached_property
+    def _step(self) -> Step:
+        start = {} if self.start is None else {"start": self.start}
+        return make_step(
+            "reach", {**start, "goals": tuple(self.goals), "footprint": self._shape}
+        )  # fmt: skip
+
+    def findings(self, paths: Sequence[Path]) -> documents.Results:
+        def linted() -> LintReport:
+            Work.current.set(None)  # lint is not the command under way
+            settings = self.settings
+            return lint(
+                paths, footprint=self._shape, max_cells=settings.max_cells,
+                max_memory=settings.max_memory,
+            )  # fmt: skip
+
+        document = json.loads(json_of(copy_context().run(linted).document()))
+        return documents.results_of(JsonValue(Path("lint"), document))
+
+    def reachability(self, path: Path) -> Reachability:
+        source = map_input(read_input(path, self.settings), path)
+        found = reach_on_input(source, self._step, self.robot, self._mask)
+        return Reachability(source, found, self._step.title)
+
+    def answer(self, path: Path) -> GoalAnswer:
+        lines: list[str] = []
+        document: dict[str, Any] = {}
+        try:
+            found = self.reachability(path)
+            with_goals = islice(found.lines(), 1 + len(found.reach.goals))  # without passages
+            lines, document = list(with_goals), found.document()
+            found.check()
+        except errors.MapdealError as error:
+            return GoalAnswer(path, lines, document, str(error.found_in(path)))
+        return GoalAnswer(path, lines, document)
+
+    def add_reach(self, draft: Draft, path: Path, *, with_layer: bool, grid_bytes: int) -> None:
+        """Add where the robot can go on a map to its draft, unless its own recipe has asked."""
+        has_asked = any(claim.about == "goals" for claim in draft.claims)
+        if has_asked and (not self.has_goals or id(draft) in self._answered):
+            return
+        self._answered.add(id(draft))
+        if self._shape is None and not self.has_goals:
+            draft.claims.append(on_no_robot())
+            return
+        texts: list[str] = []
+        try:
+            with adding_warnings(texts), holding(grid_bytes):
+                found = self.reachability(path).reach
+        except errors.MapdealError as error:
+            is_too_large = error.hint is not None and "--max-memory" in error.hint
+            state: State = "unknown" if is_too_large else "error"
+            if is_too_large:
+                draft.lacks("where the robot can go", path, error)
+            rule = ": ".join(filter(None, (error.place, error.rule)))
+            words = f"Where the robot can go was not found: {rule}"
+            draft.claims.append(Claim("goals", state, documents.short(errors.one_line(words))))
+            return
+        draft.warn(texts, [path])
+        draft.add(documents.results_of(JsonValue(path, reach_document(found))))
+        if with_layer:
+            draft.layers += _layers_of(found, draft.free_name("reach"), self._step.title)
+
+
+def _layers_of(found: Reach, name: str, title: str) -> list[PageLayer]:
+    return page_layers(found, name, title[:1].upper() + title[1:])[-1:]
+
 
 File = str | PathLike[str]
 
@@ -116,7 +249,7 @@ class WrittenReport(Result):
         rule = f"{first.name}: {texts[0] if texts else 'has a problem, see the page'}"
         if later:
             rule += f"; {len(later)} more of {self.maps} maps have problems"
-        raise FindingError(rule, source=self.path)
+        raise errors.FindingError(rule, source=self.path)
 
 
 @command(
@@ -187,18 +320,19 @@ def write_report(
         If something is missing or does not match; the page shows the same warning.
     """
     if title is not None and not isinstance(title, str):
-        raise ParameterError("must be a text", place="title", got=title)
+        raise errors.ParameterError("must be a text", place="title", got=title)
     if not is_whole(max_size):
-        raise ParameterError("must be a whole number of bytes", place="max_size", got=max_size)
+        rule = "must be a whole number of bytes"
+        raise errors.ParameterError(rule, place="max_size", got=max_size)
     if max_size < _SMALLEST_PAGE:
         rule = f"must be at least {source.size_text(_SMALLEST_PAGE)}"
-        raise ParameterError(rule, place="max_size", got=max_size)
+        raise errors.ParameterError(rule, place="max_size", got=max_size)
     settings = Settings(
         dialect=dialect, max_cells=max_cells, force=force, threads=threads, max_memory=max_memory
     )
     named = [sources] if isinstance(sources, str | PathLike) else sources
     if not named:
-        raise ParameterError("needs at least one", place="sources")
+        raise errors.ParameterError("needs at least one", place="sources")
     return _written(Path(path), list(map(Path, named)), settings, title=title, size=max_size)
 
 
@@ -208,7 +342,7 @@ def _written(
 ) -> WrittenReport:  # fmt: skip
     # With what a run has asked of its maps, the verdict goes beside the page as JSON.
     if output.suffix.lower() not in _ENDINGS:
-        raise ParameterError("the page must end in .html", source=output)
+        raise errors.ParameterError("the page must end in .html", source=output)
     with settings.reading(), use_threads(settings.threads), Grids(settings) as grids:
         report = gathered(paths, grids, title=title, inputs=inputs, checks=checks)
         read = [*paths, *grids.files]
@@ -234,11 +368,11 @@ def page_in(folder: Path) -> Path:
     page = folder / _PAGE
     if exists(page) and _GENERATOR not in source.head_of(page, _HEAD):
         rule = "exists, and is not a page written by mapdeal"
-        raise FileAccessError(rule, source=page, hint="move it: --report writes there")
+        raise errors.FileAccessError(rule, source=page, hint="move it: --report writes there")
     verdict = folder / VERDICT
     if exists(verdict) and _VERDICT_FORMAT.encode() not in source.head_of(verdict, _HEAD):
         rule = "exists, and is not a verdict written by mapdeal"
-        raise FileAccessError(rule, source=verdict, hint="move it: --report writes there")
+        raise errors.FileAccessError(rule, source=verdict, hint="move it: --report writes there")
     return page
 
 
@@ -273,7 +407,7 @@ def gathered(
         else:
             gathering.add_document(path)
     for path in inputs:
-        with suppress(MapdealError):  # the run has reported this error
+        with suppress(errors.MapdealError):  # the run has reported this error
             runs = gathering.add_input(grids.open(path, quietly=True))
             for run in runs:
                 if checks is not None:
@@ -304,7 +438,7 @@ def _entries_of(path: Path, grids: Grids, known: set[object]) -> list[Draft] | N
     if found is None:
         rule = f"contains no run: no {MANIFEST} in it or below"
         hint = "mapdeal run MAP -o DIR makes one; maps in a folder are named one by one"
-        raise FileAccessError(rule, source=folder, hint=hint)
+        raise errors.FileAccessError(rule, source=folder, hint=hint)
     found = [
         draft
         for draft in found
@@ -313,7 +447,7 @@ def _entries_of(path: Path, grids: Grids, known: set[object]) -> list[Draft] | N
     for draft in found:
         try:
             report_entries.fill_from_run(draft, grids)
-        except MapdealError as error:
+        except errors.MapdealError as error:
             if len(found) == 1:
                 raise
             draft.lacks("this run", draft.path, error)
@@ -323,7 +457,7 @@ def _entries_of(path: Path, grids: Grids, known: set[object]) -> list[Draft] | N
 def _filter_of(path: Path) -> FilterInfo | None:
     if path.suffix not in source.YAML:
         return None
-    with capture_warnings():  # said when the map was read
+    with errors.capture_warnings():  # said when the map was read
         return FilterInfo.of(read_metadata(path).extra)
 
 
@@ -348,7 +482,7 @@ class _Gathering:
         self.drafts: list[Draft] = []
         self.named: set[str] = set()
         self._known_files: set[object] = set()
-        self._waiting: list[tuple[Path, Results, Draft | None]] = []
+        self._waiting: list[tuple[Path, documents.Results, Draft | None]] = []
 
     def add_grid(self, path: Path) -> None:
         if not _is_first(path, self._known_files):
@@ -395,7 +529,7 @@ class _Gathering:
 
     def add_document(self, path: Path) -> None:
         """Read a document; its content goes where it belongs, at the end."""
-        results = read_results(path)
+        results = documents.read_results(path)
         self.named |= set(results.files)
         if results.kind in (json_values.DIFF, json_values.COST_DIFF, json_values.ALIGNMENT):
             self.drafts.append(report_entries.two_maps(path, results, self._grids))
@@ -403,7 +537,7 @@ class _Gathering:
             self.drafts.append(report_entries.two_robots(path, results, self._grids))
         elif results.kind == json_values.COMPARISON:
             rule = "is what build --compare has written beside its maps"
-            raise ParameterError(rule, source=path, hint=f"name the folder, {path.parent}")
+            raise errors.ParameterError(rule, source=path, hint=f"name the folder, {path.parent}")
         else:
             self._waiting.append((path, results, self.drafts[-1] if self.drafts else None))
 
@@ -421,7 +555,7 @@ class _Gathering:
             )
         if not self.drafts:  # such as findings about parameter files alone
             rule = "belongs to a map or a run, and none is named"
-            raise ParameterError(rule, source=first, hint="name it before this file")
+            raise errors.ParameterError(rule, source=first, hint="name it before this file")
         for path, results, draft in self._waiting:
             if results.kind not in (json_values.LINT, json_values.SCORE):
                 (draft or self.drafts[0]).add_about(path, results)
@@ -434,7 +568,7 @@ class _Gathering:
         for path in paths:
             try:
                 self.add_grid(path)
-            except MapdealError as error:
+            except errors.MapdealError as error:
                 self.drafts.append(Draft(path.stem, path, map_path=path))
                 self.drafts[-1].lacks("this map", path, error)
 
@@ -442,16 +576,16 @@ class _Gathering:
         """Add what lint finds in the maps of a run, unless its configuration is invalid."""
         try:
             results = checks.findings(paths)
-        except MapdealError as error:
-            text = f"{one_line(str(error))}, so findings of lint are not shown"
-            emit_warning(text, stacklevel=2)
+        except errors.MapdealError as error:
+            text = f"{errors.one_line(str(error))}, so findings of lint are not shown"
+            errors.emit_warning(text, stacklevel=2)
             for draft in self.drafts:
                 draft.warn([text])
                 draft.claims.append(on_no_lint())
         else:
             self.add_findings(Path(json_values.LINT), results)
 
-    def add_findings(self, path: Path, results: Results) -> None:
+    def add_findings(self, path: Path, results: documents.Results) -> None:
         self.named |= set(results.files)
         lost = []
         for part in results.parts:
@@ -464,6 +598,6 @@ class _Gathering:
                 lost.append(part.name)
         if lost:
             more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
-            which = f"{one_line(lost[0])}{more}"
+            which = f"{errors.one_line(lost[0])}{more}"
             text = f"{path}: findings of {which} are left out: the map is not shown here"
-            emit_warning(text, stacklevel=2)
+            errors.emit_warning(text, stacklevel=2)

@@ -6,7 +6,10 @@ Numbers that JSON does not have, an infinite width for instance, are null there.
 
 from __future__ import annotations
 
+import json
 import math
+import os
+import shlex
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
@@ -17,15 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.checks.findings import SEVERITIES, Finding, Severity
-from mapdeal.commands.diff_robots import passage_text
-from mapdeal.commands.report_next import ReachQuestion, robot_words
+from mapdeal.commands.diff_costs import passage_text
 from mapdeal.compare.bounds import figure_text, figures_named
 from mapdeal.compare.costs import CostChange
 from mapdeal.compare.difference import Change
 from mapdeal.errors import MalformedInputError, ParameterError, one_line
 from mapdeal.files import json_values
 from mapdeal.files.json_values import JsonValue, NamedMap
-from mapdeal.files.source import head_of
+from mapdeal.files.source import absolute_path, head_of
 from mapdeal.grid import reach
 from mapdeal.grid.filters import KINDS
 from mapdeal.grid.footprint import Footprint, checked_corners
@@ -37,8 +39,7 @@ from mapdeal.grid.values import CostScale, count_text, decimal_text
 from mapdeal.inputs.kinds import SHAPES, recognised
 from mapdeal.maps.route_graphs import parsed_graph
 from mapdeal.maps.shapes import geojson_shapes, read_shapes
-from mapdeal.report.document import About, Claim, Item, Table, Tone, Zone
-from mapdeal.report.outlines import outlines_of
+from mapdeal.report.document import About, Claim, Item, State, Table, Tone, Zone, outlines_of
 from mapdeal.report.verdict import GEOMETRY, on_findings, on_goals
 from mapdeal.ros.robot import CostmapName
 
@@ -758,3 +759,78 @@ _READERS: dict[str | None, Callable[[JsonValue], Results]] = {
     json_values.SCORE: _score, json_values.ALIGNMENT: _alignment,
     json_values.ROUTE_GRAPH: _route_graph,
 }  # fmt: skip
+
+_BY_URGENCY: tuple[About, ...] = ("run", "map", "goals")
+_OF_TWO_MAPS: set[About] = {"obstacles", "cells", "geometry"}
+_SHAPES = {"--robot-radius", "--footprint", "--params-file"}
+_NAV2_RADIUS = ("--robot-radius", "0.22")  # the default of Nav2
+
+
+@dataclass(frozen=True)
+class ReachQuestion:
+    """Start and goals of a result of reach; its robot as options."""
+
+    start: tuple[float, ...]
+    goals: tuple[Goal, ...]
+    robot: tuple[str, ...]
+
+
+def robot_words(footprint: Footprint | None) -> tuple[str, ...]:
+    """Return the options that give a robot this shape."""
+    if footprint is None:
+        return ()
+    if footprint.vertices:
+        return ("--footprint", json.dumps([list(corner) for corner in footprint.vertices]))
+    return ("--robot-radius", f"{footprint.radius:.9g}")
+
+
+def typed_path(path: Path) -> str:
+    """Return the name of a file from the working folder; no page shows an absolute one."""
+    text = str(path)
+    if path.is_absolute():
+        folder = absolute_path(Path())
+        has_common_folder = len({*path.parents} & {folder, *folder.parents}) > 1
+        text = os.path.relpath(path) if has_common_folder else path.name
+    return f"./{text}" if text.startswith("-") else text
+
+
+def next_command(
+    claims: Iterable[Claim], named: Path, map_path: Path | None, question: ReachQuestion | None,
+    options: Sequence[str], dialect: Sequence[str],
+) -> str:  # fmt: skip
+    """Return the command that follows from the claims about a map; empty if there is none."""
+    by_subject = {claim.about: claim for claim in claims}
+    if by_subject.keys() & _OF_TWO_MAPS:
+        return ""
+    about_map = [by_subject[about] for about in _BY_URGENCY if about in by_subject]
+    worst = min(about_map, key=lambda claim: get_args(State).index(claim.state), default=None)
+    goals, robot = by_subject.get("goals"), question.robot if question else ()
+    robot = robot if _SHAPES & {*robot} else (*_NAV2_RADIUS, *robot)
+    if map_path is None:
+        words = ["info", typed_path(named)]
+    elif worst is None or (worst is not goals and worst.state != "good"):
+        words = ["lint", typed_path(map_path), *options]
+    elif "costmap" in by_subject and (goals is None or goals.state == "unknown"):
+        words = ["run", typed_path(map_path), *options, *dialect, "-o", "nav2"]
+        words += ["--recipe", "nav2", *robot, "--report"]
+    else:
+        start, targets = (question.start, question.goals) if question else ((), ())
+        if goals is not None and not goals.evidence:  # reach refused the start
+            start = ()
+        is_routed = goals is not None and goals.state == "good" and bool(start and targets)
+        words = ["route" if is_routed else "reach", typed_path(map_path), *options, *dialect]
+        words += ["--from", _numbers(start[: 2 if is_routed else 3])] if start else []
+        texts = [_numbers((targets[0].x, targets[0].y))] if is_routed else map(_goal, targets)
+        words += ["--to", *texts] if targets else []
+        words += robot
+    line = shlex.join(["mapdeal", *words])
+    return line if line == one_line(line) else ""
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return ",".join(f"{value + 0.0:.9g}" for value in values)
+
+
+def _goal(goal: Goal) -> str:
+    name = "" if goal.name is None or "=" in goal.name else f"{goal.name}="
+    return f"{name}{_numbers((goal.x, goal.y))}"

@@ -16,10 +16,14 @@ import numpy as np
 from mapdeal.commands import report_documents
 from mapdeal.commands.build import DOCUMENT
 from mapdeal.commands.diff import compared
-from mapdeal.commands.diff_costs import change_codes, change_text, costmaps_compared
-from mapdeal.commands.diff_robots import robots_compared, value_text
-from mapdeal.commands.report_documents import Part, Results, Subject
-from mapdeal.commands.report_next import ReachQuestion, next_command
+from mapdeal.commands.diff_costs import (
+    change_codes,
+    change_text,
+    costmaps_compared,
+    robots_compared,
+    value_text,
+)
+from mapdeal.commands.report_documents import Part, ReachQuestion, Results, Subject, next_command
 from mapdeal.commands.two_maps import names_of_two
 from mapdeal.compare.costs import CostDifference
 from mapdeal.errors import (

@@ -45,8 +45,7 @@ from mapdeal.pipeline.settings import Canvas, Settings
 from mapdeal.ros.robot import RobotParameters
 
 if TYPE_CHECKING:
-    from mapdeal.commands.report import WrittenReport
-    from mapdeal.commands.report_checks import GoalAnswer, RunChecks
+    from mapdeal.commands.report import GoalAnswer, RunChecks, WrittenReport
     from mapdeal.pipeline.local import Around
 
 _LOCAL_SET = "--local-set"
@@ -334,7 +333,7 @@ def run_maps(
 
         page = page_in(output)
     if report or start is not None or goals or points is not None:
-        from mapdeal.commands.report_checks import RunChecks
+        from mapdeal.commands.report import RunChecks
 
         map_of_folder = {job.folder: job.path for job in all_jobs if job.error is None}
         listed = chosen_goals(goals, points)
