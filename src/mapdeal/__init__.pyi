@@ -31,11 +31,11 @@ from mapdeal.commands.run import run as run
 from mapdeal.commands.score import Score as Score
 from mapdeal.commands.score import score as score
 from mapdeal.compare.bounds import ScoreBound as ScoreBound
-from mapdeal.compare.costs import CostChange as CostChange
-from mapdeal.compare.costs import CostDifference as CostDifference
-from mapdeal.compare.costs import compare_costmaps as compare_costmaps
 from mapdeal.compare.difference import Bound as Bound
+from mapdeal.compare.difference import CostChange as CostChange
+from mapdeal.compare.difference import CostDifference as CostDifference
 from mapdeal.compare.difference import WallShift as WallShift
+from mapdeal.compare.difference import compare_costmaps as compare_costmaps
 from mapdeal.compare.merge import MapCounts as MapCounts
 from mapdeal.errors import FileAccessError as FileAccessError
 from mapdeal.errors import FindingError as FindingError

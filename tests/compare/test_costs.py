@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from mapdeal import Costmap
-from mapdeal.compare.costs import SIZES, compare_costmaps
+from mapdeal.compare.difference import SIZES, compare_costmaps
 from mapdeal.grid.values import occupancy_from_cost
 from mapdeal.pictures.styles import cost_change_codes, cost_change_style
 

@@ -13,8 +13,13 @@ import numpy as np
 from mapdeal.command import POSE, Result
 from mapdeal.commands import two_maps
 from mapdeal.commands.reach import COSTS_PER_CELL, reach_on_input
-from mapdeal.compare.costs import CostChange, CostDifference, compare_costmaps
-from mapdeal.compare.difference import Bound, frame_around
+from mapdeal.compare.difference import (
+    Bound,
+    CostChange,
+    CostDifference,
+    compare_costmaps,
+    frame_around,
+)
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import COST_DIFF_FORMAT, ROBOT_DIFF_FORMAT

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from mapdeal.checks.findings import SEVERITIES, Finding, Severity
 from mapdeal.commands.diff_costs import passage_text
 from mapdeal.compare.bounds import figure_text, figures_named
-from mapdeal.compare.costs import CostChange
-from mapdeal.compare.difference import Change
+from mapdeal.compare.difference import Change, CostChange
 from mapdeal.errors import MalformedInputError, ParameterError, one_line
 from mapdeal.files import json_values
 from mapdeal.files.json_values import JsonValue, NamedMap

@@ -25,7 +25,7 @@ from mapdeal.commands.diff_costs import (
 )
 from mapdeal.commands.report_documents import Part, ReachQuestion, Results, Subject, next_command
 from mapdeal.commands.two_maps import names_of_two
-from mapdeal.compare.costs import CostDifference
+from mapdeal.compare.difference import CostDifference
 from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,

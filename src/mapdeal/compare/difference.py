@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
+from mapdeal.grid import values as codes
 from mapdeal.grid.canvas import region_on_lattice, sampled
+from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import OCCUPIED, decimal_text
 from mapdeal.kernels.components import touching_groups
 from mapdeal.kernels.distance import within_distance
+from mapdeal.kernels.lookup import look_up
 
 STATES = ("occupied", "free", "unknown", "between")
 """States of a cell; ``between`` stands for the values 1..99."""
@@ -145,7 +147,7 @@ class Change:
 
     @property
     def place(self) -> str:
-        return f"{decimal_text(self.area, 3)} m2 at {self.x + 0.0:.6g},{self.y + 0.0:.6g}"
+        return f"{codes.decimal_text(self.area, 3)} m2 at {self.x + 0.0:.6g},{self.y + 0.0:.6g}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -223,7 +225,7 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
         beyond = differs & _is_beyond(state_a, state_b, both, math.floor(tolerance**2))
     known = np.count_nonzero(first.occupancy >= 0) - np.count_nonzero(both & (a >= 0))
     walls = [grid.frame.xy_from_rowcol(np.argwhere(grid.occupied())) for grid in (first, second)]
-    in_both = [(cells == OCCUPIED) & both for cells in (a, b)]
+    in_both = [(cells == codes.OCCUPIED) & both for cells in (a, b)]
     in_common = [frame.xy_from_rowcol(np.argwhere(cells)) for cells in in_both]
     are_same_cells = region_on_lattice(frame, second.frame) is not None
     apart = [
@@ -263,7 +265,7 @@ def geometry_pairs(first: Frame, second: Frame) -> dict[str, tuple[Any, Any]]:
 
 def states_of(values: NDArray[np.int8]) -> NDArray[np.uint8]:
     table = np.full(256, STATES.index("between"), dtype=np.uint8)
-    table[OCCUPIED] = STATES.index("occupied")
+    table[codes.OCCUPIED] = STATES.index("occupied")
     table[0] = STATES.index("free")
     table[128:] = STATES.index("unknown")
     return table[values.view(np.uint8)]
@@ -341,3 +343,179 @@ def changes_of(
     changes[(first != occupied) & (second == occupied)] = ADDED
     changes[~both] = OUTSIDE
     return changes
+
+
+Costs = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+SIZES = ((1, 9), (10, 49), (50, 127), (128, 254))
+"""Smallest and largest change of the cost in each bin of `CostChange.by_size`."""
+
+MOST_REGIONS = 20
+
+
+@dataclass(frozen=True, repr=False)
+class CostChange(codes.OneLine):
+    """Cells of which the cost has changed in one way.
+
+    Parameters
+    ----------
+    kind : {'rose', 'fell', 'closed', 'opened', 'unknown', 'known'}
+        Higher or lower cost in cells known in both costmaps; cells that became closed (253 or 254),
+        ceased to be closed, became unknown, ceased to be unknown. A cell that became closed has
+        risen, too, unless it was unknown.
+    cells : int
+        Number of cells.
+    area : float
+        Their area, square metres.
+    regions : int
+        Number of connected regions that they form, corners included.
+    largest : tuple of Change
+        The largest of these, at most 20, each with its area and a place in its middle.
+    by_size : dict of int
+        For 'rose' and 'fell', number of cells by the size of the change: 1-9, 10-49, 50-127 and
+        128-254.
+    """
+
+    kind: ChangeKind
+    cells: int
+    area: float
+    regions: int
+    largest: tuple[Change, ...]
+    by_size: dict[str, int]
+
+    def _repr_parts(self) -> Iterator[str]:
+        area = codes.decimal_text(self.area)
+        yield f"{self.kind}, {codes.count_text(self.cells, 'cell')}, {area} m2"
+        yield codes.count_text(self.regions, "region")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CostDifference(codes.OneLine):
+    """Differences between two costmaps, A and B, on costmap_2d's scale.
+
+    Parameters
+    ----------
+    geometry : dict
+        Pairs of values for each of width, height, resolution and origin that differs.
+    scale : {'costmap2d', 'occupancy'}
+        ``occupancy`` if either costmap has this scale: then both are taken as ROS publishes them,
+        99 as inscribed and other values times 2.54.
+    common_cells, differing : int
+        Number of cells that both costmaps cover, and of those with different costs.
+    not_compared : int
+        Number of known cells of A that B does not cover.
+    changes : dict of CostChange
+        The cells that have changed in each way, by its name.
+    frame : Frame
+        Geometry of the part of A's lattice that covers both costmaps.
+    first_costs, second_costs : numpy.ndarray of uint8, shape of `frame`
+        Costs of both; those of B are sampled at the centres of the cells.
+    is_common : numpy.ndarray of bool, shape of `frame`
+        Cells that both costmaps cover.
+    masks : dict of numpy.ndarray of bool, shape of `frame`
+        Cells that have changed in each way, by its name.
+    """
+
+    geometry: dict[str, tuple[Any, Any]]
+    scale: codes.CostScale
+    common_cells: int
+    differing: int
+    not_compared: int
+    changes: dict[ChangeKind, CostChange]
+    frame: Frame
+    first_costs: Costs
+    second_costs: Costs
+    is_common: Mask
+    masks: dict[ChangeKind, Mask]
+
+    @property
+    def is_equal(self) -> bool:
+        """Whether the costmaps have the same geometry and costs."""
+        return not self.geometry and not self.differing
+
+    def _repr_parts(self) -> Iterator[str]:
+        yield f"{self.differing} of {self.common_cells} common cells differ"
+        yield from (f"{kind} {change.cells}" for kind, change in self.changes.items())
+
+
+def compare_costmaps(first: Costmap, second: Costmap) -> CostDifference:
+    """Compare the costs of two costmaps, such as those of two versions of a robot's parameters.
+
+    Parameters
+    ----------
+    first, second : Costmap
+        The costmaps, A and B. Size, origin, yaw and resolution may differ.
+
+    Returns
+    -------
+    CostDifference
+        Differences on A's lattice.
+
+    Raises
+    ------
+    ParameterError
+        If the costmaps are too far apart.
+
+    Examples
+    --------
+    >>> before, after = Costmap([[0, 90, 254, 255]], 0.5), Costmap([[0, 120, 254, 253]], 0.5)
+    >>> compare_costmaps(before, after).changes["rose"].by_size
+    {'1-9': 0, '10-49': 1, '50-127': 0, '128-254': 0}
+    >>> compare_costmaps(before, after).changes["closed"]
+    CostChange(closed, 1 cell, 0.25 m2, 1 region)
+    """
+    frame = frame_around(first.frame, second.frame)
+    is_of_bytes = first.scale == second.scale == "costmap2d"
+    scale: codes.CostScale = "costmap2d" if is_of_bytes else "occupancy"
+    a, in_first = _costs_on(frame, first, scale)
+    b, in_second = _costs_on(frame, second, scale)
+    is_common = in_first & in_second
+    masks = _masks_of_changes(a, b, is_common)
+    return CostDifference(
+        geometry=geometry_pairs(first.frame, second.frame), scale=scale,
+        common_cells=int(np.count_nonzero(is_common)),
+        differing=int(np.count_nonzero(is_common & (a != b))),
+        not_compared=int(np.count_nonzero(in_first & ~is_common & (a != codes.NO_INFORMATION))),
+        changes={kind: _change(kind, mask, a, b, frame) for kind, mask in masks.items()},
+        frame=frame, first_costs=a, second_costs=b, is_common=is_common, masks=masks,
+    )  # fmt: skip
+
+
+def _masks_of_changes(first: Costs, second: Costs, is_common: Mask) -> dict[ChangeKind, Mask]:
+    unknown = [costs == codes.NO_INFORMATION for costs in (first, second)]
+    least = codes.INSCRIBED_INFLATED_OBSTACLE
+    closed = [(costs >= least) & (costs != codes.NO_INFORMATION) for costs in (first, second)]
+    is_known = is_common & ~unknown[0] & ~unknown[1]
+    return {
+        "closed": is_common & ~closed[0] & closed[1],
+        "opened": is_common & closed[0] & ~closed[1],
+        "unknown": is_common & ~unknown[0] & unknown[1],
+        "known": is_common & unknown[0] & ~unknown[1],
+        "rose": is_known & (second > first),
+        "fell": is_known & (second < first),
+    }
+
+
+def _costs_on(frame: Frame, costmap: Costmap, scale: codes.CostScale) -> tuple[Costs, Mask]:
+    """Return costs at the centres of a frame's cells on costmap_2d's scale, and where there are."""
+    costs = np.asarray(costmap.cost)
+    if scale == "occupancy":  # of one costmap at least: both as ROS publishes them
+        table = codes.cost_from_occupancy()
+        table[codes.INSCRIBED_PUBLISHED] = codes.INSCRIBED_INFLATED_OBSTACLE
+        costs = look_up(np.asarray(costmap.to_occupancy().occupancy), table)
+    values, is_inside = sampled(frame, costs.view(np.int8), costmap.frame)
+    return values.view(np.uint8), is_inside
+
+
+def _change(
+    kind: ChangeKind, marked: Mask, first: Costs, second: Costs, frame: Frame
+) -> CostChange:
+    by_size = {}
+    if kind in ("rose", "fell"):
+        low, high = (first, second) if kind == "rose" else (second, first)
+        sizes = np.bincount(high[marked] - low[marked], minlength=256)
+        by_size = {f"{least}-{most}": int(sizes[least : most + 1].sum()) for least, most in SIZES}
+    largest, regions = Change.largest(kind, marked, frame, MOST_REGIONS)
+    count = int(np.count_nonzero(marked))
+    return CostChange(kind, count, count * frame.resolution**2, regions, tuple(largest), by_size)

@@ -7,8 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, get_args
 
-from mapdeal.compare.costs import CostDifference
-from mapdeal.compare.difference import Change, Difference
+from mapdeal.compare.difference import Change, CostDifference, Difference
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import RADIUS_TOLERANCE
 from mapdeal.grid.reach import GoalReach, Passage, reach_radius
