@@ -608,6 +608,12 @@ class Command:
         return self.output is not None and self.output.parameter in {*self.inputs, *self.parameters}
 
     @functools.cached_property
+    def takes_work(self) -> bool:
+        """Whether it, or a function that it passes arguments on to, takes the work in progress."""
+        owners = (self.function, *self.also.values())
+        return any("work" in inspect.signature(owner).parameters for owner in owners)
+
+    @functools.cached_property
     def inputs(self) -> dict[str, tuple[Any, Words, bool]]:
         """Type, words and whether it is required, by positional argument."""
         hints = hints_of(self.function, include_extras=True)

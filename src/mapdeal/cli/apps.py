@@ -29,7 +29,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.png import write_indexed_png
 from mapdeal.pipeline.folder import files_of, step_line
-from mapdeal.pipeline.inputs import Map, Work, frame_of_file
+from mapdeal.pipeline.inputs import InShell, Map, Work, frame_of_file
 from mapdeal.pipeline.recipe import recipe_words, step_for, step_of_recipe
 from mapdeal.pipeline.run import SingleResult, apply_to_file
 from mapdeal.pipeline.settings import Settings
@@ -55,7 +55,7 @@ _EDITED = "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz."
 
 
 def _apply_stage(
-    models: Mapping[str | None, Stage], *, source: Path, output: Path,
+    models: Mapping[str | None, Stage], *, source: Path, output: Path, work: InShell,
     footprint: Footprint | None = None, robot: Annotated[RobotParameters | None, Words()] = None,
     recipe: Annotated[str | None, Words("NAME|FILE", completed=recipe_words)] = None,
     encoding: Encoding = "occupancy", curve: Annotated[Path | None, Words("FILE.png")] = None,
@@ -72,7 +72,7 @@ def _apply_stage(
     curve : path, optional
         Also plot the cost over the distance from the nearest obstacle, with the robot's radii.
     """
-    work, stage = Work.in_shell(), next(iter(models.values()))
+    stage = next(iter(models.values()))
     inputs = [] if robot is None else robot.paths
     for name, parameter in stage.parameters.items():
         if parameter.kind is Frame and name in values:
@@ -275,7 +275,7 @@ def _shell_function(definition: Command) -> Any:
                 outputs = list(definition.output.paths(output))
             work = Work(settings, outputs, stack, terminal, as_json=as_json)
             stack.callback(Work.current.reset, Work.current.set(work))
-            result = _call(definition, _accept_values(definition, values, settings))
+            result = _call(definition, _accept_values(definition, values, work))
             if not isinstance(result, Result):
                 return
             if not isinstance(definition, _StageCommand):
@@ -301,10 +301,11 @@ def _shell_function(definition: Command) -> Any:
 
 
 def _accept_values(
-    definition: Command, values: dict[str, Any], settings: Settings
+    definition: Command, values: dict[str, Any], work: Work
 ) -> dict[str, Any]:  # fmt: skip
     parameters, inputs = definition.parameters, definition.inputs
-    accepted = {name: getattr(settings, name) for name in parameters if name in _OF_SETTINGS}
+    accepted = {name: getattr(work.settings, name) for name in parameters if name in _OF_SETTINGS}
+    accepted |= {"work": work} if definition.takes_work else {}
     if definition.takes_output and definition.output is not None:
         values[definition.output.parameter] = values.pop("output")
     for name, value in values.items():

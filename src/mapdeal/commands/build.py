@@ -48,7 +48,7 @@ from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.overlay import RingOverlay
 from mapdeal.pipeline.folder import write_picture, written_line
-from mapdeal.pipeline.inputs import Work, errors_named, refuse
+from mapdeal.pipeline.inputs import InShell, Work, errors_named, refuse
 from mapdeal.pipeline.settings import Settings
 from mapdeal.sensors.scans import DEFAULT_MAX_BAD, ScanSource, ScanTexts, open_log
 from mapdeal.version import __version__
@@ -390,6 +390,7 @@ mapdeal build --cloud examples/clouds/ramp.pcd -o out/ramp.yaml""",
 def build(
     log: Annotated[Path | None, Words("LOG")] = None,
     *,
+    work: InShell,
     output: Path,
     clouds: Annotated[list[str] | None, Words("FILE", name="cloud")] = None,
     poses: Annotated[Path | None, Words("FILE")] = None,
@@ -469,7 +470,6 @@ def build(
     **more
         Parameters of the method, and of `FrameOptions` and `CloudOptions`.
     """
-    work = Work.in_shell()
     frames = {name: more.pop(name) for name in parameters_of(FrameOptions) if name in more}
     of_cloud = {name: more.pop(name) for name in parameters_of(CloudOptions) if name in more}
     if clouds:

@@ -29,7 +29,7 @@ from mapdeal.maps.map_server import Encoding, in_trinary, warn_if_uniform, warn_
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import Source, output_paths, write_grid
 from mapdeal.maps.world import WORLD_ENDINGS
-from mapdeal.pipeline.inputs import Work, claim_work, errors_named, read_input, refuse
+from mapdeal.pipeline.inputs import InShell, Work, claim_work, errors_named, read_input, refuse
 from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.esdf import field_view
@@ -83,6 +83,7 @@ mapdeal convert examples/maps/office.yaml -o out/office.sdf --wall-height 2.5"""
 def convert(
     source: Annotated[Path, Words("MAP", streams=True)],
     *,
+    work: InShell,
     output: Path,
     topic: Annotated[str | None, Words("TOPIC")] = None,
     index: Annotated[int | None, Words("N")] = None,
@@ -127,7 +128,6 @@ def convert(
     **more
         As for `Costmap.from_static_layer`, `convert_area` and `convert_world`.
     """
-    work = Work.in_shell()
     areas, worlds = (
         {name: more.pop(name) for name in parameters_of(one) if name in more}
         for one in (convert_area, convert_world)

@@ -25,7 +25,15 @@ from mapdeal.grid.values import FREE, OCCUPIED, OverlayType
 from mapdeal.maps.map_server import Encoding, bit_map_paths
 from mapdeal.maps.reading import output_paths
 from mapdeal.maps.shapes import read_shapes
-from mapdeal.pipeline.inputs import Work, claim_cells, errors_named, numbers_of, opened, refuse
+from mapdeal.pipeline.inputs import (
+    InShell,
+    Work,
+    claim_cells,
+    errors_named,
+    numbers_of,
+    opened,
+    refuse,
+)
 
 _PER_CELL = 6.0
 """Bytes for each cell of a map: of costs 5, and a byte more while they are written."""
@@ -74,9 +82,13 @@ def _edits(
 
 
 def _edited(
-    source: Path, change: Callable[[Any], Any], what: str, *, inputs: Sequence[Path] = ()
+    source: Path,
+    change: Callable[[Any], Any],
+    what: str,
+    work: Work,
+    *,
+    inputs: Sequence[Path] = (),
 ) -> Made:
-    work = Work.in_shell()
     encoding: Encoding = "occupancy"
     if any(path.suffix == BIT_MAP for path in work.outputs):
         if source.suffix.lower() != BIT_MAP:
@@ -108,6 +120,7 @@ def _drawn(
     source: Path,
     shapes: Sequence[Shape],
     *,
+    work: InShell,
     file: Annotated[Path | None, Words("SHAPES")] = None,
     value: Annotated[int, VALUE] | None = None,
     overlay: OverlayType = "seq",
@@ -144,11 +157,12 @@ def _drawn(
         if number is None:
             hint = f"{name} has no value of its own" if shape.source else None
             raise ParameterError("is needed to draw with", place="value", hint=hint)
-        Work.in_shell().terminal.detail(f"{name}: value {number}")
+        work.terminal.detail(f"{name}: value {number}")
     return _edited(
         source,
         lambda grid: draw(start(grid), shapes, value=value, overlay=overlay),
         f"{', '.join(dict.fromkeys(shape.kind for shape in shapes))} drawn",
+        work,
         inputs=[] if file is None else [file],
     )
 
@@ -243,6 +257,7 @@ mapdeal edit reset examples/maps/office.yaml -o out/forgotten.yaml \\
 def reset(
     source: Source,
     *,
+    work: InShell,
     size: Annotated[Point, Pair("WX,WY")],
     at: Annotated[Point | None, Pair("X,Y")] = None,
     corner: Annotated[Point | None, Pair("X,Y")] = None,
@@ -279,4 +294,4 @@ def reset(
     def change(grid: Any) -> Any:
         return reset_region(start(grid), size_xy=size, center_xy=at, corner_xy=corner, value=value)
 
-    return _edited(source, change, "region reset")
+    return _edited(source, change, "region reset", work)

@@ -29,7 +29,7 @@ from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.npz import holds_reach, read_reach
 from mapdeal.maps.reading import open_map
 from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, stages_behind, summary_of
-from mapdeal.pipeline.inputs import Work, claim_work
+from mapdeal.pipeline.inputs import InShell, Work, claim_work
 from mapdeal.pipeline.settings import ProgressCallback, Settings
 from mapdeal.ros.load import flavour_of_file, read_robot
 from mapdeal.ros.robot import CostmapName, effect_of, on_map
@@ -125,6 +125,7 @@ mapdeal info examples/bags/office.mcap""",
 def describe(
     sources: Annotated[Sequence[Path], Words("MAP...", typed=list[Path], streams=True)],
     *,
+    work: InShell,
     of_map: Annotated[Path | None, Words("MAP", name="map")] = None,
     costmap: CostmapName | None = None,
     namespace: Annotated[str | None, Words("NS")] = None,
@@ -153,7 +154,6 @@ def describe(
         As for `read_map`.
     """
     settings = Settings(dialect=dialect, max_cells=max_cells)
-    work = Work.in_shell()
     if any(option is not None for option in (costmap, namespace, of_map)):
         groups = [(True, list(sources))]
     else:

@@ -16,7 +16,7 @@ from mapdeal.mapping.transforms import FrameOptions, Topics, check_pose
 from mapdeal.pipeline import local as local_maps
 from mapdeal.pipeline.batch import Batch, Job, run_and_report
 from mapdeal.pipeline.folder import step_line
-from mapdeal.pipeline.inputs import Work, refuse
+from mapdeal.pipeline.inputs import InShell, Work, refuse
 from mapdeal.pipeline.recipe import Changes, RecipeName, load_recipe
 from mapdeal.pipeline.run import LOCAL_RECIPE, RunReport
 from mapdeal.ros.robot import RobotParameters
@@ -64,6 +64,7 @@ mapdeal local --cloud 'examples/clouds/corridor*.pcd' \\
 )  # fmt: skip
 def local(
     *,
+    work: InShell,
     output: Path,
     clouds: Annotated[list[str] | None, Words("FILE", name="cloud")] = None,
     pose: Annotated[tuple[float, float, float] | None, Words("X,Y,YAW")] = None,
@@ -133,7 +134,6 @@ def local(
     **more
         Fields of `LocalOptions` and of `FrameOptions`.
     """
-    work = Work.in_shell()
     frames = {name: more.pop(name) for name in parameters_of(FrameOptions) if name in more}
     bag = Path(clouds[0]) if clouds and len(clouds) == 1 and is_bag(Path(clouds[0])) else None
     is_sequence = poses is not None or (bag is not None and (takes_all or keep is not None))

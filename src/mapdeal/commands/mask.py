@@ -23,7 +23,7 @@ from mapdeal.maps.map_server import pair_paths
 from mapdeal.maps.reading import write_grid
 from mapdeal.maps.zones import Zone, filter_mask, read_zones
 from mapdeal.pictures.canvas import Image
-from mapdeal.pipeline.inputs import MapInput, Work, claim_cells, errors_named, opened, refuse
+from mapdeal.pipeline.inputs import InShell, MapInput, claim_cells, errors_named, opened, refuse
 from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.ros.filters import filter_launch, filter_parameters
 from mapdeal.ros.robot import RobotParameters
@@ -123,6 +123,7 @@ mapdeal mask examples/maps/office.yaml --kind keepout \\
 def mask(
     source: Annotated[Path, Words("MAP", streams=True)],
     *,
+    work: InShell,
     output: Path,
     file: Annotated[Path, Words("ZONES")],
     kind: FilterKind | None = None,
@@ -168,7 +169,6 @@ def mask(
     footprint : Footprint, optional
         The robot's shape, instead of that of `robot`.
     """
-    work = Work.in_shell()
     zones = read_zones(file, kind)
     kinds = [kind for kind in KINDS if any(zone.kind == kind for zone in zones)]
     if "speed" not in kinds:

@@ -215,6 +215,7 @@ mapdeal reach examples/maps/office.yaml --from -8,0 --to kitchen=3,-4 lab=9,4 \\
 def reachability(
     map: inputs.Map,  # noqa: A002 - what it is
     *,
+    work: inputs.InShell,
     points: Annotated[Path | None, Words("FILE|-")] = None,
     layers: Annotated[Path | None, Words("OUT.npz")] = None,
     footprint: Footprint | None = None,
@@ -248,7 +249,6 @@ def reachability(
     **parameters
         As for the stage `reach`.
     """
-    work = inputs.Work.in_shell()
     if footprint is None and robot is None:
         emit_warning(
             "no robot is given, by --robot-radius, --footprint or --params-file: the result is "

@@ -32,7 +32,7 @@ from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExt
 from mapdeal.pipeline import batch
 from mapdeal.pipeline import recipe as recipes
 from mapdeal.pipeline.folder import differences_from_golden, step_line, store_golden
-from mapdeal.pipeline.inputs import Reading, Work, refuse
+from mapdeal.pipeline.inputs import InShell, Reading, Work, refuse
 from mapdeal.pipeline.run import (
     LOCAL_RECIPE,
     RunReport,
@@ -174,6 +174,7 @@ mapdeal run examples/maps/office.yaml -o out/robot \\
 def run_maps(
     sources: Annotated[list[str], Words("MAP...")],
     *,
+    work: InShell,
     output: Path,
     recipe: recipes.RecipeName = None,
     sim: bool = False,
@@ -271,7 +272,6 @@ def run_maps(
     dry_run : bool
         Only list the files to read and write, the maps to skip and to refuse, and the memory.
     """
-    work = Work.in_shell()
     terminal = work.terminal
     if update_golden and golden is None:
         raise ParameterError("needs --golden DIR", place="update_golden")

@@ -8,7 +8,7 @@ from typing import Annotated
 from mapdeal.command import Output, Words, command
 from mapdeal.commands.pack import Made, read_bits
 from mapdeal.maps.reading import output_paths
-from mapdeal.pipeline.inputs import Work
+from mapdeal.pipeline.inputs import InShell
 
 
 @command(
@@ -23,7 +23,7 @@ from mapdeal.pipeline.inputs import Work
 mapdeal pack examples/maps/office.yaml -o out/office.pbm
 mapdeal unpack out/office.pbm -o out/unpacked.yaml""",
 )
-def unpack(source: Annotated[Path, Words("IN.pbm")]) -> Made:
+def unpack(source: Annotated[Path, Words("IN.pbm")], *, work: InShell) -> Made:
     """Convert a bit map to an ordinary map: 1 is occupied, 0 free.
 
     Parameters
@@ -31,5 +31,5 @@ def unpack(source: Annotated[Path, Words("IN.pbm")]) -> Made:
     source : path
         A bit map, with its .yaml in the same folder.
     """
-    bits, extra = read_bits(source, Work.in_shell())
+    bits, extra = read_bits(source, work)
     return Made(bits.to_occupancy(), source.stem, extra)

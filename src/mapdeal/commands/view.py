@@ -13,7 +13,7 @@ from mapdeal.commands.info import maps_in
 from mapdeal.commands.report import WrittenReport, write_report
 from mapdeal.files.source import absolute_path, is_folder, status_of
 from mapdeal.files.transaction import lasting_folder
-from mapdeal.pipeline.inputs import Work
+from mapdeal.pipeline.inputs import InShell
 
 _PAGES = (".html", ".htm")
 
@@ -52,6 +52,7 @@ def view(
     sources: Annotated[Sequence[Path], Words("MAP|RUN|REPORT...", typed=list[Path])],
     *,
     browser: bool = True,
+    work: InShell,
 ) -> Viewed:
     """Show maps, runs and results in the browser.
 
@@ -65,7 +66,6 @@ def view(
     browser : bool
         Open the page, and not only print its path.
     """
-    work = Work.in_shell()
     for path in sources:
         status_of(path)
     found = [one for path in sources for one in maps_in(path, work)]

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol, TypedDict, TypeVar, cast
+from typing import Annotated, Any, Protocol, TypedDict, TypeVar, cast
 
 import numpy as np
 
-from mapdeal.command import is_plain
+from mapdeal.command import OnlyInPython, is_plain
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning, one_line
 from mapdeal.files.source import (
@@ -405,20 +405,15 @@ class Work:
         self._stack = stack
         self._transaction: Transaction | None = None
 
-    @classmethod
-    def in_shell(cls) -> Work:
-        """Return the command in progress, for functions that only the shell calls."""
-        work = cls.current.get()
-        if work is None:
-            raise RuntimeError("only the command line calls this function")
-        return work
-
     def begin(self, inputs: Sequence[Path] = ()) -> Transaction:
         """Check the outputs against the inputs before any work, once."""
         if self._transaction is None:
             transaction = outputs_of(self.outputs, inputs, self.settings)
             self._transaction = self._stack.enter_context(transaction)
         return self._transaction
+
+
+InShell = Annotated[Work, OnlyInPython]  # which the shell passes to commands
 
 
 def settings_of(**reading: Unpack[Reading]) -> Settings:
