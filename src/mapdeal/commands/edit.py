@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 from mapdeal.command import METRES, VALUE, Output, Words, command
 from mapdeal.commands.pack import Made, read_bits
@@ -25,22 +25,13 @@ from mapdeal.grid.values import FREE, OCCUPIED, OverlayType
 from mapdeal.maps.map_server import Encoding, bit_map_paths
 from mapdeal.maps.reading import output_paths
 from mapdeal.maps.shapes import read_shapes
-from mapdeal.pipeline.inputs import (
-    InShell,
-    Work,
-    claim_cells,
-    errors_named,
-    numbers_of,
-    opened,
-    refuse,
-)
+from mapdeal.pipeline import inputs
+from mapdeal.pipeline.inputs import InShell, Work, numbers_of, refuse
 
 _PER_CELL = 6.0
 """Bytes for each cell of a map: of costs 5, and a byte more while they are written."""
 
 _FOR_POINTS = "needs --point: the shapes of a file have their own"
-
-C = TypeVar("C", bound=Callable[..., Made])
 
 Source = Annotated[Path, Words("MAP", streams=True)]
 Points = Annotated[
@@ -62,48 +53,37 @@ class _OccupancyBits(BitMap):
         return int(value)
 
 
-def _edits(
-    name: str, example: str, also: Callable[..., Any] | None = None
-) -> Callable[[C], C]:  # fmt: skip
-    output = Output(
+_edits = partial(
+    command,
+    group="Changing a map",
+    output=Output(
         "OUT",
         "The result: .yaml or .pgm (a pgm pair), .png (a pair), .npz, or of a .pbm also .pbm.",
         paths=lambda path: (
             bit_map_paths(path) if path.suffix == BIT_MAP else output_paths(path, (BIT_MAP,))
         ),
-    )
-    return command(
-        name=f"edit {name}",
-        group="Changing a map",
-        output=output,
-        also={} if also is None else {"": also},
-        example=example,
-    )
+    ),
+)
 
 
 def _edited(
-    source: Path,
-    change: Callable[[Any], Any],
-    what: str,
-    work: Work,
-    *,
-    inputs: Sequence[Path] = (),
+    source: Path, change: Callable[[Any], Any], what: str, work: Work, also: Sequence[Path] = ()
 ) -> Made:
     encoding: Encoding = "occupancy"
     if any(path.suffix == BIT_MAP for path in work.outputs):
         if source.suffix.lower() != BIT_MAP:
             rule, hint = "only an edited .pbm can be written as one", "mapdeal pack makes a bit map"
             raise ParameterError(rule, source=work.outputs[0], hint=f"{hint} of a map")
-        bits, extra = read_bits(source, work, also=inputs)
+        bits, extra = read_bits(source, work, also=also)
         grid: Any = _OccupancyBits(bits.packed, bits.width, bits.resolution, bits.origin)
     else:
-        (read,) = opened(source, names=("map",), also=inputs)
-        claim_cells(read, _PER_CELL)
+        (read,) = inputs.opened(source, names=("map",), also=also)
+        inputs.claim_cells(read, _PER_CELL)
         grid, extra = read.grid, {}
         if read.metadata is not None:
             extra = read.metadata.extra
             encoding = "occupancy" if read.metadata.cost_scale is None else "costmap2d"
-    with errors_named(source):
+    with inputs.errors_named(source):
         if not isinstance(grid, OccupancyGrid | Costmap | BitMap):
             rule = "is a field, which cannot be edited"
             raise ParameterError(rule, hint="edit the map, then run esdf or potential on it")
@@ -163,18 +143,18 @@ def _drawn(
         lambda grid: draw(start(grid), shapes, value=value, overlay=overlay),
         f"{', '.join(dict.fromkeys(shape.kind for shape in shapes))} drawn",
         work,
-        inputs=[] if file is None else [file],
+        also=[] if file is None else [file],
     )
 
 
 @_edits(
-    "polygon",
-    """\
+    name="edit polygon",
+    example="""\
 mapdeal edit polygon examples/maps/office.yaml -o out/shelf.yaml \\
     --point 9,-5 10.2,-5 10.2,-3 9,-3 --value 100
 mapdeal edit polygon examples/maps/office.yaml -o out/mask.yaml --blank \\
     --file examples/shapes/office_zones.yaml""",
-    also=_drawn,
+    also={"": _drawn},
 )
 def polygon(source: Source, *, point: Points = (), **drawing: Any) -> Made:
     """Draw a filled polygon, or the shapes of a file.
@@ -190,11 +170,11 @@ def polygon(source: Source, *, point: Points = (), **drawing: Any) -> Made:
 
 
 @_edits(
-    "line",
-    """\
+    name="edit line",
+    example="""\
 mapdeal edit line examples/maps/office.yaml -o out/door.yaml \\
     --point -7.0,1.4 -5.9,1.4 --thickness 0.1 --value 100""",
-    also=_drawn,
+    also={"": _drawn},
 )
 def line(
     source: Source,
@@ -219,11 +199,11 @@ def line(
 
 
 @_edits(
-    "circle",
-    """\
+    name="edit circle",
+    example="""\
 mapdeal edit circle examples/maps/office.yaml -o out/ghost.yaml \\
     --point 5.0,0.3 --radius 0.5 --value 0""",
-    also=_drawn,
+    also={"": _drawn},
 )
 def circle(
     source: Source,
@@ -249,8 +229,8 @@ def circle(
 
 
 @_edits(
-    "reset",
-    """\
+    name="edit reset",
+    example="""\
 mapdeal edit reset examples/maps/office.yaml -o out/forgotten.yaml \\
     --corner -9.4,-5.7 --size 3.9,4.8""",
 )
