@@ -240,21 +240,32 @@ def graph_of(text, radius=0.2, resolution=0.25, goals=(), **options):
     return route_graph_of(found, GraphOptions(**options)).graph
 
 
-def test_a_door_has_a_node_in_its_middle_with_its_width_and_a_goal_has_its_own():
-    x, y = grid_from_text(TWO_ROOMS).frame.xy_from_rowcol([(2, 3)])[0].tolist()
-    graph = graph_of(TWO_ROOMS, hall=9.0, goals=(Goal(x, y, "dock"),))
+@pytest.mark.parametrize(("resolution", "kind"), [(0.4, "door"), (0.25, "narrow")])
+def test_a_door_has_a_node_in_its_middle_with_its_width_and_a_goal_has_its_own(resolution, kind):
+    frame = grid_from_text(TWO_ROOMS, resolution).frame
+    x, y = frame.xy_from_rowcol([(2, 3)])[0].tolist()
+    goals = (Goal(x, y, "dock"),)
+    graph = graph_of(TWO_ROOMS, resolution=resolution, hall=9.0, goals=goals)
     (node,) = [node for node in graph.nodes if node.metadata["kind"] == "goal"]
     assert node.metadata["name"] == "dock"
     assert math.dist((node.x, node.y), (x, y)) < 1e-3
     assert any(node.id == edge.start for edge in graph.edges)
-    (door,) = [node for node in graph.nodes if node.metadata["kind"] == "door"]
-    assert door.metadata["width"] == 0.5
-    middle = grid_from_text(TWO_ROOMS).frame.xy_from_continuous_rowcol([[5, 15]])[0]
+    (door,) = [node for node in graph.nodes if node.metadata["kind"] == kind]
+    assert door.metadata["width"] == 2 * resolution
+    middle = frame.xy_from_continuous_rowcol([[5, 15]])[0]
     assert math.dist(middle, (door.x, door.y)) < 0.3
     widths = [
         edge.metadata.get("door_width") for edge in graph.edges if door.id in (edge.start, edge.end)
     ]
-    assert set(widths) == {0.5}
+    assert set(widths) == {2 * resolution}
+
+
+def test_a_bottleneck_that_is_little_narrower_than_its_corridor_is_no_door():
+    side, walls = "." * 14, "#" * 32
+    rows = [f"#{side}##{side}#", *[f"#{side}..{side}#"] * 4, f"#{side}##{side}#"]
+    graph = graph_of("\n".join([walls, *rows, walls]), resolution=0.3, hall=9.0)
+    kinds = {node.metadata["kind"] for node in graph.nodes}
+    assert kinds & {"door", "narrow"} == {"narrow"}
 
 
 def test_a_corridor_has_its_nodes_in_the_middle_at_the_spacing():

@@ -23,7 +23,7 @@ from mapdeal.kernels.skeleton import STRAIGHT, largest_of_blocks
 from mapdeal.planning.node_areas import far_from, flat_cells
 from mapdeal.planning.skeleton_lines import Cells
 
-Kind = Literal["way", "crossing", "door", "end", "hall", "goal"]
+Kind = Literal["way", "crossing", "door", "narrow", "end", "hall", "goal"]
 LaneSide = Literal["right"]
 
 Place = tuple[float, float]  # continuous row and column
@@ -124,6 +124,7 @@ class Draft:
     kinds: list[Kind] = field(default_factory=list)
     names: dict[int, str] = field(default_factory=dict)
     widths: dict[int, float] = field(default_factory=dict)
+    ratios: dict[int, float] = field(default_factory=dict)
     edges: dict[tuple[int, int], float] = field(default_factory=dict)  # least clearances
     beside: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
     gone: set[int] = field(default_factory=set)  # removed nodes

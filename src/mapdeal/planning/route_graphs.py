@@ -11,13 +11,14 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.reaching import nearest_marked
+from mapdeal.grid.values import FREE_SPACE
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.paths import cheapest_path
 from mapdeal.kernels.rotations import main_direction
@@ -29,9 +30,16 @@ from mapdeal.planning.skeleton_lines import Cells, Tracing
 
 MOST_EDGES = 8  # of a node, both directions counted once
 AREA_PER_NODE = 1.5  # square metres of reachable area, at least
-_WIDEST_DOOR = 1.6  # metres
+_NARROWEST_DOOR, _WIDEST_DOOR = 0.65, 1.6  # metres
 _PROMINENCE = 1.3
 """Least ratio of the clearance on both sides of a door to that in the door."""
+
+_DOOR = 1.75
+"""The same ratio for nodes of kind door; narrow places with less are of kind narrow."""
+
+_JAMB, _NEAR_JAMB = 0.5, 1.3
+"""Extent of the smallest obstacle beside a door, metres, and how far it may be off the middle, as a
+share of the nearer side's distance."""
 
 _LONGEST = 1.25  # of the spacing: longer lines get a node
 _SHORT_CUT = 1.5
@@ -69,6 +77,7 @@ def route_graph_of(reach: Reach, options: graph_drafts.GraphOptions) -> graph_dr
         draft.cover_all()
     draft.mend_blocked()
     draft.limit_edges()
+    draft.name_narrow_places()
     return draft.result()
 
 
@@ -206,9 +215,10 @@ class _CompleteDraft(graph_drafts.Draft):
         for path, (first, stop) in zip(paths, pairwise(bounds), strict=True):
             clearances = of_cells[first:stop]
             marks = [(0, path.start), (len(clearances) - 1, path.end)]
-            for door in self._doors(clearances, path) if with_doors else ():
+            for door, ratio in self._doors(clearances, path) if with_doors else ():
                 row, col = path.places[door].tolist()
                 node = self.add_node((row, col), "door")
+                self.ratios[node] = ratio
                 self.widths[node] = 2 * float(clearances[door]) * self.cell
                 marks.append((door, node))
             marks.sort()
@@ -281,8 +291,8 @@ class _CompleteDraft(graph_drafts.Draft):
         yield piece._replace(last=cut, end=middle)
         yield piece._replace(first=cut, start=middle)
 
-    def _doors(self, clearances: NDArray[np.float64], path: _Path) -> Iterator[int]:
-        """Yield the indices of doors: narrow places of a path that is wider on both sides."""
+    def _doors(self, clearances: NDArray[np.float64], path: _Path) -> Iterator[tuple[int, float]]:
+        """Yield the indices of narrow places of a path, and how much wider both sides are."""
         widest = _WIDEST_DOOR / 2 / self.cell
         waiting = [(0, len(clearances))]
         while waiting:
@@ -306,7 +316,7 @@ class _CompleteDraft(graph_drafts.Draft):
                 is_beyond = part[least:] > 1.02 * narrow
                 count = int(is_beyond.argmax()) if is_beyond.any() else 1
                 middle = first + least + (count - 1) // 2
-                yield middle
+                yield middle, min(before, after) / narrow
                 waiting += [(first, first + least), (middle + 1, stop)]
             elif before < wide:
                 waiting.append((first + least + 1, stop))
@@ -598,6 +608,37 @@ class _CompleteDraft(graph_drafts.Draft):
             if not self.is_crowded:
                 return
             self._straighten(node)
+
+    def name_narrow_places(self) -> None:
+        """Give doors the kind narrow if a side is little wider, or no walls stand on both sides."""
+        from scipy import ndimage
+
+        doors = [node for node in self.nodes() if self.kinds[node] == "door"]
+        if not doors:
+            return
+        closed, around = self.area.sweeps.closed != FREE_SPACE, np.ones((3, 3))
+        labels, _ = ndimage.label(ndimage.binary_dilation(closed, around), around)
+        labels[~closed] = 0  # pieces of a wall up to two cells apart have one label
+        sides = [
+            max(part.stop - part.start for part in box) for box in ndimage.find_objects(labels)
+        ]
+        is_wall = np.array([False, *(side * self.cell >= _JAMB for side in sides)])
+        for node in doors:
+            is_door = self.ratios[node] >= _DOOR and self.widths[node] >= _NARROWEST_DOOR
+            if not (is_door and self._has_jambs(node, labels, is_wall)):
+                self.kinds[node] = "narrow"
+
+    def _has_jambs(self, node: int, labels: NDArray[Any], is_wall: NDArray[np.bool_]) -> bool:
+        """Return whether walls stand near a narrow place in directions 120 degrees apart."""
+        place = np.array(self.places[node])
+        reach = _NEAR_JAMB * self.widths[node] / 2 / self.cell + 2
+        low = np.maximum((place - reach).astype(int), 0)
+        high = (place + reach).astype(int) + 1
+        near = labels[low[0] : high[0], low[1] : high[1]]
+        arms = np.argwhere(is_wall[near]) + low + 0.5 - place
+        lengths = np.hypot(*arms.T)
+        arms = arms[lengths <= reach] / lengths[lengths <= reach, np.newaxis]
+        return len(arms) > 0 and float((arms @ arms.T).min()) <= -0.5
 
     def _is_gap(self, node: int) -> bool:
         """Return whether a short path leads around a door: it is a gap, not the door of a room."""
