@@ -1,6 +1,6 @@
 """The base class of planners, the costmap that they search, and the plan that they return.
 
-A new planner is one module in this package with a subclass of `Planner`: `catalogue` finds it.
+A new planner is one module of this package with a subclass of `Planner`.
 """
 
 from __future__ import annotations
@@ -9,10 +9,15 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
+from importlib import import_module
+from pkgutil import iter_modules
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mapdeal import planners
 
 Default = bool | int | float | str | tuple[str, ...]
 """Default value of a parameter. It gives the type, too: ROS 2 refuses values of another type."""
@@ -127,3 +132,11 @@ class Planner(ABC):
     @abstractmethod
     def plan(self, grid: PlannerGrid, start: Pose, goal: Pose) -> Plan:
         """Return the plan between two poses on an untouched costmap."""
+
+
+@cache
+def planner_classes() -> dict[str, type[Planner]]:
+    """Return the classes of all modules of this package by their plugins' names."""
+    for module in iter_modules(planners.__path__):
+        import_module(f"{planners.__name__}.{module.name}")
+    return {name: planner for planner in Planner.__subclasses__() for name in planner.plugin_names}
