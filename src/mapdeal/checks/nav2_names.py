@@ -7,17 +7,18 @@ navigation2, ``ObstacleLayer::onInitialize``: since Galactic, ranges have a mini
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from difflib import get_close_matches
 from itertools import islice
 
 from mapdeal.checks.facts import ParameterFacts, PlannerFacts, check
 from mapdeal.checks.findings import Remark
 from mapdeal.ros.planners import (
-    DEFAULT_PLANNERS,
     PLANNER_PARAMETERS,
     PLANNER_SERVER,
     SERVER_PARAMETERS,
+    class_of,
+    plugins_in,
 )
 from mapdeal.ros.robot import ParameterValue
 from mapdeal.ros.ros2_files import Ros2Parameters
@@ -42,7 +43,7 @@ def renamed(facts: ParameterFacts) -> Iterator[Remark]:
     Example: `obstacle_layer: {obstacle_range: 5.0}`.
     Fix: Write the new name.
     """
-    layers = {name for name, plugin in facts.plugins if _class_name(plugin) in _OBSTACLE_LAYERS}
+    layers = {name for name, plugin in facts.plugins if class_of(plugin) in _OBSTACLE_LAYERS}
     for path, value in facts.values.items() if facts.flavour == "nav2" else ():
         if path[-1] not in _RENAMED or (len(path) > 1 and path[0] not in layers):
             continue
@@ -61,7 +62,8 @@ def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
     "nav2_navfn_planner::NavfnPlanner", tolerances: 0.5}}}`.
     Fix: Write the name that the message proposes.
     """
-    classes = _planner_classes(facts.values)
+    plugins = plugins_in(facts.values)
+    classes = {name: class_of(plugin) for name, plugin in plugins.items()}
     of_any_planner = set().union(*PLANNER_PARAMETERS.values())
     unlisted: dict[str, ParameterValue] = {}
     for name, value in islice(facts.values.items(), _MOST_NAMES):
@@ -87,23 +89,6 @@ def _misspelt_name(name: str, known: Collection[str]) -> str | None:
     if name in known or len(name) > _LONGEST_NAME:
         return None
     return next(iter(get_close_matches(name, known, n=1, cutoff=_LEAST_SIMILARITY)), None)
-
-
-def _planner_classes(values: Mapping[str, ParameterValue]) -> dict[str, str]:
-    """Return the class, without its package, of each planner of a server, by planner."""
-    listed_names = values.get("planner_plugins")
-    names = tuple(DEFAULT_PLANNERS) if listed_names is None else listed_names.value
-    plugins = {
-        str(name): values[f"{name}.plugin"].value
-        if f"{name}.plugin" in values
-        else DEFAULT_PLANNERS.get(name, "")
-        for name in (names if isinstance(names, list | tuple) else ())
-    }
-    return {name: _class_name(str(plugin)) for name, plugin in plugins.items()}
-
-
-def _class_name(plugin: str) -> str:
-    return plugin.replace("/", "::").rpartition("::")[2]
 
 
 def planner_facts(parameters: Ros2Parameters) -> Iterator[PlannerFacts]:
