@@ -9,7 +9,7 @@ navigation2, nav2_navfn_planner/src/navfn_planner.cpp: ``createPlan``, ``makePla
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
@@ -32,6 +32,7 @@ class NavfnPlanner(Planner):
         "tolerance": 0.5, "use_astar": False, "allow_unknown": True, "max_cycles_factor": 4,
         "use_final_approach_orientation": False,
     }  # fmt: skip
+    moves_diagonally = False
 
     def plan(self, grid: PlannerGrid, start: Pose, goal: Pose) -> Plan:
         goal_cell = grid.cell_of(goal)
@@ -79,29 +80,32 @@ class NavfnPlanner(Planner):
     def _reached_point(self, grid: PlannerGrid, potential: Metres, goal: Pose) -> Point | None:
         """Return the goal, or else the nearest point within the tolerance that was reached."""
 
-        def is_reached(point: Point) -> bool:
-            if point[0] < grid.origin[0] or point[1] < grid.origin[1]:
-                return False
-            column, row = _rounded(grid, point)
-            rows, columns = potential.shape
-            return row < rows and column < columns and bool(potential[row, column] < UNREACHED)
+        def are_reached(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
+            (left, bottom), (rows, columns) = grid.origin, potential.shape
+            column, row = (np.floor((at - first) / grid.resolution + 0.5).astype(np.int64)
+                           for at, first in ((x, left), (y, bottom)))  # fmt: skip
+            inside = (x >= left) & (y >= bottom) & (row < rows) & (column < columns)
+            cells = potential[np.where(inside, row, 0), np.where(inside, column, 0)]
+            return np.asarray(inside & (cells < np.float32(UNREACHED)))
 
-        if is_reached(goal[:2]):
+        if are_reached(*np.array(goal[:2])[:, np.newaxis]).any():
             return goal[:2]
-        nearest, least = None, math.inf
-        for y in self._steps(goal[1], grid.resolution):
-            for x in self._steps(goal[0], grid.resolution):
-                square = (x - goal[0]) * (x - goal[0]) + (y - goal[1]) * (y - goal[1])
-                if square < least and is_reached((x, y)):
-                    nearest, least = (x, y), square
-        return nearest
+        y, x = np.meshgrid(
+            *(self._steps(at, grid.resolution) for at in (goal[1], goal[0])), indexing="ij"
+        )
+        squares = (x - goal[0]) * (x - goal[0]) + (y - goal[1]) * (y - goal[1])
+        squares[~are_reached(x, y)] = math.inf
+        if not (squares < math.inf).any():
+            return None
+        nearest = int(np.argmin(squares))
+        return float(x.flat[nearest]), float(y.flat[nearest])
 
-    def _steps(self, middle: float, resolution: float) -> Iterator[float]:
+    def _steps(self, middle: float, resolution: float) -> list[float]:
         tolerance = self.number("tolerance")
-        at = middle - tolerance
-        while at <= middle + tolerance:
-            yield at
-            at += resolution
+        steps = [middle - tolerance]
+        while steps[-1] <= middle + tolerance:
+            steps.append(steps[-1] + resolution)
+        return steps[:-1]
 
 
 def _rounded(grid: PlannerGrid, point: Point) -> Cell:

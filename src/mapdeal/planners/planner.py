@@ -113,6 +113,9 @@ class Planner(ABC):
     parameters: ClassVar[Mapping[str, Default]] = {}
     """Names and defaults of all parameters that Nav2 declares below the planner's name."""
 
+    moves_diagonally: ClassVar[bool] = True
+    """Whether it moves from a cell to all eight neighbours, or to the four beside it only."""
+
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         self.values: dict[str, Any] = {**self.parameters, **(values or {})}
 
