@@ -152,7 +152,7 @@ def change_text(change: Change) -> str:
     """Describe a change of a parameter, or of the map."""
     if change.get("map") == "passage":
         text = f"the passage at {numbers_text((change['x'], change['y']))}, "
-        text += f"{change['from']:.4g} m wide, widened to {change['width']:g} m"
+        text += f"{change['from']:.4g} m wide, cleared over a width of {change['width']:g} m"
     elif "map" in change:
         place = numbers_text((change["x"], change["y"]))
         text = f"without the obstacle at {place}, {change['area']:.4g} m2"
@@ -273,7 +273,8 @@ class PlanReport(Spread):
         rule = f"no path to goal {first.goal.label}: {first.plan.detail or first.plan.reason}"
         if more:
             rule += f"; {len(more)} more without a path"
-        hint = change_text(first.changes[0]) + " makes one" if first.changes else None
+        changes = sorted(first.changes or (), key=lambda change: "note" in change)
+        hint = f"{change_text(changes[0])} makes one" if changes else None
         raise FindingError(rule, source=self.work.source.name, hint=hint)
 
 

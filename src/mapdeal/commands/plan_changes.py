@@ -172,7 +172,7 @@ class Adjustment:
         """Return the change to a candidate; -1 stands for the value itself."""
         value = self.value if index < 0 else self.candidates[index]
         found: Change = {"parameter": self.name, "from": self.value, "to": value}
-        if 0 < self.inscribed_radius and value < self.inscribed_radius:
+        if self.inscribed_radius > 0 and value < self.inscribed_radius:
             found["note"] = f"less than the inscribed radius {self.inscribed_radius:.4g} m, so "
             found["note"] += "that the robot may touch obstacles"
         if self.scales:

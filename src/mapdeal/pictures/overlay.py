@@ -26,6 +26,7 @@ from mapdeal.pictures.colours import (
     GOAL,
     KEEPOUT,
     MINIMUM,
+    NOW_CLOSED,
     REMOVED,
     ROBOT,
     ROBOT_OUTLINE,
@@ -411,7 +412,7 @@ class PlanOverlay(Overlay):
     missed: Sequence[tuple[float, float]]
     cleared: Sequence[tuple[float, float, float]]  # x, y and radius
 
-    colours = (ROUTE, START, ROBOT, GOAL, MINIMUM)
+    colours = (ROUTE, START, NOW_CLOSED, GOAL, MINIMUM)
 
     @property
     def text(self) -> str:
