@@ -1,4 +1,4 @@
-"""Checks of names in Nav2's parameter files: of older releases, and misspelt ones of planners.
+"""Checks of names in Nav2's parameter files: of older releases, and parameters of planners.
 
 References
 ----------
@@ -84,6 +84,41 @@ def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
             yield Remark(f"no planner is called {section}: did you mean {closest}?", at=value)
 
 
+@check("params.planner-without-effect", "warning")
+def planner_without_effect(facts: PlannerFacts) -> Iterator[Remark]:
+    """A parameter that only planners of another class declare.
+
+    Nav2 ignores it: the robot plans as if the line were missing.
+    Example: `planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased: {plugin:
+    "nav2_navfn_planner::NavfnPlanner", minimum_turning_radius: 0.4}}}`.
+    Fix: Remove the line, or choose a planner that declares it.
+    """
+    for section, plugin in plugins_in(facts.values).items():
+        declared = PLANNER_PARAMETERS.get(class_of(plugin))
+        for name, value in facts.values.items() if declared is not None else ():
+            parameter = name.removeprefix(f"{section}.")
+            owners = [kind for kind, names in PLANNER_PARAMETERS.items() if parameter in names]
+            if name != parameter and owners and parameter not in (declared or ()):
+                text = f"{class_of(plugin)} does not declare {parameter}: it has no effect"
+                yield Remark(f"{text}; {' and '.join(owners)} would read it", at=value)
+
+
+@check("params.planner-tolerance", "warning")
+def planner_tolerance(facts: PlannerFacts) -> Iterator[Remark]:
+    """A planner's tolerance above 0 that is less than a cell.
+
+    A goal in an obstacle fails as it does with a tolerance of 0.
+    Example: `planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased: {plugin:
+    "nav2_navfn_planner::NavfnPlanner", tolerance: 0.01}}}`.
+    Fix: Write at least the side of a cell, or 0.0.
+    """
+    for section in plugins_in(facts.values):
+        value = facts.values.get(f"{section}.tolerance")
+        if value is not None and value.kind == "double" and 0 < value.value < facts.resolution:
+            text = f"less than a cell of {facts.resolution:g} m: it allows no other place than the "
+            yield Remark(f"{text}goal's; write {facts.resolution:g} or more, or 0.0", at=value)
+
+
 def _misspelt_name(name: str, known: Collection[str]) -> str | None:
     """Return the known name that is most similar to an unknown one, if any is similar."""
     if name in known or len(name) > _LONGEST_NAME:
@@ -91,7 +126,7 @@ def _misspelt_name(name: str, known: Collection[str]) -> str | None:
     return next(iter(get_close_matches(name, known, n=1, cutoff=_LEAST_SIMILARITY)), None)
 
 
-def planner_facts(parameters: Ros2Parameters) -> Iterator[PlannerFacts]:
+def planner_facts(parameters: Ros2Parameters, resolution: float) -> Iterator[PlannerFacts]:
     for node in parameters.nodes:
         if node.name.rpartition("/")[2] == PLANNER_SERVER:
-            yield PlannerFacts(parameters.for_node(node.name))
+            yield PlannerFacts(parameters.for_node(node.name), resolution)
