@@ -221,6 +221,14 @@ def test_parameters_of_a_wrong_type_are_refused_with_their_line(command, files, 
     assert "hint: write 1.0" in error
 
 
+def test_info_lists_the_planners_with_their_values(command, files):
+    _, output, _ = command("info", "robot.yaml", "--json")
+    planners = {entry["name"]: entry for entry in json.loads(output)["planners"]}
+    assert planners["GridBased"]["parameters"]["tolerance"] == 0.1
+    assert planners["Other"] == {"name": "Other", "plugin": "my_planner::Planner", "parameters": {}}
+    assert "use_astar no" in command("info", "robot.yaml")[1]
+
+
 def test_goals_in_python_may_be_tuples_or_have_names(tmp_path):
     goals = [(5.0, 2.0), PlanGoal(1.0, 1.0, 0.0, "corner")]
     report = plan(two_rooms(door=13), robot=robot_file(tmp_path), start=(2, 2), goals=goals)
