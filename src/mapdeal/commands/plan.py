@@ -34,7 +34,7 @@ from mapdeal.errors import (
 from mapdeal.files.json_values import PLAN_FORMAT, JsonValue, read_document
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.reaching import squares_to
-from mapdeal.grid.values import LETHAL_OBSTACLE, numbers_text
+from mapdeal.grid.values import LETHAL_OBSTACLE, count_text
 from mapdeal.kernels.arrays import Metres
 from mapdeal.maps.reading import write_grid
 from mapdeal.pictures.canvas import Image
@@ -53,6 +53,11 @@ _PER_CELL = 60.0  # bytes for each cell, those of the costmaps of changed parame
 _SAME = 1e-6  # metres between lengths of a plan and of an expected one
 
 
+def _at(point: Sequence[float]) -> str:
+    x, y = (round(value, 3) + 0.0 for value in point)
+    return f"{x:.10g},{y:.10g}"
+
+
 @dataclass(frozen=True)
 class PlanGoal:
     """A goal: x and y, metres, yaw, radians, and its name, if it has one."""
@@ -64,7 +69,7 @@ class PlanGoal:
 
     @property
     def label(self) -> str:
-        place = numbers_text((self.x, self.y))
+        place = _at((self.x, self.y))
         return place if self.name is None else f"{self.name} {place}"
 
 
@@ -122,10 +127,10 @@ class GoalPlan:
             text += f"{plan.length:.2f} m"
             if self.narrowest is not None and math.isfinite(self.clearance):
                 text += f", at least {self.clearance:.2f} m from obstacles, "
-                text += f"at {numbers_text(self.narrowest)}"
+                text += f"at {_at(self.narrowest)}"
             yield text
             for margin in self.margins:
-                yield f"    it stays until {change_text(margin)}"
+                yield f"    it stays up to {change_text(margin)}"
             return
         yield text + (f"no path, {plan.reason}" if self.is_known else "not known")
         if plan.detail is not None:
@@ -151,11 +156,11 @@ def plan_entries(plan: Plan, *, is_known: bool = True) -> dict[str, Any]:
 def change_text(change: Change) -> str:
     """Describe a change of a parameter, or of the map."""
     if change.get("map") == "passage":
-        text = f"the passage at {numbers_text((change['x'], change['y']))}, "
+        text = f"the passage at {_at((change['x'], change['y']))}, "
         text += f"{change['from']:.4g} m wide, cleared over a width of {change['width']:g} m"
     elif "map" in change:
-        place = numbers_text((change["x"], change["y"]))
-        text = f"without the obstacle at {place}, {change['area']:.4g} m2"
+        text = f"without the obstacle at {_at((change['x'], change['y']))}, "
+        text += f"{change['area']:.4g} m2"
     else:
         was, value = (
             json.dumps(number) if isinstance(number, bool) else f"{number:.10g}"
@@ -229,7 +234,7 @@ class PlanReport(Spread):
         listed, robot = self.work.listed, self.work.robot
         yield (
             f"{self.work.source.name}, {robot.paths[-1]}: {listed.name}, {listed.plugin}, "
-            f"from {numbers_text(self.start[:2])}"
+            f"from {_at(self.start[:2])}"
         )
         for goal in self.goals:
             yield from goal.lines()
@@ -239,9 +244,9 @@ class PlanReport(Spread):
             yield f"  differs: {text}"
 
     def summary(self, output: Path) -> Iterator[str]:
-        count = len(self.goals)
         found = sum(goal.plan.found for goal in self.goals)
-        yield f"{output}: plans to {found} of {count} goal{'s' * (count > 1)}"
+        yield f"{output}: paths to {found} of {count_text(len(self.goals), 'goal')}"
+        yield from self.lines()
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
         """Return the costmap with the paths, and the changes that make one."""
@@ -394,7 +399,7 @@ def _planner_on(
     shared=("params_file", "namespace", "against", "mask", "files"),
     example="""\
 mapdeal plan examples/maps/office.yaml --params-file examples/robots/nav2_narrow_door.yaml \\
-    --from -8,0 --to kitchen=3,-4 lab=9,4 -o out/plan.json --image out/plan.png""",
+    --from 3,0 --to hall=1.5,0.2 meeting=4.2,2.5 -o out/plan.json --image out/plan.png""",
 )  # fmt: skip
 def plan(
     map: inputs.Map,  # noqa: A002 - what it is
