@@ -84,7 +84,7 @@ class GoalPlan:
     plan : Plan
         The planner's answer.
     is_known : bool
-        Whether the answer is known: that of a planner that is not modelled may not be.
+        Whether mapdeal can answer; it may be unable for planners that are not modelled.
     changes : sequence of dict, optional
         Without a plan: single changes that each make one, by parameter, or place on the map.
     margins : sequence of dict
@@ -188,7 +188,7 @@ class PlanReport(Spread):
     against : PlanReport, optional
         Those of another version of the parameters.
     differences : tuple of str, optional
-        What differs from an expected result; None if none was given.
+        Differences from an expected result, if one was given.
     """
 
     work: PlannerOnMap
@@ -221,8 +221,8 @@ class PlanReport(Spread):
             "goals": [goal.document() for goal in self.goals],
         }  # fmt: skip
         if self.against is not None:
-            other = self.against.document()
-            document["against"] = {key: other[key] for key in ("files", "planner", "goals")}
+            changed = self.against.document()
+            document["against"] = {key: changed[key] for key in ("files", "planner", "goals")}
         if self.differences is not None:
             document["differences"] = list(self.differences)
         return document
@@ -398,8 +398,9 @@ def _planner_on(
     json="default",
     shared=("params_file", "namespace", "against", "mask", "files"),
     example="""\
-mapdeal plan examples/maps/office.yaml --params-file examples/robots/nav2_narrow_door.yaml \\
-    --from 3,0 --to hall=1.5,0.2 meeting=4.2,2.5 -o out/plan.json --image out/plan.png""",
+mapdeal plan examples/maps/office.yaml \\
+    --params-file examples/robots/nav2_params.yaml --from -8,0 \\
+    --to kitchen=3,-4 lab=9,4 -o out/plan.json --image out/plan.png""",
 )  # fmt: skip
 def plan(
     map: inputs.Map,  # noqa: A002 - what it is
@@ -443,7 +444,7 @@ def plan(
     planner : str, optional
         Name of the planner in planner_plugins; the first by default.
     no_changes : bool
-        Search for no changes and no margins.
+        Skip the search for changes and margins.
     layers : path, optional
         Write the costs, and the potential of NavFn, of the search to the only goal.
     expect : path, optional
@@ -523,8 +524,8 @@ def plan(
             _write_layers(works[0], first, places, layers)
         reports = [_report(work, first, places, has_changes=not no_changes) for work in works]
     differences = None if expect is None else tuple(_differences(reports[0], expect))
-    other = reports[1] if against is not None else None
-    return PlanReport(works[0], first, reports[0].goals, other, differences)
+    changed = None if against is None else reports[1]
+    return PlanReport(works[0], first, reports[0].goals, changed, differences)
 
 
 def _report(

@@ -63,7 +63,7 @@ def _potentials(costs: Bytes, start: Cell, target: Cell, is_astar: bool) -> arra
     potential: array[float] = array("f", [UNREACHED]) * size
     first, end = start[1] * width + start[0], target[1] * width + target[0]
     potential[first] = 0.0
-    single = array("f", [0.0])  # rounds what is stored in it
+    single = array("f", [0.0])  # storing a number rounds it
     steps = [float(np.float32(0.707106781 * cost)) for cost in range(256)]
     pending = bytearray(size)
 
@@ -91,9 +91,9 @@ def _potentials(costs: Bytes, start: Cell, target: Cell, is_astar: bool) -> arra
             pending[cell] = 0
         for cell in current:
             cost = float(flat[cell])
-            left, right = potential[cell - 1], potential[cell + 1]
+            west, east = potential[cell - 1], potential[cell + 1]
             down, up = potential[cell - width], potential[cell + width]
-            across, lowest = min(left, right), min(up, down)
+            across, lowest = min(west, east), min(up, down)
             single[0] = abs(across - lowest)
             difference, lowest = single[0], min(across, lowest)
             if difference >= cost:
@@ -113,7 +113,7 @@ def _potentials(costs: Bytes, start: Cell, target: Cell, is_astar: bool) -> arra
             key = single[0]
             buffer = following if key < threshold else overflow
             for beside, before in (
-                (cell - 1, left), (cell + 1, right), (cell - width, down), (cell + width, up)
+                (cell - 1, west), (cell + 1, east), (cell - width, down), (cell + width, up)
             ):  # fmt: skip
                 single[0] = key + steps[flat[beside]]
                 if before > single[0]:

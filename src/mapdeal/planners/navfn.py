@@ -81,10 +81,10 @@ class NavfnPlanner(Planner):
         """Return the goal, or else the nearest point within the tolerance that was reached."""
 
         def are_reached(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
-            (left, bottom), (rows, columns) = grid.origin, potential.shape
+            (west, south), (rows, columns) = grid.origin, potential.shape
             column, row = (np.floor((at - first) / grid.resolution + 0.5).astype(np.int64)
-                           for at, first in ((x, left), (y, bottom)))  # fmt: skip
-            inside = (x >= left) & (y >= bottom) & (row < rows) & (column < columns)
+                           for at, first in ((x, west), (y, south)))  # fmt: skip
+            inside = (x >= west) & (y >= south) & (row < rows) & (column < columns)
             cells = potential[np.where(inside, row, 0), np.where(inside, column, 0)]
             return np.asarray(inside & (cells < np.float32(UNREACHED)))
 

@@ -84,7 +84,7 @@ class Plan:
     cost : float, optional
         Cost of the path before it was smoothed, of planners that compute one.
     detail : str, optional
-        Why there is no plan, where the exception's name does not say it.
+        Why the planner failed, where the exception's name alone leaves that open.
     """
 
     found: bool

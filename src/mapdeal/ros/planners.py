@@ -97,7 +97,7 @@ class ListedPlanner:
     settings : dict
         Values of all parameters that Nav2 declares for the class.
     planner : Planner, optional
-        What computes its plans; None if the class is not modelled.
+        Its model, which computes plans; missing for other classes.
     lines : dict
         Line of each parameter that the files set.
     """
