@@ -36,6 +36,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.reaching import squares_to
 from mapdeal.grid.values import LETHAL_OBSTACLE, count_text
 from mapdeal.kernels.arrays import Metres
+from mapdeal.mapping.transforms import check_pose
 from mapdeal.maps.reading import write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.layers import cost_image
@@ -66,6 +67,10 @@ class PlanGoal:
     y: float
     yaw: float = 0.0
     name: str | None = None
+
+    @property
+    def pose(self) -> Pose:
+        return check_pose((self.x, self.y, self.yaw), "goals")
 
     @property
     def label(self) -> str:
@@ -167,8 +172,9 @@ def change_text(change: Change) -> str:
             if isinstance(number, float) else str(number)
             for number in (change["from"], change["to"])
         )  # fmt: skip
-        scale = f", {100 * change['scale']:.0f} %" if "scale" in change else ""
-        text = f"{change['parameter']} {value}{scale} (now {was})"
+        text = f"{change['parameter']} {value} (now {was})"
+        if "scale" in change:
+            text = f"{change['parameter']} of {100 * change['scale']:.0f} % of its size"
         text += f"; {change['note']}" if "note" in change else ""
     return text + ("" if change.get("monotonic", True) else "; some values beyond fail again")
 
@@ -299,12 +305,15 @@ class PairedPlans(Spread):
                 zip(block.numbers.tolist(), block.lines, strict=True)
             ):
                 self.counts["pairs"] += 1
-                error = block.errors.get(row)
-                if error is not None:
+                try:
+                    if row in block.errors:
+                        raise ParameterError(block.errors[row])
+                    start, goal = check_pose(numbers[:3], "start"), check_pose(numbers[3:], "goal")
+                except ParameterError as error:
                     self.counts["failed"] += 1
-                    yield json.dumps({"pair": self.counts["pairs"], "line": line, "error": error})
+                    failure = {"pair": self.counts["pairs"], "line": line, "error": str(error)}
+                    yield json.dumps(failure)
                     continue
-                start, goal = _pose(numbers[:3]), _pose(numbers[3:])
                 plan, is_known = plan_on(self.work, start, goal)
                 self.counts["found"] += plan.found
                 entry = {"pair": self.counts["pairs"], **plan_entries(plan, is_known=is_known)}
@@ -334,10 +343,9 @@ class PairedPlans(Spread):
             raise BatchError(rule, source=self.pairs_in)
 
 
-def _pose(numbers: Sequence[float]) -> Pose:
-    """Return a pose whose yaw lies within half a turn."""
-    x, y, yaw = (*numbers, 0.0)[:3]
-    return x, y, yaw if abs(yaw) <= math.pi else math.remainder(yaw, math.tau)
+def _pose(numbers: Sequence[float], name: str) -> Pose:
+    """Return a pose, with yaw 0 if there is none."""
+    return check_pose((*numbers, 0.0) if len(numbers) == 2 else numbers, name)
 
 
 def plan_on(work: PlannerOnMap, start: Pose, goal: Pose) -> tuple[Plan, bool]:
@@ -360,7 +368,7 @@ def goals_of(texts: Sequence[str]) -> list[PlanGoal]:
     goals = []
     for text in texts:
         name, equals, place = text.rpartition("=")
-        goals.append(PlanGoal(*_pose(start_of(place)), name if equals else None))
+        goals.append(PlanGoal(*_pose(start_of(place), "goals"), name if equals else None))
     return goals
 
 
@@ -371,6 +379,8 @@ def _planner_on(
     if robot.flavour != "nav2":
         rule = "contains no parameters of ROS 2, and only Nav2's planners are modelled"
         raise ParameterError(rule, source=robot.paths[-1])
+    if robot.costmap != "global":
+        raise ParameterError("planners use the global costmap", place="robot", got=robot.node)
     parameters = read_ros2(robot.paths)
     listed, problems = planners_of(robot, parameters)
     for problem in problems:
@@ -491,6 +501,11 @@ def plan(
         )  # fmt: skip
     elif start is None or not goals:
         raise ParameterError("both are required, unless pairs are given", place="start, goals")
+    first = _pose(start or (0.0, 0.0), "start")
+    places = [
+        goal if isinstance(goal, PlanGoal) else PlanGoal(*_pose(goal, "goals"))
+        for goal in goals
+    ]  # fmt: skip
     over = inputs.mask_of(mask, settings)
     files = [path for parameters in robots for path in parameters.paths]
     files += [path for path in (pairs, expect) if path is not None and path != Path("-")]
@@ -516,10 +531,6 @@ def plan(
         if pairs is not None:
             chunks, name = inputs.text_in(pairs)
             return PairedPlans(works[0], read_pose_pairs(chunks, name), name, not no_changes)
-        first = _pose(start or ())
-        places = [
-            goal if isinstance(goal, PlanGoal) else PlanGoal(*_pose(goal)) for goal in goals
-        ]  # fmt: skip
         if layers is not None:
             _write_layers(works[0], first, places, layers)
         reports = [_report(work, first, places, has_changes=not no_changes) for work in works]
@@ -534,7 +545,7 @@ def _report(
     clearances = _Clearances(work)
     plans = []
     for goal in goals:
-        pose = _pose((goal.x, goal.y, goal.yaw))
+        pose = goal.pose
         answer, is_known = plan_on(work, start, pose)
         if answer.found:
             margins = margins_of(work, start, pose) if has_changes else []
@@ -572,7 +583,7 @@ def _write_layers(work: PlannerOnMap, start: Pose, goals: Sequence[PlanGoal], la
         rule = f"are those of NavFn, and {work.listed.name} is {work.listed.plugin}"
         raise ParameterError(rule, place="layers")
     goal = goals[0]
-    potentials = potential(work.grid, start, _pose((goal.x, goal.y, goal.yaw)))
+    potentials = potential(work.grid, start, goal.pose)
     if potentials is None:
         raise ParameterError("the start lies in the last half cell: Nav2's search has no place")
     write_grid(inputs.Work.in_shell().begin(), layers, work.costmap, more={"potential": potentials})
