@@ -108,6 +108,7 @@ PICTURES = {
         "reach_after.png": "out/after.png",
         "reach_long.png": "out/long.png",
     },
+    "plan.md": {"plan.png": "out/plan.png"},
     "guides/nav2.md": {"nav2_mask.png": "out/nav2/masked.png"},
     "guides/gmapping_cartographer.md": {"merged_office.png": "out/slam/merged.png"},
     "guides/simulation.md": {"simulated_cost.png": "out/sim/full/arena/cost.png"},

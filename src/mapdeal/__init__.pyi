@@ -23,6 +23,11 @@ from mapdeal.commands.info import info as info
 from mapdeal.commands.lint import lint as lint
 from mapdeal.commands.merge import Merged as Merged
 from mapdeal.commands.merge import merge as merge
+from mapdeal.commands.plan import GoalPlan as GoalPlan
+from mapdeal.commands.plan import PairedPlans as PairedPlans
+from mapdeal.commands.plan import PlanGoal as PlanGoal
+from mapdeal.commands.plan import PlanReport as PlanReport
+from mapdeal.commands.plan import plan as plan
 from mapdeal.commands.report import WrittenReport as WrittenReport
 from mapdeal.commands.report import write_report as write_report
 from mapdeal.commands.route import PlannedRoute as PlannedRoute

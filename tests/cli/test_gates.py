@@ -8,6 +8,7 @@ import pytest
 
 import mapdeal
 from mapdeal.cli.main import command_names
+from robots import write_robot
 
 GOAL = "--from 0.55,1.05 --to dock=2.45,1.05 --robot-radius 0.25"
 # Lines with an error, of each command whose document can have one. The door is 0.4 m wide.
@@ -25,6 +26,7 @@ LINES = [
     f"reach m.yaml {GOAL} -o out/reach.json",
     "route m.yaml --from 0.55,1.05 --to 2.45,1.05 --robot-radius 0.25",
     "route m.yaml --pairs pairs.csv --robot-radius 0.25 -o out/routes.jsonl",
+    "plan m.yaml --params-file r.yaml --from 0.55,1.05 --to 2.45,1.05 -o out/plan.json",
     f"graph m.yaml {GOAL} -o out/graph.geojson",
     "mask m.yaml --file zones.geojson --from 0.55,1.05 --to dock=2.45,1.05 -o out",
     "lint broken.yaml",
@@ -55,6 +57,7 @@ def files(here):
     stage = "reach: {start: [0.55, 1.05], goals: {dock: [2.45, 1.05]}, radius: 0.25}"
     Path("reach.yaml").write_text(f"stages:\n  - {stage}\n")
     Path("reach-local.yaml").write_text(f"stages:\n  - {stage}\n")
+    write_robot("r.yaml", 0.25)
     Path("pairs.csv").write_text("0.55,1.05,2.45,1.05\n")
     corners = [[1.2, 0], [1.8, 0], [1.8, 2.1], [1.2, 2.1], [1.2, 0]]
     zone = {

@@ -9,6 +9,7 @@ import pytest
 import mapdeal
 from bad_maps import tree
 from mapdeal.cli.main import command_names
+from robots import write_robot
 
 FREED = (
     "m.yaml: 300 cells (12.5 %) of grey 205, which map_saver writes for unknown, are read as free;"
@@ -44,6 +45,7 @@ LINES = [
     f"mask m.yaml --file zone.geojson --kind binary {OUT}",
     f"reach m.yaml --from 3,0 --to 3.3,0 {OUT}.json {IMAGE}",
     f"route m.yaml --from 3,0 --to 3.3,0 {OUT}.json {IMAGE}",
+    f"plan m.yaml --params-file r.yaml --from 3,0 --to 3.3,0 {OUT}.json {IMAGE}",
     *(f"{name} m.yaml m.yaml {IMAGE}" for name in ("diff", "align")),
     f"score m.yaml --truth m.yaml {IMAGE}",
     f"local --map m.yaml --pose 3,0,0.2 {OUT}",
@@ -78,6 +80,7 @@ def maps(here):
             f"image: {name}.pgm\nresolution: 0.1\norigin: [1.5, -2.0, 0.4]\nnegate: 0\n"
             f"occupied_thresh: 0.65\nfree_thresh: {free}\n"
         )
+    write_robot("r.yaml", 0.1)
     point = {"type": "Point", "coordinates": [3, 0]}
     zone = {"type": "Feature", "properties": {"radius": 0.2}, "geometry": point}
     Path("zone.geojson").write_text(json.dumps(zone))

@@ -559,9 +559,13 @@ class FilterFacts:
 
 @dataclass(frozen=True, eq=False)
 class PlannerFacts:
-    """The parameters of one planner server of Nav2, by their full names."""
+    """The parameters of one planner server of Nav2, by their full names.
+
+    `resolution` is that of the coarsest map, metres, and 0.05 without a map.
+    """
 
     values: Mapping[str, ParameterValue]
+    resolution: float
 
 
 @dataclass(frozen=True, eq=False)

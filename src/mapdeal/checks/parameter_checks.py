@@ -27,6 +27,7 @@ from mapdeal.layers.catalogue import NAV2_PLUGINS, class_name, layer_named
 from mapdeal.layers.inflation import InflationLayer
 from mapdeal.ros.filters import filter_servers
 from mapdeal.ros.load import Name, costmap_values, costmaps_in, flavour_of, load_robot
+from mapdeal.ros.planners import planners_of
 from mapdeal.ros.robot import (
     INJECTED,
     CostmapName,
@@ -827,6 +828,7 @@ _ABSENT = ("params.namespace", "params.no-node", _ONE_LEVEL)
 _OTHER_KIND = "params.other-kind"
 _OTHER_COSTMAP = "params.other-costmap"
 """Omitted if both costmaps are checked: the file belongs to the other one."""
+_USUAL_RESOLUTION = 0.05  # of maps, metres, where no map is given
 _ABOUT_FILES = ("params.syntax", _OTHER_KIND, *_ABSENT)
 """Findings about a whole file, or with the costmap's node in their text."""
 
@@ -866,8 +868,12 @@ def lint_parameters(
         by_costmap[item.name] = [finding_of(problem, last) for problem in problems]
         by_costmap[item.name] += _check(paths, item, flavour, namespace, sibling, map_resolutions)
     findings = list(_with_costmap(by_costmap))
+    robots = [item.robot for item in present if item.name == "global" and flavour == "nav2"]
+    for robot in filter(None, robots):
+        findings += [finding_of(problem, last) for problem in planners_of(robot)[1]]
     with suppress(MalformedInputError):  # reported with the costmaps
-        for facts in planner_facts(read_ros2(paths)) if flavour == "nav2" else ():
+        cell = max((side for _, side in map_resolutions), default=_USUAL_RESOLUTION)
+        for facts in planner_facts(read_ros2(paths), cell) if flavour == "nav2" else ():
             findings += _findings_on({PlannerFacts: facts}, last)
     by_file: dict[Path, list[Finding]] = {path: [] for path in paths}
     for found in dict.fromkeys(findings):

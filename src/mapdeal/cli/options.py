@@ -303,7 +303,7 @@ def with_shared_options(
                 shape = {name: shared_values[name] for name in robot if name not in _OF_FILES}
                 values |= {"footprint": robot_shape(**shape)} if shape else {}
             if "params_file" in shared:
-                files = {name: shared_values[name] for name in _OF_FILES}
+                files: dict[str, Any] = {name: shared_values.get(name) for name in _OF_FILES}
                 read_parameters = partial(
                     robot_parameters,
                     dialect=settings.dialect,

@@ -22,7 +22,7 @@ _NUMBERS = ("int", "float")
 _FLAGS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
 _OF_POINTS = {
     "query": "--at", "edit": "--point", "reach": "--to", "run": "--to", "graph": "--to",
-    "diff": "--to",
+    "diff": "--to", "plan": "--to",
 }  # fmt: skip
 _SAME_OPTIONS = (
     ("from", "start", "begin", "origin"), ("to", "goal", "goals", "target", "end"),
@@ -35,7 +35,7 @@ _SAME_OPTIONS = (
 _SYNONYMS = {
     "show": "view", "plot": "view", "open": "view", "display": "view", "crop": "window",
     "compare": "diff", "inflation": "inflate", "costmap": "cost", "distance": "esdf",
-    "path": "route", "plan": "route", "check": "lint", "validate": "lint", "stats": "info",
+    "path": "route", "check": "lint", "validate": "lint", "stats": "info",
     "fix": "lint", "filter": "clean", "resize": "rescale", "slam": "build", "stitch": "merge",
     "version": "--version",
 }  # fmt: skip

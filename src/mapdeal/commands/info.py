@@ -32,7 +32,9 @@ from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, stages_
 from mapdeal.pipeline.inputs import InShell, Work, claim_work
 from mapdeal.pipeline.settings import ProgressCallback, Settings
 from mapdeal.ros.load import flavour_of_file, read_robot
+from mapdeal.ros.planners import PLANNER_SERVER, planners_of
 from mapdeal.ros.robot import CostmapName, effect_of, on_map
+from mapdeal.ros.ros2_files import read_ros2
 
 Report = dict[str, Any]
 Row = tuple[str, str]
@@ -201,6 +203,13 @@ def _describe_robot(
     for entry, layer in zip(report["layers"], robot.layers, strict=True):
         entry["effect"] = effect_of(layer, robot)
     report["warnings"] = list(robot.remarks)
+    if robot.flavour == "nav2" and costmap == "global":
+        parameters = read_ros2(paths)
+        if any(node.name.endswith(f"/{PLANNER_SERVER}") for node in parameters.nodes):
+            report["planners"] = [
+                {"name": entry.name, "plugin": entry.plugin, "parameters": dict(entry.settings)}
+                for entry in planners_of(robot, parameters)[0]
+            ]
     if map_path is not None:
         with open_map(map_path, dialect=dialect) as file:
             report |= {"map": str(map_path), "on_map": on_map(robot, file.frame().resolution)}
@@ -445,6 +454,9 @@ def _rows_of_robot(report: Report) -> Iterator[Row]:
         kind = "filter" if layer.get("filter") else layer["plugin"].rpartition(":")[2]
         rows.append((f"{layer['name']} ({kind})", layer["effect"]))
     yield from _under("layers", _columns(rows))
+    for planner in report.get("planners", ()):
+        values = (f"{name} {format_value(value)}" for name, value in planner["parameters"].items())
+        yield "planner", ", ".join([planner["name"], planner["plugin"], *values])
     for item in report.get("on_map", ()):
         reach = (
             f"{item['layer']} reaches {item['cell_inflation_radius']} cells, {item['reach']:.4g} m"

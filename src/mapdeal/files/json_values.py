@@ -226,6 +226,7 @@ SHAPES, MANIFEST, SUMMARY = "shapes", "manifest", "summary"
 ROUTE, REACH, LINT, DIFF, COMPARISON = "route", "reach", "lint", "diff", "comparison"
 SCORE, ALIGNMENT = "score", "alignment"
 COST_DIFF, ROBOT_DIFF = "difference of costs", "difference of robots"
+PLAN = "plan"
 ROUTE_GRAPH = "route graph"
 
 COMPARISON_FORMAT = "mapdeal-comparison/1"
@@ -233,9 +234,10 @@ SCORE_FORMAT = "mapdeal-score/1"
 ALIGNMENT_FORMAT = "mapdeal-alignment/1"
 COST_DIFF_FORMAT = "mapdeal-cost-difference/1"
 ROBOT_DIFF_FORMAT = "mapdeal-robot-difference/1"
+PLAN_FORMAT = "mapdeal-plan/1"
 _BY_FORMAT = {
     COMPARISON_FORMAT: COMPARISON, SCORE_FORMAT: SCORE, ALIGNMENT_FORMAT: ALIGNMENT,
-    COST_DIFF_FORMAT: COST_DIFF, ROBOT_DIFF_FORMAT: ROBOT_DIFF,
+    COST_DIFF_FORMAT: COST_DIFF, ROBOT_DIFF_FORMAT: ROBOT_DIFF, PLAN_FORMAT: PLAN,
 }  # fmt: skip
 _GEOMETRIES = (
     "FeatureCollection", "Feature", "GeometryCollection", "Polygon", "LineString", "Point",

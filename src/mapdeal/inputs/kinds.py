@@ -291,6 +291,7 @@ _DOCUMENTS = {
     "difference of robots": (
         "what a change of a robot's parameters means (JSON)", "", _REPORT_USE
     ),
+    "plan": ("plans of a robot's planner (JSON)", "#goals", "mapdeal plan --expect compares it"),
     "alignment": (
         "where one map lies in the frame of another (JSON)", "same_place",
         f"{_REPORT_USE}; mapdeal merge --by takes it",

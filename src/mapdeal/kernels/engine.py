@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from importlib.machinery import ModuleSpec
 
 VARIABLE = "MAPDEAL_KERNELS"  # name of the environment variable that chooses the engine
-_COMPILED_MODULES = ("_clearance_tree", "_clouds", "_configuration_space", "_dilation", "_rays")
+_COMPILED_MODULES = (
+    "_clearance_tree", "_clouds", "_configuration_space", "_dilation", "_planners", "_rays"
+)  # fmt: skip
 
 
 def engine_name() -> Literal["compiled", "scipy"]:

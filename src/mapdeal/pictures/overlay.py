@@ -388,6 +388,46 @@ class RouteOverlay(Overlay):
         return swatches
 
 
+@dataclass(frozen=True, eq=False)
+class PlanOverlay(Overlay):
+    """Paths of a planner from one start, goals without a path, and places that a change clears."""
+
+    paths_xy: Sequence[NDArray[np.float64]]
+    start: tuple[float, float]
+    goals: Sequence[tuple[float, float]]
+    missed: Sequence[tuple[float, float]]
+    cleared: Sequence[tuple[float, float, float]]  # x, y and radius
+
+    colours = (palette.ROUTE, palette.START, palette.NOW_CLOSED, palette.GOAL, palette.MINIMUM)
+
+    @property
+    def text(self) -> str:
+        return f"{len(self.paths_xy)} of {len(self.goals) + len(self.missed)} goals have a path"
+
+    @property
+    def places_xy(self) -> NDArray[np.float64]:
+        return np.concatenate([*self.paths_xy, [self.start, *self.goals, *self.missed]])
+
+    def draw(self, on: Surface, first_index: int) -> list[palette.Swatch]:
+        brush, dot = Brush(on.pixels), max(4.0, on.side / 110)
+        route, start, reached, missed, cleared = (first_index + k for k in range(5))
+        for path in self.paths_xy:
+            brush.polyline(on.places(path), route, thickness=max(3, round(on.side / 250)))
+        for x, y, radius in self.cleared:
+            centre, edge = on.places([(x, y), (x + radius, y)])
+            ring = circle(max(float(np.hypot(*(edge - centre))), 1.6 * dot), 48)
+            brush.polyline(centre + ring, cleared, thickness=max(2, round(on.side / 400)))
+        for places, index in ((self.goals, reached), (self.missed, missed), ([self.start], start)):
+            for place in on.places(np.reshape(places, (-1, 2))):
+                brush.dot(place, index, radius=dot)
+        legend = [
+            (self.paths_xy, route, "path"), ([self.start], start, "start"),
+            (self.goals, reached, "goal"), (self.missed, missed, "goal without a path"),
+            (self.cleared, cleared, "clearing this makes a path"),
+        ]  # fmt: skip
+        return [palette.Swatch(index, label) for places, index, label in legend if len(places)]
+
+
 @dataclass(frozen=True)
 class StepsOverlay(Overlay):
     """The routes planned at each pose of a path to a goal, and the path through all poses."""

@@ -324,10 +324,19 @@ def nav2_robot(
         parameters = read_ros2(paths)
     except MalformedInputError as error:
         return None, (_error_problem(error),)
+    return robot_in(parameters, costmap=costmap, namespace=namespace, older=older)
+
+
+def robot_in(
+    parameters: Ros2Parameters, *, costmap: CostmapName = "global", namespace: str | None = None,
+    older: bool = False, overrides: Mapping[str, ParameterValue] | None = None,
+) -> tuple[RobotParameters | None, tuple[Problem, ...]]:  # fmt: skip
+    """Return the robot in parameters that were read, some with other values, and the problems."""
     node, problems = _node_of(parameters, costmap, namespace)
     if node is None:
         return None, problems
-    values = Nav2Values(parameters.for_node(node), node, paths[-1], older=older)
+    own_values = {**parameters.for_node(node), **(overrides or {})}
+    values = Nav2Values(own_values, node, parameters.files[-1][0], older=older)
     values.problems += (*problems, *_single_level_nodes(parameters, node, "warning"))
     values.problems += [_alias_problem(*alias) for alias in parameters.aliases]
     _warn_of_old_plugins(values)

@@ -11,8 +11,13 @@ navigation2, branches humble to main: nav2_planner, nav2_navfn_planner, nav2_sma
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
-Default = bool | int | float | str | tuple[str, ...]
+from mapdeal.planners.planner import Default, Planner, planner_classes
+from mapdeal.ros.nav2 import Nav2Values
+from mapdeal.ros.robot import ParameterValue, Problem, RobotParameters
+from mapdeal.ros.ros2_files import Ros2Parameters, read_ros2
 
 PLANNER_SERVER = "planner_server"
 
@@ -45,11 +50,13 @@ _SMAC_WITH_HEADINGS: Mapping[str, Default] = {
     "use_quadratic_cost_penalty": False, "downsample_obstacle_heuristic": True,
 }  # fmt: skip
 
+
+def class_of(plugin: str) -> str:
+    """Return the name of a plugin's class, without its package."""
+    return plugin.replace("/", "::").rpartition("::")[2]
+
+
 PLANNER_PARAMETERS: Mapping[str, Mapping[str, Default]] = {
-    "NavfnPlanner": {
-        "tolerance": 0.5, "use_astar": False, "allow_unknown": True,
-        "use_final_approach_orientation": False,
-    },
     "SmacPlanner2D": {
         **_SMAC, "tolerance": 0.125, "max_planning_time": 2.0, "downsample_costmap": False,
         "downsampling_factor": 1, "cost_travel_multiplier": 1.0,
@@ -68,8 +75,81 @@ PLANNER_PARAMETERS: Mapping[str, Mapping[str, Default]] = {
         "how_many_corners": 8, "w_euc_cost": 1.0, "w_traversal_cost": 2.0, "allow_unknown": True,
         "terminal_checking_interval": 5000, "use_final_approach_orientation": False,
     },
+    **{class_of(plugin): planner.parameters for plugin, planner in planner_classes().items()},
 }  # fmt: skip
 """Parameters below a planner's name, by the name of its class without the package.
 
 ``lattice_filepath`` defaults to a file of nav2_smac_planner.
 """
+
+_COSTMAP_NODE = "/global_costmap/global_costmap"
+_KINDS = {bool: "bool", int: "integer", float: "double", str: "string", tuple: "string_array"}
+
+
+@dataclass(frozen=True)
+class ListedPlanner:
+    """A planner in a server's list.
+
+    Parameters
+    ----------
+    name, plugin : str
+        Its name in the list, and its class.
+    settings : dict
+        Values of all parameters that Nav2 declares for the class.
+    planner : Planner, optional
+        Its model, which computes plans; missing for other classes.
+    lines : dict
+        Line of each parameter that the files set.
+    """
+
+    name: str
+    plugin: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    planner: Planner | None = None
+    lines: Mapping[str, int] = field(default_factory=dict)
+
+
+def plugins_in(values: Mapping[str, ParameterValue]) -> dict[str, str]:
+    """Return the class of each planner in the parameters of a server, empty if it has none."""
+    listed = values.get("planner_plugins")
+    names = tuple(DEFAULT_PLANNERS) if listed is None else listed.value
+    return {
+        str(name): str(values[f"{name}.plugin"].value)
+        if f"{name}.plugin" in values
+        else DEFAULT_PLANNERS.get(name, "")
+        for name in (names if isinstance(names, list | tuple) else ())
+    }
+
+
+def planners_of(
+    robot: RobotParameters, parameters: Ros2Parameters | None = None
+) -> tuple[tuple[ListedPlanner, ...], tuple[Problem, ...]]:  # fmt: skip
+    """Return the planners of a robot's planner server in order, and the problems found."""
+    parameters = parameters or read_ros2(robot.paths)
+    node = f"{robot.node.removesuffix(_COSTMAP_NODE)}/{PLANNER_SERVER}"
+    values = Nav2Values(parameters.for_node(node), node, robot.paths[-1], older=False)
+    for name, default in SERVER_PARAMETERS.items():
+        values.get(name, _KINDS[type(default)], default)
+    return tuple(
+        _listed_planner(values, name, plugin)
+        for name, plugin in plugins_in(values.parameters).items()
+    ), tuple(values.problems)
+
+
+def _listed_planner(values: Nav2Values, name: str, plugin: str) -> ListedPlanner:
+    if not plugin:
+        text = f"{name} is listed, but has no {name}.plugin; Nav2 does not start"
+        values.problem("params.plugins", "refused", text, "planner_plugins")
+    planner_class = planner_classes().get(plugin)
+    declared = PLANNER_PARAMETERS.get(class_of(plugin), {})
+    settings = {
+        key: values.get(f"{name}.{key}", _KINDS[type(default)], default)
+        for key, default in declared.items()
+    }
+    lines = {
+        key: values.parameters[f"{name}.{key}"].line
+        for key in declared
+        if f"{name}.{key}" in values.parameters
+    }
+    planner = None if planner_class is None else planner_class(settings)
+    return ListedPlanner(name, plugin, settings, planner, lines)

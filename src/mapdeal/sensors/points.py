@@ -240,7 +240,7 @@ _PARSE_ERRORS = (ValueError, TypeError, LookupError, OverflowError, RecursionErr
 
 @dataclass(frozen=True, eq=False)
 class NumberLines:
-    """Numbers in lines: shape (N, 2) for points, (N, 3) for poses."""
+    """Numbers in lines: shape (N, 2) for points, (N, 3) for poses, (N, 6) for pairs."""
 
     numbers: NDArray[np.float64]
     lines: Sequence[int]
@@ -299,6 +299,10 @@ _PAIR = _LineFormat(
     '{"start": {"x": x, "y": y}, "goal": {"x": x, "y": y}} or [[x, y], [x, y]]',
 )  # fmt: skip
 _PAIR_KEYS = (("start", "from"), ("goal", "to"))
+_POSE_PAIR = _LineFormat(
+    ("x", "y", "yaw", "goal_x", "goal_y", "goal_yaw"), "six numbers x,y,yaw,x,y,yaw",
+    "[x, y, yaw, x, y, yaw]",
+)  # fmt: skip
 _NAMED_POINT = _LineFormat(
     ("x", "y"),
     "x,y, NAME,x,y or NAME=x,y",
@@ -321,6 +325,12 @@ def read_pose_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[Num
 def read_pairs(chunks: Iterable[bytes], source: Path | str) -> Iterator[PairLine]:
     """Yield the pairs of points in a text, each as soon as its line is complete."""
     return _read_lines(chunks, source, _PAIR, _pair_of, PairLine)
+
+
+def read_pose_pairs(chunks: Iterable[bytes], source: Path | str) -> Iterator[NumberLines]:
+    """Yield the pairs of poses in a text, for each chunk those of the lines that it completes."""
+    for text, first in _complete_lines(chunks, source):
+        yield _parse_lines(text, first, _POSE_PAIR)
 
 
 def read_named_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NamedPointLine]:

@@ -1,0 +1,610 @@
+"""``mapdeal plan``: whether the robot's own planner finds a path, and else what must change."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+
+from mapdeal.command import POSE, Output, Words, command
+from mapdeal.commands.plan_changes import (
+    Change,
+    PlannerOnMap,
+    changes_for,
+    is_cut_off,
+    margins_of,
+)
+from mapdeal.commands.reach import start_of
+from mapdeal.compatibility import Unpack
+from mapdeal.errors import (
+    BatchError,
+    FindingError,
+    MalformedInputError,
+    ParameterError,
+    emit_warning,
+)
+from mapdeal.files.json_values import PLAN_FORMAT, JsonValue, read_document
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.reaching import squares_to
+from mapdeal.grid.values import LETHAL_OBSTACLE, count_text
+from mapdeal.kernels.arrays import Metres
+from mapdeal.mapping.transforms import check_pose
+from mapdeal.maps.reading import write_grid
+from mapdeal.pictures.canvas import Image
+from mapdeal.pictures.layers import cost_image
+from mapdeal.pictures.overlay import PlanOverlay
+from mapdeal.pipeline import inputs
+from mapdeal.pipeline.folder import Spread, rounded, spread_json
+from mapdeal.pipeline.recipe import read_robot_parameters
+from mapdeal.planners.planner import Plan, Pose, no_plan
+from mapdeal.ros.planners import planners_of
+from mapdeal.ros.robot import RobotParameters
+from mapdeal.ros.ros2_files import read_ros2
+from mapdeal.sensors.points import read_pose_pairs
+
+_PER_CELL = 60.0  # bytes for each cell, those of the costmaps of changed parameters included
+_SAME = 1e-6  # metres between lengths of a plan and of an expected one
+
+
+def _at(point: Sequence[float]) -> str:
+    x, y = (round(value, 3) + 0.0 for value in point)
+    return f"{x:.10g},{y:.10g}"
+
+
+@dataclass(frozen=True)
+class PlanGoal:
+    """A goal: x and y, metres, yaw, radians, and its name, if it has one."""
+
+    x: float
+    y: float
+    yaw: float = 0.0
+    name: str | None = None
+
+    @property
+    def pose(self) -> Pose:
+        return check_pose((self.x, self.y, self.yaw), "goals")
+
+    @property
+    def label(self) -> str:
+        place = _at((self.x, self.y))
+        return place if self.name is None else f"{self.name} {place}"
+
+
+@dataclass(frozen=True, eq=False)
+class GoalPlan:
+    """The plan to a goal, and the changes that make one, or the margins before it is lost.
+
+    Parameters
+    ----------
+    goal : PlanGoal
+        The goal.
+    plan : Plan
+        The planner's answer.
+    is_known : bool
+        Whether mapdeal can answer; it may be unable for planners that are not modelled.
+    changes : sequence of dict, optional
+        Without a plan: single changes that each make one, by parameter, or place on the map.
+    margins : sequence of dict
+        With a plan: the last values of parameters that keep it.
+    clearance : float
+        Smallest distance from a pose to the centre of a lethal cell, metres.
+    narrowest : tuple of float, optional
+        Where that is.
+    """
+
+    goal: PlanGoal
+    plan: Plan
+    is_known: bool = True
+    changes: Sequence[Change] | None = None
+    margins: Sequence[Change] = ()
+    clearance: float = math.nan
+    narrowest: tuple[float, float] | None = None
+
+    def document(self) -> dict[str, Any]:
+        goal, plan = self.goal, self.plan
+        document: dict[str, Any] = {
+            **({} if goal.name is None else {"name": goal.name}),
+            "x": rounded(goal.x), "y": rounded(goal.y), "yaw": rounded(goal.yaw),
+            **plan_entries(plan, is_known=self.is_known),
+        }  # fmt: skip
+        if plan.found:
+            x, y = self.narrowest or (math.nan, math.nan)
+            document |= {
+                "clearance_m": rounded(self.clearance),
+                "narrowest": {"x": rounded(x), "y": rounded(y)},
+                "margins": list(self.margins),
+            }
+        elif self.changes is not None:
+            document["changes"] = list(self.changes)
+        return {**document, "points": plan.poses.tolist()}
+
+    def lines(self) -> Iterator[str]:
+        plan, text = self.plan, f"  goal {self.goal.label}: "
+        if plan.found:
+            text += f"{plan.length:.2f} m"
+            if self.narrowest is not None and math.isfinite(self.clearance):
+                text += f", at least {self.clearance:.2f} m from obstacles, "
+                text += f"at {_at(self.narrowest)}"
+            yield text
+            for margin in self.margins:
+                yield f"    it stays up to {change_text(margin)}"
+            return
+        yield text + (f"no path, {plan.reason}" if self.is_known else "not known")
+        if plan.detail is not None:
+            yield f"    {plan.detail}"
+        if self.changes:
+            yield "    each of these alone makes a path:"
+            yield from (f"      {change_text(change)}" for change in self.changes)
+        elif self.changes is not None and self.is_known:
+            yield "    no single change of those tried makes a path"
+
+
+def plan_entries(plan: Plan, *, is_known: bool = True) -> dict[str, Any]:
+    """Return the verdict of a plan for JSON, and its length and cost."""
+    return {
+        "found": plan.found if is_known else None,
+        "reason": plan.reason if is_known else None,
+        **({} if plan.detail is None else {"detail": plan.detail}),
+        "length_m": rounded(plan.length) if plan.found else None,
+        **({} if plan.cost is None else {"cost": rounded(plan.cost)}),
+    }
+
+
+def change_text(change: Change) -> str:
+    """Describe a change of a parameter, or of the map."""
+    if change.get("map") == "passage":
+        text = f"the passage at {_at((change['x'], change['y']))}, "
+        text += f"{change['from']:.4g} m wide, cleared over a width of {change['width']:g} m"
+    elif "map" in change:
+        text = f"without the obstacle at {_at((change['x'], change['y']))}, "
+        text += f"{change['area']:.4g} m2"
+    else:
+        was, value = (
+            json.dumps(number) if isinstance(number, bool) else f"{number:.10g}"
+            if isinstance(number, float) else str(number)
+            for number in (change["from"], change["to"])
+        )  # fmt: skip
+        text = f"{change['parameter']} {value} (now {was})"
+        if "scale" in change:
+            text = f"{change['parameter']} of {100 * change['scale']:.0f} % of its size"
+        text += f"; {change['note']}" if "note" in change else ""
+    return text + ("" if change.get("monotonic", True) else "; some values beyond fail again")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanReport(Spread):
+    """The plans of a robot's planner from one start to some goals.
+
+    Parameters
+    ----------
+    work : PlannerOnMap
+        The map, the robot and its planner.
+    start : tuple of float
+        x, y and yaw.
+    goals : tuple of GoalPlan
+        The plans.
+    against : PlanReport, optional
+        Those of another version of the parameters.
+    differences : tuple of str, optional
+        Differences from an expected result, if one was given.
+    """
+
+    work: PlannerOnMap
+    start: Pose
+    goals: tuple[GoalPlan, ...]
+    against: PlanReport | None = None
+    differences: tuple[str, ...] | None = None
+
+    @property
+    def missed(self) -> list[GoalPlan]:
+        return [goal for goal in self.goals if goal.is_known and not goal.plan.found]
+
+    @property
+    def passes(self) -> bool:  # type: ignore[override]
+        """Whether all goals have plans; with an expected result, whether it is met."""
+        if self.differences is not None:
+            return not self.differences
+        return not self.missed and (self.against is None or self.against.passes)
+
+    def document(self) -> dict[str, Any]:
+        listed, robot = self.work.listed, self.work.robot
+        document: dict[str, Any] = {
+            "format": PLAN_FORMAT,
+            "map": self.work.source.document(),
+            "files": [{"name": file.path.name, "sha256": file.sha256} for file in robot.files],
+            "planner": {
+                "name": listed.name, "plugin": listed.plugin, "parameters": dict(listed.settings)
+            },
+            "start": [rounded(value) for value in self.start],
+            "goals": [goal.document() for goal in self.goals],
+        }  # fmt: skip
+        if self.against is not None:
+            changed = self.against.document()
+            document["against"] = {key: changed[key] for key in ("files", "planner", "goals")}
+        if self.differences is not None:
+            document["differences"] = list(self.differences)
+        return document
+
+    def parts(self) -> Iterator[str]:
+        yield spread_json(self.document(), "goals")
+
+    def lines(self) -> Iterator[str]:
+        listed, robot = self.work.listed, self.work.robot
+        yield (
+            f"{self.work.source.name}, {robot.paths[-1]}: {listed.name}, {listed.plugin}, "
+            f"from {_at(self.start[:2])}"
+        )
+        for goal in self.goals:
+            yield from goal.lines()
+        if self.against is not None:
+            yield from self.against.lines()
+        for text in self.differences or ():
+            yield f"  differs: {text}"
+
+    def summary(self, output: Path) -> Iterator[str]:
+        found = sum(goal.plan.found for goal in self.goals)
+        yield f"{output}: paths to {found} of {count_text(len(self.goals), 'goal')}"
+        yield from self.lines()
+
+    def drawn(self, *, title: str | None = None, **look: Any) -> Image:
+        """Return the costmap with the paths, and the changes that make one."""
+        found = [goal for goal in self.goals if goal.plan.found]
+        changes = [change for goal in self.missed for change in goal.changes or ()]
+        overlay = PlanOverlay(
+            [goal.plan.poses[:, :2] for goal in found],
+            self.start[:2],
+            [(goal.goal.x, goal.goal.y) for goal in found],
+            [(goal.goal.x, goal.goal.y) for goal in self.missed],
+            [
+                (change["x"], change["y"], change.get("width", 0.0) / 2)
+                for change in changes if "map" in change
+            ],
+        )  # fmt: skip
+        title = title or f"{self.work.source.title}: {self.work.listed.name}"
+        return cost_image(self.work.costmap, title=title, overlay=overlay, **look)
+
+    def check(self) -> None:
+        if self.differences:
+            rule = f"the plans differ from those expected: {self.differences[0]}"
+            raise FindingError(rule, source=self.work.source.name)
+        if self.differences is not None:
+            return
+        missed = [*self.missed, *(self.against.missed if self.against else ())]
+        if not missed:
+            return
+        first, *more = missed
+        rule = f"no path to goal {first.goal.label}: {first.plan.detail or first.plan.reason}"
+        if more:
+            rule += f"; {len(more)} more without a path"
+        changes = sorted(first.changes or (), key=lambda change: "note" in change)
+        hint = f"{change_text(changes[0])} makes one" if changes else None
+        raise FindingError(rule, source=self.work.source.name, hint=hint)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PairedPlans(Spread):
+    """The plans of many pairs of poses, computed as the pairs are read."""
+
+    work: PlannerOnMap
+    pairs: Iterable[Any]
+    pairs_in: Path | str
+    has_changes: bool
+    counts: Counter[str] = field(default_factory=Counter)
+
+    def parts(self) -> Iterator[str]:
+        for block in self.pairs:
+            for row, (numbers, line) in enumerate(
+                zip(block.numbers.tolist(), block.lines, strict=True)
+            ):
+                self.counts["pairs"] += 1
+                try:
+                    if row in block.errors:
+                        raise ParameterError(block.errors[row])
+                    start, goal = check_pose(numbers[:3], "start"), check_pose(numbers[3:], "goal")
+                except ParameterError as error:
+                    self.counts["failed"] += 1
+                    failure = {"pair": self.counts["pairs"], "line": line, "error": str(error)}
+                    yield json.dumps(failure)
+                    continue
+                plan, is_known = plan_on(self.work, start, goal)
+                self.counts["found"] += plan.found
+                entry = {"pair": self.counts["pairs"], **plan_entries(plan, is_known=is_known)}
+                entry["poses"] = len(plan.poses)
+                if self.has_changes and not plan.found and is_known:
+                    entry["changes"] = _changes(self.work, start, goal, plan)
+                yield json.dumps(entry)
+        if not self.counts["pairs"]:
+            raise MalformedInputError("holds no pairs of poses", source=self.pairs_in)
+
+    def document(self) -> dict[str, Any]:
+        return {"plans": list(map(json.loads, self.parts()))}
+
+    def summary(self, output: Path) -> Iterator[str]:
+        yield f"{output}: {self.counts['pairs']} pairs, {self.counts['found']} with a plan"
+
+    def lines(self) -> Iterator[str]:
+        for entry in map(json.loads, self.parts()):
+            text = entry.get("error") or f"no path, {entry.get('reason')}"
+            found = f"{entry.get('length_m')} m, {entry.get('poses')} poses"
+            yield f"pair {entry['pair']}: {found if entry.get('found') else text}"
+
+    def check(self) -> None:
+        failed = self.counts["failed"]
+        if failed:
+            rule = f"{failed} of {self.counts['pairs']} lines are no pairs of poses"
+            raise BatchError(rule, source=self.pairs_in)
+
+
+def _pose(numbers: Sequence[float], name: str) -> Pose:
+    """Return a pose, with yaw 0 if there is none."""
+    return check_pose((*numbers, 0.0) if len(numbers) == 2 else numbers, name)
+
+
+def plan_on(work: PlannerOnMap, start: Pose, goal: Pose) -> tuple[Plan, bool]:
+    """Return the planner's answer, and whether it is known, as for planners that are modelled."""
+    if work.listed.planner is not None:
+        return work.planner.plan(work.grid, start, goal), True
+    text = f"{work.listed.plugin} is not modelled"
+    if is_cut_off(work, start, goal):
+        text += "; cells closed to the robot's centre separate start and goal for every planner"
+        return no_plan("NoValidPathCouldBeFound", text), True
+    text += "; mapdeal reach shows whether the footprint gets there"
+    return Plan(found=False, detail=text), False
+
+
+def _changes(work: PlannerOnMap, start: Pose, goal: Pose, plan: Plan) -> list[Change] | None:
+    return None if work.listed.planner is None else changes_for(work, start, goal, plan)
+
+
+def goals_of(texts: Sequence[str]) -> list[PlanGoal]:
+    goals = []
+    for text in texts:
+        name, equals, place = text.rpartition("=")
+        goals.append(PlanGoal(*_pose(start_of(place), "goals"), name if equals else None))
+    return goals
+
+
+def _planner_on(
+    source: inputs.MapInput, robot: RobotParameters, planner: str | None,
+    mask: inputs.KeepoutMask | None, *, is_older: bool,
+) -> PlannerOnMap:  # fmt: skip
+    if robot.flavour != "nav2":
+        rule = "contains no parameters of ROS 2, and only Nav2's planners are modelled"
+        raise ParameterError(rule, source=robot.paths[-1])
+    if robot.costmap != "global":
+        raise ParameterError("planners use the global costmap", place="robot", got=robot.node)
+    parameters = read_ros2(robot.paths)
+    listed, problems = planners_of(robot, parameters)
+    for problem in problems:
+        if problem.level == "refused":
+            raise MalformedInputError(
+                problem.text, source=problem.source or robot.paths[-1], hint=problem.hint,
+                place=f"{problem.parameter} (line {problem.line})", got=problem.got,
+            )  # fmt: skip
+    by_name = {entry.name: entry for entry in listed}
+    if planner is not None and planner not in by_name:
+        known = f"the file lists {', '.join(by_name) or 'none'}"
+        raise ParameterError("no such planner", place="planner", got=planner, hint=known)
+    if not listed:
+        raise MalformedInputError("lists no planner", source=robot.paths[-1])
+    chosen = listed[0] if planner is None else by_name[planner]
+    return PlannerOnMap(source, robot, parameters, chosen, mask, is_older)
+
+
+@command(
+    group="Questions about a map",
+    output=Output(
+        "PLAN.json", "Write the result to a file; with --pairs a .jsonl.",
+        is_required=False, streams=False,
+    ),
+    json="default",
+    shared=("params_file", "namespace", "against", "mask", "files"),
+    example="""\
+mapdeal plan examples/maps/office.yaml \\
+    --params-file examples/robots/nav2_params.yaml --from -8,0 \\
+    --to kitchen=3,-4 lab=9,4 -o out/plan.json --image out/plan.png""",
+)  # fmt: skip
+def plan(
+    map: inputs.Map,  # noqa: A002 - what it is
+    *,
+    robot: Annotated[RobotParameters | str | PathLike[str] | None, Words()] = None,
+    start: Annotated[Sequence[float] | None, POSE, Words("X,Y[,YAW]", start_of, "from")] = None,
+    goals: Annotated[
+        Sequence[PlanGoal | Sequence[float]],
+        Words("[NAME=]X,Y[,YAW]", goals_of, "to", is_repeated=True),
+    ] = (),
+    pairs: Annotated[Path | None, Words("FILE|-")] = None,
+    planner: str | None = None,
+    no_changes: bool = False,
+    layers: Annotated[Path | None, Words("OUT.npz")] = None,
+    expect: Annotated[Path | None, Words("PLAN.json")] = None,
+    against: Annotated[RobotParameters | str | PathLike[str] | None, Words()] = None,
+    mask: Annotated[inputs.Map | None, Words()] = None,
+    **reading: Unpack[inputs.Reading],
+) -> PlanReport | PairedPlans:  # fmt: skip
+    """Show whether the robot's own planner finds a path, and else the smallest change that helps.
+
+    Computes on the robot's costmap of the map what Nav2's planner computes. Where it finds no path,
+    parameters are changed one by one, and places of the map, until it does: each change that is
+    printed was tried, and one step less was not enough. Without -o the result is printed, on a
+    terminal as lines, elsewhere as JSON. Exit code 1 if a goal has no path; with --expect, if the
+    plans differ from the stored ones.
+
+    Parameters
+    ----------
+    map : path, str or grid
+        A map.
+    robot : RobotParameters or path
+        The robot's parameters, or its Nav2 parameter file.
+    start : tuple of float
+        Start, metres and radians.
+    goals : sequence of PlanGoal or tuple of float
+        Goal, metres and radians; more may follow.
+    pairs : path, optional
+        File of starts and goals, one x,y,yaw,x,y,yaw per line; - reads standard input. Instead of a
+        start and goals.
+    planner : str, optional
+        Name of the planner in planner_plugins; the first by default.
+    no_changes : bool
+        Skip the search for changes and margins.
+    layers : path, optional
+        Write the costs, and the potential of NavFn, of the search to the only goal.
+    expect : path, optional
+        Compare with the result of an earlier call.
+    against : RobotParameters or path, optional
+        Other parameters, whose plans are computed as well.
+    mask : path or grid, optional
+        Keepout mask over the costs, as for `apply_keepout_mask`.
+    **reading
+        As for `read_map`; dialect, max_cells and max_memory apply to a file.
+
+    Returns
+    -------
+    PlanReport or PairedPlans
+        The plans, see `PlanReport.goals`; with pairs, those of all of them, computed as their
+        `parts` are read.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        If a file cannot be read, or Nav2 would not start with the parameters.
+    ParameterError
+        If parameters do not go together.
+
+    Examples
+    --------
+    >>> found = plan("examples/maps/office.yaml", robot="examples/robots/nav2_params.yaml",
+    ...              start=(-8, 0), goals=[(-4, 0)])
+    >>> found.goals[0].plan.found, round(found.goals[0].plan.length, 2)
+    (True, 4.0)
+    """
+    settings = inputs.settings_of(**reading)
+    robots = [
+        read_robot_parameters(file, dialect=settings.dialect)
+        if isinstance(file, str | PathLike) else file
+        for file in (robot, against) if file is not None
+    ]  # fmt: skip
+    if robot is None:
+        raise ParameterError("is required: the robot's Nav2 parameters", place="robot")
+    if pairs is not None:
+        inputs.refuse(
+            "applies to one start, not to pairs", start=start, goals=tuple(goals), layers=layers,
+            expect=expect, against=against, image=settings.image,
+        )  # fmt: skip
+    elif start is None or not goals:
+        raise ParameterError("both are required, unless pairs are given", place="start, goals")
+    first = _pose(start or (0.0, 0.0), "start")
+    places = [
+        goal if isinstance(goal, PlanGoal) else PlanGoal(*_pose(goal, "goals"))
+        for goal in goals
+    ]  # fmt: skip
+    over = inputs.mask_of(mask, settings)
+    files = [path for parameters in robots for path in parameters.paths]
+    files += [path for path in (pairs, expect) if path is not None and path != Path("-")]
+    inputs.need_ending(".json" if pairs is None else ".jsonl")
+    work = inputs.Work.current.get()
+    if layers is not None:
+        if layers.suffix != ".npz":
+            raise ParameterError("must end in .npz", place="layers", got=str(layers))
+        if work is None:
+            raise ParameterError("is written on the command line alone", place="layers")
+        work.outputs.append(layers)
+    also = [*files, *(over.files if over else ())]
+    (source,) = inputs.opened(map, names=("map",), also=also, **reading)
+    if isinstance(source.grid, Costmap):
+        raise ParameterError("holds costs; planners are tried on a map", source=source.name)
+    inputs.warn_of_published_costs(source)
+    inputs.claim_cells(source, _PER_CELL, measures=True, **reading)
+    is_older = settings.dialect != "nav2"
+    works = [_planner_on(source, own, planner, over, is_older=is_older) for own in robots]
+    with inputs.errors_named(source.name):
+        if source.occupancy.origin[2]:
+            emit_warning(f"{source.name}: Nav2's planners ignore the yaw of the map, as plan does")
+        if pairs is not None:
+            chunks, name = inputs.text_in(pairs)
+            return PairedPlans(works[0], read_pose_pairs(chunks, name), name, not no_changes)
+        if layers is not None and work is not None:
+            potential = _potential(works[0], first, places)
+            write_grid(work.begin(), layers, works[0].costmap, more={"potential": potential})
+        reports = [_report(work, first, places, has_changes=not no_changes) for work in works]
+    differences = None if expect is None else tuple(_differences(reports[0], expect))
+    changed = None if against is None else reports[1]
+    return PlanReport(works[0], first, reports[0].goals, changed, differences)
+
+
+def _report(
+    work: PlannerOnMap, start: Pose, goals: Sequence[PlanGoal], *, has_changes: bool
+) -> PlanReport:
+    clearances = _Clearances(work)
+    plans = []
+    for goal in goals:
+        pose = goal.pose
+        answer, is_known = plan_on(work, start, pose)
+        if answer.found:
+            margins = margins_of(work, start, pose) if has_changes else []
+            plans.append(GoalPlan(goal, answer, margins=margins, **clearances.along(answer)))
+        else:
+            changes = _changes(work, start, pose, answer) if has_changes else None
+            plans.append(GoalPlan(goal, answer, is_known, changes))
+    return PlanReport(work, start, tuple(plans))
+
+
+class _Clearances:
+    """Distances to lethal cells, metres, computed if they are needed."""
+
+    def __init__(self, work: PlannerOnMap) -> None:
+        self._grid = work.grid
+
+    @cached_property
+    def _metres(self) -> Metres:
+        squares = squares_to(self._grid.costs == LETHAL_OBSTACLE)
+        return (np.sqrt(squares) * self._grid.resolution).astype(np.float32)
+
+    def along(self, found: Plan) -> dict[str, Any]:
+        cells = [self._grid.cell_of((x, y, 0.0)) for x, y, _ in found.poses.tolist()]
+        metres = [math.inf if cell is None else float(self._metres[cell]) for cell in cells]
+        least = int(np.argmin(metres))
+        x, y = found.poses[least, :2].tolist()
+        return {"clearance": metres[least], "narrowest": (round(x, 6), round(y, 6))}
+
+
+def _potential(work: PlannerOnMap, start: Pose, goals: Sequence[PlanGoal]) -> Any:
+    if len(goals) != 1:
+        raise ParameterError("needs one goal", place="layers")
+    potential = getattr(work.listed.planner, "potential", None)
+    if potential is None:
+        rule = f"are those of NavFn, and {work.listed.name} is {work.listed.plugin}"
+        raise ParameterError(rule, place="layers")
+    goal = goals[0]
+    potentials = potential(work.grid, start, goal.pose)
+    if potentials is None:
+        raise ParameterError("the start lies in the last half cell: Nav2's search has no place")
+    return potentials
+
+
+def _differences(report: PlanReport, path: Path) -> Iterator[str]:
+    """Yield what differs between plans and those of a stored document."""
+    document = read_document(path)
+    document["format"].word(PLAN_FORMAT)
+    expected = document["goals"].items()
+    if len(expected) != len(report.goals):
+        yield f"{len(report.goals)} goals, expected {len(expected)}"
+        return
+    for goal, stored in zip(report.goals, expected, strict=True):
+        now = goal.document()
+        for key, read in (("found", JsonValue.flag), ("reason", JsonValue.text)):
+            before = stored[key].or_none(read)
+            if before != now[key]:
+                yield f"goal {goal.goal.label}: {key} {now[key]}, expected {before}"
+        before = stored["length_m"].or_none(JsonValue.number)
+        length = now["length_m"]
+        if before is not None and length is not None and abs(before - length) > _SAME:
+            yield f"goal {goal.goal.label}: {length:.6g} m, expected {before:.6g} m"

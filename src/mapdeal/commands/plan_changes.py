@@ -1,0 +1,470 @@
+"""Parts of ``mapdeal plan``: a robot's planner on a map, and the changes that make a path exist.
+
+A change is proposed only after the planner has found a path with it, and none one step before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import capture_warnings
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.frame import Frame, as_float32
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.reach import Goal
+from mapdeal.grid.reaching import Ground, reach_on
+from mapdeal.grid.values import (
+    FREE,
+    INSCRIBED_INFLATED_OBSTACLE,
+    LETHAL_OBSTACLE,
+    NO_INFORMATION,
+    OCCUPIED,
+    UNKNOWN,
+)
+from mapdeal.pipeline.inputs import KeepoutMask, MapInput
+from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.planners.planner import Plan, Planner, PlannerGrid, Pose
+from mapdeal.ros.nav2 import robot_in
+from mapdeal.ros.planners import ListedPlanner
+from mapdeal.ros.robot import ParameterValue, RobotParameters, corners_of_string
+from mapdeal.ros.ros2_files import Ros2Parameters
+
+_STEP = 0.01  # of parameters, in their unit
+_FARTHEST_TOLERANCE = 10.0  # metres
+_MOST_CYCLES = 64  # largest max_cycles_factor that is tried
+_STEPS_BEYOND = 25  # tried where the goal can be reached, but the planner fails
+_STEPS_AFTER = 4  # tried beyond a value with a path, to see whether the path stays
+_WIDEST_PASSAGE = 3.0  # metres by which a passage is widened, or a radius grows, at most
+_LARGEST_SCALE = 4.0  # of a footprint
+_MOST_OBSTACLES, _LARGEST_OBSTACLE = 20, 5.0  # number of those tried, and square metres of each
+_BYTES = 1 << 28  # of the costmaps that are kept
+
+Override = tuple[str, str, Any]
+"""Name, type and value of a costmap's parameter."""
+
+Change = dict[str, Any]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class PlannerOnMap:
+    """A robot's planner, and the costmaps that it has of a map.
+
+    Parameters
+    ----------
+    source : MapInput
+        The map.
+    robot : RobotParameters
+        The robot.
+    parameters : Ros2Parameters
+        The values in its files.
+    listed : ListedPlanner
+        The planner.
+    mask : KeepoutMask, optional
+        Keepout mask.
+    is_older : bool
+        Whether the inflation layer is that of Humble to Kilted.
+    """
+
+    source: MapInput
+    robot: RobotParameters
+    parameters: Ros2Parameters
+    listed: ListedPlanner
+    mask: KeepoutMask | None = None
+    is_older: bool = False
+
+    @property
+    def planner(self) -> Planner:
+        if self.listed.planner is None:
+            raise TypeError(f"{self.listed.plugin} is not modelled")
+        return self.listed.planner
+
+    @cached_property
+    def costmap(self) -> Costmap:
+        return self.costmap_on(self.robot, self.source.occupancy)
+
+    def costmap_on(self, robot: RobotParameters, grid: OccupancyGrid) -> Costmap:
+        """Return the costmap that a robot has of a map."""
+        mask = self.mask if robot.why_mask_unused is None else None
+        costs: Any = grid
+        for step in load_recipe(None, robot=robot).steps:
+            if mask is not None and step.accepts_mask:
+                costs, mask = step.apply(costs, self.source.path, mask=mask.grid), None
+            else:
+                costs = step.apply(costs, self.source.path)
+        if not isinstance(costs, Costmap):
+            raise TypeError("the layers of a robot must end in costs")
+        return costs if mask is None else mask.over(costs)
+
+    @cached_property
+    def grid(self) -> PlannerGrid:
+        return grid_of(self.costmap, self.robot)
+
+    @cached_property
+    def _grids(self) -> Callable[[tuple[Override, ...]], PlannerGrid | None]:
+        count = max(1, _BYTES // max(self.source.occupancy.occupancy.size, 1))
+        return lru_cache(maxsize=count)(self._grid_with)
+
+    def _grid_with(self, overrides: tuple[Override, ...]) -> PlannerGrid | None:
+        values = {
+            name: ParameterValue(value, kind, self.robot.paths[-1], 0, str(value))
+            for name, kind, value in overrides
+        }
+        with capture_warnings():
+            robot, problems = robot_in(
+                self.parameters,
+                namespace=self.robot.namespace,
+                older=self.is_older,
+                overrides=values,
+            )
+            if robot is None or any(problem.level == "refused" for problem in problems):
+                return None
+            return grid_of(self.costmap_on(robot, self.source.occupancy), robot)
+
+    def plan_with(self, start: Pose, goal: Pose, *overrides: Override) -> Plan:
+        """Return the plan with other values of parameters of the costmap."""
+        grid = self._grids(overrides)
+        if grid is None:
+            return Plan(found=False, reason="PlannerException")
+        return self.planner.plan(grid, start, goal)
+
+    def plan_without(self, start: Pose, goal: Pose, cleared: Mask) -> Plan:
+        """Return the plan on the map with some cells made free."""
+        grid = self.source.occupancy
+        cells = np.where(cleared, np.int8(FREE), np.asarray(grid.occupancy))
+        with capture_warnings():
+            costs = self.costmap_on(self.robot, OccupancyGrid(cells, grid.resolution, grid.origin))
+            return self.planner.plan(grid_of(costs, self.robot), start, goal)
+
+
+def grid_of(costs: Costmap, robot: RobotParameters) -> PlannerGrid:
+    """Return a costmap as planners see it."""
+    radius, layers = robot.circumscribed_radius, robot.inflation_layers
+    is_round = robot.robot_radius is not None
+    return PlannerGrid(
+        np.ascontiguousarray(costs.cost),
+        as_float32(costs.resolution),
+        (float(costs.origin[0]), float(costs.origin[1])),
+        None if is_round else np.array(robot.footprint.vertices, dtype=np.float64),
+        layers[-1].cost_at(radius) if layers else 0,
+    )
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """A parameter, its value, and values to try in its place, those nearest to it first."""
+
+    name: str
+    value: Any
+    candidates: Sequence[Any]
+    plan: Callable[[Any], Plan]
+    scales: Sequence[float] = ()  # of a footprint, for each candidate
+    inscribed_radius: float = 0.0
+
+    def change(self, index: int, *, is_monotonic: bool = True) -> Change:
+        """Return the change to a candidate; -1 stands for the value itself."""
+        value = self.value if index < 0 else self.candidates[index]
+        found: Change = {"parameter": self.name, "from": self.value, "to": value}
+        if self.inscribed_radius > 0 and value < self.inscribed_radius:
+            found["note"] = f"less than the inscribed radius {self.inscribed_radius:.4g} m, so "
+            found["note"] += "that the robot may touch obstacles"
+        if self.scales:
+            found["scale"] = 1.0 if index < 0 else self.scales[index]
+        return found if is_monotonic else {**found, "monotonic": False}
+
+
+def first_success(count: int, plan: Callable[[int], Plan], *, now: Plan) -> tuple[int, bool] | None:
+    """Return the first of `count` candidates with a path, and whether paths stay beyond it.
+
+    Whether the goal is reached is taken as monotonic, whether the path is found is not: the trace
+    of a path may fail here and there.
+    """
+    plans: dict[int, Plan] = {}
+
+    def planned(index: int) -> Plan:
+        if index not in plans:
+            plans[index] = plan(index)
+        return plans[index]
+
+    def reaches(index: int) -> bool:
+        return planned(index).found or planned(index).detail is not None
+
+    if count < 1 or not (now.detail is not None or reaches(count - 1)):
+        return None
+    last_failure, first = -1, 0 if now.detail is not None else count - 1
+    while first - last_failure > 1:
+        middle = (first + last_failure) // 2
+        last_failure, first = (last_failure, middle) if reaches(middle) else (middle, first)
+    for index in range(first, min(first + _STEPS_BEYOND, count)):
+        if planned(index).found:
+            after = range(index, min(index + _STEPS_AFTER + 1, count))
+            stays = all(planned(number).found for number in after)
+            return index, stays and all(p.found for number, p in plans.items() if number > index)
+    return None
+
+
+def changes_for(work: PlannerOnMap, start: Pose, goal: Pose, plan: Plan) -> list[Change]:
+    """Return the smallest single changes that make the planner find a path."""
+    if plan.reason in ("StartOutsideMapBounds", "GoalOutsideMapBounds"):
+        return []
+    found = []
+    for adjustment in _Query(work, start, goal).adjustments(plan):
+        candidates = adjustment.candidates
+        success = first_success(
+            len(candidates),
+            lambda k, own=adjustment: own.plan(own.candidates[k]),  # type: ignore[misc]
+            now=plan,
+        )
+        if success is not None:
+            found.append(adjustment.change(success[0], is_monotonic=success[1]))
+    if plan.detail is None:
+        found += _map_changes(work, start, goal, plan)
+    return found
+
+
+def margins_of(work: PlannerOnMap, start: Pose, goal: Pose) -> list[Change]:
+    """Return the last value of each parameter with which the planner still finds the path."""
+    found = []
+    for adjustment in _Query(work, start, goal).margins():
+        index = _first_loss(adjustment)
+        if index is not None:
+            found.append(adjustment.change(index - 1))
+    return found
+
+
+def _first_loss(adjustment: Adjustment) -> int | None:
+    """Return the first candidate without a path, by bisection; None if the last one has one."""
+    last_success, first = -1, len(adjustment.candidates)
+    while first - last_success > 1:
+        middle = (first + last_success) // 2
+        is_found = adjustment.plan(adjustment.candidates[middle]).found
+        last_success, first = (middle, first) if is_found else (last_success, middle)
+    return first if first < len(adjustment.candidates) else None
+
+
+def _down(value: float, least: float) -> list[float]:
+    """Return the multiples of a step below a value, the largest first."""
+    first = math.ceil(value / _STEP - 1e-6) - 1
+    return [k / 100 for k in range(first, math.ceil(least / _STEP - 1e-6) - 1, -1)]
+
+
+def _up(value: float, most: float) -> list[float]:
+    first = math.floor(value / _STEP + 1e-6) + 1
+    return [k / 100 for k in range(first, math.floor(most / _STEP + 1e-6) + 1)]
+
+
+@dataclass(frozen=True)
+class _Query:
+    work: PlannerOnMap
+    start: Pose
+    goal: Pose
+
+    def of_costmap(self, name: str, kind: str, value: Any, candidates: Sequence[Any]) -> Adjustment:
+        def plan_with(candidate: Any) -> Plan:
+            return self.work.plan_with(self.start, self.goal, (name, kind, candidate))
+
+        return Adjustment(name, value, candidates, plan_with)
+
+    def of_planner(self, name: str, candidates: Sequence[Any]) -> Adjustment:
+        work = self.work
+
+        def plan_with(candidate: Any) -> Plan:
+            planner = work.planner.with_value(name, candidate)
+            return planner.plan(work.grid, self.start, self.goal)
+
+        value = work.planner.values[name]
+        return Adjustment(f"{work.listed.name}.{name}", value, candidates, plan_with)
+
+    def of_shape(self, scales: Sequence[float]) -> Adjustment:
+        """Return the adjustment of the robot's radius or footprint by some factors."""
+        text = self.work.parameters.for_node(self.work.robot.node)["footprint"].value
+        corners = corners_of_string(text)
+
+        def scaled(scale: float) -> str:
+            points = (", ".join(f"{round(v * scale, 4):g}" for v in corner) for corner in corners)
+            return f"[{', '.join(f'[{point}]' for point in points)}]"
+
+        own = self.of_costmap("footprint", "string", text, list(map(scaled, scales)))
+        return replace(own, scales=scales)
+
+    def adjustments(self, plan: Plan) -> Iterator[Adjustment]:
+        """Yield the adjustments that may make a path exist."""
+        work, robot, values = self.work, self.work.robot, self.work.planner.values
+        for layer in robot.inflation_layers:
+            name, radius = f"{layer.name}.inflation_radius", layer.inflation_radius
+            own = self.of_costmap(name, "double", radius, _down(radius, 0.0))
+            yield replace(own, inscribed_radius=layer.inscribed_radius)
+        if robot.robot_radius is None:
+            yield self.of_shape(_down(1.0, 0.05))
+        else:
+            radii = _down(robot.robot_radius, _STEP)
+            yield self.of_costmap("robot_radius", "double", robot.robot_radius, radii)
+        padding = round(robot.footprint_padding, 6)  # a float32
+        yield self.of_costmap("footprint_padding", "double", padding, _down(padding, 0.0))
+        for layer in robot.inflation_layers if plan.detail is not None else ():
+            # costs below the inscribed one close no cell, but they lead the trace
+            name, factor = f"{layer.name}.cost_scaling_factor", layer.cost_scaling_factor
+            for sign in (1, -1):
+                steps = (round(factor + sign * k / 10, 6) for k in range(1, _STEPS_BEYOND + 1))
+                yield self.of_costmap(name, "double", factor, [step for step in steps if step > 0])
+        if work.mask is not None and robot.has_keepout_filter and robot.why_mask_unused is None:
+            for listed in robot.layers:
+                if listed.needs == "mask":
+                    yield self.of_costmap(f"{listed.name}.enabled", "bool", True, [False])
+        if "tolerance" in values:
+            yield self.of_planner("tolerance", _up(values["tolerance"], _FARTHEST_TOLERANCE))
+        if values.get("allow_unknown") is False:
+            yield self.of_planner("allow_unknown", [True])
+        if "use_astar" in values:
+            yield self.of_planner("use_astar", [not values["use_astar"]])
+        if "max_cycles_factor" in values and plan.detail is not None:
+            factors = range(values["max_cycles_factor"] + 1, _MOST_CYCLES + 1)
+            yield self.of_planner("max_cycles_factor", factors)
+        if "minimum_turning_radius" in values:
+            radii = _down(values["minimum_turning_radius"], work.grid.resolution)
+            yield self.of_planner("minimum_turning_radius", radii)
+
+    def margins(self) -> Iterator[Adjustment]:
+        """Yield the adjustments that may lose a path."""
+        robot, values = self.work.robot, self.work.planner.values
+        if robot.robot_radius is None:
+            yield self.of_shape(_up(1.0, _LARGEST_SCALE))
+        else:
+            radii = _up(robot.robot_radius, robot.robot_radius + _WIDEST_PASSAGE)
+            yield self.of_costmap("robot_radius", "double", robot.robot_radius, radii)
+        if "tolerance" in values:
+            yield self.of_planner("tolerance", _down(values["tolerance"], 0.0))
+        if values.get("allow_unknown"):
+            yield self.of_planner("allow_unknown", [False])
+        if "minimum_turning_radius" in values:
+            radius = values["minimum_turning_radius"]
+            yield self.of_planner("minimum_turning_radius", _up(radius, radius + _WIDEST_PASSAGE))
+
+
+def _map_changes(work: PlannerOnMap, start: Pose, goal: Pose, plan: Plan) -> Iterator[Change]:
+    """Yield the passage that must be wider, and the smallest obstacle that stands in the way."""
+    lethal = work.grid.costs == LETHAL_OBSTACLE
+    occupied = lethal & (np.asarray(work.source.occupancy.occupancy) > FREE)
+    yield from _wider_passage(work, start, goal, plan, occupied)
+    yield from _obstacle_in_the_way(work, start, goal, occupied)
+
+
+def _wider_passage(
+    work: PlannerOnMap, start: Pose, goal: Pose, plan: Plan, occupied: Mask
+) -> Iterator[Change]:
+    costs, grid = work.grid.costs, work.grid
+    (height, width), origin = costs.shape, (*grid.origin, 0.0)  # planners ignore the yaw
+    frame = Frame(height, width, grid.resolution, origin)
+    cells = np.where(costs == NO_INFORMATION, np.int8(UNKNOWN), np.int8(FREE))
+    cells[costs == LETHAL_OBSTACLE] = OCCUPIED
+    ground = Ground(cells, frame, work.planner.flag("allow_unknown"))
+    if ground.blocked[grid.cell_of(start)]:
+        return
+    with capture_warnings():
+        reach = reach_on(
+            ground, None, start=start[:2], goals=[Goal(*goal[:2])], headings=4, margin=0.0,
+            min_area=math.inf,
+        )  # fmt: skip
+    limit = reach.goals[0].limited_by
+    if limit is None:
+        return
+    x, y = _centres(work, np.arange(height)[:, np.newaxis], np.arange(width))
+    squares = (x - limit.x) ** 2 + (y - limit.y) ** 2
+    widths = _up(limit.width, limit.width + _WIDEST_PASSAGE)
+
+    def plan_with(index: int) -> Plan:
+        cleared = occupied & (squares <= (widths[index] / 2) ** 2)
+        return work.plan_without(start, goal, cleared)
+
+    found = first_success(len(widths), plan_with, now=plan)
+    if found is not None:
+        yield {
+            "map": "passage", **_place(limit.x, limit.y),
+            "from": round(limit.width, 6), "width": widths[found[0]],
+            **({} if found[1] else {"monotonic": False}),
+        }  # fmt: skip
+
+
+def _centres(work: PlannerOnMap, rows: Any, cols: Any) -> tuple[Any, Any]:
+    """Return x and y of the centres of cells."""
+    (x, y), resolution = work.grid.origin, work.grid.resolution
+    return x + (cols + 0.5) * resolution, y + (rows + 0.5) * resolution
+
+
+def _open_cells(work: PlannerOnMap, start: Pose) -> Mask:
+    """Return the cells that a robot's centre may be in, and its start."""
+    costs = work.grid.costs
+    is_open = costs < INSCRIBED_INFLATED_OBSTACLE
+    if work.listed.settings.get("allow_unknown", True):
+        is_open |= costs == NO_INFORMATION
+    is_open[work.grid.cell_of(start)] = True
+    return is_open
+
+
+def _cells_near(work: PlannerOnMap, goal: Pose) -> Mask:
+    """Return the cells within the planner's tolerance of a goal, in a square."""
+    near = np.zeros(work.grid.costs.shape, bool)
+    cell = work.grid.cell_of(goal)
+    margin = math.ceil(work.listed.settings.get("tolerance", 0.0) / work.grid.resolution) + 1
+    if cell is not None:
+        near[tuple(slice(max(at - margin, 0), at + margin + 1) for at in cell)] = True
+    return near
+
+
+def is_cut_off(work: PlannerOnMap, start: Pose, goal: Pose) -> bool:
+    """Return whether closed cells separate start and goal for every planner."""
+    from scipy import ndimage  # slow to import
+
+    if work.grid.cell_of(start) is None:
+        return True
+    is_open = _open_cells(work, start)
+    regions, _ = ndimage.label(is_open, np.ones((3, 3), bool))
+    return not (_cells_near(work, goal) & (regions == regions[work.grid.cell_of(start)])).any()
+
+
+def _place(x: float, y: float) -> Change:
+    return {"x": round(float(x), 6), "y": round(float(y), 6)}
+
+
+def _obstacle_in_the_way(
+    work: PlannerOnMap, start: Pose, goal: Pose, occupied: Mask
+) -> Iterator[Change]:
+    from scipy import ndimage  # slow to import
+
+    grid, planner = work.grid, work.planner
+    first, end = grid.cell_of(start), grid.cell_of(goal)
+    if first is None or end is None or not occupied.any():
+        return
+    around = np.ones((3, 3), bool)
+    labels, _ = ndimage.label(occupied, around)
+    is_open, near = _open_cells(work, start), _cells_near(work, goal)
+    regions, _ = ndimage.label(is_open, around if planner.moves_diagonally else None)
+    # The first and the last closed cell on the new way are closed by the obstacle alone.
+    places = ndimage.distance_transform_edt(~occupied, return_distances=False, return_indices=True)
+    nearest = labels[tuple(places)]
+
+    def closing(region: Mask) -> set[int]:
+        return set(np.unique(nearest[ndimage.binary_dilation(region, around) & ~is_open]).tolist())
+
+    of_goal = np.isin(regions, np.unique(regions[near & is_open]))
+    in_the_way = closing(regions == regions[first]) & (
+        closing(of_goal & is_open) | set(np.unique(nearest[near & ~is_open]).tolist())
+    )
+    sizes = np.bincount(labels.ravel())
+    most = _LARGEST_OBSTACLE / grid.resolution**2
+    by_size = sorted((int(sizes[label]), label) for label in in_the_way if sizes[label] <= most)
+    for size, label in by_size[:_MOST_OBSTACLES]:
+        if work.plan_without(start, goal, labels == label).found:
+            rows, cols = np.nonzero(labels == label)
+            middle = np.argmin((rows - rows.mean()) ** 2 + (cols - cols.mean()) ** 2)
+            x, y = _centres(work, rows[middle], cols[middle])
+            area = size * grid.resolution**2
+            yield {"map": "obstacle", **_place(x, y), "area": round(area, 6)}
+            return

@@ -1,0 +1,150 @@
+"""NavFn, Nav2's default planner.
+
+References
+----------
+navigation2, nav2_navfn_planner/src/navfn_planner.cpp: ``createPlan``, ``makePlan``,
+``getPlanFromPotential``, ``smoothApproachToGoal``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.values import LETHAL_OBSTACLE
+from mapdeal.kernels.arrays import Metres
+from mapdeal.kernels.navfn import UNREACHED, Cell, Outcome, potentials, traced_path
+from mapdeal.planners.planner import Default, Plan, Planner, PlannerGrid, Pose, no_plan
+
+Point = tuple[float, float]
+
+_SAME = 1e-4  # metres between two last poses that count as equal
+_NEAR = 1e-6  # square metres between the path's end and the goal
+
+
+class NavfnPlanner(Planner):
+    plugin_names = ("nav2_navfn_planner::NavfnPlanner", "nav2_navfn_planner/NavfnPlanner")
+    parameters: ClassVar[Mapping[str, Default]] = {
+        "tolerance": 0.5, "use_astar": False, "allow_unknown": True, "max_cycles_factor": 4,
+        "use_final_approach_orientation": False,
+    }  # fmt: skip
+    moves_diagonally = False
+
+    def plan(self, grid: PlannerGrid, start: Pose, goal: Pose) -> Plan:
+        goal_cell = grid.cell_of(goal)
+        if grid.cell_of(start) is None:
+            return no_plan("StartOutsideMapBounds")
+        if goal_cell is None:
+            return no_plan("GoalOutsideMapBounds")
+        if self.number("tolerance") == 0 and grid.costs[goal_cell] == LETHAL_OBSTACLE:
+            return no_plan("GoalOccupied")
+        approaches = self.flag("use_final_approach_orientation")
+        if start[:2] == goal[:2]:
+            return Plan(True, poses=np.array([[*start[:2], (start if approaches else goal)[2]]]))
+        potential = self.potential(grid, start, goal)
+        if potential is None:
+            return no_plan("NoValidPathCouldBeFound", "the start lies in the last half cell")
+        end = self._reached_point(grid, potential, goal)
+        if end is None:
+            return no_plan("NoValidPathCouldBeFound")
+        turns = self.integer("max_cycles_factor") * max(grid.costs.shape)
+        points, outcome = traced_path(
+            potential, _rounded(grid, start[:2]), _rounded(grid, end), turns=turns
+        )
+        if outcome != "found":
+            return no_plan("NoValidPathCouldBeFound", _failure(grid, points, outcome, turns))
+        xy = np.array(grid.origin) + points[::-1].astype(np.float64) * grid.resolution
+        poses = np.zeros((len(_with_end(xy, end)), 3))
+        poses[:, :2] = _with_end(xy, end)
+        poses[-1, 2] = _final_yaw(poses, start) if approaches else goal[2]
+        return Plan(True, poses=poses)
+
+    def potential(self, grid: PlannerGrid, start: Pose, goal: Pose) -> Metres | None:
+        """Return the potentials of the cells, 1e10 where the search did not come.
+
+        None if the start's cell lies behind the last one, where Nav2 writes beyond its arrays.
+        """
+        x, y = _rounded(grid, start[:2])
+        rows, columns = grid.costs.shape
+        if y * columns + x >= rows * columns:
+            return None
+        return potentials(
+            grid.costs, (x, y), _rounded(grid, goal[:2]),
+            allow_unknown=self.flag("allow_unknown"), is_astar=self.flag("use_astar"),
+        )  # fmt: skip
+
+    def _reached_point(self, grid: PlannerGrid, potential: Metres, goal: Pose) -> Point | None:
+        """Return the goal, or else the nearest point within the tolerance that was reached."""
+
+        def are_reached(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
+            (west, south), (rows, columns) = grid.origin, potential.shape
+            column, row = (np.floor((at - first) / grid.resolution + 0.5).astype(np.int64)
+                           for at, first in ((x, west), (y, south)))  # fmt: skip
+            inside = (x >= west) & (y >= south) & (row < rows) & (column < columns)
+            cells = potential[np.where(inside, row, 0), np.where(inside, column, 0)]
+            return np.asarray(inside & (cells < np.float32(UNREACHED)))
+
+        if are_reached(*np.array(goal[:2])[:, np.newaxis]).any():
+            return goal[:2]
+        y, x = np.meshgrid(
+            *(self._steps(at, grid.resolution) for at in (goal[1], goal[0])), indexing="ij"
+        )
+        squares = (x - goal[0]) * (x - goal[0]) + (y - goal[1]) * (y - goal[1])
+        squares[~are_reached(x, y)] = math.inf
+        if not (squares < math.inf).any():
+            return None
+        nearest = int(np.argmin(squares))
+        return float(x.flat[nearest]), float(y.flat[nearest])
+
+    def _steps(self, middle: float, resolution: float) -> list[float]:
+        tolerance = self.number("tolerance")
+        steps = [middle - tolerance]
+        while steps[-1] <= middle + tolerance:
+            steps.append(steps[-1] + resolution)
+        return steps[:-1]
+
+
+def _rounded(grid: PlannerGrid, point: Point) -> Cell:
+    """Return column and row of the nearest corner of cells; halves are rounded up."""
+    column, row = (
+        math.floor((at - first) / grid.resolution + 0.5)
+        for at, first in zip(point, grid.origin, strict=True)
+    )
+    return column, row
+
+
+def _with_end(path_xy: NDArray[np.float64], end: Point) -> NDArray[np.float64]:
+    """Return the path to the goal: its last point is replaced if the goal is nearer, or near it."""
+    if len(path_xy) >= 2:
+        last, before = path_xy[-2:][::-1]
+        from_last, from_before, step = (
+            float((gap**2).sum()) for gap in (last - end, before - end, last - before)
+        )
+        if step > from_before or from_last < _NEAR:
+            return np.vstack([path_xy[:-1], end])
+    return np.vstack([path_xy, end])
+
+
+def _final_yaw(poses: NDArray[np.float64], start: Pose) -> float:
+    """Return the direction of the last step."""
+    if len(poses) == 1:
+        return start[2]
+    step = poses[-1] - poses[-2]
+    if len(poses) > 2 and (np.abs(step[:2]) < _SAME).all():
+        step = poses[-1] - poses[-3]
+    return math.atan2(step[1], step[0])
+
+
+def _failure(grid: PlannerGrid, points: Metres, outcome: Outcome, turns: int) -> str:
+    """Describe why no path was traced although the search reached the goal."""
+    text = "the search reached the goal, but "
+    x, y = np.array(grid.origin) + points[-1].astype(np.float64) * grid.resolution
+    is_circle = (points[:-1] == points[-1]).all(axis=1).any()
+    if outcome == "no turns" and not is_circle:
+        return f"{text}its path is longer than the {turns} half cells that max_cycles_factor allows"
+    action = "goes in circles" if outcome == "no turns" else "ends"
+    return f"{text}the trace of the path {action} at {x:.3f},{y:.3f}"

@@ -1,0 +1,145 @@
+"""The base class of planners, the costmap that they search, and the plan that they return.
+
+A new planner is one module of this package with a subclass of `Planner`.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import import_module
+from pkgutil import iter_modules
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal import planners
+
+Default = bool | int | float | str | tuple[str, ...]
+"""Default value of a parameter. It gives the type, too: ROS 2 refuses values of another type."""
+
+Pose = tuple[float, float, float]
+"""x and y, metres, and yaw, radians, in the map's frame."""
+
+Reason = Literal[
+    "StartOccupied", "GoalOccupied", "StartOutsideMapBounds", "GoalOutsideMapBounds",
+    "NoValidPathCouldBeFound", "PlannerTimedOut", "PlannerException",
+]  # fmt: skip
+"""Names of the exceptions with which Nav2's planners fail."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlannerGrid:
+    """A costmap as Nav2's planners see it. The yaw of its origin is ignored, as there.
+
+    Parameters
+    ----------
+    costs : numpy.ndarray of uint8, shape (H, W)
+        Nav2's costs: 253 inscribed, 254 lethal, 255 unknown. Row 0 is the south.
+    resolution : float
+        Side of a cell, metres, rounded to float32 as in the map's message.
+    origin : tuple of float
+        x and y of the outer corner of cell (0, 0), metres.
+    footprint : numpy.ndarray of float64, shape (N, 2), optional
+        The robot's padded outline, metres; None for a round robot.
+    circumscribed_cost : int
+        Cost at the robot's circumscribed radius; 0 if inflation ends before it.
+    """
+
+    costs: NDArray[np.uint8]
+    resolution: float
+    origin: tuple[float, float]
+    footprint: NDArray[np.float64] | None = None
+    circumscribed_cost: int = 0
+
+    def cell_of(self, pose: Pose) -> tuple[int, int] | None:
+        """Return row and column as ``worldToMap`` does; None outside of the costmap."""
+        rows, columns = self.costs.shape
+        column, row = (
+            math.floor((at - start) / self.resolution)
+            for at, start in zip(pose[:2], self.origin, strict=True)
+        )
+        return (row, column) if 0 <= row < rows and 0 <= column < columns else None
+
+
+_NO_POSES = np.empty((0, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A planner's answer for one start and goal.
+
+    Parameters
+    ----------
+    found : bool
+        Whether there is a plan.
+    reason : str, optional
+        Name of Nav2's exception if there is none.
+    poses : numpy.ndarray of float64, shape (N, 3)
+        x, y and yaw of each pose.
+    cost : float, optional
+        Cost of the path before it was smoothed, of planners that compute one.
+    detail : str, optional
+        Why the planner failed, where the exception's name alone leaves that open.
+    """
+
+    found: bool
+    reason: Reason | None = None
+    poses: NDArray[np.float64] = field(default_factory=lambda: _NO_POSES)
+    cost: float | None = None
+    detail: str | None = None
+
+    @property
+    def length(self) -> float:
+        """Sum of the distances between neighbouring poses, metres."""
+        steps = np.diff(self.poses[:, :2], axis=0)
+        return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+
+
+def no_plan(reason: Reason, detail: str | None = None) -> Plan:
+    return Plan(found=False, reason=reason, detail=detail)
+
+
+class Planner(ABC):
+    """A planner with the values of its parameters; those that are not set have their defaults."""
+
+    plugin_names: ClassVar[tuple[str, ...]] = ()
+    """Names in parameter files, with ``::`` and with ``/``."""
+
+    parameters: ClassVar[Mapping[str, Default]] = {}
+    """Names and defaults of all parameters that Nav2 declares below the planner's name."""
+
+    moves_diagonally: ClassVar[bool] = True
+    """Whether it moves from a cell to all eight neighbours, or to the four beside it only."""
+
+    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
+        self.values: dict[str, Any] = {**self.parameters, **(values or {})}
+
+    def number(self, name: str) -> float:
+        return float(self.values[name])
+
+    def integer(self, name: str) -> int:
+        return int(self.values[name])
+
+    def flag(self, name: str) -> bool:
+        return bool(self.values[name])
+
+    def with_value(self, name: str, value: Default) -> Planner:
+        """Return the planner with another value of one parameter."""
+        return type(self)({**self.values, name: value})
+
+    @abstractmethod
+    def plan(self, grid: PlannerGrid, start: Pose, goal: Pose) -> Plan:
+        """Return the plan between two poses on an untouched costmap."""
+
+
+@cache
+def planner_classes() -> dict[str, type[Planner]]:
+    """Return the classes of all modules of this package by their plugins' names."""
+    for module in iter_modules(planners.__path__):
+        import_module(f"{planners.__name__}.{module.name}")
+    return {name: planner for planner in Planner.__subclasses__() for name in planner.plugin_names}

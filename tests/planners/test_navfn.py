@@ -1,0 +1,97 @@
+"""NavFn against Nav2's own answers, and its rules at the edges of cells and of the map."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+import mapdeal
+from mapdeal.planners.navfn import NavfnPlanner
+from mapdeal.planners.planner import PlannerGrid, planner_classes
+
+pytestmark = pytest.mark.slow
+
+
+def sha256(array):
+    return hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()
+
+
+def recorded_cases(folder, plugin):
+    """Yield the costmap, the planner and the recorded pairs of each case of a plugin."""
+    for case in json.loads((folder / "expected" / "plans.json").read_text())["cases"]:
+        if case["planner"] != plugin:
+            continue
+        server = yaml.safe_load(case["params"])["planner_server"]["ros__parameters"]
+        values = {name: value for name, value in server["GridBased"].items() if name != "plugin"}
+        yield case, planner_classes()[plugin](values)
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
+@pytest.mark.parametrize("step", [16, pytest.param(1, marks=pytest.mark.thorough)])
+def test_recorded_plans_are_equal_bit_for_bit(real_maps, tmp_path, step):
+    parameters, costmaps, counts = tmp_path / "params.yaml", {}, {True: 0, False: 0}
+    for case, planner in recorded_cases(real_maps, NavfnPlanner.plugin_names[0]):
+        sum_of_costs = case["costmap_sha256"]
+        if sum_of_costs not in costmaps:
+            parameters.write_text(case["params"])
+            robot = mapdeal.read_robot_parameters(parameters)
+            costmap = mapdeal.costmap(real_maps / case["map"], robot)
+            assert sha256(costmap.cost) == sum_of_costs
+            resolution = float(np.float32(costmap.resolution))
+            costmaps[sum_of_costs] = PlannerGrid(costmap.cost, resolution, costmap.origin[:2])
+        grid = costmaps[sum_of_costs]
+        for pair in case["pairs"][int(case["id"][:3]) % step :: step]:
+            start, goal = tuple(pair["start"]), tuple(pair["goal"])
+            plan = planner.plan(grid, start, goal)
+            counts[plan.found] += 1
+            assert (plan.found, plan.reason) == (pair["found"], pair.get("reason"))
+            if "potential_sha256" in pair:
+                potential = planner.potential(grid, start, goal)
+                assert sha256(potential) == pair["potential_sha256"]
+            if plan.found:
+                assert (len(plan.poses), sha256(plan.poses[:, :2])) == (
+                    pair["poses"], pair["path_sha256"]
+                )  # fmt: skip
+                assert plan.length == pytest.approx(pair["length"], abs=1e-9)
+                turn = (plan.poses[-1, 2] - pair["final_pose"][2]) / (2 * np.pi)
+                assert turn == pytest.approx(round(turn), abs=1e-9)
+            elif pair.get("goal_potential") is not None:
+                assert plan.detail.startswith("the search reached the goal, but ")
+    assert min(counts.values()) > 400 / step
+
+
+GRID = PlannerGrid(np.zeros((40, 60), np.uint8), 0.05, (-1.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("values", "start", "goal", "reason"),
+    [({}, (-1.1, 3, 0), (0, 3, 0), "StartOutsideMapBounds"),
+     ({}, (0, 3, 0), (2.0, 3, 0), "GoalOutsideMapBounds"),
+     ({"tolerance": 0.0}, (0, 3, 0), (1.01, 3, 0), "GoalOccupied"),
+     ({"tolerance": 0.1}, (0, 3, 0), (1.26, 3.01, 0), "NoValidPathCouldBeFound"),
+     ({"tolerance": 0.3}, (0, 3, 0), (1.26, 3.01, 0), None),
+     ({"tolerance": 0.1, "allow_unknown": False}, (0, 3, 0), (0, 2.3, 0),
+      "NoValidPathCouldBeFound"),
+     ({"tolerance": 0.1}, (0, 3, 0), (0, 2.3, 0), None),
+     ({"max_cycles_factor": 1}, (-0.9, 3, 0), (0.9, 3, 0), "NoValidPathCouldBeFound"),
+     ({}, (1.99, 3.99, 0), (0, 3, 0), "NoValidPathCouldBeFound")],
+)  # fmt: skip
+def test_a_plan_fails_with_the_name_of_nav2s_exception(values, start, goal, reason):
+    costs = GRID.costs.copy()
+    costs[:, 40:50] = 254
+    costs[8] = 255
+    plan = NavfnPlanner(values).plan(PlannerGrid(costs, 0.05, (-1.0, 2.0)), start, goal)
+    assert (plan.found, plan.reason) == (reason is None, reason)
+
+
+@pytest.mark.parametrize(
+    ("approaches", "start", "goal", "yaw"),
+    [(False, (0, 3, 1), (0, 3, 2), 2), (True, (0, 3, 1), (0, 3, 2), 1),
+     (False, (0, 3, 1), (1, 3, 2), 2), (True, (0, 3, 1), (1, 3, 2), 0)],
+)  # fmt: skip
+def test_the_last_pose_has_the_goals_yaw_or_that_of_the_approach(approaches, start, goal, yaw):
+    planner = NavfnPlanner({}).with_value("use_final_approach_orientation", approaches)
+    plan = planner.plan(GRID, start, goal)
+    assert plan.poses[-1].tolist() == pytest.approx([*goal[:2], yaw], abs=1e-6)
