@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from contextvars import copy_context
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from itertools import islice
 from os import PathLike
@@ -29,7 +29,7 @@ from mapdeal.files.transaction import Transaction
 from mapdeal.grid.filters import FilterInfo, mask_description, mask_rows
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.reach import Goal, Reach
+from mapdeal.grid.reach import Goal
 from mapdeal.grid.values import count_text
 from mapdeal.inputs.kinds import SHAPES, kind_of
 from mapdeal.kernels.threads import use_threads
@@ -43,7 +43,6 @@ from mapdeal.pipeline.settings import Settings, adding_warnings, is_whole
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.report.document import (
     Claim,
-    PageLayer,
     Report,
     State,
     Table,
@@ -168,11 +167,9 @@ class RunChecks:
         draft.warn(texts, [path])
         draft.add(documents.results_of(JsonValue(path, reach_document(found))))
         if with_layer:
-            draft.layers += _layers_of(found, draft.free_name("reach"), self._step.title)
-
-
-def _layers_of(found: Reach, name: str, title: str) -> list[PageLayer]:
-    return page_layers(found, name, title[:1].upper() + title[1:])[-1:]
+            title = self._step.title
+            name = draft.free_name("reach")  # not its distances, which take room
+            draft.layers += page_layers(found, name, title[:1].upper() + title[1:])[-1:]
 
 
 File = str | PathLike[str]
@@ -333,10 +330,10 @@ def write_report(
     named = [sources] if isinstance(sources, str | PathLike) else sources
     if not named:
         raise errors.ParameterError("needs at least one", place="sources")
-    return _written(Path(path), list(map(Path, named)), settings, title=title, size=max_size)
+    return written(Path(path), list(map(Path, named)), settings, title=title, size=max_size)
 
 
-def _written(
+def written(
     output: Path, paths: Sequence[Path], settings: Settings, *, title: str | None = None,
     size: int = LARGEST_PAGE, inputs: Sequence[Path] = (), checks: RunChecks | None = None,
 ) -> WrittenReport:  # fmt: skip
@@ -374,12 +371,6 @@ def page_in(folder: Path) -> Path:
         rule = "exists, and is not a verdict written by mapdeal"
         raise errors.FileAccessError(rule, source=verdict, hint="move it: --report writes there")
     return page
-
-
-def report_of_runs(
-    page: Path, paths: Sequence[Path], inputs: Sequence[Path], checks: RunChecks
-) -> WrittenReport:
-    return _written(page, paths, replace(checks.settings, force=True), inputs=inputs, checks=checks)
 
 
 def gathered(
@@ -514,7 +505,7 @@ class _Gathering:
         draft.warn(opened.warnings, opened.files)
 
     def add_input(self, opened: Opened) -> list[Draft]:
-        runs = [run for run in self.runs if run.takes(opened.sums.values())]
+        runs = [run for run in self.runs if opened.sums and run.sums >= {*opened.sums.values()}]
         for run in runs:
             name = run.free_name(_INPUT)
             above = run.layers

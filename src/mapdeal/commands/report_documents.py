@@ -167,7 +167,14 @@ def _lint(document: JsonValue) -> Results:
 
 def _part_of_lint(document: JsonValue, *, is_map: bool) -> Part:
     file, repairs = document["file"].text(), document.get("repairs")
-    findings = [_finding(finding, file) for finding in document["findings"].items()]
+    findings = [
+        Finding(
+            found["check"].text(), cast("Severity", found["severity"].word(*SEVERITIES)), file,
+            found["message"].text(), found["line"].or_none(JsonValue.integer),
+            tuple(place.point() for place in found["places"].items()),
+        )
+        for found in document["findings"].items()
+    ]  # fmt: skip
     texts: dict[str, list[str]] = {
         severity: [short(found.message) for found in findings if found.severity == severity]
         for severity in SEVERITIES
@@ -179,15 +186,6 @@ def _part_of_lint(document: JsonValue, *, is_map: bool) -> Part:
     items = _shortened((item for found in findings for item in _items_of(found)), "finding")
     claims = (on_findings(texts),) if is_map else ()
     return Part(file, items, [Table("Lint", tuple(rows))], is_map, not findings, claims)
-
-
-def _finding(document: JsonValue, file: str) -> Finding:
-    severity = cast("Severity", document["severity"].word(*SEVERITIES))
-    return Finding(
-        document["check"].text(), severity, file,
-        document["message"].text(), document["line"].or_none(JsonValue.integer),
-        tuple(place.point() for place in document["places"].items()),
-    )  # fmt: skip
 
 
 def _items_of(finding: Finding) -> Iterator[Item]:
@@ -479,12 +477,13 @@ def _maps(document: JsonValue, *keys: str) -> tuple[NamedMap | None, ...]:
 
 def _alignment(document: JsonValue) -> Results:
     transform = _transform(document["transform"])
+    x, y, yaw = transform.pose
     is_same = document["same_place"].flag()
     reason = short(document["reason"].or_none(JsonValue.text) or "")
     shares = [document[key].number(least=0, most=1) for key in ("overlap", "agreement")]
     rows = (
         ("same place", "yes" if is_same else f"not sure: {reason}"),
-        ("transform", _transform_text(transform)),
+        ("transform", f"x {x:.4g} m, y {y:.4g} m, yaw {math.degrees(yaw):.4g} degrees"),
         ("score", f"{document['score'].number(least=0):.2f}"),
         ("best score elsewhere", f"{document['runner_up'].number(least=0):.2f}"),
         ("overlap", f"{100 * shares[0]:.0f} %"),
@@ -531,7 +530,8 @@ def _diff(document: JsonValue) -> Results:
         pairs |= _pairs(document["metadata"])
         moved, tolerance = document.get("transform"), document.get("tolerance")
     bounds = document["bounds"].fields()
-    rows += [(short(name), _bound_of_diff(bound)) for name, bound in bounds.items()]
+    for name, bound in bounds.items():
+        rows.append((short(name), f"at most {_verdict(bound, 'nothing to compare', 0)}"))
     tables = [Table("What differs", tuple(rows))]
     tables += [Table(GEOMETRY, tuple(pairs.items()))] if pairs else []
     if not is_of_costs:
@@ -586,13 +586,6 @@ def cost_change_items(changes: Iterable[CostChange], frame: Frame) -> list[Item]
     return [replace(item, lines=()) if item.kind in ("rose", "fell") else item for item in items]
 
 
-def _transform_text(transform: Transform) -> str:
-    return (
-        f"x {transform.x:.4g} m, y {transform.y:.4g} m, "
-        f"yaw {math.degrees(transform.yaw):.4g} degrees"
-    )
-
-
 def _transform(document: JsonValue) -> Transform:
     return Transform(*(document[key].number() for key in ("x", "y", "yaw")))
 
@@ -604,15 +597,12 @@ def _shift(document: JsonValue) -> str:
     return f"{largest}; 95 % within {most}, mean {mean}"
 
 
-def _bound_of_diff(bound: JsonValue) -> str:
-    allowed = bound["allowed"].number(least=0)
-    found = bound["found"].or_none(lambda value: value.number(least=0))
-    return f"at most {allowed:g}: {_verdict(bound, found, 'nothing to compare')}"
-
-
-def _verdict(bound: JsonValue, found: float | None, absent: str) -> str:
+def _verdict(bound: JsonValue, absent: str, least: float) -> str:
+    most = max(-least, FARTHEST)
+    allowed = bound["allowed"].number(least=least, most=most)
+    found = bound["found"].or_none(lambda value: value.number(least=least, most=most))
     verdict = "holds" if bound["holds"].flag() else "missed"
-    return f"{verdict}, {absent if found is None else f'found {found:.9g}'}"
+    return f"{allowed:g}: {verdict}, {absent if found is None else f'found {found:.9g}'}"
 
 
 def _pairs(document: JsonValue) -> dict[str, str]:
@@ -650,11 +640,13 @@ def _comparison(document: JsonValue) -> Results:
     if len([number.number() for number in document["origin"].items()]) != 3:
         raise document["origin"].error("must be three numbers [x, y, yaw]")
     parts = [_method(name, method) for name, method in document["methods"].fields().items()]
-    pairs = {}
-    for pair in document["pairs"].items():
-        differing = pair["differing"].integer()
-        pairs[short(f"{pair['first'].text()}, {pair['second'].text()}")] = differing
-    rows = tuple((name, str(count)) for name, count in pairs.items())
+    rows = tuple(
+        (
+            short(f"{pair['first'].text()}, {pair['second'].text()}"),
+            str(pair["differing"].integer()),
+        )
+        for pair in document["pairs"].items()
+    )
     tables = [table for part in parts for table in part.tables]
     return Results(json_values.COMPARISON, [], [*tables, Table("Differing cells", rows)], parts)
 
@@ -680,7 +672,7 @@ def _score(document: JsonValue) -> Results:
     rows = [("bound", _bound(bound)) for bound in document["bounds"].items()]
     truth_file = None if truth.is_null else truth["file"].text()
     if not moved.is_null:
-        x, y, yaw = (moved[key].number() for key in ("x", "y", "yaw"))
+        x, y, yaw = _transform(moved).pose
         rows.append(("truth", short(truth_file or "no file")))
         if x or y or yaw:
             pose = f"x {x:.6g} m, y {y:.6g} m, yaw {math.degrees(yaw):.6g} deg"
@@ -704,12 +696,7 @@ def _score(document: JsonValue) -> Results:
 
 def _bound(bound: JsonValue) -> str:
     side = "at least" if bound["side"].word("min", "max") == "min" else "at most"
-    allowed, found = (
-        bound["allowed"].number(least=-_LARGEST, most=_LARGEST),
-        _figure(bound["found"]),
-    )
-    verdict = _verdict(bound, found, "not measured")
-    return f"{short(bound['name'].text())} {side} {allowed:g}: {verdict}"
+    return f"{short(bound['name'].text())} {side} {_verdict(bound, 'not measured', -_LARGEST)}"
 
 
 def _figures(values: JsonValue) -> dict[str, float | None]:

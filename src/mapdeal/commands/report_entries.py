@@ -103,9 +103,6 @@ class Draft:
     def places(self) -> tuple[Path, ...]:
         return (self.path, *self.paths)
 
-    def takes(self, sums: Collection[str]) -> bool:
-        return bool(sums) and self.sums >= set(sums)
-
     def warn(self, texts: Iterable[str], files: Iterable[Path] = ()) -> None:
         self.warnings |= dict.fromkeys(portable(texts, files))
 
@@ -472,21 +469,19 @@ def _is_shape(parameters: object) -> bool:
 
 
 def _check_outputs(draft: Draft, manifest: Mapping[str, Any]) -> None:
-    wrong = _wrong_outputs(draft.path, manifest["outputs"])
-    for path, rule in islice(wrong, _MOST_WRONG):
-        draft.miss(f"{path}: {rule}", path)
-    if unlisted := sum(1 for _ in wrong):
-        rule = f"{unlisted} more of the files that it lists are missing, or are others"
-        draft.miss(f"{draft.path / MANIFEST}: {rule}", draft.path / MANIFEST)
-
-
-def _wrong_outputs(folder: Path, outputs: Mapping[str, str]) -> Iterator[tuple[Path, str]]:
-    for name, digest in outputs.items():
-        path = folder / Path(name).name
+    wrong: dict[Path, str] = {}
+    for name, digest in manifest["outputs"].items():
+        path = draft.path / Path(name).name
         if not exists(path):
-            yield path, "is missing, though the manifest lists it"
+            wrong[path] = "is missing, though the manifest lists it"
         elif not holds(path, digest):
-            yield path, "is not what the run wrote: its checksum differs"
+            wrong[path] = "is not what the run wrote: its checksum differs"
+    for path in islice(wrong, _MOST_WRONG):
+        draft.miss(f"{path}: {wrong[path]}", path)
+    if len(wrong) > _MOST_WRONG:
+        more = len(wrong) - _MOST_WRONG
+        rule = f"{more} more of the files that it lists are missing, or are others"
+        draft.miss(f"{draft.path / MANIFEST}: {rule}", draft.path / MANIFEST)
 
 
 def _add_product(
@@ -616,16 +611,15 @@ def drafts_about(file: str, drafts: Sequence[Draft]) -> list[Draft]:
     same = [draft for draft in drafts if any(is_same_file(path, place) for place in draft.places)]
     if same:
         return same
-    ends = [draft for draft in drafts if any(_ends_with(file, name) for name in draft.names)]
+    ends = [draft for draft in drafts if any(_is_end(path, Path(name)) for name in draft.names)]
     if ends:
         return ends
     named = [draft for draft in drafts if path.name in draft.files]
     return named if len(named) == 1 else []
 
 
-def _ends_with(file: str, name: str) -> bool:
-    parts = PurePath(name).parts
-    return bool(parts) and PurePath(file).parts[-len(parts) :] == parts
+def _is_end(path: Path, name: Path) -> bool:
+    return path.parts[len(path.parts) - len(name.parts) :] == name.parts != ()
 
 
 def place_of(name: str, document: Path) -> Path:

@@ -329,7 +329,7 @@ def run_maps(
     page: Path | None = None
     goal_check: RunChecks | None = None
     if report:
-        from mapdeal.commands.report import VERDICT, page_in, report_of_runs
+        from mapdeal.commands.report import VERDICT, page_in, written
 
         page = page_in(output)
     if report or start is not None or goals or points is not None:
@@ -372,7 +372,12 @@ def run_maps(
     if page is not None and goal_check is not None:
         with_map = [job.path for job in all_jobs if job.error is None]
         folders = [output] if is_batch else [all_jobs[0].folder]
-        answer = replace(answer, page=report_of_runs(page, folders, with_map, goal_check))
+        answer = replace(
+            answer,
+            page=written(
+                page, folders, replace(settings, force=True), inputs=with_map, checks=goal_check
+            ),
+        )
     elif goal_check is not None:
         done_paths = [job.path for job in all_jobs]
         if isinstance(answer.outcome, batch.Batch):
