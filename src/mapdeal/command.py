@@ -115,8 +115,6 @@ LethalThreshold = Annotated[int, LETHAL, OCCUPANCY]  # occupancy from which a ce
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a stage: its name, default, type, conditions and unit."""
-
     name: str
     default: object
     kind: Any
@@ -219,11 +217,7 @@ def is_plain(value: object) -> bool:
 def parameters_of(
     function: Callable[..., Any], *, of_stage: bool = False
 ) -> dict[str, Parameter]:  # fmt: skip
-    """Return the parameters of a function, or of a class: its keyword-only arguments.
-
-    For a stage these are all but the first argument, also positional ones; for a data class all
-    fields.
-    """
+    """Return the keyword-only arguments of a function or class; of a stage all but the first."""
     function = inspect.unwrap(function)
     typed: Any = function
     is_class = isinstance(function, type)
@@ -376,8 +370,6 @@ class InPlaceOf:
 
 @dataclass(frozen=True)
 class InSimulation:
-    """Effect of the option ``--sim`` on a stage."""
-
     parameters: Parameters
     is_added: bool = False
 
@@ -452,7 +444,6 @@ class Stage:
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """All parameters, with those of the view last."""
         return {**self.own_parameters, **self.view_parameters}
 
     @functools.cached_property
@@ -464,7 +455,6 @@ class Stage:
 
     @functools.cached_property
     def returns(self) -> Any:
-        """Return type of the function: a grid, or a result with the attribute `grid`."""
         returned = get_type_hints(inspect.unwrap(self.function)).get("return")
         if returned is None:
             raise TypeError(f"stage {self.name}: the function must say what it returns")
@@ -582,7 +572,6 @@ class Command:
 
     @property
     def help(self) -> str:
-        """The docstring of the function up to its first section."""
         text = inspect.getdoc(self.function) or ""
         return text.partition("\n\nParameters\n")[0]
 
@@ -615,7 +604,6 @@ class Command:
 
     @functools.cached_property
     def inputs(self) -> dict[str, tuple[Any, Words, bool]]:
-        """Type, words and whether it is required, by positional argument."""
         hints = hints_of(self.function, include_extras=True)
         found = {}
         for name, argument in inspect.signature(self.function).parameters.items():
@@ -630,8 +618,6 @@ _COMMANDS: dict[Callable[..., Any], Command] = {}
 
 
 def command(*, group: str, example: str, **more: Any) -> Callable[[C], C]:
-    """Turn a function into a command, with the fields of `Command`."""
-
     def decorate(function: C) -> C:
         _COMMANDS[function] = Command(function, group, example, **more)
         return function
@@ -669,7 +655,6 @@ def stage_of(function: Callable[..., Any]) -> Stage:
 
 
 def stages_among(values: Mapping[str, object]) -> tuple[Stage, ...]:
-    """Return the stages whose functions are among values, in order."""
     found = [_STAGES[value] for value in values.values() if callable(value) and value in _STAGES]
     names = [" ".join(filter(None, (record.name, record.model))) for record in found]
     duplicates = {name for name in names if names.count(name) > 1}

@@ -44,7 +44,6 @@ app = command_app("completion", sys.modules[__name__])
 
 
 def prepare_completion() -> None:
-    """Make typer answer a shell instead of running a command."""
     try:
         from typer._completion_classes import BashComplete, completion_init
     except ImportError:  # typer before 0.12

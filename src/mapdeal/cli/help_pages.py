@@ -27,7 +27,6 @@ _CONDITIONS = ("With a bag",)
 
 
 def in_groups(group: Any, context: Any, names: Iterable[str] | None = None) -> dict[str, list[Any]]:
-    """Return the commands of a group by the title below which ``--help`` lists them."""
     found: dict[str, list[Any]] = {title: [] for title in GROUPS}
     for name in names or group.list_commands(context):
         command = group.get_command(context, name)

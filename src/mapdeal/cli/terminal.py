@@ -67,7 +67,6 @@ def leave_stdout_to_data(*, is_text: bool) -> None:
 
 
 def need_stdout(option: str) -> None:
-    """Refuse an option that prints to stdout if a file goes there."""
     if _is_for_data:
         rule = "cannot be given together with -o -: both go to standard output"
         raise ParameterError(rule, source=option, hint="name a file with -o")
@@ -164,11 +163,6 @@ def remark(lines: Iterable[str]) -> None:
             _print_message(one_line(line))
 
 
-def is_verbose() -> bool:
-    """Return whether details are printed, so that slow ones can be omitted."""
-    return _verbose
-
-
 def detail(text: str) -> None:
     if _verbose:
         _print_message(one_line(text))
@@ -214,8 +208,6 @@ def _show_line(text: str) -> None:
 
 
 class Progress:
-    """Progress of a command: a bar on a terminal, elsewhere a line at intervals."""
-
     def __init__(self, length: int, noun: str | None = None) -> None:
         self._length, self._noun = length, noun
         self._advanced = self._failed = 0
@@ -262,7 +254,6 @@ class Progress:
 
 @contextmanager
 def blocks_done(steps: int) -> Iterator[Callable[[int], object]]:
-    """Show the progress of a map in blocks; yield a function that advances it."""
     detail("processed in blocks of rows")
     with Progress(steps) as bar:
         yield bar.advance
@@ -270,7 +261,6 @@ def blocks_done(steps: int) -> Iterator[Callable[[int], object]]:
 
 @contextmanager
 def counted(steps: int, noun: str | None = None) -> Iterator[Callable[..., object]]:
-    """Show the progress of steps, if there are any; yield a function that advances it."""
     with Progress(steps, noun) if steps else contextlib.nullcontext() as bar:
         yield bar.advance if bar else int
 
@@ -385,10 +375,7 @@ def streamed(parameters: Iterable[Any]) -> dict[str, bool]:
 def piped(
     values: Mapping[str, Any], marked: Mapping[str, bool], *, ending: str = ".npz"
 ) -> Iterator[dict[str, Any]]:
-    """Yield the values of a command with temporary files in place of standard streams.
-
-    When the block ends without an error, the file for standard output is sent.
-    """
+    """Yield values with files in place of standard streams; at the end send the output's."""
     inputs = [
         name for name in values
         if name != "output" and _dashes(values[name]) and not marked.get(name)

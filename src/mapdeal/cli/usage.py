@@ -158,7 +158,6 @@ def _suggested_options(command: Any, context: Any, words: Sequence[str]) -> str 
 
 
 def _fits(word: str, option: Any, suggested: Sequence[str]) -> bool:
-    """Return whether a word looks like a value of an option, after those already suggested."""
     metavar = option.metavar or ""
     if _NUMBER.fullmatch(word):
         return bool(option.type.name.startswith(_NUMBERS))
@@ -171,7 +170,6 @@ def _fits(word: str, option: Any, suggested: Sequence[str]) -> bool:
 
 
 def point_hint(word: str, command: str) -> str | None:
-    """Return the hint for a point where a command reads a file of points."""
     option = _OF_POINTS.get(command)
     return f"did you mean {option} {word}?" if option and _POINT.fullmatch(word) else None
 

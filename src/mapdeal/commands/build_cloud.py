@@ -65,8 +65,6 @@ class _Placed(NamedTuple):
 
 
 class _Clouds(NamedTuple):
-    """The clouds that a map is made of."""
-
     named: Path
     files: tuple[Path, ...]
     steps: int  # of one pass, for the progress
@@ -217,8 +215,6 @@ def _warn(cloud_map: CloudMap, options: CloudOptions, named: Path) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class CloudBuild(Made):
-    """A map made of point clouds."""
-
     cloud_map: CloudMap
 
     def document(self) -> Figures:
@@ -254,7 +250,6 @@ def build_from_clouds(
     resolution: float | None, size: Point | None, origin: Point | None, layers: Path | None,
     range_min: float, poses: Path | None, topics: Sequence[str], frames: dict[str, Any],
 ) -> CloudBuild:  # fmt: skip
-    """Make a map of clouds in the shell."""
     frame_of(size, origin, resolution or FINEST)  # what is wrong is said before anything is read
     if layers is not None and layers.suffix != ".npz":
         raise ParameterError("layers are written as .npz", source=layers)

@@ -155,7 +155,6 @@ class CostmapDiff(Result):
 def costmaps_compared(
     maps: Sequence[MapInput], move: Transform | None, max_differing: float | None, **reading: Any
 ) -> CostmapDiff:
-    """Compare costs that were read, unless that takes too much memory."""
     for source in maps:
         if not isinstance(source.grid, Costmap):
             raise ParameterError("holds no costs", source=source.name)
@@ -446,7 +445,6 @@ def _differing_parameters(first: RobotParameters, second: RobotParameters) -> di
 
 
 def _parameters_of(robot: RobotParameters) -> dict[str, Any]:
-    """Return the resolved parameters by name, those of a layer behind its name."""
     described = robot.described()
     layers = described.pop("layers")
     del described["files"]

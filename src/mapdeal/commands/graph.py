@@ -211,8 +211,7 @@ def graph(
         grid = source.grid
         graph_drafts.check_options(options, grid.resolution)
         if not isinstance(grid, Costmap):
-            inputs.warn_of_published_costs(source)
-            inputs.warn_of_potential(source)
+            inputs.warn_of_values(source)
             if robot is not None:
                 grid = lethal_costs(robot, source)
         found = step.apply(grid, source.path)

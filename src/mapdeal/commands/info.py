@@ -89,8 +89,6 @@ def info(
 
 @dataclass(frozen=True, repr=False)
 class Descriptions(Result):
-    """Descriptions of files, each made when its turn comes."""
-
     reports: Iterator[Report]
     failed: list[errors.MapdealError] = field(default_factory=list)
     """Errors of files, one of several, that have been met so far."""

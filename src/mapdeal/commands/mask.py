@@ -34,8 +34,6 @@ _NOT_0 = Condition("other than 0", lambda value: value != 0)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FilterMask:
-    """A mask, how its filter reads it, and the zones that it is made of."""
-
     grid: OccupancyGrid
     info: FilterInfo
     zones: tuple[Zone, ...]
@@ -75,8 +73,6 @@ class FilterMask:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FilterMasks(Result):
-    """Masks of costmap filters for one map, and the folder that they are written to."""
-
     map: MapInput
     masks: tuple[FilterMask, ...]
     folder: Path

@@ -357,7 +357,6 @@ def _evidence_of(
     maps: Sequence[MapInput], rule: merging.Rule,
     layers_given: Sequence[merging.Layers | None] | None, max_cells: int | None,
 ) -> list[merging.ChosenLayers]:  # fmt: skip
-    """Return the layers of evidence of each map: those given, or those in its file."""
     if layers_given is not None and rule != "evidence":
         raise ParameterError("is for rule evidence alone", place="evidence")
     if layers_given is not None and len(layers_given) != len(maps):
@@ -405,7 +404,6 @@ def _by_files(files: Sequence[Path], maps: Sequence[MapInput]) -> list[Transform
 
 
 def _number_of(sums: Mapping[str, str], maps: Sequence[MapInput]) -> int | None:
-    """Return which map has these checksums, whatever its files are called."""
     sums_sorted = sorted(sums.values())
     known = [sorted(source.sums.values()) for source in maps]
     return known.index(sums_sorted) if sums_sorted and sums_sorted in known else None
@@ -444,7 +442,6 @@ def _by_walls(grids: Sequence[OccupancyGrid], maps: Sequence[MapInput]) -> list[
 def _next_to(
     found: Mapping[int, Transform], steps: Sequence[tuple[int, int, Transform]]
 ) -> Iterator[tuple[int, Transform]]:
-    """Yield the maps that are a step away from those that are placed."""
     for first, second, step in steps:
         if first in found and second not in found:
             yield second, step.after(found[first])

@@ -303,8 +303,7 @@ def _costs_of(
             hint = "mapdeal cost --model exponential writes costmap_2d's own as .npz"
             raise ParameterError(rule, source=source.name, hint=hint)
         return grid if mask is None else mask.over(grid)
-    inputs.warn_of_published_costs(source)
-    inputs.warn_of_potential(source)
+    inputs.warn_of_values(source)
     with inputs.errors_named(source.name):
         if robot is not None:
             step = step_for("cost", robot, {})

@@ -43,8 +43,6 @@ COSTS_PER_CELL = 8.0  # bytes for each cell that the costs of a robot's own laye
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reachability(Spread):
-    """What a robot can reach on a map, and what was done, for pictures."""
-
     map: inputs.MapInput
     reach: Reach
     title: str
@@ -173,7 +171,6 @@ def chosen_goals(goals: Sequence[Goal | str], points: Path | None) -> list[Goal]
 
 
 def _named_points(path: Path) -> Iterator[Goal]:
-    """Yield the points of a GeoJSON file, and their property ``name``."""
     for feature in read_document(path)["features"].items():
         geometry, properties = feature["geometry"], feature.get("properties")
         geometry["type"].word("Point")
@@ -290,8 +287,7 @@ def reach_on_input(
     ):
         grid = map_read.grid
         if not isinstance(grid, Costmap):
-            inputs.warn_of_published_costs(map_read)
-            inputs.warn_of_potential(map_read)
+            inputs.warn_of_values(map_read)
             if robot is not None:
                 grid = lethal_costs(robot, map_read)
                 if mask is not None and robot.inflates_keepout and isinstance(grid, Costmap):

@@ -418,7 +418,6 @@ def gathered(
 
 
 def _entries_of(path: Path, grids: Grids, known: set[object]) -> list[Draft] | None:
-    """Return the entries in a folder, but for runs that were `seen`; None of another file."""
     folder = path.parent if path.name in (MANIFEST, SUMMARY, DOCUMENT) else path
     source.status_of(folder)
     if not source.is_folder(folder):
@@ -564,7 +563,6 @@ class _Gathering:
                 self.drafts[-1].lacks("this map", path, error)
 
     def add_lint(self, paths: Sequence[Path], checks: RunChecks) -> None:
-        """Add what lint finds in the maps of a run, unless its configuration is invalid."""
         try:
             results = checks.findings(paths)
         except errors.MapdealError as error:

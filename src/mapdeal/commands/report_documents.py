@@ -428,7 +428,6 @@ def _zone_item(item: Item, zone: Zone) -> Item:
 
 
 def zones_in(document: object) -> list[Zone]:
-    """Return the zones in a file of shapes, if all are polygons that have a zone's kind."""
     features = document.get("features") if isinstance(document, dict) else None
     zones = []
     for feature in features if isinstance(features, list) else ():
@@ -754,15 +753,12 @@ _NAV2_RADIUS = ("--robot-radius", "0.22")  # the default of Nav2
 
 @dataclass(frozen=True)
 class ReachQuestion:
-    """Start and goals of a result of reach; its robot as options."""
-
     start: tuple[float, ...]
     goals: tuple[Goal, ...]
     robot: tuple[str, ...]
 
 
 def robot_words(footprint: Footprint | None) -> tuple[str, ...]:
-    """Return the options that give a robot this shape."""
     if footprint is None:
         return ()
     if footprint.vertices:

@@ -116,12 +116,10 @@ class Draft:
     def compare_sums(
         self, file: Path, found: Collection[object], named: Collection[object], claim: str
     ) -> None:
-        """Warn of a map that is not what a document is of, given the checksums of both."""
         if named and found != named:
             self.miss(f"{file}: is not the map that {claim}: its checksum differs", file)
 
     def add_subjects(self, path: Path, subjects: Iterable[Subject]) -> None:
-        """Note the robot and costmap of a result; warn if they differ from those of an earlier."""
         for subject in subjects:
             for first, earlier in self.subjects:
                 if earlier.kind == subject.kind and subject.differs(earlier):
@@ -131,7 +129,6 @@ class Draft:
             self.subjects.append((path, subject))
 
     def add_about(self, path: Path, results: Results) -> None:
-        """Add results; warn if their map, robot or costmap is not that of this entry."""
         known = self.sums | self.outputs
         for named in results.maps:
             if named is not None and known and not set(named.sha256.values()) <= known:
@@ -187,7 +184,6 @@ class Draft:
 
 
 def folder_of(name: str) -> str | None:
-    """Return the folder of a file that is named absolutely, as any system writes it."""
     end = max(name.rfind("/"), name.rfind("\\"))
     return one_line(name[:end]) if end > 0 and _ABSOLUTE.match(name) else None
 
@@ -293,7 +289,6 @@ class Grids:
         return self._grids[path]
 
     def layers(self, path: Path, name: str, title: str) -> list[PageLayer]:
-        """Return the layers of a page that the grid of a file becomes, read when asked for."""
         grid = self.grid(path)
         return [
             self._reread(kind.of(grid, name, title), path, index)
@@ -370,7 +365,6 @@ def runs_in(folder: Path) -> list[Draft] | None:
 
 
 def _drafts_of_batch(folder: Path, record: Mapping[str, Any]) -> Iterator[Draft]:
-    """Yield what a summary contains about a map, and about the local map beside it."""
     place, status, name = (str(record.get(key)) for key in ("folder", "status", "map"))
     parts = PurePath(place).parts
     if not parts or ".." in parts or PurePath(place).is_absolute():  # whatever there is
@@ -501,7 +495,6 @@ def _add_product(
 
 
 def _add_results(draft: Draft, name: str, manifest: Mapping[str, Any]) -> None:
-    """Add what a stage has answered, if it has: goals and passages of ``reach``."""
     if name not in manifest["outputs"]:
         return
     try:

@@ -503,8 +503,7 @@ def _costs_of(
         if not is_local:  # otherwise they are for the global map
             inputs.refuse(rule, robot=robot, footprint=footprint)
         return one, grid if over is None else over.over(grid)
-    inputs.warn_of_published_costs(one)
-    inputs.warn_of_potential(one)
+    inputs.warn_of_values(one)
     with inputs.errors_named(one.name):
         for step in _recipe_for(footprint, robot).steps:
             if over is not None and step.accepts_mask:

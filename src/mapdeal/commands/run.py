@@ -527,7 +527,6 @@ def _option_of(text: str) -> tuple[str, Any]:
 def _run_one(
     job: batch.Job, run: batch.MapRun, workers: batch.Workers | None, work: Work
 ) -> RunReport:
-    """Run the only map, on a cluster or here; its errors are those of the command."""
     if workers is None:
         return replace(run, settings=replace(run.settings, progress=work.settings.progress))(job)
     outcomes: dict[int, batch.Outcome] = {}

@@ -100,7 +100,6 @@ def warn_of_uncovered(
 
 
 def aligned(maps: Sequence[inputs.MapInput], *, hint: str) -> Transform:
-    """Return the transform from the first map to the second that their walls show."""
     found = placed(maps[0].occupancy, maps[1].occupancy)
     if not found.same_place:
         rule = f"cannot be aligned to {maps[1].name} with certainty: {found.reason}"

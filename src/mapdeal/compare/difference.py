@@ -253,7 +253,6 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
 
 
 def geometry_pairs(first: Frame, second: Frame) -> dict[str, tuple[Any, Any]]:
-    """Return both values of each of width, height, resolution and origin that differs."""
     pairs: dict[str, tuple[Any, Any]] = {
         "width": (first.width, second.width),
         "height": (first.height, second.height),
@@ -303,7 +302,6 @@ def _is_beyond(
 
 
 def _better_symmetry(first: NDArray[np.int8], second: NDArray[np.int8]) -> str | None:
-    """Return the symmetry that makes at least half of the differing cells agree, if any."""
     if first.shape not in (second.shape, second.shape[::-1]):
         return None
     as_it_is = int((first == second).sum()) if first.shape == second.shape else 0

@@ -153,7 +153,6 @@ _COMMANDS: dict[str, tuple[str, ...]] = {
 
 
 def describe_bag(path: Path, *, progress: ProgressCallback | None = None) -> dict[str, Any]:
-    """Return topics, transforms and times of a bag, as a JSON document."""
     with open_bag(path) as bag:
         recorded_by_id = bag.summary()
         decoder = Decoder(bag)
@@ -274,7 +273,6 @@ class SensorFrames:
         self.files = () if options.poses is None else (options.poses,)
 
     def read(self, of_sensors: set[str], advance: Callable[[int], object]) -> None:
-        """Read all transforms, and find the way to some sensors."""
         sensors = sorted(of_sensors)
         self._read_all(advance)
         if self._options.poses is not None:
@@ -292,7 +290,6 @@ class SensorFrames:
             self._bag.remark(f"{text}, and not {', '.join(unused)}")
 
     def read_alone(self, sensor: str, advance: Callable[[int], object]) -> None:
-        """Read all transforms, where only the place of a sensor on the robot is asked for."""
         self._read_all(advance)
         self._take_mount([sensor])
 
@@ -462,7 +459,6 @@ class BagClouds:
         return _number_in(self._index, -1 if index is None else index, self.topic, source="--index")
 
     def poses(self, numbers: Sequence[int]) -> list[Pose | None]:
-        """Return the pose of the robot at each of some clouds, if it is known."""
         headers = [self._header(number) for number in numbers]
         found: list[Pose | None] = [None] * len(numbers)
         for frame in {self._base or sensor for _, sensor in headers}:
@@ -481,7 +477,6 @@ class BagClouds:
         return found
 
     def sensors(self) -> Posed:
-        """Return where the sensor was at each of all clouds, in the fixed frame."""
         headers = [self._header(number) for number in range(len(self))]
         times = np.array([time for time, _ in headers], np.int64)
         frames = np.array([frame for _, frame in headers])

@@ -242,8 +242,6 @@ def plan_of(job: Job, run: MapRun) -> Plan:
 
 @dataclass(frozen=True, repr=False)
 class Plans(Result):
-    """What a run would do with all of its maps, so many at the same time."""
-
     plans: Sequence[Plan]
     at_once: int | None  # number of jobs, None on a cluster
     also_written: Sequence[Path]

@@ -380,20 +380,17 @@ def files_of(kind: type[Any]) -> GridFiles:
 
 
 def paths_of(step: Step, folder: Path, *, images: bool) -> list[Path]:
-    """Return the files that a step of a run writes into `folder`, in the order of writing."""
     endings = [*files_of(step.stage.product_type).in_folder, *([PICTURE] if images else [])]
     return [folder / f"{step.stage.product}{ending}" for ending in endings]
 
 
 def passes_of(step: Step, endings: Iterable[str]) -> int:
-    """Return the number of passes through lazy layers for a step and files of its product."""
     # one for its figures and one for the files, then those of the stage and of its view
     has_view = step.stage.view is not None and not {".pgm", *YAML}.isdisjoint(endings)
     return 2 + step.stage.passes + (step.stage.view_passes(step.view) if has_view else 0)
 
 
 def output_of(step: Step, output: Path) -> list[Path]:
-    """Return the files that a step's product becomes if it is written to `output`."""
     endings = files_of(step.stage.product_type).endings
     if output.suffix not in endings:
         hint = "--image writes a picture" if output.suffix == PICTURE else None
@@ -536,7 +533,6 @@ class OutputFolder:
                 errors.emit_warning(text, stacklevel=2)
 
     def passes(self) -> int:
-        """Return the number of passes through the rows of lazy products."""
         passes = _PASSES_OF_INPUT * len(self._input_picture())
         for step in self.steps:
             passes += passes_of(step, [path.suffix for path in self._outputs_of(step)])

@@ -163,8 +163,6 @@ def _read(
 
 @dataclass(frozen=True)
 class _Blocks:
-    """How to process a map whose layers exceed the memory."""
-
     is_by_rows: bool
     block_height: int
     cache: CacheBudget
@@ -195,11 +193,8 @@ def check_fits(
     claim(path, count, what=f"{shape[1]} x {shape[0]} cells")
 
 
-def claim_work(
-    path: Path | str, grid: Framed, per_cell: float, *, cells: int | None = None,
-    besides: int = 0, measures: bool = False,
-) -> None:  # fmt: skip
-    with work_claimed(path, grid, per_cell, cells=cells, besides=besides, measures=measures):
+def claim_work(path: Path | str, grid: Framed, per_cell: float, **more: Any) -> None:
+    with work_claimed(path, grid, per_cell, **{"measures": False, **more}):
         pass
 
 
@@ -208,7 +203,7 @@ def work_claimed(
     path: Path | str, grid: Framed, per_cell: float, *, cells: int | None = None,
     besides: int = 0, measures: bool = True,
 ) -> Iterator[None]:  # fmt: skip
-    """Refuse work as `claim_work` does, and count the tables that it makes."""
+    """Refuse work on a grid in memory that takes too much, and count the tables that it makes."""
     height, width = grid.shape
     more = int(per_cell * (height * width if cells is None else cells))
     crop = _bytes_of_crop(grid)
@@ -306,9 +301,7 @@ def _too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> 
     return MalformedInputError(rule, source=path, hint=hint)
 
 
-def read_input(
-    path: Path, settings: Settings, per_cell: float | None = None, *, with_sums: bool = False
-) -> Source:
+def read_input(path: Path, settings: Settings, *, with_sums: bool = False) -> Source:
     with (
         settings.reading(),
         use_threads(settings.threads),
@@ -316,13 +309,10 @@ def read_input(
         open_map(path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
     ):
         source = file.read()
-        if per_cell is not None:
-            claim_work(path, source.grid, per_cell)
         return replace(source, sums=file.sums_by_name(sums) if with_sums else {})
 
 
 def read_together(paths: Sequence[Path], settings: Settings) -> list[Source]:
-    """Return the grids in files with checksums, each counted while the next is read."""
     sources: list[Source] = []
     with ExitStack() as stack:
         stack.enter_context(settings.reading())
@@ -341,8 +331,6 @@ Map = str | PathLike[str] | Grid  # A map's file, or the map itself
 
 
 class Reading(TypedDict, total=False):
-    """How files of maps are read, see `read_map`."""
-
     dialect: Dialect
     max_cells: int | None
     max_memory: int | None
@@ -361,11 +349,9 @@ class MapInput(Source):
 
     @cached_property
     def occupancy(self) -> OccupancyGrid:
-        """The map: fields and costs as ROS would publish them."""
         return as_occupancy(self.grid, self.path or self.name)
 
     def document(self) -> dict[str, Any] | None:
-        """Return path and checksums, if the grid comes from a file."""
         if self.path is None:
             return None
         return {"file": str(self.path), "sha256": dict(self.sums)}
@@ -384,7 +370,6 @@ class Terminal(Protocol):
     def result(self, text: str) -> None: ...
     def warn(self, text: str) -> None: ...
     def error(self, problem: MapdealError) -> None: ...
-    def is_verbose(self) -> bool: ...
     def input_chunks(self) -> Iterator[bytes]: ...
     def few_warnings(self, hint: str) -> AbstractContextManager[Callable[[str], None]]: ...
     def counted(
@@ -591,8 +576,8 @@ def warn_of_potential(map_read: MapInput) -> None:
         emit_warning(text, stacklevel=2)
 
 
-def warn_of_published_costs(map_read: MapInput) -> None:
-    """Warn that of a map whose values may be published costs only obstacles are used."""
+def warn_of_values(map_read: MapInput) -> None:
+    """Warn of a map of which values are not used: published costs, or those of a potential."""
     grid, metadata = map_read.grid, map_read.metadata
     is_view = isinstance(grid, FieldView)  # which is warned of, or refused, by this name
     if isinstance(grid, OccupancyGrid) and metadata and metadata.mode == "raw" and not is_view:
@@ -600,6 +585,7 @@ def warn_of_published_costs(map_read: MapInput) -> None:
         if between:
             text = f"{map_read.name}: {between} cells of 1..99 are not obstacles"
             emit_warning(f"{text}; costs are read from an npz", stacklevel=2)
+    warn_of_potential(map_read)
 
 
 @contextmanager

@@ -108,8 +108,6 @@ _LOCAL = Stage(
 
 @dataclass(frozen=True)
 class GlobalMap:
-    """A map that local maps take over, the files it came from, and what reading them warned of."""
-
     grid: OccupancyGrid
     files: tuple[Path, ...]
     sums: Mapping[str, str]
@@ -118,8 +116,6 @@ class GlobalMap:
 
 @dataclass(frozen=True)
 class LocalCommon:
-    """What all local maps of a command have in common."""
-
     options: LocalOptions
     recipe: Recipe
     settings: Settings
@@ -300,7 +296,6 @@ def _figures_of(local: LocalMap, job: LocalJob, common: LocalCommon) -> Figures:
 
 
 def other_folders(sequence: Sequence[LocalJob], output: Path) -> list[Path]:
-    """Return numbered folders in `output` that are not of a sequence: of a longer one before."""
     used = {job.folder for job in sequence}
     return [folder for folder in numbered_folders(output) if folder not in used]
 
@@ -436,8 +431,6 @@ class RollingRun:
 
 @dataclass(frozen=True)
 class Around:
-    """Where a robot stands on the map of a run, and how its local map is made."""
-
     pose: Pose
     recipe: Recipe
     options: LocalOptions
@@ -451,7 +444,6 @@ class Around:
     def filling(
         self, folder: Path, source: Source, settings: Settings, warnings: Sequence[str]
     ) -> Filling:
-        """Return what goes into the local map's folder, given that of the run and its map."""
         # `warnings` are those of reading the map.
         grid = as_occupancy(source.grid, source.files[0])
         known = GlobalMap(grid, source.files, dict(source.sums), warnings)
@@ -463,7 +455,6 @@ class Around:
     def folder(
         self, folder: Path, sums: Mapping[str, str], resolution: float, settings: Settings
     ) -> OutputFolder:
-        """Return the local map's folder, given the run's, and sums and cells of its map."""
         cloud = {} if self.cloud is None else {self.cloud.name: sha256_of(self.cloud)}
         common = self._common(settings, resolution)
         check_window(self.cloud or folder, common)

@@ -557,7 +557,6 @@ def _apply_change(
 
 
 def _hint_for(draft: Draft, target: object) -> str | None:
-    """Return which parameters of the recipe a name without a stage may mean."""
     parameter = str(target).strip().replace("-", "_")
     found = [f"{stage}.{parameter}" for stage, values in draft
              if parameter in _stage_in(stage, values).parameters]  # fmt: skip

@@ -142,8 +142,6 @@ def _summary_of_local(local: Figures) -> str:
 
 
 class LocalOfRun(Protocol):
-    """The local map that a run makes besides, see `mapdeal.pipeline.local.Around`."""
-
     @property
     def files(self) -> tuple[Path, ...]: ...
     def filling(
@@ -404,8 +402,6 @@ def used_mask(recipe: recipes.Recipe, mask: inputs.Mask) -> inputs.Mask | None:
 
 @dataclass(frozen=True, repr=False)
 class SingleResult(Result):
-    """What a stage returned for a file, and the checksums of the files that were read."""
-
     source: Path
     output: Path
     step: Step
@@ -511,7 +507,6 @@ _FILLED = 7  # of the picture: unknown cells that are now free; see `cleaning_st
 def _add_changes(
     transaction: Transaction, settings: Settings, before: Grid, after: Grid, title: str
 ) -> None:
-    """Draw the map with the cells that have changed in colours of their own."""
     if settings.image is None:
         return
     from mapdeal.compare.difference import STATES, changes_of, states_of

@@ -97,7 +97,6 @@ _STEPS = 1000  # of one pass through a layer
 
 @contextmanager
 def passes_reported(progress: ProgressCallback | None, passes: int) -> Iterator[None]:
-    """Report passes through lazy layers within a ``with`` block."""
     if progress is None:
         yield
         return

@@ -69,7 +69,6 @@ class Step:
     def result_of(
         self, grid: Grid, source: Path | None, *, mask: OccupancyGrid | None = None
     ) -> Any:
-        """Return what the stage returns; errors name the file that `grid` came from, if any."""
         known = self.stage.own_parameters
         values = {known[key].name: value for key, value in self.parameters.items()}
         if mask is not None and self.accepts_mask:

@@ -266,8 +266,6 @@ _VERSION = "mapdeal.version.__version__"
 
 
 class ClusterWorkers:
-    """The workers of a cluster, sent jobs through its interface of concurrent.futures."""
-
     # The machines must share the folders of inputs and outputs under the same paths. When a worker
     # dies, the scheduler gives its jobs to others; a job fails only if several workers died of it.
 
@@ -371,7 +369,6 @@ def _within_timeout(request: Callable[..., _T], *arguments: Any, **options: Any)
 
 
 def _check_workers(client: Any, address: str, shared: Sequence[Path]) -> None:
-    """Refuse a cluster that has no workers, or some that cannot do this work."""
     import pydoc  # slow to import
 
     try:
@@ -410,7 +407,6 @@ def _memory_limit(dask_worker: Any) -> int | None:
 
 
 def _with_own_errors(sent: Future[Outcome], job: Job) -> Future[Outcome]:
-    """Return a future that replaces exceptions of the cluster by mapdeal's errors."""
     from distributed import KilledWorker
 
     relayed: Future[Outcome] = Future()

@@ -103,16 +103,12 @@ class Item:
 
 @dataclass(frozen=True)
 class Table:
-    """Names and values under a heading: parameters, figures, checksums."""
-
     title: str
     rows: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """A map, and all that there is to show and to say of it."""
-
     name: str
     layers: tuple[PageLayer, ...] = ()
     items: tuple[Item, ...] = ()
@@ -148,8 +144,6 @@ MAP = "map"  # the ending of the name of a layer with the map that a field was m
 
 @dataclass(frozen=True)
 class LayerKind:
-    """One of the layers that grids of a type become."""
-
     ending: str
     title: str
     values: Callable[[Any], Layer]
@@ -270,21 +264,7 @@ _EDGES = (
 
 
 def outlines_of(cells: NDArray[np.int64], frame: Frame) -> list[NDArray[np.float64]]:
-    """Return the borders of a group of cells, each line closed, corners in metres.
-
-    Parameters
-    ----------
-    cells : numpy.ndarray of int64, shape (N, 2)
-        Row and column of each cell.
-    frame : Frame
-        Of the cells.
-
-    Returns
-    -------
-    list of numpy.ndarray of float64, shape (M, 2)
-        The outer border counterclockwise in the grid, holes clockwise; cells that touch at a
-        corner alone are separate loops, or one, which encloses the same cells.
-    """
+    """Return the borders of cells, shape (N, 2), each line closed, corners in metres."""
     low = cells.min(axis=0)
     marked = np.zeros(tuple(cells.max(axis=0) - low + 3), dtype=np.bool_)
     marked[tuple((cells - low + 1).T)] = True

@@ -153,7 +153,6 @@ def _stops(colours: NDArray[np.float64]) -> list[int]:
 
 
 def _ticks(ticks: Sequence[tuple[float, str]]) -> list[Markup]:
-    """Return ticks and labels; the ends come first, others where there is room."""
     used_ranges: list[tuple[float, float]] = []
     parts = []
     for share, text in sorted(ticks, key=lambda tick: (0 < tick[0] < 1, tick[0])):
@@ -545,7 +544,6 @@ def _readout(layers: tuple[PageLayer, ...]) -> Markup:
 
 
 def _lists(entry: Entry) -> list[tuple[str, list[str]]]:
-    """Return the titles of the lists of an entry, and which kinds of items are in each."""
     lists: dict[str, list[str]] = {}
     kinds = {item.kind for item in entry.items}
     for kind in (kind for kind in _KINDS if kind in kinds):
@@ -599,7 +597,6 @@ def _folded(items: Sequence[Item], groups: Iterable[Sequence[int]]) -> list[Mark
 
 
 def _group(items: Sequence[Item], group: Sequence[int]) -> Markup:
-    """Return an item, or a line that opens to show each of several."""
     first = items[group[0]]
     if len(group) == 1:
         return _item(first, group[0], first.text)
@@ -635,7 +632,6 @@ def _item(item: Item, number: int, words: str, *, has_tone: bool = True) -> Mark
 
 
 def _with_tone(item: Item, words: str) -> Content:
-    """Return a text behind the word for its severity, or for its kind."""
     tone = item.kind if item.kind in _IN_ONE_LIST else item.tone
     if tone in ("good", "plain"):
         return words

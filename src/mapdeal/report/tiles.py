@@ -242,7 +242,6 @@ class EncodedLayer:
 
     @property
     def reduce(self) -> int:
-        """Cells of the layer along a side of the finest cells; 1 if all are kept."""
         return self.levels[-1].reduce
 
 
@@ -417,8 +416,6 @@ class _Pooling:
 
 
 class _LevelMaker:
-    """Cuts the rows of a level into tiles, and hands them on to the next coarser one."""
-
     def __init__(
         self, reduce: int, shape: tuple[int, int], pooling: _Pooling, codings: Sequence[Coding],
         compressor: _Compressor, *, coarser: _LevelMaker | None,

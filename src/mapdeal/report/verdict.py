@@ -123,7 +123,6 @@ def on_goals(
     goals: Sequence[GoalReach], passages: Sequence[Passage], robot: Footprint | None, *,
     share: float,
 ) -> Claim:  # fmt: skip
-    """Return whether a robot gets where it must, and the passages that stop it."""
     # `share` is the part that it reaches of the area in which it can stand.
     who = "The robot" if robot is not None else "A point, as no robot was given,"
     missed = [answer for answer in goals if not answer.reachable]
@@ -221,7 +220,6 @@ COST_CHANGES = "Changes of the cost"
 
 
 def on_cost_difference(found: CostDifference) -> list[Claim]:
-    """Return how much two costmaps differ: closed cells, all costs, and geometry."""
     if not found.common_cells:
         return [Claim("costmap", "error", "The costmaps have no cell in common")]
     closed, opened, _, _, rose, fell = found.changes.values()
@@ -251,7 +249,6 @@ def on_cost_difference(found: CostDifference) -> list[Claim]:
 def on_robots(
     parameters: Sequence[str], verdict: str, reach: str, costs: CostDifference, *, passes: bool
 ) -> list[Claim]:
-    """Return which parameters of a robot differ, and what this means for where it gets."""
     text = f"{count_text(len(parameters), 'parameter')} of the costmap differ"
     text += f": {', '.join(parameters[:MOST_CLAIMS])}" if parameters else ""
     text += f" and {len(parameters) - MOST_CLAIMS} more" if len(parameters) > MOST_CLAIMS else ""
