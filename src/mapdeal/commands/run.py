@@ -32,7 +32,7 @@ from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExt
 from mapdeal.pipeline import batch
 from mapdeal.pipeline import recipe as recipes
 from mapdeal.pipeline.folder import differences_from_golden, step_line, store_golden
-from mapdeal.pipeline.inputs import InShell, Reading, Work, refuse
+from mapdeal.pipeline.inputs import InShell, Reading, Terminal, refuse
 from mapdeal.pipeline.run import (
     LOCAL_RECIPE,
     RunReport,
@@ -292,11 +292,7 @@ def run_maps(
     if canvas == "full" and not loaded.is_smaller:
         emit_warning("--canvas full: has no effect, no stage of the recipe crops the map")
         canvas = "crop"
-    # only `_run_one` shows the progress of its map
     settings = replace(work.settings, canvas=canvas, progress=None)
-    shape = footprint
-    if footprint is None and robot is not None:
-        footprint = robot.footprint
     around = None
     if pose is None:
         refuse(
@@ -304,7 +300,8 @@ def run_maps(
             local_changes=local_changes or None
         )  # fmt: skip
     else:
-        around = _around(pose, cloud, frame, local_recipe, local_changes or [], footprint)
+        shape = robot.footprint if footprint is None and robot is not None else footprint
+        around = _around(pose, cloud, frame, local_recipe, local_changes or [], shape)
     if scheduler is not None:
         refuse("cannot be given together with --scheduler", pose=pose)
         output = absolute_path(output)
@@ -315,7 +312,9 @@ def run_maps(
     is_batch = listing.is_set or len(all_jobs) > 1
     if around is not None and len(all_jobs) > 1:
         raise ParameterError(f"takes one map, there are {len(all_jobs)}", place="pose")
-    map_run = batch.MapRun(loaded, settings, around)
+    shows_progress = not is_batch and scheduler is None  # where one map is run here
+    progress = work.settings.progress if shows_progress else None
+    map_run = batch.MapRun(loaded, replace(settings, progress=progress), around)
     size = None
     if scheduler is not None:
         all_jobs = [replace(job, path=absolute_path(job.path)) for job in all_jobs]
@@ -328,16 +327,13 @@ def run_maps(
         map_run = map_run.sharing(size)
     page: Path | None = None
     goal_check: RunChecks | None = None
-    if report:
-        from mapdeal.commands.report import VERDICT, page_in, written
-
-        page = page_in(output)
     if report or start is not None or goals or points is not None:
-        from mapdeal.commands.report import RunChecks
+        from mapdeal.commands.report import VERDICT, RunChecks, page_in, written
 
+        page = page_in(output) if report else None
         map_of_folder = {job.folder: job.path for job in all_jobs if job.error is None}
         listed = chosen_goals(goals, points)
-        goal_check = RunChecks(settings, shape, robot, start, listed, map_of_folder)
+        goal_check = RunChecks(settings, footprint, robot, start, listed, map_of_folder)
     if dry_run:
         also_written = [output / batch.SUMMARY] if is_batch else []
         also_written += [page, output / VERDICT] if page else []
@@ -366,18 +362,15 @@ def run_maps(
             )
             answer = RunAnswer(maps, assumed)
         else:
-            run_report = _run_one(all_jobs[0], map_run, workers, work)
-            is_new = run_report.status == "done"
-            answer = RunAnswer(run_report, assumed if is_new else [], all_jobs[0])
+            job = all_jobs[0]
+            done = map_run(job) if workers is None else _on_cluster(job, map_run, workers, terminal)
+            answer = RunAnswer(done, assumed if done.status == "done" else [], job)
     if page is not None and goal_check is not None:
         with_map = [job.path for job in all_jobs if job.error is None]
         folders = [output] if is_batch else [all_jobs[0].folder]
-        answer = replace(
-            answer,
-            page=written(
-                page, folders, replace(settings, force=True), inputs=with_map, checks=goal_check
-            ),
-        )
+        settings = replace(settings, force=True)
+        shown = written(page, folders, settings, inputs=with_map, checks=goal_check)
+        answer = replace(answer, page=shown)
     elif goal_check is not None:
         done_paths = [job.path for job in all_jobs]
         if isinstance(answer.outcome, batch.Batch):
@@ -524,16 +517,14 @@ def _option_of(text: str) -> tuple[str, Any]:
     return name, value.strip()
 
 
-def _run_one(
-    job: batch.Job, run: batch.MapRun, workers: batch.Workers | None, work: Work
-) -> RunReport:
-    if workers is None:
-        return replace(run, settings=replace(run.settings, progress=work.settings.progress))(job)
+def _on_cluster(
+    job: batch.Job, run: batch.MapRun, workers: batch.Workers, terminal: Terminal
+) -> RunReport:  # fmt: skip
     outcomes: dict[int, batch.Outcome] = {}
     batch.dispatch(1, lambda _: job, partial(batch.attempt, run), workers, outcomes.__setitem__)
     outcome = outcomes[0]
     for text in outcome.warnings:
-        work.terminal.warn(text)
+        terminal.warn(text)
     if isinstance(outcome.result, MapdealError):
         raise outcome.result
     report: RunReport = outcome.result
