@@ -198,8 +198,7 @@ def mask(
         result.check()  # before anything is written
     transaction = work.begin()
     for mask in masks:
-        entries = mask.info.entries()
-        write_grid(transaction, mask.path, mask.grid, mode=mask.mode, extra=entries)
+        write_grid(transaction, mask.path, mask.grid, mode=mask.mode, extra=mask.info.entries())
     infos = [mask.info for mask in masks]
     names = [path.name for path in paths]
     transaction.write_bytes(output / _PARAMETERS, filter_parameters(infos).encode())

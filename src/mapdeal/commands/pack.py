@@ -47,8 +47,7 @@ class Made(Result):
 
     def drawn(self, **look: Any) -> Image:
         grid = self.grid.to_occupancy() if isinstance(self.grid, BitMap) else self.grid
-        title = one_line(self.title)
-        return files_of(type(grid)).draw(grid, title=title, overlay=None, **look)
+        return files_of(type(grid)).draw(grid, title=one_line(self.title), overlay=None, **look)
 
     def write(self, transaction: Any, output: Path) -> None:
         extra = dict(self.extra)
@@ -93,8 +92,7 @@ def pack(source: Map, *, lethal_threshold: LethalThreshold | None = None) -> Mad
     claim_cells(read, PER_CELL)
     if isinstance(read.grid, (DistanceField, PotentialField)):
         if lethal_threshold is not None:
-            rule = "a field has its own"
-            raise ParameterError(rule, source=read.name, place="lethal_threshold")
+            raise ParameterError("a field has its own", source=read.name, place="lethal_threshold")
         obstacles = read.grid.obstacles()
         bits = BitMap.from_mask(obstacles, read.grid.resolution, read.grid.origin)
         values = np.where(obstacles, np.int8(0), read.grid.occupancy)

@@ -217,8 +217,7 @@ def query(
         robot = robot if footprint is None else robot.with_shape(footprint)
         footprint = robot.footprint
     if footprint is None:
-        need = "needs --footprint, --robot-radius or --params-file"
-        inputs.refuse(need, poses=poses, rule=rule)
+        inputs.refuse("needs --footprint, --robot-radius or --params-file", poses=poses, rule=rule)
         unit, form, file, read = "point", "X,Y", points, read_points
     else:
         inputs.refuse("has no yaws; poses of a footprint are given by --poses", points=points)

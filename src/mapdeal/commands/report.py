@@ -399,8 +399,7 @@ def gathered(
             gathering.add_document(path)
     for path in inputs:
         with suppress(errors.MapdealError):  # the run has reported this error
-            runs = gathering.add_input(grids.open(path, quietly=True))
-            for run in runs:
+            for run in gathering.add_input(grids.open(path, quietly=True)):
                 if checks is not None:
                     checks.add_reach(
                         run, path, with_layer=len(inputs) == 1, grid_bytes=grids.bytes_in_memory

@@ -229,8 +229,7 @@ def _reach(document: JsonValue) -> Results:
         subjects.append(robot_subject(text, robot.inscribed_radius, outer))
     costmap, named = document.get("costmap"), document.get("map")
     if costmap is not None and not costmap.is_null:
-        files = _named_files(costmap, "name")
-        subjects.append(costmap_subject(costmap["costmap"].text(), files))
+        subjects.append(costmap_subject(costmap["costmap"].text(), _named_files(costmap, "name")))
     share_of_open = min(areas[0] / areas[1], 1.0) if areas[1] else 1.0
     start_pose = place if yaw is None else (*place, yaw)
     return Results(
@@ -397,8 +396,7 @@ def _route_graph(document: JsonValue) -> Results:
         return Results(json_values.ROUTE_GRAPH)
     lines = graph.points_xy[np.unique(np.sort(graph.ends, axis=1), axis=0)]
     nodes, edges = count_text(len(graph.nodes), "node"), count_text(len(graph.edges), "edge")
-    text = f"route graph of {nodes} and {edges}"
-    items = [Item("graph", text, "note", lines=tuple(lines))]
+    items = [Item("graph", f"route graph of {nodes} and {edges}", "note", lines=tuple(lines))]
     items += _shortened(map(_node_item, graph.nodes), "graph")
     lengths = f"{float(graph.lengths.sum()):.6g} m, each direction by itself"
     rows = (("nodes", str(len(graph.nodes))), ("edges", str(len(graph.edges))), ("length", lengths))
@@ -689,8 +687,7 @@ def _score(document: JsonValue) -> Results:
     verdict = "passes" if document["passes"].flag() else "does not pass"
     title = f"Score: {verdict}" if document["bounds"].items() else "Score"
     table = Table(title, tuple(rows[:_MOST_ROWS]))
-    maps = _maps(document, "map")
-    return Results(json_values.SCORE, tables=[table], maps=maps, truth=truth_file)
+    return Results(json_values.SCORE, tables=[table], maps=_maps(document, "map"), truth=truth_file)
 
 
 def _bound(bound: JsonValue) -> str:

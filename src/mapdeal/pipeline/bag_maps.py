@@ -71,8 +71,7 @@ class GridTopic:
         self._decoder = Decoder(bag)
         self.files = bag.files
         self.topic = connections[0].topic
-        is_of_costs = _OF_COSTS in self.topic.lower()
-        self.is_costs = is_of_costs if read_as is None else read_as == "costs"
+        self.is_costs = _OF_COSTS in self.topic.lower() if read_as is None else read_as == "costs"
 
     def __len__(self) -> int:
         return len(self._index)
@@ -734,8 +733,7 @@ class BagScans(ScanSource):
             )
 
     def _deskewed(self, scans: list[LaserScan]) -> Iterator[ScanArrays]:
-        times = [scan.beam_times() for scan in scans]
-        for run, posed, stance in self._runs(scans, times):
+        for run, posed, stance in self._runs(scans, [scan.beam_times() for scan in scans]):
             angles = np.concatenate([scan.angles for scan in run])
             headings, shares = beams_in_plane(posed.quaternions, angles)
             ranges = np.concatenate([scan.ranges for scan in run])

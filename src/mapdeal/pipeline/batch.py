@@ -508,6 +508,5 @@ def text_of(text: str, job: Job) -> str:
     for path, name in ((job.folder, job.place), (job.path.parent, Path(job.name).parent)):
         if str(path) not in (".", path.anchor):
             shown = "" if str(name) == "." else f"{name}/"
-            parts = re.split(rf"(?<![\w./-]){re.escape(f'{path}/')}", text)
-            text = shown.join(parts)
+            text = shown.join(re.split(rf"(?<![\w./-]){re.escape(f'{path}/')}", text))
     return text

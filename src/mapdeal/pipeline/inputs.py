@@ -308,8 +308,7 @@ def read_input(path: Path, settings: Settings, *, with_sums: bool = False) -> So
         sums_of_reads(is_wanted=with_sums) as sums,
         open_map(path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
     ):
-        source = file.read()
-        return replace(source, sums=file.sums_by_name(sums) if with_sums else {})
+        return replace(file.read(), sums=file.sums_by_name(sums) if with_sums else {})
 
 
 def read_together(paths: Sequence[Path], settings: Settings) -> list[Source]:

@@ -373,8 +373,7 @@ class RollingRun:
             check_window(source, common)
             most = self._mapper.remembered
             cells = f"{most.width} x {most.height} cells to remember"
-            hint = "a smaller --keep takes less"
-            claim(source, _PER_CELL * most.cells, what=cells, hint=hint)
+            claim(source, _PER_CELL * most.cells, what=cells, hint="a smaller --keep takes less")
         self._summed: list[SummedCloud | None] = []
 
     def __call__(self, index: int) -> RunReport:

@@ -348,8 +348,7 @@ def fill(
     found = []
     for filling in fillings:
         filling.folder.check_inputs(filling.files)
-        is_skipped = skip and not settings.force
-        found.append(filling.folder.unchanged_figures() if is_skipped else None)
+        found.append(filling.folder.unchanged_figures() if skip and not settings.force else None)
     new = [filling for filling, old in zip(fillings, found, strict=True) if old is None]
     for filling, old in zip(fillings, found, strict=True):
         if old is not None:

@@ -104,8 +104,7 @@ def legend_of(style: LayerStyle, key: str) -> Markup:
 
 
 def swatch(colour: Iterable[int]) -> Markup:
-    fill = hex_of(colour)
-    square = element("rect", x=0.5, y=0.5, width=13, height=13, fill=fill, class_="edge")
+    square = element("rect", x=0.5, y=0.5, width=13, height=13, fill=hex_of(colour), class_="edge")
     return element("svg", square, width=14, height=14, aria_hidden="true", class_="swatch")
 
 
@@ -281,8 +280,7 @@ def _verdict_on(entry: Entry, number: int) -> Markup:
     titles = [table.title for table in entry.tables]
     tables = {title: (f"table-{number}-{k}", title) for k, title in enumerate(titles)}
     claims: list[Content] = []
-    worst_first = sorted(entry.claims, key=lambda claim: get_args(State).index(claim.state))
-    for claim in worst_first:
+    for claim in sorted(entry.claims, key=lambda claim: get_args(State).index(claim.state)):
         place, title = (tables | places).get(claim.evidence, ("", ""))
         link: list[Content] = (
             [" ", element("a", title, href=f"#{place}", class_="evidence")] if place else []
@@ -333,8 +331,7 @@ def _broken(name: str) -> Iterator[Content]:
 
 def _maps(entries: tuple[Entry, ...]) -> Markup:
     names = _columns(entries)
-    heads = ["Map", "Verdict", "Errors", "Warnings", *names]
-    cells = [_head(name, entries) for name in heads]
+    cells = [_head(name, entries) for name in ["Map", "Verdict", "Errors", "Warnings", *names]]
     shared = shared_by(entries)
     rows = [_row(entries[k], k, names, shared) for k in _by_urgency(entries)]
     search = element(
@@ -699,8 +696,7 @@ def _header(report: Report, tiles: list[dict[str, Any]]) -> dict[str, Any]:
             more = {"style": style, "area": areas.index(layer.frame)}
             layers.append(_page_layer(layer) | more | next(places))
         entries.append(_page_entry(entry) | {"layers": layers})
-    looks = [json.loads(style) for style in styles]
-    return {"tile": TILE, "styles": looks, "entries": entries}
+    return {"tile": TILE, "styles": [json.loads(style) for style in styles], "entries": entries}
 
 
 def script_text() -> str:
@@ -720,8 +716,7 @@ def _hash(text: str) -> str:
 
 
 def _json(value: object) -> str:
-    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
-    return text.replace("<", "\\u003c")
+    return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def _bytes(values: NDArray[np.uint8]) -> str:

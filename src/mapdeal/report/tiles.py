@@ -286,8 +286,7 @@ def encoded(layers: Sequence[PageLayer], *, size: int) -> Encoded:
         with ThreadPool(threads) as pool:
             compressor = _Compressor(pool, threads)
             encoded_layers = [_encoded_layer(layer, compressor) for layer in layers]
-    shapes = [layer.frame.shape for layer in layers]
-    return Encoded(tuple(_fitted(encoded_layers, shapes, size)))
+    return Encoded(tuple(_fitted(encoded_layers, [layer.frame.shape for layer in layers], size)))
 
 
 def finest_reduce(shape: tuple[int, int]) -> int:
@@ -456,5 +455,4 @@ class _LevelMaker:
             self._tiles.append(self._compressor.submit(tile, self._codings, compression))
 
     def level(self) -> Level:
-        tiles = tuple(tile.result() for tile in self._tiles)
-        return Level(self.reduce, self._shape, tiles)
+        return Level(self.reduce, self._shape, tuple(tile.result() for tile in self._tiles))

@@ -184,8 +184,7 @@ def on_difference(found: Difference, changes: Sequence[Change], unlisted: int) -
         ]
         more = f", and {count_text(unlisted, 'smaller change')}" if unlisted else ""
         text = f"Obstacles differ: {' and '.join(parts)}{more}"
-        evidence = changes[0].kind
-        claims.append(Claim("obstacles", "warning", text, evidence))
+        claims.append(Claim("obstacles", "warning", text, changes[0].kind))
     else:
         claims.append(Claim("obstacles", "good", "All obstacles are in the same places"))
     share = 100 * found.beyond_tolerance / found.common_cells
