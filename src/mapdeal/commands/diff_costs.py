@@ -30,16 +30,8 @@ from mapdeal.grid.values import count_text, decimal_text
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.styles import cost_change_codes, cost_change_style
+from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import format_value, passage_document, reach_document, rounded
-from mapdeal.pipeline.inputs import (
-    Map,
-    MapInput,
-    Reading,
-    claim_cells,
-    claim_for,
-    errors_named,
-    opened,
-)
 from mapdeal.pipeline.recipe import planned_shape, step_for
 from mapdeal.pipeline.step import make_step
 from mapdeal.ros.robot import RobotParameters
@@ -113,7 +105,7 @@ def change_codes(found: CostDifference) -> Any:
 class CostmapDiff(Result):
     costs: CostDifference
     bounds: tuple[Bound, ...]
-    maps: Sequence[MapInput]
+    maps: Sequence[inputs.MapInput]
     transform: Transform | None = None
 
     @property
@@ -153,7 +145,10 @@ class CostmapDiff(Result):
 
 
 def costmaps_compared(
-    maps: Sequence[MapInput], move: Transform | None, max_differing: float | None, **reading: Any
+    maps: Sequence[inputs.MapInput],
+    move: Transform | None,
+    max_differing: float | None,
+    **reading: Any,
 ) -> CostmapDiff:
     for source in maps:
         if not isinstance(source.grid, Costmap):
@@ -164,10 +159,10 @@ def costmaps_compared(
     if first.scale != second.scale:
         rule = "has costs on the occupancy scale: both are compared as ROS publishes them"
         emit_warning(f"{maps[first.scale == 'costmap2d'].name}: {rule}", stacklevel=3)
-    with errors_named(maps[1].name):
+    with inputs.errors_named(maps[1].name):
         frame = frame_around(first.frame, second.frame)
         size = f"{frame.width} x {frame.height} cells"
-        claim_for(maps, _PER_CELL * frame.height * frame.width, size, **reading)
+        inputs.claim_for(maps, _PER_CELL * frame.height * frame.width, size, **reading)
         found = compare_costmaps(first, second)
     bounds: tuple[Bound, ...] = ()
     if max_differing is not None:
@@ -206,7 +201,7 @@ class RobotDiff(Result):
         Goals that only the robot of A reaches, as they are for B; and those that only B reaches.
     """
 
-    map: MapInput
+    map: inputs.MapInput
     robots: tuple[RobotParameters, RobotParameters]
     parameters: dict[str, Pair]
     costs: CostDifference
@@ -325,13 +320,13 @@ def value_text(value: Any) -> str:
 
 
 def compare_robots(
-    map: Map,  # noqa: A002 - what it is
+    map: inputs.Map,  # noqa: A002 - what it is
     first: RobotParameters,
     second: RobotParameters,
     *,
     start: Annotated[tuple[float, ...], POSE] | None = None,
     goals: Goals = (),
-    **reading: Unpack[Reading],
+    **reading: Unpack[inputs.Reading],
 ) -> RobotDiff:
     """Compare what two versions of a robot's parameters make of one map.
 
@@ -366,17 +361,17 @@ def compare_robots(
     A passage closes if it stops the robot of B, and that of A reaches both of its sides. Passages
     of the two are the same if their middles are closer than half their width or two cells.
     """
-    (source,) = opened(map, names=("the map",), **reading)
+    (source,) = inputs.opened(map, names=("the map",), **reading)
     return robots_compared(source, first, second, start, goals, **reading)
 
 
 def robots_compared(
-    source: MapInput, first: RobotParameters, second: RobotParameters,
-    start: tuple[float, ...] | None, goals: Goals, **reading: Unpack[Reading],
+    source: inputs.MapInput, first: RobotParameters, second: RobotParameters,
+    start: tuple[float, ...] | None, goals: Goals, **reading: Unpack[inputs.Reading],
 ) -> RobotDiff:  # fmt: skip
     if isinstance(source.grid, Costmap):
         raise ParameterError("holds costs; parameters are compared on a map", source=source.name)
-    claim_cells(source, COSTS_PER_CELL + _OF_ROBOTS, **reading)
+    inputs.claim_cells(source, COSTS_PER_CELL + _OF_ROBOTS, **reading)
     robots = first, second
     steps = [step_for("cost", robot, {}) for robot in robots]
     costs = [cast("Costmap", step.apply(source.grid, source.path)) for step in steps]
@@ -391,7 +386,7 @@ def robots_compared(
 
 
 def _reaches(
-    source: MapInput, robots: Sequence[RobotParameters], start: tuple[float, ...] | None,
+    source: inputs.MapInput, robots: Sequence[RobotParameters], start: tuple[float, ...] | None,
     goals: Goals,
 ) -> tuple[Reach, Reach]:  # fmt: skip
     """Return where both robots get from one start; by default one that suits the wider robot."""

@@ -27,18 +27,8 @@ from mapdeal.maps.npz import read_evidence
 from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import merge_image
+from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import written_line
-from mapdeal.pipeline.inputs import (
-    Map,
-    MapInput,
-    Reading,
-    Work,
-    bytes_of,
-    errors_named,
-    opened,
-    settings_of,
-    transform_of,
-)
 from mapdeal.sensors.points import read_transform, transform_document
 
 _PER_CELL, _OF_EVIDENCE, _PER_WALL = 26, 26, 60
@@ -86,7 +76,7 @@ class Merged(Result):
     maps: tuple[merging.MapCounts, ...]
     common: int
     log_odds: NDArray[np.float64] | None
-    inputs: tuple[MapInput, ...]
+    inputs: tuple[inputs.MapInput, ...]
     transforms: tuple[Transform, ...]
     rule: merging.Rule
     thickness: float | None = None
@@ -193,7 +183,7 @@ mapdeal merge examples/maps/office.yaml examples/maps/office_cartographer.yaml \
     --by align -o out/merged.yaml --image out/merged.png""",
 )  # fmt: skip
 def merge(
-    maps: Annotated[Sequence[Map], Words("MAP...")],
+    maps: Annotated[Sequence[inputs.Map], Words("MAP...")],
     *,
     transforms: Annotated[
         Literal["align"] | Placing | None,
@@ -202,7 +192,7 @@ def merge(
     rule: merging.Rule = "occupied",
     same_wall: Annotated[float | None, AT_LEAST_0, METRES] = None,
     evidence: Annotated[Sequence[merging.Layers | None] | None, OnlyInPython] = None,
-    **reading: Unpack[Reading],
+    **reading: Unpack[inputs.Reading],
 ) -> Merged:
     """Merge maps of one place into one.
 
@@ -298,16 +288,16 @@ def merge(
         ]
         if 0 < len(files) < len(transforms):
             raise ParameterError("must be files, or transforms", place="transforms")
-    inputs = opened(*maps, names=names, also=files, **reading)
-    grids = [merging.check_is_map(source.grid, source.name) for source in inputs]
-    settings = settings_of(**reading)
-    with settings.reading(), holding(sum(map(bytes_of, grids))):
-        claim(inputs[0].name, max(bytes_of_lines(grid.shape, _PER_LINE) for grid in grids))
-        layers = _evidence_of(inputs, rule, evidence, settings.max_cells)
+    sources = inputs.opened(*maps, names=names, also=files, **reading)
+    grids = [merging.check_is_map(source.grid, source.name) for source in sources]
+    settings = inputs.settings_of(**reading)
+    with settings.reading(), holding(sum(map(inputs.bytes_of, grids))):
+        claim(sources[0].name, max(bytes_of_lines(grid.shape, _PER_LINE) for grid in grids))
+        layers = _evidence_of(sources, rule, evidence, settings.max_cells)
         if files:
-            places = _by_files(files, inputs)
+            places = _by_files(files, sources)
         elif transforms == "align":
-            places = _by_walls(grids, inputs)
+            places = _by_walls(grids, sources)
         else:
             places = _given(transforms, len(maps) - 1)
     frames = [
@@ -315,26 +305,26 @@ def merge(
         for grid, place in zip(grids, places, strict=True)
     ]
     frames[1:] = [merging.snapped(frame, frames[0]) for frame in frames[1:]]
-    with errors_named(inputs[0].name):
+    with inputs.errors_named(sources[0].name):
         lattice = merging.lattice_around(grids, frames)
-    held_bytes = sum(map(bytes_of, grids)) + _bytes_in(layers)
+    held_bytes = sum(map(inputs.bytes_of, grids)) + _bytes_in(layers)
     per_cell = _PER_CELL + len(maps) + _OF_EVIDENCE * (rule == "evidence")
     per_cell += _OF_PICTURE * (settings.image is not None)
     with settings.reading():
         size = f"{lattice.width} x {lattice.height} cells around all maps"
         walls = _PER_WALL * sum(int(np.count_nonzero(grid.occupied())) for grid in grids)
         claim(
-            inputs[0].name,
+            sources[0].name,
             held_bytes + per_cell * lattice.height * lattice.width + walls,
             what=size,
         )
     parts = merging.merged_on(lattice, grids, frames, rule, layers, same_wall)
     placed = tuple(place or Transform() for place in places)
-    merged = Merged(**vars(parts), inputs=tuple(inputs), transforms=placed, rule=rule)
-    is_advised = transforms is None and Work.current.get() is not None
-    for second in inputs[1:] if transforms is None else ():
+    merged = Merged(**vars(parts), inputs=tuple(sources), transforms=placed, rule=rule)
+    is_advised = transforms is None and inputs.Work.current.get() is not None
+    for second in sources[1:] if transforms is None else ():
         is_warned = two_maps.warn_of_frames(
-            (inputs[0], second), "--by align places maps by their walls"
+            (sources[0], second), "--by align places maps by their walls"
         )
         is_advised = is_advised and not is_warned
     advice = "; --by align places maps by their walls" if is_advised else ""
@@ -350,11 +340,11 @@ def _given(transforms: Any, count: int) -> list[Transform | None]:
     if len(transforms) != count or isinstance(transforms, str):
         rule = f"must be {count}, one for each map but the first"
         raise ParameterError(rule, place="transforms", got=len(transforms))
-    return [None, *(transform_of(transform, place="transforms") for transform in transforms)]
+    return [None, *(inputs.transform_of(transform, place="transforms") for transform in transforms)]
 
 
 def _evidence_of(
-    maps: Sequence[MapInput], rule: merging.Rule,
+    maps: Sequence[inputs.MapInput], rule: merging.Rule,
     layers_given: Sequence[merging.Layers | None] | None, max_cells: int | None,
 ) -> list[merging.ChosenLayers]:  # fmt: skip
     if layers_given is not None and rule != "evidence":
@@ -382,7 +372,7 @@ def _bytes_in(layers: Sequence[merging.ChosenLayers]) -> int:
     return sum(layer.nbytes for entry in layers for layer in entry.values())
 
 
-def _by_files(files: Sequence[Path], maps: Sequence[MapInput]) -> list[Transform | None]:
+def _by_files(files: Sequence[Path], maps: Sequence[inputs.MapInput]) -> list[Transform | None]:
     # A file with checksums is between the two maps that have them, in whatever order these are
     # given, and transforms are chained: from A to B and from C to B place C, too. One without is
     # from the first map to the second, third, ..., as it is the first, second, ... of the files.
@@ -403,13 +393,15 @@ def _by_files(files: Sequence[Path], maps: Sequence[MapInput]) -> list[Transform
     return [None, *(found[first] for first in own[1:])]
 
 
-def _number_of(sums: Mapping[str, str], maps: Sequence[MapInput]) -> int | None:
+def _number_of(sums: Mapping[str, str], maps: Sequence[inputs.MapInput]) -> int | None:
     sums_sorted = sorted(sums.values())
     known = [sorted(source.sums.values()) for source in maps]
     return known.index(sums_sorted) if sums_sorted and sums_sorted in known else None
 
 
-def _by_walls(grids: Sequence[OccupancyGrid], maps: Sequence[MapInput]) -> list[Transform | None]:
+def _by_walls(
+    grids: Sequence[OccupancyGrid], maps: Sequence[inputs.MapInput]
+) -> list[Transform | None]:
     # A map that has too little in common with the first one is placed on another that is placed.
     cells = [grid.frame.height * grid.frame.width for grid in grids]
     claim(maps[0].name, bytes_to_align(sorted(cells)[-2:]), what="maps that are aligned")
@@ -422,7 +414,7 @@ def _by_walls(grids: Sequence[OccupancyGrid], maps: Sequence[MapInput]) -> list[
             for base in placed:
                 if number in found:
                     break
-                with errors_named(maps[number].name):
+                with inputs.errors_named(maps[number].name):
                     step = placed_on(grids[base], grids[number])
                 if step.same_place:
                     found[number] = step.transform.after(found[base])
@@ -449,7 +441,7 @@ def _next_to(
             yield first, step.inverse().after(found[second])
 
 
-def _step(path: Path, number: int, maps: Sequence[MapInput]) -> tuple[int, int, Transform]:
+def _step(path: Path, number: int, maps: Sequence[inputs.MapInput]) -> tuple[int, int, Transform]:
     transform = read_transform(path)
     first, second = _number_of(transform.first, maps), _number_of(transform.second, maps)
     if first is not None and second is not None:
