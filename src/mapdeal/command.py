@@ -36,7 +36,6 @@ from typing import (
     get_origin,
     get_type_hints,
 )
-from typing import get_type_hints as hints_of
 
 import numpy as np
 
@@ -221,7 +220,7 @@ def parameters_of(
     function = inspect.unwrap(function)
     typed: Any = function
     is_class = isinstance(function, type)
-    hints = hints_of(typed.__init__ if is_class else typed, include_extras=True)
+    hints = get_type_hints(typed.__init__ if is_class else typed, include_extras=True)
     found: dict[str, Parameter] = {}
     for number, (name, argument) in enumerate(inspect.signature(function).parameters.items()):
         is_named = argument.kind is argument.POSITIONAL_OR_KEYWORD and (
@@ -604,7 +603,7 @@ class Command:
 
     @functools.cached_property
     def inputs(self) -> dict[str, tuple[Any, Words, bool]]:
-        hints = hints_of(self.function, include_extras=True)
+        hints = get_type_hints(self.function, include_extras=True)
         found = {}
         for name, argument in inspect.signature(self.function).parameters.items():
             if argument.kind is argument.POSITIONAL_OR_KEYWORD:
@@ -707,7 +706,7 @@ def with_plain_errors(function: Callable[P, R]) -> Callable[P, R]:
 
     @functools.cache  # looked up late: types are slow to import
     def hints() -> dict[str, Any]:
-        return hints_of(inspect.unwrap(function))
+        return get_type_hints(inspect.unwrap(function))
 
     @functools.wraps(function)
     def checked_call(*args: P.args, **kwargs: P.kwargs) -> R:

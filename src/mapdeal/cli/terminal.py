@@ -96,12 +96,8 @@ def send(path: Path) -> None:
     for chunk in chunks_of(path):
         if _stdout_dropped:
             return
-        _to_stdout(partial(_write_bytes, chunk))
-
-
-def _write_bytes(chunk: bytes) -> None:
-    sys.stdout.buffer.write(chunk)
-    sys.stdout.buffer.flush()
+        _to_stdout(partial(sys.stdout.buffer.write, chunk))
+        _to_stdout(sys.stdout.buffer.flush)
 
 
 def result(text: str) -> None:

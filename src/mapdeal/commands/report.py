@@ -178,7 +178,7 @@ LARGEST_PAGE = 25_000_000  # bytes of a page: what goes into an e-mail
 _PAGE, VERDICT = "report.html", "report.json"
 _VERDICT_FORMAT = "mapdeal-report/1"
 _SMALLEST_PAGE = 100_000
-_ENDINGS = (".html", ".htm")
+ENDINGS = (".html", ".htm")
 _GENERATOR, _HEAD = b'<meta name="generator" content="mapdeal', 1 << 12
 _INPUT = "input"  # the name of the layer with the map that a run was given
 
@@ -338,7 +338,7 @@ def written(
     size: int = LARGEST_PAGE, inputs: Sequence[Path] = (), checks: RunChecks | None = None,
 ) -> WrittenReport:  # fmt: skip
     # With what a run has asked of its maps, the verdict goes beside the page as JSON.
-    if output.suffix.lower() not in _ENDINGS:
+    if output.suffix.lower() not in ENDINGS:
         raise errors.ParameterError("the page must end in .html", source=output)
     with settings.reading(), use_threads(settings.threads), Grids(settings) as grids:
         report = gathered(paths, grids, title=title, inputs=inputs, checks=checks)

@@ -10,12 +10,10 @@ from typing import Annotated, Any
 
 from mapdeal.command import Result, Words, command
 from mapdeal.commands.info import maps_in
-from mapdeal.commands.report import WrittenReport, write_report
+from mapdeal.commands.report import ENDINGS, WrittenReport, write_report
 from mapdeal.files.source import absolute_path, is_folder, status_of
 from mapdeal.files.transaction import lasting_folder
 from mapdeal.pipeline.inputs import InShell
-
-_PAGES = (".html", ".htm")
 
 
 @dataclass(frozen=True, repr=False)
@@ -72,7 +70,7 @@ def view(
     # what belongs to a map stands behind it
     report: WrittenReport | None = None
     first, *others = sorted(found, key=lambda one: one.suffix.lower() == ".json")
-    if first.suffix.lower() in _PAGES and not others:
+    if first.suffix.lower() in ENDINGS and not others:
         page = absolute_path(first)
     else:
         settings = work.settings

@@ -533,10 +533,9 @@ class OutputFolder:
                 errors.emit_warning(text, stacklevel=2)
 
     def passes(self) -> int:
-        passes = _PASSES_OF_INPUT * len(self._input_picture())
-        for step in self.steps:
-            passes += passes_of(step, [path.suffix for path in self._outputs_of(step)])
-        return passes
+        endings = ([path.suffix for path in self._outputs_of(step)] for step in self.steps)
+        of_steps = map(passes_of, self.steps, endings)
+        return _PASSES_OF_INPUT * len(self._input_picture()) + sum(of_steps)
 
     def hint(self) -> str:
         hint = "--force replaces it"

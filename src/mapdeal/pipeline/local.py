@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from hashlib import sha256
@@ -165,11 +165,8 @@ def make_local(job: LocalJob, common: LocalCommon, *, skip: bool = False) -> Run
     return fill(job.source(common), [filling], common.settings, skip=skip)[0]
 
 
-@contextmanager
-def holding_map(known: GlobalMap | None) -> Iterator[None]:
-    """Count the memory of a map that was read as taken within a ``with`` block."""
-    with holding(0 if known is None else bytes_of(known.grid)):
-        yield
+def holding_map(known: GlobalMap | None) -> AbstractContextManager[None]:
+    return holding(0 if known is None else bytes_of(known.grid))
 
 
 def local_filling(job: LocalJob, common: LocalCommon) -> Filling:
