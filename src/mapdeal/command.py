@@ -399,15 +399,9 @@ class Stage:
     cells: Callable[[Any, Parameters], Iterable[int]] | None = None
     """Yields the cells that need `memory` each, as several numbers; by default all cells."""
 
-    edits: bool = False
-    """Whether the result has the type of the input, for all types that it accepts."""
-
-    moves: Callable[[Parameters], bool] = lambda _: False
-    """Whether its product may have other cells than its input."""
-
-    shows_changes: bool = False
-    """Whether its command draws a picture of the changed cells."""
-
+    edits: bool = False  # whether the result has the type of the input, for all that it accepts
+    moves: Callable[[Parameters], bool] = lambda _: False  # its product may have other cells
+    shows_changes: bool = False  # in the picture that its command draws
     is_whole: Callable[[Parameters], bool] = lambda _: False
     is_smaller: Callable[[Parameters], bool] = lambda _: False
     passes_output_on: bool = True  # to the next stage, which else gets the same input

@@ -242,7 +242,6 @@ _OF_ROBOT = {
 _OF_SETTINGS = SHARED_OPTIONS.keys() & {setting.name for setting in fields(Settings)} - {
     *opt.OF_IMAGES
 }
-"""Parameters that get the value of the setting of their name."""
 
 _TYPES = {Map: Path, Map | None: Path | None, Sequence[Map]: list[Path]}  # what typer reads maps as
 

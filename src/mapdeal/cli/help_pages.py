@@ -41,7 +41,6 @@ def lay_out(command: Any) -> None:
 
 
 FIRST = ("run", "view", "info", "reach", "clean", "diff", "build", "lint")
-"""The commands that ``mapdeal`` alone lists."""
 
 
 def overview(group: Any, context: Any) -> str:

@@ -36,7 +36,6 @@ from mapdeal.pipeline.folder import PICTURE, files_of
 from mapdeal.pipeline.settings import Settings
 
 Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | Merged | Score | CostCurve
-"""Types that have pictures."""
 
 _NOTHING_OVER = {
     DiffReport: "a comparison", Merged: "merged maps", Score: "a score", CostCurve: "a cost curve"

@@ -90,8 +90,7 @@ def info(
 @dataclass(frozen=True, repr=False)
 class Descriptions(Result):
     reports: Iterator[Report]
-    failed: list[errors.MapdealError] = field(default_factory=list)
-    """Errors of files, one of several, that have been met so far."""
+    failed: list[errors.MapdealError] = field(default_factory=list)  # those met so far
 
     def document(self) -> dict[str, Any]:
         return next(self.reports)

@@ -76,8 +76,7 @@ class FilterMasks(Result):
     map: MapInput
     masks: tuple[FilterMask, ...]
     folder: Path
-    errors: tuple[str, ...] = ()
-    """Findings of severity error about the masks, a line each."""
+    errors: tuple[str, ...] = ()  # findings about the masks, a line each
 
     def document(self) -> dict[str, Any]:
         return {

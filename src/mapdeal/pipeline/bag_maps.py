@@ -148,7 +148,6 @@ _COMMANDS: dict[str, tuple[str, ...]] = {
     messages.ODOMETRY: ("build",),
     **dict.fromkeys(messages.TF_TYPES, ("build", "local")),
 }
-"""Commands that accept the messages of a type."""
 
 
 def describe_bag(path: Path, *, progress: ProgressCallback | None = None) -> dict[str, Any]:

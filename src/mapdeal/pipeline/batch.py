@@ -38,8 +38,7 @@ class Job:
     name: str
     place: str
     is_new: bool = False
-    error: errors.MapdealError | None = None
-    """Why there is no map to run."""
+    error: errors.MapdealError | None = None  # why there is no map to run
 
 
 @dataclass(frozen=True)

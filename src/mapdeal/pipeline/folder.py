@@ -48,7 +48,6 @@ _DEEPEST = 3  # mappings in mappings whose entries are listed one by one
 _COST_SHARES = ["lethal", "inscribed", "graded", "free", "unknown"]
 _OCCUPANCY_SHARES = ["occupied", "between", "free", "unknown"]
 _SHOWN_AS = {"between": "values 1..99", "graded": "intermediate"}
-"""Words of summaries for figures with unclear names."""
 
 
 def summary_of(figures: Figures) -> str:

@@ -65,7 +65,6 @@ Changes = Annotated[
     list[str] | None,
     Words("STAGE.PARAMETER=VALUE", name="set", completed=setting_words),
 ]
-"""Options of commands that run a recipe."""
 
 
 class StageValues(dict[str, object]):

@@ -499,7 +499,6 @@ def _layer(layer: PageLayer, k: int, number: int, count: int) -> Markup:
 _MODES = {
     "layers": "Layers", "swipe": "Swipe", "beside": "Side by side", "blink": "Blink"
 }  # fmt: skip
-"""Titles of the views of two layers."""
 
 
 def _compare(entry: Entry, number: int) -> Markup:
@@ -648,7 +647,6 @@ SCRIPTS = (
     "start.js", "decode.js", "geometry.js", "tiles.js", "draw.js", "readout.js", "overlay.js",
     "viewer.js", "zones.js", "main.js",
 )  # fmt: skip
-"""Parts of a page's script, in order."""
 
 
 _HEADER = 0.02

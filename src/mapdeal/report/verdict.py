@@ -203,7 +203,6 @@ def on_difference(found: Difference, changes: Sequence[Change], unlisted: int) -
 
 
 GEOMETRY = "Geometry and metadata, first \u2192 second"
-"""Title of the table of what differs in the geometry of two maps."""
 
 
 def _on_geometry(geometry: Mapping[str, object]) -> Claim:
@@ -215,7 +214,6 @@ def _on_geometry(geometry: Mapping[str, object]) -> Claim:
 
 
 COST_CHANGES = "Changes of the cost"
-"""Title of the table of what differs between two costmaps."""
 
 
 def on_cost_difference(found: CostDifference) -> list[Claim]:
