@@ -697,10 +697,9 @@ _SHOWN = 3
 
 
 def store_golden(folder: Path, golden: Path, place: str | None = None) -> Path:
-    manifest = manifest_in(folder)
     target = golden / (place or folder.name) / MANIFEST
     with Transaction([target], force=True) as transaction:
-        transaction.write_bytes(target, json_of(manifest))
+        transaction.write_json(target, manifest_in(folder))
     return target
 
 

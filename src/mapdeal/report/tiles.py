@@ -280,12 +280,9 @@ def encoded(layers: Sequence[PageLayer], *, size: int) -> Encoded:
     # layers of one shape, so that those on one another agree: of the shape that this saves most of,
     # as often as it takes.
     threads = thread_count()
-    if threads == 1:
-        encoded_layers = [_encoded_layer(layer, _Compressor(None, 1)) for layer in layers]
-    else:
-        with ThreadPool(threads) as pool:
-            compressor = _Compressor(pool, threads)
-            encoded_layers = [_encoded_layer(layer, compressor) for layer in layers]
+    with ThreadPool(threads if threads > 1 else 0) as pool:  # without threads submit does it
+        compressor = _Compressor(pool, threads)
+        encoded_layers = [_encoded_layer(layer, compressor) for layer in layers]
     return Encoded(tuple(_fitted(encoded_layers, [layer.frame.shape for layer in layers], size)))
 
 
@@ -335,16 +332,12 @@ def _chain(layer: EncodedLayer, left_out: int) -> tuple[Level, ...]:
 class _Compressor:
     """Compresses tiles in threads; holds only the cells on which they work."""
 
-    def __init__(self, pool: ThreadPool | None, threads: int) -> None:
+    def __init__(self, pool: ThreadPool, threads: int) -> None:
         self._pool = pool
         self._most = 2 * threads
         self._waiting: deque[Future[bytes]] = deque()
 
     def submit(self, cells: Cells, codings: Sequence[Coding], compression: int) -> Future[bytes]:
-        if self._pool is None:
-            tile: Future[bytes] = Future()
-            tile.set_result(_tile(cells, codings, compression))
-            return tile
         while len(self._waiting) >= self._most:
             self._waiting.popleft().result()
         future = self._pool.submit(_tile, cells, codings, compression)
