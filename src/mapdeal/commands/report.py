@@ -51,7 +51,7 @@ from mapdeal.report.document import (
     worst_of,
 )
 from mapdeal.report.page import page_of
-from mapdeal.report.verdict import most_urgent, on_no_lint, on_no_robot, verdicts_of
+from mapdeal.report.verdict import most_urgent, verdicts_of
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.version import __version__
 
@@ -149,7 +149,8 @@ class RunChecks:
             return
         self._answered.add(id(draft))
         if self._shape is None and not self.has_goals:
-            draft.claims.append(on_no_robot())
+            text = "Where a robot can go was not checked: no robot and no goals were given"
+            draft.claims.append(Claim("goals", "unknown", text))
             return
         texts: list[str] = []
         try:
@@ -566,10 +567,11 @@ class _Gathering:
             results = checks.findings(paths)
         except errors.MapdealError as error:
             text = f"{errors.one_line(str(error))}, so findings of lint are not shown"
+            words = "The map was not checked: the configuration of lint is invalid"
             errors.emit_warning(text, stacklevel=2)
             for draft in self.drafts:
                 draft.warn([text])
-                draft.claims.append(on_no_lint())
+                draft.claims.append(Claim("map", "unknown", words))
         else:
             self.add_findings(Path(json_values.LINT), results)
 

@@ -24,7 +24,6 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint, shape_of
 from mapdeal.grid.frame import Point
-from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Method, Route, reach_radius
 from mapdeal.grid.reaching import largest_closed_square, squares_to
 from mapdeal.grid.route_graph import RouteGraph
@@ -472,7 +471,9 @@ def _search_by(
     if name == "geodesic":
         return partial(shortest_over, terrain)
     if name == "descent":
-        repulsion = potential(_lethal_cells(terrain.costmap), **gains)
+        published = terrain.costmap.to_occupancy()
+        lethal = published.with_values(published.occupied().astype("int8") * OCCUPIED)
+        repulsion = potential(lethal, **gains)
         return lambda start, goal: routes.descend_on(terrain, replace(repulsion, goal=goal), start)
     search: dict[str, Any] = {}
     if name == "cost":
@@ -480,11 +481,6 @@ def _search_by(
     elif name == "heuristic":
         search = {"surcharges": routes.surcharges_near_obstacles(terrain, heuristic_weight)}
     return partial(routes.route_over, terrain, **search)
-
-
-def _lethal_cells(costs: Costmap) -> OccupancyGrid:
-    published = costs.to_occupancy()
-    return published.with_values(published.occupied().astype("int8") * OCCUPIED)
 
 
 def _costs_of(

@@ -378,11 +378,6 @@ def files_of(kind: type[Any]) -> GridFiles:
     return _FILES[kind]
 
 
-def paths_of(step: Step, folder: Path, *, images: bool) -> list[Path]:
-    endings = [*files_of(step.stage.product_type).in_folder, *([PICTURE] if images else [])]
-    return [folder / f"{step.stage.product}{ending}" for ending in endings]
-
-
 def passes_of(step: Step, endings: Iterable[str]) -> int:
     # one for its figures and one for the files, then those of the stage and of its view
     has_view = step.stage.view is not None and not {".pgm", *YAML}.isdisjoint(endings)
@@ -613,7 +608,9 @@ class OutputFolder:
         return [self.path / INPUT_PICTURE] if self.shows_input and self.settings.images else []
 
     def _outputs_of(self, step: Step) -> list[Path]:
-        return paths_of(step, self.path, images=self.settings.images)
+        endings = files_of(step.stage.product_type).in_folder
+        endings += (PICTURE,) if self.settings.images else ()
+        return [self.path / f"{step.stage.product}{ending}" for ending in endings]
 
 
 @dataclass(frozen=True)

@@ -66,10 +66,6 @@ def on_findings(messages: Mapping[str, Sequence[str]]) -> Claim:
     return Claim("map", "good", text, "finding" if notes else "")
 
 
-def on_no_lint() -> Claim:
-    return Claim("map", "unknown", "The map was not checked: the configuration of lint is invalid")
-
-
 def on_costs(manifest: Mapping[str, Any]) -> Claim | None:
     stages = {name: values for stage in manifest["stages"] for name, values in stage.items()}
     costs, robot = stages.get("cost"), manifest.get("robot")
@@ -161,11 +157,6 @@ def _named(answer: GoalReach, robot: Footprint | None) -> str:
     if answer.limited_by.width <= needs + 2 * RADIUS_TOLERANCE:
         return f"{name} ({answer.limited_by.text}, the robot needs {needs:.4g} m)"
     return f"{name} (it cannot turn on the way)"
-
-
-def on_no_robot() -> Claim:
-    text = "Where a robot can go was not checked: no robot and no goals were given"
-    return Claim("goals", "unknown", text)
 
 
 def on_difference(found: Difference, changes: Sequence[Change], unlisted: int) -> list[Claim]:
