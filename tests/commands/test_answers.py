@@ -193,7 +193,7 @@ GONE = object()
     (b'{"errors": 0, "errors": 1}', (), None, "key 'errors' appears twice"),
     (b'{"maps": [}', (), None, "line 1, column 11: invalid JSON"),
     (b'{"maps": "\xff"}', (), None, "not UTF-8"),
-    (b"{}", (), None, "reach, route, diff, align, score or build --compare writes as JSON"),
+    (b"{}", (), None, "reach, route, plan, diff, align, score or build --compare writes as JSON"),
     (b'{"outputs": {}, "stages": []}', (), None, "is the manifest of a run, not what lint"),
     (b"image: a.pgm\nresolution: 1\n", (), None, "is a map, not a file of shapes"),
     (b"", (), None, "answer.json"),

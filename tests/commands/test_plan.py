@@ -157,6 +157,14 @@ def test_the_document_holds_what_a_later_call_is_compared_with(command, files):
     assert "found False, expected True" in error
 
 
+def test_a_page_shows_the_paths_and_what_makes_one(command, files):
+    command("plan", "narrow.yaml", *files, "--to", "near=1.5,2", "5,2", "-o", "plan.json")
+    assert command("report", "narrow.yaml", "plan.json", "-o", "page.html")[0] == 1
+    page = Path("page.html").read_text()
+    assert "goal near: path of 0.5" in page
+    assert "robot_radius 0.38 (now 0.45)" in page
+
+
 def test_pairs_give_one_line_each_and_faulty_lines_an_error(command, files):
     Path("pairs.csv").write_text("2,2,0,5,2,0\n2,2,0,1.5,2,7\n2,2,0\n")
     words = ("plan", "narrow.yaml", *files[:2], "--pairs", "pairs.csv")

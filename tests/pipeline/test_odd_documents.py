@@ -53,6 +53,10 @@ COMMANDS = {
         "reach", "a.yaml", "--from", "2,-1.5", "--to", "lab=4.125,-1.125", "--robot-radius", 0.3
     ),
     "route.json": ("route", "a.yaml", "--from", "2,-1.5", "--to", "4.2,-1"),
+    "plan.json": (
+        "plan", "a.yaml", "--params-file", ROBOTS / "nav2_narrow_door.yaml", "--from", "2,-1.5",
+        "--to", "near=2.3,-1.2", "5.2,-1.4",
+    ),
     "diff.json": ("diff", *AB, "--json"),
     "cost_diff.json": ("diff", "a.npz", "b.npz", "--json"),
     "robot_diff.json": (

@@ -123,7 +123,9 @@ class GoalPlan:
                 "margins": list(self.margins),
             }
         elif self.changes is not None:
-            document["changes"] = list(self.changes)
+            document["changes"] = [
+                {**change, "text": change_text(change)} for change in self.changes
+            ]
         return {**document, "points": plan.poses.tolist()}
 
     def lines(self) -> Iterator[str]:

@@ -424,8 +424,10 @@ def is_cut_off(work: PlannerOnMap, start: Pose, goal: Pose) -> bool:
 
     if work.grid.cell_of(start) is None:
         return True
-    is_open = _open_cells(work, start)
-    regions, _ = ndimage.label(is_open, np.ones((3, 3), bool))
+    around = np.ones((3, 3), bool)
+    # planners with headings check poses that are up to three cells apart
+    is_open = ndimage.binary_dilation(_open_cells(work, start), around, iterations=2)
+    regions, _ = ndimage.label(is_open, around)
     return not (_cells_near(work, goal) & (regions == regions[work.grid.cell_of(start)])).any()
 
 

@@ -58,8 +58,8 @@ _WIDEST, _MOST_CORNERS = 1000.0, 500
 
 _LARGEST = FARTHEST**2
 _KNOWN_DOCUMENTS = (
-    "what lint, reach, route, diff, align, score or build --compare writes as JSON, nor a file of "
-    "shapes"
+    "what lint, reach, route, plan, diff, align, score or build --compare writes as JSON, nor a "
+    "file of shapes"
 )
 
 
@@ -388,6 +388,42 @@ def route_items(route: Route) -> list[Item]:
         chosen = np.linspace(0, len(points_xy) - 1, MOST_POINTS)  # with the first and the last
         points_xy = points_xy[chosen.astype(np.int64)]
     return [*ends, Item("route", text, tone, (x, y), (points_xy,))]
+
+
+def _plan(document: JsonValue) -> Results:
+    """Return paths of a planner, and the changes that make one to the other goals."""
+    start = _xy(document["start"])
+    items = [Item("start", f"start at {_at(start)}", place=start, label="start")]
+    rows = []
+    for goal in document["goals"].items():
+        place, is_found = _place(goal), goal["found"].or_none(JsonValue.flag)
+        name, changes = goal.get("name"), goal.get("changes")
+        label = _at(place) if name is None else name.text()
+        text = f"no path, {goal['reason'].or_none(JsonValue.text) or 'not known'}"
+        tone: Tone = "good" if is_found else "note" if is_found is None else "error"
+        points_xy = np.array([_xy(pose) for pose in goal["points"].items()]).reshape(-1, 2)
+        if is_found and len(points_xy):
+            text = f"path of {_metres(goal['length_m'].number())}"
+            x, y = points_xy[len(points_xy) // 2].tolist()
+            items.append(Item("route", f"goal {label}: {text}", tone, (x, y), (points_xy,)))
+        items.append(Item("goal", short(f"goal {label}: {text}"), tone, place, label=short(label)))
+        rows.append((label, text))
+        for change in () if changes is None or changes.is_null else changes.items():
+            described = short(change["text"].text())
+            rows.append((f"{label}: makes a path", described))
+            if change.get("map") is not None:
+                items.append(Item("passage", described, "warning", _place(change)))
+    title, named = f"Plans of {document['planner']['plugin'].text()}", document["map"]
+    tables = [Table(title, tuple(rows))]
+    return Results(json_values.PLAN, items, tables, maps=(json_values.named_map(named),))
+
+
+def _xy(numbers: JsonValue) -> Point:
+    """Return x and y of a pose [x, y, yaw]."""
+    pose = [number.number() for number in numbers.items()]
+    if len(pose) != 3:
+        raise numbers.error("must be [x, y, yaw]")
+    return pose[0], pose[1]
 
 
 def _route_graph(document: JsonValue) -> Results:
@@ -739,7 +775,7 @@ _READERS: dict[str | None, Callable[[JsonValue], Results]] = {
     json_values.DIFF: _diff, json_values.COST_DIFF: _diff,
     json_values.ROBOT_DIFF: _robot_diff, json_values.COMPARISON: _comparison,
     json_values.SCORE: _score, json_values.ALIGNMENT: _alignment,
-    json_values.ROUTE_GRAPH: _route_graph,
+    json_values.ROUTE_GRAPH: _route_graph, json_values.PLAN: _plan,
 }  # fmt: skip
 
 _BY_URGENCY: tuple[About, ...] = ("run", "map", "goals")
