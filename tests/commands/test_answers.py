@@ -180,7 +180,7 @@ GONE = object()
     (REACH, ("goals", 0, "reachable"), "yes", "must be true or false, got 'yes'"),
     (REACH, ("passages", 0, "ends"), [[0, 0]], "passages[0].ends: must be two points"),
     (ROUTE, ("points",), [[0, 1], [True, 2]], "points[1][0]: must be a number, got True"),
-    (ROUTE, ("points",), {}, "is not what lint, reach, route, diff, align, score"),
+    (ROUTE, ("points",), {}, "is not what lint, reach, route, plan, diff, align, score"),
     (DIFF, ("first", "sha256", "a.pgm"), "AB" * 32, "must be the 64 hexadecimal digits"),
     (DIFF, ("geometry", "width"), [1], "geometry.width: must be two values, got [1]"),
     (SCORE, ("values",), {"a": {"b": "c"}}, "values.a.b: must be a number, got 'c'"),
