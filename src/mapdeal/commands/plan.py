@@ -7,12 +7,9 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
-
-import numpy as np
 
 from mapdeal.command import POSE, Output, Words, command
 from mapdeal.commands.plan_changes import (
@@ -33,9 +30,7 @@ from mapdeal.errors import (
 )
 from mapdeal.files.json_values import PLAN_FORMAT, JsonValue, read_document
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.reaching import squares_to
-from mapdeal.grid.values import LETHAL_OBSTACLE, count_text
-from mapdeal.kernels.arrays import Metres
+from mapdeal.grid.values import count_text
 from mapdeal.mapping.transforms import check_pose
 from mapdeal.maps.reading import write_grid
 from mapdeal.pictures.canvas import Image
@@ -45,12 +40,13 @@ from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import Spread, rounded, spread_json
 from mapdeal.pipeline.recipe import read_robot_parameters
 from mapdeal.planners.planner import Plan, Pose, no_plan
-from mapdeal.ros.planners import planners_of
+from mapdeal.ros.load import error_of
+from mapdeal.ros.planners import PLANNER_SERVER, planners_of
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.ros.ros2_files import read_ros2
 from mapdeal.sensors.points import read_pose_pairs
 
-_PER_CELL = 60.0  # bytes for each cell, those of the costmaps of changed parameters included
+_PER_CELL = 70.0  # bytes for each cell, those of the costmaps of changed parameters included
 _SAME = 1e-6  # metres between lengths of a plan and of an expected one
 
 
@@ -355,7 +351,7 @@ def plan_on(work: PlannerOnMap, start: Pose, goal: Pose) -> tuple[Plan, bool]:
     if work.listed.planner is not None:
         return work.planner.plan(work.grid, start, goal), True
     text = f"{work.listed.plugin} is not modelled"
-    if is_cut_off(work, start, goal):
+    if is_cut_off(work.listed, work.grid, start, goal):
         text += "; cells closed to the robot's centre separate start and goal for every planner"
         return no_plan("NoValidPathCouldBeFound", text), True
     text += "; mapdeal reach shows whether the footprint gets there"
@@ -387,10 +383,10 @@ def _planner_on(
     listed, problems = planners_of(robot, parameters)
     for problem in problems:
         if problem.level == "refused":
-            raise MalformedInputError(
-                problem.text, source=problem.source or robot.paths[-1], hint=problem.hint,
-                place=f"{problem.parameter} (line {problem.line})", got=problem.got,
-            )  # fmt: skip
+            raise error_of(problem, robot.paths)
+    if not any(node.name.endswith(f"/{PLANNER_SERVER}") for node in parameters.nodes):
+        text = f"{robot.paths[-1]}: has no {PLANNER_SERVER}; Nav2's default planner is taken, NavFn"
+        emit_warning(text, stacklevel=2)
     by_name = {entry.name: entry for entry in listed}
     if planner is not None and planner not in by_name:
         known = f"the file lists {', '.join(by_name) or 'none'}"
@@ -398,6 +394,8 @@ def _planner_on(
     if not listed:
         raise MalformedInputError("lists no planner", source=robot.paths[-1])
     chosen = listed[0] if planner is None else by_name[planner]
+    if chosen.planner is None:
+        emit_warning(f"{robot.paths[-1]}: {chosen.plugin} is not modelled", stacklevel=2)
     return PlannerOnMap(source, robot, parameters, chosen, mask, is_older)
 
 
@@ -483,10 +481,10 @@ def plan(
 
     Examples
     --------
-    >>> found = plan("examples/maps/office.yaml", robot="examples/robots/nav2_params.yaml",
-    ...              start=(-8, 0), goals=[(-4, 0)])
+    >>> found = plan("examples/maps/office.yaml", robot="examples/robots/nav2_narrow_door.yaml",
+    ...              start=(3, 0), goals=[(1.5, 0.2)])
     >>> found.goals[0].plan.found, round(found.goals[0].plan.length, 2)
-    (True, 4.0)
+    (True, 1.6)
     """
     settings = inputs.settings_of(**reading)
     robots = [
@@ -503,7 +501,7 @@ def plan(
         )  # fmt: skip
     elif start is None or not goals:
         raise ParameterError("both are required, unless pairs are given", place="start, goals")
-    first = _pose(start or (0.0, 0.0), "start")
+    first = _pose((0.0, 0.0) if start is None else start, "start")
     places = [
         goal if isinstance(goal, PlanGoal) else PlanGoal(*_pose(goal, "goals"))
         for goal in goals
@@ -545,37 +543,18 @@ def plan(
 def _report(
     work: PlannerOnMap, start: Pose, goals: Sequence[PlanGoal], *, has_changes: bool
 ) -> PlanReport:
-    clearances = _Clearances(work)
     plans = []
     for goal in goals:
         pose = goal.pose
         answer, is_known = plan_on(work, start, pose)
         if answer.found:
             margins = margins_of(work, start, pose) if has_changes else []
-            plans.append(GoalPlan(goal, answer, margins=margins, **clearances.along(answer)))
+            clearance, place = work.least_clearance(answer)
+            plans.append(GoalPlan(goal, answer, True, None, margins, clearance, place))
         else:
             changes = _changes(work, start, pose, answer) if has_changes else None
             plans.append(GoalPlan(goal, answer, is_known, changes))
     return PlanReport(work, start, tuple(plans))
-
-
-class _Clearances:
-    """Distances to lethal cells, metres, computed if they are needed."""
-
-    def __init__(self, work: PlannerOnMap) -> None:
-        self._grid = work.grid
-
-    @cached_property
-    def _metres(self) -> Metres:
-        squares = squares_to(self._grid.costs == LETHAL_OBSTACLE)
-        return (np.sqrt(squares) * self._grid.resolution).astype(np.float32)
-
-    def along(self, found: Plan) -> dict[str, Any]:
-        cells = [self._grid.cell_of((x, y, 0.0)) for x, y, _ in found.poses.tolist()]
-        metres = [math.inf if cell is None else float(self._metres[cell]) for cell in cells]
-        least = int(np.argmin(metres))
-        x, y = found.poses[least, :2].tolist()
-        return {"clearance": metres[least], "narrowest": (round(x, 6), round(y, 6))}
 
 
 def _potential(work: PlannerOnMap, start: Pose, goals: Sequence[PlanGoal]) -> Any:

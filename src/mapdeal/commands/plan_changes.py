@@ -6,7 +6,7 @@ A change is proposed only after the planner has found a path with it, and none o
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -19,7 +19,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Frame, as_float32
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
-from mapdeal.grid.reaching import Ground, reach_on
+from mapdeal.grid.reaching import Ground, reach_on, squares_to
 from mapdeal.grid.values import (
     FREE,
     INSCRIBED_INFLATED_OBSTACLE,
@@ -30,7 +30,7 @@ from mapdeal.grid.values import (
 )
 from mapdeal.pipeline.inputs import KeepoutMask, MapInput
 from mapdeal.pipeline.recipe import load_recipe
-from mapdeal.planners.planner import Plan, Planner, PlannerGrid, Pose
+from mapdeal.planners.planner import Plan, Planner, PlannerGrid, Pose, no_plan
 from mapdeal.ros.nav2 import robot_in
 from mapdeal.ros.planners import ListedPlanner
 from mapdeal.ros.robot import ParameterValue, RobotParameters, corners_of_string
@@ -44,7 +44,7 @@ _STEPS_AFTER = 4  # tried beyond a value with a path, to see whether the path st
 _WIDEST_PASSAGE = 3.0  # metres by which a passage is widened, or a radius grows, at most
 _LARGEST_SCALE = 4.0  # of a footprint
 _MOST_OBSTACLES, _LARGEST_OBSTACLE = 20, 5.0  # number of those tried, and square metres of each
-_BYTES = 1 << 28  # of the costmaps that are kept
+_BYTES = 1 << 26  # of the costmaps that are kept
 
 Override = tuple[str, str, Any]
 """Name, type and value of a costmap's parameter."""
@@ -132,8 +132,21 @@ class PlannerOnMap:
         """Return the plan with other values of parameters of the costmap."""
         grid = self._grids(overrides)
         if grid is None:
-            return Plan(found=False, reason="PlannerException")
-        return self.planner.plan(grid, start, goal)
+            return no_plan("PlannerException")
+        return plan_quickly(self.listed, grid, start, goal)
+
+    @cached_property
+    def _clearances(self) -> NDArray[np.float64]:
+        squares = squares_to(self.grid.costs == LETHAL_OBSTACLE)
+        return np.asarray(np.sqrt(squares) * self.grid.resolution)
+
+    def least_clearance(self, plan: Plan) -> tuple[float, tuple[float, float]]:
+        """Return the least distance of a plan's poses to a lethal cell, and where that is."""
+        cells = [self.grid.cell_of((x, y, 0.0)) for x, y, _ in plan.poses.tolist()]
+        metres = [math.inf if cell is None else self._clearances[cell] for cell in cells]
+        least = int(np.argmin(metres))
+        x, y = plan.poses[least, :2].tolist()
+        return float(metres[least]), (round(x, 6), round(y, 6))
 
     def plan_without(self, start: Pose, goal: Pose, cleared: Mask) -> Plan:
         """Return the plan on the map with some cells made free."""
@@ -141,7 +154,7 @@ class PlannerOnMap:
         cells = np.where(cleared, np.int8(FREE), np.asarray(grid.occupancy))
         with capture_warnings():
             costs = self.costmap_on(self.robot, OccupancyGrid(cells, grid.resolution, grid.origin))
-            return self.planner.plan(grid_of(costs, self.robot), start, goal)
+            return plan_quickly(self.listed, grid_of(costs, self.robot), start, goal)
 
 
 def grid_of(costs: Costmap, robot: RobotParameters) -> PlannerGrid:
@@ -155,6 +168,48 @@ def grid_of(costs: Costmap, robot: RobotParameters) -> PlannerGrid:
         None if is_round else np.array(robot.footprint.vertices, dtype=np.float64),
         layers[-1].cost_at(radius) if layers else 0,
     )
+
+
+def _open_cells(values: Mapping[str, Any], grid: PlannerGrid, start: Pose) -> Mask:
+    """Return the cells that a robot's centre may be in, and those of its start."""
+    is_open = grid.costs < INSCRIBED_INFLATED_OBSTACLE
+    if values.get("allow_unknown", True):
+        is_open |= grid.costs == NO_INFORMATION
+    row, col = grid.cell_of(start) or (0, 0)
+    is_open[row : row + 2, col : col + 2] = True  # NavFn rounds up
+    return is_open
+
+
+def _cells_near(values: Mapping[str, Any], grid: PlannerGrid, goal: Pose) -> Mask:
+    """Return the cells within the planner's tolerance of a goal, in a square."""
+    near = np.zeros(grid.costs.shape, bool)
+    margin = math.ceil(values.get("tolerance", 0.0) / grid.resolution) + 1
+    cell = grid.cell_of(goal) or (0, 0)
+    near[tuple(slice(max(at - margin, 0), at + margin + 1) for at in cell)] = True
+    return near
+
+
+def is_cut_off(listed: ListedPlanner, grid: PlannerGrid, start: Pose, goal: Pose) -> bool:
+    """Return whether closed cells separate start and goal, so that no search gets there."""
+    from scipy import ndimage  # slow to import
+
+    first, around, values = grid.cell_of(start), np.ones((3, 3), bool), listed.settings
+    if first is None or grid.cell_of(goal) is None:
+        return True
+    is_open = _open_cells(values, grid, start)
+    if listed.planner is None or "minimum_turning_radius" in values:
+        # planners with headings check poses that are up to three cells apart
+        is_open = ndimage.binary_dilation(is_open, around, iterations=2)
+    is_diagonal = listed.planner is None or listed.planner.moves_diagonally
+    regions, _ = ndimage.label(is_open, around if is_diagonal else None)
+    return not (_cells_near(values, grid, goal) & (regions == regions[first])).any()
+
+
+def plan_quickly(listed: ListedPlanner, grid: PlannerGrid, start: Pose, goal: Pose) -> Plan:
+    """Return the planner's plan; without a search, and without its reason, if it is cut off."""
+    if listed.planner is None or is_cut_off(listed, grid, start, goal):
+        return no_plan("NoValidPathCouldBeFound")
+    return listed.planner.plan(grid, start, goal)
 
 
 @dataclass(frozen=True)
@@ -277,7 +332,8 @@ class _Query:
 
         def plan_with(candidate: Any) -> Plan:
             planner = work.planner.with_value(name, candidate)
-            return planner.plan(work.grid, self.start, self.goal)
+            listed = replace(work.listed, planner=planner, settings=planner.values)
+            return plan_quickly(listed, work.grid, self.start, self.goal)
 
         value = work.planner.values[name]
         return Adjustment(f"{work.listed.name}.{name}", value, candidates, plan_with)
@@ -398,39 +454,6 @@ def _centres(work: PlannerOnMap, rows: Any, cols: Any) -> tuple[Any, Any]:
     return x + (cols + 0.5) * resolution, y + (rows + 0.5) * resolution
 
 
-def _open_cells(work: PlannerOnMap, start: Pose) -> Mask:
-    """Return the cells that a robot's centre may be in, and its start."""
-    costs = work.grid.costs
-    is_open = costs < INSCRIBED_INFLATED_OBSTACLE
-    if work.listed.settings.get("allow_unknown", True):
-        is_open |= costs == NO_INFORMATION
-    is_open[work.grid.cell_of(start)] = True
-    return is_open
-
-
-def _cells_near(work: PlannerOnMap, goal: Pose) -> Mask:
-    """Return the cells within the planner's tolerance of a goal, in a square."""
-    near = np.zeros(work.grid.costs.shape, bool)
-    cell = work.grid.cell_of(goal)
-    margin = math.ceil(work.listed.settings.get("tolerance", 0.0) / work.grid.resolution) + 1
-    if cell is not None:
-        near[tuple(slice(max(at - margin, 0), at + margin + 1) for at in cell)] = True
-    return near
-
-
-def is_cut_off(work: PlannerOnMap, start: Pose, goal: Pose) -> bool:
-    """Return whether closed cells separate start and goal for every planner."""
-    from scipy import ndimage  # slow to import
-
-    if work.grid.cell_of(start) is None:
-        return True
-    around = np.ones((3, 3), bool)
-    # planners with headings check poses that are up to three cells apart
-    is_open = ndimage.binary_dilation(_open_cells(work, start), around, iterations=2)
-    regions, _ = ndimage.label(is_open, around)
-    return not (_cells_near(work, goal) & (regions == regions[work.grid.cell_of(start)])).any()
-
-
 def _place(x: float, y: float) -> Change:
     return {"x": round(float(x), 6), "y": round(float(y), 6)}
 
@@ -440,13 +463,12 @@ def _obstacle_in_the_way(
 ) -> Iterator[Change]:
     from scipy import ndimage  # slow to import
 
-    grid, planner = work.grid, work.planner
-    first, end = grid.cell_of(start), grid.cell_of(goal)
-    if first is None or end is None or not occupied.any():
+    grid, planner, values = work.grid, work.planner, work.planner.values
+    if not occupied.any():
         return
     around = np.ones((3, 3), bool)
     labels, _ = ndimage.label(occupied, around)
-    is_open, near = _open_cells(work, start), _cells_near(work, goal)
+    is_open, near = _open_cells(values, grid, start), _cells_near(values, grid, goal)
     regions, _ = ndimage.label(is_open, around if planner.moves_diagonally else None)
     # The first and the last closed cell on the new way are closed by the obstacle alone.
     places = ndimage.distance_transform_edt(~occupied, return_distances=False, return_indices=True)
@@ -456,7 +478,7 @@ def _obstacle_in_the_way(
         return set(np.unique(nearest[ndimage.binary_dilation(region, around) & ~is_open]).tolist())
 
     of_goal = np.isin(regions, np.unique(regions[near & is_open]))
-    in_the_way = closing(regions == regions[first]) & (
+    in_the_way = closing(regions == regions[grid.cell_of(start)]) & (
         closing(of_goal & is_open) | set(np.unique(nearest[near & ~is_open]).tolist())
     )
     sizes = np.bincount(labels.ravel())

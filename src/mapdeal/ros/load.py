@@ -30,7 +30,7 @@ def read_robot(
     robot, problems = load_robot(paths, costmap=costmap, namespace=namespace, older=older)
     for problem in problems:
         if problem.level == "refused":
-            raise _error_of(problem, paths)
+            raise error_of(problem, paths)
     if robot is None:
         raise MalformedInputError("holds no robot", source=paths[-1])
     warnings = [problem for problem in problems if problem.level == "warning"]
@@ -89,7 +89,7 @@ def _other_kind(path: Path) -> Problem | None:
     return Problem("params.other-kind", "refused", error.rule, source=path, hint=error.hint)
 
 
-def _error_of(problem: Problem, paths: Sequence[Path]) -> MalformedInputError:
+def error_of(problem: Problem, paths: Sequence[Path]) -> MalformedInputError:
     place = f"line {problem.line}" if problem.line is not None else None
     if problem.parameter:
         place = f"{problem.parameter} ({place})" if place else problem.parameter
