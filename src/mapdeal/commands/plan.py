@@ -521,7 +521,7 @@ def plan(
     (source,) = inputs.opened(map, names=("map",), also=also, **reading)
     if isinstance(source.grid, Costmap):
         raise ParameterError("holds costs; planners are tried on a map", source=source.name)
-    inputs.warn_of_published_costs(source)
+    inputs.warn_of_values(source)
     inputs.claim_cells(source, _PER_CELL, measures=True, **reading)
     is_older = settings.dialect != "nav2"
     works = [_planner_on(source, own, planner, over, is_older=is_older) for own in robots]
