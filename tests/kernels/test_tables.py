@@ -9,7 +9,7 @@ from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.paths import BYTES_OF_BASIN, ConfigurationSpace, clearance_tree
 from mapdeal.kernels.polygons import Spans
-from mapdeal.kernels.tables import claim_tables, tables_claimed
+from mapdeal.kernels.threads import claim_tables, tables_claimed
 
 
 def claims_of(work):

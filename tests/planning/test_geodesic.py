@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import mapdeal
 import oracles
 from drawn import grid_from_text
-from mapdeal.grid.goal_field import is_line_clear, lengths_to
+from mapdeal.kernels.eikonal import is_line_clear, lengths_to
 from mapdeal.planning.goal_routes import shortest_way
 
 FRAME = (0.25, (1.5, -2.0, 0.4))

@@ -20,7 +20,7 @@ from mapdeal.grid.values import decimal_text
 from mapdeal.maps.route_graphs import graph_text
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.layers import occupancy_image
-from mapdeal.pictures.route_graph import GraphOverlay
+from mapdeal.pictures.reach import GraphOverlay
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import rounded
 from mapdeal.pipeline.recipe import planned_shape

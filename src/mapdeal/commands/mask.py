@@ -96,7 +96,7 @@ class FilterMasks(Result):
             raise FindingError("; ".join(self.errors), source=self.folder)
 
     def drawn(self, **look: Any) -> Image:
-        from mapdeal.pictures.zones import zones_image
+        from mapdeal.pictures.layers import zones_image
 
         masks = [(mask.grid, mask.info) for mask in self.masks]
         return zones_image(self.map.occupancy, masks, title=f"{self.map.title}: zones", **look)

@@ -32,7 +32,7 @@ from mapdeal.maps.route_graphs import read_route_graph
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.layers import cost_image
 from mapdeal.pictures.overlay import Overlays, RouteOverlay
-from mapdeal.pictures.route_graph import GraphOverlay
+from mapdeal.pictures.reach import GraphOverlay
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import Spread, rounded, rounded_place, spread_json
 from mapdeal.pipeline.recipe import Recipe, load_recipe, planned_shape

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 from mapdeal.compatibility import file_digest
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
-from mapdeal.kernels.tables import tables_claimed
+from mapdeal.kernels.threads import tables_claimed
 
 YAML, BIT_MAP = (".yaml", ".yml"), ".pbm"
 MAPS = (*YAML, ".npz")  # the likeliest first; a bit map is an image that stands for its YAML

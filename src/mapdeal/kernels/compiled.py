@@ -27,8 +27,7 @@ from mapdeal.kernels.paths import (
     RootedTree,
 )
 from mapdeal.kernels.polygons import Cell, Spans, halves
-from mapdeal.kernels.tables import claim_tables
-from mapdeal.kernels.threads import for_rows, in_bands
+from mapdeal.kernels.threads import claim_tables, for_rows, in_bands
 
 if TYPE_CHECKING:
     from mapdeal.kernels._compiled import Transform

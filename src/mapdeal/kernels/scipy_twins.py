@@ -21,8 +21,7 @@ from mapdeal.kernels.distance import (
 )
 from mapdeal.kernels.paths import BYTES_OF_BASIN, Basins, ClearanceTree, Pose, RootedTree
 from mapdeal.kernels.polygons import Cell, Spans, enumerated, halves
-from mapdeal.kernels.tables import claim_tables
-from mapdeal.kernels.threads import for_rows
+from mapdeal.kernels.threads import claim_tables, for_rows
 
 
 def squares(marked: Mask, both_kinds: bool, limit: int | None) -> SquaredDistances:

@@ -1,4 +1,4 @@
-"""Threads that share the work of a kernel."""
+"""Threads that share the work of a kernel, and the memory of tables that depend on the map."""
 
 from __future__ import annotations
 
@@ -209,3 +209,20 @@ def _do(future: Future[Any], work: Callable[[], Any], caught: type[BaseException
         future.set_exception(error)
     else:
         future.set_result(result)
+
+
+_claim: ContextVar[Callable[[int], object]] = ContextVar("claim", default=lambda _: None)
+
+
+@contextmanager
+def tables_claimed(claim: Callable[[int], object]) -> Iterator[None]:
+    token = _claim.set(claim)
+    try:
+        yield
+    finally:
+        _claim.reset(token)
+
+
+def claim_tables(size: int) -> None:
+    """Report the bytes of tables before they are allocated; the caller's limit may refuse them."""
+    _claim.get()(size)

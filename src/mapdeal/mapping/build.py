@@ -11,7 +11,15 @@ from numpy.typing import ArrayLike
 
 from mapdeal.command import parameters_of
 from mapdeal.errors import MalformedInputError, ParameterError
-from mapdeal.grid import frame as frames
+from mapdeal.grid.frame import (
+    MOST_CELLS,
+    Frame,
+    Point,
+    Region,
+    cells_to_cover,
+    check_point,
+    check_resolution,
+)
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import Drawn, count_text
 from mapdeal.mapping.evidence import (
@@ -64,44 +72,43 @@ class Extent:
                 self._least[axis] = min(self._least[axis], values.min())
                 self._most[axis] = max(self._most[axis], values.max())
 
-    def frame(self, resolution: float) -> frames.Frame:
+    def frame(self, resolution: float) -> Frame:
         """Return a grid around the box, on the lattice of the resolution, with a margin."""
-        checked = frames.check_resolution(resolution)
+        checked = check_resolution(resolution)
         if not np.isfinite(self._least).all():
             counts = self._counts
             rule = f"no beam hits anything: of {counts.beams} readings {counts.no_return} are"
             rule += f" without return, {counts.bad} bad"
             hint = f"readings are hits below range_max, {self._limits.range_max:g} m"
             raise MalformedInputError(rule, hint=hint)
-        lattice = frames.Frame(1, 1, checked)
+        lattice = Frame(1, 1, checked)
         first, last = (
             lattice.unbounded_rowcol_from_xy([corner])[0] for corner in (self._least, self._most)
         )
         height, width = (last - first + 1 + 2 * MARGIN).tolist()
-        if height * width > frames.MOST_CELLS:
+        if height * width > MOST_CELLS:
             x, y, u, v = (*self._least, *self._most)
             rule = f"beams reach from {x:.6g}, {y:.6g} to {u:.6g}, {v:.6g}: too far for a map"
             hint = "a pose may be wrong; --size and --origin bound the map"
             raise MalformedInputError(rule, hint=hint)
         row, col = (first - MARGIN).tolist()
-        return frames.Region(row, col, height, width).frame_in(lattice)
+        return Region(row, col, height, width).frame_in(lattice)
 
 
-def frame_of(
-    size: frames.Point | None, origin: frames.Point | None, resolution: float
-) -> frames.Frame | None:
+def frame_of(size: Point | None, origin: Point | None, resolution: float) -> Frame | None:
+    """Return the frame of a size and a corner in metres, if they are set."""
     if size is None and origin is None:
         return None
     if size is None or origin is None:
         raise ParameterError("must be given together", place="size, origin")
-    x, y = frames.check_point(origin, "origin")
-    width, height = frames.check_point(size, "size")
+    x, y = check_point(origin, "origin")
+    width, height = check_point(size, "size")
     if not (width > 0 and height > 0):
         rule = "must be two numbers of metres above 0"
         raise ParameterError(rule, place="size", got=(width, height))
-    checked = frames.check_resolution(resolution)
-    rows, cols = (max(1, frames.cells_to_cover(length, checked)) for length in (height, width))
-    return frames.Region(0, 0, rows, cols).frame_in(frames.Frame(1, 1, checked, (x, y, 0.0)))
+    checked = check_resolution(resolution)
+    rows, cols = (max(1, cells_to_cover(length, checked)) for length in (height, width))
+    return Region(0, 0, rows, cols).frame_in(Frame(1, 1, checked, (x, y, 0.0)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -156,7 +163,7 @@ class MapBuilder:
 
     def __init__(
         self,
-        frame: frames.Frame,
+        frame: Frame,
         method: Method = "log-odds",
         limits: BeamLimits | None = None,
         **parameters: Any,
@@ -197,7 +204,7 @@ class MapBuilder:
         return self._evidence.advice(vanished)
 
 
-def _evidence(frame: frames.Frame, method: Method, parameters: Mapping[str, Any]) -> Evidence:
+def _evidence(frame: Frame, method: Method, parameters: Mapping[str, Any]) -> Evidence:
     if method not in METHODS:
         rule = f"must be one of {', '.join(get_args(Method))}"
         raise ParameterError(rule, place="method", got=method)
@@ -224,7 +231,7 @@ def all_parameters(method: Method, parameters: Mapping[str, Any]) -> dict[str, A
 
 def reach_behind(method: Method, resolution: float, parameters: Mapping[str, Any]) -> float:
     """Return the distance behind hits up to which a method has an effect, metres."""
-    frame = frames.Frame(1, 1, frames.check_resolution(resolution))
+    frame = Frame(1, 1, check_resolution(resolution))
     return _evidence(frame, method, parameters).reach_behind * frame.resolution
 
 
@@ -235,8 +242,8 @@ def build_map(
     *,
     method: Method = "log-odds",
     resolution: float = 0.05,
-    size: frames.Point | None = None,
-    origin: frames.Point | None = None,
+    size: Point | None = None,
+    origin: Point | None = None,
     range_min: float = 0.0,
     range_max: float = 30.0,
     clear_max: float = 0.0,

@@ -22,7 +22,19 @@ from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import Layer, blocks_of, gathered, made_by_rows
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import for_rows
-from mapdeal.pictures import colours as palette
+from mapdeal.pictures.colours import (
+    GOAL,
+    KEEPOUT,
+    MINIMUM,
+    REMOVED,
+    ROBOT,
+    ROBOT_OUTLINE,
+    ROUTE,
+    RVIZ_FREE,
+    START,
+    Colour,
+    Swatch,
+)
 
 _SMALL_SIDE = 600  # approximate long side of enlarged small maps, pixels
 DEFAULT_IMAGE_MAX = 2048
@@ -84,6 +96,7 @@ class Pooling:
         self._pixels: NDArray[Any] | None = None
 
     def all(self) -> NDArray[Any]:
+        """Process all rows of the layer; return the pixels."""
         for rows in blocks_of(self._layer):
             self.take(slice(rows.start + self._first, rows.stop + self._first))
         return self.pixels
@@ -174,7 +187,7 @@ class Overlay(Protocol):
     """Protocol of drawings over the picture of a layer."""
 
     @property
-    def colours(self) -> Sequence[palette.Colour]:
+    def colours(self) -> Sequence[Colour]:
         """Colours that the palette needs, in order."""
 
     @property
@@ -186,7 +199,7 @@ class Overlay(Protocol):
         """Points that the picture must show, shape (N, 2), metres in the map frame."""
         return np.empty((0, 2))
 
-    def draw(self, on: Surface, first_index: int) -> list[palette.Swatch]:
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         """Draw with `colours`, from `first_index` of the palette on; return the legend."""
 
 
@@ -195,7 +208,7 @@ class Overlays(Overlay):
     overlays: tuple[Overlay, ...]
 
     @property
-    def colours(self) -> list[palette.Colour]:
+    def colours(self) -> list[Colour]:
         return [colour for overlay in self.overlays for colour in overlay.colours]
 
     @property
@@ -206,7 +219,7 @@ class Overlays(Overlay):
     def places_xy(self) -> NDArray[np.float64]:
         return np.concatenate([np.reshape(overlay.places_xy, (-1, 2)) for overlay in self.overlays])
 
-    def draw(self, on: Surface, first_index: int) -> list[palette.Swatch]:
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         swatches = []
         for overlay in self.overlays:
             swatches += overlay.draw(on, first_index)
@@ -245,6 +258,7 @@ class Brush:
         self, centres: NDArray[np.float64], directions: NDArray[np.float64], index: int, *,
         length: float, thickness: int,
     ) -> None:  # fmt: skip
+        """Draw arrows around points, shape (N, 2), along unit vectors."""
         along, across = directions * length, _left_of(directions) * length
         tip, tail, neck = centres + along / 2, centres - along / 2, centres + along * 0.1
         self._draw(index, np.stack([tail, neck], axis=1), thickness=thickness)
@@ -254,6 +268,7 @@ class Brush:
         self, centre: NDArray[np.float64], direction: NDArray[np.float64], index: int, *,
         length: float,
     ) -> None:  # fmt: skip
+        """Draw an arrowhead around a point, along a unit vector."""
         along, across = direction * length, _left_of(direction) * length
         tip, notch = centre + along * 0.6, centre - along * 0.2
         left_wing, right_wing = (centre - along * 0.4 + side * across * 0.35 for side in (1, -1))
@@ -302,6 +317,7 @@ def _left_of(direction: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def circle(radius: float, corners: int) -> NDArray[np.float64]:
+    """Return a closed circle around (0, 0), shape (corners + 1, 2)."""
     turns = np.linspace(0, 2 * math.pi, corners + 1)
     return radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
 
@@ -312,15 +328,15 @@ class RingOverlay:
     label: str
     text: str
 
-    colours = (palette.REMOVED,)
+    colours = (REMOVED,)
 
-    def draw(self, on: Surface, first_index: int) -> list[palette.Swatch]:
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         if not len(self.places_xy):
             return []
         ring, thickness = circle(max(6.0, on.side / 80), 32), max(2, round(on.side / 400))
         for place in on.places(self.places_xy):
             Brush(on.pixels).polyline(place + ring, first_index, thickness=thickness)
-        return [palette.Swatch(first_index, self.label)]
+        return [Swatch(first_index, self.label)]
 
 
 @dataclass(frozen=True)
@@ -329,7 +345,7 @@ class PoseOverlay(Overlay):
 
     pose: tuple[float, float, float]
 
-    colours = (palette.ROBOT,)
+    colours = (ROBOT,)
 
     @property
     def text(self) -> str:
@@ -340,13 +356,13 @@ class PoseOverlay(Overlay):
     def places_xy(self) -> NDArray[np.float64]:
         return np.array([self.pose[:2]])
 
-    def draw(self, on: Surface, first_index: int) -> list[palette.Swatch]:
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         ahead = xy_ahead(self.pose, on.frame.resolution)
         centre, tip = on.places([self.pose[:2], ahead])
         direction = (tip - centre) / np.hypot(*(tip - centre))
         length = max(10.0, on.side / 25)
         Brush(on.pixels).dart(centre, direction, first_index, length=length)
-        return [palette.Swatch(first_index, "robot")]
+        return [Swatch(first_index, "robot")]
 
 
 @dataclass(frozen=True)
@@ -355,7 +371,7 @@ class RouteOverlay(Overlay):
 
     route: Route
 
-    colours = (palette.ROUTE, palette.START, palette.GOAL, palette.MINIMUM)
+    colours = (ROUTE, START, GOAL, MINIMUM)
 
     @property
     def text(self) -> str:
@@ -371,18 +387,18 @@ class RouteOverlay(Overlay):
     def places_xy(self) -> NDArray[np.float64]:
         return np.concatenate([self.route.points_xy, [self.route.start, self.route.goal]])
 
-    def draw(self, on: Surface, first_index: int) -> list[palette.Swatch]:
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         route, brush = self.route, Brush(on.pixels)
         line, start, goal, minimum = (first_index + k for k in range(4))
-        swatches = [palette.Swatch(start, "start"), palette.Swatch(goal, "goal")]
+        swatches = [Swatch(start, "start"), Swatch(goal, "goal")]
         if len(route.points_xy):
             thickness = max(3, round(on.side / 250))
             brush.polyline(on.places(route.points_xy), line, thickness=thickness)
-            swatches.insert(0, palette.Swatch(line, "route"))
+            swatches.insert(0, Swatch(line, "route"))
         ends = [(route.goal, goal), (route.start, start)]
         if route.local_minimum is not None:
             ends.append((route.local_minimum, minimum))
-            swatches.append(palette.Swatch(minimum, "local minimum"))
+            swatches.append(Swatch(minimum, "local minimum"))
         for point, index in ends:
             brush.dot(on.places([point])[0], index, radius=max(4.0, on.side / 110))
         return swatches
@@ -435,13 +451,13 @@ class StepsOverlay(Overlay):
     routes: Sequence[Route]
     driven_xy: NDArray[np.float64]
 
-    colours = (palette.ROUTE, palette.ROBOT, palette.START, palette.GOAL)
+    colours = (ROUTE, ROBOT, START, GOAL)
 
     @property
     def places_xy(self) -> NDArray[np.float64]:
         return np.concatenate([self.driven_xy, *(route.points_xy for route in self.routes)])
 
-    def draw(self, on: Surface, first_index: int) -> list[palette.Swatch]:
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         brush, thickness = Brush(on.pixels), max(1, round(on.side / 500))
         for route in self.routes:
             brush.polyline(on.places(route.points_xy), first_index, thickness=thickness)
@@ -450,7 +466,7 @@ class StepsOverlay(Overlay):
         for place, number in ((goal, 3), (start, 2)):
             brush.dot(place, first_index + number, radius=max(4.0, on.side / 110))
         names = ("routes of all steps", "driven", "start", "goal")
-        return [palette.Swatch(first_index + number, name) for number, name in enumerate(names)]
+        return [Swatch(first_index + number, name) for number, name in enumerate(names)]
 
 
 _AWAY = 10  # pixels between the shape and the edges
@@ -461,6 +477,7 @@ _LEAST, _LARGEST_SHARE = 4, 0.4
 def outline_of(
     robot: Footprint, pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> NDArray[np.float64]:
+    """Return the closed outline of a robot at a pose, shape (N, 2), in the frame of the pose."""
     if robot.vertices:
         corners = np.array([*robot.vertices, robot.vertices[0]])
     else:
@@ -477,9 +494,9 @@ class RobotOverlay(Overlay):
     robot: Footprint
     label: str = "robot, to scale"
 
-    colours = (palette.ROBOT_OUTLINE, palette.RVIZ_FREE)
+    colours = (ROBOT_OUTLINE, RVIZ_FREE)
 
-    def draw(self, on: Surface, first_index: int) -> list[palette.Swatch]:
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         outline = outline_of(self.robot) / on.raster.metres_per_pixel(on.frame.resolution)
         outline -= outline.min(axis=0)
         size = np.ceil(outline.max(axis=0)) + 2 * _AWAY  # columns and rows
@@ -492,7 +509,7 @@ class RobotOverlay(Overlay):
         outline += np.array([left_x, low]) + _AWAY
         for index, thickness in ((first_index + 1, 4), (first_index, 2)):
             Brush(on.pixels).polyline(outline, index, thickness=thickness)
-        return [palette.Swatch(first_index, self.label)]
+        return [Swatch(first_index, self.label)]
 
 
 def _evenness(pixels: NDArray[np.uint8], corner: tuple[int, int], size: tuple[int, int]) -> int:
@@ -520,12 +537,12 @@ class KeepoutOverlay(Overlay):
 
         return cls(made_by_rows(after.cost, bool, closed))
 
-    colours = (palette.KEEPOUT,)
+    colours = (KEEPOUT,)
 
-    def draw(self, on: Surface, first_index: int) -> list[palette.Swatch]:
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         closed = on.raster.enlarged(on.raster.largest(self.closed))
         on.pixels[closed] = first_index
-        return [palette.Swatch(first_index, "keepout")] if closed.any() else []
+        return [Swatch(first_index, "keepout")] if closed.any() else []
 
 
 ImageExtent = Literal["known", "all"]

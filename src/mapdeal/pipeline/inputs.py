@@ -38,8 +38,7 @@ from mapdeal.kernels.blocks import CacheBudget, lazy_layer, swept
 from mapdeal.kernels.distance import dtype_of_squares
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.lookup import histogram
-from mapdeal.kernels.tables import tables_claimed
-from mapdeal.kernels.threads import thread_count, use_threads
+from mapdeal.kernels.threads import tables_claimed, thread_count, use_threads
 from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import MapFile, Source, as_occupancy, open_map

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Point
-from mapdeal.grid.goal_field import Place, is_line_clear, lengths_to, opens
 from mapdeal.grid.reach import Method, Route
+from mapdeal.kernels.eikonal import Place, is_line_clear, lengths_to, opens
 from mapdeal.planning.routes import Terrain
 
 Mask = NDArray[np.bool_]

@@ -19,8 +19,7 @@ from mapdeal.grid.reaching import Ground, squares_to
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode, Sweeps, closed_costs
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels.components import joined
-from mapdeal.kernels.skeleton import STRAIGHT, largest_of_blocks
-from mapdeal.planning.node_areas import far_from, flat_cells
+from mapdeal.kernels.skeleton import STRAIGHT, far_from, flat_cells, largest_of_blocks
 from mapdeal.planning.skeleton_lines import Cells
 
 Kind = Literal["way", "crossing", "door", "narrow", "end", "hall", "goal"]

@@ -22,10 +22,9 @@ from mapdeal.grid.values import FREE_SPACE
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.paths import cheapest_path
 from mapdeal.kernels.rotations import main_direction
-from mapdeal.kernels.skeleton import STRAIGHT, lengths_from, nearest_from, skeleton
+from mapdeal.kernels.skeleton import STRAIGHT, lengths_from, nearest_from, neighbouring, skeleton
 from mapdeal.planning import graph_drafts
 from mapdeal.planning.hall_lattices import lattices_in
-from mapdeal.planning.node_areas import neighbouring
 from mapdeal.planning.skeleton_lines import Cells, Tracing
 
 MOST_EDGES = 8  # of a node, both directions counted once

@@ -13,11 +13,11 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField, PotentialField
 from mapdeal.grid.frame import Point
-from mapdeal.grid.goal_field import Place, is_line_clear, lengths_to, weighted_lengths_to
 from mapdeal.grid.reach import Route
 from mapdeal.grid.reaching import Cell, cell_of_point, nearest_open_text
 from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE, OCCUPIED
 from mapdeal.kernels.distance import signed_distance
+from mapdeal.kernels.eikonal import Place, is_line_clear, lengths_to, weighted_lengths_to
 from mapdeal.kernels.paths import cheapest_path
 
 FIELD_RANGE = 2.0

@@ -13,10 +13,10 @@ from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.field import LARGEST_GAIN, LARGEST_REPULSION, PotentialField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Point, check_point
-from mapdeal.grid.goal_field import lengths_to
 from mapdeal.grid.reach import reach_radius, robot_text
 from mapdeal.grid.reaching import Ground, cells_open_to
 from mapdeal.grid.values import OCCUPIED
+from mapdeal.kernels.eikonal import lengths_to
 from mapdeal.kernels.lookup import sum_of_inverse_distances
 from mapdeal.stages.cost import ObstacleSource, obstacles_of
 
