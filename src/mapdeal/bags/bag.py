@@ -48,7 +48,6 @@ def name_inside(output: Path) -> str:
 
 
 def check_topic(topic: str) -> str:
-    """Return the name of a topic, with its leading slash."""
     # Sources: ROS wiki, "Names"; rmw's ``validate_full_topic_name``.
     name = topic if topic.startswith("/") else f"/{topic}"
     if not all(map(_PART.fullmatch, name[1:].split("/"))) or len(name) > _LONGEST_TOPIC:
@@ -140,7 +139,6 @@ class MessageIndex:
         return MessageIndex(*(column[selection] for column in self.columns))
 
     def in_time(self) -> MessageIndex:
-        """Return the places sorted by time; equal times stay in the order of recording."""
         if len(self) < 2 or bool((self.times[1:] >= self.times[:-1]).all()):
             return self
         return self.select(np.argsort(self.times, kind="stable"))

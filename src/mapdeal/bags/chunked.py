@@ -159,7 +159,6 @@ class ChunkedBag(Bag):
         """Return the places in the entries of an index record."""
 
     def _find_connections(self) -> None:
-        """Search chunks for the connections that are described only within them."""
         for number, chunk in enumerate(self._chunks):
             known = {connection for connection, _, _ in chunk.entries}
             if not (chunk.is_indexed and known <= self._found.keys()):
@@ -364,7 +363,6 @@ class Ros1Bag(ChunkedBag):
         return _Record(data, position, fields, start + 4, end)
 
     def _header_at(self, position: int) -> tuple[_Fields, int]:
-        """Return the fields of the record at the file's position, and the length of its data."""
         place = f"a record at byte {position}"
         word = self._file.read(4)
         if len(word) < 4:
@@ -475,7 +473,6 @@ class McapBag(ChunkedBag):
             self._warn_of_early_end()
 
     def _add_record(self, opcode: int, position: int, length: int) -> None:
-        """Read the record at a position; the file's position is behind the record's head."""
         start = position + 9
         if opcode in (_SCHEMA, _CHANNEL):
             self._note(opcode, self._read(min(length, _LONGEST_RECORD + 1)))

@@ -127,7 +127,6 @@ def transforms_of(message: Any) -> list[Stamped]:
 
 
 def odometry_of(message: Any) -> Stamped:
-    """Return the pose of a ``nav_msgs/Odometry`` as a transform to its child frame."""
     pose = message.pose.pose
     return _stamped(message, pose.position, pose.orientation)
 
@@ -276,7 +275,6 @@ def points_of(message: Any) -> NDArray[np.float64]:
 
 
 def points_of_scan(scan: LaserScan) -> NDArray[np.float64]:
-    """Return the points where beams of a scan end, in its sensor's frame, shape (M, 2)."""
     hit = np.isfinite(scan.ranges)
     ranges, angles = scan.ranges[hit], scan.angles[hit]
     return np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
@@ -325,7 +323,6 @@ class Decoder:
             raise self._bag.malformed(rule, connection.topic) from None
 
     def header(self, place: Place) -> tuple[int, str]:
-        """Return a header's time, nanoseconds, and frame, without decoding the whole message."""
         data, connection = self._bag.data(place), self._connections[place.connection]
         order = "<" if connection.encoding == "ros1" or data[1:2] == b"\x01" else ">"
         try:  # preceded by a sequence number in ROS 1, by CDR's byte order in ROS 2

@@ -145,7 +145,6 @@ class FolderBag(Bag):
         return _Metadata(storage, names, mode, _serializations(fields))
 
     def _present_files(self, entry: Entry) -> tuple[str, ...]:
-        """Return the names of the files that exist; older metadata list them with folders."""
         paths = [PurePosixPath(PureWindowsPath(item.text()).as_posix()) for item in entry.items()]
         names, present = dict.fromkeys(path.name for path in paths), set(contents_of(self.path)[1])
         missing = [name for name in names if name not in present]

@@ -111,7 +111,6 @@ class Check:
 
 
 def places_of(points_xy: Iterable[Sequence[float]]) -> tuple[Point, ...]:
-    """Return points of the map frame as findings print them, without the rounding of floats."""
     return tuple((round(x, _DECIMALS) + 0.0, round(y, _DECIMALS) + 0.0) for x, y in points_xy)
 
 
@@ -119,7 +118,6 @@ CHECKS: dict[str, Check] = {}  # all checks by name, in the order in which they 
 
 
 def add_check(check: Check) -> None:
-    """Add a check to the list; raise ValueError if its name is not unique."""
     if check.name in CHECKS:
         raise ValueError(f"two checks are called {check.name}")
     CHECKS[check.name] = check
@@ -158,8 +156,7 @@ declare_checks(
     yaml.defaults (warning)
         The key negate or a threshold is missing; ROS requires them.
 
-        map_server refuses the YAML and the robot starts without a map. The other checks assume the
-        usual values.
+        map_server refuses the YAML and the robot has no map. Other checks assume the usual values.
         Example: A YAML file without `negate`.
         Fix: Run lint --fix, which writes the usual values.
 
@@ -180,40 +177,35 @@ declare_checks(
     yaml.legacy-mode (warning)
         An outdated key in the place of mode.
 
-        Today's map_server ignores the key and reads the map as trinary, so values between free and
-        occupied are lost.
+        map_server ignores the key and reads trinary: values between free and occupied are lost.
         Example: `trinary: true` without mode.
         Fix: Write mode: trinary, scale or raw.
 
     thresholds.equal (warning)
         The thresholds free_thresh and occupied_thresh are equal.
 
-        No grey is left for unknown: unexplored space becomes free, and planners lead the robot
-        through it.
+        No grey is left for unknown: unexplored space is free, and planners lead the robot there.
         Example: `free_thresh: 0.65`, equal to occupied_thresh.
         Fix: Write the usual 0.196 for free_thresh.
 
     image.foreign-path (warning)
         The path of the image is that of another machine.
 
-        The checks use the image beside the YAML, but map_server looks at the written path and does
-        not start.
+        The checks use the image beside the YAML; map_server looks at the path and does not start.
         Example: `image: /home/robot/maps/m.pgm`, which is missing here.
         Fix: Write the file's name alone, or run lint --fix.
 
     image.lossy (warning)
         The image is a JPEG, which changes greys.
 
-        Greys near a threshold may fall on its other side: walls get holes and free space gets
-        specks.
+        Greys near a threshold may cross it: walls get holes and free space gets specks.
         Example: An `office.jpg` that an editor has saved.
         Fix: Save the original again as PGM or PNG.
 
     image.orientation (warning)
         An EXIF orientation that ROS does not apply.
 
-        Viewers turn the image and ROS does not: zones and goals drawn on the view lie elsewhere for
-        the robot.
+        Viewers turn the image and ROS does not: zones and goals drawn there lie elsewhere.
         Example: A photo of a floor plan, turned by the camera.
         Fix: Save the image without EXIF data.
 
@@ -227,48 +219,42 @@ declare_checks(
     image.transparent-colour (warning)
         A transparent colour (PNG tRNS).
 
-        Some readers make cells of this colour unknown, others read its grey: the robot may see free
-        space there.
+        Some readers make its cells unknown, others read its grey: the robot may see them as free.
         Example: A palette PNG whose white is transparent.
         Fix: Save the image without transparency.
 
     image.dos-header (warning)
         DOS line ends in the header of a PNM image.
 
-        Some readers take the extra byte for a pixel: all cells are shifted by one column, away from
-        the real walls.
+        Some readers take the extra byte for a pixel: all cells are shifted by one column.
         Example: A PGM that an editor has saved under Windows.
         Fix: Run mapdeal convert, which writes the image anew.
 
     image.trailing-bytes (warning)
         Bytes after the picture.
 
-        The header may give too small a size: then the robot sees a part of the map only, or a
-        sheared one.
+        The header may give too small a size: the robot sees a part of the map, or a sheared one.
         Example: A PGM whose header was edited by hand.
         Fix: Compare the size in the header with the original.
 
     image.raw-values (warning)
         Values without a meaning in mode raw.
 
-        Raw values are occupancy, 0 to 100 and 255: others become unknown or, in ROS 1, wrong
-        values.
+        Raw values are occupancy, 0 to 100 and 255: others become unknown or, in ROS 1, wrong.
         Example: Grey 130 with `mode: raw`.
         Fix: Write mode: trinary, or values of 0 to 100.
 
     image.yaml-not-read (warning)
         An image that --resolution reads without its YAML file.
 
-        The origin and thresholds in that YAML are not used: results are displaced against the
-        robot's map.
+        Its origin and thresholds are not used: results are displaced against the robot's map.
         Example: `mapdeal info office.pgm --resolution 0.05` beside office.yaml.
         Fix: Name the YAML instead of the image.
 
     map.view (warning)
         The 0..100 view of a distance field, which is not a map.
 
-        A robot would read distances as occupancy: most of its free space would become unknown or
-        occupied.
+        A robot would read distances as occupancy: most free space would be unknown or occupied.
         Example: The `esdf.yaml` in the folder of a run.
         Fix: Give the robot the map that the field was made from.
 
@@ -296,32 +282,28 @@ declare_checks(
     graph.shared-id (warning)
         A node and an edge with the same id.
 
-        Requests to close or open an edge name it by its id, and operators may address the wrong
-        feature.
+        Requests name an edge by its id, and operators may address the wrong feature.
         Example: Node 5 and edge 5.
         Fix: Number edges above all nodes.
 
     graph.whole-number (error)
         An integer where a scorer reads a float: it throws.
 
-        The route server fails at the first request that scores this edge, and the robot stays where
-        it is.
+        The route server fails at the first request that scores this edge: the robot stays.
         Example: `"speed_limit": 1`.
         Fix: Write the number with a point: 1.0.
 
     graph.mixed-limits (warning)
         The property speed_limit on some edges and not on all.
 
-        Edges without it count as full speed, so routes may prefer them over those that were
-        limited.
+        Edges without it count as full speed, so routes may prefer them over limited ones.
         Example: A limit on one of three edges.
         Fix: Set speed_limit on every edge.
 
     graph.other-frame (error)
         Coordinates of another frame than the map's.
 
-        Nodes lie far from where they were drawn, and routes lead the robot into walls or off the
-        map.
+        Nodes lie far from where they were drawn, and routes lead into walls or off the map.
         Example: Longitudes and latitudes from a GIS.
         Fix: Write metres in the map frame.
 
@@ -335,8 +317,7 @@ declare_checks(
     graph.edge-blocked (error)
         An edge along which the robot collides.
 
-        The route server follows edges without looking at the map: the robot drives at the obstacle
-        and stops.
+        The route server does not look at the map: the robot drives at the obstacle and stops.
         Example: An edge drawn through a pillar.
         Fix: Lead the edge around with another node.
 
@@ -670,7 +651,6 @@ def _ranks(names: Iterable[str], source: Path | str, place: str | None = None) -
 
 
 def _matches(text: str) -> dict[str, int]:
-    """Return the precision of each check that a name selects; empty if the name is unknown."""
     if text in CHECKS:
         return {text: 2}
     if text.lower() == EVERYTHING:

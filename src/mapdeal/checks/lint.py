@@ -100,7 +100,6 @@ class Findings:
 
 
 def check_map(path: Path, max_cells: int | None, radius: float | None = None) -> Findings:
-    """Return the findings in a map; a failure of the checks is a finding, too."""
     try:
         findings = lint_file(path, max_cells=max_cells, radius=radius)
     except MapdealError as error:

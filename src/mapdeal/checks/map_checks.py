@@ -21,7 +21,7 @@ from mapdeal.grid.filters import FILTER_KEYS
 from mapdeal.grid.values import count_text, decimal_text
 from mapdeal.inputs.kinds import kind_of
 from mapdeal.inputs.listing import ListedFolders
-from mapdeal.maps.dialects import Dialect, MapMetadata
+from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.images import IMAGE_FORMATS
 from mapdeal.maps.map_server import MAP_SAVER_UNKNOWN, NOTHING_KNOWN, percent, remark_on_freed
 
@@ -53,8 +53,7 @@ def unknown_becomes_free(facts: PairFacts) -> Iterator[Remark]:
 def on_grey(facts: PairFacts) -> Iterator[Remark]:
     """A threshold that is exactly a grey of the image.
 
-    Readers compare in different precision: the same cells are obstacles for some and unknown for
-    others.
+    Readers compare in different precision: cells are obstacles for some and unknown for others.
     Example: `free_thresh: 0.2` and pixels of grey 204.
     Fix: Move the threshold by 0.01.
     """
@@ -65,8 +64,7 @@ def on_grey(facts: PairFacts) -> Iterator[Remark]:
         if facts.metadata.mode == "scale" and threshold in (0, 1):
             continue  # usual for scale: readers.differ counts cells that really differ
         for grey, count in facts.pixels.greys.items():
-            shade = (grey if facts.metadata.negate else 255 - grey) / 255
-            if abs(shade - threshold) < 1e-6:
+            if abs(_shade(grey, facts) - threshold) < 1e-6:
                 text = f"{threshold:g} is the shade of grey {grey} ({count} pixels)"
                 places = facts.places_of_greys([grey])
                 text += ": readers disagree on it; move it by 0.01"
@@ -143,8 +141,7 @@ def alpha(facts: PairFacts) -> Iterator[str]:
 def gamma(facts: PairFacts) -> Iterator[str]:
     """A gamma or colour profile (PNG gAMA, iCCP), which is not applied.
 
-    The robot is not affected, as map readers ignore it. Viewers may show other greys than the robot
-    reads.
+    The robot is not affected: map readers ignore it. Viewers may show other greys than it reads.
     Example: A PNG saved by GIMP with its profile.
     Fix: Export without a colour profile.
     """
@@ -157,8 +154,7 @@ def gamma(facts: PairFacts) -> Iterator[str]:
 def colour(facts: PairFacts) -> Iterator[str]:
     """Pixels that are not grey.
 
-    Readers compute grey from colour differently: marks in the map may be walls for some robots
-    only.
+    Readers compute grey from colour differently: marks may be walls for some robots only.
     Example: An orange note drawn on a map.
     Fix: Convert the image to greys.
     """
@@ -185,8 +181,7 @@ def palette(facts: PairFacts) -> Iterator[str]:
 def greys(facts: PairFacts) -> Iterator[Remark]:
     """Greys of a trinary map that become unknown, other than 205.
 
-    Blurred edges of walls and drawn marks become unknown cells: planners avoid them or drive
-    through, as set.
+    Blurred edges and drawn marks become unknown cells: planners avoid or cross them, as set.
     Example: Grey 120 along walls after the image was scaled.
     Fix: Check the thresholds, or save 0, 205 and 254 only.
     """
@@ -196,7 +191,8 @@ def greys(facts: PairFacts) -> Iterator[Remark]:
     unusual = {
         grey: count
         for grey, count in facts.pixels.greys.items()
-        if grey not in usual and _is_between(grey, facts.metadata)
+        if grey not in usual
+        and facts.metadata.free_thresh <= _shade(grey, facts) <= facts.metadata.occupied_thresh
     }
     if unusual:
         common = sorted(unusual.items(), key=lambda item: -item[1])[:5]
@@ -208,9 +204,8 @@ def greys(facts: PairFacts) -> Iterator[Remark]:
         yield Remark(text, places=facts.places_of_greys(grey for grey, _ in common))
 
 
-def _is_between(grey: int, metadata: MapMetadata) -> bool:
-    share = (grey if metadata.negate else 255 - grey) / 255
-    return metadata.free_thresh <= share <= metadata.occupied_thresh
+def _shade(grey: int, facts: PairFacts) -> float:
+    return (grey if facts.metadata.negate else 255 - grey) / 255
 
 
 _DARKER_THAN_UNKNOWN = 0.05  # least difference in shade of a wall from the darkest grey for unknown
@@ -230,7 +225,7 @@ def faded_walls(facts: PairFacts) -> Iterator[Remark]:
     faded: dict[int, int] = {}
     walls = 0
     for grey, count in facts.pixels.greys.items():
-        shade = (grey if facts.metadata.negate else 255 - grey) / 255
+        shade = _shade(grey, facts)
         if shade >= facts.metadata.occupied_thresh:
             walls += count
         elif shade > _UNKNOWN_SHADE + _DARKER_THAN_UNKNOWN:
@@ -250,8 +245,7 @@ def faded_walls(facts: PairFacts) -> Iterator[Remark]:
 def cartographer(facts: PairFacts) -> Iterator[str]:
     """The grey that Cartographer writes for unknown, 128.
 
-    With usual thresholds it is read as unknown, as it should be. A free_thresh above 0.5 would make
-    it free.
+    With usual thresholds it is read as unknown, rightly. A free_thresh above 0.5 makes it free.
     Example: A map from cartographer_pbstream_to_ros_map.
     Fix: Nothing, with free_thresh below 0.49.
     """
@@ -505,8 +499,7 @@ def image_unquoted(facts: PairFacts) -> Iterator[Remark]:
 def resolution_noise(facts: PairFacts) -> Iterator[Remark]:
     """A resolution with rounding noise, such as 0.05000000074505806.
 
-    Tools that compare resolutions exactly see two maps of one place as different, and refuse to
-    merge them.
+    Tools that compare resolutions exactly refuse to merge two maps of one place.
     Example: `resolution: 0.05000000074505806`.
     Fix: Write 0.05, or run lint --fix.
     """
@@ -522,8 +515,7 @@ def resolution_noise(facts: PairFacts) -> Iterator[Remark]:
 def resolution_unusual(facts: PairFacts) -> Iterator[Remark]:
     """Cells larger than 10 m or smaller than 1 mm.
 
-    The unit may be wrong: then walls are thousands of metres apart, or the whole map is below the
-    robot.
+    The unit may be wrong: walls are thousands of metres apart, or the map is below the robot.
     Example: `resolution: 50`, millimetres written as metres.
     Fix: Write metres per cell.
     """
@@ -553,8 +545,7 @@ def origin_noise(facts: PairFacts) -> Iterator[Remark]:
 def origin_yaw(facts: PairFacts) -> Iterator[Remark]:
     """A map with a yaw, which costmap_2d and AMCL ignore.
 
-    The robot uses the map unturned, while RViz shows it turned: goals lie in other places than
-    shown.
+    The robot uses the map unturned, while RViz shows it turned: goals lie elsewhere than shown.
     Example: `origin: [-1.5, 2.0, 0.1]`.
     Fix: Run lint --fix, which turns the cells.
     """
@@ -568,8 +559,7 @@ def origin_yaw(facts: PairFacts) -> Iterator[Remark]:
 def origin_off_lattice(facts: PairFacts) -> Iterator[Remark]:
     """An origin that is not a multiple of the resolution.
 
-    A single map is not affected. Cells of two maps coincide only on the lattice: merging shifts one
-    by half a cell.
+    A single map is not affected. Merging two maps shifts one of them by half a cell.
     Example: `origin: [-1.52, 2.0, 0]` with cells of 0.05 m.
     Fix: Align it only where maps are combined.
     """
@@ -660,8 +650,7 @@ declare_checks(
     run.uniform-cost (warning)
         Uninformative costs: nearly all cells have the same, or none is open.
 
-        Planners see no difference between the middle of a corridor and its walls, or find no path
-        at all.
+        Planners see no difference between a corridor's middle and its walls, or find no path.
         Example: An inflation radius of 5 m in rooms of 4 m.
         Fix: Check the radius and the thresholds of the map.
     """

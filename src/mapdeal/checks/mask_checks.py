@@ -241,7 +241,6 @@ def closes(facts: MaskFacts) -> Iterator[Remark]:
 def _blocking(
     facts: MaskFacts, zones: Labels, cells: Mask, reachable: Mask, still_reachable: Mask
 ) -> list[int]:
-    """Return the zone that cuts off the cells by itself, else all zones beside the cells."""
     values = np.unique(zones.cells[dilate_square(cells, 1)])
     neighbours: list[int] = values[values > 0][:_MOST_ZONES].tolist()
     for zone in neighbours:
@@ -340,7 +339,6 @@ def _filters(facts: FilterFacts) -> Iterator[ListedLayer]:
 
 
 def _served(facts: FilterFacts) -> Iterator[tuple[ListedLayer, InfoServer]]:
-    """Yield each filter with the server in the files that publishes its topic."""
     for listed in _filters(facts):
         value = facts.robot.value(listed.name, "filter_info_topic")
         for server in facts.servers.info:

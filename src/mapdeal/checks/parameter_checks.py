@@ -27,6 +27,7 @@ from mapdeal.layers.catalogue import NAV2_PLUGINS, class_name, layer_named
 from mapdeal.layers.inflation import InflationLayer
 from mapdeal.ros.filters import filter_servers
 from mapdeal.ros.load import Name, costmap_values, costmaps_in, flavour_of, load_robot
+from mapdeal.ros.nav2 import DECLARED
 from mapdeal.ros.planners import planners_of
 from mapdeal.ros.robot import (
     INJECTED,
@@ -36,34 +37,28 @@ from mapdeal.ros.robot import (
     Problem,
     RobotParameters,
 )
+from mapdeal.ros.ros1 import COSTMAP_PARAMETERS
 from mapdeal.ros.ros2_files import read_ros2
 
-_COSTMAP = {
-    "always_send_full_costmap", "footprint", "footprint_padding", "footprint_topic",
-    "global_frame", "height", "lethal_cost_threshold", "map_topic", "origin_x", "origin_y",
-    "plugins", "publish_frequency", "published_footprint_topic", "resolution",
-    "robot_base_frame", "robot_radius", "rolling_window", "track_unknown_space",
-    "transform_tolerance", "unknown_cost_value", "update_frequency", "width",
-}  # fmt: skip
-_COSTMAP_BY_FLAVOUR = {
-    "ros1": {
-        "cost_scaling_factor", "inflation_radius", "map_type", "mark_threshold",
-        "max_obstacle_height", "observation_sources", "obstacle_range", "origin_z",
-        "publish_voxel_map", "raytrace_range", "static_map", "unknown_threshold", "z_resolution",
-        "z_voxels", "min_obstacle_height", "combination_method", "first_map_only", "meter_scoring",
-        "inflate_unknown", "trinary_costmap", "use_maximum", "subscribe_to_updates", "enabled",
-        "footprint_clearing_enabled", "max_obstacle_range", "obstacle_layer", "static_layer",
+_COSTMAP: dict[Flavour, frozenset[str]] = {
+    "ros1": COSTMAP_PARAMETERS | {
+        "combination_method", "enabled", "first_map_only", "footprint_clearing_enabled",
+        "footprint_topic", "height", "inflate_unknown", "mark_threshold", "max_obstacle_range",
+        "meter_scoring", "min_obstacle_height", "obstacle_layer", "origin_x", "origin_y",
+        "origin_z", "publish_voxel_map", "published_footprint_topic", "static_layer",
+        "subscribe_to_updates", "unknown_threshold", "use_maximum", "width", "z_resolution",
+        "z_voxels",
     },
-    "nav2": {
-        "bond_heartbeat_period", "filters", "initial_transform_timeout",
-        "inscribed_obstacle_cost_value", "introspection_mode", "map_vis_z", "node_namespace",
-        "observation_sources", "plugin_names", "plugin_types", "subscribe_to_stamped_footprint",
-        "transform_timeout", "trinary_costmap", "unknown_threshold", "use_maximum",
-        "use_sim_time", "use_radius", "autostart_node", "service_introspection_mode",
-        "odom_topic", "enable_stamped_cmd_vel", "allow_parameter_qos_overrides",
-        "always_reset_initial_pose", "stamped_footprint",
+    "nav2": frozenset(DECLARED) | {
+        "allow_parameter_qos_overrides", "always_reset_initial_pose", "autostart_node",
+        "bond_heartbeat_period", "enable_stamped_cmd_vel", "footprint_topic", "introspection_mode",
+        "node_namespace", "observation_sources", "odom_topic", "plugin_names", "plugin_types",
+        "published_footprint_topic", "service_introspection_mode", "stamped_footprint",
+        "transform_timeout", "unknown_threshold", "use_radius", "use_sim_time",
     },
 }  # fmt: skip
+"""Parameters of costmaps, and of nodes beside them, that some release reads."""
+
 LAYER_PARAMETERS = frozenset(
     {"enabled", "plugin", "inflation_radius", "cost_scaling_factor", "observation_sources",
      "map_subscribe_transient_local", "map_topic", "inflate_unknown"}
@@ -97,7 +92,7 @@ OLD_PARAMETERS = ("static_map", "map_type")  # ROS 1 reads them only without a l
 
 def known_names(flavour: Flavour, layer: str) -> frozenset[str]:
     if not layer:
-        return frozenset(_COSTMAP | _COSTMAP_BY_FLAVOUR[flavour])
+        return _COSTMAP[flavour]
     layer_class = layer_named(layer)
     return frozenset() if layer_class is None else layer_class.known_parameters(layer)
 
@@ -153,8 +148,7 @@ def two_inflations(facts: RobotFacts) -> Iterator[Remark]:
 def layer_disabled(facts: RobotFacts) -> Iterator[Remark]:
     """A listed layer that is switched off.
 
-    What the layer would add, such as obstacles from a sensor, is not in the costmap: the robot does
-    not avoid it.
+    What the layer would add, such as obstacles, is not in the costmap: it is not avoided.
     Example: `obstacle_layer: {enabled: false}`.
     Fix: Set enabled: true, or remove it from plugins.
     """
@@ -232,8 +226,7 @@ def _nested_names(facts: ParameterFacts) -> Iterator[str]:
 def misspelt(facts: ParameterFacts) -> Iterator[Remark]:
     """A misspelt parameter.
 
-    ROS ignores it without a word and uses the default: the robot behaves otherwise than was
-    set.
+    ROS silently ignores it and uses the default: the robot behaves otherwise than was set.
     Example: `inflation_layer: {inflate_unknowns: true}`.
     Fix: Write the name that the message proposes.
     """
@@ -250,7 +243,6 @@ def misspelt(facts: ParameterFacts) -> Iterator[Remark]:
 
 
 def _scopes(facts: ParameterFacts) -> Iterator[tuple[dict[Name, ParameterValue], frozenset[str]]]:
-    """Yield the parameters of the costmap and of each layer, with the names known there."""
     costmap_values: dict[Name, ParameterValue] = {}
     costmap_values |= {path: value for path, value in facts.values.items() if len(path) == 1}
     yield costmap_values, known_names(facts.flavour, "")
@@ -416,8 +408,7 @@ declare_checks(
     params.no-shape (warning)
         Neither a footprint nor a radius.
 
-        ROS assumes a radius of 0.1 m (Nav2) or 0.46 m (ROS 1): a larger robot hits walls, a smaller
-        one misses doors.
+        ROS assumes 0.1 m (Nav2) or 0.46 m (ROS 1): larger robots hit walls, smaller miss doors.
         Example: `robot_radius: null`.
         Fix: Set robot_radius or footprint.
 
@@ -638,8 +629,7 @@ def no_inflation(facts: RobotFacts) -> Iterator[Remark]:
 def cost_cliff(facts: RobotFacts) -> Iterator[Remark]:
     """Costs that are still high where inflation ends.
 
-    Just behind the cliff cells cost nothing: paths run along that line instead of the middle of the
-    way.
+    Behind the cliff cells cost nothing: paths run along that line instead of the middle.
     Example: `inflation_layer: {inflation_radius: 0.3, cost_scaling_factor: 1.0}`.
     Fix: Write one of the values in the message.
     """
@@ -845,11 +835,6 @@ class _Costmap:
     def is_absent(self) -> bool:
         return any(p.check in _ABSENT and p.level == "refused" for p in self.problems)
 
-    @property
-    def is_misplaced(self) -> bool:
-        """Whether the files have its parameters at a wrong level of nesting."""
-        return any(problem.check == _ONE_LEVEL for problem in self.problems)
-
 
 def lint_parameters(
     paths: Sequence[Path], *, costmap: CostmapName | None = None, namespace: str | None = None,
@@ -858,7 +843,10 @@ def lint_parameters(
     flavour = flavour_of(paths)
     names = costmaps_in(paths, flavour, namespace) if costmap is None else (costmap,)
     costmaps = [_Costmap(n, *load_robot(paths, costmap=n, namespace=namespace)) for n in names]
-    present = [item for item in costmaps if not item.is_absent or item.is_misplaced]
+    present = [
+        item for item in costmaps
+        if not item.is_absent or any(problem.check == _ONE_LEVEL for problem in item.problems)
+    ]  # fmt: skip
     present = present or costmaps[:1]
     by_costmap: dict[CostmapName, list[Finding]] = {}
     last = str(paths[-1])
@@ -942,7 +930,6 @@ def _findings_on(facts: Mapping[type, Any], file: str) -> Iterator[Finding]:
 
 
 def _node_of(costmap: _Costmap, namespace: str | None) -> str:
-    """Return the node's name of a Nav2 costmap, even if its robot is unusable."""
     if costmap.robot is not None:
         return costmap.robot.node
     name = f"{costmap.name}_costmap"
@@ -952,7 +939,6 @@ def _node_of(costmap: _Costmap, namespace: str | None) -> str:
 def _plugins(
     flavour: Flavour, values: Mapping[Name, ParameterValue], robot: RobotParameters | None
 ) -> tuple[tuple[str, str], ...]:
-    """Return names and classes of the layers and filters, even if the robot is unusable."""
     if robot is not None:
         return tuple((listed.name, listed.plugin) for listed in robot.layers)
 

@@ -589,8 +589,7 @@ def _far_from(first: WallMap, poses: Poses, near: Near) -> Floats:
     # the limit of the shift is two and a half standard deviations
     middle = first.middle_xy[None]
     off = moved(poses, middle)[:, 0] - moved(near.pose[None], middle)[:, 0]
-    costs: Floats = (_OF_LIMIT * np.hypot(off[:, 0], off[:, 1]) / near.shift) ** 2 / 2
-    return costs
+    return (_OF_LIMIT * np.hypot(off[:, 0], off[:, 1]) / near.shift) ** 2 / 2
 
 
 def _judged(first: WallMap, second: WallMap, poses: Poses, near: Near | None = None) -> Placement:
@@ -653,7 +652,6 @@ def _axes(second: WallMap) -> Floats:
 
 
 def _weights(walls: WallMap, axes: Floats) -> Singles:
-    """Return how much faces count: those of one straight line as so many metres at most."""
     # That a wall lies on a wall at one place says that it does so all along: a line is one piece of
     # evidence, however long it is, with its ends and doors as others.
     weights = np.ones(len(walls.faces_xy), dtype=np.float32)

@@ -159,5 +159,4 @@ def _solved(matrices: Floats, right: Floats) -> Floats:
         others = rows[:, :, k].copy()
         others[:, k] = 0
         rows -= others[..., None] * rows[:, k, None]
-    found: Floats = rows[..., -1]
-    return found
+    return rows[..., -1]

@@ -249,8 +249,7 @@ def _weighed(values: ChosenLayers) -> NDArray[np.int64]:
         units = np.rint((values[_LOG_ODDS].astype(np.float64) - EVEN) * _PASS)
         return np.where(np.isnan(units), 0.0, units).astype(np.int64)
     hits, misses = (values[name].astype(np.int64) for name in (_HITS, _MISSES))
-    weighed: NDArray[np.int64] = hits * _HIT - misses * _PASS
-    return weighed
+    return hits * _HIT - misses * _PASS
 
 
 Rule = Literal["occupied", "newest", "evidence"]
@@ -410,7 +409,6 @@ def _share_within(own: Mask, walls: Mask, cells: float) -> float | None:
 
 
 def thickness(grid: OccupancyGrid) -> float | None:
-    """Return the mean thickness of a map's walls, metres; None if it has none."""
     cells = thickness_of(np.asarray(grid.occupancy) >= OCCUPIED_FROM)
     return float(cells.mean()) * grid.resolution if len(cells) else None
 

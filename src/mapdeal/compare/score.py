@@ -71,7 +71,6 @@ def metres_of(squares: NDArray[np.signedinteger], resolution: float) -> NDArray[
 
 
 def _agreement(estimate: States, truth: States) -> Values:
-    """Return figures of cells of two maps on one lattice, by what they are in each."""
     pairs = truth * np.uint8(3)
     pairs += estimate
     counts = histogram(pairs)[:9].reshape(3, 3).tolist()  # whole numbers that do not overflow

@@ -246,7 +246,6 @@ _GEOMETRIES = (
 
 
 def is_route_graph(value: Any) -> bool:
-    """Return whether a JSON value is a collection of features with at least one edge."""
     features = value.get("features") if isinstance(value, dict) else None
     return isinstance(features, list) and any(
         isinstance(feature, dict)

@@ -15,7 +15,7 @@ import os
 import re
 import stat
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 from mapdeal.compatibility import file_digest
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
-from mapdeal.kernels.threads import tables_claimed
+from mapdeal.kernels.threads import set_within, tables_claimed
 
 YAML, BIT_MAP = (".yaml", ".yml"), ".pbm"
 MAPS = (*YAML, ".npz")  # the likeliest first; a bit map is an image that stands for its YAML
@@ -143,7 +143,6 @@ def contents_of(folder: Path) -> tuple[list[str], list[str]]:
 
 
 def ignores_case(folder: Path) -> bool:
-    """Return whether the file system of a folder ignores the case of names."""
     # The nearest existing parent stands for a folder that does not exist yet.
     absolute = absolute_path(folder)
     for existing in (absolute, *absolute.parents):
@@ -272,11 +271,8 @@ def sums_of_reads(*, is_wanted: bool = True) -> Iterator[dict[Path, str]]:
     # The sums are of the bytes that were read, even if the file changes later. Without `is_wanted`
     # the mapping stays empty, because hashing takes time.
     sums: dict[Path, str] = {}
-    token = _sums.set(sums if is_wanted else None)
-    try:
+    with set_within(_sums, sums if is_wanted else None):
         yield sums
-    finally:
-        _sums.reset(token)
 
 
 def note_sum(path: Path, sum_of: Callable[[], str]) -> None:
@@ -361,20 +357,15 @@ def default_limit(jobs: int = 1) -> int | None:
     return max(free // 2, min(free, _SMALL), _LEAST)
 
 
-@contextmanager
 def use_memory(
     limit: int | None, *, is_chosen: bool = True, anew: bool = False
-) -> Iterator[None]:  # fmt: skip
+) -> AbstractContextManager[None]:  # fmt: skip
     """Limit the memory of readers within a ``with`` block; None leaves the limit unchanged."""
     if limit is not None:
         budget = _Budget(limit, "" if is_chosen else SHARE_OF_JOB)
     else:
         budget = _by_default() if anew else _budget()
-    token = _current.set(budget)
-    try:
-        yield
-    finally:
-        _current.reset(token)
+    return set_within(_current, budget)
 
 
 def _budget() -> _Budget:
@@ -385,16 +376,10 @@ def _by_default() -> _Budget:
     return _Budget(default_limit(), " (by default half of what is free now)")
 
 
-@contextmanager
-def holding(count: int) -> Iterator[None]:
-    """Count `count` bytes as used within a ``with`` block."""
+def holding(count: int) -> AbstractContextManager[None]:
     # A negative count cancels claims of readers whose results do not stay in memory.
     budget = _budget()
-    token = _current.set(replace(budget, used=budget.used + count))
-    try:
-        yield
-    finally:
-        _current.reset(token)
+    return set_within(_current, replace(budget, used=budget.used + count))
 
 
 def memory_limit() -> tuple[int | None, str]:
@@ -412,7 +397,6 @@ def room() -> int | None:
 
 
 def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> None:
-    """Refuse to allocate more bytes than the limit allows."""
     available, budget = room(), _budget()
     if available is None or budget.limit is None or count <= available:
         return
@@ -454,7 +438,6 @@ def check_expansion(
     path: Path | str, stored: int, expanded: int, *, most: int = MOST_EXPANSION, place: str = "",
     on_disk: bool = False,
 ) -> None:  # fmt: skip
-    """Refuse compressed data that expand to an implausible size."""
     budget = _budget()
     is_chosen = budget.limit is not None and not budget.origin and not on_disk
     if expanded <= max(_HARMLESS, most * stored) or is_chosen:

@@ -187,7 +187,6 @@ def remove_stale(folder: Path) -> None:
 
 @contextmanager
 def locked(folders: Iterable[Path]) -> Iterator[bool]:
-    """Lock folders against renames by other transactions, so that sets do not mix."""
     # The locks end with their process. Yields whether all folders are locked: some network file
     # systems have no locks, and then the last rename of each file wins.
     with contextlib.ExitStack() as stack:
@@ -344,7 +343,6 @@ class Transaction:
         return self
 
     def write(self, path: Path, writer: Writer) -> None:
-        """Write the file that becomes `path` by calling `writer` in a thread."""
         temporary = self._open_output(path)
         if self._together is not None:
             self._together.append((temporary, writer))
@@ -353,7 +351,6 @@ class Transaction:
 
     @contextmanager
     def together(self, write_all: Callable[[Sequence[OpenOutput]], None]) -> Iterator[None]:
-        """Write all files passed to `write` within a ``with`` block by one call of `write_all`."""
         self._together = []
         try:
             yield

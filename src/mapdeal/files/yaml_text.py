@@ -258,7 +258,6 @@ def _as_malformed(path: Path, text: str) -> Iterator[None]:
 
 
 def fault_in(text: str, error: Exception) -> tuple[str, tuple[int, int] | None]:
-    """Return the error in a text as a rule, and its line and column, from 1 on, if known."""
     rule = f"not valid YAML: {one_line_of(error)}"
     mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
     if mark is None:

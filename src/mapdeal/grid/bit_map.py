@@ -119,8 +119,7 @@ class BitMap(Framed):
         """Return whether each cell (row, column), shape (N, 2), lies in the grid."""
         rows, cols = np.asarray(cells_rowcol).reshape(-1, 2).T
         height, width = self.shape
-        inside: NDArray[np.bool_] = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
-        return inside
+        return (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
 
     def get(self, cells_rowcol: ArrayLike) -> NDArray[np.bool_]:
         """Return the bits of cells (row, column), shape (N, 2), as bool, shape (N,).
@@ -410,13 +409,9 @@ def reset_region(
         outside = rows.start == rows.stop or cols.start == cols.stop
         text = "lies outside of the map" if outside else "reaches beyond the map, it is clipped"
         emit_warning(f"region: {text}", stacklevel=2)
-    if isinstance(grid, BitMap):
-        mask = grid.to_mask()
-        mask[rows, cols] = number
-        return grid.with_packed(np.packbits(mask, axis=1))
-    values = grid.values.copy()
-    values[rows, cols] = number
-    return grid.with_values(values)
+    ends = np.broadcast_to([[cols.start], [cols.stop]], (2, rows.stop - rows.start))
+    painted = grid.painted([(Spans(np.arange(rows.start, rows.stop), *ends), number)])
+    return cast("G", painted)
 
 
 def blank(grid: G, value: int = 0) -> G:

@@ -103,7 +103,6 @@ def is_turned(frame: Frame, yaw: float = 0.0) -> bool:
 
 
 def frames_overlap(first: Frame, second: Frame) -> bool:
-    """Return whether two grids overlap, by the separating axis theorem."""
     for frame, source in ((first, second), (second, first)):
         places = source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(_corners(frame)))
         beyond = places.min(axis=0) >= np.subtract(source.shape, TOUCHING)
@@ -294,7 +293,6 @@ def cut_out(layer: Layer, region: Region) -> Layer:
 def embedded(
     values: NDArray[Any], shape: tuple[int, int], region: Region, fill: float = np.nan
 ) -> NDArray[Any]:
-    """Return a read-only array of `shape` with `values` in a region and `fill` around it."""
     extended = np.full((*values.shape[:-2], *shape), fill, dtype=values.dtype)
     rows, cols = region.shared_with(shape)
     extended[..., rows, cols] = values

@@ -314,8 +314,7 @@ class CostCurve(map_values.Drawn):
         beyond = math.hypot(reach, 1.0) if self.metric == "euclidean" else reach + 1.0
         known = np.append(self.cells, beyond)
         costs = np.append(self.cost.astype(np.int64), 0)
-        near: NDArray[np.int64] = costs[np.searchsorted((known[1:] + known[:-1]) / 2, cells)]
-        return near
+        return costs[np.searchsorted((known[1:] + known[:-1]) / 2, cells)]
 
     def listed(self) -> NDArray[np.intp]:
         """Return the indices into `cells` that `document` lists.

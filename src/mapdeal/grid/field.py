@@ -264,8 +264,7 @@ ESDF_VIEW = "esdf_view"  # name of the layer in files
 
 def truncated(products: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return products truncated after rounding errors are removed: 0.58 * 50 gives 29, not 28."""
-    values: NDArray[np.float64] = np.trunc(np.round(products, 9))
-    return values
+    return np.trunc(np.round(products, 9))
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,6 @@ _FEW = 16  # edges up to which plain Python is faster than numpy
 
 
 def check_simple(points: Sequence[Point], shape: str) -> None:
-    """Refuse outlines whose edges cross, naming the edge by its first corner."""
     starts = np.array(points, dtype=np.float64)
     ends = np.concatenate([starts[1:], starts[:1]])
     is_few = len(points) <= _FEW
@@ -134,18 +133,15 @@ def _side(
     rounding = 8 * np.finfo(np.float64).eps * np.maximum(np.abs(a), np.maximum(abs(b), abs(p)))
     tolerance = _near_product(along, rounding) + _near_product(rounding, beside)
     cross = _cross(along, beside)
-    sign: NDArray[np.float64] = np.where(np.abs(cross) <= tolerance, 0.0, np.sign(cross))
-    return sign
+    return np.where(np.abs(cross) <= tolerance, 0.0, np.sign(cross))
 
 
 def _near_product(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
-    product: NDArray[np.float64] = np.abs(u[..., 0] * v[..., 1]) + np.abs(u[..., 1] * v[..., 0])
-    return product
+    return np.abs(u[..., 0] * v[..., 1]) + np.abs(u[..., 1] * v[..., 0])
 
 
 def _cross(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
-    crossed: NDArray[np.float64] = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
-    return crossed
+    return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
 
 
 _LARGEST_COORDINATE = 1000.0

@@ -63,7 +63,10 @@ class Interchange(ABC):
         ParameterError
             If the grid is rotated: `plot` draws it, `straighten` turns it back.
         """
-        self._refuse_rotated("extent")
+        if self.frame.origin[2] != 0:
+            rule = "has no meaning for a rotated grid"
+            hint = "grid.plot() draws it rotated, mapdeal.straighten(grid) turns it back"
+            raise ParameterError(rule, place="extent", got=self.frame.origin, hint=hint)
         left, bottom, right, top = self.bounds
         return left, right, bottom, top
 
@@ -142,12 +145,6 @@ class Interchange(ABC):
 
     def _colours(self) -> str:
         return "viridis"
-
-    def _refuse_rotated(self, name: str) -> None:
-        if self.frame.origin[2] != 0:
-            rule = "has no meaning for a rotated grid"
-            hint = "grid.plot() draws it rotated, mapdeal.straighten(grid) turns it back"
-            raise ParameterError(rule, place=name, got=self.frame.origin, hint=hint)
 
 
 def message_of(

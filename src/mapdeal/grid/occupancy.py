@@ -91,8 +91,7 @@ class OccupancyGrid(ValueGrid):
         """
         table = np.zeros(256, dtype=np.int8)
         table[[FREE, OCCUPIED]] = -1, 1
-        states: NDArray[np.int8] = look_up(self.occupancy, table)
-        return states
+        return look_up(self.occupancy, table)
 
     def as_amcl_sees_it(self) -> OccupancyGrid:
         """Return the map as amcl interprets it: 0 free, 100 occupied, all other values unknown."""

@@ -367,7 +367,6 @@ def disconnected(
 
 
 def bottleneck_on_way(from_start: WaysFrom, goal: Cell) -> Bottleneck | None:
-    """Return the narrowest place on the widest way from the start to a goal."""
     ways, start, rooted = from_start.ways, from_start.start, from_start.rooted
     tree, squared = ways.tree, ways.squared
     basin = int(tree.basins[goal])
@@ -488,7 +487,6 @@ def _first_not_above(falling: NDArray[np.int64], limit: int) -> int:
 def _regions(
     ways: Ways, is_open: NDArray[np.bool_], radius: float
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return how many cells each basin's region has, and a basin of each, the largest first."""
     # A region's basin is the one with its widest place.
     tree = ways.tree
     end = _first_not_above(tree.squares, largest_closed_square(radius, ways.frame))
@@ -520,7 +518,10 @@ def reach_on(
         raise ParameterError("must be x,y or x,y,yaw", place="start", got=tuple(start))
     pose = None if start is None else tuple(start)
     first = None if pose is None else cell_of_point(ground.frame, (pose[0], pose[1]), "start")
-    points = [check_point((goal.x, goal.y), _name_of(goal)) for goal in goals]
+    points = [
+        check_point((goal.x, goal.y), f"goal {goal.name}" if goal.name is not None else "goal")
+        for goal in goals
+    ]
     cells = [(row, col) for row, col in ground.frame.unbounded_rowcol_from_xy(points).tolist()]
     inside = [cell for cell in cells if ground.frame.holds(cell)]
     # robots with corners first: what both need at once would take twice the memory
@@ -682,10 +683,6 @@ def _headings_at(
         hint = f"the nearest open heading is {nearest:.4g}; without a yaw all that are open count"
         raise ParameterError(rule, place="start", got=tuple(start), hint=hint)
     return [heading]
-
-
-def _name_of(goal: Goal) -> str:
-    return "goal" if goal.name is None else f"goal {goal.name}"
 
 
 def _closed_text(ground: Ground, cell: Cell, square: int, robot: Footprint | None) -> str:

@@ -118,27 +118,13 @@ class RouteGraph(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class Sweeps:
-    """Test of whether a robot can drive along lines, by its centre and its footprint.
+    """Test of whether a robot can drive along lines, by its centre and its footprint."""
 
-    Parameters
-    ----------
-    is_open : numpy.ndarray of bool, shape (H, W)
-        Cells that the robot's centre may be in.
-    closed : numpy.ndarray of uint8, shape (H, W)
-        Costs of costmap_2d: 0, 254 in obstacles, 255 in unknown cells.
-    squared : numpy.ndarray of int, shape (H, W)
-        Squared distances to the nearest cell that is not free, in cells; negative values mean 0.
-    frame : Frame
-        The cells' place.
-    robot : Footprint, optional
-        The robot; None for a point.
-    """
-
-    is_open: NDArray[np.bool_]
-    closed: NDArray[np.uint8]
-    squared: NDArray[Any]
+    is_open: NDArray[np.bool_]  # cells that the robot's centre may be in
+    closed: NDArray[np.uint8]  # costs of costmap_2d: 254 in obstacles, 255 in unknown cells
+    squared: NDArray[Any]  # to the nearest cell that is not free, in cells; below 0 counts as 0
     frame: Frame
-    robot: Footprint | None
+    robot: Footprint | None  # None for a point
 
     @cached_property
     def _costmap(self) -> Costmap:

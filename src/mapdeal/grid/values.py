@@ -42,7 +42,6 @@ Convention = Literal["fast-planner", "center", "border"]
 
 
 def check_choice(value: object, choices: Any, name: str) -> None:
-    """Refuse a word that is missing in the choices, a ``Literal``; errors refer to it as `name`."""
     known = get_args(choices)
     if value not in known:
         raise ParameterError(f"must be one of {', '.join(known)}", place=name, got=value)
@@ -60,7 +59,6 @@ def occupancy_from_cost() -> NDArray[np.int8]:
 
 
 def cost_from_occupancy() -> NDArray[np.uint8]:
-    """Return the cost that Nav2's ``Costmap2D(OccupancyGrid)`` assigns to each value."""
     table = np.full(256, NO_INFORMATION, dtype=np.uint8)
     values = np.arange(OCCUPIED + 1)
     table[: OCCUPIED + 1] = (LETHAL_OBSTACLE * values + OCCUPIED // 2) // OCCUPIED

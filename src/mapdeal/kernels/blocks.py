@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import Future
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from threading import Lock
 from typing import Any, NoReturn, cast
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mapdeal.kernels.arrays import Integers, Mask
 from mapdeal.kernels.lookup import histogram, look_up
-from mapdeal.kernels.threads import thread_count
+from mapdeal.kernels.threads import set_within, thread_count
 
 Layer = NDArray[Any]  # an array of shape (H, W), or a `LazyLayer`, which stands for one
 
@@ -143,7 +143,6 @@ def lazy_layer(
     shape: tuple[int, int], dtype: Any, make: MakeRows,
     *, block_height: int, budget: CacheBudget | None = None,
 ) -> Layer:  # fmt: skip
-    """Return a lazy layer whose rows are read on demand."""
     layer = LazyLayer(shape, dtype, make, block_height=block_height, budget=budget)
     return cast("Layer", layer)
 
@@ -154,14 +153,8 @@ def blocks_of(layer: Layer) -> Iterator[slice]:
         yield slice(first, min(first + step, len(layer)))
 
 
-@contextmanager
-def rows_reported(report: ReportRows) -> Iterator[None]:
-    """Call `report` with the progress of `swept` within a ``with`` block."""
-    token = _reported_to.set(report)
-    try:
-        yield
-    finally:
-        _reported_to.reset(token)
+def rows_reported(report: ReportRows) -> AbstractContextManager[None]:
+    return set_within(_reported_to, report)
 
 
 @contextmanager

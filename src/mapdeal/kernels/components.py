@@ -251,7 +251,6 @@ RowCol = tuple[float, float]
 def gap_at(
     squared: SquaredDistances, basins: NDArray[np.int32], cell: tuple[int, int]
 ) -> tuple[RowCol, RowCol]:
-    """Return both ends of the gap that a saddle lies in."""
     # In a thick wall all cells in the middle of a door are equally narrow, and any of them may be
     # the saddle. The ridge is followed from the saddle over equally wide cells, and ends at a cell
     # with a wider neighbour. So it ends where rooms begin, and does not run along their walls.

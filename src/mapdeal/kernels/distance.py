@@ -224,7 +224,6 @@ def signed_distance(
 
 
 def bytes_by_distance(marked: Mask, table: Bytes) -> Bytes:
-    """Return `table[square]` for each cell's squared distance to the nearest marked cell."""
     if len(table) < 2:
         raise ValueError("the table needs at least two entries")
     table = np.ascontiguousarray(table, dtype=np.uint8)

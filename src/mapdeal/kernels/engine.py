@@ -48,8 +48,7 @@ def compiled_module() -> ModuleType | None:
         from mapdeal.kernels import _compiled  # type: ignore[attr-defined,unused-ignore]
     except ImportError:
         return None
-    module: ModuleType = _compiled
-    return module
+    return _compiled
 
 
 def version_text() -> str:

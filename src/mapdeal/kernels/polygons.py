@@ -204,7 +204,6 @@ def edges_through(cells: Sequence[Cell], *, closed: bool = False) -> Edges:
 
 
 def line_spans(edges: Edges, shape: tuple[int, int]) -> Iterator[Spans]:
-    """Yield the cells of lines within a grid, both ends included, in bands of rows."""
     for bottom, top in bands(edges.bottom, edges.top + 1, shape[0]):
         _, spans = runs(edges, bottom, top)
         yield spans.clipped(shape[1])
@@ -237,7 +236,6 @@ _ONE_COUNT = (1 << _COUNT_BITS) - 1
 
 
 def polygon_spans(rings: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> Iterator[Spans]:
-    """Yield the cells of any polygon, with or without holes, in bands of rows."""
     # The outline consists of costmap_2d's lines of cells between the corners. Inside are the cells
     # whose centre lies inside by the even-odd rule on the corners' centres. Cells inside a hole but
     # not on its outline are left out. A polygon that reaches beyond the grid is cut off exactly.

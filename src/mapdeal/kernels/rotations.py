@@ -71,7 +71,6 @@ def slerp(first: Floats, second: Floats, share: Floats) -> Floats:
 
 
 def composed(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """Return the transforms that apply `second`, then `first`: translations and quaternions."""
     (a, p), (b, q) = first, second
     return a + rotated(p, b), multiplied(p, q)
 
@@ -95,7 +94,6 @@ _DISTINCT = 1.1
 
 
 def hough_spectrum(points_xy: Floats, angles: Floats, width: float) -> Floats:
-    """Return how much of a map's walls runs along each angle."""
     # From S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 25,
     # 2008, who compute the Hough spectrum from the Hough transform of all pixels.
     x, y = np.ascontiguousarray((points_xy - points_xy.mean(axis=0)).T / width)
@@ -134,7 +132,6 @@ def main_direction(occupied: Mask) -> float | None:
 
 
 def edge_points(occupied: Mask) -> Floats:
-    """Return the centres, x and y in cells, of obstacle cells next to a cell without obstacle."""
     # The border cells continue beyond the grid.
     inside = occupied.copy()
     inside[1:] &= occupied[:-1]

@@ -36,8 +36,7 @@ def squares(marked: Mask, both_kinds: bool, limit: int | None) -> SquaredDistanc
 
 
 def bytes_of_squares(marked: Mask, table: Bytes) -> Bytes:
-    looked_up: Bytes = table[np.minimum(_squares_to(marked), len(table) - 1)]
-    return looked_up
+    return table[np.minimum(_squares_to(marked), len(table) - 1)]
 
 
 def metres(

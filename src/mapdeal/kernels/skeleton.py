@@ -203,8 +203,7 @@ def largest_of_blocks(values: NDArray[Any], step: int) -> NDArray[Any]:
 def flat_cells(places: Floats, shape: tuple[int, ...], step: int = 1) -> Integers:
     """Return flat indices of the blocks of `step` x `step` cells that hold places."""
     cells = np.floor(places / step).astype(np.int64)
-    flat: Integers = cells[:, 0] * -(-shape[1] // step) + cells[:, 1]
-    return flat
+    return cells[:, 0] * -(-shape[1] // step) + cells[:, 1]
 
 
 def far_from(is_open: Mask, places: Floats, limit: int) -> Mask:

@@ -33,7 +33,6 @@ class Rectangles(NamedTuple):
 
 
 def rectangles(marked: Mask) -> Rectangles:
-    """Return rectangles that cover exactly the marked cells, with fewer along rows or columns."""
     # A straight wall across the rows has many short runs along rows, but few along columns.
     across = _rectangles_by_rows(marked)
     first_col, end_col, first_row, end_row = _rectangles_by_rows(np.ascontiguousarray(marked.T))

@@ -7,7 +7,7 @@ from _thread import start_new_thread
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar, copy_context
 from functools import partial
 from itertools import pairwise, takewhile
@@ -28,6 +28,7 @@ _MOST_THREADS = 1024
 _STACK = 16 << 20
 """Bytes that must be free before a thread starts: its stack, and some more."""
 
+_T = TypeVar("_T")
 _chosen: ContextVar[int | None] = ContextVar("threads", default=None)
 
 
@@ -43,13 +44,18 @@ def thread_count() -> int:
 
 
 @contextmanager
-def use_threads(count: int | None) -> Iterator[None]:
-    """Limit kernels and writers to `count` threads each within a ``with`` block."""
-    token = _chosen.set(min(count, _MOST_THREADS) if count else _chosen.get())
+def set_within(variable: ContextVar[_T], value: _T) -> Iterator[None]:
+    """Set a variable within a ``with`` block."""
+    token = variable.set(value)
     try:
         yield
     finally:
-        _chosen.reset(token)
+        variable.reset(token)
+
+
+def use_threads(count: int | None) -> AbstractContextManager[None]:
+    """Limit kernels and writers to `count` threads each within a ``with`` block."""
+    return set_within(_chosen, min(count, _MOST_THREADS) if count else _chosen.get())
 
 
 class Worker:
@@ -148,9 +154,6 @@ def in_bands(work: Callable[[int, int], object], bands: int, cells: int) -> None
         work(0, bands)
 
 
-_T = TypeVar("_T")
-
-
 class ThreadPool(Executor):
     """Executor with up to `size` threads; with fewer if the system refuses to start more."""
 
@@ -214,13 +217,8 @@ def _do(future: Future[Any], work: Callable[[], Any], caught: type[BaseException
 _claim: ContextVar[Callable[[int], object]] = ContextVar("claim", default=lambda _: None)
 
 
-@contextmanager
-def tables_claimed(claim: Callable[[int], object]) -> Iterator[None]:
-    token = _claim.set(claim)
-    try:
-        yield
-    finally:
-        _claim.reset(token)
+def tables_claimed(claim: Callable[[int], object]) -> AbstractContextManager[None]:
+    return set_within(_claim, claim)
 
 
 def claim_tables(size: int) -> None:

@@ -169,5 +169,4 @@ def covered_cells(
         paint(outline, spans, 1)
     above = np.maximum.accumulate(outline, axis=0)
     below = np.maximum.accumulate(outline[::-1], axis=0)[::-1]
-    covered: NDArray[np.bool_] = (above & below).astype(np.bool_)
-    return covered
+    return (above & below).astype(np.bool_)

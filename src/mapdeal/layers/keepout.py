@@ -58,17 +58,9 @@ CellsAt = Callable[[slice], tuple[NDArray[np.int64], NDArray[np.int64]]]
 
 
 class MaskCosts:
-    """Costs of a keepout mask at the cells of a costmap, and how many cells they changed.
+    """Costs of a keepout mask at the cells of a costmap, and how many cells they changed."""
 
-    Parameters
-    ----------
-    mask : OccupancyGrid
-        The mask.
-    cells_at : callable
-        Which cells of the mask lie below some rows of the costmap, also outside of the mask.
-    scale : {'costmap2d', 'occupancy'}
-        Scale of the costs. A value v is round(2.54 v) on scale ``costmap2d``.
-    """
+    # A value v of the mask is round(2.54 v) on scale ``costmap2d``.
 
     def __init__(
         self, mask: OccupancyGrid, cells_at: CellsAt, scale: CostScale = "costmap2d"

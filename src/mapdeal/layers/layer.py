@@ -260,7 +260,6 @@ class CostmapLayer(OneLine):
         return self
 
     def described(self) -> dict[str, dict[str, Any]]:
-        """Return kind and settings of the layer in the form of recipes and manifests."""
         return {self.key: asdict(self)}
 
     def _repr_parts(self) -> Iterator[str]:

@@ -15,27 +15,13 @@ from mapdeal.layers.static import StaticLayer
 
 @dataclass(frozen=True)
 class CostmapLayers:
-    """The layers that turn a map into a costmap, from the first to the last.
-
-    Parameters
-    ----------
-    layers : tuple of CostmapLayer
-        Layers that are switched on, in the order in which they are applied.
-    default_cost : int
-        Cost of an empty costmap, 0 or 255.
-    circumscribed_radius : float, optional
-        Circumscribed radius of the robot, metres.
-    area : CostmapArea, optional
-        Size and place of the costmap, if the map does not give them.
-    footprint : Footprint, optional
-        The robot's padded footprint, if its pose matters.
-    """
+    """The enabled layers that turn a map into a costmap, from the first to the last."""
 
     layers: tuple[CostmapLayer, ...]
-    default_cost: int = FREE_SPACE
-    circumscribed_radius: float | None = None
-    area: CostmapArea | None = None
-    footprint: Footprint | None = None
+    default_cost: int = FREE_SPACE  # of an empty costmap, 0 or 255
+    circumscribed_radius: float | None = None  # of the robot, metres
+    area: CostmapArea | None = None  # if the map does not give size and place
+    footprint: Footprint | None = None  # padded, if the robot's pose matters
 
     @property
     def effective(self) -> tuple[CostmapLayer, ...]:

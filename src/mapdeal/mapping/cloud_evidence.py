@@ -131,7 +131,8 @@ def floor_in(
         raise MalformedInputError(rule, hint=f"{_HINT}; --level turns a tilted one")
     claim(400 * len(patches.z), f"{len(patches.z)} patches of surfaces")
     levels = Levels(patches, tile * columns.cell, limits)
-    sample, every = _sample_of(columns, tile)
+    every = math.ceil(len(columns.heights) / _SAMPLED)  # of rows of tiles
+    sample = columns.chosen(columns.row // tile % every == 0)
     tiles_with_points = starts_of(np.sort((sample.row // tile << 32) + sample.col // tile))
     area = len(tiles_with_points) * every * levels.side**2
     named = _level_under(levels, places if at is None else at[np.newaxis])
@@ -158,7 +159,6 @@ def floor_in(
 
 
 def stated_floor(columns: Columns, tile: int, height: float, claim: Claim) -> Floor:
-    """Return a level floor at a height, below all columns."""
     row, col = columns.row // tile, columns.col // tile
     shape = int(row.max() - row.min()) + 1, int(col.max() - col.min()) + 1
     claim(60 * shape[0] * shape[1], f"a floor of {shape[1]} x {shape[0]} tiles")
@@ -189,7 +189,6 @@ _OVER_OTHERS = 0.1  # share of a level that may lie above another level
 
 
 def _level_under(levels: Levels, places: Floats) -> int | None:
-    """Return the level below most of the places, if there is one."""
     patches, area, votes = levels.patches, levels.area(), np.zeros(len(levels.label))
     for x, y, z in places.tolist():
         near = np.abs(patches.row + 0.5 - y / levels.side) <= _TILES_AROUND
@@ -205,11 +204,6 @@ def _level_under(levels: Levels, places: Floats) -> int | None:
 _TILES_AROUND = 4
 _ABOVE = 0.3  # metres of the floor above a pose, which may be that of the robot's base
 _BELOW = 3.0  # largest height of a sensor above its floor, metres
-
-
-def _sample_of(columns: Columns, tile: int) -> tuple[Columns, int]:
-    every = math.ceil(len(columns.heights) / _SAMPLED)
-    return columns.chosen(columns.row // tile % every == 0), every
 
 
 def _evidence_of(

@@ -523,7 +523,6 @@ class Crossings(NamedTuple):
 
 
 def crossings_of(field: Floats) -> Crossings:
-    """Return the sign changes of a field, which may contain nan."""
     with np.errstate(invalid="ignore"):
         positive, negative = field > 0, field < 0
     along_rows = positive[:, :-1] & negative[:, 1:] | negative[:, :-1] & positive[:, 1:]

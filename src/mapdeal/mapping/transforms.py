@@ -31,7 +31,6 @@ def wrapped(angle: float) -> float:
 
 
 def check_pose(pose: Sequence[float], name: str = "pose") -> Pose:
-    """Return a pose as x, y (metres) and yaw, -pi < yaw <= pi; errors refer to it as `name`."""
     try:
         x, y, yaw = (float(value) for value in pose)
     except (TypeError, ValueError):

@@ -203,7 +203,6 @@ class Pen:
 
 
 def fitting(text: str, limit: int, size: int) -> str:
-    """Return `printable` text, cut to `limit` pixels."""
     text = printable(text)
     if text_width(text, size) <= limit:
         return text
@@ -221,7 +220,6 @@ def sheet(
     metres_per_pixel: float, corner_xy: tuple[float, float] | None = None,
     bar: ColourBar | None = None, swatches: Sequence[Swatch] = (),
 ) -> Image:  # fmt: skip
-    """Return the picture of a map on a sheet with title, legend and scales."""
     height, width = pixels.shape
     text_size = text_size_of(pixels.shape)
     pen = Pen(text_size)
@@ -290,7 +288,6 @@ def on_sheet(
 
 
 def text_size_of(shape: tuple[int, ...]) -> int:
-    """Return the text size, pixels per em, for a map of a shape in pixels."""
     return int(min(40, max(14, max(shape) / 55)))
 
 

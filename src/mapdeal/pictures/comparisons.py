@@ -118,7 +118,6 @@ def score_image(
     walls: ScoredWalls, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "all",
 ) -> Image:  # fmt: skip
-    """Return the walls of a map over the truth, coloured by their distance, and a histogram."""
     # True walls without a wall of the map within 0.1 m are marked. Of several walls in a pixel the
     # one with the largest distance shows.
     codes = codes_of(walls)

@@ -125,7 +125,6 @@ class FieldDrawing(Drawing):
         return self._on_sheet(pixels, style, title, more=more, swatches=swatches)
 
     def _pixels(self, scale: Scale) -> tuple[NDArray[np.uint8], int | None]:
-        """Return palette indices, and the legend's index for unknown cells, if there are any."""
         # Palette: levels inside obstacles, levels outside, both again faded for unknown cells, the
         # outline of obstacles, and cells without a distance.
         obstacles, unknown = self._obstacles.pixels, self._unknown.pixels
@@ -284,7 +283,6 @@ def _range_text(field: PotentialField) -> str:
 
 
 def _draw_arrows(on: overlays.Surface, field: PotentialField) -> int:
-    """Draw arrows on a lattice of free cells; return their number."""
     scale = on.raster.enlarge / on.raster.reduce  # pixels per cell
     step = max(1, math.ceil(max(_ARROW_SPACING, on.side / 36) / scale))
     row, col, *size = on.raster.part or (0, 0, *field.shape)

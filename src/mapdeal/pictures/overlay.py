@@ -178,7 +178,6 @@ class Surface:
         return int(max(self.pixels.shape))
 
     def places(self, points_xy: ArrayLike) -> NDArray[np.float64]:
-        """Return the pixel coordinates (column, row) of points in the map frame."""
         places = self.frame.continuous_rowcol_from_xy(points_xy)[:, ::-1]
         return places * (self.raster.enlarge / self.raster.reduce)
 
@@ -234,7 +233,6 @@ class Brush:
         self._pixels = pixels
 
     def polyline(self, points: NDArray[np.float64], index: int, *, thickness: int) -> None:
-        """Draw a line through points, shape (N, 2), with round corners."""
         if len(points) > 1:
             lines = np.stack([points[:-1], points[1:]], axis=1)
             self._lines(lines, points, index, thickness)

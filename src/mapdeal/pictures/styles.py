@@ -26,6 +26,7 @@ from mapdeal.grid.values import (
     CostScale,
 )
 from mapdeal.kernels.blocks import blocks_of
+from mapdeal.kernels.components import labelled
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import for_rows
 from mapdeal.pictures import colours
@@ -129,7 +130,6 @@ def cost_style(costmap: Costmap) -> LayerStyle:
 
 
 def bounds_circumscribed(costmap: Costmap) -> bool:
-    """Return whether the picture has a contour of the circumscribed cost."""
     # A round robot has none: its circumscribed cost is that of the inscribed radius.
     cost = costmap.circumscribed_cost
     return bool(cost) and cast("int", cost) < INSCRIBED_INFLATED_OBSTACLE
@@ -166,7 +166,6 @@ def length_between_lines(lengths: NDArray[np.float64]) -> float:
 
 
 def difference_style(only_in: tuple[str, str] | None = None) -> LayerStyle:
-    """Return the colours of the seven kinds of cells of a difference, 0 to 6."""
     kinds = list(_KINDS_OF_DIFFERENCE)
     if only_in is not None:
         names = ["free by one of them, unknown by the other", "wall"]
@@ -206,7 +205,6 @@ def cost_change_codes(
 
 
 def cost_change_style() -> LayerStyle:
-    """Return the diverging scale of changed costs, and the colours of cells that changed state."""
     fell = colours.interpolated(colours.FREE_ANCHORS[1:], _CHANGE_LEVELS)
     rose = colours.interpolated(colours.OBSTACLE_ANCHORS, _CHANGE_LEVELS)
     kinds = [*enumerate(_KINDS_OF_COSTS), *enumerate(_KINDS_OF_COST_CHANGES, _FIRST_KIND)]
@@ -298,10 +296,6 @@ class FieldEnds:
     highest: float
     lowest: float
 
-    @property
-    def are_finite(self) -> bool:
-        return math.isfinite(self.highest) and math.isfinite(self.lowest)
-
     @classmethod
     def of(cls, field: DistanceField) -> FieldEnds:
         """Return the extremes of a field; without known cells, unknown cells count."""
@@ -353,7 +347,7 @@ def field_style(field: DistanceField, ends: FieldEnds) -> LayerStyle:
     special = [colours.LINE, colours.RVIZ_UNKNOWN]
     swatches = [Swatch(LINE, "obstacle edge")]
     bar = None
-    if ends.are_finite:
+    if math.isfinite(ends.highest) and math.isfinite(ends.lowest):
         bar, more = _bar(scale, ends)
         swatches += [*more, Swatch(faded_index(below, outside=True), "unknown: faded")]
     else:
@@ -370,7 +364,6 @@ def field_style(field: DistanceField, ends: FieldEnds) -> LayerStyle:
 
 
 def steps_below_zero(scale: Scale) -> int:
-    """Return the number of steps of a field's scale below zero."""
     return round(-scale.low / (scale.high - scale.low) * scale.levels)
 
 
@@ -449,7 +442,6 @@ def area_text(area: float) -> str:
 
 
 def _codes(reach: Reach) -> NDArray[np.uint8]:
-    """Return the code of each cell; all cut-off areas still share one code."""
     of_occupancy = np.full(256, _NARROW, dtype=np.uint8)
     of_occupancy[OCCUPIED], of_occupancy[UNKNOWN] = _OBSTACLE, _UNKNOWN
     codes = np.empty(reach.shape, dtype=np.uint8)
@@ -475,22 +467,17 @@ def _colour_areas(codes: NDArray[np.uint8]) -> int:
     counts = histogram(codes)
     if not counts[_CUT_OFF]:
         return 0
-    from scipy import ndimage
-
-    labels, count = ndimage.label(codes == _CUT_OFF)
-    sizes = np.zeros(count + 1, dtype=np.int64)
-    for row in range(0, len(labels), 256):
-        sizes += np.bincount(labels[row : row + 256].ravel(), minlength=count + 1)
-    sizes[0] = 0
+    areas = labelled(codes == _CUT_OFF, corners=False)
+    sizes = areas.sizes
     least = _LEAST_SHARE * counts[[_REACHED, _NO_TURN, _REACHED_UNKNOWN, _CUT_OFF]].sum()
     order = np.argsort(-sizes, kind="stable")[:_MOST_AREAS]
     largest = [label for label in order.tolist() if sizes[label] >= max(least, 1)]
-    code_of = np.full(count + 1, _CUT_OFF, dtype=np.uint8)
+    code_of = np.full(len(sizes), _CUT_OFF, dtype=np.uint8)
     code_of[largest] = _AREAS[: len(largest)]
 
     def colour(rows: slice) -> None:
         part = codes[rows]
-        np.copyto(part, code_of[labels[rows]], where=part == _CUT_OFF)
+        np.copyto(part, code_of[areas.cells[rows]], where=part == _CUT_OFF)
 
     for_rows(colour, codes.shape)
     return len(largest)

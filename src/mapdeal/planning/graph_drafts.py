@@ -167,7 +167,6 @@ class Draft:
         return self.places_of(frame.xy_from_continuous_rowcol(places).round(_DECIMALS))
 
     def places_of(self, points_xy: Any) -> Places:
-        """Return the places of points; rounding moves none into the cell before."""
         frame = self.area.sweeps.frame
         places = frame.continuous_rowcol_from_xy(points_xy)
         return np.maximum(places, frame.unbounded_rowcol_from_xy(points_xy))
@@ -184,7 +183,6 @@ class Draft:
         return joined(len(self.places), ends[:, 0], ends[:, 1])[0]
 
     def has_short_detour(self, start: int, end: int, limit: float) -> bool:
-        """Return whether two edges connect both nodes within a length."""
         beside, beyond = self.beside[start], self.beside[end]
         return any(beside[k] + beyond[k] <= limit for k in beside.keys() & beyond.keys())
 

@@ -93,7 +93,6 @@ def _is_visible(terrain: Terrain, point: Point, node: NDArray[np.float64]) -> bo
 def _path_to(
     terrain: Terrain, point: Point, graph: RouteGraph, node: int
 ) -> NDArray[np.float64] | None:
-    """Return the points of a path to a node, except the node; None if it is unreachable."""
     end = graph.points_xy[node]
     if _is_visible(terrain, point, end):
         return np.array([point])

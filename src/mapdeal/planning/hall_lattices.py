@@ -85,7 +85,6 @@ def _lattice_in(
 def _chosen(
     points: Sequence[tuple[bool, float, float, int]], along: Places, spacing: float
 ) -> list[Place]:
-    """Return the places of narrow parts, then the places of wide parts farther from them."""
     chosen: list[Place] = []
     by_square: defaultdict[tuple[int, int], list[Place]] = defaultdict(list)
     for _, value, tick, k in sorted(points, key=lambda point: point[0]):

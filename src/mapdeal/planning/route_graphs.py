@@ -135,7 +135,6 @@ class _CompleteDraft(graph_drafts.Draft):
     # corridors
 
     def add_skeleton(self) -> None:
-        """Add the skeleton of the reached cells outside of halls."""
         from scipy import ndimage
 
         levels = np.sqrt(np.maximum(self.coarse, 0)) / self.step
@@ -171,7 +170,6 @@ class _CompleteDraft(graph_drafts.Draft):
         self.join_to_halls([nodes[end] for end in sorted(tracing.mouths) if end in nodes])
 
     def join_to_halls(self, mouths: Sequence[int]) -> None:
-        """Add edges from the ends of corridors to the nearest nodes of their halls."""
         halls = [index for index, kind in enumerate(self.kinds) if kind == "hall"]
         if not halls or not mouths:
             return
@@ -401,7 +399,6 @@ class _CompleteDraft(graph_drafts.Draft):
         self.add_paths(paths)
 
     def _cells_between(self, *nodes: int) -> Cells:
-        """Return the cells of a path between two nodes, shape (N, 2), or an empty array."""
         start, end = np.floor(self.at(nodes)).astype(np.int64)
         away = max(self.spacing, 0.5 * math.dist(start.tolist(), end.tolist()))
         while True:
@@ -480,7 +477,6 @@ class _CompleteDraft(graph_drafts.Draft):
     # superfluous nodes and edges
 
     def tidy(self) -> None:
-        """Merge nodes that are close together, and drop edges that two other edges replace."""
         self._merge(_MERGED * self.spacing, len(self.places))
         for node in self.nodes():
             if self.kinds[node] == "door" and self._is_gap(node):
@@ -570,7 +566,6 @@ class _CompleteDraft(graph_drafts.Draft):
 
     @property
     def excess(self) -> int:
-        """Number of nodes above the limit for the area."""
         return len(self.places) - len(self.gone) - int(self.area.reachable / AREA_PER_NODE)
 
     @property

@@ -66,7 +66,6 @@ class Terrain:
         return replace(terrain, weights=terrain.weights_near_obstacles(field_weight))
 
     def weights_near_obstacles(self, field_weight: float) -> NDArray[np.float64]:
-        """Return the weights of open cells with the share for nearby obstacles, shape (H, W)."""
         if check_factor("field_weight", field_weight) == 0:
             return self.weights
         weights = self.nearness()
@@ -429,7 +428,6 @@ class _Slope:
         return value
 
     def _gradient_at(self, place: Place) -> tuple[float, float]:
-        """Return the blend of the central differences at the four centres around a place."""
         row, col = math.floor(place[0] - 0.5), math.floor(place[1] - 0.5)
         v, u = place[0] - 0.5 - row, place[1] - 0.5 - col
         along_rows = along_cols = 0.0

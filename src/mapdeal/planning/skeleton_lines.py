@@ -131,7 +131,6 @@ class Tracing:
         return found
 
     def prune(self, shortest: float, loop: float) -> None:
-        """Contract split crossings, and drop short dead ends and loops around small obstacles."""
         order = sorted(self.chains, key=lambda k: (len(self.chains[k].cells), k))
         for number in order:
             if number in self.chains:
@@ -188,7 +187,6 @@ class Tracing:
         return False
 
     def _merge(self, node: int) -> int | None:
-        """Merge the chains at a node if they are two; return the new chain."""
         numbers = self.chains_of[node]
         if len(numbers) != 2 or numbers[0] == numbers[1] or node in self.mouths:
             return None

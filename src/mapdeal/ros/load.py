@@ -66,7 +66,6 @@ def is_ros2(path: Path) -> bool:
 
 
 def flavour_of_file(path: Path) -> Flavour | None:
-    """Return the ROS flavour of a parameter file; None for all other files."""
     from mapdeal.inputs.kinds import PARAMETERS, kind_of
 
     with suppress(MapdealError):

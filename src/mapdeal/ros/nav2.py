@@ -105,7 +105,6 @@ class Nav2Values:
     def problem(
         self, check: str, level: Level, text: str, name: str = "", hint: str | None = None
     ) -> None:
-        """Record a problem, with file, line and text of the parameter if it is set."""
         value = self.parameters.get(name)
         problem = Problem(check, level, text, name, self.source, hint=hint)
         if value is not None:
@@ -295,7 +294,7 @@ def _refuse_contents(values: Nav2Values, name: str) -> None:
 
 
 _LARGEST = 1000.0  # metres from the centre to a corner; the limit of all footprints in mapdeal
-_DECLARED = {
+DECLARED = {
     "always_send_full_costmap": "bool", "map_vis_z": "double", "footprint": "string",
     "footprint_padding": "double", "global_frame": "string", "height": "integer",
     "width": "integer", "lethal_cost_threshold": "integer",
@@ -389,7 +388,7 @@ def _error_problem(error: MalformedInputError) -> Problem:
 def _resolved(
     values: Nav2Values, parameters: Ros2Parameters, costmap: CostmapName
 ) -> RobotParameters | None:
-    values.check_types(_DECLARED)
+    values.check_types(DECLARED)
     _check_sizes(values)
     padding = as_float32(values.number("footprint_padding", 0.01))
     radius, corners = _outline(values)
@@ -444,7 +443,6 @@ def _check_sizes(values: Nav2Values) -> None:
 
 
 def _outline(values: Nav2Values) -> tuple[float | None, Corners]:
-    """Return radius and corners; the radius is None if a valid footprint overrides it."""
     text = values.get("footprint", "string", "[]")
     if text not in ("", "[]"):
         try:
@@ -478,7 +476,6 @@ def _report_footprint(values: Nav2Values, text: str, reason: str) -> None:
 def _with_static(
     values: Nav2Values, layers: tuple[ListedLayer, ...], costmap: CostmapName
 ) -> tuple[ListedLayer, ...]:
-    """Return the layers; a local costmap without a static layer gets one in front."""
     statics = [listed for listed in layers if listed.plugin == _STATIC]
     if not statics and costmap == "local":
         static = NAV2_PLUGINS[_STATIC].from_nav2(values, PluginEntry(INJECTED, _STATIC, 0.0))
@@ -568,7 +565,7 @@ def _is_meant_for(entry: Ros2Node, node: str) -> bool:
 def _is_costmap_parameter(name: str) -> bool:
     """Return whether a parameter below a wildcard can only be one of a costmap."""
     first, dot, _ = name.partition(".")
-    return first in _DEFAULTS if dot else name in _DECLARED and name not in _OF_ANY_NODE
+    return first in _DEFAULTS if dot else name in DECLARED and name not in _OF_ANY_NODE
 
 
 def _namespaces(parameters: Ros2Parameters, costmap_node: str) -> list[str]:

@@ -81,7 +81,6 @@ class FootprintStringError(ValueError):
 
 
 def corners_of_string(text: str) -> Corners:
-    """Return the corners in a footprint string; each coordinate is a float32."""
     # Numbers are read as a C++ stream reads them: ``0.3-0.2`` is two numbers, and reading stops
     # behind ``0.3m``. Line ends are blanks only within the inner brackets.
     groups: list[list[float]] = []
@@ -492,7 +491,6 @@ def effect_of(listed: ListedLayer, robot: RobotParameters) -> str:
 
 
 def on_map(robot: RobotParameters, resolution: float) -> list[dict[str, Any]]:
-    """Return each inflation layer's radii in cells on a map of a resolution in metres."""
     # ROS sends the resolution as float32: 0.45 m are 16 cells of 0.03 m, since float32(0.03) is
     # slightly less.
     cell = as_float32(resolution)

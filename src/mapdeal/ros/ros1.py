@@ -457,7 +457,6 @@ class Ros1Server:
         self, check: str, level: Level, text: str, below: _Path = (), hint: str | None = None,
         value: ParameterValue | Ros1Namespace | None = None,
     ) -> None:  # fmt: skip
-        """Record a problem with a parameter; its value defaults to the costmap's own."""
         if value is None and below:
             value = self.find(*below)
         got = value.text if isinstance(value, ParameterValue) else None
@@ -489,7 +488,6 @@ def _type_hint(value: ParameterValue | Ros1Namespace, kind: str) -> str | None:
 def load_server(
     paths: Sequence[Path], costmap: CostmapName, namespace: str | None
 ) -> tuple[Ros1Server, bool]:
-    """Return the parameter server with all files loaded, and whether that succeeded."""
     files: list[Ros1File] = []
     problems: list[Problem] = []
     for path in paths:
@@ -620,8 +618,6 @@ def _shape(server: Ros1Server) -> Shape | None:
 def _corners(
     server: Ros1Server, place: _Path, value: ParameterValue | Ros1Namespace
 ) -> Corners | None:
-    """Return the corners in ``footprint``; None if the radius defines the shape."""
-
     def report(text: str, check: str = "params.footprint-unused", level: Level = "warning") -> None:
         server.problem(check, level, text, (_FOOTPRINT,), _POLYGON_HINT, value)
 
@@ -691,7 +687,7 @@ def _radius(server: Ros1Server) -> float:
 
 _STATIC, _INFLATION = "costmap_2d::StaticLayer", "costmap_2d::InflationLayer"
 _OBSTACLE, _VOXEL = "costmap_2d::ObstacleLayer", "costmap_2d::VoxelLayer"
-_COSTMAP_PARAMETERS = frozenset(
+COSTMAP_PARAMETERS = frozenset(
     {"always_send_full_costmap", "cost_scaling_factor", "footprint", "footprint_padding",
      "global_frame", "inflation_radius", "lethal_cost_threshold", "map_topic", "map_type",
      "max_obstacle_height", "observation_sources", "obstacle_range", "plugins",
@@ -730,7 +726,7 @@ def _has_costmap(server: Ros1Server) -> bool:
         server.problem("params.namespace", "refused", text, hint=hint)
         return False
     if not isinstance(found, Ros1Namespace) or any(
-        path[-1] in _COSTMAP_PARAMETERS for path, _ in found.values()
+        path[-1] in COSTMAP_PARAMETERS for path, _ in found.values()
     ):
         return True
     spaces = [path for file in server.files for path, _ in file.parameters.namespaces()]
@@ -811,7 +807,6 @@ def _old_plugins(server: Ros1Server) -> list[tuple[str, str]]:
 
 
 def _plugins(server: Ros1Server) -> list[tuple[str, str]] | None:
-    """Return names and types of the plugins; None if move_base exits because of them."""
     value = server.find("plugins")
     if value is not None and value.kind == _UNSENDABLE:
         return None

@@ -245,7 +245,6 @@ class FileReader:
             self._end_mapping()
 
     def _resolved(self, alias: yaml.AliasEvent) -> yaml.ScalarEvent:
-        """Return the scalar that an alias refers to, at the alias's own place."""
         # rcl refuses aliases. nav2_bringup's RewrittenYaml loads and dumps files, which replaces
         # aliases of scalars by values, but writes those of lists and mappings as aliases again.
         scalar = self._anchored.get(alias.anchor)
@@ -490,7 +489,6 @@ class Ros2Parameters:
     """File, line and name of the first alias in each file with aliases."""
 
     def matching(self, node: str) -> tuple[Ros2Node, ...]:
-        """Return the entries that apply to a node, by its full name."""
         return tuple(entry for entry in self.nodes if matches(entry.name, node))
 
     def for_node(self, node: str) -> dict[str, ParameterValue]:

@@ -111,7 +111,6 @@ def _ascii_points(
 
 
 def _header_lines(file: BinaryIO) -> Iterator[tuple[int, str]]:
-    """Yield number and text of each line; raise an error if the header is too long."""
     length, number = 0, 0
     while True:
         line = file.readline(4096)
@@ -411,7 +410,6 @@ def ply_figures(path: Path) -> dict[str, Any]:
 
 
 def _read_ply_header(file: BinaryIO) -> tuple[str, list[_Element], int]:
-    """Return the encoding, the elements and the number of lines of the header."""
     encoding: str | None = None
     elements: list[_Element] = []
     for number, line in _header_lines(file):

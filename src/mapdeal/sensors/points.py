@@ -311,19 +311,16 @@ _NAMED_POINT = _LineFormat(
 
 
 def read_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NumberLines]:
-    """Yield the points in a text, for each chunk those of the lines that it completes."""
     for text, first in _complete_lines(chunks, source):
         yield _parse_lines(text, first, _POINT)
 
 
 def read_pose_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[NumberLines]:
-    """Yield the poses in a text, for each chunk those of the lines that it completes."""
     for text, first in _complete_lines(chunks, source):
         yield _parse_lines(text, first, _POSE)
 
 
 def read_pairs(chunks: Iterable[bytes], source: Path | str) -> Iterator[PairLine]:
-    """Yield the pairs of points in a text, each as soon as its line is complete."""
     return _read_lines(chunks, source, _PAIR, _pair_of, PairLine)
 
 
@@ -334,7 +331,6 @@ def read_pose_pairs(chunks: Iterable[bytes], source: Path | str) -> Iterator[Num
 
 
 def read_named_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NamedPointLine]:
-    """Yield the points and their names in a text, each as soon as its line is complete."""
     return _read_lines(chunks, source, _NAMED_POINT, _named_point_of, NamedPointLine)
 
 
