@@ -26,6 +26,7 @@ from mapdeal.pictures.colours import (
     GOAL,
     KEEPOUT,
     MINIMUM,
+    NOW_CLOSED,
     REMOVED,
     ROBOT,
     ROBOT_OUTLINE,
@@ -412,7 +413,7 @@ class PlanOverlay(Overlay):
     missed: Sequence[tuple[float, float]]
     cleared: Sequence[tuple[float, float, float]]  # x, y and radius
 
-    colours = (palette.ROUTE, palette.START, palette.NOW_CLOSED, palette.GOAL, palette.MINIMUM)
+    colours = (ROUTE, START, NOW_CLOSED, GOAL, MINIMUM)
 
     @property
     def text(self) -> str:
@@ -422,7 +423,7 @@ class PlanOverlay(Overlay):
     def places_xy(self) -> NDArray[np.float64]:
         return np.concatenate([*self.paths_xy, [self.start, *self.goals, *self.missed]])
 
-    def draw(self, on: Surface, first_index: int) -> list[palette.Swatch]:
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         brush, dot = Brush(on.pixels), max(4.0, on.side / 110)
         route, start, reached, missed, cleared = (first_index + k for k in range(5))
         for path in self.paths_xy:
@@ -439,7 +440,7 @@ class PlanOverlay(Overlay):
             (self.goals, reached, "goal"), (self.missed, missed, "goal without a path"),
             (self.cleared, cleared, "clearing this makes a path"),
         ]  # fmt: skip
-        return [palette.Swatch(index, label) for places, index, label in legend if len(places)]
+        return [Swatch(index, label) for places, index, label in legend if len(places)]
 
 
 @dataclass(frozen=True)
