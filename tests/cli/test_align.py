@@ -60,6 +60,29 @@ def test_an_uncertain_transform_is_warned_of_and_written_and_ends_with_1(sh):
     assert mapdeal.align("hall.yaml", "turned.yaml", prior=PRIOR).same_place
 
 
+def test_the_candidates_of_an_uncertain_pair_are_listed_drawn_and_taken(sh):
+    code, out, _ = sh("align hall.yaml turned.yaml -o t.json --image t.png")
+    document = json.loads(Path("t.json").read_text())
+    first, second, *_ = document["candidates"]
+    assert (code, document["chosen_by"], first["x"]) == (1, "score", document["x"])
+    assert first["score"] >= second["score"]
+    assert f"candidate 2: x {second['x']:.3f} m, y {second['y']:.3f} m" in out
+    code, out, _ = sh("align hall.yaml turned.yaml -o u.json --image u.png --candidate 2")
+    taken = json.loads(Path("u.json").read_text())
+    assert (code, taken["chosen_by"], taken["same_place"]) == (1, "user", False)
+    assert {key: taken[key] for key in second if key in taken} == {
+        key: value for key, value in second.items() if key in taken
+    }
+    assert "candidate 2 (taken)" in out
+    with Image.open("t.png") as all_of_them, Image.open("u.png") as image:
+        assert all_of_them.width > 1.5 * image.width
+    assert read_transform(Path("u.json")).transform.x == second["x"]  # without a warning
+    assert "--candidate: must be from 1 to" in sh.err(
+        "align hall.yaml turned.yaml --candidate 9", 2
+    )
+    assert "there are no candidates" in sh.err("align a.yaml b.yaml --candidate 1", 2)
+
+
 def test_turns_narrow_the_search(sh):
     line = "align a.yaml b.yaml --rotation"
     assert sh(f"{line} {math.degrees(TRUE.yaw):.1f},10")[0] == 0

@@ -18,7 +18,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.files.json_values import ALIGNMENT_FORMAT
 from mapdeal.grid.canvas import obstacles_in, sampled
 from mapdeal.grid.frame import Transform
-from mapdeal.pictures.canvas import Image
+from mapdeal.pictures.canvas import Image, beside_each_other
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.styles import alignment_style
 from mapdeal.pipeline import inputs
@@ -57,11 +57,16 @@ class Alignment(Placement, Result):
         How far the walls of the maps are apart where one is bent most against the other, metres.
     bend_xy : tuple of float or None
         Where that is, in the second map's frame; None if no walls agree.
+    candidates : tuple of Candidate
+        If it is not certain, the best three placements with their figures, `transform` first.
     maps : tuple of MapInput
         The two maps.
+    chosen : int or None
+        Number of the candidate that the user took for `transform`, from 1.
     """
 
     maps: tuple[inputs.MapInput, inputs.MapInput]
+    chosen: int | None = None
 
     @property
     def passes(self) -> bool:  # type: ignore[override]
@@ -85,6 +90,17 @@ class Alignment(Placement, Result):
             "agreement": self.agreement,
             "bend": self.bend,
             "bend_xy": None if self.bend_xy is None else list(self.bend_xy),
+            "chosen_by": "score" if self.chosen is None else "user",
+            "candidates": [
+                {
+                    **transform_document(candidate.transform),
+                    "score": candidate.score,
+                    "overlap": candidate.overlap,
+                    "agreement": candidate.agreement,
+                    "contradicting_m": candidate.contradicting,
+                }
+                for candidate in self.candidates
+            ],
         }
 
     def lines(self) -> Iterator[str]:
@@ -103,11 +119,29 @@ class Alignment(Placement, Result):
         if self.bend_xy is not None and self.bend >= _SEEN:
             where = place_text(self.maps[1].occupancy, self.bend_xy)
             yield f"  bend       walls disagree by up to {self.bend:.2g} m, {where}"
+        for number, candidate in enumerate(self.candidates, start=1):
+            taken = " (taken)" if number == self.chosen else ""
+            yield f"  candidate {number}{taken}: {_text(candidate.transform)}"
+            shares = 100 * candidate.overlap, 100 * candidate.agreement
+            text = "{:.0f} % of the free space in common, {:.0f} % of the walls agree".format(
+                *shares
+            )
+            yield f"    score {candidate.score:.2f}, {text}, {candidate.contradicting:.1f} m do not"
+        if self.candidates and self.chosen is None:
+            yield "  --image draws the candidates; --candidate 1 takes the first"
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
-        """Return the first map at its place over the second, on the second's cells."""
+        """Return the first map over the second, or both at each candidate beside each other."""
+        if self.chosen is None and len(self.candidates) > 1:
+            return beside_each_other([
+                self._drawn_at(candidate.transform, f"{k}: score {candidate.score:.2f}", **look)
+                for k, candidate in enumerate(self.candidates, start=1)
+            ])  # fmt: skip
+        return self._drawn_at(self.transform, title, **look)
+
+    def _drawn_at(self, transform: Transform, title: str | None, **look: Any) -> Image:
         first, second = (one.occupancy for one in self.maps)
-        moved = self.transform.frame(first.frame)
+        moved = transform.frame(first.frame)
         lattice = frame_around(second.frame, moved)
         kinds = np.full(lattice.shape, _UNKNOWN, dtype=np.uint8)
         walls = np.zeros(lattice.shape, dtype=np.uint8)
@@ -160,6 +194,7 @@ def align(
         Transform | Sequence[float] | None, Words("X,Y,YAW", inputs.transform_of)
     ] = None,
     rotations: Annotated[Sequence[float] | None, Words("DEG,...", _rotations, "rotation")] = None,
+    candidate: int | None = None,
     **reading: Unpack[inputs.Reading],
 ) -> Alignment:
     """Find where a map lies in the frame of another map of the same place.
@@ -181,6 +216,9 @@ def align(
     rotations : sequence of float, optional
         Rotations to search, such as 0,90,180,270, each with a tolerance of 3 degrees. In Python
         they are radians. By default all are searched.
+    candidate : int, optional
+        Take this one of the candidates that are listed if the match is not certain, from 1. The
+        match stays uncertain, and the exit code 1.
     **reading
         As for `read_map`; dialect, max_cells and max_memory apply to files.
 
@@ -194,7 +232,7 @@ def align(
     FileAccessError, MalformedInputError
         If a file cannot be read.
     ParameterError
-        If a number is not finite, or `rotations` is empty.
+        If a number is not finite, `rotations` is empty, or there is no such candidate.
 
     Notes
     -----
@@ -207,8 +245,9 @@ def align(
     its walls, for each 2 m of wall (less in small maps), less what the bend costs: the length of a
     corridor is no evidence, its doors and cross walls are. Of one straight line of walls four
     metres count at most. An alignment is certain if its score is at least 4.5 and 4.5 above all
-    others, the maps overlap by a tenth, and no other one reaches 0.62 of the score. With a prior,
-    three quarters of the walls in common must agree, and all else does not count.
+    others, the maps overlap by a tenth, and no other one reaches 0.62 of the score. Where
+    two thirds of the space and 25 m of walls are compared and three quarters agree, 2.2 suffices.
+    With a prior, three quarters of the walls in common must agree, and all else does not count.
 
     References
     ----------
@@ -234,4 +273,13 @@ def align(
     )
     with inputs.errors_named(b.name):
         found = placed(a.occupancy, b.occupancy, prior=about, rotations=rotations)
-    return Alignment(**vars(found), maps=(a, b))
+    if candidate is None:
+        return Alignment(**vars(found), maps=(a, b))
+    if not 1 <= candidate <= len(found.candidates):
+        rule = "is certain: there are no candidates" if found.same_place else (
+            f"must be from 1 to {len(found.candidates)}")  # fmt: skip
+        raise ParameterError(rule, place="candidate", got=candidate)
+    figures = found.candidates[candidate - 1]._asdict()
+    del figures["contradicting"]
+    figures |= {"bend": 0.0, "bend_xy": None} if candidate > 1 else {}
+    return Alignment(**{**vars(found), **figures}, maps=(a, b), chosen=candidate)

@@ -444,6 +444,13 @@ LEAST_SCORE = LEAST_LEAD = 4.5
 """A score, and what it has more than the runner-up. Of some 350 pairs of maps of different places,
 half of them with corridors or rows of equal rooms, the largest lead without a rival was 3.2."""
 
+LEAST_SCORE_OF_MOST = 2.2
+_MOST_SPACE, _MOST_AGREEING, _MOST_WALLS, _METRES_OF_WALLS = 0.66, 0.75, 0.45, 25.0
+"""The same where the maps show mostly the same space: least overlap, share of walls that agree,
+walls compared as a share of those of the smaller map, and their length. Drift lowers the scores of
+such maps. Of 170 pairs of different places none met the four limits with a lead above 0.3; of 113
+mirrored maps, whose rooms have the same sizes, the largest lead was 1.7."""
+
 LEAST_OVERLAP = 0.1
 MOST_RUNNER_UP = 0.62  # of the score: a place that fits nearly as well may be the right one
 
@@ -488,6 +495,23 @@ _OF_SIZE = 0.05  # of a small map's diagonal: places that are farther apart are 
 _LEFT = 1.2  # of a prior's limits: places are moved a little after they were found
 
 
+_CANDIDATES = 3
+
+
+class Candidate(NamedTuple):
+    """A place of a first map in the frame of a second, one of those that fit best.
+
+    `contradicting` is the length of walls that lie in free space of the other map, metres; the
+    other figures are those of `mapdeal.Alignment`.
+    """
+
+    transform: Transform
+    score: float
+    overlap: float
+    agreement: float
+    contradicting: float
+
+
 @dataclass(frozen=True, repr=False)
 class Placement(OneLine):
     """Placement of a first map in the frame of a second, see `mapdeal.Alignment`."""
@@ -501,6 +525,7 @@ class Placement(OneLine):
     agreement: float
     bend: float
     bend_xy: tuple[float, float] | None
+    candidates: tuple[Candidate, ...]
 
     @property
     def same_place(self) -> bool:
@@ -538,7 +563,7 @@ def placed(
 
 
 def _nowhere(reason: str, prior: Transform | None) -> Placement:
-    return Placement(prior or Transform(), reason, 0.0, 0.0, None, 0.0, 0.0, 0.0, None)
+    return Placement(prior or Transform(), reason, 0.0, 0.0, None, 0.0, 0.0, 0.0, None, ())
 
 
 def _candidates(
@@ -617,11 +642,22 @@ def _judged(first: WallMap, second: WallMap, poses: Poses, near: Near | None = N
     if near is not None:
         reason = _reason_there(score, shown)
     else:
-        rival = _rival(scores, best, others)
-        reason = _reason(score, rival, overlap)
+        seen = float((found.agreeing + found.contradicting)[best, _SHOWN])
+        walls = min(first.wall_length, second.wall_length)
+        are_mostly_shared = overlap >= _MOST_SPACE and shown >= _MOST_AGREEING
+        are_mostly_shared &= seen >= max(_METRES_OF_WALLS, _MOST_WALLS * walls)
+        least_score = LEAST_SCORE_OF_MOST if are_mostly_shared else LEAST_SCORE
+        rival = _rival(scores, best, others, least_score)
+        reason = _reason(score, rival, overlap, least_score)
     polished, bent, bent_xy = _polished(first, second, poses[best : best + 1], found.piece)
+    transform = _transform_of(first, second, polished)
+    candidates = []
+    for k in [] if reason is None else _best_apart(first, poses, bend, scores):
+        at = transform if k == best else _transform_of(first, second, poses[k])
+        figures = (found.overlap[k], found.shares[k, _SHOWN], found.contradicting[k, _SHOWN])
+        candidates.append(Candidate(at, float(scores[k]), *map(float, figures)))
     return Placement(
-        transform=_transform_of(first, second, polished),
+        transform=transform,
         reason=reason,
         score=score,
         runner_up=0.0 if other is None else float(scores[other]),
@@ -630,7 +666,18 @@ def _judged(first: WallMap, second: WallMap, poses: Poses, near: Near | None = N
         agreement=shown,
         bend=bent,
         bend_xy=bent_xy,
+        candidates=tuple(candidates),
     )
+
+
+def _best_apart(first: WallMap, poses: Poses, bend: Bend, scores: Floats) -> list[int]:
+    """Return the indices of the best places of which none is another one, found once more."""
+    best: list[int] = []
+    is_left = np.ones(len(poses), dtype=np.bool_)
+    while is_left.any() and len(best) < _CANDIDATES:
+        best.append(int(np.where(is_left, scores, -1).argmax()))
+        is_left &= _are_elsewhere(first, poses, bend, best[-1])
+    return best
 
 
 def _distinct(first: WallMap, poses: Poses, scores: Floats, most: int) -> list[int]:
@@ -780,16 +827,16 @@ def _most_bent(
     return most, (float(x), float(y))
 
 
-def _rival(scores: Floats, best: int, others: NDArray[np.int64]) -> float | None:
+def _rival(scores: Floats, best: int, others: NDArray[np.int64], least_lead: float) -> float | None:
     """Return the score of the best other place that may be the right one; None without any."""
     found = scores[others]
-    is_rival = (found > MOST_RUNNER_UP * scores[best]) | (scores[best] - found < LEAST_LEAD)
+    is_rival = (found > MOST_RUNNER_UP * scores[best]) | (scores[best] - found < least_lead)
     return float(found[is_rival].max()) if is_rival.any() else None
 
 
-def _reason(score: float, rival: float | None, overlap: float) -> str | None:
-    if score < LEAST_SCORE:
-        told = f"score {_down(score)}, of {LEAST_SCORE:g} at least"
+def _reason(score: float, rival: float | None, overlap: float, least: float) -> str | None:
+    if score < least:
+        told = f"score {_down(score)}, of {least:g} at least"
         return f"the walls agree hardly better than those of different places do ({told})"
     if overlap < LEAST_OVERLAP:
         return f"the maps have too little in common there ({overlap:.0%} of their free space)"

@@ -91,6 +91,16 @@ class Image:
     palette: Colours
 
 
+def beside_each_other(images: Sequence[Image]) -> Image:
+    """Return images of one palette as one, from left to right."""
+    height = max(len(image.indices) for image in images)
+    parts = [
+        np.pad(image.indices, [(0, height - len(image.indices)), (0, 0)], constant_values=WHITE)
+        for image in images
+    ]
+    return Image(np.hstack(parts), images[0].palette)
+
+
 class Pen:
     """Drawer of text and lines on a white sheet of palette indices."""
 

@@ -40,8 +40,9 @@ def read_transform(path: Path) -> TransformFile:
     document = read_document(path)
     nested = document.get("transform")
     entries = document if nested is None else nested
-    same_place = document.get("same_place")
-    if same_place is not None and not same_place.flag():
+    same_place, chosen_by = (document.get(key) for key in ("same_place", "chosen_by"))
+    is_chosen = chosen_by is not None and chosen_by.value == "user"
+    if same_place is not None and not same_place.flag() and not is_chosen:
         text = f"{path}: align was uncertain about this transform; it is used as it is"
         emit_warning(text, stacklevel=2)
     transform = Transform(*(entries[key].number() for key in ("x", "y", "yaw")))
