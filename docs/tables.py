@@ -35,6 +35,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.layers.catalogue import LAYERS, class_name
+from mapdeal.maps.formats import FORMATS
 from mapdeal.pipeline.folder import paths_of
 from mapdeal.pipeline.step import Step
 from mapdeal.stages.catalogue import STAGES, stage_named
@@ -251,8 +252,21 @@ def _default_of(parameter: Parameter) -> str:
     return str(default)
 
 
+def map_formats(_: str) -> str:
+    """Return the table of the formats of maps."""
+    return markdown_table(
+        ["a map is", "endings", "found in folders", "written"],
+        [
+            (entry.name, ", ".join(f"`{ending}`" for ending in entry.endings),
+             "yes" * entry.in_folders, "yes" * (entry.write is not None))
+            for entry in FORMATS
+        ],
+    )  # fmt: skip
+
+
 PAGES: dict[str, dict[str, MadeTable]] = {
     "cli.md": {"commands": commands, "shared options": shared_options},
+    "formats.md": {"map formats": map_formats},
     "lint.md": {"checks": checks},
     "robots.md": {"plugins": plugins},
     "stages.md": {

@@ -285,7 +285,7 @@ WRONG = [
     ("diff map.yaml {}", "a.mcap", "is a bag (MCAP), not a map"),
     ("cost map.yaml -o o.npz --robot-radius 1 --mask {}", "r.yaml", "is a recipe, not a map"),
     ("build {} -o o.yaml", "map.yaml", "is a map, not a log of laser scans"),
-    ("build {} -o o.yaml", "map.npz", "is an npz written by mapdeal, not a log of laser scans"),
+    ("build {} -o o.yaml", "map.npz", "is an .npz written by mapdeal, not a log of laser scans"),
     ("build {} -o o.yaml", "c.ply", "is a point cloud (PLY), not a log of laser scans"),
     ("local --cloud {} --pose 0,0,0 -o out", "map.yaml", "is a map, not a point cloud"),
     ("local --cloud {} --pose 0,0,0 -o out", "scans.log",

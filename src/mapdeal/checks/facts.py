@@ -29,7 +29,7 @@ from mapdeal.errors import (
     capture_warnings,
     emit_warning,
 )
-from mapdeal.files.source import BIT_MAP, bytes_of_lines, claim, claimed
+from mapdeal.files.source import bytes_of_lines, claim, claimed
 from mapdeal.files.yaml_text import Entry, parse_mapping, read_mapping
 from mapdeal.grid.costmap import Costmap, figures_of_costs
 from mapdeal.grid.field import FieldView, ViewScale
@@ -55,10 +55,11 @@ from mapdeal.maps.dialects import (
     reader_of,
     yaml_of,
 )
+from mapdeal.maps.formats import format_of
 from mapdeal.maps.images import IMAGE_FORMATS, open_for_one_pass
-from mapdeal.maps.npz import read_npz
+from mapdeal.maps.map_file import warn_if_uniform, warn_of_cost_figures
 from mapdeal.maps.picture import Picture, Samples, Strips
-from mapdeal.maps.reading import as_occupancy, bare_image, open_map
+from mapdeal.maps.reading import as_occupancy, open_map
 from mapdeal.ros.filters import FilterServers
 from mapdeal.ros.load import Name
 from mapdeal.ros.robot import CostmapName, Flavour, ParameterValue, RobotParameters
@@ -596,13 +597,13 @@ def gather(
     pair: PairFacts | None = None
     cells: GridFacts | None = None
     try:
-        bits = path if path.suffix.lower() == BIT_MAP else None
-        path = path if bits is None else map_server.yaml_beside(bits)
+        named, path = path, format_of(path).header(path)
         with _warnings_as_findings(findings, path, entries):
-            if path.suffix.lower() == ".npz":
-                cells = _gather_npz(path, max_cells)
-            else:
+            if format_of(path).is_yaml:
+                bits = named if named != path else None
                 pair, cells = _gather_pair(path, max_cells, bits, entries)
+            else:
+                cells = _gather_grid(path, max_cells)
     except (FileAccessError, MalformedInputError) as error:
         name = "file.access" if isinstance(error, FileAccessError) else "file.malformed"
         text = str(error) + (f" ({error.hint})" if error.hint else "")
@@ -620,11 +621,12 @@ def gather_rooms(path: Path, radius: float, *, max_cells: int | None = None) -> 
             return RoomFacts.of(as_occupancy(file.read().grid, path), radius)
 
 
-def _gather_npz(path: Path, max_cells: int | None) -> GridFacts | None:
-    """Return the facts of the map in an npz, None if it holds costs or a view."""
-    grid = read_npz(path, max_cells=max_cells)
+def _gather_grid(path: Path, max_cells: int | None) -> GridFacts | None:
+    """Return the facts of a map without a YAML file, None if it holds costs or a view."""
+    with open_map(path, max_cells=max_cells) as file:
+        grid = file.cells()
     if isinstance(grid, Costmap):
-        map_server.warn_if_uniform(path, grid)
+        warn_if_uniform(path, grid)
         return None
     if isinstance(grid, FieldView):
         _warn_of_view(path, grid.scale)
@@ -637,14 +639,11 @@ def _gather_pair(
 ) -> tuple[PairFacts, GridFacts | None]:
     """Return the facts of a YAML file and its image; `bits` is the bit map it must name, if any."""
     # `entries` gets the keys as soon as they are read, so that later findings can name their lines.
-    bare = None if bits is not None else bare_image(path)
+    bare = None if bits is not None else map_server.bare_image(path)
     with recognised(path, "a map", MAP):
         entries.update(read_mapping(path) if bare is None else parse_mapping(path, yaml_of(bare)))
         metadata = metadata_of(entries, path, mend=True)
-    if bits is None:
-        image = map_server.find_image(path, metadata.image)
-    else:
-        image = map_server.find_bits(bits, path, metadata)
+    image = map_server.image_of(path, metadata, bits)
     with open_for_one_pass(image, max_cells=max_cells) as (strips, head):
         claim(path, bytes_of_lines(strips.shape, _LINE_BYTES))
         kind, pixels, cells = _count_pixels(strips, metadata, image)
@@ -655,7 +654,7 @@ def _gather_pair(
     frame = Frame(*strips.shape, metadata.resolution, metadata.origin)
     pair = PairFacts(path, entries, metadata, image, kind, pixels, frame, comments)
     if cells is None:
-        map_server.warn_of_cost_figures(path, figures_of_costs(pixels.grey_counts, "costmap2d"))
+        warn_of_cost_figures(path, figures_of_costs(pixels.grey_counts, "costmap2d"))
         return pair, None
     if metadata.view is not None:
         _warn_of_view(path, metadata.view)

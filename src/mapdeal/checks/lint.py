@@ -42,8 +42,9 @@ from mapdeal.errors import (
     refusal_of_the_system,
 )
 from mapdeal.files.json_values import place_entries
-from mapdeal.files.source import BIT_MAP, absolute_path, is_folder, normal_path
+from mapdeal.files.source import absolute_path, is_folder, normal_path
 from mapdeal.grid.values import OneLine, count_text
+from mapdeal.maps.formats import format_of
 from mapdeal.ros.robot import CostmapName
 
 LEFT_OUT = "lint.left-out"
@@ -107,7 +108,7 @@ def check_map(path: Path, max_cells: int | None, radius: float | None = None) ->
     except Exception as error:  # noqa: BLE001 - a bug must not stop the checks of other maps
         text = f"internal error: {type(error).__name__}: {error}; this is a bug in mapdeal"
         return not_checked(path, str(refusal_of_the_system(error) or text))
-    has_comments = not is_folder(path) and path.suffix.lower() not in (".npz", BIT_MAP)
+    has_comments = not is_folder(path) and format_of(path).is_yaml
     return Findings(tuple(findings), tuple(read_ignore_comments(path) if has_comments else ()))
 
 

@@ -23,7 +23,8 @@ from mapdeal.inputs.kinds import kind_of
 from mapdeal.inputs.listing import ListedFolders
 from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.images import IMAGE_FORMATS
-from mapdeal.maps.map_server import MAP_SAVER_UNKNOWN, NOTHING_KNOWN, percent, remark_on_freed
+from mapdeal.maps.map_file import NOTHING_KNOWN
+from mapdeal.maps.map_server import MAP_SAVER_UNKNOWN, percent, remark_on_freed
 
 _UNKNOWN_SHADE = 127 / 255  # of Cartographer's grey, the darkest one in use for unknown
 _CARTOGRAPHER_UNKNOWN = 128

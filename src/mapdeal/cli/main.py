@@ -135,9 +135,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except FileAccessError as error:
         if error.is_missing and error.hint is None:
             from mapdeal.files.source import similar_file_hint
+            from mapdeal.maps.formats import MAP_ENDINGS
 
             name = str(error.source)
-            error.hint = point_hint(name, words[0]) or similar_file_hint(name)
+            error.hint = point_hint(name, words[0]) or similar_file_hint(name, MAP_ENDINGS)
         return _report(error)
     except MapdealError as error:
         return _report(error)

@@ -22,7 +22,7 @@ from mapdeal.commands.pack import Made
 from mapdeal.compare.difference import STATES, changes_of, confusion_of, states_of
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import json_of
-from mapdeal.files.source import MAPS, check_state, claim, is_regular, state_of
+from mapdeal.files.source import check_state, claim, is_regular, state_of
 from mapdeal.grid.frame import Figures, Frame, Point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, count_text
@@ -42,7 +42,8 @@ from mapdeal.mapping.build import (
 from mapdeal.mapping.cloud_map import CloudOptions
 from mapdeal.mapping.evidence import NEAR, OFTEN, BeamCounts, BeamLimits, Beams, Scans, beams_of
 from mapdeal.mapping.transforms import FrameOptions, Pose, Topics, check_pose
-from mapdeal.maps.npz import write_npz
+from mapdeal.maps.formats import MAP_ENDINGS
+from mapdeal.maps.npz import check_ends_in_npz, write_npz
 from mapdeal.maps.png import write_indexed_png
 from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pictures.comparisons import difference_image
@@ -524,8 +525,8 @@ def build(
         advance = stack.enter_context(work.counted(source.preparation + passes * source.count))
         if compare:
             return _compared(source, output, building, work, advance)
-        if layers is not None and layers.suffix != ".npz":
-            raise ParameterError("layers are written as .npz", source=layers)
+        if layers is not None:
+            check_ends_in_npz(layers)
         work.outputs += [*output_paths(output), *([layers] if layers is not None else [])]
         transaction = work.begin(source.files)
         built = _built(source, building, with_layers=layers is not None, advance=advance)
@@ -540,7 +541,7 @@ def _compared(
     source: ScanSource, folder: Path, building: _Building, work: Work, advance: Advance
 ) -> Comparison:
     """Make maps of scans by several methods on one grid; write them, and what differs."""
-    if folder.suffix in (*MAPS, ".pgm", ".png", ".json"):
+    if folder.suffix in (*MAP_ENDINGS, ".pgm", ".png", ".json"):
         rule = "must be a folder: a comparison writes several maps"
         raise ParameterError(rule, place="output", got=str(folder))
     pairs = {

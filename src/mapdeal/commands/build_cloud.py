@@ -25,7 +25,7 @@ from mapdeal.mapping.build import frame_of
 from mapdeal.mapping.cloud_map import CloudMap, CloudMapper, CloudOptions
 from mapdeal.mapping.transforms import FrameOptions
 from mapdeal.mapping.voxels import FINEST, Tilt, away_from_sensor, upright
-from mapdeal.maps.npz import write_npz
+from mapdeal.maps.npz import check_ends_in_npz, write_npz
 from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pipeline.folder import written_line
 from mapdeal.pipeline.inputs import Work, errors_named
@@ -251,8 +251,8 @@ def build_from_clouds(
     range_min: float, poses: Path | None, topics: Sequence[str], frames: dict[str, Any],
 ) -> CloudBuild:  # fmt: skip
     frame_of(size, origin, resolution or FINEST)  # what is wrong is said before anything is read
-    if layers is not None and layers.suffix != ".npz":
-        raise ParameterError("layers are written as .npz", source=layers)
+    if layers is not None:
+        check_ends_in_npz(layers)
     with ExitStack() as stack:
         if len(names) == 1 and is_bag(Path(names[0])):
             given = FrameOptions(poses=poses, **frames)

@@ -25,7 +25,9 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.inputs.kinds import is_bag
 from mapdeal.maps.dialects import Mode
-from mapdeal.maps.map_server import Encoding, in_trinary, warn_if_uniform, warn_of_nothing_known
+from mapdeal.maps.formats import output_format
+from mapdeal.maps.map_file import warn_if_uniform, warn_of_nothing_known
+from mapdeal.maps.map_server import Encoding, in_trinary
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import Source, output_paths, write_grid
 from mapdeal.maps.world import WORLD_ENDINGS
@@ -188,7 +190,7 @@ def convert(
     if writes_bag:
         _write_bag(transaction, output, grid, topic, frame_id)
         return Made(grid, source.stem)
-    if isinstance(grid, DistanceField) and output.suffix != ".npz":
+    if isinstance(grid, DistanceField) and not output_format(output).can_hold(DistanceField):
         grid, mode = field_view(grid), mode or "raw"
     if isinstance(grid, FieldView) and mode not in (None, "raw"):
         grid = grid.as_map()

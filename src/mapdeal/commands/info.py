@@ -21,12 +21,11 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import PotentialField
 from mapdeal.grid.filters import FilterInfo, mask_description, mask_rows
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.reach import robot_text
+from mapdeal.grid.reach import Reach, robot_text
 from mapdeal.grid.values import UNKNOWN, count_text
 from mapdeal.inputs.kinds import BAG, IMAGE, MAP, POINTER, kind_of
 from mapdeal.inputs.listing import list_maps
 from mapdeal.maps.dialects import Dialect
-from mapdeal.maps.npz import holds_reach, read_reach
 from mapdeal.maps.reading import open_map
 from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, stages_behind, summary_of
 from mapdeal.pipeline.inputs import InShell, Work, claim_work
@@ -219,8 +218,6 @@ def _described(
     if path.name == MANIFEST or exists(path / MANIFEST):
         return _describe_run(path)
     try:
-        if path.suffix.lower() == ".npz" and holds_reach(path):
-            return _describe_reach(path, settings.max_cells)
         return _describe_map(path, settings.dialect, settings.max_cells)
     except (errors.MalformedInputError, errors.FileAccessError) as error:
         # an error about a file that a map names is not about what the map is
@@ -237,6 +234,8 @@ def _described(
 
 def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> Report:
     with sums_of_reads() as sums, open_map(path, dialect=dialect, max_cells=max_cells) as file:
+        if (reach := file.layers_of(Reach)) is not None:
+            return _describe_reach(path, reach)
         source = file.read()
         named = file.sums_by_name(sums)
     grid = source.grid
@@ -253,8 +252,8 @@ def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> Report
     return report | _origin_of(path, grid, named)
 
 
-def _describe_reach(path: Path, max_cells: int | None) -> Report:
-    grid = read_reach(path, max_cells=max_cells)
+def _describe_reach(path: Path, grid: Reach) -> Report:
+    """Return what an npz contains of what a robot can reach; its results are in another file."""
     claim_work(path, grid, _OF_OTHERS)
     return {
         "file": str(path),

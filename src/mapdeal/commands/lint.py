@@ -72,13 +72,12 @@ from mapdeal.maps.map_server import (
     USUAL_FREE_THRESH,
     FreedCells,
     image_places,
+    is_bare_image,
     remark_on_freed,
     write_map_image,
 )
-from mapdeal.maps.npz import read_npz
 from mapdeal.maps.reading import (
     MapFile,
-    is_bare_image,
     open_map,
     output_paths,
     write_grid,
@@ -612,9 +611,7 @@ def repaired(
     changes: list[str] = []
     with capture_warnings():  # lint has reported these already
         grid: Any = (
-            read_npz(path, max_cells=max_cells)
-            if pair is None
-            else _map_of_pair(pair, max_cells, changes)
+            _cells_of(path, max_cells) if pair is None else _map_of_pair(pair, max_cells, changes)
         )
     if isinstance(grid, Costmap):
         raise MalformedInputError(_COSTS, source=path)
@@ -635,6 +632,11 @@ def repaired(
     elif yaw:
         grid = OccupancyGrid(grid.occupancy, resolution, (x, y, 0.0))
     return grid, changes
+
+
+def _cells_of(path: Path, max_cells: int | None) -> Any:
+    with open_map(path, max_cells=max_cells) as file:
+        return file.cells()
 
 
 def _map_of_pair(pair: PairFacts, max_cells: int | None, changes: list[str]) -> OccupancyGrid:

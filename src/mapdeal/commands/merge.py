@@ -23,8 +23,7 @@ from mapdeal.files.source import bytes_of_lines, claim, holding
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import check_choice, count_text
-from mapdeal.maps.npz import read_evidence
-from mapdeal.maps.reading import output_paths, write_grid
+from mapdeal.maps.reading import open_map, output_paths, write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import merge_image
 from mapdeal.pipeline import inputs
@@ -354,14 +353,13 @@ def _evidence_of(
         raise ParameterError(text, place="evidence", got=len(layers_given))
     chosen: list[merging.ChosenLayers] = []
     for source, layers in zip(maps, layers_given or [None] * len(maps), strict=True):
-        path = (
-            source.path
-            if source.metadata is None and layers_given is None and rule == "evidence"
-            else None
-        )
+        path = source.path if layers_given is None and rule == "evidence" else None
         try:
             with holding(_bytes_in(chosen)):
-                found = layers if path is None else read_evidence(path, max_cells=max_cells)
+                found = layers
+                if path is not None:
+                    with open_map(path, max_cells=max_cells) as file:
+                        found = file.evidence()
                 chosen.append(merging.chosen_layers(found or {}, source.grid.shape))
         except ParameterError as error:
             raise error.found_in(source.name) if path is None else error.in_file(path) from None

@@ -25,7 +25,7 @@ from mapdeal.grid.frame import RADIUS_TOLERANCE
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal, GoalReach, Reach, reach_radius
 from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN, decimal_text
-from mapdeal.maps.npz import Grid
+from mapdeal.maps.npz import Grid, check_ends_in_npz
 from mapdeal.maps.reading import as_occupancy, write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.overlay import KeepoutOverlay
@@ -253,8 +253,7 @@ def reachability(
         )
     inputs.need_ending(".json")
     if layers is not None:
-        if layers.suffix != ".npz":
-            raise ParameterError("must end in .npz", place="layers", got=str(layers))
+        check_ends_in_npz(layers)
         work.outputs.append(layers)
     parameters["goals"] = tuple(chosen_goals(parameters.get("goals", ()), points))
     shape = planned_shape(robot) if footprint is None and robot is not None else footprint

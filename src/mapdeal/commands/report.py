@@ -34,7 +34,8 @@ from mapdeal.grid.values import count_text
 from mapdeal.inputs.kinds import SHAPES, kind_of
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps.dialects import Dialect, read_metadata
-from mapdeal.maps.reading import is_bare_image
+from mapdeal.maps.formats import MAP_ENDINGS
+from mapdeal.maps.map_server import is_bare_image
 from mapdeal.pipeline.batch import SUMMARY
 from mapdeal.pipeline.folder import MANIFEST, reach_document
 from mapdeal.pipeline.inputs import KeepoutMask, Work, map_input, mask_of, read_input
@@ -459,7 +460,7 @@ def _is_first(path: Path, known: set[object]) -> bool:
 
 
 def _is_grid(path: Path) -> bool:
-    if path.suffix.lower() not in source.NAMED_MAPS:
+    if path.suffix.lower() not in MAP_ENDINGS:
         return is_bare_image(path)
     kind = kind_of(path)
     return kind is None or kind.name != SHAPES

@@ -49,11 +49,13 @@ from mapdeal.files.source import (
 )
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.footprint import Footprint, checked_corners
-from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.occupancy import CloudLayers, OccupancyGrid
+from mapdeal.grid.reach import Reach
 from mapdeal.inputs.listing import folders_below
 from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy, lazy_layer
-from mapdeal.maps.npz import Grid, holds_reach, open_npz, read_cloud_layers, read_reach
-from mapdeal.maps.reading import MapFile, is_bare_image, open_map
+from mapdeal.maps.map_file import Grid, MapFile
+from mapdeal.maps.map_server import is_bare_image
+from mapdeal.maps.reading import open_map
 from mapdeal.pictures.styles import cost_change_style, difference_style
 from mapdeal.pipeline.batch import SUMMARY
 from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, product_of
@@ -302,17 +304,10 @@ class Grids:
                 open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
             )
             claim(path, _OF_PAGE + bytes_of_lines(file.shape(), _PER_LINE))
-            is_npz = path.suffix.lower() == ".npz"
-            if is_npz and holds_reach(path):
-                return read_reach(path, max_cells=settings.max_cells), file
-            if is_npz and (of_cloud := read_cloud_layers(path, max_cells=settings.max_cells)):
-                return of_cloud, file
-            if file.memory_to_read() <= self._room:
-                return file.read().grid, file
-            if is_npz:
-                opened = open_npz(path, block_height=_ROWS, max_cells=settings.max_cells)
-                return self._stack.enter_context(opened), file
-            if file.shape_by_rows is None:
+            for kind in (Reach, CloudLayers):
+                if (grid := file.layers_of(kind)) is not None:
+                    return grid, file
+            if file.memory_to_read() <= self._room or not file.has_lazy_rows:
                 return file.read().grid, file
             self._stack.enter_context(stack.pop_all())
             return file.by_rows(block_height=_ROWS).grid, file

@@ -26,8 +26,6 @@ from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
 from mapdeal.kernels.threads import set_within, tables_claimed
 
 YAML, BIT_MAP = (".yaml", ".yml"), ".pbm"
-MAPS = (*YAML, ".npz")  # the likeliest first; a bit map is an image that stands for its YAML
-NAMED_MAPS = (*MAPS, BIT_MAP)
 LFS_POINTER = b"version https://git-lfs"
 
 # Recognises most maps without a parser: keys of the top mapping begin a line.
@@ -155,9 +153,9 @@ def ignores_case(folder: Path) -> bool:
 _SIMILAR = 0.8  # smallest difflib ratio of similar names, such as office1.yaml and office.yaml
 
 
-def similar_file_hint(name: str) -> str | None:
+def similar_file_hint(name: str, endings: Iterable[str]) -> str | None:
     """Return a hint that suggests the most similar file in the folder, if there is one."""
-    # For a name without an ending, the map of that name is suggested.
+    # For a name without an ending, the map of that name with one of `endings` is suggested.
     import difflib  # only mistakes need it
 
     path = Path(name)
@@ -165,7 +163,7 @@ def similar_file_hint(name: str) -> str | None:
         names = [file for file in contents_of(path.parent)[1] if file != path.name]
     except FileAccessError:
         return None
-    similar = [path.name + ending for ending in MAPS if path.name + ending in names]
+    similar = [path.name + ending for ending in endings if path.name + ending in names]
     by_lower = {file.lower(): file for file in reversed(names)}
     close = difflib.get_close_matches(path.name.lower(), by_lower, 1, _SIMILAR)
     similar += [by_lower[file] for file in close]

@@ -23,7 +23,6 @@ from mapdeal.files.source import (
     IMAGE_KEY,
     LFS_POINTER,
     LONGEST_STREAM,
-    NAMED_MAPS,
     YAML,
     access_to,
     chunks_of,
@@ -37,7 +36,9 @@ from mapdeal.files.source import (
 )
 from mapdeal.files.text import BYTE_ORDER_MARK, coordinate_name, delimiter_of, is_number
 from mapdeal.files.yaml_text import OF_SHAPES, read_mapping
+from mapdeal.maps.formats import FORMATS, MAP_ENDINGS, listed
 from mapdeal.maps.images import read_image_size, recognised_format
+from mapdeal.maps.npz import NPZ
 
 MAP, CLOUD, SCANS, POSES, NUMBERS = "map", "point cloud", "laser scans", "poses", "numbers"
 IMAGE, RECIPE, SHAPES, BAG, POINTER = "image", "recipe", "shapes", "bag", "Git LFS pointer"
@@ -71,7 +72,7 @@ _METADATA = "metadata.yaml"
 _BAG_ENDINGS = (".mcap", ".db3")
 _OTHER_ENDINGS_IN_BAGS = (".zstd", ".db3-wal", ".db3-shm", ".txt")
 _UNKNOWN = "is not a kind of file that mapdeal knows"
-_MAPS_ARE = "a map is a map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal"
+_MAPS_ARE = f"a map is {listed(entry.name for entry in FORMATS)}"
 
 _MAP_USE = "mapdeal info {path} describes it, mapdeal run {path} -o DIR processes it"
 _CLOUD_USE = (
@@ -116,7 +117,7 @@ def kind_of(path: Path) -> FileKind | None:
 
 def is_bag(path: Path) -> bool:
     """Return whether a file or folder is a bag of ROS 1 or ROS 2, or the metadata of one."""
-    if path.suffix.lower() in NAMED_MAPS and path.name != _METADATA:
+    if path.suffix.lower() in MAP_ENDINGS and path.name != _METADATA:
         return False
     with suppress(MapdealError):
         kind = kind_of(path)
@@ -135,7 +136,7 @@ def recognised(path: Path, expected: str, *kinds: str) -> Iterator[None]:
         kind = None
         with suppress(MapdealError):
             kind = kind_of(path)
-        if kind is None and MAP in kinds and path.suffix.lower() not in NAMED_MAPS:
+        if kind is None and MAP in kinds and path.suffix.lower() not in MAP_ENDINGS:
             error.hint = error.hint or _MAPS_ARE
             if isinstance(error, MalformedInputError):
                 raise MalformedInputError(_UNKNOWN, source=path, hint=_MAPS_ARE) from None
@@ -185,6 +186,11 @@ def _kind_by_magic(path: Path, head: bytes) -> FileKind | None:
     return None
 
 
+def _kind_of_map(_: Path, head: bytes) -> FileKind | None:
+    names = (entry.name for entry in FORMATS if entry.magic and head.startswith(entry.magic))
+    return next((FileKind(MAP, name, _MAP_USE) for name in names), None)
+
+
 def _kind_of_cloud(path: Path, head: bytes) -> FileKind | None:
     if head.startswith((b"ply\n", b"ply\r")):
         from mapdeal.sensors.clouds import ply_figures
@@ -222,7 +228,7 @@ def _kind_of_npz(path: Path, head: bytes) -> FileKind | None:
     with NpzReader(path, 1) as reader:
         names = reader.names()
         if "format" in names:
-            return FileKind(MAP, "an npz written by mapdeal", _MAP_USE)
+            return FileKind(MAP, NPZ.name, _MAP_USE)
         if {"poses", "angles", "ranges"} <= names:
             scans = reader.header("ranges").shape
             figures = {"scans": scans[0], "beams": scans[1]} if len(scans) == 2 else {}
@@ -417,8 +423,8 @@ def _kind_of_numbers(path: Path, head: bytes) -> FileKind | None:
 
 
 _DETECTORS: tuple[Callable[[Path, bytes], FileKind | None], ...] = (
-    _kind_by_magic, _kind_of_cloud, _kind_of_npz, _kind_of_image, _kind_of_log, _kind_of_json,
-    _kind_of_numbers, _kind_of_yaml,
+    _kind_by_magic, _kind_of_map, _kind_of_cloud, _kind_of_npz, _kind_of_image, _kind_of_log,
+    _kind_of_json, _kind_of_numbers, _kind_of_yaml,
 )  # fmt: skip
 """Tried in this order, the fastest first; the first result counts."""
 

@@ -16,13 +16,10 @@ from typing import Any
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError, emit_warning
 from mapdeal.files.source import (
     BIT_MAP,
-    IMAGE_KEY,
-    NAMED_MAPS,
     YAML,
     claim,
     contents_of,
     exists,
-    head_of,
     identity_of,
     is_folder,
     joined,
@@ -32,8 +29,8 @@ from mapdeal.files.source import (
     status_of,
     yaml_at,
 )
-from mapdeal.files.yaml_text import read_mapping
 from mapdeal.inputs.kinds import kind_of, other_kind
+from mapdeal.maps.formats import FORMATS, MAP_ENDINGS, format_of
 
 _ANY_FOLDERS = "**"
 
@@ -158,7 +155,11 @@ def natural_key(text: str) -> tuple[list[str | int], str]:
     return [int(part) if k % 2 else part for k, part in enumerate(parts)], text
 
 
-_HEAD = 1 << 20
+_IN_FOLDERS = tuple(e for entry in FORMATS if entry.in_folders for e in entry.endings)
+_NO_MAP, _NO_MAP_IN_FOLDER = (
+    ", ".join(f"no {entry.sign}" for entry in FORMATS if entry.in_folders or with_all)
+    for with_all in (True, False)
+)
 _LARGEST_LIST = 1 << 26
 _PER_NAME = 400  # bytes in memory for the name of a map and its entry in the listing
 
@@ -293,29 +294,30 @@ def _expand(
         path = path.parent
     if is_folder(path):
         candidates, folders = _below_folder(path, output, exempt)
-        maps = [file for file in candidates if _is_map(file)]
+        maps = [file for file in candidates if format_of(file).holds_map(file)]
         kind = None if maps or exempt is not None else kind_of(path)
         if kind is not None:
             raise other_kind(path, kind, "a folder of maps")
         if not maps and exempt is None:
-            rule = f"is a directory without a map: no .yaml with the key image{_outside_of(output)}"
+            rule = f"is a directory without a map: {_NO_MAP_IN_FOLDER}{_outside_of(output)}"
             raise FileAccessError(rule, source=name)
         maps = [*maps, *folders] or [path]
         root = path
     elif has_magic(name) and not exists(path):
-        matches = list_files([name], NAMED_MAPS)
+        matches = list_files([name], MAP_ENDINGS)
         candidates = [file for file in matches if not _lies_in(file.parent, output)]
         candidates = _without_images(candidates, keep_all=path.suffix.lower() == BIT_MAP)
-        maps = [file for file in candidates if file.suffix.lower() not in YAML or _is_map(file)]
+        maps = [file for file in candidates if format_of(file).holds_map(file)]
         if not maps:
-            rule = "matches no map: no .npz or .pbm, no .yaml with the key image"
+            rule = f"matches no map: {_NO_MAP}"
             raise ParameterError(rule + _outside_of(output), source=name)
         # the fixed folders before the first wildcard
         root = Path(*takewhile(lambda part: not has_magic(part), path.parts))
     else:
         return _Expansion(path.parent if is_listed else None, [path], [])
     known = set(maps)
-    return _Expansion(root, maps, [file for file in candidates if file not in known])
+    left_out = (file for file in candidates if file not in known)
+    return _Expansion(root, maps, [file for file in left_out if file.suffix.lower() in YAML])
 
 
 def _without_images(files: list[Path], *, keep_all: bool) -> list[Path]:
@@ -367,18 +369,8 @@ def _below_folder(
     walk = folders_below([folder], look_into, leave_out=lambda path: _lies_in(path, output))
     files = [subfolder / name for subfolder, names in walk for name in names]
     # a broken link may have been a folder
-    yamls = (f for f in files if f.suffix.lower() in YAML or not (f.suffix or exists(f)))
-    return sorted_naturally(yamls), sorted(listed, key=lambda path: natural_key(str(path)))
-
-
-def _is_map(path: Path) -> bool:
-    """Return whether a YAML file is that of a map, possibly a broken one: it has the key image."""
-    try:
-        return bool(IMAGE_KEY.search(head_of(path, _HEAD))) or "image" in read_mapping(path)
-    except FileAccessError:
-        return True  # reading it as a map reports the error
-    except MapdealError:
-        return False
+    maps = (f for f in files if f.suffix.lower() in _IN_FOLDERS or not (f.suffix or exists(f)))
+    return sorted_naturally(maps), sorted(listed, key=lambda path: natural_key(str(path)))
 
 
 def _common_root(expansions: Iterable[_Expansion]) -> Path:

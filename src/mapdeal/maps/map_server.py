@@ -7,8 +7,11 @@ pairs of a ``.pbm`` and a YAML file whose bits stay packed in memory.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path, PureWindowsPath
 from typing import Any, Literal
 from urllib.parse import unquote
@@ -19,33 +22,49 @@ from numpy.typing import NDArray
 from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
+    MapdealError,
+    MapdealWarning,
     ParameterError,
+    capture_warnings,
     emit_warning,
 )
 from mapdeal.files.source import (
     BIT_MAP,
+    IMAGE_KEY,
     YAML,
     contents_of,
     exists,
+    head_of,
     is_same_file,
+    state_of,
     status_of,
     use_memory,
     yaml_at,
 )
 from mapdeal.files.transaction import RowsWriter, Transaction, Writer
+from mapdeal.files.yaml_text import read_mapping
 from mapdeal.grid.bit_map import BitMap
-from mapdeal.grid.costmap import UNIFORM_SHARE, Costmap
+from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import FieldView
-from mapdeal.grid.frame import Figures, Framed
+from mapdeal.grid.frame import Frame, Framed, Origin
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale, occupancy_from_cost
 from mapdeal.kernels import blocks
 from mapdeal.kernels.lookup import look_up
 from mapdeal.maps.dialects import Dialect, MapMetadata, Mode, cells_of, read_metadata, yaml_of
-from mapdeal.maps.images import BinaryRows, PnmImage, begin_pgm, write_pbm
+from mapdeal.maps.images import (
+    IMAGE_SUFFIXES,
+    BinaryRows,
+    PnmImage,
+    begin_pgm,
+    open_image,
+    write_pbm,
+)
+from mapdeal.maps.map_file import MapFile, MapFormat
 from mapdeal.maps.picture import LARGEST_CELLS, OpenImage, Picture, by_sample, opened, warn_of
 from mapdeal.maps.png import write_grey_png, write_rgba_png
 
+_HEAD = 1 << 20
 MAP_SAVER_UNKNOWN = 205  # the grey that map_saver writes for unknown cells
 USUAL_FREE_THRESH = 0.196  # default of free_thresh in ROS: just below the shade of that grey
 FREED_SHARE = 0.001
@@ -53,9 +72,6 @@ FREED_SHARE = 0.001
 
 Anti-aliasing spreads a few percent of the cells over all greys.
 """
-
-_HALF_WAY = 50  # A cost that is low on either scale
-NOTHING_KNOWN = "every cell is unknown; are the thresholds, mode and negate right?"
 
 
 class FreedCells:
@@ -207,34 +223,129 @@ def remark_on_lost(count: int) -> str:
     return f"{count} pixels of mode raw hold 101..254, read as unknown"
 
 
-def warn_of_nothing_known(path: Path, occupancy: blocks.Layer, *, has_pixels: bool = True) -> None:
-    """Warn of a map without any known cell; a lazy map is read up to its first known cell."""
-    if blocks.holds_everywhere(occupancy, lambda values: values < 0):
-        warn_of(path, NOTHING_KNOWN if has_pixels else "every cell is unknown", "map.all-unknown")
+_bare_images: ContextVar[tuple[float, Origin] | None] = ContextVar("bare_images", default=None)
 
 
-def warn_if_uniform(path: Path, costmap: Costmap) -> None:
-    warn_of_cost_figures(path, costmap.figures())
+@contextmanager
+def bare_images(resolution: float, origin: Origin) -> Iterator[None]:
+    """Read images named in place of a YAML file as maps, with the usual thresholds."""
+    token = _bare_images.set((resolution, origin))
+    try:
+        yield
+    finally:
+        _bare_images.reset(token)
 
 
-def warn_of_cost_figures(path: Path, figures: Figures) -> None:
-    """Warn if nearly all open cells cost the same, or no cell is open."""
-    common = figures["most_common"]
-    if common is None:
-        is_blocked = figures["lethal"] + figures.get("inscribed", 0) > 0
-        finding = "known cell is lethal or inscribed" if is_blocked else "cell is unknown"
-        warn_of(path, f"every {finding}", "run.uniform-cost")
-    elif common["share"] > UNIFORM_SHARE:
-        finding = f"{100 * common['share']:.4g} % of the open cells cost {common['cost']}"
-        warn_of(path, f"{finding}: {_advice_on_costs(figures)}", "run.uniform-cost")
+def is_bare_image(path: Path) -> bool:
+    """Return whether a file is an image that is read as a map without a YAML file."""
+    return _bare_images.get() is not None and path.suffix.lower() in IMAGE_SUFFIXES
 
 
-def _advice_on_costs(figures: Figures) -> str:
-    if not figures["lethal"]:
-        return "there is no obstacle"
-    if figures["most_common"]["cost"] < _HALF_WAY:
-        return "a larger inflation_radius, or lower up and down, grade more of them"
-    return "a higher cost_scaling_factor, or the metric view, grades more of them"
+def bare_image(path: Path) -> MapMetadata | None:
+    """Return the metadata of an image that is read without a YAML file; None for other files."""
+    plain_image = _bare_images.get()
+    if plain_image is None or not is_bare_image(path):
+        return None
+    if yaml_at(path):
+        text = "is read with --resolution; the .yaml beside it is ignored"
+        emit_warning(MapdealWarning(f"{path}: {text}", "image.yaml-not-read"), stacklevel=4)
+    return MapMetadata(path.name, *plain_image)
+
+
+def _header(path: Path) -> Path:
+    """Return the YAML file; refuse an image in its place, unless it is read without one."""
+    if path.suffix.lower() in IMAGE_SUFFIXES:
+        status_of(path)
+        if not is_bare_image(path):
+            sibling = path.with_suffix(".yaml")
+            hint = "pass its .yaml, or --resolution R to read the image without one"
+            hint = f"pass {sibling}" if exists(sibling) else hint
+            raise MalformedInputError(
+                "looks like an image, not a map's YAML", source=path, hint=hint
+            )
+    return path
+
+
+def _is_yaml_of_map(path: Path) -> bool:
+    """Return whether a YAML file is that of a map, possibly a broken one: it has the key image."""
+    try:
+        return bool(IMAGE_KEY.search(head_of(path, _HEAD))) or "image" in read_mapping(path)
+    except FileAccessError:
+        return True  # reading it as a map reports the error
+    except MapdealError:
+        return False
+
+
+class PairFile(MapFile):
+    """An open YAML file and its image, or an image without a YAML file."""
+
+    metadata: MapMetadata
+
+    def __init__(
+        self, path: Path, opened: ExitStack, dialect: Dialect, max_cells: int | None,
+        bits: Path | None = None,
+    ) -> None:  # fmt: skip
+        states = {path: state_of(path)}
+        metadata = None if bits is not None else bare_image(path)
+        if metadata is None:
+            metadata = read_metadata(path, dialect=dialect)
+            image = image_of(path, metadata, bits)
+            states[image] = state_of(image)
+        super().__init__(path, states)
+        self.metadata = metadata
+        self._opened, self._dialect, self._max_cells = opened, dialect, max_cells
+
+    @cached_property
+    def _image(self) -> OpenImage:
+        return self._opened.enter_context(open_image(self.files[-1], max_cells=self._max_cells))
+
+    @cached_property
+    def _rows(self) -> BinaryRows | None:
+        if self.metadata.cost_scale is not None:
+            return None
+        # Faults of the image are reported when the map is read.
+        with capture_warnings() as self._remarks, suppress(MapdealError):
+            if isinstance(self._image, PnmImage):
+                return self._image.rows()
+        return None
+
+    @property
+    def shape_by_rows(self) -> tuple[int, int] | None:  # type: ignore[override]
+        return None if self._rows is None else self._rows.shape
+
+    @property
+    def has_lazy_rows(self) -> bool:  # type: ignore[override]
+        return self._rows is not None
+
+    def memory_to_read(self) -> int:
+        return self._image.memory()
+
+    def frame(self) -> Frame:
+        return Frame(*self._image.shape, self.metadata.resolution, self.metadata.origin)
+
+    def cells(self) -> OccupancyGrid | Costmap:
+        return read_cells(self.path, self.metadata, self._image, self._dialect)
+
+    def rows(self, block_height: int, budget: blocks.CacheBudget | None) -> OccupancyGrid:
+        if self._rows is None:
+            raise ValueError(f"{self.path} cannot be read by rows")
+        self._image.check_limit()
+        for remark in self._remarks:
+            emit_warning(remark, stacklevel=2)
+        grid = lazy_cells(
+            self.metadata, self._rows, block_height=block_height, budget=budget,
+            dialect=self._dialect,
+        )  # fmt: skip
+        check_rows(self.path, self.metadata, self._rows, self._dialect)
+        return grid
+
+    def _sum_of(self, path: Path) -> str:
+        return super()._sum_of(path) if path == self.path else self._image.file.sha256()
+
+
+def image_of(path: Path, metadata: MapMetadata, bits: Path | None) -> Path:
+    """Return the image of a YAML file; `bits` is the bit map that it must name, if any."""
+    return find_image(path, metadata.image) if bits is None else find_bits(bits, path, metadata)
 
 
 def read_cells(
@@ -407,7 +518,7 @@ def _checked_image_name(image: Path) -> Path:
 def write_pair(
     transaction: Transaction, output: Path, grid: OccupancyGrid | Costmap, *,
     mode: Mode | None = None, encoding: Encoding = "occupancy",
-    extra: Mapping[str, Any] | None = None,
+    extra: Mapping[str, Any] | None = None, **_: Any,
 ) -> None:  # fmt: skip
     image, yaml_path = pair_paths(output)
     cost_scale: CostScale | None = None
@@ -444,6 +555,17 @@ def write_pair(
     )  # fmt: skip
     transaction.write(image, write_image)
     transaction.write_bytes(yaml_path, yaml_of(metadata))
+
+
+PAIR = MapFormat(
+    "a map_server .yaml", YAML, PairFile, is_yaml=True, is_map=_is_yaml_of_map, header=_header,
+    grids=(OccupancyGrid, Costmap), write=write_pair, paths=pair_paths, images=(".pgm", ".png"),
+)  # fmt: skip
+BITS = MapFormat(
+    "a .pbm with its .yaml", (BIT_MAP,),
+    lambda path, opened, dialect, most: PairFile(yaml_beside(path), opened, dialect, most, path),
+    header=yaml_beside, in_folders=False,
+)  # fmt: skip
 
 
 def write_map_image(transaction: Transaction, image: Path, grid: OccupancyGrid) -> Mode:

@@ -23,8 +23,9 @@ import numpy as np
 from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
-from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
+from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import PIECES, check_expansion, check_readable, claim
+from mapdeal.files.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import ESDF_VIEW, DistanceField, FieldView, PotentialField, View, ViewScale
 from mapdeal.grid.footprint import Footprint
@@ -32,9 +33,11 @@ from mapdeal.grid.frame import Frame, Origin, check_origin, check_resolution
 from mapdeal.grid.occupancy import CloudLayers, OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import OCCUPIED, UNKNOWN, Convention
-from mapdeal.inputs.kinds import MAP, recognised
-from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
+from mapdeal.kernels.blocks import CacheBudget, Layer, LazyLayer, is_lazy
+from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.images import process_wide_lock
+from mapdeal.maps.map_file import Grid as Grid
+from mapdeal.maps.map_file import MapFile, MapFormat
 from mapdeal.maps.picture import LARGEST_CELLS
 from mapdeal.maps.png import Buffer, deflated, pieces
 
@@ -320,7 +323,6 @@ _BLOCK_HEIGHT = 512
 _EVIDENCE: dict[str, type[np.generic]] = {
     "log_odds": np.float64, "hits": np.int32, "misses": np.int32
 }  # fmt: skip
-Grid = OccupancyGrid | Costmap | DistanceField | PotentialField | Reach
 
 
 def write_npz(
@@ -393,11 +395,6 @@ def open_npz(
 def _grid_in(reader: NpzReader) -> Grid:
     with _geometry_in(reader) as (resolution, origin):
         return _NPZ_READERS[_main_layer(reader.names())](reader, resolution, origin)
-
-
-def holds_reach(path: Path) -> bool:
-    with NpzReader(path) as reader:
-        return _main_layer(reader.names()) == _REACH_LAYER
 
 
 def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
@@ -475,8 +472,7 @@ def _geometry_in(reader: NpzReader) -> Iterator[tuple[float, Origin]]:
     path = reader.path
     if "format" not in reader.names():
         hint = "only npz files that mapdeal wrote can be read"
-        with recognised(path, "a map", MAP):
-            raise MalformedInputError("missing key", source=path, place="format", hint=hint)
+        raise MalformedInputError("missing key", source=path, place="format", hint=hint)
     found = reader.text("format", None)
     if found != FORMAT:
         raise MalformedInputError(f"must be {FORMAT}", source=path, place="format", got=found)
@@ -550,3 +546,62 @@ def _layer_to_read(names: Collection[str]) -> str:
 
 def _main_layer(names: Collection[str]) -> str:
     return next((layer for layer in _NPZ_READERS if layer in names), "occupancy")
+
+
+class NpzFile(MapFile):
+    has_lazy_rows = True
+
+    def __init__(
+        self, path: Path, opened: ExitStack, _: Dialect, max_cells: int | None
+    ) -> None:  # fmt: skip
+        super().__init__(path)
+        self._opened, self._max_cells = opened, max_cells
+        with NpzReader(path) as reader, _geometry_in(reader):
+            self._names = reader.names()
+
+    def frame(self) -> Frame:
+        return npz_frame(self.path)
+
+    def memory_to_read(self) -> int:
+        return npz_memory(self.path)
+
+    def cells(self) -> Grid:
+        return read_npz(self.path, max_cells=self._max_cells)
+
+    def rows(self, block_height: int, _: CacheBudget | None) -> Grid:
+        return self._opened.enter_context(
+            open_npz(self.path, block_height=block_height, max_cells=self._max_cells)
+        )
+
+    def layers_of(self, kind: type[Any]) -> Any:
+        if kind is CloudLayers:
+            return read_cloud_layers(self.path, max_cells=self._max_cells)
+        is_reach = kind is Reach and _main_layer(self._names) == _REACH_LAYER
+        return read_reach(self.path, max_cells=self._max_cells) if is_reach else None
+
+    def evidence(self) -> dict[str, NDArray[Any]]:
+        return read_evidence(self.path, max_cells=self._max_cells)
+
+    def remark(self, grid: Grid) -> None:
+        if type(grid) is OccupancyGrid and _main_layer(self._names) == _REACH_LAYER:
+            text = "is a result of reach; only its map is used"
+            emit_warning(f"{self.path}: {text}", stacklevel=3)
+        super().remark(grid)
+
+
+def _write(
+    transaction: Transaction, output: Path, grid: Grid, *,
+    more: Mapping[str, NDArray[Any]] | None = None, **_: Any,
+) -> None:  # fmt: skip
+    transaction.write(output, lambda file: write_npz(file, grid, more=more))
+
+
+NPZ = MapFormat(
+    "an .npz written by mapdeal", (".npz",), NpzFile, in_folders=False, grids=get_args(Grid),
+    write=_write, requests_rows=True,
+)  # fmt: skip
+
+
+def check_ends_in_npz(path: Path) -> None:
+    if path.suffix not in NPZ.endings:
+        raise ParameterError("must end in .npz", place="layers", got=str(path))

@@ -211,8 +211,8 @@ def plan_of(job: Job, run: MapRun) -> Plan:
             size, files = file.shape(), file.files
             named = {} if settings.force else file.sums_by_name(sums)
             cells = 0.0
-            if run.around is not None:  # metres, as a YAML says it; an npz must be read
-                cells = (file.metadata or file.read().grid).resolution
+            if run.around is not None:
+                cells = file.frame().resolution
             need = need_of(file, size, steps, settings, image_max=settings.picture_size)
         folders = [output_folder(job.folder, named, run.recipe, settings)]
         if run.around is not None:

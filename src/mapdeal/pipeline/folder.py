@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mapdeal import errors
 from mapdeal.command import Result
 from mapdeal.files.json_values import json_of, read_json
-from mapdeal.files.source import MAPS, YAML, exists, holds, is_same_file, real_path, status_of
+from mapdeal.files.source import YAML, exists, holds, is_same_file, real_path, status_of
 from mapdeal.files.transaction import OpenOutput, PutRows, RowsWriter, Transaction
 from mapdeal.files.yaml_text import yaml_document
 from mapdeal.grid.costmap import Costmap
@@ -31,8 +31,9 @@ from mapdeal.grid.reach import GoalReach, Passage, Reach
 from mapdeal.grid.values import count_text, decimal_text
 from mapdeal.kernels.blocks import blocks_of, gathered, made_by_rows, report_rows
 from mapdeal.kernels.lookup import histogram
+from mapdeal.maps.formats import listed, named, output_format, written_endings
 from mapdeal.maps.map_server import Encoding
-from mapdeal.maps.npz import Grid, write_npy
+from mapdeal.maps.npz import NPZ, Grid, write_npy
 from mapdeal.maps.png import write_indexed_png
 from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pictures import layers
@@ -344,30 +345,38 @@ def _reach_image(grid: Reach, **options: Any) -> Image:
     return reach_image(grid, **options)
 
 
+def _written(kind: type[Any]) -> str:
+    with_images = (e.replace(".yaml", ".yaml (with .pgm)") for e in named(written_endings(kind)))
+    return listed(with_images)
+
+
 _FILES: dict[type[Any], GridFiles] = {
     OccupancyGrid: GridFiles(
-        "OUT", "The result: .yaml (with .pgm) or .npz.",
-        MAPS, (".pgm", ".yaml"), layers.occupancy_image, layers.OccupancyDrawing,
+        "OUT", f"The result: {_written(OccupancyGrid)}.",
+        written_endings(OccupancyGrid), (".pgm", ".yaml"), layers.occupancy_image,
+        layers.OccupancyDrawing,
     ),
     FieldView: GridFiles(
-        "OUT", "The view: .yaml (with .pgm) or .npz.",
-        MAPS, (".pgm", ".yaml"), layers.occupancy_image, layers.OccupancyDrawing,
+        "OUT", f"The view: {_written(FieldView)}.",
+        written_endings(FieldView), (".pgm", ".yaml"), layers.occupancy_image,
+        layers.OccupancyDrawing,
     ),
     Costmap: GridFiles(
-        "OUT", "The costs: .yaml (with .pgm) or .npz.",
-        MAPS, (".npz", ".pgm", ".yaml"), layers.cost_image, layers.CostDrawing,
+        "OUT", f"The costs: {_written(Costmap)}.",
+        written_endings(Costmap), (".npz", ".pgm", ".yaml"), layers.cost_image, layers.CostDrawing,
     ),
     DistanceField: GridFiles(
         "OUT", "The field as .npz, as a bare .npy, or its 0..100 view as .yaml (with .pgm).",
-        (*MAPS, ".npy"), (".npz", ".pgm", ".yaml"), layers.field_image, layers.FieldDrawing,
+        (*written_endings(FieldView), ".npy"), (".npz", ".pgm", ".yaml"), layers.field_image,
+        layers.FieldDrawing,
     ),
     PotentialField: GridFiles(
         "OUT.npz", "The field, with all its layers.",
-        (".npz",), (".npz",), layers.potential_image,
+        NPZ.endings, NPZ.endings, layers.potential_image,
     ),
     Reach: GridFiles(
         "OUT", "The answer as .json, or its layers as .npz.",
-        (".json", ".npz"), (".npz", ".json"), _reach_image,
+        (".json", *NPZ.endings), (*NPZ.endings, ".json"), _reach_image,
     ),
 }  # fmt: skip
 
@@ -388,8 +397,7 @@ def output_of(step: Step, output: Path) -> list[Path]:
     endings = files_of(step.stage.product_type).endings
     if output.suffix not in endings:
         hint = "--image writes a picture" if output.suffix == PICTURE else None
-        *first, last = (ending for ending in endings if ending != ".yml")
-        rule = f"the output must end in {' or '.join(filter(None, [', '.join(first), last]))}"
+        rule = f"the output must end in {listed(named(endings))}"
         raise errors.ParameterError(rule, source=output, hint=hint)
     if output.suffix == ".npy":
         return [output, output.with_suffix(".yaml")]
@@ -413,10 +421,10 @@ def write_product(
         transaction.write_bytes(output.with_suffix(".yaml"), yaml_document(document))
     elif isinstance(grid, Reach) and output.suffix == ".json":
         transaction.write_bytes(output, f"{reach_json(grid)}\n".encode())
-    elif isinstance(grid, DistanceField) and output.suffix != ".npz":
+    elif isinstance(grid, DistanceField) and not output_format(output).can_hold(DistanceField):
         write_grid(transaction, output, step.view_of(grid), mode="raw")
     else:
-        written = pass_grid if output.suffix == ".npz" else grid
+        written = pass_grid if output_format(output).requests_rows else grid
         write_grid(transaction, output, written, encoding=encoding)
 
 

@@ -24,6 +24,7 @@ from mapdeal.grid.frame import Figures, Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import count_text
 from mapdeal.kernels.threads import use_threads
+from mapdeal.maps.formats import output_format
 from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import Source, output_paths, read_map, write_grid
@@ -473,7 +474,7 @@ def apply_to_file(
                     as_bytes = metadata is not None and metadata.cost_scale is not None
                     scale: Encoding = "costmap2d" if as_bytes else "occupancy"
                     extra = dict(metadata.extra) if metadata else {}
-                    edited = pass_grid if output.suffix == ".npz" else grid
+                    edited = pass_grid if output_format(output).requests_rows else grid
                     write_grid(transaction, output, edited, encoding=scale, extra=extra)
                 else:
                     folders.write_product(

@@ -16,7 +16,7 @@ from mapdeal.grid.frame import Origin, check_origin, check_resolution
 from mapdeal.grid.values import check_choice
 from mapdeal.kernels.blocks import rows_reported
 from mapdeal.maps.dialects import Dialect
-from mapdeal.maps.reading import bare_images
+from mapdeal.maps.map_server import bare_images
 from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExtent
 
 Canvas = Literal["crop", "full"]

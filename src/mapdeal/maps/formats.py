@@ -1,0 +1,49 @@
+"""The table of all formats of maps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from mapdeal.errors import ParameterError
+from mapdeal.files.source import BIT_MAP
+from mapdeal.maps.map_file import MapFormat
+from mapdeal.maps.map_server import BITS, PAIR
+from mapdeal.maps.npz import NPZ
+
+FORMATS: tuple[MapFormat, ...] = (PAIR, NPZ, BITS)
+MAP_ENDINGS = tuple(ending for entry in FORMATS for ending in entry.endings)
+
+
+def format_of(path: Path) -> MapFormat:
+    """Return the format of a map by its ending; files without a known one are read as YAML."""
+    suffix = path.suffix.lower()
+    return next((entry for entry in FORMATS if suffix in entry.endings), PAIR)
+
+
+def output_format(output: Path, more: Sequence[str] = ()) -> MapFormat:
+    """Return the format that an output's ending names; errors list `more` endings, too."""
+    written = [entry for entry in FORMATS if entry.write is not None]
+    for entry in written:
+        if output.suffix in (*entry.endings, *entry.images):
+            return entry
+    endings = [entry.endings[0] for entry in written]
+    endings += [ending for entry in written for ending in entry.images]
+    hint = "mapdeal pack makes a bit map of a map" if output.suffix == BIT_MAP else None
+    rule = f"an output must end in {listed([*endings, *more])}"
+    raise ParameterError(rule, source=output, hint=hint)
+
+
+def written_endings(kind: type) -> tuple[str, ...]:
+    """Return the endings of files that can hold a kind of grid."""
+    return tuple(e for entry in FORMATS if entry.can_hold(kind) for e in entry.endings)
+
+
+def named(endings: Iterable[str]) -> Iterable[str]:
+    """Return the endings that texts list."""
+    return (ending for ending in endings if ending != ".yml")
+
+
+def listed(words: Iterable[str], conjunction: str = "or") -> str:
+    *first, last = words
+    return f" {conjunction} ".join(filter(None, [", ".join(first), last]))

@@ -1,0 +1,188 @@
+"""Map files that are open, and what makes a format of maps."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from numpy.typing import NDArray
+
+from mapdeal.files.source import FileState, check_state, head_of, sha256_of, state_of
+from mapdeal.files.transaction import locked
+from mapdeal.grid.costmap import UNIFORM_SHARE, Costmap
+from mapdeal.grid.field import DistanceField, PotentialField
+from mapdeal.grid.frame import Figures, Frame
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.reach import Reach
+from mapdeal.kernels import blocks
+from mapdeal.maps.dialects import Dialect, MapMetadata
+from mapdeal.maps.picture import warn_of
+
+Grid = OccupancyGrid | Costmap | DistanceField | PotentialField | Reach
+G = TypeVar("G", bound=Grid)
+
+_HALF_WAY = 50  # A cost that is low on either scale
+NOTHING_KNOWN = "every cell is unknown; are the thresholds, mode and negate right?"
+
+
+@dataclass(frozen=True)
+class Source:
+    """A grid that was read, and where it came from."""
+
+    grid: Grid
+    files: tuple[Path, ...]
+    metadata: MapMetadata | None = None
+    sums: Mapping[str, str] = field(default_factory=dict)
+
+
+class MapFile(ABC):
+    """An open map, whose cells can be read all at once or by rows."""
+
+    metadata: MapMetadata | None = None
+    """The YAML of a pair."""
+    shape_by_rows: tuple[int, int] | None = None
+    """Rows and columns, if `by_rows` reads them in any order."""
+    has_lazy_rows = False
+    """Whether `by_rows` reads them in order."""
+
+    def __init__(self, path: Path, states: Mapping[Path, FileState] | None = None) -> None:
+        self.path = path
+        self._states = states or {path: state_of(path)}
+        self.files = tuple(self._states)
+
+    @abstractmethod
+    def frame(self) -> Frame:
+        """Return the frame, from the header."""
+
+    @abstractmethod
+    def memory_to_read(self) -> int:
+        """Return the peak memory of `cells` in bytes, estimated from the header."""
+
+    @abstractmethod
+    def cells(self) -> Grid: ...
+
+    def rows(self, block_height: int, budget: blocks.CacheBudget | None) -> Grid:
+        raise ValueError(f"{self.path} cannot be read by rows")
+
+    def layers_of(self, kind: type[G]) -> G | None:
+        """Return a grid with more layers than a map, if the file has them."""
+        return None
+
+    def evidence(self) -> dict[str, NDArray[Any]]:
+        """Return the layers of evidence for a map, by name."""
+        return {}
+
+    def remark(self, grid: Grid) -> None:
+        """Warn of a grid that says little."""
+        if isinstance(grid, Costmap):
+            warn_if_uniform(self.path, grid)
+        elif isinstance(grid, OccupancyGrid):
+            warn_of_nothing_known(self.path, grid.occupancy)
+
+    def shape(self) -> tuple[int, int]:
+        return self.frame().shape
+
+    def read(self) -> Source:
+        with blocks.activity(f"reading {self.path.name}"):
+            grid = self.cells()
+            self.check_unchanged()
+            self.remark(grid)
+            return Source(grid, self.files, self.metadata)
+
+    def by_rows(self, *, block_height: int, budget: blocks.CacheBudget | None = None) -> Source:
+        """Return the map with rows that are read on demand."""
+        self.check_unchanged()
+        grid = self.rows(block_height, budget)
+        self.remark(grid)
+        return Source(grid, self.files, self.metadata)
+
+    def sums_by_name(self, known_sums: Mapping[Path, str]) -> dict[str, str]:
+        """Return the sha256 of each file by name: a known one, or that of the file as it is now."""
+        sums = {path.name: known_sums.get(path) or self._sum_of(path) for path in self.files}
+        self.check_unchanged()
+        return sums
+
+    def _sum_of(self, path: Path) -> str:
+        return sha256_of(path)
+
+    def check_unchanged(self) -> None:
+        """Refuse files that were replaced or changed since their headers were read."""
+        # Another process may have replaced the image and the YAML file between our two reads.
+        with locked({path.parent for path in self.files}):
+            pass  # wait until a concurrent writer has renamed both files
+        for path, state in self._states.items():
+            check_state(path, state)
+
+
+@dataclass(frozen=True)
+class MapFormat:
+    """A format of map files; `formats.FORMATS` lists all of them."""
+
+    name: str
+    """What errors call it, such as ``an .npz written by mapdeal``."""
+    endings: tuple[str, ...]
+    open: Callable[[Path, ExitStack, Dialect, int | None], MapFile]
+    magic: tuple[bytes, ...] = ()
+    """First bytes of all its files; without one, other files may have its endings."""
+    is_yaml: bool = False
+    """Whether the header is a YAML file, which lint can explain line by line and repair."""
+    in_folders: bool = True
+    is_map: Callable[[Path], bool] = lambda _: True
+    header: Callable[[Path], Path] = lambda path: path
+    grids: tuple[type[Any], ...] = ()
+    """Kinds of grids that can be written."""
+    write: Callable[..., None] | None = None
+    """Called with a transaction, a path and a grid, and with the options of `write_grid`."""
+    paths: Callable[[Path], tuple[Path, ...]] = lambda path: (path,)
+    images: tuple[str, ...] = ()
+    """Endings of images that commands for maps alone write in place of `endings`."""
+    requests_rows: bool = False
+    """Whether the writer requests the rows of a product, which other files then receive."""
+
+    @property
+    def sign(self) -> str:
+        """Text for errors that no file of this format was found."""
+        return f"{self.endings[0]} with the key image" if self.is_yaml else self.endings[0]
+
+    def holds_map(self, path: Path) -> bool:
+        """Return whether a file with one of the endings is a map."""
+        if self.magic and not head_of(path, max(map(len, self.magic))).startswith(self.magic):
+            return False
+        return self.is_map(path)
+
+    def can_hold(self, kind: type[Any]) -> bool:
+        return issubclass(kind, self.grids)
+
+
+def warn_of_nothing_known(path: Path, occupancy: blocks.Layer, *, has_pixels: bool = True) -> None:
+    """Warn of a map without any known cell; a lazy map is read up to its first known cell."""
+    if blocks.holds_everywhere(occupancy, lambda values: values < 0):
+        warn_of(path, NOTHING_KNOWN if has_pixels else "every cell is unknown", "map.all-unknown")
+
+
+def warn_if_uniform(path: Path, costmap: Costmap) -> None:
+    warn_of_cost_figures(path, costmap.figures())
+
+
+def warn_of_cost_figures(path: Path, figures: Figures) -> None:
+    """Warn if nearly all open cells cost the same, or no cell is open."""
+    common = figures["most_common"]
+    if common is None:
+        is_blocked = figures["lethal"] + figures.get("inscribed", 0) > 0
+        finding = "known cell is lethal or inscribed" if is_blocked else "cell is unknown"
+        warn_of(path, f"every {finding}", "run.uniform-cost")
+    elif common["share"] > UNIFORM_SHARE:
+        finding = f"{100 * common['share']:.4g} % of the open cells cost {common['cost']}"
+        warn_of(path, f"{finding}: {_advice_on_costs(figures)}", "run.uniform-cost")
+
+
+def _advice_on_costs(figures: Figures) -> str:
+    if not figures["lethal"]:
+        return "there is no obstacle"
+    if figures["most_common"]["cost"] < _HALF_WAY:
+        return "a larger inflation_radius, or lower up and down, grade more of them"
+    return "a higher cost_scaling_factor, or the metric view, grades more of them"
