@@ -22,6 +22,7 @@ from mapdeal.files.source import size_of
 from mapdeal.grid.footprint import Footprint
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps.dialects import Dialect
+from mapdeal.maps.formats import format_of
 from mapdeal.maps.images import IMAGE_SUFFIXES
 from mapdeal.pictures.overlay import ImageExtent
 from mapdeal.pipeline.inputs import numbers_of, used_mask
@@ -223,7 +224,8 @@ SHARED_OPTIONS = {
         default=Settings.dialect
     ),
     "resolution": SharedOption(
-        float | None, "For an image without its .yaml: side of a cell, metres.", "M"
+        float | None,
+        "For an image without its .yaml, or a .pbstream [0.05]: side of a cell, metres.", "M"
     ),
     "origin": SharedOption(
         str | None,
@@ -316,7 +318,7 @@ def with_shared_options(
                     files["params_file"] = shared_values["against"]
                     values["against"] = read_parameters(**files)
             if settings.resolution is not None and not _names_image(values):
-                rule = "applies to images without their .yaml, and none is named"
+                rule = "applies to images without their .yaml and to .pbstream, and none is named"
                 raise ParameterError(rule, source="--resolution")
             with (
                 settings.reading(anew=True),
@@ -349,8 +351,10 @@ def _for_typer(annotation: Any) -> Any:
 def _names_image(values: Mapping[str, Any]) -> bool:
     named = [value for name, value in values.items() if name != "output"]
     texts = [item for value in named for item in (value if isinstance(value, list) else [value])]
-    return any(Path(item).suffix.lower() in IMAGE_SUFFIXES for item in texts
-               if isinstance(item, str | Path))  # fmt: skip
+    paths = [Path(item) for item in texts if isinstance(item, str | Path)]
+    return any(
+        path.suffix.lower() in IMAGE_SUFFIXES or format_of(path).takes_resolution for path in paths
+    )
 
 
 def _spliced(

@@ -31,7 +31,7 @@ from mapdeal.maps.map_server import Encoding, in_trinary
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import Source, output_paths, write_grid
 from mapdeal.maps.world import WORLD_ENDINGS
-from mapdeal.pipeline.inputs import InShell, Work, claim_work, errors_named, read_input, refuse
+from mapdeal.pipeline.inputs import InShell, Work, claim_work, errors_named, opened_input, refuse
 from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.esdf import field_view
@@ -42,17 +42,18 @@ Scale = Literal["occupancy", "costmap2d", "amcl"]
 
 @dataclass(frozen=True, repr=False)
 class Conversions(Result):
-    """How many grids of a bag were written to a folder."""
+    """How many grids of a bag, or poses of a state, were written."""
 
     count: int
     source: Path
     output: Path
+    noun: str = ""
 
     def document(self) -> dict[str, Any]:
         return {"count": self.count}
 
     def lines(self) -> Iterator[str]:
-        yield f"{self.output}: {self.count} of {self.source}"
+        yield f"{self.output}: {f'{self.count} {self.noun}'.strip()} of {self.source}"
 
 
 @command(
@@ -61,7 +62,7 @@ class Conversions(Result):
         "OUT",
         "The result: .yaml or .pgm (a pgm pair), .png (a png pair), or .npz; for a bag to replay "
         ".mcap, .db3 (a folder of ROS 2) or .bag (ROS 1); polygons .geojson or .svg; a world for "
-        "simulators .sdf, .stl or .obj; with --all a folder.",
+        "simulators .sdf, .stl or .obj; poses of a .pbstream .txt; with --all a folder.",
     ),
     shared=("robot", "files"),
     makes_costs=lambda _: False,
@@ -104,7 +105,8 @@ def convert(
     Parameters
     ----------
     source : path
-        A map_server .yaml, a .pbm with its .yaml, an .npz written by mapdeal, or a bag.
+        A map_server .yaml, a .pbm with its .yaml, an .npz written by mapdeal, a .pbstream of
+        Cartographer, or a bag.
     topic : str, optional
         With a bag: topic to read, if there are several, or to write. [default: /map, or /costmap
         for costs]
@@ -130,6 +132,8 @@ def convert(
     **more
         As for `Costmap.from_static_layer`, `convert_area` and `convert_world`.
     """
+    if output.suffix == ".txt" and not takes_all:
+        return _convert_poses(source, output, work)
     areas, worlds = (
         {name: more.pop(name) for name in parameters_of(one) if name in more}
         for one in (convert_area, convert_world)
@@ -170,10 +174,14 @@ def convert(
         refuse("applies to pixels, not to bags", mode=mode)
     if static_layer and encoding != "costmap2d":
         raise ParameterError("needs --encoding costmap2d", place="static_layer")
+    painted = None
     if reads_bag:
         read = _read_bag(source, topic, -1 if index is None else index, read_as)
     else:
-        read = read_input(source, work.settings)
+        with opened_input(source, work.settings) as file:
+            read = file.read()
+            if mode is None and encoding is None:
+                painted = file.painting()
     if ending in SHAPE_ENDINGS:
         transaction = work.begin([*read.files, *(robot.paths if robot else ())])
         if ending in WORLD_ENDINGS:
@@ -200,9 +208,29 @@ def convert(
     if encoding == "amcl" and isinstance(grid, OccupancyGrid):
         states = {"amcl": grid.amcl_states()}
     extra = dict(read.metadata.extra) if read.metadata else {}
-    pixels: Encoding = "costmap2d" if encoding == "costmap2d" else "occupancy"
-    write_grid(transaction, output, grid, mode=mode, encoding=pixels, extra=extra, more=states)
+    scale: Encoding = "costmap2d" if encoding == "costmap2d" else "occupancy"
+    write_grid(
+        transaction, output, grid, mode=mode, encoding=scale, extra=extra, more=states,
+        painted=painted,
+    )  # fmt: skip
     return Made(grid, source.stem)
+
+
+def _convert_poses(source: Path, output: Path, work: Work) -> Conversions:
+    """Write each trajectory of a state to a file in TUM's format."""
+    with opened_input(source, work.settings) as file:
+        trajectories = file.trajectories()
+        if not trajectories:
+            raise ParameterError("has no trajectory to write as .txt", source=source)
+        paths = {key: output.with_stem(f"{output.stem}_{key}") for key in trajectories}
+        if len(paths) == 1:
+            paths = dict.fromkeys(paths, output)
+        work.outputs += paths.values()
+        transaction = work.begin(file.files)
+        for key, trajectory in trajectories.items():
+            transaction.write_bytes(paths[key], "".join(trajectory.tum_lines()).encode())
+    count = sum(len(trajectory.ticks) for trajectory in trajectories.values())
+    return Conversions(count, source, output, "poses")
 
 
 def _convert_all(

@@ -237,12 +237,13 @@ def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> Report
         if (reach := file.layers_of(Reach)) is not None:
             return _describe_reach(path, reach)
         source = file.read()
+        described = file.described()
         named = file.sums_by_name(sums)
     grid = source.grid
     claim_work(path, grid, _OF_POTENTIAL if isinstance(grid, PotentialField) else _OF_OTHERS)
     report: Report = {"file": str(path), "kind": grid.kind}
     report |= {name: getattr(grid, name) for name in grid.parameter_names}
-    report |= grid.figures()
+    report |= grid.figures() | described
     if source.metadata is not None:
         report["dialect"] = dialect
         report |= {key: getattr(source.metadata, key) for key in _SHOWN_KEYS}
@@ -386,6 +387,13 @@ def _rows_of_map(report: Report) -> Iterator[Row]:
         mode_text += ", negate" if report["negate"] else ""
         yield "image", str(report["image"])
         yield "read as", f"{mode_text}, dialect {report['dialect']}"
+    if "submaps" in report:
+        unfinished = report["unfinished"]
+        text = f"{report['submaps']} of Cartographer, format version {report['format_version']}"
+        yield "submaps", text + (f", {unfinished} unfinished" if unfinished else "")
+    for path in report.get("trajectories", ()):
+        covered = f"{path['length_m']:.6g} m in {path['duration_s']:.6g} s"
+        yield "trajectory", f"{path['id']}: {count_text(path['poses'], 'pose')}, {covered}"
     if "filter" in report:
         yield from mask_rows(report["filter"])
     for name, parameters in chain.from_iterable(map(dict.items, report.get("made_by", ()))):

@@ -316,6 +316,11 @@ def _expand(
     else:
         return _Expansion(path.parent if is_listed else None, [path], [])
     known = set(maps)
+    is_yaml = {file.with_suffix("") for file in maps if format_of(file).is_yaml}
+    maps = [
+        file for file in maps
+        if not (format_of(file).yields_to_yaml and file.with_suffix("") in is_yaml)
+    ]  # fmt: skip
     left_out = (file for file in candidates if file not in known)
     return _Expansion(root, maps, [file for file in left_out if file.suffix.lower() in YAML])
 

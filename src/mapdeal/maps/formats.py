@@ -10,8 +10,9 @@ from mapdeal.files.source import BIT_MAP
 from mapdeal.maps.map_file import MapFormat
 from mapdeal.maps.map_server import BITS, PAIR
 from mapdeal.maps.npz import NPZ
+from mapdeal.maps.pbstream import PBSTREAM
 
-FORMATS: tuple[MapFormat, ...] = (PAIR, NPZ, BITS)
+FORMATS: tuple[MapFormat, ...] = (PAIR, NPZ, BITS, PBSTREAM)
 MAP_ENDINGS = tuple(ending for entry in FORMATS for ending in entry.endings)
 
 

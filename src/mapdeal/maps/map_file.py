@@ -7,8 +7,9 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.files.source import FileState, check_state, head_of, sha256_of, state_of
@@ -37,6 +38,13 @@ class Source:
     files: tuple[Path, ...]
     metadata: MapMetadata | None = None
     sums: Mapping[str, str] = field(default_factory=dict)
+
+
+class Painting(NamedTuple):
+    """Grey pixels of an image, row 0 in the south, and its comment."""
+
+    pixels: NDArray[np.uint8]
+    comment: str
 
 
 class MapFile(ABC):
@@ -71,6 +79,18 @@ class MapFile(ABC):
     def layers_of(self, kind: type[G]) -> G | None:
         """Return a grid with more layers than a map, if the file has them."""
         return None
+
+    def painting(self) -> Painting | None:
+        """Return the image that a pair of this map shall have, if it is another than usual."""
+        return None
+
+    def trajectories(self) -> Mapping[int, Any]:
+        """Return the trajectories of the robot, by their numbers."""
+        return {}
+
+    def described(self) -> dict[str, Any]:
+        """Return what `info` says besides the figures of the grid."""
+        return {}
 
     def evidence(self) -> dict[str, NDArray[Any]]:
         """Return the layers of evidence for a map, by name."""
@@ -140,6 +160,10 @@ class MapFormat:
     paths: Callable[[Path], tuple[Path, ...]] = lambda path: (path,)
     images: tuple[str, ...] = ()
     """Endings of images that commands for maps alone write in place of `endings`."""
+    takes_resolution: bool = False
+    """Whether ``--resolution`` applies."""
+    yields_to_yaml: bool = False
+    """Whether a map in a YAML file of the same name takes its place in folders and patterns."""
     requests_rows: bool = False
     """Whether the writer requests the rows of a product, which other files then receive."""
 

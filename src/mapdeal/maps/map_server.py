@@ -60,7 +60,7 @@ from mapdeal.maps.images import (
     open_image,
     write_pbm,
 )
-from mapdeal.maps.map_file import MapFile, MapFormat
+from mapdeal.maps.map_file import MapFile, MapFormat, Painting
 from mapdeal.maps.picture import LARGEST_CELLS, OpenImage, Picture, by_sample, opened, warn_of
 from mapdeal.maps.png import write_grey_png, write_rgba_png
 
@@ -234,6 +234,11 @@ def bare_images(resolution: float, origin: Origin) -> Iterator[None]:
         yield
     finally:
         _bare_images.reset(token)
+
+
+def chosen_geometry() -> tuple[float, Origin] | None:
+    """Return the resolution and origin for maps that have none."""
+    return _bare_images.get()
 
 
 def is_bare_image(path: Path) -> bool:
@@ -518,7 +523,7 @@ def _checked_image_name(image: Path) -> Path:
 def write_pair(
     transaction: Transaction, output: Path, grid: OccupancyGrid | Costmap, *,
     mode: Mode | None = None, encoding: Encoding = "occupancy",
-    extra: Mapping[str, Any] | None = None, **_: Any,
+    extra: Mapping[str, Any] | None = None, painted: Painting | None = None, **_: Any,
 ) -> None:  # fmt: skip
     image, yaml_path = pair_paths(output)
     cost_scale: CostScale | None = None
@@ -539,6 +544,8 @@ def write_pair(
         else:
             pixels = _pixels_of(grid.cost, occupancy_from_cost().view(np.uint8))
         write_image = _pixel_writer(image, pixels, grid)
+    elif painted is not None:
+        mode, write_image = "trinary", _pixel_writer(image, painted.pixels, grid, painted.comment)
     else:
         is_raw = isinstance(grid, FieldView) or _has_graded_values(grid.occupancy)
         mode = mode or ("raw" if is_raw else "trinary")
@@ -616,9 +623,11 @@ def _occupancy_writer(image: Path, grid: OccupancyGrid, mode: Mode) -> Writer:
     return lambda file: write_rgba_png(file, np.ascontiguousarray(rgba[::-1]))
 
 
-def _pixel_writer(image: Path, pixels: blocks.Layer, grid: Framed) -> Writer:
+def _pixel_writer(
+    image: Path, pixels: blocks.Layer, grid: Framed, comment: str | None = None
+) -> Writer:
     """Return the writer of grey pixels, which come with row 0 in the south."""
-    comment = f"CREATOR: mapdeal {grid.resolution!r} m/pix"
+    comment = comment or f"CREATOR: mapdeal {grid.resolution!r} m/pix"
     if image.suffix == ".png":
         array = pixels[:]  # PNG needs all rows, which fit the memory as those of a picture do
         return lambda file: write_grey_png(file, np.ascontiguousarray(array[::-1]))

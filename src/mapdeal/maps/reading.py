@@ -21,7 +21,7 @@ from mapdeal.grid.values import check_choice
 from mapdeal.inputs.kinds import MAP, recognised
 from mapdeal.maps.dialects import Dialect, Mode
 from mapdeal.maps.formats import format_of, output_format
-from mapdeal.maps.map_file import Grid, MapFile, Source
+from mapdeal.maps.map_file import Grid, MapFile, Painting, Source
 from mapdeal.maps.map_server import Encoding
 
 __all__ = ["MapFile", "Source"]  # of use to all who read maps
@@ -139,17 +139,21 @@ def output_paths(output: Path, more: Sequence[str] = ()) -> tuple[Path, ...]:
 def write_grid(
     transaction: Transaction, output: Path, grid: Grid, *, mode: Mode | None = None,
     encoding: Encoding = "occupancy", extra: dict[str, Any] | None = None,
-    more: Mapping[str, NDArray[Any]] | None = None,
+    more: Mapping[str, NDArray[Any]] | None = None, painted: Painting | None = None,
 ) -> None:  # fmt: skip
-    """Write a grid in the format of the output's ending; fields and `more` layers need an npz."""
+    """Write a grid in the format of the output's ending; fields and `more` layers need an npz.
+
+    An image is `painted`, if the grid has been read from that.
+    """
     map_format = output_format(output)
     if mode is not None and not map_format.images:
         raise ParameterError(f"an {output.suffix[1:]} has no mode", place="mode", got=mode)
     if not map_format.can_hold(type(grid)) or map_format.write is None:
         raise ParameterError(f"a {grid.kind} is written as npz", source=output)
     map_format.write(
-        transaction, output, grid, mode=mode, encoding=encoding, extra=extra, more=more
-    )
+        transaction, output, grid, mode=mode, encoding=encoding, extra=extra, more=more,
+        painted=painted,
+    )  # fmt: skip
 
 
 def write_map(

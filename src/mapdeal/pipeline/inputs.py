@@ -300,13 +300,18 @@ def _too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> 
     return MalformedInputError(rule, source=path, hint=hint)
 
 
-def read_input(path: Path, settings: Settings, *, with_sums: bool = False) -> Source:
+@contextmanager
+def opened_input(path: Path, settings: Settings) -> Iterator[MapFile]:
     with (
         settings.reading(),
         use_threads(settings.threads),
-        sums_of_reads(is_wanted=with_sums) as sums,
         open_map(path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
     ):
+        yield file
+
+
+def read_input(path: Path, settings: Settings, *, with_sums: bool = False) -> Source:
+    with sums_of_reads(is_wanted=with_sums) as sums, opened_input(path, settings) as file:
         return replace(file.read(), sums=file.sums_by_name(sums) if with_sums else {})
 
 

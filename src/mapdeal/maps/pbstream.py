@@ -1,0 +1,425 @@
+"""States that Cartographer saves (``.pbstream``): their map and their trajectories.
+
+References
+----------
+Cartographer, ``io/proto_stream.cc`` and ``mapping/proto``; Protocol Buffers, "Encoding".
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Container, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.files.source import (
+    PIECES,
+    access_to,
+    check_readable,
+    claim,
+    most_expanded,
+    note_sum,
+    sha256_of,
+)
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels.arrays import Floats, Integers
+from mapdeal.maps.dialects import Dialect, MapMetadata, cells_of
+from mapdeal.maps.map_file import MapFile, MapFormat, Painting
+from mapdeal.maps.map_server import chosen_geometry
+from mapdeal.maps.picture import LARGEST_CELLS, Picture, check_size
+from mapdeal.maps.submaps import UNKNOWN_GREY, Slice, canvas_of, paint
+
+_MAGIC = (0x7B1D1F7B5BF501DB).to_bytes(8, "little")
+_RESOLUTION = 0.05  # Cartographer's default
+_PER_BYTE = 48  # bytes in memory for each byte of a message: its numbers, and cells
+_VARINT, _DOUBLE, _BYTES, _FLOAT = 0, 1, 2, 5
+_LARGEST_SIDE = 1 << 15
+_UPDATED = 1 << 15  # a bit of cells, which does not count
+_LEAST_SCALE, _MOST_SCALE = 0.75, 1e3  # below, cairo averages pixels
+_MOST_TILT = 0.01
+_EPOCH, _TICKS = 621_355_968_000_000_000, 10_000_000  # 1970 in ticks since the year 1; a second
+
+
+class Message:
+    """The fields of a protobuf message by their numbers; unknown ones do no harm."""
+
+    def __init__(self, data: bytes, place: str) -> None:
+        self.size, self._place = len(data), place
+        self._fields: dict[int, list[tuple[int, Any]]] = {}
+        at = 0
+        while at < len(data):
+            tag, at = self._varint(data, at)
+            number, kind = tag >> 3, tag & 7
+            value: Any
+            if kind == _VARINT:
+                value, at = self._varint(data, at)
+            elif kind in (_DOUBLE, _FLOAT, _BYTES):
+                size = 8 if kind == _DOUBLE else 4
+                if kind == _BYTES:
+                    size, at = self._varint(data, at)
+                value, at = data[at : at + size], at + size
+                if at > len(data):
+                    raise self.error(f"field {number} is longer than its message")
+                if kind != _BYTES:
+                    (value,) = struct.unpack("<d" if kind == _DOUBLE else "<f", value)
+            else:
+                raise self.error(f"field {number} has a type that is not used", got=kind)
+            self._fields.setdefault(number, []).append((kind, value))
+
+    def _varint(self, data: bytes, at: int) -> tuple[int, int]:
+        value = 0
+        for index, byte in enumerate(data[at : at + 10]):
+            value |= (byte & 127) << 7 * index
+            if byte < 128:
+                return value & (1 << 64) - 1, at + index + 1
+        raise self.error("a number does not end")
+
+    def error(self, rule: str, **more: Any) -> MalformedInputError:
+        return MalformedInputError(rule, place=self._place, **more)
+
+    def __contains__(self, field: int) -> bool:
+        return field in self._fields
+
+    def _values(self, field: int, *kinds: int) -> Iterator[Any]:
+        for kind, value in self._fields.get(field, ()):
+            if kind not in kinds:
+                raise self.error(f"field {field} has another type than it should", got=kind)
+            yield value
+
+    def integer(self, field: int) -> int:
+        value: int = [0, *self._values(field, _VARINT)][-1]
+        return value - (1 << 64) if value >> 63 else value
+
+    def number(self, field: int, default: float = 0.0) -> float:
+        value: float = [default, *self._values(field, _DOUBLE, _FLOAT)][-1]
+        if not np.isfinite(value):
+            raise self.error(f"field {field} must be a finite number", got=value)
+        return value
+
+    def numbers(self, *fields: int) -> list[float]:
+        return [self.number(field) for field in fields]
+
+    def message(self, field: int) -> Message:
+        return Message([b"", *self._values(field, _BYTES)][-1], self._place)
+
+    def messages(self, field: int) -> Iterator[Message]:
+        return (Message(data, self._place) for data in self._values(field, _BYTES))
+
+    def integers(self, field: int) -> Integers:
+        """Return a list of integers, packed or not, modulo 2**56."""
+        values = list(self._values(field, _VARINT, _BYTES))
+        packed = [value for value in values if isinstance(value, bytes)]
+        if not packed:
+            return np.array([value & (1 << 56) - 1 for value in values], dtype=np.int64)
+        data = np.frombuffer(b"".join(packed), dtype=np.uint8)
+        ends = np.flatnonzero(data < 128)
+        if len(packed) < len(values) or not len(ends) or ends[-1] + 1 < len(data):
+            raise self.error(f"the integers of field {field} are damaged")
+        lengths = np.diff(ends, prepend=-1)
+        integers = np.zeros(len(ends), dtype=np.int64)
+        for index in range(min(int(lengths.max()), 8)):
+            is_long = lengths > index
+            bits = data[(ends - lengths + 1 + index)[is_long]].astype(np.int64) & 127
+            integers[is_long] |= bits << 7 * index
+        return integers
+
+
+def _planar(pose: Message) -> Floats:
+    """Return a pose as a matrix of the plane, shape (3, 3)."""
+    (x, y), (qx, qy, qz, qw) = pose.message(1).numbers(1, 2), pose.message(2).numbers(1, 2, 3, 4)
+    left, forward = (1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy + qz * qw)), 2 * (qx * qy - qz * qw)
+    matrix = np.array([[left[0], forward, x], [left[1], 1 - 2 * (qx * qx + qz * qz), y], [0, 0, 1]])
+    if not abs(np.linalg.det(matrix) - 1) < _MOST_TILT:
+        raise pose.error("the rotation of a submap must be a unit quaternion about z")
+    return matrix
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[BinaryIO]:
+    """Yield an open file; errors about its contents get its name."""
+    try:
+        with access_to(path), path.open("rb") as file:
+            yield file
+    except MalformedInputError as error:
+        raise error.found_in(path) from None
+
+
+class Block(NamedTuple):
+    """Where the compressed bytes of a message lie."""
+
+    offset: int
+    length: int
+
+    @property
+    def place(self) -> str:
+        return f"message at byte {self.offset}"
+
+    def read(self, file: BinaryIO, wanted: Container[int] | None = None) -> Message | None:
+        """Return the message; None if its first field is known and not `wanted`."""
+        claim(file.name, self.length)
+        file.seek(self.offset)
+        data = file.read(self.length)
+        if wanted is not None:
+            tag = self._expanded(data, 1)[:1]
+            if tag and tag[0] < 128 and tag[0] >> 3 not in wanted:
+                return None
+        most = most_expanded(len(data))
+        content = self._expanded(data, most)
+        if len(content) > most:
+            rule = f"{len(data)} bytes would expand to more than {most}"
+            hint = "--max-memory SIZE allows more, if that much is available"
+            raise MalformedInputError(rule, place=self.place, hint=hint)
+        claim(file.name, _PER_BYTE * len(content))
+        return Message(content, self.place)
+
+    def _expanded(self, data: bytes, most: int) -> bytes:
+        """Return the first bytes of the message, up to one more than `most`."""
+        stream = zlib.decompressobj(wbits=31)
+        try:
+            content = stream.decompress(data, most + 1)
+        except zlib.error as error:
+            raise MalformedInputError(f"is damaged: {error}", place=self.place) from None
+        if len(content) <= most and not stream.eof:
+            raise MalformedInputError("its compressed data end early", place=self.place)
+        return content
+
+
+def _blocks(file: BinaryIO, size: int) -> Iterator[Block]:
+    if file.read(len(_MAGIC)) != _MAGIC:
+        raise MalformedInputError("is no state of Cartographer: it begins with other bytes")
+    while start := file.read(8):
+        block = Block(file.tell(), int.from_bytes(start, "little"))
+        if len(start) < 8 or block.length > size - block.offset:
+            raise MalformedInputError("the file ends within it", place=block.place)
+        yield block
+        file.seek(sum(block))
+
+
+@dataclass(frozen=True)
+class Submap:
+    """What a submap is without its cells."""
+
+    block: Block
+    is_finished: bool
+    resolution: float
+    size: tuple[int, int]
+    known: tuple[slice, slice]
+    """Rows and columns around its known cells, which become the texture."""
+    in_frame: Floats
+    """The frame of the texture in that of the submap, shape (3, 3)."""
+
+    @classmethod
+    def of(cls, message: Message, block: Block, name: str) -> Submap:
+        if 3 in message:
+            raise message.error(f"submap {name} is 3-D; only 2-D submaps can be painted")
+        submap = message.message(2)
+        grid = submap.message(4)
+        if 5 in grid:
+            raise message.error(f"submap {name} is a TSDF; only probability grids can be painted")
+        limits, box = grid.message(1), grid.message(3)
+        width, height = map(limits.message(3).integer, (1, 2))
+        right, bottom, left, top = map(box.integer, (1, 2, 3, 4))
+        if not (0 < width < _LARGEST_SIDE and 0 < height < _LARGEST_SIDE):
+            rule = f"submap {name} must have 1 to {_LARGEST_SIDE - 1} rows and columns"
+            raise message.error(rule, got=(height, width))
+        if not (0 <= left <= right < width and 0 <= top <= bottom < height):
+            rule = f"the known cells of submap {name} must lie within its {height} x {width} cells"
+            raise message.error(rule, got=(top, left, bottom, right))
+        resolution = limits.number(1)
+        if not resolution > 0:
+            raise message.error(f"the resolution of submap {name} must be above 0", got=resolution)
+        corner = np.eye(3)
+        corner[:2, 2] = limits.message(2).numbers(1, 2)
+        corner[:2, 2] -= resolution * top, resolution * left
+        known = slice(top, bottom + 1), slice(left, right + 1)
+        in_frame = np.linalg.inv(_planar(submap.message(1))) @ corner
+        return cls(block, submap.integer(3) != 0, resolution, (height, width), known, in_frame)
+
+    def texture(self, file: BinaryIO) -> NDArray[np.uint32]:
+        message = self.block.read(file)
+        assert message is not None  # noqa: S101 - for mypy
+        grid = next(message.messages(3)).message(2).message(4)
+        cells, (height, width) = grid.integers(2), self.size
+        if len(cells) != height * width:
+            rule = f"a grid of {height} x {width} cells must have {height * width}"
+            raise message.error(rule, got=len(cells))
+        if cells.max() >= 2 * _UPDATED:
+            rule = f"cells must be 0..{2 * _UPDATED - 1}"
+            raise message.error(rule, got=int(cells.max()))
+        texels = _texels(grid.number(6, 0.1), grid.number(7, 0.9))
+        texture: NDArray[np.uint32] = texels[cells.reshape(self.size)[self.known] % _UPDATED]
+        return texture
+
+
+@lru_cache(maxsize=4)
+def _texels(least_cost: float, most_cost: float) -> NDArray[np.uint32]:
+    """Return the texel of each value of a cell, of which 0 is unknown."""
+    one, low, high = map(np.float32, (1, least_cost, most_cost))
+    scale = (high - low) / np.float32(_UPDATED - 2)
+    costs = np.arange(_UPDATED, dtype=np.float32) * scale + (low - scale)
+    ends = np.array([0.1, 0.9], dtype=np.float32)
+    odds, (lowest, highest) = (np.log(p / (one - p)) for p in (np.clip(one - costs, *ends), ends))
+    steps = np.rint((odds - lowest) * np.float32(254) / (highest - lowest)) + 1
+    change = UNKNOWN_GREY - steps.astype(np.int64)
+    opacity = np.where(change == 0, 1, np.maximum(-change, 0))
+    texels: NDArray[np.uint32] = (np.maximum(change, 0) | opacity << 16).astype(np.uint32)
+    texels[0] = 0
+    return texels
+
+
+class Trajectory(NamedTuple):
+    ticks: Integers
+    """Times in steps of 100 ns since the year 1."""
+    poses: Floats
+    """x, y, z, metres, and the quaternion x, y, z, w, shape (N, 7)."""
+
+    @classmethod
+    def of(cls, message: Message) -> Trajectory:
+        nodes = list(message.messages(1))
+        poses = [node.message(5) for node in nodes]
+        rows = [p.message(1).numbers(1, 2, 3) + p.message(2).numbers(1, 2, 3, 4) for p in poses]
+        ticks = np.array([node.integer(1) for node in nodes], dtype=np.int64)
+        return cls(ticks, np.array(rows).reshape(-1, 7))
+
+    def described(self) -> dict[str, Any]:
+        steps = np.linalg.norm(np.diff(self.poses[:, :2], axis=0), axis=1)
+        seconds = (int(self.ticks.max()) - int(self.ticks.min())) / _TICKS
+        return {"poses": len(self.ticks), "length_m": float(steps.sum()), "duration_s": seconds}
+
+    def tum_lines(self) -> Iterator[str]:
+        for ticks, pose in zip(self.ticks.tolist(), self.poses.tolist(), strict=True):
+            seconds, fraction = divmod(ticks - _EPOCH, _TICKS)
+            yield f"{seconds}.{fraction:07d} {' '.join(map(repr, pose))}\n"
+
+
+class StateFile(MapFile):
+    """An open state, whose map is that of Cartographer's own program."""
+
+    def __init__(
+        self, path: Path, _: ExitStack, dialect: Dialect, max_cells: int | None
+    ) -> None:  # fmt: skip
+        super().__init__(path)
+        self._dialect: Dialect = dialect
+        self._max_cells = LARGEST_CELLS if max_cells is None else max_cells
+        self._resolution, origin = chosen_geometry() or (_RESOLUTION, (0.0, 0.0, 0.0))
+        if any(origin):
+            raise ParameterError("applies to images; a state has its own", place="origin")
+        self._submaps: dict[tuple[int, int], Submap] = {}
+        self._poses: dict[tuple[int, int], Floats] = {}
+        self._graph = Block(0, 0)
+        self._version = self._largest = 0
+        with _opened(path) as file:
+            for block in _blocks(file, check_readable(path).st_size):
+                message = block.read(file, (1, 3))
+                if message is not None:
+                    self._add(message, block)
+            self._slices = self._placed()
+            self._canvas = canvas_of(self._slices)
+
+    def _add(self, message: Message, block: Block) -> None:
+        """Take what a message says, except cells."""
+        self._largest = max(self._largest, message.size)
+        if not self._version:
+            self._version = message.integer(1)
+            if self._version not in (1, 2):
+                raise message.error("the format must have version 1 or 2", got=self._version)
+            return
+        for graph in message.messages(1):
+            self._graph = block
+            for trajectory in graph.messages(4):
+                for entry in trajectory.messages(2):
+                    key = trajectory.integer(3), entry.integer(2)
+                    self._poses[key] = _planar(entry.message(1))
+        for submap in message.messages(3):
+            identity = submap.message(1)
+            key = identity.integer(1), identity.integer(2)
+            if key in self._submaps:
+                raise message.error(f"submap {key} occurs twice")
+            self._submaps[key] = Submap.of(submap, block, str(key))
+
+    def _placed(self) -> list[tuple[Submap, Slice]]:
+        """Return the submaps in the order of painting, with the places of their textures."""
+        if not self._submaps:
+            raise MalformedInputError("has no submaps")
+        for key in self._submaps.keys() ^ self._poses.keys():
+            rule = "has no pose" if key in self._submaps else "is missing: the file is cut"
+            raise MalformedInputError(f"submap {key} {rule}", place=self._graph.place)
+        placed = []
+        for key, submap in sorted(self._submaps.items()):
+            scale = submap.resolution / self._resolution
+            if not _LEAST_SCALE < scale < _MOST_SCALE:
+                rule = f"--resolution must be below {submap.resolution / _LEAST_SCALE:.4g} m"
+                hint = "mapdeal resample makes a map coarser"
+                raise MalformedInputError(rule, got=self._resolution, hint=hint)
+            (a, b, x), (c, d, y) = (self._poses[key] @ submap.in_frame)[:2].tolist()
+            turn, shift = np.array([(c, -d), (a, -b)]) * scale, np.array([x, -y]) / self._resolution
+            rows, cols = submap.known
+            size = cols.stop - cols.start, rows.stop - rows.start
+            placed.append((submap, Slice(*size, turn, shift)))
+        return placed
+
+    def frame(self) -> Frame:
+        width, height, (x, y) = self._canvas
+        check_size(self.path, width, height, self._max_cells)
+        # Cartographer writes six digits
+        corner = [float(f"{cells * self._resolution:.6g}") for cells in (-x, y - height)]
+        return Frame(height, width, self._resolution, (corner[0], corner[1], 0.0))
+
+    def memory_to_read(self) -> int:
+        height, width = self.shape()
+        return 3 * height * width + _PER_BYTE * self._largest + PIECES
+
+    def painting(self) -> Painting:
+        return Painting(self._pixels, f"Cartographer map; {self._resolution:g} m/pixel")
+
+    @cached_property
+    def _pixels(self) -> NDArray[np.uint8]:
+        height, width = self.shape()
+        claim(self.path, self.memory_to_read(), what=f"{width} x {height} cells")
+        pixels = np.full((height, width), UNKNOWN_GREY, dtype=np.uint8)
+        with _opened(self.path) as file:
+            for submap, place in self._slices:
+                paint(pixels, submap.texture(file), place.moved_by(self._canvas.origin))
+        note_sum(self.path, lambda: sha256_of(self.path))
+        return pixels[::-1]
+
+    def cells(self) -> OccupancyGrid:
+        frame = self.frame()
+        metadata = MapMetadata("", frame.resolution, frame.origin)
+        cells = cells_of(Picture("PNM", "grey", self._pixels[::-1]), metadata, self._dialect)
+        return OccupancyGrid(cells, frame.resolution, frame.origin)
+
+    def trajectories(self) -> dict[int, Trajectory]:
+        with _opened(self.path) as file:
+            message = self._graph.read(file)
+            graphs = [] if message is None else message.messages(1)
+            return {
+                trajectory.integer(3): Trajectory.of(trajectory)
+                for graph in graphs
+                for trajectory in graph.messages(4)
+                if 1 in trajectory
+            }
+
+    def described(self) -> dict[str, Any]:
+        trajectories = self.trajectories().items()
+        return {
+            "format_version": self._version,
+            "submaps": len(self._submaps),
+            "unfinished": sum(not submap.is_finished for submap in self._submaps.values()),
+            "trajectories": [{"id": key, **path.described()} for key, path in trajectories],
+        }
+
+
+PBSTREAM = MapFormat(
+    "a .pbstream of Cartographer", (".pbstream",), StateFile, magic=(_MAGIC,),
+    takes_resolution=True, yields_to_yaml=True,
+)  # fmt: skip

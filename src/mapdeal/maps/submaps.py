@@ -1,0 +1,166 @@
+"""Painting of Cartographer's submaps, with the bytes of the graphics library that it uses.
+
+References
+----------
+Cartographer, ``io/submap_painter.cc``: the order, the frame and the colours of submaps.
+cairo 1.16 and pixman: the matrix in 16.16 fixed point, which is exact in the middle of the area;
+bilinear weights of 7 bits; the 8-bit operator OVER.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.kernels.arrays import Floats
+
+UNKNOWN_GREY = 128
+_PADDING = 5  # pixels around all submaps
+_ONE, _HALF = 1 << 16, 1 << 15  # in fixed point
+_WEIGHTS = 128
+_PIXELS_AT_ONCE = 1 << 16
+_WIDEST_IN_32_BITS = 1 << 13
+_FARTHEST = 2**30
+_ALIGNED = 1 / 256  # cairo takes smaller parts of a matrix for 0
+
+
+class Slice(NamedTuple):
+    """Where a texture lies on the canvas: x, y = scale @ (col, row) + shift, in pixels."""
+
+    width: int
+    height: int
+    scale: Floats
+    shift: Floats
+
+    def moved_by(self, pixels: tuple[float, float]) -> Slice:
+        return self._replace(shift=self.shift + pixels)
+
+
+class Canvas(NamedTuple):
+    width: int
+    height: int
+    origin: tuple[float, float]
+    """Place of the origin of the map on the canvas, pixels from its upper left corner."""
+
+
+def canvas_of(slices: Iterable[tuple[Any, Slice]]) -> Canvas:
+    """Return the canvas around all slices, with float32 bounds as Cartographer has them."""
+    corners = [
+        np.array([(0, 0), (w, 0), (0, h), (w, h)]) @ scale.T + shift
+        for _, (w, h, scale, shift) in slices
+    ]
+    points = np.concatenate(corners)
+    if not (np.abs(points) < _FARTHEST).all():
+        raise MalformedInputError("a submap lies too far away", place="pose graph")
+    points = points.astype(np.float32)
+    low = points.min(axis=0)
+    width, height = np.ceil(points.max(axis=0) - low).astype(int) + 2 * _PADDING
+    x, y = (np.float32(_PADDING) - low).tolist()
+    return Canvas(int(width), int(height), (x, y))
+
+
+def paint(pixels: NDArray[np.uint8], texture: NDArray[np.uint32], place: Slice) -> None:
+    """Paint a texture over grey pixels, row 0 at the top.
+
+    The lower half of each texel is its intensity, the upper half its opacity.
+    """
+    inverse = np.linalg.inv(place.scale)
+    shift = -inverse @ place.shift
+    left, top, right, bottom = _covered(place, inverse, pixels.shape)
+    if left >= right or top >= bottom:
+        return
+    matrix, offset = _fixed(inverse, shift, ((left + right) / 2, (top + bottom) / 2))
+    is_exact = _is_aligned(inverse) and not (np.rint(shift * 256) % 256).any()
+    wide = np.pad(texture, 2)
+    step = max(1, _PIXELS_AT_ONCE // (right - left))
+    dtype = np.int32 if max(texture.shape) < _WIDEST_IN_32_BITS else np.int64
+    for first in range(top, bottom, step):
+        rows = np.arange(first, min(first + step, bottom))
+        starts = ((left + offset[0]) * _ONE + _HALF, (rows + offset[1]) * _ONE + _HALF)
+        firsts = [value - (1 if is_exact else _HALF) for value in _applied(matrix, *starts)]
+        cols = np.arange(right - left)
+        x, y = (
+            (start[:, np.newaxis] + slope * cols).astype(dtype)
+            for start, slope in zip(firsts, matrix[:, 0].tolist(), strict=True)
+        )
+        if is_exact:
+            x, y = x >> 16 << 16, y >> 16 << 16
+        _over(pixels[first : rows[-1] + 1, left:right], _interpolated(wide, x, y))
+
+
+def _covered(place: Slice, inverse: Floats, shape: tuple[int, ...]) -> list[int]:
+    """Return the columns and rows of the area that cairo paints: left, top, right, bottom."""
+    pads = [0.5 if math.hypot(*inverse[:, axis]) < 1 else 0.0 for axis in (0, 1)]
+    xs, ys = ((-pad, size + pad) for pad, size in zip(pads, place[:2], strict=True))
+    corners = np.array([(x, y) for x in xs for y in ys]) @ place.scale.T + place.shift
+    beyond = 0.5 - np.array(pads)
+    low, high = corners.min(axis=0) - beyond, corners.max(axis=0) + beyond
+    ends = np.floor(np.concatenate([low, high]) + 0.5)
+    return np.clip(ends, 0, [shape[1], shape[0]] * 2).astype(int).tolist()  # type: ignore[no-any-return]
+
+
+def _fixed(
+    inverse: Floats, shift: Floats, middle: tuple[float, float]
+) -> tuple[NDArray[np.int64], list[int]]:
+    """Return the matrix from pixels to texels in fixed point, and an offset of pixels before it.
+
+    The offset keeps the shift small; the shift is corrected until the matrix is exact at a point.
+    """
+    (xx, xy), (yx, yy) = inverse.tolist()
+    x0, y0 = shift.tolist()
+    offsets = [(x0, y0)] + [
+        ((y0 * xy - x0 * (yy + j)) / det, (x0 * yx - y0 * (xx + i)) / det)
+        for i, j in itertools.product((-1, 1), repeat=2)
+        if abs(det := (xx + i) * (yy + j) - xy * yx) >= np.finfo(float).eps
+    ]
+    offset = np.floor(min(offsets, key=lambda xy: max(map(abs, xy))))
+    shift = shift + inverse @ offset
+    matrix = np.rint(np.column_stack([inverse, shift]) * _ONE).astype(np.int64)
+    for _ in range(0 if _is_aligned(inverse) else 5):
+        texel = np.array(_applied(matrix, *(np.rint(np.array(middle) * _ONE).astype(np.int64))))
+        error = np.linalg.solve(inverse, texel / _ONE - shift) - middle
+        correction = np.rint(inverse @ error * _ONE).astype(np.int64)
+        if not correction.any():
+            break
+        matrix[:, 2] -= correction
+    return matrix, (-offset).astype(int).tolist()
+
+
+def _is_aligned(inverse: NDArray[Any]) -> bool:
+    """Return whether cairo takes a matrix for a turn by quarters without scaling."""
+    is_small = np.abs(inverse) < _ALIGNED
+    is_turned = is_small.trace() == 2 or is_small[::-1].trace() == 2
+    return bool(is_turned and abs(np.linalg.det(inverse) ** 2 - 1) < _ALIGNED)
+
+
+def _applied(matrix: NDArray[np.int64], x: Any, y: Any) -> list[Any]:
+    return [(row[0] * x + row[1] * y + row[2] * _ONE + _HALF) >> 16 for row in matrix]
+
+
+def _interpolated(wide: NDArray[np.uint32], x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.uint32]:
+    """Return the texels at places in fixed point; beyond a texture's border of 2, they are 0."""
+    height, width = wide.shape
+    at = np.clip((y >> 16) + 2, 0, height - 2) * width + np.clip((x >> 16) + 2, 0, width - 2)
+    right = ((x >> 9) & (_WEIGHTS - 1)).astype(np.uint32)
+    below = ((y >> 9) & (_WEIGHTS - 1)).astype(np.uint32)
+    texels = wide.reshape(-1)
+    # both halves of a texel stay below 16 bits
+    upper = texels[at] * (_WEIGHTS - right) + texels[at + 1] * right
+    at += width
+    lower = texels[at] * (_WEIGHTS - right) + texels[at + 1] * right
+    above = _WEIGHTS - below
+    intensity = ((upper & 0xFFFF) * above + (lower & 0xFFFF) * below) >> 14
+    opacity = ((upper >> 16) * above + (lower >> 16) * below) >> 14
+    texel: NDArray[np.uint32] = intensity | opacity << 16
+    return texel
+
+
+def _over(pixels: NDArray[np.uint8], texels: NDArray[np.uint32]) -> None:
+    rest = pixels * (255 - (texels >> 16)) + 128
+    pixels[...] = np.minimum(((rest + (rest >> 8)) >> 8) + (texels & 0xFFFF), 255)
