@@ -74,6 +74,12 @@ def _pictures(folder):
     return found + again if folder == "png" else found
 
 
+def _states():
+    whole = seeds.states_of_two()
+    messages = Seed("m.pbstream", seeds.messages_of(whole), packed=seeds.as_state)
+    return [Seed("m.pbstream", whole), messages, messages]
+
+
 def _logs():
     logs = files_of("carmen")
     short = _seeds(logs[1:3], "a.log", packed=seeds.gzipped)
@@ -177,6 +183,7 @@ READERS = [
     Reader("grid npz", _zips(_GRIDS, "g.npz"), reading.read_grid, NPY_WORDS, share=0.7),
     Reader("grid npz by rows", _zips(_GRIDS, "g.npz"), reading.read_npz_by_rows, NPY_WORDS,
           share=0.3),
+    Reader("state", _states(), reading.read_state, share=0.7),
     Reader("lint", _MAP_SEEDS, reading.lint, YAML_WORDS, (), share=0.02),
     Reader("pcd", _stored("pcd", "c.pcd"), reading.read_cloud_points, CLOUD_WORDS),
     Reader("ply", _stored("ply", "c.ply"), reading.read_cloud_points, CLOUD_WORDS),

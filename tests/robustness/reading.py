@@ -182,6 +182,16 @@ def read_grid(path, data):
     return grid
 
 
+def read_state(path, data):
+    with open_map(path, max_cells=1_000_000) as file:
+        grid = file.read().grid
+        _check_grid(grid)
+        assert file.frame() == grid.frame
+        file.described()
+        for trajectory in file.trajectories().values():
+            assert len(list(trajectory.tum_lines())) == len(trajectory.poses)
+
+
 def read_npz_by_rows(path, data):
     """Read a grid at once and by rows: both give the same values, or neither any."""
     with _refused_alike(read_npz, path), open_npz(path, block_height=4) as grid:

@@ -4,6 +4,7 @@ They lie in the folder ``seeds``, by kind; a new one is a new file there. They a
 as bytes: their line ends and checksums matter.
 """
 
+import gzip
 import io
 import json
 import re
@@ -12,6 +13,8 @@ import warnings
 import zipfile
 import zlib
 from pathlib import Path
+
+import states
 
 STORED = Path(__file__).with_name("seeds")
 
@@ -70,6 +73,34 @@ def zipped(text):
         for name, body in zip(words[1::2], words[2::2], strict=True):
             archive.writestr(zipfile.ZipInfo(name.decode("latin-1")), body)
     return file.getvalue()
+
+
+_BETWEEN = b"\n@@ message @@\n"
+
+
+def messages_of(file):
+    """Return the messages of a state of Cartographer as one text that can be damaged."""
+    parts, at = [], 8
+    while at < len(file):
+        end = at + 8 + int.from_bytes(file[at : at + 8], "little")
+        parts.append(gzip.decompress(file[at + 8 : end]))
+        at = end
+    return _BETWEEN.join(parts)
+
+
+def as_state(text):
+    """Return the state with the messages in such a text."""
+    blocks = map(gzipped, text.split(_BETWEEN))
+    return states.MAGIC + b"".join(struct.pack("<Q", len(data)) + data for data in blocks)
+
+
+def states_of_two():
+    cells = states.random_cells(6, 5)
+    graph = states.pose_graph({(0, 0): (1, 2, 0.3), (1, 0): (0, 0, -2)}, [(0, 1, 1, 1, 0)])
+    plain, packed = (
+        states.submap(cells, key=(key, 0), box=(1, 1, 3, 4), packed=bool(key)) for key in (0, 1)
+    )
+    return states.state(graph, plain, packed)
 
 
 def gzipped(data):

@@ -230,7 +230,8 @@ def _convert_poses(source: Path, output: Path, work: Work) -> Conversions:
         for key, trajectory in trajectories.items():
             transaction.write_bytes(paths[key], "".join(trajectory.tum_lines()).encode())
     count = sum(len(trajectory.ticks) for trajectory in trajectories.values())
-    return Conversions(count, source, output, "poses")
+    names = ", ".join(path.name for path in paths.values())
+    return Conversions(count, source, output.with_name(names), "poses")
 
 
 def _convert_all(

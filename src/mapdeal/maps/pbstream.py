@@ -42,7 +42,9 @@ _MAGIC = (0x7B1D1F7B5BF501DB).to_bytes(8, "little")
 _RESOLUTION = 0.05  # Cartographer's default
 _PER_BYTE = 48  # bytes in memory for each byte of a message: its numbers, and cells
 _VARINT, _DOUBLE, _BYTES, _FLOAT = 0, 1, 2, 5
+_SKIPPED = (2, *range(4, 10))  # options, nodes, data of sensors
 _LARGEST_SIDE = 1 << 15
+_LARGEST_NUMBER = 1e12
 _UPDATED = 1 << 15  # a bit of cells, which does not count
 _LEAST_SCALE, _MOST_SCALE = 0.75, 1e3  # below, cairo averages pixels
 _MOST_TILT = 0.01
@@ -101,8 +103,9 @@ class Message:
 
     def number(self, field: int, default: float = 0.0) -> float:
         value: float = [default, *self._values(field, _DOUBLE, _FLOAT)][-1]
-        if not np.isfinite(value):
-            raise self.error(f"field {field} must be a finite number", got=value)
+        if not abs(value) < _LARGEST_NUMBER:
+            rule = f"field {field} must be a number below {_LARGEST_NUMBER:g}"
+            raise self.error(rule, got=value)
         return value
 
     def numbers(self, *fields: int) -> list[float]:
@@ -136,11 +139,11 @@ class Message:
 def _planar(pose: Message) -> Floats:
     """Return a pose as a matrix of the plane, shape (3, 3)."""
     (x, y), (qx, qy, qz, qw) = pose.message(1).numbers(1, 2), pose.message(2).numbers(1, 2, 3, 4)
-    left, forward = (1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy + qz * qw)), 2 * (qx * qy - qz * qw)
-    matrix = np.array([[left[0], forward, x], [left[1], 1 - 2 * (qx * qx + qz * qz), y], [0, 0, 1]])
-    if not abs(np.linalg.det(matrix) - 1) < _MOST_TILT:
+    a, b = 1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy - qz * qw)
+    c, d = 2 * (qx * qy + qz * qw), 1 - 2 * (qx * qx + qz * qz)
+    if not abs(a * d - b * c - 1) < _MOST_TILT:
         raise pose.error("the rotation of a submap must be a unit quaternion about z")
-    return matrix
+    return np.array([(a, b, x), (c, d, y), (0, 0, 1)])
 
 
 @contextmanager
@@ -163,15 +166,13 @@ class Block(NamedTuple):
     def place(self) -> str:
         return f"message at byte {self.offset}"
 
-    def read(self, file: BinaryIO, wanted: Container[int] | None = None) -> Message | None:
-        """Return the message; None if its first field is known and not `wanted`."""
+    def read(self, file: BinaryIO, skipped: Container[int] = ()) -> Message | None:
+        """Return the message; None if its first field is to be skipped."""
         claim(file.name, self.length)
         file.seek(self.offset)
         data = file.read(self.length)
-        if wanted is not None:
-            tag = self._expanded(data, 1)[:1]
-            if tag and tag[0] < 128 and tag[0] >> 3 not in wanted:
-                return None
+        if skipped and (tag := self._expanded(data, 1)) and tag[0] >> 3 in skipped:
+            return None
         most = most_expanded(len(data))
         content = self._expanded(data, most)
         if len(content) > most:
@@ -319,7 +320,7 @@ class StateFile(MapFile):
         self._version = self._largest = 0
         with _opened(path) as file:
             for block in _blocks(file, check_readable(path).st_size):
-                message = block.read(file, (1, 3))
+                message = block.read(file, _SKIPPED)
                 if message is not None:
                     self._add(message, block)
             self._slices = self._placed()

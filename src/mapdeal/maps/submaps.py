@@ -70,7 +70,7 @@ def paint(pixels: NDArray[np.uint8], texture: NDArray[np.uint32], place: Slice) 
 
     The lower half of each texel is its intensity, the upper half its opacity.
     """
-    inverse = np.linalg.inv(place.scale)
+    inverse: Floats = np.linalg.inv(place.scale).astype(float)
     shift = -inverse @ place.shift
     left, top, right, bottom = _covered(place, inverse, pixels.shape)
     if left >= right or top >= bottom:
@@ -132,7 +132,7 @@ def _fixed(
     return matrix, (-offset).astype(int).tolist()
 
 
-def _is_aligned(inverse: NDArray[Any]) -> bool:
+def _is_aligned(inverse: Floats) -> bool:
     """Return whether cairo takes a matrix for a turn by quarters without scaling."""
     is_small = np.abs(inverse) < _ALIGNED
     is_turned = is_small.trace() == 2 or is_small[::-1].trace() == 2
