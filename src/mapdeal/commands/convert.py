@@ -31,6 +31,7 @@ from mapdeal.maps.map_server import Encoding, in_trinary
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import Source, output_paths, write_grid
 from mapdeal.maps.world import WORLD_ENDINGS
+from mapdeal.pictures.overlay import TrajectoriesOverlay
 from mapdeal.pipeline.inputs import InShell, Work, claim_work, errors_named, opened_input, refuse
 from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.ros.robot import RobotParameters
@@ -174,7 +175,7 @@ def convert(
         refuse("applies to pixels, not to bags", mode=mode)
     if static_layer and encoding != "costmap2d":
         raise ParameterError("needs --encoding costmap2d", place="static_layer")
-    painted = None
+    painted = overlay = None
     if reads_bag:
         read = _read_bag(source, topic, -1 if index is None else index, read_as)
     else:
@@ -182,6 +183,9 @@ def convert(
             read = file.read()
             if mode is None and encoding is None:
                 painted = file.painting()
+            if work.settings.image is not None and (trajectories := file.trajectories()):
+                lines = [trajectory.poses[:, :2] for trajectory in trajectories.values()]
+                overlay = TrajectoriesOverlay(lines)
     if ending in SHAPE_ENDINGS:
         transaction = work.begin([*read.files, *(robot.paths if robot else ())])
         if ending in WORLD_ENDINGS:
@@ -213,7 +217,7 @@ def convert(
         transaction, output, grid, mode=mode, encoding=scale, extra=extra, more=states,
         painted=painted,
     )  # fmt: skip
-    return Made(grid, source.stem)
+    return Made(grid, source.stem, overlay=overlay)
 
 
 def _convert_poses(source: Path, output: Path, work: Work) -> Conversions:

@@ -20,6 +20,7 @@ from mapdeal.maps.map_server import Encoding, bit_map_paths, read_bit_map_pair, 
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import write_grid
 from mapdeal.pictures.canvas import Image
+from mapdeal.pictures.overlay import Overlay
 from mapdeal.pipeline.folder import files_of, summary_of, written_line
 from mapdeal.pipeline.inputs import Map, Work, claim_cells, claim_work, opened
 
@@ -35,6 +36,7 @@ class Made(Result):
     title: str
     extra: Mapping[str, Any] = field(default_factory=dict)
     encoding: Encoding = "occupancy"
+    overlay: Overlay | None = None
 
     def document(self) -> Figures:
         return self.grid.figures()
@@ -47,7 +49,8 @@ class Made(Result):
 
     def drawn(self, **look: Any) -> Image:
         grid = self.grid.to_occupancy() if isinstance(self.grid, BitMap) else self.grid
-        return files_of(type(grid)).draw(grid, title=one_line(self.title), overlay=None, **look)
+        title = one_line(self.title)
+        return files_of(type(grid)).draw(grid, title=title, overlay=self.overlay, **look)
 
     def write(self, transaction: Any, output: Path) -> None:
         extra = dict(self.extra)

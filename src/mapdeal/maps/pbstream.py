@@ -167,7 +167,7 @@ class Block(NamedTuple):
         return f"message at byte {self.offset}"
 
     def read(self, file: BinaryIO, skipped: Container[int] = ()) -> Message | None:
-        """Return the message; None if its first field is to be skipped."""
+        """Return the message, or None for those whose first field is `skipped`."""
         claim(file.name, self.length)
         file.seek(self.offset)
         data = file.read(self.length)
@@ -228,20 +228,20 @@ class Submap:
             raise message.error(f"submap {name} is a TSDF; only probability grids can be painted")
         limits, box = grid.message(1), grid.message(3)
         width, height = map(limits.message(3).integer, (1, 2))
-        right, bottom, left, top = map(box.integer, (1, 2, 3, 4))
+        last_col, last_row, col, row = map(box.integer, (1, 2, 3, 4))
         if not (0 < width < _LARGEST_SIDE and 0 < height < _LARGEST_SIDE):
             rule = f"submap {name} must have 1 to {_LARGEST_SIDE - 1} rows and columns"
             raise message.error(rule, got=(height, width))
-        if not (0 <= left <= right < width and 0 <= top <= bottom < height):
+        if not (0 <= col <= last_col < width and 0 <= row <= last_row < height):
             rule = f"the known cells of submap {name} must lie within its {height} x {width} cells"
-            raise message.error(rule, got=(top, left, bottom, right))
+            raise message.error(rule, got=(row, col, last_row, last_col))
         resolution = limits.number(1)
         if not resolution > 0:
             raise message.error(f"the resolution of submap {name} must be above 0", got=resolution)
         corner = np.eye(3)
         corner[:2, 2] = limits.message(2).numbers(1, 2)
-        corner[:2, 2] -= resolution * top, resolution * left
-        known = slice(top, bottom + 1), slice(left, right + 1)
+        corner[:2, 2] -= resolution * row, resolution * col
+        known = slice(row, last_row + 1), slice(col, last_col + 1)
         in_frame = np.linalg.inv(_planar(submap.message(1))) @ corner
         return cls(block, submap.integer(3) != 0, resolution, (height, width), known, in_frame)
 
@@ -264,11 +264,11 @@ class Submap:
 @lru_cache(maxsize=4)
 def _texels(least_cost: float, most_cost: float) -> NDArray[np.uint32]:
     """Return the texel of each value of a cell, of which 0 is unknown."""
-    one, low, high = map(np.float32, (1, least_cost, most_cost))
+    unit, low, high = map(np.float32, (1, least_cost, most_cost))
     scale = (high - low) / np.float32(_UPDATED - 2)
     costs = np.arange(_UPDATED, dtype=np.float32) * scale + (low - scale)
     ends = np.array([0.1, 0.9], dtype=np.float32)
-    odds, (lowest, highest) = (np.log(p / (one - p)) for p in (np.clip(one - costs, *ends), ends))
+    odds, (lowest, highest) = (np.log(p / (unit - p)) for p in (np.clip(unit - costs, *ends), ends))
     steps = np.rint((odds - lowest) * np.float32(254) / (highest - lowest)) + 1
     change = UNKNOWN_GREY - steps.astype(np.int64)
     opacity = np.where(change == 0, 1, np.maximum(-change, 0))
@@ -327,7 +327,7 @@ class StateFile(MapFile):
             self._canvas = canvas_of(self._slices)
 
     def _add(self, message: Message, block: Block) -> None:
-        """Take what a message says, except cells."""
+        """Read the header, the pose graph or a submap without its cells."""
         self._largest = max(self._largest, message.size)
         if not self._version:
             self._version = message.integer(1)

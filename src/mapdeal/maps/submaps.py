@@ -22,7 +22,7 @@ from mapdeal.kernels.arrays import Floats
 
 UNKNOWN_GREY = 128
 _PADDING = 5  # pixels around all submaps
-_ONE, _HALF = 1 << 16, 1 << 15  # in fixed point
+_UNIT, _HALF = 1 << 16, 1 << 15  # in fixed point
 _WEIGHTS = 128
 _PIXELS_AT_ONCE = 1 << 16
 _WIDEST_IN_32_BITS = 1 << 13
@@ -72,30 +72,30 @@ def paint(pixels: NDArray[np.uint8], texture: NDArray[np.uint32], place: Slice) 
     """
     inverse: Floats = np.linalg.inv(place.scale).astype(float)
     shift = -inverse @ place.shift
-    left, top, right, bottom = _covered(place, inverse, pixels.shape)
-    if left >= right or top >= bottom:
+    west, north, east, south = _covered(place, inverse, pixels.shape)
+    if west >= east or north >= south:
         return
-    matrix, offset = _fixed(inverse, shift, ((left + right) / 2, (top + bottom) / 2))
+    matrix, offset = _fixed(inverse, shift, ((west + east) / 2, (north + south) / 2))
     is_exact = _is_aligned(inverse) and not (np.rint(shift * 256) % 256).any()
     wide = np.pad(texture, 2)
-    step = max(1, _PIXELS_AT_ONCE // (right - left))
+    step = max(1, _PIXELS_AT_ONCE // (east - west))
     dtype = np.int32 if max(texture.shape) < _WIDEST_IN_32_BITS else np.int64
-    for first in range(top, bottom, step):
-        rows = np.arange(first, min(first + step, bottom))
-        starts = ((left + offset[0]) * _ONE + _HALF, (rows + offset[1]) * _ONE + _HALF)
+    for first in range(north, south, step):
+        rows = np.arange(first, min(first + step, south))
+        starts = ((west + offset[0]) * _UNIT + _HALF, (rows + offset[1]) * _UNIT + _HALF)
         firsts = [value - (1 if is_exact else _HALF) for value in _applied(matrix, *starts)]
-        cols = np.arange(right - left)
+        cols = np.arange(east - west)
         x, y = (
             (start[:, np.newaxis] + slope * cols).astype(dtype)
             for start, slope in zip(firsts, matrix[:, 0].tolist(), strict=True)
         )
         if is_exact:
             x, y = x >> 16 << 16, y >> 16 << 16
-        _over(pixels[first : rows[-1] + 1, left:right], _interpolated(wide, x, y))
+        _over(pixels[first : rows[-1] + 1, west:east], _interpolated(wide, x, y))
 
 
 def _covered(place: Slice, inverse: Floats, shape: tuple[int, ...]) -> list[int]:
-    """Return the columns and rows of the area that cairo paints: left, top, right, bottom."""
+    """Return the columns and rows of the area that cairo paints: west, north, east, south."""
     pads = [0.5 if math.hypot(*inverse[:, axis]) < 1 else 0.0 for axis in (0, 1)]
     xs, ys = ((-pad, size + pad) for pad, size in zip(pads, place[:2], strict=True))
     corners = np.array([(x, y) for x in xs for y in ys]) @ place.scale.T + place.shift
@@ -121,11 +121,11 @@ def _fixed(
     ]
     offset = np.floor(min(offsets, key=lambda xy: max(map(abs, xy))))
     shift = shift + inverse @ offset
-    matrix = np.rint(np.column_stack([inverse, shift]) * _ONE).astype(np.int64)
+    matrix = np.rint(np.column_stack([inverse, shift]) * _UNIT).astype(np.int64)
     for _ in range(0 if _is_aligned(inverse) else 5):
-        texel = np.array(_applied(matrix, *(np.rint(np.array(middle) * _ONE).astype(np.int64))))
-        error = np.linalg.solve(inverse, texel / _ONE - shift) - middle
-        correction = np.rint(inverse @ error * _ONE).astype(np.int64)
+        texel = np.array(_applied(matrix, *(np.rint(np.array(middle) * _UNIT).astype(np.int64))))
+        error = np.linalg.solve(inverse, texel / _UNIT - shift) - middle
+        correction = np.rint(inverse @ error * _UNIT).astype(np.int64)
         if not correction.any():
             break
         matrix[:, 2] -= correction
@@ -140,7 +140,7 @@ def _is_aligned(inverse: Floats) -> bool:
 
 
 def _applied(matrix: NDArray[np.int64], x: Any, y: Any) -> list[Any]:
-    return [(row[0] * x + row[1] * y + row[2] * _ONE + _HALF) >> 16 for row in matrix]
+    return [(row[0] * x + row[1] * y + row[2] * _UNIT + _HALF) >> 16 for row in matrix]
 
 
 def _interpolated(wide: NDArray[np.uint32], x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.uint32]:
@@ -162,5 +162,5 @@ def _interpolated(wide: NDArray[np.uint32], x: NDArray[Any], y: NDArray[Any]) ->
 
 
 def _over(pixels: NDArray[np.uint8], texels: NDArray[np.uint32]) -> None:
-    rest = pixels * (255 - (texels >> 16)) + 128
-    pixels[...] = np.minimum(((rest + (rest >> 8)) >> 8) + (texels & 0xFFFF), 255)
+    product = pixels * (255 - (texels >> 16)) + 128
+    pixels[...] = np.minimum(((product + (product >> 8)) >> 8) + (texels & 0xFFFF), 255)

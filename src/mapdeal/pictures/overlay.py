@@ -444,6 +444,24 @@ class PlanOverlay(Overlay):
 
 
 @dataclass(frozen=True)
+class TrajectoriesOverlay(Overlay):
+    """The lines along which a robot drove."""
+
+    lines_xy: Sequence[NDArray[np.float64]]
+
+    colours = (ROUTE,)
+
+    @property
+    def places_xy(self) -> NDArray[np.float64]:
+        return np.concatenate(self.lines_xy)
+
+    def draw(self, on: Surface, first_index: int) -> list[Swatch]:
+        for line in self.lines_xy:
+            Brush(on.pixels).polyline(on.places(line), first_index, thickness=2)
+        return [Swatch(first_index, "trajectory")]
+
+
+@dataclass(frozen=True)
 class StepsOverlay(Overlay):
     """The routes planned at each pose of a path to a goal, and the path through all poses."""
 
