@@ -1,5 +1,6 @@
 """States of Cartographer: the map painted of their submaps, and their trajectories."""
 
+import ctypes.util
 import math
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import states
 from mapdeal import MalformedInputError, read_map, read_poses
 from mapdeal.maps.reading import open_map
+from mapdeal.maps.submaps import Slice, canvas_of, paint
 
 OFFICE = "chifongip__cartographer_ros/maps/office/central/mymap"
 TURNED = {(0, 0): (2.0, -1.0, 0.7)}
@@ -101,6 +103,53 @@ def test_submaps_are_painted_as_an_independent_painting_has_them(
     assert np.abs(grey - expected).max() < 2 * len(layers) + 1
     assert np.abs(grey - expected).mean() < 0.6 * len(layers)
     assert grey.std() > 15
+
+
+@pytest.mark.parametrize("resolution", [0.05, 0.02, 0.068, 0.1, 0.4])
+def test_painting_has_the_bytes_of_cairo(resolution):
+    rng, textures, placed = np.random.default_rng(3), [], []
+    for _ in range(12):
+        height, width = rng.integers(1, 150, 2)
+        opacity = np.where(rng.random((height, width)) < 0.5, rng.integers(0, 128), 0)
+        intensity = np.where(opacity == 0, rng.integers(0, 128, (height, width)), 0)
+        turn = rigid(0, 0, rng.uniform(-3, 3))[:2, :2] * (0.048 / resolution)
+        textures.append((intensity | opacity << 16).astype(np.uint32))
+        placed.append(Slice(int(width), int(height), turn, rng.uniform(-90, 90, 2)))
+    canvas = canvas_of([(None, part) for part in placed])
+    pixels = np.full((canvas.height, canvas.width), 128, dtype=np.uint8)
+    places = [part.moved_by(canvas.origin) for part in placed]
+    expected = painted_by_cairo(pixels.shape, textures, places)
+    for texture, place in zip(textures, places, strict=True):
+        paint(pixels, texture, place)
+    differences = np.abs(pixels.astype(int) - expected)
+    # where cairo averages, the last digits of its matrices decide on some roundings
+    assert differences.max() <= (resolution > 0.064)
+    assert differences.mean() < 0.001
+
+
+def painted_by_cairo(shape, textures, places):
+    """Paint textures on 128 with cairo itself, as 32-bit pixels of opacity and red."""
+    name = ctypes.util.find_library("cairo")
+    if name is None:
+        pytest.skip("needs the library cairo")
+    cairo = ctypes.CDLL(name)
+    matrix, double, pointer = ctypes.c_double * 6, ctypes.c_double, ctypes.c_void_p
+    cairo.cairo_create.restype = pointer
+    cairo.cairo_image_surface_create_for_data.restype = pointer
+    buffers = [(part & 0xFFFF) << 16 | part >> 16 << 24 for part in textures]
+    buffers.append(np.full(shape, 0xFF800000, dtype=np.uint32))
+    surfaces = [
+        pointer(cairo.cairo_image_surface_create_for_data(
+            pointer(part.ctypes.data), 0, part.shape[1], part.shape[0], 4 * part.shape[1]))
+        for part in map(np.ascontiguousarray, buffers)
+    ]  # fmt: skip
+    context = pointer(cairo.cairo_create(surfaces[-1]))
+    for surface, (_, _, scale, shift) in zip(surfaces, places, strict=False):
+        cairo.cairo_set_matrix(context, matrix(*scale.T.ravel(), *shift))
+        cairo.cairo_set_source_surface(context, surface, double(0), double(0))
+        cairo.cairo_paint(context)
+    cairo.cairo_surface_flush(surfaces[-1])
+    return (buffers[-1] >> 16 & 255).astype(np.uint8)
 
 
 def test_the_map_of_a_real_state_has_the_bytes_of_cartographer(real_maps, tmp_path, command):

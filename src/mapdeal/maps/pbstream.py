@@ -46,7 +46,7 @@ _SKIPPED = (2, *range(4, 10))  # options, nodes, data of sensors
 _LARGEST_SIDE = 1 << 15
 _LARGEST_NUMBER = 1e12
 _UPDATED = 1 << 15  # a bit of cells, which does not count
-_LEAST_SCALE, _MOST_SCALE = 0.75, 1e3  # below, cairo averages pixels
+_MOST_SCALE = 1e3  # of sides of pixels and cells
 _MOST_TILT = 0.01
 _EPOCH, _TICKS = 621_355_968_000_000_000, 10_000_000  # 1970 in ticks since the year 1; a second
 
@@ -357,10 +357,9 @@ class StateFile(MapFile):
         placed = []
         for key, submap in sorted(self._submaps.items()):
             scale = submap.resolution / self._resolution
-            if not _LEAST_SCALE < scale < _MOST_SCALE:
-                rule = f"--resolution must be below {submap.resolution / _LEAST_SCALE:.4g} m"
-                hint = "mapdeal resample makes a map coarser"
-                raise MalformedInputError(rule, got=self._resolution, hint=hint)
+            if not 1 / _MOST_SCALE < scale < _MOST_SCALE:
+                rule = f"submap {key} has cells of {submap.resolution:g} m"
+                raise MalformedInputError(f"{rule}, too different from {self._resolution:g} m")
             (a, b, x), (c, d, y) = (self._poses[key] @ submap.in_frame)[:2].tolist()
             turn, shift = np.array([(c, -d), (a, -b)]) * scale, np.array([x, -y]) / self._resolution
             rows, cols = submap.known

@@ -77,7 +77,7 @@ def paint(pixels: NDArray[np.uint8], texture: NDArray[np.uint32], place: Slice) 
         return
     matrix, offset = _fixed(inverse, shift, ((west + east) / 2, (north + south) / 2))
     is_exact = _is_aligned(inverse) and not (np.rint(shift * 256) % 256).any()
-    wide = np.pad(texture, 2)
+    filters = None if _is_bilinear(inverse, shift) else [_box_filter(row) for row in inverse]
     step = max(1, _PIXELS_AT_ONCE // (east - west))
     dtype = np.int32 if max(texture.shape) < _WIDEST_IN_32_BITS else np.int64
     for first in range(north, south, step):
@@ -89,9 +89,13 @@ def paint(pixels: NDArray[np.uint8], texture: NDArray[np.uint32], place: Slice) 
             (start[:, np.newaxis] + slope * cols).astype(dtype)
             for start, slope in zip(firsts, matrix[:, 0].tolist(), strict=True)
         )
-        if is_exact:
-            x, y = x >> 16 << 16, y >> 16 << 16
-        _over(pixels[first : rows[-1] + 1, west:east], _interpolated(wide, x, y))
+        if filters is not None:
+            texels = _averaged(texture, x + _HALF, y + _HALF, *filters)
+        elif is_exact:
+            texels = _interpolated(texture, x >> 16 << 16, y >> 16 << 16)
+        else:
+            texels = _interpolated(texture, x, y)
+        _over(pixels[first : rows[-1] + 1, west:east], texels)
 
 
 def _covered(place: Slice, inverse: Floats, shape: tuple[int, ...]) -> list[int]:
@@ -143,8 +147,64 @@ def _applied(matrix: NDArray[np.int64], x: Any, y: Any) -> list[Any]:
     return [(row[0] * x + row[1] * y + row[2] * _UNIT + _HALF) >> 16 for row in matrix]
 
 
-def _interpolated(wide: NDArray[np.uint32], x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.uint32]:
-    """Return the texels at places in fixed point; beyond a texture's border of 2, they are 0."""
+def _is_bilinear(inverse: Floats, shift: Floats) -> bool:
+    """Return whether cairo interpolates: for pixels below 4/3 of a texel, and exact halves."""
+    squares = (inverse * inverse).sum(axis=1)
+    is_half = (abs(squares - 4) < 0.01) & (np.rint(256 * inverse.prod(axis=1)) == 0)
+    is_half &= np.rint(256 * shift) % 256 == 0
+    return bool(((squares < 16 / 9) | is_half).all())
+
+
+class BoxFilter(NamedTuple):
+    """Weights of texels, in fixed point, for places between them: shape (2**bits, width)."""
+
+    bits: int
+    weights: NDArray[np.int64]
+
+
+def _box_filter(row: Floats) -> BoxFilter:
+    """Return the filter by which cairo averages along an axis of a smaller picture."""
+    size = min(math.hypot(*row), 16.0)
+    size = size if size >= 1 / 0.75 else 1.0
+    width, bits = math.ceil(size + 1), math.floor(math.log2(128 / size)) + 1
+    place = (np.arange(1 << bits) + 0.5) / (1 << bits)
+    first = np.ceil(place - width / 2 - 0.5) - place + 0.5
+    beyond = (size + 1) / 2 - np.abs(first[:, np.newaxis] + np.arange(width))
+    overlap = np.clip(beyond, 0, 1)
+    share = 1 / overlap.sum(axis=1, keepdims=True)
+    weights = (np.floor(overlap * _UNIT) * share).astype(np.int64)
+    weights[:, width // 2] += _UNIT - weights.sum(axis=1)
+    return BoxFilter(bits, weights)
+
+
+def _averaged(
+    texture: NDArray[np.uint32], x: NDArray[Any], y: NDArray[Any], *filters: BoxFilter
+) -> NDArray[np.uint32]:
+    """Return the means of texels around places in fixed point; those outside are 0."""
+    starts, weights = [], []
+    border = max(f.weights.shape[1] for f in filters) + 1
+    for values, size, (bits, table) in zip((x, y), texture.shape[::-1], filters, strict=True):
+        middle = (values >> 16 - bits << 16 - bits) + (1 << 16 - bits) // 2
+        weights.append(table[(middle & _UNIT - 1) >> 16 - bits])
+        start = (middle - 1 - (table.shape[1] - 1) * _HALF) >> 16
+        starts.append(np.clip(start + border, 0, size + border))
+    wide = np.pad(texture, ((border, 2 * border), (border, 2 * border))).astype(np.int64)
+    total = np.zeros((2, *x.shape), dtype=np.int64)
+    for row in range(weights[1].shape[-1]):
+        for col in range(weights[0].shape[-1]):
+            weight = (weights[1][..., row] * weights[0][..., col] + _HALF) >> 16
+            texels = wide[starts[1] + row, starts[0] + col]
+            total += np.array([texels & 0xFFFF, texels >> 16]) * weight
+    intensity, opacity = np.clip((total + _HALF) >> 16, 0, 255).astype(np.uint32)
+    texel: NDArray[np.uint32] = intensity | opacity << 16
+    return texel
+
+
+def _interpolated(
+    texture: NDArray[np.uint32], x: NDArray[Any], y: NDArray[Any]
+) -> NDArray[np.uint32]:
+    """Return texels at places in fixed point; those outside of a texture are 0."""
+    wide = np.pad(texture, 2)
     height, width = wide.shape
     at = np.clip((y >> 16) + 2, 0, height - 2) * width + np.clip((x >> 16) + 2, 0, width - 2)
     right = ((x >> 9) & (_WEIGHTS - 1)).astype(np.uint32)
