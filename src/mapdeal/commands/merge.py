@@ -23,6 +23,7 @@ from mapdeal.files.source import bytes_of_lines, claim, holding
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import check_choice, count_text
+from mapdeal.maps.formats import format_of
 from mapdeal.maps.reading import open_map, output_paths, write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import merge_image
@@ -354,6 +355,7 @@ def _evidence_of(
     chosen: list[merging.ChosenLayers] = []
     for source, layers in zip(maps, layers_given or [None] * len(maps), strict=True):
         path = source.path if layers_given is None and rule == "evidence" else None
+        path = path if path is not None and not format_of(path).is_yaml else None
         try:
             with holding(_bytes_in(chosen)):
                 found = layers

@@ -78,6 +78,7 @@ def paint(pixels: NDArray[np.uint8], texture: NDArray[np.uint32], place: Slice) 
     matrix, offset = _fixed(inverse, shift, ((west + east) / 2, (north + south) / 2))
     is_exact = _is_aligned(inverse) and not (np.rint(shift * 256) % 256).any()
     filters = None if _is_bilinear(inverse, shift) else [_box_filter(row) for row in inverse]
+    wide = np.pad(texture, 2)
     step = max(1, _PIXELS_AT_ONCE // (east - west))
     dtype = np.int32 if max(texture.shape) < _WIDEST_IN_32_BITS else np.int64
     for first in range(north, south, step):
@@ -89,12 +90,13 @@ def paint(pixels: NDArray[np.uint8], texture: NDArray[np.uint32], place: Slice) 
             (start[:, np.newaxis] + slope * cols).astype(dtype)
             for start, slope in zip(firsts, matrix[:, 0].tolist(), strict=True)
         )
-        if filters is not None:
-            texels = _averaged(texture, x + _HALF, y + _HALF, *filters)
-        elif is_exact:
-            texels = _interpolated(texture, x >> 16 << 16, y >> 16 << 16)
-        else:
-            texels = _interpolated(texture, x, y)
+        if is_exact:
+            x, y = x >> 16 << 16, y >> 16 << 16
+        texels = (
+            _interpolated(wide, x, y)
+            if filters is None
+            else _averaged(texture, x + _HALF, y + _HALF, *filters)
+        )
         _over(pixels[first : rows[-1] + 1, west:east], texels)
 
 
@@ -200,11 +202,8 @@ def _averaged(
     return texel
 
 
-def _interpolated(
-    texture: NDArray[np.uint32], x: NDArray[Any], y: NDArray[Any]
-) -> NDArray[np.uint32]:
-    """Return texels at places in fixed point; those outside of a texture are 0."""
-    wide = np.pad(texture, 2)
+def _interpolated(wide: NDArray[np.uint32], x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.uint32]:
+    """Return texels at places in fixed point; those in a border of 2 and beyond it are 0."""
     height, width = wide.shape
     at = np.clip((y >> 16) + 2, 0, height - 2) * width + np.clip((x >> 16) + 2, 0, width - 2)
     right = ((x >> 9) & (_WEIGHTS - 1)).astype(np.uint32)
