@@ -104,6 +104,15 @@ def no_plan(reason: Reason, detail: str | None = None) -> Plan:
     return Plan(found=False, reason=reason, detail=detail)
 
 
+def with_last_yaw(points: NDArray[np.float64], yaw: float | None) -> NDArray[np.float64]:
+    """Return poses of points whose last one has a yaw, that of the last step if it is None."""
+    poses = np.zeros((len(points), 3))
+    poses[:, : points.shape[1]] = points
+    dx, dy = points[-1, :2] - points[-2, :2]
+    poses[-1, 2] = math.atan2(dy, dx) if yaw is None else yaw
+    return poses
+
+
 class Planner(ABC):
     """A planner with the values of its parameters; those that are not set have their defaults."""
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mapdeal.planners.planner import Default, Planner, planner_classes
+from mapdeal.planners.smac_2d import SMAC
 from mapdeal.ros.nav2 import Nav2Values
 from mapdeal.ros.robot import ParameterValue, Problem, RobotParameters
 from mapdeal.ros.ros2_files import Ros2Parameters, read_ros2
@@ -30,17 +31,8 @@ SERVER_PARAMETERS: Mapping[str, Default] = {
 DEFAULT_PLANNERS: Mapping[str, str] = {"GridBased": "nav2_navfn_planner::NavfnPlanner"}
 """Names and classes of the planners of a server without ``planner_plugins``."""
 
-_SMOOTHER: Mapping[str, Default] = {
-    "smoother.max_iterations": 1000, "smoother.w_smooth": 0.3, "smoother.w_data": 0.2,
-    "smoother.tolerance": 1e-10, "smoother.do_refinement": True, "smoother.refinement_num": 2,
-}  # fmt: skip
-_SMAC: Mapping[str, Default] = {
-    "tolerance": 0.25, "allow_unknown": True, "max_iterations": 1_000_000,
-    "max_on_approach_iterations": 1000, "terminal_checking_interval": 5000,
-    "max_planning_time": 5.0,
-}  # fmt: skip
 _SMAC_WITH_HEADINGS: Mapping[str, Default] = {
-    **_SMAC, **_SMOOTHER,
+    **SMAC,
     "smooth_path": True, "cache_obstacle_heuristic": False, "reverse_penalty": 2.0,
     "change_penalty": 0.0, "non_straight_penalty": 1.2, "cost_penalty": 2.0,
     "retrospective_penalty": 0.015, "analytic_expansion_ratio": 3.5,
@@ -57,11 +49,6 @@ def class_of(plugin: str) -> str:
 
 
 PLANNER_PARAMETERS: Mapping[str, Mapping[str, Default]] = {
-    "SmacPlanner2D": {
-        **_SMAC, "tolerance": 0.125, "max_planning_time": 2.0, "downsample_costmap": False,
-        "downsampling_factor": 1, "cost_travel_multiplier": 1.0,
-        "use_final_approach_orientation": False,
-    },
     "SmacPlannerHybrid": {
         **_SMAC_WITH_HEADINGS, "downsample_costmap": False, "downsampling_factor": 1,
         "angle_quantization_bins": 72, "minimum_turning_radius": 0.4,
@@ -70,10 +57,6 @@ PLANNER_PARAMETERS: Mapping[str, Mapping[str, Default]] = {
     "SmacPlannerLattice": {
         **_SMAC_WITH_HEADINGS, "change_penalty": 0.05, "non_straight_penalty": 1.05,
         "rotation_penalty": 5.0, "allow_reverse_expansion": False, "lattice_filepath": "",
-    },
-    "ThetaStarPlanner": {
-        "how_many_corners": 8, "w_euc_cost": 1.0, "w_traversal_cost": 2.0, "allow_unknown": True,
-        "terminal_checking_interval": 5000, "use_final_approach_orientation": False,
     },
     **{class_of(plugin): planner.parameters for plugin, planner in planner_classes().items()},
 }  # fmt: skip

@@ -1,0 +1,270 @@
+"""Searches of Nav2's Smac and Theta* planners, equal to Nav2's to the last bit.
+
+Of entries with equal keys, the open list returns first that which C++'s ``std::priority_queue``
+returns first: Python's heap exchanges entries in the same order, if only the keys are compared.
+Cells are numbers: row times width plus column.
+
+References
+----------
+navigation2: ``a_star.cpp``, ``node_2d.cpp``, ``smoother.cpp`` of nav2_smac_planner and
+``theta_star.cpp`` of nav2_theta_star_planner.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from heapq import heappop, heappush
+from typing import NamedTuple
+
+import numpy as np
+
+from mapdeal.kernels.arrays import Bytes, Floats, Integers, Metres
+from mapdeal.kernels.engine import engine_name
+
+_GRID_STEPS = ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1))
+_THETA_STEPS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, -1), (-1, 1), (1, 1), (-1, -1))
+_CAME_BY, _IS_VISITED = 15, 16
+
+
+class _Entry(float):
+    """A key of the open list with its cell; keys alone are compared."""
+
+    cell: int
+
+
+class GridPath(NamedTuple):
+    """Cells of a path from the start; empty if there is none."""
+
+    cells: Integers
+    iterations: int
+
+
+def grid_step_costs(multiplier: float, *, allow_unknown: bool) -> Metres:
+    """Return costs of straight and diagonal steps by the cost of the entered cell, shape (2, 256).
+
+    They are infinite for closed cells.
+    """
+    single = np.float32
+    straight = single(1) + single(multiplier) * (np.arange(256, dtype=single) / single(252))
+    straight[253 : 255 + (not allow_unknown)] = np.inf
+    return np.stack([straight, np.sqrt(single(2)) * straight])
+
+
+def grid_path(
+    costs: Bytes, step_costs: Metres, start: int, goal: int, goal_xy: tuple[float, float], *,
+    tolerance: float, most_iterations: int, most_near_goal: int,
+) -> GridPath:  # fmt: skip
+    """Return the path over the eight neighbours that Smac 2D finds.
+
+    Of paths that do not reach the goal, the one that ends nearest serves if it ends closer than
+    `tolerance` cells. `goal_xy` is the goal in cells, rounded to float32. With such a path known,
+    the search goes on for `most_near_goal` iterations.
+    """
+    costs, width = np.ascontiguousarray(costs), costs.shape[1]
+    moves = np.zeros(costs.size, np.uint8)
+    if engine_name() == "compiled":
+        from mapdeal.kernels import _smac
+
+        end, iterations = _smac.grid(
+            costs, step_costs, start, goal, *goal_xy, tolerance, most_iterations, most_near_goal,
+            moves,
+        )  # fmt: skip
+    else:
+        end, iterations = _search_grid(
+            costs, step_costs, start, goal, goal_xy, tolerance, most_iterations, most_near_goal,
+            moves,
+        )  # fmt: skip
+    cells = []
+    while end >= 0:
+        cells.append(end)
+        move = int(moves[end]) & _CAME_BY
+        dx, dy = _GRID_STEPS[move - 1]
+        end = end - dx - dy * width if move else -1
+    return GridPath(np.array(cells[::-1], np.int64), iterations)
+
+
+def _search_grid(
+    costs: Bytes, step_costs: Metres, start: int, goal: int, goal_xy: tuple[float, float],
+    tolerance: float, most_iterations: int, most_near_goal: int, moves: Bytes,
+) -> tuple[int, int]:  # fmt: skip
+    height, width = costs.shape
+    flat, tables = costs.tobytes(), step_costs.tolist()
+    single = array("f", [0.0])  # rounds what is stored in it
+    reached = {start: 0.0}
+    open_list: list[_Entry] = []
+
+    def rounded(value: float) -> float:
+        single[0] = value
+        return single[0]
+
+    def push(key: float, cell: int) -> None:
+        entry = _Entry(key)
+        entry.cell = cell
+        heappush(open_list, entry)
+
+    push(0, start)
+    iterations = near_goal = 0
+    nearest, least = start, math.inf
+    while iterations < most_iterations and open_list:
+        cell = heappop(open_list).cell
+        if moves[cell] & _IS_VISITED:
+            continue
+        iterations += 1
+        moves[cell] |= _IS_VISITED
+        if cell == goal:
+            return cell, iterations
+        near_goal += least < tolerance
+        if near_goal >= most_near_goal:
+            break
+        for step, (dx, dy) in enumerate(_GRID_STEPS):
+            x, y = cell % width + dx, cell // width + dy
+            beside = y * width + x
+            if not (0 <= x < width and 0 <= y < height) or moves[beside] & _IS_VISITED:
+                continue
+            total = rounded(reached[cell] + tables[step >= 4][flat[beside]])
+            if not total < reached.get(beside, math.inf):
+                continue
+            reached[beside] = total
+            moves[beside] = step + 1
+            across, up = rounded(goal_xy[0] - x), rounded(goal_xy[1] - y)
+            distance = rounded(math.sqrt(rounded(rounded(across * across) + rounded(up * up))))
+            if distance < least:
+                nearest, least = beside, distance
+            push(rounded(total + distance), beside)
+    return (nearest if least < tolerance else -1), iterations
+
+
+def smooth_once(raw: Floats, path: Floats, data_weight: float, smooth_weight: float) -> float:
+    """Move the inner points of a path between its raw points and their neighbours, in place.
+
+    Return the sum of the moves.
+    """
+    if engine_name() == "compiled":
+        from mapdeal.kernels import _smac
+
+        return _smac.smooth(raw, path, data_weight, smooth_weight)
+    values, change = path.ravel().tolist(), 0.0
+    for i, origin in enumerate(raw.ravel().tolist()[2:-2], start=2):
+        before = values[i]
+        pull = values[i + 2] + values[i - 2] - 2.0 * before
+        values[i] = before + (data_weight * (origin - before) + smooth_weight * pull)
+        change += abs(values[i] - before)
+    path[:] = np.reshape(values, path.shape)
+    return change
+
+
+def theta_costs(weight: float, *, allow_unknown: bool) -> tuple[Floats, Floats]:
+    """Return costs of single steps and of lines of sight by a cell's cost; closed: infinite."""
+    levels = 26 + 0.9 * np.arange(256)
+    costs = np.stack([levels, levels])
+    costs[1, 255] = 253
+    costs = weight * costs * costs / 252 / 252
+    costs[:, 253 : 255 + (not allow_unknown)] = np.inf
+    costs[1, 252] = np.inf  # lines of sight compare the level, 252.8, with the limit of 252
+    return costs[0], costs[1]
+
+
+def theta_path(
+    costs: Bytes, tables: tuple[Floats, Floats], start: int, goal: int, *, corners: int,
+    distance_weight: float,
+) -> list[int]:  # fmt: skip
+    """Return the cells where Theta*'s path turns, start and goal included; empty if there is none.
+
+    `corners` is the number of neighbours, 4 or 8.
+    """
+    costs = np.ascontiguousarray(costs)
+    parents = np.zeros(costs.size, np.int64)
+    weights = (distance_weight, min(1.0, distance_weight))
+    if engine_name() == "compiled":
+        from mapdeal.kernels import _smac
+
+        cell = _smac.theta(costs, *tables, start, goal, corners, *weights, parents)
+    else:
+        cell = _search_theta(costs, *tables, start, goal, corners, *weights, parents)
+    path = [cell] if cell >= 0 else []
+    while path and path[-1] != start:
+        path.append(int(parents[path[-1]]) - 1)
+    return path[::-1]
+
+
+class _Node:
+    """A cell that Theta* reached. Its key changes while it waits in the open list."""
+
+    __slots__ = ("cell", "distance", "estimate", "is_waiting", "parent", "reached")
+    parent: _Node
+
+    def __init__(self, cell: int, distance: float) -> None:
+        self.cell, self.distance, self.is_waiting = cell, distance, False
+        self.reached = self.estimate = math.inf
+
+    def __lt__(self, node: _Node) -> bool:
+        return self.estimate < node.estimate
+
+
+def _search_theta(
+    costs: Bytes, step_costs: Floats, sight_costs: Floats, start: int, goal: int, corners: int,
+    distance_weight: float, heuristic_weight: float, parents: Integers,
+) -> int:  # fmt: skip
+    height, width = costs.shape
+    flat = costs.tobytes()
+    steps, sights = step_costs.tolist(), sight_costs.tolist()
+    nodes: dict[int, _Node] = {}
+
+    def distance(a: int, b: int) -> float:
+        dx, dy = a % width - b % width, a // width - b // width
+        return math.sqrt(dx * dx + dy * dy)
+
+    def node_of(cell: int) -> _Node:
+        if cell not in nodes:
+            nodes[cell] = _Node(cell, heuristic_weight * distance(cell, goal))
+        return nodes[cell]
+
+    def sight(x: int, y: int, end: int) -> float:
+        end_x, end_y = end % width, end // width
+        dx, dy = abs(end_x - x), abs(end_y - y)
+        right, up = (1 if x < end_x else -1), (1 if y < end_y else -1)
+        error, total = dx - dy, 0.0
+        while (x, y) != (end_x, end_y):
+            total += sights[flat[y * width + x]]
+            across = 2 * error > -dy
+            along = not across or 2 * error <= dx
+            if across and along:
+                total += 0.0 * steps[flat[y * width + x + right]]  # infinity becomes nan
+                total += 0.0 * steps[flat[(y + up) * width + x]]
+            if not total < math.inf:
+                return math.inf
+            error += along * dx - across * dy
+            x, y = x + across * right, y + along * up
+        return total
+
+    node = node_of(start)
+    node.parent, node.reached, node.is_waiting = node, steps[flat[start]], True
+    node.estimate = node.reached + node.distance
+    open_list = [node]
+    while open_list and node.cell != goal:
+        node.is_waiting = False
+        ancestor = node.parent.parent
+        total = ancestor.reached + distance_weight * distance(node.cell, ancestor.cell)
+        total += sight(node.cell % width, node.cell // width, ancestor.cell)
+        if total < node.reached:
+            node.parent, node.reached, node.estimate = ancestor, total, total + node.distance
+        for dx, dy in _THETA_STEPS[:corners]:
+            x, y = node.cell % width + dx, node.cell // width + dy
+            if not (0 <= x < width and 0 <= y < height):
+                continue
+            cost = steps[flat[y * width + x]]
+            if cost == math.inf:
+                continue
+            beside = node_of(y * width + x)
+            total = node.reached + distance_weight * distance(node.cell, beside.cell) + cost
+            if beside.estimate <= total + beside.distance:
+                continue
+            beside.reached, beside.estimate = total, total + beside.distance
+            beside.parent = node
+            if not beside.is_waiting:
+                beside.is_waiting = True
+                heappush(open_list, beside)
+        node = heappop(open_list)
+    parents[list(nodes)] = [reached.parent.cell + 1 for reached in nodes.values()]
+    return node.cell if open_list else -1

@@ -1,0 +1,116 @@
+"""The searches of Smac 2D and Theta*: both engines, and an independent search."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import ndimage, sparse
+from scipy.sparse import csgraph
+
+from engines import needs_compiled
+from kernels.conftest import by_each_engine
+from mapdeal.kernels.smac import (
+    grid_path,
+    grid_step_costs,
+    smooth_once,
+    theta_costs,
+    theta_path,
+)
+
+
+@st.composite
+def searches(draw):
+    """A costmap of blobs, a start, a goal, and whether unknown cells are open."""
+    shape = draw(st.integers(2, 30)), draw(st.integers(2, 30))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    smooth = ndimage.gaussian_filter(rng.random(shape), draw(st.sampled_from([0.5, 1.5, 3])))
+    ranks = smooth.ravel().argsort().argsort().reshape(shape) / smooth.size
+    costs = np.clip((ranks - 0.3) * 360, 0, 255).astype(np.uint8)
+    start, goal = rng.integers(0, costs.size, 2).tolist()
+    return costs, start, goal, draw(st.booleans())
+
+
+def searched(search, tolerance=0.0, most=2**31 - 1, near=2**31 - 1):
+    costs, start, goal, allow_unknown = search
+    steps = grid_step_costs(1.0, allow_unknown=allow_unknown)
+    goal_xy = (float(np.float32(goal % costs.shape[1] + 0.4)), float(goal // costs.shape[1]))
+    return grid_path(
+        costs, steps, start, goal, goal_xy, tolerance=tolerance, most_iterations=most,
+        most_near_goal=near,
+    )  # fmt: skip
+
+
+def theta_searched(search, corners=8):
+    costs, start, goal, allow_unknown = search
+    tables = theta_costs(2.0, allow_unknown=allow_unknown)
+    return theta_path(costs, tables, start, goal, corners=corners, distance_weight=1.0)
+
+
+@needs_compiled
+@given(searches(), st.sampled_from([0.0, 2.5]), st.sampled_from([9, 200]), st.integers(1, 20))
+def test_both_engines_find_the_same_paths(search, tolerance, most, near):
+    def results():
+        cells, iterations = searched(search, tolerance, most, near)
+        path = np.random.default_rng(3).random((6, 2))
+        change = smooth_once(path.copy(), path, 0.2, 0.3)
+        return (cells.tolist(), iterations, theta_searched(search), theta_searched(search, 4),
+                change, path.tolist())  # fmt: skip
+
+    compiled, twin = by_each_engine(results)
+    assert compiled == twin
+
+
+def least_cost(costs, start, goal, steps):
+    """Return the cost by scipy's Dijkstra: an independent search over all steps."""
+    numbers, edges = np.arange(costs.size).reshape(costs.shape), []
+    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        rows, left = slice(0, costs.shape[0] - dy), slice(max(-dx, 0), costs.shape[1] - max(dx, 0))
+        a = numbers[rows, left]
+        b = numbers[dy:, max(dx, 0) : costs.shape[1] + min(dx, 0)]
+        for near, far in ((a, b), (b, a)):
+            weights = steps[int(dx != 0 and dy != 0)][costs.ravel()[far.ravel()]]
+            keep = np.isfinite(weights)
+            edges.append((weights[keep], near.ravel()[keep], far.ravel()[keep]))
+    weights, near, far = (np.concatenate(parts) for parts in zip(*edges, strict=True))
+    graph = sparse.csr_array((weights, (near, far)), (costs.size,) * 2)
+    return csgraph.dijkstra(graph, indices=start)[goal]
+
+
+@given(searches())
+def test_smac_finds_a_path_exactly_where_there_is_one_of_nearly_the_least_cost(each_engine, search):
+    costs, start, goal, allow_unknown = search
+    if start == goal:
+        return
+    steps = grid_step_costs(1.0, allow_unknown=allow_unknown).astype(float)
+    least = least_cost(costs, start, goal, steps)
+    cells = searched(search).cells
+    assert (len(cells) > 0) == np.isfinite(least)
+    if len(cells):
+        rows, columns = np.divmod(cells, costs.shape[1])
+        is_diagonal = (np.diff(rows) != 0) & (np.diff(columns) != 0)
+        assert np.abs([np.diff(rows), np.diff(columns)]).max() == 1
+        assert (cells[0], cells[-1]) == (start, goal)
+        cost = steps[is_diagonal.astype(int), costs.ravel()[cells[1:]]].sum()
+        assert least - 1e-3 <= cost <= least + 0.8  # the heuristic exceeds distances by up to 0.4
+
+
+@given(searches())
+def test_theta_star_finds_a_path_only_between_connected_cells(each_engine, search):
+    costs, start, goal, allow_unknown = search
+    steps, _ = theta_costs(2.0, allow_unknown=allow_unknown)
+    is_open = np.isfinite(steps)[costs]
+    if start == goal or not (is_open.ravel()[start] and is_open.ravel()[goal]):
+        return
+    labels = ndimage.label(is_open, np.ones((3, 3)))[0].ravel()
+    cells = theta_searched(search)
+    if cells:
+        assert (cells[0], cells[-1]) == (start, goal)
+        assert is_open.ravel()[cells].all()
+        assert len(set(labels[cells])) == 1
+
+
+def test_a_point_between_two_is_pulled_to_both():
+    raw = np.array([[0.0, 0], [1, 1], [2, 0]])
+    path = raw.copy()
+    assert smooth_once(raw, path, 0.2, 0.3) == pytest.approx(0.6)
+    assert path[1].tolist() == pytest.approx([1, 0.4])

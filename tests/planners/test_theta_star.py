@@ -1,0 +1,73 @@
+"""Theta* against Nav2's own answers, and its rules on small maps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mapdeal.planners.planner import PlannerGrid
+from mapdeal.planners.theta_star import ThetaStarPlanner
+from planners.recorded import recorded_plans, sha256
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
+@pytest.mark.parametrize("step", [32, pytest.param(1, marks=pytest.mark.thorough)])
+def test_recorded_plans_are_equal(real_maps, tmp_path, step):
+    paths = []
+    plans = recorded_plans(real_maps, tmp_path, ThetaStarPlanner.plugin_names[0], step)
+    for planner, grid, before, start, goal, answer in plans:
+        if before is not None:  # Nav2 clears the start of the query before
+            costs = grid.costs.copy()
+            costs[before] = 0
+            grid = replace(grid, costs=costs)
+        plan = planner.plan(grid, start, goal)
+        assert (plan.found, plan.reason) == (answer["found"], answer.get("reason"))
+        if plan.found:
+            assert plan.length == pytest.approx(answer["length"], rel=2e-3, abs=0.06)
+            paths.append(sha256(plan.poses[:, :2]) == answer["path_sha256"])
+    assert len(paths) > 300 / step
+    assert np.mean(paths) > 0.9  # others have the same cost, or nearly
+
+
+COSTS = np.zeros((40, 60), np.uint8)
+COSTS[5:35, 30] = 254
+COSTS[:, 50] = 255
+COSTS[38, 3] = 253
+GRID = PlannerGrid(COSTS, 0.05, (-1.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("values", "start", "goal", "reason"),
+    [({}, (-1.1, 3, 0), (0, 3, 0), "StartOutsideMapBounds"),
+     ({}, (0, 3, 0), (2.0, 3, 0), "GoalOutsideMapBounds"),
+     ({}, (0, 3, 0), (0.51, 3, 0), "GoalOccupied"),
+     ({}, (0, 3, 0), (-0.83, 3.92, 0), "PlannerException"),
+     ({}, (0.51, 3, 0), (0, 3, 0), "PlannerException"),
+     ({}, (0, 3, 0), (1.8, 3, 0), None),
+     ({"allow_unknown": False}, (0, 3, 0), (1.8, 3, 0), "NoValidPathCouldBeFound"),
+     ({"how_many_corners": 4}, (0, 3, 0), (0.9, 3, 0), None)],
+)  # fmt: skip
+def test_a_plan_fails_with_the_name_of_nav2s_exception(values, start, goal, reason):
+    plan = ThetaStarPlanner(values).plan(GRID, start, goal)
+    assert (plan.found, plan.reason) == (reason is None, reason)
+
+
+def test_a_path_joins_the_centres_of_cells_by_points_a_cell_apart():
+    plan = ThetaStarPlanner().plan(GRID, (-0.99, 2.01, 1), (-0.39, 2.01, 2))
+    assert plan.poses[[0, -1], 0] == pytest.approx([-0.975, -0.375])
+    assert plan.poses[:, 1] == pytest.approx(2.025)
+    steps = np.diff(plan.poses[:, 0])
+    assert 0.05 - 1e-9 < steps.min() <= steps.max() < 0.1 + 1e-9
+    assert plan.poses[:, 2].tolist() == [0] * len(steps) + [2]
+
+
+@pytest.mark.parametrize(
+    ("approaches", "goal", "yaw"),
+    [(False, (0.01, 3.01, 2), 2), (True, (0.01, 3.01, 2), 1), (False, (0.4, 3.02, 2), 2),
+     (True, (0.4, 3.02, 2), 0)],
+)  # fmt: skip
+def test_the_last_pose_has_the_goals_yaw_or_that_of_the_approach(approaches, goal, yaw):
+    planner = ThetaStarPlanner({"use_final_approach_orientation": approaches})
+    assert planner.plan(GRID, (0.02, 3.02, 1), goal).poses[-1, 2] == pytest.approx(yaw)
