@@ -1,4 +1,4 @@
-"""``mapdeal build``: maps from laser scans, and from point clouds (`build_cloud`)."""
+"""``mapdeal build``: maps from laser scans, point clouds (`build_cloud`) and worlds."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mapdeal.command import AT_LEAST_0, METRES, Output, Result, Words, command, parameters_of
 from mapdeal.commands.build_cloud import CloudBuild, build_from_clouds
+from mapdeal.commands.build_world import WorldBuild, build_from_world
 from mapdeal.commands.pack import Made
 from mapdeal.compare.difference import STATES, changes_of, confusion_of, states_of
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning, one_line
@@ -42,6 +43,7 @@ from mapdeal.mapping.build import (
 from mapdeal.mapping.cloud_map import CloudOptions
 from mapdeal.mapping.evidence import NEAR, OFTEN, BeamCounts, BeamLimits, Beams, Scans, beams_of
 from mapdeal.mapping.transforms import FrameOptions, Pose, Topics, check_pose
+from mapdeal.mapping.world_map import WorldOptions
 from mapdeal.maps.formats import MAP_ENDINGS
 from mapdeal.maps.npz import check_ends_in_npz, write_npz
 from mapdeal.maps.png import write_indexed_png
@@ -79,7 +81,7 @@ class _Building:
     limits: BeamLimits
     resolution: float
     size: Point | None
-    origin: Point | None
+    origin: Sequence[float] | None
 
     def __post_init__(self) -> None:
         self.reach_behind()  # what is wrong with a parameter is said before anything is read
@@ -381,12 +383,18 @@ class Comparison(Result):
         "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz; with --compare a folder.",
     ),
     shared=("image", "force", "threads", "max_memory"),
-    also={"With a bag": FrameOptions, **METHODS, "With --cloud": CloudOptions},
+    also={
+        "With a bag": FrameOptions,
+        **METHODS,
+        "With --cloud": CloudOptions,
+        "With --world": WorldOptions,
+    },
     example="""\
 mapdeal build examples/logs/office.log -o out/scanned.yaml --method counting
 mapdeal build examples/logs/office.log --compare -o out/methods
 mapdeal build examples/bags/office.mcap -o out/corridor.yaml
-mapdeal build --cloud examples/clouds/ramp.pcd -o out/ramp.yaml""",
+mapdeal build --cloud examples/clouds/ramp.pcd -o out/ramp.yaml
+mapdeal build --world examples/worlds/storage.sdf -o out/w.yaml --height 0.2""",
 )
 def build(
     log: Annotated[Path | None, Words("LOG")] = None,
@@ -394,6 +402,8 @@ def build(
     work: InShell,
     output: Path,
     clouds: Annotated[list[str] | None, Words("FILE", name="cloud")] = None,
+    world: Annotated[Path | None, Words("FILE")] = None,
+    model_path: Annotated[Sequence[Path], Words("DIR", typed=list[Path])] = (),
     poses: Annotated[Path | None, Words("FILE")] = None,
     angles: Annotated[Path | None, Words("FILE")] = None,
     ranges: Annotated[Path | None, Words("FILE")] = None,
@@ -404,7 +414,7 @@ def build(
     compare: bool = False,
     resolution: Annotated[float | None, Words("R")] = None,
     size: Annotated[Point | None, Words("WX,WY")] = None,
-    origin: Annotated[Point | None, Words("X,Y")] = None,
+    origin: Annotated[tuple[float, ...] | None, Words("X,Y[,YAW]")] = None,
     range_min: Annotated[float, METRES] = 0.0,
     range_max: Annotated[float, METRES] = 30.0,
     clear_max: Annotated[float, METRES] = 0.0,
@@ -412,8 +422,8 @@ def build(
     layers: Annotated[Path | None, Words("OUT.npz")] = None,
     max_bad: Annotated[int, AT_LEAST_0, Words("N")] = DEFAULT_MAX_BAD,
     **more: Any,
-) -> Build | Comparison | CloudBuild:
-    """Make a map from laser scans with known poses, or from point clouds.
+) -> Build | Comparison | CloudBuild | WorldBuild:
+    """Make a map from laser scans with known poses, from point clouds, or of a simulated world.
 
     With a bag, the poses come from its transforms or its odometry.
 
@@ -423,6 +433,9 @@ def build(
     With --cloud the floor is found in a point cloud: it is free, with ramps and low steps, and what
     stands on it is occupied, up to the height of the robot.
 
+    With --world the map shows the solids of a simulated world: at --height, as a lidar sees them,
+    or as far as a robot of --robot-height hits them.
+
     Parameters
     ----------
     log : path, optional
@@ -430,6 +443,10 @@ def build(
     clouds : list of str, optional
         A cloud instead of a LOG: .pcd, .ply, .xyz, .txt, .csv, .asc, .npy, .npz, or a bag; can be
         repeated, or a folder, or a quoted pattern.
+    world : path, optional
+        A world, model or mesh instead of a LOG: .sdf, .world, .urdf, .stl, .obj or .dae.
+    model_path : sequence of path
+        With --world: folder with the models that it includes; can be repeated.
     poses : path, optional
         Text file with one x,y,yaw per scan; with a bag, the robot's poses, one t x y z qx qy qz
         qw per line, instead of transforms; with --cloud, either of them, for each cloud.
@@ -454,7 +471,7 @@ def build(
     size : tuple of float, optional
         Extent along x and y, metres. [default: what contains all scans]
     origin : tuple of float, optional
-        With --size: the lower left corner, metres.
+        With --size: the lower left corner, metres; with --world also the yaw, radians.
     range_min : float
         Shorter readings are ignored, metres; with --cloud, points nearer to the sensor.
     range_max : float
@@ -469,10 +486,26 @@ def build(
     max_bad : int
         Malformed lines of a log to tolerate.
     **more
-        Parameters of the method, and of `FrameOptions` and `CloudOptions`.
+        Parameters of the method, and of `FrameOptions`, `CloudOptions` and `WorldOptions`.
     """
     frames = {name: more.pop(name) for name in parameters_of(FrameOptions) if name in more}
     of_cloud = {name: more.pop(name) for name in parameters_of(CloudOptions) if name in more}
+    of_world = {name: more.pop(name) for name in parameters_of(WorldOptions) if name in more}
+    if world is not None:
+        ranged = {"range_min": (range_min, 0.0), "range_max": (range_max, 30.0),
+                  "clear_max": (clear_max, 0.0), "max_bad": (max_bad, DEFAULT_MAX_BAD)}  # fmt: skip
+        refuse(
+            "does not apply to worlds", log=log, cloud=clouds, poses=poses, angles=angles,
+            ranges=ranges, flip_y=flip_y, topics=topics, deskew=deskew, method=method,
+            compare=compare, as_written=as_written, layers=layers, **frames, **more,
+            **{name: value for name, (value, usual) in ranged.items() if value != usual},
+        )  # fmt: skip
+        return build_from_world(
+            world, output, work, options=WorldOptions(**of_world), of_robot=of_cloud,
+            model_path=model_path, resolution=0.05 if resolution is None else resolution,
+            size=size, origin=origin,
+        )  # fmt: skip
+    refuse("applies to worlds: it needs --world", model_path=model_path, **of_world)
     if clouds:
         ranged = {"range_max": (range_max, 30.0),
                   "clear_max": (clear_max, 0.0), "max_bad": (max_bad, DEFAULT_MAX_BAD)}  # fmt: skip

@@ -156,7 +156,7 @@ def _of_bag(
 
 def _mapped(
     clouds: _Clouds, options: CloudOptions, resolution: float | None,
-    size: Point | None, origin: Point | None, range_min: float, advance: Advance,
+    size: Point | None, origin: Sequence[float] | None, range_min: float, advance: Advance,
 ) -> CloudMap:  # fmt: skip
     frame = frame_of(size, origin, FINEST if resolution is None else resolution)
 
@@ -247,8 +247,9 @@ class CloudBuild(Made):
 
 def build_from_clouds(
     names: Sequence[str], output: Path, work: Work, *, options: CloudOptions,
-    resolution: float | None, size: Point | None, origin: Point | None, layers: Path | None,
-    range_min: float, poses: Path | None, topics: Sequence[str], frames: dict[str, Any],
+    resolution: float | None, size: Point | None, origin: Sequence[float] | None,
+    layers: Path | None, range_min: float, poses: Path | None, topics: Sequence[str],
+    frames: dict[str, Any],
 ) -> CloudBuild:  # fmt: skip
     frame_of(size, origin, resolution or FINEST)  # what is wrong is said before anything is read
     if layers is not None:

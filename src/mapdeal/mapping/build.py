@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -95,7 +95,9 @@ class Extent:
         return Region(row, col, height, width).frame_in(lattice)
 
 
-def frame_of(size: Point | None, origin: Point | None, resolution: float) -> Frame | None:
+def frame_of(
+    size: Sequence[float] | None, origin: Sequence[float] | None, resolution: float
+) -> Frame | None:  # fmt: skip
     """Return the frame of a size and a corner in metres, if they are set."""
     if size is None and origin is None:
         return None

@@ -178,7 +178,7 @@ class CloudMap(Drawn):
 
 
 @dataclass(frozen=True, eq=False)
-class _CellContents:
+class CellContents:
     """Counts and heights of points in the cells of a frame, relative to the floor."""
 
     frame: Frame
@@ -240,7 +240,7 @@ class CloudMapper:
         corner = None if frame is None else frame.origin[:2]
         step = min(max(self.options.climb / 4, 0.01), 0.05)
         self._voxels = Voxels(cell, step, corner, claim)
-        self._contents: _CellContents | None = None
+        self._contents: CellContents | None = None
         self._places: list[Floats] = []
         self._scans: NDArray[np.int32] | None = None  # hits and passes by slab
         self._level: Floats | None = None  # unit vector that points up
@@ -270,8 +270,8 @@ class CloudMapper:
         self.at_sensor += len(points) - len(away)
         self._voxels.add(self._upright(away))
 
-    def settle(self, *, follows_beams: bool = False) -> None:
-        """Find the floor and the obstacles; afterwards no points can be added.
+    def settle(self, *, follows_beams: bool = False) -> CellContents:
+        """Return the floor and the obstacles; afterwards no points can be added.
 
         Parameters
         ----------
@@ -280,8 +280,9 @@ class CloudMapper:
         """
         if self._contents is None:
             self._contents = self._find_contents(follows_beams=follows_beams)
+        return self._contents
 
-    def _find_contents(self, *, follows_beams: bool) -> _CellContents:
+    def _find_contents(self, *, follows_beams: bool) -> CellContents:
         voxels, options = self._voxels, self.options
         columns = voxels.columns()
         bad, far = voxels.not_finite, voxels.beyond
@@ -315,7 +316,7 @@ class CloudMapper:
     def _measure(
         self, columns: Columns, floor_found: Floor, tile: int, limits: Limits, *,
         follows_beams: bool,
-    ) -> _CellContents:  # fmt: skip
+    ) -> CellContents:  # fmt: skip
         options, cell = self.options, columns.cell
         tiles, gap = floor_found.tiles, limits.gap
         if self._frame is None:
@@ -395,7 +396,7 @@ class CloudMapper:
             at = slab * (height * width) + flat[which][part.of_voxels()[stands]]
             np.add.at(obstacles.ravel(), at, part.counts[stands])
             highest.ravel()[at] = above  # the last, and so the highest voxel of a column stays
-        return _CellContents(
+        return CellContents(
             frame, surface.astype(np.float32), slope, on_floor, below, points,
             obstacles, highest, clear, noise, floor_found.spacing, floor_found.is_stated,
             floor_found.is_above_others,
@@ -411,9 +412,7 @@ class CloudMapper:
         place : array_like of float, shape (3,)
             Position of the sensor, metres.
         """
-        self.settle(follows_beams=True)
-        contents = self._contents
-        assert contents is not None  # noqa: S101 - settled
+        contents = self.settle(follows_beams=True)
         ends = self._upright(np.asarray(points, dtype=np.float64)[:, :3])
         start = self._upright(np.array(place, np.float64)[np.newaxis])[0]
         frame, cell = contents.frame, contents.frame.resolution
@@ -471,10 +470,9 @@ class CloudMapper:
         MalformedInputError
             If the cloud is empty or has no floor.
         """
-        self.settle()
-        contents, floor_found = self._contents, self._floor
+        contents, floor_found = self.settle(), self._floor
         options, voxels = self.options, self._voxels
-        assert contents is not None and floor_found is not None  # noqa: S101, PT018 - settled
+        assert floor_found is not None  # noqa: S101 - settled
         up = None if self._level is None else float(self._level[2])
         tilt = floor_found.tilt if up is None else math.acos(min(1.0, up))
         counts = contents.obstacles.sum(axis=0, dtype=np.int32)
@@ -493,7 +491,7 @@ class CloudMapper:
         values = np.full(contents.frame.shape, UNKNOWN, np.int8)
         values[floor], values[occupied] = FREE, OCCUPIED
         everything = Region(0, 0, *contents.frame.shape)
-        box = _box_of(values != UNKNOWN) if self._frame is None else everything
+        box = box_of(values != UNKNOWN) if self._frame is None else everything
         rows, cols = (slice(box.row, box.row + box.height), slice(box.col, box.col + box.width))
         frame = box.frame_in(contents.frame)
         grid = OccupancyGrid(values[rows, cols].copy(), frame.resolution, frame.origin)
@@ -518,7 +516,7 @@ _PASSES = 10  # clouds whose beams pass a place per cloud with points there, to 
 
 
 def _states(
-    contents: _CellContents, counts: NDArray[np.int32], passed: Mask, options: CloudOptions
+    contents: CellContents, counts: NDArray[np.int32], passed: Mask, options: CloudOptions
 ) -> tuple[Mask, Mask]:
     on_floor = contents.on_floor
     occupied = (counts > 0) & (_around(counts) >= options.min_points)
@@ -536,7 +534,7 @@ def _states(
     if contents.is_above_others:  # the storey below shows through gaps between points
         lower &= ~_closed(floor, max(gap, math.ceil(_gap_of_sparse(contents))))
     if options.drops == "occupied":
-        occupied |= lower | (_ledges(contents.floor, floor, contents.clearance) & floor)
+        occupied |= lower | (ledges(contents.floor, floor, contents.clearance) & floor)
         floor &= ~occupied
     may_be_floor = ~lower & ~occupied & np.isfinite(contents.floor)
     for wide, mask in ((gap, may_be_floor), (3 * gap, passed & may_be_floor)):
@@ -552,7 +550,7 @@ def _states(
     return occupied, floor
 
 
-def _gap_of_sparse(contents: _CellContents) -> float:
+def _gap_of_sparse(contents: CellContents) -> float:
     """Return the width of random gaps between points on the floor, in cells."""
     return _GAP_OF_SPARSE * contents.spacing / contents.frame.resolution
 
@@ -605,7 +603,7 @@ def _closed(marked: Mask, wide: int) -> Mask:
     return found
 
 
-def _ledges(floor: NDArray[np.float32], is_floor: Mask, climb: float) -> Mask:
+def ledges(floor: NDArray[np.float32], is_floor: Mask, climb: float) -> Mask:
     """Return the cells of the floor beside a drop of more than a robot climbs."""
     found = np.zeros(floor.shape, np.bool_)
     for axis in (0, 1):
@@ -619,7 +617,7 @@ def _ledges(floor: NDArray[np.float32], is_floor: Mask, climb: float) -> Mask:
     return found
 
 
-def _box_of(known: Mask) -> Region:
+def box_of(known: Mask) -> Region:
     rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if not len(rows):
         raise MalformedInputError("no floor found: nothing is known of any cell")

@@ -1,0 +1,494 @@
+"""Maps of the solids of a simulated world: a horizontal section, or what a robot would hit.
+
+A section consists of the edges in which triangles meet a plane. A cell is on a surface if its
+centre lies within half a cell of an edge, and inside if the edges of a solid wind around its
+centre. Of the free space around, the part that a robot is in is known to a robot that maps it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from mapdeal import command
+from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.grid.frame import MOST_CELLS, Frame, Region, check_resolution
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
+from mapdeal.kernels.arrays import Floats, Integers, Mask
+from mapdeal.kernels.components import labelled
+from mapdeal.kernels.polygons import enumerated
+from mapdeal.mapping.cloud_map import MARGIN, CloudMapper, CloudOptions, box_of, ledges
+from mapdeal.mapping.voxels import Claim
+
+_INWARDS = (
+    0.01  # cells by which surfaces move into their solids: those on edges of cells count once
+)
+_PIECE = 2.0  # cells: longest piece of an edge that is drawn at once
+_AT_ONCE = 1 << 14  # pieces
+_SPACING = 0.5  # cells between points on surfaces
+_LONGEST = 64.0  # cells: longer triangles are split, and those outside of the map left out
+_POINTS_AT_ONCE = 1 << 19
+_SLAB = 0.1  # metres between sections of solids that a robot would hit
+_SHARE_ENCLOSED = 0.1  # least area of an enclosed space relative to that around everything
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldOptions:
+    """Options of maps of simulated worlds.
+
+    Parameters
+    ----------
+    height : float, optional
+        Height of the horizontal section that a lidar sees, metres; or else --robot-height.
+    solid : bool
+        Occupy the inside of solids, and free all space around; both are unknown otherwise.
+    visual : bool
+        Use what cameras see, <visual>, instead of <collision>.
+    static_only : bool
+        Skip movable models, those without <static>true</static>.
+    """
+
+    height: Annotated[float | None, command.Words("Z"), command.METRES] = None
+    solid: bool = False
+    visual: bool = False
+    static_only: bool = False
+
+
+class Section(NamedTuple):
+    """Edges of a horizontal section, x and y, with the inside of their solid on the left."""
+
+    begin: Floats
+    end: Floats
+    solid: Integers
+
+
+def section_at(triangles: Floats, solids: Integers, height: float) -> Section:
+    """Return the section of triangles; corners at the height itself count as above it."""
+    above = triangles[:, :, 2] >= height
+    count = above.sum(axis=1)
+    crossing = np.flatnonzero((count == 1) | (count == 2))
+    above, is_peak = above[crossing], count[crossing] == 1
+    lone = np.where(is_peak, above.argmax(axis=1), above.argmin(axis=1))
+    order = (lone[:, np.newaxis] + np.arange(3)) % 3
+    a, b, c = np.take_along_axis(triangles[crossing], order[:, :, np.newaxis], 1).transpose(1, 0, 2)
+    points = []
+    for corner in (b, c):
+        # always from the lower corner, so that triangles with a common side meet exactly
+        is_up = is_peak[:, np.newaxis]
+        low, high = np.where(is_up, corner, a), np.where(is_up, a, corner)
+        share = (height - low[:, 2]) / (high[:, 2] - low[:, 2])
+        points.append(low[:, :2] + (high - low)[:, :2] * share[:, np.newaxis])
+    begin, end = (np.where(is_peak[:, np.newaxis], *pair) for pair in (points, points[::-1]))
+    return Section(begin, end, solids[crossing])
+
+
+class _Runs(NamedTuple):
+    """Runs of cells along rows whose centres are inside a solid, sorted by solid and row."""
+
+    solid: Integers
+    row: Integers
+    start: Integers
+    stop: Integers
+    frame: Frame
+
+    def depths(self) -> Integers:
+        """Return in how many solids each cell is."""
+        width = self.frame.width + 1
+        change = np.zeros(self.frame.height * width, np.int64)
+        for col, sign in ((self.start, 1), (self.stop, -1)):
+            change += sign * np.bincount(self.row * width + col, minlength=len(change))
+        return np.asarray(change.reshape(-1, width).cumsum(axis=1)[:, :-1])
+
+    def hold(self, solid: Integers, row: Integers, col: Integers) -> Mask:
+        """Return which cells are in a solid."""
+        if not len(self.solid):
+            return np.zeros(len(solid), np.bool_)
+        height, width = self.frame.shape
+        keys = (self.solid * height + self.row) * width + self.start
+        line = (solid * height + row) * width
+        last = np.searchsorted(keys, line + col, side="right") - 1
+        return np.asarray((last >= 0) & (keys[last] >= line) & (col < self.stop[last]))
+
+
+def surface_cells(section: Section, frame: Frame, runs: _Runs) -> Mask:
+    """Return the cells whose centre lies within half a cell of an edge, and not in other solids."""
+    begin, along, length = _in_cells(section, frame)
+    inwards = along[:, ::-1] * [-_INWARDS, _INWARDS] / np.maximum(length, 1e-12)[:, np.newaxis]
+    begin = begin + inwards
+    # the share of each edge that is in the map, with a margin
+    first, last = np.zeros(len(along)), np.ones(len(along))
+    for axis, size in ((0, frame.width), (1, frame.height)):
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            ends = (np.array([[-1.0], [size + 1.0]]) - begin[:, axis]) / along[:, axis]
+        first = np.maximum(first, ends.min(axis=0))
+        last = np.minimum(last, ends.max(axis=0))
+    used = first <= last
+    begin, along, length, solid = begin[used], along[used], length[used], section.solid[used]
+    first, last = first[used], last[used]
+    counts = np.maximum(1, np.ceil((last - first) * length / _PIECE)).astype(np.int64)
+    whose, number = enumerated(np.zeros(len(counts), np.int64), counts)
+    step = (last - first) / counts
+    offsets = np.stack(np.meshgrid(*(np.arange(_PIECE + 2),) * 2), axis=-1).reshape(-1, 2)
+    keys = [np.zeros(0, np.int64)]
+    for k in range(0, len(whose), _AT_ONCE):
+        edge, at = whose[k : k + _AT_ONCE], number[k : k + _AT_ONCE, np.newaxis]
+        piece = step[edge, np.newaxis] * along[edge]
+        start = begin[edge] + first[edge, np.newaxis] * along[edge] + at * piece
+        low = np.ceil(np.minimum(start, start + piece) - 1.0)
+        cells = low[:, np.newaxis] + offsets
+        away = cells + 0.5 - start[:, np.newaxis]
+        squared = np.maximum((piece**2).sum(axis=1), 1e-24)[:, np.newaxis]
+        share = np.clip((away * piece[:, np.newaxis]).sum(axis=2) / squared, 0.0, 1.0)
+        away -= share[:, :, np.newaxis] * piece[:, np.newaxis]
+        near = (away**2).sum(axis=2) <= 0.25
+        near &= ((cells >= 0) & (cells < [frame.width, frame.height])).all(axis=2)
+        col, row = cells[near].astype(np.int64).T
+        of_cell = np.repeat(solid[edge], near.sum(axis=1))
+        keys.append(np.unique((of_cell * frame.height + row) * frame.width + col))
+    cells_near = np.unique(np.concatenate(keys))
+    line, col = cells_near // frame.width, cells_near % frame.width
+    solid, row = line // frame.height, line % frame.height
+    own = np.zeros(frame.shape, np.int64)
+    inside = runs.hold(solid, row, col)
+    np.add.at(own, (row[inside], col[inside]), 1)
+    found = np.zeros(frame.shape, np.bool_)
+    found[row, col] = True
+    return np.asarray(found & (own == runs.depths()))
+
+
+def inside_runs(section: Section, frame: Frame) -> _Runs:
+    """Return the cells inside solids, by the winding number of their edges."""
+    begin, along, _ = _in_cells(section, frame)
+    edge, row, share = _rows_crossed(begin[:, 1], along[:, 1], frame.height)
+    x = begin[edge, 0] + share * along[edge, 0]
+    turn = np.where(along[edge, 1] < 0, 1, -1)  # the inside is on the left
+    order = np.lexsort((x, row, section.solid[edge]))
+    solid, row, x, turn = section.solid[edge][order], row[order], x[order], turn[order]
+    enters, leaves = _winding_runs(solid * frame.height + row, turn)
+    start, stop = (
+        np.clip(np.ceil(x[at] - 0.5), 0, frame.width).astype(np.int64) for at in (enters, leaves)
+    )
+    has_cells = start < stop
+    at = enters[has_cells]
+    return _Runs(solid[at], row[at], start[has_cells], stop[has_cells], frame)
+
+
+def _winding_runs(line: Integers, turn: Integers) -> tuple[Integers, Integers]:
+    """Return where sorted crossings enter and leave solids; each line crosses one solid."""
+    starts = np.flatnonzero(np.diff(line, prepend=-1))
+    if len(starts):
+        counts = np.diff(starts, append=len(line))
+        # surfaces with wrong sides count by turns; lines through an open surface do not count
+        alternating = 1 - 2 * ((np.arange(len(line)) - np.repeat(starts, counts)) % 2)
+        is_closed = np.repeat(np.add.reduceat(turn, starts) == 0, counts)
+        turn = np.where(is_closed, turn, alternating) * np.repeat((counts % 2) == 0, counts)
+    winding = np.cumsum(turn)
+    return np.flatnonzero((winding != 0) & (winding == turn)), np.flatnonzero(
+        (winding == 0) & (turn != 0)
+    )
+
+
+def _rows_crossed(begin: Floats, along: Floats, height: int) -> tuple[Integers, Integers, Floats]:
+    """Return the edge, row and share of the edge where edges cross the middles of rows."""
+    end = begin + along
+    lowest, highest = (
+        np.clip(np.ceil(join(begin, end) - 0.5), 0, height).astype(np.int64)
+        for join in (np.minimum, np.maximum)
+    )
+    edge, row = enumerated(lowest, highest)
+    return edge, row, (row + 0.5 - begin[edge]) / along[edge]
+
+
+def _in_cells(section: Section, frame: Frame) -> tuple[Floats, Floats, Floats]:
+    """Return where edges begin, their vectors and their lengths, in columns and rows."""
+    begin, end = (frame.continuous_rowcol_from_xy(xy)[:, ::-1] for xy in section[:2])
+    along = end - begin
+    return begin, along, np.hypot(along[:, 0], along[:, 1])
+
+
+def frame_around(points_xy: Floats, resolution: float) -> Frame:
+    """Return a grid around points, on the lattice of the resolution, with a margin."""
+    lattice = Frame(1, 1, check_resolution(resolution))
+    ends = np.stack([points_xy.min(axis=0), points_xy.max(axis=0)])
+    first, last = lattice.unbounded_rowcol_from_xy(ends)
+    height, width = (last - first + 1 + 2 * MARGIN).tolist()
+    if height * width > MOST_CELLS:
+        size = " x ".join(f"{side:.6g}" for side in (ends[1] - ends[0]).tolist())
+        rule = f"extends over {size} m: too far for a map"
+        hint = "are lengths in millimetres? --size and --origin bound the map"
+        raise MalformedInputError(rule, hint=hint)
+    row, col = (first - MARGIN).tolist()
+    return Region(row, col, height, width).frame_in(lattice)
+
+
+class Space(NamedTuple):
+    """The free cells around a robot, and the area of other spaces with walls all around, m2."""
+
+    cells: Mask
+    elsewhere_m2: float
+
+
+def space_in(free: Mask, frame: Frame, at: tuple[float, ...] | None) -> Space:
+    """Return the connected free cells at a place, or by default the largest enclosed space."""
+    spaces = labelled(free, corners=False)
+    sizes = spaces.sizes.copy()
+    sizes[0] = 0
+    rim = np.ones(free.shape, np.bool_)
+    rim[1:-1, 1:-1] = False
+    enclosed = np.where(spaces.touched_by(rim & free), 0, sizes)
+    chosen = int(sizes.argmax())
+    if at is not None:
+        cell = frame.unbounded_rowcol_from_xy([at[:2]])[0]
+        inside = frame.holds(tuple(cell.tolist()))
+        chosen = int(spaces.cells[tuple(cell)]) if inside else 0
+        if not chosen:
+            rule = "must be free" if inside else "lies outside of the map"
+            raise ParameterError(rule, place="at", got=at)
+    elif enclosed.max() >= _SHARE_ENCLOSED * sizes.max():
+        chosen = int(enclosed.argmax())
+    enclosed[chosen] = 0
+    cells = (spaces.cells == chosen) & free
+    return Space(cells, float(enclosed.max() * frame.resolution**2))
+
+
+@dataclass(frozen=True)
+class WorldMap:
+    """Map of a simulated world.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        100 where solids are, 0 in free space, -1 elsewhere.
+    elsewhere_m2 : float
+        Largest area of free space elsewhere, behind walls, square metres; it is unknown.
+    """
+
+    grid: OccupancyGrid
+    elsewhere_m2: float = 0.0
+
+
+def _map_of(
+    occupied: Mask, free: Mask, frame: Frame, at: tuple[float, ...] | None, *, solid: bool
+) -> WorldMap:
+    space = Space(free, 0.0) if solid else space_in(free, frame, at)
+    values = np.full(frame.shape, UNKNOWN, np.int8)
+    values[space.cells], values[occupied] = FREE, OCCUPIED
+    return WorldMap(OccupancyGrid(values, frame.resolution, frame.origin), space.elsewhere_m2)
+
+
+_PER_CELL = 40
+
+
+def map_at_height(
+    triangles: Floats, solids: Integers, height: float, *, resolution: float = 0.05,
+    frame: Frame | None = None, solid: bool = False, at: tuple[float, ...] | None = None,
+    claim: Claim = lambda *_: None,
+) -> WorldMap:  # fmt: skip
+    """Return what a lidar at a height sees of solids: triangles, and the solid of each."""
+    section = section_at(triangles, solids, height)
+    if not len(section.begin):
+        low, high = triangles[:, :, 2].min(), triangles[:, :, 2].max()
+        rule = f"meets nothing: solids reach from {low:.4g} to {high:.4g} m"
+        raise ParameterError(rule, place="height", got=height)
+    frame = frame or frame_around(np.concatenate(section[:2]), resolution)
+    claim(_PER_CELL * frame.height * frame.width, f"{frame.width} x {frame.height} cells")
+    runs = inside_runs(section, frame)
+    surface, inside = surface_cells(section, frame, runs), runs.depths() > 0
+    free = ~(surface | inside)
+    return _map_of(surface | inside if solid else surface, free, frame, at, solid=solid)
+
+
+def map_for_robot(
+    triangles: Floats, solids: Integers, options: CloudOptions, *, resolution: float = 0.05,
+    frame: Frame | None = None, solid: bool = False, claim: Claim = lambda *_: None,
+) -> WorldMap:  # fmt: skip
+    """Return what a robot hits, with ramps and steps as in maps of clouds."""
+    has_frame = frame is not None
+    frame = frame or frame_around(triangles[:, :, :2].reshape(-1, 2), resolution)
+    cell = frame.resolution
+    local = np.empty(triangles.shape)  # in cells of the map, which may be turned
+    local[:, :, :2] = frame.continuous_rowcol_from_xy(triangles[:, :, :2].reshape(-1, 2))[
+        :, ::-1
+    ].reshape(-1, 3, 2)
+    local[:, :, 2] = triangles[:, :, 2] / cell
+    at = options.at
+    if at is not None:
+        row, col = (frame.continuous_rowcol_from_xy([at[:2]])[0] * cell).tolist()
+        options = replace(options, at=(col, row, at[2]))
+    mapper = CloudMapper(replace(options, up="z"), frame=Frame(*frame.shape, cell), claim=claim)
+    columns = _columns_of(local, solids, frame.shape)
+    for points, triangle in points_on(local, frame.shape):
+        visible = columns.visible(points, local[triangle], solids[triangle], options.climb / cell)
+        mapper.add(points[visible] * cell)
+    contents = mapper.settle()
+    occupied = contents.obstacles.sum(axis=0) > 0
+    is_floor = (contents.on_floor > 0) & ~occupied
+    if options.drops == "occupied":
+        occupied |= (contents.below > 0) & (contents.on_floor == 0)
+        occupied |= ledges(contents.floor, is_floor, contents.clearance) & is_floor
+    heights = np.where(is_floor, contents.floor / cell, np.nan)
+    occupied |= columns.steps(heights, options.climb / cell)
+    if solid:
+        above = contents.floor.ravel()[columns.cell]
+        hits = columns.bottom * cell <= above + options.robot_height
+        hits &= columns.top * cell > above + contents.clearance
+        occupied.ravel()[columns.cell[hits]] = True
+    is_floor &= ~occupied
+    if not has_frame:
+        box = box_of(occupied if occupied.any() else is_floor)
+        rows, cols = slice(box.row, box.row + box.height), slice(box.col, box.col + box.width)
+        occupied, is_floor = occupied[rows, cols], is_floor[rows, cols]
+        frame = box.frame_in(frame)
+    return _map_of(occupied, is_floor, frame, at, solid=solid)
+
+
+class _Columns(NamedTuple):
+    """Solids above the middles of cells, and surfaces that look up; lengths in cells."""
+
+    cell: Integers  # sorted
+    bottom: Floats
+    top: Floats
+    solid: Integers
+    closed: Mask  # by solid
+    upper_cell: Integers  # sorted
+    upper: Floats
+    upper_rise: Floats  # per cell, along columns and rows
+    shape: tuple[int, int]
+
+    def steps(self, floor: Floats, climb: float) -> Mask:
+        """Return the cells on top of steps that are too high for a robot."""
+        # The floor of a cloud is not exact: the surface near it is.
+        near = np.flatnonzero(self.upper <= floor.ravel()[self.upper_cell] + 2 * climb)
+        height, rise = np.full(self.shape, np.nan), np.zeros((2, *self.shape))
+        for place, values in ((height, self.upper), *zip(rise, self.upper_rise.T, strict=True)):
+            place.ravel()[self.upper_cell[near]] = values[near]  # the highest is the last
+        height[~(np.abs(height - floor) <= 2 * climb)] = np.nan
+        found = np.zeros(self.shape, np.bool_)
+        for axis, slope in ((1, rise[0]), (0, rise[1])):
+            first: tuple[slice, ...] = (slice(None),) * axis + (slice(None, -1),)
+            second: tuple[slice, ...] = (slice(None),) * axis + (slice(1, None),)
+            # where the planes of both cells end at their common edge
+            step = height[second] - slope[second] / 2 - height[first] - slope[first] / 2
+            found[first] |= step < -climb - _INWARDS
+            found[second] |= step > climb + _INWARDS
+        return found
+
+    def visible(self, points: Floats, triangles: Floats, solid: Integers, climb: float) -> Mask:
+        """Return which points of triangles a robot can meet.
+
+        Points within other solids are hidden, and so are undersides without a floor below them,
+        such as those of slabs and of boxes on the ground.
+        """
+        normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        normal /= np.maximum(np.sqrt((normal**2).sum(axis=1)), 1e-12)[:, np.newaxis]
+        beside = points + _OUTWARDS * normal
+        at = self._cells(beside)
+        whose, run = _equal(self.cell, at)
+        z = beside[whose, 2]
+        hides = (self.bottom[run] < z) & (z < self.top[run]) & (self.solid[run] != solid[whose])
+        visible = np.bincount(whose[hides], minlength=len(points)) == 0
+        below = np.flatnonzero(visible & (normal[:, 2] < -_DOWN) & self.closed[solid])
+        at = self._cells(points[below])
+        whose, run = _equal(self.upper_cell, at)
+        gap = points[below[whose], 2] - self.upper[run]
+        least = np.full(len(below), np.inf)
+        is_over = gap > -_OUTWARDS
+        np.minimum.at(least, whose[is_over], gap[is_over])
+        visible[below[(least <= climb) | np.isinf(least)]] = False
+        return np.asarray(visible)
+
+    def _cells(self, points: Floats) -> Integers:
+        col, row = np.clip(np.floor(points[:, :2]), 0, np.array(self.shape[::-1]) - 1).T
+        return np.asarray(row * self.shape[1] + col, dtype=np.int64)
+
+
+def _equal(keys: Integers, searched: Integers) -> tuple[Integers, Integers]:
+    """Return the pairs of places in two arrays, the first of them sorted, with equal keys."""
+    first = np.searchsorted(keys, searched, side="left")
+    return enumerated(first, np.searchsorted(keys, searched, side="right"))
+
+
+_OUTWARDS, _DOWN = 0.3, 0.1  # cells, and the vertical part of a normal
+
+
+def _columns_of(triangles: Floats, solids: Integers, shape: tuple[int, int]) -> _Columns:
+    height, width = shape
+    sides = np.roll(triangles, -1, axis=1) - triangles
+    # each side from its lower end, so that triangles with a common side leave no gap
+    is_up = sides[:, :, 1:2] > 0
+    low = np.where(is_up, triangles, np.roll(triangles, -1, axis=1)).reshape(-1, 3)
+    along = np.where(is_up, sides, -sides).reshape(-1, 3)
+    edge, row, share = _rows_crossed(low[:, 1], along[:, 1], height)
+    x, z = (low[edge, axis] + share * along[edge, axis] for axis in (0, 2))
+    order = np.lexsort((x, row, edge // 3))  # two sides of a triangle cross each row
+    (x, x_end), (z, z_end) = (array[order].reshape(-1, 2).T for array in (x, z))
+    triangle, row = edge[order[::2]] // 3, row[order[::2]]
+    first, last = (np.clip(np.ceil(ends - 0.5), 0, width).astype(np.int64) for ends in (x, x_end))
+    line, col = enumerated(first, last)
+    z = z[line] + (col + 0.5 - x[line]) * ((z_end - z) / np.maximum(x_end - x, 1e-12))[line]
+    triangle, cell = triangle[line], row[line] * width + col
+    turn = np.where(sides[:, 0, 0] * sides[:, 1, 1] > sides[:, 0, 1] * sides[:, 1, 0], -1, 1)
+    turn, solid = turn[triangle], solids[triangle]
+    normal = np.cross(sides[:, 0], sides[:, 1])
+    upper = np.flatnonzero(turn < 0)
+    upper = upper[np.lexsort((z[upper], cell[upper]))]
+    rise = -normal[triangle[upper], :2] / normal[triangle[upper], 2:]
+    upper_fields = cell[upper], z[upper], rise
+    order = np.lexsort((z, solid, cell))
+    cell, z, turn, solid = cell[order], z[order], turn[order], solid[order]
+    lines = np.cumsum((np.diff(cell, prepend=-1) != 0) | (np.diff(solid, prepend=-1) != 0))
+    enters, leaves = _winding_runs(lines, turn)
+    closed = np.zeros(int(solids.max()) + 1, np.bool_)
+    closed[solid[enters]] = True
+    return _Columns(
+        cell[enters], z[enters], z[leaves], solid[enters], closed, *upper_fields, shape
+    )  # fmt: skip
+
+
+def points_on(
+    triangles: Floats, shape: tuple[int, int]
+) -> Iterator[tuple[Floats, Integers]]:  # fmt: skip
+    """Yield points half a cell apart on triangles in a map, and the triangle of each."""
+    size, number = np.array(shape[::-1]), np.arange(len(triangles))
+    while len(triangles):
+        low, high = (join(triangles[:, :, :2], axis=1) for join in (np.min, np.max))
+        in_map = ((high >= 0) & (low <= size)).all(axis=1)
+        triangles, number = triangles[in_map], number[in_map]
+        sides = np.roll(triangles, -1, axis=1) - triangles
+        lengths = np.sqrt((sides**2).sum(axis=2))
+        is_long = lengths.max(axis=1) > _LONGEST
+        if not is_long.all():
+            for points, small in _points_on_small(triangles[~is_long], lengths[~is_long]):
+                yield points, number[~is_long][small]
+        a, b, c = triangles[is_long].transpose(1, 0, 2)
+        d, e, f = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        quarters = [(a, d, f), (d, b, e), (f, e, c), (d, e, f)]
+        triangles = np.concatenate([np.stack(corners, axis=1) for corners in quarters])
+        number = np.tile(number[is_long], 4)
+
+
+def _points_on_small(triangles: Floats, lengths: Floats) -> Iterator[tuple[Floats, Integers]]:
+    order = (lengths.argmax(axis=1)[:, np.newaxis] + np.arange(3)) % 3
+    a, b, c = np.take_along_axis(triangles, order[:, :, np.newaxis], 1).transpose(1, 0, 2)
+    base, up = b - a, c - a
+    normal = np.cross(base, up)
+    doubled = np.sqrt((normal**2).sum(axis=1))
+    longest = lengths.max(axis=1)
+    rows = np.ceil(doubled / np.maximum(longest, 1e-12) / _SPACING).clip(1).astype(np.int64)
+    a = a - normal * (_INWARDS / np.maximum(doubled, 1e-12))[:, np.newaxis]
+    cost = np.cumsum(rows * np.ceil(longest / _SPACING + 1))
+    parts = np.searchsorted(cost, np.arange(0, cost[-1], _POINTS_AT_ONCE))
+    for first, end in zip(parts, [*parts[1:], len(rows)], strict=True):
+        whose, row = enumerated(np.zeros(end - first, np.int64), rows[first:end])
+        whose += first
+        rise = (row + 0.5) / rows[whose]
+        cols = np.ceil(longest[whose] * (1 - rise) / _SPACING).clip(1).astype(np.int64)
+        of_row, col = enumerated(np.zeros(len(cols), np.int64), cols)
+        share = (1 - rise)[of_row] * (col + 0.5) / cols[of_row]
+        whose, rise = whose[of_row], rise[of_row]
+        points = a[whose] + rise[:, np.newaxis] * up[whose] + share[:, np.newaxis] * base[whose]
+        yield points, whose

@@ -1,0 +1,415 @@
+"""Triangles in STL, OBJ and COLLADA files, and XML without entities.
+
+References
+----------
+"StL Format Specification", 3D Systems; "Object Files (.obj)", Wavefront; "COLLADA - Digital Asset
+Schema Release 1.4.1", Khronos Group.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from array import array
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.files.source import claim, read_file
+from mapdeal.kernels.arrays import Floats, Integers
+
+MESH_ENDINGS = (".stl", ".obj", ".dae")
+
+_LARGEST_XML = 1 << 28
+_MOST_ELEMENTS, _DEEPEST = 1 << 22, 200
+_PIECE = 1 << 23  # bytes of text that are parsed together
+_MOST_CORNERS = 2000  # of a concave face
+MOST_INSTANCES = 1 << 20  # small files can refer to one shape any number of times
+
+
+class Part(NamedTuple):
+    """A part of a mesh: its names and its triangles, shape (N, 3, 3), anticlockwise outside."""
+
+    names: tuple[str, ...]
+    triangles: Floats
+
+
+def read_mesh(path: Path) -> list[Part]:
+    """Return the parts of a mesh, in metres and with z up if the file states its units and axes."""
+    parts = _READERS[path.suffix.lower()](path)
+    for part in parts:
+        if not np.isfinite(part.triangles).all():
+            raise MalformedInputError("has coordinates that are not finite", source=path)
+    if not any(len(part.triangles) for part in parts):
+        raise MalformedInputError("has no triangles", source=path)
+    return parts
+
+
+def read_xml(path: Path) -> Element:
+    """Parse XML; refuse entities, which can expand without bound or name other files."""
+    data = read_file(path, limit=_LARGEST_XML)
+    claim(path, 4 * len(data))
+    builder, parser = TreeBuilder(), expat.ParserCreate()
+    parser.buffer_text = True
+    depth = count = 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth, count
+        depth, count = depth + 1, count + 1
+        if depth > _DEEPEST or count > _MOST_ELEMENTS:
+            raise refusal(f"must have at most {_MOST_ELEMENTS} elements, {_DEEPEST} deep")
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    def refusal(rule: str) -> MalformedInputError:
+        return MalformedInputError(rule, source=path, place=f"line {parser.CurrentLineNumber}")
+
+    def refuse_entity(name: str, *_: object) -> None:
+        raise refusal(f"must not declare entities, got {name!r}")
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.CharacterDataHandler, parser.EntityDeclHandler = builder.data, refuse_entity
+    try:
+        parser.Parse(data, True)
+    except (expat.ExpatError, LookupError) as error:  # the latter of unknown encodings
+        raise MalformedInputError(f"is not well-formed XML: {error}", source=path) from None
+    return builder.close()
+
+
+def malformed(path: Path, rule: str, place: str, **more: Any) -> MalformedInputError:
+    return MalformedInputError(rule, source=path, place=place, **more)
+
+
+def numbers_in(
+    text: str | None, path: Path, place: str, count: int | None = None, kind: type = float
+) -> NDArray[Any]:
+    words = (text or "").split()
+    rule = f"must be {'' if count is None else f'{count} '}{'finite' if kind is float else 'whole'}"
+    try:
+        values = np.array(words, dtype=np.float64 if kind is float else np.int64)
+    except (ValueError, OverflowError):
+        values = np.array([np.nan])
+    if not np.isfinite(values).all() or (count is not None and len(values) != count):
+        raise malformed(path, f"{rule} numbers", place, got=text)
+    return values
+
+
+def moved(matrix: Floats, triangles: Floats) -> Floats:
+    """Return triangles moved by a matrix, shape (4, 4); mirrored ones keep their outside."""
+    # einsum: BLAS would reserve 32 MB per thread
+    points = np.einsum("ij,nkj->nki", matrix[:3, :3], triangles) + matrix[:3, 3]
+    a, b, c = matrix[:3, :3]
+    return np.asarray(points[:, ::-1] if np.dot(np.cross(a, b), c) < 0 else points)
+
+
+def product(first: Floats, second: Floats) -> Floats:
+    return np.asarray(np.einsum("ij,jk->ik", first, second))
+
+
+def _stl_parts(path: Path) -> list[Part]:
+    data = read_file(path)
+    count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else 0
+    if len(data) == 84 + 50 * count:
+        claim(path, 2 * len(data), what=f"{count} triangles")
+        records = np.frombuffer(data, np.uint8, offset=84).reshape(-1, 50)[:, 12:48]
+        numbers = np.ascontiguousarray(records).view("<f4").astype(np.float64)
+    elif data[:512].lstrip().startswith(b"solid") and b"facet" in data[:4096]:
+        numbers = np.concatenate(list(_ascii_numbers(data, path)))
+        if len(numbers) % 9 or b"endsolid" not in data[-4096:]:
+            raise MalformedInputError("ends within a triangle or before endsolid", source=path)
+    else:
+        rule = f"must be 84 bytes and 50 for each of its {count} triangles"
+        raise MalformedInputError(rule, source=path, got=len(data))
+    return [Part((), numbers.reshape(-1, 3, 3))]
+
+
+def _ascii_numbers(data: bytes, path: Path) -> Iterator[Floats]:
+    claim(path, 2 * len(data))
+    first = 0
+    while first < len(data):
+        end = data.rfind(b"\n", first, first + _PIECE) + 1
+        end = end if end > first else len(data)
+        texts = re.findall(rb"vertex\s+(\S+\s+\S+\s+\S+)\s", data[first:end])
+        yield numbers_in(b" ".join(texts).decode("latin-1"), path, "vertex")
+        first = end
+
+
+def _obj_parts(path: Path) -> list[Part]:
+    data = read_file(path).replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
+    claim(path, 8 * len(data))
+    numbers, indices, counts, owners = array("d"), array("q"), array("q"), array("q")
+    names: list[tuple[str, ...]] = [()]
+    for number, line in enumerate(data.split(b"\n"), 1):
+        words = line.split()
+        if not words:
+            continue
+        try:
+            if words[0] == b"v":
+                x, y, z = words[1:4]
+                numbers.extend((float(x), float(y), float(z)))
+            elif words[0] == b"f":
+                last = len(numbers) // 3
+                face = [int(word.partition(b"/")[0]) for word in words[1:]]
+                if len(face) < 3 or not all(0 < abs(index) <= last for index in face):
+                    raise ValueError
+                indices.extend([index - 1 if index > 0 else last + index for index in face])
+                counts.append(len(face))
+                owners.append(len(names) - 1)
+            elif words[0] in (b"o", b"g"):
+                names.append(tuple(word.decode("latin-1") for word in words[1:]))
+        except ValueError:
+            rule = "must be v and 3 numbers, or f and 3 or more of the corners before it"
+            text = line[:80].decode("latin-1").strip()
+            place = f"line {number}"
+            raise MalformedInputError(rule, source=path, place=place, got=text) from None
+    corners = np.array(numbers).reshape(-1, 3)
+    of_face = np.array(owners, np.int64)
+    triples, faces = triangulated(corners, np.array(indices, np.int64), np.array(counts), path)
+    order = np.argsort(of_face[faces], kind="stable")
+    ends = np.searchsorted(of_face[faces][order], np.arange(len(names) + 1))
+    return [
+        Part(name, corners[triples[order[ends[k] : ends[k + 1]]]]) for k, name in enumerate(names)
+    ]
+
+
+def triangulated(
+    corners: Floats, indices: Integers, counts: Integers, path: Path
+) -> tuple[Integers, Integers]:
+    """Return the corners of the triangles of faces, shape (N, 3), and the face of each triangle."""
+    starts = np.cumsum(counts) - counts
+    triples, faces = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)]
+    for count in np.unique(counts[counts >= 3]).tolist():
+        which = np.flatnonzero(counts == count)
+        loops = indices[starts[which][:, np.newaxis] + np.arange(count)]
+        if count > 3:
+            points = corners[loops]
+            after = np.roll(points, -1, axis=1)
+            spokes = points - points[:, :1], after - points[:, :1]
+            normals = np.cross(*spokes).sum(axis=1)
+            edges = after - points
+            bends = np.cross(np.roll(edges, 1, axis=1), edges)
+            turns = np.einsum("nkj,nj->nk", bends, normals)
+            # a fan of a concave face would cover its notches, such as doors
+            is_concave = (turns < -1e-9 * np.abs(turns).max(axis=1, keepdims=True)).any(axis=1)
+            for k in np.flatnonzero(is_concave).tolist():
+                if count > _MOST_CORNERS:
+                    rule = f"must have at most {_MOST_CORNERS} corners"
+                    raise malformed(path, rule, "concave face", got=count)
+                ears = _ears(points[k], normals[k])
+                triples.append(loops[k][ears])
+                faces.append(np.full(len(ears), which[k]))
+            which, loops = which[~is_concave], loops[~is_concave]
+        fan = [[0, k, k + 1] for k in range(1, count - 1)]
+        triples.append(loops[:, fan].reshape(-1, 3))
+        faces.append(np.repeat(which, count - 2))
+    return np.concatenate(triples), np.concatenate(faces)
+
+
+def _ears(points: Floats, normal: Floats) -> Integers:
+    """Return the triangles of a polygon without crossing edges, by cutting off its ears."""
+    drop = int(np.abs(normal).argmax())
+    x, y = np.delete(points, drop, axis=1).T * np.array([[1.0], [(-1.0) ** drop]])
+    x, y = (x, y) if normal[drop] > 0 else (x, -y)
+
+    def side(a: Any, b: Any, at: Any) -> Any:
+        return (x[b] - x[a]) * (y[at] - y[a]) - (y[b] - y[a]) * (x[at] - x[a])
+
+    remaining, ears = np.arange(len(points)), []
+    while len(remaining) > 3:
+        before, after = np.roll(remaining, 1), np.roll(remaining, -1)
+        turns = np.array([side(*abc) for abc in zip(before, remaining, after, strict=True)])
+        k = int(np.abs(turns).argmin())  # of a degenerate polygon without ears
+        for candidate in np.flatnonzero(turns > 0).tolist():
+            a, b, c = before[candidate], remaining[candidate], after[candidate]
+            inside = (side(a, b, remaining) >= 0) & (side(b, c, remaining) >= 0)
+            inside &= side(c, a, remaining) >= 0
+            for at in (a, b, c):  # bridges to holes pass their ends twice
+                inside &= (x[remaining] != x[at]) | (y[remaining] != y[at])
+            if not inside.any():
+                k = candidate
+                break
+        ears.append((before[k], remaining[k], after[k]))
+        remaining = np.delete(remaining, k)
+    return np.array([*ears, tuple(remaining)])
+
+
+_UP = {"X_UP": [[0, -1, 0], [0, 0, -1], [1, 0, 0]], "Y_UP": [[1, 0, 0], [0, 0, -1], [0, 1, 0]]}
+_NO_SURFACE = ("source", "vertices", "lines", "linestrips", "extra")
+
+
+class _Collada:
+    """A scene of COLLADA: geometries, placed by a tree of nodes."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.root = path, read_xml(path)
+        self.by_id = {element.get("id"): element for element in self.root.iter()}
+        self.parts: list[Part] = []
+        self._geometries: dict[str, list[Part]] = {}
+        self._instances = self._bytes = 0
+        self._open: list[Element] = []
+
+    def read(self) -> list[Part]:
+        unit = self.root.find("asset/unit")
+        metre = "1" if unit is None else unit.get("meter", "1")
+        scale = numbers_in(metre, self.path, "asset: unit: meter", 1)[0]
+        matrix = np.eye(4)
+        matrix[:3, :3] = _UP.get((self.root.findtext("asset/up_axis") or "").strip(), np.eye(3))
+        matrix[:3, :3] *= scale
+        scene = self.root.find("scene/instance_visual_scene")
+        if scene is not None:
+            self._add_nodes(self._target(scene, "visual_scene"), matrix, ())
+        else:
+            for geometry in self.root.iterfind("library_geometries/geometry"):
+                self._add(geometry, matrix, ())
+        return self.parts
+
+    def _target(self, element: Element, kind: str, key: str = "url") -> Element:
+        target = self.by_id.get(element.get(key, "").removeprefix("#"))
+        if target is None or target.tag != kind:
+            place = f"{element.tag}: {key}"
+            rule = f"must refer to a {kind} of this file"
+            raise malformed(self.path, rule, place, got=element.get(key))
+        return target
+
+    def _add_nodes(self, parent: Element, matrix: Floats, names: tuple[str, ...]) -> None:
+        if parent in self._open or len(self._open) > _DEEPEST:
+            raise malformed(self.path, "must not contain itself", f"node {parent.get('id')}")
+        self._open.append(parent)
+        self._count()
+        for child in parent:
+            if child.tag in _TRANSFORMS or child.tag in ("lookat", "skew"):
+                matrix = product(matrix, self._transform(child))
+            elif child.tag == "node":
+                own = tuple(child.get(key, "") for key in ("id", "name"))
+                self._add_nodes(child, matrix, (*names, *own))
+            elif child.tag == "instance_node":
+                self._add_nodes(self._target(child, "node"), matrix, names)
+            elif child.tag == "instance_geometry":
+                self._add(self._target(child, "geometry"), matrix, names)
+            elif child.tag == "instance_controller":
+                skin = self._target(child, "controller").find("skin")
+                if skin is not None:  # in its pose at rest
+                    shape = numbers_in(
+                        skin.findtext("bind_shape_matrix", "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"),
+                        self.path, "bind_shape_matrix", 16,
+                    )  # fmt: skip
+                    geometry = self._target(skin, "geometry", "source")
+                    self._add(geometry, product(matrix, shape.reshape(4, 4)), names)
+        self._open.pop()
+
+    def _transform(self, element: Element) -> Floats:
+        if element.tag not in _TRANSFORMS:
+            raise malformed(self.path, "is not supported", element.tag)
+        count, matrix_of = _TRANSFORMS[element.tag]
+        return matrix_of(numbers_in(element.text, self.path, element.tag, count))
+
+    def _add(self, geometry: Element, matrix: Floats, names: tuple[str, ...]) -> None:
+        key = geometry.get("id", "")
+        if key not in self._geometries:
+            self._geometries[key] = [self._part(faces, geometry) for faces in self._faces(geometry)]
+        names = (*names, key, geometry.get("name", ""))
+        for part in self._geometries[key]:
+            self._count()
+            self._bytes += part.triangles.nbytes
+            claim(self.path, 2 * self._bytes, what="its triangles")
+            self.parts.append(Part(names, moved(matrix, part.triangles)))
+
+    def _count(self) -> None:
+        self._instances += 1
+        if self._instances > MOST_INSTANCES:
+            raise malformed(self.path, f"must have at most {MOST_INSTANCES} nodes", "scene")
+
+    def _faces(self, geometry: Element) -> Iterator[Element]:
+        for faces in geometry.iterfind("mesh/*"):
+            if faces.tag in ("triangles", "polylist", "polygons"):
+                yield faces
+            elif faces.tag not in _NO_SURFACE:
+                place = f"geometry {geometry.get('id')}"
+                rule = "must be triangles, polylist or polygons"
+                raise malformed(self.path, rule, place, got=faces.tag)
+
+    def _part(self, faces: Element, geometry: Element) -> Part:
+        place = f"geometry {geometry.get('id')}: {faces.tag}"
+        inputs = {element.get("semantic"): element for element in faces.iterfind("input")}
+        if "VERTEX" not in inputs:
+            raise malformed(self.path, "has no VERTEX input", place)
+        vertices = self._target(inputs["VERTEX"], "vertices", "source")
+        positions = vertices.find("input[@semantic='POSITION']")
+        if positions is None:
+            raise malformed(self.path, "has no POSITION input", place)
+        source = self._target(positions, "source", "source")
+        accessor = source.find("technique_common/accessor")
+        stride = "3" if accessor is None else accessor.get("stride", "3")
+        width = int(self._indices_in(stride, f"{place}: stride", 1)[0])
+        numbers = numbers_in(source.findtext("float_array"), self.path, f"{place}: float_array")
+        if width < 3 or len(numbers) % width:
+            raise malformed(
+                self.path, f"must be corners of {width} numbers", place, got=len(numbers)
+            )
+        corners = numbers.reshape(-1, width)[:, :3]
+        offsets = [
+            int(self._indices_in(element.get("offset", "0"), f"{place}: offset", 1)[0])
+            for element in faces.iterfind("input")
+        ]
+        step = max(offsets) + 1
+        offset = int(inputs["VERTEX"].get("offset", "0"))
+        texts = [element.text for element in faces.iterfind("p")]
+        loops = [self._indices_in(text, f"{place}: p") for text in texts]
+        if any(len(loop) % step for loop in loops):
+            raise malformed(self.path, f"must have {step} indices for each corner", place)
+        indices = np.concatenate([np.zeros(0, np.int64), *(loop[offset::step] for loop in loops)])
+        if faces.tag == "triangles":
+            counts = np.full(len(indices) // 3, 3)
+        elif faces.tag == "polylist":
+            counts = self._indices_in(faces.findtext("vcount"), f"{place}: vcount")
+        else:
+            counts = np.array([len(loop) // step for loop in loops], np.int64)
+        if counts.sum() != len(indices) or (len(indices) and indices.max() >= len(corners)):
+            rule = f"must have as many indices as its faces, below {len(corners)}"
+            raise malformed(self.path, rule, place, got=len(indices))
+        return Part((), corners[triangulated(corners, indices, counts, self.path)[0]])
+
+    def _indices_in(self, text: str | None, place: str, count: int | None = None) -> Integers:
+        values = numbers_in(text, self.path, place, count, int)
+        if len(values) and values.min() < 0:
+            raise malformed(self.path, "must not be negative", place)
+        return values
+
+
+def _translation(move: Floats) -> Floats:
+    matrix = np.eye(4)
+    matrix[:3, 3] = move
+    return matrix
+
+
+def _axis_rotation(numbers: Floats) -> Floats:
+    x, y, z = numbers[:3] / (np.linalg.norm(numbers[:3]) or 1.0)
+    angle = math.radians(numbers[3])
+    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    matrix = np.eye(4)
+    matrix[:3, :3] += math.sin(angle) * across + (1 - math.cos(angle)) * product(across, across)
+    return matrix
+
+
+_TRANSFORMS: dict[str, tuple[int, Callable[[Floats], Floats]]] = {
+    "matrix": (16, lambda numbers: numbers.reshape(4, 4)),
+    "translate": (3, _translation),
+    "rotate": (4, _axis_rotation),
+    "scale": (3, lambda numbers: np.diag([*numbers, 1.0])),
+}
+
+_READERS: dict[str, Callable[[Path], list[Part]]] = {
+    ".stl": _stl_parts,
+    ".obj": _obj_parts,
+    ".dae": lambda path: _Collada(path).read(),
+}

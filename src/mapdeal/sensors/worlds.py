@@ -1,0 +1,608 @@
+"""Solids of simulated worlds, in one frame: SDF, URDF, and single meshes.
+
+References
+----------
+SDFormat 1.11, "Pose Frame Semantics" and "Model composition"; Gazebo Classic 11, for ``<state>``
+and the environment variables of its models; "XML Robot Description Format (URDF)", ROS.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import unquote
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from mapdeal.errors import FileAccessError, MalformedInputError, nearest_hint
+from mapdeal.files.source import absolute_path, claim, contents_of, exists, is_folder, is_regular
+from mapdeal.inputs.kinds import recognised
+from mapdeal.kernels.arrays import Floats, Integers
+from mapdeal.sensors.meshes import (
+    MESH_ENDINGS,
+    MOST_INSTANCES,
+    Part,
+    malformed,
+    moved,
+    numbers_in,
+    product,
+    read_mesh,
+    read_xml,
+    triangulated,
+)
+
+WORLD_FILES = (".sdf", ".world", ".urdf", *MESH_ENDINGS)
+
+_VARIABLES = (
+    "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "SDF_PATH", "GAZEBO_MODEL_PATH",
+    "GAZEBO_RESOURCE_PATH", "ROS_PACKAGE_PATH",
+)  # fmt: skip
+_OF_GAZEBO = ("sun", "ground_plane")  # models that worlds include and simulators fetch
+_PARENTS = 5  # folders above a file that may hold its models
+_CHORD = 0.001  # metres between a curve and the chords that stand for it
+_BESIDE = 1.0  # metres of a plane around everything else
+_MOST_MODELS = 1 << 16
+_CLOSED = 1e-6  # of the area of a solid: largest sum of its vectors of area
+_DEEPEST = 32  # files that include each other
+
+
+@dataclass(frozen=True)
+class World:
+    """Surfaces of a world, metres: triangles, shape (N, 3, 3), and the solid of each."""
+
+    triangles: Floats
+    solids: Integers
+    files: tuple[Path, ...]
+    solid_count: int
+    moving: int  # models that were left out because they can move
+
+
+@dataclass
+class _Scope:
+    """A model or world: poses of its frames, relative to others, and the models in it."""
+
+    element: Element
+    folder: Path
+    path: Path
+    place: str
+    is_static: bool
+    frames: dict[str, tuple[str, Floats]] = field(default_factory=dict)
+    models: dict[str, _Scope] = field(default_factory=dict)
+    open: list[str] = field(default_factory=list)
+
+    def pose_of(self, name: str) -> Floats:
+        """Return the pose of a frame relative to the model or world."""
+        if name in ("", "__model__", "world", "__root__"):
+            return np.eye(4)
+        head, _, tail = name.partition("::")
+        if name not in self.frames and head in self.models:
+            return product(self.pose_of(head), self.models[head].pose_of(tail))
+        if name not in self.frames or name in self.open:
+            is_known = name in self.frames
+            rule = "depends on itself" if is_known else "must be a frame here"
+            hint = None if is_known else nearest_hint(name, self.frames)
+            place = f"{self.place}: relative_to"
+            raise malformed(self.path, rule, place, got=name, hint=hint)
+        self.open.append(name)
+        relative_to, pose = self.frames[name]
+        found = product(self.pose_of(relative_to), pose)
+        self.open.remove(name)
+        return found
+
+
+class _Reader:
+    def __init__(self, folders: Sequence[Path], tag: str, *, static_only: bool) -> None:
+        variables = (os.environ.get(name, "") for name in _VARIABLES)
+        known = [Path(part) for text in variables for part in text.split(os.pathsep) if part]
+        shares = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+        known += [Path(part) / "share" for part in shares if part]
+        self.folders = [*folders, *known]
+        self.tag, self.static_only = tag, static_only
+        self.files: dict[Path, None] = {}
+        self.roots: dict[Path, Element] = {}
+        self.meshes: dict[Path, list[Part]] = {}
+        self.shapes: list[tuple[Floats, int]] = []
+        self.planes: list[tuple[Floats, Floats, int]] = []
+        self.count = self.moving = self.bytes = 0
+        self._open: list[Path] = []
+
+    def root_of(self, path: Path) -> Element:
+        if path in self.roots:
+            return self.roots[path]
+        self.files[path] = None
+        root = self.roots[path] = read_xml(path)
+        for element in root.iter():
+            texts = (element.text or "", *element.attrib.values())
+            is_open = any(mark in text for text in texts for mark in ("${", "$("))
+            if is_open or element.tag.startswith("xacro:"):
+                hint = f"xacro {path} > expanded.urdf expands it"
+                raise malformed(path, "is xacro that is not expanded", element.tag, hint=hint)
+        return root
+
+    # SDF
+
+    def read_sdf(self, path: Path, root: Element) -> None:
+        world = root.find("world")
+        scope = self._scope(root if world is None else world, path, "", is_static=False)
+        for state in scope.element.iterfind("state/model"):  # in worlds that Gazebo has saved
+            name = state.get("name", "")
+            if name in scope.models and state.find("pose") is not None:
+                scope.frames[name] = "", self._pose(state, path, f"state: model {name}")[1]
+        self._add_links(scope, np.eye(4))
+
+    def _scope(self, element: Element, path: Path, place: str, *, is_static: bool) -> _Scope:
+        scope = _Scope(element, path.parent, path, place or element.tag, is_static)
+        for child in element:
+            name = child.get("name", "")
+            here = f"{place}: {child.tag} {name}" if place else f"{child.tag} {name}"
+            if child.tag in ("link", "joint", "frame"):
+                relative_to, pose = self._pose(child, path, here)
+                default = child.findtext("child") or "" if child.tag == "joint" else ""
+                default = child.get("attached_to") or default.strip()
+                scope.frames[name] = relative_to or default, pose
+            elif child.tag == "model":
+                own = child.findtext("static", "").strip() in ("1", "true")
+                inner = self._scope(child, path, here, is_static=is_static or own)
+                self._place_model(scope, inner, name, child, here)
+            elif child.tag == "include":
+                self._include(scope, child, here)
+        return scope
+
+    def _place_model(
+        self, scope: _Scope, inner: _Scope, name: str, element: Element, place: str
+    ) -> None:
+        relative_to, pose = self._pose(element, scope.path, place)
+        frame = element.get("placement_frame") or element.findtext("placement_frame", "").strip()
+        if frame:
+            placed = inner.pose_of(frame)
+            turn = placed[:3, :3].T
+            back = np.eye(4)
+            back[:3, :3], back[:3, 3] = turn, -np.einsum("ij,j->i", turn, placed[:3, 3])
+            pose = product(pose, back)
+        if name in scope.models:  # Gazebo renames included models of one name
+            name = f"{name}_{self.count}"
+        scope.frames[name], scope.models[name] = (relative_to, pose), inner
+        self.count += 1
+        if self.count > _MOST_MODELS:
+            raise malformed(scope.path, f"must have at most {_MOST_MODELS} models", place)
+
+    def _include(self, scope: _Scope, include: Element, place: str) -> None:
+        uri = (include.findtext("uri") or "").strip()
+        place = f"{place.rstrip()} {uri}"
+        try:
+            path = self._file_of(uri, scope.path, place)
+        except FileAccessError:
+            name = uri.rpartition("/")[2].lower().replace(" ", "_")
+            if name not in _OF_GAZEBO:
+                raise
+            if name == "ground_plane":
+                _, pose = self._pose(include, scope.path, place)
+                self.add_plane(pose[:3, 3], pose[:3, 2], 100.0)
+            return
+        if is_folder(path):
+            path = self._file_in_model(path, scope.path, place)
+        if path in self._open or len(self._open) >= _DEEPEST:
+            raise malformed(scope.path, "includes itself", place)
+        self._open.append(path)
+        root = self.root_of(path)
+        if root.tag == "robot":
+            raise malformed(path, "must be SDF: build the map of a URDF by itself", place)
+        model = root.find("model")
+        if model is None:
+            raise malformed(path, "has no model", root.tag)
+        name = (include.findtext("name") or model.get("name") or "").strip()
+        own = (include.findtext("static") or model.findtext("static") or "").strip()
+        is_static = scope.is_static or own in ("1", "true")
+        inner = self._scope(model, path, f"model {name}", is_static=is_static)
+        self._open.pop()
+        # a pose of the include replaces that of the model
+        is_placed = include.find("pose") is not None or include.find("placement_frame") is not None
+        self._place_model(scope, inner, name, include if is_placed else model, place)
+        if include.get("merge") in ("1", "true"):
+            for frame in inner.frames:
+                scope.frames.setdefault(frame, (name, inner.pose_of(frame)))
+
+    def _file_in_model(self, folder: Path, source: Path, place: str) -> Path:
+        """Return the SDF of a model's folder: the newest that its model.config lists."""
+        config, names = folder / "model.config", []
+        if is_regular(config):
+            listed = [
+                (tuple(map(int, _digits(sdf.get("version", "1.0")))), sdf.text or "")
+                for sdf in self.root_of(config).iter("sdf")
+            ]
+            names = [name.strip() for _, name in sorted(listed, reverse=True)]
+        names += ["model.sdf", *(n for n in contents_of(folder)[1] if n.endswith(".sdf"))]
+        for name in names:
+            if is_regular(folder / name):
+                return folder / name
+        raise FileAccessError(f"{folder} has no .sdf", source=source, place=place)
+
+    def _add_links(self, scope: _Scope, matrix: Floats) -> None:
+        for link in scope.element.iterfind("link"):
+            for shape in link.iterfind(self.tag):
+                place = f"{scope.place}: link {link.get('name')}: {self.tag} {shape.get('name')}"
+                relative_to, pose = self._pose(shape, scope.path, place)
+                at = product(scope.pose_of(relative_to or link.get("name", "")), pose)
+                self._add_geometry(shape, product(matrix, at), scope.path, place)
+        for name, model in scope.models.items():
+            if self.static_only and not model.is_static:
+                self.moving += 1
+            else:
+                self._add_links(model, product(matrix, scope.pose_of(name)))
+
+    def _pose(self, element: Element, path: Path, place: str) -> tuple[str, Floats]:
+        """Return the frame that a pose is relative to, and the pose as a matrix."""
+        pose = element.find("pose")
+        if pose is None:
+            return "", np.eye(4)
+        relative_to = pose.get("relative_to") or pose.get("frame") or ""
+        if not (pose.text or "").strip():
+            return relative_to, np.eye(4)
+        has_quaternion = pose.get("rotation_format") == "quat_xyzw"
+        numbers = numbers_in(pose.text, path, f"{place}: pose", 7 if has_quaternion else 6)
+        angles = numbers[3:]
+        if pose.get("degrees") in ("1", "true"):
+            angles = np.radians(angles)
+        return relative_to, _placed(numbers[:3], angles)
+
+    # URDF
+
+    def read_urdf(self, path: Path, root: Element) -> None:
+        joints = {}
+        for joint in root.iterfind("joint"):
+            parent, child = (
+                element.get("link", "") if (element := joint.find(tag)) is not None else ""
+                for tag in ("parent", "child")
+            )
+            joints[child] = parent, self._origin(joint, path, f"joint {joint.get('name')}")
+        for link in root.iterfind("link"):
+            matrix, name, passed = np.eye(4), link.get("name", ""), set()
+            while name in joints:
+                if name in passed:
+                    raise malformed(path, "depends on itself", f"link {name}")
+                passed.add(name)
+                name, pose = joints[name]
+                matrix = product(pose, matrix)
+            for number, shape in enumerate(link.iterfind(self.tag)):
+                place = f"link {link.get('name')}: {self.tag} {shape.get('name') or number}"
+                at = product(matrix, self._origin(shape, path, place))
+                self._add_geometry(shape, at, path, place)
+
+    def _origin(self, element: Element, path: Path, place: str) -> Floats:
+        origin = element.find("origin")
+        if origin is None:
+            return np.eye(4)
+        move, angles = (
+            numbers_in(origin.get(key, "0 0 0"), path, f"{place}: origin: {key}", 3)
+            for key in ("xyz", "rpy")
+        )
+        return _placed(move, angles)
+
+    # shapes
+
+    def _add_geometry(self, shape: Element, matrix: Floats, path: Path, place: str) -> None:
+        geometry = shape.find("geometry")
+        for child in () if geometry is None else geometry:
+            if child.tag == "empty":
+                continue
+            here = f"{place}: {child.tag}"
+            if child.tag == "mesh":
+                self._add(self._mesh(child, path, here), matrix)
+            elif child.tag == "plane":
+                normal = self._numbers(child, "normal", path, here, 3, "0 0 1")
+                if not normal.any():
+                    raise malformed(path, "must not be 0 0 0", here)
+                size = self._numbers(child, "size", path, here, 2, "1 1")
+                turned = np.einsum("ij,j->i", matrix[:3, :3], normal / np.linalg.norm(normal))
+                self.add_plane(matrix[:3, 3], turned, float(size.max()))
+            elif child.tag == "polyline":
+                continue
+            elif child.tag in _SHAPES:
+                keys, make = _SHAPES[child.tag]
+                values = [
+                    self._numbers(child, key, path, here, count) for key, count in keys.items()
+                ]
+                if not all((value > 0).all() for value in values):
+                    raise malformed(path, "must be above 0", here)
+                self._add(make(*values), matrix)
+            else:
+                known = ", ".join([*_SHAPES, "plane", "polyline", "mesh"])
+                hint = nearest_hint(child.tag, known.split(", ")) or f"shapes are {known}"
+                rule = "is not supported" if child.tag in _REFUSED else "is no shape"
+                raise malformed(path, rule, here, hint=hint)
+        lines = [] if geometry is None else geometry.findall("polyline")
+        if lines:
+            self._add(self._polylines(lines, path, f"{place}: polyline"), matrix)
+
+    def _add(self, triangles: Floats, matrix: Floats) -> None:
+        if len(self.shapes) > MOST_INSTANCES:
+            raise MalformedInputError(f"has more than {MOST_INSTANCES} shapes")
+        self.bytes += triangles.nbytes
+        claim(next(iter(self.files)), 3 * self.bytes, what="its triangles")
+        self.shapes.append((moved(matrix, triangles), len(self.shapes) + len(self.planes)))
+
+    def add_plane(self, point: Floats, normal: Floats, side: float) -> None:
+        self.planes.append((np.append(point, side), normal, len(self.shapes) + len(self.planes)))
+
+    def _numbers(
+        self, shape: Element, key: str, path: Path, place: str, count: int, default: str = ""
+    ) -> Floats:
+        """Return numbers of a shape: an element in SDF, an attribute in URDF."""
+        text = shape.get(key) or shape.findtext(key) or default
+        return numbers_in(text, path, f"{place}: {key}", count)
+
+    def _polylines(self, lines: list[Element], path: Path, place: str) -> Floats:
+        """Return the walls and caps of an outline, and the walls of holes in it."""
+        rings, triangles = [], []
+        for line in lines:
+            texts = [point.text for point in line.iterfind("point")]
+            points = [numbers_in(text, path, f"{place}: point", 2) for text in texts]
+            if len(points) > 1 and np.array_equal(points[0], points[-1]):
+                del points[-1]
+            if len(points) < 3:
+                raise malformed(path, "must have 3 points or more", place, got=len(points))
+            rings.append(np.array(points))
+        height = self._numbers(lines[0], "height", path, place, 1, "1")[0]
+        depths = [
+            sum(_holds(outer, ring[0]) for outer in rings if outer is not ring) for ring in rings
+        ]
+        for k, (ring, depth) in enumerate(zip(rings, depths, strict=True)):
+            after = np.roll(ring, -1, axis=0)
+            area = (ring[:, 0] * after[:, 1] - ring[:, 1] * after[:, 0]).sum()
+            rings[k] = ring if (area > 0) == (depth % 2 == 0) else ring[::-1]  # holes run clockwise
+        for ring, depth in zip(rings, depths, strict=True):
+            bottom, top = (np.insert(ring, 2, z, axis=1) for z in (0.0, height))
+            after, after_top = (np.roll(corners, -1, axis=0) for corners in (bottom, top))
+            triangles.append(np.stack([bottom, after, after_top], axis=1))
+            triangles.append(np.stack([bottom, after_top, top], axis=1))
+            if depth % 2 == 0:
+                holes = [
+                    hole for hole, inner in zip(rings, depths, strict=True)
+                    if inner == depth + 1 and _holds(ring, hole[0])
+                ]  # fmt: skip
+                cap = np.insert(_bridged(ring, holes), 2, height, axis=1)
+                order, count = np.arange(len(cap)), np.array([len(cap)])
+                upper = cap[triangulated(cap, order, count, path)[0]]
+                triangles += [upper, upper[:, ::-1] - np.array([0.0, 0.0, height])]
+        return np.concatenate(triangles)
+
+    def _mesh(self, mesh: Element, path: Path, place: str) -> Floats:
+        uri = (mesh.get("filename") or mesh.findtext("uri") or "").strip()
+        file = self._file_of(uri, path, f"{place} {uri}")
+        if file not in self.meshes:
+            self.meshes[file] = self.read_parts(file)
+        parts, submesh = self.meshes[file], mesh.find("submesh")
+        if submesh is not None:
+            name = (submesh.findtext("name") or "").strip()
+            known = sorted({part_name for part in parts for part_name in part.names if part_name})
+            parts = [part for part in parts if name in part.names]
+            if not parts:
+                hint = nearest_hint(name, known)
+                place += ": submesh"
+                raise malformed(path, f"must be a part of {file}", place, got=name, hint=hint)
+        triangles = np.concatenate([part.triangles for part in parts])
+        if submesh is not None and (submesh.findtext("center") or "").strip() in ("1", "true"):
+            triangles = triangles - (triangles.min(axis=(0, 1)) + triangles.max(axis=(0, 1))) / 2
+        scale = self._numbers(mesh, "scale", path, place, 3, "1 1 1")
+        return moved(np.diag([*scale, 1.0]), triangles)
+
+    def read_parts(self, file: Path) -> list[Part]:
+        if file.suffix.lower() not in MESH_ENDINGS:
+            raise MalformedInputError(f"must be a mesh: {', '.join(MESH_ENDINGS)}", source=file)
+        self.files[file] = None
+        with recognised(file, "a mesh"):
+            return read_mesh(file)
+
+    def _file_of(self, uri: str, source: Path, place: str) -> Path:
+        scheme, mark, name = uri.partition("://")
+        if not mark:
+            scheme, name = "", uri
+        elif scheme in ("http", "https"):  # of a model on Fuel, which may be on this machine too
+            scheme = "model"
+            name = re.sub(r"^([^/]*)/\w+/files/", r"\1/", name.partition("/models/")[2])
+        above = list(absolute_path(source).parents)[:_PARENTS]
+        near = [folder / part for folder in above for part in ("", "models")]
+        bases = [source.parent, *self.folders, *near]
+        if not name or scheme not in ("", "file", "model", "package"):
+            rule = "must name a file by model://, package://, file:// or its path"
+            hint = f"--model-path DIR finds models by model://{Path(name).name}"
+            raise FileAccessError(rule, source=source, place=place, hint=hint)
+        if scheme in ("model", "package"):
+            bases = bases[1:]
+        for base in bases:
+            for path in (base / name, base / unquote(name)):
+                if exists(path):  # an absolute path replaces the folder
+                    return path
+        first = name.lstrip("/").partition("/")[0]
+        hint = f"--model-path DIR names the folder in which {first} is"
+        raise FileAccessError("there is no such file", source=source, place=place, hint=hint)
+
+    def world(self) -> World:
+        if not self.shapes and not self.planes:
+            hint = "--visual takes what is seen" if self.tag == "collision" else None
+            raise MalformedInputError(f"has no {self.tag} shapes", hint=hint)
+        parts = list(self.shapes)
+        everything = [triangles.reshape(-1, 3) for triangles, _ in self.shapes]
+        for (*point, side), normal, number in self.planes:
+            around = everything or [np.array([point]) + np.array([[-side], [side]]) / 2]
+            low = np.min([points.min(axis=0) for points in around], axis=0) - _BESIDE
+            high = np.max([points.max(axis=0) for points in around], axis=0) + _BESIDE
+            parts.append((_patch(np.array(point), normal, low, high), number))
+        solids = np.repeat([number for _, number in parts], [len(part) for part, _ in parts])
+        triangles = _turned_outside(np.concatenate([part for part, _ in parts]), solids)
+        return World(
+            triangles, solids, tuple(self.files), len(np.unique(solids)), self.moving
+        )  # fmt: skip
+
+
+def _turned_outside(triangles: Floats, solids: Integers) -> Floats:
+    """Turn the triangles of closed solids that are inside out."""
+    a, b, c = (triangles - triangles.mean(axis=(0, 1))).transpose(1, 0, 2)
+    areas = np.cross(b - a, c - a)
+    lengths = np.bincount(solids, np.sqrt((areas**2).sum(axis=1)))
+    sums = np.stack([np.bincount(solids, areas[:, axis]) for axis in range(3)])
+    is_closed = np.abs(sums).max(axis=0) <= _CLOSED * lengths
+    turned = (is_closed & (np.bincount(solids, (a * areas).sum(axis=1)) < 0))[solids]
+    return np.where(turned[:, np.newaxis, np.newaxis], triangles[:, ::-1], triangles)
+
+
+def _digits(version: str) -> Iterator[str]:
+    return (word for word in version.strip().split(".") if word.isdecimal())
+
+
+def _placed(move: Floats, angles: Floats) -> Floats:
+    """Return the matrix of a pose: roll, pitch and yaw in radians, or a quaternion x, y, z, w."""
+    if len(angles) == 4:
+        x, y, z, w = angles / (np.linalg.norm(angles) or 1.0)
+    else:
+        (sr, sp, sy), (cr, cp, cy) = np.sin(angles / 2).tolist(), np.cos(angles / 2).tolist()
+        x, y = sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy
+        z, w = cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    matrix[:3, 3] = move
+    return matrix
+
+
+def _patch(point: Floats, normal: Floats, low: Floats, high: Floats) -> Floats:
+    """Return a plane as far as a box: a rectangle of two triangles."""
+    if abs(normal[2]) > 0.5:  # a floor
+        x = np.array([low[0], high[0], high[0], low[0]])
+        y = np.array([low[1], low[1], high[1], high[1]])
+        z = point[2] - ((x - point[0]) * normal[0] + (y - point[1]) * normal[1]) / normal[2]
+        corners = np.stack([x, y, z], axis=1)
+    else:
+        along = np.array([-normal[1], normal[0], 0.0]) / math.hypot(normal[0], normal[1])
+        up, half = np.cross(normal, along), float(np.linalg.norm(high - low)) / 2
+        middle = (low + high) / 2
+        middle = middle - normal * float(np.dot(middle - point, normal))
+        corners = middle + half * np.array([-along - up, along - up, along + up, up - along])
+    return np.asarray(corners[[[0, 1, 2], [0, 2, 3]]])
+
+
+def _holds(ring: Floats, point: Floats) -> bool:
+    after = np.roll(ring, -1, axis=0)
+    crosses = (ring[:, 1] > point[1]) != (after[:, 1] > point[1])
+    begin, end = ring[crosses], after[crosses]
+    share = (point[1] - begin[:, 1]) / (end[:, 1] - begin[:, 1])
+    return bool((begin[:, 0] + share * (end[:, 0] - begin[:, 0]) > point[0]).sum() % 2)
+
+
+def _bridged(ring: Floats, holes: list[Floats]) -> Floats:
+    """Return a polygon with holes as one ring, which passes a bridge to each hole twice."""
+    for number, hole in enumerate(holes):
+        edges = [(corners, np.roll(corners, -1, axis=0)) for corners in (ring, *holes[number:])]
+        begin, end = (np.concatenate(ends) for ends in zip(*edges, strict=True))
+        away = np.hypot(*(ring[:, np.newaxis] - hole).transpose(2, 0, 1))
+        for at in np.argsort(away, axis=None).tolist():
+            i, j = divmod(at, len(hole))
+            a, b = ring[i], hole[j]
+            sides = [
+                _side(a, b, begin),
+                _side(a, b, end),
+                _side(begin, end, a),
+                _side(begin, end, b),
+            ]
+            if not ((sides[0] * sides[1] < 0) & (sides[2] * sides[3] < 0)).any():
+                break
+        ring = np.concatenate([ring[: i + 1], hole[j:], hole[: j + 1], ring[i:]])
+    return ring
+
+
+def _side(begin: Floats, end: Floats, point: Floats) -> Floats:
+    along, away = (end - begin).T, (point - begin).T
+    return np.asarray(along[0] * away[1] - along[1] * away[0])
+
+
+def _sides(radius: float) -> int:
+    """Return the number of chords of a circle that stay close to it."""
+    return 4 * min(256, max(4, math.ceil(math.pi / 4 * math.sqrt(radius / (2 * _CHORD)))))
+
+
+def _revolved(profile: Sequence[tuple[float, float]], sides: int) -> Floats:
+    """Return the surface of revolution of radii and heights, from the lowest to the highest."""
+    angles = np.arange(sides) * (2 * math.pi / sides)
+    radii, heights = np.array(profile).T[:, :, np.newaxis]
+    x, y = radii * np.cos(angles), radii * np.sin(angles)
+    rings = np.stack([x, y, np.broadcast_to(heights, x.shape)], axis=2)
+    after = np.roll(rings, -1, axis=1)
+    quads = np.stack([rings[:-1], after[:-1], after[1:], rings[1:]], axis=2).reshape(-1, 4, 3)
+    triangles = quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
+    first, second, third = triangles.transpose(1, 0, 2)
+    is_flat = [(a == b).all(axis=1) for a, b in ((first, second), (second, third), (third, first))]
+    return np.asarray(triangles[~np.any(is_flat, axis=0)])
+
+
+def _ball(radius: float, length: float = 0.0) -> Floats:
+    """Return a ball, or a capsule whose cylinder has a length."""
+    steps = _sides(radius) // 2
+    angles = (np.arange(steps + 1) / steps - 0.5) * math.pi
+    half = np.where(np.arange(steps + 1) <= steps // 2, -length / 2, length / 2)
+    rows = np.stack([radius * np.cos(angles), radius * np.sin(angles) + half], axis=1)
+    rows[[0, -1], 0] = 0.0
+    middle = [(radius, length / 2)] if length else []
+    profile = [*map(tuple, rows[: steps // 2 + 1]), *middle, *map(tuple, rows[steps // 2 + 1 :])]
+    return _revolved(profile, _sides(radius))
+
+
+_FACES = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+
+
+def _box(size: Floats) -> Floats:
+    corners = np.stack([np.arange(8) & 1, np.arange(8) >> 1 & 1, np.arange(8) >> 2], axis=1) - 0.5
+    return np.asarray((corners * size)[np.array(_FACES)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)])
+
+
+def _cylinder(radius: Floats, length: Floats) -> Floats:
+    r, half = float(radius[0]), float(length[0]) / 2
+    return _revolved([(0, -half), (r, -half), (r, half), (0, half)], _sides(r))
+
+
+def _cone(radius: Floats, length: Floats) -> Floats:
+    r, half = float(radius[0]), float(length[0]) / 2
+    return _revolved([(0, -half), (r, -half), (0, half)], _sides(r))
+
+
+_SHAPES: dict[str, tuple[dict[str, int], Callable[..., Floats]]] = {
+    "box": ({"size": 3}, _box),
+    "cylinder": ({"radius": 1, "length": 1}, _cylinder),
+    "sphere": ({"radius": 1}, lambda radius: _ball(float(radius[0]))),
+    "capsule": (
+        {"radius": 1, "length": 1}, lambda radius, length: _ball(float(radius[0]), float(length[0]))
+    ),
+    "ellipsoid": ({"radii": 3}, lambda radii: _ball(float(radii.max())) * radii / radii.max()),
+    "cone": ({"radius": 1, "length": 1}, _cone),
+}  # fmt: skip
+_REFUSED = ("heightmap", "image")
+
+
+def read_world(
+    path: Path, *, model_path: Sequence[Path] = (), visual: bool = False, static_only: bool = False,
+    floor: float | None = None,
+) -> World:  # fmt: skip
+    """Return the solids of a world, and with a floor a horizontal plane at its height."""
+    reader = _Reader(model_path, "visual" if visual else "collision", static_only=static_only)
+    if path.suffix.lower() in MESH_ENDINGS:
+        for part in reader.read_parts(path):
+            reader.shapes.append((part.triangles, 0))
+    else:
+        with recognised(path, "a world"):
+            root = reader.root_of(path)
+        if root.tag == "robot":
+            reader.read_urdf(path, root)
+        elif root.tag == "sdf":
+            reader.read_sdf(path, root)
+        else:
+            raise malformed(path, "must be sdf or robot (URDF)", "first element", got=root.tag)
+    if floor is not None:
+        reader.add_plane(np.array([0.0, 0.0, floor]), np.array([0.0, 0.0, 1.0]), 1.0)
+    return reader.world()

@@ -1,0 +1,291 @@
+"""Worlds and meshes: shapes and poses against trimesh's sections, files against made-up faults."""
+
+import numpy as np
+import pytest
+
+from mapdeal import FileAccessError, MalformedInputError
+from mapdeal.grid.frame import Frame
+from mapdeal.mapping.world_map import inside_runs, section_at
+from mapdeal.sensors.worlds import read_world
+
+trimesh = pytest.importorskip("trimesh")
+shapely = pytest.importorskip("shapely")
+
+BOX = "<box><size>1 0.6 2</size></box>"
+FRAME = Frame(80, 80, 0.05, (-2.0, -2.0, 0.0))
+
+
+def sdf(body):
+    return f'<sdf version="1.9"><world name="w">{body}</world></sdf>'
+
+
+def model(geometry, pose="0 0 0 0 0 0", *, more="", of_shape=""):
+    shape = f'<collision name="c">{of_shape}<geometry>{geometry}</geometry></collision>'
+    link = f'<link name="l">{shape}</link>'
+    return f'<model name="m"><static>1</static><pose>{pose}</pose>{more}{link}</model>'
+
+
+def written(folder, text, name="w.sdf"):
+    (folder / name).write_text(text)
+    return folder / name
+
+
+def seen_at(path, height=0.1, **options):
+    """Return which cells of a frame are inside a solid of a world."""
+    world = read_world(path, **options)
+    return inside_runs(section_at(world.triangles, world.solids, height), FRAME).depths() > 0
+
+
+def seen_by_trimesh(mesh, height=0.1):
+    """Return which cells are inside, and which are within half a cell of the outline."""
+    lines = trimesh.intersections.mesh_plane(mesh, [0, 0, 1], [0, 0, height])[:, :, :2]
+    centres = FRAME.xy_from_rowcol(np.indices(FRAME.shape).reshape(2, -1).T)
+    away = shapely.distance(shapely.points(centres), shapely.multilinestrings(lines))
+    (x0, y0), (x1, y1) = lines.transpose(1, 2, 0)
+    x, y = centres.T[:, :, np.newaxis]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        is_left = x < x0 + (y - y0) / (y1 - y0) * (x1 - x0)
+    crossings = (((y0 > y) != (y1 > y)) & is_left).sum(axis=1)
+    near = away <= FRAME.resolution / 2
+    return (crossings % 2 == 1).reshape(FRAME.shape), near.reshape(FRAME.shape)
+
+
+def at(mesh, pose):
+    turn = trimesh.transformations.euler_matrix(*pose[3:], "sxyz")
+    turn[:3, 3] = pose[:3]
+    return mesh.apply_transform(turn)
+
+
+def ball(*radii):
+    mesh = trimesh.creation.uv_sphere(1.0, count=[64, 128])
+    return mesh.apply_scale(radii)
+
+
+def capsule():
+    mesh = trimesh.creation.capsule(height=1.0, radius=0.4, count=[64, 128])
+    return mesh.apply_translation(-mesh.bounds.mean(axis=0))
+
+
+NOTCHED = [(-1, -0.5), (1, -0.5), (1, 0.8), (0.2, 0.8), (0.2, 0), (-0.2, 0), (-0.2, 0.8), (-1, 0.8)]
+BLOCKS = [(-1, -0.5, 0.3, 0), (0.9, -0.5, 1, 0), (0.3, -0.5, 0.9, -0.4), (0.3, -0.1, 0.9, 0),
+          (-1, 0, -0.2, 0.8), (0.2, 0, 1, 0.8)]  # fmt: skip
+HOLE = [(0.3, -0.4), (0.3, -0.1), (0.9, -0.1), (0.9, -0.4)]
+
+
+def notched(*, hole=True):
+    """The extruded outline, as boxes that touch: x0, y0, x1, y1 of each."""
+    blocks = BLOCKS if hole else [*BLOCKS, (0.3, -0.4, 0.9, -0.1)]
+    boxes = [trimesh.creation.box(bounds=[[a, b, 0], [c, d, 0.7]]) for a, b, c, d in blocks]
+    return trimesh.util.concatenate(boxes)
+
+
+def polyline(*rings):
+    points = ("".join(f"<point>{x} {y}</point>" for x, y in ring) for ring in rings)
+    return "".join(f"<polyline>{ring}<height>0.7</height></polyline>" for ring in points)
+
+
+CYLINDER = "<cylinder><radius>0.5</radius><length>2</length></cylinder>"
+SHAPES = {
+    "box": (BOX, lambda: trimesh.creation.box((1, 0.6, 2))),
+    "cylinder": (CYLINDER, lambda: trimesh.creation.cylinder(0.5, 2, sections=256)),
+    "cone": (
+        "<cone><radius>0.9</radius><length>2</length></cone>",
+        lambda: trimesh.creation.cone(0.9, 2, sections=256).apply_translation([0, 0, -1]),
+    ),
+    "sphere": ("<sphere><radius>0.8</radius></sphere>", lambda: ball(0.8, 0.8, 0.8)),
+    "ellipsoid": ("<ellipsoid><radii>1 0.4 0.7</radii></ellipsoid>", lambda: ball(1, 0.4, 0.7)),
+    "capsule": ("<capsule><radius>0.4</radius><length>1</length></capsule>", capsule),
+    "polyline": (polyline(NOTCHED, HOLE), notched),
+    "clockwise": (polyline(NOTCHED[::-1]), lambda: notched(hole=False)),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("pose", [(0.3, -0.2, 0.05, 0, 0, 0.7), (-0.2, 0.1, 0.0, 0.9, -0.5, 2.0)])
+def test_shapes_have_the_sections_of_trimesh(tmp_path, name, pose):
+    geometry, mesh_of = SHAPES[name]
+    text = " ".join(map(str, pose))
+    inside, near = seen_by_trimesh(at(mesh_of(), pose))
+    found = seen_at(written(tmp_path, sdf(model(geometry, text))))
+    assert inside.sum() > 50
+    assert not (found != inside)[~near].any()
+
+
+NESTED = """\
+<frame name="f"><pose relative_to="g">0.2 0 0 0 0 0.5</pose></frame>
+<frame name="g"><pose degrees="true">0 0.3 0 0 0 90</pose></frame>
+<model name="outer"><static>1</static><pose relative_to="f">0.1 0 0 0 0 0.3</pose>
+<model name="m" placement_frame="l"><pose>0.2 0.1 0 0 0 -0.4</pose><link name="l">
+<pose>5 5 0 0 0 1</pose><collision name="c"><pose rotation_format="quat_xyzw">\
+0.1 0 0 0 0 0.479425538604203 0.8775825618903728</pose><geometry>{}</geometry></collision>
+</link></model></model>"""
+
+
+def test_frames_nested_models_and_placement(tmp_path):
+    mesh = trimesh.creation.box((1, 0.6, 2))
+    for pose in ((0.1, 0, 0, 0, 0, 1.0), (0.2, 0.1, 0, 0, 0, -0.4), (0.1, 0, 0, 0, 0, 0.3),
+                 (0.2, 0, 0, 0, 0, 0.5), (0, 0.3, 0, 0, 0, np.pi / 2)):  # fmt: skip
+        at(mesh, pose)
+    inside, near = seen_by_trimesh(mesh)
+    found = seen_at(written(tmp_path, sdf(NESTED.format(BOX))))
+    assert not (found != inside)[~near].any()
+
+
+def dae_of(mesh, unit, up):
+    """A mesh as COLLADA: in units, with an axis up, and moved by a node that moves it back."""
+    axes = {"Z_UP": np.eye(3), "Y_UP": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+            "X_UP": [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]}[up]  # fmt: skip
+    corners = (mesh.vertices @ np.transpose(axes) / unit - [1, 2, 3]) / 2
+    faces = " ".join(f"{k} 0" for k in mesh.faces.ravel())
+    return f"""<COLLADA><asset><unit meter="{unit}"/><up_axis>{up}</up_axis></asset>
+<library_geometries><geometry id="g"><mesh><source id="p"><float_array>\
+{" ".join(map(str, corners.ravel()))}</float_array></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices><polylist>
+<input semantic="VERTEX" source="#v" offset="0"/><input semantic="NORMAL" source="#n" offset="1"/>
+<vcount>{"3 " * len(mesh.faces)}</vcount><p>{faces}</p></polylist></mesh></geometry>
+</library_geometries><library_visual_scenes><visual_scene id="s"><node id="n1">
+<translate>1 2 3</translate><scale>2 2 2</scale><instance_geometry url="#g"/></node></visual_scene>
+</library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+@pytest.mark.parametrize("scale", [(1, 1, 1), (-0.8, 1.2, 1)])
+@pytest.mark.parametrize("form", ["binary", "ascii", "obj", "Z_UP", "Y_UP", "X_UP"])
+def test_meshes_in_worlds(tmp_path, form, scale):
+    mesh = notched()
+    if form == "binary":
+        mesh.invert()
+    name = {"binary": "a.stl", "ascii": "a.stl", "obj": "a.obj"}.get(form, "a.dae")
+    if form.endswith("UP"):
+        written(tmp_path, dae_of(mesh, 0.0254, form), name)
+    elif form == "ascii":
+        written(tmp_path, trimesh.exchange.stl.export_stl_ascii(mesh), name)
+    else:
+        mesh.export(tmp_path / name)
+    numbers = " ".join(map(str, scale))
+    geometry = f"<mesh><uri>{name}</uri><scale>{numbers}</scale></mesh>"
+    mesh.vertices *= scale
+    inside, near = seen_by_trimesh(at(mesh, (0.1, 0.2, -0.1, 0.4, 0.2, 1.0)))
+    world = written(tmp_path, sdf(model(geometry, "0.1 0.2 -0.1 0.4 0.2 1")))
+    assert not (seen_at(world) != inside)[~near].any()
+
+
+def test_a_concave_face_leaves_its_notch_open(tmp_path):
+    corners = "".join(f"v {x} 0 {z}\n" for x, z in NOTCHED)
+    wall = read_world(written(tmp_path, f"{corners}f {' '.join('12345678')}\n", "w.obj"))
+    section = section_at(wall.triangles, wall.solids, 0.5)
+    assert np.abs(section.begin[:, 0]).min() >= 0.2  # no wall in the doorway
+    lengths = np.abs(section.begin - section.end)[:, 0]
+    assert lengths.sum() == pytest.approx(1.6)
+
+
+def test_urdf_chains_joints_and_takes_what_is_seen_if_asked(tmp_path):
+    text = """<robot name="r"><link name="a"><visual><geometry><sphere radius="0.2"/></geometry>
+</visual></link><link name="b"><collision><origin xyz="0.1 0 0" rpy="0 0 0.3"/><geometry>
+<box size="1 0.6 2"/></geometry></collision></link><joint name="j" type="fixed">
+<origin xyz="0.2 0.4 0" rpy="0 0 0.5"/><parent link="a"/><child link="b"/></joint></robot>"""
+    path = written(tmp_path, text, "r.urdf")
+    mesh = at(at(trimesh.creation.box((1, 0.6, 2)), (0.1, 0, 0, 0, 0, 0.3)),
+              (0.2, 0.4, 0, 0, 0, 0.5))  # fmt: skip
+    inside, near = seen_by_trimesh(mesh)
+    assert not (seen_at(path) != inside)[~near].any()
+    inside, near = seen_by_trimesh(ball(0.2, 0.2, 0.2))
+    assert not (seen_at(path, visual=True) != inside)[~near].any()
+
+
+def test_models_are_found_in_folders_variables_and_beside_the_world(tmp_path, monkeypatch):
+    folder = tmp_path / "here" / "models" / "crate"
+    folder.mkdir(parents=True)
+    written(folder, f'<sdf version="1.7">{model(BOX, "9 9 9 0 0 0")}</sdf>', "crate-1_7.sdf")
+    written(folder, "<sdf/>", "crate.sdf")
+    config = (
+        '<model><sdf version="1.4">crate.sdf</sdf><sdf version="1.7">crate-1_7.sdf</sdf></model>'
+    )
+    written(folder, config, "model.config")
+    include = "<include><uri>model://crate</uri><pose>0 0 0 0 0 0</pose></include>"
+    elsewhere = tmp_path / "world" / "deep"
+    elsewhere.mkdir(parents=True)
+    path = written(elsewhere, sdf(include))
+    with pytest.raises(FileAccessError, match="include model://crate: there is no such file"):
+        read_world(path)
+    expected = seen_at(written(tmp_path, sdf(model(BOX)), "box.sdf"))
+    assert np.array_equal(seen_at(path, model_path=[folder.parent]), expected)
+    monkeypatch.setenv("GZ_SIM_RESOURCE_PATH", f"/nowhere:{folder.parent}")
+    assert np.array_equal(seen_at(path), expected)
+    monkeypatch.delenv("GZ_SIM_RESOURCE_PATH")
+    assert np.array_equal(seen_at(written(tmp_path / "here", sdf(include))), expected)
+
+
+def test_saved_states_and_moving_models(tmp_path):
+    text = model(BOX, "1 1 0 0 0 0").replace("<static>1</static>", "")
+    state = '<state><model name="m"><pose>0 0 0 0 0 0</pose></model></state>'
+    path = written(tmp_path, sdf(text + state + model(CYLINDER).replace('"m"', '"n"')))
+    assert np.array_equal(seen_at(path), seen_at(written(tmp_path, sdf(
+        model(BOX) + model(CYLINDER).replace('"m"', '"n"')), "b.sdf")))  # fmt: skip
+    world = read_world(path, static_only=True)
+    assert (world.moving, world.solid_count) == (1, 1)
+
+
+LAUGHS = '<!DOCTYPE l [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>'
+SELF = '<sdf version="1.7"><model name="m"><include><uri>w.sdf</uri></include></model></sdf>'
+DOUBLES = "".join(
+    f'<node id="n{k}"><instance_node url="#n{k + 1}"/><instance_node url="#n{k + 1}"/></node>'
+    for k in range(40)
+)
+DOUBLES += "<node id='n40'/>"
+PART = "<visual_scene id='s'><node>"
+END = "</node></visual_scene><scene><instance_visual_scene url='#s'/></scene></COLLADA>"
+FAULTS = {
+    "unknown": (sdf(model("<bux/>")), "collision c: bux: is no shape"),
+    "heightmap": (sdf(model("<heightmap/>")), "heightmap: is not supported"),
+    "no size": (sdf(model("<box/>")), "box: size: must be 3 finite numbers, got ''"),
+    "nan": (sdf(model("<sphere><radius>nan</radius></sphere>")), "must be 1 finite numbers"),
+    "negative": (sdf(model("<sphere><radius>-1</radius></sphere>")), "must be above 0"),
+    "pose": (sdf(model(BOX, "1 2 3")), "model m: pose: must be 6 finite numbers"),
+    "frame": (sdf(model(BOX, of_shape="<pose relative_to='q'/>")), "must be a frame here, got 'q'"),
+    "empty": (sdf(""), "has no collision shapes"),
+    "itself": (SELF, "include w.sdf: includes itself"),
+    "entities": (LAUGHS + sdf("&b;"), "line 1: must not declare entities, got 'a'"),
+    "external": (
+        '<!DOCTYPE l [<!ENTITY a SYSTEM "file:///etc/passwd">]>' + sdf("&a;"),
+        "must not declare entities",
+    ),
+    "deep": ("<sdf>" + "<a>" * 100_000, "200 deep"),
+    "text": ("hello", "is not well-formed XML"),
+    "html": ("<html/>", "first element: must be sdf or robot"),
+    "a.urdf": ("<robot xmlns:xacro='x'><xacro:macro/></robot>", "is xacro that is not expanded"),
+    "b.urdf": ("<robot><link name='${n}'/></robot>", "link: is xacro that is not expanded"),
+    "a.obj": ("v 0 0 0\nv 1 0 0\nf 1 2 3\n", "line 3: must be v and 3 numbers"),
+    "b.obj": ("v 0 0 0\nv 1 0 0\nv nan 0 1\nf 1 2 -1\n", "not finite"),
+    "c.obj": ("", "has no triangles"),
+    "a.stl": ("solid a\nfacet\nvertex 0 0 0\nendsolid\n", "ends within a triangle"),
+    "b.stl": (" " * 80 + "\x7f\x7f\x7f\x7f" + " " * 50, "50 for each of its 2139062143 triangles"),
+    "c.stl": ("version https://git-lfs.github.com/spec/v1\nsize 1\n", "is a Git LFS pointer"),
+    "a.dae": ("<COLLADA/>", "has no triangles"),
+    "b.dae": (
+        f"<COLLADA>{PART}<instance_geometry url='#g'/>{END}",
+        "must refer to a geometry of this file, got '#g'",
+    ),
+    "c.dae": (
+        f"<COLLADA>{DOUBLES}{PART}<instance_node url='#n0'/>{END}",
+        "scene: must have at most 1000 nodes",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_faults_are_named(tmp_path, monkeypatch, name):
+    monkeypatch.setattr("mapdeal.sensors.meshes.MOST_INSTANCES", 1000)
+    text, message = FAULTS[name]
+    path = written(tmp_path, text, name if "." in name else "w.sdf")
+    with pytest.raises(MalformedInputError) as caught:
+        read_world(path)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("uri", ["model://a/b.stl", "file:///a/b.stl", "b.stl", "s3://a/b.stl", ""])
+def test_missing_meshes_are_named(tmp_path, uri):
+    path = written(tmp_path, sdf(model(f"<mesh><uri>{uri}</uri></mesh>")))
+    with pytest.raises(FileAccessError, match="link l: collision c: mesh") as caught:
+        read_world(path)
+    assert uri in str(caught.value)
