@@ -670,3 +670,23 @@ def shortest_way(is_open, start, goal):
             if length < lengths[there] and sees(nodes[here], nodes[there]):
                 lengths[there] = length
     return lengths[1]
+
+
+def beam_lengths(values, starts, angles, limit):
+    """Return the distances of beams to obstacles, in cells, by clipping each beam with all cells.
+
+    Beams end at cells of -1 without a hit; those that touch only a corner of a cell pass it.
+    """
+    closed = np.argwhere(values != 0)
+    lengths = np.full(angles.shape, math.inf)
+    for scan, beam in np.ndindex(angles.shape):
+        along = np.array([math.sin(angles[scan, beam]), math.cos(angles[scan, beam])])
+        along[along == 0] = 1e-300
+        first, last = (closed - starts[scan]) / along, (closed + 1 - starts[scan]) / along
+        enters, leaves = np.minimum(first, last).max(axis=1), np.maximum(first, last).min(axis=1)
+        entered = np.flatnonzero((enters < leaves) & (leaves > 0))
+        if len(entered):
+            nearest = entered[np.argmin(enters[entered])]
+            if values[tuple(closed[nearest])] > 0 and enters[nearest] < limit:
+                lengths[scan, beam] = max(0.0, enters[nearest])
+    return lengths

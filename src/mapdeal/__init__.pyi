@@ -34,6 +34,8 @@ from mapdeal.commands.report import write_report as write_report
 from mapdeal.commands.route import PlannedRoute as PlannedRoute
 from mapdeal.commands.route import route as route
 from mapdeal.commands.run import run as run
+from mapdeal.commands.scan import SimulatedScans as SimulatedScans
+from mapdeal.commands.scan import scan as scan
 from mapdeal.commands.score import Score as Score
 from mapdeal.commands.score import score as score
 from mapdeal.compare.bounds import ScoreBound as ScoreBound

@@ -39,7 +39,7 @@ LINES = [
 # and `query` cannot read are errors of a batch and of lines.
 WITHOUT_FINDINGS = {
     "active", "build", "clean", "completion", "convert", "cost", "edit", "esdf", "inflate", "info",
-    "merge", "pack", "potential", "query", "rescale", "rotate", "shift", "unpack", "window",
+    "merge", "pack", "potential", "query", "rescale", "rotate", "scan", "shift", "unpack", "window",
 }  # fmt: skip
 
 

@@ -283,6 +283,7 @@ COMMANDS = {
     "reach of costs": "reach cost.npz --from 0.1,0.1 -q -o out.json",
     "reach with corners": f"reach site.yaml --footprint {CORNERS} -q -o out.json",
     "graph": "graph site.yaml --robot-radius 0.04 -q -o out.geojson",
+    "scan": "scan site.yaml --tour --robot-radius 0.04 --range-max 9 --rate 1 -q -o out.npz",
     "descent": "route cost.npz --from 0.1,0.1 --to 9.1,9.1 --method descent",
     "log-odds": f"build scans.npz --size 100,100 --origin 0,0 {OUT}",
     "tsdf": f"build scans.npz --size 100,100 --origin 0,0 {OUT} --method tsdf",

@@ -6,7 +6,16 @@ from hypothesis import strategies as st
 from engines import needs_compiled
 from kernels.conftest import by_each_engine
 from mapdeal.kernels import sensing
-from mapdeal.kernels.sensing import DISTANCE_UNIT, Odds, count_rays, measure_rays, weigh_rays
+from mapdeal.kernels.sensing import (
+    DISTANCE_UNIT,
+    Odds,
+    cast_rays,
+    count_rays,
+    measure_rays,
+    room_around,
+    weigh_rays,
+)
+from oracles import beam_lengths
 
 FAR = st.tuples(st.integers(-9, 20) | st.integers(-(2**30), 2**30), st.integers(-9, 20))
 
@@ -89,3 +98,53 @@ def test_a_cell_so_many_truncations_behind_the_surface_is_measured_the_next_is_n
     measured = [1, 1, 0.5, 0, -0.5, -1, -1, -1][: 4 + behind_cells]
     assert (sums[0] / DISTANCE_UNIT).tolist() == measured + [0] * (6 - behind_cells)
     assert weights[0].tolist() == [1] * (4 + behind_cells) + [0] * (6 - behind_cells)
+
+
+def cast(values, starts, angles, limit):
+    return cast_rays(room_around(values > 0, values < 0), starts, angles, limit)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32), st.integers(1, 40), st.integers(1, 50), st.floats(1, 60))
+def test_beams_end_at_the_first_closed_cell(seed, height, width, limit):
+    rng = np.random.default_rng(seed)
+    values = rng.choice([0, 100, -1], (height, width), p=[0.96, 0.03, 0.01])
+    starts = rng.random((3, 2)) * values.shape
+    angles = rng.uniform(-4, 4, (3, 7))
+    expected = beam_lengths(values, starts, angles, limit)
+    compiled, twin = by_each_engine(lambda: cast(values, starts, angles, limit))
+    np.testing.assert_allclose(compiled, expected, rtol=0, atol=1e-9)
+    assert compiled.tobytes() == twin.tobytes()
+
+
+@pytest.mark.usefixtures("each_engine")
+def test_beams_along_edges_of_cells_belong_to_the_cells_above():
+    values = np.zeros((5, 6), dtype=np.int8)
+    values[2, 5] = values[4, 1] = 100
+    angles = np.array([[0.0, np.pi / 2, np.pi, -np.pi / 2]])
+    assert cast(values, np.array([[2.0, 1.0]]), angles, 9.0).tolist() == [
+        [4.0, 2.0, np.inf, np.inf]
+    ]
+    assert np.isinf(cast(values, np.array([[2.5, 9.0]]), angles, 9.0)).all()  # begin outside
+
+
+@needs_compiled
+def test_beams_along_edges_come_to_an_end():
+    """Rounding may put them into the cell before the edge again and again."""
+    values = np.zeros((90, 90), dtype=np.int8)
+    values[[30, 31, 60], [10, 70, 44]] = 100
+    starts = np.argwhere(values == 0)[::7].astype(np.float64)
+    angles = np.tile([-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi], (len(starts), 1))
+    compiled, twin = by_each_engine(lambda: cast(values, starts, angles, 99.0))
+    assert compiled.tobytes() == twin.tobytes()
+
+
+@needs_compiled
+def test_ten_thousand_beams_through_a_large_map_are_exact():
+    rng = np.random.default_rng(8)
+    values = np.where(rng.random((420, 390)) < 0.006, 100, 0)
+    starts, angles = rng.random((10_000, 2)) * values.shape, rng.uniform(-4, 4, (10_000, 1))
+    expected = beam_lengths(values, starts, angles, 300.0)
+    lengths = cast(values, starts, angles, 300.0)
+    assert np.isfinite(lengths).mean() > 0.5
+    np.testing.assert_allclose(lengths, expected, rtol=0, atol=1e-9)

@@ -394,12 +394,18 @@ _NANOSECONDS = _STAMP * 10**9
 _VERSION: Literal[8] = 8  # of the metadata: Humble cannot read version 9
 _COPIES = 5  # peak memory, bytes per cell
 
+_Types = Mapping[str, Callable[..., Any]]
+_Record = tuple[str, str, int, Any]  # topic, type, time in nanoseconds, message
+
+
+_MODULES = ("rosbags.typesys", "rosbags.rosbag1", "rosbags.rosbag2")
+
 
 def write_bag(
     transaction: Transaction, output: Path, grid: OccupancyGrid | Costmap, *,
     topic: str | None = None, frame: str = FRAME,
 ) -> None:  # fmt: skip
-    needs_bags(output, "rosbags.typesys", "rosbags.rosbag1", "rosbags.rosbag2")
+    needs_bags(output, *_MODULES)
     claim(output, _COPIES * grid.layer.size, what="messages of this size")
     is_ros1 = output.suffix == ".bag"
     if topic is None:
@@ -413,7 +419,87 @@ def write_bag(
         if is_ros1:
             files = _write_ros1(folder / "bag", grid, topic, frame)
         else:
-            files = _write_ros2(folder / name_inside(output), output.suffix, grid, topic, frame)
+            name = NAV2_COSTMAP if _is_nav2_costmap(grid) else OCCUPANCY_GRID
+
+            def records(types: _Types) -> Iterator[_Record]:
+                yield topic, name, _NANOSECONDS, _message(types, grid, frame, is_ros1=False)
+
+            files = _write_ros2(folder / name_inside(output), output.suffix, records, {topic})
+        for path, file in zip(bag_paths(output), files, strict=True):
+            transaction.write_parts(path, chunks_of(file))
+
+
+@dataclass(frozen=True)
+class SimulatedRun:
+    """A run of a robot with a laser scanner: `rate` scans a second, poses of shape (N, 3)."""
+
+    grid: OccupancyGrid
+    rate: float
+    odometry: NDArray[np.float64]
+    odometry_frames: NDArray[np.float64]
+    mount: tuple[float, float, float]
+    start: float
+    step: float
+    ranges: NDArray[np.float64]
+    range_limits: tuple[float, float]
+
+    def records(self, types: _Types) -> Iterator[_Record]:
+        # a stamp of 0 means that there is none
+        times = np.rint(np.arange(1, len(self.odometry) + 1) * (_SECOND / self.rate))
+        first = int(times[0])
+        grid = _message(types, self.grid, FRAME, is_ros1=False, time=first)
+        yield MAP_TOPIC, OCCUPANCY_GRID, first, grid
+        yaws = self.odometry[:, 2]
+        moves = np.diff(self.odometry, axis=0, prepend=self.odometry[:1]) * self.rate
+        speeds = np.cos(yaws) * moves[:, 0] + np.sin(yaws) * moves[:, 1]
+        last = self.start + self.step * (self.ranges.shape[1] - 1)
+        nothing = np.zeros(36)
+        vector = types["geometry_msgs/msg/Vector3"]
+        for k, time in enumerate(times.astype(np.int64).tolist()):
+            stamp = types["builtin_interfaces/msg/Time"](*divmod(time, _SECOND))
+
+            def header(frame: str, stamp: Any = stamp) -> Any:
+                return types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)
+
+            poses = {
+                FRAME: ("odom", self.odometry_frames[k]), "odom": ("base_link", self.odometry[k]),
+                "base_link": ("laser", self.mount),
+            }  # fmt: skip
+            transforms = [
+                types["geometry_msgs/msg/TransformStamped"](
+                    header(parent), child, types["geometry_msgs/msg/Transform"](
+                        vector(float(pose[0]), float(pose[1]), 0.0), _upright(types, pose[2])
+                    )
+                )
+                for parent, (child, pose) in poses.items()
+            ]  # fmt: skip
+            yield "/tf", TF_TYPES[0], time, types[TF_TYPES[0]](transforms)
+            twist = types["geometry_msgs/msg/Twist"](
+                vector(float(speeds[k]), 0.0, 0.0), vector(0.0, 0.0, float(moves[k, 2]))
+            )
+            odometry = types[ODOMETRY](
+                header("odom"), "base_link",
+                types["geometry_msgs/msg/PoseWithCovariance"](
+                    _pose(types, *self.odometry[k].tolist()), nothing
+                ),
+                types["geometry_msgs/msg/TwistWithCovariance"](twist, nothing),
+            )  # fmt: skip
+            yield "/odom", ODOMETRY, time, odometry
+            # rounded up: beams end inside of the cell that they hit
+            ranges = self.ranges[k].astype(np.float32)
+            ranges[ranges < self.ranges[k]] *= np.float32(1 + 2**-23)
+            scan = types[LASER_SCAN](
+                header("laser"), self.start, last, self.step, 0.0, 1 / self.rate,
+                *self.range_limits, ranges, np.empty(0, dtype=np.float32),
+            )  # fmt: skip
+            yield "/scan", LASER_SCAN, time, scan
+
+
+def write_run(transaction: Transaction, output: Path, run: SimulatedRun) -> None:
+    """Write a bag of ROS 2 with the map, transforms, odometry and scans of a run."""
+    with _scratch(output) as folder:
+        inner = folder / name_inside(output)
+        files = _write_ros2(inner, output.suffix, run.records, {MAP_TOPIC})
         for path, file in zip(bag_paths(output), files, strict=True):
             transaction.write_parts(path, chunks_of(file))
 
@@ -435,7 +521,7 @@ def _write_ros1(
 
 
 def _write_ros2(
-    bag: Path, suffix: str, grid: OccupancyGrid | Costmap, topic: str, frame: str
+    bag: Path, suffix: str, records: Callable[[_Types], Iterator[_Record]], latched: set[str]
 ) -> tuple[Path, ...]:
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability
     from rosbags.interfaces import QosTime as Time
@@ -444,22 +530,24 @@ def _write_ros2(
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     store.register(costmap_types())
-    name = NAV2_COSTMAP if _is_nav2_costmap(grid) else OCCUPANCY_GRID
     plugin = StoragePlugin.MCAP if suffix == ".mcap" else StoragePlugin.SQLITE3
     unset = Time(sec=0, nsec=0)
     # as map_server publishes: later subscribers get the last message, too
-    latched = Qos(
+    as_latched = Qos(
         history=QosHistory.KEEP_LAST, depth=1, reliability=QosReliability.RELIABLE,
         durability=QosDurability.TRANSIENT_LOCAL, deadline=unset, lifespan=unset,
         liveliness=QosLiveliness.AUTOMATIC, liveliness_lease_duration=unset,
         avoid_ros_namespace_conventions=False,
     )  # fmt: skip
+    connections: dict[str, Any] = {}
     with Writer(bag, version=_VERSION, storage_plugin=plugin) as writer:
-        connection = writer.add_connection(
-            topic, name, typestore=store, offered_qos_profiles=[latched]
-        )
-        message = _message(store.types, grid, frame, is_ros1=False)
-        writer.write(connection, _NANOSECONDS, store.serialize_cdr(message, name))
+        for topic, name, time, message in records(store.types):
+            if topic not in connections:
+                profiles = [as_latched] if topic in latched else []
+                connections[topic] = writer.add_connection(
+                    topic, name, typestore=store, offered_qos_profiles=profiles
+                )
+            writer.write(connections[topic], time, store.serialize_cdr(message, name))
     file = bag / f"{bag.name}{suffix}"
     if plugin is StoragePlugin.MCAP:
         add_checksums(file)
@@ -480,30 +568,34 @@ def _scratch(output: Path) -> Iterator[Path]:
             raise FileAccessError(f"cannot be written: {error}", source=output) from None
 
 
+def _upright(types: _Types, yaw: float) -> Any:
+    quaternion = 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)
+    return types["geometry_msgs/msg/Quaternion"](*quaternion)
+
+
+def _pose(types: _Types, x: float, y: float, yaw: float) -> Any:
+    point = types["geometry_msgs/msg/Point"](x, y, 0.0)
+    return types["geometry_msgs/msg/Pose"](point, _upright(types, yaw))
+
+
 def _message(
-    types: Mapping[str, Callable[..., Any]], grid: OccupancyGrid | Costmap, frame: str, *,
-    is_ros1: bool,
+    types: _Types, grid: OccupancyGrid | Costmap, frame: str, *, is_ros1: bool,
+    time: int = _NANOSECONDS,
 ) -> Any:  # fmt: skip
-    time = types["builtin_interfaces/msg/Time"](sec=_STAMP, nanosec=0)
+    stamp = types["builtin_interfaces/msg/Time"](*divmod(time, _SECOND))
     sequence = {"seq": 0} if is_ros1 else {}
-    header = types["std_msgs/msg/Header"](stamp=time, frame_id=frame, **sequence)
-    x, y, yaw = grid.origin
-    origin = types["geometry_msgs/msg/Pose"](
-        position=types["geometry_msgs/msg/Point"](x=x, y=y, z=0.0),
-        orientation=types["geometry_msgs/msg/Quaternion"](
-            x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2)
-        ),
-    )
+    header = types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame, **sequence)
+    origin = _pose(types, *grid.origin)
     height, width = grid.shape
     resolution = float(np.float32(grid.resolution))
     values = np.ascontiguousarray(grid.layer).reshape(-1)
     if _is_nav2_costmap(grid):
         info = types["nav2_msgs/msg/CostmapMetaData"](
-            map_load_time=time, update_time=time, layer="master", resolution=resolution,
+            map_load_time=stamp, update_time=stamp, layer="master", resolution=resolution,
             size_x=width, size_y=height, origin=origin,
         )  # fmt: skip
         return types[NAV2_COSTMAP](header=header, metadata=info, data=values.view(np.uint8))
     info = types["nav_msgs/msg/MapMetaData"](
-        map_load_time=time, resolution=resolution, width=width, height=height, origin=origin
+        map_load_time=stamp, resolution=resolution, width=width, height=height, origin=origin
     )
     return types[OCCUPANCY_GRID](header=header, info=info, data=values.view(np.int8))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -189,18 +189,32 @@ def graph(
     if robot is not None and not isinstance(robot, RobotParameters):
         raise ParameterError("must be RobotParameters", place="robot", got=robot)
     options = graph_drafts.GraphOptions(spacing, hall, cover, slow_below, one_way)
+    inputs.need_ending(".geojson")
+    also = robot.paths if robot else ()
+    (source,) = inputs.opened(map, names=("map",), also=also, **reading)
+    return graph_of(
+        source, options, start=start, goals=goals, through_unknown=through_unknown,
+        footprint=footprint, robot=robot, **reading,
+    )  # fmt: skip
+
+
+def graph_of(
+    source: inputs.MapInput, options: graph_drafts.GraphOptions, *,
+    start: tuple[float, ...] | None = None, goals: Sequence[Goal] = (),
+    through_unknown: bool = False, footprint: Footprint | None = None,
+    robot: RobotParameters | None = None, **reading: Unpack[inputs.Reading],
+) -> PlannedGraph:  # fmt: skip
+    """Return the route graph of a map that has been opened."""
     if footprint is None and robot is None:
         emit_warning(
             "no robot is given, by --robot-radius, --footprint or --params-file: the graph is that "
             "of a point"
         )
-    inputs.need_ending(".geojson")
     shape = planned_shape(robot) if footprint is None and robot is not None else footprint
     parameters: dict[str, Any] = {"footprint": shape, "through_unknown": through_unknown}
     if start is not None:
         parameters["start"] = start
     step = make_step("reach", {**parameters, "goals": tuple(goals)})
-    (source,) = inputs.opened(map, names=("map",), also=robot.paths if robot else (), **reading)
     coarse = graph_drafts.coarse_step(reach_radius(shape), source.grid.resolution) ** 2
     per_cell = step.memory + _PER_CELL + _PER_COARSE_CELL / coarse
     with (
@@ -222,8 +236,9 @@ def graph(
                 why = goal.stopped_by or "no way leads there"
                 raise FindingError(f"goal {goal.goal.label} is not reachable: {why}")
         result = route_graph_of(found, options)
-    _warn(result, source.name, cover, has_corners=shape is not None and bool(shape.vertices))
-    return PlannedGraph(source, found, result, cover)
+    has_corners = shape is not None and bool(shape.vertices)
+    _warn(result, source.name, options.cover, has_corners=has_corners)
+    return PlannedGraph(source, found, result, options.cover)
 
 
 def _warn(result: GraphResult, name: str, cover: float, *, has_corners: bool) -> None:

@@ -49,3 +49,10 @@ def cells(
     tolerance: float,
     farthest: float,
 ) -> bool: ...
+def cast(
+    room: NDArray[Any],
+    starts: NDArray[Any],
+    directions: NDArray[Any],
+    limit: float,
+    distances: NDArray[Any],
+) -> None: ...

@@ -30,6 +30,10 @@ cdef extern from "rays.h" nogil:
     int cells_of_points(
         const Lattice *lattice, const double *points, int64_t count, int64_t *cells
     )
+    void cast_in(
+        const uint8_t *room, int64_t height, int64_t width, const double *starts,
+        const double *directions, int64_t scans, int64_t beams, double limit, double *distances,
+    )
 
 
 cdef int _check_beams(
@@ -137,3 +141,22 @@ def cells(
     with nogil:
         is_near = cells_of_points(&lattice, &points[0, 0], points.shape[0], &found[0, 0])
     return is_near
+
+
+def cast(
+    const uint8_t[:, ::1] room, const double[:, ::1] starts, const double[:, :, ::1] directions,
+    double limit, double[:, ::1] distances,
+):
+    """Find the distance along each ray to the first obstacle, in cells, infinite without one."""
+    cdef Py_ssize_t scans = distances.shape[0], beams = distances.shape[1]
+    if (starts.shape[0], starts.shape[1]) != (scans, 2):
+        raise ValueError("there must be a start for each scan")
+    if (directions.shape[0], directions.shape[1], directions.shape[2]) != (scans, beams, 2):
+        raise ValueError("there must be a direction for each beam")
+    if room.shape[0] == 0 or room.shape[1] == 0 or scans == 0 or beams == 0:
+        return
+    with nogil:
+        cast_in(
+            &room[0, 0], room.shape[0], room.shape[1], &starts[0, 0], &directions[0, 0, 0], scans,
+            beams, limit, &distances[0, 0],
+        )

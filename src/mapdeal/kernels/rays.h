@@ -223,3 +223,44 @@ static int cells_of_points(const Lattice *lattice, const double *points, int64_t
     }
     return 1;
 }
+
+/* `room` of a cell: 0 in obstacles, 1 where a ray ends without a hit, else at least 2; from all places
+   in such a cell, the next cell of another kind is more than room - 2 cells away. */
+enum { OBSTACLE = 0, OPAQUE = 1, ROOM = 2 };
+
+/* The distance along each ray from its start to the obstacle that it enters first, in cells; infinite
+   if it enters none within the limit. Starts and directions of length 1 are y and x, in cells. */
+static void cast_in(const uint8_t *room, int64_t height, int64_t width, const double *starts,
+                    const double *directions, int64_t scans, int64_t beams, double limit,
+                    double *distances)
+{
+    for (int64_t k = 0; k < scans * beams; k++) {
+        const double y = starts[k / beams * 2], x = starts[k / beams * 2 + 1];
+        const double dy = directions[2 * k], dx = directions[2 * k + 1];
+        const double per_row = 1.0 / fabs(dy), per_col = 1.0 / fabs(dx);
+        int64_t row = floor_of(y), col = floor_of(x);
+        double at = 0.0;
+        distances[k] = INFINITY;
+        while (at < limit && row >= 0 && row < height && col >= 0 && col < width) {
+            const int here = room[row * width + col];
+            if (here < ROOM) {
+                if (here == OBSTACLE) distances[k] = at;
+                break;
+            }
+            if (here > ROOM) {
+                at += here - ROOM;
+                row = floor_of(y + at * dy);
+                col = floor_of(x + at * dx);
+                continue;
+            }
+            const double to_row = (dy < 0 ? y - (double)row : (double)(row + 1) - y) * per_row;
+            const double to_col = (dx < 0 ? x - (double)col : (double)(col + 1) - x) * per_col;
+            /* no step leads back, or rounding at an edge would repeat a jump for ever */
+            at = larger_of(at, to_col <= to_row ? to_col : to_row);
+            if (to_col <= to_row)
+                col += dx < 0 ? -1 : 1;
+            else
+                row += dy < 0 ? -1 : 1;
+        }
+    }
+}

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask
+from mapdeal.kernels.distance import bytes_by_distance
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.polygons import Edges, enumerated, runs
 from mapdeal.kernels.threads import in_parallel, thread_count
@@ -131,6 +132,7 @@ OBSERVED, A_HIT, MOST_HITS = 1, 2, 3
 
 _PARTS_PER_THREAD = 2  # each part of the rows reads every beam once more
 _CELLS_TOGETHER = 1 << 20
+_RAYS_TOGETHER = 1 << 16
 
 
 class Odds(NamedTuple):
@@ -207,6 +209,70 @@ def measure_rays(
         units = (share * DISTANCE_UNIT + (DISTANCE_UNIT + 0.5)).astype(np.int64) - DISTANCE_UNIT
         np.add.at(flat, at[near], units)
         np.add.at(weights.reshape(-1), at[near], 1)
+
+
+_MOST_ROOM = 253
+"""Largest jump of a ray, cells: bytes hold it above the two marks, see rays.h."""
+
+
+def room_around(obstacles: Mask, opaque: Mask) -> Bytes:
+    """Return how far rays may jump from each cell, for `cast_rays`; opaque cells end them."""
+    # Two places of cells whose centres are d apart are more than d - sqrt(2) apart.
+    distances = np.sqrt(np.arange((_MOST_ROOM + 2) ** 2)) - (math.sqrt(2) + 1e-6)
+    table = (2 + np.clip(np.floor(distances), 0, _MOST_ROOM)).astype(np.uint8)
+    room = bytes_by_distance(obstacles | opaque, table)
+    room[opaque], room[obstacles] = 1, 0
+    return room
+
+
+def cast_rays(room: Bytes, starts: Floats, angles: Floats, limit: float) -> Floats:
+    """Return the distances of rays to obstacles, shape (N, M), in cells; inf from the limit on.
+
+    Starts are rows and columns, shape (N, 2); angles, shape (N, M), are those to the axis of x.
+    """
+    distances = np.full(angles.shape, np.inf)
+    starts = np.ascontiguousarray(starts)
+    scans_together = max(1, _RAYS_TOGETHER // max(1, angles.shape[1]))
+
+    def cast(first: int, end: int) -> None:
+        for k in range(first, end):
+            part = slice(k * scans_together, (k + 1) * scans_together)
+            directions = np.stack([np.sin(angles[part]), np.cos(angles[part])], axis=-1)
+            if engine_name() == "compiled":
+                from mapdeal.kernels import _rays
+
+                _rays.cast(room, starts[part], directions, limit, distances[part])
+            else:
+                _cast(room, starts[part], directions, limit, distances[part])
+
+    in_parallel(cast, -(-len(starts) // scans_together))
+    return distances
+
+
+def _cast(room: Bytes, starts: Floats, directions: Floats, limit: float, distances: Floats) -> None:
+    """Do the same as `cast_in` of rays.h, one step of all rays at a time."""
+    start = np.repeat(starts, distances.shape[1], axis=0)
+    direction = directions.reshape(-1, 2)
+    with np.errstate(divide="ignore"):
+        per_cell = 1.0 / np.abs(direction)
+    step = np.where(direction < 0, -1, 1)
+    cells = np.floor(start).astype(np.int64)
+    at, ray = np.zeros(len(start)), np.arange(len(start))
+    while len(ray):
+        is_inside = ((cells >= 0) & (cells < room.shape)).all(axis=1) & (at < limit)
+        here = room[tuple(np.where(is_inside[:, np.newaxis], cells, 0).T)]
+        is_hit = is_inside & (here == 0)
+        distances.reshape(-1)[ray[is_hit]] = at[is_hit]
+        goes_on = is_inside & (here > 1)
+        ray, at, cells, here = ray[goes_on], at[goes_on], cells[goes_on], here[goes_on]
+        origin, heading, to_edge = start[ray], direction[ray], step[ray]
+        ends = np.where(heading < 0, origin - cells, cells + 1 - origin) * per_cell[ray]
+        is_along = ends[:, 1] <= ends[:, 0]
+        jumps = here > 2
+        at = np.where(jumps, at + (here - 2.0), np.maximum(at, ends.min(axis=1)))
+        moved = cells + to_edge * np.column_stack([~is_along, is_along])
+        jumped = np.floor(origin + at[:, np.newaxis] * heading).astype(np.int64)
+        cells = np.where(jumps[:, np.newaxis], jumped, moved)
 
 
 def _by_rows(

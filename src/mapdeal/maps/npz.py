@@ -329,7 +329,6 @@ def write_npz(
     file: BinaryIO, grid: Grid, *, more: Mapping[str, NDArray[Any]] | None = None
 ) -> None:
     """Write a grid with all its layers and its geometry, and `more` layers that readers ignore."""
-    # Entries have a fixed date, so equal grids give equal bytes.
     entries: dict[str, Any] = {
         "format": FORMAT,
         "resolution": np.float64(grid.resolution),
@@ -337,6 +336,11 @@ def write_npz(
         **grid.entries(),
         **(more or {}),
     }
+    write_arrays(file, entries)
+
+
+def write_arrays(file: BinaryIO, entries: Mapping[str, Any]) -> None:
+    # Entries have a fixed date, so equal arrays give equal bytes.
     with zipfile.ZipFile(file, "w") as archive:
         for name, value in entries.items():
             array = value if is_lazy(value) else np.asarray(value, order="C")

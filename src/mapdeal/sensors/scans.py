@@ -472,6 +472,24 @@ def _pose(words: list[bytes]) -> tuple[float, float, float]:
     raise _BadLineError("the pose must be three finite numbers")
 
 
+def carmen_lines(
+    scans: ScanArrays, times: Floats, robot_poses: Floats, longest: float
+) -> Iterator[bytes]:  # fmt: skip
+    """Yield the ROBOTLASER1 lines of scans; beams without a return are longer than `longest`."""
+    count = len(scans.angles)
+    start, last = scans.angles[[0, -1]].tolist()
+    step = (last - start) / (count - 1)
+    head = f"ROBOTLASER1 0 {start!r} {last - start!r} {step!r} {longest!r} 0.0 0 {count}"
+    readings = " %.7f" * count
+    for row, pose, robot, time in zip(
+        scans.ranges, scans.poses.tolist(), robot_poses.tolist(), times.tolist(), strict=True
+    ):
+        ranges = tuple(np.nan_to_num(row, posinf=longest + 1, neginf=0.0).tolist())
+        poses = " ".join(map(repr, [*pose, *robot]))
+        line = f"{head}{readings % ranges} 0 {poses} 0 0 0 0 0 {time:.6f} mapdeal {time:.6f}"
+        yield f"{line}\n".encode()
+
+
 _MOST_ELEMENTS = 1 << 31
 
 

@@ -1,0 +1,331 @@
+"""``mapdeal scan``: the laser log that a robot would record on a map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.command import (
+    ABOVE_0,
+    AT_LEAST_0,
+    METRES,
+    POSE,
+    RADIANS,
+    Condition,
+    Output,
+    Result,
+    Words,
+    command,
+)
+from mapdeal.commands.graph import graph_of
+from mapdeal.commands.reach import start_of
+from mapdeal.compatibility import Unpack
+from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
+from mapdeal.files.json_values import read_document
+from mapdeal.files.source import claim
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.reach import Route
+from mapdeal.grid.values import count_text
+from mapdeal.mapping.evidence import BeamLimits, Scans
+from mapdeal.mapping.scanner import Scanner, Surroundings, noisy_odometry
+from mapdeal.maps.npz import write_arrays
+from mapdeal.pictures.canvas import Image
+from mapdeal.pictures.layers import occupancy_image
+from mapdeal.pictures.overlay import RouteOverlay
+from mapdeal.pipeline import inputs
+from mapdeal.planning.graph_drafts import GraphOptions
+from mapdeal.planning.tours import driven, tour_of
+from mapdeal.ros.robot import RobotParameters
+from mapdeal.sensors.points import read_poses
+from mapdeal.sensors.scans import ScanArrays, carmen_lines
+
+_BAGS = (".mcap", ".db3")
+_PER_CELL = 24.0  # bytes for each cell of distances and of walls that are seen
+_PER_READING = 9
+_COVER = 1.5  # metres from each place that the robot reaches to a possible viewpoint
+_BETWEEN = 1.0  # metres between the places from which all visible walls are looked for
+_FIELD = Condition("at most a full turn, 6.2832", lambda value: value <= 2 * math.pi + 1e-3)
+_RATE = Condition("between 0.001 and 10000", lambda value: 0.001 <= value <= 10_000)
+_BEAMS = Condition("between 2 and 99999", lambda value: 2 <= value <= 99_999)
+_SHARE = Condition("between 0 and 1", lambda value: 0 <= value <= 1)
+
+
+def _paths(output: Path) -> Iterable[Path]:
+    if output.suffix in _BAGS:
+        from mapdeal.bags.bag import bag_paths, needs_bags
+
+        needs_bags(output, "rosbags.typesys", "rosbags.rosbag2")
+        return bag_paths(output)
+    if output.suffix not in (".npz", ".log"):
+        rule = "must end in .npz, .log, .mcap or .db3"
+        raise ParameterError(rule, source="--output", got=str(output))
+    return [output]
+
+
+def _mount_of(text: str) -> tuple[float, ...]:
+    return inputs.numbers_of(text, "X,Y,YAW")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SimulatedScans(Result):
+    """Scans of a simulated laser scanner on a map, and the run that they are from.
+
+    Parameters
+    ----------
+    map : MapInput
+        The map.
+    scans : Scans
+        Poses of the scanner, angles and ranges, which `build_map` takes.
+    robot_poses : numpy.ndarray of float64, shape (N, 3)
+        x, y (metres) and yaw (radians) of the robot at each scan.
+    scanner : Scanner
+        The scanner.
+    rate : float
+        Scans per second; the first is made after one period.
+    odom_noise : float
+        Standard deviation of the odometry after one metre and after one radian.
+    visible_count, seen_count : int, optional
+        For a tour: number of wall cells in sight of where the robot gets, each metre, and of those
+        that the scans hit.
+    """
+
+    map: inputs.MapInput
+    scans: Scans
+    robot_poses: NDArray[np.float64]
+    scanner: Scanner
+    rate: float
+    odom_noise: float
+    visible_count: int | None = None
+    seen_count: int | None = None
+
+    @property
+    def length(self) -> float:
+        """Length of the way, metres."""
+        return float(np.hypot(*np.diff(self.robot_poses[:, :2], axis=0).T).sum())
+
+    def document(self) -> dict[str, Any]:
+        ranges, count = self.scans.ranges, len(self.robot_poses)
+        hits = int(np.count_nonzero(np.isfinite(ranges)))
+        no_return = int(np.count_nonzero(ranges == np.inf))
+        return {
+            "scans": count, "beams": ranges.size, "hits": hits, "no_return": no_return,
+            "too_near": ranges.size - hits - no_return, "length_m": round(self.length, 3),
+            "duration_s": round(count / self.rate, 3),
+            "visible_wall_cells": self.visible_count, "seen_wall_cells": self.seen_count,
+        }  # fmt: skip
+
+    def lines(self) -> Iterator[str]:
+        figures = self.document()
+        yield (
+            f"{count_text(figures['scans'], 'scan')} of {self.scanner.beams} beams along "
+            f"{self.length:.2f} m in {figures['duration_s']:g} s: {figures['hits']} hits, "
+            f"{figures['no_return']} without return, {figures['too_near']} too near"
+        )
+        if self.visible_count is not None and self.seen_count is not None:
+            share = 100 * self.seen_count / max(self.visible_count, 1)
+            yield f"  sees {share:.2f} % of {self.visible_count} visible wall cells"
+
+    def summary(self, output: Path) -> Iterator[str]:
+        first, *more = self.lines()
+        yield f"{output}: {first}"
+        yield from more
+
+    def drawn(self, *, title: str | None = None, **look: Any) -> Image:
+        """Return the robot's way over the map."""
+        line = self.robot_poses[:, :2]
+        start, goal = ((float(x), float(y)) for x, y in line[[0, -1]])
+        route = Route("graph", True, start, goal, line, self.length)
+        title = title or f"{self.map.title}: simulated scans"
+        return occupancy_image(
+            self.map.occupancy, title=title, **{**look, "overlay": RouteOverlay(route)}
+        )
+
+    def write(self, transaction: Any, output: Path) -> None:
+        """Write the log: .npz, a CARMEN .log, or a bag of ROS 2."""
+        scans, scanner = self.scans, self.scanner
+        if output.suffix == ".npz":
+            arrays = {"poses": scans.poses, "angles": scans.angles, "ranges": scans.ranges}
+            transaction.write(output, lambda file: write_arrays(file, arrays))
+        elif output.suffix == ".log":
+            times = np.arange(1, len(self.robot_poses) + 1) / self.rate
+            arrays_of_scans = ScanArrays(scans.poses, scans.angles, scans.ranges)
+            lines = carmen_lines(arrays_of_scans, times, self.robot_poses, scanner.range_max)
+            transaction.write_parts(output, lines)
+        else:
+            from mapdeal.bags.messages import SimulatedRun, write_run
+
+            run = SimulatedRun(
+                self.map.occupancy, self.rate, *noisy_odometry(self.robot_poses, self.odom_noise),
+                scanner.mount, scanner.first_angle, scanner.step, scans.ranges,
+                (scanner.range_min, scanner.range_max),
+            )  # fmt: skip
+            write_run(transaction, output, run)
+
+
+@command(
+    group="Laser scans and point clouds",
+    output=Output(
+        "LOG", "Where to write the scans: .npz, .log (CARMEN), .mcap, or a folder .db3.",
+        streams=False, paths=_paths,
+    ),
+    shared=("robot", "files"),
+    example="""\
+mapdeal scan examples/maps/office.yaml --tour --robot-radius 0.22 \\
+    --range-max 8 -o out/scans.npz --image out/scans.png
+mapdeal scan examples/maps/office.yaml --tour --robot-radius 0.22 --rate 2 \\
+    --noise 0.01 --odom-noise 0.02 -o out/scans.mcap""",
+)  # fmt: skip
+def scan(
+    map: inputs.Map,  # noqa: A002 - what it is
+    *,
+    poses: Annotated[Any, Words("FILE", typed=Path)] = None,
+    route: Annotated[Any, Words("ROUTE.json", typed=Path)] = None,
+    tour: bool = False,
+    start: Annotated[tuple[float, ...] | None, POSE, Words("X,Y[,YAW]", start_of, "from")] = None,
+    speed: Annotated[float, ABOVE_0, Words("M/S")] = 0.5,
+    rate: Annotated[float, _RATE, Words("HZ")] = 10.0,
+    range_max: Annotated[float, ABOVE_0, METRES] = 30.0,
+    range_min: Annotated[float, AT_LEAST_0, METRES] = 0.0,
+    fov: Annotated[float, ABOVE_0, _FIELD, RADIANS] = 2 * math.pi,
+    beams: Annotated[int, _BEAMS, Words("N")] = 360,
+    sensor_at: Annotated[tuple[float, ...], POSE, Words("X,Y,YAW", _mount_of)] = (0.0, 0.0, 0.0),
+    noise: Annotated[float, AT_LEAST_0, METRES] = 0.0,
+    dropout: Annotated[float, _SHARE, Words("P")] = 0.0,
+    odom_noise: Annotated[float, AT_LEAST_0, Words("SIGMA")] = 0.0,
+    through_unknown: bool = False,
+    footprint: Footprint | None = None,
+    robot: Annotated[RobotParameters | None, Words()] = None,
+    **reading: Unpack[inputs.Reading],
+) -> SimulatedScans:
+    """Simulate the laser scans of a robot that drives through a map.
+
+    Beams are exact: they end where they enter an obstacle. The poses are those of a file, of a
+    route, or of a tour: a closed way along the route graph of the robot, past viewpoints that
+    together see all walls that its nodes see. The seed of the noise is fixed. Bags have
+    /scan, /tf (map, odom, base_link, laser), /odom and /map.
+
+    Parameters
+    ----------
+    map : path, str or grid
+        The map.
+    poses : path, str or array of shape (N, 3), optional
+        File of the robot's poses, one per scan: x y yaw, or t x y z qx qy qz qw, whose times are
+        not used.
+    route : path, str or Route, optional
+        Route to drive along, as the command route writes it.
+    tour : bool
+        Drive along a closed tour past all visible walls.
+    start : tuple of float, optional
+        With a tour: the robot drives where it gets from there, metres; by default from the widest
+        place of the largest free area.
+    speed : float
+        Speed along a route or tour, metres per second.
+    rate : float
+        Scans per second.
+    range_max : float
+        Range from which beams have no return, metres.
+    range_min : float
+        Range below which obstacles are too near, metres.
+    fov : float
+        Field of view, ahead in its middle, radians. [default: a full turn]
+    beams : int
+        Beams of a scan.
+    sensor_at : tuple of float
+        Pose of the scanner on the robot, metres and radians.
+    noise : float
+        Standard deviation of ranges, metres.
+    dropout : float
+        Share of beams that are lost, from 0 to 1.
+    odom_noise : float
+        In bags: standard deviation of the odometry after one metre, and after one radian; it
+        grows with the root of the way.
+    through_unknown : bool
+        Beams pass unknown cells, and a tour may; by default they end there without a return.
+    footprint, robot : Footprint, RobotParameters, optional
+        With a tour: the robot's shape and own parameters.
+    **reading
+        As for `read_map`; dialect, max_cells and max_memory apply to a file.
+
+    Returns
+    -------
+    SimulatedScans
+        The scans, as `SimulatedScans.scans`, and the poses of the robot.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        If a file cannot be read, or no pose lies in free space.
+    ParameterError
+        If not exactly one of poses, route and tour is given, or range_max is not above range_min.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid
+    >>> room = OccupancyGrid([[100] * 9, *[[100] + [0] * 7 + [100]] * 5, [100] * 9], 0.25)
+    >>> found = scan(room, poses=[[1.0, 1.0, 0.0]], beams=720)
+    >>> round(float(found.scans.ranges[0, 360]), 6)  # straight ahead
+    1.0
+    >>> found.scans.poses.shape, found.scans.angles.shape
+    ((1, 3), (720,))
+    """
+    sources = {"poses": poses is not None, "route": route is not None, "tour": tour}
+    if sum(sources.values()) != 1:
+        hint = "--tour drives past all visible walls"
+        raise ParameterError("exactly one of these is needed", place=", ".join(sources), hint=hint)
+    if not tour:
+        inputs.refuse("applies to a tour", start=start, footprint=footprint, robot=robot)
+    BeamLimits(range_min, range_max)
+    mount = (float(sensor_at[0]), float(sensor_at[1]), float(sensor_at[2]))
+    scanner = Scanner(range_min, range_max, fov, beams, noise, dropout, mount)
+    files = [Path(file) for file in (poses, route) if isinstance(file, str | Path)]
+    also = [*files, *(robot.paths if robot else ())]
+    (source,) = inputs.opened(map, names=("map",), also=also, **reading)
+    inputs.claim_cells(source, _PER_CELL, measures=True, **reading)
+    around = Surroundings(source.occupancy, through_unknown)
+    is_hit, is_visible = np.zeros((2, around.cells), dtype=np.bool_)
+    if poses is not None:
+        robot_poses = read_poses(files[0]) if files else np.array(poses, dtype=np.float64)
+        if robot_poses.ndim != 2 or robot_poses.shape[1] != 3 or not len(robot_poses):
+            rule = "must be an array of shape (N, 3)"
+            raise ParameterError(rule, place="poses", got=robot_poses.shape)
+        robot_poses[:, 2] = np.unwrap(robot_poses[:, 2])
+    elif tour:
+        planned = graph_of(
+            source, GraphOptions(cover=_COVER), start=start, through_unknown=through_unknown,
+            footprint=footprint, robot=robot, **reading,
+        )  # fmt: skip
+        in_sight = list(around.all_hit_cells(planned.graph.points_xy, range_max))
+        step = max(1, round(_BETWEEN / source.grid.resolution))
+        cells = np.argwhere(planned.reach.reachable[::step, ::step]) * step
+        places = planned.reach.frame.xy_from_rowcol(cells)
+        for hit in (*in_sight, *around.all_hit_cells(places, range_max)):
+            is_visible[hit] = True
+        robot_poses = driven(
+            *tour_of(planned.graph, in_sight, around.cells), speed=speed, rate=rate
+        )
+    else:
+        line = read_document(files[0])["points"].points() if files else route.points_xy
+        if not len(line):
+            rule = "has no points: its goal is not reached"
+            raise MalformedInputError(rule, source=files[0] if files else "route", place="points")
+        robot_poses = driven(line, np.zeros(len(line), np.bool_), speed=speed, rate=rate)
+    count = len(robot_poses) * beams
+    with inputs.settings_of(**reading).reading():
+        claim(source.name, _PER_READING * count, what=f"{count} readings of scans")
+    blocked = np.flatnonzero(~around.is_open(scanner.poses_of(robot_poses)))
+    if len(blocked):
+        rule = "of the scanner lie in obstacles, in unknown cells or outside the map"
+        text = f"{len(blocked)} of {len(robot_poses)} poses {rule}"
+        if len(blocked) == len(robot_poses):
+            raise MalformedInputError(text, source=files[0] if files else source.name)
+        text += f", the first of them pose {blocked[0] + 1}: they see nothing"
+        emit_warning(f"{files[0] if files else source.name}: {text}", stacklevel=2)
+    scans = scanner.scans(around, robot_poses, is_hit if tour else None)
+    counts = [int(np.count_nonzero(mask)) for mask in (is_visible | is_hit, is_hit)] if tour else []
+    return SimulatedScans(source, scans, robot_poses, scanner, rate, odom_noise, *counts)

@@ -1,0 +1,114 @@
+"""Tours of a robot past all that it should see, and its poses along lines over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.route_graph import RouteGraph
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_STEP = 0.02  # metres between places at which headings are computed
+_AHEAD = 0.25  # metres before and behind the robot; its heading is the direction between both
+_TURNING = 1.0  # radians per second
+_MOST_POSES = 10_000_000
+_LITTLE = 1e-9
+
+
+class Tour(NamedTuple):
+    """A closed line of points, shape (N, 2), and which of them are viewpoints."""
+
+    points_xy: Floats
+    is_viewpoint: NDArray[np.bool_]
+
+
+def tour_of(graph: RouteGraph, in_sight: Sequence[Integers], cells: int) -> Tour:
+    """Return a tour along edges of a graph; `in_sight` holds the cells that each node sees.
+
+    It passes viewpoints that together see all cells that any node of the largest part sees: a
+    greedy cover, along a minimum spanning tree that exchanges of two edges shorten.
+    """
+    from scipy.sparse import csgraph, csr_matrix
+
+    count = len(graph.nodes)
+    edges = csr_matrix((graph.lengths, tuple(graph.ends.T)), shape=(count, count))
+    _, parts = csgraph.connected_components(edges, connection="strong")
+    is_part = parts == np.bincount(parts).argmax()
+    indices, starts = np.concatenate(in_sight), np.append(0, np.cumsum(list(map(len, in_sight))))
+    sees = csr_matrix((np.ones(len(indices), np.int64), indices, starts), shape=(count, cells))
+    missing = np.ones(cells, dtype=np.int64)
+    chosen: list[int] = []
+    while True:
+        gains = np.where(is_part, sees @ missing, 0)
+        best = int(gains.argmax())
+        if not gains[best]:
+            break
+        chosen.append(best)
+        missing[in_sight[best]] = 0
+    chosen = chosen or [int(is_part.argmax())]
+    lengths, before = csgraph.dijkstra(edges, indices=chosen, return_predecessors=True)
+    between = np.maximum(lengths[:, chosen], _LITTLE)  # zeros would be no edges
+    tree = csgraph.minimum_spanning_tree(between)
+    order = _shortened(csgraph.depth_first_order(tree, 0, directed=False)[0], between)
+    nodes, is_viewpoint = [chosen[order[0]]], [True]
+    for start, end in pairwise([*order, order[0]]):
+        path = [chosen[end]]
+        while path[-1] != chosen[start]:
+            path.append(int(before[start, path[-1]]))
+        nodes += path[-2::-1]
+        is_viewpoint += [node == chosen[end] for node in path[-2::-1]]
+    return Tour(graph.points_xy[nodes], np.array(is_viewpoint))
+
+
+def _shortened(order: Integers, lengths: Floats) -> list[int]:
+    """Return a closed tour after all exchanges of two edges that shorten it (2-opt)."""
+    has_changed = len(order) > 3
+    while has_changed:
+        has_changed = False
+        for k in range(len(order) - 2):
+            start, end = order[k], order[k + 1]
+            starts, ends = order[k + 2 :], np.append(order[k + 3 :], order[0])
+            gains = lengths[start, end] + lengths[starts, ends]
+            gains -= lengths[start, starts] + lengths[end, ends]
+            best = int(gains.argmax())
+            if gains[best] > _LITTLE:
+                order[k + 1 : k + 3 + best] = order[k + 1 : k + 3 + best][::-1]
+                has_changed = True
+    found: list[int] = order.tolist()
+    return found
+
+
+def driven(
+    points_xy: Floats, is_viewpoint: NDArray[np.bool_], *, speed: float, rate: float
+) -> Floats:
+    """Return poses, shape (N, 3), of a robot that drives along a line, `rate` a second.
+
+    It slows down to turn, and turns once around at each viewpoint.
+    """
+    along = np.append(0.0, np.cumsum(np.hypot(*np.diff(points_xy, axis=0).T)))
+    places = np.linspace(0.0, along[-1], int(np.ceil(along[-1] / _STEP)) + 1)
+
+    def at(lengths: Floats) -> Floats:
+        return np.column_stack([np.interp(lengths, along, axis) for axis in points_xy.T])
+
+    ahead = at(places + _AHEAD) - at(places - _AHEAD)  # interp stays at the ends
+    # where the line turns back, both places are one: the robot looks as before
+    has_direction = np.hypot(*ahead.T) > _LITTLE
+    latest = np.maximum.accumulate(np.where(has_direction, np.arange(len(places)), 0))
+    yaws = np.unwrap(np.arctan2(ahead[latest, 1], ahead[latest, 0]))
+    yaws += 2 * np.pi * np.searchsorted(along[is_viewpoint], places, side="right")
+    steps = np.maximum(np.diff(places) / speed, np.abs(np.diff(yaws)) / _TURNING)
+    times = np.append(0.0, np.cumsum(steps))
+    if times[-1] * rate > _MOST_POSES:
+        rule = f"{times[-1] * rate:.3g} scans are too many, the most are {_MOST_POSES}"
+        raise ParameterError(rule, place="speed, rate", hint="raise --speed, or lower --rate")
+    sampled = np.arange(0.0, times[-1] + _LITTLE, 1 / rate)
+    poses = np.column_stack([at(places), yaws])
+    return np.column_stack([np.interp(sampled, times, axis) for axis in poses.T])
