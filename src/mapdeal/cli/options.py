@@ -103,6 +103,7 @@ def robot_shape(
 def robot_parameters(
     *, params_file: Sequence[Path] | None, costmap: CostmapName | None, namespace: str | None,
     dialect: Dialect, is_shape: bool = False, has_mask: bool = False, has_pose: bool = False,
+    is_replay: bool = False,
 ) -> RobotParameters | None:  # fmt: skip
     """Return the robot of parameter files; report its layers, unless only its shape counts."""
     if not params_file:
@@ -120,7 +121,7 @@ def robot_parameters(
         is_shape=is_shape,
     )
     terminal.detail(f"robot: {robot!r}")
-    if is_shape:
+    if is_shape or is_replay:
         return robot
     remarks = []
     if not has_pose and any(listed.name == INJECTED for listed in robot.layers):
@@ -312,6 +313,7 @@ def with_shared_options(
                     is_shape=not makes_costs(values),
                     has_mask=values.get("mask") is not None,
                     has_pose=values.get("pose") is not None,
+                    is_replay=values.get("bag") is not None,
                 )
                 values["robot"] = read_parameters(**files)
                 if shared_values.get("against"):

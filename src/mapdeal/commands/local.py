@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
+from decimal import Decimal
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -41,6 +43,19 @@ class LocalMaps(Batch):
         super().check()
 
 
+class Costmaps(LocalMaps):
+    """Outcomes of the costmaps of a replay."""
+
+    noun = "costmap"
+
+
+def _nanoseconds(text: str) -> int:
+    number = Decimal(text) if re.fullmatch(r"[0-9]{1,10}(\.[0-9]{0,9})?", text) else Decimal(0)
+    if number <= 0:
+        raise ParameterError("must be a time in seconds, above 0, with up to 9 decimals", got=text)
+    return int(number * 10**9)
+
+
 def _keep(text: str) -> local_maps.Keep:
     if text == "all":
         return "all"
@@ -55,7 +70,7 @@ def _keep(text: str) -> local_maps.Keep:
     shared=("robot", "image_max", "image_extent", "no_images", "dialect", "max_cells", "force",
             "threads", "max_memory"),
     also={"With a bag": FrameOptions, "": LocalOptions},
-    makes_costs=lambda _: False,
+    makes_costs=lambda values: values.get("bag") is not None,
     example="""\
 mapdeal local --cloud examples/clouds/corridor2.pcd --pose -1,0.35,0.3 \\
     --map examples/maps/office.yaml --size 12,8 -o out/local
@@ -63,6 +78,7 @@ mapdeal local --cloud 'examples/clouds/corridor*.pcd' \\
     --poses examples/clouds/corridor_poses.txt -o out/corridor""",
 )  # fmt: skip
 def local(
+    bag: Annotated[Path | None, Words("BAG")] = None,
     *,
     work: InShell,
     output: Path,
@@ -78,14 +94,18 @@ def local(
     recipe: RecipeName = LOCAL_RECIPE,
     changes: Changes = None,
     route_to: Annotated[tuple[float, float] | None, POINT] = None,
+    until: Annotated[int | None, Words("T", _nanoseconds)] = None,
+    every: Annotated[int | None, Words("S", _nanoseconds)] = None,
+    why: Annotated[tuple[float, float] | None, POINT] = None,
     footprint: Footprint | None = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
     **more: Any,
 ) -> RunReport | LocalMaps:
-    """Make maps around a robot from point clouds, a global map, or both.
+    """Make maps around a robot from point clouds, a global map, or both, or replay its costmap.
 
-    With a bag, the last cloud is used, or with --all each; points are transformed to the robot's
-    frame.
+    With --cloud BAG, the last cloud is used, or with --all each; points are transformed to the
+    robot's frame. BAG alone replays the obstacle and voxel layers of --params-file: the costmap is
+    updated with each message of their sensors, as Nav2 and ROS 1 do.
 
     Cells with a point are occupied, others free; with --map, cells that neither the map nor a beam
     has seen stay unknown. The stages of the recipe follow: inflation, field, rings of costs. A
@@ -94,6 +114,8 @@ def local(
 
     Parameters
     ----------
+    bag : path, optional
+        Bag from which to replay the costmap of --params-file; --map gives its static layer.
     clouds : list of str, optional
         A cloud: .pcd, .ply, .xyz, .txt, .csv, .asc, .npy, .npz, or a bag of ROS 1 or ROS 2; with
         --poses it can be repeated, or a folder, or a quoted pattern; without it the window of
@@ -129,12 +151,27 @@ def local(
         of a sequence also routes.json and routes.png, with all routes and the path driven. To a
         point beyond the window, the route ends at the border cell nearest to it, by the route so
         far and the rest on --map, or else in a straight line.
+    until : int, optional
+        Replay up to this time, seconds since 1970.  [default: the whole bag]
+    every : int, optional
+        Replay: write a costmap for every so many seconds, to DIR/0000, ...
+    why : tuple of float, optional
+        Replay: also print what marked or freed the cell at this place, metres, and what did not.
     robot : RobotParameters, optional
-        The robot's own parameters, of which the shape is taken.
+        The robot's own parameters; without a bag to replay, its shape is taken.
     **more
         Fields of `LocalOptions` and of `FrameOptions`.
     """
     frames = {name: more.pop(name) for name in parameters_of(FrameOptions) if name in more}
+    if bag is not None:
+        rule = "applies to clouds, not to the replay of a bag"
+        refuse(
+            rule, cloud=clouds, pose=pose, poses=poses, topic=topics, **frames, index=index,
+            all=takes_all, keep=keep, require_points=require_points, set=changes,
+            route_to=route_to, footprint=footprint, recipe=recipe != LOCAL_RECIPE, **more,
+        )  # fmt: skip
+        return _replay(bag, output, robot, global_map, work, until=until, every=every, why=why)
+    refuse("applies to the replay of a bag, BAG", until=until, every=every, why=why)
     bag = Path(clouds[0]) if clouds and len(clouds) == 1 and is_bag(Path(clouds[0])) else None
     is_sequence = poses is not None or (bag is not None and (takes_all or keep is not None))
     if bag is None:
@@ -198,6 +235,46 @@ def local(
         place = source.pose(number) if pose is None else pose
         job = local_maps.LocalJob(source.cloud(number), place, output)
         return _single(job, common, work, planner)
+
+
+def _replay(
+    bag: Path, output: Path, robot: RobotParameters | None, global_map: Path | None, work: Work, *,
+    until: int | None, every: int | None, why: tuple[float, float] | None,
+) -> RunReport | LocalMaps:  # fmt: skip
+    if robot is None:
+        raise ParameterError("is required to replay a bag", source="--params-file")
+    if every is not None:
+        refuse("applies to one costmap, not to a sequence", why=why)
+    from mapdeal.bags.reader import open_bag  # few commands read bags
+    from mapdeal.pipeline.replay import (
+        BagReplay,
+        CellWatch,
+        messages_until,
+        snapshots,
+        write_replay,
+    )  # fmt: skip
+
+    settings = work.settings
+    known = None if global_map is None else local_maps.read_global_map(global_map, settings)
+    with local_maps.holding_map(known), open_bag(bag) as opened:
+        replay = BagReplay(opened, robot, None if known is None else known.grid)
+        count = messages_until(replay, until)
+        if every is None:
+            replay.watch = None if why is None else CellWatch(replay, why)
+            with work.counted(count) as replay.advance:
+                return write_replay(replay, output, count, known, settings)
+        counts = [number for number in snapshots(replay, every) if number < count]
+        folders = {output / f"{k:04}": number for k, number in enumerate([*counts, count])}
+        jobs = [
+            Job(bag, folder, f"message {number - 1}", folder.name)
+            for folder, number in folders.items()
+        ]
+
+        def write(job: Job) -> RunReport:
+            with strict_warnings(settings.strict, bag):
+                return write_replay(replay, job.folder, folders[job.folder], known, settings)
+
+        return run_and_report(jobs, output, write, Costmaps, work.terminal)
 
 
 def _single(

@@ -100,6 +100,7 @@ class Draft:
     subjects: list[tuple[Path, Subject]] = field(default_factory=list)
     map_path: Path | None = None  # of the map that this is about
     question: ReachQuestion | None = None
+    replays: tuple[Path, ...] = ()  # runs that are one costmap at several times
 
     @property
     def places(self) -> tuple[Path, ...]:
@@ -181,7 +182,7 @@ class Draft:
             tuple(map(shown, _first(tuple(self.warnings), str))), self.status,
             dict(self.figures), self.curve, self.compared, extent_of(self.layers, self.items),
             tuple(replace(claim, text=shown(claim.text)) for claim in claims),
-            self.opens_swiped, self.next_command(settings, claims),
+            self.opens_swiped, self.next_command(settings, claims), bool(self.replays),
         )  # fmt: skip
 
 
@@ -354,7 +355,11 @@ def runs_in(folder: Path) -> list[Draft] | None:
     summary = read_json(folder / SUMMARY)
     entries = summary.get("maps") if isinstance(summary, dict) else None
     if isinstance(entries, list) and entries and all(isinstance(row, dict) for row in entries):
-        return [draft for record in entries for draft in _drafts_of_batch(folder, record)]
+        drafts = [draft for record in entries for draft in _drafts_of_batch(folder, record)]
+        paths = tuple(draft.path for draft in drafts)
+        if len(paths) > 1 and all(_time_of_replay(path) is not None for path in paths):
+            return [Draft(folder.name or str(folder), folder, replays=paths)]
+        return drafts
     found = [path for path, files in folders_below([folder], contents_of) if MANIFEST in files]
     return [Draft(str(path.relative_to(folder)), path) for path in sorted(found)] or None
 
@@ -383,7 +388,31 @@ def _drafts_of_batch(folder: Path, record: Mapping[str, Any]) -> Iterator[Draft]
         yield Draft(f"{place}/local", folder / place / "local", status=status)
 
 
+def _time_of_replay(folder: Path) -> float | None:
+    manifest = read_json(folder / MANIFEST)
+    figures = manifest.get("figures") if isinstance(manifest, dict) else None
+    replay = figures.get("replay") if isinstance(figures, dict) else None
+    time = replay.get("time") if isinstance(replay, dict) else None
+    return time if isinstance(time, float) else None
+
+
+def _fill_from_replays(draft: Draft, grids: Grids) -> None:
+    """Fill an entry with a layer for each time, whose title is the seconds since the first."""
+    first = _time_of_replay(draft.replays[0]) or 0.0
+    for path in draft.replays:
+        run = Draft(path.name, path)
+        fill_from_run(run, grids)
+        title = f"{(_time_of_replay(path) or 0.0) - first:.3f} s"
+        draft.layers += [replace(layer, name=path.name, title=title) for layer in run.layers]
+        draft.tables, draft.curve = run.tables, run.curve
+        draft.warnings |= run.warnings
+        draft.outputs |= run.outputs
+
+
 def fill_from_run(draft: Draft, grids: Grids) -> None:
+    if draft.replays:
+        _fill_from_replays(draft, grids)
+        return
     # Missing files, and files that differ from the manifest, become warnings.
     if draft.status and draft.status not in _FINISHED and not exists(draft.path / MANIFEST):
         return

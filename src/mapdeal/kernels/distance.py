@@ -373,3 +373,48 @@ def _widened(marked: Mask, reach: int) -> Mask:
         grown[:-step] |= before[step:]
         covered += step
     return grown
+
+
+def queued_squares(seeds: Mask, reach: int) -> NDArray[np.int32]:
+    """Return the squared distance to the seed from which the queue reaches a cell.
+
+    Rarely, this is not the nearest one, because each cell passes on only its own seed.
+
+    References
+    ----------
+    ``updateCosts`` in ``inflation_layer.cpp`` of ROS 1, in ``legacy_inflation_layer.cpp`` of Nav2.
+    """
+    most = reach * reach
+    if engine_name() == "compiled":
+        from mapdeal.kernels import _updates
+
+        found = np.full(seeds.shape, most + 1, dtype=np.int32)
+        ends = np.full((2, most + 1), -1, dtype=np.int32)
+        queue = np.empty((5 * seeds.size, 3), dtype=np.int32)
+        _updates.spread(seeds.view(np.uint8), found, queue, ends, most)
+        return found
+    width = seeds.shape[1]
+    squares = np.full(seeds.size, most + 1, dtype=np.int32)
+    is_new = np.ones(seeds.size, dtype=np.bool_)
+    start = np.flatnonzero(seeds)
+    bins: dict[int, list[Integers]] = {0: [np.array([start, start])]}
+    while bins:
+        square = min(bins)
+        cells, sources = np.concatenate(bins.pop(square), axis=1)
+        _, first = np.unique(cells, return_index=True)
+        first = np.sort(first[is_new[cells[first]]])
+        cells, sources = cells[first], sources[first]
+        is_new[cells], squares[cells] = False, square
+        col = cells % width
+        nearby = np.stack([cells - 1, cells - width, cells + 1, cells + width], axis=1)
+        inside = np.stack(
+            [col > 0, cells >= width, col < width - 1, cells < seeds.size - width], axis=1
+        )
+        nearby, origins = nearby[inside], np.repeat(sources[:, np.newaxis], 4, axis=1)[inside]
+        rows, cols = nearby // width - origins // width, nearby % width - origins % width
+        reached = rows * rows + cols * cols
+        useful = is_new[nearby] & (reached <= most) & (reached > square)
+        nearby, origins, reached = nearby[useful], origins[useful], reached[useful]
+        for value in np.unique(reached).tolist():
+            bins.setdefault(value, []).append(np.array([nearby, origins])[:, reached == value])
+    return squares.reshape(seeds.shape)

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 VARIABLE = "MAPDEAL_KERNELS"  # name of the environment variable that chooses the engine
 _COMPILED_MODULES = (
-    "_clearance_tree", "_clouds", "_configuration_space", "_dilation", "_planners", "_rays", "_smac"
+    "_clearance_tree", "_clouds", "_configuration_space", "_dilation", "_planners", "_rays",
+    "_smac", "_updates",
 )  # fmt: skip
 
 

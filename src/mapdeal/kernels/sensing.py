@@ -361,3 +361,92 @@ def _add_in_order(
         high[before] = np.clip(high[before] + more, floor, top)
         at, a, low, high = at[first], a[first], low[first], high[first]
     values[at] = np.clip(values[at] + a, low, high)
+
+
+_MOST_STEPS = 1 << 20  # cells of rays that are computed together
+
+
+class CellRays(NamedTuple):
+    """Rays in whole cells, which end `steps` cells from their start along the longer axis.
+
+    `starts` and `deltas` have one row per axis: x, y and for voxels z.
+    """
+
+    starts: Integers
+    deltas: Integers
+    steps: Integers
+
+    def cells(self) -> Iterator[Integers]:
+        """Yield the cells of all rays, one row per axis, some rays at a time."""
+        together = max(1, _MOST_STEPS // (int(self.steps.max(initial=0)) + 1))
+        for first in range(0, len(self.steps), together):
+            part = slice(first, first + together)
+            yield _cells_of_rays(self.starts[:, part], self.deltas[:, part], self.steps[part])
+
+
+def _cells_of_rays(starts: Integers, deltas: Integers, steps: Integers) -> Integers:
+    # After i steps, bresenham2D and bresenham3D have moved (n / 2 + i * delta) / n cells along an
+    # axis, where n is the largest difference. Along that axis this is i.
+    lengths = np.abs(deltas).astype(np.int32)
+    longest = np.maximum(lengths.max(axis=0), 1)
+    count = np.arange(int(steps.max(initial=0)) + 1, dtype=np.int32)[:, np.newaxis]
+    is_reached = count <= steps
+    cells = []
+    for start, delta, length in zip(starts, deltas, lengths, strict=True):
+        moved = (longest // 2 + count * length) // longest
+        cells.append((start + np.where(delta > 0, moved, -moved))[is_reached])
+    return np.array(cells)
+
+
+NO_RAYS = CellRays(np.empty((2, 0), np.int64), np.empty((2, 0), np.int64), np.empty(0, np.int64))
+
+VOXEL = np.uint32(1 << 16 | 1)
+"""The lowest voxel of a column: bits 16 to 31 are marked, bits 0 to 15 marked or unknown."""
+
+_BITS = np.array([byte.bit_count() for byte in range(256)], dtype=np.uint8)
+_NO_COLUMNS = np.empty((0, 0), dtype=np.uint32)
+
+
+def clear_cells(rays: CellRays, costs: Bytes) -> None:
+    """Free the cells of rays."""
+    if engine_name() == "compiled":
+        _clear(rays, costs, _NO_COLUMNS, 0, 0)
+        return
+    for col, row in rays.cells():
+        costs[row, col] = 0
+
+
+def clear_voxels(
+    rays: CellRays, costs: Bytes, columns: NDArray[np.uint32], *, mark_threshold: int,
+    unknown_threshold: int,
+) -> None:  # fmt: skip
+    """Clear the voxels of rays, and cells whose columns have few marks left.
+
+    Those become free, or 255 if more voxels than `unknown_threshold` are unknown.
+    """
+    if engine_name() == "compiled":
+        _clear(rays, costs, columns, mark_threshold, unknown_threshold)
+        return
+    for col, row, level in rays.cells():
+        for height in np.unique(level).tolist():  # equal assignments may repeat
+            at = row[level == height], col[level == height]
+            columns[at] &= ~np.uint32(VOXEL << height)
+        marked, both = columns[row, col] >> 16, columns[row, col] & 0xFFFF
+        has_few = _bits_of(marked) <= mark_threshold
+        is_known = _bits_of(marked ^ both) <= unknown_threshold
+        costs[row[has_few], col[has_few]] = np.where(is_known, 0, 255)[has_few]
+
+
+def _clear(
+    rays: CellRays, costs: Bytes, columns: NDArray[np.uint32], mark_threshold: int,
+    unknown_threshold: int,
+) -> None:  # fmt: skip
+    from mapdeal.kernels import _updates
+
+    starts, deltas, steps = map(np.ascontiguousarray, rays)
+    _updates.clear(starts, deltas, steps, costs, columns, mark_threshold, unknown_threshold)
+
+
+def _bits_of(values: NDArray[np.uint32]) -> Bytes:
+    counts: Bytes = _BITS[values & 0xFF] + _BITS[values >> 8]
+    return counts

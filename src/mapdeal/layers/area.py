@@ -14,7 +14,7 @@ from mapdeal.command import ABOVE_0, Parameter, accept_parameters, structured
 from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import MOST_CELLS, Frame, Origin, as_float32, turned
-from mapdeal.kernels.polygons import edges_through, line_spans, paint
+from mapdeal.kernels.sensing import CellRays
 
 Pose = tuple[float, float, float]
 Cells = tuple[NDArray[np.int64], NDArray[np.int64]]
@@ -163,10 +163,18 @@ def covered_cells(
     )  # fmt: skip
     if not ((row >= 0) & (row < area.height) & (col >= 0) & (col < area.width)).all():
         return None
-    outline = np.zeros(area.shape, dtype=np.uint8)
-    edges = edges_through(list(zip(row.tolist(), col.tolist(), strict=True)), closed=True)
-    for spans in line_spans(edges, area.shape):
-        paint(outline, spans, 1)
-    above = np.maximum.accumulate(outline, axis=0)
-    below = np.maximum.accumulate(outline[::-1], axis=0)[::-1]
-    return (above & below).astype(np.bool_)
+    starts = np.array([col, row])
+    deltas = np.roll(starts, -1, axis=1) - starts
+    across, along = np.concatenate(
+        list(CellRays(starts, deltas, np.abs(deltas).max(axis=0)).cells()), axis=1
+    )
+    first, bottom = int(col.min()), int(row.min())
+    box = slice(bottom, int(row.max()) + 1), slice(first, int(col.max()) + 1)
+    covered = np.zeros(area.shape, dtype=np.bool_)
+    inside = covered[box]
+    lowest, highest = np.full((2, inside.shape[1]), [[area.height], [-1]])
+    np.minimum.at(lowest, across - first, along)
+    np.maximum.at(highest, across - first, along)
+    rows = np.arange(box[0].start, box[0].stop)[:, np.newaxis]
+    inside[:] = (rows >= lowest) & (rows <= highest)
+    return covered

@@ -22,9 +22,21 @@ from mapdeal.grid.values import (
     LETHAL_OBSTACLE,
     NO_INFORMATION,
 )
-from mapdeal.kernels.distance import bytes_by_distance
+from mapdeal.kernels.distance import bytes_by_distance, queued_squares
 from mapdeal.kernels.lookup import raise_bytes
-from mapdeal.layers.layer import CostmapLayer, MasterGrid, Nav2Values, PluginEntry, Ros1Values
+from mapdeal.layers.layer import (
+    CostmapLayer,
+    LiveLayer,
+    LivePlace,
+    MasterGrid,
+    Nav2Values,
+    PluginEntry,
+    Ros1Values,
+    Update,
+    Window,
+    grown,
+    within,
+)
 
 HIGHEST_GRADED = INSCRIBED_INFLATED_OBSTACLE - 1
 
@@ -108,6 +120,9 @@ class InflationLayer(CostmapLayer):
             return self
         return replace(self, inscribed_radius=footprint.inscribed_radius)
 
+    def live(self, place: LivePlace, sensing: None) -> LiveInflation:
+        return LiveInflation(self, place)
+
     def effect(self) -> str:
         text = f"cost 253 as far as {self.inscribed_radius:.4g} m from obstacles, then falling "
         text += f"with cost_scaling_factor {self.cost_scaling_factor:g} as far as "
@@ -179,6 +194,44 @@ class InflationLayer(CostmapLayer):
         yield f"inscribed_radius {self.inscribed_radius:.6g} m"
         yield f"inflation_radius {self.inflation_radius:.6g} m"
         yield f"cost_scaling_factor {self.cost_scaling_factor:.6g}"
+
+
+class LiveInflation(LiveLayer):
+    """Inflation around the cells that changed in this update and the one before."""
+
+    def __init__(self, layer: InflationLayer, place: LivePlace) -> None:
+        super().__init__(layer, place)
+        self._settings = layer
+        self._last: tuple[list[float], list[float]] | None = None
+
+    def update_bounds(self, update: Update) -> None:
+        bounds, last, radius = update.bounds, self._last, self._settings.inflation_radius
+        self._last = bounds.low, bounds.high
+        if last is None:
+            bounds.low, bounds.high = [-math.inf] * 2, [math.inf] * 2
+            return
+        bounds.low = [min(pair) - radius for pair in zip(last[0], bounds.low, strict=True)]
+        bounds.high = [max(pair) + radius for pair in zip(last[1], bounds.high, strict=True)]
+
+    def update_costs(self, master: MasterGrid, window: Window) -> None:
+        reach = self._settings.reach_cells(master.cell_size)
+        # Seeds lie within `reach` of the window. The queue goes on beyond, as in the real code.
+        is_queued = self._settings.lookup == "exact"
+        around = grown(window, reach * (1 + is_queued))
+        part = master.part(around)
+        part.costs = part.costs.copy()
+        if is_queued and reach:
+            costs, profile = part.costs, profile_of(self._settings, master.shape, master.cell_size)
+            seeds = np.zeros(costs.shape, dtype=np.bool_)
+            near = within(grown(window, reach), around)
+            seeds[near] = costs[near] == LETHAL_OBSTACLE
+            profile.raise_costs(costs, profile.costs_of(queued_squares(seeds, profile.reach)))
+        else:
+            self.layer.apply(part)
+        if not self.place.is_ros1:
+            master.costs[window] = part.costs[within(window, around)]
+        else:  # ROS 1 also raises the cells around the window
+            master.costs[around] = part.costs
 
 
 _ASYMMETRIC_PARAMETERS = {
@@ -267,6 +320,9 @@ class CostProfile:
             around_unknown = self.layer.inflate_around_unknown
             seeds = cost >= LETHAL_OBSTACLE if around_unknown else cost == LETHAL_OBSTACLE
             self.raise_costs(cost, bytes_by_distance(seeds, self.table))
+
+    def costs_of(self, squares: NDArray[np.int32]) -> NDArray[np.uint8]:
+        return self.table[np.minimum(squares, len(self.table) - 1)]
 
     def raise_costs(self, cost: NDArray[np.uint8], spread: NDArray[np.uint8]) -> None:
         """Raise costs, in place, to `spread`, the cost at the distance to the nearest seed."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, ClassVar, Protocol, get_type_hints
 
 import numpy as np
@@ -16,11 +16,28 @@ from numpy.typing import NDArray
 
 from mapdeal.command import split_optional
 from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OneLine
 from mapdeal.kernels.threads import for_rows
 
 Costs = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
+Window = tuple[slice, slice]
+"""Rows and columns of a grid."""
+
+
+def grown(window: Window, cells: int) -> Window:
+    rows, cols = (slice(max(0, side.start - cells), side.stop + cells) for side in window)
+    return rows, cols
+
+
+def within(window: Window, outer: Window) -> Window:
+    """Return a window as seen from the first cell of an outer one."""
+    rows, cols = (
+        slice(side.start - wide.start, side.stop - wide.start)
+        for side, wide in zip(window, outer, strict=True)
+    )
+    return rows, cols
 
 
 class KeepoutCosts(Protocol):
@@ -66,6 +83,16 @@ class MasterGrid:
     keepout: KeepoutCosts | None = None
     under_robot: Mask | None = None
 
+    def part(self, window: Window) -> MasterGrid:
+        """Return a part of the grid, whose costs are a view."""
+        in_map, under_robot = (
+            None if mask is None else mask[window] for mask in (self.in_map, self.under_robot)
+        )
+        return replace(
+            self, costs=self.costs[window], rows=window[0], occupancy=self.occupancy[window],
+            in_map=in_map, under_robot=under_robot,
+        )  # fmt: skip
+
     def overwrite(self, costs: Costs, *, within: Mask | None = None) -> None:
         """Replace costs, of the cells in a mask or all, as ``updateWithTrueOverwrite`` does."""
         self.costs = costs if within is None else np.where(within, costs, self.costs)
@@ -94,6 +121,74 @@ class MasterGrid:
         for_rows(raise_rows, raised.shape)
 
 
+class Bounds:
+    """The rectangle that an update of a costmap changes, metres; empty until it is touched."""
+
+    def __init__(self) -> None:
+        self.low, self.high = [1e30, 1e30], [-1e30, -1e30]
+
+    def touch(self, *coordinates: NDArray[np.float64]) -> None:
+        """Enlarge the rectangle to points, given by all x and all y."""
+        for axis, values in enumerate(coordinates):
+            if len(values):
+                self.low[axis] = min(self.low[axis], float(values.min()))
+                self.high[axis] = max(self.high[axis], float(values.max()))
+
+
+@dataclass
+class Update:
+    """One update of a costmap: the time, nanoseconds, and the robot's footprint, metres."""
+
+    time: int
+    footprint: tuple[NDArray[np.float64], NDArray[np.float64]]
+    bounds: Bounds
+
+
+@dataclass(frozen=True)
+class LivePlace:
+    """The costmap in which a layer is updated.
+
+    Parameters
+    ----------
+    frame : Frame
+        Frame of the costmap before its first update.
+    map_frame : Frame, optional
+        Frame of the map that static layers read, in the frame of reference of the costmap.
+    is_rolling : bool
+        Whether the costmap moves with the robot.
+    size_margin : float
+        Cells by which its size in metres is less than all cells: 0.5 in ROS 1 and older Nav2.
+    is_ros1 : bool
+        Whether the robot runs ROS 1.
+    """
+
+    frame: Frame
+    map_frame: Frame | None
+    is_rolling: bool
+    size_margin: float
+    is_ros1: bool
+
+
+class LiveLayer:
+    """A layer in a costmap that is updated again and again, as the robot does."""
+
+    def __init__(self, layer: CostmapLayer, place: LivePlace) -> None:
+        self.layer, self.place, self.frame = layer, place, place.frame
+
+    def move(self, frame: Frame, rows: int, cols: int) -> None:
+        """Move with a rolling costmap, by rows and columns."""
+        self.frame = frame
+
+    def update_bounds(self, update: Update) -> None:
+        """Enlarge the bounds of an update to the cells that the layer changes."""
+
+    def update_costs(self, master: MasterGrid, window: Window) -> None:
+        """Change the costs within the window of an update, in place."""
+        part = master.part(window)
+        self.layer.apply(part)
+        master.costs[window] = part.costs
+
+
 class Nav2Values(Protocol):
     """Interface through which layers read the parameters of a Nav2 node."""
 
@@ -115,6 +210,7 @@ class Ros1Values(Protocol):
     @property
     def is_substituted(self) -> bool: ...
     def find(self, *below: str) -> Any: ...
+    def search(self, name: str) -> Any: ...
     def place(self, layer: str, parameter: str) -> tuple[str, ...]: ...
     def boolean(self, default: bool, *below: str) -> bool: ...
     def double(self, default: float, *below: str, unit: str = ...) -> float: ...
@@ -215,6 +311,19 @@ class CostmapLayer(OneLine):
     @abstractmethod
     def apply(self, master: MasterGrid) -> None:
         """Change the costs of the master grid, in place."""
+
+    def live(self, place: LivePlace, sensing: Any) -> LiveLayer:
+        """Return the layer as a robot updates it; `sensing` is what `sensing_from_nav2` returns."""
+        return LiveLayer(self, place)
+
+    @classmethod
+    def sensing_from_nav2(cls, values: Nav2Values, name: str) -> Any:
+        """Return the parameters that have an effect only with observations, if there are any."""
+        return None
+
+    @classmethod
+    def sensing_from_ros1(cls, server: Ros1Values, name: str) -> Any:
+        return None
 
     def effect(self) -> str:
         return self.about

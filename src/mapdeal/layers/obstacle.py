@@ -1,20 +1,44 @@
-"""Costmap layers ``obstacle`` and ``voxel`` before their first observation."""
+"""Costmap layers ``obstacle`` and ``voxel``, and their parameters of sensors."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION
-from mapdeal.layers.layer import CostmapLayer, MasterGrid, Nav2Values, PluginEntry, Ros1Values
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION
+from mapdeal.kernels.arrays import Integers
+from mapdeal.kernels.sensing import NO_RAYS, VOXEL, CellRays, clear_cells, clear_voxels
+from mapdeal.layers.layer import (
+    Bounds,
+    CostmapLayer,
+    Costs,
+    LiveLayer,
+    LivePlace,
+    Mask,
+    MasterGrid,
+    Nav2Values,
+    PluginEntry,
+    Ros1Values,
+    Update,
+    Window,
+)
+from mapdeal.layers.observations import (
+    Floats,
+    Observation,
+    ObservationBuffer,
+    ObservationSource,
+    Sensing,
+    cells_to,
+    shifted,
+)
 
-_OVERWRITE: Final = 0
-_MAXIMUM: Final = 1
-_KEEP_UNKNOWN: Final = 2
+OVERWRITE, MAXIMUM, KEEP_UNKNOWN = range(3)
+"""Combination methods."""
 
 _SOURCE_PARAMETERS = {
     "topic": "string", "sensor_frame": "string", "observation_persistence": "double",
@@ -23,6 +47,12 @@ _SOURCE_PARAMETERS = {
     "clearing": "bool", "obstacle_max_range": "double", "obstacle_min_range": "double",
     "raytrace_max_range": "double", "raytrace_min_range": "double",
 }  # fmt: skip
+
+
+_SENSING_PARAMETERS = (
+    "min_obstacle_height", "max_obstacle_height", "origin_z", "z_resolution", "z_voxels",
+    "unknown_threshold", "mark_threshold",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, repr=False)
@@ -53,7 +83,7 @@ class ObstacleLayer(CostmapLayer):
 
     name: str = "obstacle_layer"
     track_unknown_space: bool = False
-    combination_method: int = _MAXIMUM
+    combination_method: int = MAXIMUM
     footprint_clearing_enabled: bool = True
 
     key: ClassVar[str] = "obstacle"
@@ -84,12 +114,12 @@ class ObstacleLayer(CostmapLayer):
 
     @property
     def overwrites_all(self) -> bool:
-        return self.combination_method == _OVERWRITE and not self.track_unknown_space
+        return self.combination_method == OVERWRITE and not self.track_unknown_space
 
     def why_idle(self, has_unknown: bool) -> str | None:
-        if self.combination_method == _KEEP_UNKNOWN or self.track_unknown_space:
+        if self.combination_method == KEEP_UNKNOWN or self.track_unknown_space:
             return "no observations"
-        if self.combination_method == _MAXIMUM and not has_unknown:
+        if self.combination_method == MAXIMUM and not has_unknown:
             return "no observations, and no unknown cells to free"
         return None
 
@@ -97,35 +127,29 @@ class ObstacleLayer(CostmapLayer):
         return is_unknown and self.why_idle(is_unknown) is not None
 
     def apply(self, master: MasterGrid) -> None:
-        if self.combination_method == _KEEP_UNKNOWN:
+        if self.combination_method == KEEP_UNKNOWN:
             return
-        free: NDArray[np.bool_] | None = np.ones((1, 1), dtype=np.bool_)  # broadcasts to all cells
+        free: Mask | None = np.ones((1, 1), dtype=np.bool_)  # broadcasts to all cells
         if self.track_unknown_space:
             free = master.under_robot if self.footprint_clearing_enabled else None
-        if free is not None and self.combination_method == _MAXIMUM:
+        if free is not None and self.combination_method == MAXIMUM:
             free = free & (master.costs == NO_INFORMATION)
         if free is not None:
             np.copyto(master.costs, FREE_SPACE, where=free)
 
     def effect(self) -> str:
-        cells = "unknown cells" if self.combination_method == _MAXIMUM else "all cells"
+        cells = "unknown cells" if self.combination_method == MAXIMUM else "all cells"
         return f"no observations: {cells} become free"
 
     @classmethod
     def from_nav2(cls, values: Nav2Values, entry: PluginEntry) -> ObstacleLayer:
         name = entry.name
-        sources = set(values.get(f"{name}.observation_sources", "string", "").split())
-        for parameter in values.parameters:
-            prefix, _, plain_name = parameter.removeprefix(f"{name}.").rpartition(".")
-            source_types = _SOURCE_PARAMETERS if prefix in sources else {}
-            types = source_types if prefix else cls.nav2_parameters
-            if plain_name in types and parameter.startswith(f"{name}."):
-                values.get(parameter, types[plain_name], None)
-        method = values.get(f"{name}.combination_method", "integer", _MAXIMUM)
+        values.check_types(cls.nav2_parameters, f"{name}.")
+        method = values.get(f"{name}.combination_method", "integer", MAXIMUM)
         return cls(
             name=name,
             track_unknown_space=values.flag("track_unknown_space"),
-            combination_method=method if method in (_OVERWRITE, _KEEP_UNKNOWN) else _MAXIMUM,
+            combination_method=method if method in (OVERWRITE, KEEP_UNKNOWN) else MAXIMUM,
             footprint_clearing_enabled=values.flag(f"{name}.footprint_clearing_enabled", True),
         )
 
@@ -136,17 +160,93 @@ class ObstacleLayer(CostmapLayer):
         path = (name, "track_unknown_space")
         is_overridden = "track_unknown_space" in cls.ros1_costmap_parameters
         place = server.place(*path) if is_overridden else path
-        method = cls._ros1_method(server.integer(_MAXIMUM, name, "combination_method"))
+        method = cls._ros1_method(server.integer(MAXIMUM, name, "combination_method"))
         return cls(
             name=name,
             track_unknown_space=server.boolean(costmap_tracks, *place),
-            combination_method=method if method in (_OVERWRITE, _MAXIMUM) else _KEEP_UNKNOWN,
+            combination_method=method if method in (OVERWRITE, MAXIMUM) else KEEP_UNKNOWN,
             footprint_clearing_enabled=server.boolean(True, name, "footprint_clearing_enabled"),
         )
 
     @staticmethod
     def _ros1_method(method: int) -> int:
         return method
+
+    def live(self, place: LivePlace, sensing: Sensing) -> ObstacleGrid:
+        return ObstacleGrid(self, place, sensing)
+
+    @classmethod
+    def sensing_from_nav2(cls, values: Nav2Values, name: str) -> Sensing:
+        """Return the sensors and limits of a layer.
+
+        References
+        ----------
+        ``onInitialize`` in ``obstacle_layer.cpp`` and ``voxel_layer.cpp``.
+        """
+        defaults = ObservationSource("", "")
+        sources = []
+        for source in values.get(f"{name}.observation_sources", "string", "").split():
+            settings = {
+                field: values.get(f"{name}.{source}.{field}", kind, getattr(defaults, field))
+                for field, kind in _SOURCE_PARAMETERS.items()
+            }
+            settings["topic"] = settings["topic"] or source
+            sources.append(ObservationSource(source, **settings))
+        numbers = {
+            field: values.get(
+                f"{name}.{field}", cls.nav2_parameters[field], getattr(Sensing, field)
+            )
+            for field in _SENSING_PARAMETERS
+        }
+        return Sensing(tuple(sources), **numbers)
+
+    @classmethod
+    def sensing_from_ros1(cls, server: Ros1Values, name: str) -> Sensing:
+        # Without a list of plugins, the sources stand beside the costmap's own parameters.
+        listed = server.find(name, "observation_sources")
+        below = () if listed is None else (name,)
+        listed = server.find("observation_sources") if listed is None else listed
+        names = str(listed.value).split() if listed is not None else []
+        sources = tuple(cls._ros1_source(server, source, below) for source in names)
+        height = server.double(2.0, *server.place(name, "max_obstacle_height"))
+        counts = [
+            server.integer(getattr(Sensing, field), *server.place(name, field))
+            for field in ("z_voxels", "unknown_threshold", "mark_threshold")
+        ]
+        return Sensing(
+            sources, 0.0, height, server.double(0.0, *server.place(name, "origin_z")),
+            server.double(0.2, *server.place(name, "z_resolution")), *counts,
+        )  # fmt: skip
+
+    @classmethod
+    def _ros1_source(
+        cls, server: Ros1Values, source: str, below: tuple[str, ...]
+    ) -> ObservationSource:
+        place = (*below, source)
+
+        def text(parameter: str, default: str) -> str:
+            found = server.find(*place, parameter)
+            return str(found.value) if found is not None else default
+
+        def searched(parameter: str, default: float) -> float:  # also above the source
+            for depth in range(len(place), 0, -1):
+                if server.find(*place[:depth], parameter) is not None:
+                    return server.double(default, *place[:depth], parameter)
+            found: Any = (server.search(parameter) or (None, None))[1]
+            is_number = getattr(found, "kind", "") in ("int", "double")
+            return float(found.value) if is_number else default
+
+        return ObservationSource(
+            source, text("topic", source), text("data_type", "PointCloud"),
+            text("sensor_frame", ""),
+            server.double(0.0, *place, "observation_persistence"),
+            server.double(0.0, *place, "expected_update_rate"),
+            server.double(0.0, *place, "min_obstacle_height"),
+            server.double(2.0, *place, "max_obstacle_height"),
+            server.boolean(False, *place, "inf_is_valid"),
+            server.boolean(True, *place, "marking"), server.boolean(False, *place, "clearing"),
+            searched("obstacle_range", 2.5), 0.0, searched("raytrace_range", 3.0), 0.0,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, repr=False)
@@ -163,6 +263,280 @@ class VoxelLayer(ObstacleLayer):
         "publish_voxel_map",
     )  # fmt: skip
 
+    def live(self, place: LivePlace, sensing: Sensing) -> VoxelGrid:
+        return VoxelGrid(self, place, sensing)
+
     @staticmethod
     def _ros1_method(method: int) -> int:
-        return min(max(method, _OVERWRITE), _KEEP_UNKNOWN)  # dynamic_reconfigure has limits here
+        return min(max(method, OVERWRITE), KEEP_UNKNOWN)  # dynamic_reconfigure has limits here
+
+
+def _places(frame: Frame, x: Floats, y: Floats) -> tuple[Floats, Floats, Mask]:
+    """Return fractional row and column of points, and which points lie in the grid."""
+    west, south, _ = frame.origin
+    col, row = (x - west) / frame.resolution, (y - south) / frame.resolution
+    return row, col, (x >= west) & (y >= south) & (col < frame.width) & (row < frame.height)
+
+
+def cells_at(frame: Frame, x: Floats, y: Floats) -> tuple[Integers, Integers, Mask]:
+    """Return row and column of points, and which points lie in the grid: ``worldToMap``."""
+    row, col, inside = _places(frame, x, y)
+    row, col = np.where(inside, row, 0.0), np.where(inside, col, 0.0)
+    return row.astype(np.int64), col.astype(np.int64), inside
+
+
+class ObstacleGrid(LiveLayer):
+    """Grid of an obstacle layer that is updated with observations."""
+
+    def __init__(self, layer: ObstacleLayer, place: LivePlace, sensing: Sensing) -> None:
+        super().__init__(layer, place)
+        self.settings, self.sensing = layer, sensing
+        self._default = NO_INFORMATION if layer.track_unknown_space else FREE_SPACE
+        self.costs: Costs = np.full(self.frame.shape, self._default, dtype=np.uint8)
+        self._buffers = [ObservationBuffer(s, is_ros1=place.is_ros1) for s in sensing.sources]
+
+    def add(self, observation: Observation) -> None:
+        for buffer in self._buffers:
+            if buffer.source is observation.source:
+                buffer.add(observation)
+
+    def move(self, frame: Frame, rows: int, cols: int) -> None:
+        super().move(frame, rows, cols)
+        self.costs = shifted(self.costs, rows, cols, self._default)
+
+    def update_bounds(self, update: Update) -> None:
+        buffered = [(buffer.source, buffer.read(update.time)) for buffer in self._buffers]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for source, observations in buffered:
+                for observation in observations if source.clearing else ():
+                    self._clear(observation, update.bounds)
+            for source, observations in buffered:
+                for observation in observations if source.marking else ():
+                    self._mark(observation, update.bounds)
+        if self.settings.footprint_clearing_enabled:
+            update.bounds.touch(*update.footprint)
+
+    def update_costs(self, master: MasterGrid, window: Window) -> None:
+        if self.settings.footprint_clearing_enabled and master.under_robot is not None:
+            self.costs[master.under_robot] = FREE_SPACE
+        below, own = master.costs[window], self.costs[window]
+        method = self.settings.combination_method
+        if method == OVERWRITE:
+            np.copyto(below, own, where=own != NO_INFORMATION)
+        elif method == MAXIMUM:
+            master.part(window).raise_to(own)
+        elif not self.place.is_ros1:
+            is_raised = (own != NO_INFORMATION) & (below != NO_INFORMATION) & (own > below)
+            np.copyto(below, own, where=is_raised)
+
+    def marks(self, observation: Observation) -> tuple[Integers, Integers, Integers]:
+        """Return which points of an observation mark a cell, and the cells' columns and rows."""
+        source, sensing = observation.source, self.sensing
+        x, y, z = observation.points.T
+        (ox, oy, oz), cell_size = observation.origin, self.frame.resolution
+        row, col, marks = cells_at(self.frame, x, y)
+        marks &= z <= sensing.max_obstacle_height
+        most = source.obstacle_max_range
+        if self.place.is_ros1:
+            squares = (x - ox) * (x - ox) + (y - oy) * (y - oy) + (z - oz) * (z - oz)
+            marks &= squares < most * most
+        else:
+            start_row, start_col, is_inside = cells_at(self.frame, np.array([ox]), np.array([oy]))
+            squares = (x - ox) * (x - ox) + (y - oy) * (y - oy)
+            least = source.obstacle_min_range
+            cells = np.trunc(np.hypot(col - start_col, row - start_row))
+            marks &= is_inside & (z >= sensing.min_obstacle_height)
+            marks &= (squares <= most * most) & (squares >= least * least)
+            marks &= cells <= cells_to(most, cell_size)
+            marks &= cells >= cells_to(least, cell_size)
+        return np.flatnonzero(marks), col[marks], row[marks]
+
+    def _mark(self, observation: Observation, bounds: Bounds) -> None:
+        points, col, row = self.marks(observation)
+        self.costs[row, col] = LETHAL_OBSTACLE
+        bounds.touch(observation.points[points, 0], observation.points[points, 1])
+
+    def rays(self, observation: Observation) -> tuple[CellRays, Floats, Floats, Integers]:
+        """Return the rays that clear cells, the ends of all rays, and the points they lead to."""
+        (west, south, _), cell_size = self.frame.origin, self.frame.resolution
+        ox, oy, _ = observation.origin
+        start_row, start_col, is_inside = cells_at(self.frame, np.array([ox]), np.array([oy]))
+        if not is_inside[0]:
+            return NO_RAYS, *np.empty((2, 0)), NO_RAYS.steps
+        ends = list(observation.points[:, :2].T)
+        away = ends[0] - ox, ends[1] - oy
+        east, north = west + self.frame.width * cell_size, south + self.frame.height * cell_size
+        # Each border is applied to the ray that the borders before it cut, always along
+        # the direction of the whole ray.
+        for axis, border, last, is_beyond in (
+            (0, west, west, np.less), (1, south, south, np.less),
+            (0, east, east - 0.001, np.greater), (1, north, north - 0.001, np.greater),
+        ):  # fmt: skip
+            cut, across = is_beyond(ends[axis], border), 1 - axis
+            share = (border - observation.origin[axis]) / away[axis]
+            crossing = observation.origin[across] + away[across] * share
+            ends[across] = np.where(cut, crossing, ends[across])
+            ends[axis] = np.where(cut, last, ends[axis])
+        row, col, is_inside = cells_at(self.frame, *ends)
+        x, y, points = ends[0][is_inside], ends[1][is_inside], np.flatnonzero(is_inside)
+        start, cells = np.array([start_col, start_row]), np.array([col[is_inside], row[is_inside]])
+        return self._traced(start, cells, observation.source), x, y, points
+
+    def _traced(
+        self, start: NDArray[Any], ends: NDArray[Any], source: ObservationSource
+    ) -> CellRays:
+        """Return rays without the part that is too near, cut to the length of rays in cells."""
+        most, least = (
+            cells_to(length, self.frame.resolution)
+            for length in (source.raytrace_max_range, self._least_range(source))
+        )
+        away = (ends - start).astype(np.float64)
+        lengths = np.sqrt(sum(away * away)) if len(away) > 2 else np.hypot(*away)
+        begin = np.where(lengths > 0, start + away / lengths * least, start).astype(np.int64)
+        deltas = ends.astype(np.int64) - begin
+        longest = np.abs(deltas).max(axis=0, initial=0)
+        scale = np.where(lengths > 0, np.minimum(1.0, most / lengths), 1.0)
+        steps = np.minimum((scale * longest).astype(np.int64), longest)
+        is_long = lengths >= least
+        return CellRays(begin[:, is_long], deltas[:, is_long], steps[is_long])
+
+    def _least_range(self, source: ObservationSource) -> float:
+        return 0.0 if self.place.is_ros1 else source.raytrace_min_range
+
+    def _clear(self, observation: Observation, bounds: Bounds) -> None:
+        rays, x, y, _ = self.rays(observation)
+        if rays is not NO_RAYS:
+            bounds.touch(np.array([observation.origin[0]]), np.array([observation.origin[1]]))
+        clear_cells(rays, self.costs)
+        self._touch_rays(observation, x, y, bounds)
+
+    def _touch_rays(self, observation: Observation, x: Floats, y: Floats, bounds: Bounds) -> None:
+        ox, oy, _ = observation.origin
+        dx, dy = x - ox, y - oy
+        distance = np.hypot(dx, dy)
+        scale = np.fmin(1.0, observation.source.raytrace_max_range / distance)
+        is_far = distance >= self._least_range(observation.source)
+        bounds.touch((ox + dx * scale)[is_far], (oy + dy * scale)[is_far])
+
+
+class VoxelGrid(ObstacleGrid):
+    """Grid of a voxel layer: a column of up to 16 voxels for each cell.
+
+    Bits 16 to 31 of a column are its marked voxels, bits 0 to 15 those that are marked or unknown.
+    """
+
+    def __init__(self, layer: ObstacleLayer, place: LivePlace, sensing: Sensing) -> None:
+        super().__init__(layer, place, sensing)
+        self.columns = np.full(self.frame.shape, _UNKNOWN_COLUMN, dtype=np.uint32)
+        self._unknown_threshold = sensing.unknown_threshold + (_MOST_VOXELS - sensing.z_voxels)
+
+    def move(self, frame: Frame, rows: int, cols: int) -> None:
+        super().move(frame, rows, cols)
+        self.columns = shifted(self.columns, rows, cols, _UNKNOWN_COLUMN)
+
+    def _levels(self, z: Floats) -> tuple[Floats, Mask]:
+        levels = (z - self.sensing.origin_z) / self.sensing.z_resolution
+        return levels, (z >= self.sensing.origin_z) & (levels < self.sensing.z_voxels)
+
+    def marks(self, observation: Observation) -> tuple[Integers, Integers, Integers]:
+        source, sensing = observation.source, self.sensing
+        x, y, z = observation.points.T
+        ox, oy, oz = observation.origin
+        row, col, marks = cells_at(self.frame, x, y)
+        squares = (x - ox) * (x - ox) + (y - oy) * (y - oy) + (z - oz) * (z - oz)
+        marks &= z <= sensing.max_obstacle_height
+        marks &= squares < source.obstacle_max_range * source.obstacle_max_range
+        if not self.place.is_ros1:
+            marks &= z >= sensing.min_obstacle_height
+            marks &= squares >= source.obstacle_min_range * source.obstacle_min_range
+        marks &= self._levels(np.maximum(z, sensing.origin_z))[1]
+        return np.flatnonzero(marks), col[marks], row[marks]
+
+    def _mark(self, observation: Observation, bounds: Bounds) -> None:
+        points, col, row = self.marks(observation)
+        z = np.maximum(observation.points[points, 2], self.sensing.origin_z)
+        level = self._levels(z)[0].astype(np.uint32)
+        columns, column = self.columns.reshape(-1), row * self.frame.width + col
+        first = self._first_lethal(columns, column, level)
+        np.bitwise_or.at(columns, column, VOXEL << level)
+        is_lethal = np.arange(len(column)) >= first
+        self.costs[row[is_lethal], col[is_lethal]] = LETHAL_OBSTACLE
+        x, y, _ = observation.points[points[is_lethal]].T
+        bounds.touch(x, y)
+
+    def _first_lethal(
+        self, columns: NDArray[np.uint32], column: Integers, level: NDArray[np.uint32]
+    ) -> Integers:
+        """Return for each point the first point from which its column has enough marks.
+
+        Points are marked one by one: only from that point on, they touch the bounds.
+        """
+        enough = self.sensing.mark_threshold + 1
+        if enough <= 1:
+            return np.zeros(len(column), dtype=np.int64)
+        first, marks = {}, {}
+        for point, (index, height) in enumerate(zip(column.tolist(), level.tolist(), strict=True)):
+            if index not in marks:
+                marks[index] = int(columns[index]) >> _MOST_VOXELS
+            marks[index] |= 1 << height
+            if index not in first and marks[index].bit_count() >= enough:
+                first[index] = point
+        return np.array([first.get(index, len(column)) for index in column.tolist()], np.int64)
+
+    def rays(self, observation: Observation) -> tuple[CellRays, Floats, Floats, Integers]:
+        sensing = self.sensing
+        (west, south, _), cell_size = self.frame.origin, self.frame.resolution
+        ox, oy, oz = observation.origin
+        origin = np.array(observation.origin)[:, np.newaxis]
+        start, is_inside = self._voxels_at(origin)
+        if not is_inside[0]:
+            return NO_RAYS, *np.empty((2, 0)), NO_RAYS.steps
+        east = west + (self.frame.width - self.place.size_margin) * cell_size
+        north = south + (self.frame.height - self.place.size_margin) * cell_size
+        ceiling = sensing.origin_z + sensing.z_voxels * sensing.z_resolution
+        if self.place.is_ros1:
+            ceiling = sensing.max_obstacle_height
+        points = observation.points.T
+        away = points - origin
+        distance = np.sqrt(sum(away * away))
+        share = np.maximum(np.fmin(1.0, (distance - 2 * cell_size) / distance), 0.0)
+        x, y, z = ends = share * away + origin
+        a, b, c = away = ends - origin
+        t = np.ones_like(x)
+        is_high, is_low = z > ceiling, z < sensing.origin_z
+        t = np.where(is_high, np.maximum(0.0, np.fmin(t, (ceiling - 0.01 - oz) / c)), t)
+        t = np.where(is_low, np.fmin(t, (sensing.origin_z - oz) / c), t)
+        is_cut = is_high | is_low
+        for cut, border in (
+            (x < west, (west - ox) / a), (y < south, (south - oy) / b),
+            (x > east, (east - ox) / a), (y > north, (north - oy) / b),
+        ):  # fmt: skip
+            t = np.where(cut, np.fmin(t, border), t)
+            is_cut |= cut
+        if not self.place.is_ros1:
+            t = np.where(is_cut, t - np.sign(t) * _WORLD_EPSILON, t)
+        ends = origin + away * t
+        places, is_inside = self._voxels_at(ends)
+        rays = self._traced(start, places[:, is_inside], observation.source)
+        return rays, ends[0, is_inside], ends[1, is_inside], np.flatnonzero(is_inside)
+
+    def _voxels_at(self, points: Floats) -> tuple[Floats, Mask]:
+        """Return fractional column, row and level, and which points lie in the voxels' grid."""
+        row, col, inside = _places(self.frame, points[0], points[1])
+        level, is_between = self._levels(points[2])
+        return np.array([col, row, level]), inside & is_between
+
+    def _clear(self, observation: Observation, bounds: Bounds) -> None:
+        if not len(observation.points):
+            return
+        rays, x, y, _ = self.rays(observation)
+        clear_voxels(
+            rays, self.costs, self.columns, mark_threshold=self.sensing.mark_threshold,
+            unknown_threshold=self._unknown_threshold,
+        )  # fmt: skip
+        self._touch_rays(observation, x, y, bounds)
+
+
+_MOST_VOXELS = 16
+_UNKNOWN_COLUMN = 0x0000FFFF
+_WORLD_EPSILON = 1e-5

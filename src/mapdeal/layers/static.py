@@ -18,7 +18,16 @@ from mapdeal.grid.values import (
     static_layer_cost_from_occupancy,
 )
 from mapdeal.kernels.lookup import look_up, set_where
-from mapdeal.layers.layer import CostmapLayer, MasterGrid, Nav2Values, PluginEntry, Ros1Values
+from mapdeal.layers.layer import (
+    CostmapLayer,
+    LiveLayer,
+    LivePlace,
+    MasterGrid,
+    Nav2Values,
+    PluginEntry,
+    Ros1Values,
+    Update,
+)
 
 _BYTE = Condition("a byte, 0 to 255, or -1 for 255", lambda value: -1 <= value <= 255)
 
@@ -127,6 +136,9 @@ class StaticLayer(CostmapLayer):
             table[inscribed] = INSCRIBED_INFLATED_OBSTACLE
         return table
 
+    def live(self, place: LivePlace, sensing: None) -> LiveStatic:
+        return LiveStatic(self, place)
+
     def effect(self) -> str:
         least = self.lethal_cost_threshold
         lethal = f"{least}" if least == OCCUPIED else f"{least}..{OCCUPIED}"
@@ -193,3 +205,25 @@ class StaticLayer(CostmapLayer):
         yield self.name
         yield f"lethal from {self.lethal_cost_threshold}"
         yield "unknown tracked" if self.track_unknown_space else "unknown free"
+
+
+class LiveStatic(LiveLayer):
+    """A map that is new in the first update, or lies below a rolling costmap."""
+
+    _is_new = True
+
+    def update_bounds(self, update: Update) -> None:
+        rolls = self.place.is_rolling
+        frame = self.place.map_frame
+        if rolls and not self.place.size_margin:  # Nav2 newer than Kilted
+            frame = self.frame
+        if frame is not None and (rolls or self._is_new):
+            shift = frame.resolution / 2
+            ends = [
+                np.array([corner, corner + cells * frame.resolution]) + shift
+                for corner, cells in zip(frame.origin[:2], frame.shape[::-1], strict=True)
+            ]
+            update.bounds.touch(*ends)
+        self._is_new = False
+        if isinstance(self.layer, StaticLayer) and self.layer.footprint_clearing_enabled:
+            update.bounds.touch(*update.footprint)

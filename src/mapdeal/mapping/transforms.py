@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -100,6 +101,9 @@ class CoveredAngles:
         return float(first[start]), end
 
 
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Rigid = tuple[Vector, Quaternion]
 _Link = tuple[str, str]  # parent and child
 _NAMED = 12
 _SLACK = 1000
@@ -121,6 +125,10 @@ class Edge:
     first: int
     last: int
     is_static: bool
+
+
+def _seconds(time: int) -> float:
+    return time // 10**9 + 1e-9 * (time % 10**9)  # as ros::Duration::toSec
 
 
 class _Samples:
@@ -168,6 +176,27 @@ class _Samples:
         del self._times[count:], self._numbers[7 * count :]
         self._is_in_time = True
 
+    def tf2_at(self, time: int, in_seconds: bool) -> Rigid | None:
+        """Return the sample that ``TimeCache::getData`` finds or interpolates."""
+        if not self._is_in_time:
+            self._sort()
+        times, after = self._times, bisect_right(self._times, time)
+        if self.is_static or (after and times[after - 1] == time and after in (1, len(times))):
+            return self._rigid(len(times) - 1 if self.is_static else after - 1)
+        if not 0 < after < len(times):
+            return None
+        (first, turn), (second, later_turn) = self._rigid(after - 1), self._rigid(after)
+        start, end = times[after - 1], times[after]
+        share = (time - start) / (end - start)
+        if in_seconds:
+            share = _seconds(time - start) / _seconds(end - start)
+        x, y, z = ((1.0 - share) * a + share * b for a, b in zip(first, second, strict=True))
+        return (x, y, z), _tf2_slerp(turn, later_turn, share)
+
+    def _rigid(self, index: int) -> Rigid:
+        x, y, z, qx, qy, qz, qw = self._numbers[7 * index : 7 * index + 7]
+        return (x, y, z), (qx, qy, qz, qw)
+
     def at(self, times: Integers) -> tuple[Floats, Floats, Mask]:
         if self.is_static:
             numbers = np.broadcast_to(np.array(self._numbers[-7:]), (len(times), 7))
@@ -186,8 +215,68 @@ class _Samples:
         return moves, slerp(earlier[:, 3:], later[:, 3:], share), known
 
 
+# Products and slerp in the order of tf2's LinearMath: the last bits decide whether a ray that is
+# cut at a border ends within it.
+
+
+def _sum(a: Vector, b: Vector) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def _tf2_inverse(q: Quaternion) -> Quaternion:
+    return -q[0], -q[1], -q[2], q[3]
+
+
+def _tf2_product(a: Quaternion, b: Quaternion) -> Quaternion:
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by + ay * bw + az * bx - ax * bz,
+        aw * bz + az * bw + ax * by - ay * bx,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def _tf2_rotated(q: Quaternion, v: Vector) -> Vector:
+    x, y, z, w = q
+    vx, vy, vz = v
+    turned = (
+        w * vx + y * vz - z * vy, w * vy + z * vx - x * vz, w * vz + x * vy - y * vx,
+        -x * vx - y * vy - z * vz,
+    )  # fmt: skip
+    return _tf2_product(turned, _tf2_inverse(q))[:3]
+
+
+def _tf2_slerp(a: Quaternion, b: Quaternion, share: float) -> Quaternion:
+    def dot(p: Quaternion, q: Quaternion) -> float:
+        return p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3]
+
+    sign = -1.0 if dot(a, b) < 0 else 1.0
+    cosine = sign * dot(a, b) / math.sqrt(dot(a, a) * dot(b, b))
+    theta = math.acos(max(-1.0, min(1.0, cosine))) * 2.0 / 2.0
+    if theta == 0.0:
+        return a
+    d = 1.0 / math.sin(theta)
+    s0, s1 = math.sin((1.0 - share) * theta), math.sin(share * theta)
+    x, y, z, w = ((p * s0 + sign * q * s1) * d for p, q in zip(a, b, strict=True))
+    return x, y, z, w
+
+
+def _tf2_chain(chain: Sequence[Rigid | None]) -> Rigid | None:
+    move, turn = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+    for rigid in chain:
+        if rigid is None:
+            return None
+        move, turn = _sum(_tf2_rotated(rigid[1], move), rigid[0]), _tf2_product(rigid[1], turn)
+    return move, turn
+
+
 class TransformTree:
-    """The transforms of a recording, for lookups of one frame in another."""
+    """The transforms of a recording, for lookups of one frame in another.
+
+    `is_exact` keeps quaternions as they were recorded, for `tf2_lookup`.
+    """
 
     # As in tf2 (``BufferCore``, ``TimeCache``), a transform between two frames is interpolated
     # along a line and an arc between the samples before and after a time, each transform of a chain
@@ -195,7 +284,8 @@ class TransformTree:
     # recorded both as static and as moving is of the more frequent kind; a static one counts once,
     # because it replaces its predecessor. (tf2 uses the first one, which in a recording is random.)
 
-    def __init__(self) -> None:
+    def __init__(self, *, is_exact: bool = False) -> None:
+        self._is_exact = is_exact
         self._samples: dict[_Link, _Samples] = {}
         self._minority: dict[_Link, _Samples] = {}
         self.bad = 0
@@ -211,7 +301,9 @@ class TransformTree:
         if not (is_near and math.isfinite(length) and length > 0) or parent == child:
             self.bad += 1
             return
-        edge, numbers = (parent, child), (*translation, *(part / length for part in quaternion))
+        if not self._is_exact:
+            quaternion = [part / length for part in quaternion]
+        edge, numbers = (parent, child), (*translation, *quaternion)
         chosen = self._samples.get(edge)
         if chosen is None:
             chosen = self._samples[edge] = _Samples(is_static=is_static)
@@ -286,6 +378,25 @@ class TransformTree:
         moves[~known] = np.nan
         turns[~known] = np.nan
         return Posed(moves, turns, known)
+
+    def tf2_lookup(
+        self, fixed: str, frame: str, time: int, *, in_seconds: bool
+    ) -> Rigid | None:  # fmt: skip
+        """Return a transform that equals the one of tf2 in the last bit; None at unknown times.
+
+        `in_seconds` interpolates between float64 seconds, as in ROS 1.
+        """
+        links = self._chains_between(fixed.lstrip("/"), frame.lstrip("/"))
+        if links is None:
+            raise self.no_chain(fixed, frame)
+        chains = [_tf2_chain([self._samples[e].tf2_at(time, in_seconds) for e in c]) for c in links]
+        below, above = chains
+        if below is None or above is None or not links[0]:
+            return below and above
+        back = _tf2_inverse(below[1])
+        x, y, z = below[0]
+        undo = _tf2_rotated(back, (-x, -y, -z))
+        return _sum(_tf2_rotated(back, above[0]), undo), _tf2_product(back, above[1])
 
     def no_chain(self, fixed: str, frame: str) -> MalformedInputError:
         names = self.frames

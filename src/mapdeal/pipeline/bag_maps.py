@@ -254,11 +254,11 @@ _SEVERAL = 3
 
 
 class SensorFrames:
-    def __init__(self, bag: Bag, options: FrameOptions) -> None:
+    def __init__(self, bag: Bag, options: FrameOptions, *, is_exact: bool = False) -> None:
         self._bag = bag
         self._options = options
         self._decoder = Decoder(bag)
-        self.tree = TransformTree()
+        self.tree = TransformTree(is_exact=is_exact)
         self._fixed = FIXED_FRAMES[0]
         # A robot with a namespace may have its own topics in place of /tf and /tf_static.
         readable = [tf for tf in bag.of_types(*messages.TF_TYPES) if tf.encoding in CAN_BE_READ]
@@ -272,7 +272,7 @@ class SensorFrames:
 
     def read(self, of_sensors: set[str], advance: Callable[[int], object]) -> None:
         sensors = sorted(of_sensors)
-        self._read_all(advance)
+        self.read_all(advance)
         if self._options.poses is not None:
             self._take_poses(self._options.poses, sensors)
         else:
@@ -288,7 +288,7 @@ class SensorFrames:
             self._bag.remark(f"{text}, and not {', '.join(unused)}")
 
     def read_alone(self, sensor: str, advance: Callable[[int], object]) -> None:
-        self._read_all(advance)
+        self.read_all(advance)
         self._take_mount([sensor])
 
     def at(self, frame: str, times: NDArray[np.int64]) -> Posed:
@@ -309,7 +309,7 @@ class SensorFrames:
         names = BASE_FRAMES if named is None else (named.lstrip("/"),)
         return next((name for name in names if name in self.tree.frames), None)
 
-    def _read_all(self, advance: Callable[[int], object]) -> None:
+    def read_all(self, advance: Callable[[int], object]) -> None:
         static = set(self._static)
         for place in self._index:
             for transform in self._decoder.read(place, messages.transforms_of):

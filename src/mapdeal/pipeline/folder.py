@@ -677,8 +677,12 @@ def stages_behind(name: str, folder: Path, sums: Mapping[str, str]) -> list[dict
     return stages[: products.index(stem) + 1] if stem in products else None
 
 
+_PRODUCTS = {"replay": "cost"}  # of stages outside recipes
+
+
 def product_of(stage: str) -> str:
-    return next((stage_model.product for stage_model in models_of(stage).values()), stage)
+    own_name = _PRODUCTS.get(stage, stage)
+    return next((stage_model.product for stage_model in models_of(stage).values()), own_name)
 
 
 def _is_manifest(value: object) -> TypeGuard[dict[str, Any]]:

@@ -122,6 +122,7 @@ class Entry:
     claims: tuple[Claim, ...] = ()
     opens_swiped: bool = True  # where two layers are compared
     next_command: str = ""  # as it is typed
+    is_sequence: bool = False  # whether the layers are one grid at several times
 
 
 @dataclass(frozen=True)

@@ -471,8 +471,15 @@ def _below(entry: Entry, number: int) -> Iterator[Markup]:
 
 def _panels(entry: Entry, number: int) -> Markup:
     count = len(entry.layers)
-    rows = [_layer(entry.layers[k], k, number, count) for k in reversed(range(count))]
+    on = (count - 1,) if entry.is_sequence else (0, count - 1)
+    rows = [_layer(entry.layers[k], k, number, k in on) for k in reversed(range(count))]
     parts = [_section("Layers", element("ul", *rows), class_="layers")]
+    if entry.is_sequence:
+        slider = element(
+            "input", type="range", name="time", min=0, max=count - 1, value=count - 1,
+            autocomplete="off", aria_label="Time of the costmap",
+        )  # fmt: skip
+        parts.insert(0, _section("Time", slider, class_="time scripted-only"))
     below = [_readout(entry.layers), _items(entry, number)]
     parts += below if entry.compared is None or entry.opens_swiped else below[::-1]
     if count > 1:
@@ -480,8 +487,7 @@ def _panels(entry: Entry, number: int) -> Markup:
     return element("div", *parts, class_="panels")
 
 
-def _layer(layer: PageLayer, k: int, number: int, count: int) -> Markup:
-    is_on = k in (0, count - 1)
+def _layer(layer: PageLayer, k: int, number: int, is_on: bool) -> Markup:
     box = element("input", type="checkbox", checked=is_on, autocomplete="off")
     slider = element(
         "input", type="range", min=0, max=100, value=100, autocomplete="off",

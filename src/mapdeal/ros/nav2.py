@@ -269,7 +269,8 @@ def _layer(values: Nav2Values, name: str, kind: str, inscribed: float) -> Listed
         is_enabled = found is None or found.value is not False
     if layer_class is not None:
         layer = layer_class.from_nav2(values, PluginEntry(name, kind, inscribed))
-        return ListedLayer(name, kind, layer, is_enabled)
+        sensing = layer_class.sensing_from_nav2(values, name)
+        return ListedLayer(name, kind, layer, is_enabled, sensing=sensing)
     if kind in _COSTLESS_FILTERS:
         return ListedLayer(name, kind, None, is_enabled, why_ignored=_COSTLESS_FILTERS[kind])
     if is_enabled:
@@ -410,8 +411,9 @@ def _resolved(
     layers = _with_static(values, layers, costmap)
     track, area = values.flag("track_unknown_space"), _area(values)
     return shape.robot(
-        "nav2", costmap, values.node, layers, parameters.files, track=track, area=area
-    )
+        "nav2", costmap, values.node, layers, parameters.files, track=track, area=area,
+        base_frame=values.get("robot_base_frame", "string", "base_link"),
+    )  # fmt: skip
 
 
 def _area(values: Nav2Values) -> CostmapArea | None:

@@ -197,6 +197,7 @@ class ListedLayer:
     is_enabled: bool = True
     is_filter: bool = False
     why_ignored: str = ""
+    sensing: Any = None  # parameters of its sensors
 
     @property
     def needs(self) -> str:
@@ -248,6 +249,8 @@ class RobotParameters(OneLine):
         costmap does not roll, the map's count instead.
     namespace : str, optional
         Namespace that was asked for when the files were read.
+    base_frame : str
+        Frame of the robot.
     """
 
     flavour: Flavour
@@ -265,6 +268,7 @@ class RobotParameters(OneLine):
     remarks: tuple[str, ...] = ()
     area: CostmapArea | None = None
     namespace: str | None = None
+    base_frame: str = "base_link"
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -411,12 +415,13 @@ class Shape:
     def robot(
         self, flavour: Flavour, costmap: CostmapName, node: str, layers: tuple[ListedLayer, ...],
         files: Iterable[tuple[Path, str]], *, track: bool, area: CostmapArea | None,
+        base_frame: str,
     ) -> RobotParameters:  # fmt: skip
         return RobotParameters(
             flavour=flavour, costmap=costmap, node=node, footprint=self.footprint,
             footprint_padding=self.padding, robot_radius=self.robot_radius,
             track_unknown_space=track, rolling_window=area is not None and area.is_rolling,
-            layers=layers, area=area,
+            layers=layers, area=area, base_frame=base_frame.lstrip("/"),
             files=tuple(ParameterFile(path, sha256) for path, sha256 in files),
             inscribed_radius=self.inscribed_radius, circumscribed_radius=self.circumscribed_radius,
         )  # fmt: skip

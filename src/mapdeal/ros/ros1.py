@@ -765,7 +765,11 @@ def _resolved(server: Ros1Server) -> RobotParameters | None:
     files = [(file.source, file.sha256) for file in server.files]
     node = "/" + "/".join(server.path)
     area = _area(server, is_rolling=rolling)
-    return shape.robot("ros1", server.costmap, node, layers, files, track=track, area=area)
+    base = server.find("robot_base_frame")
+    return shape.robot(
+        "ros1", server.costmap, node, layers, files, track=track, area=area,
+        base_frame=base.value if base is not None and base.kind == "string" else "base_link",
+    )  # fmt: skip
 
 
 def _area(server: Ros1Server, *, is_rolling: bool) -> CostmapArea | None:
@@ -845,7 +849,8 @@ def _layer(server: Ros1Server, name: str, kind: str, inscribed: float) -> Listed
     if layer_class is not None:
         _report_overridden(server, name, layer_class.ros1_costmap_parameters)
         layer = layer_class.from_ros1(server, PluginEntry(name, kind, inscribed))
-        return ListedLayer(name, kind, layer, is_enabled)
+        sensing = layer_class.sensing_from_ros1(server, name)
+        return ListedLayer(name, kind, layer, is_enabled, sensing=sensing)
     if is_enabled:
         text = f"{name} ({kind}) is not modelled: its costs are left out"
         server.problem("params.not-modelled", "warning", text, ("plugins",))

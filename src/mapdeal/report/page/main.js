@@ -36,6 +36,7 @@ document.oninput = ({ target: { id, name, value, checked } }) => {
 	if (id === "filter") filter(value);
 	else if (["kind", "speed", "name"].includes(name)) zoneTyped();
 	else if (name === "draw") drawMode(checked);
+	else if (name === "time") showOnly(+value);
 	else if (name === "measure") checked ? measure() : clear();
 	else changed();
 };
