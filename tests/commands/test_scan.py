@@ -202,4 +202,4 @@ def test_build_finds_the_walls_of_real_maps(real_maps, name, noise, cells):
     assert (seen & near(built, cells)).sum() >= 0.99 * seen.sum()
     # of ten thousands of noisy beams, a few are off by more than three standard deviations
     wrong = np.count_nonzero(built & ~near(grid.occupied(), cells))
-    assert wrong <= 1e-4 * built.sum() * (noise > 0)
+    assert wrong <= 1e-3 * built.sum() * (noise > 0)
