@@ -51,8 +51,8 @@ def spread(
     """Set the squared distance to the seed from which the queue reaches each cell."""
     cdef Queue entries
     cdef Py_ssize_t cells = seeds.shape[0] * seeds.shape[1]
-    if cells == 0 or (squares.shape[0], squares.shape[1]) != (seeds.shape[0], seeds.shape[1]):
-        raise ValueError("the grids are not of one shape, or empty")
+    if not 0 < cells < 2**31 // 5 or (squares.shape[0], squares.shape[1]) != (seeds.shape[0], seeds.shape[1]):
+        raise ValueError("the grids are not of one shape, empty or too large")
     if (queue.shape[0], queue.shape[1], ends.shape[0], ends.shape[1]) != (5 * cells, 3, 2, most + 1):
         raise ValueError("the queue has another size")
     entries.width, entries.most, entries.count = seeds.shape[1], most, 0

@@ -80,10 +80,10 @@ static void enqueue(Queue *of, int64_t cell, int64_t seed)
     const int64_t cols = cell % of->width - seed % of->width, square = rows * rows + cols * cols;
     if (square > of->most || of->squares[cell] <= of->most) return;
     const int32_t number = of->count++;
-    int32_t *entry = of->queue + 3 * number;
+    int32_t *entry = of->queue + 3 * (int64_t)number;
     entry[0] = (int32_t)cell, entry[1] = (int32_t)seed, entry[2] = -1;
     if (of->firsts[square] < 0) of->firsts[square] = number;
-    else of->queue[3 * of->lasts[square] + 2] = number;
+    else of->queue[3 * (int64_t)of->lasts[square] + 2] = number;
     of->lasts[square] = number;
 }
 
@@ -93,7 +93,7 @@ static void spread_queue(Queue *of, const uint8_t *seeds, int64_t cells)
     for (int64_t cell = 0; cell < cells; cell++)
         if (seeds[cell]) enqueue(of, cell, cell);
     for (int64_t square = 0; square <= of->most; square++)
-        for (int32_t k = of->firsts[square]; k >= 0; k = of->queue[3 * k + 2]) {
+        for (int64_t k = of->firsts[square]; k >= 0; k = of->queue[3 * k + 2]) {
             const int64_t cell = of->queue[3 * k], seed = of->queue[3 * k + 1], col = cell % width;
             if (of->squares[cell] <= of->most) continue;
             of->squares[cell] = (int32_t)square;
