@@ -116,6 +116,8 @@ class _Runs(NamedTuple):
 
 def surface_cells(section: Section, frame: Frame, runs: _Runs) -> Mask:
     """Return the cells whose centre lies within half a cell of an edge, and not in other solids."""
+    from scipy import ndimage  # takes long to import
+
     begin, along, length = _in_cells(section, frame)
     inwards = along[:, ::-1] * [-_INWARDS, _INWARDS] / np.maximum(length, 1e-12)[:, np.newaxis]
     begin = begin + inwards
@@ -157,7 +159,10 @@ def surface_cells(section: Section, frame: Frame, runs: _Runs) -> Mask:
     np.add.at(own, (row[inside], col[inside]), 1)
     found = np.zeros(frame.shape, np.bool_)
     found[row, col] = True
-    return np.asarray(found & (own == runs.depths()))
+    depths = runs.depths()
+    # solids that touch hide the seam between them
+    is_outside = ndimage.binary_dilation(depths == 0, np.ones((3, 3)))
+    return np.asarray(found & (own == depths) & is_outside)
 
 
 def inside_runs(section: Section, frame: Frame) -> _Runs:
@@ -324,7 +329,11 @@ def map_for_robot(
     for points, triangle in points_on(local, frame.shape):
         visible = columns.visible(points, local[triangle], solids[triangle], options.climb / cell)
         mapper.add(points[visible] * cell)
-    contents = mapper.settle()
+    try:
+        contents = mapper.settle()
+    except MalformedInputError as error:  # its hint is about clouds
+        error.hint = "--floor Z adds a level floor; --at X,Y,Z names a place on a floor"
+        raise
     occupied = contents.obstacles.sum(axis=0) > 0
     is_floor = (contents.on_floor > 0) & ~occupied
     if options.drops == "occupied":
