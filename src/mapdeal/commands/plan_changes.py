@@ -433,7 +433,9 @@ def _wider_passage(
         return
     x, y = _centres(work, np.arange(height)[:, np.newaxis], np.arange(width))
     squares = (x - limit.x) ** 2 + (y - limit.y) ** 2
-    widths = _up(limit.width, limit.width + _WIDEST_PASSAGE)
+    # With half a step more, hardly any centre of a cell lies on the circle that is cleared.
+    first_width = limit.width - _STEP / 2
+    widths = [width + _STEP / 2 for width in _up(first_width, first_width + _WIDEST_PASSAGE)]
 
     def plan_with(index: int) -> Plan:
         cleared = occupied & (squares <= (widths[index] / 2) ** 2)
@@ -443,7 +445,7 @@ def _wider_passage(
     if found is not None:
         yield {
             "map": "passage", **_place(limit.x, limit.y),
-            "from": round(limit.width, 6), "width": widths[found[0]],
+            "from": round(limit.width, 6), "width": round(widths[found[0]], 6),
             **({} if found[1] else {"monotonic": False}),
         }  # fmt: skip
 
