@@ -76,6 +76,10 @@ GRID = PlannerGrid(np.zeros((40, 60), np.uint8), 0.05, (-1.0, 2.0))
       "NoValidPathCouldBeFound"),
      ({"tolerance": 0.1}, (0, 3, 0), (0, 2.3, 0), None),
      ({"max_cycles_factor": 1}, (-0.9, 3, 0), (0.9, 3, 0), "NoValidPathCouldBeFound"),
+     ({"max_cycles_factor": 0}, (0, 3, 0), (0.9, 3, 0), "NoValidPathCouldBeFound"),
+     ({"max_cycles_factor": 10**9}, (0, 3, 0), (0.9, 3, 0), None),
+     ({"tolerance": 900.0}, (0, 3, 0), (1.26, 3.01, 0), None),
+     ({"tolerance": -1.0}, (0, 3, 0), (1.26, 3.01, 0), "NoValidPathCouldBeFound"),
      ({}, (1.99, 3.99, 0), (0, 3, 0), "NoValidPathCouldBeFound")],
 )  # fmt: skip
 def test_a_plan_fails_with_the_name_of_nav2s_exception(values, start, goal, reason):

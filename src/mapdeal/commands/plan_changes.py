@@ -42,6 +42,7 @@ _MOST_CYCLES = 64  # largest max_cycles_factor that is tried
 _STEPS_BEYOND = 25  # tried where the goal can be reached, but the planner fails
 _STEPS_AFTER = 4  # tried beyond a value with a path, to see whether the path stays
 _WIDEST_PASSAGE = 3.0  # metres by which a passage is widened, or a radius grows, at most
+_LARGEST_VALUE = 1000.0  # that is tried
 _LARGEST_SCALE = 4.0  # of a footprint
 _MOST_OBSTACLES, _LARGEST_OBSTACLE = 20, 5.0  # number of those tried, and square metres of each
 _BYTES = 1 << 26  # of the costmaps that are kept
@@ -183,7 +184,8 @@ def _open_cells(values: Mapping[str, Any], grid: PlannerGrid, start: Pose) -> Ma
 def _cells_near(values: Mapping[str, Any], grid: PlannerGrid, goal: Pose) -> Mask:
     """Return the cells within the planner's tolerance of a goal, in a square."""
     near = np.zeros(grid.costs.shape, bool)
-    margin = math.ceil(values.get("tolerance", 0.0) / grid.resolution) + 1
+    cells = min(values.get("tolerance", 0.0) / grid.resolution, max(near.shape))
+    margin = max(math.ceil(cells), 0) + 1
     cell = grid.cell_of(goal) or (0, 0)
     near[tuple(slice(max(at - margin, 0), at + margin + 1) for at in cell)] = True
     return near
@@ -306,7 +308,7 @@ def _first_loss(adjustment: Adjustment) -> int | None:
 
 def _down(value: float, least: float) -> list[float]:
     """Return the multiples of a step below a value, the largest first."""
-    first = math.ceil(value / _STEP - 1e-6) - 1
+    first = math.ceil(min(value, _LARGEST_VALUE) / _STEP - 1e-6) - 1
     return [k / 100 for k in range(first, math.ceil(least / _STEP - 1e-6) - 1, -1)]
 
 

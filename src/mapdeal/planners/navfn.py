@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.errors import ParameterError
 from mapdeal.grid.values import LETHAL_OBSTACLE
 from mapdeal.kernels.arrays import Metres
 from mapdeal.kernels.navfn import UNREACHED, Cell, Outcome, potentials, traced_path
@@ -22,6 +23,9 @@ from mapdeal.planners.planner import Default, Plan, Planner, PlannerGrid, Pose, 
 
 Point = tuple[float, float]
 
+_MOST_CYCLES = 1000
+"""Largest max_cycles_factor that counts: by then the trace goes in circles."""
+_MOST_STEPS = 100_000  # of a tolerance
 _SAME = 1e-4  # metres between two last poses that count as equal
 _NEAR = 1e-6  # square metres between the path's end and the goal
 
@@ -51,7 +55,10 @@ class NavfnPlanner(Planner):
         end = self._reached_point(grid, potential, goal)
         if end is None:
             return no_plan("NoValidPathCouldBeFound")
-        turns = self.integer("max_cycles_factor") * max(grid.costs.shape)
+        factor = min(self.integer("max_cycles_factor"), _MOST_CYCLES)
+        turns = factor * max(grid.costs.shape)
+        if turns < 1:
+            return no_plan("NoValidPathCouldBeFound", "max_cycles_factor leaves no turns")
         points, outcome = traced_path(
             potential, _rounded(grid, start[:2]), _rounded(grid, end), turns=turns
         )
@@ -90,9 +97,7 @@ class NavfnPlanner(Planner):
 
         if are_reached(*np.array(goal[:2])[:, np.newaxis]).any():
             return goal[:2]
-        y, x = np.meshgrid(
-            *(self._steps(at, grid.resolution) for at in (goal[1], goal[0])), indexing="ij"
-        )
+        y, x = np.meshgrid(*(self._steps(grid, goal[axis], axis) for axis in (1, 0)), indexing="ij")
         squares = (x - goal[0]) * (x - goal[0]) + (y - goal[1]) * (y - goal[1])
         squares[~are_reached(x, y)] = math.inf
         if not (squares < math.inf).any():
@@ -100,12 +105,17 @@ class NavfnPlanner(Planner):
         nearest = int(np.argmin(squares))
         return float(x.flat[nearest]), float(y.flat[nearest])
 
-    def _steps(self, middle: float, resolution: float) -> list[float]:
-        tolerance = self.number("tolerance")
+    def _steps(self, grid: PlannerGrid, middle: float, axis: int) -> list[float]:
+        """Return the coordinates within the tolerance along an axis, those on the map."""
+        tolerance, first = self.number("tolerance"), grid.origin[axis]
+        if tolerance > _MOST_STEPS * grid.resolution:
+            rule = f"must be at most {_MOST_STEPS} cells; Nav2 tries all points within it"
+            raise ParameterError(rule, place="tolerance", got=tolerance)
         steps = [middle - tolerance]
         while steps[-1] <= middle + tolerance:
-            steps.append(steps[-1] + resolution)
-        return steps[:-1]
+            steps.append(steps[-1] + grid.resolution)
+        last = first + grid.costs.shape[1 - axis] * grid.resolution
+        return [step for step in steps[:-1] if first <= step <= last]
 
 
 def _rounded(grid: PlannerGrid, point: Point) -> Cell:

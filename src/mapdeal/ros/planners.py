@@ -126,7 +126,9 @@ def _listed_planner(values: Nav2Values, name: str, plugin: str) -> ListedPlanner
     planner_class = planner_classes().get(plugin)
     declared = PLANNER_PARAMETERS.get(class_of(plugin), {})
     settings = {
-        key: values.get(f"{name}.{key}", _KINDS[type(default)], default)
+        key: values.number(f"{name}.{key}", default)
+        if isinstance(default, float)
+        else values.get(f"{name}.{key}", _KINDS[type(default)], default)
         for key, default in declared.items()
     }
     lines = {
