@@ -101,7 +101,10 @@ class RunChecks:
             words += ["--namespace", namespace] if namespace and node else []
         mask = self.settings.mask
         words += [] if mask is None else ["--mask", documents.typed_path(mask)]
-        return documents.ReachQuestion(tuple(self.start or ()), tuple(self.goals), tuple(words))
+        is_planned = robot is not None and (robot.flavour, robot.costmap) == ("nav2", "global")
+        planner = "plan" if is_planned and self.footprint is None else "route"
+        start, goals = tuple(self.start or ()), tuple(self.goals)
+        return documents.ReachQuestion(start, goals, tuple(words), planner)
 
     @cached_property
     def _mask(self) -> KeepoutMask | None:

@@ -789,6 +789,7 @@ class ReachQuestion:
     start: tuple[float, ...]
     goals: tuple[Goal, ...]
     robot: tuple[str, ...]
+    planner: str = "route"
 
 
 def robot_words(footprint: Footprint | None) -> tuple[str, ...]:
@@ -833,7 +834,8 @@ def next_command(
         if goals is not None and not goals.evidence:  # reach refused the start
             start = ()
         is_routed = goals is not None and goals.state == "good" and bool(start and targets)
-        words = ["route" if is_routed else "reach", typed_path(map_path), *options, *dialect]
+        planner = question.planner if question and is_routed else "reach"
+        words = [planner, typed_path(map_path), *options, *dialect]
         words += ["--from", _numbers(start[: 2 if is_routed else 3])] if start else []
         texts = [_numbers((targets[0].x, targets[0].y))] if is_routed else map(_goal, targets)
         words += ["--to", *texts] if targets else []
