@@ -94,6 +94,8 @@ class GoalPlan:
         Smallest distance from a pose to the centre of a lethal cell, metres.
     narrowest : tuple of float, optional
         Where that is.
+    stopped_at : tuple of float, optional
+        Without a plan: the place nearest to the goal that a search can reach.
     """
 
     goal: PlanGoal
@@ -103,6 +105,7 @@ class GoalPlan:
     margins: Sequence[Change] = ()
     clearance: float = math.nan
     narrowest: tuple[float, float] | None = None
+    stopped_at: tuple[float, float] | None = None
 
     def document(self) -> dict[str, Any]:
         goal, plan = self.goal, self.plan
@@ -122,6 +125,8 @@ class GoalPlan:
             document["changes"] = [
                 {**change, "text": change_text(change)} for change in self.changes
             ]
+        if self.stopped_at is not None:
+            document["stopped_at"] = dict(zip("xy", self.stopped_at, strict=True))
         return {**document, "points": plan.poses.tolist()}
 
     def lines(self) -> Iterator[str]:
@@ -138,6 +143,8 @@ class GoalPlan:
         yield text + (f"no path, {plan.reason}" if self.is_known else "not known")
         if plan.detail is not None:
             yield f"    {plan.detail}"
+        elif self.stopped_at is not None:
+            yield f"    a search from the start comes no nearer than {_at(self.stopped_at)}"
         if self.changes:
             yield "    each of these alone makes a path:"
             yield from (f"      {change_text(change)}" for change in self.changes)
@@ -261,6 +268,7 @@ class PlanReport(Spread):
             self.start[:2],
             [(goal.goal.x, goal.goal.y) for goal in found],
             [(goal.goal.x, goal.goal.y) for goal in self.missed],
+            [goal.stopped_at for goal in self.missed if goal.stopped_at is not None],
             [
                 (change["x"], change["y"], change.get("width", 0.0) / 2)
                 for change in changes if "map" in change
@@ -553,7 +561,8 @@ def _report(
             plans.append(GoalPlan(goal, answer, True, None, margins, clearance, place))
         else:
             changes = _changes(work, start, pose, answer) if has_changes else None
-            plans.append(GoalPlan(goal, answer, is_known, changes))
+            stopped_at = None if answer.detail else work.nearest_reached(start, pose)
+            plans.append(GoalPlan(goal, answer, is_known, changes, stopped_at=stopped_at))
     return PlanReport(work, start, tuple(plans))
 
 

@@ -149,6 +149,15 @@ class PlannerOnMap:
         x, y = plan.poses[least, :2].tolist()
         return float(metres[least]), (round(x, 6), round(y, 6))
 
+    def nearest_reached(self, start: Pose, goal: Pose) -> tuple[float, float] | None:
+        """Return the place nearest to a goal that a search from the start can reach."""
+        if self.grid.cell_of(start) is None:
+            return None
+        rows, cols = np.nonzero(_reached_cells(self.listed, self.grid, start))
+        x, y = _centres(self, rows, cols)
+        nearest = int(np.argmin((x - goal[0]) ** 2 + (y - goal[1]) ** 2))
+        return round(float(x[nearest]), 6), round(float(y[nearest]), 6)
+
     def plan_without(self, start: Pose, goal: Pose, cleared: Mask) -> Plan:
         """Return the plan on the map with some cells made free."""
         grid = self.source.occupancy
@@ -191,20 +200,25 @@ def _cells_near(values: Mapping[str, Any], grid: PlannerGrid, goal: Pose) -> Mas
     return near
 
 
-def is_cut_off(listed: ListedPlanner, grid: PlannerGrid, start: Pose, goal: Pose) -> bool:
-    """Return whether closed cells separate start and goal, so that no search gets there."""
+def _reached_cells(listed: ListedPlanner, grid: PlannerGrid, start: Pose) -> Mask:
+    """Return the cells that open cells connect with the start."""
     from scipy import ndimage  # slow to import
 
-    first, around, values = grid.cell_of(start), np.ones((3, 3), bool), listed.settings
-    if first is None or grid.cell_of(goal) is None:
-        return True
-    is_open = _open_cells(values, grid, start)
-    if listed.planner is None or "minimum_turning_radius" in values:
+    around, is_open = np.ones((3, 3), bool), _open_cells(listed.settings, grid, start)
+    if listed.planner is None or "minimum_turning_radius" in listed.settings:
         # planners with headings check poses that are up to three cells apart
         is_open = ndimage.binary_dilation(is_open, around, iterations=2)
     is_diagonal = listed.planner is None or listed.planner.moves_diagonally
     regions, _ = ndimage.label(is_open, around if is_diagonal else None)
-    return not (_cells_near(values, grid, goal) & (regions == regions[first])).any()
+    return np.asarray(regions == regions[grid.cell_of(start)])
+
+
+def is_cut_off(listed: ListedPlanner, grid: PlannerGrid, start: Pose, goal: Pose) -> bool:
+    """Return whether closed cells separate start and goal, so that no search gets there."""
+    if grid.cell_of(start) is None or grid.cell_of(goal) is None:
+        return True
+    near = _cells_near(listed.settings, grid, goal)
+    return not (near & _reached_cells(listed, grid, start)).any()
 
 
 def plan_quickly(listed: ListedPlanner, grid: PlannerGrid, start: Pose, goal: Pose) -> Plan:

@@ -23,6 +23,7 @@ from mapdeal.kernels.blocks import Layer, blocks_of, gathered, made_by_rows
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import for_rows
 from mapdeal.pictures.colours import (
+    CLOSED_IN_BOTH,
     GOAL,
     KEEPOUT,
     MINIMUM,
@@ -411,9 +412,10 @@ class PlanOverlay(Overlay):
     start: tuple[float, float]
     goals: Sequence[tuple[float, float]]
     missed: Sequence[tuple[float, float]]
+    stops: Sequence[tuple[float, float]]
     cleared: Sequence[tuple[float, float, float]]  # x, y and radius
 
-    colours = (ROUTE, START, NOW_CLOSED, GOAL, MINIMUM)
+    colours = (ROUTE, START, NOW_CLOSED, GOAL, MINIMUM, CLOSED_IN_BOTH)
 
     @property
     def text(self) -> str:
@@ -425,19 +427,24 @@ class PlanOverlay(Overlay):
 
     def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         brush, dot = Brush(on.pixels), max(4.0, on.side / 110)
-        route, start, reached, missed, cleared = (first_index + k for k in range(5))
+        route, start, reached, missed, cleared, stopped = (first_index + k for k in range(6))
         for path in self.paths_xy:
             brush.polyline(on.places(path), route, thickness=max(3, round(on.side / 250)))
         for x, y, radius in self.cleared:
             centre, edge = on.places([(x, y), (x + radius, y)])
             ring = circle(max(float(np.hypot(*(edge - centre))), 1.6 * dot), 48)
             brush.polyline(centre + ring, cleared, thickness=max(2, round(on.side / 400)))
-        for places, index in ((self.goals, reached), (self.missed, missed), ([self.start], start)):
+        dots = (
+            (self.stops, stopped), (self.goals, reached), (self.missed, missed),
+            ([self.start], start),
+        )  # fmt: skip
+        for places, index in dots:
             for place in on.places(np.reshape(places, (-1, 2))):
                 brush.dot(place, index, radius=dot)
         legend = [
             (self.paths_xy, route, "path"), ([self.start], start, "start"),
             (self.goals, reached, "goal"), (self.missed, missed, "goal without a path"),
+            (self.stops, stopped, "nearest place to it that is reached"),
             (self.cleared, cleared, "clearing this makes a path"),
         ]  # fmt: skip
         return [Swatch(index, label) for places, index, label in legend if len(places)]
