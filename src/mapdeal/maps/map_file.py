@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.errors import FileAccessError
 from mapdeal.files.source import FileState, check_state, head_of, sha256_of, state_of
 from mapdeal.files.transaction import locked
 from mapdeal.grid.costmap import UNIFORM_SHARE, Costmap
@@ -142,30 +143,21 @@ class MapFile(ABC):
 class MapFormat:
     """A format of map files; `formats.FORMATS` lists all of them."""
 
-    name: str
-    """What errors call it, such as ``an .npz written by mapdeal``."""
+    name: str  # in errors, such as "an .npz written by mapdeal"
     endings: tuple[str, ...]
     open: Callable[[Path, ExitStack, Dialect, int | None], MapFile]
-    magic: tuple[bytes, ...] = ()
-    """First bytes of all its files; without one, other files may have its endings."""
-    is_yaml: bool = False
-    """Whether the header is a YAML file, which lint can explain line by line and repair."""
+    magic: tuple[bytes, ...] = ()  # first bytes of every file; empty if there are none
+    is_yaml: bool = False  # lint explains a header in YAML line by line, and repairs it
     in_folders: bool = True
     is_map: Callable[[Path], bool] = lambda _: True
     header: Callable[[Path], Path] = lambda path: path
-    grids: tuple[type[Any], ...] = ()
-    """Kinds of grids that can be written."""
-    write: Callable[..., None] | None = None
-    """Called with a transaction, a path and a grid, and with the options of `write_grid`."""
+    grids: tuple[type[Any], ...] = ()  # kinds of grids that can be written
+    write: Callable[..., None] | None = None  # (transaction, path, grid, **options of write_grid)
     paths: Callable[[Path], tuple[Path, ...]] = lambda path: (path,)
-    images: tuple[str, ...] = ()
-    """Endings of images that commands for maps alone write in place of `endings`."""
+    images: tuple[str, ...] = ()  # endings that commands for maps alone write, too
     takes_resolution: bool = False
-    """Whether ``--resolution`` applies."""
-    yields_to_yaml: bool = False
-    """Whether a map in a YAML file of the same name takes its place in folders and patterns."""
-    requests_rows: bool = False
-    """Whether the writer requests the rows of a product, which other files then receive."""
+    yields_to_yaml: bool = False  # skipped in folders beside a map in YAML of the same name
+    requests_rows: bool = False  # its writer requests rows, which other files then receive
 
     @property
     def sign(self) -> str:
@@ -173,9 +165,10 @@ class MapFormat:
         return f"{self.endings[0]} with the key image" if self.is_yaml else self.endings[0]
 
     def holds_map(self, path: Path) -> bool:
-        """Return whether a file with one of the endings is a map."""
-        if self.magic and not head_of(path, max(map(len, self.magic))).startswith(self.magic):
-            return False
+        """Return whether a file with one of the endings is a map, possibly a broken one."""
+        with suppress(FileAccessError):  # reading it as a map reports the error
+            if self.magic and not head_of(path, max(map(len, self.magic))).startswith(self.magic):
+                return False
         return self.is_map(path)
 
     def can_hold(self, kind: type[Any]) -> bool:
