@@ -67,7 +67,7 @@ class GoalAnswer:
 
 @dataclass(frozen=True)
 class RunChecks:
-    """Who is to go where on the maps of a run, of which each is in the folder that names it."""
+    """Who is to go where on the maps of a run; start and goals are those of `reach`."""
 
     settings: Settings
     footprint: Footprint | None = None
