@@ -19,13 +19,7 @@ import numpy as np
 
 from mapdeal.checks import lint as checks
 from mapdeal.checks.facts import PairFacts, RoomFacts, gather, without_rounding_noise
-from mapdeal.checks.findings import (
-    CHECKS,
-    Finding,
-    Selections,
-    named_checks,
-    read_ignore_comments,
-)
+from mapdeal.checks.findings import CHECKS, Finding, Selections, named_checks, read_ignore_comments
 from mapdeal.checks.lint import LintReport, MapReport, ReportForm, repair_lines
 from mapdeal.checks.map_checks import RUN_FOLDERS
 from mapdeal.checks.parameter_checks import first_robot
@@ -76,12 +70,7 @@ from mapdeal.maps.map_server import (
     remark_on_freed,
     write_map_image,
 )
-from mapdeal.maps.reading import (
-    MapFile,
-    open_map,
-    output_paths,
-    write_grid,
-)
+from mapdeal.maps.reading import MapFile, open_map, output_paths, write_grid
 from mapdeal.pipeline.batch import Job, Outcome, attempt, dispatch, jobs_at_once
 from mapdeal.pipeline.inputs import (
     MapInput,

@@ -42,15 +42,7 @@ from mapdeal.pipeline.inputs import KeepoutMask, Work, map_input, mask_of, read_
 from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.pipeline.settings import Settings, adding_warnings, is_whole
 from mapdeal.pipeline.step import Step, make_step
-from mapdeal.report.document import (
-    Claim,
-    Report,
-    State,
-    Table,
-    Verdict,
-    page_layers,
-    worst_of,
-)
+from mapdeal.report.document import Claim, Report, State, Table, Verdict, page_layers, worst_of
 from mapdeal.report.page import page_of
 from mapdeal.report.verdict import most_urgent, verdicts_of
 from mapdeal.ros.robot import RobotParameters
