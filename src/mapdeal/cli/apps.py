@@ -18,7 +18,6 @@ import typer
 from mapdeal import command as definitions
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
-from mapdeal.cli.options import SHARED_OPTIONS, option_name, with_shared_options
 from mapdeal.cli.terminal import DASH, FROM_STDIN, TO_STDOUT
 from mapdeal.command import Command, Output, Parameter, Result, Stage, Words
 from mapdeal.errors import ParameterError, emit_warning
@@ -239,7 +238,7 @@ _OF_ROBOT = {
 }  # fmt: skip
 """Parameters that options in common stand for, and which these are."""
 
-_OF_SETTINGS = SHARED_OPTIONS.keys() & {setting.name for setting in fields(Settings)} - {
+_OF_SETTINGS = opt.SHARED_OPTIONS.keys() & {setting.name for setting in fields(Settings)} - {
     *opt.OF_IMAGES
 }
 
@@ -287,9 +286,9 @@ def _shell_function(definition: Command) -> Any:
     names = [
         argument.name for argument in own
         if (is_stage and argument.name not in {*definition.inputs, "output"})
-        or (argument.default is not Argument.empty and argument.name not in SHARED_OPTIONS)
+        or (argument.default is not Argument.empty and argument.name not in opt.SHARED_OPTIONS)
     ]  # fmt: skip
-    return with_shared_options(
+    return opt.with_shared_options(
         run,
         own,
         [*names, *definition.shared],
@@ -323,7 +322,7 @@ def _call(definition: Command, values: dict[str, Any]) -> Any:
     except ParameterError as error:
         place = str(error.place).removeprefix(f"{definition.name}.")
         names = place.split(", ")
-        if error.source is None and {*definition.parameters, *SHARED_OPTIONS}.issuperset(names):
+        if error.source is None and {*definition.parameters, *opt.SHARED_OPTIONS}.issuperset(names):
             options = (_option_named(definition, name) for name in names)
             error.source, error.place = ", ".join(options), None
         raise
@@ -333,7 +332,7 @@ def _option_named(definition: Command, name: str) -> str:
     own = definition.parameters.get(name)
     if own is None or name in _OF_ROBOT:
         return _OF_ROBOT.get(name) or f"--{name.replace('_', '-')}"
-    return option_name(own)
+    return opt.option_name(own)
 
 
 def _accept(parameter: Parameter, value: Any) -> Any:
@@ -343,7 +342,7 @@ def _accept(parameter: Parameter, value: Any) -> Any:
             return words.read(value)
         return value if parameter.is_as_typed else parameter.accept(value)
     except ParameterError as error:
-        error.source, error.place = option_name(parameter), None
+        error.source, error.place = opt.option_name(parameter), None
         raise
 
 

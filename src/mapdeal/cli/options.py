@@ -15,7 +15,6 @@ from typing import Annotated, Any, Literal, NamedTuple, Optional, get_args, get_
 import typer
 
 from mapdeal.cli import terminal
-from mapdeal.cli.terminal import FROM_STDIN, piped, streamed
 from mapdeal.command import Parameter, Words, split_optional
 from mapdeal.errors import ParameterError, strict_warnings
 from mapdeal.files.source import size_of
@@ -252,7 +251,7 @@ SHARED_OPTIONS = {
     "mask": SharedOption(
         Path | None,
         "Keepout mask, a map: the lower bound of the costs; robots stay out of where it is 100.",
-        "MASK", group=None, marks=(FROM_STDIN,)
+        "MASK", group=None, marks=(terminal.FROM_STDIN,)
     ),
     "no_images": SharedOption(bool, "Write no pictures.", default=False, group=None),
     "strict": _always("Exit with 1, and write nothing, if there is a warning."),
@@ -286,7 +285,7 @@ def with_shared_options(
     of_streams = [name for name in shared if SHARED_OPTIONS[name].marks]
     shared = [name for name in shared if name not in of_streams]
     robot = [name for name in shared if SHARED_OPTIONS[name].group == _ROBOT]
-    marked = streamed(parameters)
+    marked = terminal.streamed(parameters)
     defaults = {parameter.name: parameter.default for parameter in parameters}
 
     @wraps(function)
@@ -325,7 +324,7 @@ def with_shared_options(
             with (
                 settings.reading(anew=True),
                 use_threads(settings.threads),
-                piped(values, marked, ending=ending) as piped_values,
+                terminal.piped(values, marked, ending=ending) as piped_values,
             ):
                 read = {name: piped_values.pop(name) for name in of_streams}
                 if "mask" in read and makes_costs(values):

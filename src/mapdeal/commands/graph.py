@@ -26,7 +26,6 @@ from mapdeal.pipeline.folder import rounded
 from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.pipeline.step import make_step
 from mapdeal.planning import graph_drafts
-from mapdeal.planning.graph_drafts import GraphResult, LaneSide
 from mapdeal.planning.route_graphs import route_graph_of
 from mapdeal.ros.robot import RobotParameters
 
@@ -54,7 +53,7 @@ class PlannedGraph(Result):
 
     map: inputs.MapInput
     reach: Reach
-    result: GraphResult
+    result: graph_drafts.GraphResult
     cover: float
 
     @property
@@ -123,7 +122,7 @@ def graph(
     hall: Annotated[float, ABOVE_0, METRES] = 4.0,
     cover: Annotated[float, ABOVE_0, METRES] = 3.0,
     slow_below: Annotated[float | None, ABOVE_0, METRES] = None,
-    one_way: LaneSide | None = None,
+    one_way: graph_drafts.LaneSide | None = None,
     through_unknown: bool = False,
     footprint: Footprint | None = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
@@ -241,7 +240,7 @@ def graph_of(
     return PlannedGraph(source, found, result, options.cover)
 
 
-def _warn(result: GraphResult, name: str, cover: float, *, has_corners: bool) -> None:
+def _warn(result: graph_drafts.GraphResult, name: str, cover: float, *, has_corners: bool) -> None:
     missing = result.reachable - result.covered
     if missing > _LITTLE * result.reachable:
         why = "it would take too many nodes; take a longer cover"
