@@ -98,9 +98,8 @@ class Descriptions(Result):
         yield from map(json.dumps, self.reports)
 
     def lines(self) -> Iterator[str]:
-        described = (
-            report for report in self.reports if report["kind"] != "error"
-        )  # those are on stderr
+        # errors are on stderr
+        described = (report for report in self.reports if report["kind"] != "error")
         for index, report in enumerate(described):
             if index:
                 yield ""
@@ -152,18 +151,14 @@ def describe(
         As for `read_map`.
     """
     settings = Settings(dialect=dialect, max_cells=max_cells)
+    groups: list[tuple[bool, list[Path]]] = []
     if any(option is not None for option in (costmap, namespace, of_map)):
-        groups = [(True, list(sources))]
+        groups.append((True, list(sources)))
     else:
         named = [path for source in sources for path in maps_in(source, work)]
-        groups = [
-            (flavour is not None, list(group)) for flavour, group in groupby(named, flavour_of_file)
-        ]
-        groups = [
-            part
-            for is_robot, group in groups
-            for part in ([(True, group)] if is_robot else [(False, [path]) for path in group])
-        ]
+        for flavour, files in groupby(named, flavour_of_file):
+            group = list(files)
+            groups += [(False, [path]) for path in group] if flavour is None else [(True, group)]
     failed: list[errors.MapdealError] = []
 
     def reports() -> Iterator[Report]:
