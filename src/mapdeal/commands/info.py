@@ -22,7 +22,7 @@ from mapdeal.grid.field import PotentialField
 from mapdeal.grid.filters import FilterInfo, mask_description, mask_rows
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach, robot_text
-from mapdeal.grid.values import UNKNOWN, count_text
+from mapdeal.grid.values import UNKNOWN, aligned, count_text
 from mapdeal.inputs.kinds import BAG, IMAGE, MAP, POINTER, kind_of
 from mapdeal.inputs.listing import list_maps
 from mapdeal.maps.dialects import Dialect
@@ -419,25 +419,19 @@ def _rows_of_bag(report: Report) -> Iterator[Row]:
         )
         for topic in topics
     ]
-    yield from _under("topics", _columns(rows))
+    yield from _under("topics", aligned(rows))
     digits = max((len(str(edge["count"])) for edge in edges), default=0)
     rows = [
         (f"{edge['parent']} -> {edge['child']}", f"{edge['count']:>{digits}} on {edge['topic']}")
         for edge in edges
     ]
-    yield from _under("transforms", _columns(rows))
+    yield from _under("transforms", aligned(rows))
     yield from _under("use", report["use"])
 
 
 def _under(name: str, lines: Iterable[str]) -> Iterator[Row]:
     for index, line in enumerate(lines):
         yield "" if index else name, line
-
-
-def _columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        yield "  ".join(map(str.ljust, row, widths)).rstrip()
 
 
 def _rows_of_robot(report: Report) -> Iterator[Row]:
@@ -452,7 +446,7 @@ def _rows_of_robot(report: Report) -> Iterator[Row]:
     for layer in report["layers"]:
         kind = "filter" if layer.get("filter") else layer["plugin"].rpartition(":")[2]
         rows.append((f"{layer['name']} ({kind})", layer["effect"]))
-    yield from _under("layers", _columns(rows))
+    yield from _under("layers", aligned(rows))
     for planner in report.get("planners", ()):
         values = (f"{name} {format_value(value)}" for name, value in planner["parameters"].items())
         yield "planner", ", ".join([planner["name"], planner["plugin"], *values])

@@ -17,7 +17,7 @@ from mapdeal import errors
 from mapdeal.command import Result
 from mapdeal.files.source import exists, ignores_case, is_same_file, size_text, sums_of_reads
 from mapdeal.files.transaction import Transaction, make_folder
-from mapdeal.grid.values import count_text
+from mapdeal.grid.values import aligned, count_text
 from mapdeal.inputs.listing import ListedMap
 from mapdeal.kernels.threads import available_threads
 from mapdeal.maps.reading import open_map
@@ -255,7 +255,7 @@ class Plans(Result):
     def lines(self) -> Iterator[str]:
         ordered = sorted(self.plans, key=lambda plan: plan.error is not None)
         head = ("what", "files", "cells", "memory", "map -> folder")
-        yield from _aligned([head, *(plan.row for plan in ordered)])
+        yield from aligned([head, *(plan.row for plan in ordered)])
         counts = Counter(plan.status for plan in self.plans)
         running, failing = counts["new"] + counts["replace"], counts["refused"] + counts["failed"]
         also = f", and {' and '.join(map(str, self.also_written))}" if self.also_written else ""
@@ -399,7 +399,7 @@ class Batch(Result):
             elif result is not None:
                 size = cells_text(next(iter(result.figures.values())))
                 rows.append((result.status, size, job.name))
-        yield from _aligned([*rows, *failed])
+        yield from aligned([*rows, *failed])
         counts = [f"{self.count(status)} {status}" for status in ("done", "unchanged", "failed")]
         yield f"{count_text(len(self.jobs), self.noun)}: {', '.join(counts)}"
 
@@ -494,12 +494,6 @@ def _failure(error: errors.MapdealError, job: Job) -> str:
         text = text.removeprefix(f"{errors.one_line(source)}: ")
     shown = text if len(text) <= _LONGEST_REASON else f"{text[: _LONGEST_REASON - 3]}..."
     return f"{job.name}: {shown}"
-
-
-def _aligned(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        yield "  ".join(f"{text:<{w}}" for text, w in zip(row, [*widths[:-1], 0], strict=True))
 
 
 def text_of(text: str, job: Job) -> str:
