@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from itertools import groupby
+from itertools import compress, groupby
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -298,6 +298,19 @@ class SensorFrames:
             raise MalformedInputError(rule, source=self._bag.path)
         return found
 
+    def at_each(self, frames: Sequence[str], times: Sequence[NDArray[np.int64]]) -> Posed:
+        """Return where each frame was at its own times, one frame behind the other."""
+        counts, every = [len(own) for own in times], np.concatenate(times)
+        translations, quaternions = np.empty((len(every), 3)), np.empty((len(every), 4))
+        known = np.empty(len(every), np.bool_)
+        for frame in dict.fromkeys(frames):  # each asked for its poses once
+            ours = np.repeat([own == frame for own in frames], counts)
+            with errors_named(self._bag.path):
+                posed = self.at(frame, every[ours])
+            translations[ours], quaternions[ours] = posed.translations, posed.quaternions
+            known[ours] = posed.known
+        return Posed(translations, quaternions, known)
+
     def span_text(self, frame: str) -> str:
         span = self.tree.span(self._fixed, frame)
         if span is None:
@@ -458,36 +471,23 @@ class BagClouds:
 
     def poses(self, numbers: Sequence[int]) -> list[Pose | None]:
         headers = [self._header(number) for number in numbers]
-        found: list[Pose | None] = [None] * len(numbers)
-        for frame in {self._base or sensor for _, sensor in headers}:
-            ours = [k for k, (_, sensor) in enumerate(headers) if (self._base or sensor) == frame]
-            times = np.array([headers[k][0] for k in ours], np.int64)
-            with errors_named(self.bag.path):
-                posed = self._frames.at(frame, times)
-            stance = stances(posed.translations, posed.quaternions)
-            for k, pose, known in zip(ours, stance.poses.tolist(), posed.known, strict=True):
-                found[k] = (pose[0], pose[1], pose[2]) if known else None
-            missing = int(np.count_nonzero(~posed.known))
-            if missing:
-                text = f"{self.bag.path}: {missing} of {len(numbers)} clouds are left out: where "
-                text += f"{frame} was is known {self._frames.span_text(frame)}"
-                emit_warning(text, stacklevel=2)
-        return found
+        frames = [self._base or sensor for _, sensor in headers]
+        posed = self._frames.at_each(frames, [np.array([time], np.int64) for time, _ in headers])
+        missing = Counter(compress(frames, ~posed.known))
+        for frame, count in missing.items():
+            text = f"{self.bag.path}: {count} of {len(numbers)} clouds are left out: where "
+            text += f"{frame} was is known {self._frames.span_text(frame)}"
+            emit_warning(text, stacklevel=2)
+        poses = stances(posed.translations, posed.quaternions).poses.tolist()
+        return [
+            (pose[0], pose[1], pose[2]) if known else None
+            for pose, known in zip(poses, posed.known, strict=True)
+        ]
 
     def sensors(self) -> Posed:
         headers = [self._header(number) for number in range(len(self))]
-        times = np.array([time for time, _ in headers], np.int64)
-        frames = np.array([frame for _, frame in headers])
-        translations, quaternions = np.empty((len(times), 3)), np.empty((len(times), 4))
-        known = np.empty(len(times), np.bool_)
-        for frame in dict.fromkeys(frames.tolist()):
-            ours = frames == frame
-            with errors_named(self.bag.path):
-                posed = self._frames.at(frame, times[ours])
-            translations[ours], quaternions[ours], known[ours] = (
-                posed.translations, posed.quaternions, posed.known
-            )  # fmt: skip
-        return Posed(translations, quaternions, known)
+        times = [np.array([time], np.int64) for time, _ in headers]
+        return self._frames.at_each([frame for _, frame in headers], times)
 
     def pose(self, number: int) -> Pose:
         (pose,) = self.poses([number])
@@ -698,20 +698,12 @@ class BagScans(ScanSource):
         """Yield scans of the same geometry that follow each other, without those left out."""
         # The poses are those of all times of a scan, one scan behind the other.
         counts = [len(stamps) for stamps in times]
-        every = np.concatenate(times)
-        translations, quaternions = np.empty((len(every), 3)), np.empty((len(every), 4))
-        known = np.empty(len(every), np.bool_)
-        for frame in {scan.frame for scan in scans}:  # each asked for its poses once
-            ours = np.repeat([scan.frame == frame for scan in scans], counts)
-            with errors_named(self._bag.path):
-                posed = self._frames.at(frame, every[ours])
-            translations[ours], quaternions[ours] = posed.translations, posed.quaternions
-            known[ours] = posed.known
-        stance = stances(translations, quaternions)
+        posed = self._frames.at_each([scan.frame for scan in scans], times)
+        stance = stances(posed.translations, posed.quaternions)
         placed: list[tuple[LaserScan, NDArray[np.intp]]] = []
-        rows_of_scans = np.split(np.arange(len(every)), np.cumsum(counts)[:-1])
+        rows_of_scans = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
         for scan, rows in zip(scans, rows_of_scans, strict=True):
-            if not known[rows].all():
+            if not posed.known[rows].all():
                 self._outside[scan.frame] = self._outside.get(scan.frame, 0) + 1
             elif stance.leans[rows].any():
                 self._leaning += 1
@@ -727,7 +719,7 @@ class BagScans(ScanSource):
             rows = np.concatenate(parts)
             yield (
                 list(run),
-                Posed(translations[rows], quaternions[rows], known[rows]),
+                Posed(posed.translations[rows], posed.quaternions[rows], posed.known[rows]),
                 Stances(*(getattr(stance, name)[rows] for name in Stances.__annotations__)),
             )
 
