@@ -169,9 +169,10 @@ def _part_of_lint(document: JsonValue, *, is_map: bool) -> Part:
     file, repairs = document["file"].text(), document.get("repairs")
     findings = [
         Finding(
-            found["check"].text(), cast("Severity", found["severity"].word(*SEVERITIES)), file,
-            found["message"].text(), found["line"].or_none(JsonValue.integer),
-            tuple(place.point() for place in found["places"].items()),
+            severity=cast("Severity", found["severity"].word(*SEVERITIES)), file=file,
+            check=found["check"].text(), message=found["message"].text(),
+            line=found["line"].or_none(JsonValue.integer),
+            places=tuple(place.point() for place in found["places"].items()),
         )
         for found in document["findings"].items()
     ]  # fmt: skip
@@ -229,7 +230,8 @@ def _reach(document: JsonValue) -> Results:
         subjects.append(robot_subject(text, robot.inscribed_radius, outer))
     costmap, named = document.get("costmap"), document.get("map")
     if costmap is not None and not costmap.is_null:
-        subjects.append(costmap_subject(costmap["costmap"].text(), _named_files(costmap, "name")))
+        files = _named_files(costmap, "name")
+        subjects.append(costmap_subject(costmap["costmap"].text(), files))
     share_of_open = min(areas[0] / areas[1], 1.0) if areas[1] else 1.0
     start_pose = place if yaw is None else (*place, yaw)
     return Results(
