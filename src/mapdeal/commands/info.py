@@ -12,8 +12,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
-
 from mapdeal import errors
 from mapdeal.command import Result, Words, command
 from mapdeal.files.source import exists, is_folder, sha256_of, status_of, sums_of_reads
@@ -27,6 +25,7 @@ from mapdeal.inputs.kinds import BAG, IMAGE, MAP, POINTER, kind_of
 from mapdeal.inputs.listing import list_maps
 from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.reading import open_map
+from mapdeal.pictures.overlay import OtherThan, known_box
 from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, stages_behind, summary_of
 from mapdeal.pipeline.inputs import InShell, Work, claim_work
 from mapdeal.pipeline.settings import ProgressCallback, Settings
@@ -267,12 +266,8 @@ def _origin_of(path: Path, grid: Any, sums: Mapping[str, str]) -> Report:
     """Return the extent of what a grid knows, its checksum, and the stages that have made it."""
     report: Report = {}
     if not isinstance(grid, Costmap):
-        known = grid.occupancy != UNKNOWN  # row 0 is in the south
-        rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-        report["known_box"] = None
-        if rows.size:
-            size = [int(rows[-1] - rows[0]) + 1, int(cols[-1] - cols[0]) + 1]
-            report["known_box"] = [int(rows[0]), int(cols[0]), *size]
+        box = known_box(grid.occupancy, OtherThan(UNKNOWN))  # row 0 is in the south
+        report["known_box"] = None if box is None else list(box)
     report["sha256"] = hashlib.sha256(grid.layer.data).hexdigest()
     stages = stages_behind(path.name, path.parent, sums)
     return report if stages is None else report | {"made_by": stages}
