@@ -15,7 +15,7 @@ from mapdeal.grid import values as map_values
 from mapdeal.grid.canvas import sampled
 from mapdeal.grid.frame import Frame, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.kernels.components import thickness_of, touching_groups
+from mapdeal.kernels.components import labelled, thickness_of, touching_groups
 from mapdeal.kernels.distance import squared_distance, unreachable
 from mapdeal.kernels.lookup import histogram, look_up
 from mapdeal.kernels.threads import CELLS_WORTH_A_THREAD, for_rows, in_parallel, thread_count
@@ -444,13 +444,9 @@ def score_alone(states: States, frame: Frame) -> Values:
 
 def _pieces(walls: _Mask) -> NDArray[np.int64]:
     """Return the sizes of pieces of wall, and take the specks out of `walls`."""
-    from scipy.ndimage import label
-
-    labels, count = label(walls, np.ones((3, 3)))
-    sizes = label_sizes(labels, count)
-    sizes[0] = 0
-    walls &= (sizes >= LEAST_PIECE)[labels]
-    return sizes[sizes > 0]
+    pieces = labelled(walls, corners=True)
+    walls &= pieces.cells_of(pieces.sizes >= LEAST_PIECE)
+    return pieces.sizes[1:]
 
 
 def _thickness(cells: NDArray[np.int64], resolution: float) -> Values:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mapdeal.grid.frame import Frame, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import UNKNOWN
-from mapdeal.kernels.distance import squared_distance
+from mapdeal.kernels.distance import beside, dilate_square, squared_distance
 
 Floats = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
@@ -130,12 +130,7 @@ def _faces(occupied: Mask, free: Mask) -> Mask:
     """Return the obstacle cells that a sensor sees: those beside free ones."""
     # What is behind them depends on how a map was made. Maps that know little free space, as those
     # of walls alone, have their walls counted from all sides.
-    sides = np.pad(occupied, 1, mode="edge")
-    inside = sides[:-2, 1:-1] & sides[2:, 1:-1] & sides[1:-1, :-2] & sides[1:-1, 2:]
-    edges = occupied & ~inside
-    padded = np.pad(free, 1)
-    across = padded[:, :-2] | padded[:, 1:-1] | padded[:, 2:]
-    facing: Mask = occupied & (across[:-2] | across[1:-1] | across[2:])
+    edges, facing = occupied & beside(~occupied), occupied & dilate_square(free, 1)
     if np.count_nonzero(facing) >= _FEWEST_FACING * np.count_nonzero(edges) and facing.any():
         return facing
     return edges if edges.any() else occupied

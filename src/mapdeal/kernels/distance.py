@@ -266,6 +266,16 @@ def dilate_square(marked: Mask, reach: int) -> Mask:
     return _widened(by_columns.T, reach).T
 
 
+def beside(cells: Mask) -> Mask:
+    """Return the cells that share an edge with a cell of a mask."""
+    found = np.zeros_like(cells)
+    found[1:] |= cells[:-1]
+    found[:-1] |= cells[1:]
+    found[:, 1:] |= cells[:, :-1]
+    found[:, :-1] |= cells[:, 1:]
+    return found
+
+
 def within_distance(marked: Mask, square: int) -> Mask:
     _check_mask(marked)
     reach = math.isqrt(square)

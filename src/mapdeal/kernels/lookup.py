@@ -6,6 +6,7 @@ All functions run in threads, in one pass, without temporary arrays of the size 
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -16,6 +17,9 @@ from numpy.typing import NDArray
 from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask, Metres
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.threads import for_rows, thread_count
+
+with suppress(ImportError):  # then `engine_name` is never compiled
+    from mapdeal.kernels import _compiled
 
 EitherBytes = Bytes | NDArray[np.int8]
 
@@ -30,8 +34,6 @@ def look_up(values: EitherBytes, table: NDArray[Any]) -> NDArray[Any]:
 
     def part(rows: slice) -> None:
         if compiled:
-            from mapdeal.kernels import _compiled
-
             _compiled.look_up(source[rows], entries, result[rows])
         else:
             result[rows] = entries[source[rows]]
@@ -51,8 +53,6 @@ def raise_bytes(costs: Bytes, requested: Bytes, *, least: int, unknown: int) -> 
     def raise_rows(rows: slice) -> None:
         current, raised = costs[rows], requested[rows]
         if is_compiled:
-            from mapdeal.kernels import _compiled
-
             _compiled.raise_costs(current, raised, least)
             return
         overwritten = current == unknown
@@ -73,8 +73,6 @@ def level_rows(
 
     def part(rows: slice) -> None:
         if compiled:
-            from mapdeal.kernels import _compiled
-
             layers = (distance[rows], obstacles[rows], unknown[rows])
             metres, inner, faded = map(np.ascontiguousarray, layers)
             _compiled.levels(
@@ -102,8 +100,6 @@ def histogram(values: EitherBytes) -> Integers:
 
     def part(rows: slice) -> None:
         if compiled:
-            from mapdeal.kernels import _compiled
-
             counts = np.zeros(256, dtype=np.int64)
             _compiled.count_bytes(source[rows], counts)
             parts.append(counts)
@@ -112,6 +108,19 @@ def histogram(values: EitherBytes) -> Integers:
 
     for_rows(part, values.shape)
     return sum(parts, start=np.zeros(256, dtype=np.int64))
+
+
+def pooled(cells: NDArray[Any], step: int, choose: np.ufunc) -> NDArray[Any]:
+    """Return one value per square of `step` x `step` cells; squares at the end may be smaller."""
+    return _pooled_rows(_pooled_rows(cells, step, choose).T, step, choose).T
+
+
+def _pooled_rows(cells: NDArray[Any], step: int, choose: np.ufunc) -> NDArray[Any]:
+    merged = cells[::step].copy(order="K")  # of a transposed array, too
+    for k in range(1, step):
+        more = cells[k::step]
+        choose(merged[: len(more)], more, out=merged[: len(more)])
+    return merged
 
 
 def squares_of_distances(
@@ -142,8 +151,6 @@ def bytes_of_distances(
 
     def part(rows: slice) -> None:
         if compiled:
-            from mapdeal.kernels import _compiled
-
             _compiled.bytes_of_distances(
                 distance[rows], obstacles[rows].view(np.uint8), table, result[rows],
                 scale, shift, gain, clip,
@@ -165,8 +172,6 @@ def interpolate(values: Metres, places_rowcol: Floats) -> tuple[Floats, Floats]:
     between = np.empty(len(places_rowcol))
     slopes = np.empty((len(places_rowcol), 2))
     if engine_name() == "compiled":
-        from mapdeal.kernels import _compiled
-
         _compiled.interpolate(
             np.ascontiguousarray(values), np.ascontiguousarray(places_rowcol), between, slopes
         )
@@ -220,8 +225,6 @@ def least_along(
     only if the cell beyond that edge is open, too.
     """
     if engine_name() == "compiled" and values.dtype == np.int32:
-        from mapdeal.kernels import _compiled
-
         least, found = np.empty(len(counts), np.int64), np.empty(len(counts), np.uint8)
         _compiled.look_along_lines(
             values, is_open.view(np.uint8), starts, ends, counts, near, least, found

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mapdeal.kernels.arrays import Floats, Mask
+from mapdeal.kernels.distance import beside
 from mapdeal.kernels.threads import in_parallel
 
 _NEARLY_EQUAL = 1.0 - 1e-9
@@ -133,12 +134,7 @@ def main_direction(occupied: Mask) -> float | None:
 
 def edge_points(occupied: Mask) -> Floats:
     # The border cells continue beyond the grid.
-    inside = occupied.copy()
-    inside[1:] &= occupied[:-1]
-    inside[:-1] &= occupied[1:]
-    inside[:, 1:] &= occupied[:, :-1]
-    inside[:, :-1] &= occupied[:, 1:]
-    return np.argwhere(occupied & ~inside)[:, ::-1].astype(np.float64) + 0.5
+    return np.argwhere(occupied & beside(~occupied))[:, ::-1].astype(np.float64) + 0.5
 
 
 def _spread_out(points: Floats) -> Floats:

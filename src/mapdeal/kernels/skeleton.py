@@ -20,7 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.arrays import Floats, Integers, Mask
+from mapdeal.kernels.distance import dilate_square
 from mapdeal.kernels.engine import engine_name
+from mapdeal.kernels.lookup import pooled
 
 RING = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
 """Steps to the neighbours of a cell, anticlockwise from the next column."""
@@ -190,14 +192,7 @@ def _flood(
 
 
 def largest_of_blocks(values: NDArray[Any], step: int) -> NDArray[Any]:
-    def of_rows(values: NDArray[Any]) -> NDArray[Any]:
-        found = values[::step].copy()
-        for k in range(1, step):
-            part = values[k::step]
-            np.maximum(found[: len(part)], part, out=found[: len(part)])
-        return found
-
-    return values if step == 1 else np.ascontiguousarray(of_rows(of_rows(values).T).T)
+    return values if step == 1 else np.ascontiguousarray(pooled(values, step, np.maximum))
 
 
 def flat_cells(places: Floats, shape: tuple[int, ...], step: int = 1) -> Integers:
@@ -220,12 +215,7 @@ def far_from(is_open: Mask, places: Floats, limit: int) -> Mask:
     unproven = is_open & ~is_proven
     if not unproven.any():
         return unproven
-    around = unproven.copy()
-    around[1:] |= unproven[:-1]
-    around[:-1] |= unproven[1:]
-    around[:, 1:] |= around[:, :-1].copy()
-    around[:, :-1] |= around[:, 1:].copy()
-    around &= is_open
+    around = dilate_square(unproven, 1) & is_open
     rows, cols = np.nonzero(around & is_proven)
     sources = np.concatenate([flat_cells(places, is_open.shape), rows * width + cols])
     known = most[rows // step, cols // step]

@@ -20,7 +20,8 @@ from mapdeal.grid.frame import Frame, Region, turned, xy_ahead
 from mapdeal.grid.reach import Route
 from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import Layer, blocks_of, gathered, made_by_rows
-from mapdeal.kernels.lookup import histogram
+from mapdeal.kernels.distance import beside
+from mapdeal.kernels.lookup import histogram, pooled
 from mapdeal.kernels.threads import for_rows
 from mapdeal.pictures.colours import (
     CLOSED_IN_BOTH,
@@ -137,29 +138,9 @@ class Pooling:
         for_rows(pool, (math.ceil(len(full_rows) / self._step), full_rows.shape[1]))
 
 
-def pooled(cells: NDArray[Any], step: int, choose: np.ufunc) -> NDArray[Any]:
-    """Return one value per square of `step` x `step` cells; squares at the end may be smaller."""
-    return _pooled_rows(_pooled_rows(cells, step, choose).T, step, choose).T
-
-
-def _pooled_rows(cells: NDArray[Any], step: int, choose: np.ufunc) -> NDArray[Any]:
-    merged = cells[::step].copy(order="K")  # of a transposed array, too
-    for k in range(1, step):
-        more = cells[k::step]
-        choose(merged[: len(more)], more, out=merged[: len(more)])
-    return merged
-
-
 def inner_outline(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the pixels of `mask` with a straight neighbour outside of it."""
-    inner = mask.copy()
-    inner[1:] &= mask[:-1]
-    inner[:-1] &= mask[1:]
-    inner[:, 1:] &= mask[:, :-1]
-    inner[:, :-1] &= mask[:, 1:]
-    np.logical_not(inner, out=inner)
-    inner &= mask
-    return inner
+    return beside(~mask) & mask
 
 
 _FARTHEST = 2.0**20  # pixels; beyond, Pillow's coordinates overflow

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.reaching import nearest_marked
 from mapdeal.grid.values import FREE_SPACE
+from mapdeal.kernels.components import labelled
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.paths import cheapest_path
 from mapdeal.kernels.rotations import main_direction
@@ -93,12 +94,10 @@ class _CompleteDraft(graph_drafts.Draft):
         self.is_hall = np.zeros(core.shape, dtype=np.bool_)
         if not core.any():
             return
-        from scipy import ndimage
-
         reach = _WITHIN_HALL * half / self.step
         self.is_hall = (squared_distance(core) <= reach * reach) & (self.coarse >= 0)
         margin = max(self.area.turning + 2, half / 2)
-        labels, _ = ndimage.label(self.is_hall, np.ones((3, 3)))
+        labels = labelled(self.is_hall, corners=True).cells
         usable = np.argwhere(self.is_hall & (self.coarse >= margin * margin))
         places, pairs = lattices_in(
             np.asarray((usable + 0.5) * self.step, dtype=np.float64),

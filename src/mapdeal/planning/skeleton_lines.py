@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels.distance import dilate_square
+
 Cells = NDArray[np.int64]
 
 
@@ -43,14 +45,7 @@ class Tracing:
         self._count = 0
         self._beside = self._adjacent(lines)
         if len(self.cells):
-            near_hall = halls.copy()
-            for axis in (0, 1):  # among the eight neighbours
-                moved = near_hall.copy()
-                before = near_hall.swapaxes(0, axis)
-                moved.swapaxes(0, axis)[1:] |= before[:-1]
-                moved.swapaxes(0, axis)[:-1] |= before[1:]
-                near_hall = moved
-            at_hall = near_hall[self.cells[:, 0], self.cells[:, 1]]
+            at_hall = dilate_square(halls, 1)[self.cells[:, 0], self.cells[:, 1]]
             self.mouths = set(np.flatnonzero(at_hall).tolist())
         self._trace()
 

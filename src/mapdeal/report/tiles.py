@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import Convention
-from mapdeal.kernels.lookup import look_up
+from mapdeal.kernels.lookup import look_up, pooled
 from mapdeal.kernels.threads import ThreadPool, thread_count
-from mapdeal.pictures.overlay import OtherThan, known_box, pooled
+from mapdeal.pictures.overlay import OtherThan, known_box
 from mapdeal.report.document import Item, PageLayer
 
 _MARGIN = 0.04  # width of the border around the known cells, as a share of the longer side

@@ -15,7 +15,7 @@ from mapdeal.grid.field import FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLine, count_text
 from mapdeal.kernels.components import labelled
-from mapdeal.kernels.distance import dilate_square
+from mapdeal.kernels.distance import beside, dilate_square
 
 Mask = NDArray[np.bool_]
 Values = NDArray[np.int8]
@@ -222,13 +222,3 @@ def _near(stops: Mask) -> Mask:
 
 def _between(values: Values) -> Mask:
     return (values > FREE) & (values < OCCUPIED)
-
-
-def beside(cells: Mask) -> Mask:
-    """Return the cells that share an edge with a cell of a mask."""
-    found = np.zeros_like(cells)
-    found[1:] |= cells[:-1]
-    found[:-1] |= cells[1:]
-    found[:, 1:] |= cells[:, :-1]
-    found[:, :-1] |= cells[:, 1:]
-    return found

@@ -17,7 +17,7 @@ from mapdeal.grid import frame as frames
 from mapdeal.grid.canvas import ResamplingRule, check_rule, check_values, resampled
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
-from mapdeal.stages.clean import beside
+from mapdeal.kernels.distance import beside
 
 _QUARTER = math.pi / 2
 _TOLERANCE = 2e-5  # radians; makes 1.5708 and 4.7124 quarter turns, and is 2 mm over 100 m
