@@ -485,8 +485,6 @@ _KEYS: dict[str, Callable[[Any, Path, str], Any]] = {
 
 @dataclass(frozen=True)
 class IgnoreComment:
-    """A comment ``# mapdeal: ignore ID[, ID]``."""
-
     line: int
     names: Names
 

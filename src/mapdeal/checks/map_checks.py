@@ -449,7 +449,6 @@ def disconnected(facts: RoomFacts) -> Iterator[Remark]:
 
 
 _KNOWN_KEYS = ("image", "resolution", "origin", "mode", "negate", "occupied_thresh", "free_thresh")
-_OLD_MODES = ("trinary", "scale", "raw")
 _STRING = "tag:yaml.org,2002:str"
 
 

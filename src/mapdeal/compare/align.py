@@ -118,7 +118,6 @@ def places_of(
     kept: int,
     near: Near | None = None,
 ) -> Places:
-    """Return the places where a map correlates best with another."""
     # A shift's score is a sum over cells: walls on walls count for it, walls of one map in free
     # space of the other against it. So it is one correlation of the first map's walls, and one of
     # its free space, with weighted sums of those of the second. Both are done by FFT.
@@ -225,7 +224,6 @@ def _spectrum_of(cells: Floats) -> NDArray[np.complexfloating[Any, Any]]:
 
 
 def _free_blocks(walls: WallMap, cell: float) -> tuple[Floats, Floats]:
-    """Return the centres of blocks of a map's free space, and how much of a cell each is."""
     # blocks are at most half a cell, so that none is missed when they are turned
     factor = max(1, int(cell / 2 / walls.resolution))
     counts = pooled(walls.free, factor)

@@ -344,7 +344,6 @@ _HALO = 20
 
 
 def corners_of(walls: _Mask) -> _Mask:
-    """Return where walls have corners: bends, ends and crossings."""
     # Harris's detector. Walls are 1 and all else is 0, the map's surroundings, too, smoothed by a
     # Gaussian of 1.5 cells; g is the gradient by central differences, and M the mean of g g^T
     # around a cell, weighted by a Gaussian of 2.5 cells. The response is det M - 0.1 (tr M)^2. A

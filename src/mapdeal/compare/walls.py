@@ -192,7 +192,6 @@ def slopes(walls: WallMap, points_xy: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def cells_at(walls: WallMap, points_xy: Floats) -> NDArray[np.intp]:
-    """Return where the cells of points are in the padded layers of a map."""
     height, width = walls.frame.shape
     with np.errstate(invalid="ignore"):  # far outside
         cells = np.floor(points_xy / np.float32(walls.resolution)).astype(np.int32)

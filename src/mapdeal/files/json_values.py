@@ -116,8 +116,8 @@ class JsonValue:
             raise self.error(f"must be a number from {least:g} to {most:g}")
         return float(self.value)
 
-    def number_or(self, default: float, *, least: float = 0.0) -> float:
-        return default if self.is_null else self.number(least=least)
+    def number_or(self, default: float) -> float:
+        return default if self.is_null else self.number(least=0.0)
 
     def integer(self, least: int = 0, most: int = _LARGEST_INTEGER) -> int:
         if isinstance(self.value, bool) or not isinstance(self.value, int):
@@ -187,28 +187,23 @@ def _is_pair(value: object) -> bool:
 def read_document(path: Path) -> JsonValue:
     data = read_file(path, limit=LARGEST_DOCUMENT)
     claim(path, OF_JSON * len(data))
-    return JsonValue(path, parse_document(path, data))
-
-
-def parse_document(path: Path, data: bytes, place: str = "") -> Any:
-    prefix = f"{place}, " if place else ""
     try:
-        return json.loads(
+        value = json.loads(
             data.decode("utf-8-sig"),
             parse_constant=_refuse_constant,
             object_pairs_hook=_without_duplicates,
         )
     except UnicodeDecodeError as error:
-        position = f"{prefix}byte {error.start}"
-        raise MalformedInputError("not UTF-8", source=path, place=position) from None
+        place = f"byte {error.start}"
+        raise MalformedInputError("not UTF-8", source=path, place=place) from None
     except json.JSONDecodeError as error:
-        place = f"{place or f'line {error.lineno}'}, column {error.colno}"
+        place = f"line {error.lineno}, column {error.colno}"
         raise MalformedInputError(f"invalid JSON: {error.msg}", source=path, place=place) from None
     except RecursionError:
-        raise MalformedInputError("nested too deep", source=path, place=place or None) from None
+        raise MalformedInputError("nested too deep", source=path) from None
     except ValueError as error:
-        rule = f"invalid JSON: {error}"
-        raise MalformedInputError(rule, source=path, place=place or None) from None
+        raise MalformedInputError(f"invalid JSON: {error}", source=path) from None
+    return JsonValue(path, value)
 
 
 def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -363,7 +363,6 @@ class Transaction:
             self._finish(temporary, lambda _: writing.result())
 
     def write_parts(self, path: Path, parts: Iterable[bytes]) -> None:
-        """Write the file that becomes `path` in this thread, part by part."""
         temporary = self._open_output(path)
         for part in parts:
             with refused(path):

@@ -163,9 +163,9 @@ def parse_mapping(path: Path, data: bytes, limits: YamlLimits = OF_MAPS) -> dict
     return _entries_of(path, node)
 
 
-def parse_value(text: str, name: str, limits: YamlLimits = OF_MAPS) -> Any:
+def parse_value(text: str, name: str) -> Any:
     """Return the value of a YAML text with decimal numbers; errors refer to it as `name`."""
-    node = _compose(Path(name), text, limits)
+    node = _compose(Path(name), text, OF_MAPS)
     return None if node is None else Entry(Path(name), "value", node).plain_value()
 
 
@@ -196,7 +196,6 @@ def _scalars_of(path: Path, node: yaml.Node) -> Iterator[yaml.ScalarNode]:
 
 
 def source_text(first: Any, last: Any = None, most: int = 1 << 62) -> str:
-    """Return the source text from one node or event to another, at most `most` characters."""
     start, end = first.start_mark.index, (last or first).end_mark.index
     return str(first.start_mark.buffer)[start : min(end, start + most)].strip()
 

@@ -201,7 +201,6 @@ def figures_of_costs(counts: NDArray[np.int64], scale: map_values.CostScale) -> 
 
 
 def _most_common(counts: NDArray[np.int64], scale: map_values.CostScale) -> Figures | None:
-    """Return the most common cost of the open cells, if there are any, and its share."""
     # Open cells are free or graded. On scale ``occupancy`` ROS publishes 99 for inscribed, but for
     # some models 99 is the highest graded cost. If nearly all cells but obstacles have it, it is
     # returned.

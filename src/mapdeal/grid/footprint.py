@@ -312,7 +312,6 @@ def _corner_cells(
 
 
 def _polygon_cells(polygons: list[NDArray[np.int64]]) -> list[Spans]:
-    """Return the cells of polygons, given the cells of their corners."""
     least = np.array([cells.min(axis=0) for cells in polygons])
     sizes = np.array([cells.max(axis=0) for cells in polygons]) - least + 1
     tops = np.cumsum(sizes[:, 0])

@@ -225,8 +225,6 @@ class Ground:
 
 @dataclass(frozen=True, eq=False)
 class WaysFrom:
-    """The ways from a start."""
-
     ways: Ways
     start: Cell
     rooted: RootedTree | None

@@ -170,7 +170,6 @@ def activity(name: str) -> Iterator[None]:
 
 
 def report_rows(layer: Layer, rows: slice) -> None:
-    """Report to `rows_reported` that rows of a lazy layer have been processed."""
     report = _reported_to.get()
     if report is not None and is_lazy(layer):
         report(rows.stop - rows.start, layer.shape[0])

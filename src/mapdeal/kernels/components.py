@@ -319,7 +319,6 @@ def _nearest(around: Mask, reach: float) -> Integers:
 def _opposite_pair(
     sides: Integers, across: Integers, square: int
 ) -> tuple[Integers, Integers] | None:
-    """Return the closest pair of offsets from the middle on opposite sides."""
     if not len(sides) or not len(across):
         return None
     away, away_across = (sides**2).sum(axis=1), (across**2).sum(axis=1)

@@ -36,7 +36,6 @@ def dtype_of_squares(shape: tuple[int, ...]) -> type[np.int32] | type[np.int64]:
 
 
 def squares_between_cells(reach: int) -> Integers:
-    """Return the squared distances that occur between cell centres, up to `reach` cells."""
     occurs = np.zeros(reach * reach + 1, dtype=np.bool_)
     squares = np.arange(reach + 1, dtype=np.int64) ** 2
     for row, square in enumerate(squares):
@@ -95,7 +94,6 @@ def _run(marked: Mask) -> Runs:
 
 
 def halos_of(blocks: Sequence[BlockRuns]) -> list[Halo]:
-    """Return the halo of each block, given the runs of all blocks of a grid in order."""
     height = sum(block.rows for block in blocks)
     width = len(blocks[0].first)
     endless = np.full(width, np.iinfo(np.uint32).max - height - 1, dtype=np.uint32)

@@ -366,7 +366,6 @@ def _copy_ranges(found: Bytes, inside: Mask, values: Bytes, lattice: Lattice) ->
 
 
 def _look_up(found: Bytes, inside: Mask, values: Bytes, lattice: Lattice) -> None:
-    """Set the values at the centres of a turned lattice."""
     height, width = values.shape
     flat = np.ascontiguousarray(values).reshape(-1)
 

@@ -302,7 +302,6 @@ def _simplified(rings: _Rings, chosen: Integers, tolerances: Floats) -> tuple[Fl
 
 
 def _firsts_of(ring_of: Integers, chosen: Mask) -> Integers:
-    """Return the first chosen corner of each ring."""
     at = np.flatnonzero(chosen)
     firsts: Integers = at[np.diff(ring_of[at], prepend=-1) != 0]
     return firsts

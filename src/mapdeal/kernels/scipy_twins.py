@@ -207,8 +207,6 @@ def basin_areas(basins: Basins, squared: SquaredDistances, above: int, count: in
 
 
 class OpenPoses:
-    """Open poses as a plane of bits for each heading."""
-
     def __init__(
         self, blocked: Layer, footprints: Sequence[Spans], closed: Mask | None = None
     ) -> None:

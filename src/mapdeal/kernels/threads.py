@@ -45,7 +45,6 @@ def thread_count() -> int:
 
 @contextmanager
 def set_within(variable: ContextVar[_T], value: _T) -> Iterator[None]:
-    """Set a variable within a ``with`` block."""
     token = variable.set(value)
     try:
         yield

@@ -311,11 +311,9 @@ class CostProfile:
 
     @property
     def cells(self) -> int:
-        """Cells beyond which all costs are 0."""
         return math.isqrt(len(self.table) - 2)
 
     def raise_around_seeds(self, cost: NDArray[np.uint8]) -> None:
-        """Raise costs, in place, by the distances to the cells that costs spread from."""
         if self.reach > 0:
             around_unknown = self.layer.inflate_around_unknown
             seeds = cost >= LETHAL_OBSTACLE if around_unknown else cost == LETHAL_OBSTACLE

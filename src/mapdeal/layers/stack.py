@@ -93,7 +93,6 @@ class CostmapLayers:
 
     @property
     def inflations_above_map(self) -> tuple[InflationLayer, ...] | None:
-        """Inflation layers from the first static layer on, if there is one."""
         effective = self.effective
         statics = [k for k, layer in enumerate(effective) if isinstance(layer, StaticLayer)]
         if not statics:

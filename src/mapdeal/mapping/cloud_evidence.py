@@ -36,8 +36,6 @@ _HINT = (
 
 
 class Floor(NamedTuple):
-    """The floor of a cloud."""
-
     tiles: Tiles
     spacing: float  # metres between points on it
     tilt: float = 0.0  # radians

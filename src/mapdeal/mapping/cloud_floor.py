@@ -117,7 +117,6 @@ def _planes(
 
 
 def _most(counts: Floats, groups: Integers) -> Floats:
-    """Return for each count the largest one of its group."""
     most = np.zeros(len(counts))
     np.maximum.at(most, groups, counts)
     return np.asarray(most[groups])
@@ -533,7 +532,6 @@ def tile_of(
 def _plane(
     tiles: Tiles, tile: int, cell: float, rows: Integers, cols: Integers, r: Integers, c: Integers
 ) -> Floats:
-    """Return the heights of tiles' planes in cells."""
     middle = (tile - 1) / 2
     y = (rows - (r + tiles.first_row) * tile - middle) * cell
     x = (cols - (c + tiles.first_col) * tile - middle) * cell

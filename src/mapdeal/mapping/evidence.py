@@ -281,7 +281,6 @@ def vanished_groups(often_hit: Mask, occupied: Mask) -> HitGroups:
 
 
 def _has_within(marked: Mask, cells: Integers, reach: int) -> Mask:
-    """Return for each cell whether a marked cell lies within `reach` along both axes."""
     found = np.zeros(len(cells), dtype=np.bool_)
     for step in product(range(-reach, reach + 1), repeat=2):
         found |= marked[tuple(np.clip(cells + step, 0, np.array(marked.shape) - 1).T)]

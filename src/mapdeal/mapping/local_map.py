@@ -251,7 +251,6 @@ class SeenCloud:
         )
 
     def _sensor_xy(self) -> Floats:
-        """Return where the cloud is seen from: moved as it is, shape (1, 2)."""
         here = np.array([self._pose[:2]])
         return here if self._options.frame == "map" else here - np.array(self._options.offset)
 

@@ -193,7 +193,6 @@ class Columns(NamedTuple):
         return self.heights - np.repeat(floor, self.lengths())
 
     def of_voxels(self) -> Integers:
-        """Return the column of each voxel."""
         return np.repeat(np.arange(len(self.starts)), self.lengths())
 
     def lengths(self) -> Integers:

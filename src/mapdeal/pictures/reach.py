@@ -65,7 +65,6 @@ class Captions:
         self, place: NDArray[np.float64], width: int, height: int, away: float,
         towards: Sequence[float],
     ) -> tuple[Box, int] | None:  # fmt: skip
-        """Return a free box on the map, and the step of its distance."""
         first = math.atan2(towards[1], towards[0])
         turns = [(k + 1) // 2 * (-1) ** k for k in range(_DIRECTIONS)]  # alternating sides
         angles = [first + 2 * math.pi * turn / _DIRECTIONS for turn in turns]

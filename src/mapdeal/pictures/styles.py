@@ -46,8 +46,6 @@ COST_LEVELS = 200  # colours of graded costs, the first of a palette
 
 @dataclass(frozen=True, eq=False)
 class CostPalette:
-    """Palette indices of the costs of a scale."""
-
     by_value: NDArray[np.uint8]
     colours: Colours
     highest_graded: int
@@ -243,7 +241,6 @@ def alignment_style(names: tuple[str, str]) -> LayerStyle:
 
 
 def _style_of_kinds(kinds: Sequence[tuple[str, Colour]]) -> LayerStyle:
-    """Return the colours of kinds of cells, whose values are 0, 1, ..."""
     count = len(kinds)
     by_value = np.zeros(256, dtype=np.uint8)
     by_value[:count] = np.arange(count)
@@ -256,14 +253,14 @@ def _style_of_kinds(kinds: Sequence[tuple[str, Colour]]) -> LayerStyle:
     )
 
 
-def number_style(low: float, high: float, unit: str, *, nowhere: str = "no value") -> LayerStyle:
+def number_style(low: float, high: float, unit: str) -> LayerStyle:
     if high <= low:
         high = low + 1.0
     ticks = [((value - low) / (high - low), f"{value:g}") for value in ticks_of(low, high, 6)]
     blues = colours.interpolated(colours.FREE_ANCHORS, _NUMBER_LEVELS)
     return LayerStyle(
         palette_of(blues, [colours.RVIZ_UNKNOWN]), scale=Scale(low, high, 0, _NUMBER_LEVELS),
-        swatches=(Swatch(_NUMBER_LEVELS, nowhere),), nowhere=_NUMBER_LEVELS,
+        swatches=(Swatch(_NUMBER_LEVELS, "no value"),), nowhere=_NUMBER_LEVELS,
         bar=ColourBar(range(_NUMBER_LEVELS), ticks, unit),
     )  # fmt: skip
 

@@ -154,7 +154,6 @@ class Draft:
             self.beside[start][end] = self.beside[end][start] = self.length(start, end)
 
     def drop_edge(self, start: int, end: int) -> float:
-        """Drop an edge, and return its clearance."""
         del self.beside[start][end], self.beside[end][start]
         return self.edges.pop((min(start, end), max(start, end)))
 
@@ -162,7 +161,6 @@ class Draft:
         return math.dist(self.places[start], self.places[end])
 
     def rounded(self, places: Any) -> Places:
-        """Return the places of the rounded coordinates that the file holds."""
         frame = self.area.sweeps.frame
         return self.places_of(frame.xy_from_continuous_rowcol(places).round(_DECIMALS))
 

@@ -83,8 +83,6 @@ def route_graph_of(reach: Reach, options: graph_drafts.GraphOptions) -> graph_dr
 
 @dataclass(eq=False)
 class _CompleteDraft(graph_drafts.Draft):
-    """A draft with the steps that complete it."""
-
     # halls
 
     def add_halls(self) -> None:
@@ -533,7 +531,6 @@ class _CompleteDraft(graph_drafts.Draft):
                 return
 
     def _drop_edges(self, detour: float) -> None:
-        """Drop the narrowest edges that a path of at most `detour` replaces."""
         for ends in sorted(self.edges, key=lambda ends: (self.edges[ends], ends)):
             if not self.is_crowded:
                 return
@@ -710,7 +707,6 @@ class _CompleteDraft(graph_drafts.Draft):
                 self._add_lanes(chain, aside)
 
     def _line_from(self, node: int, following: int, is_inner: set[int]) -> list[int]:
-        """Return the following nodes of a line, up to its end."""
         found = [following]
         before = node
         while found[-1] in is_inner and found[-1] != node:

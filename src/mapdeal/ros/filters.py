@@ -143,8 +143,6 @@ def generate_launch_description():
 
 @dataclass(frozen=True)
 class InfoServer:
-    """Parameters of a ``costmap_filter_info_server``."""
-
     name: str
     values: Mapping[str, ParameterValue]
 

@@ -248,7 +248,6 @@ def _class_of(values: Nav2Values, name: str, default: str | None) -> str | None:
 
 
 def _suggested_class(kind: str) -> str | None:
-    """Return the class to suggest for a misspelt one; None if pluginlib may know the class."""
     if kind in _KNOWN_CLASSES:
         return None
     package, _, plain = kind.replace("::", "/").rpartition("/")
@@ -495,7 +494,6 @@ def _with_static(
 def _node_of(
     parameters: Ros2Parameters, costmap: CostmapName, namespace: str | None
 ) -> tuple[str | None, tuple[Problem, ...]]:
-    """Return the costmap's full name, None if it is unclear, and the problems of the choice."""
     costmap_node = f"{costmap}_costmap/{costmap}_costmap"
     source = parameters.files[-1][0]
     spaces = _namespaces(parameters, costmap_node)

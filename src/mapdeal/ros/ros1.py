@@ -520,7 +520,6 @@ def load_server(
 
 
 def _costmap_of_name(path: Path) -> CostmapName | None:
-    """Return the costmap in a file's name; None unless the name contains exactly one."""
     found = [name for name in _NAMES if name in path.stem.lower()]
     return found[0] if len(found) == 1 else None
 

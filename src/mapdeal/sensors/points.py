@@ -260,8 +260,6 @@ class PairLine:
 
 @dataclass(frozen=True)
 class NamedPointLine:
-    """A point with an optional name, or the error of its line."""
-
     line: int
     point: Point | None = None
     name: str | None = None

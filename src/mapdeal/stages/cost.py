@@ -83,7 +83,6 @@ def refuse_view(source: ObstacleSource) -> None:
 
 
 def warn_of_strength(source: ObstacleSource, model: str) -> None:
-    """Warn if the model ignores the strength of a field."""
     if isinstance(source, DistanceField) and source.strength != 1:
         text = f"cost: model {model} takes no account of the field's strength"
         text += f", {source.strength:g}; views and model threshold do"

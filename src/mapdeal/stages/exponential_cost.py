@@ -33,7 +33,6 @@ def layer_of(parameters: command.Parameters) -> inflation_layer.InflationLayer:
 
 
 def _parameters_from_layers(layers: CostmapLayers) -> dict[str, object] | None:
-    """Return the parameters of one static layer and at most one inflation layer above it."""
     found = layers.static_and_inflation
     if found is None or layers.area is not None or layers.footprint is not None:
         return None
@@ -263,7 +262,6 @@ class BaseCosts:
 
 
 def _distinguishes(field: DistanceField, profile: inflation_layer.CostProfile) -> bool:
-    """Return whether a field distinguishes all distances that the costs reach."""
     # A clipped field cannot distinguish cells exactly at the limit from those beyond it.
     metres = profile.reach * field.resolution
     if field.max_distance is None or furthest_kept(field) > metres * (1 + 1e-6):
@@ -287,7 +285,6 @@ def _raise_from_field(
 
 
 def _resolution_is_float32(lookup: inflation_layer.CostLookup, requested: bool | None) -> bool:
-    """Return whether costs are computed with the float32 resolution of a map message."""
     if lookup == "nav2" and requested is False:
         rule = "cannot be no with lookup nav2, which takes the resolution of a map message"
         raise ParameterError(rule, place="float32_resolution")

@@ -259,7 +259,6 @@ def default_of(grid: frames.Framed, value: int | None) -> int | None:
 def copied(
     grid: G, region: frames.Region, frame: frames.Frame, *, fill: int | None, stage_name: str
 ) -> G:
-    """Return a grid with the cells of a region, whose frame is `frame`."""
     if not isinstance(grid, (frames.ValueGrid, DistanceField)):
         raise ParameterError("takes a map, a costmap or a distance field", source="window")
     known = frames.Region(0, 0, *grid.shape)
