@@ -127,10 +127,7 @@ _DECLARATION = re.compile(r"^(\S+) \((\w+)(, on request)?\)\n", re.MULTILINE)
 
 
 def declare_checks(text: str) -> None:
-    """Add checks without a function, whose findings readers of files make.
-
-    Each has a line with its name and severity, and below it an explanation.
-    """
+    """Add checks of readers: lines with a name and a severity, each above an explanation."""
     _, *parts = _DECLARATION.split(cleandoc(text))
     for name, severity, request, explanation in zip(*[iter(parts)] * 4, strict=True):
         texts = parse_explanation(explanation)

@@ -259,10 +259,7 @@ Shape = Polygon | Line | Circle
 
 
 class PlainPolygons:
-    """The polygons without holes among shapes, whose cells are found together.
-
-    `is_plain` says which shapes they are, `fits` which of them lie inside the grid and have area.
-    """
+    """Polygons without holes (`is_plain`) that lie in the grid (`fits`), found together."""
 
     def __init__(self, frame: Frame, shapes: Sequence[Shape]) -> None:
         self._shape = frame.shape

@@ -117,10 +117,7 @@ def lengths_to(is_open: Mask, place: Place) -> Floats:
 
 
 def weighted_lengths_to(classes: Bytes, weights: Floats, place: Place) -> Floats:
-    """Return the lowest cost from each centre to a place, at a weight for each class of cells.
-
-    A length of one cell costs the weight; cells of weight 0 are closed.
-    """
+    """Return the lowest cost from each centre to a place, at a weight per class; 0 closes cells."""
     goal = (math.floor(place[0]), math.floor(place[1]))
     is_open = opens((weights > 0)[classes])
     if not is_open(goal):

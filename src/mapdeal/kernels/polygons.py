@@ -84,10 +84,7 @@ def enumerated(starts: Integers, stops: Integers) -> tuple[Integers, Integers]:
 
 
 def halves(spans: Spans) -> tuple[Integers, Integers, Integers]:
-    """Return the rows, starts and exponents of runs of 2^exponent cells that together are `spans`.
-
-    Each run of `spans` becomes one run, or two that overlap.
-    """
+    """Return rows, starts and exponents of runs of 2^exponent cells: one per span, or two."""
     lengths = spans.stops - spans.starts
     exponents = np.frexp(lengths.astype(np.float64))[1].astype(np.int64) - 1
     second = np.flatnonzero(lengths != 1 << exponents)

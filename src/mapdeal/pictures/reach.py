@@ -233,10 +233,7 @@ _CAPTION = 20  # largest text size of a name, pixels
 
 @dataclass(frozen=True, eq=False)
 class GraphOverlay(overlays.Overlay):
-    """Edges as lines, with an arrow if they are one-way, and nodes as dots.
-
-    Below a route, the graph has one colour.
-    """
+    """Edges as lines, with an arrow if they are one-way, and nodes as dots."""
 
     graph: RouteGraph
     is_below: bool = False

@@ -221,10 +221,7 @@ class Draft:
         return far_from(self.is_open, self.at(nodes), self.limit)
 
     def move_all(self, moves: Sequence[tuple[int, int, Sequence[int]]]) -> list[bool]:
-        """Merge nodes into others where the robot can follow the new edges; return which moved.
-
-        A move is the node to drop, its replacement, and the nodes that get an edge to that.
-        """
+        """Merge nodes into their replacements where the robot can follow the new edges."""
         lines = [(target, end) for _, target, ends in moves for end in ends]
         starts, ends = self.at(line[0] for line in lines), self.at(line[1] for line in lines)
         is_clear, least = self.area.sweeps.along(starts, ends)
