@@ -20,12 +20,12 @@ _NEAREST = 10  # candidates for the first and for the last node of a route
 def route_on_graph(terrain: Terrain, graph: RouteGraph, start: Point, goal: Point) -> Route:
     """Find the cheapest route on a graph, with the paths to its first node and from its last.
 
-                An edge costs its length, divided by ``speed_limit`` if set, as with Nav2's DistanceScorer; an
-        edge that is not overridable costs its own ``cost``. The server begins at the node nearest to
-        the start and ends at the node nearest to the goal. Here these are the nearest nodes that a
-        straight line through open cells reaches and that a route connects.
+    An edge costs its length, divided by ``speed_limit`` if set, as with Nav2's DistanceScorer; an
+    edge that is not overridable costs its own ``cost``. The server begins at the node nearest to
+    the start and ends at the node nearest to the goal. Here these are the nearest nodes that a
+    straight line through open cells reaches and that a route connects.
 
-        Edges are assumed to be free: ``mapdeal lint --graph`` checks them.
+    Edges are assumed to be free: ``mapdeal lint --graph`` checks them.
     """
     terrain.open_cell_of(start, "start")
     terrain.open_cell_of(goal, "goal")
