@@ -508,7 +508,8 @@ class CellWatch:
                 parts[own_cost == LETHAL_OBSTACLE].append(text)
             elif layer.layer.reads_map and costmap.master is not None:
                 value = int(costmap.master.occupancy[cell])
-                parts[value > 0].append(f"{name}: the map has {value} there")
+                if value:
+                    parts[value > 0].append(f"{name}: the map has {value} there")
         for text in parts[True] or parts[False]:
             yield f"{head}: {text}"
 
