@@ -109,6 +109,8 @@ INFINITE = float("inf")
         ([1.55, INFINITE, INFINITE], {}, "2.55,2.05", "4 infinite (inf_is_valid: false)"),
         ([1.55, INFINITE], {"source": ", inf_is_valid: true"}, "2.55,2.05",
          "freed at 1700000001.000000000 s by a ray of /scan"),
+        ([1.55, INFINITE], {"source": ", inf_is_valid: true, raytrace_max_range: 1.0"}, "2.55,2.05",
+         "2 beyond raytrace_max_range 1 m"),
         ([2.25, 9.0], {"source": ", raytrace_max_range: 1.5"}, "3.25,2.05",
          "beyond raytrace_max_range 1.5 m"),
         ([1.55, 1.0], {}, "2.55,2.05", "ended before it"),

@@ -438,6 +438,9 @@ class CellWatch:
         if grid.place.is_ros1:
             reach, ray = "obstacle_range", "raytrace_range"
         origin, away, lengths, (least, most) = _beams(delivery)
+        is_infinite = np.isposinf(lengths)
+        if source.inf_is_valid:
+            lengths, is_infinite = np.where(is_infinite, most - 1e-4, lengths), is_infinite & False
         (west, south, _), size = grid.frame.origin, grid.frame.resolution
         corner = np.array([west + cell[1] * size, south + cell[0] * size]) - origin[:2]
         borders = np.sort([corner / away[:, :2], (corner + size) / away[:, :2]], axis=0)
@@ -445,9 +448,8 @@ class CellWatch:
         level = np.hypot(away[:, 0], away[:, 1])
         heights = origin[2] + away[:, 2] * lengths
         is_valid = (lengths < most) & (lengths >= least)
-        is_infinite = np.isposinf(lengths)
         shared: Reasons = [
-            (is_infinite & (not source.inf_is_valid), "infinite (inf_is_valid: false)"),
+            (is_infinite, "infinite (inf_is_valid: false)"),
             (~is_valid & ~is_infinite, "invalid, beyond range_min and range_max"),
             (heights > source.max_obstacle_height,
              f"above max_obstacle_height {source.max_obstacle_height:g} of {source.name}"),
@@ -506,9 +508,9 @@ class CellWatch:
                 own_cost = int(layer.costs[cell])
                 text = f"{name}: {self._history(name, own_cost)}"
                 parts[own_cost == LETHAL_OBSTACLE].append(text)
-            elif layer.layer.reads_map and costmap.master is not None:
-                value = int(costmap.master.occupancy[cell])
-                if value:
+            elif layer.layer.reads_map and (master := costmap.master) is not None:
+                value = int(master.occupancy[cell])
+                if value and (master.in_map is None or master.in_map[cell]):
                     parts[value > 0].append(f"{name}: the map has {value} there")
         for text in parts[True] or parts[False]:
             yield f"{head}: {text}"
