@@ -265,11 +265,11 @@ def first_success(count: int, plan: Callable[[int], Plan], *, now: Plan) -> tupl
         return plans[index]
 
     def reaches(index: int) -> bool:
-        return planned(index).found or planned(index).detail is not None
+        return planned(index).found or planned(index).is_reached
 
-    if count < 1 or not (now.detail is not None or reaches(count - 1)):
+    if count < 1 or not (now.is_reached or reaches(count - 1)):
         return None
-    last_failure, first = -1, 0 if now.detail is not None else count - 1
+    last_failure, first = -1, 0 if now.is_reached else count - 1
     while first - last_failure > 1:
         middle = (first + last_failure) // 2
         last_failure, first = (last_failure, middle) if reaches(middle) else (middle, first)
@@ -295,7 +295,7 @@ def changes_for(work: PlannerOnMap, start: Pose, goal: Pose, plan: Plan) -> list
         )
         if success is not None:
             found.append(adjustment.change(success[0], is_monotonic=success[1]))
-    if plan.detail is None:
+    if not plan.is_reached:
         found += _map_changes(work, start, goal, plan)
     return found
 
@@ -380,7 +380,7 @@ class _Query:
             yield self.of_costmap("robot_radius", "double", robot.robot_radius, radii)
         padding = round(robot.footprint_padding, 6)  # a float32
         yield self.of_costmap("footprint_padding", "double", padding, _down(padding, 0.0))
-        for layer in robot.inflation_layers if plan.detail is not None else ():
+        for layer in robot.inflation_layers if plan.is_reached else ():
             # costs below the inscribed one close no cell, but they lead the trace
             name, factor = f"{layer.name}.cost_scaling_factor", layer.cost_scaling_factor
             for sign in (1, -1):
@@ -396,7 +396,7 @@ class _Query:
             yield self.of_planner("allow_unknown", [True])
         if "use_astar" in values:
             yield self.of_planner("use_astar", [not values["use_astar"]])
-        if "max_cycles_factor" in values and plan.detail is not None:
+        if "max_cycles_factor" in values and plan.is_reached:
             factors = range(values["max_cycles_factor"] + 1, _MOST_CYCLES + 1)
             yield self.of_planner("max_cycles_factor", factors)
         if "minimum_turning_radius" in values:

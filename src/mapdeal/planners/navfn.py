@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -58,12 +59,14 @@ class NavfnPlanner(Planner):
         factor = min(self.integer("max_cycles_factor"), _MOST_CYCLES)
         turns = factor * max(grid.costs.shape)
         if turns < 1:
-            return no_plan("NoValidPathCouldBeFound", "max_cycles_factor leaves no turns")
+            plan = no_plan("NoValidPathCouldBeFound", "max_cycles_factor leaves no turns")
+            return replace(plan, is_reached=True)
         points, outcome = traced_path(
             potential, _rounded(grid, start[:2]), _rounded(grid, end), turns=turns
         )
         if outcome != "found":
-            return no_plan("NoValidPathCouldBeFound", _failure(grid, points, outcome, turns))
+            detail = _failure(grid, points, outcome, turns)
+            return replace(no_plan("NoValidPathCouldBeFound", detail), is_reached=True)
         xy = np.array(grid.origin) + points[::-1].astype(np.float64) * grid.resolution
         poses = np.zeros((len(_with_end(xy, end)), 3))
         poses[:, :2] = _with_end(xy, end)

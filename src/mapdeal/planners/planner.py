@@ -85,6 +85,8 @@ class Plan:
         Cost of the path before it was smoothed, of planners that compute one.
     detail : str, optional
         Why the planner failed, where the exception's name alone leaves that open.
+    is_reached : bool
+        Whether the search reached the goal, though no plan came of it.
     """
 
     found: bool
@@ -92,6 +94,7 @@ class Plan:
     poses: NDArray[np.float64] = field(default_factory=lambda: _NO_POSES)
     cost: float | None = None
     detail: str | None = None
+    is_reached: bool = False
 
     @property
     def length(self) -> float:
