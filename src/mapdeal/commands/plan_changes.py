@@ -448,10 +448,10 @@ def _wider_passage(
     if limit is None:
         return
     x, y = _centres(work, np.arange(height)[:, np.newaxis], np.arange(width))
-    squares = (x - limit.x) ** 2 + (y - limit.y) ** 2
-    # With half a step more, hardly any centre of a cell lies on the circle that is cleared.
-    first_width = limit.width - _STEP / 2
-    widths = [width + _STEP / 2 for width in _up(first_width, first_width + _WIDEST_PASSAGE)]
+    # Moved a little, so that hardly any centre of a cell lies on a circle of whole centimetres.
+    place = _place(limit.x + 0.0031, limit.y + 0.0017)
+    squares = (x - place["x"]) ** 2 + (y - place["y"]) ** 2
+    widths = _up(limit.width - 2 * _STEP, limit.width + _WIDEST_PASSAGE)
 
     def plan_with(index: int) -> Plan:
         cleared = occupied & (squares <= (widths[index] / 2) ** 2)
@@ -460,8 +460,8 @@ def _wider_passage(
     found = first_success(len(widths), plan_with, now=plan)
     if found is not None:
         yield {
-            "map": "passage", **_place(limit.x, limit.y),
-            "from": round(limit.width, 6), "width": round(widths[found[0]], 6),
+            "map": "passage", **place,
+            "from": round(limit.width, 6), "width": widths[found[0]],
             **({} if found[1] else {"monotonic": False}),
         }  # fmt: skip
 
