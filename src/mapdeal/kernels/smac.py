@@ -90,7 +90,7 @@ def _search_grid(
 ) -> tuple[int, int]:  # fmt: skip
     height, width = costs.shape
     flat, tables = costs.tobytes(), step_costs.tolist()
-    single = array("f", [0.0])  # rounds what is stored in it
+    single = array("f", [0.0])  # rounds numbers to float32
     reached = {start: 0.0}
     open_list: list[_Entry] = []
 
