@@ -36,8 +36,7 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.layers.catalogue import LAYERS, class_name
 from mapdeal.maps.formats import FORMATS
-from mapdeal.pipeline.folder import paths_of
-from mapdeal.pipeline.step import Step
+from mapdeal.pipeline.folder import PICTURE, files_of
 from mapdeal.stages.catalogue import STAGES, stage_named
 from mapdeal.stages.structured import LayerList
 
@@ -228,7 +227,8 @@ def _taken(stage: Stage) -> str:
 
 
 def _files(stage: Stage) -> list[Path]:
-    return paths_of(Step(stage, {}), Path(), images=True)
+    endings = (*files_of(stage.product_type).in_folder, PICTURE)
+    return [Path(f"{stage.product}{ending}") for ending in endings]
 
 
 def _default_of(parameter: Parameter) -> str:
