@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import oracles
 from checks.pairs import write_pair
-from mapdeal import read_map
+from mapdeal import OccupancyGrid, lint, read_map, write_map
 from mapdeal.checks import facts
 from mapdeal.checks.facts import CellTallies, PixelTallies, gather, tallies_of
 from mapdeal.errors import MalformedInputError
@@ -204,3 +204,18 @@ def least_memory(refusal):
         if message is None:
             return needed
         needed = round(float(re.search(r"needs? ([0-9.]+) MB", message)[1]) * 1e6)
+
+
+@pytest.mark.parametrize("is_changed", [False, True])
+@pytest.mark.parametrize("side", [180, 900])
+def test_a_map_that_looks_the_same_turned_is_ambiguous(tmp_path, side, is_changed):
+    cells = np.zeros((side, side + 20), dtype=np.int8)
+    cells[[0, -1]] = cells[:, [0, -1]] = 100
+    cells[side // 4, : side // 2] = cells[-1 - side // 4, -side // 2 :] = 100
+    if is_changed:
+        cells[: side // 2, side // 6 : side // 2 : side // 6] = 100
+    path = tmp_path / "m.npz"
+    write_map(path, OccupancyGrid(cells, 0.05, (1.5, -2.0, 0.4)))
+    found = [finding for finding in lint(path) if finding.check == "map.ambiguous"]
+    assert len(found) == (not is_changed)
+    assert all("turned by 180 degrees, the map looks the same" in f.message for f in found)

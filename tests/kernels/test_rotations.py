@@ -120,3 +120,17 @@ def test_circles_noise_and_nothing_have_no_main_direction():
     noise = np.random.default_rng(3).random((150, 210)) < 0.1
     for occupied in (circle, noise, np.zeros((30, 40), bool), np.ones((30, 40), bool)):
         assert rotations.main_direction(occupied) is None
+
+
+@pytest.mark.parametrize("turns", [(2,), (1, 2, 3), ()])
+def test_maps_that_look_the_same_turned_coincide_at_those_turns(turns):
+    rng = np.random.default_rng(3)
+    walls = np.zeros((41, 41 if turns == (1, 2, 3) else 57), dtype=bool)
+    walls[rng.integers(0, walls.shape[0], 60), rng.integers(0, walls.shape[1], 60)] = True
+    for k in turns:
+        walls |= np.rot90(walls, k)
+    walls[[0, -1]] = walls[:, [0, -1]] = True
+    inside = np.pad(~walls, ((5, 0), (0, 9)))  # the centre of the map is not that of the array
+    found = rotations.coincidences(np.pad(walls, ((5, 0), (0, 9))), inside, tolerance=1)
+    assert [k for k, shares in enumerate(found, 1) if min(shares) > 0.9] == list(turns)
+    assert all(found[k - 1] == (1.0, 1.0) for k in turns), found

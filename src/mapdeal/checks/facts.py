@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -176,6 +177,7 @@ def without_rounding_noise(value: float) -> float | None:
 
 Place = tuple[int, int]  # row and column of a cell, row 0 in the south
 _CELLS_PER_BAND = 1 << 18
+_COARSE = 400  # most blocks of a side in which a map is compared with itself
 
 
 class CellTallies:
@@ -199,6 +201,9 @@ class CellTallies:
         self._free_cols = np.zeros((height, 2), dtype=np.bool_)
         self._last_free = np.zeros(width, dtype=np.bool_)
         self._free_pairs = 0  # of free cells that share an edge
+        self.pooling = max(1, math.ceil(max(shape) / _COARSE))
+        pooled_shape = (math.ceil(side / self.pooling) for side in shape)
+        self._pooled = np.zeros((2, *pooled_shape), dtype=np.int32)  # of obstacles, and free
 
     def add(self, occupancy: NDArray[np.int8]) -> None:
         """Count the cells of the next rows, shape (rows, W)."""
@@ -221,6 +226,10 @@ class CellTallies:
         self._known_rows[first:stop] = band.max(axis=1) >= 0
         self._known_cols |= band.max(axis=0) >= 0
         self._free_cols[first:stop] = free[:, [0, -1]]
+        blocks = np.arange(first, stop) // self.pooling
+        for pooled, layer in zip(self._pooled, (band == OCCUPIED, free), strict=True):
+            starts = np.arange(0, self.shape[1], self.pooling)
+            np.add.at(pooled, blocks, np.add.reduceat(layer, starts, axis=1, dtype=np.int32))
         for side, row in enumerate((0, height - 1)):
             if first <= row < stop:
                 self._free_rows[side] = free[row - first]
@@ -229,6 +238,15 @@ class CellTallies:
     def counts(self) -> dict[str, int]:
         """Number of occupied, free, unknown and other cells, after all rows were added."""
         return cell_states(self._byte_counts)
+
+    @cached_property
+    def pooled(self) -> NDArray[np.bool_]:
+        """Which blocks of `pooling` cells a side hold an obstacle, and are mostly free."""
+        walls, free = self._pooled[0] > 0, self._pooled[1] > self.pooling**2 / 2
+        known = walls | free
+        rows, cols = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
+        box = (slice(int(k[0]), int(k[-1]) + 1) if len(k) else slice(0) for k in (rows, cols))
+        return np.stack([walls, free])[(slice(None), *box)]
 
     @property
     def mean_free_width(self) -> float:

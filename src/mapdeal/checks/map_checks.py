@@ -21,6 +21,7 @@ from mapdeal.grid.filters import FILTER_KEYS
 from mapdeal.grid.values import count_text, decimal_text
 from mapdeal.inputs.kinds import kind_of
 from mapdeal.inputs.listing import ListedFolders
+from mapdeal.kernels.rotations import coincidences
 from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.images import IMAGE_FORMATS
 from mapdeal.maps.map_file import NOTHING_KNOWN
@@ -404,6 +405,35 @@ def specks(facts: GridFacts) -> Iterator[Remark]:
         text += f": goals there fail; mapdeal clean --min-free {least} removes them"
         places = facts.cells.places_of_components(1, int(sizes[is_small][-1]))
         yield Remark(text, places=facts.places(places))
+
+
+_COINCIDING, _TOLERANCE = 0.9, 0.25  # a share of walls and of free space; metres
+_FEWEST_WALLS = 100  # blocks of cells: smaller maps are drawings
+
+
+@check("map.ambiguous", "warning")
+def ambiguous(facts: GridFacts) -> Iterator[Remark]:
+    """A map that looks the same when it is turned.
+
+    AMCL cannot tell the two poses apart: without an initial pose, the robot may localise at the
+    wrong end and drive to the wrong goals.
+    Example: An arena with two equal halves.
+    Fix: Set the initial pose, or add something to the map that only one side has.
+    """
+    walls, free = facts.cells.pooled
+    if np.count_nonzero(walls) < _FEWEST_WALLS:
+        return
+    tolerance = round(_TOLERANCE / facts.frame.resolution / facts.cells.pooling)
+    turns = coincidences(walls, free, max(tolerance, 1))
+    same = [90 * k for k, shares in enumerate(turns, 1) if min(shares) >= _COINCIDING]
+    if same:
+        least = 100 * min(min(turns[degrees // 90 - 1]) for degrees in same)
+        angles = " or ".join(map(str, same))
+        text = (
+            f"turned by {angles} degrees, the map looks the same ({least:.0f} % of it coincides):"
+            " localisation may take one pose for another; set the initial pose"
+        )
+        yield Remark(text)
 
 
 @check("map.open-border", "note")

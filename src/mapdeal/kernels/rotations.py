@@ -151,3 +151,39 @@ def _along_or_across(points: Floats, angles: Floats) -> Floats:
     both = np.append(angles, angles + math.pi / 2)
     along, across = hough_spectrum(points, both, _WIDTH).reshape(2, -1)
     return along + across
+
+
+def coincidences(walls: Mask, free: Mask, tolerance: int) -> list[tuple[float, float]]:
+    """Return how far a map coincides with itself turned by 90, 180 and 270 degrees.
+
+    Each turn is placed where the walls correlate best. The shares are those of the walls that lie
+    within a tolerance, in cells, of a wall of the other, and of the free cells that are free in it.
+    """
+    from scipy import ndimage
+
+    found = []
+    for turns in (1, 2, 3):
+        turned_walls, turned_free = np.rot90(walls, turns), np.rot90(free, turns)
+        shape = [a + b for a, b in zip(walls.shape, turned_walls.shape, strict=True)]
+        near = ndimage.binary_dilation(walls, iterations=tolerance) + walls.astype(np.float32)
+        spectra = (np.fft.rfft2(layer, shape) for layer in (near, turned_walls))
+        scores = np.fft.irfft2(next(spectra) * np.conj(next(spectra)), shape)
+        shift = np.array(np.unravel_index(scores.argmax(), scores.shape))
+        shift -= np.where(shift >= walls.shape, shape, 0)
+        low = np.minimum(shift, 0)
+        size = np.maximum(walls.shape, shift + turned_walls.shape) - low
+
+        def on_common_cells(layer: Mask, corner: ArrayLike) -> Mask:
+            cells = np.zeros(size, dtype=np.bool_)  # noqa: B023 - called in this turn alone
+            row, col = np.asarray(corner) - low  # noqa: B023
+            cells[row : row + layer.shape[0], col : col + layer.shape[1]] = layer
+            return cells
+
+        own, other = on_common_cells(walls, (0, 0)), on_common_cells(turned_walls, shift)
+        agreeing = min(
+            float((first & ndimage.binary_dilation(second, iterations=tolerance)).sum())
+            for first, second in ((own, other), (other, own))
+        )
+        clear = on_common_cells(free, (0, 0)) & on_common_cells(turned_free, shift)
+        found.append((agreeing / max(walls.sum(), 1), float(clear.sum()) / max(free.sum(), 1)))
+    return found
