@@ -103,9 +103,9 @@ def mapdeal(
 
     Start with: mapdeal run MAP.yaml -o out
 
-    A MAP is a map_server .yaml with its image, a .pbm with its .yaml, an .npz written by mapdeal,
-    or - for such an .npz on standard input. Lengths are in metres, angles in radians. "mapdeal
-    COMMAND --help" shows the options of a command, with examples.
+    A MAP is a map_server .yaml with its image, a .pbm with its .yaml, a Cartographer .pbstream, an
+    .npz written by mapdeal, or - for such an .npz on standard input. Lengths are in metres, angles
+    in radians. "mapdeal COMMAND --help" shows the options of a command, with examples.
     """
 
 
