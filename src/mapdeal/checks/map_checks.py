@@ -415,7 +415,7 @@ _FEWEST_WALLS = 100  # blocks of cells: smaller maps are drawings
 def ambiguous(facts: GridFacts) -> Iterator[Remark]:
     """A map that looks the same when it is turned.
 
-    AMCL cannot tell the two poses apart: without an initial pose, the robot may localise at the
+    AMCL confuses the two poses: without an initial pose, the robot may localise at the
     wrong end and drive to the wrong goals.
     Example: An arena with two equal halves.
     Fix: Set the initial pose, or add something to the map that only one side has.

@@ -120,8 +120,8 @@ class Alignment(Placement, Result):
             where = place_text(self.maps[1].occupancy, self.bend_xy)
             yield f"  bend       walls disagree by up to {self.bend:.2g} m, {where}"
         for number, candidate in enumerate(self.candidates, start=1):
-            taken = " (taken)" if number == self.chosen else ""
-            yield f"  candidate {number}{taken}: {_text(candidate.transform)}"
+            mark = " (taken)" if number == self.chosen else ""
+            yield f"  candidate {number}{mark}: {_text(candidate.transform)}"
             shares = 100 * candidate.overlap, 100 * candidate.agreement
             text = "{:.0f} % of the free space in common, {:.0f} % of the walls agree".format(
                 *shares
@@ -217,8 +217,8 @@ def align(
         Rotations to search, such as 0,90,180,270, each with a tolerance of 3 degrees. In Python
         they are radians. By default all are searched.
     candidate : int, optional
-        Take this one of the candidates that are listed if the match is not certain, from 1. The
-        match stays uncertain, and the exit code 1.
+        Number of a candidate to use as the transform, from 1. Candidates are listed if the match is
+        uncertain, which it remains, with exit code 1.
     **reading
         As for `read_map`; dialect, max_cells and max_memory apply to files.
 
@@ -232,7 +232,7 @@ def align(
     FileAccessError, MalformedInputError
         If a file cannot be read.
     ParameterError
-        If a number is not finite, `rotations` is empty, or there is no such candidate.
+        If a number is infinite or NaN, `rotations` is empty, or the candidate does not exist.
 
     Notes
     -----

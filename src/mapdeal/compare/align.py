@@ -497,7 +497,7 @@ _CANDIDATES = 3
 
 
 class Candidate(NamedTuple):
-    """A place of a first map in the frame of a second, one of those that fit best.
+    """A place of a first map in the frame of a second, among the best three.
 
     `contradicting` is the length of walls that lie in free space of the other map, metres; the
     other figures are those of `mapdeal.Alignment`.
@@ -640,10 +640,10 @@ def _judged(first: WallMap, second: WallMap, poses: Poses, near: Near | None = N
     if near is not None:
         reason = _reason_there(score, shown)
     else:
-        seen = float((found.agreeing + found.contradicting)[best, _SHOWN])
+        compared = float((found.agreeing + found.contradicting)[best, _SHOWN])
         walls = min(first.wall_length, second.wall_length)
         are_mostly_shared = overlap >= _MOST_SPACE and shown >= _MOST_AGREEING
-        are_mostly_shared &= seen >= max(_METRES_OF_WALLS, _MOST_WALLS * walls)
+        are_mostly_shared &= compared >= max(_METRES_OF_WALLS, _MOST_WALLS * walls)
         least_score = LEAST_SCORE_OF_MOST if are_mostly_shared else LEAST_SCORE
         rival = _rival(scores, best, others, least_score)
         reason = _reason(score, rival, overlap, least_score)

@@ -179,10 +179,10 @@ def coincidences(walls: Mask, free: Mask, tolerance: int) -> list[tuple[float, f
             cells[row : row + layer.shape[0], col : col + layer.shape[1]] = layer
             return cells
 
-        own, other = on_common_cells(walls, (0, 0)), on_common_cells(turned_walls, shift)
+        own, turned_own = on_common_cells(walls, (0, 0)), on_common_cells(turned_walls, shift)
         agreeing = min(
             float((first & ndimage.binary_dilation(second, iterations=tolerance)).sum())
-            for first, second in ((own, other), (other, own))
+            for first, second in ((own, turned_own), (turned_own, own))
         )
         clear = on_common_cells(free, (0, 0)) & on_common_cells(turned_free, shift)
         found.append((agreeing / max(walls.sum(), 1), float(clear.sum()) / max(free.sum(), 1)))

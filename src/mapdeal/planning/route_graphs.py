@@ -600,7 +600,7 @@ class _CompleteDraft(graph_drafts.Draft):
             self._straighten(node)
 
     def name_narrow_places(self) -> None:
-        """Give doors the kind narrow if a side is little wider, or no walls stand on both sides."""
+        """Change doors to narrow places if a side is little wider, or lacks a wall."""
         from scipy import ndimage
 
         doors = [node for node in self.nodes() if self.kinds[node] == "door"]
