@@ -66,7 +66,7 @@ REFUSED = [
     (POSES + "three.txt --cloud out.d/0001/e.xyz -o out.d --force", 4, "out.d/0001/e.xyz"),
     (POSE + "--min-range 2 --max-range 1", 2, "--min-range"),
     (POSE + "--offset 1", 2, "--offset"),
-    (POSE + "d.xyz", 2, "d.xyz"),
+    (POSE + "d.xyz", 2, "--cloud"),
     (POSE + "-o m.yaml", 4, "m.yaml"),
     # laser scans
     ("build -o out.yaml", 2, "LOG"),

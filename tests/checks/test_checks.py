@@ -296,6 +296,7 @@ def test_every_check_is_tried_here_or_elsewhere():
         "image.depth",
         "image.gamma",
         "map.view",
+        "map.ambiguous",
         "map.disconnected",
         "map.inside-out",
         "image.yaml-not-read",

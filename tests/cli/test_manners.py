@@ -1,6 +1,7 @@
 """How commands answer: on terminals, in pipes, to words that other programs use."""
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -78,7 +79,7 @@ def test_words_that_lead_to_a_command(sh, here):
     assert sh("help run")[1] == sh("run --help")[1]
     assert sh("help")[1] == sh("--help")[1]
     out = sh("")[1]
-    assert out.count("\n  ") == 8
+    assert len(re.findall(r"\n  \w", out)) == 8
     assert "mapdeal --help lists all commands" in out
     for word, meant in (
         ("show", "view"),

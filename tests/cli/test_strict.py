@@ -49,6 +49,7 @@ LINES = [
     *(f"{name} m.yaml m.yaml {IMAGE}" for name in ("diff", "align")),
     f"score m.yaml --truth m.yaml {IMAGE}",
     f"local --map m.yaml --pose 3,0,0.2 {OUT}",
+    f"scan m.yaml --tour {OUT}.npz",
     f"run m.yaml {OUT} --no-images",
     "run m.yaml -o new --no-images --report",
     "run m.yaml good.yaml -j 1 -o new --set cost.inscribed_radius=0.1",

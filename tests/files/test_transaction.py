@@ -17,11 +17,10 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from mapdeal import FileAccessError, OccupancyGrid, write_map
+from mapdeal import FileAccessError, OccupancyGrid, read_map, write_map
 from mapdeal.files import transaction as temporary
 from mapdeal.files.transaction import Temporary, Transaction, locked
 from mapdeal.kernels.threads import use_threads
-from mapdeal.maps import reading as maps
 
 
 def contents(folder, but=()):
@@ -416,14 +415,14 @@ def test_a_map_that_is_read_between_two_renames_is_refused(tmp_path, monkeypatch
         return locked(folders)
 
     monkeypatch.setattr(Path, "replace", slow)
-    monkeypatch.setattr(maps, "locked", locked_then)
+    monkeypatch.setattr("mapdeal.maps.map_file.locked", locked_then)
     with ThreadPoolExecutor() as pool:
         writing = pool.submit(write_map, path, OccupancyGrid([[0, 100]], 0.25), force=True)
         assert is_between.wait(60)
         with pytest.raises(FileAccessError, match="changed while it was read"):
-            maps.read_map(path)
+            read_map(path)
     writing.result()
-    assert maps.read_map(path).resolution == 0.25
+    assert read_map(path).resolution == 0.25
 
 
 def is_locked(folder):

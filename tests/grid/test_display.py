@@ -4,7 +4,9 @@ import inspect
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 
 import numpy as np
 import pytest
@@ -106,7 +108,7 @@ def samples():
             ),
             narrow, reached, reached.goal, passage, reach(map_, reached, passage),
             mapdeal.clean(grid_from_text("...#.")),
-            mapdeal.route(costmap, start=start, goal=goal), *route_graphs(),
+            mapdeal.route(costmap, start=start, goal=goal), *route_graphs(), *plans_and_scans(map_),
         ]
     }  # fmt: skip
 
@@ -117,6 +119,22 @@ def route_graphs():
     room = mapdeal.OccupancyGrid(np.zeros((8, 30), np.int8), 0.25)
     found = mapdeal.graph(room, footprint=mapdeal.Footprint.circle(0.3))
     return nodes[0], edges[0], mapdeal.RouteGraph(nodes, edges), found
+
+
+def plans_and_scans(map_):
+    map_path = EXAMPLES / "maps" / "office.yaml"
+    shared = {"robot": EXAMPLES / "robots" / "nav2_narrow_door.yaml", "no_changes": True}
+    report = mapdeal.plan(map_path, start=(3, 0), goals=[(1.5, 0.2)], **shared)
+    with NamedTemporaryFile("w+") as file:
+        file.write("3,0,0,1.5,0.2,0\n")
+        file.flush()
+        paired = mapdeal.plan(map_path, pairs=Path(file.name), **shared)
+        paired = replace(paired, pairs=list(paired.pairs))
+    scans = mapdeal.scan(
+        map_,
+        poses=[map_.frame.xy_from_rowcol(np.argwhere(map_.occupancy == 0)[:1])[0].tolist() + [0.0]],
+    )
+    return report, report.goals[0], report.goals[0].goal, paired, scans
 
 
 SAMPLES = samples()

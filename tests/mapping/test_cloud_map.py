@@ -345,7 +345,7 @@ def test_bad_clouds_are_refused_in_one_line(tmp_path, command, name):
     (["--cloud", RAMP, "--topic", "/points"], "needs a bag"),
     (["--cloud", RAMP, "--climb", "2"], "must be above climb"),
     (["--cloud", RAMP, "--size", "3,3"], "must be given together"),
-    (["--cloud", RAMP, "--layers", "out.csv"], "layers are written as .npz"),
+    (["--cloud", RAMP, "--layers", "out.csv"], "must end in .npz"),
     ([EXAMPLES / "logs" / "office.log", "--climb", "0.1"], "it needs --cloud"),
 ])  # fmt: skip
 def test_options_that_do_not_fit_are_refused(tmp_path, command, words, why):

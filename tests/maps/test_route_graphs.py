@@ -67,7 +67,7 @@ def test_the_server_s_rules_hold_for_files_and_they_are_read_back(tmp_path, opti
     text = "\n".join(graph_text(route_graph))
     nodes, edges = loaded(text)
     assert (len(nodes), len(edges)) == (len(route_graph.nodes), len(route_graph.edges))
-    assert any(metadata.get("kind") == "door" for _, metadata in nodes.values())
+    assert any(metadata.get("kind") == "narrow" for _, metadata in nodes.values())
     (tmp_path / "g.geojson").write_text(text)
     again = read_route_graph(tmp_path / "g.geojson")
     assert list(map(vars, again.nodes)) == list(map(vars, route_graph.nodes))

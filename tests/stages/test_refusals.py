@@ -142,7 +142,7 @@ def test_thresholds_in_metres_may_lie_farther_than_the_default_range():
 
 
 def test_a_turn_into_too_many_cells_is_refused(monkeypatch):
-    monkeypatch.setattr("mapdeal.stages.resample.MOST_CELLS", 6)
+    monkeypatch.setattr("mapdeal.grid.frame.MOST_CELLS", 6)
     with pytest.raises(ParameterError, match=r"yaw: .*6 cells"):
         mapdeal.rotate(ROW, 0.7)
 

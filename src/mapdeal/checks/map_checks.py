@@ -411,14 +411,14 @@ _COINCIDING, _TOLERANCE = 0.9, 0.25  # a share of walls and of free space; metre
 _FEWEST_WALLS = 100  # blocks of cells: smaller maps are drawings
 
 
-@check("map.ambiguous", "warning")
+@check("map.ambiguous", "note")
 def ambiguous(facts: GridFacts) -> Iterator[Remark]:
     """A map that looks the same when it is turned.
 
     AMCL confuses the two poses: without an initial pose, the robot may localise at the
     wrong end and drive to the wrong goals.
     Example: An arena with two equal halves.
-    Fix: Set the initial pose, or add something to the map that only one side has.
+    Fix: Set the initial pose, or add something that only one side has.
     """
     walls, free = facts.cells.pooled
     if np.count_nonzero(walls) < _FEWEST_WALLS:

@@ -90,13 +90,17 @@ def call_files(names: Mapping[Path, str]) -> None:
             _called[quote(os.path.relpath(path))] = quote(name)
 
 
+def _write_bytes(chunk: bytes) -> None:
+    sys.stdout.buffer.write(chunk)
+
+
 def send(path: Path) -> None:
     from mapdeal.files.source import chunks_of
 
     for chunk in chunks_of(path):
         if _stdout_dropped:
             return
-        _to_stdout(partial(sys.stdout.buffer.write, chunk))
+        _to_stdout(partial(_write_bytes, chunk))
         _to_stdout(sys.stdout.buffer.flush)
 
 
@@ -317,7 +321,7 @@ def _to_stdout(write: Callable[[], object]) -> None:
 
 
 _COLOURS = {"error": "31;1", "warning": "33", "note": "34", "hint": "36"}
-_SEVERITY = re.compile(rf"(^|: )({'|'.join(_COLOURS)}):")
+_SEVERITY = re.compile(r"(^|: )(error|warning|note|hint):")
 
 
 def _print_message(text: str) -> None:

@@ -166,7 +166,7 @@ def local(
     if bag is not None:
         rule = "applies to clouds, not to the replay of a bag"
         refuse(
-            rule, cloud=clouds, pose=pose, poses=poses, topic=topics, **frames, index=index,
+            rule, clouds=clouds, pose=pose, poses=poses, topic=topics, **frames, index=index,
             all=takes_all, keep=keep, require_points=require_points, set=changes,
             route_to=route_to, footprint=footprint, recipe=recipe != LOCAL_RECIPE, **more,
         )  # fmt: skip

@@ -30,7 +30,7 @@ from mapdeal.errors import (
 )
 from mapdeal.files.json_values import PLAN_FORMAT, JsonValue, read_document
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.values import count_text
+from mapdeal.grid.values import OneLine, count_text
 from mapdeal.mapping.transforms import check_pose
 from mapdeal.maps.reading import write_grid
 from mapdeal.pictures.canvas import Image
@@ -74,8 +74,8 @@ class PlanGoal:
         return place if self.name is None else f"{self.name} {place}"
 
 
-@dataclass(frozen=True, eq=False)
-class GoalPlan:
+@dataclass(frozen=True, eq=False, repr=False)
+class GoalPlan(OneLine):
     """The plan to a goal, and the changes that make one, or the margins before it is lost.
 
     Parameters
@@ -106,6 +106,10 @@ class GoalPlan:
     clearance: float = math.nan
     narrowest: tuple[float, float] | None = None
     stopped_at: tuple[float, float] | None = None
+
+    def _repr_parts(self) -> Iterator[str]:
+        yield repr(self.goal)
+        yield f"{self.plan.length:.4g} m" if self.plan.found else f"no path: {self.plan.reason}"
 
     def document(self) -> dict[str, Any]:
         goal, plan = self.goal, self.plan

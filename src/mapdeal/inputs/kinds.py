@@ -42,7 +42,7 @@ from mapdeal.maps.npz import NPZ
 
 MAP, CLOUD, SCANS, POSES, NUMBERS = "map", "point cloud", "laser scans", "poses", "numbers"
 IMAGE, RECIPE, SHAPES, BAG, POINTER = "image", "recipe", "shapes", "bag", "Git LFS pointer"
-PARAMETERS = "ROS parameters"
+PARAMETERS, WORLD = "ROS parameters", "world"
 
 _HEAD = 1 << 16
 _MOST_COUNTED = 1 << 28  # largest text in bytes whose lines are counted
@@ -89,6 +89,7 @@ _PARAMETERS_USE = (
     "mapdeal run MAP -o DIR --params-file {path} takes it, mapdeal lint --params-file {path} "
     "checks it; in Python mapdeal.read_robot_parameters reads it"
 )
+_WORLD_USE = "mapdeal build --world {path} --height 0.2 -o MAP.yaml makes a map of it"
 _REPORT_USE = "mapdeal report {path} -o OUT.html shows it"
 _GRAPH_USE = (
     "mapdeal lint MAP --graph {path} checks it, mapdeal route MAP --graph {path} goes by it"
@@ -189,6 +190,14 @@ def _kind_by_magic(path: Path, head: bytes) -> FileKind | None:
 def _kind_of_map(_: Path, head: bytes) -> FileKind | None:
     names = (entry.name for entry in FORMATS if entry.magic and head.startswith(entry.magic))
     return next((FileKind(MAP, name, _MAP_USE) for name in names), None)
+
+
+def _kind_of_world(path: Path, head: bytes) -> FileKind | None:
+    root = re.search(rb"<(sdf|robot|COLLADA)\b", head)
+    by_root = {b"sdf": "a world (SDF)", b"robot": "a robot (URDF)", b"COLLADA": "a mesh (DAE)"}
+    by_ending = {".stl": "a mesh (STL)", ".obj": "a mesh (OBJ)"}
+    name = by_root[root[1]] if root else by_ending.get(path.suffix.lower())
+    return FileKind(WORLD, name, _WORLD_USE) if name else None
 
 
 def _kind_of_cloud(path: Path, head: bytes) -> FileKind | None:
@@ -424,7 +433,7 @@ def _kind_of_numbers(path: Path, head: bytes) -> FileKind | None:
 
 _DETECTORS: tuple[Callable[[Path, bytes], FileKind | None], ...] = (
     _kind_by_magic, _kind_of_map, _kind_of_cloud, _kind_of_npz, _kind_of_image, _kind_of_log,
-    _kind_of_json, _kind_of_numbers, _kind_of_yaml,
+    _kind_of_json, _kind_of_world, _kind_of_numbers, _kind_of_yaml,
 )  # fmt: skip
 """Tried in this order, the fastest first; the first result counts."""
 

@@ -628,7 +628,8 @@ class _CompleteDraft(graph_drafts.Draft):
         arms = np.argwhere(is_wall[near]) + low + 0.5 - place
         lengths = np.hypot(*arms.T)
         arms = arms[lengths <= reach] / lengths[lengths <= reach, np.newaxis]
-        return len(arms) > 0 and float((arms @ arms.T).min()) <= -0.5
+        cosines = (arms[:, np.newaxis] * arms).sum(axis=-1)
+        return bool((cosines <= -0.5).any())
 
     def _is_gap(self, node: int) -> bool:
         """Return whether a short path leads around a door: it is a gap, not the door of a room."""
