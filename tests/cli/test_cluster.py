@@ -265,7 +265,8 @@ def test_impossible_addresses_are_refused_before_a_connection(address):
 
 
 @pytest.mark.parametrize("scheme", ["tls", "ucx"])
-def test_schemes_that_are_not_set_up_are_refused_with_a_hint(sh, maps, scheme):
+def test_schemes_that_are_not_set_up_are_refused_with_a_hint(sh, maps, monkeypatch, scheme):
+    monkeypatch.setattr(cluster, "_TIMEOUT", 4.0)
     code, out, err = sh(f"run maps/0.yaml -o o --scheduler {scheme}://127.0.0.1:9")
     error, hint = err.splitlines()
     assert (code, out) == (2, "")
