@@ -242,39 +242,6 @@ def wait_for_end_of(group):
     assert not list(members(group))
 
 
-def without_progress(err):
-    """Return the lines of stderr without reports of progress, which only slow machines print."""
-    return [line for line in err.splitlines() if not line.endswith("maps done")]
-
-
-@pytest.mark.thorough
-@needs_proc
-@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_ends_all_processes_and_leaves_a_summary_and_no_temporary_file(large_maps, sent):
-    text = (large_maps / "maps" / "0.yaml").read_text()
-    for number in range(8, 20):  # so many that a slow machine still works at the signal
-        (large_maps / "maps" / f"{number}.yaml").write_text(text)
-    process = start(large_maps, until=lambda folder: any((folder / "o").glob("*/manifest.json")))
-    os.killpg(process.pid, sent)  # as a terminal does: everyone gets it
-    out, err = process.communicate(timeout=120)
-    assert (process.returncode, out) == (128 + sent, "")
-    complete = len(list((large_maps / "o").rglob("manifest.json")))
-    wait_for_end_of(process.pid)
-    assert nothing_is_left(large_maps)
-    summary = json.loads((large_maps / "o" / "summary.json").read_text())["maps"]
-    statuses = [entry["status"] for entry in summary]
-    count = statuses.count("done")
-    assert count <= complete <= count + 2  # of which two may have been done that very moment
-    assert statuses.count("interrupted") == 20 - count > 0
-    ending = "interrupted" if sent == signal.SIGINT else f"terminated by {sent.name}"
-    assert without_progress(err) == [
-        f"error: {ending}; {count} of 20 maps are done, run the same command to continue"
-    ]
-    again = subprocess.run([*RUN, "maps", "-o", "o", "-j", "2"], capture_output=True, text=True)
-    assert again.returncode == 0, again.stderr
-    assert again.stdout.endswith(f"20 maps: {20 - complete} done, {complete} unchanged, 0 failed\n")
-
-
 @needs_proc
 def test_workers_whose_parent_is_gone_clean_up_and_end(large_maps):
     process = start(large_maps)
@@ -283,28 +250,3 @@ def test_workers_whose_parent_is_gone_clean_up_and_end(large_maps):
     assert process.returncode == -signal.SIGKILL
     wait_for_end_of(process.pid)
     assert nothing_is_left(large_maps)
-
-
-def worker_that_writes(run):
-    """Return a process of a run's session that has a temporary file open."""
-    while True:
-        assert run.poll() is None, run.communicate()
-        for folder in members(run.pid):
-            with contextlib.suppress(OSError):
-                for descriptor in (folder / "fd").iterdir():
-                    if ".mapdeal-" in str(descriptor.readlink()):
-                        return int(folder.name)
-        time.sleep(0.002)
-
-
-@pytest.mark.thorough
-@needs_proc
-def test_a_worker_that_is_killed_once_costs_no_map(large_maps):
-    process = start(large_maps)
-    os.kill(worker_that_writes(process), signal.SIGKILL)
-    out, err = process.communicate(timeout=120)
-    assert (process.returncode, without_progress(err)) == (0, [])
-    assert out.endswith("8 maps: 8 done, 0 unchanged, 0 failed\n")
-    assert nothing_is_left(large_maps)
-    subprocess.run([*RUN, "maps", "-o", "p", "-j", "1"], check=True, capture_output=True)
-    assert contents(large_maps / "o") == contents(large_maps / "p")

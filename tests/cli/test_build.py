@@ -105,16 +105,10 @@ def test_options_reach_the_method_the_grid_and_python(sh, run, words, options):
             assert np.array_equal(layers[name], layer, equal_nan=True)
 
 
-def test_real_logs_give_maps(sh, real_maps):
-    for name, least in (("intel-corrected.log.gz", 36.0), ("aces-corrected.log", 23.0)):
-        for method in ("log-odds", "counting", "tsdf"):
-            log = real_maps / "acschaefer__ple" / name
-            code, out, _ = sh(f"build {log} -o m.yaml --method {method} --force")
-            free = float(out.split("free ")[1].split(" %")[0])
-            assert (code, free > least) == (0, True)
+def test_a_real_log_gives_a_map(sh, real_maps):
     triple = real_maps / "derived" / "run1_triple"
     words = f"--poses {triple}/pose.txt --angles {triple}/scanAngles.txt"
-    out = sh(f"build {words} --ranges {triple}/ranges.txt -o m.yaml --force")[1]
+    out = sh(f"build {words} --ranges {triple}/ranges.txt -o m.yaml")[1]
     assert "460 scans, 124660 beams: 123824 hits, 0 without return, 836 bad" in out
 
 

@@ -170,22 +170,3 @@ def test_a_round_robot_as_costmap_2d_has_it(sh):
     circle, polygon = read_map("c.npz"), read_map("p.npz")
     assert np.count_nonzero(circle.cost == 253) > np.count_nonzero(polygon.cost == 253)
     assert (circle.circumscribed_cost, polygon.circumscribed_cost < 253) == (253, True)
-
-
-@pytest.mark.usefixtures("mapdeal_warnings")
-def test_a_keepout_mask_of_a_real_map_from_zones_to_costs(sh, real_maps):
-    depot = real_maps / "ros-navigation__navigation2/nav2_bringup/maps/depot.yaml"
-    Path("zones.yaml").write_text(
-        "shapes:\n"
-        "- {type: polygon, points: [[2, 2], [8, 2], [8, 5], [5, 3.5], [2, 5]], value: 100}\n"
-        "- {type: polygon, points: [[20, 3], [26, 4], [25, 9]], value: 80}\n"
-    )
-    assert sh(f"edit polygon {depot} -o mask.yaml --blank --file zones.yaml")[0] == 0
-    drawn = read_map("mask.yaml")
-    assert drawn.frame == read_map(depot).frame
-    # a point in the bay of the first, one in each zone, and one far away
-    cells_, _ = drawn.frame.bounded_rowcol_from_xy([(5, 4.5), (3, 3), (24, 5), (15, 12)])
-    assert drawn.occupancy[tuple(cells_.T)].tolist() == [0, 100, 80, 0]
-    assert sh(f"cost {depot} -o c.npz --mask mask.yaml")[0] == 0
-    cost, plain = (read_map("c.npz").cost, exponential_cost(read_map(depot)).cost)
-    assert np.array_equal(cost, np.maximum(plain, np.round(drawn.occupancy * 2.54)))

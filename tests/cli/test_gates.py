@@ -72,7 +72,9 @@ def files(here):
     mapdeal.write_map("reach.npz", found)
 
 
-@pytest.mark.parametrize("more", ["", " -q", " --strict -q"])
+@pytest.mark.parametrize(
+    "more", ["", " --strict -q", pytest.param(" -q", marks=pytest.mark.thorough)]
+)
 @pytest.mark.parametrize("line", LINES)
 def test_a_finding_of_severity_error_ends_with_1(sh, line, more):
     if line.startswith(("report", "view")):

@@ -12,12 +12,9 @@ from bad_maps import tree
 from clouds import pcd, ply
 from drawn import grid_from_text
 from mapdeal import (
-    Frame,
     LocalOptions,
-    MapBuilder,
     OccupancyGrid,
     RollingMapper,
-    Scans,
     esdf,
     inflate,
     local_map,
@@ -25,9 +22,7 @@ from mapdeal import (
     ring_cost,
     write_map,
 )
-from mapdeal.mapping.evidence import BeamLimits
 from mapdeal.pipeline.local import sequence_of
-from mapdeal.sensors.scans import open_log
 
 NAMES = [
     *(f"{stem}.{end}" for stem in ("local", "inflated") for end in ("pgm", "yaml", "png")),
@@ -396,31 +391,3 @@ def test_windows_too_far_apart_to_remember_all_between_are_refused(sh, rolling):
     assert err.endswith("; a smaller --keep takes less\n")
     assert not Path("o").exists()
     assert sh(f"{ROLLING} --keep 1")[0] == 0
-
-
-def test_a_real_log_rolls_as_it_is_built(sh, real_maps):
-    """Scans of the Intel Research Lab, against log-odds in which the last beam wins.
-
-    Of the cells that both know, those differ which one scan both hits and passes: there build
-    takes the last beam, and a local map the hit.
-    """
-    log = open_log(real_maps / "acschaefer__ple" / "intel-corrected.log")
-    poses, angles, ranges, _ = next(iter(log.scans()))
-    Path("scans").mkdir()
-    frame, limits = Frame(1200, 1200, 0.05, (-30.0, -30.0, 0.0)), BeamLimits(0, 29, 29)
-    builder = MapBuilder(frame, "log-odds", limits, log_free=-100.0, log_occ=100.0)
-    for k, (pose, row) in enumerate(zip(poses[:20], ranges[:20], strict=True)):
-        points = np.stack([row * np.cos(angles), row * np.sin(angles)], axis=1)
-        np.save(f"scans/{k:02}.npy", points)
-        order = np.argsort(-row, kind="stable")  # far ones first: hits are not passed afterwards
-        builder.add(Scans([pose], np.asarray(angles)[order], row[np.newaxis, order]))
-    np.savetxt("poses.txt", poses[:20], fmt="%.17g")
-    line = "local --cloud scans --poses poses.txt --keep all --max-range 29 --size 16,14"
-    assert sh(f"{line} --no-images -o o")[0] == 0
-    local, built = read_map("o/0019/local.yaml"), builder.result().grid
-    (first,) = built.frame.unbounded_rowcol_from_xy(local.frame.xy_from_rowcol([[0, 0]]))
-    row, col = first.tolist()
-    shared = built.occupancy[row : row + local.shape[0], col : col + local.shape[1]]
-    assert np.array_equal(local.unknown(), shared == -1)
-    differing = np.count_nonzero(local.occupancy != shared)
-    assert differing <= 0.001 * np.count_nonzero(shared != -1)

@@ -227,9 +227,12 @@ def test_the_command_that_a_verdict_proposes_can_be_typed(sh, line, proposed, co
     Path("robot.yaml").write_text(ROBOT)
     own = ROBOT.replace("global", "local").replace("\n", "")
     Path("robots.yaml").write_text(f"a: {{{own}}}\nb: {{{own}}}\n")
-    sh("run hall.yaml -o made")
-    sh(f"reach hall.yaml --from {FROM} --to {LAB} --robot-radius 0.05 -o reach.json")
-    Path("lint.json").write_text(sh("lint hall.yaml --json")[1])
+    if "made" in line:
+        sh("run hall.yaml -o made")
+    if "reach.json" in line:
+        sh(f"reach hall.yaml --from {FROM} --to {LAB} --robot-radius 0.05 -o reach.json")
+    if "lint.json" in line:
+        Path("lint.json").write_text(sh("lint hall.yaml --json")[1])
     is_run = line.startswith("run")
     page = "out/report.html" if is_run else "page.html"
     _, out, err = sh(f"{line} --report" if is_run else f"{line} -o {page}")
