@@ -37,15 +37,6 @@ HUGE_BMP = b"BM" + struct.pack("<IHHI", 70, 0, 0, 54) + struct.pack(
 )  # fmt: skip
 
 
-def tiff_with_a_bad_tag():
-    """A grey 3 x 2 TIFF with a text far behind the file's end."""
-    tags = {256: 3, 257: 2, 258: 8, 259: 1, 262: 1, 273: 8, 277: 1, 278: 2, 279: 6}
-    entries = [struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags.items()]
-    entries.insert(5, struct.pack("<HHII", 270, 2, 1000, 99_999))
-    count = struct.pack("<H", len(entries))
-    return b"II*\0" + struct.pack("<I", 14) + PIXELS + count + b"".join(entries) + bytes(4)
-
-
 BAD_IMAGES = [
     ("I2-zero-bytes", b"", "empty"),
     ("I2-html", b"<!DOCTYPE html>\n<html><body>404</body></html>\n", "image"),
@@ -143,13 +134,6 @@ def test_a_jpeg_named_pgm_is_warned_of(read_cells):
     occupancy, warned = read_cells(encoded(Image.new("L", (3, 2), 255), "JPEG"))
     assert occupancy == [[0, 0, 0], [0, 0, 0]]
     assert any("lossy" in line for line in warned)
-
-
-def test_a_tiff_with_a_bad_tag_says_so_in_lines_of_ours(folder, command):
-    write_map(folder, image=tiff_with_a_bad_tag())
-    code, _, err = command("info", "m.yaml")
-    assert code in (0, 3)
-    assert all(line.startswith(("error: ", "hint: ", "warning: ")) for line in err.splitlines())
 
 
 def test_a_damaged_compressed_tiff_has_one_line_on_the_real_stderr(folder):

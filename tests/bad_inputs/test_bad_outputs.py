@@ -17,17 +17,6 @@ def test_an_output_that_exists_is_refused_unless_forced(folder, refused, accepte
     assert b"precious" not in (folder / existing).read_bytes()
 
 
-def test_a_run_up_to_date_is_skipped_and_one_into_the_outputs_of_another_refused(
-    folder, accepted, refused
-):
-    accepted("run", "m.yaml", "-o", "new/out")  # which makes the folder
-    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
-    accepted("run", "m.yaml", "-o", "new/out")
-    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
-    words = ["run", "m.yaml", "-o", "new/out", "--set", "inflate.radius=0.1"]
-    refused(words, 4, "out/m/", hint="--force")
-
-
 @pytest.mark.parametrize("name", ["...yaml", "..yaml"])
 def test_a_map_named_by_dots_writes_nothing_beside_its_own_folder(folder, command, name):
     (folder / name).write_text(yaml_text())
@@ -78,17 +67,6 @@ def test_an_output_that_is_the_input_is_refused_always(folder, refused, words, p
     (folder / "p.yaml").write_text(yaml_text(image="p.png"))
     (folder / "p.png").write_bytes(PGM)
     refused([*words.split(), *force], 4, place)
-
-
-LONG = '{"figures": {}, "outputs": {"' + "n" * 300 + '": "0"}}'
-
-
-@pytest.mark.parametrize("manifest", ["{", "[]", '{"outputs": 3}', LONG], ids=lambda m: m[:20])
-def test_a_malformed_manifest_counts_as_stale(folder, accepted, manifest):
-    accepted("run", "m.yaml", "-o", "out")
-    (folder / "out" / "m" / "manifest.json").write_text(manifest)
-    accepted("run", "m.yaml", "-o", "out", "--force")
-    assert "outputs" in json.loads((folder / "out" / "m" / "manifest.json").read_text())
 
 
 @pytest.mark.parametrize("option", [[], ["--force"], ["--dry-run"]], ids=lambda o: "".join(o))

@@ -307,51 +307,6 @@ def test_the_memory_that_a_command_asks_for_is_enough_and_not_much_too_much(ordi
     assert allowed < 3 * peak / 1_000_000
 
 
-def shapes():
-    """Maps whose tables, rows or columns take more than their cells."""
-    rows, cols = np.indices((1500, 1400), sparse=True)
-    noise = np.random.default_rng(3).integers(0, 3, (1500, 1400))
-    line = np.where(np.random.default_rng(4).random(2_000_000) < 0.5, 100, 0)
-    yield "checkerboard", np.where((rows + cols) % 2, 0, 100)
-    yield "thirds", np.array([0, -1, 100])[noise]
-    yield "comb", np.where((cols % 2 == 0) | (rows == 0), 0, 100) + 0 * rows
-    yield "row", line[np.newaxis]
-    yield "column", line[:, np.newaxis]
-
-
-@pytest.fixture(scope="module")
-def odd_maps(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("shapes")
-    for name, values in shapes():
-        write_map(folder / f"{name}.yaml", OccupancyGrid(values.astype(np.int8), 0.05))
-    return folder
-
-
-ON_SHAPES = {
-    "info": "info {}.yaml",
-    "reach": "reach {}.yaml -q -o o.json --force",
-    "lint for a robot": "lint {}.yaml -q --robot-radius 0.02",
-    "report": "report {}.yaml -q -o o.html --force",
-    "align": "align {0}.yaml {0}.yaml",
-    "diff": "diff {0}.yaml {0}.yaml",
-    "merge": "merge {0}.yaml {0}.yaml -q -o o.yaml --force",
-}
-
-
-@pytest.mark.skipif(not IS_COMPILED, reason="the figures are of the compiled kernels")
-@pytest.mark.parametrize("name", ["checkerboard", "thirds", "comb", "row", "column"])
-@pytest.mark.parametrize("line", ON_SHAPES.values(), ids=ON_SHAPES)
-def test_maps_of_odd_shapes_take_no_more_than_they_are_granted(odd_maps, line, name):
-    allowed, needed = 0.0, 60.0
-    while needed > allowed:
-        allowed = needed
-        code, output, peak = measured(odd_maps, line.format(name), f"{allowed}MB")
-        more = re.search(r"needs? ([0-9.]+) MB of memory", output)
-        needed = float(more[1]) if more else allowed
-    assert code in (0, 1), output
-    assert peak < SLACK * allowed * 1_000_000
-
-
 def test_a_repair_that_turns_a_large_map_is_refused_before_it_begins(ordinary):
     code, output, _ = measured(ordinary, f"lint turned.yaml --fix {OUT} --force", "80MB")
     assert (code, "turned.yaml: needs" in output) == (3, True), output

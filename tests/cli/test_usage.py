@@ -116,13 +116,6 @@ def test_an_unknown_ending_gets_those_that_the_command_writes(sh, line, endings)
         assert is_bag or sh(f"{line} -o o{ending} --force")[0] == 0 or ending == ".pbm"
 
 
-def test_an_image_without_its_yaml_is_read_with_a_resolution(sh):
-    Path("bare.pgm").write_bytes(Path("m.pgm").read_bytes())
-    hint = "hint: pass its .yaml, or --resolution R to read the image without one"
-    assert sh.err("run bare.pgm -o out", 3).splitlines()[-1] == hint
-    assert sh("run bare.pgm -o out --resolution 0.5")[0] == 0
-
-
 @pytest.mark.parametrize("name", [name for name in command_names() if name[-1] != name[-2]])
 def test_every_command_is_found_with_two_letters_swapped(sh, name):
     lines = sh.err(name[:-2] + name[-1] + name[-2], 2).splitlines()

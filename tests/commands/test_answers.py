@@ -33,7 +33,6 @@ from robustness.seeds import ANSWERS
 
 SHAPES = {"type": "Feature", "properties": {"radius": 0.5},
           "geometry": {"type": "Point", "coordinates": [1, 2]}}  # fmt: skip
-ALL = {**ANSWERS, "shapes": SHAPES}
 ALIGNMENT, COMPARISON, DIFF, LINT, REACH, ROUTE, SCORE = (
     ANSWERS[name] for name in ["alignment", "comparison", "diff", "lint", "reach", "route", "score"]
 )
@@ -311,32 +310,6 @@ def test_routes_come_back_as_they_were_written(
     summary = (found.start, found.goal, found.local_minimum, found.expanded, found.reached)
     assert summary == (points[0], points[-1], minimum, expanded, minimum is None)
     assert (found.length, found.cost, found.min_clearance, found.mean_clearance) == figures
-
-
-PLACES_IN_DOCUMENTS = st.randoms(use_true_random=False)
-JUNK = st.sampled_from(
-    [None, True, -1, 0.5, 1e308, 10**300, "", "<script>", "\ud800", [], [[]], {}, {"x": 1}]
-)
-
-
-@pytest.mark.filterwarnings("ignore::mapdeal.MapdealWarning")  # a shape may be left out
-@given(name=st.sampled_from(sorted(ALL)), chance=PLACES_IN_DOCUMENTS, junk=JUNK)
-def test_a_damaged_value_is_refused_or_read(tmp_path_factory, name, chance, junk):
-    document = json.loads(json.dumps(ALL[name]))
-    within = document
-    while True:
-        keys = list(within) if isinstance(within, dict) else list(range(len(within)))
-        key = chance.choice(keys)
-        if not isinstance(within[key], dict | list) or not within[key] or chance.random() < 0.2:
-            break
-        within = within[key]
-    within[key] = junk
-    path = tmp_path_factory.getbasetemp() / "damaged.json"
-    path.write_text(json.dumps(document))
-    try:
-        read_results(path)
-    except MalformedInputError as error:
-        assert str(error).startswith(str(path))
 
 
 LIMIT = Bottleneck(-2.0, 1.0, 0.62)

@@ -245,12 +245,6 @@ def test_costs_in_place_of_the_map_are_refused(command, site):
     assert err.startswith("error: cost.npz: holds costs; parameters are compared on a map\n")
 
 
-def test_the_picture_says_what_changes(command, site):
-    code, _, _ = command(*words("slim.yaml", "wide.yaml", *site, "--image", "d.png"))
-    assert code == 1
-    assert Path("d.png").stat().st_size > 1000
-
-
 def page_of(command, site, *pair):
     Path("diff.json").write_text(command(*words(*pair, *site, "--json"))[1])
     (entry,) = entries_of(Path("diff.json"))

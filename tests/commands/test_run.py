@@ -67,14 +67,6 @@ def test_a_recipe_in_memory_makes_what_a_run_writes(name, canvas):
         np.testing.assert_array_equal(getattr(products[stage], layer), getattr(written, layer))
 
 
-@pytest.mark.usefixtures("mapdeal_warnings")
-def test_a_run_that_fails_leaves_nothing():
-    mapdeal.write_map("blank.yaml", mapdeal.OccupancyGrid(np.full((2, 3), -1, np.int8), 0.5))
-    with pytest.raises(mapdeal.MapdealError, match=r"blank\.yaml"):
-        mapdeal.run("blank.yaml", "out", "design-sim")
-    assert not Path("out").exists()
-
-
 def test_changes_are_values_of_python_and_numpy_or_texts():
     changes = {
         "inflate.radius": np.float32(0.5),

@@ -69,7 +69,7 @@ def test_every_job_has_its_outcome_in_order(tmp_path, size):
 
 
 @pytest.mark.parametrize(("names", "failed", "message"), [
-    ("a once b killer c slow d killer2 e", "killer killer2", "maps/killer.yaml: the worker process"),
+    ("a once b killer c slow d killer2 e", "killer killer2", "maps/killer.yaml: the worker"),
     ("a term b", "term", "the worker process died"),  # it ends itself with SIGTERM
     ("a odd b", "odd", "internal error"),  # its result cannot be sent
 ])  # fmt: skip

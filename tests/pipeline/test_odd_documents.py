@@ -197,7 +197,7 @@ def test_documents_of_which_all_of_a_kind_is_empty(check, documents):
 
 def test_documents_without_a_part(check, documents):
     for name, document in documents.items():
-        places = [path for path in paths_in(document) if len(path) < 2]
+        places = [path for path in paths_in(document) if len(path) < 2][::3]
         with Grids(DEFAULT_SETTINGS) as grids:
             for number, changed in enumerate(without(document, places)):
                 check(name, changed, grids, info=number % 3 == 0)

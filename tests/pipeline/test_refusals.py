@@ -4,7 +4,6 @@ import json
 
 import pytest
 
-import made_up_stages
 from mapdeal import Footprint, ParameterError, load_recipe, write_map
 from mapdeal.stages.catalogue import STAGES
 from pipeline.reported import rooms_grid
@@ -116,8 +115,7 @@ def test_options(command, here, words, code, message):
     assert "lint" not in words or sorted(here.iterdir()) == before
 
 
-def test_a_shape_that_nothing_takes(here, monkeypatch):
-    made_up_stages.list_visit(monkeypatch)
+def test_a_shape_that_nothing_takes(here):
     (here / "r.yaml").write_text("stages:\n  - esdf\n")
     with pytest.raises(ParameterError, match="no stage that uses a robot's shape"):
         load_recipe("r.yaml", footprint=Footprint.circle(0.2))

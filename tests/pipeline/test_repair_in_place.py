@@ -3,7 +3,6 @@
 import io
 import json
 import os
-import shutil
 import stat
 from pathlib import Path
 
@@ -157,21 +156,6 @@ def test_a_turned_map_is_made_anew_as_its_copy_is(command, fixed, folder, kind, 
     assert np.array_equal(here.occupancy, copy.occupancy)
     assert Path("m.yaml").read_text().startswith(f"# mine\nimage: m.{kind}\nmode: trinary\n")
     assert {path.name for path in folder.glob("m*")} == {"m.pgm", f"m.{kind}", "m.yaml"}
-
-
-def test_real_maps_are_repaired_as_their_copies_are(command, fixed, real_maps, tmp_path):
-    """Every map of which something is repaired: its cells are those of ``--fix -o``."""
-    sources = [*real_maps.rglob("testmap*.yaml"), *real_maps.rglob("depot.yaml")]
-    assert len(sources) >= 3
-    for number, source in enumerate(sources):
-        folder = tmp_path / str(number)
-        shutil.copytree(source.parent, folder)
-        path, copied = folder / source.name, folder / "copy" / "c.yaml"
-        command("lint", path, "--fix", "-o", copied)
-        if "repaired" in fixed(name=path)[1]:
-            here, copy = read_map(path), read_map(copied)
-            assert here.origin == copy.origin
-            assert np.array_equal(here.occupancy, copy.occupancy), source
 
 
 def test_an_image_of_a_format_that_is_only_read_gets_one_beside_it(fixed):

@@ -298,22 +298,6 @@ def test_a_run_that_is_named_many_times_is_on_the_page_once(run, tmp_path):
     assert [entry.name for entry in entries_of(*paths[:0:-1])] == ["link", "other"]
 
 
-def test_a_method_that_has_many_names_is_on_the_page_once(command, tmp_path):
-    scan = f"FLASER 180 {'2.0 ' * 180}0.5 0 0 0.5 0 0 {{0}} robot {{0}}\n"
-    (tmp_path / "log.clf").write_text("".join(scan.format(time) for time in (1.0, 2.0)))
-    assert command("build", tmp_path / "log.clf", "-o", tmp_path / "c", "--compare")[0] == 0
-    names = [f"{k}/tsdf" for k in range(301)]
-    changed(
-        tmp_path / "c/comparison.json",
-        lambda document: document["methods"].update(
-            dict.fromkeys(names, document["methods"]["tsdf"])
-        ),
-    )
-    (entry,) = entries_of(tmp_path / "c")
-    assert layer_names(entry) == ["log-odds", "counting", "tsdf"]
-    assert entry.compared == ("log-odds", "counting")
-
-
 @pytest.mark.parametrize("name", ["esdf.npz", "inflated.yaml"])
 @pytest.mark.parametrize("change", ["smaller", "of another kind"])
 def test_a_file_that_changes_while_a_page_is_made_ends_it(run, name, change):

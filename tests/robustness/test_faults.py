@@ -11,7 +11,6 @@ import pytest
 
 from bad_maps import tree
 from mapdeal import OccupancyGrid, write_map
-from mapdeal.checks.lint import lint_file
 from mapdeal.cli.main import main
 from robustness.kill_runs import kill_all
 
@@ -94,30 +93,6 @@ def test_a_full_disk_leaves_the_old_outputs(folder):
     assert tree(folder / "out" / "m") == before
 
 
-@pytest.mark.thorough
-def test_two_runs_into_one_folder_do_not_mix(folder):
-    radii = ("0.1", "0.2")
-    known = []
-    for radius in radii:
-        more = ["--set", f"inflate.radius={radius}"]
-        run_here(folder, radius, *more)
-        known.append(tree(folder / radius / "m"))
-    for _ in range(5):
-        running = [
-            subprocess.Popen(
-                words(folder, folder / "out", "--force", "--set", f"inflate.radius={radius}"),
-                stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-            )
-            for radius in radii
-        ]  # fmt: skip
-        for process in running:
-            _, stderr = process.communicate(timeout=120)
-            assert process.returncode == 0, stderr
-        found = tree(folder / "out" / "m")
-        assert found in known
-        assert lint_file(folder / "out" / "m") == []
-
-
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_run_into_a_read_only_folder_is_one_line(folder):
     (folder / "locked").mkdir(mode=0o555)
@@ -125,14 +100,6 @@ def test_a_run_into_a_read_only_folder_is_one_line(folder):
     assert completed.returncode == 4
     assert len(completed.stderr.splitlines()) == 1
     assert not list((folder / "locked").iterdir())
-
-
-def test_a_replaced_file_keeps_its_permissions(folder):
-    run_here(folder, "out")
-    target = folder / "out" / "m" / "cost.pgm"
-    target.chmod(0o640)
-    assert run(folder, "out", *WIDER, umask=0o077).returncode == 0
-    assert target.stat().st_mode & 0o777 == 0o640
 
 
 @pytest.mark.thorough

@@ -6,7 +6,6 @@ the calls to the system that a command makes, so they are the same on every mach
 
 import os
 import shutil
-import threading
 from functools import partial
 from types import SimpleNamespace
 
@@ -177,41 +176,3 @@ def test_a_result_is_of_the_old_inputs_or_of_the_new_ones(
             assert contents(outputs) == {}
             outcomes.append(None)
     assert len(set(outcomes)) >= 2, outcomes  # the moments were such that it mattered
-
-
-def test_a_batch_over_maps_that_change_all_the_time_mixes_none(pairs, command):
-    """Workers are other processes: their inputs are replaced as often as there is time for."""
-    count = 8
-    for index in range(count):
-        write_map(pairs / "maps" / f"{index}.yaml", grid(1))
-    words = ["run", "maps", "-o", "out", "-j", "2", "--no-images", "-q", "--force"]
-    known = []
-    for seed in (1, 2):
-        for index in range(count):
-            write_map(pairs / "maps" / f"{index}.yaml", grid(seed), force=True)
-        assert command(*words)[0] == 0
-        known.append([contents(pairs / "out" / str(index)) for index in range(count)])
-    is_over, replaced = threading.Event(), []
-
-    def go_on_replacing():
-        while not is_over.is_set() or len(replaced) < MOMENTS:
-            seed = 1 + len(replaced) // count % 2
-            path = pairs / "maps" / f"{len(replaced) % count}.yaml"
-            write_map(path, grid(seed), force=True)
-            replaced.append(path)
-
-    thread = threading.Thread(target=go_on_replacing)
-    thread.start()
-    try:
-        shutil.rmtree(pairs / "out")
-        code, _, err = command(*words)
-    finally:
-        is_over.set()
-        thread.join()
-    assert code in (0, 5), err
-    for index in range(count):
-        folder = pairs / "out" / str(index)
-        if folder.exists():
-            assert contents(folder) in (known[0][index], known[1][index]), index
-        else:
-            assert "changed while it was read" in err

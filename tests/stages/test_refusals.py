@@ -7,7 +7,6 @@ import pytest
 
 import mapdeal
 from drawn import grid_from_text
-from made_up_stages import list_visit
 from mapdeal import OccupancyGrid, ParameterError, esdf, field_view
 from mapdeal.grid.frame import Frame
 from mapdeal.pipeline.recipe import load_recipe
@@ -182,14 +181,13 @@ def test_steps_of_costs_are_refused_with_their_place(message, parameters):
     ("cost.layers", "[{inflation: {inflation_radius: 010}}]", "must be a decimal number"),
     ("cost.layers", "[" * 30, "nested deeper"),
     ("cost.layers", "[{static: ", "not valid YAML"),
-    ("visit.goals", "{kitchen: [7.1, 3.2}", None),
-    ("visit.goals", "{kitchen: [7.1]}", "kitchen: must be (a list of )?2 numbers"),
-    ("visit.goals", "{a: [1, 2], a: [3, 4]}", "appears twice"),
+    ("reach.goals", "{kitchen: [7.1, 3.2}", None),
+    ("reach.goals", "{kitchen: [7.1]}", "kitchen: must be (a list of )?2 numbers"),
+    ("reach.goals", "{a: [1, 2], a: [3, 4]}", "appears twice"),
 ])  # fmt: skip
-def test_settings_are_read_as_recipes_are(tmp_path, monkeypatch, name, text, message):
-    list_visit(monkeypatch)
+def test_settings_are_read_as_recipes_are(tmp_path, name, text, message):
     path = tmp_path / "r.yaml"
-    path.write_text("stages:\n  - visit:\n  - cost: {model: layers}\n")
+    path.write_text("stages:\n  - reach:\n  - cost: {model: layers}\n")
     with pytest.raises(ParameterError, match=message) as caught:
         load_recipe(str(path), changes=[f"{name}={text}"])
     assert str(caught.value).startswith(f"--set: {name}")
