@@ -16,7 +16,6 @@ TESTS = "".join(
 
 
 def definitions():
-    """Yield the definitions of stages and commands, which have parameters."""
     yield from STAGES
     for name in filter(lambda name: find_spec(f"mapdeal.commands.{name}"), command_names()):
         import_module(f"mapdeal.commands.{name}")

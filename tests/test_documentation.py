@@ -34,7 +34,6 @@ def _name(page):
 
 
 def _script(name):
-    """Return a script of docs as a module."""
     spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
     script = importlib.util.module_from_spec(spec)
     sys.modules[name] = script  # where data classes look for their module
@@ -44,7 +43,6 @@ def _script(name):
 
 @pytest.fixture
 def tables(tmp_path, monkeypatch):
-    """The script docs/tables.py, at work on a copy of the pages."""
     script = _script("tables")
     for page in script.PAGES:
         shutil.copy(ROOT / "docs" / page, tmp_path)
@@ -102,7 +100,6 @@ def test_every_command_of_a_page_runs_and_prints_what_is_shown(page, project, co
 
 
 def _colours(picture):
-    """Count the pixels of each colour of a picture."""
     with Image.open(picture) as image:
         pixels = image.convert("RGB")
         return Counter(dict(map(reversed, pixels.getcolors(pixels.width * pixels.height))))

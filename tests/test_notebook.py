@@ -27,14 +27,12 @@ CODE = {name: "".join(cell["source"]) for name, cell in CELLS.items() if "output
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """The notebook's folder in a copy of the examples, as its user's."""
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path / "examples" / "notebooks")
     return tmp_path / "examples" / "notebooks"
 
 
 def _executed(code, names):
-    """Return the value of the last expression of a cell, None if it ends in a statement."""
     tree = ast.parse(code)
     last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
     exec(compile(tree, "cell", "exec"), names)  # noqa: S102

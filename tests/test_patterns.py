@@ -35,7 +35,6 @@ def text_of(pattern):
 
 
 def called(node):
-    """Return the function of re that a node calls, or an empty text."""
     is_call = isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
     is_ours = is_call and ast.unparse(node.func.value) == "re" and node.func.attr in FUNCTIONS
     return node.func.attr if is_ours else ""

@@ -36,7 +36,6 @@ def environment(**more):
 
 @pytest.fixture
 def maps(tmp_path, monkeypatch):
-    """A good map and a turned one, each with its image."""
     monkeypatch.chdir(tmp_path)
     cells = np.zeros((9, 14), np.int8)
     cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
@@ -127,7 +126,6 @@ def test_the_hook_looks_at_files_of_maps():
 
 
 def blocks(first_line):
-    """The YAML examples of the page that begin with a line."""
     found = re.findall(r"^```yaml\n(.*?)^```", PAGE.read_text(), re.MULTILINE | re.DOTALL)
     return [text for text in found if text.startswith(first_line)]
 
@@ -157,7 +155,6 @@ def test_the_page_has_every_input_of_the_action():
 
 
 def run_step(name, folder, python=sys.executable, **inputs):
-    """Run a step of the action as a runner does: inputs come by the environment alone."""
     (step,) = [entry for entry in RUNS["steps"] if entry.get("name") == name]
     assert "${{" not in step["run"]
     values = {f"inputs.{name}": entry["default"] for name, entry in INPUTS.items()}

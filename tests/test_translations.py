@@ -59,7 +59,6 @@ def levels(lines):
 
 
 def tables(lines):
-    """The rows of each table."""
     grouped = itertools.groupby(lines, lambda line: line.startswith("|"))
     return [list(rows) for is_table, rows in grouped if is_table]
 
@@ -71,7 +70,6 @@ def spans(row):
 
 
 def resolved(page, target):
-    """A link target as (path or address, fragment)."""
     address, _, fragment = target.partition("#")
     if address.startswith("http"):
         return address, fragment
@@ -87,7 +85,6 @@ def targets(page, lines, pictures):
 
 
 def untranslated(line):
-    """Return the English words that remain in a line, or an empty text."""
     text = LINK.sub(r"\2", SPAN.sub("", line))
     if re.search(r"<a id=", text):
         return ""

@@ -65,8 +65,6 @@ def image_refused(folder, refused):
 
 @pytest.fixture
 def read_cells(folder, accepted):
-    """The cells of m.yaml with an image after a conversion, and the warnings it made."""
-
     def read(image, **keys):
         write_map(folder, yaml_text(**keys), image)
         _, warned = accepted("convert", "m.yaml", "-o", "o.npz", "--force")

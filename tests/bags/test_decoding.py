@@ -18,7 +18,6 @@ PART = "pkg/Part"
 
 @st.composite
 def fields(draw, kinds):
-    """Draw the lines of a definition, with comments and constants between."""
     kinds = draw(st.lists(st.sampled_from(kinds), min_size=1, max_size=7))
     endings = st.sampled_from(["", "[]", "[3]", "[<=9]"])
     lines = [f"{kind}{draw(endings)} f{number}" for number, kind in enumerate(kinds)]

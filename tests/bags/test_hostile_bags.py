@@ -138,30 +138,6 @@ def test_damaged_files_are_checked_for_views_too(changed):
     refused(path, f"{NO_VIEWS}|is damaged")
 
 
-@pytest.mark.parametrize("table", ["messages", "topics"])
-def test_pages_that_lead_to_each_other_end(changed, table):
-    """Eight levels of pages, each with hundreds of cells that lead to the same page below."""
-    path = changed("VACUUM")
-    db = sqlite3.connect(path)
-    ((root,),) = db.execute("SELECT rootpage FROM sqlite_master WHERE name = ?", (table,))
-    ((size,),) = db.execute("PRAGMA page_size")
-    db.close()
-    data = bytearray(path.read_bytes())
-    top = slice((root - 1) * size, root * size)
-    data += data[top]
-    for _ in range(8):
-        below = len(data) // size
-        count = (size - 12) // 8
-        cells = (below.to_bytes(4, "big") + b"\x87\x68") * count
-        head = struct.pack(">BHHHBI", 5, 0, count, size - len(cells), 0, below)
-        places = struct.pack(f">{count}H", *range(size - len(cells), size, 6))
-        data += (head + places).ljust(size - len(cells), b"\0") + cells
-    data[top] = data[-size:]
-    data[28:32], data[92:96] = (len(data) // size).to_bytes(4, "big"), data[24:28]
-    path.write_bytes(data)
-    refused(path, "more rows than fit into the file|is there twice|is damaged")
-
-
 @pytest.mark.parametrize("make", [os.mkfifo, Path.mkdir, lambda log: log.symlink_to("/dev/zero")])
 def test_a_log_that_is_not_a_file_is_ignored(changed, make, tmp_path):
     path = changed()
@@ -321,29 +297,6 @@ def test_records_are_not_read_at_once(tmp_path):
             bag.data(place)
     indexed = start + chunk(b"", "", 0) + struct.pack("<BQHI", 7, length + 6, 1, length)
     refused(sparse(tmp_path / "b.mcap", indexed, length), "the places of .* messages need")
-
-
-def test_the_search_for_a_message_behind_descriptions_ends(tmp_path):
-    """Some writers index the description before a message, so reading skips descriptions."""
-
-    def fields(**values):
-        content = b"".join(word(name.encode() + b"=" + v) for name, v in values.items())
-        return struct.pack("<I", len(content)) + content
-
-    def number(value):
-        return struct.pack("<I", value)
-
-    details = word(b"type=tf2_msgs/TFMessage")
-    description = fields(op=b"\7", conn=number(0), topic=b"/tf") + number(len(details)) + details
-    data = description * 5000
-    size = number(len(data))
-    content = fields(op=b"\5", compression=b"none", size=size) + size + data
-    entries = struct.pack("<III", 1, 1, 0) * 5000
-    index = fields(op=b"\4", ver=number(1), conn=number(0), count=number(5000))
-    path = tmp_path / "a.bag"
-    index += number(len(entries)) + entries
-    path.write_bytes(b"#ROSBAG V2.0\n" + description + content + index)
-    refused(path, "an index record points to no message")
 
 
 LINE = "=" * 80

@@ -23,7 +23,6 @@ def test_a_good_map_has_no_finding(tmp_path):
 
 
 def messages(check, path):
-    """Return the messages of a check; assert that lint sorts findings by severity."""
     findings = lint_file(path)
     ranks = [("error", "warning", "note").index(finding.severity) for finding in findings]
     assert ranks == sorted(ranks)

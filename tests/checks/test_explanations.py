@@ -48,7 +48,6 @@ def is_yaml(name):
 
 
 def merged(base, changes):
-    """Return a mapping with changes; None removes a key."""
     result = dict(base)
     for key, value in changes.items():
         is_part = isinstance(value, dict) and isinstance(result.get(key), dict)

@@ -31,8 +31,6 @@ def mask_of(*cells, value=100, outside=-1):
 
 @pytest.fixture
 def found(tmp_path):
-    """Lint a mask against the rooms; return its findings by check."""
-
     def run(values=None, pixels=None, *, mode=None, frame=MAP.frame, extra=None, **options):
         write_map(tmp_path / "map.yaml", MAP, force=True)
         values = mask_of((5, 2)) if values is None else values

@@ -73,7 +73,6 @@ def around(shape):
 
 
 def stretches(cells):
-    """Return the free stretches of the border as lists of cells."""
     walk, is_closed = around(cells.shape)
     is_free = [cells[cell] == 0 for cell in walk]
     if is_closed and not all(is_free):  # begin behind a cell that is not free

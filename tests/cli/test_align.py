@@ -19,7 +19,6 @@ PRIOR = (5.3, 1.8, 2.1)
 
 @pytest.fixture(autouse=True)
 def maps(here):
-    """a and b are of one building; hall and turned may be turned by half a turn or not."""
     mapdeal.write_map("a.yaml", drawn(WALLS, 0.15, HERE, origin_yaw=0.2))
     mapdeal.write_map("b.yaml", drawn(WALLS, 0.2, THERE))
     mapdeal.write_map("hall.yaml", drawn(HALL, 0.2))

@@ -96,7 +96,6 @@ class Drive:
             maker.add(topic, LASER, time, message)
 
     def full_bag(self, turn=None, **options):
-        """Return a bag with transforms and scans."""
         maker = Maker()
         self.mounted(maker, turn=turn)
         self.moving(maker)
@@ -121,7 +120,6 @@ def same(found, expected):
 
 
 def same_as_of(found, parts, method="counting"):
-    """A map is what scans give, part by part."""
     builder = mapdeal.MapBuilder(found.frame, method)
     for part in parts:
         builder.add(part)
@@ -129,7 +127,6 @@ def same_as_of(found, parts, method="counting"):
 
 
 def bag_of(maker, form="mcap"):
-    """Write a bag into a new folder; return its path."""
     folder = Path(f"made{len(list(Path().glob('made*')))}").absolute()
     folder.mkdir()
     return maker.write(folder, form)
@@ -141,7 +138,6 @@ def contents(path):
 
 
 def built(sh, path, options="", warning=""):
-    """Build a map, which must be warned of in these words, if any; return it."""
     code, _, err = sh(f"build {path} -o m.yaml {options}")
     assert (code, warning in err, bool(err)) == (0, True, bool(warning)), err
     return read_map("m.yaml")
@@ -345,7 +341,6 @@ def test_costs_keep_their_scale_by_default(sh, words, scale, cost):
 
 @pytest.fixture
 def own(here):
-    """A map and costs to write into bags."""
     mapdeal.write_map("map.npz", GRID)
     costs = np.array([[0, 100, 253], [254, 255, 1]], np.uint8)
     mapdeal.write_map("c.npz", mapdeal.Costmap(costs, 0.25, (1, 2, 0.5)))

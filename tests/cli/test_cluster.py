@@ -115,7 +115,6 @@ def writes(process):
 
 
 def kill_one_that_writes(dask, process):
-    """Kill the first worker that is seen to write; return it."""
     while True:
         assert process.poll() is None, process.communicate()
         for worker in filter(writes, dask.workers):

@@ -45,8 +45,6 @@ CASES = [
 
 @pytest.fixture
 def answer(monkeypatch, capsys):
-    """What mapdeal answers to a shell's question."""
-
     def ask(shell, **variables):
         with monkeypatch.context() as patch, pytest.raises(SystemExit) as ended:
             patch.setenv("_MAPDEAL_COMPLETE", f"complete_{shell}")
@@ -127,8 +125,6 @@ STARTS = {
 
 @pytest.fixture
 def shell_finds(command, here, monkeypatch):
-    """Write the script of a shell, and variables with which shells find this mapdeal."""
-
     def prepare(shell):
         if shutil.which(shell) is None:
             pytest.skip(f"needs {shell}")
@@ -184,7 +180,6 @@ def test_completes_at_tab(shell_finds, shell):
 
 
 def read_until(terminal, pattern, seconds=60):
-    """Return the match of what a terminal shows."""
     shown, end = b"", time.monotonic() + seconds
     while time.monotonic() < end:
         if select.select([terminal], [], [], 0.2)[0]:

@@ -32,8 +32,6 @@ def folder(here):
 
 @pytest.fixture
 def streams(monkeypatch):
-    """Set stdout and stderr of an encoding; return what gives all that was written."""
-
     def set_up(encoding):
         buffers = io.BytesIO(), io.BytesIO()
         for name, buffer in zip(("stdout", "stderr"), buffers, strict=True):

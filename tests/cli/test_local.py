@@ -35,7 +35,6 @@ LOCAL = "local --cloud scan.pcd --pose -1.5,0.7,1.2 --size 3,2 --resolution 0.1"
 
 @pytest.fixture
 def points(here):
-    """Points of a cloud that lies in scan.pcd."""
     found = np.random.default_rng(8).uniform(-1.4, 1.4, (300, 3)).round(3).astype("f4")
     found = found.astype(float)
     fields = [("x", "f4", 1), ("y", "f4", 1), ("z", "f4", 1)]

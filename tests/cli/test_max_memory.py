@@ -48,8 +48,6 @@ IN_BLOCKS = "processed in blocks of rows\n"
 
 @pytest.fixture
 def twice(command, building, tmp_path):
-    """What runs a command in plenty of memory and in little: its outputs must be the same."""
-
     def run(words, output="", memory=LITTLE, *, source=building):
         warnings = []
         for name, size in (("whole", PLENTY), ("blocks", memory)):
@@ -74,7 +72,7 @@ def twice(command, building, tmp_path):
 @pytest.mark.parametrize(
     ("recipe", "memory"),
     [
-        ("default", LITTLE), ("nav2", LESS), ("design-real", LITTLE), ("design-sim", LESS),
+        ("default", LITTLE), ("nav2", LESS), ("design-real", LITTLE),
         ("design-sim --canvas full", LITTLE),
     ],
 )  # fmt: skip

@@ -52,7 +52,6 @@ def sparse(path, head, size):
 
 
 def tiff(path, tags, size):
-    """A TIFF of some tags that has no more bytes than its size."""
     entries = b"".join(struct.pack("<HHII", tag, kind, 1, value) for tag, kind, value in tags)
     data = b"II*\0" + struct.pack("<IH", 8, len(tags)) + entries + struct.pack("<I", 0)
     path.write_bytes(data.ljust(size, b"\0"))
@@ -194,7 +193,6 @@ def test_an_empty_png_of_another_program_is_no_bomb(bombs):
 
 
 def site(folder, side):
-    """Files of a site that is as ordinary as can be."""
     values = np.zeros((side, side + 100), np.int8)
     values[::50, 7::7] = 100
     values[:, -100:] = -1

@@ -43,7 +43,6 @@ def end(name):
 
 
 def transform_file(name, transform, first=None, second=None):
-    """Write a transform, as align does if its maps are given; return the name."""
     document = {"x": transform.x, "y": transform.y, "yaw": transform.yaw}
     if first:
         document = {"transform": document, "first": end(first), "second": end(second)}

@@ -112,7 +112,6 @@ def words_of(line, name):
 
 
 def check(command, folder, monkeypatch, line, name, before, *, is_output):
-    """Run one line; return the tree without the files that are new."""
     words = words_of(line, name)
     with monkeypatch.context() as patch:
         if name == "gone":

@@ -59,7 +59,6 @@ def flat_cost(
 
 @pytest.fixture
 def listed(here, monkeypatch):
-    """A map, with the two in the list of stages."""
     block = re.search(
         r"^```python\n(\"\"\"Stage .*?)^```", PAGE.read_text(), re.MULTILINE | re.DOTALL
     )

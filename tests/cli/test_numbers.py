@@ -18,7 +18,6 @@ FOR_ALL_SHARED = ("run", "local", "potential")
 
 
 def commands():
-    """Yield each command's name, and its options with values."""
     group = typer.main.get_command(app)
     for name in command_names():
         command = group.get_command(None, name)

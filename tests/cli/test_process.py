@@ -37,7 +37,6 @@ def process(*words, code=None, **environment):
 
 
 def shell(line):
-    """Run a line of the shell in which $mapdeal is the command."""
     return subprocess.run(
         ["bash", "-c", f"set -o pipefail; {line}"],
         capture_output=True, text=True,

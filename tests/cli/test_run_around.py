@@ -18,7 +18,6 @@ POSE = "--pose 0.5,0.3,1.2"
 
 @pytest.fixture
 def place(here):
-    """A turned map and a cloud."""
     values = np.random.default_rng(3).choice([-1, 0, 100], (30, 40), p=[0.3, 0.69, 0.01])
     write_map("m.yaml", OccupancyGrid(values, 0.1, (-2.03, -1.06, 0.3)))
     np.savetxt("c.csv", [[0.62, 0.04, 1], [-0.41, 0.33, 1], [0.1, 0, 1]], delimiter=",")

@@ -21,7 +21,6 @@ TEXT = """
 
 @pytest.fixture
 def world(here):
-    """Write a map and a window of it whose costs are of a point, and return the map."""
     grid = grid_from_text(TEXT, 0.5, (1.5, -2.0, 0.0))
     mapdeal.write_map(here / "world.yaml", grid)
     mapdeal.write_map(here / "window.npz", _costs_of(grid.occupancy[:, :10]))

@@ -20,7 +20,6 @@ ROBOT = ROOT / "examples" / "robots" / "nav2_params.yaml"
 
 @pytest.fixture
 def folder(tmp_path, command):
-    """All that is made of the office's zones, and what the command says of it."""
     code, out, err = command("mask", OFFICE, "--file", ZONES, "-o", tmp_path / "f", "--json")
     assert (code, err) == (0, "")
     return tmp_path / "f", json.loads(out)

@@ -30,8 +30,6 @@ def office():
 
 @pytest.fixture
 def drawn_by(command, tmp_path):
-    """Run a command, and return the bytes of its picture."""
-
     def run(*words, out="out.npz"):
         words = [*words, *(["-o", tmp_path / out] if out else []), "--image", tmp_path / "x.png"]
         code, _, err = command(*words)

@@ -34,7 +34,6 @@ SLOW = ["--rate=1", "--beams=90"]
 
 @pytest.fixture
 def rooms(tmp_path, monkeypatch):
-    """A folder with rooms.yaml, and their map."""
     monkeypatch.chdir(tmp_path)
     values = np.kron(grid_from_text(ROOMS).occupancy, np.ones((3, 3), np.int8))
     grid = mapdeal.OccupancyGrid(values, 0.1, (-1.3, 2.7, 0.0))

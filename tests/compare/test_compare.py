@@ -421,7 +421,6 @@ def test_all_values_of_the_maps_are_those_recorded(real_maps, name):
 
 
 def generated(folder):
-    """Return the estimate and the truth of the pair that a script of the data makes."""
     spec = importlib.util.spec_from_file_location("make_pairs", folder / "align" / "make_pairs.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

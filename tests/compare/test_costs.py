@@ -25,7 +25,6 @@ def costs(longest=6):
 
 
 def kinds_of_change(a, b):
-    """Return the kinds of change of a cost."""
     closed = [cost in (253, 254) for cost in (a, b)]
     unknown = [cost == 255 for cost in (a, b)]
     found = set()

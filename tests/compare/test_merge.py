@@ -117,6 +117,7 @@ def known_places(grid, lattice):
     return dict(zip(map(tuple, at.tolist()), grid.occupancy[tuple(known.T)].tolist(), strict=True))
 
 
+@settings(max_examples=12)
 @given(st.lists(occupancies(6), min_size=2, max_size=4), st.data())
 def test_counts_rules_and_conflicts_on_one_lattice_by_hand(arrays, data):
     lattice = OccupancyGrid([[0]], 0.07, (1.3, -0.2, 0.7)).frame

@@ -17,8 +17,6 @@ MB = 1_000_000
 
 @pytest.fixture
 def free(monkeypatch):
-    """Set how much memory is free."""
-
     def set_free(count):
         monkeypatch.setattr(budget, "free_memory", lambda: count)
 

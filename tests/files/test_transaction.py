@@ -426,7 +426,6 @@ def test_a_map_that_is_read_between_two_renames_is_refused(tmp_path, monkeypatch
 
 
 def is_locked(folder):
-    """Try to lock a folder as another process would."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -60,7 +60,6 @@ def tree(node, text):
 
 
 def check(text):
-    """Compare the entries of a text with those that PyYAML composes of it, without limits."""
     try:
         entries = parse_mapping(NAME, text.encode(), OF_RECIPES)
     except MalformedInputError as error:

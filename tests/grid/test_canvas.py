@@ -24,7 +24,6 @@ WALL = grid_from_text("#...?\n#....\n##..#", 0.25, (1.5, -2.0, 0.4))
 
 
 def padded(array, margins, outside=None):
-    """Pad the last two axes of an array by hand: south, north, west, east."""
     south, north, west, east = margins
     axes = [(0, 0)] * (array.ndim - 2) + [(south, north), (west, east)]
     value = OUTSIDE[array.dtype.kind] if outside is None else outside
@@ -226,7 +225,6 @@ def test_grids_side_by_side_share_no_area_whatever_the_rounding():
 
 
 def margins_of(frame, margins):
-    """The frame with so many cells more: south, north, west, east."""
     south, north, west, east = margins
     height, width = frame.height + south + north, frame.width + west + east
     return frame.window(-south, -west, height, width)

@@ -51,7 +51,6 @@ def shared_maps():
 
 
 def samples():
-    """A value of each public type, by the name of the type."""
     map_, field, robot_shape = grid(), mapdeal.esdf(grid()), mapdeal.Footprint.circle(0.2)
     costmap = mapdeal.exponential_cost(map_, inscribed_radius=0.1, inflation_radius=0.3)
     built = mapdeal.build_map([[0, 0, 0.3]], [0.0, 0.5], [[1.0, 1.2]], resolution=0.25)

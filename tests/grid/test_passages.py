@@ -385,7 +385,6 @@ def assert_split_by(grid, passage, start, radius):
 
 
 def widest_doors(doors):
-    """Return of the doors to the same areas the widest."""
     by_area = {door.cut_off: door for door in sorted(doors, key=lambda door: door.width)}
     return list(by_area.values())
 

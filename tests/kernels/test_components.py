@@ -17,7 +17,6 @@ HEIGHTS = st.lists(st.integers(1, 5), min_size=1, max_size=3)
 
 
 def added(rows, heights, **options):
-    """Components of rows that are given some at a time, of these heights in turn."""
     found, first, turns = Components(**options), 0, itertools.cycle(heights)
     while first < len(rows):
         height = next(turns)

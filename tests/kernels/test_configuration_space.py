@@ -26,7 +26,6 @@ def covered(runs):
 
 
 def check(blocked, footprints, seeds, cells):
-    """Compare a space with a search cell by cell, for footprints as lists of runs."""
     space = ConfigurationSpace(blocked, [as_spans(runs) for runs in footprints])
     opened = oracles.open_poses(blocked, [covered(runs) for runs in footprints])
     reached = oracles.reached_poses(opened, seeds)

@@ -184,7 +184,6 @@ def test_a_table_s_last_square_is_one_of_it_and_the_next_is_beyond(reach):
 
 @st.composite
 def cut_masks(draw, longest):
-    """A mask and the rows between which it is cut."""
     marked = draw(masks(longest))
     inner = draw(st.sets(st.integers(1, len(marked))))
     return marked, [slice(*pair) for pair in itertools.pairwise(sorted({0, len(marked), *inner}))]

@@ -43,7 +43,6 @@ def _summary_of(found):
 
 @st.composite
 def surcharged(draw, longest=9):
-    """Draw a field and the surcharges on the estimates of its cells."""
     weights, start, goal = draw(fields(longest))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     choices = draw(st.sampled_from([[0.0], [0.0, 0.5, 1.0], [0.0, 0.1, 7.0, 40.0]]))

@@ -98,7 +98,6 @@ def test_work_goes_on_at_the_same_time():
 
 
 def busy(size):
-    """A pool, what its first thread is at, and an event by which that ends."""
     may_end, began, pool = threading.Event(), threading.Event(), ThreadPool(size)
 
     def work():

@@ -14,7 +14,6 @@ BAGS = ("ghost", "person", "far_and_low", "points", "points_only", "made-scans")
 
 
 def differing(case, file, data, folder):
-    """Return the messages after which a replay differs from the recording."""
     params = folder / "params.yaml"
     params.write_text(case["params"])
     robot = mapdeal.read_robot_parameters([params], costmap=case["costmap"])

@@ -351,7 +351,6 @@ def test_the_ratio_that_is_advised_keeps_the_groups_and_is_the_largest_percent(h
 
 
 def legs(diameter, noise):
-    """Scans from all around of a room with a round leg in its middle."""
     around = np.linspace(0, 2 * math.pi, 24, endpoint=False)
     poses = np.column_stack([1.3 * np.cos(around), 1.1 * np.sin(around), around + math.pi])
     angles, box = np.radians(np.arange(-90, 90.5, 0.5)), (-2.03, -2.04, 2.02, 2.01)

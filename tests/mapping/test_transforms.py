@@ -76,7 +76,6 @@ def test_each_transform_of_a_chain_is_interpolated_alone(data, lengths):
 
 
 def at(samples, time):
-    """Return the matrix of one transform at a time: between the samples around it."""
     times = [t for t, _, _ in samples]
     if not times[0] <= time <= times[-1]:
         return None
@@ -92,7 +91,6 @@ def at(samples, time):
 
 
 def tree_of(*edges):
-    """Transforms along x without a turn: parent, child, time, x, and whether they are static."""
     tree = TransformTree()
     for parent, child, time, x, is_static in edges:
         tree.add(parent, child, time, (x, 0, 0), (0, 0, 0, 1), is_static=is_static)
@@ -100,7 +98,6 @@ def tree_of(*edges):
 
 
 def xs(tree, parent, child, times):
-    """The x of the transforms at some times."""
     return tree.lookup(parent, child, np.array(times)).translations[:, 0]
 
 

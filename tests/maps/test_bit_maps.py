@@ -19,7 +19,6 @@ IS_OCCUPIED = grid_from_text(DRAWING).occupancy == 100
 
 @pytest.fixture
 def pair(tmp_path):
-    """A bit map on disk, b.pbm and b.yaml."""
     write_bit_map(tmp_path / "b.pbm", BitMap.from_occupancy(grid_from_text(DRAWING)))
     return tmp_path / "b.pbm"
 

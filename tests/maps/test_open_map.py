@@ -47,7 +47,6 @@ def shape_by_rows(path):
 
 
 def result_and_warnings(read, *arguments, **options):
-    """Return the result of reading, and its warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
@@ -168,7 +167,6 @@ def test_a_file_that_is_replaced_between_header_and_cells_is_an_error(tmp_path, 
 
 
 def system(tmp_path, available, group, groups):
-    """Write files like the system's: free memory, and groups with (max, current, cached)."""
     meminfo = "" if available is None else f"MemTotal: 99 kB\nMemAvailable:   {available} kB\n"
     (tmp_path / "meminfo").write_text(meminfo)
     (tmp_path / "cgroup").write_text(f"1:name=systemd:/x\n0::/{group}\n")

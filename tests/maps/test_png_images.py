@@ -26,7 +26,6 @@ MODES = st.sampled_from(["trinary", "scale", "raw"])
 
 
 def png(kind, width, rows, *before):
-    """A PNG file of rows of bytes."""
     pixels = chunk(b"IDAT", zlib.compress(b"".join(b"\0" + row for row in rows)))
     colour_type, depth = kind
     facts = {"depth": depth, "colour_type": colour_type}
@@ -65,7 +64,6 @@ def channels_of(picture):
 
 @st.composite
 def images(draw, kind):
-    """Width, rows and transparent colour of PNG files of a kind; palettes; the files."""
     width, height = draw(st.integers(1, 23)), draw(st.integers(1, 12))
     row_bytes = (width * kind[1] * CHANNELS[kind[0]] + 7) // 8
     rng = np.random.default_rng(draw(st.integers(0, 99)))

@@ -31,7 +31,6 @@ CIRCLE = "shapes: [{type: circle, center: [0, 0], radius: 1}]"
 
 
 def read(folder, text):
-    """Read a text as YAML, or an object as JSON."""
     path = folder / ("zones.yaml" if isinstance(text, str) else "zones.geojson")
     path.write_text(text if isinstance(text, str) else json.dumps(text))
     return read_shapes(path)

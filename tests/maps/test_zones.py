@@ -23,8 +23,6 @@ def zone(x=3.0, y=-1.0, side=2.0, **properties):
 
 @pytest.fixture
 def zones(tmp_path):
-    """Return what reads zones of features."""
-
     def read(*features, kind=None):
         path = tmp_path / "zones.geojson"
         path.write_text(json.dumps(collection(*features)))

@@ -219,7 +219,6 @@ BOX = Region(40, 70, 20, 30)
 
 
 def canvas(height=120, width=160, box=BOX):
-    """A map of which a box is known, its corners at least."""
     cells = np.full((height, width), -1, np.int8)
     known = np.random.default_rng(1).choice(np.array([-1, 0, 100], np.int8), box[2:])
     known[0, 0] = known[-1, -1] = 0

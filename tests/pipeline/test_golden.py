@@ -15,7 +15,6 @@ ROOM = "\n".join(["#" * 25, *[EMPTY] * 6, POST, *[EMPTY] * 6, "#" * 25])
 
 @pytest.fixture
 def golden(command, tmp_path, monkeypatch):
-    """A map m.yaml and its golden run; returns what compares another run with it."""
     monkeypatch.chdir(tmp_path)
     write_map("m.yaml", grid_from_text(ROOM, 0.1))
     code, out, err = command("run", "m.yaml", "-o", "out", "--golden", "gold", "--update-golden")

@@ -158,7 +158,6 @@ CLEARED = [
 
 
 def without(document, places):
-    """Yield a document with each of some parts empty in one way, and left out."""
     for number, path in enumerate(places):
         yield with_part(document, path, EMPTY[number % len(EMPTY)])
         if path:
@@ -215,7 +214,6 @@ def test_documents_with_any_part_empty(check, documents, name):
 
 @pytest.fixture
 def runs(tmp_path, monkeypatch):
-    """A map m.yaml, its run out/m, and a golden run gold/m."""
     monkeypatch.chdir(tmp_path)
     write_map("m.yaml", grid_from_text("\n".join(["#......."] * 8), 0.1))
     for name in ("out", "gold"):
@@ -224,7 +222,6 @@ def runs(tmp_path, monkeypatch):
 
 
 def odd_ones(path):
-    """Write a manifest with each part replaced by odd ones or left out; yield what and whole."""
     document = json.loads(path.read_text())
     for number, where in enumerate(paths_in(document)):
         # nobody looks at single parameters and figures one by one: each gets two of the odd ones

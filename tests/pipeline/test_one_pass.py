@@ -30,7 +30,6 @@ def lazy_grid(requested):
 
 
 def by_rows(grid):
-    """A writer whose file is the rows, and END."""
     return RowsWriter(grid.layer, lambda file: (
         lambda rows: file.write(grid.layer[rows].tobytes()), lambda: file.write(b"END"),
     ))  # fmt: skip

@@ -101,7 +101,6 @@ def test_a_batch_leaves_nothing_among_temporary_files_however_long_their_folder(
 
 
 def processes_of_session(number):
-    """Return the numbers of the processes of a session that have not ended."""
     found = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):

@@ -61,7 +61,6 @@ def robot(shape="robot_radius: 0.25", threshold=100, track="true"):
 
 
 def reach_of(stages, **options):
-    """Return the parameters of reach in a recipe that begins with some text of YAML."""
     Path("r.yaml").write_text(f"stages:\n  - {stages}\n")
     steps = load_recipe("r.yaml", **options).steps
     return next(step.parameters for step in steps if step.name == "reach")

@@ -27,7 +27,6 @@ def described(*arguments, **options):
 
 @pytest.fixture
 def file(tmp_path):
-    """Return a function that writes a recipe and returns its path as text."""
     path = tmp_path / "recipe.yaml"
     return lambda text: (path.write_text(text), str(path))[1]
 

@@ -207,7 +207,6 @@ def test_what_reading_the_map_of_a_run_warns_of_is_on_its_page(rooms, run):
 
 @pytest.fixture
 def machine(tmp_path, rooms, command, save_output):
-    """A folder of documents that name maps of this machine by absolute paths, and others."""
     shifted, imageless, robot = (
         tmp_path / f"{name}.yaml" for name in ("other", "imageless", "robot")
     )

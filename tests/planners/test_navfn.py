@@ -19,7 +19,6 @@ def sha256(array):
 
 
 def recorded_cases(folder, plugin):
-    """Yield the costmap, the planner and the recorded pairs of each case of a plugin."""
     for case in json.loads((folder / "expected" / "plans.json").read_text())["cases"]:
         if case["planner"] != plugin:
             continue

@@ -42,7 +42,6 @@ LAYERS, FIELD, COSTS = layers_of(GRID)
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory):
-    """Return a function that writes a page and returns its path; the same page is written once."""
     folder, known = tmp_path_factory.mktemp("pages"), {}
 
     def path_of(report):
@@ -596,7 +595,6 @@ def test_files_that_hold_other_things_than_zones_are_refused(chromium, pages):
 
 
 def opened_zones(chromium, text):
-    """Open a file on a page; return what the page says, and the zones that it has then."""
     chromium.evaluate("() => { document.getElementById('status').textContent = ''; }")
     file = {"name": "f.geojson", "mimeType": "application/json", "buffer": text.encode()}
     chromium.page.locator("#zones [type=file]").set_input_files(file)

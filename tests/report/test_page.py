@@ -31,7 +31,6 @@ def parsed(report):
 
 
 def report_saying(*texts):
-    """Return a report in which each of some texts stands wherever a text can."""
     items = tuple(Item("finding", text, "warning", (0.0, 0.0), (), text) for text in texts)
     more = {"items": items, "warnings": texts}
     more["tables"] = (Table(texts[0], tuple((text, text) for text in texts)),)

@@ -33,7 +33,6 @@ def pictured(draw, grid):
 
 
 def shown(layers):
-    """Return the colours of the last layer, cell by cell, as its style is described."""
     layer = layers[-1]
     style, values = layer.style, np.asarray(layer.values[:])
     states = next(

@@ -91,7 +91,6 @@ def _inflated(result, where):
 
 
 def _decoded(result, place=0):
-    """Return the values of all levels of a layer, by how far each is reduced."""
     header, levels = result.layers[place], {}
     dtype = np.uint8 if header["coding"]["kind"] == "bytes" else np.float32
     for level, rows, columns, where in _tiles_of(header["levels"]):
@@ -104,7 +103,6 @@ def _decoded(result, place=0):
 
 
 def _schemes_used(result):
-    """Return the kinds of schemes in the tiles of the finest level of a layer."""
     header = result.layers[0]
     data = [_inflated(result, where) for where in header["levels"][-1]["tiles"]]
     return {header["coding"]["ways"][struct.unpack_from("<i", tile)[0]]["kind"] for tile in data}

@@ -55,13 +55,11 @@ def pairs(tmp_path, monkeypatch):
 
 
 def put_new(folder, name="m.pgm"):
-    """Replace a file of the old map by that of the new one."""
     shutil.copy(folder / "new" / name, folder / "next")
     (folder / "next").replace(folder / name)
 
 
 def overwrite_picture(folder):
-    """Write the picture of the new map into the file of the old one."""
     (folder / "m.pgm").write_bytes((folder / "new" / "m.pgm").read_bytes())
 
 

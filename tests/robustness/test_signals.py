@@ -30,7 +30,6 @@ COMMANDS = {
 
 
 def session(leader):
-    """Yield the processes of a session, except those that have ended."""
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
             fields = stat.read_text().rpartition(")")[2].split()

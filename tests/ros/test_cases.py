@@ -55,7 +55,6 @@ def describe_robot(robot, problems):
 
 
 def changed_settings(layer):
-    """Return the class of a layer and its settings that differ from the defaults."""
     changed = {setting.name: getattr(layer, setting.name) for setting in fields(layer)
              if getattr(layer, setting.name) != setting.default}  # fmt: skip
     return f"{type(layer).__name__} {changed}"
@@ -87,7 +86,6 @@ def describe_ros1(paths):
 
 
 def describe_lint(paths, maps=(), **options):
-    """Return a line for each finding; compare severities with the list of checks."""
     by_file = lint_parameters(paths, map_resolutions=maps, **options)
     findings = [finding for path in paths for finding in by_file[path]]
     assert len(findings) == sum(map(len, by_file.values()))

@@ -48,7 +48,6 @@ def refused(problems):
 
 
 def with_line(text, line):
-    """Return a text with a line in place of the one with the same key."""
     key = line.partition(":")[0]
     return "\n".join([*(row for row in text.splitlines() if row.partition(":")[0] != key), line])
 

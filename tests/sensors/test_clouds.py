@@ -29,8 +29,6 @@ def row(x, y, z):
 
 @pytest.fixture
 def read(tmp_path):
-    """Return a function that writes bytes to a file of a name and reads it as a cloud."""
-
     def read_bytes(name, data):
         path = tmp_path / name
         path.write_bytes(data)
@@ -123,7 +121,6 @@ TEXTS = {
 
 
 def between_others(encoding):
-    """Return a PLY file with its vertices after two cameras and before a face."""
     before = {"ascii": b"1 2\n3 4\n", "binary_little_endian": b"\0" * 18}.get(encoding, b"\1" * 18)
     return ply(
         [("x", "f4"), ("y", "f4")], [(1.5, -2.0)], encoding,
@@ -233,7 +230,6 @@ def test_all_formats_agree(tmp_path_factory, points):
 
 
 def head(**changes):
-    """Return a PCD header with changed lines; None removes a line."""
     lines = {"FIELDS": "x y z", "SIZE": "4 4 4", "TYPE": "F F F", "COUNT": "1 1 1", "WIDTH": "1",
              "HEIGHT": "1", "POINTS": "1", "DATA": "binary", **changes}  # fmt: skip
     return "".join(f"{key} {value}\n" for key, value in lines.items() if value is not None).encode()

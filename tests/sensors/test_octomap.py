@@ -23,7 +23,6 @@ def trees(depth=3):
 
 
 def deep(tree, path):
-    """Return a tree nested along a path of slots."""
     for slot in reversed(path):
         tree = {slot: tree}
     return tree

@@ -11,8 +11,6 @@ from mapdeal.sensors.points import read_named_points, read_pairs, read_points, r
 
 
 def rows_of(read):
-    """Return a function that yields line number, numbers and error of each row of chunks."""
-
     def read_rows(chunks):
         for part in read(chunks, "p.csv"):
             rows = zip(part.lines, part.numbers.tolist(), strict=True)

@@ -297,7 +297,6 @@ WRITERS = {
 
 
 def results_of(path):
-    """Return a log's parts, its warnings and its error, as one text."""
     parts, error = [], None
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

@@ -31,7 +31,6 @@ def written(folder, text, name="w.sdf"):
 
 
 def seen_at(path, height=0.1, **options):
-    """Return which cells of a frame are inside a solid of a world."""
     world = read_world(path, **options)
     return inside_runs(section_at(world.triangles, world.solids, height), FRAME).depths() > 0
 
@@ -132,7 +131,6 @@ def test_frames_nested_models_and_placement(tmp_path):
 
 
 def dae_of(mesh, unit, up):
-    """A mesh as COLLADA: in units, with an axis up, and moved by a node that moves it back."""
     axes = {"Z_UP": np.eye(3), "Y_UP": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
             "X_UP": [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]}[up]  # fmt: skip
     corners = (mesh.vertices @ np.transpose(axes) / unit - [1, 2, 3]) / 2
