@@ -1,6 +1,5 @@
 """Outputs that cannot be written, and batches with a bad map (rows F)."""
 
-import json
 import os
 
 import pytest
@@ -25,12 +24,6 @@ def test_a_map_named_by_dots_writes_nothing_beside_its_own_folder(folder, comman
     assert (code in (0, 2), "Traceback" in err) == (True, False)
     assert {path: data for path, data in tree(folder).items() if path[:3] != "out"} == before
     assert not (folder / "out" / "manifest.json").exists()
-
-
-def test_a_map_whose_name_is_not_utf_8_is_run(folder, accepted):
-    (folder / "m.yaml").rename(folder / os.fsdecode(b"\xff.yaml"))
-    accepted("run", os.fsdecode(b"\xff.yaml"), "-o", "out")
-    assert json.loads((folder / "out" / os.fsdecode(b"\xff") / "manifest.json").read_text())
 
 
 @pytest.mark.parametrize("line", ["convert m.yaml -o N.yaml", "convert m.yaml -o N.png",

@@ -172,15 +172,6 @@ def test_a_map_that_takes_too_much_memory_is_left_out_with_one_note(room, monkey
     assert checks_of(report) == ["lint.left-out"]  # and no unused comment
 
 
-def test_processes_look_for_them_too(room, monkeypatch):
-    monkeypatch.setattr("mapdeal.commands.lint._CELLS_WORTH_WORKERS", 0)
-    write_map("n.yaml", TWO_ROOMS)
-    paths = [room, Path("n.yaml")]
-    reports = [mapdeal.lint(paths, **RULES, footprint=CLOSED, jobs=jobs) for jobs in (1, 2)]
-    assert reports[0] == reports[1]
-    assert checks_of(reports[0]) == ["map.disconnected"] * 2
-
-
 PARAMETERS = """
 global_costmap:
   global_costmap:

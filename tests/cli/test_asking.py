@@ -188,17 +188,6 @@ def test_lost_answers_are_worse_than_a_finding(sh, room):
 # potential
 
 
-def test_potential_writes_the_layers_and_the_picture(sh, room):
-    x, y = room.frame.xy_from_rowcol([[3, 6]])[0]
-    out = sh.ok(f"potential room.yaml -o p.npz --goal {x},{y} --image p.png")
-    assert f"goal {x:.10g}, {y:.10g}, potential" in out
-    assert np.load("p.npz")["attractive"][3, 6] == pytest.approx(0, abs=1e-9)
-    assert Path("p.png").read_bytes().startswith(b"\x89PNG")
-    report = sh.json("info p.npz --json")
-    assert (report["kind"], report["obstacles"]) == ("potential field", 3)
-    assert "attractive_gain 1" in sh.ok("info p.npz")
-
-
 def test_potential_is_a_stage_of_recipes_that_hands_its_map_on(sh, room):
     Path("r.yaml").write_text(
         "stages: [esdf, {potential: {goal: [1.6, -1.9]}}, {cost: {inflation_radius: 0.2}}]\n"

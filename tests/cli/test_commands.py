@@ -192,10 +192,3 @@ def test_json_is_one_document(sh, here, room, words, model):
     assert document["cost_scale"] == grid.scale
     assert document["circumscribed_cost"] == grid.circumscribed_cost
     assert not list(here.glob("*.png"))
-
-
-def test_both_go_with_other_outputs_and_a_field(sh, room):
-    sh("esdf room.yaml -o esdf.npz")
-    document = sh.json("cost esdf.npz -o c.yaml --image c.png --curve curve.png --json")
-    assert document["reach_cells"] == 6
-    assert all(Path(name).exists() for name in ("c.yaml", "c.pgm", "c.png", "curve.png"))

@@ -119,12 +119,6 @@ def test_a_global_map_elsewhere_is_warned_of(sh, points):
     assert "0 cells from the map" in out
 
 
-@pytest.mark.parametrize("size", ["6", "0.04"])
-def test_a_window_of_one_cell_need_not_hold_the_robot(sh, points, size):
-    line = f"--pose 0,0,0 --size {size},{size} -o o --resolution {size} --no-images"
-    assert sh(f"local --cloud scan.pcd {line}")[0] == 0
-
-
 def test_parameters_and_the_robot_s_shape_reach_the_stages(sh, points):
     assert sh(f"{LOCAL} -o o --robot-radius 0.12 --set cost.values=80,40")[0] == 0
     inflated = inflate(made_of(points), radius=0.12)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drawn import grid_from_text
-from mapdeal import read_map, write_map
+from mapdeal import write_map
 
 CROPPED = "?????\n?#..?\n?..??\n?????"
 ROOM = "#......\n.......\n......."
@@ -71,20 +71,6 @@ def test_info_says_how_a_file_was_made_of_the_run_s_own_files_alone(sh, here):
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
-def test_the_whole_canvas_in_a_batch_with_worker_processes(sh, here):
-    for name in ("a", "b"):
-        write_map(f"{name}.yaml", grid_from_text(CROPPED, 0.3))
-    line = "run a.yaml b.yaml -o o --sim --canvas full --no-images --jobs 2"
-    assert sh(line)[0] == 0
-    grid = read_map("a.yaml")
-    for name in ("a", "b"):
-        field = read_map(f"o/{name}/esdf.npz")
-        assert (field.frame, field.region) == (grid.frame, (1, 1, 2, 3))
-        assert read_map(f"o/{name}/cost.npz").shape == (4, 5)
-    assert "2 unchanged" in sh(f"{line} -n")[1]
-
-
-@pytest.mark.usefixtures("mapdeal_warnings")
 @pytest.mark.parametrize("words", ["--recipe default", "--sim --set active.canvas=full"])
 def test_a_canvas_where_nothing_is_cropped_is_warned_of(sh, here, words):
     write_map("a.yaml", grid_from_text(CROPPED, 0.3))
@@ -99,15 +85,6 @@ def cropped(sh, here):
     write_map("m.yaml", grid_from_text(CROPPED, 0.5, (1.0, 2.0, 0.0)))
     for canvas in ("crop", "full"):
         sh(f"run m.yaml -o {canvas} --sim --canvas {canvas} --no-images")
-
-
-@pytest.mark.parametrize("where", ["--like m.yaml", "--like full/m/esdf.npz",
-                                   "--corner=1,2 --size=2.5,2"])  # fmt: skip
-def test_what_a_run_has_cropped_is_put_back_by_window(sh, cropped, where):
-    for name in ("esdf.npz", "cost.npz", "cost.pgm", "esdf.pgm", "inflated.pgm"):
-        source = name.replace(".pgm", ".yaml")
-        assert sh(f"window crop/m/{source} -o again/{source} {where} --force")[0] == 0
-        assert Path("again", name).read_bytes() == Path("full/m", name).read_bytes()
 
 
 def test_a_field_on_the_whole_canvas_is_queried_and_converted(sh, cropped):

@@ -1,7 +1,6 @@
 """The command run with --pose: a map's own products and those around a robot, in one call."""
 
 import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,6 @@ import pytest
 
 from bad_maps import tree
 from mapdeal import OccupancyGrid, read_map, write_map
-from mapdeal.kernels.engine import engine_name
 
 SMALL = "--local-set local.size=3,2"
 IN_RUN = f"{SMALL} --local-set local.resolution=0.07 --local-set local.min_range=0.2"
@@ -106,19 +104,6 @@ def test_if_the_run_fails_nothing_of_the_local_map_is_left(sh, place):
     Path("o/m/cost.npz").write_bytes(b"somebody's")
     assert sh(around())[0] == 4
     assert files(place / "o") == {"m/cost.npz": b"somebody's"}
-
-
-def test_blocks_give_the_same_bytes(sh, place):
-    values = np.kron(read_map("m.yaml").occupancy, np.ones((40, 40), np.int8))  # more than fit
-    write_map("m.yaml", OccupancyGrid(values, 0.02, (-2.03, -1.06, 0.3)), force=True)
-    assert sh(around(f"{IN_RUN} --threads 1", out="whole"))[0] == 0
-    little = 56 if engine_name() == "compiled" else 106  # MiB, those included that are taken anyhow
-    line = around(f"{IN_RUN} --threads 1 --max-memory {little}M", out="blocks")
-    output = sh(f"{line} --dry-run")[1]
-    in_decimal = little * 1.048576
-    assert 0 <= float(re.search(r"([0-9.]+) MB in blocks", output)[1]) - in_decimal < 1
-    sh.ok(line)
-    assert tree(place / "whole") == tree(place / "blocks")
 
 
 def test_dry_run_tells_of_both(sh, place):

@@ -5,12 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import write_map
-from mapdeal.pictures.colours import CLOSED_IN_BOTH, NOW_CLOSED, NOW_OPEN
 from pipeline.reported import entries_of, layer_names
 
 ROOM = "\n".join(
@@ -121,13 +119,6 @@ def test_costs_that_were_moved_are_compared_where_they_belong(command, pair):
     _, out, _ = command("diff", pair[0], "moved.npz", "--by", "by.json")
     assert "0 differ" in out
     assert "moved     A by x 0.75 m, y -0.5 m" in out
-
-
-def test_the_picture_has_the_colours_of_what_changed(command, pair):
-    command("diff", *pair, "--image", "d.png")
-    colours = set(map(tuple, np.asarray(Image.open("d.png").convert("RGB")).reshape(-1, 3)))
-    assert {NOW_CLOSED, CLOSED_IN_BOTH} <= colours
-    assert NOW_OPEN not in colours
 
 
 def test_the_page_shows_costs_and_never_says_that_obstacles_are_the_same(save_output, pair):

@@ -160,21 +160,3 @@ def test_pictures_of_notebooks_have_a_longest_side():
                         (mapdeal.merge([grid, beside]), 1500)):  # fmt: skip
         with Image.open(io.BytesIO(shown._repr_png_())) as image:
             assert 1000 <= image.width < most  # three pixels a cell, and a margin
-
-
-def test_a_route_and_a_robot_are_drawn_over_the_same_map(office):
-    costs = mapdeal.exponential_cost(office, inscribed_radius=0.2)
-    route = {"route": mapdeal.shortest_route(costs, START, GOAL)}
-    pose = {"pose": (-2.0, 0.0, 0.5)}
-
-    def drawn(**over):  # the whole map, so that overlays do not move the extent
-        return np.asarray(mapdeal.draw_picture(costs, image_extent="all", **over))
-
-    both = drawn(**route, **pose)
-    for over, of_it in ((route, (colours.ROUTE, colours.GOAL)), (pose, (colours.ROBOT,))):
-        alone = drawn(**over)
-        for colour in of_it:
-            there = (alone == colour).all(axis=2)[60:1100, :1100]
-            assert there.sum() > 20
-            is_drawn = (both[60:1100, :1100][there] == colour).all(axis=1)
-            assert is_drawn.mean() > 0.9  # the axes may be drawn over each other, no more

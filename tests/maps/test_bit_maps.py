@@ -74,19 +74,6 @@ def test_commands_take_bits_as_they_take_their_yaml(pair, command, monkeypatch, 
     assert bool(found[0][2]) == (" -o " in words)
 
 
-def test_bit_maps_may_be_run_and_are_run_once(pair, command, tmp_path):
-    about, written = pair.with_suffix(".yaml"), []
-    for name, source in (("bits", pair), ("map", about)):
-        assert command("run", source, "-o", tmp_path / name, "--no-images")[0] == 0
-        files = (tmp_path / name / "b").iterdir()
-        written.append({path.name: path.read_bytes() for path in files})
-    assert written[0] == written[1]
-    code, _, err = command("run", pair, about, "-o", tmp_path / "both", "--no-images")
-    assert (code, err) == (0, f"note: 1 map was named more than once, and is run once: {about}\n")
-    code, _, err = command("convert", about, "-o", pair, "--force")
-    assert (code, "mapdeal pack" in err) == (2, True)
-
-
 BROKEN = [
     (lambda p: p.with_suffix(".yaml").unlink(), 4, "has no b.yaml beside it"),
     (lambda p: p.unlink(), 4, "b.pbm"),

@@ -24,7 +24,9 @@ OF = {"free": 0, "obstacles": 100}
 REAL = [
     "ros-navigation__navigation2/nav2_bringup/maps/depot.yaml",
     "turtlebot__turtlebot_simulator/turtlebot_stdr/maps/frieburg.yaml",
-    "mit-racecar__racecar_simulator/maps/stata_basement.yaml",
+    pytest.param(
+        "mit-racecar__racecar_simulator/maps/stata_basement.yaml", marks=pytest.mark.thorough
+    ),
 ]
 
 

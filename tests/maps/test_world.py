@@ -29,7 +29,9 @@ TEXT = """\
 GRID = grid_from_text(TEXT, resolution=0.25, origin=(1.5, -2.0, 0.4))
 REAL = [
     "ros-navigation__navigation2/nav2_bringup/maps/depot.yaml",
-    "mit-racecar__racecar_simulator/maps/stata_basement.yaml",
+    pytest.param(
+        "mit-racecar__racecar_simulator/maps/stata_basement.yaml", marks=pytest.mark.thorough
+    ),
     "avidbots__flatland/conestogo_office_test/map.yaml",
 ]
 
