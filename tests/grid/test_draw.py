@@ -122,20 +122,6 @@ def test_round_shapes_by_distance_in_the_map_frame(a, b, size, yaw):
                     assert drawn[row, col] == (distance < reach or (col, row) in single)
 
 
-def test_what_is_drawn_on_bits_is_what_is_drawn_on_the_map():
-    bits = BitMap.from_mask(np.random.default_rng(5).random((9, 21)) < 0.3, 0.25, (1.5, -2.0, 0.4))
-    grid = bits.to_occupancy()
-    shapes = [
-        Polygon(turned(grid, [(2, 2), (18, 3), (9, 8)])),
-        Line(turned(grid, [(1.5, 7.5), (19.5, 1.5)]), thickness=0.6),
-    ]
-    for overlay in ("seq", "max", "min"):
-        for value in (0, 1):
-            drawn = draw(bits, shapes, value=value, overlay=overlay).to_occupancy().occupancy
-            expected = draw(grid, shapes, value=100 * value, overlay=overlay).occupancy
-            assert np.array_equal(drawn, expected)
-
-
 CORNERS = st.lists(st.tuples(st.integers(-9, 24), st.integers(-9, 24)), min_size=3, max_size=3)
 
 

@@ -113,12 +113,6 @@ def test_malformed_pictures_of_bits_are_refused(pair, change, message):
         read_bit_map(pair)
 
 
-def test_max_cells_is_the_largest_size_that_is_read(pair, command):
-    code, _, err = command("info", pair, "--max-cells", 29)
-    assert (code, "30 cells" in err) == (3, True)
-    assert command("info", pair, "--max-cells", 30)[0] == 0
-
-
 CHANGES = {
     "line": "line --point=1.6,-1.9 --point=3.2,-1.0",
     "polygon": "polygon --point=1.6,-1.9 --point=3.2,-1.4 --point=2.0,-1.2",

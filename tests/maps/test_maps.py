@@ -128,13 +128,6 @@ def test_a_new_file_follows_the_umask(tmp_path):
     assert stat.S_IMODE(path.stat().st_mode) == 0o640
 
 
-def test_headers_of_real_maps_tell_the_size_that_is_read(real_sources):
-    for path, source in real_sources:
-        with open_map(path) as file:
-            assert file.shape() == source.grid.shape, path
-            assert file.files == source.files
-
-
 def test_an_absolute_path_below_the_folder_is_not_one_of_another_machine(tmp_path):
     write_map(tmp_path / "m.yaml", grid_from_text("#."))
     text = (tmp_path / "m.yaml").read_text()
