@@ -206,21 +206,6 @@ def test_what_must_not_be_believed_names_the_key(read, document, place, value, m
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("depth", [300, 900, 980])
-def test_deep_values_that_json_takes(read, depth):
-    deep = json.loads("[" * 200 + "]" * 200)
-    for document in (
-        with_part(DIFF, ("geometry", "width"), [deep, deep]),
-        with_part(ROUTE, ("start",), deep),
-    ):
-        text = json.dumps(document).replace("[" * 200, "[" * depth)
-        text = text.replace("]" * 200, "]" * depth).encode()
-        try:
-            assert read(text).kind == "diff"
-        except MalformedInputError as error:
-            assert "\n" not in str(error)
-
-
 def test_what_is_too_large_or_not_there(tmp_path):
     path = tmp_path / "huge.json"
     with path.open("wb") as file:

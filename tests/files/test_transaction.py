@@ -1,6 +1,5 @@
 """All files of a command appear together or not at all, and what guards them."""
 
-import contextlib
 import fcntl
 import hashlib
 import itertools
@@ -111,32 +110,6 @@ def test_a_temporary_file_that_another_run_has_removed_is_made_again(tmp_path, m
         transaction.write_bytes(tmp_path / "a.txt", b"kept")
     assert len(removed) == 1
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a.txt": b"kept"}
-
-
-@pytest.mark.slow
-def test_a_failing_process_takes_no_folder_from_another(tmp_path):
-    """One makes folders and removes them, since it fails; the other works in the same ones."""
-    output, is_done = tmp_path / "out" / "good" / "file", threading.Event()
-
-    def fail():
-        while not is_done.is_set():
-            with pytest.raises(KeyError), Transaction([tmp_path / "out" / "bad" / "file"]):
-                raise KeyError
-
-    with ThreadPoolExecutor() as pool:
-        failing = pool.submit(fail)
-        try:
-            for _ in range(60):
-                with Transaction([output]) as transaction:
-                    transaction.write_bytes(output, b"here")
-                assert output.read_bytes() == b"here"
-                output.unlink()
-                with contextlib.suppress(OSError):  # so that the two meet in making it
-                    output.parent.rmdir()
-                    output.parent.parent.rmdir()
-        finally:
-            is_done.set()
-        failing.result()
 
 
 @pytest.mark.parametrize("when", ["before", "after"])

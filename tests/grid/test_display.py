@@ -131,7 +131,7 @@ def plans_and_scans(map_):
         paired = replace(paired, pairs=list(paired.pairs))
     scans = mapdeal.scan(
         map_,
-        poses=[map_.frame.xy_from_rowcol(np.argwhere(map_.occupancy == 0)[:1])[0].tolist() + [0.0]],
+        poses=[[*map_.frame.xy_from_rowcol(np.argwhere(map_.occupancy == 0)[:1])[0], 0.0]],
     )
     return report, report.goals[0], report.goals[0].goal, paired, scans
 

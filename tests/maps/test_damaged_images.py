@@ -2,7 +2,6 @@
 
 import os
 import struct
-import threading
 import warnings
 import zlib
 from concurrent.futures import ThreadPoolExecutor
@@ -97,22 +96,6 @@ def test_many_threads_read_the_same_and_leave_the_process_as_it_was(every_path):
         found = [picture.samples for picture in pool.map(read_image, [every_path] * 40)]
     assert all(np.array_equal(samples, expected) for samples in found)
     assert state_of_the_process() == before
-
-
-@pytest.mark.slow
-def test_only_one_thread_at_once_changes_the_process(path):
-    is_inside = threading.Event()
-
-    def second():
-        with pillow_images.damage_refused(path):
-            is_inside.set()
-
-    thread = threading.Thread(target=second)
-    with pillow_images.damage_refused(path):
-        thread.start()
-        assert not is_inside.wait(0.1)
-    thread.join(60)
-    assert is_inside.is_set()
 
 
 def test_a_tiff_is_read_without_a_standard_error(path):
