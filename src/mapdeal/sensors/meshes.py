@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -23,13 +23,14 @@ from numpy.typing import NDArray
 from mapdeal.errors import MalformedInputError
 from mapdeal.files.source import claim, read_file
 from mapdeal.kernels.arrays import Floats, Integers
+from mapdeal.kernels.polygons import enumerated
 
 MESH_ENDINGS = (".stl", ".obj", ".dae")
 
 _LARGEST_XML = 1 << 28
 _MOST_ELEMENTS, _DEEPEST = 1 << 22, 200
 _PIECE = 1 << 23  # bytes of text that are parsed together
-_MOST_CORNERS = 2000  # of a concave face
+_MOST_CORNERS = 2000  # of a face that is divided into strips
 MOST_INSTANCES = 1 << 20  # small files can refer to one shape any number of times
 
 
@@ -174,73 +175,61 @@ def _obj_parts(path: Path) -> list[Part]:
             raise MalformedInputError(rule, source=path, place=place, got=text) from None
     corners = np.array(numbers).reshape(-1, 3)
     of_face = np.array(owners, np.int64)
-    triples, faces = triangulated(corners, np.array(indices, np.int64), np.array(counts), path)
+    triangles, faces = triangulated(corners, np.array(indices, np.int64), np.array(counts), path)
     order = np.argsort(of_face[faces], kind="stable")
     ends = np.searchsorted(of_face[faces][order], np.arange(len(names) + 1))
-    return [
-        Part(name, corners[triples[order[ends[k] : ends[k + 1]]]]) for k, name in enumerate(names)
-    ]
+    return [Part(name, triangles[order[ends[k] : ends[k + 1]]]) for k, name in enumerate(names)]
 
 
 def triangulated(
     corners: Floats, indices: Integers, counts: Integers, path: Path
-) -> tuple[Integers, Integers]:
-    """Return the corners of the triangles of faces, shape (N, 3), and the face of each triangle."""
+) -> tuple[Floats, Integers]:
+    """Return the triangles of faces, shape (N, 3, 3), and the face of each triangle."""
     starts = np.cumsum(counts) - counts
-    triples, faces = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)]
+    triangles, faces = [np.zeros((0, 3, 3))], [np.zeros(0, np.int64)]
     for count in np.unique(counts[counts >= 3]).tolist():
         which = np.flatnonzero(counts == count)
-        loops = indices[starts[which][:, np.newaxis] + np.arange(count)]
+        points = corners[indices[starts[which][:, np.newaxis] + np.arange(count)]]
         if count > 3:
-            points = corners[loops]
-            after = np.roll(points, -1, axis=1)
-            spokes = points - points[:, :1], after - points[:, :1]
-            normals = np.cross(*spokes).sum(axis=1)
-            edges = after - points
+            spokes, edges = points - points[:, :1], np.roll(points, -1, axis=1) - points
+            normals = np.cross(spokes, np.roll(spokes, -1, axis=1)).sum(axis=1)
             bends = np.cross(np.roll(edges, 1, axis=1), edges)
             turns = np.einsum("nkj,nj->nk", bends, normals)
             # a fan of a concave face would cover its notches, such as doors
             is_concave = (turns < -1e-9 * np.abs(turns).max(axis=1, keepdims=True)).any(axis=1)
             for k in np.flatnonzero(is_concave).tolist():
-                if count > _MOST_CORNERS:
-                    rule = f"must have at most {_MOST_CORNERS} corners"
-                    raise malformed(path, rule, "concave face", got=count)
-                ears = _ears(points[k], normals[k])
-                triples.append(loops[k][ears])
-                faces.append(np.full(len(ears), which[k]))
-            which, loops = which[~is_concave], loops[~is_concave]
+                axis = int(np.abs(normals[k]).argmax())
+                strips = strips_of([points[k]], path, axis)
+                triangles.append(strips if normals[k, axis] > 0 else strips[:, ::-1])
+                faces.append(np.full(len(strips), which[k]))
+            which, points = which[~is_concave], points[~is_concave]
         fan = [[0, k, k + 1] for k in range(1, count - 1)]
-        triples.append(loops[:, fan].reshape(-1, 3))
+        triangles.append(points[:, fan].reshape(-1, 3, 3))
         faces.append(np.repeat(which, count - 2))
-    return np.concatenate(triples), np.concatenate(faces)
+    return np.concatenate(triangles), np.concatenate(faces)
 
 
-def _ears(points: Floats, normal: Floats) -> Integers:
-    """Return the triangles of a polygon without crossing edges, by cutting off its ears."""
-    drop = int(np.abs(normal).argmax())
-    x, y = np.delete(points, drop, axis=1).T * np.array([[1.0], [(-1.0) ** drop]])
-    x, y = (x, y) if normal[drop] > 0 else (x, -y)
-
-    def side(a: Any, b: Any, at: Any) -> Any:
-        return (x[b] - x[a]) * (y[at] - y[a]) - (y[b] - y[a]) * (x[at] - x[a])
-
-    remaining, ears = np.arange(len(points)), []
-    while len(remaining) > 3:
-        before, after = np.roll(remaining, 1), np.roll(remaining, -1)
-        turns = np.array([side(*abc) for abc in zip(before, remaining, after, strict=True)])
-        k = int(np.abs(turns).argmin())  # of a degenerate polygon without ears
-        for candidate in np.flatnonzero(turns > 0).tolist():
-            a, b, c = before[candidate], remaining[candidate], after[candidate]
-            inside = (side(a, b, remaining) >= 0) & (side(b, c, remaining) >= 0)
-            inside &= side(c, a, remaining) >= 0
-            for at in (a, b, c):  # bridges to holes pass their ends twice
-                inside &= (x[remaining] != x[at]) | (y[remaining] != y[at])
-            if not inside.any():
-                k = candidate
-                break
-        ears.append((before[k], remaining[k], after[k]))
-        remaining = np.delete(remaining, k)
-    return np.array([*ears, tuple(remaining)])
+def strips_of(rings: Sequence[Floats], path: Path, axis: int = 2) -> Floats:
+    """Return triangles, anticlockwise as seen along an axis, of the area between closed rings."""
+    count, (x, y) = sum(map(len, rings)), ((axis + 1) % 3, (axis + 2) % 3)
+    if count > _MOST_CORNERS:
+        raise malformed(path, f"must have at most {_MOST_CORNERS} corners", "face", got=count)
+    begin = np.concatenate(rings)
+    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    is_up = begin[:, y] <= end[:, y]
+    low, high = (np.where(is_up[:, np.newaxis], *ends) for ends in ((begin, end), (end, begin)))
+    levels = np.unique(begin[:, y])  # between two of them no side of the area begins or ends
+    edge, strip = enumerated(*(np.searchsorted(levels, ends[:, y]) for ends in (low, high)))
+    rise = (high - low)[edge] / (high - low)[edge, y : y + 1]
+    bottom, top = (
+        low[edge] + rise * (levels[strip + k] - low[edge, y])[:, np.newaxis] for k in (0, 1)
+    )
+    order = np.lexsort(((bottom + top)[:, x], strip))
+    (left, right), (left_top, right_top) = (
+        ends[order].reshape(-1, 2, 3).transpose(1, 0, 2) for ends in (bottom, top)
+    )
+    quads = np.stack([left, right, right_top, left_top], axis=1)
+    return np.asarray(quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3))
 
 
 _UP = {"X_UP": [[0, -1, 0], [0, 0, -1], [1, 0, 0]], "Y_UP": [[1, 0, 0], [0, 0, -1], [0, 1, 0]]}
@@ -377,7 +366,7 @@ class _Collada:
         if counts.sum() != len(indices) or (len(indices) and indices.max() >= len(corners)):
             rule = f"must have as many indices as its faces, below {len(corners)}"
             raise malformed(self.path, rule, place, got=len(indices))
-        return Part((), corners[triangulated(corners, indices, counts, self.path)[0]])
+        return Part((), triangulated(corners, indices, counts, self.path)[0])
 
     def _indices_in(self, text: str | None, place: str, count: int | None = None) -> Integers:
         values = numbers_in(text, self.path, place, count, int)

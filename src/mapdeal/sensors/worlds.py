@@ -33,7 +33,7 @@ from mapdeal.sensors.meshes import (
     product,
     read_mesh,
     read_xml,
-    triangulated,
+    strips_of,
 )
 
 WORLD_FILES = (".sdf", ".world", ".urdf", *MESH_ENDINGS)
@@ -339,37 +339,24 @@ class _Reader:
     def _polylines(self, lines: list[Element], path: Path, place: str) -> Floats:
         """Return the walls and caps of an outline, and the walls of holes in it."""
         rings, triangles = [], []
+        height = self._numbers(lines[0], "height", path, place, 1, "1")[0]
         for line in lines:
             texts = [point.text for point in line.iterfind("point")]
-            points = [numbers_in(text, path, f"{place}: point", 2) for text in texts]
-            if len(points) > 1 and np.array_equal(points[0], points[-1]):
-                del points[-1]
+            points = np.array([numbers_in(text, path, f"{place}: point", 2) for text in texts])
             if len(points) < 3:
                 raise malformed(path, "must have 3 points or more", place, got=len(points))
-            rings.append(np.array(points))
-        height = self._numbers(lines[0], "height", path, place, 1, "1")[0]
-        depths = [
-            sum(_holds(outer, ring[0]) for outer in rings if outer is not ring) for ring in rings
-        ]
-        for k, (ring, depth) in enumerate(zip(rings, depths, strict=True)):
-            after = np.roll(ring, -1, axis=0)
-            area = (ring[:, 0] * after[:, 1] - ring[:, 1] * after[:, 0]).sum()
-            rings[k] = ring if (area > 0) == (depth % 2 == 0) else ring[::-1]  # holes run clockwise
-        for ring, depth in zip(rings, depths, strict=True):
-            bottom, top = (np.insert(ring, 2, z, axis=1) for z in (0.0, height))
-            after, after_top = (np.roll(corners, -1, axis=0) for corners in (bottom, top))
-            triangles.append(np.stack([bottom, after, after_top], axis=1))
-            triangles.append(np.stack([bottom, after_top, top], axis=1))
-            if depth % 2 == 0:
-                holes = [
-                    hole for hole, inner in zip(rings, depths, strict=True)
-                    if inner == depth + 1 and _holds(ring, hole[0])
-                ]  # fmt: skip
-                cap = np.insert(_bridged(ring, holes), 2, height, axis=1)
-                order, count = np.arange(len(cap)), np.array([len(cap)])
-                upper = cap[triangulated(cap, order, count, path)[0]]
-                triangles += [upper, upper[:, ::-1] - np.array([0.0, 0.0, height])]
-        return np.concatenate(triangles)
+            rings.append(np.insert(points, 2, height, axis=1))
+        for ring in rings:
+            depth = sum(_holds(outer, ring[0]) for outer in rings if outer is not ring)
+            x, y, after = *ring[:, :2].T, np.roll(ring, -1, axis=0)
+            runs_left = (x * after[:, 1] - y * after[:, 0]).sum() > 0
+            begin, end = (ring, after) if runs_left == (depth % 2 == 0) else (after, ring)
+            low, low_end = (corners * [1, 1, 0] for corners in (begin, end))
+            triangles += [
+                np.stack(sides, axis=1) for sides in ((low, low_end, end), (low, end, begin))
+            ]
+        upper = strips_of(rings, path)
+        return np.concatenate([*triangles, upper, upper[:, ::-1] * [1, 1, 0]])
 
     def _mesh(self, mesh: Element, path: Path, place: str) -> Floats:
         uri = (mesh.get("filename") or mesh.findtext("uri") or "").strip()
@@ -497,32 +484,6 @@ def _holds(ring: Floats, point: Floats) -> bool:
     return bool((begin[:, 0] + share * (end[:, 0] - begin[:, 0]) > point[0]).sum() % 2)
 
 
-def _bridged(ring: Floats, holes: list[Floats]) -> Floats:
-    """Return a polygon with holes as one ring, which passes a bridge to each hole twice."""
-    for number, hole in enumerate(holes):
-        edges = [(corners, np.roll(corners, -1, axis=0)) for corners in (ring, *holes[number:])]
-        begin, end = (np.concatenate(ends) for ends in zip(*edges, strict=True))
-        away = np.hypot(*(ring[:, np.newaxis] - hole).transpose(2, 0, 1))
-        for at in np.argsort(away, axis=None).tolist():
-            i, j = divmod(at, len(hole))
-            a, b = ring[i], hole[j]
-            sides = [
-                _side(a, b, begin),
-                _side(a, b, end),
-                _side(begin, end, a),
-                _side(begin, end, b),
-            ]
-            if not ((sides[0] * sides[1] < 0) & (sides[2] * sides[3] < 0)).any():
-                break
-        ring = np.concatenate([ring[: i + 1], hole[j:], hole[: j + 1], ring[i:]])
-    return ring
-
-
-def _side(begin: Floats, end: Floats, point: Floats) -> Floats:
-    along, away = (end - begin).T, (point - begin).T
-    return np.asarray(along[0] * away[1] - along[1] * away[0])
-
-
 def _sides(radius: float) -> int:
     """Return the number of chords of a circle that stay close to it."""
     return 4 * min(256, max(4, math.ceil(math.pi / 4 * math.sqrt(radius / (2 * _CHORD)))))
@@ -544,14 +505,11 @@ def _revolved(profile: Sequence[tuple[float, float]], sides: int) -> Floats:
 
 def _ball(radius: float, length: float = 0.0) -> Floats:
     """Return a ball, or a capsule whose cylinder has a length."""
-    steps = _sides(radius) // 2
-    angles = (np.arange(steps + 1) / steps - 0.5) * math.pi
-    half = np.where(np.arange(steps + 1) <= steps // 2, -length / 2, length / 2)
-    rows = np.stack([radius * np.cos(angles), radius * np.sin(angles) + half], axis=1)
-    rows[[0, -1], 0] = 0.0
-    middle = [(radius, length / 2)] if length else []
-    profile = [*map(tuple, rows[: steps // 2 + 1]), *middle, *map(tuple, rows[steps // 2 + 1 :])]
-    return _revolved(profile, _sides(radius))
+    angles = np.linspace(0.0, math.pi / 2, _sides(radius) // 4 + 1)
+    radii, heights = radius * np.cos(angles), radius * np.sin(angles) + length / 2
+    radii[-1] = 0.0
+    lower, upper = zip(radii[::-1], -heights[::-1], strict=True), zip(radii, heights, strict=True)
+    return _revolved([*lower, *upper], _sides(radius))
 
 
 _FACES = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
@@ -562,26 +520,19 @@ def _box(size: Floats) -> Floats:
     return np.asarray((corners * size)[np.array(_FACES)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)])
 
 
-def _cylinder(radius: Floats, length: Floats) -> Floats:
-    r, half = float(radius[0]), float(length[0]) / 2
-    return _revolved([(0, -half), (r, -half), (r, half), (0, half)], _sides(r))
-
-
-def _cone(radius: Floats, length: Floats) -> Floats:
-    r, half = float(radius[0]), float(length[0]) / 2
-    return _revolved([(0, -half), (r, -half), (0, half)], _sides(r))
+def _cone(radius: float, length: float, upper: float = 0.0) -> Floats:
+    rows = [(0, -length / 2), (radius, -length / 2), (upper, length / 2), (0, length / 2)]
+    return _revolved(rows, _sides(radius))
 
 
 _SHAPES: dict[str, tuple[dict[str, int], Callable[..., Floats]]] = {
     "box": ({"size": 3}, _box),
-    "cylinder": ({"radius": 1, "length": 1}, _cylinder),
-    "sphere": ({"radius": 1}, lambda radius: _ball(float(radius[0]))),
-    "capsule": (
-        {"radius": 1, "length": 1}, lambda radius, length: _ball(float(radius[0]), float(length[0]))
-    ),
-    "ellipsoid": ({"radii": 3}, lambda radii: _ball(float(radii.max())) * radii / radii.max()),
-    "cone": ({"radius": 1, "length": 1}, _cone),
-}  # fmt: skip
+    "cylinder": ({"radius": 1, "length": 1}, lambda r, length: _cone(r[0], length[0], r[0])),
+    "sphere": ({"radius": 1}, lambda radius: _ball(radius[0])),
+    "capsule": ({"radius": 1, "length": 1}, lambda radius, length: _ball(radius[0], length[0])),
+    "ellipsoid": ({"radii": 3}, lambda radii: _ball(radii.max()) * radii / radii.max()),
+    "cone": ({"radius": 1, "length": 1}, lambda radius, length: _cone(radius[0], length[0])),
+}
 _REFUSED = ("heightmap", "image")
 
 
