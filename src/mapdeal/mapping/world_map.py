@@ -24,11 +24,8 @@ from mapdeal.kernels.polygons import enumerated
 from mapdeal.mapping.cloud_map import MARGIN, CloudMapper, CloudOptions, box_of, ledges
 from mapdeal.mapping.voxels import Claim
 
-_INWARDS = (
-    0.01  # cells by which surfaces move into their solids: those on edges of cells count once
-)
-_PIECE = 2.0  # cells: longest piece of an edge that is drawn at once
-_AT_ONCE = 1 << 14  # pieces
+_INWARDS = 0.01  # cells that surfaces move into solids: those between two cells count once
+_AT_ONCE = 1 << 20  # cells near edges
 _SPACING = 0.5  # cells between points on surfaces
 _LONGEST = 64.0  # cells: longer triangles are split, and those outside of the map left out
 _POINTS_AT_ONCE = 1 << 19
@@ -119,41 +116,35 @@ def surface_cells(section: Section, frame: Frame, runs: _Runs) -> Mask:
     from scipy import ndimage  # takes long to import
 
     begin, along, length = _in_cells(section, frame)
-    inwards = along[:, ::-1] * [-_INWARDS, _INWARDS] / np.maximum(length, 1e-12)[:, np.newaxis]
-    begin = begin + inwards
-    # the share of each edge that is in the map, with a margin
-    first, last = np.zeros(len(along)), np.ones(len(along))
-    for axis, size in ((0, frame.width), (1, frame.height)):
-        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            ends = (np.array([[-1.0], [size + 1.0]]) - begin[:, axis]) / along[:, axis]
-        first = np.maximum(first, ends.min(axis=0))
-        last = np.minimum(last, ends.max(axis=0))
-    used = first <= last
-    begin, along, length, solid = begin[used], along[used], length[used], section.solid[used]
-    first, last = first[used], last[used]
-    counts = np.maximum(1, np.ceil((last - first) * length / _PIECE)).astype(np.int64)
-    whose, number = enumerated(np.zeros(len(counts), np.int64), counts)
-    step = (last - first) / counts
-    offsets = np.stack(np.meshgrid(*(np.arange(_PIECE + 2),) * 2), axis=-1).reshape(-1, 2)
-    keys = [np.zeros(0, np.int64)]
-    for k in range(0, len(whose), _AT_ONCE):
-        edge, at = whose[k : k + _AT_ONCE], number[k : k + _AT_ONCE, np.newaxis]
-        piece = step[edge, np.newaxis] * along[edge]
-        start = begin[edge] + first[edge, np.newaxis] * along[edge] + at * piece
-        low = np.ceil(np.minimum(start, start + piece) - 1.0)
-        cells = low[:, np.newaxis] + offsets
-        away = cells + 0.5 - start[:, np.newaxis]
-        squared = np.maximum((piece**2).sum(axis=1), 1e-24)[:, np.newaxis]
-        share = np.clip((away * piece[:, np.newaxis]).sum(axis=2) / squared, 0.0, 1.0)
-        away -= share[:, :, np.newaxis] * piece[:, np.newaxis]
-        near = (away**2).sum(axis=2) <= 0.25
-        near &= ((cells >= 0) & (cells < [frame.width, frame.height])).all(axis=2)
-        col, row = cells[near].astype(np.int64).T
-        of_cell = np.repeat(solid[edge], near.sum(axis=1))
-        keys.append(np.unique((of_cell * frame.height + row) * frame.width + col))
-    cells_near = np.unique(np.concatenate(keys))
-    line, col = cells_near // frame.width, cells_near % frame.width
-    solid, row = line // frame.height, line % frame.height
+    normals = along[:, ::-1] * [-1, 1] / np.maximum(length, 1e-12)[:, np.newaxis]
+    begin = begin + _INWARDS * normals
+    ys = begin[:, 1], begin[:, 1] + along[:, 1]
+    first = np.clip(np.ceil(np.minimum(*ys) - 1), 0, frame.height).astype(np.int64)
+    stop = np.clip(np.floor(np.maximum(*ys)) + 1, 0, frame.height).astype(np.int64)
+    cost = np.cumsum(stop - first + np.minimum(length, frame.width))
+    keys = []
+    for part in np.split(
+        np.arange(len(cost)), np.searchsorted(cost, np.arange(_AT_ONCE, cost[-1], _AT_ONCE))
+    ):
+        edge, row = enumerated(first[part], stop[part])
+        edge = part[edge]
+        (x, y), (dx, dy) = begin[edge].T, along[edge].T
+        y, steep = row + 0.5 - y, np.where(np.abs(dy) < 1e-12, 1e-12, dy)
+        tilt = 0.5 * np.sign(steep) * dx / np.hypot(dx, steep)
+        ends = []
+        for sign in (-1, 1):  # the places half a cell from the edge, farthest left and right
+            share = np.clip((y + sign * tilt) / steep, 0.0, 1.0)
+            away = np.sqrt(np.maximum(0.25 - (y - share * dy) ** 2, 0.0))
+            ends.append(x + share * dx + sign * away)
+        start = np.clip(np.ceil(ends[0] - 0.5), 0, frame.width).astype(np.int64)
+        whose, col = enumerated(
+            start, np.clip(np.floor(ends[1] + 0.5), start, frame.width).astype(np.int64)
+        )
+        keys.append(
+            np.unique((section.solid[edge] * frame.height + row)[whose] * frame.width + col)
+        )
+    shape = int(section.solid.max()) + 1, *frame.shape
+    solid, row, col = np.unravel_index(np.unique(np.concatenate(keys)), shape)
     own = np.zeros(frame.shape, np.int64)
     inside = runs.hold(solid, row, col)
     np.add.at(own, (row[inside], col[inside]), 1)
@@ -192,9 +183,8 @@ def _winding_runs(line: Integers, turn: Integers) -> tuple[Integers, Integers]:
         is_closed = np.repeat(np.add.reduceat(turn, starts) == 0, counts)
         turn = np.where(is_closed, turn, alternating) * np.repeat((counts % 2) == 0, counts)
     winding = np.cumsum(turn)
-    return np.flatnonzero((winding != 0) & (winding == turn)), np.flatnonzero(
-        (winding == 0) & (turn != 0)
-    )
+    enters, leaves = (winding != 0) & (winding == turn), (winding == 0) & (turn != 0)
+    return np.flatnonzero(enters), np.flatnonzero(leaves)
 
 
 def _rows_crossed(begin: Floats, along: Floats, height: int) -> tuple[Integers, Integers, Floats]:
@@ -230,15 +220,8 @@ def frame_around(points_xy: Floats, resolution: float) -> Frame:
     return Region(row, col, height, width).frame_in(lattice)
 
 
-class Space(NamedTuple):
-    """The free cells around a robot, and the area of other spaces with walls all around, m2."""
-
-    cells: Mask
-    elsewhere_m2: float
-
-
-def space_in(free: Mask, frame: Frame, at: tuple[float, ...] | None) -> Space:
-    """Return the connected free cells at a place, or by default the largest enclosed space."""
+def _space_in(free: Mask, frame: Frame, at: tuple[float, ...] | None) -> tuple[Mask, float]:
+    """Return the free cells around a place or robot, and the largest area behind walls, m2."""
     spaces = labelled(free, corners=False)
     sizes = spaces.sizes.copy()
     sizes[0] = 0
@@ -256,33 +239,24 @@ def space_in(free: Mask, frame: Frame, at: tuple[float, ...] | None) -> Space:
     elif enclosed.max() >= _SHARE_ENCLOSED * sizes.max():
         chosen = int(enclosed.argmax())
     enclosed[chosen] = 0
-    cells = (spaces.cells == chosen) & free
-    return Space(cells, float(enclosed.max() * frame.resolution**2))
+    return (spaces.cells == chosen) & free, float(enclosed.max() * frame.resolution**2)
 
 
-@dataclass(frozen=True)
-class WorldMap:
-    """Map of a simulated world.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        100 where solids are, 0 in free space, -1 elsewhere.
-    elsewhere_m2 : float
-        Largest area of free space elsewhere, behind walls, square metres; it is unknown.
-    """
+class WorldMap(NamedTuple):
+    """A map of 100 where solids are, 0 in free space and -1 elsewhere."""
 
     grid: OccupancyGrid
-    elsewhere_m2: float = 0.0
+    elsewhere_m2: float
+    """Largest area of free space elsewhere, behind walls, square metres; it is unknown."""
 
 
 def _map_of(
     occupied: Mask, free: Mask, frame: Frame, at: tuple[float, ...] | None, *, solid: bool
 ) -> WorldMap:
-    space = Space(free, 0.0) if solid else space_in(free, frame, at)
-    values = np.full(frame.shape, UNKNOWN, np.int8)
-    values[space.cells], values[occupied] = FREE, OCCUPIED
-    return WorldMap(OccupancyGrid(values, frame.resolution, frame.origin), space.elsewhere_m2)
+    known, elsewhere_m2 = (free, 0.0) if solid else _space_in(free, frame, at)
+    values = np.where(known, FREE, UNKNOWN).astype(np.int8)
+    values[occupied] = OCCUPIED
+    return WorldMap(OccupancyGrid(values, frame.resolution, frame.origin), elsewhere_m2)
 
 
 _PER_CELL = 40
@@ -312,14 +286,12 @@ def map_for_robot(
     frame: Frame | None = None, solid: bool = False, claim: Claim = lambda *_: None,
 ) -> WorldMap:  # fmt: skip
     """Return what a robot hits, with ramps and steps as in maps of clouds."""
-    has_frame = frame is not None
-    frame = frame or frame_around(triangles[:, :, :2].reshape(-1, 2), resolution)
+    points, has_frame = triangles.reshape(-1, 3), frame is not None
+    frame = frame or frame_around(points[:, :2], resolution)
     cell = frame.resolution
-    local = np.empty(triangles.shape)  # in cells of the map, which may be turned
-    local[:, :, :2] = frame.continuous_rowcol_from_xy(triangles[:, :, :2].reshape(-1, 2))[
-        :, ::-1
-    ].reshape(-1, 3, 2)
-    local[:, :, 2] = triangles[:, :, 2] / cell
+    row, col = frame.continuous_rowcol_from_xy(points[:, :2]).T
+    # in cells of the map, which may be turned
+    local = np.stack([col, row, points[:, 2] / cell], axis=1).reshape(-1, 3, 3)
     at = options.at
     if at is not None:
         row, col = (frame.continuous_rowcol_from_xy([at[:2]])[0] * cell).tolist()
@@ -349,9 +321,8 @@ def map_for_robot(
     is_floor &= ~occupied
     if not has_frame:
         box = box_of(occupied if occupied.any() else is_floor)
-        rows, cols = slice(box.row, box.row + box.height), slice(box.col, box.col + box.width)
-        occupied, is_floor = occupied[rows, cols], is_floor[rows, cols]
-        frame = box.frame_in(frame)
+        part = box.shared_with(occupied.shape)
+        occupied, is_floor, frame = occupied[part], is_floor[part], box.frame_in(frame)
     return _map_of(occupied, is_floor, frame, at, solid=solid)
 
 
@@ -377,21 +348,15 @@ class _Columns(NamedTuple):
             place.ravel()[self.upper_cell[near]] = values[near]  # the highest is the last
         height[~(np.abs(height - floor) <= 2 * climb)] = np.nan
         found = np.zeros(self.shape, np.bool_)
-        for axis, slope in ((1, rise[0]), (0, rise[1])):
-            first: tuple[slice, ...] = (slice(None),) * axis + (slice(None, -1),)
-            second: tuple[slice, ...] = (slice(None),) * axis + (slice(1, None),)
+        for z, slope, steep in ((height, rise[1], found), (height.T, rise[0].T, found.T)):
             # where the planes of both cells end at their common edge
-            step = height[second] - slope[second] / 2 - height[first] - slope[first] / 2
-            found[first] |= step < -climb - _INWARDS
-            found[second] |= step > climb + _INWARDS
+            step = z[1:] - slope[1:] / 2 - z[:-1] - slope[:-1] / 2
+            steep[:-1] |= step < -climb - _INWARDS
+            steep[1:] |= step > climb + _INWARDS
         return found
 
     def visible(self, points: Floats, triangles: Floats, solid: Integers, climb: float) -> Mask:
-        """Return which points of triangles a robot can meet.
-
-        Points within other solids are hidden, and so are undersides without a floor below them,
-        such as those of slabs and of boxes on the ground.
-        """
+        """Return which points are outside of other solids, and not under boxes on the ground."""
         normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         normal /= np.maximum(np.sqrt((normal**2).sum(axis=1)), 1e-12)[:, np.newaxis]
         beside = points + _OUTWARDS * normal
@@ -453,14 +418,11 @@ def _columns_of(triangles: Floats, solids: Integers, shape: tuple[int, int]) -> 
     enters, leaves = _winding_runs(lines, turn)
     closed = np.zeros(int(solids.max()) + 1, np.bool_)
     closed[solid[enters]] = True
-    return _Columns(
-        cell[enters], z[enters], z[leaves], solid[enters], closed, *upper_fields, shape
-    )  # fmt: skip
+    found = cell[enters], z[enters], z[leaves], solid[enters], closed
+    return _Columns(*found, *upper_fields, shape)
 
 
-def points_on(
-    triangles: Floats, shape: tuple[int, int]
-) -> Iterator[tuple[Floats, Integers]]:  # fmt: skip
+def points_on(triangles: Floats, shape: tuple[int, int]) -> Iterator[tuple[Floats, Integers]]:
     """Yield points half a cell apart on triangles in a map, and the triangle of each."""
     size, number = np.array(shape[::-1]), np.arange(len(triangles))
     while len(triangles):
