@@ -18,7 +18,7 @@ from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping.build import frame_of
 from mapdeal.mapping.cloud_map import CloudOptions
 from mapdeal.mapping.voxels import upright
-from mapdeal.mapping.world_map import WorldMap, WorldOptions, map_at_height, map_for_robot
+from mapdeal.mapping.world_map import WorldOptions, map_of_world
 from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pipeline.folder import written_line
 from mapdeal.pipeline.inputs import Work, errors_named, refuse
@@ -49,20 +49,13 @@ class WorldBuild(Made):
         yield text + (f"; {count_text(moving, 'model')} that can move left out" if moving else "")
 
 
-def _frame(
-    size: Point | None, origin: Sequence[float] | None, resolution: float
-) -> Frame | None:  # fmt: skip
-    frame = frame_of(size, None if origin is None else origin[:2], resolution)
-    if frame is None or origin is None or len(origin) == 2:
-        return frame
-    return Frame(*frame.shape, frame.resolution, check_origin(origin))
-
-
 def _mapped(
     path: Path, options: WorldOptions, of_robot: dict[str, Any], model_path: Sequence[Path],
     resolution: float, size: Point | None, origin: Sequence[float] | None,
-) -> tuple[World, WorldMap]:  # fmt: skip
-    frame = _frame(size, origin, resolution)
+) -> tuple[World, OccupancyGrid]:  # fmt: skip
+    frame = frame_of(size, None if origin is None else origin[:2], resolution)
+    if frame is not None and origin is not None and len(origin) > 2:
+        frame = Frame(*frame.shape, frame.resolution, check_origin(origin))
     refuse("does not apply to worlds", **{n: of_robot.get(n) for n in _NOT_OF_WORLDS})
     if (options.height is None) == ("robot_height" not in of_robot):
         rule = "needs exactly one of --height (what a lidar sees) and --robot-height"
@@ -83,19 +76,14 @@ def _mapped(
         )  # fmt: skip
         claim(path, 3 * world.triangles.nbytes, what=f"{len(world.triangles)} triangles")
         triangles = upright(world.triangles.reshape(-1, 3), of_cloud.up).reshape(-1, 3, 3)
-        common: dict[str, Any] = {"resolution": resolution, "frame": frame, "claim": claimed}
-        common["solid"] = options.solid
-        if options.height is None:
-            world_map = map_for_robot(triangles, world.solids, of_cloud, **common)
-        else:
-            world_map = map_at_height(
-                triangles, world.solids, options.height, at=of_cloud.at, **common
-            )
-    if world_map.elsewhere_m2 >= _LEAST_ELSEWHERE:
-        area = decimal_text(world_map.elsewhere_m2, 3)
-        text = f"{path}: {area} m2 of free space behind walls are unknown"
+        grid, elsewhere_m2 = map_of_world(
+            triangles, world.solids, of_cloud, options, resolution=resolution, frame=frame,
+            claim=claimed,
+        )  # fmt: skip
+    if elsewhere_m2 >= _LEAST_ELSEWHERE:
+        text = f"{path}: {decimal_text(elsewhere_m2, 3)} m2 of free space behind walls are unknown"
         emit_warning(f"{text}: --at X,Y,Z maps the space at a place", stacklevel=2)
-    return world, world_map
+    return world, grid
 
 
 def build_from_world(
@@ -106,9 +94,9 @@ def build_from_world(
     """Make a map of a world in the shell."""
     work.outputs += output_paths(output)
     transaction = work.begin([path])
-    world, world_map = _mapped(path, options, of_robot, model_path, resolution, size, origin)
-    write_grid(transaction, output, world_map.grid)
-    return WorldBuild(world_map.grid, f"{output.stem}: map of a world", world=world)
+    world, grid = _mapped(path, options, of_robot, model_path, resolution, size, origin)
+    write_grid(transaction, output, grid)
+    return WorldBuild(grid, f"{output.stem}: map of a world", world=world)
 
 
 def build_map_from_world(
@@ -160,4 +148,4 @@ def build_map_from_world(
     options = WorldOptions(height=height, solid=solid, visual=visual, static_only=static_only)
     with settings.reading(), use_threads(settings.threads):
         folders = [Path(folder) for folder in model_path]
-        return _mapped(Path(path), options, robot, folders, resolution, size, origin)[1].grid
+        return _mapped(Path(path), options, robot, folders, resolution, size, origin)[1]

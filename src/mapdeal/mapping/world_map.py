@@ -242,32 +242,35 @@ def _space_in(free: Mask, frame: Frame, at: tuple[float, ...] | None) -> tuple[M
     return (spaces.cells == chosen) & free, float(enclosed.max() * frame.resolution**2)
 
 
-class WorldMap(NamedTuple):
-    """A map of 100 where solids are, 0 in free space and -1 elsewhere."""
-
-    grid: OccupancyGrid
-    elsewhere_m2: float
-    """Largest area of free space elsewhere, behind walls, square metres; it is unknown."""
-
-
-def _map_of(
-    occupied: Mask, free: Mask, frame: Frame, at: tuple[float, ...] | None, *, solid: bool
-) -> WorldMap:
-    known, elsewhere_m2 = (free, 0.0) if solid else _space_in(free, frame, at)
+def map_of_world(
+    triangles: Floats, solids: Integers, robot: CloudOptions, options: WorldOptions, *,
+    resolution: float, frame: Frame | None, claim: Claim,
+) -> tuple[OccupancyGrid, float]:  # fmt: skip
+    """Return the map of triangles and the solid of each, and the largest area behind walls, m2."""
+    if options.height is None:
+        occupied, free, frame = _for_robot(
+            triangles, solids, robot, resolution, frame, claim, solid=options.solid
+        )
+    else:
+        occupied, inside, frame = _at_height(
+            triangles, solids, options.height, resolution, frame, claim
+        )
+        free = ~(occupied | inside)
+        occupied |= inside & options.solid
+    known, elsewhere_m2 = (free, 0.0) if options.solid else _space_in(free, frame, robot.at)
     values = np.where(known, FREE, UNKNOWN).astype(np.int8)
     values[occupied] = OCCUPIED
-    return WorldMap(OccupancyGrid(values, frame.resolution, frame.origin), elsewhere_m2)
+    return OccupancyGrid(values, frame.resolution, frame.origin), elsewhere_m2
 
 
 _PER_CELL = 40
 
 
-def map_at_height(
-    triangles: Floats, solids: Integers, height: float, *, resolution: float = 0.05,
-    frame: Frame | None = None, solid: bool = False, at: tuple[float, ...] | None = None,
-    claim: Claim = lambda *_: None,
-) -> WorldMap:  # fmt: skip
-    """Return what a lidar at a height sees of solids: triangles, and the solid of each."""
+def _at_height(
+    triangles: Floats, solids: Integers, height: float, resolution: float, frame: Frame | None,
+    claim: Claim,
+) -> tuple[Mask, Mask, Frame]:  # fmt: skip
+    """Return what a lidar at a height sees of solids, and their inside."""
     section = section_at(triangles, solids, height)
     if not len(section.begin):
         low, high = triangles[:, :, 2].min(), triangles[:, :, 2].max()
@@ -276,26 +279,23 @@ def map_at_height(
     frame = frame or frame_around(np.concatenate(section[:2]), resolution)
     claim(_PER_CELL * frame.height * frame.width, f"{frame.width} x {frame.height} cells")
     runs = inside_runs(section, frame)
-    surface, inside = surface_cells(section, frame, runs), runs.depths() > 0
-    free = ~(surface | inside)
-    return _map_of(surface | inside if solid else surface, free, frame, at, solid=solid)
+    return surface_cells(section, frame, runs), runs.depths() > 0, frame
 
 
-def map_for_robot(
-    triangles: Floats, solids: Integers, options: CloudOptions, *, resolution: float = 0.05,
-    frame: Frame | None = None, solid: bool = False, claim: Claim = lambda *_: None,
-) -> WorldMap:  # fmt: skip
-    """Return what a robot hits, with ramps and steps as in maps of clouds."""
+def _for_robot(
+    triangles: Floats, solids: Integers, options: CloudOptions, resolution: float,
+    frame: Frame | None, claim: Claim, *, solid: bool,
+) -> tuple[Mask, Mask, Frame]:  # fmt: skip
+    """Return what a robot hits, with ramps and steps as in maps of clouds, and the free floor."""
     points, has_frame = triangles.reshape(-1, 3), frame is not None
     frame = frame or frame_around(points[:, :2], resolution)
     cell = frame.resolution
     row, col = frame.continuous_rowcol_from_xy(points[:, :2]).T
     # in cells of the map, which may be turned
     local = np.stack([col, row, points[:, 2] / cell], axis=1).reshape(-1, 3, 3)
-    at = options.at
-    if at is not None:
-        row, col = (frame.continuous_rowcol_from_xy([at[:2]])[0] * cell).tolist()
-        options = replace(options, at=(col, row, at[2]))
+    if options.at is not None:
+        row, col = (frame.continuous_rowcol_from_xy([options.at[:2]])[0] * cell).tolist()
+        options = replace(options, at=(col, row, options.at[2]))
     mapper = CloudMapper(replace(options, up="z"), frame=Frame(*frame.shape, cell), claim=claim)
     columns = _columns_of(local, solids, frame.shape)
     for points, triangle in points_on(local, frame.shape):
@@ -323,7 +323,7 @@ def map_for_robot(
         box = box_of(occupied if occupied.any() else is_floor)
         part = box.shared_with(occupied.shape)
         occupied, is_floor, frame = occupied[part], is_floor[part], box.frame_in(frame)
-    return _map_of(occupied, is_floor, frame, at, solid=solid)
+    return occupied, is_floor, frame
 
 
 class _Columns(NamedTuple):
