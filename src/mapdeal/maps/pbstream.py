@@ -41,8 +41,9 @@ from mapdeal.maps.submaps import UNKNOWN_GREY, Slice, canvas_of, paint
 _MAGIC = (0x7B1D1F7B5BF501DB).to_bytes(8, "little")
 _RESOLUTION = 0.05  # Cartographer's default
 _PER_BYTE = 48  # bytes in memory for each byte of a message: its numbers, and cells
-_VARINT, _DOUBLE, _BYTES, _FLOAT = 0, 1, 2, 5
-_SKIPPED = (2, *range(4, 10))  # options, nodes, data of sensors
+_VARINT, _BYTES = 0, 2
+_SIZES = {1: 8, 5: 4}  # of other types
+_FORMATS = {8: "<d", 4: "<f"}
 _LARGEST_SIDE = 1 << 15
 _LARGEST_NUMBER = 1e12
 _UPDATED = 1 << 15  # a bit of cells, which does not count
@@ -56,7 +57,7 @@ class Message:
 
     def __init__(self, data: bytes, place: str) -> None:
         self.size, self._place = len(data), place
-        self._fields: dict[int, list[tuple[int, Any]]] = {}
+        self._fields: dict[int, list[Any]] = {}
         at = 0
         while at < len(data):
             tag, at = self._varint(data, at)
@@ -64,18 +65,14 @@ class Message:
             value: Any
             if kind == _VARINT:
                 value, at = self._varint(data, at)
-            elif kind in (_DOUBLE, _FLOAT, _BYTES):
-                size = 8 if kind == _DOUBLE else 4
-                if kind == _BYTES:
-                    size, at = self._varint(data, at)
+            elif kind in (_BYTES, *_SIZES):
+                size, at = (_SIZES[kind], at) if kind in _SIZES else self._varint(data, at)
                 value, at = data[at : at + size], at + size
                 if at > len(data):
                     raise self.error(f"field {number} is longer than its message")
-                if kind != _BYTES:
-                    (value,) = struct.unpack("<d" if kind == _DOUBLE else "<f", value)
             else:
                 raise self.error(f"field {number} has a type that is not used", got=kind)
-            self._fields.setdefault(number, []).append((kind, value))
+            self._fields.setdefault(number, []).append(value)
 
     def _varint(self, data: bytes, at: int) -> tuple[int, int]:
         value = 0
@@ -91,49 +88,47 @@ class Message:
     def __contains__(self, field: int) -> bool:
         return field in self._fields
 
-    def _values(self, field: int, *kinds: int) -> Iterator[Any]:
-        for kind, value in self._fields.get(field, ()):
-            if kind not in kinds:
-                raise self.error(f"field {field} has another type than it should", got=kind)
-            yield value
+    def _values(self, field: int, kind: Any, sizes: Container[int] | None = None) -> list[Any]:
+        values = self._fields.get(field, [])
+        for value in values:
+            if not isinstance(value, kind) or (sizes and len(value) not in sizes):
+                raise self.error(f"field {field} has another type than it should")
+        return values
 
     def integer(self, field: int) -> int:
-        value: int = [0, *self._values(field, _VARINT)][-1]
+        value: int = [0, *self._values(field, int)][-1]
         return value - (1 << 64) if value >> 63 else value
 
     def number(self, field: int, default: float = 0.0) -> float:
-        value: float = [default, *self._values(field, _DOUBLE, _FLOAT)][-1]
+        values = self._values(field, bytes, _FORMATS)
+        value = struct.unpack(_FORMATS[len(values[-1])], values[-1])[0] if values else default
         if not abs(value) < _LARGEST_NUMBER:
             rule = f"field {field} must be a number below {_LARGEST_NUMBER:g}"
             raise self.error(rule, got=value)
-        return value
+        return float(value)
 
     def numbers(self, *fields: int) -> list[float]:
         return [self.number(field) for field in fields]
 
     def message(self, field: int) -> Message:
-        return Message([b"", *self._values(field, _BYTES)][-1], self._place)
+        return Message([b"", *self._values(field, bytes)][-1], self._place)
 
     def messages(self, field: int) -> Iterator[Message]:
-        return (Message(data, self._place) for data in self._values(field, _BYTES))
+        return (Message(data, self._place) for data in self._values(field, bytes))
 
     def integers(self, field: int) -> Integers:
-        """Return a list of integers, packed or not, modulo 2**56."""
-        values = list(self._values(field, _VARINT, _BYTES))
-        packed = [value for value in values if isinstance(value, bytes)]
-        if not packed:
-            return np.array([value & (1 << 56) - 1 for value in values], dtype=np.int64)
-        data = np.frombuffer(b"".join(packed), dtype=np.uint8)
+        """Return a list of integers, packed or not; those above 2**49 are not exact."""
+        values = self._fields.get(field, [])
+        if all(isinstance(value, int) for value in values):
+            return np.array([min(value, 1 << 49) for value in values], dtype=np.int64)
+        data = np.frombuffer(b"".join(self._values(field, bytes)), dtype=np.uint8)
         ends = np.flatnonzero(data < 128)
-        if len(packed) < len(values) or not len(ends) or ends[-1] + 1 < len(data):
+        if not len(ends) or ends[-1] + 1 < len(data):
             raise self.error(f"the integers of field {field} are damaged")
-        lengths = np.diff(ends, prepend=-1)
-        integers = np.zeros(len(ends), dtype=np.int64)
-        for index in range(min(int(lengths.max()), 8)):
-            is_long = lengths > index
-            bits = data[(ends - lengths + 1 + index)[is_long]].astype(np.int64) & 127
-            integers[is_long] |= bits << 7 * index
-        return integers
+        starts = np.append(0, ends[:-1] + 1)
+        places = np.arange(len(data)) - np.repeat(starts, ends + 1 - starts)
+        bits = (data & 127).astype(np.int64) << 7 * np.minimum(places, 7)
+        return np.add.reduceat(bits, starts)
 
 
 def _planar(pose: Message) -> Floats:
@@ -162,36 +157,24 @@ class Block(NamedTuple):
     offset: int
     length: int
 
-    @property
-    def place(self) -> str:
-        return f"message at byte {self.offset}"
-
-    def read(self, file: BinaryIO, skipped: Container[int] = ()) -> Message | None:
-        """Return the message, or None for those whose first field is `skipped`."""
+    def read(self, file: BinaryIO) -> Message:
+        place = f"message at byte {self.offset}"
         claim(file.name, self.length)
         file.seek(self.offset)
         data = file.read(self.length)
-        if skipped and (tag := self._expanded(data, 1)) and tag[0] >> 3 in skipped:
-            return None
-        most = most_expanded(len(data))
-        content = self._expanded(data, most)
-        if len(content) > most:
-            rule = f"{len(data)} bytes would expand to more than {most}"
-            hint = "--max-memory SIZE allows more, if that much is available"
-            raise MalformedInputError(rule, place=self.place, hint=hint)
-        claim(file.name, _PER_BYTE * len(content))
-        return Message(content, self.place)
-
-    def _expanded(self, data: bytes, most: int) -> bytes:
-        """Return the first bytes of the message, up to one more than `most`."""
-        stream = zlib.decompressobj(wbits=31)
+        most, stream = most_expanded(len(data)), zlib.decompressobj(wbits=31)
         try:
             content = stream.decompress(data, most + 1)
         except zlib.error as error:
-            raise MalformedInputError(f"is damaged: {error}", place=self.place) from None
-        if len(content) <= most and not stream.eof:
-            raise MalformedInputError("its compressed data end early", place=self.place)
-        return content
+            raise MalformedInputError(f"is damaged: {error}", place=place) from None
+        if len(content) > most:
+            rule = f"{len(data)} bytes would expand to more than {most}"
+            hint = "--max-memory SIZE allows more, if that much is available"
+            raise MalformedInputError(rule, place=place, hint=hint)
+        if not stream.eof:
+            raise MalformedInputError("its compressed data end early", place=place)
+        claim(file.name, _PER_BYTE * len(content))
+        return Message(content, place)
 
 
 def _blocks(file: BinaryIO, size: int) -> Iterator[Block]:
@@ -200,7 +183,8 @@ def _blocks(file: BinaryIO, size: int) -> Iterator[Block]:
     while start := file.read(8):
         block = Block(file.tell(), int.from_bytes(start, "little"))
         if len(start) < 8 or block.length > size - block.offset:
-            raise MalformedInputError("the file ends within it", place=block.place)
+            place = f"message at byte {block.offset}"
+            raise MalformedInputError("the file ends within it", place=place)
         yield block
         file.seek(sum(block))
 
@@ -229,11 +213,10 @@ class Submap:
         limits, box = grid.message(1), grid.message(3)
         width, height = map(limits.message(3).integer, (1, 2))
         last_col, last_row, col, row = map(box.integer, (1, 2, 3, 4))
-        if not (0 < width < _LARGEST_SIDE and 0 < height < _LARGEST_SIDE):
-            rule = f"submap {name} must have 1 to {_LARGEST_SIDE - 1} rows and columns"
-            raise message.error(rule, got=(height, width))
-        if not (0 <= col <= last_col < width and 0 <= row <= last_row < height):
+        is_within = 0 <= col <= last_col < width and 0 <= row <= last_row < height
+        if not is_within or max(width, height) > _LARGEST_SIDE:
             rule = f"the known cells of submap {name} must lie within its {height} x {width} cells"
+            rule += f", at most {_LARGEST_SIDE} a side"
             raise message.error(rule, got=(row, col, last_row, last_col))
         resolution = limits.number(1)
         if not resolution > 0:
@@ -247,7 +230,6 @@ class Submap:
 
     def texture(self, file: BinaryIO) -> NDArray[np.uint32]:
         message = self.block.read(file)
-        assert message is not None  # noqa: S101 - for mypy
         grid = next(message.messages(3)).message(2).message(4)
         cells, (height, width) = grid.integers(2), self.size
         if len(cells) != height * width:
@@ -320,9 +302,7 @@ class StateFile(MapFile):
         self._version = self._largest = 0
         with _opened(path) as file:
             for block in _blocks(file, check_readable(path).st_size):
-                message = block.read(file, _SKIPPED)
-                if message is not None:
-                    self._add(message, block)
+                self._add(block.read(file), block)
             self._slices = self._placed()
             self._canvas = canvas_of(self._slices)
 
@@ -353,7 +333,7 @@ class StateFile(MapFile):
             raise MalformedInputError("has no submaps")
         for key in self._submaps.keys() ^ self._poses.keys():
             rule = "has no pose" if key in self._submaps else "is missing: the file is cut"
-            raise MalformedInputError(f"submap {key} {rule}", place=self._graph.place)
+            raise MalformedInputError(f"submap {key} {rule}", place="pose graph")
         placed = []
         for key, submap in sorted(self._submaps.items()):
             scale = submap.resolution / self._resolution
@@ -400,11 +380,9 @@ class StateFile(MapFile):
 
     def trajectories(self) -> dict[int, Trajectory]:
         with _opened(self.path) as file:
-            message = self._graph.read(file)
-            graphs = [] if message is None else message.messages(1)
             return {
                 trajectory.integer(3): Trajectory.of(trajectory)
-                for graph in graphs
+                for graph in self._graph.read(file).messages(1)
                 for trajectory in graph.messages(4)
                 if 1 in trajectory
             }
