@@ -53,6 +53,7 @@ _BETWEEN = 1.0  # metres between the places from which all visible walls are loo
 _FIELD = Condition("at most a full turn, 6.2832", lambda value: value <= 2 * math.pi + 1e-3)
 _RATE = Condition("between 0.001 and 10000", lambda value: 0.001 <= value <= 10_000)
 _BEAMS = Condition("between 2 and 99999", lambda value: 2 <= value <= 99_999)
+_MOUNT = Words("X,Y,YAW", lambda text: inputs.numbers_of(text, "X,Y,YAW"))
 _SHARE = Condition("between 0 and 1", lambda value: 0 <= value <= 1)
 
 
@@ -66,10 +67,6 @@ def _paths(output: Path) -> Iterable[Path]:
         rule = "must end in .npz, .log, .mcap or .db3"
         raise ParameterError(rule, source="--output", got=str(output))
     return [output]
-
-
-def _mount_of(text: str) -> tuple[float, ...]:
-    return inputs.numbers_of(text, "X,Y,YAW")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -111,8 +108,7 @@ class SimulatedScans(Result):
 
     def document(self) -> dict[str, Any]:
         ranges, count = self.scans.ranges, len(self.robot_poses)
-        hits = int(np.count_nonzero(np.isfinite(ranges)))
-        no_return = int(np.count_nonzero(ranges == np.inf))
+        hits, no_return = int(np.isfinite(ranges).sum()), int(np.isposinf(ranges).sum())
         return {
             "scans": count, "beams": ranges.size, "hits": hits, "no_return": no_return,
             "too_near": ranges.size - hits - no_return, "length_m": round(self.length, 3),
@@ -127,8 +123,8 @@ class SimulatedScans(Result):
             f"{self.length:.2f} m in {figures['duration_s']:g} s: {figures['hits']} hits, "
             f"{figures['no_return']} without return, {figures['too_near']} too near"
         )
-        if self.visible_count is not None and self.seen_count is not None:
-            share = 100 * self.seen_count / max(self.visible_count, 1)
+        if self.visible_count is not None:
+            share = 100 * (self.seen_count or 0) / max(self.visible_count, 1)
             yield f"  sees {share:.2f} % of {self.visible_count} visible wall cells"
 
     def summary(self, output: Path) -> Iterator[str]:
@@ -141,21 +137,19 @@ class SimulatedScans(Result):
         line = self.robot_poses[:, :2]
         start, goal = ((float(x), float(y)) for x, y in line[[0, -1]])
         route = Route("graph", True, start, goal, line, self.length)
-        title = title or f"{self.map.title}: simulated scans"
-        return occupancy_image(
-            self.map.occupancy, title=title, **{**look, "overlay": RouteOverlay(route)}
-        )
+        look |= {"title": title or f"{self.map.title}: simulated scans"}
+        return occupancy_image(self.map.occupancy, **{**look, "overlay": RouteOverlay(route)})
 
     def write(self, transaction: Any, output: Path) -> None:
         """Write the log: .npz, a CARMEN .log, or a bag of ROS 2."""
         scans, scanner = self.scans, self.scanner
         if output.suffix == ".npz":
-            arrays = {"poses": scans.poses, "angles": scans.angles, "ranges": scans.ranges}
-            transaction.write(output, lambda file: write_arrays(file, arrays))
+            fields = {"poses": scans.poses, "angles": scans.angles, "ranges": scans.ranges}
+            transaction.write(output, lambda file: write_arrays(file, fields))
         elif output.suffix == ".log":
             times = np.arange(1, len(self.robot_poses) + 1) / self.rate
-            arrays_of_scans = ScanArrays(scans.poses, scans.angles, scans.ranges)
-            lines = carmen_lines(arrays_of_scans, times, self.robot_poses, scanner.range_max)
+            arrays = ScanArrays(scans.poses, scans.angles, scans.ranges)
+            lines = carmen_lines(arrays, times, self.robot_poses, scanner.range_max)
             transaction.write_parts(output, lines)
         else:
             from mapdeal.bags.messages import SimulatedRun, write_run
@@ -194,7 +188,7 @@ def scan(
     range_min: Annotated[float, AT_LEAST_0, METRES] = 0.0,
     fov: Annotated[float, ABOVE_0, _FIELD, RADIANS] = 2 * math.pi,
     beams: Annotated[int, _BEAMS, Words("N")] = 360,
-    sensor_at: Annotated[tuple[float, ...], POSE, Words("X,Y,YAW", _mount_of)] = (0.0, 0.0, 0.0),
+    sensor_at: Annotated[tuple[float, ...], POSE, _MOUNT] = (0.0, 0.0, 0.0),
     noise: Annotated[float, AT_LEAST_0, METRES] = 0.0,
     dropout: Annotated[float, _SHARE, Words("P")] = 0.0,
     odom_noise: Annotated[float, AT_LEAST_0, Words("SIGMA")] = 0.0,
@@ -306,9 +300,8 @@ def scan(
         places = planned.reach.frame.xy_from_rowcol(cells)
         for hit in (*in_sight, *around.all_hit_cells(places, range_max)):
             is_visible[hit] = True
-        robot_poses = driven(
-            *tour_of(planned.graph, in_sight, around.cells), speed=speed, rate=rate
-        )
+        way = tour_of(planned.graph, in_sight, around.cells)
+        robot_poses = driven(*way, speed=speed, rate=rate)
     else:
         line = read_document(files[0])["points"].points() if files else route.points_xy
         if not len(line):
@@ -320,12 +313,12 @@ def scan(
         claim(source.name, _PER_READING * count, what=f"{count} readings of scans")
     blocked = np.flatnonzero(~around.is_open(scanner.poses_of(robot_poses)))
     if len(blocked):
-        rule = "of the scanner lie in obstacles, in unknown cells or outside the map"
-        text = f"{len(blocked)} of {len(robot_poses)} poses {rule}"
+        name, rule = files[0] if files else source.name, "poses of the scanner lie in obstacles"
+        text = f"{len(blocked)} of {len(robot_poses)} {rule}, in unknown cells or outside the map"
         if len(blocked) == len(robot_poses):
-            raise MalformedInputError(text, source=files[0] if files else source.name)
+            raise MalformedInputError(text, source=name)
         text += f", the first of them pose {blocked[0] + 1}: they see nothing"
-        emit_warning(f"{files[0] if files else source.name}: {text}", stacklevel=2)
+        emit_warning(f"{name}: {text}", stacklevel=2)
     scans = scanner.scans(around, robot_poses, is_hit if tour else None)
-    counts = [int(np.count_nonzero(mask)) for mask in (is_visible | is_hit, is_hit)] if tour else []
+    counts = [int(mask.sum()) for mask in (is_visible | is_hit, is_hit)] if tour else []
     return SimulatedScans(source, scans, robot_poses, scanner, rate, odom_noise, *counts)

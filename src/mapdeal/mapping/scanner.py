@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 from mapdeal.grid.frame import as_float32
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import UNKNOWN
+from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.sensing import cast_rays, room_around
 from mapdeal.mapping.evidence import Scans
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _INSIDE = 1e-7  # metres that beams go into the cell that they hit, or rounding may end them before
 _BEAMS_TOGETHER = 1 << 18
@@ -57,13 +55,12 @@ class Surroundings:
 
     def hit_cells(self, poses: Floats, angles: Floats, lengths: Floats) -> Integers:
         """Return the obstacles in which beams end, as sorted flat indices."""
-        is_hit = np.isfinite(lengths)
-        headings, reach = (poses[:, 2:] + angles)[is_hit], lengths[is_hit, np.newaxis]
-        ends = np.repeat(poses[:, :2], np.count_nonzero(is_hit, axis=1), axis=0)
-        ends += reach * np.column_stack([np.cos(headings), np.sin(headings)])
+        scan, beam = np.nonzero(np.isfinite(lengths))
+        headings, reach = poses[scan, 2] + angles[beam], lengths[scan, beam, np.newaxis]
+        ends = poses[scan, :2] + reach * np.column_stack([np.cos(headings), np.sin(headings)])
         cells = self.grid.frame.clamped_rowcol_from_xy(ends)
-        flat = np.unique(cells[:, 0] * self.grid.shape[1] + cells[:, 1])
-        return flat[self.grid.occupied().reshape(-1)[flat]]
+        flat = np.unique(np.ravel_multi_index(tuple(cells.T), self.grid.shape))
+        return np.asarray(flat[self._room.reshape(-1)[flat] == 0])
 
     def all_hit_cells(self, places_xy: Floats, range_max: float) -> Iterator[Integers]:
         """Yield for each place all obstacles that can be seen from there, as flat indices."""

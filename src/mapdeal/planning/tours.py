@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.route_graph import RouteGraph
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from mapdeal.kernels.arrays import Floats, Integers
 
 _STEP = 0.02  # metres between places at which headings are computed
 _AHEAD = 0.25  # metres before and behind the robot; its heading is the direction between both
@@ -45,13 +43,9 @@ def tour_of(graph: RouteGraph, in_sight: Sequence[Integers], cells: int) -> Tour
     sees = csr_matrix((np.ones(len(indices), np.int64), indices, starts), shape=(count, cells))
     missing = np.ones(cells, dtype=np.int64)
     chosen: list[int] = []
-    while True:
-        gains = np.where(is_part, sees @ missing, 0)
-        best = int(gains.argmax())
-        if not gains[best]:
-            break
-        chosen.append(best)
-        missing[in_sight[best]] = 0
+    while (gains := np.where(is_part, sees @ missing, 0)).any():
+        chosen.append(int(gains.argmax()))
+        missing[in_sight[chosen[-1]]] = 0
     chosen = chosen or [int(is_part.argmax())]
     lengths, before = csgraph.dijkstra(edges, indices=chosen, return_predecessors=True)
     between = np.maximum(lengths[:, chosen], _LITTLE)  # zeros would be no edges
@@ -67,7 +61,7 @@ def tour_of(graph: RouteGraph, in_sight: Sequence[Integers], cells: int) -> Tour
     return Tour(graph.points_xy[nodes], np.array(is_viewpoint))
 
 
-def _shortened(order: Integers, lengths: Floats) -> list[int]:
+def _shortened(order: Integers, lengths: Floats) -> Integers:
     """Return a closed tour after all exchanges of two edges that shorten it (2-opt)."""
     has_changed = len(order) > 3
     while has_changed:
@@ -81,8 +75,7 @@ def _shortened(order: Integers, lengths: Floats) -> list[int]:
             if gains[best] > _LITTLE:
                 order[k + 1 : k + 3 + best] = order[k + 1 : k + 3 + best][::-1]
                 has_changed = True
-    found: list[int] = order.tolist()
-    return found
+    return order
 
 
 def driven(
