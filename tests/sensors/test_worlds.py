@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mapdeal import FileAccessError, MalformedInputError
 from mapdeal.grid.frame import Frame
 from mapdeal.mapping.world_map import inside_runs, section_at
+from mapdeal.sensors.meshes import strips_of
 from mapdeal.sensors.worlds import read_world
 
 trimesh = pytest.importorskip("trimesh")
@@ -174,6 +177,22 @@ def test_a_concave_face_leaves_its_notch_open(tmp_path):
     assert np.abs(section.begin[:, 0]).min() >= 0.2  # no wall in the doorway
     lengths = np.abs(section.begin - section.end)[:, 0]
     assert lengths.sum() == pytest.approx(1.6)
+
+
+@given(st.integers(0, 2**32), st.integers(3, 40), st.sampled_from([0, 1, 2]))
+def test_strips_cover_the_area_between_rings(seed, count, axis):
+    rng = np.random.default_rng(seed)
+    angles = np.sort(rng.uniform(-3, 3, count))
+    outline = rng.uniform(2, 3, (count, 1)) * np.column_stack([np.cos(angles), np.sin(angles)])
+    rings = [outline, [(-0.5, 0.1), (0.2, 0.6), (0.2, -0.7)][: 3 * (count > 20)]]
+    area = shapely.Polygon(outline).symmetric_difference(shapely.Polygon(rings[1]))
+    spots = [np.roll(np.insert(np.reshape(ring, (-1, 2)), 2, 0.0, axis=1), axis - 2, 1)
+             for ring in rings]  # fmt: skip
+    triangles = np.roll(strips_of(spots, "w.sdf", axis), 2 - axis, axis=2)[:, :, :2]
+    parts = shapely.polygons(triangles)
+    assert shapely.area(parts).sum() == pytest.approx(area.area)
+    assert shapely.area(shapely.symmetric_difference(shapely.union_all(parts), area)) < 1e-6
+    assert shapely.is_ccw(shapely.get_exterior_ring(parts[shapely.area(parts) > 1e-9])).all()
 
 
 def test_urdf_chains_joints_and_takes_what_is_seen_if_asked(tmp_path):

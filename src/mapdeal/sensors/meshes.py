@@ -276,8 +276,12 @@ class _Collada:
         self._open.append(parent)
         self._count()
         for child in parent:
-            if child.tag in _TRANSFORMS or child.tag in ("lookat", "skew"):
-                matrix = product(matrix, self._transform(child))
+            if child.tag in ("lookat", "skew"):
+                raise malformed(self.path, "is not supported", child.tag)
+            if child.tag in _TRANSFORMS:
+                count, matrix_of = _TRANSFORMS[child.tag]
+                numbers = numbers_in(child.text, self.path, child.tag, count)
+                matrix = product(matrix, matrix_of(numbers))
             elif child.tag == "node":
                 own = tuple(child.get(key, "") for key in ("id", "name"))
                 self._add_nodes(child, matrix, (*names, *own))
@@ -296,16 +300,15 @@ class _Collada:
                     self._add(geometry, product(matrix, shape.reshape(4, 4)), names)
         self._open.pop()
 
-    def _transform(self, element: Element) -> Floats:
-        if element.tag not in _TRANSFORMS:
-            raise malformed(self.path, "is not supported", element.tag)
-        count, matrix_of = _TRANSFORMS[element.tag]
-        return matrix_of(numbers_in(element.text, self.path, element.tag, count))
-
     def _add(self, geometry: Element, matrix: Floats, names: tuple[str, ...]) -> None:
         key = geometry.get("id", "")
         if key not in self._geometries:
-            self._geometries[key] = [self._part(faces, geometry) for faces in self._faces(geometry)]
+            shapes = [
+                shape for shape in geometry.iterfind("mesh/*") if shape.tag not in _NO_SURFACE
+            ]
+            self._geometries[key] = [
+                self._part(f"geometry {key}: {shape.tag}", shape) for shape in shapes
+            ]
         names = (*names, key, geometry.get("name", ""))
         for part in self._geometries[key]:
             self._count()
@@ -318,44 +321,30 @@ class _Collada:
         if self._instances > MOST_INSTANCES:
             raise malformed(self.path, f"must have at most {MOST_INSTANCES} nodes", "scene")
 
-    def _faces(self, geometry: Element) -> Iterator[Element]:
-        for faces in geometry.iterfind("mesh/*"):
-            if faces.tag in ("triangles", "polylist", "polygons"):
-                yield faces
-            elif faces.tag not in _NO_SURFACE:
-                place = f"geometry {geometry.get('id')}"
-                rule = "must be triangles, polylist or polygons"
-                raise malformed(self.path, rule, place, got=faces.tag)
-
-    def _part(self, faces: Element, geometry: Element) -> Part:
-        place = f"geometry {geometry.get('id')}: {faces.tag}"
+    def _part(self, place: str, faces: Element) -> Part:
+        if faces.tag not in ("triangles", "polylist", "polygons"):
+            raise malformed(self.path, "must be triangles, polylist or polygons", place)
         inputs = {element.get("semantic"): element for element in faces.iterfind("input")}
-        if "VERTEX" not in inputs:
-            raise malformed(self.path, "has no VERTEX input", place)
-        vertices = self._target(inputs["VERTEX"], "vertices", "source")
-        positions = vertices.find("input[@semantic='POSITION']")
-        if positions is None:
-            raise malformed(self.path, "has no POSITION input", place)
+        texts = " ".join(element.get("offset", "0") for element in faces.iterfind("input"))
+        step = 1 + int(self._indices_in(texts, f"{place}: offset").max(initial=0))
+        try:
+            vertices = self._target(inputs["VERTEX"], "vertices", "source").iterfind("input")
+            (positions,) = (part for part in vertices if part.get("semantic") == "POSITION")
+        except (KeyError, ValueError):
+            raise malformed(self.path, "must have one input VERTEX with POSITION", place) from None
         source = self._target(positions, "source", "source")
         accessor = source.find("technique_common/accessor")
         stride = "3" if accessor is None else accessor.get("stride", "3")
         width = int(self._indices_in(stride, f"{place}: stride", 1)[0])
         numbers = numbers_in(source.findtext("float_array"), self.path, f"{place}: float_array")
-        if width < 3 or len(numbers) % width:
-            raise malformed(
-                self.path, f"must be corners of {width} numbers", place, got=len(numbers)
-            )
-        corners = numbers.reshape(-1, width)[:, :3]
-        offsets = [
-            int(self._indices_in(element.get("offset", "0"), f"{place}: offset", 1)[0])
-            for element in faces.iterfind("input")
-        ]
-        step = max(offsets) + 1
-        offset = int(inputs["VERTEX"].get("offset", "0"))
-        texts = [element.text for element in faces.iterfind("p")]
-        loops = [self._indices_in(text, f"{place}: p") for text in texts]
-        if any(len(loop) % step for loop in loops):
-            raise malformed(self.path, f"must have {step} indices for each corner", place)
+        loops = [self._indices_in(p.text, f"{place}: p") for p in faces.iterfind("p")]
+        if width < 3 or len(numbers) % width or any(len(loop) % step for loop in loops):
+            rule = f"must be corners of {width} numbers and {step} indices"
+            raise malformed(self.path, rule, place, got=len(numbers))
+        corners, offset = (
+            numbers.reshape(-1, width)[:, :3],
+            int(inputs["VERTEX"].get("offset", "0")),
+        )
         indices = np.concatenate([np.zeros(0, np.int64), *(loop[offset::step] for loop in loops)])
         if faces.tag == "triangles":
             counts = np.full(len(indices) // 3, 3)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import unquote
@@ -47,6 +47,7 @@ _PARENTS = 5  # folders above a file that may hold its models
 _CHORD = 0.001  # metres between a curve and the chords that stand for it
 _BESIDE = 1.0  # metres of a plane around everything else
 _MOST_MODELS = 1 << 16
+_TRUE = ("1", "true")
 _CLOSED = 1e-6  # of the area of a solid: largest sum of its vectors of area
 _DEEPEST = 32  # files that include each other
 
@@ -83,9 +84,8 @@ class _Scope:
         if name not in self.frames and head in self.models:
             return product(self.pose_of(head), self.models[head].pose_of(tail))
         if name not in self.frames or name in self.open:
-            is_known = name in self.frames
-            rule = "depends on itself" if is_known else "must be a frame here"
-            hint = None if is_known else nearest_hint(name, self.frames)
+            rule = "depends on itself" if name in self.frames else "must be a frame here"
+            hint = None if name in self.frames else nearest_hint(name, self.frames)
             place = f"{self.place}: relative_to"
             raise malformed(self.path, rule, place, got=name, hint=hint)
         self.open.append(name)
@@ -146,7 +146,7 @@ class _Reader:
                 default = child.get("attached_to") or default.strip()
                 scope.frames[name] = relative_to or default, pose
             elif child.tag == "model":
-                own = child.findtext("static", "").strip() in ("1", "true")
+                own = child.findtext("static", "").strip() in _TRUE
                 inner = self._scope(child, path, here, is_static=is_static or own)
                 self._place_model(scope, inner, name, child, here)
             elif child.tag == "include":
@@ -159,11 +159,7 @@ class _Reader:
         relative_to, pose = self._pose(element, scope.path, place)
         frame = element.get("placement_frame") or element.findtext("placement_frame", "").strip()
         if frame:
-            placed = inner.pose_of(frame)
-            turn = placed[:3, :3].T
-            back = np.eye(4)
-            back[:3, :3], back[:3, 3] = turn, -np.einsum("ij,j->i", turn, placed[:3, 3])
-            pose = product(pose, back)
+            pose = product(pose, np.linalg.inv(inner.pose_of(frame)).astype(float))
         if name in scope.models:  # Gazebo renames included models of one name
             name = f"{name}_{self.count}"
         scope.frames[name], scope.models[name] = (relative_to, pose), inner
@@ -197,13 +193,13 @@ class _Reader:
             raise malformed(path, "has no model", root.tag)
         name = (include.findtext("name") or model.get("name") or "").strip()
         own = (include.findtext("static") or model.findtext("static") or "").strip()
-        is_static = scope.is_static or own in ("1", "true")
+        is_static = scope.is_static or own in _TRUE
         inner = self._scope(model, path, f"model {name}", is_static=is_static)
         self._open.pop()
         # a pose of the include replaces that of the model
         is_placed = include.find("pose") is not None or include.find("placement_frame") is not None
         self._place_model(scope, inner, name, include if is_placed else model, place)
-        if include.get("merge") in ("1", "true"):
+        if include.get("merge") in _TRUE:
             for frame in inner.frames:
                 scope.frames.setdefault(frame, (name, inner.pose_of(frame)))
 
@@ -211,11 +207,11 @@ class _Reader:
         """Return the SDF of a model's folder: the newest that its model.config lists."""
         config, names = folder / "model.config", []
         if is_regular(config):
-            listed = [
-                (tuple(map(int, _digits(sdf.get("version", "1.0")))), sdf.text or "")
-                for sdf in self.root_of(config).iter("sdf")
-            ]
-            names = [name.strip() for _, name in sorted(listed, reverse=True)]
+            listed = sorted(
+                ([int(word) for word in re.findall(r"[0-9]+", sdf.get("version", ""))], sdf.text)
+                for sdf in self.root_of(config).iter("sdf") if sdf.text
+            )  # fmt: skip
+            names = [name.strip() for _, name in listed[::-1]]
         names += ["model.sdf", *(n for n in contents_of(folder)[1] if n.endswith(".sdf"))]
         for name in names:
             if is_regular(folder / name):
@@ -243,12 +239,11 @@ class _Reader:
         relative_to = pose.get("relative_to") or pose.get("frame") or ""
         if not (pose.text or "").strip():
             return relative_to, np.eye(4)
-        has_quaternion = pose.get("rotation_format") == "quat_xyzw"
-        numbers = numbers_in(pose.text, path, f"{place}: pose", 7 if has_quaternion else 6)
-        angles = numbers[3:]
-        if pose.get("degrees") in ("1", "true"):
-            angles = np.radians(angles)
-        return relative_to, _placed(numbers[:3], angles)
+        count = 7 if pose.get("rotation_format") == "quat_xyzw" else 6
+        numbers = numbers_in(pose.text, path, f"{place}: pose", count)
+        if pose.get("degrees") in _TRUE:
+            numbers[3:] = np.radians(numbers[3:])
+        return relative_to, _placed(numbers[:3], numbers[3:])
 
     # URDF
 
@@ -288,9 +283,9 @@ class _Reader:
     def _add_geometry(self, shape: Element, matrix: Floats, path: Path, place: str) -> None:
         geometry = shape.find("geometry")
         for child in () if geometry is None else geometry:
-            if child.tag == "empty":
-                continue
             here = f"{place}: {child.tag}"
+            if child.tag in ("empty", "polyline"):
+                continue
             if child.tag == "mesh":
                 self._add(self._mesh(child, path, here), matrix)
             elif child.tag == "plane":
@@ -300,14 +295,10 @@ class _Reader:
                 size = self._numbers(child, "size", path, here, 2, "1 1")
                 turned = np.einsum("ij,j->i", matrix[:3, :3], normal / np.linalg.norm(normal))
                 self.add_plane(matrix[:3, 3], turned, float(size.max()))
-            elif child.tag == "polyline":
-                continue
             elif child.tag in _SHAPES:
                 keys, make = _SHAPES[child.tag]
-                values = [
-                    self._numbers(child, key, path, here, count) for key, count in keys.items()
-                ]
-                if not all((value > 0).all() for value in values):
+                values = [self._numbers(child, key, path, here, n) for key, n in keys.items()]
+                if np.concatenate(values).min() <= 0:
                     raise malformed(path, "must be above 0", here)
                 self._add(make(*values), matrix)
             else:
@@ -373,7 +364,7 @@ class _Reader:
                 place += ": submesh"
                 raise malformed(path, f"must be a part of {file}", place, got=name, hint=hint)
         triangles = np.concatenate([part.triangles for part in parts])
-        if submesh is not None and (submesh.findtext("center") or "").strip() in ("1", "true"):
+        if submesh is not None and (submesh.findtext("center") or "").strip() in _TRUE:
             triangles = triangles - (triangles.min(axis=(0, 1)) + triangles.max(axis=(0, 1))) / 2
         scale = self._numbers(mesh, "scale", path, place, 3, "1 1 1")
         return moved(np.diag([*scale, 1.0]), triangles)
@@ -422,9 +413,8 @@ class _Reader:
             parts.append((_patch(np.array(point), normal, low, high), number))
         solids = np.repeat([number for _, number in parts], [len(part) for part, _ in parts])
         triangles = _turned_outside(np.concatenate([part for part, _ in parts]), solids)
-        return World(
-            triangles, solids, tuple(self.files), len(np.unique(solids)), self.moving
-        )  # fmt: skip
+        count = len(np.unique(solids))
+        return World(triangles, solids, tuple(self.files), count, self.moving)
 
 
 def _turned_outside(triangles: Floats, solids: Integers) -> Floats:
@@ -436,10 +426,6 @@ def _turned_outside(triangles: Floats, solids: Integers) -> Floats:
     is_closed = np.abs(sums).max(axis=0) <= _CLOSED * lengths
     turned = (is_closed & (np.bincount(solids, (a * areas).sum(axis=1)) < 0))[solids]
     return np.where(turned[:, np.newaxis, np.newaxis], triangles[:, ::-1], triangles)
-
-
-def _digits(version: str) -> Iterator[str]:
-    return (word for word in version.strip().split(".") if word.isdecimal())
 
 
 def _placed(move: Floats, angles: Floats) -> Floats:
