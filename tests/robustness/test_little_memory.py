@@ -99,4 +99,4 @@ def test_matrices_are_not_left_to_openblas():
     )
     sources = (MAPS.parents[1] / "src").rglob("*.py")
     found = {path.stem for path in sources if product.search(path.read_text("utf-8"))}
-    assert found == {"routes", "rotations", "components", "bit_map"}
+    assert found == {"routes", "rotations", "components", "bit_map", "tours"}

@@ -55,6 +55,11 @@ def inverse_matrices(matrices: Floats) -> Floats:
     return np.asarray(adjugate / (a * np.cross(b, c)).sum(axis=-1)[..., np.newaxis, np.newaxis])
 
 
+def product(first: Floats, second: Floats) -> Floats:
+    """Return the product of small matrices, without BLAS."""
+    return np.asarray((first[..., np.newaxis] * second).sum(axis=-2))
+
+
 def slerp(first: Floats, second: Floats, share: Floats) -> Floats:
     # From Shoemake, "Animating rotation with quaternion curves", 1985; as tf2's
     # ``Quaternion::slerp``.

@@ -32,6 +32,7 @@ from mapdeal.files.source import (
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.arrays import Floats, Integers
+from mapdeal.kernels.rotations import inverse_matrices, product
 from mapdeal.maps.dialects import Dialect, MapMetadata, cells_of
 from mapdeal.maps.map_file import MapFile, MapFormat, Painting
 from mapdeal.maps.map_server import chosen_geometry
@@ -225,7 +226,7 @@ class Submap:
         corner[:2, 2] = limits.message(2).numbers(1, 2)
         corner[:2, 2] -= resolution * row, resolution * col
         known = slice(row, last_row + 1), slice(col, last_col + 1)
-        in_frame = np.linalg.inv(_planar(submap.message(1))) @ corner
+        in_frame = product(inverse_matrices(_planar(submap.message(1))), corner)
         return cls(block, submap.integer(3) != 0, resolution, (height, width), known, in_frame)
 
     def texture(self, file: BinaryIO) -> NDArray[np.uint32]:
@@ -340,7 +341,7 @@ class StateFile(MapFile):
             if not 1 / _MOST_SCALE < scale < _MOST_SCALE:
                 rule = f"submap {key} has cells of {submap.resolution:g} m"
                 raise MalformedInputError(f"{rule}, too different from {self._resolution:g} m")
-            (a, b, x), (c, d, y) = (self._poses[key] @ submap.in_frame)[:2].tolist()
+            (a, b, x), (c, d, y) = product(self._poses[key], submap.in_frame)[:2].tolist()
             turn, shift = np.array([(c, -d), (a, -b)]) * scale, np.array([x, -y]) / self._resolution
             rows, cols = submap.known
             size = cols.stop - cols.start, rows.stop - rows.start

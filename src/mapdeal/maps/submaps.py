@@ -70,8 +70,8 @@ def paint(pixels: NDArray[np.uint8], texture: NDArray[np.uint32], place: Slice) 
 
     The lower half of each texel is its intensity, the upper half its opacity.
     """
-    inverse: Floats = np.linalg.inv(place.scale).astype(float)
-    shift = -inverse @ place.shift
+    inverse = _inverse(place.scale)
+    shift = -(inverse * place.shift).sum(axis=1)
     west, north, east, south = _covered(place, inverse, pixels.shape)
     if west >= east or north >= south:
         return
@@ -126,23 +126,33 @@ def _fixed(
         if abs(det := (xx + i) * (yy + j) - xy * yx) >= np.finfo(float).eps
     ]
     offset = np.floor(min(offsets, key=lambda xy: max(map(abs, xy))))
-    shift = shift + inverse @ offset
+    shift = shift + (inverse * offset).sum(axis=1)
     matrix = np.rint(np.column_stack([inverse, shift]) * _UNIT).astype(np.int64)
     for _ in range(0 if _is_aligned(inverse) else 5):
         texel = np.array(_applied(matrix, *(np.rint(np.array(middle) * _UNIT).astype(np.int64))))
-        error = np.linalg.solve(inverse, texel / _UNIT - shift) - middle
-        correction = np.rint(inverse @ error * _UNIT).astype(np.int64)
+        error = (_inverse(inverse) * (texel / _UNIT - shift)).sum(axis=1) - middle
+        correction = np.rint((inverse * error).sum(axis=1) * _UNIT).astype(np.int64)
         if not correction.any():
             break
         matrix[:, 2] -= correction
     return matrix, (-offset).astype(int).tolist()
 
 
+def _determinant(matrix: Floats) -> float:
+    (a, b), (c, d) = matrix.tolist()
+    return float(a * d - b * c)
+
+
+def _inverse(matrix: Floats) -> Floats:
+    (a, b), (c, d) = matrix.tolist()
+    return np.array([[d, -b], [-c, a]]) / _determinant(matrix)
+
+
 def _is_aligned(inverse: Floats) -> bool:
     """Return whether cairo takes a matrix for a turn by quarters without scaling."""
     is_small = np.abs(inverse) < _ALIGNED
     is_turned = is_small.trace() == 2 or is_small[::-1].trace() == 2
-    return bool(is_turned and abs(np.linalg.det(inverse) ** 2 - 1) < _ALIGNED)
+    return bool(is_turned and abs(_determinant(inverse) ** 2 - 1) < _ALIGNED)
 
 
 def _applied(matrix: NDArray[np.int64], x: Any, y: Any) -> list[Any]:

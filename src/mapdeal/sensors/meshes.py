@@ -24,6 +24,7 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.files.source import claim, read_file
 from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.polygons import enumerated
+from mapdeal.kernels.rotations import product
 
 MESH_ENDINGS = (".stl", ".obj", ".dae")
 
@@ -110,11 +111,7 @@ def moved(matrix: Floats, triangles: Floats) -> Floats:
     # einsum: BLAS would reserve 32 MB per thread
     points = np.einsum("ij,nkj->nki", matrix[:3, :3], triangles) + matrix[:3, 3]
     a, b, c = matrix[:3, :3]
-    return np.asarray(points[:, ::-1] if np.dot(np.cross(a, b), c) < 0 else points)
-
-
-def product(first: Floats, second: Floats) -> Floats:
-    return np.asarray(np.einsum("ij,jk->ik", first, second))
+    return np.asarray(points[:, ::-1] if (np.cross(a, b) * c).sum() < 0 else points)
 
 
 def _stl_parts(path: Path) -> list[Part]:

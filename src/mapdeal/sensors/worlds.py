@@ -21,8 +21,9 @@ import numpy as np
 
 from mapdeal.errors import FileAccessError, MalformedInputError, nearest_hint
 from mapdeal.files.source import absolute_path, claim, contents_of, exists, is_folder, is_regular
-from mapdeal.inputs.kinds import recognised
+from mapdeal.inputs.kinds import WORLD, recognised
 from mapdeal.kernels.arrays import Floats, Integers
+from mapdeal.kernels.rotations import product
 from mapdeal.sensors.meshes import (
     MESH_ENDINGS,
     MOST_INSTANCES,
@@ -30,7 +31,6 @@ from mapdeal.sensors.meshes import (
     malformed,
     moved,
     numbers_in,
-    product,
     read_mesh,
     read_xml,
     strips_of,
@@ -159,7 +159,11 @@ class _Reader:
         relative_to, pose = self._pose(element, scope.path, place)
         frame = element.get("placement_frame") or element.findtext("placement_frame", "").strip()
         if frame:
-            pose = product(pose, np.linalg.inv(inner.pose_of(frame)).astype(float))
+            back = np.eye(4)
+            own = inner.pose_of(frame)
+            back[:3, :3] = own[:3, :3].T
+            back[:3, 3] = -(back[:3, :3] * own[:3, 3]).sum(axis=1)
+            pose = product(pose, back)
         if name in scope.models:  # Gazebo renames included models of one name
             name = f"{name}_{self.count}"
         scope.frames[name], scope.models[name] = (relative_to, pose), inner
@@ -373,7 +377,7 @@ class _Reader:
         if file.suffix.lower() not in MESH_ENDINGS:
             raise MalformedInputError(f"must be a mesh: {', '.join(MESH_ENDINGS)}", source=file)
         self.files[file] = None
-        with recognised(file, "a mesh"):
+        with recognised(file, "a mesh", WORLD):
             return read_mesh(file)
 
     def _file_of(self, uri: str, source: Path, place: str) -> Path:
@@ -532,7 +536,7 @@ def read_world(
         for part in reader.read_parts(path):
             reader.shapes.append((part.triangles, 0))
     else:
-        with recognised(path, "a world"):
+        with recognised(path, "a world", WORLD):
             root = reader.root_of(path)
         if root.tag == "robot":
             reader.read_urdf(path, root)
