@@ -222,10 +222,10 @@ def strips_of(rings: Sequence[Floats], path: Path, axis: int = 2) -> Floats:
         low[edge] + rise * (levels[strip + k] - low[edge, y])[:, np.newaxis] for k in (0, 1)
     )
     order = np.lexsort(((bottom + top)[:, x], strip))
-    (left, right), (left_top, right_top) = (
+    (start, stop), (start_top, stop_top) = (
         ends[order].reshape(-1, 2, 3).transpose(1, 0, 2) for ends in (bottom, top)
     )
-    quads = np.stack([left, right, right_top, left_top], axis=1)
+    quads = np.stack([start, stop, stop_top, start_top], axis=1)
     return np.asarray(quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3))
 
 
