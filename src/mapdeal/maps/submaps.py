@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.kernels.arrays import Floats
+from mapdeal.kernels.rotations import product
 
 UNKNOWN_GREY = 128
 _PADDING = 5  # pixels around all submaps
@@ -31,7 +32,7 @@ _ALIGNED = 1 / 256  # cairo takes smaller parts of a matrix for 0
 
 
 class Slice(NamedTuple):
-    """Where a texture lies on the canvas: x, y = scale @ (col, row) + shift, in pixels."""
+    """Where a texture lies on the canvas: x, y = scale (col, row) + shift, in pixels."""
 
     width: int
     height: int
@@ -52,7 +53,7 @@ class Canvas(NamedTuple):
 def canvas_of(slices: Iterable[tuple[Any, Slice]]) -> Canvas:
     """Return the canvas around all slices, with float32 bounds as Cartographer has them."""
     corners = [
-        np.array([(0, 0), (w, 0), (0, h), (w, h)]) @ scale.T + shift
+        product(np.array([(0, 0), (w, 0), (0, h), (w, h)]), scale.T) + shift
         for _, (w, h, scale, shift) in slices
     ]
     points = np.concatenate(corners)
@@ -104,7 +105,8 @@ def _covered(place: Slice, inverse: Floats, shape: tuple[int, ...]) -> list[int]
     """Return the columns and rows of the area that cairo paints: west, north, east, south."""
     pads = [0.5 if math.hypot(*inverse[:, axis]) < 1 else 0.0 for axis in (0, 1)]
     xs, ys = ((-pad, size + pad) for pad, size in zip(pads, place[:2], strict=True))
-    corners = np.array([(x, y) for x in xs for y in ys]) @ place.scale.T + place.shift
+    corners = np.array([(x, y) for x in xs for y in ys])
+    corners = product(corners, place.scale.T) + place.shift
     beyond = 0.5 - np.array(pads)
     low, high = corners.min(axis=0) - beyond, corners.max(axis=0) + beyond
     ends = np.floor(np.concatenate([low, high]) + 0.5)

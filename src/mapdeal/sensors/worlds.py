@@ -461,7 +461,7 @@ def _patch(point: Floats, normal: Floats, low: Floats, high: Floats) -> Floats:
         along = np.array([-normal[1], normal[0], 0.0]) / math.hypot(normal[0], normal[1])
         up, half = np.cross(normal, along), float(np.linalg.norm(high - low)) / 2
         middle = (low + high) / 2
-        middle = middle - normal * float(np.dot(middle - point, normal))
+        middle = middle - normal * float(((middle - point) * normal).sum())
         corners = middle + half * np.array([-along - up, along - up, along + up, up - along])
     return np.asarray(corners[[[0, 1, 2], [0, 2, 3]]])
 
