@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mapdeal import FileAccessError, MalformedInputError
@@ -184,6 +184,7 @@ def test_strips_cover_the_area_between_rings(seed, count, axis):
     rng = np.random.default_rng(seed)
     angles = np.sort(rng.uniform(-3, 3, count))
     outline = rng.uniform(2, 3, (count, 1)) * np.column_stack([np.cos(angles), np.sin(angles)])
+    assume(shapely.Polygon(outline).is_valid)  # few corners on one side may cross
     rings = [outline, [(-0.5, 0.1), (0.2, 0.6), (0.2, -0.7)][: 3 * (count > 20)]]
     area = shapely.Polygon(outline).symmetric_difference(shapely.Polygon(rings[1]))
     spots = [np.roll(np.insert(np.reshape(ring, (-1, 2)), 2, 0.0, axis=1), axis - 2, 1)
