@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import mapdeal
-from compare.buildings import WALLS, drawn
+from compare.buildings import HALL, WALLS, drawn
 from drawn import grid_from_text
 from mapdeal.commands.report_documents import MOST_POINTS, route_items
 from mapdeal.commands.report_entries import Draft, drafts_about
@@ -274,3 +274,12 @@ def test_an_alignment_shows_the_first_map_where_it_lies_on_the_second(save_outpu
     with pytest.warns(mapdeal.MapdealWarning, match="so this map is not shown"):
         (entry,) = entries_of(align)
     assert layer_names(entry) == ["second"]
+
+
+def test_an_uncertain_alignment_shows_its_candidates(save_output, tmp_path):
+    for name, place in (("a", Transform()), ("b", Transform(5.0, 2.0, 2.2))):
+        mapdeal.write_map(tmp_path / f"{name}.yaml", drawn(HALL, 0.2, place))
+    align = save_output("t.json", "align", tmp_path / "a.yaml", tmp_path / "b.yaml", "--json")
+    (entry,) = entries_of(align)
+    titles = [title for title, _ in entry.tables[0].rows if title.startswith("candidate")]
+    assert [title.split(",")[0] for title in titles] == [f"candidate {k}" for k in (1, 2, 3)]

@@ -12,7 +12,7 @@ import os
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 from typing import cast, get_args
 
@@ -511,18 +511,18 @@ def _maps(document: JsonValue, *keys: str) -> tuple[NamedMap | None, ...]:
 
 
 def _alignment(document: JsonValue) -> Results:
-    transform = _transform(document["transform"])
-    x, y, yaw = transform.pose
+    transform, candidates = _transform(document["transform"]), document.get("candidates")
     is_same = document["same_place"].flag()
     reason = short(document["reason"].or_none(JsonValue.text) or "")
     shares = [document[key].number(least=0, most=1) for key in ("overlap", "agreement")]
     rows = (
         ("same place", "yes" if is_same else f"not sure: {reason}"),
-        ("transform", f"x {x:.4g} m, y {y:.4g} m, yaw {math.degrees(yaw):.4g} degrees"),
+        ("transform", _transform_text(transform)),
         ("score", f"{document['score'].number(least=0):.2f}"),
         ("best score elsewhere", f"{document['runner_up'].number(least=0):.2f}"),
         ("overlap", f"{100 * shares[0]:.0f} %"),
         ("walls in common that agree", f"{100 * shares[1]:.0f} %"),
+        *map(_candidate_row, count(1), () if candidates is None else candidates.items()),
     )
     table = Table("Alignment", rows)
     words = f"The two maps overlap by {100 * shares[0]:.0f} %, "
@@ -619,6 +619,17 @@ def cost_change_items(changes: Iterable[CostChange], frame: Frame) -> list[Item]
         return []
     items = change_items(listed, sum(change.regions for change in changes) - len(listed), frame)
     return [replace(item, lines=()) if item.kind in ("rose", "fell") else item for item in items]
+
+
+def _candidate_row(number: int, candidate: JsonValue) -> tuple[str, str]:
+    score, against = (candidate[key].number(least=0) for key in ("score", "contradicting_m"))
+    text = f"{_transform_text(_transform(candidate))}; {against:.1f} m of walls in free space"
+    return f"candidate {number}, score {score:.2f}", text
+
+
+def _transform_text(transform: Transform) -> str:
+    x, y, yaw = transform.pose
+    return f"x {x:.4g} m, y {y:.4g} m, yaw {math.degrees(yaw):.4g} degrees"
 
 
 def _transform(document: JsonValue) -> Transform:
