@@ -12,8 +12,7 @@ from collections.abc import Iterator
 
 from mapdeal.checks.facts import RobotFacts, check
 from mapdeal.checks.findings import Remark
-from mapdeal.layers.observations import ObservationSource, Sensing
-from mapdeal.layers.obstacle import VoxelLayer
+from mapdeal.layers.obstacle import ObservationSource, Sensing, VoxelLayer
 from mapdeal.ros.robot import ListedLayer, ParameterValue
 
 

@@ -246,28 +246,21 @@ def _replay(
     if every is not None:
         refuse("applies to one costmap, not to a sequence", why=why)
     from mapdeal.bags.reader import open_bag  # few commands read bags
-    from mapdeal.pipeline.replay import (
-        BagReplay,
-        CellWatch,
-        messages_until,
-        snapshots,
-        write_replay,
-    )  # fmt: skip
+    from mapdeal.pipeline.replay import BagReplay, CellWatch, message_counts, write_replay
 
     settings = work.settings
     known = None if global_map is None else local_maps.read_global_map(global_map, settings)
     with local_maps.holding_map(known), open_bag(bag) as opened:
         replay = BagReplay(opened, robot, None if known is None else known.grid)
-        count = messages_until(replay, until)
+        counts = message_counts(replay, until=until, every=every)
         if every is None:
             replay.watch = None if why is None else CellWatch(replay, why)
-            with work.counted(count) as replay.advance:
-                return write_replay(replay, output, count, known, settings)
-        counts = [number for number in snapshots(replay, every) if number < count]
-        folders = {output / f"{k:04}": number for k, number in enumerate([*counts, count])}
+            with work.counted(counts[-1]) as replay.advance:
+                return write_replay(replay, output, counts[-1], known, settings)
+        folders = {output / f"{k:04}": count for k, count in enumerate(counts)}
         jobs = [
-            Job(bag, folder, f"message {number - 1}", folder.name)
-            for folder, number in folders.items()
+            Job(bag, folder, f"message {count - 1}", folder.name)
+            for folder, count in folders.items()
         ]
 
         def write(job: Job) -> RunReport:

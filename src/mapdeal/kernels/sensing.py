@@ -398,8 +398,6 @@ def _cells_of_rays(starts: Integers, deltas: Integers, steps: Integers) -> Integ
     return np.array(cells)
 
 
-NO_RAYS = CellRays(np.empty((2, 0), np.int64), np.empty((2, 0), np.int64), np.empty(0, np.int64))
-
 VOXEL = np.uint32(1 << 16 | 1)
 """The lowest voxel of a column: bits 16 to 31 are marked, bits 0 to 15 marked or unknown."""
 

@@ -233,7 +233,7 @@ class PluginEntry:
     inscribed_radius: float
 
 
-_TYPES = {bool: "bool", int: "integer", float: "double", str: "string"}
+TYPES = {bool: "bool", int: "integer", float: "double", str: "string"}
 
 
 @dataclass(frozen=True, repr=False)
@@ -333,7 +333,7 @@ class CostmapLayer(OneLine):
         """Return the layer with its parameters; each is a field of the class."""
         values.check_types(cls.nav2_parameters, f"{entry.name}.")
         settings = {
-            field: values.get(f"{entry.name}.{field}", _TYPES[kind], default)
+            field: values.get(f"{entry.name}.{field}", TYPES[kind], default)
             for field, (kind, default) in cls._plain_fields().items()
         }
         return cls(entry.name, **settings)

@@ -1,9 +1,17 @@
-"""Costmap layers ``obstacle`` and ``voxel``, and their parameters of sensors."""
+"""Costmap layers ``obstacle`` and ``voxel``, their sensors, and the grids that observations update.
+
+References
+----------
+``observation_buffer.cpp``, ``obstacle_layer.cpp``, ``voxel_layer.cpp``, ``voxel_grid.hpp`` and
+``raytraceLine`` in ``costmap_2d.hpp``, of nav2_costmap_2d and of costmap_2d in ROS 1. Positions are
+computed in double, in the order of the real code: the last bit decides which cell a point is in.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from itertools import takewhile
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,9 +19,10 @@ from numpy.typing import NDArray
 
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION
-from mapdeal.kernels.arrays import Integers
-from mapdeal.kernels.sensing import NO_RAYS, VOXEL, CellRays, clear_cells, clear_voxels
+from mapdeal.kernels.arrays import Floats, Integers
+from mapdeal.kernels.sensing import VOXEL, CellRays, clear_cells, clear_voxels
 from mapdeal.layers.layer import (
+    TYPES,
     Bounds,
     CostmapLayer,
     Costs,
@@ -27,32 +36,102 @@ from mapdeal.layers.layer import (
     Update,
     Window,
 )
-from mapdeal.layers.observations import (
-    Floats,
-    Observation,
-    ObservationBuffer,
-    ObservationSource,
-    Sensing,
-    cells_to,
-    shifted,
-)
 
 OVERWRITE, MAXIMUM, KEEP_UNKNOWN = range(3)
 """Combination methods."""
 
-_SOURCE_PARAMETERS = {
-    "topic": "string", "sensor_frame": "string", "observation_persistence": "double",
-    "expected_update_rate": "double", "data_type": "string", "min_obstacle_height": "double",
-    "max_obstacle_height": "double", "inf_is_valid": "bool", "marking": "bool",
-    "clearing": "bool", "obstacle_max_range": "double", "obstacle_min_range": "double",
-    "raytrace_max_range": "double", "raytrace_min_range": "double",
-}  # fmt: skip
+
+@dataclass(frozen=True)
+class ObservationSource:
+    """One of a layer's ``observation_sources``; lengths in metres, times in seconds."""
+
+    name: str
+    topic: str = ""
+    data_type: str = "LaserScan"
+    sensor_frame: str = ""
+    observation_persistence: float = 0.0
+    expected_update_rate: float = 0.0
+    min_obstacle_height: float = 0.0
+    max_obstacle_height: float = 0.0
+    inf_is_valid: bool = False
+    marking: bool = True
+    clearing: bool = False
+    obstacle_max_range: float = 2.5
+    obstacle_min_range: float = 0.0
+    raytrace_max_range: float = 3.0
+    raytrace_min_range: float = 0.0
 
 
-_SENSING_PARAMETERS = (
-    "min_obstacle_height", "max_obstacle_height", "origin_z", "z_resolution", "z_voxels",
-    "unknown_threshold", "mark_threshold",
-)  # fmt: skip
+@dataclass(frozen=True)
+class Sensing:
+    """Parameters of an obstacle or voxel layer that have an effect only with observations."""
+
+    sources: tuple[ObservationSource, ...] = ()
+    min_obstacle_height: float = 0.0
+    max_obstacle_height: float = 2.0
+    origin_z: float = 0.0
+    z_resolution: float = 0.2
+    z_voxels: int = 10
+    unknown_threshold: int = 15
+    mark_threshold: int = 0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "z_voxels", min(max(self.z_voxels, 0), 16))  # bits of a column
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """A message's points of shape (N, 3), rounded to float32, and its sensor's place, metres."""
+
+    source: ObservationSource
+    time: int
+    origin: tuple[float, float, float]
+    points: Floats
+
+
+class ObservationBuffer:
+    """Observations of one source, the newest first."""
+
+    def __init__(self, source: ObservationSource, *, is_ros1: bool) -> None:
+        self.source, self._is_ros1 = source, is_ros1
+        self._persistence = round(source.observation_persistence * 10**9)
+        self._observations: list[Observation] = []
+        self._last_time = 0
+
+    def add(self, observation: Observation) -> None:
+        self._observations.insert(0, observation)
+        self._last_time = observation.time
+        self.read(observation.time)
+
+    def read(self, now: int) -> list[Observation]:
+        """Return the observations that are not too old, and forget the others."""
+        if self._persistence == 0:
+            del self._observations[1:]
+            return self._observations
+        reference = self._last_time if self._is_ros1 else now
+        select = takewhile if self._is_ros1 else filter  # ROS 1 forgets all behind an old one
+        self._observations = list(
+            select(lambda entry: reference - entry.time <= self._persistence, self._observations)
+        )
+        return self._observations
+
+
+def shifted(grid: NDArray[Any], rows: int, cols: int, default: int) -> NDArray[Any]:
+    """Return the cells of a grid whose origin moves by rows and columns; new ones are empty."""
+    moved = np.full_like(grid, default)
+    height, width = grid.shape
+    if abs(rows) < height and abs(cols) < width:
+        source = grid[max(rows, 0) : height + min(rows, 0), max(cols, 0) : width + min(cols, 0)]
+        moved[max(-rows, 0) : height - max(rows, 0), max(-cols, 0) : width - max(cols, 0)] = source
+    return moved
+
+
+def cells_to(distance: float, resolution: float) -> float:
+    return min(max(0.0, float(np.ceil(distance / resolution))), float(1 << 31))
+
+
+def _typed(declared: Any) -> dict[str, str]:
+    return {field.name: TYPES[type(field.default)] for field in fields(declared)[1:]}
 
 
 @dataclass(frozen=True, repr=False)
@@ -95,14 +174,12 @@ class ObstacleLayer(CostmapLayer):
     marks_obstacles: ClassVar[bool] = True
     needs: ClassVar[str] = "observations"
     nav2_parameters: ClassVar[Mapping[str, str]] = {
-        "enabled": "bool", "footprint_clearing_enabled": "bool", "min_obstacle_height": "double",
-        "max_obstacle_height": "double", "combination_method": "integer",
-        "observation_sources": "string", "origin_z": "double", "z_resolution": "double",
-        "z_voxels": "integer", "unknown_threshold": "integer", "mark_threshold": "integer",
-        "publish_voxel_map": "bool",
+        "enabled": "bool", "footprint_clearing_enabled": "bool", "combination_method": "integer",
+        "observation_sources": "string", "publish_voxel_map": "bool",
+        **_typed(Sensing),
     }  # fmt: skip
     other_parameters: ClassVar[frozenset[str]] = frozenset(
-        {*_SOURCE_PARAMETERS, "max_obstacle_range", "min_obstacle_range", "obstacle_range",
+        {*_typed(ObservationSource), "max_obstacle_range", "min_obstacle_range", "obstacle_range",
          "raytrace_range", "tf_filter_tolerance", "transform_tolerance",
          "restore_cleared_footprint", "max_obstacle_distance", "restore_outdated_obstacles",
          "tf_tolerance"}
@@ -177,28 +254,18 @@ class ObstacleLayer(CostmapLayer):
 
     @classmethod
     def sensing_from_nav2(cls, values: Nav2Values, name: str) -> Sensing:
-        """Return the sensors and limits of a layer.
+        def read(declared: Any, below: str) -> dict[str, Any]:
+            return {
+                field: values.get(f"{name}.{below}{field}", kind, getattr(declared, field))
+                for field, kind in _typed(declared).items()
+            }
 
-        References
-        ----------
-        ``onInitialize`` in ``obstacle_layer.cpp`` and ``voxel_layer.cpp``.
-        """
-        defaults = ObservationSource("", "")
         sources = []
         for source in values.get(f"{name}.observation_sources", "string", "").split():
-            settings = {
-                field: values.get(f"{name}.{source}.{field}", kind, getattr(defaults, field))
-                for field, kind in _SOURCE_PARAMETERS.items()
-            }
+            settings = read(ObservationSource, f"{source}.")
             settings["topic"] = settings["topic"] or source
             sources.append(ObservationSource(source, **settings))
-        numbers = {
-            field: values.get(
-                f"{name}.{field}", cls.nav2_parameters[field], getattr(Sensing, field)
-            )
-            for field in _SENSING_PARAMETERS
-        }
-        return Sensing(tuple(sources), **numbers)
+        return Sensing(tuple(sources), **read(Sensing, ""))
 
     @classmethod
     def sensing_from_ros1(cls, server: Ros1Values, name: str) -> Sensing:
@@ -233,8 +300,9 @@ class ObstacleLayer(CostmapLayer):
                 if server.find(*place[:depth], parameter) is not None:
                     return server.double(default, *place[:depth], parameter)
             found: Any = (server.search(parameter) or (None, None))[1]
-            is_number = getattr(found, "kind", "") in ("int", "double")
-            return float(found.value) if is_number else default
+            return (
+                float(found.value) if getattr(found, "kind", "") in ("int", "double") else default
+            )
 
         return ObservationSource(
             source, text("topic", source), text("data_type", "PointCloud"),
@@ -331,24 +399,22 @@ class ObstacleGrid(LiveLayer):
 
     def marks(self, observation: Observation) -> tuple[Integers, Integers, Integers]:
         """Return which points of an observation mark a cell, and the cells' columns and rows."""
-        source, sensing = observation.source, self.sensing
+        source, sensing, (ox, oy, oz) = observation.source, self.sensing, observation.origin
+        most, least = source.obstacle_max_range, source.obstacle_min_range
         x, y, z = observation.points.T
-        (ox, oy, oz), cell_size = observation.origin, self.frame.resolution
         row, col, marks = cells_at(self.frame, x, y)
         marks &= z <= sensing.max_obstacle_height
-        most = source.obstacle_max_range
-        if self.place.is_ros1:
-            squares = (x - ox) * (x - ox) + (y - oy) * (y - oy) + (z - oz) * (z - oz)
+        squares = (x - ox) * (x - ox) + (y - oy) * (y - oy)
+        if self.place.is_ros1 or isinstance(self, VoxelGrid):
+            squares += (z - oz) * (z - oz)
             marks &= squares < most * most
         else:
-            start_row, start_col, is_inside = cells_at(self.frame, np.array([ox]), np.array([oy]))
-            squares = (x - ox) * (x - ox) + (y - oy) * (y - oy)
-            least = source.obstacle_min_range
+            start_row, start_col, is_inside = cells_at(self.frame, *np.array([[ox], [oy]]))
             cells = np.trunc(np.hypot(col - start_col, row - start_row))
-            marks &= is_inside & (z >= sensing.min_obstacle_height)
-            marks &= (squares <= most * most) & (squares >= least * least)
-            marks &= cells <= cells_to(most, cell_size)
-            marks &= cells >= cells_to(least, cell_size)
+            nearest, farthest = (cells_to(end, self.frame.resolution) for end in (least, most))
+            marks &= is_inside & (squares <= most * most) & (cells >= nearest) & (cells <= farthest)
+        if not self.place.is_ros1:
+            marks &= (z >= sensing.min_obstacle_height) & (squares >= least * least)
         return np.flatnonzero(marks), col[marks], row[marks]
 
     def _mark(self, observation: Observation, bounds: Bounds) -> None:
@@ -356,13 +422,13 @@ class ObstacleGrid(LiveLayer):
         self.costs[row, col] = LETHAL_OBSTACLE
         bounds.touch(observation.points[points, 0], observation.points[points, 1])
 
-    def rays(self, observation: Observation) -> tuple[CellRays, Floats, Floats, Integers]:
-        """Return the rays that clear cells, the ends of all rays, and the points they lead to."""
+    def _rays(self, observation: Observation) -> tuple[CellRays, Floats] | None:
+        """Return the rays that clear cells and all ends; None if the sensor is outside."""
         (west, south, _), cell_size = self.frame.origin, self.frame.resolution
         ox, oy, _ = observation.origin
-        start_row, start_col, is_inside = cells_at(self.frame, np.array([ox]), np.array([oy]))
+        start_row, start_col, is_inside = cells_at(self.frame, *np.array([[ox], [oy]]))
         if not is_inside[0]:
-            return NO_RAYS, *np.empty((2, 0)), NO_RAYS.steps
+            return None
         ends = list(observation.points[:, :2].T)
         away = ends[0] - ox, ends[1] - oy
         east, north = west + self.frame.width * cell_size, south + self.frame.height * cell_size
@@ -378,9 +444,8 @@ class ObstacleGrid(LiveLayer):
             ends[across] = np.where(cut, crossing, ends[across])
             ends[axis] = np.where(cut, last, ends[axis])
         row, col, is_inside = cells_at(self.frame, *ends)
-        x, y, points = ends[0][is_inside], ends[1][is_inside], np.flatnonzero(is_inside)
-        start, cells = np.array([start_col, start_row]), np.array([col[is_inside], row[is_inside]])
-        return self._traced(start, cells, observation.source), x, y, points
+        start, cells = np.array([start_col, start_row]), np.array([col, row])[:, is_inside]
+        return self._traced(start, cells, observation.source), np.array(ends)[:, is_inside]
 
     def _traced(
         self, start: NDArray[Any], ends: NDArray[Any], source: ObservationSource
@@ -404,19 +469,18 @@ class ObstacleGrid(LiveLayer):
         return 0.0 if self.place.is_ros1 else source.raytrace_min_range
 
     def _clear(self, observation: Observation, bounds: Bounds) -> None:
-        rays, x, y, _ = self.rays(observation)
-        if rays is not NO_RAYS:
-            bounds.touch(np.array([observation.origin[0]]), np.array([observation.origin[1]]))
-        clear_cells(rays, self.costs)
-        self._touch_rays(observation, x, y, bounds)
+        if (found := self._rays(observation)) is not None:
+            bounds.touch(*np.array(observation.origin[:2])[:, np.newaxis])
+            clear_cells(found[0], self.costs)
+            self._touch_rays(observation, found[1], bounds)
 
-    def _touch_rays(self, observation: Observation, x: Floats, y: Floats, bounds: Bounds) -> None:
-        ox, oy, _ = observation.origin
-        dx, dy = x - ox, y - oy
-        distance = np.hypot(dx, dy)
+    def _touch_rays(self, observation: Observation, ends: Floats, bounds: Bounds) -> None:
+        start = np.array(observation.origin[:2])[:, np.newaxis]
+        away = ends - start
+        distance = np.hypot(*away)
         scale = np.fmin(1.0, observation.source.raytrace_max_range / distance)
         is_far = distance >= self._least_range(observation.source)
-        bounds.touch((ox + dx * scale)[is_far], (oy + dy * scale)[is_far])
+        bounds.touch(*(start + away * scale)[:, is_far])
 
 
 class VoxelGrid(ObstacleGrid):
@@ -439,18 +503,10 @@ class VoxelGrid(ObstacleGrid):
         return levels, (z >= self.sensing.origin_z) & (levels < self.sensing.z_voxels)
 
     def marks(self, observation: Observation) -> tuple[Integers, Integers, Integers]:
-        source, sensing = observation.source, self.sensing
-        x, y, z = observation.points.T
-        ox, oy, oz = observation.origin
-        row, col, marks = cells_at(self.frame, x, y)
-        squares = (x - ox) * (x - ox) + (y - oy) * (y - oy) + (z - oz) * (z - oz)
-        marks &= z <= sensing.max_obstacle_height
-        marks &= squares < source.obstacle_max_range * source.obstacle_max_range
-        if not self.place.is_ros1:
-            marks &= z >= sensing.min_obstacle_height
-            marks &= squares >= source.obstacle_min_range * source.obstacle_min_range
-        marks &= self._levels(np.maximum(z, sensing.origin_z))[1]
-        return np.flatnonzero(marks), col[marks], row[marks]
+        points, col, row = super().marks(observation)
+        z = np.maximum(observation.points[points, 2], self.sensing.origin_z)
+        _, is_level = self._levels(z)
+        return points[is_level], col[is_level], row[is_level]
 
     def _mark(self, observation: Observation, bounds: Bounds) -> None:
         points, col, row = self.marks(observation)
@@ -474,30 +530,28 @@ class VoxelGrid(ObstacleGrid):
         enough = self.sensing.mark_threshold + 1
         if enough <= 1:
             return np.zeros(len(column), dtype=np.int64)
-        first, marks = {}, {}
+        first: dict[int, int] = {}
+        marks: dict[int, int] = {}
         for point, (index, height) in enumerate(zip(column.tolist(), level.tolist(), strict=True)):
-            if index not in marks:
-                marks[index] = int(columns[index]) >> _MOST_VOXELS
-            marks[index] |= 1 << height
-            if index not in first and marks[index].bit_count() >= enough:
-                first[index] = point
+            marks[index] = marks.get(index, int(columns[index]) >> _MOST_VOXELS) | 1 << height
+            if marks[index].bit_count() >= enough:
+                first.setdefault(index, point)
         return np.array([first.get(index, len(column)) for index in column.tolist()], np.int64)
 
-    def rays(self, observation: Observation) -> tuple[CellRays, Floats, Floats, Integers]:
+    def _rays(self, observation: Observation) -> tuple[CellRays, Floats] | None:
         sensing = self.sensing
         (west, south, _), cell_size = self.frame.origin, self.frame.resolution
         ox, oy, oz = observation.origin
         origin = np.array(observation.origin)[:, np.newaxis]
         start, is_inside = self._voxels_at(origin)
         if not is_inside[0]:
-            return NO_RAYS, *np.empty((2, 0)), NO_RAYS.steps
+            return None
         east = west + (self.frame.width - self.place.size_margin) * cell_size
         north = south + (self.frame.height - self.place.size_margin) * cell_size
         ceiling = sensing.origin_z + sensing.z_voxels * sensing.z_resolution
         if self.place.is_ros1:
             ceiling = sensing.max_obstacle_height
-        points = observation.points.T
-        away = points - origin
+        away = observation.points.T - origin
         distance = np.sqrt(sum(away * away))
         share = np.maximum(np.fmin(1.0, (distance - 2 * cell_size) / distance), 0.0)
         x, y, z = ends = share * away + origin
@@ -518,7 +572,7 @@ class VoxelGrid(ObstacleGrid):
         ends = origin + away * t
         places, is_inside = self._voxels_at(ends)
         rays = self._traced(start, places[:, is_inside], observation.source)
-        return rays, ends[0, is_inside], ends[1, is_inside], np.flatnonzero(is_inside)
+        return rays, ends[:2, is_inside]
 
     def _voxels_at(self, points: Floats) -> tuple[Floats, Mask]:
         """Return fractional column, row and level, and which points lie in the voxels' grid."""
@@ -527,14 +581,12 @@ class VoxelGrid(ObstacleGrid):
         return np.array([col, row, level]), inside & is_between
 
     def _clear(self, observation: Observation, bounds: Bounds) -> None:
-        if not len(observation.points):
-            return
-        rays, x, y, _ = self.rays(observation)
-        clear_voxels(
-            rays, self.costs, self.columns, mark_threshold=self.sensing.mark_threshold,
-            unknown_threshold=self._unknown_threshold,
-        )  # fmt: skip
-        self._touch_rays(observation, x, y, bounds)
+        if (found := self._rays(observation)) is not None:
+            clear_voxels(
+                found[0], self.costs, self.columns, mark_threshold=self.sensing.mark_threshold,
+                unknown_threshold=self._unknown_threshold,
+            )  # fmt: skip
+            self._touch_rays(observation, found[1], bounds)
 
 
 _MOST_VOXELS = 16

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +20,22 @@ from mapdeal.command import Stage
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import claim, sha256_of
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.frame import Frame, as_float32
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.frame import Frame, as_float32, turned
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION, count_text
-from mapdeal.layers.layer import LiveLayer, LivePlace
-from mapdeal.layers.observations import Observation, ObservationSource, observed
-from mapdeal.layers.obstacle import ObstacleGrid, VoxelGrid, cells_at
-from mapdeal.layers.replay import LiveCostmap
+from mapdeal.kernels.arrays import Floats
+from mapdeal.layers.area import cells_below, covered_cells
+from mapdeal.layers.layer import Bounds, LiveLayer, LivePlace, MasterGrid, Update, Window
+from mapdeal.layers.obstacle import (
+    Observation,
+    ObservationSource,
+    ObstacleGrid,
+    Sensing,
+    VoxelGrid,
+    cells_at,
+    shifted,
+)
 from mapdeal.mapping.transforms import FrameOptions, Pose, Quaternion, Rigid
 from mapdeal.pipeline.bag_maps import SensorFrames
 from mapdeal.pipeline.folder import Filling, OutputFolder, Product
@@ -43,30 +53,27 @@ _TYPES = {"LaserScan": messages.LASER_SCAN, "PointCloud2": messages.POINT_CLOUD}
 
 @dataclass(frozen=True, eq=False)
 class RawCloud:
-    """Points of a ``sensor_msgs/PointCloud2``, shape (N, 3), in the sensor's frame."""
-
     frame: str
     time: int
-    points: Points
+    points: Points  # in the sensor's frame, shape (N, 3)
 
 
 @dataclass(frozen=True, eq=False)
 class RawScan:
-    """A ``sensor_msgs/LaserScan`` as it was recorded, its numbers float32."""
-
     frame: str
     time: int
-    geometry: tuple[float, float, float]  # angle_min, angle_max, angle_increment
+    geometry: tuple[float, float, float]  # angle_min, angle_max, angle_increment as float32
     limits: tuple[float, float]
     ranges: NDArray[np.float32]
 
 
 def _raw_scan(message: Any) -> RawScan:
-    numbers = (message.angle_min, message.angle_max, message.angle_increment)
-    start, end, step = (as_float32(float(number)) for number in numbers)
-    limits = as_float32(message.range_min), as_float32(message.range_max)
+    start, end, step, least, most = (
+        as_float32(float(getattr(message, name)))
+        for name in ("angle_min", "angle_max", "angle_increment", "range_min", "range_max")
+    )
     ranges = np.array(message.ranges, dtype=np.float32)
-    return RawScan(*_header_of(message), (start, end, step), limits, ranges)
+    return RawScan(*_header_of(message), (start, end, step), (least, most), ranges)
 
 
 def _header_of(message: Any) -> tuple[str, int]:
@@ -80,39 +87,34 @@ class ScanProjector:
     # equal, even if the step between beams changes.
     def __init__(self) -> None:
         self._key: tuple[float, ...] = ()
-        self._cosines = self._sines = np.empty(0)
+        self._directions = np.empty((0, 2))
 
     def points(self, scan: RawScan, *, inf_is_valid: bool) -> Points:
         """Return the points of all valid readings, shape (N, 3)."""
         start, end, step = scan.geometry
-        key = (len(scan.ranges), start, end)
-        if key != self._key:
-            angles = [start + k * step for k in range(len(scan.ranges))]
-            self._cosines = np.array([math.cos(angle) for angle in angles])
-            self._sines = np.array([math.sin(angle) for angle in angles])
-            self._key = key
-        ranges, (least, most) = scan.ranges, scan.limits
+        if (key := (len(scan.ranges), start, end)) != self._key:
+            angles = (start + k * step for k in range(len(scan.ranges)))
+            directions = [(math.cos(angle), math.sin(angle)) for angle in angles]
+            self._key, self._directions = key, np.reshape(directions, (-1, 2))
+        ranges, (least, most) = scan.ranges, map(np.float32, scan.limits)
         if inf_is_valid:
-            longest = np.float32(most) - np.float32(0.0001)
-            ranges = np.where(np.isposinf(ranges), longest, ranges)
+            ranges = np.where(np.isposinf(ranges), most - np.float32(0.0001), ranges)
         with np.errstate(invalid="ignore"):
-            valid = (ranges < np.float32(most)) & (ranges >= np.float32(least))
-        lengths = ranges[valid].astype(np.float64)
-        points = np.zeros((len(lengths), 3), dtype=np.float32)
-        points[:, 0], points[:, 1] = lengths * self._cosines[valid], lengths * self._sines[valid]
+            valid = (ranges < most) & (ranges >= least)
+        points = np.zeros((np.count_nonzero(valid), 3), dtype=np.float32)
+        points[:, :2] = ranges[valid, np.newaxis].astype(np.float64) * self._directions[valid]
         return points
 
 
-def transformed(points: Points, rigid: Rigid) -> NDArray[np.float64]:
+def transformed(points: Points, rigid: Rigid) -> Floats:
     """Return float32 points in another frame, rounded as Eigen rounds them in tf2_sensor_msgs."""
-    moves = [np.float32(value) for value in rigid[0]]
-    rows = _rotation_matrix(rigid[1])
     x, y, z = points.T
-    result = np.empty(points.shape)
     with np.errstate(invalid="ignore", over="ignore"):
-        for axis, (a, b, c) in enumerate(rows):
-            result[:, axis] = ((a * x + b * y) + c * z) + moves[axis]
-    return result
+        axes = [
+            ((a * x + b * y) + c * z) + np.float32(move)
+            for (a, b, c), move in zip(_rotation_matrix(rigid[1]), rigid[0], strict=True)
+        ]
+    return np.stack(axes, axis=1).astype(np.float64)
 
 
 def _rotation_matrix(quaternion: Quaternion) -> list[list[np.float32]]:
@@ -134,6 +136,95 @@ def yaw_of(quaternion: Quaternion) -> float:
     if abs(sarg) >= 0.99999:
         return math.copysign(2, sarg) * math.atan2(y, x)
     return math.atan2(2 * (x * y + w * z), w * w + x * x - y * y - z * z)
+
+
+class LiveCostmap:
+    """A costmap that is updated again and again, as ``LayeredCostmap::updateMap`` does."""
+
+    def __init__(
+        self, place: LivePlace, layers: Sequence[LiveLayer], default_cost: int,
+        footprint: Footprint, occupancy: NDArray[np.int8] | None,
+    ) -> None:  # fmt: skip
+        self.frame, self.layers = place.frame, layers
+        self._place, self._default_cost, self._footprint = place, default_cost, footprint
+        self._map = occupancy
+        self.costs = np.full(self.frame.shape, default_cost, dtype=np.uint8)
+        self.master: MasterGrid | None = None
+        """The grid of the last update."""
+
+    @property
+    def under_robot(self) -> NDArray[np.bool_] | None:
+        return None if self.master is None else self.master.under_robot
+
+    def update(self, pose: Pose, time: int, map_to_costmap: Pose | None = None) -> None:
+        """Update the costmap around the robot's pose; observations were added to its layers."""
+        if self._place.is_rolling:
+            self._move(pose)
+        corners = turned(np.array(self._footprint.vertices), pose[2])
+        footprint = corners[:, 0] + pose[0], corners[:, 1] + pose[1]
+        update = Update(time, footprint, Bounds())
+        for layer in self.layers:
+            layer.update_bounds(update)
+        window = self._window(update.bounds)
+        if window is None:
+            return
+        self.costs[window] = self._default_cost
+        self.master = master = self._master(pose, map_to_costmap)
+        for layer in self.layers:
+            layer.update_costs(master, window)
+
+    def _move(self, pose: Pose) -> None:
+        cell_size, margin = self.frame.resolution, self._place.size_margin
+        shifts, corner = [], []
+        for start, cells, robot in zip(
+            self.frame.origin, self.frame.shape[::-1], pose, strict=False
+        ):
+            goal = robot - (cells - margin) * cell_size / 2
+            shifts.append(int((goal - start) / cell_size))
+            corner.append(start + shifts[-1] * cell_size)
+        cols, rows = shifts
+        if rows or cols:
+            height, width = self.frame.shape
+            self.frame = Frame(height, width, cell_size, (corner[0], corner[1], 0.0))
+            self.costs = shifted(self.costs, rows, cols, self._default_cost)
+            for layer in self.layers:
+                layer.move(self.frame, rows, cols)
+
+    def _window(self, bounds: Bounds) -> Window | None:
+        """Return the rows and columns within bounds, as ``worldToMapEnforceBounds``."""
+        sides = []
+        for low, high, corner, cells in zip(
+            bounds.low, bounds.high, self.frame.origin[:2], self.frame.shape[::-1], strict=True
+        ):
+            ends = [self._cell(value, corner, cells) for value in (low, high)]
+            first, end = max(0, ends[0]), min(cells, ends[1] + 1)
+            if end < first:
+                return None
+            sides.append(slice(first, end))
+        return sides[1], sides[0]
+
+    def _cell(self, value: float, corner: float, cells: int) -> int:
+        if value < corner:
+            return 0
+        if value > self.frame.resolution * cells + corner:
+            return cells - 1
+        return int((value - corner) / self.frame.resolution)
+
+    def _master(self, pose: Pose, map_to_costmap: Pose | None) -> MasterGrid:
+        frame, place = self.frame, self._place
+        occupancy, in_map = self._map, None
+        if occupancy is None or place.map_frame is None:
+            occupancy, in_map = np.full(frame.shape, -1, np.int8), np.zeros(frame.shape, np.bool_)
+        elif place.is_rolling:
+            row, col = cells_below(frame, map_to_costmap, place.map_frame, slice(0, frame.height))
+            height, width = occupancy.shape
+            in_map = (row >= 0) & (row < height) & (col >= 0) & (col < width)
+            occupancy = occupancy[np.clip(row, 0, height - 1), np.clip(col, 0, width - 1)]
+        under_robot = covered_cells(self._footprint, pose, frame, frame.resolution)
+        return MasterGrid(
+            self.costs, slice(0, frame.height), frame.shape, frame.resolution, self._default_cost,
+            occupancy, in_map, under_robot=under_robot,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,17 +249,7 @@ class ReplayStep:
 
 
 class BagReplay:
-    """A robot's costmap, updated with each message of its sensors in a bag that is open.
-
-    Parameters
-    ----------
-    bag : Bag
-        The bag.
-    robot : RobotParameters
-        The robot, with the layers of the costmap and their sources.
-    known : OccupancyGrid, optional
-        The map that static layers read.
-    """
+    """A robot's costmap, updated with each message of its sensors in a bag that is open."""
 
     def __init__(self, bag: Bag, robot: RobotParameters, known: OccupancyGrid | None) -> None:
         self.bag, self.robot = bag, robot
@@ -191,10 +272,9 @@ class BagReplay:
             raise ParameterError(rule, source="--map")
         default = NO_INFORMATION if robot.track_unknown_space else FREE_SPACE
         occupancy = None if known is None else np.asarray(known.occupancy)
-        self.costmap = LiveCostmap(
-            self.place, list(self.layers.values()), default, robot.footprint, occupancy
-        )
-        self._sources = dict(self._sources_by_topic())
+        layers = list(self.layers.values())
+        self.costmap = LiveCostmap(self.place, layers, default, robot.footprint, occupancy)
+        self._sources = self._sources_by_topic()
         connections = [c for c in bag.connections if c.topic in self._sources]
         self._types = {c.id: c for c in connections}
         self._index = bag.index([c.id for c in connections])
@@ -205,7 +285,7 @@ class BagReplay:
         self._projectors = {name: ScanProjector() for name in self.layers}
         self._without_transform = self._updates = self.time = 0
         self._readings: Counter[tuple[str, ObservationSource]] = Counter()
-        self._within: Counter[tuple[str, ObservationSource]] = Counter()
+        self._within = self._readings.copy()  # those within the heights of their source
         self._steps = self.steps()
         self.advance: Callable[[int], object] = lambda _: None
         self.watch: CellWatch | None = None
@@ -226,8 +306,8 @@ class BagReplay:
         is_ros1 = self.robot.flavour == "ros1"
         return LivePlace(frame, map_frame, area.is_rolling, area.size_margin, is_ros1)
 
-    def _sources_by_topic(self) -> Iterator[tuple[str, list[tuple[str, ObservationSource]]]]:
-        """Yield the topics in the bag that sources of layers read; warn of all others."""
+    def _sources_by_topic(self) -> dict[str, list[tuple[str, ObservationSource]]]:
+        """Return the topics in the bag that sources of layers read; warn of all others."""
         types = {connection.topic: connection.type for connection in self.bag.connections}
         # relative names are below the namespace of the robot
         node = self.robot.node.strip("/").split("/")
@@ -247,16 +327,11 @@ class BagReplay:
                     continue
                 emit_warning(f"{name}.{source.name}: {why}", stacklevel=3)
         if not found:
-            known = sorted({c.topic for c in self.bag.of_types(*_TYPES.values())})
+            known = ", ".join(sorted({c.topic for c in self.bag.of_types(*_TYPES.values())}))
             rule = f"the bag has no messages for the layers of {self.robot.node}"
-            hint = f"it has {', '.join(known)}" if known else None
+            hint = f"it has {known}" if known else None
             raise MalformedInputError(rule, source=self.bag.path, hint=hint)
-        yield from found.items()
-
-    @property
-    def count(self) -> int:
-        """Number of messages with which the costmap is updated."""
-        return len(self._index)
+        return found
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -301,8 +376,8 @@ class BagReplay:
     def warn(self) -> None:
         """Warn of messages that were left out, and of sources whose heights drop all readings."""
         if self._without_transform:
-            text = f"{self._without_transform} observations of {self.count} messages are left out: "
-            text += "transforms at their times are not known"
+            text = f"{self._without_transform} observations of {len(self._index)} messages are "
+            text += "left out: transforms at their times are not known"
             emit_warning(f"{self.bag.path}: {text}", stacklevel=2)
         for (name, source), readings in self._readings.items():
             if readings and not self._within[name, source]:
@@ -335,9 +410,11 @@ class BagReplay:
             else:
                 points = message.points
             in_costmap = transformed(points, rigid)
-            observation = observed(source, message.time, sensor[0], in_costmap)
-            self._readings[name, source] += int(np.isfinite(in_costmap[:, 2]).sum())
-            self._within[name, source] += len(observation.points)
+            z = in_costmap[:, 2]
+            is_within = (z <= source.max_obstacle_height) & (z >= source.min_obstacle_height)
+            self._readings[name, source] += int(np.isfinite(z).sum())
+            self._within[name, source] += int(is_within.sum())
+            observation = Observation(source, message.time, sensor[0], in_costmap[is_within])
             yield Delivery(grid, name, observation, message, rigid)
 
     def _lookup(self, frame: str, time: int, fixed: str | None = None) -> Rigid | None:
@@ -357,7 +434,6 @@ class BagReplay:
 
 
 def costs_after(replay: BagReplay, *, messages: int) -> Costmap:
-    """Return the costmap after some messages of the bag."""
     replay.advance_to(messages)
     replay.warn()
     return replay.costs()
@@ -371,9 +447,7 @@ _REPLAY = Stage(
 
 @dataclass(frozen=True, repr=False)
 class ReplayReport(RunReport):
-    """Report of a replay, with the history of a cell that was asked about."""
-
-    why: tuple[str, ...] = ()
+    why: tuple[str, ...] = ()  # the history of a cell
 
     def document(self) -> dict[str, Any]:
         return {**super().document(), **({"why": list(self.why)} if self.why else {})}
@@ -382,7 +456,7 @@ class ReplayReport(RunReport):
         return self.why
 
 
-Reasons = list[tuple[NDArray[np.bool_] | bool, str]]
+Reasons = Iterable[tuple[NDArray[np.bool_] | bool, str]]
 """Which readings a reason applies to, and the reason; the first one that applies counts."""
 
 
@@ -433,7 +507,7 @@ class CellWatch:
             self._marked[name] = observation.time, text
             self._passed[name].clear()
             return
-        source, sensing = observation.source, grid.sensing
+        source, size = observation.source, grid.frame.resolution
         reach, ray = "obstacle_max_range", "raytrace_max_range"
         if grid.place.is_ros1:
             reach, ray = "obstacle_range", "raytrace_range"
@@ -441,27 +515,24 @@ class CellWatch:
         is_infinite = np.isposinf(lengths)
         if source.inf_is_valid:
             lengths, is_infinite = np.where(is_infinite, most - 1e-4, lengths), is_infinite & False
-        (west, south, _), size = grid.frame.origin, grid.frame.resolution
-        corner = np.array([west + cell[1] * size, south + cell[0] * size]) - origin[:2]
+        corner = np.array(grid.frame.origin[:2]) + np.array(cell[::-1]) * size - origin[:2]
         borders = np.sort([corner / away[:, :2], (corner + size) / away[:, :2]], axis=0)
         enters, leaves = borders[0].max(axis=1), borders[1].min(axis=1)
-        level = np.hypot(away[:, 0], away[:, 1])
-        heights = origin[2] + away[:, 2] * lengths
-        is_valid = (lengths < most) & (lengths >= least)
-        shared: Reasons = [
+        level, heights = np.hypot(away[:, 0], away[:, 1]), origin[2] + away[:, 2] * lengths
+
+        def beyond(limits: ObservationSource | Sensing, owner: str) -> Reasons:
+            high, low = limits.max_obstacle_height, limits.min_obstacle_height
+            yield heights > high, f"above max_obstacle_height {high:g} of {owner}"
+            yield heights < low, f"below min_obstacle_height {low:g} of {owner}"
+
+        shared = [
             (is_infinite, "infinite (inf_is_valid: false)"),
-            (~is_valid & ~is_infinite, "invalid, beyond range_min and range_max"),
-            (heights > source.max_obstacle_height,
-             f"above max_obstacle_height {source.max_obstacle_height:g} of {source.name}"),
-            (heights < source.min_obstacle_height,
-             f"below min_obstacle_height {source.min_obstacle_height:g} of {source.name}"),
+            (~is_infinite & ~((lengths < most) & (lengths >= least)),
+             "invalid, beyond range_min and range_max"),
+            *beyond(source, source.name),
         ]  # fmt: skip
-        of_marks: Reasons = [
-            (not source.marking, f"marking: false of {source.name}"),
-            (heights > sensing.max_obstacle_height,
-             f"above max_obstacle_height {sensing.max_obstacle_height:g} of {name}"),
-            (heights < sensing.min_obstacle_height,
-             f"below min_obstacle_height {sensing.min_obstacle_height:g} of {name}"),
+        of_marks = [
+            (not source.marking, f"marking: false of {source.name}"), *beyond(grid.sensing, name),
             (lengths * level > source.obstacle_max_range,
              f"beyond {reach} {source.obstacle_max_range:g} m"),
             (lengths * level < source.obstacle_min_range,
@@ -469,9 +540,8 @@ class CellWatch:
         ]  # fmt: skip
         # rays of voxel layers stop two cells before their ends
         columns = grid.columns if isinstance(grid, VoxelGrid) else None
-        reaches = lengths if columns is None else lengths - 2 * size
-        of_rays: Reasons = [
-            (reaches < enters, "ended before it"),
+        of_rays = [
+            ((lengths if columns is None else lengths - 2 * size) < enters, "ended before it"),
             (not source.clearing, f"clearing: false of {source.name}"),
             (enters * level > source.raytrace_max_range,
              f"beyond {ray} {source.raytrace_max_range:g} m"),
@@ -482,9 +552,9 @@ class CellWatch:
         is_end = points_there & (lengths >= enters) & (lengths <= leaves)
         _count(self._dropped[name], is_end, [*shared, *of_marks], "outside of the layer's grid")
         if columns is not None:
-            height = (origin[2] + away[:, 2] * enters - sensing.origin_z) / sensing.z_resolution
-            is_marked = (int(columns[cell]) >> np.clip(height, 0, 15).astype(np.int64) + 16) & 1
-            of_rays.append((is_marked == 0, "at heights without a mark"))
+            height = origin[2] + away[:, 2] * enters - grid.sensing.origin_z
+            bits = np.clip(height / grid.sensing.z_resolution, 0, 15).astype(np.int64) + 16
+            of_rays.append(((int(columns[cell]) >> bits) & 1 == 0, "at heights without a mark"))
         _count(self._passed[name], points_there & ~is_end, [*shared, *of_rays], "along its edge")
 
     def lines(self) -> Iterator[str]:
@@ -549,7 +619,7 @@ def _listed(counter: Counter[str]) -> str:
 
 def _beams(
     delivery: Delivery,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], tuple[float, float]]:
+) -> tuple[Floats, Floats, Floats, tuple[float, float]]:
     """Return the sensor's place, directions and lengths of all readings, and their limits."""
     message, origin = delivery.message, np.array(delivery.rigid[0])
     matrix = np.array(_rotation_matrix(delivery.rigid[1]), dtype=np.float64)
@@ -570,25 +640,17 @@ def seconds_text(time: int) -> str:
     return f"{time // 10**9}.{time % 10**9:09}"
 
 
-def messages_until(replay: BagReplay, until: int | None) -> int:
-    """Return the number of messages up to a time, nanoseconds."""
-    if until is None:
-        return replay.count
-    times = replay.times()
-    later = (number for number, time in enumerate(times) if time > until)
-    count = next(later, len(times))
-    if not count:
-        rule = f"is before the first message, at {seconds_text(times[0])} s"
-        raise ParameterError(rule, source="--until", got=seconds_text(until))
-    return count
-
-
-def snapshots(replay: BagReplay, every: int) -> list[int]:
+def message_counts(replay: BagReplay, *, until: int | None, every: int | None) -> list[int]:
     """Return the numbers of messages after which costmaps are written, one each `every` ns."""
     times = replay.times()
-    turns = [(time - times[0]) // every for time in times]
-    last = [k + 1 for k in range(len(times) - 1) if turns[k + 1] > turns[k]]
-    return [*last, len(times)]
+    if until is not None:
+        if until < times[0]:
+            rule = f"is before the first message, at {seconds_text(times[0])} s"
+            raise ParameterError(rule, source="--until", got=seconds_text(until))
+        times = list(takewhile(lambda time: time <= until, times))
+    turns = [(time - times[0]) // (every or 1) for time in times]
+    last = [k for k, (turn, following) in enumerate(pairwise(turns), start=1) if following > turn]
+    return [*(last if every else ()), len(times)]
 
 
 def write_replay(
@@ -608,9 +670,7 @@ def write_replay(
 
     files = (*bag.files, *robot.paths, *(known.files if known else ()))
     warnings = (*robot.remarks, *(known.warnings if known else ()))
-    filling = Filling(
-        target, products(), bag.path.stem, files, bag.path, warnings=warnings
-    )  # fmt: skip
+    filling = Filling(target, products(), bag.path.stem, files, bag.path, warnings=warnings)
     report = fill(bag.path, [filling], settings, skip=False)[0]
     why = () if replay.watch is None else tuple(replay.watch.lines())
     return ReplayReport(report.folder, report.status, report.figures, report.source, why=why)
