@@ -37,7 +37,7 @@ from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.layers import cost_image
 from mapdeal.pictures.overlay import PlanOverlay
 from mapdeal.pipeline import inputs
-from mapdeal.pipeline.folder import Spread, rounded, spread_json
+from mapdeal.pipeline.folder import Spread, rounded, rounded_place, spread_json
 from mapdeal.pipeline.recipe import read_robot_parameters
 from mapdeal.planners.planner import Plan, Pose, no_plan
 from mapdeal.ros.load import error_of
@@ -119,16 +119,14 @@ class GoalPlan(OneLine):
             **plan_entries(plan, is_known=self.is_known),
         }  # fmt: skip
         if plan.found:
-            x, y = self.narrowest or (math.nan, math.nan)
             document |= {
                 "clearance_m": rounded(self.clearance),
-                "narrowest": {"x": rounded(x), "y": rounded(y)},
+                "narrowest": rounded_place(*(self.narrowest or (math.nan, math.nan))),
                 "margins": list(self.margins),
             }
         elif self.changes is not None:
-            document["changes"] = [
-                {**change, "text": change_text(change)} for change in self.changes
-            ]
+            changes = [{**change, "text": change_text(change)} for change in self.changes]
+            document["changes"] = changes
         if self.stopped_at is not None:
             document["stopped_at"] = dict(zip("xy", self.stopped_at, strict=True))
         return {**document, "points": plan.poses.tolist()}
@@ -151,7 +149,7 @@ class GoalPlan(OneLine):
             yield f"    a search from the start comes no nearer than {_at(self.stopped_at)}"
         if self.changes:
             yield "    each of these alone makes a path:"
-            yield from (f"      {change_text(change)}" for change in self.changes)
+            yield from ("      " + change_text(change) for change in self.changes)
         elif self.changes is not None and self.is_known:
             yield "    no single change of those tried makes a path"
 
@@ -169,22 +167,22 @@ def plan_entries(plan: Plan, *, is_known: bool = True) -> dict[str, Any]:
 
 def change_text(change: Change) -> str:
     """Describe a change of a parameter, or of the map."""
+    place = _at((change["x"], change["y"])) if "map" in change else ""
     if change.get("map") == "passage":
-        text = f"the passage at {_at((change['x'], change['y']))}, "
-        text += f"{change['from']:.4g} m wide, cleared over a width of {change['width']:g} m"
-    elif "map" in change:
-        text = f"without the obstacle at {_at((change['x'], change['y']))}, "
-        text += f"{change['area']:.4g} m2"
+        text = f"the passage at {place}, {change['from']:.4g} m wide, "
+        text += f"cleared over a width of {change['width']:g} m"
+    elif place:
+        text = f"without the obstacle at {place}, {change['area']:.4g} m2"
+    elif "scale" in change:
+        text = f"{change['parameter']} of {100 * change['scale']:.0f} % of its size"
     else:
         was, value = (
-            json.dumps(number) if isinstance(number, bool) else f"{number:.10g}"
-            if isinstance(number, float) else str(number)
+            f"{number:.10g}" if isinstance(number, float)
+            else json.dumps(number) if isinstance(number, bool) else str(number)
             for number in (change["from"], change["to"])
         )  # fmt: skip
         text = f"{change['parameter']} {value} (now {was})"
-        if "scale" in change:
-            text = f"{change['parameter']} of {100 * change['scale']:.0f} % of its size"
-        text += f"; {change['note']}" if "note" in change else ""
+    text += f"; {change['note']}" if "note" in change else ""
     return text + ("" if change.get("monotonic", True) else "; some values beyond fail again")
 
 
@@ -282,14 +280,12 @@ class PlanReport(Spread):
         return cost_image(self.work.costmap, title=title, overlay=overlay, **look)
 
     def check(self) -> None:
+        if self.passes:
+            return
         if self.differences:
             rule = f"the plans differ from those expected: {self.differences[0]}"
             raise FindingError(rule, source=self.work.source.name)
-        if self.differences is not None:
-            return
         missed = [*self.missed, *(self.against.missed if self.against else ())]
-        if not missed:
-            return
         first, *more = missed
         rule = f"no path to goal {first.goal.label}: {first.plan.detail or first.plan.reason}"
         if more:
@@ -309,42 +305,46 @@ class PairedPlans(Spread):
     has_changes: bool
     counts: Counter[str] = field(default_factory=Counter)
 
-    def parts(self) -> Iterator[str]:
+    def entries(self) -> Iterator[dict[str, Any]]:
         for block in self.pairs:
             for row, (numbers, line) in enumerate(
                 zip(block.numbers.tolist(), block.lines, strict=True)
             ):
                 self.counts["pairs"] += 1
+                number = {"pair": self.counts["pairs"]}
                 try:
                     if row in block.errors:
                         raise ParameterError(block.errors[row])
                     start, goal = check_pose(numbers[:3], "start"), check_pose(numbers[3:], "goal")
                 except ParameterError as error:
                     self.counts["failed"] += 1
-                    failure = {"pair": self.counts["pairs"], "line": line, "error": str(error)}
-                    yield json.dumps(failure)
+                    yield {**number, "line": line, "error": str(error)}
                     continue
                 plan, is_known = plan_on(self.work, start, goal)
                 self.counts["found"] += plan.found
-                entry = {"pair": self.counts["pairs"], **plan_entries(plan, is_known=is_known)}
+                entry = {**number, **plan_entries(plan, is_known=is_known)}
                 entry["poses"] = len(plan.poses)
                 if self.has_changes and not plan.found and is_known:
                     entry["changes"] = _changes(self.work, start, goal, plan)
-                yield json.dumps(entry)
+                yield entry
         if not self.counts["pairs"]:
             raise MalformedInputError("holds no pairs of poses", source=self.pairs_in)
 
+    def parts(self) -> Iterator[str]:
+        return map(json.dumps, self.entries())
+
     def document(self) -> dict[str, Any]:
-        return {"plans": list(map(json.loads, self.parts()))}
+        return {"plans": list(self.entries())}
 
     def summary(self, output: Path) -> Iterator[str]:
         yield f"{output}: {self.counts['pairs']} pairs, {self.counts['found']} with a plan"
 
     def lines(self) -> Iterator[str]:
-        for entry in map(json.loads, self.parts()):
-            text = entry.get("error") or f"no path, {entry.get('reason')}"
-            found = f"{entry.get('length_m')} m, {entry.get('poses')} poses"
-            yield f"pair {entry['pair']}: {found if entry.get('found') else text}"
+        for entry in self.entries():
+            text = entry.get("error") or f"no path, {entry['reason']}"
+            if entry.get("found"):
+                text = f"{entry['length_m']} m, {entry['poses']} poses"
+            yield f"pair {entry['pair']}: {text}"
 
     def check(self) -> None:
         failed = self.counts["failed"]
@@ -557,15 +557,14 @@ def _report(
 ) -> PlanReport:
     plans = []
     for goal in goals:
-        pose = goal.pose
-        answer, is_known = plan_on(work, start, pose)
+        answer, is_known = plan_on(work, start, goal.pose)
         if answer.found:
-            margins = margins_of(work, start, pose) if has_changes else []
-            clearance, place = work.least_clearance(answer)
-            plans.append(GoalPlan(goal, answer, True, None, margins, clearance, place))
+            margins = margins_of(work, start, goal.pose) if has_changes else []
+            clearance = work.least_clearance(answer)
+            plans.append(GoalPlan(goal, answer, True, None, margins, *clearance))
         else:
-            changes = _changes(work, start, pose, answer) if has_changes else None
-            stopped_at = None if answer.detail else work.nearest_reached(start, pose)
+            changes = _changes(work, start, goal.pose, answer) if has_changes else None
+            stopped_at = None if answer.detail else work.nearest_reached(start, goal.pose)
             plans.append(GoalPlan(goal, answer, is_known, changes, stopped_at=stopped_at))
     return PlanReport(work, start, tuple(plans))
 
@@ -577,8 +576,7 @@ def _potential(work: PlannerOnMap, start: Pose, goals: Sequence[PlanGoal]) -> An
     if potential is None:
         rule = f"are those of NavFn, and {work.listed.name} is {work.listed.plugin}"
         raise ParameterError(rule, place="layers")
-    goal = goals[0]
-    potentials = potential(work.grid, start, goal.pose)
+    potentials = potential(work.grid, start, goals[0].pose)
     if potentials is None:
         raise ParameterError("the start lies in the last half cell: Nav2's search has no place")
     return potentials
@@ -593,12 +591,12 @@ def _differences(report: PlanReport, path: Path) -> Iterator[str]:
         yield f"{len(report.goals)} goals, expected {len(expected)}"
         return
     for goal, stored in zip(report.goals, expected, strict=True):
-        now = goal.document()
+        now, label = goal.document(), f"goal {goal.goal.label}"
         for key, read in (("found", JsonValue.flag), ("reason", JsonValue.text)):
             before = stored[key].or_none(read)
             if before != now[key]:
-                yield f"goal {goal.goal.label}: {key} {now[key]}, expected {before}"
+                yield f"{label}: {key} {now[key]}, expected {before}"
         before = stored["length_m"].or_none(JsonValue.number)
         length = now["length_m"]
         if before is not None and length is not None and abs(before - length) > _SAME:
-            yield f"goal {goal.goal.label}: {length:.6g} m, expected {before:.6g} m"
+            yield f"{label}: {length:.6g} m, expected {before:.6g} m"

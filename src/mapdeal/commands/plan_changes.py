@@ -6,6 +6,7 @@ A change is proposed only after the planner has found a path with it, and none o
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -56,30 +57,14 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class PlannerOnMap:
-    """A robot's planner, and the costmaps that it has of a map.
-
-    Parameters
-    ----------
-    source : MapInput
-        The map.
-    robot : RobotParameters
-        The robot.
-    parameters : Ros2Parameters
-        The values in its files.
-    listed : ListedPlanner
-        The planner.
-    mask : KeepoutMask, optional
-        Keepout mask.
-    is_older : bool
-        Whether the inflation layer is that of Humble to Kilted.
-    """
+    """A robot's planner, and the costmaps that it has of a map."""
 
     source: MapInput
     robot: RobotParameters
     parameters: Ros2Parameters
     listed: ListedPlanner
     mask: KeepoutMask | None = None
-    is_older: bool = False
+    is_older: bool = False  # whether the inflation layer is that of Humble to Kilted
 
     @property
     def planner(self) -> Planner:
@@ -109,30 +94,25 @@ class PlannerOnMap:
         return grid_of(self.costmap, self.robot)
 
     @cached_property
-    def _grids(self) -> Callable[[tuple[Override, ...]], PlannerGrid | None]:
+    def _grids(self) -> Callable[[Override], PlannerGrid | None]:
         count = max(1, _BYTES // max(self.source.occupancy.occupancy.size, 1))
         return lru_cache(maxsize=count)(self._grid_with)
 
-    def _grid_with(self, overrides: tuple[Override, ...]) -> PlannerGrid | None:
-        values = {
-            name: ParameterValue(value, kind, self.robot.paths[-1], 0, str(value))
-            for name, kind, value in overrides
-        }
+    def _grid_with(self, override: Override) -> PlannerGrid | None:
+        name, kind, value = override
+        values = {name: ParameterValue(value, kind, self.robot.paths[-1], 0, str(value))}
+        space, older = self.robot.namespace, self.is_older
         with capture_warnings():
             robot, problems = robot_in(
-                self.parameters,
-                namespace=self.robot.namespace,
-                older=self.is_older,
-                overrides=values,
+                self.parameters, namespace=space, older=older, overrides=values
             )
             if robot is None or any(problem.level == "refused" for problem in problems):
                 return None
             return grid_of(self.costmap_on(robot, self.source.occupancy), robot)
 
-    def plan_with(self, start: Pose, goal: Pose, *overrides: Override) -> Plan:
-        """Return the plan with other values of parameters of the costmap."""
-        grid = self._grids(overrides)
-        if grid is None:
+    def plan_with(self, start: Pose, goal: Pose, override: Override) -> Plan:
+        """Return the plan with another value of a parameter of the costmap."""
+        if (grid := self._grids(override)) is None:
             return no_plan("PlannerException")
         return plan_quickly(self.listed, grid, start, goal)
 
@@ -205,10 +185,10 @@ def _reached_cells(listed: ListedPlanner, grid: PlannerGrid, start: Pose) -> Mas
     from scipy import ndimage  # slow to import
 
     around, is_open = np.ones((3, 3), bool), _open_cells(listed.settings, grid, start)
-    if listed.planner is None or "minimum_turning_radius" in listed.settings:
+    is_diagonal = listed.planner is None or listed.planner.moves_diagonally
+    if listed.planner is None:
         # planners with headings check poses that are up to three cells apart
         is_open = ndimage.binary_dilation(is_open, around, iterations=2)
-    is_diagonal = listed.planner is None or listed.planner.moves_diagonally
     regions, _ = ndimage.label(is_open, around if is_diagonal else None)
     return np.asarray(regions == regions[grid.cell_of(start)])
 
@@ -238,6 +218,12 @@ class Adjustment:
     plan: Callable[[Any], Plan]
     scales: Sequence[float] = ()  # of a footprint, for each candidate
     inscribed_radius: float = 0.0
+
+    def planned(self, index: int) -> Plan:
+        return self.plan(self.candidates[index])
+
+    def is_lost(self, index: int) -> bool:
+        return not self.planned(index).found
 
     def change(self, index: int, *, is_monotonic: bool = True) -> Change:
         """Return the change to a candidate; -1 stands for the value itself."""
@@ -269,10 +255,7 @@ def first_success(count: int, plan: Callable[[int], Plan], *, now: Plan) -> tupl
 
     if count < 1 or not (now.is_reached or reaches(count - 1)):
         return None
-    last_failure, first = -1, 0 if now.is_reached else count - 1
-    while first - last_failure > 1:
-        middle = (first + last_failure) // 2
-        last_failure, first = (last_failure, middle) if reaches(middle) else (middle, first)
+    first = 0 if now.is_reached else bisect_left(range(count - 1), True, key=reaches)
     for index in range(first, min(first + _STEPS_BEYOND, count)):
         if planned(index).found:
             after = range(index, min(index + _STEPS_AFTER + 1, count))
@@ -287,16 +270,14 @@ def changes_for(work: PlannerOnMap, start: Pose, goal: Pose, plan: Plan) -> list
         return []
     found = []
     for adjustment in _Query(work, start, goal).adjustments(plan):
-        candidates = adjustment.candidates
-        success = first_success(
-            len(candidates),
-            lambda k, own=adjustment: own.plan(own.candidates[k]),  # type: ignore[misc]
-            now=plan,
-        )
+        success = first_success(len(adjustment.candidates), adjustment.planned, now=plan)
         if success is not None:
             found.append(adjustment.change(success[0], is_monotonic=success[1]))
     if not plan.is_reached:
-        found += _map_changes(work, start, goal, plan)
+        lethal = work.grid.costs == LETHAL_OBSTACLE
+        occupied = lethal & (np.asarray(work.source.occupancy.occupancy) > FREE)
+        found += _wider_passage(work, start, goal, plan, occupied)
+        found += _obstacle_in_the_way(work, start, goal, occupied)
     return found
 
 
@@ -304,20 +285,11 @@ def margins_of(work: PlannerOnMap, start: Pose, goal: Pose) -> list[Change]:
     """Return the last value of each parameter with which the planner still finds the path."""
     found = []
     for adjustment in _Query(work, start, goal).margins():
-        index = _first_loss(adjustment)
-        if index is not None:
-            found.append(adjustment.change(index - 1))
+        count = len(adjustment.candidates)
+        first_loss = bisect_left(range(count), True, key=adjustment.is_lost)
+        if first_loss < count:
+            found.append(adjustment.change(first_loss - 1))
     return found
-
-
-def _first_loss(adjustment: Adjustment) -> int | None:
-    """Return the first candidate without a path, by bisection; None if the last one has one."""
-    last_success, first = -1, len(adjustment.candidates)
-    while first - last_success > 1:
-        middle = (first + last_success) // 2
-        is_found = adjustment.plan(adjustment.candidates[middle]).found
-        last_success, first = (middle, first) if is_found else (last_success, middle)
-    return first if first < len(adjustment.candidates) else None
 
 
 def _down(value: float, least: float) -> list[float]:
@@ -337,11 +309,13 @@ class _Query:
     start: Pose
     goal: Pose
 
-    def of_costmap(self, name: str, kind: str, value: Any, candidates: Sequence[Any]) -> Adjustment:
+    def of_costmap(
+        self, name: str, kind: str, value: Any, candidates: Sequence[Any], **more: Any
+    ) -> Adjustment:
         def plan_with(candidate: Any) -> Plan:
             return self.work.plan_with(self.start, self.goal, (name, kind, candidate))
 
-        return Adjustment(name, value, candidates, plan_with)
+        return Adjustment(name, value, candidates, plan_with, **more)
 
     def of_planner(self, name: str, candidates: Sequence[Any]) -> Adjustment:
         work = self.work
@@ -354,8 +328,11 @@ class _Query:
         value = work.planner.values[name]
         return Adjustment(f"{work.listed.name}.{name}", value, candidates, plan_with)
 
-    def of_shape(self, scales: Sequence[float]) -> Adjustment:
-        """Return the adjustment of the robot's radius or footprint by some factors."""
+    def of_size(self, radii: Sequence[float], scales: Sequence[float]) -> Adjustment:
+        """Return the adjustment of the robot's radius, or of its footprint by some factors."""
+        radius = self.work.robot.robot_radius
+        if radius is not None:
+            return self.of_costmap("robot_radius", "double", radius, radii)
         text = self.work.parameters.for_node(self.work.robot.node)["footprint"].value
         corners = corners_of_string(text)
 
@@ -363,21 +340,16 @@ class _Query:
             points = (", ".join(f"{round(v * scale, 4):g}" for v in corner) for corner in corners)
             return f"[{', '.join(f'[{point}]' for point in points)}]"
 
-        own = self.of_costmap("footprint", "string", text, list(map(scaled, scales)))
-        return replace(own, scales=scales)
+        return self.of_costmap("footprint", "string", text, [*map(scaled, scales)], scales=scales)
 
     def adjustments(self, plan: Plan) -> Iterator[Adjustment]:
         """Yield the adjustments that may make a path exist."""
         work, robot, values = self.work, self.work.robot, self.work.planner.values
         for layer in robot.inflation_layers:
             name, radius = f"{layer.name}.inflation_radius", layer.inflation_radius
-            own = self.of_costmap(name, "double", radius, _down(radius, 0.0))
-            yield replace(own, inscribed_radius=layer.inscribed_radius)
-        if robot.robot_radius is None:
-            yield self.of_shape(_down(1.0, 0.05))
-        else:
-            radii = _down(robot.robot_radius, _STEP)
-            yield self.of_costmap("robot_radius", "double", robot.robot_radius, radii)
+            inscribed, radii = layer.inscribed_radius, _down(radius, 0.0)
+            yield self.of_costmap(name, "double", radius, radii, inscribed_radius=inscribed)
+        yield self.of_size(_down(robot.robot_radius or 0.0, _STEP), _down(1.0, 0.05))
         padding = round(robot.footprint_padding, 6)  # a float32
         yield self.of_costmap("footprint_padding", "double", padding, _down(padding, 0.0))
         for layer in robot.inflation_layers if plan.is_reached else ():
@@ -399,33 +371,15 @@ class _Query:
         if "max_cycles_factor" in values and plan.is_reached:
             factors = range(values["max_cycles_factor"] + 1, _MOST_CYCLES + 1)
             yield self.of_planner("max_cycles_factor", factors)
-        if "minimum_turning_radius" in values:
-            radii = _down(values["minimum_turning_radius"], work.grid.resolution)
-            yield self.of_planner("minimum_turning_radius", radii)
 
     def margins(self) -> Iterator[Adjustment]:
         """Yield the adjustments that may lose a path."""
-        robot, values = self.work.robot, self.work.planner.values
-        if robot.robot_radius is None:
-            yield self.of_shape(_up(1.0, _LARGEST_SCALE))
-        else:
-            radii = _up(robot.robot_radius, robot.robot_radius + _WIDEST_PASSAGE)
-            yield self.of_costmap("robot_radius", "double", robot.robot_radius, radii)
+        radius, values = self.work.robot.robot_radius or 0.0, self.work.planner.values
+        yield self.of_size(_up(radius, radius + _WIDEST_PASSAGE), _up(1.0, _LARGEST_SCALE))
         if "tolerance" in values:
             yield self.of_planner("tolerance", _down(values["tolerance"], 0.0))
         if values.get("allow_unknown"):
             yield self.of_planner("allow_unknown", [False])
-        if "minimum_turning_radius" in values:
-            radius = values["minimum_turning_radius"]
-            yield self.of_planner("minimum_turning_radius", _up(radius, radius + _WIDEST_PASSAGE))
-
-
-def _map_changes(work: PlannerOnMap, start: Pose, goal: Pose, plan: Plan) -> Iterator[Change]:
-    """Yield the passage that must be wider, and the smallest obstacle that stands in the way."""
-    lethal = work.grid.costs == LETHAL_OBSTACLE
-    occupied = lethal & (np.asarray(work.source.occupancy.occupancy) > FREE)
-    yield from _wider_passage(work, start, goal, plan, occupied)
-    yield from _obstacle_in_the_way(work, start, goal, occupied)
 
 
 def _wider_passage(
