@@ -177,7 +177,7 @@ def without_rounding_noise(value: float) -> float | None:
 
 Place = tuple[int, int]  # row and column of a cell, row 0 in the south
 _CELLS_PER_BAND = 1 << 18
-_COARSE = 400  # most blocks of a side in which a map is compared with itself
+_COARSE = 200  # most blocks of a side in which a map is compared with itself
 
 
 class CellTallies:

@@ -158,19 +158,23 @@ def _along_or_across(points: Floats, angles: Floats) -> Floats:
     return along + across
 
 
+def _enlarged(cells: Mask, steps: int) -> Mask:
+    for _ in range(steps):
+        cells = cells | beside(cells)
+    return cells
+
+
 def coincidences(walls: Mask, free: Mask, tolerance: int) -> list[tuple[float, float]]:
     """Return how far a map coincides with itself turned by 90, 180 and 270 degrees.
 
     Each turn is placed where the walls correlate best. The shares are those of the walls that lie
     within a tolerance, in cells, of a wall of the other, and of the free cells that are free in it.
     """
-    from scipy import ndimage
-
     found = []
     for turns in (1, 2, 3):
         turned_walls, turned_free = np.rot90(walls, turns), np.rot90(free, turns)
         shape = [a + b for a, b in zip(walls.shape, turned_walls.shape, strict=True)]
-        near = ndimage.binary_dilation(walls, iterations=tolerance) + walls.astype(np.float32)
+        near = _enlarged(walls, tolerance) + walls.astype(np.float32)
         spectra = (np.fft.rfft2(layer, shape) for layer in (near, turned_walls))
         scores = np.fft.irfft2(next(spectra) * np.conj(next(spectra)), shape)
         shift = np.array(np.unravel_index(scores.argmax(), scores.shape))
@@ -186,7 +190,7 @@ def coincidences(walls: Mask, free: Mask, tolerance: int) -> list[tuple[float, f
 
         own, turned_own = on_common_cells(walls, (0, 0)), on_common_cells(turned_walls, shift)
         agreeing = min(
-            float((first & ndimage.binary_dilation(second, iterations=tolerance)).sum())
+            float((first & _enlarged(second, tolerance)).sum())
             for first, second in ((own, turned_own), (turned_own, own))
         )
         clear = on_common_cells(free, (0, 0)) & on_common_cells(turned_free, shift)
