@@ -18,10 +18,9 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-import mapdeal.checks.sensor_checks  # noqa: F401 - adds its checks
 from mapdeal.checks.facts import FilterFacts, ParameterFacts, PlannerFacts, RobotFacts, check
 from mapdeal.checks.findings import CHECKS, Finding, Remark, Severity, declare_checks
-from mapdeal.checks.nav2_names import planner_facts
+from mapdeal.checks.plugin_checks import planner_facts
 from mapdeal.errors import MalformedInputError, MapdealError
 from mapdeal.grid.values import NO_INFORMATION
 from mapdeal.layers.catalogue import NAV2_PLUGINS, class_name, layer_named

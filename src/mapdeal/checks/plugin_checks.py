@@ -1,0 +1,273 @@
+"""Checks of sensors and planners in parameter files, and of names that Nav2 ignores.
+
+References
+----------
+``onInitialize`` in ``obstacle_layer.cpp`` and ``voxel_layer.cpp``, of Nav2 and of ROS 1: since
+Galactic, ranges have a minimum and a maximum.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator
+from difflib import get_close_matches
+from itertools import islice
+
+from mapdeal.checks.facts import ParameterFacts, PlannerFacts, RobotFacts, check
+from mapdeal.checks.findings import Remark
+from mapdeal.layers.obstacle import ObservationSource, Sensing, VoxelLayer
+from mapdeal.ros.planners import (
+    PLANNER_PARAMETERS,
+    PLANNER_SERVER,
+    SERVER_PARAMETERS,
+    class_of,
+    plugins_in,
+)
+from mapdeal.ros.robot import ListedLayer, ParameterValue
+from mapdeal.ros.ros2_files import Ros2Parameters
+
+_RENAMED = {
+    "obstacle_range": ("obstacle_max_range", 2.5), "raytrace_range": ("raytrace_max_range", 3.0)
+}  # fmt: skip
+"""Renamed parameters of Nav2: the old names, the new ones and their defaults, metres."""
+
+_OBSTACLE_LAYERS = ("ObstacleLayer", "VoxelLayer")
+_LEAST_SIMILARITY = 0.85
+_MOST_NAMES, _LONGEST_NAME = 1000, 60
+"""Limits of the search for misspelt names, which compares each name with all known ones."""
+
+
+def _sensing_layers(facts: RobotFacts) -> Iterator[tuple[ListedLayer, Sensing]]:
+    for listed in facts.robot.layers:
+        if isinstance(listed.sensing, Sensing) and listed.is_enabled:
+            yield listed, listed.sensing
+
+
+def _sources(facts: RobotFacts) -> Iterator[tuple[ListedLayer, ObservationSource]]:
+    for listed, sensing in _sensing_layers(facts):
+        yield from ((listed, source) for source in sensing.sources)
+
+
+def _place_of(
+    facts: RobotFacts, listed: ListedLayer, source: str, *names: str
+) -> ParameterValue | None:
+    """Return the parameter that sets a source's value, or the list of sources."""
+    paths = (
+        path for name in names
+        for path in ((listed.name, source, name), (source, name), (listed.name, name), (name,))
+    )  # fmt: skip
+    found = next((path for path in paths if facts.value(*path) is not None), None)
+    return facts.value(*found) if found else facts.of_layer(listed.name, "observation_sources")
+
+
+def _has_section(facts: RobotFacts, listed: ListedLayer, source: ObservationSource) -> bool:
+    sections = ((listed.name, source.name), (source.name,))
+    return any(path[: len(s)] == s for path in facts.parameters.values for s in sections)
+
+
+@check("params.marks-beyond-rays", "warning")
+def marks_beyond_rays(facts: RobotFacts) -> Iterator[Remark]:
+    """A source that marks obstacles farther away than any ray clears them.
+
+    Such an obstacle stays after it has left, until the robot comes closer: it plans around nothing.
+    Example: `obstacle_layer: {observation_sources: scan, scan: {max_obstacle_height: 2.0,
+    clearing: true, obstacle_max_range: 5.0, raytrace_max_range: 3.0}}`.
+    Fix: Set raytrace_max_range above obstacle_max_range.
+    """
+    names = "obstacle_max_range", "raytrace_max_range"
+    if facts.robot.flavour == "ros1":
+        names = "obstacle_range", "raytrace_range"
+    for listed, sensing in _sensing_layers(facts):
+        rays = [source.raytrace_max_range for source in sensing.sources if source.clearing]
+        for source in sensing.sources:
+            if source.marking and rays and source.obstacle_max_range > max(rays):
+                text = f"{source.name} marks as far as {names[0]} {source.obstacle_max_range:g} m, "
+                text += f"and no ray clears beyond {names[1]} {max(rays):g} m; raise {names[1]}"
+                yield Remark(text, at=_place_of(facts, listed, source.name, *names))
+
+
+@check("params.never-cleared", "warning")
+def never_cleared(facts: RobotFacts) -> Iterator[Remark]:
+    """A layer with sources that mark, none of which clears.
+
+    Whoever walks past the robot leaves a wall behind.
+    Example: `obstacle_layer: {observation_sources: scan, scan: {max_obstacle_height: 2.0,
+    clearing: false}}`.
+    Fix: Set clearing: true for one of the sources.
+    """
+    for listed, sensing in _sensing_layers(facts):
+        sources = sensing.sources
+        if any(source.marking for source in sources) and not any(s.clearing for s in sources):
+            text = f"no source of {listed.name} has clearing: true, so its obstacles stay"
+            yield Remark(text, at=_place_of(facts, listed, sources[0].name, "clearing"))
+
+
+@check("params.source-height", "warning")
+def source_height(facts: RobotFacts) -> Iterator[Remark]:
+    """A source whose heights let no reading above the floor through.
+
+    The sensor neither marks nor clears, and the robot does not see obstacles. Nav2's default of a
+    source's max_obstacle_height is 0.
+    Example: `obstacle_layer: {observation_sources: scan, scan: {topic: /scan, clearing: true}}`.
+    Fix: Set max_obstacle_height of the source, such as 2.0.
+    """
+    for listed, source in _sources(facts):
+        low, high = source.min_obstacle_height, source.max_obstacle_height
+        if high <= max(low, 0.0) and _has_section(facts, listed, source):
+            text = f"{source.name} takes heights of {low:g} to {high:g} m only; "
+            text += "raise its max_obstacle_height"
+            at = _place_of(facts, listed, source.name, "max_obstacle_height")
+            yield Remark(text, at=at)
+
+
+@check("params.voxel-ceiling", "note")
+def voxel_ceiling(facts: RobotFacts) -> Iterator[Remark]:
+    """Voxels that end below max_obstacle_height of a source of clouds.
+
+    Obstacles in between are not marked, although their height is accepted.
+    Example: `{plugins: [voxels], voxels: {plugin: "nav2_costmap_2d::VoxelLayer", z_resolution:
+    0.05, observation_sources: camera, camera: {data_type: PointCloud2, clearing: true,
+    max_obstacle_height: 2.0}}}`.
+    Fix: Raise z_resolution or z_voxels, at most 16, or lower max_obstacle_height.
+    """
+    for listed, sensing in _sensing_layers(facts):
+        if listed.layer is None or listed.layer.key != VoxelLayer.key:
+            continue
+        ceiling = sensing.origin_z + sensing.z_voxels * sensing.z_resolution
+        heights = (
+            source.max_obstacle_height
+            for source in sensing.sources if source.marking and source.data_type != "LaserScan"
+        )  # fmt: skip
+        highest = min(sensing.max_obstacle_height, max(heights, default=-math.inf))
+        if ceiling < highest - 1e-6:  # metres
+            text = f"the voxels of {listed.name} end at {ceiling:g} m, and obstacles up to "
+            text += f"{highest:g} m are accepted: those above are not marked"
+            yield Remark(text, at=_place_of(facts, listed, "", "z_voxels", "z_resolution"))
+
+
+@check("params.expected-rate", "note")
+def expected_rate(facts: RobotFacts) -> Iterator[Remark]:
+    """A source with expected_update_rate.
+
+    Whenever its messages are later than that, the costmap is not current and the robot stops.
+    Example: `obstacle_layer: {observation_sources: scan, scan: {max_obstacle_height: 2.0,
+    clearing: true, expected_update_rate: 0.1}}`.
+    Fix: Remove it, or set it to several periods of the sensor.
+    """
+    for listed, source in _sources(facts):
+        if source.expected_update_rate > 0:
+            text = f"the robot stops if {source.name} is later than "
+            text += f"{source.expected_update_rate:g} s (expected_update_rate)"
+            yield Remark(text, at=_place_of(facts, listed, source.name, "expected_update_rate"))
+
+
+@check("params.source-section", "warning")
+def source_section(facts: RobotFacts) -> Iterator[Remark]:
+    """A name in observation_sources without parameters.
+
+    The source has defaults only: a topic of its own name, no clearing, and in Nav2 a
+    max_obstacle_height of 0.
+    Example: `obstacle_layer: {observation_sources: scan}`.
+    Fix: Add a section of this name, or take it out of the list.
+    """
+    for listed, source in _sources(facts):
+        if not _has_section(facts, listed, source):
+            text = f"{source.name} is in observation_sources of {listed.name}, without a section"
+            yield Remark(text, at=_place_of(facts, listed, source.name))
+
+
+@check("params.renamed", "warning")
+def renamed(facts: ParameterFacts) -> Iterator[Remark]:
+    """A parameter that Nav2 has renamed.
+
+    Nav2 ignores the old name and uses the default: the robot sees obstacles later or earlier than
+    set.
+    Example: `obstacle_layer: {obstacle_range: 5.0}`.
+    Fix: Write the new name.
+    """
+    layers = {name for name, plugin in facts.plugins if class_of(plugin) in _OBSTACLE_LAYERS}
+    for path, value in facts.values.items() if facts.flavour == "nav2" else ():
+        if path[-1] not in _RENAMED or (len(path) > 1 and path[0] not in layers):
+            continue
+        name, default = _RENAMED[path[-1]]
+        if (*path[:-1], name) not in facts.values:
+            text = f"{facts.label(*path)} has no effect since Galactic, and {name} is {default:g} m"
+            yield Remark(f"{text} by default: write {name}", at=value)
+
+
+@check("params.planner-misspelt", "warning")
+def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
+    """A misspelt parameter of a planner.
+
+    Nav2 ignores it and plans with the default.
+    Example: `planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased: {plugin:
+    "nav2_navfn_planner::NavfnPlanner", tolerances: 0.5}}}`.
+    Fix: Write the name that the message proposes.
+    """
+    plugins = plugins_in(facts.values)
+    classes = {name: class_of(plugin) for name, plugin in plugins.items()}
+    of_any_planner = set().union(*PLANNER_PARAMETERS.values())
+    unlisted: dict[str, ParameterValue] = {}
+    for name, value in islice(facts.values.items(), _MOST_NAMES):
+        section, _, parameter = name.partition(".")
+        if parameter and section not in classes:
+            unlisted.setdefault(section, value)
+            continue
+        declared = PLANNER_PARAMETERS.get(classes[section], {}) if parameter else SERVER_PARAMETERS
+        parent, _, last = (parameter or name).rpartition(".")
+        paths = [declared_name.rpartition(".") for declared_name in declared]
+        siblings = {"plugin", *(path[2] for path in paths if path[0] == parent)}
+        closest = None if parameter in of_any_planner else _misspelt_name(last, siblings)
+        if closest and f"{name.removesuffix(last)}{closest}" not in facts.values:
+            yield Remark(f"no parameter is called {name}: did you mean {closest}?", at=value)
+    for section, value in unlisted.items():
+        closest = _misspelt_name(section, classes)
+        if closest:
+            yield Remark(f"no planner is called {section}: did you mean {closest}?", at=value)
+
+
+@check("params.planner-without-effect", "warning")
+def planner_without_effect(facts: PlannerFacts) -> Iterator[Remark]:
+    """A parameter that only planners of another class declare.
+
+    Nav2 ignores it: the robot plans as if the line were missing.
+    Example: `planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased: {plugin:
+    "nav2_navfn_planner::NavfnPlanner", minimum_turning_radius: 0.4}}}`.
+    Fix: Remove the line, or choose a planner that declares it.
+    """
+    for section, plugin in plugins_in(facts.values).items():
+        declared = PLANNER_PARAMETERS.get(class_of(plugin))
+        for name, value in facts.values.items() if declared is not None else ():
+            parameter = name.removeprefix(f"{section}.")
+            owners = [kind for kind, names in PLANNER_PARAMETERS.items() if parameter in names]
+            if name != parameter and owners and parameter not in (declared or ()):
+                text = f"{class_of(plugin)} does not declare {parameter}: it has no effect"
+                yield Remark(f"{text}; {' and '.join(owners)} would read it", at=value)
+
+
+@check("params.planner-tolerance", "warning")
+def planner_tolerance(facts: PlannerFacts) -> Iterator[Remark]:
+    """A planner's tolerance above 0 that is less than a cell.
+
+    A goal in an obstacle fails as it does with a tolerance of 0.
+    Example: `planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased: {plugin:
+    "nav2_navfn_planner::NavfnPlanner", tolerance: 0.01}}}`.
+    Fix: Write at least the side of a cell, or 0.0.
+    """
+    for section in plugins_in(facts.values):
+        value = facts.values.get(f"{section}.tolerance")
+        if value is not None and value.kind == "double" and 0 < value.value < facts.resolution:
+            text = f"less than a cell of {facts.resolution:g} m: it allows no other place than the "
+            yield Remark(f"{text}goal's; write {facts.resolution:g} or more, or 0.0", at=value)
+
+
+def _misspelt_name(name: str, known: Collection[str]) -> str | None:
+    if name in known or len(name) > _LONGEST_NAME:
+        return None
+    return next(iter(get_close_matches(name, known, n=1, cutoff=_LEAST_SIMILARITY)), None)
+
+
+def planner_facts(parameters: Ros2Parameters, resolution: float) -> Iterator[PlannerFacts]:
+    for node in parameters.nodes:
+        if node.name.rpartition("/")[2] == PLANNER_SERVER:
+            yield PlannerFacts(parameters.for_node(node.name), resolution)
