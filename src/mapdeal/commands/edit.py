@@ -67,7 +67,7 @@ _edits = partial(
 
 
 def _edited(
-    source: Path, change: Callable[[Any], Any], what: str, work: Work, also: Sequence[Path] = ()
+    source: Path, change: Callable[[Any], Any], title: str, work: Work, also: Sequence[Path] = ()
 ) -> Made:
     encoding: Encoding = "occupancy"
     if any(path.suffix == BIT_MAP for path in work.outputs):
@@ -87,7 +87,7 @@ def _edited(
         if not isinstance(grid, OccupancyGrid | Costmap | BitMap):
             rule = "is a field, which cannot be edited"
             raise ParameterError(rule, hint="edit the map, then run esdf or potential on it")
-        return Made(change(grid), f"{source.stem}: {what}", extra, encoding)
+        return Made(change(grid), f"{source.stem}: {title}", extra, encoding)
 
 
 def _start(blank: bool, background: int | None) -> Callable[[Any], Any]:

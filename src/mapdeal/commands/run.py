@@ -363,8 +363,10 @@ def run_maps(
             answer = RunAnswer(maps, assumed)
         else:
             job = all_jobs[0]
-            done = map_run(job) if workers is None else _on_cluster(job, map_run, workers, terminal)
-            answer = RunAnswer(done, assumed if done.status == "done" else [], job)
+            outcome = (
+                map_run(job) if workers is None else _on_cluster(job, map_run, workers, terminal)
+            )
+            answer = RunAnswer(outcome, assumed if outcome.status == "done" else [], job)
     if page is not None and goal_check is not None:
         with_map = [job.path for job in all_jobs if job.error is None]
         folders = [output] if is_batch else [all_jobs[0].folder]

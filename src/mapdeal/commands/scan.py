@@ -300,8 +300,8 @@ def scan(
         places = planned.reach.frame.xy_from_rowcol(cells)
         for hit in (*in_sight, *around.all_hit_cells(places, range_max)):
             is_visible[hit] = True
-        way = tour_of(planned.graph, in_sight, around.cells)
-        robot_poses = driven(*way, speed=speed, rate=rate)
+        tour_line = tour_of(planned.graph, in_sight, around.cells)
+        robot_poses = driven(*tour_line, speed=speed, rate=rate)
     else:
         line = read_document(files[0])["points"].points() if files else route.points_xy
         if not len(line):

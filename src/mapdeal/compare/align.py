@@ -825,17 +825,19 @@ def _most_bent(
     return most, (float(x), float(y))
 
 
-def _rival(scores: Floats, best: int, others: NDArray[np.int64], least_lead: float) -> float | None:
+def _rival(
+    scores: Floats, best: int, elsewhere: NDArray[np.int64], least_lead: float
+) -> float | None:
     """Return the score of the best other place that may be the right one; None without any."""
-    found = scores[others]
+    found = scores[elsewhere]
     is_rival = (found > MOST_RUNNER_UP * scores[best]) | (scores[best] - found < least_lead)
     return float(found[is_rival].max()) if is_rival.any() else None
 
 
 def _reason(score: float, rival: float | None, overlap: float, least: float) -> str | None:
     if score < least:
-        told = f"score {_down(score)}, of {least:g} at least"
-        return f"the walls agree hardly better than those of different places do ({told})"
+        figures = f"score {_down(score)}, of {least:g} at least"
+        return f"the walls agree hardly better than those of different places do ({figures})"
     if overlap < LEAST_OVERLAP:
         return f"the maps have too little in common there ({overlap:.0%} of their free space)"
     if rival is not None:

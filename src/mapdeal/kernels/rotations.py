@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mapdeal.kernels.arrays import Floats, Mask
+from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.distance import beside
 from mapdeal.kernels.threads import in_parallel
 
@@ -164,6 +164,13 @@ def _enlarged(cells: Mask, steps: int) -> Mask:
     return cells
 
 
+def _placed(layer: Mask, corner: Integers, size: Integers) -> Mask:
+    cells = np.zeros(size, dtype=np.bool_)
+    row, col = corner.tolist()
+    cells[row : row + layer.shape[0], col : col + layer.shape[1]] = layer
+    return cells
+
+
 def coincidences(walls: Mask, free: Mask, tolerance: int) -> list[tuple[float, float]]:
     """Return how far a map coincides with itself turned by 90, 180 and 270 degrees.
 
@@ -179,20 +186,16 @@ def coincidences(walls: Mask, free: Mask, tolerance: int) -> list[tuple[float, f
         scores = np.fft.irfft2(next(spectra) * np.conj(next(spectra)), shape)
         shift = np.array(np.unravel_index(scores.argmax(), scores.shape))
         shift -= np.where(shift >= walls.shape, shape, 0)
-        low = np.minimum(shift, 0)
-        size = np.maximum(walls.shape, shift + turned_walls.shape) - low
-
-        def on_common_cells(layer: Mask, corner: ArrayLike) -> Mask:
-            cells = np.zeros(size, dtype=np.bool_)  # noqa: B023 - called in this turn alone
-            row, col = np.asarray(corner) - low  # noqa: B023
-            cells[row : row + layer.shape[0], col : col + layer.shape[1]] = layer
-            return cells
-
-        own, turned_own = on_common_cells(walls, (0, 0)), on_common_cells(turned_walls, shift)
+        corner = np.maximum(-shift, 0)  # of the map on the cells of both
+        size = np.maximum(corner + walls.shape, corner + shift + turned_walls.shape)
+        own, turned_own = (
+            _placed(layer, at, size)
+            for layer, at in ((walls, corner), (turned_walls, corner + shift))
+        )
         agreeing = min(
             float((first & _enlarged(second, tolerance)).sum())
             for first, second in ((own, turned_own), (turned_own, own))
         )
-        clear = on_common_cells(free, (0, 0)) & on_common_cells(turned_free, shift)
+        clear = _placed(free, corner, size) & _placed(turned_free, corner + shift, size)
         found.append((agreeing / max(walls.sum(), 1), float(clear.sum()) / max(free.sum(), 1)))
     return found
