@@ -37,6 +37,7 @@ ROUTE = {"reached": True, "start": [0, 0], "length_m": 1.5, "points": [[0, 0], [
 NAV2 = b"amcl:\n  ros__parameters:\n    alpha1: 0.2\nglobal_costmap: {}\n"
 
 CLOUD, INFO, BUILD = "mapdeal build --cloud", "mapdeal info", "mapdeal build"
+WORLD = "mapdeal build --world"
 EDIT, REPORT = "mapdeal edit polygon", "mapdeal report MAP "
 
 # Name and contents of a file; its kind; words of its description; figures; a command for it.
@@ -51,6 +52,9 @@ FILES = {
               CLOUD),
     "scans.npz": (saved(np.savez, poses=np.zeros((4, 3)), angles=[0] * 9, ranges=np.ones((4, 9))),
                   "laser scans", "npz", {"scans": 4, "beams": 9}, BUILD),
+    "w.world": (b"<?xml version='1.0'?>\n<sdf version='1.7'>\n", "world", "SDF", {}, WORLD),
+    "r.urdf": (b"<robot name='r'>\n", "world", "URDF", {}, WORLD),
+    "m.dae": (b"<COLLADA version='1.4.1'>\n", "world", "DAE", {}, WORLD),
     "c.csv": (b"x,y,z,intensity\n1,2,3,4\n5,6,7,8\n", "numbers", "4 numbers a line", {"lines": 3},
               CLOUD),
     "c.txt": (b"1 2\n3 4\n5 6", "numbers", "2 numbers a line", {"lines": 3}, CLOUD),
@@ -347,3 +351,12 @@ def test_info_names_the_stack_of_parameter_files(command, tmp_path, stack):
     (tmp_path / "p.yaml").write_text(STACKS[stack])
     code, out, _ = command("info", tmp_path / "p.yaml")
     assert (code, out.splitlines()[1]) == (0, f"  kind          robot parameters of {stack}")
+
+
+@pytest.mark.parametrize(("name", "data"), [("m.stl", bytes(84)), ("m.OBJ", b"v 0 0 0\n")])
+def test_meshes_without_first_bytes_of_their_own_are_known_by_their_names(tmp_path, name, data):
+    (tmp_path / name).write_bytes(data)
+    kind = kind_of(tmp_path / name)
+    assert (kind.name, name[-3:].upper() in kind.what) == ("world", True)
+    (tmp_path / "m").write_bytes(data)
+    assert kind_of(tmp_path / "m") is None

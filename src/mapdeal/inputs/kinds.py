@@ -193,7 +193,8 @@ def _kind_of_map(_: Path, head: bytes) -> FileKind | None:
 
 
 def _kind_of_world(path: Path, head: bytes) -> FileKind | None:
-    root = re.search(rb"<(sdf|robot|COLLADA)\b", head)
+    is_xml = head.lstrip().startswith(b"<")
+    root = re.search(rb"<(sdf|robot|COLLADA)[\s>]", head) if is_xml else None
     by_root = {b"sdf": "a world (SDF)", b"robot": "a robot (URDF)", b"COLLADA": "a mesh (DAE)"}
     by_ending = {".stl": "a mesh (STL)", ".obj": "a mesh (OBJ)"}
     name = by_root[root[1]] if root else by_ending.get(path.suffix.lower())
