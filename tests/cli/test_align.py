@@ -79,7 +79,7 @@ def test_the_candidates_of_an_uncertain_pair_are_listed_drawn_and_taken(sh):
     assert "--candidate: must be from 1 to" in sh.err(
         "align hall.yaml turned.yaml --candidate 9", 2
     )
-    assert "there are no candidates" in sh.err("align a.yaml b.yaml --candidate 1", 2)
+    assert "does not apply: the match is certain" in sh.err("align a.yaml b.yaml --candidate 1", 2)
 
 
 def test_turns_narrow_the_search(sh):

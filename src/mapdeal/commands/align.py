@@ -276,8 +276,10 @@ def align(
     if candidate is None:
         return Alignment(**vars(found), maps=(a, b))
     if not 1 <= candidate <= len(found.candidates):
-        rule = "is certain: there are no candidates" if found.same_place else (
-            f"must be from 1 to {len(found.candidates)}")  # fmt: skip
+        rule = f"must be from 1 to {len(found.candidates)}"
+        if not found.candidates:
+            reason = "the match is certain" if found.same_place else found.reason
+            rule = f"does not apply: {reason}"
         raise ParameterError(rule, place="candidate", got=candidate)
     figures = found.candidates[candidate - 1]._asdict()
     del figures["contradicting"]

@@ -626,10 +626,10 @@ class _CompleteDraft(graph_drafts.Draft):
         high = (place + reach).astype(int) + 1
         near = labels[low[0] : high[0], low[1] : high[1]]
         arms = np.argwhere(is_wall[near]) + low + 0.5 - place
-        lengths = np.hypot(*arms.T)
-        arms = arms[lengths <= reach] / lengths[lengths <= reach, np.newaxis]
-        cosines = (arms[:, np.newaxis] * arms).sum(axis=-1)
-        return bool((cosines <= -0.5).any())
+        arms = arms[np.hypot(*arms.T) <= reach]
+        is_jamb = np.zeros(360, dtype=np.bool_)  # by direction, degrees
+        is_jamb[np.degrees(np.arctan2(*arms.T)).astype(int) % 360] = True
+        return any((is_jamb & np.roll(is_jamb, degrees)).any() for degrees in range(120, 181))
 
     def _is_gap(self, node: int) -> bool:
         """Return whether a short path leads around a door: it is a gap, not the door of a room."""
