@@ -116,9 +116,8 @@ def read_seeds(reader, folder):
 
 def _problem_of(reader, path, data, found, longest):
     """Return the problem of a reader with some data, or None."""
-    signal.setitimer(signal.ITIMER_REAL, longest)
     try:
-        reader.read(path, data)
+        _read_within(reader, path, data, longest)
     except reader.refusals as error:
         found.refused += 1
         return _problem_of_error(error, path if reader.is_file else None, len(data))
@@ -128,10 +127,17 @@ def _problem_of(reader, path, data, found, longest):
         return f"took more than {longest:g} s: {_last_lines()}"
     except Exception:  # noqa: BLE001 - what is sought
         return _last_lines()
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
     found.read += 1
     return None
+
+
+def _read_within(reader, path, data, longest):
+    """Read, and stop the clock before an error is looked at: tracebacks take long to format."""
+    signal.setitimer(signal.ITIMER_REAL, longest)
+    try:
+        reader.read(path, data)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
 
 
 def _problem_of_error(error, path, length):
