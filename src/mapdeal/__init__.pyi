@@ -28,6 +28,7 @@ from mapdeal.commands.plan import GoalPlan as GoalPlan
 from mapdeal.commands.plan import PairedPlans as PairedPlans
 from mapdeal.commands.plan import PlanGoal as PlanGoal
 from mapdeal.commands.plan import PlanReport as PlanReport
+from mapdeal.commands.plan import PlanTable as PlanTable
 from mapdeal.commands.plan import plan as plan
 from mapdeal.commands.report import WrittenReport as WrittenReport
 from mapdeal.commands.report import write_report as write_report

@@ -28,6 +28,11 @@ planner_server:
     GridBased: {{plugin: "nav2_navfn_planner::NavfnPlanner", {planner}}}
     Other: {{plugin: "my_planner::Planner"}}
 """
+SLIM = """
+global_costmap:
+  global_costmap:
+    ros__parameters: {robot_radius: 0.1}
+"""
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 DEFAULTS = {
     "shape": "robot_radius: 0.45", "inflation": 0.8, "planner": "tolerance: 0.1, allow_unknown: no"
@@ -191,12 +196,25 @@ def test_layers_and_the_picture_are_written(command, files):
 def test_other_parameters_are_planned_with_as_well(command, files, tmp_path):
     text = PARAMETERS.format(**DEFAULTS | {"shape": "robot_radius: 0.9"})
     Path("wide.yaml").write_text(text)
-    words = ("--to", "5,2", "--against", "wide.yaml", "--no-changes")
-    code, output, error = command("plan", "map.yaml", *files, *words)
-    document = json.loads(output)
-    assert (document["goals"][0]["found"], document["against"]["goals"][0]["found"]) == (1, 0)
+    Path("overlay.yaml").write_text(SLIM)
+    words = ("--to", "5,2", "--against", "wide.yaml", "--against", "wide.yaml,overlay.yaml")
+    code, output, error = command("plan", "map.yaml", *files, *words, "--no-changes")
+    found = [plan["goals"][0]["found"] for plan in json.loads(output)["plans"]]
+    assert found == [True, False, True]
     assert code == 1
-    assert "no path to goal" in error
+    assert "no path to 1 goal" in error
+
+
+@pytest.mark.parametrize(("names", "code"), [("", 1), (" missing.yaml", 5)])
+def test_many_maps_make_a_table(command, files, monkeypatch, names, code):
+    monkeypatch.setattr("mapdeal.cli.terminal.has_reader", lambda: True)
+    words = ("plan", "map.yaml", "narrow.yaml", *names.split(), *files, "--to", "5,2")
+    found, output, _ = command(*words)
+    rows = [line.split("  ") for line in output.splitlines()]
+    assert found == code
+    assert [row[0] for row in rows[1:3]] == ["map.yaml", "narrow.yaml"]
+    assert rows[2][-1] == "robot_radius 0.38 (now 0.45)"
+    assert len(rows) == 3 + (code == 5)
 
 
 def test_a_planner_that_is_not_modelled_gets_only_what_is_certain(command, files):
@@ -216,6 +234,7 @@ def test_a_planner_that_is_not_modelled_gets_only_what_is_certain(command, files
      ([], 2, "both are required"), (["--to", "5,2", "--layers", "x.png"], 2, "must end in .npz"),
      (["--to", "5,2", "3,3", "--layers", "x.npz"], 2, "needs one goal"),
      (["--to", "5,2", "--pairs", "p.csv"], 2, "applies to one start"),
+     (["narrow.yaml", "--to", "5,2", "--image", "x.png"], 2, "applies to one map"),
      (["--to", "nan,2"], 2, "must be three numbers x, y, yaw within"),
      (["--to", "5,1e400"], 2, "must be three numbers x, y, yaw within")],
 )  # fmt: skip

@@ -309,11 +309,17 @@ def _accept_values(
     for name, value in values.items():
         if name in inputs and not inputs[name][2] and value in (None, []):
             continue
-        if name in inputs or (name in _OF_ROBOT and name in parameters):
+        if name in inputs or (name in parameters and _is_of_robot(parameters[name])):
             accepted[name] = value
         elif name in parameters and value is not None:
             accepted[name] = _accept(parameters[name], value)
     return accepted
+
+
+def _is_of_robot(parameter: Parameter) -> bool:
+    """Return whether shared options stand for a parameter, as it has no option of its own."""
+    has_option = parameter.words is not None and parameter.words.metavar is not None
+    return parameter.name in _OF_ROBOT and not has_option
 
 
 def _call(definition: Command, values: dict[str, Any]) -> Any:
@@ -402,7 +408,7 @@ def _arguments(definition: Command) -> Iterator[Argument]:
         kind, default = (Path, Argument.empty) if output.is_required else (Path | None, None)
         yield _argument("output", Annotated[(kind, declared, *marks)], default)
     for name, parameter in definition.parameters.items():
-        if name in {*_OF_ROBOT, *_OF_SETTINGS, "output"} or parameter.from_robot:
+        if name in {*_OF_SETTINGS, "output"} or parameter.from_robot or _is_of_robot(parameter):
             continue
         is_flag = parameter.default is False and not definition.flags_have_opposites
         option = opt.option_of(parameter, first_sentence(meanings[name]), is_flag=is_flag)

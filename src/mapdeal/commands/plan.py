@@ -6,7 +6,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,13 +25,18 @@ from mapdeal.errors import (
     BatchError,
     FindingError,
     MalformedInputError,
+    MapdealError,
     ParameterError,
     emit_warning,
+    one_line,
 )
 from mapdeal.files.json_values import PLAN_FORMAT, JsonValue, read_document
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.values import OneLine, count_text
+from mapdeal.grid.values import OneLine, aligned, count_text
+from mapdeal.inputs.listing import list_maps
 from mapdeal.mapping.transforms import check_pose
+from mapdeal.maps.dialects import Dialect
+from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.layers import cost_image
@@ -41,9 +46,9 @@ from mapdeal.pipeline.folder import Spread, rounded, rounded_place, spread_json
 from mapdeal.pipeline.recipe import read_robot_parameters
 from mapdeal.planners.planner import Plan, Pose, no_plan
 from mapdeal.ros.load import error_of
-from mapdeal.ros.planners import PLANNER_SERVER, planners_of
+from mapdeal.ros.planners import PLANNER_SERVER, ListedPlanner, planners_of
 from mapdeal.ros.robot import RobotParameters
-from mapdeal.ros.ros2_files import read_ros2
+from mapdeal.ros.ros2_files import Ros2Parameters, read_ros2
 from mapdeal.sensors.points import read_pose_pairs
 
 _PER_CELL = 70.0  # bytes for each cell, those of the costmaps of changed parameters included
@@ -131,18 +136,26 @@ class GoalPlan(OneLine):
             document["stopped_at"] = dict(zip("xy", self.stopped_at, strict=True))
         return {**document, "points": plan.poses.tolist()}
 
+    @property
+    def verdict(self) -> str:
+        if not self.plan.found:
+            return f"no path, {self.plan.reason}" if self.is_known else "not known"
+        text = f"{self.plan.length:.2f} m"
+        if self.narrowest is not None and math.isfinite(self.clearance):
+            text += f", at least {self.clearance:.2f} m from obstacles, at {_at(self.narrowest)}"
+        return text
+
+    @property
+    def best_change(self) -> str | None:
+        """The first change that makes a path, in words; those with a note come last."""
+        changes = sorted(self.changes or (), key=lambda change: "note" in change)
+        return change_text(changes[0]) if changes else None
+
     def lines(self) -> Iterator[str]:
-        plan, text = self.plan, f"  goal {self.goal.label}: "
-        if plan.found:
-            text += f"{plan.length:.2f} m"
-            if self.narrowest is not None and math.isfinite(self.clearance):
-                text += f", at least {self.clearance:.2f} m from obstacles, "
-                text += f"at {_at(self.narrowest)}"
-            yield text
-            for margin in self.margins:
-                yield f"    it stays up to {change_text(margin)}"
-            return
-        yield text + (f"no path, {plan.reason}" if self.is_known else "not known")
+        plan = self.plan
+        yield f"  goal {self.goal.label}: {self.verdict}"
+        for margin in self.margins:
+            yield f"    it stays up to {change_text(margin)}"
         if plan.detail is not None:
             yield f"    {plan.detail}"
         elif self.stopped_at is not None:
@@ -198,8 +211,6 @@ class PlanReport(Spread):
         x, y and yaw.
     goals : tuple of GoalPlan
         The plans.
-    against : PlanReport, optional
-        Those of another version of the parameters.
     differences : tuple of str, optional
         Differences from an expected result, if one was given.
     """
@@ -207,7 +218,6 @@ class PlanReport(Spread):
     work: PlannerOnMap
     start: Pose
     goals: tuple[GoalPlan, ...]
-    against: PlanReport | None = None
     differences: tuple[str, ...] | None = None
 
     @property
@@ -219,7 +229,7 @@ class PlanReport(Spread):
         """Whether all goals have plans; with an expected result, whether it is met."""
         if self.differences is not None:
             return not self.differences
-        return not self.missed and (self.against is None or self.against.passes)
+        return not self.missed
 
     def document(self) -> dict[str, Any]:
         listed, robot = self.work.listed, self.work.robot
@@ -233,15 +243,20 @@ class PlanReport(Spread):
             "start": [rounded(value) for value in self.start],
             "goals": [goal.document() for goal in self.goals],
         }  # fmt: skip
-        if self.against is not None:
-            changed = self.against.document()
-            document["against"] = {key: changed[key] for key in ("files", "planner", "goals")}
         if self.differences is not None:
             document["differences"] = list(self.differences)
         return document
 
     def parts(self) -> Iterator[str]:
         yield spread_json(self.document(), "goals")
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """Rows of a table, one for each goal."""
+        head = self.work.source.name, str(self.work.robot.paths[-1])
+        return [
+            (*head, goal.goal.label, goal.verdict, goal.best_change or "-") for goal in self.goals
+        ]
 
     def lines(self) -> Iterator[str]:
         listed, robot = self.work.listed, self.work.robot
@@ -251,8 +266,6 @@ class PlanReport(Spread):
         )
         for goal in self.goals:
             yield from goal.lines()
-        if self.against is not None:
-            yield from self.against.lines()
         for text in self.differences or ():
             yield f"  differs: {text}"
 
@@ -285,14 +298,62 @@ class PlanReport(Spread):
         if self.differences:
             rule = f"the plans differ from those expected: {self.differences[0]}"
             raise FindingError(rule, source=self.work.source.name)
-        missed = [*self.missed, *(self.against.missed if self.against else ())]
-        first, *more = missed
+        first, *more = self.missed
         rule = f"no path to goal {first.goal.label}: {first.plan.detail or first.plan.reason}"
         if more:
             rule += f"; {len(more)} more without a path"
-        changes = sorted(first.changes or (), key=lambda change: "note" in change)
-        hint = f"{change_text(changes[0])} makes one" if changes else None
+        hint = f"{first.best_change} makes one" if first.changes else None
         raise FindingError(rule, source=self.work.source.name, hint=hint)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanTable(Spread):
+    """The plans on several maps, or with several parameters.
+
+    Parameters
+    ----------
+    reports : sequence of PlanReport or MapdealError
+        The plans on each map with each of the parameters, or why a map has none.
+    """
+
+    reports: Sequence[PlanReport | MapdealError]
+
+    @property
+    def failed(self) -> list[MapdealError]:
+        return [report for report in self.reports if isinstance(report, MapdealError)]
+
+    @property
+    def missed(self) -> list[GoalPlan]:
+        found = (report for report in self.reports if isinstance(report, PlanReport))
+        return [goal for report in found for goal in report.missed]
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "plans": [
+                report.document() if isinstance(report, PlanReport)
+                else {"exit_code": report.exit_code, "error": str(report)}
+                for report in self.reports
+            ]
+        }  # fmt: skip
+
+    def parts(self) -> Iterator[str]:
+        yield spread_json(self.document(), "plans")
+
+    def summary(self, output: Path) -> Iterator[str]:
+        yield f"{output}:"
+        yield from self.lines()
+
+    def lines(self) -> Iterator[str]:
+        found = [report.rows for report in self.reports if isinstance(report, PlanReport)]
+        head = ("map", "parameters", "goal", "path", "a change that makes one")
+        yield from aligned([head, *(row for rows in found for row in rows)])
+        yield from (f"failed ({error.exit_code}): {one_line(str(error))}" for error in self.failed)
+
+    def check(self) -> None:
+        if self.failed:
+            raise BatchError(f"{len(self.failed)} of {len(self.reports)} plans failed")
+        if self.missed:
+            raise FindingError(f"no path to {count_text(len(self.missed), 'goal')}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -374,6 +435,19 @@ def _changes(work: PlannerOnMap, start: Pose, goal: Pose, plan: Plan) -> list[Ch
     return None if work.listed.planner is None else changes_for(work, start, goal, plan)
 
 
+Robot = RobotParameters | str | PathLike[str] | Sequence[str | PathLike[str]]
+
+
+def _robot_of(robot: Robot, dialect: Dialect, namespace: str | None) -> RobotParameters:
+    if isinstance(robot, RobotParameters):
+        return robot
+    return read_robot_parameters(robot, dialect=dialect, namespace=namespace)
+
+
+def _files_of_sets(texts: Sequence[str]) -> list[list[Path]]:
+    return [[Path(name) for name in text.split(",")] for text in texts]
+
+
 def goals_of(texts: Sequence[str]) -> list[PlanGoal]:
     goals = []
     for text in texts:
@@ -382,10 +456,9 @@ def goals_of(texts: Sequence[str]) -> list[PlanGoal]:
     return goals
 
 
-def _planner_on(
-    source: inputs.MapInput, robot: RobotParameters, planner: str | None,
-    mask: inputs.KeepoutMask | None, *, is_older: bool,
-) -> PlannerOnMap:  # fmt: skip
+def _planner_of(
+    robot: RobotParameters, planner: str | None
+) -> tuple[Ros2Parameters, ListedPlanner]:  # fmt: skip
     if robot.flavour != "nav2":
         rule = "contains no parameters of ROS 2, and only Nav2's planners are modelled"
         raise ParameterError(rule, source=robot.paths[-1])
@@ -408,7 +481,7 @@ def _planner_on(
     chosen = listed[0] if planner is None else by_name[planner]
     if chosen.planner is None:
         emit_warning(f"{robot.paths[-1]}: {chosen.plugin} is not modelled", stacklevel=2)
-    return PlannerOnMap(source, robot, parameters, chosen, mask, is_older)
+    return parameters, chosen
 
 
 @command(
@@ -418,16 +491,18 @@ def _planner_on(
         is_required=False, streams=False,
     ),
     json="default",
-    shared=("params_file", "namespace", "against", "mask", "files"),
+    shared=("params_file", "namespace", "mask", "files"),
     example="""\
 mapdeal plan examples/maps/office.yaml \\
     --params-file examples/robots/nav2_params.yaml --from -8,0 \\
     --to kitchen=3,-4 lab=9,4 -o out/plan.json --image out/plan.png""",
 )  # fmt: skip
 def plan(
-    map: inputs.Map,  # noqa: A002 - what it is
+    map: Annotated[  # noqa: A002 - what it is
+        inputs.Map | Sequence[inputs.Map], Words("MAP...", typed=list[Path], streams=True)
+    ],
     *,
-    robot: Annotated[RobotParameters | str | PathLike[str] | None, Words()] = None,
+    robot: Annotated[Robot | None, Words()] = None,
     start: Annotated[Sequence[float] | None, POSE, Words("X,Y[,YAW]", start_of, "from")] = None,
     goals: Annotated[
         Sequence[PlanGoal | Sequence[float]],
@@ -438,22 +513,25 @@ def plan(
     no_changes: bool = False,
     layers: Annotated[Path | None, Words("OUT.npz")] = None,
     expect: Annotated[Path | None, Words("PLAN.json")] = None,
-    against: Annotated[RobotParameters | str | PathLike[str] | None, Words()] = None,
+    against: Annotated[
+        Sequence[Robot], Words("FILE[,FILE]", _files_of_sets, is_repeated=True)
+    ] = (),
     mask: Annotated[inputs.Map | None, Words()] = None,
     **reading: Unpack[inputs.Reading],
-) -> PlanReport | PairedPlans:  # fmt: skip
+) -> PlanReport | PlanTable | PairedPlans:  # fmt: skip
     """Show whether the robot's own planner finds a path, and else the smallest change that helps.
 
     Computes on the robot's costmap of the map what Nav2's planner computes. Where it finds no path,
     parameters are changed one by one, and places of the map, until it does: each change that is
     printed was tried, and one step less was not enough. Without -o the result is printed, on a
     terminal as lines, elsewhere as JSON. Exit code 1 if a goal has no path; with --expect, if the
-    plans differ from the stored ones.
+    plans differ from the stored ones. Several maps, folders of maps, or parameters make one table;
+    if a map fails, the others are planned on, and the exit code is 5.
 
     Parameters
     ----------
-    map : path, str or grid
-        A map.
+    map : path, str or grid, or a sequence of them
+        A map; more may follow.
     robot : RobotParameters or path
         The robot's parameters, or its Nav2 parameter file.
     start : tuple of float
@@ -471,8 +549,9 @@ def plan(
         Write the costs, and the potential of NavFn, of the search to the only goal.
     expect : path, optional
         Compare with the result of an earlier call.
-    against : RobotParameters or path, optional
-        Other parameters, whose plans are computed as well.
+    against : sequence of RobotParameters or path
+        Other parameters, which are planned with as well; more may follow. Of several files for one
+        robot, joined by commas, later ones override.
     mask : path or grid, optional
         Keepout mask over the costs, as for `apply_keepout_mask`.
     **reading
@@ -480,9 +559,9 @@ def plan(
 
     Returns
     -------
-    PlanReport or PairedPlans
-        The plans, see `PlanReport.goals`; with pairs, those of all of them, computed as their
-        `parts` are read.
+    PlanReport, PlanTable or PairedPlans
+        The plans, see `PlanReport.goals`; of several maps, `PlanTable.reports`; with pairs, those
+        of all of them, computed as their `parts` are read.
 
     Raises
     ------
@@ -499,17 +578,14 @@ def plan(
     (True, 1.6)
     """
     settings = inputs.settings_of(**reading)
-    robots = [
-        read_robot_parameters(file, dialect=settings.dialect)
-        if isinstance(file, str | PathLike) else file
-        for file in (robot, against) if file is not None
-    ]  # fmt: skip
     if robot is None:
         raise ParameterError("is required: the robot's Nav2 parameters", place="robot")
+    robots = [_robot_of(robot, settings.dialect, None)]
+    robots += [_robot_of(file, settings.dialect, robots[0].namespace) for file in against]
     if pairs is not None:
         inputs.refuse(
             "applies to one start, not to pairs", start=start, goals=tuple(goals), layers=layers,
-            expect=expect, against=against, image=settings.image,
+            expect=expect, against=tuple(against), image=settings.image,
         )  # fmt: skip
     elif start is None or not goals:
         raise ParameterError("both are required, unless pairs are given", place="start, goals")
@@ -518,11 +594,20 @@ def plan(
         goal if isinstance(goal, PlanGoal) else PlanGoal(*_pose(goal, "goals"))
         for goal in goals
     ]  # fmt: skip
+    work = inputs.Work.current.get()
+    maps: Sequence[Any] = [map] if isinstance(map, str | PathLike | Grid) else map
+    if work is not None:
+        listing = list_maps([str(path) for path in maps], None, work.terminal.input_chunks)
+        listing.print_notes(work.terminal, "planned on")
+        maps = [listed.path for listed in listing.maps]
+    is_table = len(maps) * len(robots) > 1
+    if is_table:
+        rule = "applies to one map and one --params-file"
+        inputs.refuse(rule, pairs=pairs, layers=layers, expect=expect, image=settings.image)
     over = inputs.mask_of(mask, settings)
     files = [path for parameters in robots for path in parameters.paths]
     files += [path for path in (pairs, expect) if path is not None and path != Path("-")]
     inputs.need_ending(".json" if pairs is None else ".jsonl")
-    work = inputs.Work.current.get()
     if layers is not None:
         if layers.suffix != ".npz":
             raise ParameterError("must end in .npz", place="layers", got=str(layers))
@@ -530,42 +615,63 @@ def plan(
             raise ParameterError("is written on the command line alone", place="layers")
         work.outputs.append(layers)
     also = [*files, *(over.files if over else ())]
-    (source,) = inputs.opened(map, names=("map",), also=also, **reading)
-    if isinstance(source.grid, Costmap):
-        raise ParameterError("holds costs; planners are tried on a map", source=source.name)
-    inputs.warn_of_values(source)
-    inputs.claim_cells(source, _PER_CELL, measures=True, **reading)
+    also += [Path(source) for source in maps if isinstance(source, str | PathLike)]
+    planners = [_planner_of(own, planner) for own in robots]
     is_older = settings.dialect != "nav2"
-    works = [_planner_on(source, own, planner, over, is_older=is_older) for own in robots]
-    with inputs.errors_named(source.name):
-        if source.occupancy.origin[2]:
-            emit_warning(f"{source.name}: Nav2's planners ignore the yaw of the map, as plan does")
-        if pairs is not None:
-            chunks, name = inputs.text_in(pairs)
-            return PairedPlans(works[0], read_pose_pairs(chunks, name), name, not no_changes)
-        if layers is not None and work is not None:
-            potential = _potential(works[0], first, places)
-            write_grid(work.begin(), layers, works[0].costmap, more={"potential": potential})
-        reports = [_report(work, first, places, has_changes=not no_changes) for work in works]
-    differences = None if expect is None else tuple(_differences(reports[0], expect))
-    changed = None if against is None else reports[1]
-    return PlanReport(works[0], first, reports[0].goals, changed, differences)
+
+    def works_on(source: inputs.Map) -> list[PlannerOnMap]:
+        (opened,) = inputs.opened(source, names=("map",), also=also, **reading)
+        if isinstance(opened.grid, Costmap):
+            raise ParameterError("holds costs; planners are tried on a map", source=opened.name)
+        inputs.warn_of_values(opened)
+        inputs.claim_cells(opened, _PER_CELL, measures=True, **reading)
+        if opened.occupancy.origin[2]:
+            emit_warning(f"{opened.name}: Nav2's planners ignore the yaw of the map, as plan does")
+        return [
+            PlannerOnMap(opened, own, *chosen, over, is_older)
+            for own, chosen in zip(robots, planners, strict=True)
+        ]
+
+    if is_table:
+        reports: list[PlanReport | MapdealError] = []
+        for source in maps:
+            try:
+                found = [
+                    report_on(work, first, places, not no_changes) for work in works_on(source)
+                ]
+            except MapdealError as error:
+                reports.append(error)
+            else:  # without their costmaps
+                reports += [replace(report, work=replace(report.work)) for report in found]
+        return PlanTable(reports)
+    (planned,) = works_on(maps[0])
+    if pairs is not None:
+        chunks, name = inputs.text_in(pairs)
+        return PairedPlans(planned, read_pose_pairs(chunks, name), name, not no_changes)
+    if layers is not None and work is not None:
+        with inputs.errors_named(planned.source.name):
+            potential = _potential(planned, first, places)
+        write_grid(work.begin(), layers, planned.costmap, more={"potential": potential})
+    report = report_on(planned, first, places, not no_changes)
+    differences = None if expect is None else tuple(_differences(report, expect))
+    return replace(report, differences=differences)
 
 
-def _report(
-    work: PlannerOnMap, start: Pose, goals: Sequence[PlanGoal], *, has_changes: bool
+def report_on(
+    work: PlannerOnMap, start: Pose, goals: Sequence[PlanGoal], has_changes: bool
 ) -> PlanReport:
     plans = []
-    for goal in goals:
-        answer, is_known = plan_on(work, start, goal.pose)
-        if answer.found:
-            margins = margins_of(work, start, goal.pose) if has_changes else []
-            clearance = work.least_clearance(answer)
-            plans.append(GoalPlan(goal, answer, True, None, margins, *clearance))
-        else:
-            changes = _changes(work, start, goal.pose, answer) if has_changes else None
-            stopped_at = None if answer.detail else work.nearest_reached(start, goal.pose)
-            plans.append(GoalPlan(goal, answer, is_known, changes, stopped_at=stopped_at))
+    with inputs.errors_named(work.source.name):
+        for goal in goals:
+            answer, is_known = plan_on(work, start, goal.pose)
+            if answer.found:
+                margins = margins_of(work, start, goal.pose) if has_changes else []
+                clearance = work.least_clearance(answer)
+                plans.append(GoalPlan(goal, answer, True, None, margins, *clearance))
+            else:
+                changes = _changes(work, start, goal.pose, answer) if has_changes else None
+                stopped_at = None if answer.detail else work.nearest_reached(start, goal.pose)
+                plans.append(GoalPlan(goal, answer, is_known, changes, stopped_at=stopped_at))
     return PlanReport(work, start, tuple(plans))
 
 
