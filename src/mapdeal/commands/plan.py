@@ -514,7 +514,7 @@ def plan(
     layers: Annotated[Path | None, Words("OUT.npz")] = None,
     expect: Annotated[Path | None, Words("PLAN.json")] = None,
     against: Annotated[
-        Sequence[Robot], Words("FILE[,FILE]", _files_of_sets, is_repeated=True)
+        Sequence[Robot], Words("FILE", _files_of_sets, is_repeated=True)
     ] = (),
     mask: Annotated[inputs.Map | None, Words()] = None,
     **reading: Unpack[inputs.Reading],
@@ -550,8 +550,7 @@ def plan(
     expect : path, optional
         Compare with the result of an earlier call.
     against : sequence of RobotParameters or path
-        Other parameters, which are planned with as well; more may follow. Of several files for one
-        robot, joined by commas, later ones override.
+        Plan with other parameters as well; repeatable, files joined by commas are one set.
     mask : path or grid, optional
         Keepout mask over the costs, as for `apply_keepout_mask`.
     **reading
