@@ -188,7 +188,7 @@ NEXT = [
     (f"run hall.yaml -o out --from {FROM} --to lab={LAB} --robot-radius 0.05",
      f"route hall.yaml --from {FROM} --to {LAB} --robot-radius 0.05", 0),
     (f"run hall.yaml -o out --from {FROM} --to lab={LAB} --params-file robot.yaml",
-     f"plan hall.yaml --from {FROM} --to {LAB} --params-file robot.yaml", 0),
+     f"route hall.yaml --from {FROM} --to {LAB} --params-file robot.yaml", 0),
     (f"run hall.yaml -o out --from {FROM} --to 'the lab={LAB}' {FROM} --robot-radius 0.3",
      f"reach hall.yaml --from {FROM} --to 'the lab={LAB}' {FROM} --robot-radius 0.3", 1),
     (f"run hall.yaml -o out --from {FROM},0.5 --to {LAB} --footprint '{BOX}'",

@@ -171,6 +171,29 @@ def test_a_page_shows_the_paths_and_what_makes_one(command, files):
     assert "robot_radius 0.38 (now 0.45)" in page
 
 
+def test_the_page_of_a_run_holds_what_the_planner_answers(command, files):
+    ends = (*files, "--to", "near=1.5,2", "far=5,2")
+    assert command("run", "narrow.yaml", "-o", "out", "--report", *ends)[0] == 1
+    page = Path("out/report.html").read_text()
+    assert "Plans of nav2_navfn_planner::NavfnPlanner" in page
+    assert "goal near: path of 0.5" in page
+    assert "goal far: no path, NoValidPathCouldBeFound" in page
+    line = json.loads(Path("out/report.json").read_text())["entries"][0]["next"]
+    assert line.startswith("mapdeal plan narrow.yaml --from 2,2 --to near=1.5,2 far=5,2")
+    assert page.count(line) == 2
+    assert command(*line.split()[1:])[0] == 1
+
+
+@pytest.mark.parametrize("planner", ["unlisted", "misspelt"])
+def test_a_page_has_no_plans_of_a_planner_that_is_not_modelled(command, files, planner):
+    text = Path("robot.yaml").read_text()
+    names = {"unlisted": ("planner_server:", "planners:"), "misspelt": ('"GridBased", ', "")}
+    Path("robot.yaml").write_text(text.replace(*names[planner]))
+    words = (*files, "--to", "5,2", "--report", "-o", "out")
+    assert command("run", "map.yaml", *words)[0] == 0
+    assert "Plans of" not in Path("out/report.html").read_text()
+
+
 def test_pairs_give_one_line_each_and_faulty_lines_an_error(command, files):
     Path("pairs.csv").write_text("2,2,0,5,2,0\n2,2,0,1.5,2,7\n2,2,0\n")
     words = ("plan", "narrow.yaml", *files[:2], "--pairs", "pairs.csv")

@@ -30,7 +30,7 @@ from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, stages_
 from mapdeal.pipeline.inputs import InShell, Work, claim_work
 from mapdeal.pipeline.settings import ProgressCallback, Settings
 from mapdeal.ros.load import flavour_of_file, read_robot
-from mapdeal.ros.planners import PLANNER_SERVER, planners_of
+from mapdeal.ros.planners import has_server, planners_of
 from mapdeal.ros.robot import CostmapName, effect_of, on_map
 from mapdeal.ros.ros2_files import read_ros2
 
@@ -195,7 +195,7 @@ def _describe_robot(
     report["warnings"] = list(robot.remarks)
     if robot.flavour == "nav2" and costmap == "global":
         parameters = read_ros2(paths)
-        if any(node.name.endswith(f"/{PLANNER_SERVER}") for node in parameters.nodes):
+        if has_server(parameters):
             report["planners"] = [
                 {"name": entry.name, "plugin": entry.plugin, "parameters": dict(entry.settings)}
                 for entry in planners_of(robot, parameters)[0]

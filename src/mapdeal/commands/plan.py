@@ -46,7 +46,7 @@ from mapdeal.pipeline.folder import Spread, rounded, rounded_place, spread_json
 from mapdeal.pipeline.recipe import read_robot_parameters
 from mapdeal.planners.planner import Plan, Pose, no_plan
 from mapdeal.ros.load import error_of
-from mapdeal.ros.planners import PLANNER_SERVER, ListedPlanner, planners_of
+from mapdeal.ros.planners import PLANNER_SERVER, ListedPlanner, has_server, planners_of
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.ros.ros2_files import Ros2Parameters, read_ros2
 from mapdeal.sensors.points import read_pose_pairs
@@ -414,7 +414,7 @@ class PairedPlans(Spread):
             raise BatchError(rule, source=self.pairs_in)
 
 
-def _pose(numbers: Sequence[float], name: str) -> Pose:
+def pose_of(numbers: Sequence[float], name: str) -> Pose:
     """Return a pose, with yaw 0 if there is none."""
     return check_pose((*numbers, 0.0) if len(numbers) == 2 else numbers, name)
 
@@ -452,11 +452,11 @@ def goals_of(texts: Sequence[str]) -> list[PlanGoal]:
     goals = []
     for text in texts:
         name, equals, place = text.rpartition("=")
-        goals.append(PlanGoal(*_pose(start_of(place), "goals"), name if equals else None))
+        goals.append(PlanGoal(*pose_of(start_of(place), "goals"), name if equals else None))
     return goals
 
 
-def _planner_of(
+def planner_of(
     robot: RobotParameters, planner: str | None
 ) -> tuple[Ros2Parameters, ListedPlanner]:  # fmt: skip
     if robot.flavour != "nav2":
@@ -469,7 +469,7 @@ def _planner_of(
     for problem in problems:
         if problem.level == "refused":
             raise error_of(problem, robot.paths)
-    if not any(node.name.endswith(f"/{PLANNER_SERVER}") for node in parameters.nodes):
+    if not has_server(parameters):
         text = f"{robot.paths[-1]}: has no {PLANNER_SERVER}; Nav2's default planner is taken, NavFn"
         emit_warning(text, stacklevel=2)
     by_name = {entry.name: entry for entry in listed}
@@ -482,6 +482,17 @@ def _planner_of(
     if chosen.planner is None:
         emit_warning(f"{robot.paths[-1]}: {chosen.plugin} is not modelled", stacklevel=2)
     return parameters, chosen
+
+
+def check_map(source: inputs.MapInput, **reading: Unpack[inputs.Reading]) -> None:
+    """Refuse costs, and maps that take too much memory; warn of what planners ignore."""
+    if isinstance(source.grid, Costmap):
+        raise ParameterError("holds costs; planners are tried on a map", source=source.name)
+    inputs.warn_of_values(source)
+    inputs.claim_cells(source, _PER_CELL, measures=True, **reading)
+    if source.occupancy.origin[2]:
+        text = f"{source.name}: Nav2's planners ignore the yaw of the map, as plan does"
+        emit_warning(text, stacklevel=2)
 
 
 @command(
@@ -588,9 +599,9 @@ def plan(
         )  # fmt: skip
     elif start is None or not goals:
         raise ParameterError("both are required, unless pairs are given", place="start, goals")
-    first = _pose((0.0, 0.0) if start is None else start, "start")
+    first = pose_of((0.0, 0.0) if start is None else start, "start")
     places = [
-        goal if isinstance(goal, PlanGoal) else PlanGoal(*_pose(goal, "goals"))
+        goal if isinstance(goal, PlanGoal) else PlanGoal(*pose_of(goal, "goals"))
         for goal in goals
     ]  # fmt: skip
     work = inputs.Work.current.get()
@@ -615,17 +626,12 @@ def plan(
         work.outputs.append(layers)
     also = [*files, *(over.files if over else ())]
     also += [Path(source) for source in maps if isinstance(source, str | PathLike)]
-    planners = [_planner_of(own, planner) for own in robots]
+    planners = [planner_of(own, planner) for own in robots]
     is_older = settings.dialect != "nav2"
 
     def works_on(source: inputs.Map) -> list[PlannerOnMap]:
         (opened,) = inputs.opened(source, names=("map",), also=also, **reading)
-        if isinstance(opened.grid, Costmap):
-            raise ParameterError("holds costs; planners are tried on a map", source=opened.name)
-        inputs.warn_of_values(opened)
-        inputs.claim_cells(opened, _PER_CELL, measures=True, **reading)
-        if opened.occupancy.origin[2]:
-            emit_warning(f"{opened.name}: Nav2's planners ignore the yaw of the map, as plan does")
+        check_map(opened, **reading)
         return [
             PlannerOnMap(opened, own, *chosen, over, is_older)
             for own, chosen in zip(robots, planners, strict=True)

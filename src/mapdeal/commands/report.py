@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from contextvars import copy_context
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from itertools import islice
 from os import PathLike
@@ -20,6 +20,8 @@ from mapdeal.commands import report_documents as documents
 from mapdeal.commands import report_entries
 from mapdeal.commands.build import DOCUMENT
 from mapdeal.commands.lint import lint
+from mapdeal.commands.plan import PlanGoal, check_map, planner_of, pose_of, report_on
+from mapdeal.commands.plan_changes import PlannerOnMap
 from mapdeal.commands.reach import Reachability, reach_on_input
 from mapdeal.commands.report_entries import Draft, Grids, Opened
 from mapdeal.files import json_values, source
@@ -45,7 +47,9 @@ from mapdeal.pipeline.step import Step, make_step
 from mapdeal.report.document import Claim, Report, State, Table, Verdict, page_layers, worst_of
 from mapdeal.report.page import page_of
 from mapdeal.report.verdict import most_urgent, verdicts_of
+from mapdeal.ros.planners import has_server, planners_of
 from mapdeal.ros.robot import RobotParameters
+from mapdeal.ros.ros2_files import read_ros2
 from mapdeal.version import __version__
 
 
@@ -93,10 +97,18 @@ class RunChecks:
             words += ["--namespace", namespace] if namespace and node else []
         mask = self.settings.mask
         words += [] if mask is None else ["--mask", documents.typed_path(mask)]
-        is_planned = robot is not None and (robot.flavour, robot.costmap) == ("nav2", "global")
-        planner = "plan" if is_planned and self.footprint is None else "route"
+        planner = "plan" if self._is_planned else "route"
         start, goals = tuple(self.start or ()), tuple(self.goals)
         return documents.ReachQuestion(start, goals, tuple(words), planner)
+
+    @cached_property
+    def _is_planned(self) -> bool:
+        """Whether the files hold a planner that is modelled."""
+        robot = None if self.footprint is not None else self.robot
+        if robot is None or (robot.flavour, robot.costmap) != ("nav2", "global"):
+            return False
+        listed, _ = planners_of(robot, parameters := read_ros2(robot.paths))
+        return has_server(parameters) and bool(listed) and listed[0].planner is not None
 
     @cached_property
     def _mask(self) -> KeepoutMask | None:
@@ -126,6 +138,21 @@ class RunChecks:
         found = reach_on_input(source, self._step, self.robot, self._mask)
         return Reachability(source, found, self._step.title)
 
+    def plans(self, path: Path) -> documents.Results | None:
+        """Return what the robot's planner answers for each goal, if it is modelled."""
+        if self.robot is None or self.start is None or not (self.goals and self._is_planned):
+            return None
+        source = map_input(read_input(path, self.settings), path)
+        check_map(source)
+        is_older = self.settings.dialect != "nav2"
+        planner = planner_of(self.robot, None)
+        work = PlannerOnMap(source, self.robot, *planner, self._mask, is_older)
+        goals = [PlanGoal(goal.x, goal.y, name=goal.name) for goal in self.goals]
+        plans = report_on(work, pose_of(self.start, "start"), goals, has_changes=False)
+        results = documents.results_of(JsonValue(path, plans.document()))
+        items = [item for item in results.items if item.kind == "route" or item.tone == "error"]
+        return replace(results, items=items)
+
     def answer(self, path: Path) -> GoalAnswer:
         lines: list[str] = []
         document: dict[str, Any] = {}
@@ -152,6 +179,7 @@ class RunChecks:
         try:
             with adding_warnings(texts), holding(grid_bytes):
                 found = self.reachability(path).reach
+                plans = self.plans(path)
         except errors.MapdealError as error:
             is_too_large = error.hint is not None and "--max-memory" in error.hint
             state: State = "unknown" if is_too_large else "error"
@@ -163,6 +191,10 @@ class RunChecks:
             return
         draft.warn(texts, [path])
         draft.add(documents.results_of(JsonValue(path, reach_document(found))))
+        if plans is not None:
+            (table,) = plans.tables
+            rows = *table.rows, ("Next", draft.next_command(self.settings, plans.claims))
+            draft.add(replace(plans, tables=[replace(table, rows=rows)]))
         if with_layer:
             title = self._step.title
             name = draft.free_name("reach")  # not its distances, which take room

@@ -39,7 +39,7 @@ from mapdeal.inputs.kinds import SHAPES, recognised
 from mapdeal.maps.route_graphs import parsed_graph
 from mapdeal.maps.shapes import geojson_shapes, read_shapes
 from mapdeal.report.document import About, Claim, Item, State, Table, Tone, Zone, outlines_of
-from mapdeal.report.verdict import GEOMETRY, on_findings, on_goals
+from mapdeal.report.verdict import GEOMETRY, MOST_CLAIMS, on_findings, on_goals
 from mapdeal.ros.robot import CostmapName
 
 MOST_ITEMS = 1000
@@ -396,7 +396,7 @@ def _plan(document: JsonValue) -> Results:
     """Return paths of a planner, and the changes that make one to the other goals."""
     start = _xy(document["start"])
     items = [Item("start", f"start at {_at(start)}", place=start, label="start")]
-    rows = []
+    rows, missed = [], []
     for goal in document["goals"].items():
         place, is_found = _place(goal), goal["found"].or_none(JsonValue.flag)
         name, changes = goal.get("name"), goal.get("changes")
@@ -410,14 +410,21 @@ def _plan(document: JsonValue) -> Results:
             items.append(Item("route", f"goal {label}: {text}", tone, (x, y), (points_xy,)))
         items.append(Item("goal", short(f"goal {label}: {text}"), tone, place, label=short(label)))
         rows.append((label, text))
+        missed += [] if is_found else [f"{label} ({text})"]
         for change in () if changes is None or changes.is_null else changes.items():
             described = short(change["text"].text())
             rows.append((f"{label}: makes a path", described))
             if change.get("map") is not None:
                 items.append(Item("passage", described, "warning", _place(change)))
     title, named = f"Plans of {document['planner']['plugin'].text()}", document["map"]
-    tables = [Table(title, tuple(rows))]
-    return Results(json_values.PLAN, items, tables, maps=(json_values.named_map(named),))
+    tones = [item.tone for item in items if item.kind == "goal"]
+    state: State = "error" if "error" in tones else "unknown" if "note" in tones else "good"
+    goals = count_text(len(tones), "goal")
+    words = f"The robot's planner finds a path to {tones.count('good')} of {goals}"
+    words += f". Not to: {'; '.join(missed[:MOST_CLAIMS])}" if missed else ""
+    claim = Claim("goals", state, words, title)
+    maps = (json_values.named_map(named),)
+    return Results(json_values.PLAN, items, [Table(title, tuple(rows))], maps=maps, claims=(claim,))
 
 
 def _xy(numbers: JsonValue) -> Point:
@@ -846,8 +853,11 @@ def next_command(
         start, targets = (question.start, question.goals) if question else ((), ())
         if goals is not None and not goals.evidence:  # reach refused the start
             start = ()
-        is_routed = goals is not None and goals.state == "good" and bool(start and targets)
-        planner = question.planner if question and is_routed else "reach"
+        has_ends, planner = bool(start and targets), question.planner if question else "reach"
+        if not (planner == "plan" and has_ends):
+            is_good = goals is not None and goals.state == "good" and has_ends
+            planner = "route" if is_good else "reach"
+        is_routed = planner == "route"
         words = [planner, typed_path(map_path), *options, *dialect]
         words += ["--from", _numbers(start[: 2 if is_routed else 3])] if start else []
         texts = [_numbers((targets[0].x, targets[0].y))] if is_routed else map(_goal, targets)

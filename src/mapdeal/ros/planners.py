@@ -104,6 +104,10 @@ def plugins_in(values: Mapping[str, ParameterValue]) -> dict[str, str]:
     }
 
 
+def has_server(parameters: Ros2Parameters) -> bool:
+    return any(node.name.endswith(f"/{PLANNER_SERVER}") for node in parameters.nodes)
+
+
 def planners_of(
     robot: RobotParameters, parameters: Ros2Parameters | None = None
 ) -> tuple[tuple[ListedPlanner, ...], tuple[Problem, ...]]:  # fmt: skip
