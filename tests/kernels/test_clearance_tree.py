@@ -12,7 +12,8 @@ import oracles
 from engines import needs_compiled
 from mapdeal import read_map
 from mapdeal.kernels import paths, scipy_twins
-from mapdeal.kernels.distance import squared_distance, unreachable
+from mapdeal.kernels.arrays import unreachable
+from mapdeal.kernels.distance import squared_distance
 
 CHOICES = st.integers(0, 10**6)
 RESOLUTIONS = st.floats(1e-3, 10)

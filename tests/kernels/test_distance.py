@@ -12,19 +12,19 @@ from scipy import ndimage
 import oracles
 from engines import needs_compiled
 from mapdeal.kernels import scipy_twins
+from mapdeal.kernels.arrays import unreachable
 from mapdeal.kernels.distance import (
     bytes_by_distance,
     dilate_square,
     halos_of,
     ringed,
-    row_minima,
     runs_of,
     signed_distance,
     signed_squared_distance,
     squared_distance,
-    unreachable,
     within_distance,
 )
+from mapdeal.kernels.scipy_twins import row_minima
 from mapdeal.kernels.threads import use_threads
 from strategies import masks
 

@@ -5,9 +5,10 @@ import pytest
 
 from mapdeal import MalformedInputError
 from mapdeal.files.source import claimed, use_memory
+from mapdeal.kernels.components import BYTES_OF_BASIN
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.engine import engine_name
-from mapdeal.kernels.paths import BYTES_OF_BASIN, ConfigurationSpace, clearance_tree
+from mapdeal.kernels.paths import ConfigurationSpace, clearance_tree
 from mapdeal.kernels.polygons import Spans
 from mapdeal.kernels.threads import claim_tables, tables_claimed
 

@@ -16,8 +16,9 @@ from mapdeal.grid.field import FieldView
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLine, count_text
+from mapdeal.kernels.arrays import unreachable
 from mapdeal.kernels.components import thickness_of
-from mapdeal.kernels.distance import squared_distance, unreachable, within_distance
+from mapdeal.kernels.distance import squared_distance, within_distance
 from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.threads import for_rows
 

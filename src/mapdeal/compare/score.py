@@ -15,8 +15,9 @@ from mapdeal.grid import values as map_values
 from mapdeal.grid.canvas import sampled
 from mapdeal.grid.frame import Frame, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels.arrays import unreachable
 from mapdeal.kernels.components import labelled, thickness_of, touching_groups
-from mapdeal.kernels.distance import squared_distance, unreachable
+from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.lookup import histogram, look_up
 from mapdeal.kernels.threads import CELLS_WORTH_A_THREAD, for_rows, in_parallel, thread_count
 

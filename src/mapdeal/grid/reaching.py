@@ -25,20 +25,26 @@ from mapdeal.grid.reach import (
     width_of,
 )
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
-from mapdeal.kernels.components import gap_at, joined, saddles_between, sums_behind
-from mapdeal.kernels.distance import SquaredDistances, squared_distance
-from mapdeal.kernels.paths import (
+from mapdeal.kernels.arrays import SquaredDistances
+from mapdeal.kernels.components import (
     ClearanceTree,
-    ConfigurationSpace,
-    Pose,
-    Reached,
     RootedTree,
+    gap_at,
+    joined,
+    saddles_between,
+    sums_behind,
+)
+from mapdeal.kernels.distance import squared_distance
+from mapdeal.kernels.paths import (
+    ConfigurationSpace,
+    Reached,
     basin_areas,
     clearance_metres,
     clearance_tree,
     rooted,
     widest_metres,
 )
+from mapdeal.kernels.polygons import Pose
 from mapdeal.kernels.threads import for_rows
 
 Cell = tuple[int, int]

@@ -12,6 +12,7 @@ from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
 from threading import Lock
 from typing import Any, NoReturn, cast
 
@@ -23,6 +24,17 @@ from mapdeal.kernels.lookup import histogram, look_up
 from mapdeal.kernels.threads import set_within, thread_count
 
 Layer = NDArray[Any]  # an array of shape (H, W), or a `LazyLayer`, which stands for one
+Runs = NDArray[np.uint32]
+
+
+@dataclass(frozen=True, eq=False)
+class Halo:
+    """Neighbouring rows of a block with the lengths of their runs; None at the grid's edge."""
+
+    height: int
+    before: tuple[Mask, Runs] | None
+    after: tuple[Mask, Runs] | None
+
 
 MakeRows = Callable[[slice], NDArray[Any]]
 

@@ -15,18 +15,19 @@ from numpy.typing import NDArray
 
 from mapdeal.kernels import _clearance_tree, _compiled
 from mapdeal.kernels._configuration_space import PoseMaker, flood
-from mapdeal.kernels.arrays import Bytes, Integers, Mask, Metres
-from mapdeal.kernels.blocks import Layer
-from mapdeal.kernels.distance import Halo, Runs, SquaredDistances, dtype_of_squares, unreachable
-from mapdeal.kernels.paths import (
-    BYTES_OF_BASIN,
-    BYTES_OF_EDGE,
+from mapdeal.kernels.arrays import (
     Basins,
-    ClearanceTree,
-    Pose,
-    RootedTree,
+    Bytes,
+    Integers,
+    Mask,
+    Metres,
+    SquaredDistances,
+    dtype_of_squares,
+    unreachable,
 )
-from mapdeal.kernels.polygons import Cell, Spans, halves
+from mapdeal.kernels.blocks import Halo, Layer, Runs
+from mapdeal.kernels.components import BYTES_OF_BASIN, BYTES_OF_EDGE, ClearanceTree, RootedTree
+from mapdeal.kernels.polygons import Cell, Pose, Spans, halves
 from mapdeal.kernels.threads import claim_tables, for_rows, in_bands
 
 if TYPE_CHECKING:

@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.arrays import Floats, Integers, Mask
-from mapdeal.kernels.distance import SquaredDistances
+from mapdeal.kernels.arrays import Basins, Floats, Integers, Mask, SquaredDistances
 from mapdeal.kernels.polygons import enumerated
 from mapdeal.kernels.threads import for_rows
 
@@ -460,3 +459,34 @@ def _borders(basins: NDArray[np.int32], labels: NDArray[np.int32]) -> tuple[Inte
     for_rows(compare, basins.shape)
     pairs = np.concatenate([part for start in sorted(found) for part in found[start]], axis=1)
     return pairs[0], pairs[1]
+
+
+BYTES_OF_BASIN, BYTES_OF_EDGE = 100, 16
+"""Bytes of all tables of a clearance tree, for each basin and each edge."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClearanceTree:
+    """Basins of clearance, and the widest passages between them."""
+
+    # Cells are ordered by square, then by flat index. Each cell points to the largest of its four
+    # neighbours if that is larger than itself. So a path leads from each cell to the peak of its
+    # basin along which squares never fall, and the bottleneck between two cells is the least of
+    # their own squares and of the edges between their basins in the forest.
+
+    basins: Basins
+    peaks: Integers
+    peak_cells: Integers
+    firsts: Basins  # basins at both ends of each edge
+    seconds: Basins
+    squares: Integers
+    cells: Integers
+
+
+@dataclass(frozen=True, eq=False)
+class RootedTree:
+    """A clearance tree seen from one basin."""
+
+    order: Basins
+    parent_edges: Basins
+    bottlenecks: Integers

@@ -10,29 +10,15 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.arrays import Bytes, Integers, Mask, Metres
+from mapdeal.kernels.arrays import Bytes, Integers, Mask, Metres, SquaredDistances, unreachable
+from mapdeal.kernels.blocks import Halo, Runs
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.lookup import set_where
 from mapdeal.kernels.threads import for_rows
-
-SquaredDistances = NDArray[np.signedinteger[Any]]
-
-_LONGEST_SIDE_IN_32_BITS = 32767  # twice its square stays below the largest int32: unreachable
-
-
-def unreachable(squared: SquaredDistances) -> int:
-    """Return the value that stands for "no such cell" in an array of squared distances."""
-    return int(np.iinfo(squared.dtype).max)
-
-
-def dtype_of_squares(shape: tuple[int, ...]) -> type[np.int32] | type[np.int64]:
-    """Return int32 for sides of up to 32,767 cells, else int64."""
-    return np.int32 if max(shape) <= _LONGEST_SIDE_IN_32_BITS else np.int64
 
 
 def squares_between_cells(reach: int) -> Integers:
@@ -43,8 +29,6 @@ def squares_between_cells(reach: int) -> Integers:
         occurs[sums[sums < len(occurs)]] = True
     return np.flatnonzero(occurs)
 
-
-Runs = NDArray[np.uint32]
 
 # The first pass of a distance transform counts along the columns to the nearest cell of the other
 # kind. A block of rows needs from the other blocks only how far the runs of equal cells at its
@@ -63,15 +47,6 @@ class BlockRuns:
     last: Mask
     up: Runs
     down: Runs
-
-
-@dataclass(frozen=True, eq=False)
-class Halo:
-    """Neighbouring rows of a block with the lengths of their runs; None at the grid's edge."""
-
-    height: int
-    before: tuple[Mask, Runs] | None
-    after: tuple[Mask, Runs] | None
 
 
 def runs_of(marked: Mask) -> BlockRuns:
@@ -114,86 +89,6 @@ def _reaching(
         reaching = np.where(through, within + reaching, within)
         found.append((last, reaching))
     return found
-
-
-_CELLS_TOGETHER = 1 << 18
-_NONE = np.iinfo(np.int64).max
-
-
-def squares_of_block(marked: Mask, halo: Halo) -> Integers:
-    """Return each cell's squared distance to the nearest cell of the other kind in the grid."""
-    # scipy's transform has no halo. So heights, the distances within the columns, are counted here,
-    # and each square is the smallest of (x - i)^2 + height(i)^2 over all columns i.
-    heights = np.minimum(_counts(marked, halo.before), _counts(marked[::-1], halo.after)[::-1])
-    has_none = heights > halo.height
-    own = np.where(has_none, 0, heights) ** 2
-    squares = np.empty(marked.shape, dtype=np.int64)
-    step = max(1, _CELLS_TOGETHER // marked.shape[1])
-    for first in range(0, len(marked), step):
-        rows = slice(first, first + step)
-        for kind in (False, True):
-            of_kind = marked[rows] == kind
-            minima = row_minima(np.where(of_kind, own[rows], 0), ~(of_kind & has_none[rows]))
-            np.copyto(squares[rows], minima, where=of_kind)
-    return squares
-
-
-def _counts(marked: Mask, before: tuple[Mask, Runs] | None) -> Integers:
-    """Return the number of cells up the column to the nearest cell of the other kind."""
-    counts = np.empty(marked.shape, dtype=np.int64)
-    above_any_height = np.iinfo(np.uint32).max // 2
-    last_row, last = before or (marked[0], np.full(marked.shape[1], above_any_height))
-    last = last.astype(np.int64)
-    for k, row in enumerate(marked):
-        counts[k] = last = np.where(row == last_row, last + 1, 1)
-        last_row = row
-    return counts
-
-
-def row_minima(values: Integers, exists: Mask) -> Integers:
-    """Return the smallest (x - i)^2 + values[row, i] over all i that exist, for each row and x."""
-    # The best i never decreases with x. So middle cells are solved first, and bound the columns to
-    # try for the cells between them; all rows are solved at once.
-    height, width = values.shape
-    minima = np.full(values.shape, _NONE)
-    has_sites = exists.any(axis=1)
-    if not has_sites.all():
-        if has_sites.any():
-            minima[has_sites] = row_minima(values[has_sites], exists[has_sites])
-        return minima
-    # existing columns, row by row; those of row r are sites[ends[r] : ends[r + 1]]
-    sites, added = np.nonzero(exists)[1], values[exists]
-    ends = np.concatenate([[0], np.cumsum(exists.sum(axis=1))])
-    best = np.empty(values.shape, dtype=np.int64)  # indices of sites
-    step = 1 << max(width - 1, 0).bit_length()
-    cells = np.array([0])
-    while step:
-        low = ends[:-1, np.newaxis] + np.zeros_like(cells)
-        high = ends[1:, np.newaxis] - 1 + np.zeros_like(cells)
-        if step < width:
-            np.copyto(low, best[:, np.maximum(cells - step, 0)], where=cells >= step)
-            inner = cells + step < width
-            np.copyto(high, best[:, np.minimum(cells + step, width - 1)], where=inner)
-        found, lowest = _lowest_in(
-            np.broadcast_to(cells, low.shape).ravel(), low.ravel(), high.ravel(), sites, added
-        )
-        best[:, cells] = found.reshape(height, -1)
-        minima[:, cells] = lowest.reshape(height, -1)
-        step //= 2
-        cells = np.arange(step, width, 2 * step) if step else cells
-    return minima
-
-
-def _lowest_in(
-    cells: Integers, low: Integers, high: Integers, sites: Integers, added: Integers
-) -> tuple[Integers, Integers]:  # fmt: skip
-    lengths = high - low + 1
-    starts = np.cumsum(lengths) - lengths
-    candidates = np.arange(lengths.sum()) + np.repeat(low - starts, lengths)
-    values = (np.repeat(cells, lengths) - sites[candidates]) ** 2 + added[candidates]
-    lowest = np.minimum.reduceat(values, starts)
-    hits = np.flatnonzero(values == np.repeat(lowest, lengths))
-    return candidates[hits[np.searchsorted(hits, starts)]], lowest
 
 
 def squared_distance(marked: Mask, *, limit: int | None = None) -> SquaredDistances:

@@ -13,13 +13,12 @@ from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask, Metres
+from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask, Metres, SquaredDistances
 from mapdeal.kernels.blocks import Layer
-from mapdeal.kernels.distance import SquaredDistances
+from mapdeal.kernels.components import ClearanceTree, RootedTree
 from mapdeal.kernels.engine import engine_name
-from mapdeal.kernels.polygons import Cell, Spans
+from mapdeal.kernels.polygons import Cell, Pose, Spans
 
 UNIT = float(1 << 24)
 """Weight 1 on the scale of path sums. Weights and diagonals are rounded to whole numbers on this
@@ -132,39 +131,6 @@ def _diagonal(weight: float) -> float:
     return (weight * ROOT_OF_2 + _ROUNDING) - _ROUNDING
 
 
-Basins = NDArray[np.int32]
-
-BYTES_OF_BASIN, BYTES_OF_EDGE = 100, 16
-"""Bytes of all tables of a clearance tree, for each basin and each edge."""
-
-
-@dataclass(frozen=True, eq=False)
-class ClearanceTree:
-    """Basins of clearance, and the widest passages between them."""
-
-    # Cells are ordered by square, then by flat index. Each cell points to the largest of its four
-    # neighbours if that is larger than itself. So a path leads from each cell to the peak of its
-    # basin along which squares never fall, and the bottleneck between two cells is the least of
-    # their own squares and of the edges between their basins in the forest.
-
-    basins: Basins
-    peaks: Integers
-    peak_cells: Integers
-    firsts: Basins  # basins at both ends of each edge
-    seconds: Basins
-    squares: Integers
-    cells: Integers
-
-
-@dataclass(frozen=True, eq=False)
-class RootedTree:
-    """A clearance tree seen from one basin."""
-
-    order: Basins
-    parent_edges: Basins
-    bottlenecks: Integers
-
-
 def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> ClearanceTree:
     if squared.ndim != 2 or squared.dtype not in (np.int32, np.int64):
         rule = f"squares must be an integer array with two axes, not {squared.ndim} of"
@@ -228,7 +194,6 @@ def _engine(squared: SquaredDistances | None = None) -> ModuleType:
     return scipy_twins
 
 
-Pose = tuple[int, int, int]  # heading, row and column
 MOST_HEADINGS = 255  # a byte counts them
 
 

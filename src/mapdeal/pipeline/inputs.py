@@ -34,8 +34,8 @@ from mapdeal.grid.field import FieldView, PotentialField
 from mapdeal.grid.frame import Frame, Framed, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED
+from mapdeal.kernels.arrays import dtype_of_squares
 from mapdeal.kernels.blocks import CacheBudget, lazy_layer, swept
-from mapdeal.kernels.distance import dtype_of_squares
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import tables_claimed, thread_count, use_threads

@@ -13,8 +13,8 @@ from mapdeal import command
 from mapdeal.grid import values as map_values
 from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, obstacles_in
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.kernels.blocks import blocks_of, holds_everywhere, made_by_rows, swept
-from mapdeal.kernels.distance import Halo, halos_of, runs_of, signed_distance
+from mapdeal.kernels.blocks import Halo, blocks_of, holds_everywhere, made_by_rows, swept
+from mapdeal.kernels.distance import halos_of, runs_of, signed_distance
 from mapdeal.kernels.lookup import bytes_of_distances, squares_of_distances
 from mapdeal.kernels.threads import for_rows
 from mapdeal.layers.stack import CostmapLayers
