@@ -405,6 +405,9 @@ class Stage:
     is_whole: Callable[[Parameters], bool] = lambda _: False
     is_smaller: Callable[[Parameters], bool] = lambda _: False
     passes_output_on: bool = True  # to the next stage, which else gets the same input
+    needs_costs: Callable[[Parameters], bool] = lambda _: False
+    """Whether its command makes a robot's costs of a map first, if --params-file has them."""
+
     accepts_mask: Callable[[Parameters], bool] = lambda _: False
     """Whether it applies the keepout mask of a run itself, by its parameter `mask`."""
 

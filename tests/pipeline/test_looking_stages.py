@@ -44,8 +44,8 @@ def test_a_radius_that_counts_twice_is_warned_of_after_inflation_alone(tmp_path,
 
 
 def test_only_a_stage_that_takes_costs_can_follow_cost(tmp_path):
-    assert list(recipe(tmp_path, "cost reach")) == ["cost", "reach"]
-    for stages in ("cost esdf", "cost reach esdf", "esdf cost potential"):
+    assert list(recipe(tmp_path, "cost reach potential")) == ["cost", "reach", "potential"]
+    for stages in ("cost esdf", "cost reach esdf", "cost potential inflate"):
         with pytest.raises(ParameterError, match=rf"{stages.split()[-1]}: cannot follow cost"):
             recipe(tmp_path, stages)
 

@@ -11,7 +11,10 @@ from hypothesis import strategies as st
 import mapdeal
 import oracles
 from drawn import grid_from_text
+from robots import write_robot
 from strategies import RESOLUTIONS, occupancies
+
+FRAME = (0.25, (1.5, -2.0, 0.4))
 
 
 def test_the_design_s_case_by_hand():
@@ -165,3 +168,62 @@ def test_gradients_of_lengths_lead_away_from_the_goal_in_the_map_frame():
     assert found == pytest.approx(expected, abs=0.12)
     assert field.cost_to_go[20, 17] == pytest.approx(0.5)
     assert mapdeal.potential(grid).cost_to_go is None
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["costmap2d", "occupancy"]), st.booleans())
+def test_weighted_costs_lie_between_eight_way_sums_and_their_largest_excess(
+    each_engine, seed, scale, through_unknown
+):
+    """Ways over eight neighbours are at most 1.0824 times as long as those in any direction."""
+    rng = np.random.default_rng(seed)
+    graded, unknown = (252, 255) if scale == "costmap2d" else (98, -1)
+    costs = rng.choice([0, 30, 70, graded, graded + 1, graded + 2, unknown], rng.integers(2, 7, 2))
+    row, col = rng.integers(0, costs.shape)
+    costs[row, col] = 30
+    costmap = mapdeal.Costmap(costs.astype("u1" if graded > 99 else "i1"), *FRAME, scale=scale)
+    goal = tuple(costmap.frame.xy_from_rowcol([[row, col]])[0].tolist())
+    options = {"cost_travel_multiplier": 3.0, "through_unknown": through_unknown}
+    field = mapdeal.potential(costmap, goal=goal, **options)
+    weights = np.where(costs == unknown, 4.0 * through_unknown, 1 + 3 * costs / graded)
+    weights[(costs > graded) & (costs != unknown)] = 0
+    for cell, found in np.ndenumerate(field.cost_to_go / FRAME[0]):
+        by_steps = oracles.lowest_cost(weights, (row, col), cell) if weights[cell] else None
+        if by_steps is None:
+            assert found == math.inf
+        else:
+            assert by_steps / 1.0824 - 1e-9 <= found <= by_steps + 1e-9
+
+
+def test_a_constant_cost_scales_lengths_and_the_file_says_the_unit(each_engine, tmp_path):
+    walls = np.random.default_rng(1).random((30, 20)) < 0.2
+    walls[15, 10] = False
+    costmap = mapdeal.Costmap(np.where(walls, 254, 126).astype(np.uint8), *FRAME)
+    goal = tuple(costmap.frame.xy_from_rowcol([[15, 10]])[0].tolist())
+    plain, doubled = (
+        mapdeal.potential(costmap, goal=goal, cost_travel_multiplier=k) for k in (0.0, 2.0)
+    )
+    assert (2 * plain.cost_to_go).tobytes() == doubled.cost_to_go.tobytes()
+    assert np.isinf(plain.cost_to_go[walls]).all()
+    mapdeal.write_map(tmp_path / "p.npz", doubled)
+    again = mapdeal.read_map(tmp_path / "p.npz")
+    assert again.figures()["cost_to_go_unit"] == "m * (1 + 2 * cost / highest open cost)"
+    assert "cost_to_go_unit" not in plain.figures()
+    with pytest.raises(mapdeal.ParameterError, match="needs costs"):
+        mapdeal.potential(doubled.grid, goal=goal, cost_travel_multiplier=1.0)
+    with pytest.raises(mapdeal.ParameterError, match="weighted potential field"):
+        mapdeal.route(tmp_path / "p.npz", start=goal, goal=goal, method="geodesic")
+
+
+def test_a_robot_s_costs_of_a_map_weigh_its_ways(tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    write_robot("r.yaml", 0.3)
+    robot = ["--params-file", "r.yaml"]
+    mapdeal.write_map("m.yaml", grid_from_text("......#....\n" * 3 + "...........\n" * 5, *FRAME))
+    assert command("cost", "m.yaml", "-o", "costs.npz", *robot)[0] == 0
+    options = ["--goal", "2.3,-0.7", *robot, "--cost-travel-multiplier", "2"]
+    for source in ("m.yaml", "costs.npz"):
+        assert command("potential", source, "-o", f"{source[0]}.npz", *options)[0] == 0
+    of_map, of_costs = (mapdeal.read_map(f"{name}.npz").cost_to_go for name in "mc")
+    assert of_map.tobytes() == of_costs.tobytes()
+    assert np.isfinite(of_map).sum() > 20

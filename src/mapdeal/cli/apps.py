@@ -29,7 +29,7 @@ from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.png import write_indexed_png
 from mapdeal.pipeline.folder import files_of, step_line
 from mapdeal.pipeline.inputs import InShell, Map, Work, frame_of_file
-from mapdeal.pipeline.recipe import recipe_words, step_for, step_of_recipe
+from mapdeal.pipeline.recipe import load_recipe, recipe_words, step_for, step_of_recipe
 from mapdeal.pipeline.run import SingleResult, apply_to_file
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step, make_step
@@ -73,6 +73,7 @@ def _apply_stage(
     """
     stage = next(iter(models.values()))
     inputs = [] if robot is None else robot.paths
+    before: Sequence[Step] = ()
     for name, parameter in stage.parameters.items():
         if parameter.kind is Frame and name in values:
             values[name], files = frame_of_file(values[name], work.settings)
@@ -83,6 +84,8 @@ def _apply_stage(
         shaped = robot if footprint is None else robot.with_shape(footprint)
         step = step_for(stage.name, shaped, values)
         _warn_of_unused(step, shaped)
+        if stage.needs_costs(step.parameters):
+            before = load_recipe(shaped).steps
     else:
         step = _step_of(models, footprint, values)
         shape = step.stage.robot if stage.product_type is Costmap and footprint is None else None
@@ -96,7 +99,7 @@ def _apply_stage(
     result = apply_to_file(
         source, output, step, work.settings, encoding=encoding, curve=curve,
         with_curve=work.as_json and stage.product_type is Costmap, with_sums=work.as_json,
-        also_read=inputs,
+        also_read=inputs, before=before,
     )  # fmt: skip
     terminal.detail(f"{stage.name}: {time.perf_counter() - started:.3f} s")
     return result

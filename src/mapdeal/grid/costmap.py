@@ -185,6 +185,22 @@ class Costmap(ValueGrid):
         return cls(look_up(grid.occupancy, table), grid.resolution, grid.origin)
 
 
+def travel_weights(
+    costmap: Costmap, multiplier: float, *, through_unknown: bool = False
+) -> NDArray[np.float64]:
+    """Return the cost of a cell's length by the byte of its cost, shape (256,); 0 if closed."""
+    # ``getTraversalCost`` of Nav2's Smac 2D planner. NavFn gives unknown cells the highest cost
+    # that is open, too.
+    is_bytes = costmap.scale == "costmap2d"
+    highest = map_values.INSCRIBED_INFLATED_OBSTACLE if is_bytes else map_values.OCCUPIED - 1
+    highest -= 1
+    weights = np.zeros(256)
+    weights[: highest + 1] = 1 + multiplier * np.arange(highest + 1) / highest
+    if through_unknown:
+        weights[costmap.unknown_value] = weights[highest]
+    return weights
+
+
 def figures_of_costs(counts: NDArray[np.int64], scale: map_values.CostScale) -> Figures:
     figures: Figures = {"cost_scale": scale, "free": int(counts[0])}
     if scale == "costmap2d":

@@ -405,6 +405,8 @@ class PotentialField(FieldGrid):
         Length of the shortest way around obstacles to the goal, metres; inf where there is none.
     cost_to_go_of : str, optional
         The robot whose ways these are, in words.
+    cost_travel_multiplier : float
+        Weight of costs against length in `cost_to_go`.
 
     Raises
     ------
@@ -427,6 +429,7 @@ class PotentialField(FieldGrid):
     region: Region | None = None
     cost_to_go: NDArray[np.float64] | None = None
     cost_to_go_of: str | None = None
+    cost_travel_multiplier: float = 0.0
 
     def __post_init__(self) -> None:
         repulsive = as_layer(self.repulsive, np.float64, "repulsive")
@@ -462,11 +465,18 @@ class PotentialField(FieldGrid):
         return {
             "goal": None if self.goal is None else list(self.goal),
             **({} if self.cost_to_go_of is None else {"cost_to_go_of": self.cost_to_go_of}),
+            **({"cost_to_go_unit": self.cost_to_go_unit} if self.cost_travel_multiplier else {}),
             "obstacles": int(np.count_nonzero(self.obstacles())),
             "lowest_potential": float(self.potential.min()),
             "highest_potential": float(self.potential.max()),
             "steepest_gradient": float(self.gradient_magnitude.max()),
         }
+
+    @property
+    def cost_to_go_unit(self) -> str:
+        """Unit of `cost_to_go` in words: m, or metres that cost more in expensive cells."""
+        weight = self.cost_travel_multiplier
+        return f"m * (1 + {weight:g} * cost / highest open cost)" if weight else "m"
 
     def _repr_parameters(self) -> Iterator[str]:
         yield "no goal" if self.goal is None else f"goal {numbers_text(self.goal)}"
@@ -485,6 +495,8 @@ class PotentialField(FieldGrid):
         if self.cost_to_go is not None:
             entries["cost_to_go"] = self.cost_to_go
             entries["cost_to_go_gradient"] = self.cost_to_go_gradient
+        if self.cost_travel_multiplier:
+            entries["cost_travel_multiplier"] = np.float64(self.cost_travel_multiplier)
         if self.goal is not None:
             entries["goal"] = np.array(self.goal)
         return entries | {

@@ -122,7 +122,8 @@ def weighted_lengths_to(classes: Bytes, weights: Floats, place: Place) -> Floats
     is_open = opens((weights > 0)[classes])
     if not is_open(goal):
         return np.full(classes.shape, math.inf)
-    reach = _EXACT_WITHIN if weights[weights > 0].min() == weights.max() else 1
+    used = weights[np.unique(classes)]
+    reach = _EXACT_WITHIN if used.min(where=used > 0, initial=math.inf) == used.max() else 1
     rows, cols = (range(index - reach, index + reach + 1) for index in goal)
     centres = [(row + 0.5, col + 0.5) for row in rows for col in cols if is_open((row, col))]
     visible = [centre for centre in centres if is_line_clear(is_open, centre, place)]

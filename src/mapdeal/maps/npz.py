@@ -513,13 +513,14 @@ def _read_potential(reader: NpzReader, resolution: float, origin: Any) -> Potent
     if "goal" in reader.names():
         x, y = reader.small("goal", np.float64, (2,)).tolist()
         goal = (x, y)
-    has_lengths = "cost_to_go" in reader.names()
+    has_lengths, weight = "cost_to_go" in reader.names(), "cost_travel_multiplier"
     return PotentialField(
         reader.layer("repulsive", np.float64), reader.layer("occupancy", np.int8), resolution,
         origin, goal=goal, attractive_gain=reader.number("attractive_gain"),
         repulsive_gain=reader.number("repulsive_gain"),
         repulsive_cap=reader.number("repulsive_cap"),
         cost_to_go=reader.layer("cost_to_go", np.float64) if has_lengths else None,
+        cost_travel_multiplier=reader.number(weight) if weight in reader.names() else 0.0,
     )  # fmt: skip
 
 

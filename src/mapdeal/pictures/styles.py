@@ -147,7 +147,8 @@ def potential_style(field: PotentialField) -> LayerStyle:
         swatches.append(Swatch(POTENTIAL_NOWHERE, "no potential"))
     if field.cost_to_go is not None:
         spacing = length_between_lines(field.cost_to_go)
-        swatches.append(Swatch(POTENTIAL_LINE, f"every {spacing:g} m to go"))
+        unit = "weighted m" if field.cost_travel_multiplier else "m"
+        swatches.append(Swatch(POTENTIAL_LINE, f"every {spacing:g} {unit} to go"))
     ticks = [(value / _HIGHEST_NORMALISED, f"{value}") for value in range(0, 11, 2)]
     return LayerStyle(
         palette_of(scale, colours.mixed(scale, colours.RVIZ_UNKNOWN, 0.6), special),

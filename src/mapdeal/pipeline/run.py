@@ -431,16 +431,19 @@ class SingleResult(Result):
 def apply_to_file(
     path: Path, output: Path, step: Step, settings: Settings, *, encoding: Encoding = "occupancy",
     curve: Path | None = None, with_curve: bool = False,
-    with_sums: bool = False, also_read: Sequence[Path] = (),
+    with_sums: bool = False, also_read: Sequence[Path] = (), before: Sequence[Step] = (),
 ) -> SingleResult:  # fmt: skip
     # The keepout mask of the settings is laid over the costs that the stage makes. The picture of
     # their curve goes to `curve`, if that is given; `with_curve` asks for the curve alone, if there
-    # is one. Files that were read for the parameters are no more replaced than the map is.
+    # is one. Files that were read for the parameters are no more replaced than the map is. A map,
+    # not costs, goes through the steps `before` first.
     stage = step.stage
     outputs = output_paths(output) if stage.edits else folders.output_of(step, output)
     endings = [output.suffix, *([folders.PICTURE] if settings.image is not None else [])]
     image_max = None if settings.image is None else settings.image_max
-    opened = inputs.opened_map(path, [step], settings, image_max=image_max, with_sums=with_sums)
+    opened = inputs.opened_map(
+        path, [*before, step], settings, image_max=image_max, with_sums=with_sums
+    )
     with use_threads(settings.threads), opened as source:
         keepout = inputs.mask_of(settings.mask, settings, source.grid)
         read = [*source.files, *(keepout.files if keepout else ()), *also_read]
@@ -450,7 +453,10 @@ def apply_to_file(
             inputs.outputs_of(outputs, read, settings, curve=curve) as transaction,
             inputs.errors_named(path),
         ):
-            accepted = source.grid if stage.edits else step.input_of(source.grid, path)
+            accepted = source.grid
+            for earlier in () if isinstance(accepted, Costmap) else before:
+                accepted = earlier.apply(accepted, path)
+            accepted = accepted if stage.edits else step.input_of(accepted, path)
             if step.moves:
                 inputs.claim_step(path, accepted, step)
             masked: Costmap | None = None

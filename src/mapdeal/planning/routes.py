@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.costmap import Costmap, travel_weights
 from mapdeal.grid.field import DistanceField, PotentialField
 from mapdeal.grid.frame import Point
 from mapdeal.grid.reach import Route
 from mapdeal.grid.reaching import Cell, cell_of_point, nearest_open_text
-from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE, OCCUPIED
+from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED
 from mapdeal.kernels.distance import signed_distance
 from mapdeal.kernels.eikonal import Place, is_line_clear, lengths_to, weighted_lengths_to
 from mapdeal.kernels.paths import cheapest_path
@@ -48,8 +48,6 @@ class Terrain:
         field_weight: float = 0.0,
         through_unknown: bool = False,
     ) -> Terrain:
-        # ``getTraversalCost`` of Nav2's Smac 2D planner for the multiplier and its default. NavFn
-        # gives unknown cells the highest cost that is open, too.
         if not isinstance(costmap, Costmap):
             rule = "takes a Costmap; exponential_cost makes one of a map"
             raise ParameterError(rule, source="route", got=type(costmap).__name__)
@@ -61,7 +59,7 @@ class Terrain:
         distance = signed_distance(obstacles, scale=resolution)
         occupancy = np.where(obstacles, OCCUPIED, 0).astype(np.int8)
         field = DistanceField(distance, occupancy, resolution, origin, convention="center")
-        by_cost = _weights_by_cost(costmap, cost_travel_multiplier, through_unknown)
+        by_cost = travel_weights(costmap, cost_travel_multiplier, through_unknown=through_unknown)
         terrain = cls(costmap, by_cost[costmap.cost.view(np.uint8)], field, by_cost)
         return replace(terrain, weights=terrain.weights_near_obstacles(field_weight))
 
@@ -152,17 +150,6 @@ def check_factor(name: str, value: float) -> float:
         rule = f"must lie between 0 and {_LARGEST_FACTOR:g}"
         raise ParameterError(rule, place=name, got=value)
     return value
-
-
-def _weights_by_cost(
-    costmap: Costmap, multiplier: float, through_unknown: bool
-) -> NDArray[np.float64]:
-    highest = (INSCRIBED_INFLATED_OBSTACLE if costmap.scale == "costmap2d" else OCCUPIED - 1) - 1
-    weights = np.zeros(256)
-    weights[: highest + 1] = 1 + multiplier * np.arange(highest + 1) / highest
-    if through_unknown:
-        weights[costmap.unknown_value] = weights[highest]
-    return weights
 
 
 def shortest_route(

@@ -10,15 +10,17 @@ from numpy.typing import NDArray
 
 from mapdeal import command
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.grid.field import LARGEST_GAIN, LARGEST_REPULSION, PotentialField
+from mapdeal.grid.costmap import Costmap, travel_weights
+from mapdeal.grid.field import LARGEST_GAIN, LARGEST_REPULSION, DistanceField, PotentialField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Point, check_point
+from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import reach_radius, robot_text
 from mapdeal.grid.reaching import Ground, cells_open_to
-from mapdeal.grid.values import OCCUPIED
-from mapdeal.kernels.eikonal import lengths_to
+from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED
+from mapdeal.kernels.eikonal import lengths_to, weighted_lengths_to
 from mapdeal.kernels.lookup import sum_of_inverse_distances
-from mapdeal.stages.cost import ObstacleSource, obstacles_of
+from mapdeal.stages.cost import obstacles_of
 
 GAIN = command.Condition(
     f"between 0 and {LARGEST_GAIN:g}", lambda value: 0 <= value <= LARGEST_GAIN
@@ -26,6 +28,8 @@ GAIN = command.Condition(
 CAP = command.Condition(
     f"above 0, at most {LARGEST_REPULSION:g}", lambda value: 0 < value <= LARGEST_REPULSION
 )
+
+MULTIPLIER = command.Condition("between 0 and 1e6", lambda value: 0 <= value <= 1e6)
 
 LEAST_DISTANCE = 0.001
 """Metres up to which terms are omitted: the distance of a cell to itself is 0."""
@@ -40,17 +44,19 @@ mapdeal potential examples/maps/office.yaml -o out/potential.npz --goal 9,5 \\
     summary="Compute the artificial potential field of a map.",
     details="Repulsion is the sum of 1 / distance to every obstacle cell. MAP may also be a "
     "distance field, whose obstacles then count. With a goal, cost_to_go is the length of the "
-    "shortest way to it around obstacles, for the robot given.",
+    "shortest way to it around obstacles, for the robot given; --cost-travel-multiplier weighs it "
+    "by costs, those of MAP or of --params-file.",
     title=lambda parameters: "potential field" if parameters["goal"] else "repulsive field",
     memory=125.0,
     is_whole=lambda _: True,
     passes_output_on=False,
+    needs_costs=lambda parameters: parameters["cost_travel_multiplier"] > 0,
     robot=command.RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
     in_place_of={"footprint": command.InPlaceOf("radius", lambda p: reach_radius(p["footprint"]))},
     where_it_fits=("with_cost_to_go", "cost_to_go and its gradient", 200.0),
 )
 def potential(
-    source: ObstacleSource,
+    source: OccupancyGrid | DistanceField | Costmap,
     *,
     goal: Annotated[tuple[float, float], command.POINT] | None = None,
     repulsive_cap: Annotated[float, CAP, command.REPULSION] = 1e5,
@@ -60,14 +66,16 @@ def potential(
     radius: Annotated[float, command.AT_LEAST_0, command.METRES, command.FromRobot] = 0.0,
     footprint: Footprint | None = None,
     through_unknown: bool = False,
+    cost_travel_multiplier: Annotated[float, MULTIPLIER, command.FACTOR] = 0.0,
     with_cost_to_go: Annotated[bool, command.OnlyInPython] = True,
 ) -> PotentialField:
     """Compute the artificial potential field of a map.
 
     Parameters
     ----------
-    source : OccupancyGrid or DistanceField
-        The map, or its distance field, whose obstacles are then used.
+    source : OccupancyGrid, DistanceField or Costmap
+        The map, or its distance field, whose obstacles are then used, or costs as ROS publishes
+        them; ways to the goal do not lead through closed costs, 253 and 254.
     goal : tuple of float, optional
         Attracting point in the map frame. Without one there is only repulsion.
     repulsive_cap : float
@@ -84,6 +92,8 @@ def potential(
         The robot's corners, instead of a radius, or in a recipe {radius: R} for a round robot.
     through_unknown : bool
         Whether ways to the goal lead through unknown cells.
+    cost_travel_multiplier : float
+        Weight of costs against length in `cost_to_go`, as for `shortest_route`; above 0 for costs.
     with_cost_to_go : bool
         Whether to compute `cost_to_go` if there is a goal.
 
@@ -95,12 +105,14 @@ def potential(
         distance to the goal in metres; ``potential``, the sum of both times their gains;
         ``gradient`` and ``gradient_magnitude`` of the potential, or of the repulsion if there is no
         goal; ``cost_to_go``, the length of the shortest way to the goal around obstacles, metres,
-        inf where `reach` does not get to, and ``cost_to_go_gradient``.
+        inf where `reach` does not get to, and ``cost_to_go_gradient``. With
+        `cost_travel_multiplier` k, a metre costs 1 + k * cost / 252, or / 98 on scale
+        ``occupancy``.
 
     Raises
     ------
     ParameterError
-        If the goal lies in an obstacle.
+        If the goal lies in an obstacle, or a map has no costs to weigh.
 
     Warns
     -----
@@ -132,6 +144,11 @@ def potential(
     >>> field.attractive.round(6).tolist()
     [[1.5, 1.0, 0.5, 0.0]]
     """
+    costs = source if isinstance(source, Costmap) else None
+    if cost_travel_multiplier and costs is None:
+        hint = "give a costmap, --params-file, or in a recipe the stage cost before"
+        raise ParameterError("needs costs", place="cost_travel_multiplier", hint=hint)
+    source = source.to_occupancy() if isinstance(source, Costmap) else source
     obstacles = np.asarray(obstacles_of(source, lethal_threshold))
     occupancy = np.where(obstacles, np.int8(OCCUPIED), np.asarray(source.occupancy))
     cost_to_go = cost_to_go_of = None
@@ -145,7 +162,8 @@ def potential(
         if with_cost_to_go:
             robot = footprint or (Footprint.circle(radius) if radius > 0 else None)
             ground = Ground(occupancy, source.frame, through_unknown)
-            cost_to_go, cost_to_go_of = _lengths_to(goal, ground, robot), robot_text(robot)
+            cost_to_go = _costs_to(goal, ground, robot, costs, cost_travel_multiplier)
+            cost_to_go_of = robot_text(robot)
             if inside[0] and np.isinf(cost_to_go[tuple(cells[0])]):
                 text = f"the goal {goal[0]:.10g}, {goal[1]:.10g} is closed to {cost_to_go_of}"
                 emit_warning(f"potential: {text}: cost_to_go is inf everywhere", stacklevel=3)
@@ -163,13 +181,20 @@ def potential(
         repulsive_cap=repulsive_cap,
         cost_to_go=cost_to_go,
         cost_to_go_of=cost_to_go_of,
+        cost_travel_multiplier=0.0 if cost_to_go is None else cost_travel_multiplier,
     )
 
 
-def _lengths_to(goal: Point, ground: Ground, robot: Footprint | None) -> NDArray[np.float64]:
-    """Return the length of the shortest way from each cell to a goal, metres; inf if none."""
+def _costs_to(
+    goal: Point, ground: Ground, robot: Footprint | None, costs: Costmap | None, weight: float
+) -> NDArray[np.float64]:
+    """Return the least cost of a way from each cell to a goal, in metres; inf if none."""
     place = ground.frame.place_in_cell(goal)
     if place is None:
         return np.full(ground.occupancy.shape, np.inf)
     is_open = cells_open_to(ground, robot, (math.floor(place[0]), math.floor(place[1])))
-    return lengths_to(is_open, place) * ground.frame.resolution
+    if costs is None:
+        return lengths_to(is_open, place) * ground.frame.resolution
+    weights = travel_weights(costs, weight, through_unknown=ground.through_unknown)
+    classes = np.where(is_open, costs.cost.view(np.uint8), np.uint8(LETHAL_OBSTACLE))
+    return weighted_lengths_to(classes, weights, place) * ground.frame.resolution

@@ -1,0 +1,3 @@
+"""Fixtures of tests of stages."""
+
+from kernels.conftest import each_engine  # noqa: F401 - a fixture
