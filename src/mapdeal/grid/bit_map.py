@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import TypeVar, cast
 
 import numpy as np
@@ -14,7 +15,7 @@ from mapdeal.compatibility import Self
 from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.grid.frame import Figures, Framed, Origin, Point, ValueGrid, as_layer, region_of
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.shapes import Circle, Line, Shape
+from mapdeal.grid.shapes import Circle, Line, PlainPolygons, Shape
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, OverlayType, check_choice
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.polygons import Spans, paint
@@ -175,7 +176,9 @@ class BitMap(Framed):
         """Return a bit map with the same geometry and other bits."""
         return replace(self, packed=packed)
 
-    def painted(self, strokes: Iterable[tuple[Spans, int]], overlay: OverlayType = "seq") -> Self:
+    def painted(
+        self, strokes: Iterable[tuple[Spans, int | NDArray[np.int64]]], overlay: OverlayType = "seq"
+    ) -> Self:
         """Return a bit map with the cells of spans set to their values, one span after the other.
 
         With overlay ``max`` only ones are painted, with ``min`` only zeros.
@@ -273,19 +276,41 @@ def draw(
         if not hasattr(shape, "spans"):
             rule = "must be Polygon, Line or Circle, or a sequence of them"
             raise ParameterError(rule, place="shapes", got=shape)
-    strokes: list[tuple[Iterable[Spans], int]] = []
-    for shape, name in _numbered(shape_list):
+    plain = PlainPolygons(grid.frame, shape_list)
+    strokes: list[tuple[Iterable[Spans] | None, int]] = []
+    for index, (shape, name) in enumerate(_numbered(shape_list)):
         with _located_errors(shape, name):  # cells are made when they are painted, but refused here
-            strokes.append((shape.spans(grid.frame), _value_of(grid, shape, value)))
-    for shape, name in _numbered(shape_list):
-        for text, consequence in _drawing_problems(grid, shape):
+            spans = None if plain.is_plain[index] else shape.spans(grid.frame)
+            strokes.append((spans, _value_of(grid, shape, value)))
+    for index, (shape, name) in enumerate(_numbered(shape_list)):
+        for text, consequence in () if plain.fits[index] else _drawing_problems(grid, shape):
             if strict:
                 source = shape.source or None
                 raise FindingError(f"{text}; nothing was drawn", source=source, place=name)
             where = ": ".join(part for part in (shape.source, name) if part)
             emit_warning(f"{where}: {text}; {consequence}", stacklevel=2)
-    painted = grid.painted(((part, number) for spans, number in strokes for part in spans), overlay)
+    painted = grid.painted(_together(plain, strokes, overlay), overlay)
     return cast("G", painted)
+
+
+def _together(
+    plain: PlainPolygons, strokes: Sequence[tuple[Iterable[Spans] | None, int]],
+    overlay: OverlayType,
+) -> Iterator[tuple[Spans, int | NDArray[np.int64]]]:  # fmt: skip
+    values = np.array([value for _, value in strokes], dtype=np.int64)
+    for is_plain, items in groupby(enumerate(strokes), lambda item: item[1][0] is None):
+        some = list(items)
+        if not is_plain:
+            yield from ((part, value) for _, (parts, value) in some for part in parts or ())
+            continue
+        for spans, shape_of in plain.spans([index for index, _ in some]):
+            own = values[shape_of]
+            distinct = np.unique(own).tolist()
+            if overlay == "seq" and len(distinct) > 1:
+                yield spans, own
+                continue
+            for value in distinct:  # their order makes no difference
+                yield Spans(*(column[own == value] for column in spans)), value
 
 
 def _numbered(shapes: Sequence[Shape]) -> Iterator[tuple[Shape, str]]:

@@ -49,13 +49,14 @@ def edges_of(points: Sequence[Point]) -> list[tuple[Point, Point]]:
     return list(pairwise([*points, points[0]]))
 
 
+_FEW = 16  # edges up to which plain Python is faster than numpy
+
+
 def check_simple(points: Sequence[Point], shape: str) -> None:
     starts = np.array(points, dtype=np.float64)
     ends = np.concatenate([starts[1:], starts[:1]])
-    low, high = np.minimum(starts, ends), np.maximum(starts, ends)
-    for i in range(len(starts) - 1):
-        are_near = ((low[i + 1 :] <= high[i]) & (high[i + 1 :] >= low[i])).all(axis=1)
-        candidates = i + 1 + np.flatnonzero(are_near)
+    is_few = len(points) <= _FEW
+    for i, candidates in _near_edges_of_few(points) if is_few else _near_edges(starts, ends):
         a, b, c, d = starts[i], ends[i], starts[candidates], ends[candidates]
         apart = _side(a, b, c) * _side(a, b, d) < 0
         crosses = apart & (_side(c, d, a) * _side(c, d, b) < 0)
@@ -63,6 +64,35 @@ def check_simple(points: Sequence[Point], shape: str) -> None:
             crossed = int(candidates[np.argmax(crosses)])
             rule = f"the edge crosses the one that starts at vertex {crossed + 1}"
             raise ParameterError(rule, place=f"{shape} vertex {i + 1}", got=points[i])
+
+
+def _near_edges(
+    starts: NDArray[np.float64], ends: NDArray[np.float64]
+) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Yield each edge, and the later ones whose bounding boxes meet its own."""
+    low, high = np.minimum(starts, ends), np.maximum(starts, ends)
+    for i in range(len(starts) - 1):
+        near = (low[i + 1 :, 0] <= high[i, 0]) & (high[i + 1 :, 0] >= low[i, 0])
+        near &= (low[i + 1 :, 1] <= high[i, 1]) & (high[i + 1 :, 1] >= low[i, 1])
+        yield i, i + 1 + np.flatnonzero(near)
+
+
+def _near_edges_of_few(points: Sequence[Point]) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Yield what `_near_edges` does, without edges that share a corner, which cannot cross."""
+    boxes = [
+        (min(ax, bx), max(ax, bx), min(ay, by), max(ay, by))
+        for (ax, ay), (bx, by) in edges_of(points)
+    ]
+    for i, (low_x, high_x, low_y, high_y) in enumerate(boxes):
+        end = len(boxes) - (i == 0)
+        later = [
+            j
+            for j in range(i + 2, end)
+            if boxes[j][0] <= high_x and boxes[j][1] >= low_x
+            and boxes[j][2] <= high_y and boxes[j][3] >= low_y
+        ]  # fmt: skip
+        if later:
+            yield i, np.array(later)
 
 
 def area_of(points: Sequence[Point]) -> float:

@@ -861,12 +861,14 @@ class ValueGrid(Framed):
     def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> Self:
         """Return a grid of the same kind with other values and, if given, another origin."""
 
-    def painted(self, strokes: Iterable[tuple[Spans, int]], overlay: OverlayType = "seq") -> Self:
+    def painted(
+        self, strokes: Iterable[tuple[Spans, int | NDArray[np.int64]]], overlay: OverlayType = "seq"
+    ) -> Self:
         """Return a grid with the cells of spans set to their values, one span after the other.
 
         A cell's value is replaced by any value (``seq``), only by a larger one (``max``) or only
         by a smaller one (``min``). Unknown is replaced by any value, and replaces others only
-        with ``seq``.
+        with ``seq``, where each run may have a value of its own.
         """
         values = self.values.copy()
         old = np.arange(256, dtype=np.uint8).view(values.dtype)

@@ -15,8 +15,10 @@ from mapdeal.grid.footprint import area_of, check_simple, checked_corners, is_nu
 from mapdeal.grid.frame import CELL_TOLERANCE, FARTHEST, Frame, Point
 from mapdeal.grid.values import OneLine, count_text, points_text
 from mapdeal.kernels import polygons
+from mapdeal.kernels.arrays import Integers
 
 _MOST_VERTICES = 10_000
+_ROWS_TOGETHER = 1 << 14  # of polygons: larger arrays leave the cache
 _FLAT = 1e-12
 """Largest area that counts as none, relative to the square of the polygon's extent."""
 
@@ -254,6 +256,71 @@ class Circle:
 
 
 Shape = Polygon | Line | Circle
+
+
+class PlainPolygons:
+    """Polygons without holes (`is_plain`) that lie in the grid (`fits`), found together."""
+
+    def __init__(self, frame: Frame, shapes: Sequence[Shape]) -> None:
+        self._shape = frame.shape
+        chosen = [
+            index for index, shape in enumerate(shapes)
+            if isinstance(shape, Polygon) and not shape.holes_xy
+        ]  # fmt: skip
+        rings = [shapes[index].points_xy for index in chosen]  # type: ignore[union-attr]
+        sizes = np.array([*map(len, rings)], dtype=np.int64)
+        points = np.array([*chain.from_iterable(rings)], dtype=np.float64).reshape(-1, 2)
+        self._ends = np.cumsum(sizes)
+        self._firsts = self._ends - sizes
+        self._after = np.arange(1, len(points) + 1)
+        self._after[self._ends - 1] = self._firsts
+        self._cells = frame.unbounded_rowcol_from_xy(points)
+        self.is_plain, self.fits = np.zeros((2, len(shapes)), dtype=np.bool_)
+        self._number = np.zeros(len(shapes), dtype=np.int64)
+        self._number[chosen] = np.arange(len(chosen))
+        if not chosen:
+            return
+        self._bottom = np.minimum.reduceat(self._cells[:, 0], self._firsts)
+        self._height = np.maximum.reduceat(self._cells[:, 0], self._firsts) - self._bottom + 1
+        is_near = np.abs(self._cells).max(axis=1) <= polygons.FARTHEST_CELL
+        is_low = self._height <= 2 * frame.height
+        self.is_plain[chosen] = np.logical_and.reduceat(is_near, self._firsts) & is_low
+        inside = np.logical_and.reduceat(frame.contains(points), self._firsts)
+        corners = points - np.repeat(points[self._firsts], sizes, axis=0)
+        ahead = corners[self._after]
+        doubled = corners[:, 0] * ahead[:, 1] - corners[:, 1] * ahead[:, 0]
+        areas = np.abs(np.add.reduceat(doubled, self._firsts)) / 2
+        low, high = (bound.reduceat(points, self._firsts) for bound in (np.minimum, np.maximum))
+        # Rounding decides nothing here: polygons with less than twice the least area are looked at.
+        self.fits[chosen] = inside & (areas > 2 * _FLAT * (high - low).max(axis=1) ** 2)
+
+    def spans(self, indices: Sequence[int]) -> Iterator[tuple[polygons.Spans, Integers]]:
+        """Yield the cells of some shapes in order, and whose each run is."""
+        # Each polygon gets rows of its own in a stack of all.
+        chosen = np.array(indices)
+        heights = self._height[self._number[chosen]]
+        part_of = (np.cumsum(heights) - heights) // _ROWS_TOGETHER
+        for some in np.split(chosen, np.flatnonzero(np.diff(part_of)) + 1):
+            numbers = self._number[some]
+            heights = self._height[numbers]
+            offsets = np.cumsum(heights) - heights
+            polygon_of, at = polygons.enumerated(self._firsts[numbers], self._ends[numbers])
+            shifts = offsets - self._bottom[numbers]
+            rows, cols = self._cells[:, 0], self._cells[:, 1]
+            ahead = self._after[at]
+            edges = polygons.Edges(
+                rows[at] + shifts[polygon_of], cols[at],
+                rows[ahead] + shifts[polygon_of], cols[ahead],
+            )  # fmt: skip
+            for spans in polygons.stacked_spans(edges, (int(heights.sum()), self._shape[1])):
+                polygon_of_run = np.searchsorted(offsets, spans.rows, side="right") - 1
+                rows_of_runs = spans.rows - shifts[polygon_of_run]
+                inside = (rows_of_runs >= 0) & (rows_of_runs < self._shape[0])
+                runs = polygons.Spans(rows_of_runs, spans.starts, spans.stops)
+                yield (
+                    polygons.Spans(*(column[inside] for column in runs)),
+                    some[polygon_of_run[inside]],
+                )
 
 
 def _ring(points: Sequence[Point], name: str, most: int = _MOST_VERTICES) -> tuple[Point, ...]:

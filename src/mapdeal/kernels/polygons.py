@@ -50,8 +50,14 @@ class Spans(NamedTuple):
 
 
 def paint(
-    values: NDArray[Any], spans: Spans, value: int, *, over: Mask | None = None
-) -> None:  # fmt: skip
+    values: NDArray[Any], spans: Spans, value: int | Integers, *, over: Mask | None = None
+) -> None:
+    """Set the cells of runs to a value, or to the value of each run in order."""
+    if isinstance(value, np.ndarray):
+        columns = (*spans, value)
+        for row, start, stop, own in zip(*(column.tolist() for column in columns), strict=True):
+            values[row, start:stop] = own
+        return
     is_long = spans.stops - spans.starts > _SHORT
     for row, start, stop in zip(*(column[is_long].tolist() for column in spans), strict=True):
         cells = values[row, start:stop]
