@@ -7,8 +7,9 @@ and free space agree there.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -623,8 +624,10 @@ def _judged(first: WallMap, second: WallMap, poses: Poses, near: Near | None = N
     found = agreement_at(first, second, poses, _MOST_CHECKED, weights=weights)
     likely = int(found.evidence(found.by_chance()).argmax())
     chance = found.by_chance(_is_elsewhere(first, poses, likely))
-    kept = _distinct(first, poses, found.evidence(chance), _JUDGED)
-    poses = np.concatenate([poses[kept], _slid(first, second, poses[kept[0]], axes)])
+    poses = poses[
+        _best_places(found.evidence(chance), _JUDGED, partial(_is_elsewhere, first, poses))
+    ]
+    poses = np.concatenate([poses, _slid(first, second, poses[0], axes)])
     bend = _bends(first, second, poses, found.piece)
     found = agreement_at(first, second, poses, _MOST_CHECKED, bend, weights)
     least = found.by_chance()
@@ -638,22 +641,27 @@ def _judged(first: WallMap, second: WallMap, poses: Poses, near: Near | None = N
     score, overlap = float(scores[best]), float(found.overlap[best])
     shown = float(found.shares[best, _SHOWN])
     if near is not None:
-        reason = _reason_there(score, shown)
+        agrees = score >= LEAST_SCORE_THERE and shown >= LEAST_AGREEMENT_THERE
+        figures = f"{shown:.0%} of those in common, score {_down(score)}"
+        reason = None if agrees else f"the walls do not agree near the given place ({figures})"
     else:
         compared = float((found.agreeing + found.contradicting)[best, _SHOWN])
         walls = min(first.wall_length, second.wall_length)
         are_mostly_shared = overlap >= _MOST_SPACE and shown >= _MOST_AGREEING
         are_mostly_shared &= compared >= max(_METRES_OF_WALLS, _MOST_WALLS * walls)
         least_score = LEAST_SCORE_OF_MOST if are_mostly_shared else LEAST_SCORE
-        rival = _rival(scores, best, others, least_score)
+        rivals = scores[others]
+        is_near = (rivals > MOST_RUNNER_UP * scores[best]) | (scores[best] - rivals < least_score)
+        rival = float(rivals[is_near].max()) if is_near.any() else None
         reason = _reason(score, rival, overlap, least_score)
     polished, bent, bent_xy = _polished(first, second, poses[best : best + 1], found.piece)
     transform = _transform_of(first, second, polished)
     candidates = []
-    for k in [] if reason is None else _best_apart(first, poses, bend, scores):
+    is_elsewhere = partial(_are_elsewhere, first, poses, bend)
+    for k in [] if reason is None else _best_places(scores, _CANDIDATES, is_elsewhere):
         at = transform if k == best else _transform_of(first, second, poses[k])
-        figures = (found.overlap[k], found.shares[k, _SHOWN], found.contradicting[k, _SHOWN])
-        candidates.append(Candidate(at, float(scores[k]), *map(float, figures)))
+        shares = (found.overlap[k], found.shares[k, _SHOWN], found.contradicting[k, _SHOWN])
+        candidates.append(Candidate(at, float(scores[k]), *map(float, shares)))
     return Placement(
         transform=transform,
         reason=reason,
@@ -668,25 +676,15 @@ def _judged(first: WallMap, second: WallMap, poses: Poses, near: Near | None = N
     )
 
 
-def _best_apart(first: WallMap, poses: Poses, bend: Bend, scores: Floats) -> list[int]:
+def _best_places(scores: Floats, most: int, elsewhere: Callable[[int], Mask]) -> list[int]:
     """Return the indices of the best places of which none is another one, found once more."""
-    best: list[int] = []
-    is_left = np.ones(len(poses), dtype=np.bool_)
-    while is_left.any() and len(best) < _CANDIDATES:
-        best.append(int(np.where(is_left, scores, -1).argmax()))
-        is_left &= _are_elsewhere(first, poses, bend, best[-1])
-    return best
-
-
-def _distinct(first: WallMap, poses: Poses, scores: Floats, most: int) -> list[int]:
-    """Return the best places of which none is another one, found once more."""
-    kept: list[int] = []
-    is_left = np.ones(len(poses), dtype=np.bool_)
+    chosen: list[int] = []
+    is_free = np.ones(len(scores), dtype=np.bool_)
     for k in np.argsort(-scores, kind="stable").tolist():
-        if is_left[k] and len(kept) < most:
-            kept.append(k)
-            is_left &= _is_elsewhere(first, poses, k)
-    return kept
+        if is_free[k] and len(chosen) < most:
+            chosen.append(k)
+            is_free &= elsewhere(k)
+    return chosen
 
 
 def _axes(second: WallMap) -> Floats:
@@ -825,15 +823,6 @@ def _most_bent(
     return most, (float(x), float(y))
 
 
-def _rival(
-    scores: Floats, best: int, elsewhere: NDArray[np.int64], least_lead: float
-) -> float | None:
-    """Return the score of the best other place that may be the right one; None without any."""
-    found = scores[elsewhere]
-    is_rival = (found > MOST_RUNNER_UP * scores[best]) | (scores[best] - found < least_lead)
-    return float(found[is_rival].max()) if is_rival.any() else None
-
-
 def _reason(score: float, rival: float | None, overlap: float, least: float) -> str | None:
     if score < least:
         figures = f"score {_down(score)}, of {least:g} at least"
@@ -843,14 +832,6 @@ def _reason(score: float, rival: float | None, overlap: float, least: float) -> 
     if rival is not None:
         return f"another place fits nearly as well (scores {score:.2f} and {rival:.2f})"
     return None
-
-
-def _reason_there(score: float, agreement: float) -> str | None:
-    """Return why maps do not agree where they are said to lie."""
-    if score >= LEAST_SCORE_THERE and agreement >= LEAST_AGREEMENT_THERE:
-        return None
-    told = f"{agreement:.0%} of those in common, score {_down(score)}"
-    return f"the walls do not agree near the given place ({told})"
 
 
 def _down(score: float) -> str:

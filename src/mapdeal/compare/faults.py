@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.compare.align import bend_between
-from mapdeal.compare.score import FREE, LEAST_PIECE, OCCUPIED, UNKNOWN, States, label_sizes
+from mapdeal.compare.score import FREE, LEAST_PIECE, OCCUPIED, UNKNOWN, States
 from mapdeal.grid import values as map_values
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import decimal_text
-from mapdeal.kernels.components import touching_groups
+from mapdeal.kernels.components import drop_small_groups, touching_groups
 from mapdeal.kernels.distance import within_distance
 
 _MIDDLE = 1 / 3
@@ -66,25 +66,7 @@ _MAPPED = 2.0  # cells from free space within which a map has seen a wall, or sh
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that is wrong with a map.
-
-    Parameters
-    ----------
-    kind : str
-        ghost walls, missing area, faded walls, noisy or bent.
-    amount : float
-        How much: metres of wall, square metres, small components, or metres of displacement.
-    unit : str
-        m, m2 or an empty string.
-    share : float or None
-        The same as a share of the walls, the known area or the true walls; None of a bend.
-    x, y : float
-        Where most of it is, metres.
-    place : str
-        The same in words.
-    severity : float
-        Multiple of the least share that is a fault.
-    """
+    """One fault of a map; severity: multiple of the least share that is a fault."""
 
     kind: str
     amount: float
@@ -144,7 +126,7 @@ def _found(estimate: States, truth: States, frame: Frame) -> Iterator[Fault]:
     walls, true_walls = estimate == OCCUPIED, truth == OCCUPIED
     square = int((near / cell) ** 2)
     astray = walls & (truth == FREE) & ~within_distance(true_walls, square)
-    specks = astray & _specks(walls)
+    specks = astray & ~drop_small_groups(walls, LEAST_PIECE)
     ghosts = astray & ~specks
     count = int(np.count_nonzero(walls))
     yield from fault("ghost walls", ghosts, float(np.count_nonzero(ghosts)) * cell, "m", count)
@@ -163,16 +145,6 @@ def _found(estimate: States, truth: States, frame: Frame) -> Iterator[Fault]:
 def _grid_of(states: States, frame: Frame) -> OccupancyGrid:
     table = np.array([map_values.UNKNOWN, map_values.FREE, map_values.OCCUPIED], dtype=np.int8)
     return OccupancyGrid(table[states], frame.resolution, frame.origin)
-
-
-def _specks(walls: _Mask) -> _Mask:
-    from scipy.ndimage import label
-
-    labels, count = label(walls, np.ones((3, 3)))
-    small = label_sizes(labels, count) < LEAST_PIECE
-    small[0] = False
-    found: _Mask = small[labels]
-    return found
 
 
 _AROUND = 1.0

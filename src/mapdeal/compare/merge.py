@@ -101,11 +101,8 @@ class MapCounts(OneLine):
 
     @property
     def is_contradicted(self) -> bool:
-        """Whether the map is probably misaligned: many conflicts, and few walls met.
-
-        Conflicts alone prove nothing: moved furniture causes some, and if two maps have the same
-        wall one cell apart, each is free where the other has the wall.
-        """
+        """Whether the map is probably misaligned: many conflicts, and few walls met."""
+        # Moved furniture and walls one cell apart cause conflicts, too.
         return self.conflict_share > _MANY and 2 * self.met < self.walls
 
 

@@ -419,8 +419,10 @@ def score_alone(states: States, frame: Frame) -> Values:
     # (arXiv:1708.02354): shares of cells, corners and enclosed areas.
     unknown, free, occupied = histogram(states)[: OCCUPIED + 1].tolist()
     walls = states == OCCUPIED
-    sizes = _pieces(walls)
-    thick = thickness_of(states == OCCUPIED)  # with the specks, which `walls` now lacks
+    thick = thickness_of(walls)
+    pieces = labelled(walls, corners=True)
+    walls &= pieces.cells_of(pieces.sizes >= LEAST_PIECE)
+    sizes = pieces.sizes[1:]
     corners = touching_groups(corners_of(walls))[1]
     areas, pockets, square_metres = enclosed_areas(states, frame.resolution)
     return {
@@ -440,13 +442,6 @@ def score_alone(states: States, frame: Frame) -> Values:
         "enclosed_pockets": pockets,
         "enclosed_m2": square_metres,
     }
-
-
-def _pieces(walls: _Mask) -> NDArray[np.int64]:
-    """Return the sizes of pieces of wall, and take the specks out of `walls`."""
-    pieces = labelled(walls, corners=True)
-    walls &= pieces.cells_of(pieces.sizes >= LEAST_PIECE)
-    return pieces.sizes[1:]
 
 
 def _thickness(cells: NDArray[np.int64], resolution: float) -> Values:
