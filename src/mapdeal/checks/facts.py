@@ -754,10 +754,8 @@ CheckFunction = TypeVar("CheckFunction", bound=Callable[[Any], Iterator[Remark |
 def check(
     name: str, severity: Severity, *, on_request: bool = False
 ) -> Callable[[CheckFunction], CheckFunction]:
-    """Add a function to the list of checks; its parameter's annotation selects the facts.
-
-    Its docstring explains the check, in the form that `parse_explanation` reads.
-    """
+    """Add a function to the list of checks; its parameter's annotation selects the facts."""
+    # Its docstring explains the check, in the form that `parse_explanation` reads.
 
     def register(function: CheckFunction) -> CheckFunction:
         hints = get_type_hints(function)

@@ -109,19 +109,7 @@ ChangeKind = Literal["added", "removed", "closed", "opened", "unknown", "known",
 
 @dataclass(frozen=True)
 class Change:
-    """Cells that touch and have changed in the same way.
-
-    Parameters
-    ----------
-    kind : {'added', 'removed', 'closed', 'opened', 'unknown', 'known', 'rose', 'fell'}
-        Obstacles that the second map alone has, or the first; of costs see `CostChange`.
-    area : float
-        Their area, square metres.
-    x, y : float
-        Centre of that of the cells which is nearest to their middle, metres.
-    cells : numpy.ndarray of int64, shape (N, 2)
-        Row and column of each.
-    """
+    """Cells that touch and have changed in the same way; x and y are those of a middle cell."""
 
     kind: ChangeKind
     area: float

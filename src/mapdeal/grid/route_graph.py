@@ -134,12 +134,10 @@ class Sweeps:
         self, starts: NDArray[np.float64], ends: NDArray[np.float64], *, touches: bool = True,
         step: float = _STEP,
     ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:  # fmt: skip
-        """Return whether lines can be driven both ways, and their least clearances in cells.
-
-        Lines are given by continuous rows and columns, shape (N, 2) each. The robot looks along
-        its line, and is tried at every `step`, in cells: its centre must be in an open cell, and
-        with `touches` its footprint must be free by Nav2's collision checker.
-        """
+        """Return whether lines can be driven both ways, and their least clearances in cells."""
+        # Lines are given by continuous rows and columns, shape (N, 2) each. The robot looks along
+        # its line, and is tried at every `step`, in cells: its centre must be in an open cell, and
+        # with `touches` its footprint must be free by Nav2's collision checker.
         if not len(starts):
             return np.zeros(0, dtype=np.bool_), np.zeros(0)
         counts = np.ceil(np.hypot(*(ends - starts).T) / step).astype(np.int64) + 1

@@ -279,14 +279,9 @@ def _widened(marked: Mask, reach: int) -> Mask:
 
 
 def queued_squares(seeds: Mask, reach: int) -> NDArray[np.int32]:
-    """Return the squared distance to the seed from which the queue reaches a cell.
-
-    Rarely, this is not the nearest one, because each cell passes on only its own seed.
-
-    References
-    ----------
-    ``updateCosts`` in ``inflation_layer.cpp`` of ROS 1, in ``legacy_inflation_layer.cpp`` of Nav2.
-    """
+    """Return the squared distance to the seed from which the queue reaches a cell."""
+    # updateCosts in inflation_layer.cpp of ROS 1 and legacy_inflation_layer.cpp of Nav2. Rarely,
+    # this is not the nearest seed, because each cell passes on only its own.
     most = reach * reach
     if engine_name() == "compiled":
         from mapdeal.kernels import _updates

@@ -218,12 +218,10 @@ def places_along(
 def least_along(
     values: Integers, is_open: Mask, starts: Floats, ends: Floats, counts: Integers, *, near: float
 ) -> tuple[Integers, Mask]:
-    """Return the least value of the cells on each line, and whether all of them are open.
-
-    Lines connect places within the grid, continuous rows and columns of shape (N, 2), and are
-    sampled evenly at `counts` places each. A place within `near` of an edge of its cell is open
-    only if the cell beyond that edge is open, too.
-    """
+    """Return the least value of the cells on each line, and whether all of them are open."""
+    # Lines connect places within the grid, continuous rows and columns of shape (N, 2), and are
+    # sampled evenly at `counts` places each. A place within `near` of an edge of its cell is open
+    # only if the cell beyond that edge is open, too.
     if engine_name() == "compiled" and values.dtype == np.int32:
         least, found = np.empty(len(counts), np.int64), np.empty(len(counts), np.uint8)
         _compiled.look_along_lines(

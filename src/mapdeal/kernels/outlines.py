@@ -132,10 +132,8 @@ def _rings(marked: Mask, labels: NDArray[np.int32]) -> _Rings:
 
 
 def _traced(follows: Integers, partner: Integers) -> tuple[Integers, Integers]:
-    """Return the turns ring after ring, and where each ring ends.
-
-    A ring that passes a lattice point twice is divided there.
-    """
+    """Return the turns ring after ring, and where each ring ends."""
+    # A ring that passes a lattice point twice is divided there.
     order, ends = np.empty_like(follows), np.empty_like(follows)
     if engine_name() == "compiled":
         from mapdeal.kernels import _compiled

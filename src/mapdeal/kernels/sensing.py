@@ -226,10 +226,8 @@ def room_around(obstacles: Mask, opaque: Mask) -> Bytes:
 
 
 def cast_rays(room: Bytes, starts: Floats, angles: Floats, limit: float) -> Floats:
-    """Return the distances of rays to obstacles, shape (N, M), in cells; inf from the limit on.
-
-    Starts are rows and columns, shape (N, 2); angles, shape (N, M), are those to the axis of x.
-    """
+    """Return the distances of rays to obstacles, shape (N, M), in cells; inf from the limit on."""
+    # Starts are rows and columns, shape (N, 2); angles, shape (N, M), are those to the axis of x.
     distances = np.full(angles.shape, np.inf)
     starts = np.ascontiguousarray(starts)
     scans_together = max(1, _RAYS_TOGETHER // max(1, angles.shape[1]))
@@ -303,10 +301,8 @@ def _hit(ends: Integers, is_hit: Mask, shape: tuple[int, ...]) -> tuple[Integers
 def _passed(
     starts: Integers, ends: Integers, shape: tuple[int, ...], *, with_end: bool
 ) -> Iterator[tuple[Integers, Integers, int]]:
-    """Yield about `_CELLS_TOGETHER` cells of lines in a grid at a time: line, flat index, stop.
-
-    Each item completes the lines before index `stop`.
-    """
+    """Yield about `_CELLS_TOGETHER` cells of lines in a grid at a time: line, flat index, stop."""
+    # Each item completes the lines before index `stop`.
     height, width = shape
     edges = Edges(*starts.T, *ends.T)
     most = np.minimum(np.abs(ends - starts).max(axis=1) + 1, height + width)  # cells inside
@@ -418,10 +414,8 @@ def clear_voxels(
     rays: CellRays, costs: Bytes, columns: NDArray[np.uint32], *, mark_threshold: int,
     unknown_threshold: int,
 ) -> None:  # fmt: skip
-    """Clear the voxels of rays, and cells whose columns have few marks left.
-
-    Those become free, or 255 if more voxels than `unknown_threshold` are unknown.
-    """
+    """Clear the voxels of rays, and cells whose columns have few marks left."""
+    # Those become free, or 255 if more voxels than `unknown_threshold` are unknown.
     if engine_name() == "compiled":
         _clear(rays, costs, columns, mark_threshold, unknown_threshold)
         return

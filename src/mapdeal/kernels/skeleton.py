@@ -44,11 +44,9 @@ def _tables() -> tuple[Mask, NDArray[np.uint8]]:
 
 
 def skeleton(levels: Integers, stays: Mask, is_end: Mask) -> Mask:
-    """Return the thin lines in an area, shape (H, W).
-
-    Cells of the area have a level of at least 0 and are removed by rising level. Cells of `stays`
-    remain, and cells of `is_end` where a line ends in them.
-    """
+    """Return the thin lines in an area, shape (H, W)."""
+    # Cells of the area have a level of at least 0 and are removed by rising level. Cells of `stays`
+    # remain, and cells of `is_end` where a line ends in them.
     height, width = levels.shape
     area = np.zeros((height + 2, width + 2), dtype=np.uint8)
     area[1:-1, 1:-1] = levels >= 0
@@ -103,11 +101,9 @@ def lengths_from(
     is_open: Mask, sources: Integers,
     *, start_lengths: Integers | None = None, limit: int | None = None,
 ) -> NDArray[np.int32]:  # fmt: skip
-    """Return the length of the shortest path to each open cell, -1 without a path.
-
-    Sources are flat indices. Paths start with the length of their source, 0 by default, and step to
-    eight neighbours, but not diagonally between two closed cells; see `STRAIGHT` for units.
-    """
+    """Return the length of the shortest path to each open cell, -1 without a path."""
+    # Sources are flat indices. Paths start with the length of their source, 0 by default, and step
+    # to eight neighbours, but not diagonally between two closed cells; see `STRAIGHT` for units.
     return _flooded(is_open, sources, start_lengths, limit, with_origin=False)[0]
 
 

@@ -55,12 +55,10 @@ def grid_path(
     costs: Bytes, step_costs: Metres, start: int, goal: int, goal_xy: tuple[float, float], *,
     tolerance: float, most_iterations: int, most_near_goal: int,
 ) -> GridPath:  # fmt: skip
-    """Return the path over the eight neighbours that Smac 2D finds.
-
-    Of paths that do not reach the goal, the one that ends nearest serves if it ends closer than
-    `tolerance` cells. `goal_xy` is the goal in cells, rounded to float32. With such a path known,
-    the search goes on for `most_near_goal` iterations.
-    """
+    """Return the path over the eight neighbours that Smac 2D finds."""
+    # Of paths that do not reach the goal, the one that ends nearest serves if it ends closer than
+    # `tolerance` cells. `goal_xy` is the goal in cells, rounded to float32. With such a path known,
+    # the search goes on for `most_near_goal` iterations.
     costs, width = np.ascontiguousarray(costs), costs.shape[1]
     moves = np.zeros(costs.size, np.uint8)
     if engine_name() == "compiled":
@@ -136,10 +134,8 @@ def _search_grid(
 
 
 def smooth_once(raw: Floats, path: Floats, data_weight: float, smooth_weight: float) -> float:
-    """Move the inner points of a path between its raw points and their neighbours, in place.
-
-    Return the sum of the moves.
-    """
+    """Move the inner points of a path between its raw points and their neighbours, in place."""
+    # Return the sum of the moves.
     if engine_name() == "compiled":
         from mapdeal.kernels import _smac
 

@@ -80,11 +80,9 @@ class Surface:
 
 
 def surface(marked: Mask) -> Surface:
-    """Return the surface of walls on the marked cells.
-
-    Each edge belongs to exactly two triangles. Where two marked cells share only a corner, four
-    walls meet: the vertical edge is divided at half height for two of these walls.
-    """
+    """Return the surface of walls on the marked cells."""
+    # Each edge belongs to exactly two triangles. Where two marked cells share only a corner, four
+    # walls meet: the vertical edge is divided at half height for two of these walls.
     found = _rectangles_by_rows(marked)
     stride = marked.shape[1] + 1
     lower, upper = found.first_row * stride, found.end_row * stride

@@ -106,16 +106,9 @@ structured(CostmapArea, accept_area)
 
 
 def cells_below(area: Frame, map_to_area: Pose | None, map_frame: Frame, rows: slice) -> Cells:
-    """Return the map's row and column below each cell centre in rows of a costmap.
-
-    Cells outside of the map have a negative row or column, or one beyond its size. `map_to_area`
-    is the pose of the costmap's frame of reference in that of the map; None if they are the same.
-
-    References
-    ----------
-    The rolling branch of ``updateCosts`` in ``static_layer.cpp``, in doubles, with the rotation
-    matrix of tf2: which cell a centre lies in that falls on an edge depends on the last bit.
-    """
+    """Return the map's row and column below each cell centre in rows of a costmap."""
+    # As updateCosts of a rolling costmap in static_layer.cpp, with tf2's rotation matrix: on edges
+    # the last bit decides. `map_to_area` is the costmap's frame of reference in that of the map.
     across = np.arange(area.width, dtype=np.float64)[np.newaxis, :]
     along = np.arange(rows.start, rows.stop, dtype=np.float64)[:, np.newaxis]
     x = area.origin[0] + (across + 0.5) * area.resolution
@@ -149,13 +142,9 @@ def _cells_of(
 def covered_cells(
     footprint: Footprint, pose: Pose, area: Frame, cell_size: float
 ) -> NDArray[np.bool_] | None:
-    """Return the cells of a costmap that a footprint covers; None if a corner lies outside.
-
-    References
-    ----------
-    ``transformFootprint`` in ``footprint.cpp``; ``setConvexPolygonCost`` in ``costmap_2d.cpp``,
-    which fills each column from the lowest to the highest cell of the outline.
-    """
+    """Return the cells of a costmap that a footprint covers; None if a corner lies outside."""
+    # As transformFootprint in footprint.cpp, and setConvexPolygonCost in costmap_2d.cpp, which
+    # fills each column from the lowest to the highest cell of the outline.
     shape = footprint if footprint.vertices else Footprint.sixteen_gon(footprint.radius)
     corners = turned(np.array(shape.vertices, dtype=np.float64), pose[2])
     row, col = _cells_of(

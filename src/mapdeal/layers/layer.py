@@ -49,39 +49,17 @@ class KeepoutCosts(Protocol):
 
 @dataclass(eq=False)
 class MasterGrid:
-    """Rows of a costmap while its layers are applied, and the inputs that layers read.
+    """Rows of a costmap while its layers are applied, and the inputs that layers read."""
 
-    Parameters
-    ----------
-    costs : numpy.ndarray of uint8, shape (H, W)
-        Costs so far, on scale ``costmap2d``. Layers change them in place.
-    rows : slice
-        Which rows of the whole costmap these are.
-    shape : tuple of int
-        Rows and columns of the whole costmap.
-    cell_size : float
-        Side of a cell as the costmap has it, metres: often the float32 of a map message.
-    default_cost : int
-        Cost of an empty costmap, 0 or 255.
-    occupancy : numpy.ndarray of int8, shape (H, W)
-        Value of the map at each cell.
-    in_map : numpy.ndarray of bool, shape (H, W), optional
-        Which cells lie in the map; None if all do.
-    keepout : KeepoutCosts, optional
-        The keepout mask, if there is one.
-    under_robot : numpy.ndarray of bool, shape (H, W), optional
-        Cells that the robot's footprint covers; None if it stands outside of the costmap.
-    """
-
-    costs: Costs
-    rows: slice
-    shape: tuple[int, int]
-    cell_size: float
-    default_cost: int
-    occupancy: NDArray[np.int8]
-    in_map: Mask | None = None
+    costs: Costs  # on scale costmap2d, shape (H, W); layers change them in place
+    rows: slice  # of the whole costmap
+    shape: tuple[int, int]  # of the whole costmap
+    cell_size: float  # metres, as the costmap has it: often the float32 of a map message
+    default_cost: int  # of an empty costmap, 0 or 255
+    occupancy: NDArray[np.int8]  # of the map at each cell
+    in_map: Mask | None = None  # which cells lie in the map; None if all do
     keepout: KeepoutCosts | None = None
-    under_robot: Mask | None = None
+    under_robot: Mask | None = None  # cells below its footprint; None if it stands outside
 
     def part(self, window: Window) -> MasterGrid:
         """Return a part of the grid, whose costs are a view."""
@@ -146,26 +124,12 @@ class Update:
 
 @dataclass(frozen=True)
 class LivePlace:
-    """The costmap in which a layer is updated.
+    """The costmap in which a layer is updated."""
 
-    Parameters
-    ----------
-    frame : Frame
-        Frame of the costmap before its first update.
-    map_frame : Frame, optional
-        Frame of the map that static layers read, in the frame of reference of the costmap.
-    is_rolling : bool
-        Whether the costmap moves with the robot.
-    size_margin : float
-        Cells by which its size in metres is less than all cells: 0.5 in ROS 1 and older Nav2.
-    is_ros1 : bool
-        Whether the robot runs ROS 1.
-    """
-
-    frame: Frame
-    map_frame: Frame | None
+    frame: Frame  # before the first update
+    map_frame: Frame | None  # of the map of static layers, in the costmap's frame of reference
     is_rolling: bool
-    size_margin: float
+    size_margin: float  # cells by which its size in metres is less: 0.5 in ROS 1 and older Nav2
     is_ros1: bool
 
 

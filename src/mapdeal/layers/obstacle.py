@@ -523,10 +523,8 @@ class VoxelGrid(ObstacleGrid):
     def _first_lethal(
         self, columns: NDArray[np.uint32], column: Integers, level: NDArray[np.uint32]
     ) -> Integers:
-        """Return for each point the first point from which its column has enough marks.
-
-        Points are marked one by one: only from that point on, they touch the bounds.
-        """
+        """Return for each point the first point from which its column has enough marks."""
+        # Points are marked one by one: only from that point on, they touch the bounds.
         enough = self.sensing.mark_threshold + 1
         if enough <= 1:
             return np.zeros(len(column), dtype=np.int64)

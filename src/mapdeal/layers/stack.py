@@ -70,10 +70,8 @@ class CostmapLayers:
         return self.has_keepout and not any(map(_is_keepout, self.effective))
 
     def with_mask_last(self) -> CostmapLayers:
-        """Return the layers without keepout filters where it makes no difference.
-
-        A mask over the finished costs has the same effect as filters after all layers.
-        """
+        """Return the layers without keepout filters where it makes no difference."""
+        # A mask over the finished costs has the same effect as filters after all layers.
         layers = list(self.layers)
         while layers and _is_keepout(layers[-1]):
             layers.pop()

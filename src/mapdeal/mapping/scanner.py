@@ -130,10 +130,8 @@ class Scanner:
 
 
 def noisy_odometry(robot_poses: Floats, noise: float) -> tuple[Floats, Floats]:
-    """Return poses of odometry, which begins at 0, and those of its frame in the map.
-
-    `noise` is the standard deviation of its error after one metre, and after one radian.
-    """
+    """Return poses of odometry, which begins at 0, and those of its frame in the map."""
+    # `noise` is the standard deviation of its error after one metre, and after one radian.
     random = np.random.default_rng(_SEED)
     yaws, places = robot_poses[:, 2], robot_poses[:, 0] + 1j * robot_poses[:, 1]
     moves, turns = np.diff(places) * np.exp(-1j * yaws[:-1]), np.diff(yaws)

@@ -382,10 +382,8 @@ class TransformTree:
     def tf2_lookup(
         self, fixed: str, frame: str, time: int, *, in_seconds: bool
     ) -> Rigid | None:  # fmt: skip
-        """Return a transform that equals the one of tf2 in the last bit; None at unknown times.
-
-        `in_seconds` interpolates between float64 seconds, as in ROS 1.
-        """
+        """Return a transform that equals the one of tf2 in the last bit; None at unknown times."""
+        # `in_seconds` interpolates between float64 seconds, as in ROS 1.
         links = self._chains_between(fixed.lstrip("/"), frame.lstrip("/"))
         if links is None:
             raise self.no_chain(fixed, frame)

@@ -98,10 +98,8 @@ def svg_parts(
     layers: Sequence[tuple[Outlines, str]], frame: Frame, *, title: str, unit: DrawingUnit,
     background: str | None = None,
 ) -> Iterator[bytes]:  # fmt: skip
-    """Yield an SVG drawing of layers at scale 1:1, each in one colour, the first at the bottom.
-
-    User units are millimetres or metres.
-    """
+    """Yield an SVG drawing of layers at scale 1:1, each in one colour, the first at the bottom."""
+    # User units are millimetres or metres.
     corners = np.concatenate([layer.polygons.corners for layer, _ in layers])
     points = frame.xy_from_continuous_rowcol(corners)
     west, south = np.round(points.min(axis=0) - _MARGIN * frame.resolution, _DECIMALS)

@@ -141,10 +141,8 @@ def write_grid(
     encoding: Encoding = "occupancy", extra: dict[str, Any] | None = None,
     more: Mapping[str, NDArray[Any]] | None = None, painted: Painting | None = None,
 ) -> None:  # fmt: skip
-    """Write a grid in the format of the output's ending; fields and `more` layers need an npz.
-
-    An image is `painted`, if the grid has been read from that.
-    """
+    """Write a grid in the format of the output's ending; fields and `more` layers need an npz."""
+    # An image is `painted`, if the grid has been read from that.
     map_format = output_format(output)
     if mode is not None and not map_format.images:
         raise ParameterError(f"an {output.suffix[1:]} has no mode", place="mode", got=mode)

@@ -67,10 +67,8 @@ def canvas_of(slices: Iterable[tuple[Any, Slice]]) -> Canvas:
 
 
 def paint(pixels: NDArray[np.uint8], texture: NDArray[np.uint32], place: Slice) -> None:
-    """Paint a texture over grey pixels, row 0 at the top.
-
-    The lower half of each texel is its intensity, the upper half its opacity.
-    """
+    """Paint a texture over grey pixels, row 0 at the top."""
+    # The lower half of each texel is its intensity, the upper half its opacity.
     inverse = _inverse(place.scale)
     shift = -(inverse * place.shift).sum(axis=1)
     west, north, east, south = _covered(place, inverse, pixels.shape)
@@ -116,10 +114,8 @@ def _covered(place: Slice, inverse: Floats, shape: tuple[int, ...]) -> list[int]
 def _fixed(
     inverse: Floats, shift: Floats, middle: tuple[float, float]
 ) -> tuple[NDArray[np.int64], list[int]]:
-    """Return the matrix from pixels to texels in fixed point, and an offset of pixels before it.
-
-    The offset keeps the shift small; the shift is corrected until the matrix is exact at a point.
-    """
+    """Return the matrix from pixels to texels in fixed point, and an offset of pixels before it."""
+    # The offset keeps the shift small; the shift is corrected until the matrix is exact at a point.
     (xx, xy), (yx, yy) = inverse.tolist()
     x0, y0 = shift.tolist()
     offsets = [(x0, y0)] + [

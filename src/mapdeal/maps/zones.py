@@ -44,27 +44,8 @@ class Zone:
 
 
 def read_zones(path: Path, kind: FilterKind | None = None) -> list[Zone]:
-    """Read zones from GeoJSON: features with the properties ``kind``, ``name`` and ``speed``.
-
-    Parameters
-    ----------
-    path : Path
-        The file; coordinates are in metres in the map frame.
-    kind : {'keepout', 'speed', 'binary'}, optional
-        Kind of zones to return; features without a kind count as this one. By default all kinds.
-
-    Returns
-    -------
-    list of Zone
-        The zones of the kind, in order.
-
-    Raises
-    ------
-    FileAccessError
-        If the file cannot be read.
-    MalformedInputError
-        If it is malformed, or has no zone of the kind.
-    """
+    """Read zones from GeoJSON: features with the properties ``kind``, ``name`` and ``speed``."""
+    # Features without a kind count as the requested one; by default all kinds are returned.
     with recognised(path, "a file of zones", SHAPES):
         features = geojson_features(read_document(path))
     zones = [
@@ -115,37 +96,8 @@ def filter_mask(
     grid: OccupancyGrid, kind: FilterKind, zones: Sequence[Zone], *,
     unit: SpeedUnit = "percent", base: float | None = None, multiplier: float | None = None,
 ) -> tuple[OccupancyGrid, FilterInfo]:  # fmt: skip
-    """Return the mask of zones of one kind on a map's cells, and how the filter reads it.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map, of which resolution, origin and size are taken.
-    kind : {'keepout', 'speed', 'binary'}
-        Kind of all the zones.
-    zones : sequence of Zone
-        The zones. Where speed zones overlap, the lower limit counts.
-    unit : {'percent', 'm/s'}
-        Unit of the speeds.
-    base, multiplier : float, optional
-        Of the filter; by default 100 and -1 for percent, and 0 and a round multiplier for m/s.
-
-    Returns
-    -------
-    OccupancyGrid, FilterInfo
-        The mask: 100 in keepout and binary zones, the value of the limit in speed zones. Outside
-        it is 0, or for keepout -1, since 0 would make the unknown cells of a costmap free.
-
-    Raises
-    ------
-    ParameterError
-        If a speed cannot be represented.
-
-    Warns
-    -----
-    MapdealWarning
-        If a speed is rounded down, or a zone is clipped.
-    """
+    """Return the mask of zones of one kind on a map's cells, and how the filter reads it."""
+    # Outside of the zones the mask is 0, or for keepout -1: 0 would make unknown cells free.
     speeds = [zone.speed for zone in zones if zone.speed is not None]
     info = info_for(kind, speeds, unit=unit, base=base, multiplier=multiplier)
     shapes = [shape for zone in zones for shape in zone.shapes_with(_value_of(zone, info))]

@@ -71,19 +71,7 @@ _KINDS = {bool: "bool", int: "integer", float: "double", str: "string", tuple: "
 
 @dataclass(frozen=True)
 class ListedPlanner:
-    """A planner in a server's list.
-
-    Parameters
-    ----------
-    name, plugin : str
-        Its name in the list, and its class.
-    settings : dict
-        Values of all parameters that Nav2 declares for the class.
-    planner : Planner, optional
-        Its model, which computes plans; missing for other classes.
-    lines : dict
-        Line of each parameter that the files set.
-    """
+    """A planner in a server's list; without a model if mapdeal does not compute its plans."""
 
     name: str
     plugin: str
