@@ -729,19 +729,15 @@ def _finding(name: str, path: Path, text: str, entries: Mapping[str, Entry]) -> 
     if text.startswith(f"{path}: "):
         text = text.removeprefix(f"{path}: ")
         place, colon, message = text.partition(": ")
-        line, place = _split_place(place)
+        if place.startswith("line "):  # line 3; line 3, column 7
+            number, _, key = place.removeprefix("line ").partition(", ")
+        else:  # origin (line 3)
+            key, _, number = place.removesuffix(")").rpartition(" (line ")
+        line, place = (int(number), key) if number.isdecimal() else (None, place)
         if line is None and place in entries:
             line = entries[place].line
         text = f"{place}{colon}{message}" if place else message
     return CHECKS[name].finding(path, text, line)
-
-
-def _split_place(place: str) -> tuple[int | None, str]:
-    if place.startswith("line "):  # line 3; line 3, column 7
-        number, _, key = place.removeprefix("line ").partition(", ")
-    else:  # origin (line 3)
-        key, _, number = place.removesuffix(")").rpartition(" (line ")
-    return (int(number), key) if number.isdecimal() else (None, place)
 
 
 _FACTS = (

@@ -79,7 +79,8 @@ class _GraphFacts:
         if 2 * outside > len(self.inside):  # other findings would repeat this for each node
             yield self.finding("other-frame", self._outside_text(outside), ())
             return
-        is_closed = np.array([not self._is_open(k) for k in range(len(self.cells))])
+        row, col = self.cells.T
+        is_closed = ~(self.inside & self.sweeps.is_open[row, col])
         for node in np.flatnonzero(is_closed).tolist():
             yield self.finding("node-closed", self._closed_text(node), [self._point(node)])
         yield from self._blocked(is_closed)
@@ -88,10 +89,6 @@ class _GraphFacts:
     def _point(self, node: int) -> Point:
         x, y = self.graph.points_xy[node].tolist()
         return x, y
-
-    def _is_open(self, node: int) -> bool:
-        row, col = self.cells[node].tolist()
-        return bool(self.inside[node]) and bool(self.sweeps.is_open[row, col])
 
     def _outside_text(self, outside: int) -> str:
         low, high = self.graph.points_xy.min(axis=0), self.graph.points_xy.max(axis=0)
@@ -164,7 +161,7 @@ class _GraphFacts:
 
     def _connections(self) -> Iterator[Finding]:
         from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
+        from scipy.sparse.csgraph import breadth_first_order, connected_components
 
         graph, count = self.graph, len(self.graph.nodes)
         ends = graph.ends
@@ -181,25 +178,16 @@ class _GraphFacts:
         _, strong = connected_components(links.tocsr(), directed=True, connection="strong")
         main = int(np.bincount(strong[weak == largest]).argmax())
         trapped: dict[bool, list[int]] = {True: [], False: []}
-        leaves = self._upstream(ends, strong == main)
+        first = int(np.argmax(strong == main))
+        upstream = breadth_first_order(links.T.tocsr(), first, return_predecessors=False)
         for node in np.flatnonzero((weak == largest) & (strong != main)).tolist():
-            trapped[bool(leaves[node])].append(node)
+            trapped[node in upstream].append(node)
         for can_leave, nodes in trapped.items():
             if nodes:
                 word = "left, but not entered" if can_leave else "entered, but not left"
                 text = f"{count_text(len(nodes), 'node')} ({self._ids(nodes)}) can be {word}; "
                 text += "add the edges back: each leads one way"
                 yield self.finding("one-way", text, map(self._point, nodes))
-
-    def _upstream(self, ends: NDArray[np.int64], target: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return a mask of the nodes from which a path leads to a target node."""
-        reaching = target.copy()
-        while True:
-            extended = reaching.copy()
-            extended[ends[reaching[ends[:, 1]], 0]] = True
-            if np.array_equal(extended, reaching):
-                return reaching
-            reaching = extended
 
     def _ids(self, nodes: Sequence[int]) -> str:
         ids = ", ".join(str(self.graph.nodes[node].id) for node in nodes[:5])

@@ -27,6 +27,7 @@ from mapdeal.checks.findings import (
     Finding,
     IgnoreComment,
     Severity,
+    findings_on,
     read_ignore_comments,
 )
 from mapdeal.checks.map_checks import lint_run
@@ -69,23 +70,15 @@ def lint_file(
             text = f"{', '.join(checks_of(RoomFacts))}: {error.rule}"
             findings.append(CHECKS[LEFT_OUT].finding(path, text.removeprefix(f"{path}: ")))
     entries = {} if pair is None else pair.entries
-    for check in CHECKS.values():
-        if check.facts in facts_by_type:
-            for remark in check.remarks(facts_by_type[check.facts]):
-                line = None
-                if remark.key is not None and remark.key in entries:
-                    line = entries[remark.key].node.start_mark.line + 1
-                findings.append(check.finding(path, remark.message, line, remark.places))
+    lines = {key: entry.node.start_mark.line + 1 for key, entry in entries.items()}
+    findings += findings_on(facts_by_type, path, lines)
     return sorted(dict.fromkeys(findings), key=lambda finding: SEVERITIES.index(finding.severity))
 
 
 def lint_mask(path: Path, facts: MaskFacts) -> Iterator[Finding]:
     entries = {} if facts.pair is None else facts.pair.entries
-    for check in CHECKS.values():
-        if check.facts is MaskFacts:
-            for remark in check.remarks(facts):
-                line = entries[remark.key].line if remark.key in entries else None
-                yield check.finding(path, remark.message, line, remark.places)
+    lines = {key: entry.line for key, entry in entries.items()}
+    return findings_on({MaskFacts: facts}, path, lines)
 
 
 def checks_of(facts: type) -> list[str]:
@@ -299,7 +292,12 @@ class LintReport(Result, Sequence[Finding]):
     def document(self) -> dict[str, Any]:
         """Return the report as the dict that ``mapdeal lint --format json`` prints."""
         if self.explained:
-            return {"checks": list(map(_check_document, self.explained))}
+            checks = [
+                {"check": c.name, "severity": c.severity, "on_request": c.on_request}
+                | asdict(c.explanation)
+                for c in self.explained
+            ]
+            return {"checks": checks}
         files = [report.document() for report in self.maps if report.is_parameters]
         maps = [report.document() for report in self.maps if not report.is_parameters]
         content: dict[str, Any] = {**({"parameter_files": files} if files else {}), "maps": maps}
@@ -334,11 +332,6 @@ class LintReport(Result, Sequence[Finding]):
             yield from (f"  {line}" for line in report.repairs)
         if self.output is None and self.form == "text" and not self.explained:
             yield self.summary()
-
-
-def _check_document(check: Check) -> dict[str, Any]:
-    fields = {"check": check.name, "severity": check.severity, "on_request": check.on_request}
-    return {**fields, **asdict(check.explanation)}
 
 
 def counts_of(findings: Iterable[Finding]) -> dict[str, int]:

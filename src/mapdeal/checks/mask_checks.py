@@ -22,7 +22,7 @@ from mapdeal.kernels.arrays import Mask
 from mapdeal.kernels.components import Labels, labelled
 from mapdeal.kernels.distance import dilate_square
 from mapdeal.kernels.lookup import histogram
-from mapdeal.ros.filters import TYPES_OF_PLUGIN, InfoServer, topic_of
+from mapdeal.ros.filters import TYPES_OF_PLUGIN, topic_of
 from mapdeal.ros.robot import ListedLayer
 
 _TOLERANCE = 1e-6  # metres, and radians
@@ -304,7 +304,12 @@ def filter_type(facts: FilterFacts) -> Iterator[Remark]:
     Example: A KeepoutFilter with `type: 1`, a speed limit.
     Fix: Set the type that the message names.
     """
-    for listed, server in _served(facts):
+    pairs = [(listed, server) for listed in _filters(facts) for server in facts.servers.info]
+    for listed, server in pairs:
+        value = facts.robot.value(listed.name, "filter_info_topic")
+        topic = server.get("filter_info_topic", "costmap_filter_info")
+        if value is None or topic_of(value.value) != topic_of(topic):
+            continue
         plugin = listed.plugin.rpartition(":")[2]
         types, kind = TYPES_OF_PLUGIN.get(plugin), server.get("type", 0)
         at = server.values.get("type", server.first)
@@ -336,12 +341,3 @@ def _filters(facts: FilterFacts) -> Iterator[ListedLayer]:
     for listed in facts.robot.robot.layers:
         if listed.is_enabled and listed.plugin.rpartition(":")[2] in TYPES_OF_PLUGIN:
             yield listed
-
-
-def _served(facts: FilterFacts) -> Iterator[tuple[ListedLayer, InfoServer]]:
-    for listed in _filters(facts):
-        value = facts.robot.value(listed.name, "filter_info_topic")
-        for server in facts.servers.info:
-            topic = server.get("filter_info_topic", "costmap_filter_info")
-            if value is not None and topic_of(value.value) == topic_of(topic):
-                yield listed, server
