@@ -108,7 +108,11 @@ class ChunkedBag(Bag):
             with access_to(path):
                 self._size = status_of(path).st_size
                 self._walk()
-            self._find_connections()
+            for number, chunk in enumerate(self._chunks):
+                known = {connection for connection, _, _ in chunk.entries}
+                if not (chunk.is_indexed and known <= self._found.keys()):
+                    for record in self._records_of(number):
+                        self._note_described(record)
         except BaseException:
             self._file.close()
             raise
@@ -157,13 +161,6 @@ class ChunkedBag(Bag):
     @abstractmethod
     def _entries(self, data: bytes, number: int, connection: int) -> MessageIndex:
         """Return the places in the entries of an index record."""
-
-    def _find_connections(self) -> None:
-        for number, chunk in enumerate(self._chunks):
-            known = {connection for connection, _, _ in chunk.entries}
-            if not (chunk.is_indexed and known <= self._found.keys()):
-                for record in self._records_of(number):
-                    self._note_described(record)
 
     def _records_of(self, number: int) -> Iterator[_Record]:
         data, position = self._chunk_data(number), 0

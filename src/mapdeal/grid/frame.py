@@ -417,12 +417,6 @@ class Transform(OneLine):
         """Translation and rotation as x, y (metres) and yaw (radians)."""
         return self.x, self.y, self.yaw
 
-    @classmethod
-    def from_pose(cls, pose: Sequence[float]) -> Transform:
-        """Create the transform from the frame whose origin is at a pose x, y, yaw."""
-        x, y, yaw = pose
-        return cls(x, y, yaw)
-
     def points(self, points_xy: ArrayLike) -> NDArray[np.float64]:
         """Transform points, shape (N, 2), metres."""
         points = np.asarray(points_xy, dtype=np.float64).reshape(-1, 2)

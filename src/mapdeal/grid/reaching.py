@@ -340,10 +340,12 @@ def passages(
         if stops[of_level].any():
             doors = _other_doors(ways, level, far[of_level], behind[of_level, 0])
             cells += [(cell, of_level.start + i) for cell, i in doors if stops[of_level][i]]
-    found = [
-        _passage(ways, cell, float(behind[which, 0]), bool(is_passed[which]))
-        for cell, which in cells
-    ]
+    found = []
+    for cell, which in cells:
+        width = width_of(int(ways.squared.flat[cell]), ways.frame.resolution)
+        area = float(behind[which, 0]) * ways.cell_area
+        is_open_to = bool(is_passed[which])
+        found.append(Passage(*ways.middle(cell), width, area, is_open_to, ways.gap(cell)))
     return tuple(sorted(found, key=_order))
 
 
@@ -476,12 +478,6 @@ def _other_doors(
             which = min(found, key=lambda which: (float(behind[which]), -squares[which]))
             if 4 * ways.squared.flat[cell] >= squares[which]:
                 yield cell, which
-
-
-def _passage(ways: Ways, cell: int, behind: float, is_open: bool) -> Passage:
-    x, y = ways.middle(cell)
-    width = width_of(int(ways.squared.flat[cell]), ways.frame.resolution)
-    return Passage(x, y, width, behind * ways.cell_area, is_open, ways.gap(cell))
 
 
 def _first_not_above(falling: NDArray[np.int64], limit: int) -> int:

@@ -236,7 +236,15 @@ class OpenPoses:
         for k, (row, col) in enumerate(cells):
             headings[k] = opened[k] & ~_bits_at(planes, row, col)
         del planes
-        return _unpacked(reached, self.shape), headings
+        reachable = np.empty(self.shape, dtype=np.uint8)
+
+        def unpack(rows: slice) -> None:
+            bits = reached[rows].view(np.uint8)
+            cells = np.unpackbits(bits, axis=1, count=self.shape[1], bitorder="little")
+            reachable[rows] = cells
+
+        for_rows(unpack, self.shape)
+        return reachable, headings
 
     def _open_planes(self, numbers: Bytes | None = None) -> Words:
         height, width = self.shape
@@ -276,17 +284,6 @@ def _packed(blocked: Layer) -> Bytes:
     if width % 8:
         packed[:, -1] |= 0xFF << width % 8 & 0xFF
     return packed
-
-
-def _unpacked(words: Words, shape: tuple[int, int]) -> Bytes:
-    values = np.empty(shape, dtype=np.uint8)
-
-    def unpack(rows: slice) -> None:
-        bits = words[rows].view(np.uint8)
-        values[rows] = np.unpackbits(bits, axis=1, count=shape[1], bitorder="little")
-
-    for_rows(unpack, shape)
-    return values
 
 
 def _maker(blocked: Bytes, shape: tuple[int, int], footprints: Sequence[Spans]) -> PoseMaker:

@@ -254,7 +254,10 @@ def gap_at(
     # the saddle. The ridge is followed from the saddle over equally wide cells, and ends at a cell
     # with a wider neighbour. So it ends where rooms begin, and does not run along their walls.
     square = int(squared[cell])
-    middle = _middle_of(_ridge(squared, basins, cell))
+    ridge = _ridge(squared, basins, cell)
+    away = ((ridge - ridge.mean(axis=0)) ** 2).sum(axis=1)
+    row, col = ridge[np.argmin(np.round(away, 6))].tolist()
+    middle = row, col
     reach = 1.5 * math.sqrt(square) + 2
     obstacles = _nearest(_around(squared, middle, reach, beyond=0) == 0, reach)
     pair = _opposite_pair(obstacles, obstacles, square)
@@ -286,12 +289,6 @@ def _ridge(squared: SquaredDistances, basins: NDArray[np.int32], cell: tuple[int
                 ridge.add(place)
                 waiting.append(place)
     return np.array(sorted(ridge))
-
-
-def _middle_of(cells: Integers) -> tuple[int, int]:
-    away = ((cells - cells.mean(axis=0)) ** 2).sum(axis=1)
-    row, col = cells[np.argmin(np.round(away, 6))].tolist()
-    return row, col
 
 
 def _around(

@@ -47,7 +47,9 @@ def cheapest_path(
     # it is known. It is not opened again, as a correction would undo the effect of the surcharges
     # and could expand cells many times. Each cell is expanded at most once, and a path is found if
     # one exists.
-    if not all(_contains(weights, cell) and weights[cell] > 0 for cell in (start, goal)):
+    ends = np.array([start, goal])
+    is_inside = ((ends >= 0) & (ends < weights.shape)).all()
+    if not (is_inside and (weights[tuple(ends.T)] > 0).all()):
         raise ValueError("start and goal must be open cells")
     scaled = np.rint(np.multiply(weights, UNIT, dtype=np.float64))
     np.maximum(scaled, 1.0, out=scaled)
@@ -66,10 +68,6 @@ def cheapest_path(
         found = _cheapest_path(scaled, start, goal, least, more)
     cells, cost, expanded = found
     return FoundPath(np.stack(np.divmod(cells, weights.shape[1]), axis=1), cost / UNIT, expanded)
-
-
-def _contains(weights: Floats, cell: Cell) -> bool:
-    return all(0 <= index < length for index, length in zip(cell, weights.shape, strict=True))
 
 
 def _cheapest_path(

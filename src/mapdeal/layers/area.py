@@ -54,12 +54,8 @@ class CostmapArea:
         return self.global_frame.strip("/") == "map"
 
     def placed(self, pose: Sequence[float] | None) -> Frame:
-        """Return the frame of the costmap around a robot, in `global_frame`.
-
-        References
-        ----------
-        ``updateOrigin`` and ``getSizeInMetersX`` in ``costmap_2d.cpp``.
-        """
+        """Return the frame of the costmap around a robot, in `global_frame`."""
+        # As updateOrigin and getSizeInMetersX in costmap_2d.cpp.
         x, y = self.origin
         if self.is_rolling and pose is not None:
             x = self._moved(x, self.width, pose[0])

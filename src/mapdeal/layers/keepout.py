@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -73,19 +72,15 @@ class MaskCosts:
         self._covered: list[int] = []
         self._freed: list[int] = []
 
-    @classmethod
-    def at_centres(
-        cls, mask: OccupancyGrid, frame: Frame, scale: CostScale = "costmap2d"
-    ) -> MaskCosts:
-        """Return the mask's costs at the cell centres of a frame, which may have another yaw."""
-        return cls(mask, partial(cells_at_centres, frame, mask.frame), scale)
-
     def lay_over(self, costs: NDArray[Any], rows: slice) -> None:
         """Raise the costs of some rows of the frame, in place; unknown costs are replaced."""
 
         def lay_over_part(part: slice) -> None:
             in_frame = slice(rows.start + part.start, rows.start + part.stop)
-            values, is_inside = self._values_at(in_frame)
+            row, col = self._cells_at(in_frame)
+            height, width = self._shape
+            is_inside = (row >= 0) & (row < height) & (col >= 0) & (col < width)
+            values = self._values[np.clip(row, 0, height - 1), np.clip(col, 0, width - 1)]
             is_known = is_inside & (values != self._unknown)
             was_unknown = costs[part] == self._unknown
             changed = is_known & ((values > costs[part]) | was_unknown)
@@ -94,12 +89,6 @@ class MaskCosts:
             np.copyto(costs[part], values, where=changed)
 
         for_rows(lay_over_part, costs.shape)
-
-    def _values_at(self, rows: slice) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        row, col = self._cells_at(rows)
-        height, width = self._shape
-        is_inside = (row >= 0) & (row < height) & (col >= 0) & (col < width)
-        return self._values[np.clip(row, 0, height - 1), np.clip(col, 0, width - 1)], is_inside
 
     def warn(self, *, stacklevel: int = 2) -> None:
         """Warn if the mask covered no cell, or freed unknown cells."""

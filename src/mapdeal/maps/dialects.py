@@ -481,7 +481,8 @@ def cells_of(
 ) -> NDArray[np.int8]:  # fmt: skip
     """Return the occupancy that a reader gives each cell, shape (H, W), row 0 in the south."""
     picture = picture.from_the_south()
-    if _is_plain(picture):
+    is_byte = picture.samples.dtype == np.uint8 and picture.samples.ndim == 2
+    if is_byte and picture.file_format == "PNM":  # all readers look the pixels up in a table
         values = DIALECTS[dialect](picture, metadata)
         if out is None:
             return np.ascontiguousarray(values)
@@ -517,9 +518,3 @@ def reader_of(
         return values
 
     return occupancy
-
-
-def _is_plain(picture: Picture) -> bool:
-    """Return whether all readers look the pixels up in a table."""
-    is_byte = picture.samples.dtype == np.uint8 and picture.samples.ndim == 2
-    return is_byte and picture.file_format == "PNM"

@@ -341,7 +341,12 @@ class PairFile(MapFile):
             self.metadata, self._rows, block_height=block_height, budget=budget,
             dialect=self._dialect,
         )  # fmt: skip
-        check_rows(self.path, self.metadata, self._rows, self._dialect)
+        remarks = PixelRemarks(self.metadata, self._dialect)
+        for _, picture in self._rows.strips().placed():
+            if not remarks.are_possible(picture):
+                break
+            remarks.add(picture, cells_of(picture, self.metadata, self._dialect))
+        remarks.warn(self.path, self._rows.file.path)
         return grid
 
     def _sum_of(self, path: Path) -> str:
@@ -388,18 +393,6 @@ def lazy_cells(
         pixels.shape, np.int8, occupancy, block_height=block_height, budget=budget
     )
     return _grid_of(layer, metadata)
-
-
-def check_rows(
-    yaml_path: Path, metadata: MapMetadata, pixels: BinaryRows, dialect: Dialect
-) -> None:
-    """Warn of the pixels of an image read by rows of which `read_cells` would warn."""
-    remarks = PixelRemarks(metadata, dialect)
-    for _, picture in pixels.strips().placed():
-        if not remarks.are_possible(picture):
-            break
-        remarks.add(picture, cells_of(picture, metadata, dialect))
-    remarks.warn(yaml_path, pixels.file.path)
 
 
 def _grid_of(occupancy: blocks.Layer, metadata: MapMetadata) -> OccupancyGrid:

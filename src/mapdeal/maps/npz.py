@@ -460,16 +460,6 @@ def npz_frame(path: Path) -> Frame:
         return Frame(*shape, *geometry)
 
 
-def npz_memory(path: Path) -> int:
-    """Return the peak memory of reading an ``.npz`` file in bytes; only headers are read."""
-    with NpzReader(path) as reader:
-        layers = {_layer_to_read(reader.names())}
-        if layers & {"distance", "repulsive"}:  # fields include the occupancy they were made from
-            layers |= {"occupancy"} & reader.names()
-        size = sum(reader.header(layer).nbytes for layer in layers)
-    return size + min(PIECES, size)
-
-
 @contextmanager
 def _geometry_in(reader: NpzReader) -> Iterator[tuple[float, Origin]]:
     """Yield the resolution and origin of an open file; invalid values are errors of that file."""
@@ -568,7 +558,12 @@ class NpzFile(MapFile):
         return npz_frame(self.path)
 
     def memory_to_read(self) -> int:
-        return npz_memory(self.path)
+        with NpzReader(self.path) as reader:
+            layers = {_layer_to_read(reader.names())}
+            if layers & {"distance", "repulsive"}:  # fields include the occupancy they are made of
+                layers |= {"occupancy"} & reader.names()
+            size = sum(reader.header(layer).nbytes for layer in layers)
+        return size + min(PIECES, size)
 
     def cells(self) -> Grid:
         return read_npz(self.path, max_cells=self._max_cells)

@@ -33,8 +33,9 @@ from mapdeal.files import yaml_text
 from mapdeal.files.source import read_file
 from mapdeal.ros.robot import ParameterFileError, ParameterValue
 
-_TRUE = frozenset(["Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"])
-_FALSE = frozenset(["N", "n", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"])
+_TRUE = ["Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"]
+_FALSE = ["N", "n", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"]
+_BOOLS = {word: word in _TRUE for word in (*_TRUE, *_FALSE)}
 _TAG = "tag:yaml.org,2002:"
 
 _SPACES = " \t\n\v\f\r"  # what C's functions skip in front of a number
@@ -85,10 +86,6 @@ def _tagged(text: str, tag: str) -> tuple[str, Any]:
             return kind, value
     tag_text = f"!!{name}" if name != tag else tag
     raise TagError(f"has a tag that ROS 2 does not know, {tag_text}")
-
-
-def _bool(text: str) -> bool | None:
-    return True if text in _TRUE else False if text in _FALSE else None
 
 
 def _integer(text: str) -> int | None:
@@ -142,7 +139,7 @@ def _is_normal(value: float) -> bool:
     return math.isfinite(value) and abs(value) >= 2.0**-1022
 
 
-_PLAIN = (("bool", "bool", _bool), ("integer", "int", _integer), ("double", "float", _double))
+_PLAIN = (("bool", "bool", _BOOLS.get), ("integer", "int", _integer), ("double", "float", _double))
 """Types, their tags and their parsers."""
 
 PARAMETERS_KEY = "ros__parameters"

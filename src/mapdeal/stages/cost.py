@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from mapdeal.grid.values import (
     LETHAL_OBSTACLE,
 )
 from mapdeal.kernels.blocks import made_by_rows, swept
-from mapdeal.layers.keepout import MaskCosts
+from mapdeal.layers.keepout import MaskCosts, cells_at_centres
 
 
 def cost_model(
@@ -133,7 +134,8 @@ def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
     >>> apply_keepout_mask(costmap, mask).cost.tolist()
     [[127, 200, 254, 127]]
     """
-    keepout = MaskCosts.at_centres(mask, costmap.frame, costmap.scale)
+    cells_at = partial(cells_at_centres, costmap.frame, mask.frame)
+    keepout = MaskCosts(mask, cells_at, costmap.scale)
 
     def raised(rows: slice) -> NDArray[Any]:
         cost = costmap.cost[rows].copy()

@@ -67,10 +67,6 @@ def _curve(source: Framed, parameters: command.Parameters) -> CostCurve | None:
     return inflation_curve(inflations, source.resolution, circumscribed_radius=radius)
 
 
-def _more_memory(parameters: command.Parameters) -> float:
-    return max((layer.memory for layer in _stack_of(parameters).effective), default=0.0)
-
-
 def _radius_in(parameters: command.Parameters) -> tuple[str, float]:
     layers = _stack_of(parameters).inflation_layers
     return "inscribed_radius", max((layer.inscribed_radius for layer in layers), default=0.0)
@@ -92,7 +88,9 @@ def _cells(_: Framed, parameters: command.Parameters) -> Iterator[int]:
         f"cost, {', '.join(layer.name for layer in parameters['layers']) or 'no layers'}"
     ),
     memory=3.0,
-    more_memory=_more_memory,
+    more_memory=lambda parameters: max(
+        (layer.memory for layer in _stack_of(parameters).effective), default=0.0
+    ),
     cells=_cells,
     moves=_has_own_area,
     advice=_advice,
