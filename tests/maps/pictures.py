@@ -1,7 +1,10 @@
 """Pictures in memory of every kind that readers distinguish."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from mapdeal.maps.images import open_strips
 from mapdeal.maps.picture import Picture
 
 SHAPE = (11, 13)
@@ -47,3 +50,16 @@ def picture_of_each_kind(values):
         "tiff, rgba": Picture("TIFF", "rgb", rgb(), **opacity()),
         "bmp": Picture("BMP", "rgb", rgb()),
     }
+
+
+def joined(strips):
+    parts = list(strips.pictures())
+    alpha = parts[0].alpha
+    if alpha is not None:
+        alpha = np.concatenate([part.alpha for part in parts])
+    return replace(parts[0], samples=np.concatenate([p.samples for p in parts]), alpha=alpha)
+
+
+def read_image(path, **options):
+    with open_strips(path, **options) as strips:
+        return joined(strips)

@@ -13,7 +13,8 @@ from PIL import Image
 
 from mapdeal import FileAccessError, MalformedInputError
 from mapdeal.maps import images as pillow_images
-from mapdeal.maps.images import read_image, read_image_size
+from mapdeal.maps.images import read_image_size
+from maps.pictures import read_image
 from maps.pngs import adam7
 
 PIXELS = np.array([[0, 128, 254, 254, 254], [254, 0, 128, 0, 254]], dtype=np.uint8)

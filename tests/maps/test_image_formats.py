@@ -15,8 +15,9 @@ from bad_maps import yaml_text
 from drawn import cells
 from mapdeal import MalformedInputError, read_map
 from mapdeal.maps import picture as strips
-from mapdeal.maps.images import IMAGE_FORMATS, IMAGE_SUFFIXES, read_image, read_image_size
+from mapdeal.maps.images import IMAGE_FORMATS, IMAGE_SUFFIXES, read_image_size
 from mapdeal.maps.map_server import costs_of
+from maps.pictures import read_image
 
 ROOT = Path(__file__).parents[2]
 DRAWING = "#?...\n.#?#."

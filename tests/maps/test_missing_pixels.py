@@ -9,7 +9,7 @@ import pytest
 from PIL import Image, TiffImagePlugin
 
 from mapdeal import MalformedInputError
-from mapdeal.maps.images import read_image
+from maps.pictures import read_image
 
 HEIGHT, WIDTH = 21, 19
 PLACES, ENDS = 12, 8

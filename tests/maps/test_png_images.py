@@ -14,7 +14,8 @@ from mapdeal import MalformedInputError, MapdealWarning, read_map
 from mapdeal.files.source import use_memory
 from mapdeal.maps import picture as strips
 from mapdeal.maps.dialects import DIALECTS, MapMetadata, cells_of
-from mapdeal.maps.images import open_strips, read_image, read_image_size
+from mapdeal.maps.images import open_strips, read_image_size
+from maps.pictures import read_image
 from maps.pngs import adam7, chunk, file_of
 from traced_memory import memory_below
 

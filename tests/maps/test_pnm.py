@@ -7,6 +7,7 @@ import pytest
 from mapdeal import MalformedInputError, MapdealWarning
 from mapdeal.maps.images import PnmImage, begin_pgm, check_pixels
 from mapdeal.maps.picture import opened
+from maps.pictures import joined
 
 PIXELS = np.array([[0, 10, 255], [13, 205, 254]], dtype=np.uint8)
 BODY = PIXELS.tobytes()
@@ -16,7 +17,7 @@ def decode(data, **options):
     with TemporaryDirectory() as folder:
         (Path(folder) / "map.pgm").write_bytes(data)
         with opened(Path(folder) / "map.pgm") as file, PnmImage(file, **options).strips() as strips:
-            return strips.joined()
+            return joined(strips)
 
 
 @pytest.mark.parametrize("header", [

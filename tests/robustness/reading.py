@@ -46,6 +46,7 @@ from mapdeal.sensors.clouds import cloud_chunks
 from mapdeal.sensors.points import has_times, read_trajectory, read_transform
 from mapdeal.sensors.scans import ScanTexts, open_log
 from mapdeal.stages.catalogue import STAGES
+from maps.pictures import joined, read_image
 from sensors.test_points import READERS as LINES
 
 MEMORY = 70_000_000
@@ -70,7 +71,7 @@ def kind_of_file(path, data):
 
 
 def read_picture(path, data):
-    picture = images.read_image(path)
+    picture = read_image(path)
     height, width = picture.shape
     assert 0 < height * width <= MEMORY
     assert images.read_image_size(path) == (height, width)
@@ -119,14 +120,14 @@ def read_by_rows(path, data):
     with images.open_image(path) as image:
         pixels = image.rows() if isinstance(image, images.PnmImage) else None
         if pixels is None:
-            return images.read_image(path)
+            return read_image(path)
         height, width = pixels.shape
         if height * width > MEMORY:
             return None
-        with _refused_alike(images.read_image, path):
+        with _refused_alike(read_image, path):
             strips = list(pixels.strips().pictures())
-        rows = [pixels.part(slice(k, min(k + 4, height))).joined() for k in range(0, height, 4)]
-    image = images.read_image(path)
+        rows = [joined(pixels.part(slice(k, min(k + 4, height)))) for k in range(0, height, 4)]
+    image = read_image(path)
     for parts in (strips, rows[::-1]):
         assert np.array_equal(np.concatenate([part.samples for part in parts]), image.samples)
     return image
@@ -267,7 +268,7 @@ def decode_bits(path, data):
     with opened(path) as file:
         image = images.PnmImage(file)
         packed, width = image.bits(), image.width
-        image = images.read_image(path)
+        image = read_image(path)
     assert packed.dtype == np.uint8
     assert packed.shape[1] == (width + 7) // 8
     assert 0 < packed.size <= len(data)

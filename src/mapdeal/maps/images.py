@@ -778,11 +778,6 @@ def open_for_one_pass(
             yield strips, image.file.read(0, HEAD)
 
 
-def read_image(path: Path, *, max_cells: int | None = None) -> Picture:
-    with open_strips(path, max_cells=max_cells) as strips:
-        return strips.joined()
-
-
 def read_image_size(path: Path, *, max_cells: int | None = None) -> tuple[int, int]:
     """Return the height and width of the picture in an image file; only its header is read."""
     with open_image(path, max_cells=max_cells) as image:

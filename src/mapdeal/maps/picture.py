@@ -263,26 +263,6 @@ class Strips:
             yield slice(start, stop), picture
             stop = start
 
-    def joined(self) -> Picture:
-        samples: NDArray[Any] | None = None
-        alpha: NDArray[Any] | None = None
-        first = 0
-        for part in self.pictures():
-            rows = slice(first, first + part.shape[0])
-            first = rows.stop
-            if part.shape == self.shape:
-                return part
-            if samples is None:
-                more = part.samples.shape[2:]
-                samples = np.empty((*self.shape, *more), dtype=part.samples.dtype)
-                alpha = None if part.alpha is None else np.empty(self.shape, part.alpha.dtype)
-            samples[rows] = part.samples
-            if alpha is not None:
-                alpha[rows] = part.alpha
-        if samples is None:
-            raise ValueError("a picture without strips")
-        return replace(part, samples=samples, alpha=alpha)
-
 
 class OpenImage(ABC):
     """An image file that is open: its header is read, its pixels are not."""
