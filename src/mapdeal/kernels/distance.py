@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from types import ModuleType
 
@@ -19,6 +20,9 @@ from mapdeal.kernels.blocks import Halo, Runs
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.lookup import set_where
 from mapdeal.kernels.threads import for_rows
+
+with suppress(ImportError):  # then `engine_name` is never compiled
+    from mapdeal.kernels import _dilation, _updates
 
 
 def squares_between_cells(reach: int) -> Integers:
@@ -189,8 +193,6 @@ def inflated(
     protected = value if protected is None else protected  # writing `value` over it has no effect
     reach = math.isqrt(square) if square is not None else reach
     if _is_drawn(values, reach):
-        from mapdeal.kernels import _dilation
-
         cells, found = np.ascontiguousarray(values), np.empty(values.shape, np.int8)
         _draw(
             _dilation.put, values.shape, reach, cells, threshold, _half_widths(reach, square),
@@ -213,8 +215,6 @@ def ringed(values: NDArray[np.int8], marked: Mask, costs: Sequence[int]) -> NDAr
     reach = len(costs) - 1
     found = np.empty(values.shape, np.int8)
     if _is_drawn(marked, reach):
-        from mapdeal.kernels import _dilation
-
         cells, table = np.ascontiguousarray(values), np.array(costs, np.int8)
         bytes_, halves = _bytes_of(marked), _half_widths(reach, None)
         _draw(_dilation.ring, marked.shape, reach, bytes_, halves, table, cells, found)
@@ -233,8 +233,6 @@ def _is_drawn(cells: NDArray[np.generic], reach: int) -> bool:
     """Return whether the compiled engine can draw shapes of this reach."""
     if engine_name() != "compiled" or cells.size == 0 or reach < 0:
         return False
-    from mapdeal.kernels import _dilation
-
     return reach <= _dilation.most_reach
 
 
@@ -246,8 +244,6 @@ def _half_widths(reach: int, square: int | None) -> Bytes:
 
 
 def _covered(marked: Mask, reach: int, square: int | None) -> Mask:
-    from mapdeal.kernels import _dilation
-
     bytes_, covered = _bytes_of(marked), np.empty(marked.shape, np.uint8)
     halves = _half_widths(reach, square)
     _draw(_dilation.cover, marked.shape, reach, bytes_, halves, square is None, covered)
@@ -284,8 +280,6 @@ def queued_squares(seeds: Mask, reach: int) -> NDArray[np.int32]:
     # this is not the nearest seed, because each cell passes on only its own.
     most = reach * reach
     if engine_name() == "compiled":
-        from mapdeal.kernels import _updates
-
         found = np.full(seeds.shape, most + 1, dtype=np.int32)
         ends = np.full((2, most + 1), -1, dtype=np.int32)
         queue = np.empty((5 * seeds.size, 3), dtype=np.int32)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -21,6 +22,9 @@ from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.polygons import Edges, enumerated, runs
 from mapdeal.kernels.threads import in_parallel, thread_count
 
+with suppress(ImportError):  # then `engine_name` is never compiled
+    from mapdeal.kernels import _clouds, _compiled, _rays, _updates
+
 _TURN = 2 * math.pi
 
 
@@ -28,8 +32,6 @@ def mark_cloud(
     points: Floats, rule: tuple[float, ...], hit: Mask, *, is_placed: bool
 ) -> tuple[Integers, Floats]:
     """Mark the cells of points (compiled only); return counts, and points in the robot's frame."""
-    from mapdeal.kernels import _clouds
-
     counts = np.zeros(6, dtype=np.int64)
     counts[0] = len(points)
     if not len(points):
@@ -43,8 +45,6 @@ def mark_cloud(
 def cover_angles(angles: Floats, first: Floats, last: Floats) -> None:
     """Update the first and last angle of each bin; bins divide a turn from -pi evenly."""
     if engine_name() == "compiled":
-        from mapdeal.kernels import _clouds
-
         _clouds.cover(np.ascontiguousarray(angles), _TURN, math.pi, first, last)
         return
     angles = angles - _TURN * np.ceil((angles - math.pi) / _TURN)
@@ -63,8 +63,6 @@ def cells_of_points(
     # `precision`: rounding, tolerance and farthest coordinate, as in clouds.h
     if engine_name() != "compiled":
         return None
-    from mapdeal.kernels import _rays
-
     x, y, yaw = origin
     cells = np.empty(points_xy.shape, dtype=np.int64)
     is_near = _rays.cells(
@@ -83,8 +81,6 @@ def lzf_expanded(data: bytes, size: int) -> Bytes | None:
         return None
     expanded = np.empty(size, dtype=np.uint8)
     if engine_name() == "compiled":
-        from mapdeal.kernels import _compiled
-
         return expanded if _compiled.lzf_expand(data, expanded) else None
     return expanded if _expand(data, memoryview(expanded.data)) else None
 
@@ -148,8 +144,6 @@ def count_rays(
     starts: Integers, ends: Integers, is_hit: Mask, hits: Counts, misses: Counts
 ) -> None:
     if engine_name() == "compiled":
-        from mapdeal.kernels import _rays
-
         _by_rows(_rays.count, hits, starts, ends, is_hit.view(np.uint8), hits, misses)
         return
     for _, at, _ in _passed(starts, ends, misses.shape, with_end=False):
@@ -162,8 +156,6 @@ def weigh_rays(
 ) -> None:
     """Add the increment of each ray to the cells it passes or hits, in place; clamp each time."""
     if engine_name() == "compiled":
-        from mapdeal.kernels import _rays
-
         _by_rows(_rays.weigh, values, starts, ends, is_hit.view(np.uint8), *odds, values, marks)
         return
     who_hits, hit_at = _hit(ends, is_hit, values.shape)
@@ -187,8 +179,6 @@ def measure_rays(
 ) -> None:  # fmt: skip
     """Add to cells, in place, their signed distances to the hits of rays."""
     if engine_name() == "compiled":
-        from mapdeal.kernels import _rays
-
         _by_rows(
             _rays.measure, sums, starts, ends, np.ascontiguousarray(sensors_rowcol),
             np.ascontiguousarray(ranges), truncation, behind, cell, sums, weights,
@@ -237,8 +227,6 @@ def cast_rays(room: Bytes, starts: Floats, angles: Floats, limit: float) -> Floa
             part = slice(k * scans_together, (k + 1) * scans_together)
             directions = np.stack([np.sin(angles[part]), np.cos(angles[part])], axis=-1)
             if engine_name() == "compiled":
-                from mapdeal.kernels import _rays
-
                 _rays.cast(room, starts[part], directions, limit, distances[part])
             else:
                 _cast(room, starts[part], directions, limit, distances[part])
@@ -433,8 +421,6 @@ def _clear(
     rays: CellRays, costs: Bytes, columns: NDArray[np.uint32], mark_threshold: int,
     unknown_threshold: int,
 ) -> None:  # fmt: skip
-    from mapdeal.kernels import _updates
-
     starts, deltas, steps = map(np.ascontiguousarray, rays)
     _updates.clear(starts, deltas, steps, costs, columns, mark_threshold, unknown_threshold)
 
