@@ -59,112 +59,16 @@ from mapdeal.maps.dialects import (
 from mapdeal.maps.formats import format_of
 from mapdeal.maps.images import IMAGE_FORMATS, open_for_one_pass
 from mapdeal.maps.map_file import warn_if_uniform, warn_of_cost_figures
-from mapdeal.maps.picture import Picture, Samples, Strips
+from mapdeal.maps.picture import Picture, Strips, opaque_greys
 from mapdeal.maps.reading import as_occupancy, open_map
 from mapdeal.ros.filters import FilterServers
 from mapdeal.ros.load import Name
 from mapdeal.ros.robot import CostmapName, Flavour, ParameterValue, RobotParameters
 
-Codes = NDArray[np.uint64]
 Counts = NDArray[np.int64]
 
 _PIXELS_PER_BAND = 1 << 18
 """Colours are widened to 64 bits when they become cells, so only few are converted at once."""
-_MOST_CODES = 1 << 16
-_BITS = 16
-
-
-class DistinctPixels:
-    """Counts the distinct pixels of pictures of the same kind, such as strips of one picture."""
-
-    def __init__(self, report: Callable[[Picture, Counts], None]) -> None:
-        self.firsts: dict[int, int] = {}
-        """The first pixel of each opaque 8-bit grey, or index of a palette, by its number."""
-        self._pixel_count = 0
-        self._report = report
-        self._kind: Picture | None = None
-        self._greys = np.zeros(0, dtype=np.int64)
-        self._codes: list[tuple[Codes, Counts]] = []
-
-    def add(self, picture: Picture) -> None:
-        self._kind = picture
-        for band in picture.bands(_PIXELS_PER_BAND):
-            self._add_band(band)
-
-    def finish(self) -> None:
-        kind = self._kind
-        if kind is None:
-            return
-        greys = np.flatnonzero(self._greys)
-        if greys.size:
-            channels = [greys] * (3 if kind.samples.ndim == 3 else 1)
-            if kind.alpha is not None:
-                channels.append(np.full_like(greys, kind.opaque))
-            self._report(_row(channels, kind), self._greys[greys])
-        self._greys = self._greys[:0]
-        self._report_codes(kind)
-
-    def _add_band(self, picture: Picture) -> None:
-        """Count pixels; opaque greys, the usual kind, are counted without sorting."""
-        grey, is_other = picture.greys_and_exceptions()
-        counts = histogram(grey) if grey.dtype == np.uint8 else None
-        if counts is not None:
-            self._record_firsts(grey, is_other, counts)
-        self._pixel_count += grey.size
-        if is_other.any():
-            self._add_other_pixels(picture.only(is_other))
-            grey = grey[~is_other][np.newaxis]
-            counts = None if counts is None else histogram(grey)
-        if counts is None:
-            counts = np.bincount(grey.reshape(-1), minlength=256)
-        if len(counts) > len(self._greys):
-            counts, self._greys = self._greys, counts
-        self._greys[: len(counts)] += counts
-
-    def _record_firsts(self, grey: Samples, is_other: NDArray[np.bool_], counts: Counts) -> None:
-        """Record the first pixel of each grey that is new."""
-        new = [value for value in np.flatnonzero(counts).tolist() if value not in self.firsts]
-        for value in new:
-            is_value = (grey == value).reshape(-1)
-            first = int(is_value.argmax())
-            if is_other.reshape(-1)[first]:
-                is_value &= ~is_other.reshape(-1)
-                first = int(is_value.argmax())
-            if is_value[first]:
-                self.firsts[value] = self._pixel_count + first
-
-    def _add_other_pixels(self, row: Picture) -> None:
-        code = np.zeros(row.shape[1], dtype=np.uint64)
-        channels = list(np.atleast_2d(row.samples[0].T))
-        for channel in channels if row.alpha is None else [*channels, row.alpha[0]]:
-            code <<= np.uint64(_BITS)
-            code |= channel
-        self._codes.append(np.unique(code, return_counts=True))
-        if sum(len(codes) for codes, _ in self._codes) > _MOST_CODES and self._kind is not None:
-            self._report_codes(self._kind)
-
-    def _report_codes(self, kind: Picture) -> None:
-        if not self._codes:
-            return
-        pending, times = (np.concatenate(parts) for parts in zip(*self._codes, strict=True))
-        self._codes.clear()
-        codes, places = np.unique(pending, return_inverse=True)
-        counts = np.zeros(len(codes), dtype=np.int64)
-        np.add.at(counts, places, times)
-        count = (3 if kind.samples.ndim == 3 else 1) + (kind.alpha is not None)
-        shifts = [np.uint64(_BITS * k) for k in reversed(range(count))]
-        channels = [(codes >> shift) & np.uint64(0xFFFF) for shift in shifts]
-        self._report(_row(channels, kind), counts)
-
-
-def _row(channels: Sequence[NDArray[np.integer[Any]]], kind: Picture) -> Picture:
-    alpha = None
-    if kind.alpha is not None:
-        alpha = channels[-1].astype(kind.alpha.dtype)[np.newaxis]
-        channels = channels[:-1]
-    samples = np.stack(channels, axis=-1).astype(kind.samples.dtype)[np.newaxis]
-    samples = samples if kind.samples.ndim == 3 else samples[..., 0]
-    return replace(kind, samples=samples, alpha=alpha)
 
 
 def without_rounding_noise(value: float) -> float | None:
@@ -355,19 +259,45 @@ class PixelTallies:
         """Greys that nav2 and each other reader read differently, the most frequent first."""
         self.freed_greys: list[int] = []
         """Map_saver's grey for unknown, if a reader reads it as free."""
-        self._pixels = DistinctPixels(self._tally)
+        self.firsts: dict[int, int] = {}
+        """The first pixel of each opaque 8-bit grey, or index of a palette, by its number."""
+        self._pixel_count = 0
+        self._greys = np.zeros(256, dtype=np.int64)  # pixels of each opaque grey or index
 
     def add(self, picture: Picture) -> None:
-        self._pixels.add(picture)
+        """Count the pixels of the next rows; all opaque ones of a grey are read at the end."""
+        self._kind = picture
+        grey, is_other = picture.greys_and_exceptions()
+        opaque = grey
+        if is_other.any():
+            others = picture.only(is_other)
+            self._tally(others, np.ones(others.shape[1], dtype=np.int64))
+            opaque = grey[~is_other][np.newaxis]
+        if grey.dtype == np.uint8:
+            counts = histogram(opaque)
+            for value in np.flatnonzero(counts).tolist():
+                if value not in self.firsts:
+                    is_first = ((grey == value) & ~is_other).argmax()
+                    self.firsts[value] = self._pixel_count + int(is_first)
+        else:
+            counts = np.bincount(opaque.reshape(-1), minlength=256)
+        self._pixel_count += grey.size
+        if len(counts) > len(self._greys):
+            counts, self._greys = self._greys, counts
+        self._greys[: len(counts)] += counts
 
     def finish(self) -> None:
         """Complete the counts after the last row."""
-        self._pixels.finish()
+        row = opaque_greys(self._kind)
+        used = np.flatnonzero(self._greys)
+        is_used = np.zeros(row.shape, dtype=np.bool_)
+        is_used[0, used] = True
+        if used.size:
+            self._tally(row.only(is_used), self._greys[used])
 
     def first_pixels(self, greys: Iterable[int]) -> list[int]:
         """Return the indices of the first opaque pixels of greys, counted row by row from north."""
-        firsts = self._pixels.firsts
-        return [firsts[grey] for grey in greys if grey in firsts][:MOST_PLACES]
+        return [self.firsts[grey] for grey in greys if grey in self.firsts][:MOST_PLACES]
 
     @cached_property
     def greys(self) -> dict[int, int]:
@@ -380,7 +310,7 @@ class PixelTallies:
         return {name: cell_states(values) for name, values in self.byte_counts.items()}
 
     def _tally(self, pixels: Picture, counts: Counts) -> None:
-        """Add the counts of one row of distinct pixels."""
+        """Add a row of pixels, each as often as its count."""
         self.size += int(counts.sum())
         if pixels.colour == "grey" and pixels.maxval == 255:
             np.add.at(self.grey_counts, pixels.samples[0], counts)
