@@ -344,31 +344,11 @@ def largest_under(values: Bytes, shape: tuple[int, int], lattice: Lattice) -> By
 def nearest_under(values: Bytes, shape: tuple[int, int], lattice: Lattice) -> tuple[Bytes, Mask]:
     found = np.zeros(shape, dtype=np.uint8)
     inside = np.zeros(shape, dtype=np.bool_)
-    if 0 not in values.shape and 0 not in shape:
-        (_copy_ranges if lattice.turn == 0.0 else _look_up)(found, inside, values, lattice)
-    return found, inside
-
-
-def _copy_ranges(found: Bytes, inside: Mask, values: Bytes, lattice: Lattice) -> None:
-    height, width = values.shape
-
-    def look(part: slice) -> None:
-        y, _ = lattice.centres(part, 1)
-        _, x = lattice.centres(slice(0, 1), found.shape[1])
-        row, col = _cells_of(y[:, 0], height, lattice.slack), _cells_of(x[0], width, lattice.slack)
-        rows, cols = _span(row, height), _span(col, width)
-        inside[part][rows, cols] = True
-        found[part][rows, cols] = values[row[rows]][:, col[cols]]
-
-    for_rows(look, found.shape)
-
-
-def _look_up(found: Bytes, inside: Mask, values: Bytes, lattice: Lattice) -> None:
     height, width = values.shape
     flat = np.ascontiguousarray(values).reshape(-1)
 
     def look(part: slice) -> None:
-        y, x = lattice.centres(part, found.shape[1])
+        y, x = lattice.centres(part, shape[1])
         for places in (y, x):
             places += lattice.slack
             np.floor(places, out=places)
@@ -379,17 +359,8 @@ def _look_up(found: Bytes, inside: Mask, values: Bytes, lattice: Lattice) -> Non
         y += x
         found[part][within] = flat[y[within].astype(np.intp)]
 
-    for_rows(look, found.shape)
-
-
-def _cells_of(places: Floats, size: int, slack: float) -> Integers:
-    """Return the cells of coordinates; -1 before the array and `size` after it."""
-    return np.floor(np.clip(places + slack, -1, size)).astype(np.intp)
-
-
-def _span(cells: Integers, size: int) -> slice:
-    first, end = np.searchsorted(cells, [0, size])
-    return slice(int(first), int(end))
+    for_rows(look, shape)
+    return found, inside
 
 
 def _reduce_ranges(found: Bytes, values: Bytes, lattice: Lattice) -> None:
