@@ -272,17 +272,8 @@ def _grey_of_rgb(
     rgb: NDArray[np.uint8] | NDArray[np.uint16], maxval: int
 ) -> NDArray[np.integer[Any]]:
     """Return the grey level 0..255: a rounded 16-bit luma, then truncated to 8 bits."""
-    if maxval == 255:  # a 16-bit sample is 257 times the 8-bit one, and the sums fit 32 bits
-        red, green, blue = (rgb[..., c].astype(np.uint32) for c in range(3))
-        red *= np.uint32(299 * 257)
-        green *= np.uint32(587 * 257)
-        blue *= np.uint32(114 * 257)
-        red += green
-        red += blue
-        red += np.uint32(500)
-        return red // np.uint32(1000 * 257)
-    wide = [to_16_bit(maxval)[rgb[..., c]].astype(np.int64) for c in range(3)]
-    return (299 * wide[0] + 587 * wide[1] + 114 * wide[2] + 500) // 1000 // 257
+    red, green, blue = (to_16_bit(maxval).astype(np.int64)[rgb[..., c]] for c in range(3))
+    return (299 * red + 587 * green + 114 * blue + 500) // 1000 // 257
 
 
 def _by_grey_level(metadata: MapMetadata) -> NDArray[np.int8]:
