@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -162,12 +161,8 @@ class JsonValue:
 
     def points(self) -> NDArray[np.float64]:
         """Return a list of points [x, y] as an array, shape (N, 2), metres."""
-        with contextlib.suppress(OverflowError):
-            if isinstance(self.value, list) and all(map(_is_pair, self.value)):
-                points = np.array(self.value, dtype=np.float64).reshape(-1, 2)
-                if (abs(points) <= FARTHEST).all():
-                    return points
-        return np.array([item.point() for item in self.items()], dtype=np.float64)  # names bad ones
+        points = [item.point() for item in self.items()]
+        return np.array(points, dtype=np.float64).reshape(-1, 2)
 
     def _fields(self) -> dict[str, Any]:
         if not isinstance(self.value, dict):
@@ -178,10 +173,6 @@ class JsonValue:
 def place_entries(point: Iterable[float]) -> dict[str, float]:
     x, y = point
     return {"x": x, "y": y}
-
-
-def _is_pair(value: object) -> bool:
-    return type(value) is list and len(value) == 2 and set(map(type, value)) <= {float, int}
 
 
 def read_document(path: Path) -> JsonValue:
