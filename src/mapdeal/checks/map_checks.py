@@ -39,7 +39,6 @@ _PER_PIXEL = re.compile(
 @check("thresholds.unknown-becomes-free", "error")
 def unknown_becomes_free(facts: PairFacts) -> Iterator[Remark]:
     """The grey of unknown, 205, is read as free in 0.1 % of the cells or more.
-
     Planners lead the robot through unexplored space, where walls and stairs may be.
     Example: `free_thresh: 0.25`, above the shade 0.196 of grey 205.
     Fix: Write free_thresh: 0.196, or run lint --fix.
@@ -54,7 +53,6 @@ def unknown_becomes_free(facts: PairFacts) -> Iterator[Remark]:
 @check("thresholds.on-grey", "warning")
 def on_grey(facts: PairFacts) -> Iterator[Remark]:
     """A threshold that is exactly a grey of the image.
-
     Readers compare in different precision: cells are obstacles for some and unknown for others.
     Example: `free_thresh: 0.2` and pixels of grey 204.
     Fix: Move the threshold by 0.01.
@@ -76,7 +74,6 @@ def on_grey(facts: PairFacts) -> Iterator[Remark]:
 @check("readers.differ", "warning")
 def readers_differ(facts: PairFacts) -> Iterator[Remark]:
     """Cells that nav2, humble and ROS 1 read differently.
-
     After a change of ROS the robot has other obstacles or other free space on the same files.
     Example: `occupied_thresh: 0.6` and pixels of grey 102.
     Fix: Write the map anew with mapdeal convert.
@@ -102,7 +99,6 @@ def _counts_text(counts: Mapping[str, int]) -> str:
 @check("image.ending", "note", on_request=True)
 def ending(facts: PairFacts) -> Iterator[Remark]:
     """An image with the suffix of another format.
-
     Map readers look at the contents, so the robot reads it well. Other tools may refuse to open it.
     Example: A PNG called `office.pgm`.
     Fix: Rename the file, and the image in the YAML.
@@ -115,7 +111,6 @@ def ending(facts: PairFacts) -> Iterator[Remark]:
 @check("image.maxval", "warning")
 def maxval(facts: PairFacts) -> Iterator[str]:
     """A maximum brightness other than 255.
-
     Readers that do not scale greys take white for dark: free space becomes unknown or occupied.
     Example: A PGM with the maximum 127.
     Fix: Run mapdeal convert, which writes 255.
@@ -127,7 +122,6 @@ def maxval(facts: PairFacts) -> Iterator[str]:
 @check("image.alpha", "note")
 def alpha(facts: PairFacts) -> Iterator[str]:
     """Pixels that are not opaque.
-
     Nav2 makes them unknown, ROS 1 reads their grey: planners of both take different ways.
     Example: A PNG whose background was erased in an editor.
     Fix: Save the image without transparency.
@@ -142,7 +136,6 @@ def alpha(facts: PairFacts) -> Iterator[str]:
 @check("image.gamma", "note", on_request=True)
 def gamma(facts: PairFacts) -> Iterator[str]:
     """A gamma or colour profile (PNG gAMA, iCCP), which is not applied.
-
     The robot is not affected: map readers ignore it. Viewers may show other greys than it reads.
     Example: A PNG saved by GIMP with its profile.
     Fix: Export without a colour profile.
@@ -155,7 +148,6 @@ def gamma(facts: PairFacts) -> Iterator[str]:
 @check("image.colour", "warning")
 def colour(facts: PairFacts) -> Iterator[str]:
     """Pixels that are not grey.
-
     Readers compute grey from colour differently: marks may be walls for some robots only.
     Example: An orange note drawn on a map.
     Fix: Convert the image to greys.
@@ -170,7 +162,6 @@ def colour(facts: PairFacts) -> Iterator[str]:
 @check("image.palette", "warning")
 def palette(facts: PairFacts) -> Iterator[str]:
     """An image with a palette: ROS 1 reads its indices as greys.
-
     In ROS 1 the robot gets another map, often with no free space at all.
     Example: A PNG with 8 colours, as optimisers write it.
     Fix: Save the image in mode grey.
@@ -182,7 +173,6 @@ def palette(facts: PairFacts) -> Iterator[str]:
 @check("image.greys", "note")
 def greys(facts: PairFacts) -> Iterator[Remark]:
     """Greys of a trinary map that become unknown, other than 205.
-
     Blurred edges and drawn marks become unknown cells: planners avoid or cross them, as set.
     Example: Grey 120 along walls after the image was scaled.
     Fix: Check the thresholds, or save 0, 205 and 254 only.
@@ -217,7 +207,6 @@ _MOST_FADED = 0.25
 @check("map.faded-walls", "warning")
 def faded_walls(facts: PairFacts) -> Iterator[Remark]:
     """A quarter or more of the walls are too light to be obstacles.
-
     Neither planner nor localisation sees these walls, and the robot may drive into them.
     Example: Walls of grey 110 with `occupied_thresh: 0.65`.
     Fix: Lower occupied_thresh below the walls' shade.
@@ -246,7 +235,6 @@ def faded_walls(facts: PairFacts) -> Iterator[Remark]:
 @check("image.cartographer", "note", on_request=True)
 def cartographer(facts: PairFacts) -> Iterator[str]:
     """The grey that Cartographer writes for unknown, 128.
-
     With usual thresholds it is read as unknown, rightly. A free_thresh above 0.5 makes it free.
     Example: A map from cartographer_pbstream_to_ros_map.
     Fix: Nothing, with free_thresh below 0.49.
@@ -264,7 +252,6 @@ def _unknown_of_cartographer(facts: PairFacts) -> int:
 @check("image.comment-resolution", "warning")
 def comment_resolution(facts: PairFacts) -> Iterator[Remark]:
     """A resolution in the image other than the YAML's.
-
     With a wrong cell size, all distances are wrong: the robot misses doors and does not localise.
     Example: `0.050 m/pix` in the PGM and 0.1 in the YAML.
     Fix: Measure a known wall, and correct the YAML.
@@ -288,7 +275,6 @@ _MIN_ISLAND_AREA = 1.0
 @check("map.no-obstacle", "warning")
 def no_obstacle(facts: GridFacts) -> Iterator[str]:
     """A map without any obstacle.
-
     Planners lead straight through walls, and localisation has nothing to match.
     Example: A map read with `negate: 1` by mistake.
     Fix: Check thresholds and negate.
@@ -300,7 +286,6 @@ def no_obstacle(facts: GridFacts) -> Iterator[str]:
 @check("map.no-free", "warning")
 def no_free(facts: GridFacts) -> Iterator[str]:
     """A map without any free cell.
-
     No plan is found from anywhere on this map.
     Example: A map read with too low an occupied_thresh.
     Fix: Check thresholds and negate.
@@ -312,7 +297,6 @@ def no_free(facts: GridFacts) -> Iterator[str]:
 @check("map.all-unknown", "error")
 def all_unknown(facts: GridFacts) -> Iterator[str]:
     """A map with unknown cells only.
-
     The costmap is empty: with unknown allowed, planners lead straight through walls.
     Example: Thresholds between which all greys lie.
     Fix: Check thresholds, mode and negate.
@@ -324,7 +308,6 @@ def all_unknown(facts: GridFacts) -> Iterator[str]:
 @check("map.mostly-unknown", "note")
 def mostly_unknown(facts: GridFacts) -> Iterator[Remark]:
     """A small known part on a large unknown canvas.
-
     Costmaps and planners of the robot take memory and time for the unknown part, too.
     Example: A gmapping canvas of 4000 x 4000 cells for one room.
     Fix: Crop it with mapdeal active.
@@ -345,7 +328,6 @@ _PIECES_OF_WALLS, _LARGEST_PIECE = 10, 0.75
 @check("map.inside-out", "warning")
 def inside_out(facts: GridFacts) -> Iterator[str]:
     """Free cells that look like walls, and more cells occupied.
-
     The robot may drive in walls only: no plan is found in rooms.
     Example: A map whose `negate` was swapped.
     Fix: Swap negate in the YAML.
@@ -366,7 +348,6 @@ def inside_out(facts: GridFacts) -> Iterator[str]:
 @check("map.islands", "warning")
 def islands(facts: GridFacts) -> Iterator[Remark]:
     """Free space that cannot be reached from the largest part.
-
     A goal there is never reached. Often a door was closed or a doorway is painted over.
     Example: `...#..#...`: three areas behind walls.
     Fix: Open the doorway with mapdeal edit, or ignore it.
@@ -390,7 +371,6 @@ def islands(facts: GridFacts) -> Iterator[Remark]:
 @check("map.specks", "note")
 def specks(facts: GridFacts) -> Iterator[Remark]:
     """Small isolated patches of free space.
-
     Goals there fail, and global localisation may place the robot in them.
     Example: Cells behind a window that one beam has hit.
     Fix: Remove them with mapdeal clean --min-free.
@@ -414,7 +394,6 @@ _FEWEST_WALLS = 100  # blocks of cells: smaller maps are drawings
 @check("map.ambiguous", "note")
 def ambiguous(facts: GridFacts) -> Iterator[Remark]:
     """A map that looks the same when it is turned.
-
     AMCL confuses the two poses: without an initial pose, the robot may localise at the
     wrong end and drive to the wrong goals.
     Example: An arena with two equal halves.
@@ -439,7 +418,6 @@ def ambiguous(facts: GridFacts) -> Iterator[Remark]:
 @check("map.open-border", "note")
 def open_border(facts: GridFacts) -> Iterator[Remark]:
     """Free cells on the border of the map.
-
     Paths may lead to the edge of the map, and beyond it the robot knows no obstacle.
     Example: A hall cut off by a crop.
     Fix: Map further, or close the border with mapdeal edit.
@@ -457,7 +435,6 @@ _MOST_PASSAGES, _MOST_PLACES = 10, 20
 @check("map.disconnected", "warning")
 def disconnected(facts: RoomFacts) -> Iterator[Remark]:
     """Areas joined only by passages too narrow for the robot; needs a robot's shape.
-
     Goals behind such a passage fail, although the map looks connected.
     Example: A door of 0.8 m for a radius of 0.4 m.
     Fix: Correct the doorway in the map, or exclude the area.
@@ -485,7 +462,6 @@ _STRING = "tag:yaml.org,2002:str"
 @check("yaml.unknown-key", "warning")
 def unknown_key(facts: PairFacts) -> Iterator[Remark]:
     """A key that map_server does not know.
-
     map_server ignores it, so a misspelt key has its default on the robot.
     Example: `occupied_thresholds: 0.5`.
     Fix: Correct the spelling, or remove the key.
@@ -501,7 +477,6 @@ def unknown_key(facts: PairFacts) -> Iterator[Remark]:
 @check("yaml.mode-case", "warning")
 def mode_case(facts: PairFacts) -> Iterator[Remark]:
     """A mode in capitals, which ROS 1 refuses.
-
     map_server of ROS 1 does not start with it.
     Example: `mode: Trinary`.
     Fix: Write it in lower case.
@@ -515,7 +490,6 @@ def mode_case(facts: PairFacts) -> Iterator[Remark]:
 @check("yaml.image-unquoted", "warning")
 def image_unquoted(facts: PairFacts) -> Iterator[Remark]:
     """An image name that YAML takes for a date or number.
-
     Python tools read a date or number, and do not find the image.
     Example: `image: 2024-01-01`.
     Fix: Put the name in quotes.
@@ -528,7 +502,6 @@ def image_unquoted(facts: PairFacts) -> Iterator[Remark]:
 @check("yaml.resolution-noise", "warning")
 def resolution_noise(facts: PairFacts) -> Iterator[Remark]:
     """A resolution with rounding noise, such as 0.05000000074505806.
-
     Tools that compare resolutions exactly refuse to merge two maps of one place.
     Example: `resolution: 0.05000000074505806`.
     Fix: Write 0.05, or run lint --fix.
@@ -544,7 +517,6 @@ def resolution_noise(facts: PairFacts) -> Iterator[Remark]:
 @check("yaml.resolution-unusual", "warning")
 def resolution_unusual(facts: PairFacts) -> Iterator[Remark]:
     """Cells larger than 10 m or smaller than 1 mm.
-
     The unit may be wrong: walls are thousands of metres apart, or the map is below the robot.
     Example: `resolution: 50`, millimetres written as metres.
     Fix: Write metres per cell.
@@ -557,7 +529,6 @@ def resolution_unusual(facts: PairFacts) -> Iterator[Remark]:
 @check("yaml.origin-noise", "note")
 def origin_noise(facts: PairFacts) -> Iterator[Remark]:
     """An origin with rounding noise, such as -10.000000149011612.
-
     Tools that compare origins exactly take a mask or second map of the same place for displaced.
     Example: `origin: [-1.5000000000000009, 2, 0]`.
     Fix: Run lint --fix, which rounds it.
@@ -574,7 +545,6 @@ def origin_noise(facts: PairFacts) -> Iterator[Remark]:
 @check("yaml.origin-yaw", "warning")
 def origin_yaw(facts: PairFacts) -> Iterator[Remark]:
     """A map with a yaw, which costmap_2d and AMCL ignore.
-
     The robot uses the map unturned, while RViz shows it turned: goals lie elsewhere than shown.
     Example: `origin: [-1.5, 2.0, 0.1]`.
     Fix: Run lint --fix, which turns the cells.
@@ -588,7 +558,6 @@ def origin_yaw(facts: PairFacts) -> Iterator[Remark]:
 @check("yaml.origin-off-lattice", "note", on_request=True)
 def origin_off_lattice(facts: PairFacts) -> Iterator[Remark]:
     """An origin that is not a multiple of the resolution.
-
     A single map is not affected. Merging two maps shifts one of them by half a cell.
     Example: `origin: [-1.52, 2.0, 0]` with cells of 0.05 m.
     Fix: Align it only where maps are combined.
@@ -602,7 +571,6 @@ def origin_off_lattice(facts: PairFacts) -> Iterator[Remark]:
 @check("yaml.origin-far", "warning")
 def origin_far(facts: PairFacts) -> Iterator[Remark]:
     """An origin too far for the 32-bit floats of some readers.
-
     Positions are rounded to steps near the size of a cell: paths and scans jump.
     Example: `origin: [500000, 5400000, 0]`, UTM coordinates.
     Fix: Move the origin near 0, 0.
@@ -617,7 +585,6 @@ def origin_far(facts: PairFacts) -> Iterator[Remark]:
 @check("image.absolute-path", "warning")
 def absolute_path(facts: PairFacts) -> Iterator[Remark]:
     """An absolute path, which is valid on one machine only.
-
     Copied to the robot, the map does not load.
     Example: `image: /home/me/maps/m.pgm`.
     Fix: Write the file's name alone, or run lint --fix.
@@ -630,7 +597,6 @@ def absolute_path(facts: PairFacts) -> Iterator[Remark]:
 @check("image.outside-folder", "note")
 def outside_folder(facts: PairFacts) -> Iterator[Remark]:
     """An image that is not beside its YAML file.
-
     If the folder alone is copied to the robot, the image is missing and the map does not load.
     Example: `image: ../m.pgm`.
     Fix: Move the image beside the YAML.

@@ -34,7 +34,6 @@ _MOST = 10
 @check("mask.geometry", "warning")
 def geometry(facts: MaskFacts) -> Iterator[Remark]:
     """A mask of another resolution, size or origin than its map.
-
     Zones are displaced against the walls by the difference, unless it is meant.
     Example: A mask of the map before it was cropped.
     Fix: Draw the mask anew with mapdeal mask.
@@ -57,7 +56,6 @@ def geometry(facts: MaskFacts) -> Iterator[Remark]:
 @check("mask.elsewhere", "error")
 def elsewhere(facts: MaskFacts) -> Iterator[Remark]:
     """A mask without any cell where the map is known.
-
     No zone has an effect where the robot drives.
     Example: A mask of another floor, 100 m away.
     Fix: Give the mask the origin of its map.
@@ -69,7 +67,6 @@ def elsewhere(facts: MaskFacts) -> Iterator[Remark]:
 @check("mask.part", "warning")
 def part(facts: MaskFacts) -> Iterator[Remark]:
     """A mask that does not cover all known cells of the map.
-
     Outside of the mask there is no zone: the robot may drive there, at full speed.
     Example: A mask drawn before the map was extended.
     Fix: Draw it anew on the map of today.
@@ -82,7 +79,6 @@ def part(facts: MaskFacts) -> Iterator[Remark]:
 @check("mask.nothing", "error")
 def nothing(facts: MaskFacts) -> Iterator[Remark]:
     """A mask whose mode and thresholds leave no zone.
-
     The filter has no effect, and the robot drives through every zone.
     Example: Zones of grey 100 with `occupied_thresh: 0.65`.
     Fix: Paint zones black, or use mode: scale.
@@ -107,7 +103,6 @@ def nothing(facts: MaskFacts) -> Iterator[Remark]:
 @check("mask.all-or-nothing", "warning")
 def all_or_nothing(facts: MaskFacts) -> Iterator[Remark]:
     """A speed mask in mode trinary: full speed or one limit.
-
     All zones get the same limit, whatever their grey.
     Example: Zones of 30 % and 60 % with `mode: trinary`.
     Fix: Write mode: scale with thresholds 1.0 and 0.0.
@@ -123,7 +118,6 @@ def all_or_nothing(facts: MaskFacts) -> Iterator[Remark]:
 @check("mask.no-limit", "warning")
 def no_limit(facts: MaskFacts) -> Iterator[Remark]:
     """Zones of a speed mask that Nav2 reads as 'no limit'.
-
     The robot drives at full speed in a zone that was meant to be slow.
     Example: A zone of value 0 with base 0.
     Fix: Use values whose limit is between 0 and 100 %.
@@ -142,7 +136,6 @@ def no_limit(facts: MaskFacts) -> Iterator[Remark]:
 @check("mask.unknown", "warning")
 def unknown_in_mask(facts: MaskFacts) -> Iterator[Remark]:
     """Unknown cells in a speed mask, where the last limit persists.
-
     The robot stays slow or fast after it has left the zone, and Nav2 logs an error.
     Example: Grey 205 around the zones.
     Fix: Paint everything outside of zones white.
@@ -157,7 +150,6 @@ def unknown_in_mask(facts: MaskFacts) -> Iterator[Remark]:
 @check("mask.frees-unknown", "warning")
 def frees_unknown(facts: MaskFacts) -> Iterator[Remark]:
     """A keepout mask of 0 where the map is unknown: free to Nav2.
-
     The filter overwrites unknown by free: planners lead the robot through unexplored space.
     Example: A white mask around a few black zones.
     Fix: Leave unknown cells of the map unknown.
@@ -178,7 +170,6 @@ def frees_unknown(facts: MaskFacts) -> Iterator[Remark]:
 @check("mask.start", "error")
 def start(facts: MaskFacts) -> Iterator[Remark]:
     """A start that a keepout mask covers.
-
     Planners refuse to start in a closed cell, so the robot does not move.
     Example: A charging place within a zone.
     Fix: Cut the zone back around the start.
@@ -191,7 +182,6 @@ def start(facts: MaskFacts) -> Iterator[Remark]:
 @check("mask.goal", "error")
 def goal(facts: MaskFacts) -> Iterator[Remark]:
     """A place, such as a dock, that a keepout mask covers or cuts off.
-
     The robot never gets there while the filter is active.
     Example: A zone across the only corridor to the dock.
     Fix: Leave a lane to the place.
@@ -211,7 +201,6 @@ def goal(facts: MaskFacts) -> Iterator[Remark]:
 @check("mask.closes", "warning")
 def closes(facts: MaskFacts) -> Iterator[Remark]:
     """A keepout zone that closes the only way to a part of the map.
-
     All goals in that part fail while the filter is active.
     Example: A zone across a corridor.
     Fix: Make the zone narrower, or open another way.
@@ -270,7 +259,6 @@ def _places(frame: Frame, cells: Mask) -> tuple[Point, ...]:
 @check("params.filter-topic", "warning")
 def filter_topic(facts: FilterFacts) -> Iterator[Remark]:
     """A topic of a filter or its info server that no server in the files publishes.
-
     The filter waits for its mask for ever: keepout zones and speed limits are not respected.
     Example: `filter_info_topic: /zones` while the server publishes /info.
     Fix: Write the same topic in both places.
@@ -299,7 +287,6 @@ def filter_topic(facts: FilterFacts) -> Iterator[Remark]:
 @check("params.filter-type", "error")
 def filter_type(facts: FilterFacts) -> Iterator[Remark]:
     """An info server of a type that the filter refuses.
-
     The filter ignores the mask: the robot drives through its zones.
     Example: A KeepoutFilter with `type: 1`, a speed limit.
     Fix: Set the type that the message names.
@@ -325,7 +312,6 @@ def filter_type(facts: FilterFacts) -> Iterator[Remark]:
 @check("params.filter-lifecycle", "warning")
 def filter_lifecycle(facts: FilterFacts) -> Iterator[Remark]:
     """A server of a filter that no lifecycle manager in the files activates.
-
     Such a server stays silent, so the filter runs without a mask.
     Example: An info server missing from `node_names`.
     Fix: Add the server to node_names.

@@ -107,7 +107,6 @@ _OTHER_MARKING = ("NonPersistentVoxelLayer", "SpatioTemporalVoxelLayer")
 @check("params.layer-after-inflation", "warning")
 def layer_after_inflation(facts: RobotFacts) -> Iterator[Remark]:
     """A layer that writes obstacles after the inflation layer: they are not inflated.
-
     Planners lead the robot's centre right beside these obstacles, so that its sides hit them.
     Example: `plugins: [static_layer, inflation_layer, obstacle_layer]`.
     Fix: List the inflation layer last.
@@ -132,7 +131,6 @@ def layer_after_inflation(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.two-inflations", "warning")
 def two_inflations(facts: RobotFacts) -> Iterator[Remark]:
     """Two inflation layers that are both switched on.
-
     Each cell has the higher of two costs, so changing one layer may have no effect on paths.
     Example: `{plugins: [static_layer, inflation_layer, wide], wide: {plugin:
     "nav2_costmap_2d::InflationLayer"}}`.
@@ -147,7 +145,6 @@ def two_inflations(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.layer-disabled", "note")
 def layer_disabled(facts: RobotFacts) -> Iterator[Remark]:
     """A listed layer that is switched off.
-
     What the layer would add, such as obstacles, is not in the costmap: it is not avoided.
     Example: `obstacle_layer: {enabled: false}`.
     Fix: Set enabled: true, or remove it from plugins.
@@ -163,7 +160,6 @@ def layer_disabled(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.mask-unused", "warning")
 def mask_unused(facts: RobotFacts) -> Iterator[Remark]:
     """A keepout filter whose mask has no effect on the costs.
-
     The robot drives through keepout zones.
     Example: A `KeepoutFilter` listed before a layer that replaces all costs.
     Fix: List the filter last, below filters.
@@ -177,7 +173,6 @@ def mask_unused(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.plugin-twice", "warning")
 def plugin_twice(facts: ParameterFacts) -> Iterator[Remark]:
     """A layer that is listed twice.
-
     Nav2 or ROS 1 loads it twice or fails at the second; costs may count an obstacle twice.
     Example: `plugins: [static_layer, inflation_layer, inflation_layer]`.
     Fix: Remove one of the two names.
@@ -191,7 +186,6 @@ def plugin_twice(facts: ParameterFacts) -> Iterator[Remark]:
 @check("params.unused-section", "note")
 def unused_section(facts: ParameterFacts) -> Iterator[Remark]:
     """Parameters of a layer that the list of plugins does not name.
-
     The layer does not exist on the robot: its obstacles are not avoided.
     Example: `obstacle_layers: {plugin: "nav2_costmap_2d::ObstacleLayer", observation_sources:
     scan}`.
@@ -225,7 +219,6 @@ def _nested_names(facts: ParameterFacts) -> Iterator[str]:
 @check("params.misspelt", "warning")
 def misspelt(facts: ParameterFacts) -> Iterator[Remark]:
     """A misspelt parameter.
-
     ROS silently ignores it and uses the default: the robot behaves otherwise than was set.
     Example: `inflation_layer: {inflate_unknowns: true}`.
     Fix: Write the name that the message proposes.
@@ -257,7 +250,6 @@ def _scopes(facts: ParameterFacts) -> Iterator[tuple[dict[Name, ParameterValue],
 @check("params.misplaced", "warning")
 def misplaced(facts: ParameterFacts) -> Iterator[Remark]:
     """A parameter at a level where it has no effect.
-
     The default applies: an inflation radius at the wrong level leaves the robot with 0.55 m.
     Example: `inflation_radius: 0.9`.
     Fix: Move it to where the message says.
@@ -277,7 +269,6 @@ def misplaced(facts: ParameterFacts) -> Iterator[Remark]:
 @check("params.without-effect", "note")
 def without_effect(facts: ParameterFacts) -> Iterator[Remark]:
     """ROS 1 parameters without effect beside a list of plugins.
-
     The layers are those of plugins: `static_map: true` does not add the map to the costmap.
     Example: ROS 1: `static_map: true`.
     Fix: Remove it, and list the layer in plugins.
@@ -544,7 +535,6 @@ def _widest_inflation(facts: RobotFacts) -> InflationLayer | None:
 @check("params.inflation-below-circumscribed", "warning")
 def inflation_below_circumscribed(facts: RobotFacts) -> Iterator[Remark]:
     """An inflation radius between the footprint's inscribed and circumscribed radius.
-
     Planners check headings only where costs are above 0, so corners of the robot may hit obstacles.
     Example: `{robot_radius: null, footprint: "[[0.5, 0.2], [0.5, -0.2], [-0.5, -0.2], [-0.5,
     0.2]]", inflation_layer: {inflation_radius: 0.4}}`.
@@ -565,7 +555,6 @@ def inflation_below_circumscribed(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.no-inflation", "warning")
 def no_inflation(facts: RobotFacts) -> Iterator[Remark]:
     """A costmap in which no inflation layer has an effect.
-
     Cells beside walls cost 0, although the robot collides there.
     Example: `plugins: [static_layer, obstacle_layer]`.
     Fix: Add an InflationLayer as the last layer.
@@ -593,7 +582,6 @@ def no_inflation(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.cost-cliff", "note")
 def cost_cliff(facts: RobotFacts) -> Iterator[Remark]:
     """Costs that are still high where inflation ends.
-
     Behind the cliff cells cost nothing: paths run along that line instead of the middle.
     Example: `inflation_layer: {inflation_radius: 0.3, cost_scaling_factor: 1.0}`.
     Fix: Write one of the values in the message.
@@ -620,7 +608,6 @@ def cost_cliff(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.cost-ends-early", "note")
 def cost_ends_early(facts: RobotFacts) -> Iterator[Remark]:
     """Costs that are 0 long before inflation ends.
-
     Most of the inflation radius has no effect on paths, and computing it takes time.
     Example: `inflation_layer: {inflation_radius: 2.0, cost_scaling_factor: 20.0}`.
     Fix: Lower cost_scaling_factor, or the inflation radius.
@@ -642,7 +629,6 @@ def cost_ends_early(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.inflation-defaults", "note", on_request=True)
 def inflation_defaults(facts: RobotFacts) -> Iterator[Remark]:
     """An inflation layer with ROS's default values.
-
     The robot keeps the distance that ROS's defaults give, 0.55 m and factor 10, whatever its size.
     Example: `inflation_layer: {cost_scaling_factor: null}`.
     Fix: Write the values that you want.
@@ -665,7 +651,6 @@ def inflation_defaults(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.radius-and-footprint", "warning")
 def radius_and_footprint(facts: RobotFacts) -> Iterator[Remark]:
     """A robot_radius without effect beside a footprint.
-
     The robot plans with the footprint, and changing the radius changes nothing.
     Example: `footprint: "[[0.2, 0.2], [0.2, -0.2], [-0.2, -0.2], [-0.2, 0.2]]"` beside
     robot_radius.
@@ -683,7 +668,6 @@ def radius_and_footprint(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.unknown-is-free", "warning")
 def unknown_is_free(facts: RobotFacts) -> Iterator[Remark]:
     """Unknown space is free, because track_unknown_space is not set.
-
     Planners lead the robot through unexplored space, where walls and stairs may be.
     Example: `track_unknown_space: null`.
     Fix: Set track_unknown_space: true.
@@ -700,7 +684,6 @@ def unknown_is_free(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.unknown-cost-value", "warning")
 def unknown_cost_value(facts: RobotFacts) -> Iterator[Remark]:
     """An unknown_cost_value other than 255, which makes unknown cells lethal.
-
     Unknown cells become obstacles, and cells of the value become unknown or free.
     Example: `unknown_cost_value: 0`.
     Fix: Write 255, or remove it.
@@ -723,7 +706,6 @@ def unknown_cost_value(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.costmaps-differ", "note")
 def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
     """A global and a local costmap with different robot shapes.
-
     The planner finds paths that the controller cannot follow, or misses paths that it could follow.
     Example: A radius of 0.2 m in one and 0.3 m in the other.
     Fix: Set the same shape in both.
@@ -748,7 +730,6 @@ def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.resolution", "note")
 def resolution(facts: RobotFacts) -> Iterator[Remark]:
     """A resolution of the global costmap that differs from the map's.
-
     The static layer sets the map's resolution: cells, memory and times are not those of the file.
     Example: `resolution: 0.1` with a map of 0.05 m.
     Fix: Remove it, or resample the map.

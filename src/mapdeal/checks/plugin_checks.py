@@ -68,7 +68,6 @@ def _has_section(facts: RobotFacts, listed: ListedLayer, source: ObservationSour
 @check("params.marks-beyond-rays", "warning")
 def marks_beyond_rays(facts: RobotFacts) -> Iterator[Remark]:
     """A source that marks obstacles farther away than any ray clears them.
-
     Such an obstacle stays after it has left, until the robot comes closer: it plans around nothing.
     Example: `obstacle_layer: {observation_sources: scan, scan: {max_obstacle_height: 2.0,
     clearing: true, obstacle_max_range: 5.0, raytrace_max_range: 3.0}}`.
@@ -89,7 +88,6 @@ def marks_beyond_rays(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.never-cleared", "warning")
 def never_cleared(facts: RobotFacts) -> Iterator[Remark]:
     """A layer with sources that mark, none of which clears.
-
     Whoever walks past the robot leaves a wall behind.
     Example: `obstacle_layer: {observation_sources: scan, scan: {max_obstacle_height: 2.0,
     clearing: false}}`.
@@ -105,7 +103,6 @@ def never_cleared(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.source-height", "warning")
 def source_height(facts: RobotFacts) -> Iterator[Remark]:
     """A source whose heights let no reading above the floor through.
-
     The sensor neither marks nor clears, and the robot does not see obstacles. Nav2's default of a
     source's max_obstacle_height is 0.
     Example: `obstacle_layer: {observation_sources: scan, scan: {topic: /scan, clearing: true}}`.
@@ -123,7 +120,6 @@ def source_height(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.voxel-ceiling", "note")
 def voxel_ceiling(facts: RobotFacts) -> Iterator[Remark]:
     """Voxels that end below max_obstacle_height of a source of clouds.
-
     Obstacles in between are not marked, although their height is accepted.
     Example: `{plugins: [voxels], voxels: {plugin: "nav2_costmap_2d::VoxelLayer", z_resolution:
     0.05, observation_sources: camera, camera: {data_type: PointCloud2, clearing: true,
@@ -148,7 +144,6 @@ def voxel_ceiling(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.expected-rate", "note")
 def expected_rate(facts: RobotFacts) -> Iterator[Remark]:
     """A source with expected_update_rate.
-
     Whenever its messages are later than that, the costmap is not current and the robot stops.
     Example: `obstacle_layer: {observation_sources: scan, scan: {max_obstacle_height: 2.0,
     clearing: true, expected_update_rate: 0.1}}`.
@@ -164,7 +159,6 @@ def expected_rate(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.source-section", "warning")
 def source_section(facts: RobotFacts) -> Iterator[Remark]:
     """A name in observation_sources without parameters.
-
     The source has defaults only: a topic of its own name, no clearing, and in Nav2 a
     max_obstacle_height of 0.
     Example: `obstacle_layer: {observation_sources: scan}`.
@@ -179,7 +173,6 @@ def source_section(facts: RobotFacts) -> Iterator[Remark]:
 @check("params.renamed", "warning")
 def renamed(facts: ParameterFacts) -> Iterator[Remark]:
     """A parameter that Nav2 has renamed.
-
     Nav2 ignores the old name and uses the default: the robot sees obstacles later or earlier than
     set.
     Example: `obstacle_layer: {obstacle_range: 5.0}`.
@@ -198,7 +191,6 @@ def renamed(facts: ParameterFacts) -> Iterator[Remark]:
 @check("params.planner-misspelt", "warning")
 def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
     """A misspelt parameter of a planner.
-
     Nav2 ignores it and plans with the default.
     Example: `planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased: {plugin:
     "nav2_navfn_planner::NavfnPlanner", tolerances: 0.5}}}`.
@@ -229,7 +221,6 @@ def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
 @check("params.planner-without-effect", "warning")
 def planner_without_effect(facts: PlannerFacts) -> Iterator[Remark]:
     """A parameter that only planners of another class declare.
-
     Nav2 ignores it: the robot plans as if the line were missing.
     Example: `planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased: {plugin:
     "nav2_navfn_planner::NavfnPlanner", minimum_turning_radius: 0.4}}}`.
@@ -248,7 +239,6 @@ def planner_without_effect(facts: PlannerFacts) -> Iterator[Remark]:
 @check("params.planner-tolerance", "warning")
 def planner_tolerance(facts: PlannerFacts) -> Iterator[Remark]:
     """A planner's tolerance above 0 that is less than a cell.
-
     A goal in an obstacle fails as it does with a tolerance of 0.
     Example: `planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased: {plugin:
     "nav2_navfn_planner::NavfnPlanner", tolerance: 0.01}}}`.
