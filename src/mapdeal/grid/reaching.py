@@ -141,14 +141,7 @@ class Ways:
 
     def is_open(self, closed_up_to: int) -> NDArray[np.bool_]:
         """Return the cells that ways may use above a square, shape (H, W)."""
-        found = np.empty(self.squared.shape, dtype=np.bool_)
-
-        def fill(rows: slice) -> None:
-            np.greater(self.squared[rows], closed_up_to, out=found[rows])
-            found[rows] &= self.tree.basins[rows] >= 0
-
-        for_rows(fill, found.shape)
-        return found
+        return self.cells_of(np.ones(len(self.tree.peaks), dtype=np.bool_), closed_up_to)
 
     def clearance(self, *, in_place: bool = False) -> NDArray[np.float32]:
         """Return the distance of each cell to what `squared` measures to, metres, shape (H, W)."""
