@@ -60,8 +60,6 @@ class Finding:
 
 @dataclass(frozen=True)
 class Remark:
-    """Remark of a check about a map."""
-
     message: str
     key: str | None = None
     at: ParameterValue | None = None
@@ -493,8 +491,6 @@ EVERYTHING = "all"
 
 @dataclass(frozen=True)
 class Selection:
-    """Selection of the findings that count, and their severities."""
-
     checks: frozenset[str]
     strict: bool = False
     folder: Path | None = None

@@ -41,7 +41,6 @@ def engine_name() -> Literal["compiled", "scipy"]:
 
 @cache
 def compiled_module() -> ModuleType | None:
-    """Return the compiled module of distances, or None if a compiled module is unavailable."""
     # All kernels run on the same engine. The other compiled modules are imported where needed.
     if not all(find_spec(f"mapdeal.kernels.{name}") for name in _COMPILED_MODULES):
         return None

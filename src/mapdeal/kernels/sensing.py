@@ -390,7 +390,6 @@ _NO_COLUMNS = np.empty((0, 0), dtype=np.uint32)
 
 
 def clear_cells(rays: CellRays, costs: Bytes) -> None:
-    """Free the cells of rays."""
     if engine_name() == "compiled":
         _clear(rays, costs, _NO_COLUMNS, 0, 0)
         return

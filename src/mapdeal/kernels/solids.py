@@ -80,7 +80,6 @@ class Surface:
 
 
 def surface(marked: Mask) -> Surface:
-    """Return the surface of walls on the marked cells."""
     # Each edge belongs to exactly two triangles. Where two marked cells share only a corner, four
     # walls meet: the vertical edge is divided at half height for two of these walls.
     found = _rectangles_by_rows(marked)

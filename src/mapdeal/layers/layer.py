@@ -41,8 +41,6 @@ def within(window: Window, outer: Window) -> Window:
 
 
 class KeepoutCosts(Protocol):
-    """Costs of a keepout mask at the cells of a costmap."""
-
     def lay_over(self, costs: NDArray[Any], rows: slice) -> None:
         """Raise the costs of some rows, in place, to those of the mask."""
 
@@ -124,8 +122,6 @@ class Update:
 
 @dataclass(frozen=True)
 class LivePlace:
-    """The costmap in which a layer is updated."""
-
     frame: Frame  # before the first update
     map_frame: Frame | None  # of the map of static layers, in the costmap's frame of reference
     is_rolling: bool

@@ -354,8 +354,6 @@ def cells_at(frame: Frame, x: Floats, y: Floats) -> tuple[Integers, Integers, Ma
 
 
 class ObstacleGrid(LiveLayer):
-    """Grid of an obstacle layer that is updated with observations."""
-
     def __init__(self, layer: ObstacleLayer, place: LivePlace, sensing: Sensing) -> None:
         super().__init__(layer, place)
         self.settings, self.sensing = layer, sensing

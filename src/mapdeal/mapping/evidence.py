@@ -165,8 +165,6 @@ class BeamLimits:
 
 @dataclass(frozen=True)
 class BeamCounts:
-    """Number of beams of each kind."""
-
     scans: int = 0
     beams: int = 0
     hits: int = 0

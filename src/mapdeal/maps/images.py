@@ -446,8 +446,6 @@ _DAMAGE = (
 
 
 class PillowImage(OpenImage):
-    """An image that Pillow decodes at once."""
-
     def __init__(self, name: str, file: OpenFile, limit: int) -> None:
         self._name = name
         self._image = image = _opened(name, file)
@@ -762,7 +760,6 @@ def open_image(path: Path, *, max_cells: int | None = None) -> Iterator[OpenImag
 
 @contextmanager
 def open_strips(path: Path, *, max_cells: int | None = None) -> Iterator[Strips]:
-    """Open an image file; yield its picture in strips of rows."""
     with open_image(path, max_cells=max_cells) as image, image.strips() as strips:
         yield strips
 

@@ -496,7 +496,6 @@ _TRINARY_FREE, _TRINARY_OCCUPIED = 25, 65
 
 
 def pair_paths(output: Path) -> tuple[Path, Path]:
-    """Return the paths of the image and the YAML file for an output."""
     # ``.pgm`` and ``.png`` are the image's ending, ``.yaml`` that of the YAML file of a PGM pair.
     if output.suffix in (".pgm", ".png"):
         return _checked_image_name(output), output.with_suffix(".yaml")

@@ -260,7 +260,6 @@ class _Rule:
 def _contradiction(
     lower: float, upper: float, down_distance: float | None, up_distance: float | None
 ) -> ParameterError:
-    """Return the error for thresholds that contradict each other."""
     if down_distance is None and up_distance is None:
         return ParameterError(f"must not be larger than up ({upper:g})", place="down", got=lower)
     if up_distance is None:
