@@ -36,7 +36,7 @@ from mapdeal.grid.values import OneLine, aligned, count_text
 from mapdeal.inputs.listing import list_maps
 from mapdeal.mapping.transforms import check_pose
 from mapdeal.maps.dialects import Dialect
-from mapdeal.maps.npz import Grid
+from mapdeal.maps.npz import Grid, check_ends_in_npz
 from mapdeal.maps.reading import write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.layers import cost_image
@@ -114,7 +114,7 @@ class GoalPlan(OneLine):
 
     def _repr_parts(self) -> Iterator[str]:
         yield repr(self.goal)
-        yield f"{self.plan.length:.4g} m" if self.plan.found else f"no path: {self.plan.reason}"
+        yield self.verdict
 
     def document(self) -> dict[str, Any]:
         goal, plan = self.goal, self.plan
@@ -386,7 +386,7 @@ class PairedPlans(Spread):
                 entry = {**number, **plan_entries(plan, is_known=is_known)}
                 entry["poses"] = len(plan.poses)
                 if self.has_changes and not plan.found and is_known:
-                    entry["changes"] = _changes(self.work, start, goal, plan)
+                    entry["changes"] = changes_for(self.work, start, goal, plan)
                 yield entry
         if not self.counts["pairs"]:
             raise MalformedInputError("holds no pairs of poses", source=self.pairs_in)
@@ -429,10 +429,6 @@ def plan_on(work: PlannerOnMap, start: Pose, goal: Pose) -> tuple[Plan, bool]:
         return no_plan("NoValidPathCouldBeFound", text), True
     text += "; mapdeal reach shows whether the footprint gets there"
     return Plan(found=False, detail=text), False
-
-
-def _changes(work: PlannerOnMap, start: Pose, goal: Pose, plan: Plan) -> list[Change] | None:
-    return None if work.listed.planner is None else changes_for(work, start, goal, plan)
 
 
 Robot = RobotParameters | str | PathLike[str] | Sequence[str | PathLike[str]]
@@ -610,6 +606,8 @@ def plan(
         listing = list_maps([str(path) for path in maps], None, work.terminal.input_chunks)
         listing.print_notes(work.terminal, "planned on")
         maps = [listed.path for listed in listing.maps]
+    if not maps:
+        raise ParameterError("needs at least one", place="map")
     is_table = len(maps) * len(robots) > 1
     if is_table:
         rule = "applies to one map and one --params-file"
@@ -619,21 +617,19 @@ def plan(
     files += [path for path in (pairs, expect) if path is not None and path != Path("-")]
     inputs.need_ending(".json" if pairs is None else ".jsonl")
     if layers is not None:
-        if layers.suffix != ".npz":
-            raise ParameterError("must end in .npz", place="layers", got=str(layers))
+        check_ends_in_npz(layers)
         if work is None:
             raise ParameterError("is written on the command line alone", place="layers")
         work.outputs.append(layers)
     also = [*files, *(over.files if over else ())]
     also += [Path(source) for source in maps if isinstance(source, str | PathLike)]
     planners = [planner_of(own, planner) for own in robots]
-    is_older = settings.dialect != "nav2"
 
     def works_on(source: inputs.Map) -> list[PlannerOnMap]:
         (opened,) = inputs.opened(source, names=("map",), also=also, **reading)
         check_map(opened, **reading)
         return [
-            PlannerOnMap(opened, own, *chosen, over, is_older)
+            PlannerOnMap(opened, own, *chosen, over, settings.dialect != "nav2")
             for own, chosen in zip(robots, planners, strict=True)
         ]
 
@@ -674,7 +670,7 @@ def report_on(
                 clearance = work.least_clearance(answer)
                 plans.append(GoalPlan(goal, answer, True, None, margins, *clearance))
             else:
-                changes = _changes(work, start, goal.pose, answer) if has_changes else None
+                changes = changes_for(work, start, goal.pose, answer) if has_changes else None
                 stopped_at = None if answer.detail else work.nearest_reached(start, goal.pose)
                 plans.append(GoalPlan(goal, answer, is_known, changes, stopped_at=stopped_at))
     return PlanReport(work, start, tuple(plans))

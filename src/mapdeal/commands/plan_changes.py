@@ -222,9 +222,6 @@ class Adjustment:
     def planned(self, index: int) -> Plan:
         return self.plan(self.candidates[index])
 
-    def is_lost(self, index: int) -> bool:
-        return not self.planned(index).found
-
     def change(self, index: int, *, is_monotonic: bool = True) -> Change:
         """Return the change to a candidate; -1 stands for the value itself."""
         value = self.value if index < 0 else self.candidates[index]
@@ -264,8 +261,10 @@ def first_success(count: int, plan: Callable[[int], Plan], *, now: Plan) -> tupl
     return None
 
 
-def changes_for(work: PlannerOnMap, start: Pose, goal: Pose, plan: Plan) -> list[Change]:
-    """Return the smallest single changes that make the planner find a path."""
+def changes_for(work: PlannerOnMap, start: Pose, goal: Pose, plan: Plan) -> list[Change] | None:
+    """Return the smallest single changes that make the planner, if modelled, find a path."""
+    if work.listed.planner is None:
+        return None
     if plan.reason in ("StartOutsideMapBounds", "GoalOutsideMapBounds"):
         return []
     found = []
@@ -285,9 +284,9 @@ def margins_of(work: PlannerOnMap, start: Pose, goal: Pose) -> list[Change]:
     """Return the last value of each parameter with which the planner still finds the path."""
     found = []
     for adjustment in _Query(work, start, goal).margins():
-        count = len(adjustment.candidates)
-        first_loss = bisect_left(range(count), True, key=adjustment.is_lost)
-        if first_loss < count:
+        candidates, plan = adjustment.candidates, adjustment.plan
+        first_loss = bisect_left(candidates, True, key=lambda value: not plan(value).found)
+        if first_loss < len(candidates):
             found.append(adjustment.change(first_loss - 1))
     return found
 

@@ -17,12 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
+from mapdeal.grid.frame import Point
 from mapdeal.grid.values import LETHAL_OBSTACLE
 from mapdeal.kernels.arrays import Metres
 from mapdeal.kernels.navfn import UNREACHED, Cell, Outcome, potentials, traced_path
 from mapdeal.planners.planner import Default, Plan, Planner, PlannerGrid, Pose, no_plan
-
-Point = tuple[float, float]
 
 _MOST_CYCLES = 1000
 """Largest max_cycles_factor that counts: by then the trace goes in circles."""
@@ -68,9 +67,9 @@ class NavfnPlanner(Planner):
             detail = _failure(grid, points, outcome, turns)
             return replace(no_plan("NoValidPathCouldBeFound", detail), is_reached=True)
         xy = np.array(grid.origin) + points[::-1].astype(np.float64) * grid.resolution
-        poses = np.zeros((len(_with_end(xy, end)), 3))
-        poses[:, :2] = _with_end(xy, end)
-        poses[-1, 2] = _final_yaw(poses, start) if approaches else goal[2]
+        path_xy = _with_end(xy, end)
+        poses = np.pad(path_xy, ((0, 0), (0, 1)))
+        poses[-1, 2] = _final_yaw(path_xy) if approaches else goal[2]
         return Plan(True, poses=poses)
 
     def potential(self, grid: PlannerGrid, start: Pose, goal: Pose) -> Metres | None:
@@ -142,13 +141,11 @@ def _with_end(path_xy: NDArray[np.float64], end: Point) -> NDArray[np.float64]:
     return np.vstack([path_xy, end])
 
 
-def _final_yaw(poses: NDArray[np.float64], start: Pose) -> float:
+def _final_yaw(path_xy: NDArray[np.float64]) -> float:
     """Return the direction of the last step."""
-    if len(poses) == 1:
-        return start[2]
-    step = poses[-1] - poses[-2]
-    if len(poses) > 2 and (np.abs(step[:2]) < _SAME).all():
-        step = poses[-1] - poses[-3]
+    step = path_xy[-1] - path_xy[-2]
+    if len(path_xy) > 2 and (np.abs(step) < _SAME).all():
+        step = path_xy[-1] - path_xy[-3]
     return math.atan2(step[1], step[0])
 
 
