@@ -89,8 +89,6 @@ class GoalPlan(OneLine):
         The goal.
     plan : Plan
         The planner's answer.
-    is_known : bool
-        Whether mapdeal can answer; it may be unable for planners that are not modelled.
     changes : sequence of dict, optional
         Without a plan: single changes that each make one, by parameter, or place on the map.
     margins : sequence of dict
@@ -105,7 +103,6 @@ class GoalPlan(OneLine):
 
     goal: PlanGoal
     plan: Plan
-    is_known: bool = True
     changes: Sequence[Change] | None = None
     margins: Sequence[Change] = ()
     clearance: float = math.nan
@@ -121,7 +118,7 @@ class GoalPlan(OneLine):
         document: dict[str, Any] = {
             **({} if goal.name is None else {"name": goal.name}),
             "x": rounded(goal.x), "y": rounded(goal.y), "yaw": rounded(goal.yaw),
-            **plan_entries(plan, is_known=self.is_known),
+            **plan_entries(plan),
         }  # fmt: skip
         if plan.found:
             document |= {
@@ -139,7 +136,7 @@ class GoalPlan(OneLine):
     @property
     def verdict(self) -> str:
         if not self.plan.found:
-            return f"no path, {self.plan.reason}" if self.is_known else "not known"
+            return f"no path, {self.plan.reason}" if self.plan.is_known else "not known"
         text = f"{self.plan.length:.2f} m"
         if self.narrowest is not None and math.isfinite(self.clearance):
             text += f", at least {self.clearance:.2f} m from obstacles, at {_at(self.narrowest)}"
@@ -163,15 +160,15 @@ class GoalPlan(OneLine):
         if self.changes:
             yield "    each of these alone makes a path:"
             yield from ("      " + change_text(change) for change in self.changes)
-        elif self.changes is not None and self.is_known:
+        elif self.changes is not None:
             yield "    no single change of those tried makes a path"
 
 
-def plan_entries(plan: Plan, *, is_known: bool = True) -> dict[str, Any]:
+def plan_entries(plan: Plan) -> dict[str, Any]:
     """Return the verdict of a plan for JSON, and its length and cost."""
     return {
-        "found": plan.found if is_known else None,
-        "reason": plan.reason if is_known else None,
+        "found": plan.found if plan.is_known else None,
+        "reason": plan.reason,
         **({} if plan.detail is None else {"detail": plan.detail}),
         "length_m": rounded(plan.length) if plan.found else None,
         **({} if plan.cost is None else {"cost": rounded(plan.cost)}),
@@ -222,7 +219,7 @@ class PlanReport(Spread):
 
     @property
     def missed(self) -> list[GoalPlan]:
-        return [goal for goal in self.goals if goal.is_known and not goal.plan.found]
+        return [goal for goal in self.goals if goal.plan.is_known and not goal.plan.found]
 
     @property
     def passes(self) -> bool:  # type: ignore[override]
@@ -322,11 +319,6 @@ class PlanTable(Spread):
     def failed(self) -> list[MapdealError]:
         return [report for report in self.reports if isinstance(report, MapdealError)]
 
-    @property
-    def missed(self) -> list[GoalPlan]:
-        found = (report for report in self.reports if isinstance(report, PlanReport))
-        return [goal for report in found for goal in report.missed]
-
     def document(self) -> dict[str, Any]:
         return {
             "plans": [
@@ -344,16 +336,20 @@ class PlanTable(Spread):
         yield from self.lines()
 
     def lines(self) -> Iterator[str]:
-        found = [report.rows for report in self.reports if isinstance(report, PlanReport)]
-        head = ("map", "parameters", "goal", "path", "a change that makes one")
-        yield from aligned([head, *(row for rows in found for row in rows)])
+        rows = [("map", "parameters", "goal", "path", "a change that makes one")]
+        for report in self.reports:
+            rows += report.rows if isinstance(report, PlanReport) else ()
+        yield from aligned(rows)
         yield from (f"failed ({error.exit_code}): {one_line(str(error))}" for error in self.failed)
 
     def check(self) -> None:
         if self.failed:
             raise BatchError(f"{len(self.failed)} of {len(self.reports)} plans failed")
-        if self.missed:
-            raise FindingError(f"no path to {count_text(len(self.missed), 'goal')}")
+        missed = sum(
+            len(report.missed) for report in self.reports if isinstance(report, PlanReport)
+        )
+        if missed:
+            raise FindingError(f"no path to {count_text(missed, 'goal')}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -381,11 +377,10 @@ class PairedPlans(Spread):
                     self.counts["failed"] += 1
                     yield {**number, "line": line, "error": str(error)}
                     continue
-                plan, is_known = plan_on(self.work, start, goal)
+                plan = plan_on(self.work, start, goal)
                 self.counts["found"] += plan.found
-                entry = {**number, **plan_entries(plan, is_known=is_known)}
-                entry["poses"] = len(plan.poses)
-                if self.has_changes and not plan.found and is_known:
+                entry = {**number, **plan_entries(plan), "poses": len(plan.poses)}
+                if self.has_changes and not plan.found and plan.is_known:
                     entry["changes"] = changes_for(self.work, start, goal, plan)
                 yield entry
         if not self.counts["pairs"]:
@@ -419,16 +414,15 @@ def pose_of(numbers: Sequence[float], name: str) -> Pose:
     return check_pose((*numbers, 0.0) if len(numbers) == 2 else numbers, name)
 
 
-def plan_on(work: PlannerOnMap, start: Pose, goal: Pose) -> tuple[Plan, bool]:
-    """Return the planner's answer, and whether it is known, as for planners that are modelled."""
+def plan_on(work: PlannerOnMap, start: Pose, goal: Pose) -> Plan:
+    """Return the planner's answer; of one that is not modelled, what is certain."""
     if work.listed.planner is not None:
-        return work.planner.plan(work.grid, start, goal), True
+        return work.planner.plan(work.grid, start, goal)
     text = f"{work.listed.plugin} is not modelled"
     if is_cut_off(work.listed, work.grid, start, goal):
         text += "; cells closed to the robot's centre separate start and goal for every planner"
-        return no_plan("NoValidPathCouldBeFound", text), True
-    text += "; mapdeal reach shows whether the footprint gets there"
-    return Plan(found=False, detail=text), False
+        return no_plan("NoValidPathCouldBeFound", text)
+    return Plan(False, detail=f"{text}; mapdeal reach shows whether the footprint gets there")
 
 
 Robot = RobotParameters | str | PathLike[str] | Sequence[str | PathLike[str]]
@@ -664,15 +658,15 @@ def report_on(
     plans = []
     with inputs.errors_named(work.source.name):
         for goal in goals:
-            answer, is_known = plan_on(work, start, goal.pose)
+            answer = plan_on(work, start, goal.pose)
             if answer.found:
                 margins = margins_of(work, start, goal.pose) if has_changes else []
                 clearance = work.least_clearance(answer)
-                plans.append(GoalPlan(goal, answer, True, None, margins, *clearance))
+                plans.append(GoalPlan(goal, answer, None, margins, *clearance))
             else:
                 changes = changes_for(work, start, goal.pose, answer) if has_changes else None
                 stopped_at = None if answer.detail else work.nearest_reached(start, goal.pose)
-                plans.append(GoalPlan(goal, answer, is_known, changes, stopped_at=stopped_at))
+                plans.append(GoalPlan(goal, answer, changes, stopped_at=stopped_at))
     return PlanReport(work, start, tuple(plans))
 
 

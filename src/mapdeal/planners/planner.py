@@ -97,6 +97,11 @@ class Plan:
     is_reached: bool = False
 
     @property
+    def is_known(self) -> bool:
+        """Whether the planner is modelled, or no planner could find a path."""
+        return self.found or self.reason is not None
+
+    @property
     def length(self) -> float:
         """Sum of the distances between neighbouring poses, metres."""
         steps = np.diff(self.poses[:, :2], axis=0)
