@@ -150,7 +150,7 @@ def files(tmp_path, monkeypatch):
 
 
 def test_the_document_holds_what_a_later_call_is_compared_with(command, files):
-    words = ("plan", "map.yaml", *files, "--to", "hall=1.5,2", "room=5,2,0.5", "-o", "plan.json")
+    words = ("plan", "map.yaml", *files, "--to=hall=1.5,2", "room=5,2,0.5", "-o", "plan.json")
     assert command(*words)[0] == 0
     document = json.loads(Path("plan.json").read_text())
     assert document["format"] == "mapdeal-plan/1"

@@ -117,10 +117,11 @@ def _joined(words: Sequence[str], flags: Iterable[str]) -> list[str]:
 
 
 def _spread(words: Sequence[str], option: str | None) -> list[str]:
-    """Accept several points after one option: ``--at 1,2 3,4``."""
+    """Accept several points after one option: ``--at 1,2 3,4``, ``--at=1,2 3,4``."""
     spread: list[str] = []
     for word in words:
-        if option in spread[-2:-1] and _POINT.fullmatch(word):
+        is_first = "".join(spread[-1:]).startswith(f"{option}=")
+        if (is_first or option in spread[-2:-1]) and _POINT.fullmatch(word):
             spread.append(str(option))
         spread.append(word)
     return spread

@@ -336,10 +336,9 @@ class PlanTable(Spread):
         yield from self.lines()
 
     def lines(self) -> Iterator[str]:
-        rows = [("map", "parameters", "goal", "path", "a change that makes one")]
-        for report in self.reports:
-            rows += report.rows if isinstance(report, PlanReport) else ()
-        yield from aligned(rows)
+        found = [report.rows for report in self.reports if isinstance(report, PlanReport)]
+        head = ("map", "parameters", "goal", "path", "a change that makes one")
+        yield from aligned([head, *(row for rows in found for row in rows)])
         yield from (f"failed ({error.exit_code}): {one_line(str(error))}" for error in self.failed)
 
     def check(self) -> None:
