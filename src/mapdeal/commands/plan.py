@@ -319,6 +319,9 @@ class PlanTable(Spread):
     def failed(self) -> list[MapdealError]:
         return [report for report in self.reports if isinstance(report, MapdealError)]
 
+    def _repr_parts(self) -> Iterator[str]:
+        yield f"{count_text(len(self.reports), 'plan')}, {len(self.failed)} failed"
+
     def document(self) -> dict[str, Any]:
         return {
             "plans": [
