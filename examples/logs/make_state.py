@@ -33,7 +33,8 @@ def main():
         poses[key] = (corner[0], corner[1], 0.0)
         submaps.append(states.submap(cells, key=key, corner=(0, 0)))
     path = [(0, 0.5 * k, -8.5 + 0.1 * k, -0.3 + 0.1 * math.sin(k / 9), 0.0) for k in range(90)]
-    data = states.state(states.pose_graph(poses, path), *submaps)
+    nodes = [states.message((4, states.message((1, states.message((2, k)))))) for k in range(90)]
+    data = states.state(states.pose_graph(poses, path), *submaps, *nodes)
     (FOLDER / "office.pbstream").write_bytes(data)
 
 

@@ -154,7 +154,7 @@ def painted_by_cairo(shape, textures, places):
 
 def test_the_map_of_a_real_state_has_the_bytes_of_cartographer(real_maps, tmp_path, command):
     state = real_maps / f"{OFFICE}.pbstream"
-    assert command("convert", state, "-o", tmp_path / "m.yaml")[0] == 0
+    assert command("convert", state, "-o", tmp_path / "m.yaml", "--strict")[0] == 0
     assert (tmp_path / "m.pgm").read_bytes() == (real_maps / f"{OFFICE}.pgm").read_bytes()
     assert "[-4.34093, -16.4299, 0.0]" in (tmp_path / "m.yaml").read_text()
     assert np.array_equal(read_map(state).occupancy, read_map(tmp_path / "m.yaml").occupancy)
@@ -176,6 +176,11 @@ def test_trajectories_become_files_of_poses(tmp_path, command):
     code, out, _ = command("info", state)
     assert "submaps     2 of Cartographer, format version 2, 1 unfinished" in out
     assert "trajectory  0: 2 poses, 2.5 m in 1.25 s" in out
+    assert command("report", state, "-o", tmp_path / "r.html")[0] == 0
+    page = (tmp_path / "r.html").read_text()
+    assert all(
+        f"trajectory {text}" in page for text in ("0: 2 poses, 2.5 m in 1.25 s", "3: 1 pose")
+    )
 
 
 def test_folders_have_states_as_maps_unless_their_map_lies_beside_them(tmp_path, command):
@@ -195,6 +200,16 @@ CELLS = states.random_cells(6, 5)
 GOOD = states.pose_graph(TURNED), states.submap(CELLS)
 WHOLE = states.state(*GOOD)
 BOMB = states.state(states.message((3, bytes(10**8))))[len(states.state()) :]
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_states_cut_behind_their_submaps_are_warned_of(tmp_path, command, count):
+    graph = states.pose_graph(TURNED, [(0, 0.0, 1, 2, 0.5), (0, 1.0, 1, 3, 0.5)])
+    nodes = [states.message((4, b""))] * count
+    state = written(tmp_path, graph, states.submap(CELLS), *nodes)
+    code, _, err = command("convert", state, "-o", tmp_path / "m.yaml", "--strict")
+    assert code == (count < 2)
+    assert (f"holds {count} of the 2 nodes" in err) == (count < 2)
 
 
 @pytest.mark.parametrize(

@@ -529,6 +529,7 @@ class _Gathering:
             Table(f"{name}: figures", report_entries.rows_of(figures)),
             Table(f"{name}: SHA-256", report_entries.rows_of(opened.sums)),
         ]
+        draft.items += documents.trajectory_items(opened.trajectories)
         draft.warn(opened.warnings, opened.files)
 
     def add_input(self, opened: Opened) -> list[Draft]:
@@ -542,6 +543,7 @@ class _Gathering:
             run.figures = {**of_map, **{k: v for k, v in run.figures.items() if k not in of_map}}
             run.paths.append(opened.path)
             run.map_path = opened.path
+            run.items += documents.trajectory_items(opened.trajectories)
             run.warn(opened.warnings, opened.files)
         return runs
 

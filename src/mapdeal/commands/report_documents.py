@@ -10,11 +10,11 @@ import json
 import math
 import os
 import shlex
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count, islice
 from pathlib import Path
-from typing import cast, get_args
+from typing import Any, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -385,11 +385,25 @@ def route_items(route: Route) -> list[Item]:
         text += f"; it ends in a local minimum at {_at(route.local_minimum)}"
     elif not route.reached:
         text += "; it does not reach the goal"
+    return [*ends, _along(Item("route", text, tone), points_xy)]
+
+
+def _along(item: Item, points_xy: NDArray[np.float64]) -> Item:
     x, y = points_xy[len(points_xy) // 2].tolist()
     if len(points_xy) > MOST_POINTS:
         chosen = np.linspace(0, len(points_xy) - 1, MOST_POINTS)  # with the first and the last
         points_xy = points_xy[chosen.astype(np.int64)]
-    return [*ends, Item("route", text, tone, (x, y), (points_xy,))]
+    return replace(item, place=(x, y), lines=(points_xy,))
+
+
+def trajectory_items(trajectories: Mapping[int, Any]) -> list[Item]:
+    items = []
+    for key, path in trajectories.items():
+        facts = path.described()
+        text = f"trajectory {key}: {count_text(facts['poses'], 'pose')}, "
+        text += f"{facts['length_m']:.6g} m in {facts['duration_s']:.6g} s"
+        items.append(_along(Item("trajectory", text, "note"), path.poses[:, :2]))
+    return items
 
 
 def _plan(document: JsonValue) -> Results:
@@ -406,8 +420,7 @@ def _plan(document: JsonValue) -> Results:
         points_xy = np.array([_xy(pose) for pose in goal["points"].items()]).reshape(-1, 2)
         if is_found and len(points_xy):
             text = f"path of {_metres(goal['length_m'].number())}"
-            x, y = points_xy[len(points_xy) // 2].tolist()
-            items.append(Item("route", f"goal {label}: {text}", tone, (x, y), (points_xy,)))
+            items.append(_along(Item("route", f"goal {label}: {text}", tone), points_xy))
         items.append(Item("goal", short(f"goal {label}: {text}"), tone, place, label=short(label)))
         rows.append((label, text))
         missed += [] if is_found else [f"{label} ({text})"]

@@ -223,6 +223,7 @@ class Opened:
     files: tuple[Path, ...]
     sums: Mapping[str, str]
     warnings: tuple[str, ...]
+    trajectories: Mapping[int, Any]
 
 
 class Grids:
@@ -267,7 +268,8 @@ class Grids:
                 grid, file = self._read(path)
                 sums = file.sums_by_name(read)
             self._keep(path, grid)
-            self._opened[path] = Opened(path, type(grid), file.files, sums, tuple(texts))
+            more = tuple(texts), file.trajectories()
+            self._opened[path] = Opened(path, type(grid), file.files, sums, *more)
         return self._opened[path]
 
     def is_there(self, path: Path, draft: Draft, content: str, *, quietly: bool = False) -> bool:

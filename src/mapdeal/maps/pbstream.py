@@ -19,7 +19,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import (
     PIECES,
     access_to,
@@ -34,7 +34,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.rotations import inverse_matrices, product
 from mapdeal.maps.dialects import Dialect, MapMetadata, cells_of
-from mapdeal.maps.map_file import MapFile, MapFormat, Painting
+from mapdeal.maps.map_file import Grid, MapFile, MapFormat, Painting
 from mapdeal.maps.map_server import chosen_geometry
 from mapdeal.maps.picture import LARGEST_CELLS, Picture, check_size
 from mapdeal.maps.submaps import UNKNOWN_GREY, Slice, canvas_of, paint
@@ -300,7 +300,7 @@ class StateFile(MapFile):
         self._submaps: dict[tuple[int, int], Submap] = {}
         self._poses: dict[tuple[int, int], Floats] = {}
         self._graph = Block(0, 0)
-        self._version = self._largest = 0
+        self._version = self._largest = self._nodes = self._nodes_of_graph = 0
         with _opened(path) as file:
             for block in _blocks(file, check_readable(path).st_size):
                 self._add(block.read(file), block)
@@ -310,6 +310,7 @@ class StateFile(MapFile):
     def _add(self, message: Message, block: Block) -> None:
         """Read the header, the pose graph or a submap without its cells."""
         self._largest = max(self._largest, message.size)
+        self._nodes += 4 in message
         if not self._version:
             self._version = message.integer(1)
             if self._version not in (1, 2):
@@ -318,6 +319,7 @@ class StateFile(MapFile):
         for graph in message.messages(1):
             self._graph = block
             for trajectory in graph.messages(4):
+                self._nodes_of_graph += sum(1 for _ in trajectory.messages(1))
                 for entry in trajectory.messages(2):
                     key = trajectory.integer(3), entry.integer(2)
                     self._poses[key] = _planar(entry.message(1))
@@ -387,6 +389,12 @@ class StateFile(MapFile):
                 for trajectory in graph.messages(4)
                 if 1 in trajectory
             }
+
+    def remark(self, grid: Grid) -> None:
+        super().remark(grid)
+        if self._nodes < self._nodes_of_graph:  # Cartographer writes all of them after the submaps
+            text = f"{self.path}: holds {self._nodes} of the {self._nodes_of_graph} nodes of its "
+            emit_warning(f"{text}pose graph: the file is cut behind its submaps, or was stripped")
 
     def described(self) -> dict[str, Any]:
         trajectories = self.trajectories().items()

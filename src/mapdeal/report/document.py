@@ -28,8 +28,8 @@ Tone = Literal["error", "warning", "note", "good", "plain"]
 """Severity of an item: its colour on the page, never the only sign of it."""
 
 ItemKind = Literal[
-    "finding", "passage", "start", "goal", "route", "graph", "shape", "added", "removed",
-    "closed", "opened", "unknown", "known", "rose", "fell",
+    "finding", "passage", "start", "goal", "route", "trajectory", "graph", "shape", "added",
+    "removed", "closed", "opened", "unknown", "known", "rose", "fell",
 ]  # fmt: skip
 
 State = Literal["error", "warning", "unknown", "good"]

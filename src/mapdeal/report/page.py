@@ -185,8 +185,8 @@ _KINDS = {
     "added": "Added", "removed": "Removed", "closed": "Now closed", "opened": "No longer closed",
     "unknown": "Now unknown", "known": "No longer unknown", "rose": "Higher cost",
     "fell": "Lower cost", "passage": "Passages", "start": "Starts",
-    "goal": "Goals", "route": "Routes", "graph": "Route graphs", "finding": "Findings",
-    "shape": "Shapes",
+    "goal": "Goals", "route": "Routes", "trajectory": "Trajectories", "graph": "Route graphs",
+    "finding": "Findings", "shape": "Shapes",
 }  # fmt: skip
 """What items are called, in the order in which they are listed."""
 
