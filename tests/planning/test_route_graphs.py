@@ -21,7 +21,7 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
 from mapdeal.kernels.skeleton import DIAGONAL, STRAIGHT, lengths_from, nearest_from, skeleton
 from mapdeal.maps.route_graphs import graph_text
-from mapdeal.planning.graph_drafts import GraphOptions
+from mapdeal.planning.graph_drafts import GraphOptions, band_around_unknown
 from mapdeal.planning.graph_routes import route_on_graph
 from mapdeal.planning.route_graphs import AREA_PER_NODE, MOST_EDGES, route_graph_of
 from mapdeal.planning.routes import Terrain
@@ -134,6 +134,35 @@ def test_graphs_keep_all_promises(grid, robot, one_way):
     if robot is not BOX:
         assert result.parts == 1
         assert result.covered == pytest.approx(result.reachable)
+
+
+def least_distances(grid, graph, value):
+    """The distance of each way to the squares of cells of a value, by points on it, metres."""
+    squares = np.argwhere(grid.occupancy == value)
+    for start, end in sorted({tuple(sorted(ends)) for ends in graph.ends.tolist()}):
+        ends = grid.frame.continuous_rowcol_from_xy(graph.points_xy[[start, end]])
+        points = np.linspace(*ends, math.ceil(9 * math.dist(*ends)) + 2)[:, np.newaxis]
+        gaps = np.maximum(np.maximum(squares - points, points - squares - 1), 0)
+        yield float(np.hypot(gaps[..., 0], gaps[..., 1]).min(initial=math.inf)) * grid.resolution
+
+
+@settings(max_examples=20)
+@given(rooms(), st.sampled_from([0.15, 0.24, 0.4]))
+def test_ways_that_touch_obstacles_or_unknown_cells_are_counted_and_kept_away(grid, radius):
+    robot = Footprint.circle(radius)
+    for keep in (None, radius):
+        mask = None if keep is None else band_around_unknown(grid, keep)
+        try:
+            reached = reach(grid, footprint=robot, mask=mask)
+        except MalformedInputError:
+            return  # the robot stands nowhere
+        found = route_graph_of(reached, GraphOptions(spacing=1.5, hall=3.0, cover=2.0))
+        touching, near = (
+            np.array([*least_distances(grid, found.graph, value)]) for value in (100, -1)
+        )
+        assert (touching < radius - 1e-5).sum() <= found.tight
+        assert (near < radius - 1e-5).sum() <= found.near_unknown <= (near < radius + 1e-3).sum()
+        assert keep is None or not found.near_unknown
 
 
 def cluttered(size, share, seed):

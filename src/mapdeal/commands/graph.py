@@ -80,6 +80,7 @@ class PlannedGraph(Result):
             "min_clearance_m": rounded(self.min_clearance),
             "length_m": rounded(float(self.graph.lengths.sum())),
             "tight_ways": self.result.tight,
+            "near_unknown_ways": self.result.near_unknown,
         }
 
     def lines(self) -> Iterator[str]:
@@ -123,6 +124,7 @@ def graph(
     cover: Annotated[float, ABOVE_0, METRES] = 3.0,
     slow_below: Annotated[float | None, ABOVE_0, METRES] = None,
     one_way: graph_drafts.LaneSide | None = None,
+    keep_from_unknown: Annotated[float | None, ABOVE_0, METRES] = None,
     through_unknown: bool = False,
     footprint: Footprint | None = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
@@ -156,6 +158,8 @@ def graph(
     one_way : {'right'}, optional
         Lanes on the right side instead of lines for both directions, where there is room for two
         robots.
+    keep_from_unknown : float, optional
+        Least distance of edges from unknown cells, metres.
     through_unknown : bool
         Treat unknown cells as free.
     footprint, robot : Footprint, RobotParameters, optional
@@ -187,14 +191,25 @@ def graph(
     """
     if robot is not None and not isinstance(robot, RobotParameters):
         raise ParameterError("must be RobotParameters", place="robot", got=robot)
-    options = graph_drafts.GraphOptions(spacing, hall, cover, slow_below, one_way)
+    options = graph_drafts.GraphOptions(
+        spacing, hall, cover, slow_below, one_way, keep_from_unknown
+    )  # fmt: skip
+    if through_unknown:
+        inputs.refuse("needs unknown cells to be closed", keep_from_unknown=keep_from_unknown)
     inputs.need_ending(".geojson")
     also = robot.paths if robot else ()
     (source,) = inputs.opened(map, names=("map",), also=also, **reading)
-    return graph_of(
+    planned = graph_of(
         source, options, start=start, goals=goals, through_unknown=through_unknown,
         footprint=footprint, robot=robot, **reading,
     )  # fmt: skip
+    result = planned.result
+    if result.near_unknown and keep_from_unknown is None:
+        radius = decimal_text(reach_radius(planned.reach.robot), 4)
+        text = f"{result.near_unknown} ways pass unknown cells within the robot's radius, as near "
+        text += f"as {result.from_unknown:.2f} m; --keep-from-unknown {radius} keeps away"
+        emit_warning(f"{source.name}: {text}")
+    return planned
 
 
 def graph_of(
@@ -227,7 +242,11 @@ def graph_of(
             inputs.warn_of_values(source)
             if robot is not None:
                 grid = lethal_costs(robot, source)
-        found = step.apply(grid, source.path)
+        mask = None
+        if options.keep_from_unknown is not None:
+            seen = grid.to_occupancy() if isinstance(grid, Costmap) else grid
+            mask = graph_drafts.band_around_unknown(seen, options.keep_from_unknown)
+        found = step.apply(grid, source.path, mask=mask)
         if not isinstance(found, Reach):
             raise TypeError("the stage reach must make a Reach")
         for goal in found.goals:

@@ -21,6 +21,7 @@ _SAMPLES = 1 << 17  # positions that are checked at once; their arrays stay in t
 _STEP = 0.5  # of a cell
 _NEAR_EDGE = 2.5e-3  # of a cell: more than the rounding of coordinates
 _ROUNDING = 1e-6  # metres
+_CORNERS = np.array([(0, 0), (0, 1), (1, 0), (1, 1)])  # of a cell
 _SLACK = 1.5
 """Cells by which a footprint may touch beyond its radius: half the diagonals of a touched cell and
 of the centre's cell."""
@@ -159,6 +160,24 @@ class Sweeps:
                 lines = tight[part]
                 is_clear[lines] = self._fits(first[lines], last[lines], counts[lines], reach)
         return is_clear, least * is_inside
+
+    def distance_to(
+        self, cost: int, start: NDArray[np.float64], end: NDArray[np.float64], reach: float
+    ) -> float:
+        """Return the exact distance of a line to the squares of closed cells, in cells.
+
+        Only cells of a cost within `reach` of the line count.
+        """
+        low = np.maximum(np.minimum(start, end) - reach - 1, 0).astype(np.int64)
+        high = (np.maximum(start, end) + reach).astype(np.int64) + 1
+        squares = np.argwhere(self.closed[low[0] : high[0], low[1] : high[1]] == cost) + low
+        along = end - start
+        corners = (squares[:, np.newaxis] + _CORNERS).reshape(-1, 2)
+        shares = np.clip((corners - start) @ along / max(along @ along, _ROUNDING), 0, 1)
+        gaps = [corners - start - shares[:, np.newaxis] * along]
+        tips = np.array([[start], [end]])
+        gaps += [*np.maximum(np.maximum(squares - tips, tips - squares - 1), 0)]
+        return float(np.hypot(*np.concatenate(gaps).T).min(initial=np.inf))
 
     def worst_place(
         self, start: NDArray[np.float64], end: NDArray[np.float64], *, touches: bool

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from mapdeal.command import ABOVE_0, parameters_of
 from mapdeal.errors import ParameterError
+from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach, reach_radius
 from mapdeal.grid.reaching import Ground, squares_to
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode, Sweeps, closed_costs
-from mapdeal.grid.values import OCCUPIED, UNKNOWN
+from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, NO_INFORMATION, OCCUPIED, UNKNOWN
 from mapdeal.kernels.components import joined
+from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.skeleton import STRAIGHT, far_from, flat_cells, largest_of_blocks
 from mapdeal.planning.skeleton_lines import Cells
 
@@ -31,6 +33,8 @@ Places = NDArray[np.float64]
 _COARSEST = 0.15  # metres: cells of the skeleton
 _DECIMALS = 4  # of positions: a tenth of a millimetre
 _SLOWEST = 10.0  # percent
+_TOUCHING = 1e-4  # in cells: more than the rounding of places
+_BETWEEN_CENTRES = 1.67  # cells by which centres may be farther apart than a line and a square
 SHARE = 0.85
 """Least clearance of a straight line, as a share of that of the path which it replaces."""
 
@@ -44,6 +48,7 @@ class GraphOptions:
     cover: Annotated[float, ABOVE_0] = 3.0
     slow_below: Annotated[float | None, ABOVE_0] = None
     one_way: LaneSide | None = None
+    keep_from_unknown: Annotated[float | None, ABOVE_0] = None
 
     def __post_init__(self) -> None:
         for name, parameter in parameters_of(GraphOptions).items():
@@ -70,8 +75,9 @@ class GraphResult:
     """A graph, and how much of the robot's reach it covers.
 
     Areas are in square metres. `tight` counts edges of a round robot, both directions once, that
-    are open by the costs of their cells but on which the robot's outline of 16 corners, as in
-    costmap_2d, touches an obstacle. `missed` names the goals without an edge.
+    are open by the costs of their cells but on which the robot's circle, or its outline of 16
+    corners as in costmap_2d, touches an obstacle; `near_unknown` those nearer to an unknown cell
+    than the radius, and `from_unknown` how near. `missed` names the goals without an edge.
     """
 
     graph: RouteGraph
@@ -80,6 +86,16 @@ class GraphResult:
     parts: int
     tight: int
     missed: tuple[str, ...] = ()
+    near_unknown: int = 0
+    from_unknown: float = math.inf
+
+
+def band_around_unknown(grid: Any, width: float) -> OccupancyGrid:
+    """Return a keepout mask of the cells in which a line may come too near to unknown cells."""
+    unknown = np.asarray(grid.occupancy) == UNKNOWN
+    limit = (width / grid.resolution + _BETWEEN_CENTRES) ** 2
+    values = np.where((squared_distance(unknown) <= limit) & ~unknown, OCCUPIED, FREE)
+    return OccupancyGrid(values.astype(np.int8), grid.resolution, grid.origin)
 
 
 class Area(NamedTuple):
@@ -260,9 +276,8 @@ class Draft:
         in_order = np.lexsort(numbers.T[::-1])
         numbers, leads_back = numbers[in_order], leads_back[in_order]
         starts, stops = (points[order[numbers[:, end] - 1]] for end in (0, 1))
-        is_clear, least = sweeps.along(
-            *map(sweeps.frame.continuous_rowcol_from_xy, (starts, stops))
-        )
+        lines = [*map(sweeps.frame.continuous_rowcol_from_xy, (starts, stops))]
+        is_clear, least = sweeps.along(*lines)
         width = np.full(len(points), math.inf)
         width[list(self.widths)] = list(self.widths.values())
         widths = width[order[numbers - 1]].min(axis=1)
@@ -283,10 +298,19 @@ class Draft:
         missing = float(np.count_nonzero(self.missing)) * self.cell**2
         covered = self.area.reachable - missing
         parts = len(np.unique(self.parts()[used]))
-        tight = int(np.count_nonzero(~is_clear))
+        tight, from_unknown = ~is_clear, np.full(len(numbers), math.inf)
+        radius = self.area.radius
+        for k in () if self.has_corners else np.flatnonzero(least < radius + _BETWEEN_CENTRES):
+            line = lines[0][k], lines[1][k], radius
+            tight[k] |= sweeps.distance_to(LETHAL_OBSTACLE, *line) < radius - _TOUCHING
+            from_unknown[k] = sweeps.distance_to(NO_INFORMATION, *line)
         missed = tuple(name for node, name in self.names.items() if node in self.gone)
         graph = RouteGraph(nodes, tuple(edges))
-        return GraphResult(graph, self.area.reachable, covered, parts, tight, missed)
+        return GraphResult(
+            graph, self.area.reachable, covered, parts, int(tight.sum()), missed,
+            int((from_unknown < radius - _TOUCHING).sum()),
+            float(from_unknown.min(initial=math.inf)) * self.cell,
+        )  # fmt: skip
 
     def _metadata(self, node: int) -> dict[str, Any]:
         metadata: dict[str, Any] = {"kind": self.kinds[node]}
