@@ -297,6 +297,27 @@ def test_a_bottleneck_that_is_little_narrower_than_its_corridor_is_no_door():
     assert kinds & {"door", "narrow"} == {"narrow"}
 
 
+def drawn_in(height, width, *boxes):
+    """Return a room with walls, and boxes of it that are occupied: rows and columns."""
+    cells = np.pad(np.zeros((height, width), dtype=np.int8), 1, constant_values=100)
+    for top, bottom, left, right in boxes:
+        cells[top:bottom, left:right] = 100
+    return OccupancyGrid(cells, 0.1, (1.5, -2.0, 0.4))
+
+
+@pytest.mark.parametrize(("boxes", "kinds"), [
+    ([(0, 30, 40, 42), (50, 90, 40, 42)], {"door"}),  # 2 m wide, of one wall
+    ([(0, 30, 40, 42), (40, 62, 40, 42), (62, 90, 40, 42)], {"door"}),
+    ([(36, 46, 10, 22)], {"narrow"}),  # a cupboard 0.9 m from a wall
+    ([(10, 25, 40, 55), (33, 48, 40, 55)], {"narrow"}),  # two tables
+    ([(0, 90, 0, 28), (0, 90, 44, 82), (40, 44, 28, 35)], {"narrow"}),  # a shelf in a corridor
+])  # fmt: skip
+def test_doors_are_gaps_of_walls_between_wider_spaces(boxes, kinds):
+    grid = drawn_in(90, 80, *boxes)
+    graph = route_graph_of(reach(grid, radius=0.2), GraphOptions(hall=20.0)).graph
+    assert {node.metadata["kind"] for node in graph.nodes} & {"door", "narrow"} == kinds
+
+
 def test_a_corridor_has_its_nodes_in_the_middle_at_the_spacing():
     text = "\n".join(["#" * 80, *["#" + "." * 78 + "#"] * 5, "#" * 80])
     graph = graph_of(text)

@@ -244,8 +244,8 @@ def graph_of(
                 grid = lethal_costs(robot, source)
         mask = None
         if options.keep_from_unknown is not None:
-            seen = grid.to_occupancy() if isinstance(grid, Costmap) else grid
-            mask = graph_drafts.band_around_unknown(seen, options.keep_from_unknown)
+            published = grid.to_occupancy() if isinstance(grid, Costmap) else grid
+            mask = graph_drafts.band_around_unknown(published, options.keep_from_unknown)
         found = step.apply(grid, source.path, mask=mask)
         if not isinstance(found, Reach):
             raise TypeError("the stage reach must make a Reach")

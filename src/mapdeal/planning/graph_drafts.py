@@ -139,7 +139,6 @@ class Draft:
     kinds: list[Kind] = field(default_factory=list)
     names: dict[int, str] = field(default_factory=dict)
     widths: dict[int, float] = field(default_factory=dict)
-    ratios: dict[int, float] = field(default_factory=dict)
     edges: dict[tuple[int, int], float] = field(default_factory=dict)  # least clearances
     beside: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
     gone: set[int] = field(default_factory=set)  # removed nodes

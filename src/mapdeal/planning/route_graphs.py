@@ -30,16 +30,20 @@ from mapdeal.planning.skeleton_lines import Cells, Tracing
 
 MOST_EDGES = 8  # of a node, both directions counted once
 AREA_PER_NODE = 1.5  # square metres of reachable area, at least
-_NARROWEST_DOOR, _WIDEST_DOOR = 0.65, 1.6  # metres
+_NARROWEST_DOOR, _WIDEST_DOOR = 0.65, 2.1  # metres
 _PROMINENCE = 1.3
 """Least ratio of the clearance on both sides of a door to that in the door."""
 
-_DOOR = 1.75
-"""The same ratio for nodes of kind door; narrow places with less are of kind narrow."""
-
-_JAMB, _NEAR_JAMB = 0.5, 1.3
+_JAMB, _NEAR_JAMB = 1.5, 1.3
 """Extent of the smallest obstacle beside a door, metres, and how far it may be off the middle, as a
 share of the nearer side's distance."""
+
+_OPPOSITE = 150  # degrees between the directions of both jambs
+_ISLAND, _AROUND = 2.0, 12.0  # metres: extent of furniture that a path of this length leads around
+_AHEAD, _SIGHT, _FINEST = 1.2, 3.0, 0.01
+"""Metres in front of a door up to which the spaces on both sides are seen, how far aside, and the
+least distance of the places that are looked at."""
+_WIDER, _MUCH_WIDER = 1.8, 2.5  # ratios of the widths seen on both sides to that of the door
 
 _LONGEST = 1.25  # of the spacing: longer lines get a node
 _SHORT_CUT = 1.5
@@ -69,6 +73,7 @@ def route_graph_of(reach: Reach, options: graph_drafts.GraphOptions) -> graph_dr
     if draft.has_corners:
         draft.mend_blocked()  # before thinning out, which would otherwise keep blocked edges
     draft.cover_all()
+    draft.name_narrow_places()  # before thinning out, which removes these first
     if draft.is_crowded:
         draft.thin_out()
     draft.limit_edges()
@@ -77,7 +82,6 @@ def route_graph_of(reach: Reach, options: graph_drafts.GraphOptions) -> graph_dr
         draft.cover_all()
     draft.mend_blocked()
     draft.limit_edges()
-    draft.name_narrow_places()
     return draft.result()
 
 
@@ -209,10 +213,9 @@ class _CompleteDraft(graph_drafts.Draft):
         for path, (first, stop) in zip(paths, pairwise(bounds), strict=True):
             clearances = of_cells[first:stop]
             marks = [(0, path.start), (len(clearances) - 1, path.end)]
-            for door, ratio in self._doors(clearances, path) if with_doors else ():
+            for door in self._doors(clearances, path) if with_doors else ():
                 row, col = path.places[door].tolist()
                 node = self.add_node((row, col), "door")
-                self.ratios[node] = ratio
                 self.widths[node] = 2 * float(clearances[door]) * self.cell
                 marks.append((door, node))
             marks.sort()
@@ -285,8 +288,8 @@ class _CompleteDraft(graph_drafts.Draft):
         yield piece._replace(last=cut, end=middle)
         yield piece._replace(first=cut, start=middle)
 
-    def _doors(self, clearances: NDArray[np.float64], path: _Path) -> Iterator[tuple[int, float]]:
-        """Yield the indices of narrow places of a path, and how much wider both sides are."""
+    def _doors(self, clearances: NDArray[np.float64], path: _Path) -> Iterator[int]:
+        """Yield the indices of narrow places of a path."""
         widest = _WIDEST_DOOR / 2 / self.cell
         waiting = [(0, len(clearances))]
         while waiting:
@@ -310,7 +313,7 @@ class _CompleteDraft(graph_drafts.Draft):
                 is_beyond = part[least:] > 1.02 * narrow
                 count = int(is_beyond.argmax()) if is_beyond.any() else 1
                 middle = first + least + (count - 1) // 2
-                yield middle, min(before, after) / narrow
+                yield middle
                 waiting += [(first, first + least), (middle + 1, stop)]
             elif before < wide:
                 waiting.append((first + least + 1, stop))
@@ -476,7 +479,7 @@ class _CompleteDraft(graph_drafts.Draft):
     def tidy(self) -> None:
         self._merge(_MERGED * self.spacing, len(self.places))
         for node in self.nodes():
-            if self.kinds[node] == "door" and self._is_gap(node):
+            if self.kinds[node] == "door" and self._leads_around(node, 2.5 * self.spacing):
                 self.kinds[node] = "way"
                 del self.widths[node]
         lengths = ((self.beside[start][end], start, end) for start, end in self.edges)
@@ -497,7 +500,7 @@ class _CompleteDraft(graph_drafts.Draft):
                 ranks = [(_RANKS.index(self.kinds[node]), node) for node in pair]
                 (_, target), (rank, gone) = sorted(ranks)
                 around = {target, gone, *self.beside[gone]}
-                if {self.kinds[target], self.kinds[gone]} == {"door", "crossing"}:
+                if {self.kinds[target], self.kinds[gone]} in _ON_WALLS:
                     continue  # the path along the wall would lead through the door
                 if rank and (target, gone) not in refused and busy.isdisjoint(around):
                     busy |= around
@@ -525,6 +528,7 @@ class _CompleteDraft(graph_drafts.Draft):
             self._merge(0.4 * detour * self.spacing, self.excess)
             self._drop_edges(detour * self.spacing)
             self._shorten(("way", "crossing"))
+            self._shorten(("narrow",))
             self._shorten(("door",))
             self.cover_all()
             if not self.is_crowded:
@@ -541,7 +545,7 @@ class _CompleteDraft(graph_drafts.Draft):
                 self.add_edge(*ends, clearance)
                 continue
             for node in ends:
-                if self.kinds[node] != "door":
+                if self.kinds[node] not in ("door", "narrow"):
                     self._shrink(node)
 
     def _drop_dead_ends(self) -> None:
@@ -600,44 +604,78 @@ class _CompleteDraft(graph_drafts.Draft):
             self._straighten(node)
 
     def name_narrow_places(self) -> None:
-        """Change doors to narrow places if a side is little wider, or lacks a wall."""
+        """Change doors to narrow places if they are no gap in a wall between wider spaces."""
         from scipy import ndimage
 
-        doors = [node for node in self.nodes() if self.kinds[node] == "door"]
+        doors, found = [node for node in self.nodes() if self.kinds[node] == "door"], list[int]()
         if not doors:
             return
         closed, around = self.area.sweeps.closed != FREE_SPACE, np.ones((3, 3))
-        labels, _ = ndimage.label(ndimage.binary_dilation(closed, around), around)
-        labels[~closed] = 0  # pieces of a wall up to two cells apart have one label
-        sides = [
-            max(part.stop - part.start for part in box) for box in ndimage.find_objects(labels)
-        ]
-        is_wall = np.array([False, *(side * self.cell >= _JAMB for side in sides)])
-        for node in doors:
-            is_door = self.ratios[node] >= _DOOR and self.widths[node] >= _NARROWEST_DOOR
-            if not (is_door and self._has_jambs(node, labels, is_wall)):
-                self.kinds[node] = "narrow"
+        labels, _ = ndimage.label(ndimage.binary_dilation(closed, around, iterations=2), around)
+        labels[~closed] = 0  # pieces of a wall up to four cells apart have one label
+        boxes = ndimage.find_objects(labels)
+        sides = self.cell * np.array([0, *(max(s.stop - s.start for s in box) for box in boxes)])
+        for node in sorted(doors, key=lambda node: (self.widths[node], node)):
+            width = self.widths[node]
+            if width >= _NARROWEST_DOOR and self._is_door(node, labels, sides):
+                near = [door for door in found if self.length(door, node) * self.cell < width]
+                found += [] if near else [node]
+        for node in set(doors).difference(found):
+            self.kinds[node] = "narrow"
 
-    def _has_jambs(self, node: int, labels: NDArray[Any], is_wall: NDArray[np.bool_]) -> bool:
-        """Return whether walls stand near a narrow place in directions 120 degrees apart."""
+    def _is_door(self, node: int, labels: NDArray[Any], sides: NDArray[np.float64]) -> bool:
+        """Return whether walls stand on opposite sides, and both spaces are wider.
+
+        Jambs of one wall part the spaces. Of two walls, both are long, or only a long path leads
+        around: no furniture.
+        """
         place = np.array(self.places[node])
         reach = _NEAR_JAMB * self.widths[node] / 2 / self.cell + 2
         low = np.maximum((place - reach).astype(int), 0)
         high = (place + reach).astype(int) + 1
         near = labels[low[0] : high[0], low[1] : high[1]]
-        arms = np.argwhere(is_wall[near]) + low + 0.5 - place
-        arms = arms[np.hypot(*arms.T) <= reach]
-        is_jamb = np.zeros(360, dtype=np.bool_)  # by direction, degrees
-        is_jamb[np.degrees(np.arctan2(*arms.T)).astype(int) % 360] = True
-        return any((is_jamb & np.roll(is_jamb, degrees)).any() for degrees in range(120, 181))
+        arms = np.argwhere(sides[near] >= _JAMB) + low + 0.5 - place
+        arms = arms[np.argsort(np.hypot(*arms.T), kind="stable")]
+        degrees = np.degrees(np.arctan2(*arms.T)).astype(int)
+        arms = arms[np.unique(degrees, return_index=True)[1]]  # the nearest in each direction
+        lengths = np.hypot(*arms.T)
+        arms, lengths = arms[lengths <= reach], lengths[lengths <= reach]
+        units = arms / lengths[:, np.newaxis]
+        sums = np.where(units @ units.T < -0.5, lengths[:, np.newaxis] + lengths, np.inf)
+        if not np.isfinite(sums).any():
+            return False
+        pair = [*np.unravel_index(sums.argmin(), sums.shape)]
+        (row, col), (other_row, other_col) = units[pair]
+        if row * other_row + col * other_col > math.cos(math.radians(_OPPOSITE)):
+            return False
+        walls = labels[tuple((place + arms[pair]).astype(int).T)]
+        is_parting = walls[0] == walls[1] or sides[walls].min() >= _ISLAND
+        if not is_parting and self._leads_around(node, _AROUND / self.cell):
+            return False
+        across = (units[pair[0]] - units[pair[1]]) / 2
+        widths = sorted(self._width_seen(place, across, turn, labels) for turn in (1, -1))
+        limits = self.widths[node] / self.cell * np.array([_WIDER, _MUCH_WIDER])
+        return bool((widths >= limits).all())
 
-    def _is_gap(self, node: int) -> bool:
-        """Return whether a short path leads around a door: it is a gap, not the door of a room."""
+    def _width_seen(
+        self, place: NDArray[Any], across: NDArray[Any], turn: int, labels: NDArray[Any]
+    ) -> float:
+        """Return the largest free width across a path within a short way ahead, in cells."""
+        ahead = turn * np.array([across[1], -across[0]])
+        step = max(_HALF_CELL, _FINEST / self.cell)
+        steps = np.arange(0, _SIGHT / self.cell, step)[:, np.newaxis]
+        starts = place + ahead * np.arange(0, _AHEAD / self.cell, step)[:, np.newaxis]
+        rays = np.stack([starts[:, np.newaxis] + side * steps * across for side in (1, -1)])
+        rows, cols = np.clip(rays.astype(int), 0, np.array(labels.shape) - 1).transpose(3, 0, 1, 2)
+        free = np.logical_and.accumulate(labels[rows, cols] == 0, axis=2).sum(axis=(0, 2))
+        return float((free * np.logical_and.accumulate(free > 0)).max()) * step
+
+    def _leads_around(self, node: int, longest: float) -> bool:
+        """Return whether a path of at most a length leads around a node between two others."""
         if len(self.beside[node]) != 2:
             return False
         start, end = self.beside[node]
-        around = 2.5 * self.spacing
-        return self.length_on_graph(start, end, around, without=node) <= around
+        return self.length_on_graph(start, end, longest, without=node) <= longest
 
     def limit_edges(self) -> None:
         for node in list(self.beside):
@@ -744,7 +782,10 @@ _HALF_CELL, _FINE_STEP = 0.5, 0.125
 """Steps of checked positions, in cells; the fine one leaves no other result at any position."""
 _APART = 0.2  # metres between robots on adjacent lanes, and between robots and walls
 _ASIDE = 1.0  # metres: largest distance of a lane from the middle
-_RANKS: tuple[graph_drafts.Kind, ...] = ("goal", "door", "crossing", "hall", "end", "way")
+_ON_WALLS = {"door", "crossing"}, {"narrow", "crossing"}
+_RANKS: tuple[graph_drafts.Kind, ...] = (
+    "goal", "door", "narrow", "crossing", "hall", "end", "way",
+)  # fmt: skip
 """Of two merged nodes the one of the earlier kind remains."""
 
 
