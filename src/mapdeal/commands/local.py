@@ -219,13 +219,10 @@ def local(
     from mapdeal.pipeline.bag_maps import clouds_of_bag, sequence_of_bag  # few commands read bags
 
     trajectory = poses if poses is not None and has_times(poses) else None
-    with clouds_of_bag(
-        bag,
-        topics,
-        FrameOptions(poses=trajectory, **frames),
-        has_poses=pose is not None or (poses is not None and trajectory is None),
-        is_raw=options.frame == "map",
-    ) as source:
+    frame_options, is_raw = FrameOptions(poses=trajectory, **frames), options.frame == "map"
+    has_poses = pose is not None or (poses is not None and trajectory is None)
+    clouds_read = clouds_of_bag(bag, topics, frame_options, has_poses=has_poses, is_raw=is_raw)
+    with clouds_read as source:
         with work.counted(source.preparation) as advance:
             source.prepare(advance)
         if is_sequence:
@@ -258,10 +255,7 @@ def _replay(
             with work.counted(counts[-1]) as replay.advance:
                 return write_replay(replay, output, counts[-1], known, settings)
         folders = {output / f"{k:04}": count for k, count in enumerate(counts)}
-        jobs = [
-            Job(bag, folder, f"message {count - 1}", folder.name)
-            for folder, count in folders.items()
-        ]
+        jobs = [Job(bag, path, f"message {k - 1}", path.name) for path, k in folders.items()]
 
         def write(job: Job) -> RunReport:
             with strict_warnings(settings.strict, bag):

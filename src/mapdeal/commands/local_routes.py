@@ -51,11 +51,9 @@ class WindowPlanner:
         """Plan on the costs in the job's folder, and write the route and its picture there."""
         folder, x, y = job.folder, job.pose[0], job.pose[1]
         costs = self.costs_in(folder)
-        terrain = Terrain.of(costs)
+        terrain, goal, known = Terrain.of(costs), self.goal, self.known
         find = partial(shortest_over, terrain)
-        route = route_in_window(
-            terrain, find, (x, y), self.goal, by_length=True, known=self.known
-        )  # fmt: skip
+        route = route_in_window(terrain, find, (x, y), goal, by_length=True, known=known)
         files = (folder / ROUTE, folder / PICTURE)
         title = f"route {number}: {'reached' if route.reached else 'to the border'}"
         self.write(files, route_document(route), costs, title, RouteOverlay(route))
@@ -75,10 +73,8 @@ class WindowPlanner:
         ]
         document: dict[str, Any] = {"goal": rounded_place(*self.goal), "driven_m": rounded(length)}
         document |= {"driven": driven.tolist(), "steps": steps}
-        costs = self._canvas(jobs)
-        files = (output / STEPS, output / "routes.png")
-        overlay = StepsOverlay(routes, driven)
-        self.write(files, document, costs, f"{len(jobs)} steps", overlay)
+        files, overlay = (output / STEPS, output / "routes.png"), StepsOverlay(routes, driven)
+        self.write(files, document, self._canvas(jobs), f"{len(jobs)} steps", overlay)
         reached, beyond = (sum(getattr(route, name) for route in routes)
                            for name in ("reached", "beyond_window"))  # fmt: skip
         if reached + beyond < len(routes):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +29,8 @@ def route_on_graph(terrain: Terrain, graph: RouteGraph, start: Point, goal: Poin
     terrain.open_cell_of(start, "start")
     terrain.open_cell_of(goal, "goal")
     firsts, lasts = (_nearest(terrain, graph, place) for place in (start, goal))
-    for first, last in _pairs(len(firsts), len(lasts)):
+    ranks = np.ndindex(len(firsts), len(lasts))
+    for first, last in sorted(ranks, key=lambda pair: (sum(pair), pair)):
         nodes, expanded = cheapest_nodes(graph, firsts[first], lasts[last])
         if not nodes:
             continue
@@ -45,12 +45,6 @@ def route_on_graph(terrain: Terrain, graph: RouteGraph, start: Point, goal: Poin
     return Route("graph", False, start, goal, expanded=0)
 
 
-def _pairs(first: int, second: int) -> Sequence[tuple[int, int]]:
-    """Return pairs of ranks by rising sum."""
-    pairs = ((a, b) for a in range(first) for b in range(second))
-    return sorted(pairs, key=lambda pair: (sum(pair), pair))
-
-
 def _nearest(terrain: Terrain, graph: RouteGraph, point: Point) -> list[int]:
     """Return the nearest nodes, first those that a straight free line reaches."""
     away = np.hypot(*(graph.points_xy - point).T)
@@ -59,13 +53,9 @@ def _nearest(terrain: Terrain, graph: RouteGraph, point: Point) -> list[int]:
 
 
 def _is_visible(terrain: Terrain, point: Point, node: NDArray[np.float64]) -> bool:
-    places, inside = terrain.costmap.frame.bounded_continuous_rowcol_from_xy(
-        np.array([point, node])
-    )
-    if not inside.all():
-        return False
-    start, end = ((row, col) for row, col in places.tolist())
-    return terrain.is_clear(start, end)
+    ends = np.array([point, node])
+    places, inside = terrain.costmap.frame.bounded_continuous_rowcol_from_xy(ends)
+    return bool(inside.all()) and terrain.is_clear(*map(tuple, places.tolist()))
 
 
 def _path_to(

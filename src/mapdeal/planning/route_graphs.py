@@ -153,11 +153,8 @@ class _CompleteDraft(graph_drafts.Draft):
             for end in (chain.start, chain.end):
                 if end not in nodes:
                     degree = len(tracing.chains_of[end])
-                    kind: graph_drafts.Kind = (
-                        "crossing" if degree > 2 else "end" if degree == 1 else "way"
-                    )
-                    if end in tracing.mouths:
-                        kind = "way"
+                    kind: graph_drafts.Kind = "crossing" if degree > 2 else "end"
+                    kind = "way" if degree == 2 or end in tracing.mouths else kind
                     row, col = tracing.fine[end].tolist()
                     nodes[end] = self.add_node((row + 0.5, col + 0.5), kind)
                 ends.append(nodes[end])
@@ -228,11 +225,8 @@ class _CompleteDraft(graph_drafts.Draft):
 
     def _add_lines_of(self, pieces: Sequence[_Piece]) -> list[_Piece]:
         """Add edges for pieces that a robot can follow straight; return halves of the others."""
-        starts, ends = (
-            self.at(piece.start for piece in pieces),
-            self.at(piece.end for piece in pieces),
-        )
-        is_clear, least = self.area.sweeps.along(starts, ends)
+        starts = self.at(piece.start for piece in pieces)
+        is_clear, least = self.area.sweeps.along(starts, self.at(piece.end for piece in pieces))
         lows = [float(piece.clearances[piece.first : piece.last + 1].min()) for piece in pieces]
         needed = graph_drafts.SHARE * np.array(lows)
         is_loop = np.array([piece.start == piece.end for piece in pieces])

@@ -419,11 +419,9 @@ class _Slope:
         v, u = place[0] - 0.5 - row, place[1] - 0.5 - col
         along_rows = along_cols = 0.0
         for r, c, share in (
-            (row, col, (1 - v) * (1 - u)),
-            (row, col + 1, (1 - v) * u),
-            (row + 1, col, v * (1 - u)),
-            (row + 1, col + 1, v * u),
-        ):
+            (row, col, (1 - v) * (1 - u)), (row, col + 1, (1 - v) * u),
+            (row + 1, col, v * (1 - u)), (row + 1, col + 1, v * u),
+        ):  # fmt: skip
             south, north = _beside(r, self._height)
             west, east = _beside(c, self._width)
             along_rows += share * (self._at(north, c) - self._at(south, c)) / max(north - south, 1)
@@ -433,18 +431,14 @@ class _Slope:
     def _lowest_neighbour(self, place: Place, here: float) -> Place | None:
         """Return the centre with the steepest descent, of this cell or of a cell around it."""
         best, steepest = None, 0.0
-        cell = _cell_of(place)
-        for rows in (-1, 0, 1):
-            for cols in (-1, 0, 1):
-                beside = (cell[0] + rows, cell[1] + cols)
-                if not self._terrain.is_open(beside):
-                    continue
-                centre = (beside[0] + 0.5, beside[1] + 0.5)
-                drop, length = here - self._at(*beside), math.dist(place, centre)
-                if length == 0 or drop / length <= steepest:
-                    continue
-                if self._terrain.is_clear(place, centre):
-                    best, steepest = centre, drop / length
+        row, col = _cell_of(place)
+        for beside in ((row + rows, col + cols) for rows in (-1, 0, 1) for cols in (-1, 0, 1)):
+            if not self._terrain.is_open(beside):
+                continue
+            centre = (beside[0] + 0.5, beside[1] + 0.5)
+            drop, length = here - self._at(*beside), math.dist(place, centre)
+            if length and drop / length > steepest and self._terrain.is_clear(place, centre):
+                best, steepest = centre, drop / length
         return best
 
 

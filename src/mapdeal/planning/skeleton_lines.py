@@ -55,9 +55,8 @@ class Tracing:
         index = np.full((height + 2, width + 2), -1)
         rows, cols = self.cells[:, 0] + 1, self.cells[:, 1] + 1
         index[rows, cols] = np.arange(len(self.cells))
-        columns = []
-        for row, col in ((0, 1), (1, 0), (0, -1), (-1, 0)):
-            columns.append(index[rows + row, cols + col])
+        straight = ((0, 1), (1, 0), (0, -1), (-1, 0))
+        columns = [index[rows + row, cols + col] for row, col in straight]
         for row, col in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
             there = index[rows + row, cols + col]
             is_connected = (index[rows + row, cols] >= 0) | (index[rows, cols + col] >= 0)
