@@ -255,33 +255,29 @@ def graph_of(
                 raise FindingError(f"goal {goal.goal.label} is not reachable: {why}")
         result = route_graph_of(found, options)
     has_corners = shape is not None and bool(shape.vertices)
-    _warn(result, source.name, options.cover, has_corners=has_corners)
+    for text in _problems(result, options.cover, has_corners=has_corners):
+        emit_warning(f"{source.name}: {text}")
     return PlannedGraph(source, found, result, options.cover)
 
 
-def _warn(result: graph_drafts.GraphResult, name: str, cover: float, *, has_corners: bool) -> None:
+def _problems(
+    result: graph_drafts.GraphResult, cover: float, *, has_corners: bool
+) -> Iterator[str]:  # fmt: skip
     missing = result.reachable - result.covered
     if missing > _LITTLE * result.reachable:
         why = "it would take too many nodes; take a longer cover"
         if has_corners:
             why = "it gets there only sideways, or turning as it goes"
-        emit_warning(
-            f"{name}: {decimal_text(missing, 3)} of {decimal_text(result.reachable)} m2 that the "
-            f"robot reaches are farther than {cover:g} m from all nodes: {why}",
-            stacklevel=2,
-        )
+        areas = f"{decimal_text(missing, 3)} of {decimal_text(result.reachable)} m2"
+        yield f"{areas} that the robot reaches are farther than {cover:g} m from all nodes: {why}"
     if result.parts > 1:
-        emit_warning(
-            f"{name}: the graph is in {result.parts} parts that no edge joins", stacklevel=2
-        )
+        yield f"the graph is in {result.parts} parts that no edge joins"
     if result.missed:
-        emit_warning(f"{name}: no straight edges lead to {', '.join(result.missed)}", stacklevel=2)
+        yield f"no straight edges lead to {', '.join(result.missed)}"
     if result.tight:
-        emit_warning(
-            f"{name}: on {result.tight} ways the outline of the robot touches an obstacle, though "
-            "the costs of their cells are open: it has less than a cell to spare there",
-            stacklevel=2,
-        )
+        text = f"on {result.tight} ways the outline of the robot touches an obstacle, though "
+        text += "the costs of their cells are open: it has less than a cell to spare there"
+        yield text
 
 
 _LITTLE = 1e-6  # of the area

@@ -164,10 +164,7 @@ class Sweeps:
     def distance_to(
         self, cost: int, start: NDArray[np.float64], end: NDArray[np.float64], reach: float
     ) -> float:
-        """Return the exact distance of a line to the squares of closed cells, in cells.
-
-        Only cells of a cost within `reach` of the line count.
-        """
+        """Return the exact distance of a line to the squares of cells of a cost within a reach."""
         low = np.maximum(np.minimum(start, end) - reach - 1, 0).astype(np.int64)
         high = (np.maximum(start, end) + reach).astype(np.int64) + 1
         squares = np.argwhere(self.closed[low[0] : high[0], low[1] : high[1]] == cost) + low
