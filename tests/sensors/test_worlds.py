@@ -1,5 +1,7 @@
 """Worlds and meshes: shapes and poses against trimesh's sections, files against made-up faults."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -8,7 +10,7 @@ from hypothesis import strategies as st
 from mapdeal import FileAccessError, MalformedInputError
 from mapdeal.grid.frame import Frame
 from mapdeal.mapping.world_map import inside_runs, section_at
-from mapdeal.sensors.meshes import strips_of
+from mapdeal.sensors.meshes import read_mesh, strips_of
 from mapdeal.sensors.worlds import read_world
 
 trimesh = pytest.importorskip("trimesh")
@@ -170,6 +172,45 @@ def test_meshes_in_worlds(tmp_path, form, scale):
     assert not (seen_at(world) != inside)[~near].any()
 
 
+OBJ_LINES = ["v {0} {1} {2}", "\tv  {0} {1}\t{2} 0.5", "v {0} {1} {2} .1 .2 .3 # red", "vn 0 0 1",
+             "vt 1 0", "# f 1 2 3", "f {3} {4} {5}", "f {3}/1/2 {4}//3 {5}/7 {5}", "g a b", "o", "",
+             "f {3} \\\n{4} {5} # last", "usemtl f", "s off"]  # fmt: skip
+
+
+def obj_by_lines(text):
+    """Return the triangles of each name, read line by line."""
+    corners, parts = [], [((), [])]
+    for line in text.replace("\\\n", " ").split("\n"):
+        key, *words = line.partition("#")[0].split() or [""]
+        if key == "v":
+            corners.append([float(word) for word in words[:3]])
+        elif key == "f":
+            numbers = [int(word.split("/")[0]) for word in words]
+            a, *more = [corners[number - (number > 0)] for number in numbers]
+            parts[-1][1].extend([a, b, c] for b, c in pairwise(more))
+        elif key in ("g", "o"):
+            parts.append((tuple(words), []))
+    return [(names, sorted(triangles)) for names, triangles in parts]
+
+
+@given(st.randoms(use_true_random=False), st.integers(20, 60), st.sampled_from(["\n", "\r\n"]))
+def test_obj_is_read_as_line_by_line(tmp_path_factory, random, length, eol):
+    lines = ["v 0 0 1"] * 4 + ["f 1 2 3"]
+    count = 4
+    for line in random.choices(OBJ_LINES, k=length):
+        x, y, z = (f"{random.random():{form}}" for form in random.choices([".6f", "e"], k=3))
+        corners = random.choices(range(1, count + 1), k=3)
+        indices = [random.choice([k, k - count - 1]) for k in corners]
+        lines.append(line.format(x, y, z, *indices))
+        count += line.strip().startswith("v ")
+    path = tmp_path_factory.mktemp("o") / "a.obj"
+    path.write_text(eol.join(lines), newline="")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mapdeal.sensors.meshes._PIECE", 100)
+        found = [(names, sorted(triangles.tolist())) for names, triangles in read_mesh(path)]
+    assert found == obj_by_lines("\n".join(lines))
+
+
 def test_a_concave_face_leaves_its_notch_open(tmp_path):
     corners = "".join(f"v {x} 0 {z}\n" for x, z in NOTCHED)
     wall = read_world(written(tmp_path, f"{corners}f {' '.join('12345678')}\n", "w.obj"))
@@ -274,6 +315,8 @@ FAULTS = {
     "a.urdf": ("<robot xmlns:xacro='x'><xacro:macro/></robot>", "is xacro that is not expanded"),
     "b.urdf": ("<robot><link name='${n}'/></robot>", "link: is xacro that is not expanded"),
     "a.obj": ("v 0 0 0\nv 1 0 0\nf 1 2 3\n", "line 3: must be v and 3 numbers"),
+    "d.obj": ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 /3 3\nf 1 2 0\n", "line 5: must be v"),
+    "e.obj": ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 0 3 1\n", "line 5: must be v and 3"),
     "b.obj": ("v 0 0 0\nv 1 0 0\nv nan 0 1\nf 1 2 -1\n", "not finite"),
     "c.obj": ("", "has no triangles"),
     "a.stl": ("solid a\nfacet\nvertex 0 0 0\nendsolid\n", "ends within a triangle"),

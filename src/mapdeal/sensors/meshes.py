@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 import re
-from array import array
 from collections.abc import Callable, Iterator, Sequence
+from itertools import compress
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -30,7 +30,8 @@ MESH_ENDINGS = (".stl", ".obj", ".dae")
 
 _LARGEST_XML = 1 << 28
 _MOST_ELEMENTS, _DEEPEST = 1 << 22, 200
-_PIECE = 1 << 23  # bytes of text that are parsed together
+_VERTEX = re.compile(rb"vertex\s+(\S+\s+\S+\s+\S+)\s")
+_PIECE = 1 << 20  # bytes of text that are parsed together
 _MOST_CORNERS = 2000  # of a face that is divided into strips
 MOST_INSTANCES = 1 << 20  # small files can refer to one shape any number of times
 
@@ -95,11 +96,15 @@ def malformed(path: Path, rule: str, place: str, **more: Any) -> MalformedInputE
 def numbers_in(
     text: str | None, path: Path, place: str, count: int | None = None, kind: type = float
 ) -> NDArray[Any]:
-    words = (text or "").split()
     rule = f"must be {'' if count is None else f'{count} '}{'finite' if kind is float else 'whole'}"
+    line = (text or "").replace("\n", " ")
+    values = np.zeros(0, np.float64 if kind is float else np.int64)
     try:
-        values = np.array(words, dtype=np.float64 if kind is float else np.int64)
-    except (ValueError, OverflowError):
+        if line.strip():
+            values = np.loadtxt([line], values.dtype, comments=None, ndmin=1)
+        if kind is int and "." in line:  # numpy 1.26 rounds it
+            raise ValueError
+    except ValueError:
         values = np.array([np.nan])
     if not np.isfinite(values).all() or (count is not None and len(values) != count):
         raise malformed(path, f"{rule} numbers", place, got=text)
@@ -122,7 +127,11 @@ def _stl_parts(path: Path) -> list[Part]:
         records = np.frombuffer(data, np.uint8, offset=84).reshape(-1, 50)[:, 12:48]
         numbers = np.ascontiguousarray(records).view("<f4").astype(np.float64)
     elif data[:512].lstrip().startswith(b"solid") and b"facet" in data[:4096]:
-        numbers = np.concatenate(list(_ascii_numbers(data, path)))
+        claim(path, 2 * len(data))
+        numbers = np.concatenate([
+            numbers_in(b" ".join(_VERTEX.findall(text)).decode("latin-1"), path, "vertex")
+            for text in _pieces_of(data)
+        ])  # fmt: skip
         if len(numbers) % 9 or b"endsolid" not in data[-4096:]:
             raise MalformedInputError("ends within a triangle or before endsolid", source=path)
     else:
@@ -131,50 +140,82 @@ def _stl_parts(path: Path) -> list[Part]:
     return [Part((), numbers.reshape(-1, 3, 3))]
 
 
-def _ascii_numbers(data: bytes, path: Path) -> Iterator[Floats]:
-    claim(path, 2 * len(data))
+def _pieces_of(data: bytes) -> Iterator[bytes]:
+    """Yield text in pieces of whole lines."""
     first = 0
     while first < len(data):
         end = data.rfind(b"\n", first, first + _PIECE) + 1
         end = end if end > first else len(data)
-        texts = re.findall(rb"vertex\s+(\S+\s+\S+\s+\S+)\s", data[first:end])
-        yield numbers_in(b" ".join(texts).decode("latin-1"), path, "vertex")
+        yield data[first:end]
         first = end
+
+
+class _ObjLines(NamedTuple):
+    """Corners, faces and names in some lines of an OBJ file."""
+
+    corners: Floats
+    indices: Integers  # of the corners of all faces, from 0
+    counts: Integers  # of the corners of each face
+    owners: Integers  # number of lines with names before each face
+    names: list[tuple[str, ...]]
+
+
+def _obj_lines(lines: list[bytes], corners_before: int) -> _ObjLines:
+    kinds = np.array(lines, "S2")
+    is_corner, is_face, has_names = (
+        np.isin(kinds, words)
+        for words in ([b"v", b"v "], [b"f", b"f "], [b"o", b"o ", b"g", b"g "])
+    )
+    corners = np.zeros((0, 3))
+    if is_corner.any():
+        text = list(compress(lines, is_corner.tolist()))
+        corners = np.loadtxt(text, comments=None, usecols=(1, 2, 3), ndmin=2)
+    # a 0, which is no index, marks where each face begins
+    faces = b"\n".join([b"", *compress(lines, is_face.tolist())]).replace(b"\nf ", b"\n0 ")
+    if b" /" in faces:
+        raise ValueError
+    indices = np.array(re.sub(rb"/\S*|#.*", b"", faces).split(), np.int64)
+    begins = np.flatnonzero(indices == 0)
+    counts = np.diff(begins, append=len(indices)) - 1
+    known = corners_before + np.cumsum(is_corner)[is_face]
+    if len(counts) != len(known) or counts.min(initial=3) < 3:
+        raise ValueError
+    indices, known = np.delete(indices, begins), np.repeat(known, counts)
+    indices = np.where(indices > 0, indices - 1, known + indices)
+    if ((indices < 0) | (indices >= known)).any():
+        raise ValueError
+    words = [line.decode("latin-1").split() for line in compress(lines, has_names.tolist())]
+    names = [tuple(more) for _, *more in words]
+    return _ObjLines(corners, indices, counts, np.cumsum(has_names, dtype=np.int64)[is_face], names)
 
 
 def _obj_parts(path: Path) -> list[Part]:
     data = read_file(path).replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
     claim(path, 8 * len(data))
-    numbers, indices, counts, owners = array("d"), array("q"), array("q"), array("q")
+    pieces, corner_count, line_count = [_obj_lines([], 0)], 0, 0
     names: list[tuple[str, ...]] = [()]
-    for number, line in enumerate(data.split(b"\n"), 1):
-        words = line.split()
-        if not words:
-            continue
+    for text in _pieces_of(data):
+        lines = list(map(bytes.lstrip, text.replace(b"\t", b" ").splitlines()))
         try:
-            if words[0] == b"v":
-                x, y, z = words[1:4]
-                numbers.extend((float(x), float(y), float(z)))
-            elif words[0] == b"f":
-                last = len(numbers) // 3
-                face = [int(word.partition(b"/")[0]) for word in words[1:]]
-                if len(face) < 3 or not all(0 < abs(index) <= last for index in face):
-                    raise ValueError
-                indices.extend([index - 1 if index > 0 else last + index for index in face])
-                counts.append(len(face))
-                owners.append(len(names) - 1)
-            elif words[0] in (b"o", b"g"):
-                names.append(tuple(word.decode("latin-1") for word in words[1:]))
+            piece = _obj_lines(lines, corner_count)
         except ValueError:
-            rule = "must be v and 3 numbers, or f and 3 or more of the corners before it"
-            text = line[:80].decode("latin-1").strip()
-            place = f"line {number}"
-            raise MalformedInputError(rule, source=path, place=place, got=text) from None
-    corners = np.array(numbers).reshape(-1, 3)
-    of_face = np.array(owners, np.int64)
-    triangles, faces = triangulated(corners, np.array(indices, np.int64), np.array(counts), path)
-    order = np.argsort(of_face[faces], kind="stable")
-    ends = np.searchsorted(of_face[faces][order], np.arange(len(names) + 1))
+            for number, line in enumerate(lines, line_count + 1):
+                try:
+                    corner_count += len(_obj_lines([line], corner_count).corners)
+                except ValueError:
+                    rule = "must be v and 3 numbers, or f and 3 or more of the corners before it"
+                    words = line[:80].decode("latin-1").strip()
+                    raise malformed(path, rule, f"line {number}", got=words) from None
+            raise
+        pieces.append(piece._replace(owners=piece.owners + len(names) - 1))
+        names += piece.names
+        corner_count, line_count = corner_count + len(piece.corners), line_count + len(lines)
+    corners, indices, counts, owners = (
+        np.concatenate(arrays) for arrays in list(zip(*pieces, strict=True))[:4]
+    )
+    triangles, faces = triangulated(corners, indices, counts, path)
+    order = np.argsort(owners[faces], kind="stable")
+    ends = np.searchsorted(owners[faces][order], np.arange(len(names) + 1))
     return [Part(name, triangles[order[ends[k] : ends[k + 1]]]) for k, name in enumerate(names)]
 
 
@@ -186,7 +227,7 @@ def triangulated(
     triangles, faces = [np.zeros((0, 3, 3))], [np.zeros(0, np.int64)]
     for count in np.unique(counts[counts >= 3]).tolist():
         which = np.flatnonzero(counts == count)
-        points = corners[indices[starts[which][:, np.newaxis] + np.arange(count)]]
+        points = corners.take(indices[starts[which][:, np.newaxis] + np.arange(count)], axis=0)
         if count > 3:
             spokes, edges = points - points[:, :1], np.roll(points, -1, axis=1) - points
             normals = np.cross(spokes, np.roll(spokes, -1, axis=1)).sum(axis=1)
@@ -338,10 +379,8 @@ class _Collada:
         if width < 3 or len(numbers) % width or any(len(loop) % step for loop in loops):
             rule = f"must be corners of {width} numbers and {step} indices"
             raise malformed(self.path, rule, place, got=len(numbers))
-        corners, offset = (
-            numbers.reshape(-1, width)[:, :3],
-            int(inputs["VERTEX"].get("offset", "0")),
-        )
+        corners = numbers.reshape(-1, width)[:, :3]
+        offset = int(inputs["VERTEX"].get("offset", "0"))
         indices = np.concatenate([np.zeros(0, np.int64), *(loop[offset::step] for loop in loops)])
         if faces.tag == "triangles":
             counts = np.full(len(indices) // 3, 3)
