@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drawn import grid_from_text
+from mapdeal import OccupancyGrid
 from mapdeal.mapping.scanner import Scanner, Surroundings, noisy_odometry
 from oracles import beam_lengths
 
@@ -51,11 +52,19 @@ def test_beams_that_begin_in_closed_cells_or_outside_have_no_return():
 def test_the_walls_in_sight_are_those_that_many_beams_hit():
     around = Surroundings(ROOM)
     angles = np.linspace(-math.pi, math.pi, 20_000, endpoint=False)
-    for pose, cells in zip(POSES, around.all_hit_cells(POSES[:, :2], 9.0), strict=True):
+    for pose, (cells, _) in zip(POSES, around.sights(POSES[:, :2], 9.0), strict=True):
         many = around.lengths(pose[np.newaxis], angles, 9.0)
         expected = around.hit_cells(pose[np.newaxis], angles, many)
         assert set(cells) <= set(expected)
         assert len(cells) >= 0.8 * len(expected)  # cells of which a corner is in sight
+
+
+def test_walls_are_faced_up_to_an_angle():
+    corridor = OccupancyGrid(np.pad(np.zeros((20, 400), np.int8), 1, constant_values=100), 0.05)
+    ((_, facing),) = Surroundings(corridor).sights(np.array([[10.05, 0.55]]), 30.0)
+    cols = facing[facing < 402] % 402  # of the lower wall, half a metre away
+    farthest = np.abs((cols + 0.5) * 0.05 - 10.05).max()
+    assert farthest == pytest.approx(0.5 / math.tan(0.25), abs=0.2)
 
 
 @pytest.mark.parametrize(("fov", "beams", "last"), [

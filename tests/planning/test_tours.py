@@ -61,7 +61,7 @@ def test_a_robot_stays_on_its_line_and_within_its_speeds(seed, speed, rate):
     line = np.cumsum(rng.normal(0, 1, (6, 2)), axis=0)
     line = np.concatenate([line, line[-2::-1]])  # there and back
     is_viewpoint = np.isin(np.arange(11), [3, 7])
-    poses = driven(line, is_viewpoint, speed=speed, rate=rate)
+    poses = driven(line, is_viewpoint, speed=speed, rate=rate, turn=2.0)
     moves = np.diff(poses, axis=0)
     assert (np.hypot(*moves[:, :2].T) <= speed / rate + 1e-9).all()
     assert (np.abs(moves[:, 2]) <= 1 / rate + 1e-9).all()
@@ -74,15 +74,16 @@ def test_a_robot_stays_on_its_line_and_within_its_speeds(seed, speed, rate):
 
 def test_a_robot_looks_ahead_turns_at_viewpoints_and_at_dead_ends():
     line = np.array([[0.0, 0.0], [2.0, 0.0], [4.0, 0.0], [2.0, 0.0]])
-    poses = driven(line, np.array([False, True, False, False]), speed=1.0, rate=20.0)
+    is_viewpoint = np.array([False, True, False, False])
+    poses = driven(line, is_viewpoint, speed=1.0, rate=20.0, turn=1.5)
     near = {x: poses[np.abs(poses[:, 0] - x) < 0.02, 2] for x in (1.0, 2.0, 3.0, 4.0)}
     assert np.ptp(near[1.0]) < 1e-9
-    assert np.ptp(near[2.0]) == pytest.approx(2 * math.pi, abs=0.1)
+    assert np.ptp(near[2.0]) == pytest.approx(1.5, abs=0.1)
     assert np.ptp(near[3.0]) == pytest.approx(math.pi)
-    duration = 6.0 + 2 * math.pi + math.pi
+    duration = 6.0 + 2 * 1.5 + math.pi
     assert len(poses) / 20 == pytest.approx(duration, abs=0.2)
 
 
 def test_too_many_poses_are_refused():
     with pytest.raises(ParameterError, match="scans are too many"):
-        driven(np.array([[0.0, 0.0], [9.0, 0.0]]), np.zeros(2, bool), speed=1e-4, rate=1e3)
+        driven(np.array([[0.0, 0.0], [9.0, 0.0]]), np.zeros(2, bool), speed=1e-4, rate=1e3, turn=0)

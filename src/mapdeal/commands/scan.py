@@ -49,6 +49,7 @@ _BAGS = (".mcap", ".db3")
 _PER_CELL = 24.0  # bytes for each cell of distances and of walls that are seen
 _PER_READING = 9
 _COVER = 1.5  # metres from each place that the robot reaches to a possible viewpoint
+_TURN = 1.0  # radians that a robot turns at least at viewpoints: its beams sweep all gaps
 _BETWEEN = 1.0  # metres between the places from which all visible walls are looked for
 _FIELD = Condition("at most a full turn, 6.2832", lambda value: value <= 2 * math.pi + 1e-3)
 _RATE = Condition("between 0.001 and 10000", lambda value: 0.001 <= value <= 10_000)
@@ -201,8 +202,8 @@ def scan(
 
     Beams are exact: they end where they enter an obstacle. The poses are those of a file, of a
     route, or of a tour: a closed way along the route graph of the robot, past viewpoints that
-    together see all walls that its nodes see. The seed of the noise is fixed. Bags have
-    /scan, /tf (map, odom, base_link, laser), /odom and /map.
+    together see all walls that its nodes see, where possible not at a grazing angle. The seed of
+    the noise is fixed. Bags have /scan, /tf (map, odom, base_link, laser), /odom and /map.
 
     Parameters
     ----------
@@ -294,20 +295,27 @@ def scan(
             source, GraphOptions(cover=_COVER), start=start, through_unknown=through_unknown,
             footprint=footprint, robot=robot, **reading,
         )  # fmt: skip
-        in_sight = list(around.all_hit_cells(planned.graph.points_xy, range_max))
+        cells = around.cells
+        # walls that beams only graze can be lost in a map: viewpoints also cover all the faces
+        in_sight = [
+            np.concatenate([seen, facing + cells])
+            for seen, facing in around.sights(planned.graph.points_xy, range_max)
+        ]
         step = max(1, round(_BETWEEN / source.grid.resolution))
-        cells = np.argwhere(planned.reach.reachable[::step, ::step]) * step
-        places = planned.reach.frame.xy_from_rowcol(cells)
-        for hit in (*in_sight, *around.all_hit_cells(places, range_max)):
-            is_visible[hit] = True
-        tour_line = tour_of(planned.graph, in_sight, around.cells)
-        robot_poses = driven(*tour_line, speed=speed, rate=rate)
+        reachable = np.argwhere(planned.reach.reachable[::step, ::step]) * step
+        places = planned.reach.frame.xy_from_rowcol(reachable)
+        for seen in (*in_sight, *(seen for seen, _ in around.sights(places, range_max))):
+            is_visible[seen[seen < cells]] = True
+        tour_line = tour_of(planned.graph, in_sight, 2 * cells)
+        turn = max(_TURN, 2 * math.pi - fov)
+        robot_poses = driven(*tour_line, speed=speed, rate=rate, turn=turn)
     else:
         line = read_document(files[0])["points"].points() if files else route.points_xy
         if not len(line):
             rule = "has no points: its goal is not reached"
             raise MalformedInputError(rule, source=files[0] if files else "route", place="points")
-        robot_poses = driven(line, np.zeros(len(line), np.bool_), speed=speed, rate=rate)
+        stops = np.zeros(len(line), np.bool_)
+        robot_poses = driven(line, stops, speed=speed, rate=rate, turn=0.0)
     count = len(robot_poses) * beams
     with inputs.settings_of(**reading).reading():
         claim(source.name, _PER_READING * count, what=f"{count} readings of scans")

@@ -19,6 +19,7 @@ from mapdeal.mapping.evidence import Scans
 
 _INSIDE = 1e-7  # metres that beams go into the cell that they hit, or rounding may end them before
 _BEAMS_TOGETHER = 1 << 18
+_GRAZING = 0.25  # radians to a wall, below which mappers can free cells in front of the hit one
 _SEED = 0
 
 
@@ -62,13 +63,20 @@ class Surroundings:
         flat = np.unique(np.ravel_multi_index(tuple(cells.T), self.grid.shape))
         return np.asarray(flat[self._room.reshape(-1)[flat] == 0])
 
-    def all_hit_cells(self, places_xy: Floats, range_max: float) -> Iterator[Integers]:
-        """Yield for each place all obstacles that can be seen from there, as flat indices."""
+    def sights(self, places_xy: Floats, range_max: float) -> Iterator[tuple[Integers, Integers]]:
+        """Yield for each place the obstacles in sight, and those that beams do not only graze."""
         reach = min(range_max, math.hypot(*self.grid.frame.size_xy))
         count = math.ceil(2 * math.pi * reach / self.grid.resolution)
         angles = np.linspace(-math.pi, math.pi, count, endpoint=False)
         for pose in np.pad(places_xy, ((0, 0), (0, 1)))[:, np.newaxis]:
-            yield self.hit_cells(pose, angles, self.lengths(pose, angles, range_max))
+            lengths = self.lengths(pose, angles, range_max)
+            with np.errstate(invalid="ignore"):  # between two beams without return
+                steps = np.abs(np.diff(lengths, axis=1, append=lengths[:, :1]))
+                is_steep = steps < lengths * (2 * math.pi / count / math.tan(_GRAZING))
+            yield (
+                self.hit_cells(pose, angles, lengths),
+                self.hit_cells(pose, angles, np.where(is_steep, lengths, np.inf)),
+            )
 
 
 @dataclass(frozen=True)

@@ -79,11 +79,11 @@ def _shortened(order: Integers, lengths: Floats) -> Integers:
 
 
 def driven(
-    points_xy: Floats, is_viewpoint: NDArray[np.bool_], *, speed: float, rate: float
+    points_xy: Floats, is_viewpoint: NDArray[np.bool_], *, speed: float, rate: float, turn: float
 ) -> Floats:
     """Return poses, shape (N, 3), of a robot that drives along a line, `rate` a second.
 
-    It slows down to turn, and turns once around at each viewpoint.
+    It slows down to turn, and turns by an angle and back at each viewpoint.
     """
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(points_xy, axis=0).T)))
     places = np.linspace(0.0, along[-1], int(np.ceil(along[-1] / _STEP)) + 1)
@@ -96,7 +96,7 @@ def driven(
     has_direction = np.hypot(*ahead.T) > _LITTLE
     latest = np.maximum.accumulate(np.where(has_direction, np.arange(len(places)), 0))
     yaws = np.unwrap(np.arctan2(ahead[latest, 1], ahead[latest, 0]))
-    yaws += 2 * np.pi * np.searchsorted(along[is_viewpoint], places, side="right")
+    yaws[np.searchsorted(places, along[is_viewpoint])] += turn
     steps = np.maximum(np.diff(places) / speed, np.abs(np.diff(yaws)) / _TURNING)
     times = np.append(0.0, np.cumsum(steps))
     if times[-1] * rate > _MOST_POSES:
