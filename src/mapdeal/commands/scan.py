@@ -298,14 +298,14 @@ def scan(
         cells = around.cells
         # walls that beams only graze can be lost in a map: viewpoints also cover all the faces
         in_sight = [
-            np.concatenate([seen, facing + cells])
-            for seen, facing in around.sights(planned.graph.points_xy, range_max)
+            np.concatenate([walls, faces + cells])
+            for walls, faces in around.sights(planned.graph.points_xy, range_max)
         ]
         step = max(1, round(_BETWEEN / source.grid.resolution))
         reachable = np.argwhere(planned.reach.reachable[::step, ::step]) * step
         places = planned.reach.frame.xy_from_rowcol(reachable)
-        for seen in (*in_sight, *(seen for seen, _ in around.sights(places, range_max))):
-            is_visible[seen[seen < cells]] = True
+        for walls in (*in_sight, *(walls for walls, _ in around.sights(places, range_max))):
+            is_visible[walls[walls < cells]] = True
         tour_line = tour_of(planned.graph, in_sight, 2 * cells)
         turn = max(_TURN, 2 * math.pi - fov)
         robot_poses = driven(*tour_line, speed=speed, rate=rate, turn=turn)
