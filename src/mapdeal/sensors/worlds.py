@@ -21,6 +21,7 @@ import numpy as np
 
 from mapdeal.errors import FileAccessError, MalformedInputError, nearest_hint
 from mapdeal.files.source import absolute_path, claim, contents_of, exists, is_folder, is_regular
+from mapdeal.grid.frame import FARTHEST
 from mapdeal.inputs.kinds import WORLD, recognised
 from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.rotations import product
@@ -416,8 +417,10 @@ class _Reader:
             high = np.max([points.max(axis=0) for points in around], axis=0) + _BESIDE
             parts.append((_patch(np.array(point), normal, low, high), number))
         solids = np.repeat([number for _, number in parts], [len(part) for part, _ in parts])
-        triangles = _turned_outside(np.concatenate([part for part, _ in parts]), solids)
-        count = len(np.unique(solids))
+        triangles, count = np.concatenate([part for part, _ in parts]), len(np.unique(solids))
+        if np.abs(triangles).max() > FARTHEST:
+            raise MalformedInputError(f"must lie within {FARTHEST:g} m")
+        triangles = _turned_outside(triangles, solids)
         return World(triangles, solids, tuple(self.files), count, self.moving)
 
 
