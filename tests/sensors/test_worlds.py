@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mapdeal import FileAccessError, MalformedInputError
 from mapdeal.grid.frame import Frame
-from mapdeal.mapping.world_map import inside_runs, section_at
+from mapdeal.mapping.world_map import inside_runs, section_at, surface_cells
 from mapdeal.sensors.meshes import read_mesh, strips_of
 from mapdeal.sensors.worlds import read_world
 
@@ -40,8 +40,8 @@ def seen_at(path, height=0.1, **options):
     return inside_runs(section_at(world.triangles, world.solids, height), FRAME).depths() > 0
 
 
-def seen_by_trimesh(mesh, height=0.1):
-    """Return which cells are inside, and which are within half a cell of the outline."""
+def outline_by_trimesh(mesh, height=0.1):
+    """Return which cells are inside, and the distances of all from the outline."""
     lines = trimesh.intersections.mesh_plane(mesh, [0, 0, 1], [0, 0, height])[:, :, :2]
     centres = FRAME.xy_from_rowcol(np.indices(FRAME.shape).reshape(2, -1).T)
     away = shapely.distance(shapely.points(centres), shapely.multilinestrings(lines))
@@ -50,8 +50,12 @@ def seen_by_trimesh(mesh, height=0.1):
     with np.errstate(divide="ignore", invalid="ignore"):
         is_left = x < x0 + (y - y0) / (y1 - y0) * (x1 - x0)
     crossings = (((y0 > y) != (y1 > y)) & is_left).sum(axis=1)
-    near = away <= FRAME.resolution / 2
-    return (crossings % 2 == 1).reshape(FRAME.shape), near.reshape(FRAME.shape)
+    return (crossings % 2 == 1).reshape(FRAME.shape), away.reshape(FRAME.shape)
+
+
+def seen_by_trimesh(mesh):
+    inside, away = outline_by_trimesh(mesh)
+    return inside, away <= FRAME.resolution / 2
 
 
 def at(mesh, pose):
@@ -109,10 +113,17 @@ SHAPES = {
 def test_shapes_have_the_sections_of_trimesh(tmp_path, name, pose):
     geometry, mesh_of = SHAPES[name]
     text = " ".join(map(str, pose))
-    inside, near = seen_by_trimesh(at(mesh_of(), pose))
-    found = seen_at(written(tmp_path, sdf(model(geometry, text))))
+    inside, away = outline_by_trimesh(at(mesh_of(), pose))
+    path = written(tmp_path, sdf(model(geometry, text)))
     assert inside.sum() > 50
-    assert not (found != inside)[~near].any()
+    assert not (seen_at(path) != inside)[away > FRAME.resolution / 2].any()
+    world = read_world(path)
+    section = section_at(world.triangles, world.solids, 0.1)
+    walls = surface_cells(section, FRAME, inside_runs(section, FRAME))
+    # up to the error of chords, and a hundredth of a cell that surfaces move inwards
+    assert not walls[away > 0.57 * FRAME.resolution].any()
+    if mesh_of is not notched and name != "clockwise":  # outlines of its boxes pass the inside
+        assert walls[away < 0.43 * FRAME.resolution].all()
 
 
 NESTED = """\
