@@ -86,15 +86,11 @@ def _mapped(
     return world, grid
 
 
-def build_from_world(
-    path: Path, output: Path, work: Work, *, options: WorldOptions, of_robot: dict[str, Any],
-    model_path: Sequence[Path], resolution: float, size: Point | None,
-    origin: Sequence[float] | None,
-) -> WorldBuild:  # fmt: skip
+def build_from_world(path: Path, output: Path, work: Work, **settings: Any) -> WorldBuild:
     """Make a map of a world in the shell."""
     work.outputs += output_paths(output)
     transaction = work.begin([path])
-    world, grid = _mapped(path, options, of_robot, model_path, resolution, size, origin)
+    world, grid = _mapped(path, **settings)
     write_grid(transaction, output, grid)
     return WorldBuild(grid, f"{output.stem}: map of a world", world=world)
 

@@ -24,7 +24,7 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.files.source import claim, read_file
 from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.polygons import enumerated
-from mapdeal.kernels.rotations import product
+from mapdeal.kernels.rotations import product, rotated
 
 MESH_ENDINGS = (".stl", ".obj", ".dae")
 
@@ -314,7 +314,7 @@ class _Collada:
         self._open.append(parent)
         self._count()
         for child in parent:
-            if child.tag in ("lookat", "skew"):
+            if child.tag in ("lookat", "skew", "instance_controller"):
                 raise malformed(self.path, "is not supported", child.tag)
             if child.tag in _TRANSFORMS:
                 count, matrix_of = _TRANSFORMS[child.tag]
@@ -327,15 +327,6 @@ class _Collada:
                 self._add_nodes(self._target(child, "node"), matrix, names)
             elif child.tag == "instance_geometry":
                 self._add(self._target(child, "geometry"), matrix, names)
-            elif child.tag == "instance_controller":
-                skin = self._target(child, "controller").find("skin")
-                if skin is not None:  # in its pose at rest
-                    shape = numbers_in(
-                        skin.findtext("bind_shape_matrix", "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"),
-                        self.path, "bind_shape_matrix", 16,
-                    )  # fmt: skip
-                    geometry = self._target(skin, "geometry", "source")
-                    self._add(geometry, product(matrix, shape.reshape(4, 4)), names)
         self._open.pop()
 
     def _add(self, geometry: Element, matrix: Floats, names: tuple[str, ...]) -> None:
@@ -407,11 +398,9 @@ def _translation(move: Floats) -> Floats:
 
 
 def _axis_rotation(numbers: Floats) -> Floats:
-    x, y, z = numbers[:3] / (np.linalg.norm(numbers[:3]) or 1.0)
-    angle = math.radians(numbers[3])
-    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    axis, half = numbers[:3] / (np.linalg.norm(numbers[:3]) or 1.0), math.radians(numbers[3]) / 2
     matrix = np.eye(4)
-    matrix[:3, :3] += math.sin(angle) * across + (1 - math.cos(angle)) * product(across, across)
+    matrix[:3, :3] = rotated(np.append(math.sin(half) * axis, math.cos(half)), np.eye(3)).T
     return matrix
 
 

@@ -24,7 +24,7 @@ from mapdeal.files.source import absolute_path, claim, contents_of, exists, is_f
 from mapdeal.grid.frame import FARTHEST
 from mapdeal.inputs.kinds import WORLD, recognised
 from mapdeal.kernels.arrays import Floats, Integers
-from mapdeal.kernels.rotations import product
+from mapdeal.kernels.rotations import product, rotated
 from mapdeal.sensors.meshes import (
     MESH_ENDINGS,
     MOST_INSTANCES,
@@ -437,18 +437,12 @@ def _turned_outside(triangles: Floats, solids: Integers) -> Floats:
 
 def _placed(move: Floats, angles: Floats) -> Floats:
     """Return the matrix of a pose: roll, pitch and yaw in radians, or a quaternion x, y, z, w."""
-    if len(angles) == 4:
-        x, y, z, w = angles / (np.linalg.norm(angles) or 1.0)
-    else:
+    if len(angles) == 3:
         (sr, sp, sy), (cr, cp, cy) = np.sin(angles / 2).tolist(), np.cos(angles / 2).tolist()
         x, y = sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy
-        z, w = cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy
+        angles = np.array([x, y, cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy])
     matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
+    matrix[:3, :3] = rotated(angles / (np.linalg.norm(angles) or 1.0), np.eye(3)).T
     matrix[:3, 3] = move
     return matrix
 
