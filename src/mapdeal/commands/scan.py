@@ -314,8 +314,7 @@ def scan(
         if not len(line):
             rule = "has no points: its goal is not reached"
             raise MalformedInputError(rule, source=files[0] if files else "route", place="points")
-        stops = np.zeros(len(line), np.bool_)
-        robot_poses = driven(line, stops, speed=speed, rate=rate, turn=0.0)
+        robot_poses = driven(line, np.zeros(len(line), np.bool_), speed=speed, rate=rate)
     count = len(robot_poses) * beams
     with inputs.settings_of(**reading).reading():
         claim(source.name, _PER_READING * count, what=f"{count} readings of scans")

@@ -79,8 +79,9 @@ def _shortened(order: Integers, lengths: Floats) -> Integers:
 
 
 def driven(
-    points_xy: Floats, is_viewpoint: NDArray[np.bool_], *, speed: float, rate: float, turn: float
-) -> Floats:
+    points_xy: Floats, is_viewpoint: NDArray[np.bool_], *, speed: float, rate: float,
+    turn: float = 0.0,
+) -> Floats:  # fmt: skip
     """Return poses, shape (N, 3), of a robot that drives along a line, `rate` a second.
 
     It slows down to turn, and turns by an angle and back at each viewpoint.

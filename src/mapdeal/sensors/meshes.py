@@ -150,17 +150,11 @@ def _pieces_of(data: bytes) -> Iterator[bytes]:
         first = end
 
 
-class _ObjLines(NamedTuple):
-    """Corners, faces and names in some lines of an OBJ file."""
-
-    corners: Floats
-    indices: Integers  # of the corners of all faces, from 0
-    counts: Integers  # of the corners of each face
-    owners: Integers  # number of lines with names before each face
-    names: list[tuple[str, ...]]
+_ObjLines = tuple[Floats, Integers, Integers, Integers, list[tuple[str, ...]]]
 
 
 def _obj_lines(lines: list[bytes], corners_before: int) -> _ObjLines:
+    """Return corners, corners of faces, their counts, names before each face, and the names."""
     kinds = np.array(lines, "S2")
     is_corner, is_face, has_names = (
         np.isin(kinds, words)
@@ -186,33 +180,32 @@ def _obj_lines(lines: list[bytes], corners_before: int) -> _ObjLines:
         raise ValueError
     words = [line.decode("latin-1").split() for line in compress(lines, has_names.tolist())]
     names = [tuple(more) for _, *more in words]
-    return _ObjLines(corners, indices, counts, np.cumsum(has_names, dtype=np.int64)[is_face], names)
+    return corners, indices, counts, np.cumsum(has_names, dtype=np.int64)[is_face], names
 
 
 def _obj_parts(path: Path) -> list[Part]:
     data = read_file(path).replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
     claim(path, 8 * len(data))
-    pieces, corner_count, line_count = [_obj_lines([], 0)], 0, 0
+    corner_count = line_count = 0
+    pieces: list[tuple[NDArray[Any], ...]] = [_obj_lines([], 0)[:4]]
     names: list[tuple[str, ...]] = [()]
     for text in _pieces_of(data):
         lines = list(map(bytes.lstrip, text.replace(b"\t", b" ").splitlines()))
         try:
-            piece = _obj_lines(lines, corner_count)
+            *arrays, owners, more = _obj_lines(lines, corner_count)
         except ValueError:
             for number, line in enumerate(lines, line_count + 1):
                 try:
-                    corner_count += len(_obj_lines([line], corner_count).corners)
+                    corner_count += len(_obj_lines([line], corner_count)[0])
                 except ValueError:
                     rule = "must be v and 3 numbers, or f and 3 or more of the corners before it"
                     words = line[:80].decode("latin-1").strip()
                     raise malformed(path, rule, f"line {number}", got=words) from None
             raise
-        pieces.append(piece._replace(owners=piece.owners + len(names) - 1))
-        names += piece.names
-        corner_count, line_count = corner_count + len(piece.corners), line_count + len(lines)
-    corners, indices, counts, owners = (
-        np.concatenate(arrays) for arrays in list(zip(*pieces, strict=True))[:4]
-    )
+        pieces.append((*arrays, owners + len(names) - 1))
+        names += more
+        corner_count, line_count = corner_count + len(arrays[0]), line_count + len(lines)
+    corners, indices, counts, owners = map(np.concatenate, zip(*pieces, strict=True))
     triangles, faces = triangulated(corners, indices, counts, path)
     order = np.argsort(owners[faces], kind="stable")
     ends = np.searchsorted(owners[faces][order], np.arange(len(names) + 1))
