@@ -1,13 +1,16 @@
 """Shared fixtures."""
 
+import functools
 import gc
 import os
 import signal
+import sys
 import threading
 import warnings
 from pathlib import Path
 
 import pytest
+import typer
 from hypothesis import settings
 
 from mapdeal import MapdealWarning
@@ -15,6 +18,10 @@ from mapdeal.cli.main import main
 from mapdeal.kernels import threads
 
 ROOT = Path(__file__).parents[1]
+
+# Otherwise each of the many processes compiles the package and the tests again.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # A first call imports and warms up; how long a case takes says nothing about it.
 settings.register_profile("mapdeal", deadline=None, max_examples=30)
@@ -74,6 +81,14 @@ def _no_waiting_for_the_disk():
     """Replace fsync in this process; processes of their own still wait for the disk."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", os.fstat)  # fstat refuses closed descriptors, too
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _built_commands():
+    """Build each command once; a process of its own builds only the command that it runs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.main, "get_command", functools.cache(typer.main.get_command))
         yield
 
 

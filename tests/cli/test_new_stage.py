@@ -13,6 +13,7 @@ from typing import Annotated
 
 import numpy as np
 import pytest
+import typer
 
 import mapdeal
 from drawn import grid_from_text
@@ -55,6 +56,12 @@ def flat_cost(
     """
     cost = np.full(source.shape, int(beyond), np.uint8)
     return Costmap(cost, source.resolution, source.origin)
+
+
+@pytest.fixture(autouse=True)
+def _unshared_commands(monkeypatch):
+    """Build the commands of each test anew, from the stages that it adds."""
+    monkeypatch.setattr(typer.main, "get_command", typer.main.get_command.__wrapped__)
 
 
 @pytest.fixture
