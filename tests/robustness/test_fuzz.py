@@ -21,7 +21,7 @@ from robustness.readers import READERS, Reader, Seed
 
 pytestmark = pytest.mark.slow
 
-FEW, MUTANTS = 200, 2000
+FEW, MUTANTS = 120, 2000
 LONGEST = 60.0
 """Seconds: a thousand times what a mutant takes, on however slow a machine."""
 
