@@ -543,9 +543,9 @@ POLYGON = {"type": "Polygon", "coordinates": [RING]}
     (bare(geometry=POLYGON, properties=None), ["keepout", None, ""]),
     (bare(geometry=POLYGON, properties={"speed": 20}), ["speed", 20, ""]),
 ])  # fmt: skip
-def test_files_of_zones_are_opened(chromium, pages, text, zone):
+def test_files_of_zones_are_opened(chromium, pages, tmp_path, text, zone):
     chromium.show(pages(small()))
-    assert opened_zones(chromium, text) == ("f.geojson: 1 zone.", [zone])
+    assert opened_zones(chromium, text, tmp_path) == ("f.geojson: 1 zone.", [zone])
 
 
 OF_TWO = "must have points of two numbers in metres, got "
@@ -587,17 +587,17 @@ NO_ZONES = [
 ]  # fmt: skip
 
 
-def test_files_that_hold_other_things_than_zones_are_refused(chromium, pages):
+def test_files_that_hold_other_things_than_zones_are_refused(chromium, pages, tmp_path):
     chromium.show(pages(small()))
     for text, reason in NO_ZONES:
         line = f"f.geojson was not opened: {reason}."
-        assert opened_zones(chromium, text) == (line, [])
+        assert opened_zones(chromium, text, tmp_path) == (line, [])
 
 
-def opened_zones(chromium, text):
+def opened_zones(chromium, text, folder):
     chromium.evaluate("() => { document.getElementById('status').textContent = ''; }")
-    file = {"name": "f.geojson", "mimeType": "application/json", "buffer": text.encode()}
-    chromium.page.locator("#zones [type=file]").set_input_files(file)
+    (folder / "f.geojson").write_text(text)
+    chromium.page.locator("#zones [type=file]").set_input_files(folder / "f.geojson")
     chromium.page.wait_for_function("() => document.getElementById('status').textContent")
     assert chromium.complaints == []
     return chromium.texts("#status")[0], [zone[:3] for zone in chromium.evaluate(ZONES)]
