@@ -9,14 +9,11 @@ import pytest
 from sources import MODULES, place_of
 
 
-@pytest.mark.parametrize(
-    ("packages", "layers"),
-    [
-        ("typer", "cli"),
-        ("PIL|zipfile|tempfile", "files|maps|pictures"),
-        ("multiprocessing|distributed", "pipeline"),
-    ],
-)
+@pytest.mark.parametrize(("packages", "layers"), [
+    ("typer", "cli"),
+    ("PIL|zipfile|tempfile", "files|maps|pictures"),
+    ("multiprocessing|distributed", "pipeline"),
+])  # fmt: skip
 def test_files_terminal_and_other_processes_are_each_one_layers_business(packages, layers):
     imported = re.compile(rf"^ *(?:from|import) (?:{packages})\b", re.MULTILINE)
     users = {place_of(path) for path in MODULES if imported.search(path.read_text("utf-8"))}

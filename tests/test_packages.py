@@ -176,17 +176,14 @@ def test_kernels_are_plain_c11_where_the_compiler_is_not_gcc(header, tmp_path):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("schema", "files"),
-    [
-        ("github-workflows", "workflows/*.yml"),
-        ("github-issue-forms", "ISSUE_TEMPLATE/[bfq]*.yml"),
-        ("github-issue-config", "ISSUE_TEMPLATE/config.yml"),
-        ("dependabot", "dependabot.yml"),
-        ("github-actions", "actions/*/action.yml"),
-        ("citation-file-format", "CITATION.cff"),
-    ],
-)
+@pytest.mark.parametrize(("schema", "files"), [
+    ("github-workflows", "workflows/*.yml"),
+    ("github-issue-forms", "ISSUE_TEMPLATE/[bfq]*.yml"),
+    ("github-issue-config", "ISSUE_TEMPLATE/config.yml"),
+    ("dependabot", "dependabot.yml"),
+    ("github-actions", "actions/*/action.yml"),
+    ("citation-file-format", "CITATION.cff"),
+])  # fmt: skip
 def test_files_of_the_project_are_as_their_schemas_say(schema, files):
     pytest.importorskip("check_jsonschema")
     paths = sorted(map(str, GITHUB.glob(files)))

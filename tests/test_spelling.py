@@ -14,24 +14,21 @@ def test_either_spelling_stands_for_the_one_that_is_known(british, american):
     assert as_known(f"--to-{british}s", [f"--to-{american}s"]) == f"--to-{american}s"
 
 
-@pytest.mark.parametrize(
-    ("word", "known", "expected"),
-    [
-        ("rnu", ["run", "route", "lint"], "run"),
-        ("esfd", ["esdf", "edit"], "esdf"),
-        ("NAV2", ["nav2", "ros1"], "nav2"),
-        ("lethal_treshold", ["--lethal-threshold", "--image"], "--lethal-threshold"),
-        ("centr", ["fast-planner", "center", "border"], "center"),
-        ("zzzz", ["run", "route"], None),
-        ("real", ["default", "nav2", "design-real", "arena"], None),
-        ("nflate", ["esdf", "inflate"], "inflate"),
-        ("exp", ["exponential", "threshold", "rings"], "exponential"),
-        ("seed", ["design-real-map", "design-sim-world"], None),
-        ("ex", ["exponential", "threshold"], None),
-        ("", ["run"], None),
-        ("run", [], None),
-    ],
-)
+@pytest.mark.parametrize(("word", "known", "expected"), [
+    ("rnu", ["run", "route", "lint"], "run"),
+    ("esfd", ["esdf", "edit"], "esdf"),
+    ("NAV2", ["nav2", "ros1"], "nav2"),
+    ("lethal_treshold", ["--lethal-threshold", "--image"], "--lethal-threshold"),
+    ("centr", ["fast-planner", "center", "border"], "center"),
+    ("zzzz", ["run", "route"], None),
+    ("real", ["default", "nav2", "design-real", "arena"], None),
+    ("nflate", ["esdf", "inflate"], "inflate"),
+    ("exp", ["exponential", "threshold", "rings"], "exponential"),
+    ("seed", ["design-real-map", "design-sim-world"], None),
+    ("ex", ["exponential", "threshold"], None),
+    ("", ["run"], None),
+    ("run", [], None),
+])  # fmt: skip
 def test_the_nearest_known_word(word, known, expected):
     assert nearest(word, known) == expected
     assert nearest_hint(word, known) == (f"did you mean {expected}?" if expected else None)

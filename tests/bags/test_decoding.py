@@ -95,15 +95,12 @@ def test_the_known_types_are_those_of_the_latest_ros_2(name):
     assert own[1] == theirs[1]
 
 
-@pytest.mark.parametrize(
-    ("definition", "rule"),
-    [
-        ("float64", "invalid line 'float64'"),
-        ("uint8[0] x", "fixed lengths of arrays must be 1 or more, and 10000 together at most"),
-        ("uint8[10001] x", "fixed lengths of arrays must be 1 or more"),
-        ("uint8 x\n" * 12_501, "100008 characters, the limit is 100000"),
-    ],
-)
+@pytest.mark.parametrize(("definition", "rule"), [
+    ("float64", "invalid line 'float64'"),
+    ("uint8[0] x", "fixed lengths of arrays must be 1 or more, and 10000 together at most"),
+    ("uint8[10001] x", "fixed lengths of arrays must be 1 or more"),
+    ("uint8 x\n" * 12_501, "100008 characters, the limit is 100000"),
+])  # fmt: skip
 def test_definitions_that_make_no_sense_are_refused(definition, rule):
     with pytest.raises(ValueError, match=rule):
         decoder_of("pkg/msg/Root", definition, is_ros1=True)

@@ -20,16 +20,9 @@ from mapdeal.checks.lint import lint_file  # noqa: F401 - lists all checks
 from mapdeal.errors import MalformedInputError, ParameterError
 
 NAMES = [
-    "all",
-    "image",
-    "image.",
-    "image.alpha",
-    "image.gamma",
-    "map",
-    "map.specks",
-    "yaml.origin-yaw",
+    "all", "image", "image.", "image.alpha", "image.gamma", "map", "map.specks", "yaml.origin-yaw",
     "yaml",
-]
+]  # fmt: skip
 
 
 def config(tmp_path=Path("/p"), **values):

@@ -66,14 +66,11 @@ def test_query_says_null_for_what_is_infinite_or_not_finite(answers_to):
     assert "line" not in nowhere
 
 
-@pytest.mark.parametrize(
-    ("option", "states", "distances"),
-    [
-        ("", ["unknown", "free"], [1.0, 0.5]),
-        ("--lethal-threshold 50", ["unknown", "occupied"], [0.5, 0.0]),
-        ("--unknown occupied", ["unknown", "free"], [0.0, 0.5]),
-    ],
-)
+@pytest.mark.parametrize(("option", "states", "distances"), [
+    ("", ["unknown", "free"], [1.0, 0.5]),
+    ("--lethal-threshold 50", ["unknown", "occupied"], [0.5, 0.0]),
+    ("--unknown occupied", ["unknown", "free"], [0.0, 0.5]),
+])  # fmt: skip
 def test_query_takes_the_field_s_parameters_for_a_map_only(
     sh, answers_to, option, states, distances
 ):

@@ -322,14 +322,11 @@ PUBLISHED = "/global_costmap/costmap"
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
-@pytest.mark.parametrize(
-    ("words", "scale", "cost"),
-    [
-        (PUBLISHED, "occupancy", [[0, 50, 99], [100, -1, 1]]),
-        ("/map --read-as costs", "occupancy", GRID.occupancy.tolist()),
-        ("/costmap_raw", "costmap2d", [[0, 253, 254, 255]]),
-    ],
-)
+@pytest.mark.parametrize(("words", "scale", "cost"), [
+    (PUBLISHED, "occupancy", [[0, 50, 99], [100, -1, 1]]),
+    ("/map --read-as costs", "occupancy", GRID.occupancy.tolist()),
+    ("/costmap_raw", "costmap2d", [[0, 253, 254, 255]]),
+])  # fmt: skip
 def test_costs_keep_their_scale_by_default(sh, words, scale, cost):
     path = bag_of(of_maps())
     sh(f"convert {path} --topic {words} -o c.npz")

@@ -123,14 +123,11 @@ def write_poles(*places):
     Path("poles.log").write_text("".join(flaser(*scan, k) for k, scan in enumerate(scans)))
 
 
-@pytest.mark.parametrize(
-    ("method", "advice"),
-    [
-        ("log-odds", "--log-occ above 2 keeps more, --values keeps their evidence"),
-        ("counting", "--ratio 0.24 keeps all of them"),
-        ("tsdf", "--method counting with a small --ratio keeps them"),
-    ],
-)
+@pytest.mark.parametrize(("method", "advice"), [
+    ("log-odds", "--log-occ above 2 keeps more, --values keeps their evidence"),
+    ("counting", "--ratio 0.24 keeps all of them"),
+    ("tsdf", "--method counting with a small --ratio keeps them"),
+])  # fmt: skip
 def test_groups_of_hits_that_the_map_lacks_are_counted(sh, here, method, advice):
     line = f"build poles.log -o m.npz --force --method {method} --resolution 0.04"
     write_poles(1.0, 3.0)

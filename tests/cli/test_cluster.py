@@ -203,14 +203,11 @@ def other_server(reply):
     thread.join(timeout=60)
 
 
-@pytest.mark.parametrize(
-    ("reply", "message"),
-    [
-        (b"", "the scheduler does not answer: no reply within 1.5 s"),
-        (b"HTTP/1.1 400 Bad Request\r\n\r\n", "does not answer as a dask scheduler"),
-        (bytes(1000), "does not answer as a dask scheduler"),
-    ],
-)
+@pytest.mark.parametrize(("reply", "message"), [
+    (b"", "the scheduler does not answer: no reply within 1.5 s"),
+    (b"HTTP/1.1 400 Bad Request\r\n\r\n", "does not answer as a dask scheduler"),
+    (bytes(1000), "does not answer as a dask scheduler"),
+])  # fmt: skip
 def test_servers_of_other_programs_are_refused_in_time(sh, maps, monkeypatch, reply, message):
     monkeypatch.setattr(cluster, "_TIMEOUT", 0.5)
     with other_server(reply) as port:

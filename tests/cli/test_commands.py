@@ -172,14 +172,11 @@ def test_the_picture_is_that_of_the_python_face(sh, room):
     assert Path("new/curve.png").read_bytes() == drawn.png() != curve._repr_png_()
 
 
-@pytest.mark.parametrize(
-    ("words", "model"),
-    [
-        (ROBOT, "exponential"),
-        ("--model rings --values 90,20", "rings"),
-        ("--model threshold --view per-map", "threshold"),
-    ],
-)
+@pytest.mark.parametrize(("words", "model"), [
+    (ROBOT, "exponential"),
+    ("--model rings --values 90,20", "rings"),
+    ("--model threshold --view per-map", "threshold"),
+])  # fmt: skip
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_json_is_one_document(sh, here, room, words, model):
     document = json.loads(sh.ok(f"cost room.yaml -o c.npz --json -q {words}"))

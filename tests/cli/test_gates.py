@@ -20,8 +20,7 @@ LINES = [
     f"run m.yaml twin.yaml -o out -j 1 --report {GOAL}",
     "run m.yaml twin.yaml -o out -j 1 --recipe reach.yaml --robot-radius 0.25",
     "local --map m.yaml --pose 0.55,1.05,0 --recipe reach-local.yaml -o out",
-    "report m.yaml reach.json -o out/page.html",
-    "view m.yaml reach.json --no-browser",
+    "report m.yaml reach.json -o out/page.html", "view m.yaml reach.json --no-browser",
     f"reach m.yaml {GOAL}",
     f"reach m.yaml {GOAL} -o out/reach.json",
     "route m.yaml --from 0.55,1.05 --to 2.45,1.05 --robot-radius 0.25",
@@ -29,12 +28,10 @@ LINES = [
     "plan m.yaml --params-file r.yaml --from 0.55,1.05 --to 2.45,1.05 -o out/plan.json",
     f"graph m.yaml {GOAL} -o out/graph.geojson",
     "mask m.yaml --file zones.geojson --from 0.55,1.05 --to dock=2.45,1.05 -o out",
-    "lint broken.yaml",
-    "lint m.yaml broken.yaml --format github",
-    "diff m.yaml other.yaml --max-differing 0",
-    "score m.yaml --max wall_thickness_m.median=0",
+    "lint broken.yaml", "lint m.yaml broken.yaml --format github",
+    "diff m.yaml other.yaml --max-differing 0", "score m.yaml --max wall_thickness_m.median=0",
     "align m.yaml u.yaml",
-]
+]  # fmt: skip
 # Commands that write grids, tables or pictures, and no findings with severities. Files that `info`
 # and `query` cannot read are errors of a batch and of lines.
 WITHOUT_FINDINGS = {

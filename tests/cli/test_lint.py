@@ -38,21 +38,18 @@ def test_a_folder_is_gated_by_one_line(sh, maps):
     assert sh("lint maps -q") == (0, f"{line}\n", "")
 
 
-@pytest.mark.parametrize(
-    ("words", "code"),
-    [
-        ("", 1),
-        ("--select image", 0),
-        ("--select image,yaml.origin-yaw", 1),
-        ("--select image --select yaml.", 1),
-        ("--ignore yaml.origin-yaw", 0),
-        ("--ignore 'map, yaml'", 0),
-        ("--ignore map", 1),
-        ("--select all", 1),
-        ("--ignore ''", 2),
-        ("--jobs 2", 1),
-    ],
-)
+@pytest.mark.parametrize(("words", "code"), [
+    ("", 1),
+    ("--select image", 0),
+    ("--select image,yaml.origin-yaw", 1),
+    ("--select image --select yaml.", 1),
+    ("--ignore yaml.origin-yaw", 0),
+    ("--ignore 'map, yaml'", 0),
+    ("--ignore map", 1),
+    ("--select all", 1),
+    ("--ignore ''", 2),
+    ("--jobs 2", 1),
+])  # fmt: skip
 def test_what_is_selected_decides_the_exit_code(sh, maps, words, code):
     found, out, err = sh(f"lint maps --strict {words}")
     assert found == code, err
@@ -76,16 +73,13 @@ def test_what_is_suppressed_is_counted(sh, maps):
     assert document["suppressed"] == 1
 
 
-@pytest.mark.parametrize(
-    ("form", "start", "end"),
-    [
-        ("json -q", "{", "}\n"),
-        ("json -v", "{", "}\n"),
-        ("sarif", "{", "}\n"),
-        ("junit -v", "<?xml", "</testsuites>\n"),
-        ("github", "::warning file=", "cells\n"),
-    ],
-)
+@pytest.mark.parametrize(("form", "start", "end"), [
+    ("json -q", "{", "}\n"),
+    ("json -v", "{", "}\n"),
+    ("sarif", "{", "}\n"),
+    ("junit -v", "<?xml", "</testsuites>\n"),
+    ("github", "::warning file=", "cells\n"),
+])  # fmt: skip
 def test_stdout_holds_the_report_alone(sh, maps, form, start, end):
     """Standard output can then be redirected: `mapdeal lint ... > lint.sarif`."""
     code, out, err = sh(f"lint maps maps/good.yaml --strict --format {form}")
@@ -216,14 +210,11 @@ def test_rules_count_for_parameter_files(sh):
     assert sh(f"{ROBOT_LINT} --ignore params")[1] == nothing
 
 
-@pytest.mark.parametrize(
-    ("words", "code", "text"),
-    [
-        ("--params-file none.yaml", 1, "none.yaml: error: file.access: "),
-        ("--params-file robot.yaml --costmap local", 1, "no parameters of"),
-        ("--params-file robot.yaml --namespace a", 0, "params.misspelt"),
-    ],
-)
+@pytest.mark.parametrize(("words", "code", "text"), [
+    ("--params-file none.yaml", 1, "none.yaml: error: file.access: "),
+    ("--params-file robot.yaml --costmap local", 1, "no parameters of"),
+    ("--params-file robot.yaml --namespace a", 0, "params.misspelt"),
+])  # fmt: skip
 def test_options_of_parameter_files(sh, robot, words, code, text):
     found, out, err = sh(f"lint {words}")
     assert (found, text in out + err) == (code, True)

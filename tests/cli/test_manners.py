@@ -57,17 +57,14 @@ def test_answers_are_lines_on_a_terminal_and_json_elsewhere(sh, room, terminal, 
     ]
 
 
-@pytest.mark.parametrize(
-    ("line", "begins"),
-    [
-        ("reach room.yaml --robot-radius 0.3", "{"),
-        ("route room.yaml --from 3,4 --to 4,4", "{"),
-        ("lint room.yaml --fix", "PK"),
-        ("report room.yaml", "<!doctype html>"),
-        (f"align {OFFICE} {OFFICE}", "{"),
-        (f"build {EXAMPLES}/logs/office.log", "PK"),
-    ],
-)
+@pytest.mark.parametrize(("line", "begins"), [
+    ("reach room.yaml --robot-radius 0.3", "{"),
+    ("route room.yaml --from 3,4 --to 4,4", "{"),
+    ("lint room.yaml --fix", "PK"),
+    ("report room.yaml", "<!doctype html>"),
+    (f"align {OFFICE} {OFFICE}", "{"),
+    (f"build {EXAMPLES}/logs/office.log", "PK"),
+])  # fmt: skip
 def test_every_command_that_writes_one_file_writes_to_stdout_too(capfdbinary, room, line, begins):
     from mapdeal.cli.main import main
 

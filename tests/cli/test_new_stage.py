@@ -104,13 +104,10 @@ def test_its_models_options_join_the_command(sh, listed):
     assert document["parameters"] == {"model": "flat", "beyond": 7}
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("--beyond 7", "is a parameter of model flat, not of exponential"),
-        ("--model flat --curve c.png", "cost flat: no cost depends on the distance from an obs"),
-    ],
-)
+@pytest.mark.parametrize(("words", "message"), [
+    ("--beyond 7", "is a parameter of model flat, not of exponential"),
+    ("--model flat --curve c.png", "cost flat: no cost depends on the distance from an obs"),
+])  # fmt: skip
 def test_parameters_of_other_models_are_refused(sh, here, listed, words, message):
     assert message in sh.err(f"cost room.yaml -o c.npz {words}", 2)
     assert {path.name for path in here.iterdir()} == {"room.pgm", "room.yaml"}

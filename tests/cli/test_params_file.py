@@ -115,16 +115,13 @@ def test_the_same_run_is_unchanged_until_the_parameters_change(sh, here, nav2):
     assert sh("run hall.npz -o out --no-images -q")[0] == 4  # nor is one without the robot the same
 
 
-@pytest.mark.parametrize(
-    ("option", "value", "changes"),
-    [
-        ("--inflation-radius", 1.2, {"inflation": 1.2}),
-        ("--cost-scaling-factor", 6, {"factor": 6.0}),
-        ("--lookup", "exact", {"lookup": "exact"}),
-        ("--dialect", "humble", {"lookup": "exact"}),
-        ("--robot-radius", 0.6, {"inscribed": 0.6}),
-    ],
-)
+@pytest.mark.parametrize(("option", "value", "changes"), [
+    ("--inflation-radius", 1.2, {"inflation": 1.2}),
+    ("--cost-scaling-factor", 6, {"factor": 6.0}),
+    ("--lookup", "exact", {"lookup": "exact"}),
+    ("--dialect", "humble", {"lookup": "exact"}),
+    ("--robot-radius", 0.6, {"inscribed": 0.6}),
+])  # fmt: skip
 def test_options_win_over_the_file(sh, option, value, changes):
     is_common = option in ("--robot-radius", "--dialect")
     of_run = option if is_common else f"--set cost.{option[2:]}"
@@ -182,13 +179,10 @@ def test_routes_go_through_the_robots_costs(sh):
 
 
 TAKERS = [
-    "run hall.npz -o out",
-    "inflate hall.npz -o o.npz",
-    "cost hall.npz -o o.npz",
-    "route hall.npz -o o.json --from 2,-1 --to 3,-1",
-    "reach hall.npz -o o.json --from 2,-1",
+    "run hall.npz -o out", "inflate hall.npz -o o.npz", "cost hall.npz -o o.npz",
+    "route hall.npz -o o.json --from 2,-1 --to 3,-1", "reach hall.npz -o o.json --from 2,-1",
     "query hall.npz --at 2,-1,0",
-]
+]  # fmt: skip
 OTHER_NODES = (
     "amcl: {ros__parameters: {alpha1: 0.2}}\ncontroller_server: {ros__parameters: {x: 1}}\n"
 )

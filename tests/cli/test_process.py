@@ -81,11 +81,8 @@ def test_a_reader_that_has_seen_enough_is_no_error(words):
 
 @pytest.mark.parametrize(
     ("requested", "found"),
-    [
-        ("", "scipy" if engine.compiled_module() is None else "compiled"),
-        ("scipy", "scipy"),
-    ],
-)
+    [("", "scipy" if engine.compiled_module() is None else "compiled"), ("scipy", "scipy")],
+)  # fmt: skip
 def test_the_version_says_which_kernels_are_in_use(requested, found):
     assert f"(kernels: {found})" in process("--version", MAPDEAL_KERNELS=requested).stdout
 

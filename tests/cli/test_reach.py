@@ -96,15 +96,12 @@ def test_goals_in_closed_cells_are_not_reached_and_the_others_are_answered(sh, a
     assert f"hint: the nearest open cell is at {x},{y}" in err
 
 
-@pytest.mark.parametrize(
-    ("words", "code", "message"),
-    [
-        ("--robot-radius 5", 3, "no cell is open to a robot of radius 5 m"),
-        ("", 0, "no start is given: it is"),
-        ("", 0, "no robot is given"),
-        ("--footprint [[0.9,0.1],[0.9,-0.1],[0.5,-0.1],[0.5,0.1]]", 0, "lies outside"),
-    ],
-)
+@pytest.mark.parametrize(("words", "code", "message"), [
+    ("--robot-radius 5", 3, "no cell is open to a robot of radius 5 m"),
+    ("", 0, "no start is given: it is"),
+    ("", 0, "no robot is given"),
+    ("--footprint [[0.9,0.1],[0.9,-0.1],[0.5,-0.1],[0.5,0.1]]", 0, "lies outside"),
+])  # fmt: skip
 def test_odd_robots_and_defaults_are_reported(sh, at, words, code, message):
     assert message in sh.err(f"reach rooms.yaml {words}", code)
 

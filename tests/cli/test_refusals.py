@@ -40,22 +40,15 @@ MERGES = [
 REPLACED = [
     "edit circle m.yaml --file shapes.yaml -o shapes.yaml",
     "edit circle m.yaml --file shapes.yaml -o shapes.pgm",
-    "edit circle m.yaml --file shapes.yaml -o link.yaml",
-    "cost m.yaml --mask m2.yaml -o m2.yaml",
+    "edit circle m.yaml --file shapes.yaml -o link.yaml", "cost m.yaml --mask m2.yaml -o m2.yaml",
     "cost pair.yaml -o c.npz --curve pair.png",
-    "cost m.yaml --params-file made/nav2.yaml -o made/nav2.yaml",
-    "merge m.yaml m2.yaml -o m.yaml",
-    "merge m.yaml m2.yaml -o m2.pgm",
-    "route m.yaml --pairs p.jsonl -o p.jsonl",
+    "cost m.yaml --params-file made/nav2.yaml -o made/nav2.yaml", "merge m.yaml m2.yaml -o m.yaml",
+    "merge m.yaml m2.yaml -o m2.pgm", "route m.yaml --pairs p.jsonl -o p.jsonl",
     "window m.yaml --like m2.yaml -o m2.yaml",
-]
+]  # fmt: skip
 TWICE = (
-    "diff - -",
-    "info - -",
-    "query - --points -",
-    "route - --pairs -",
-    "cost - --mask - -o o.npz",
-)
+    "diff - -", "info - -", "query - --points -", "route - --pairs -", "cost - --mask - -o o.npz",
+)  # fmt: skip
 ROWS = [
     # one map
     ("inflate", "missing argument"),

@@ -132,18 +132,15 @@ def test_why_names_what_marked_a_cell_or_why_nothing_did(replay, readings, setti
     assert reason in line
 
 
-@pytest.mark.parametrize(
-    ("words", "settings", "code", "text"),
-    [
-        ((), {"extra": ", static_layer"}, 2, "--map: is required: the costmap lists a static"),
-        ((), {"source": ", data_type: PointCloud2"}, 3, "no messages for the layers of /local_c"),
-        (("--until", "5"), {}, 2, "is before the first message, at 1700000000.000000000 s"),
-        (("--until", "1e9"), {}, 2, "must be a time in seconds"),
-        (("--pose", "1,2,0"), {}, 2, "applies to clouds, not to the replay of a bag"),
-        (("--robot-radius", "1"), {}, 2, "applies to clouds, not to the replay"),
-        ((), {"costmap": "robot_base_frame: base,"}, 3, "no transforms lead from 'odom' to 'base'"),
-    ],
-)
+@pytest.mark.parametrize(("words", "settings", "code", "text"), [
+    ((), {"extra": ", static_layer"}, 2, "--map: is required: the costmap lists a static"),
+    ((), {"source": ", data_type: PointCloud2"}, 3, "no messages for the layers of /local_c"),
+    (("--until", "5"), {}, 2, "is before the first message, at 1700000000.000000000 s"),
+    (("--until", "1e9"), {}, 2, "must be a time in seconds"),
+    (("--pose", "1,2,0"), {}, 2, "applies to clouds, not to the replay of a bag"),
+    (("--robot-radius", "1"), {}, 2, "applies to clouds, not to the replay"),
+    ((), {"costmap": "robot_base_frame: base,"}, 3, "no transforms lead from 'odom' to 'base'"),
+])  # fmt: skip
 def test_a_replay_refuses_by_name(replay, words, settings, code, text):
     found, _, err = replay([1.0], *words, **settings)
     assert found == code

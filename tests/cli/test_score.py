@@ -78,14 +78,11 @@ def named(name):
     return {"file": f"{name}.yaml", "sha256": sums}
 
 
-@pytest.mark.parametrize(
-    ("own", "truth", "message"),
-    [
-        ("other", "own", None),
-        ("own", "other", "aligned.json: leads from other to own; its inverse is used"),
-        ("far", "own", "aligned.json: is between other maps"),
-    ],
-)
+@pytest.mark.parametrize(("own", "truth", "message"), [
+    ("other", "own", None),
+    ("own", "other", "aligned.json: leads from other to own; its inverse is used"),
+    ("far", "own", "aligned.json: is between other maps"),
+])  # fmt: skip
 def test_a_transform_with_the_checksums_of_its_maps(answer, own, truth, message):
     document = {"first": named("other"), "second": named("own")}
     document["transform"] = {"x": 10, "y": -4, "yaw": 0}
@@ -146,16 +143,13 @@ def test_bounds_decide_the_exit_code_and_are_printed(sh, words, code, message):
     assert (found, message in out) == (code, True), out
 
 
-@pytest.mark.parametrize(
-    ("own", "truth", "message"),
-    [
-        ("empty", "truth", "empty.yaml: has no occupied cell there, so no distances"),
-        ("truth", "empty", "empty.yaml: has no occupied cell there, so no distances"),
-        ("truth", "unknown", "unknown.yaml: has no known cell, so there is nothing to compare w"),
-        ("far", "truth", "far.yaml: has no known cell on truth.yaml; --align finds how the maps"),
-        ("fine", "truth", "fine.yaml: has cells of 0.125 m, truth.yaml of 0.25 m"),
-    ],
-)
+@pytest.mark.parametrize(("own", "truth", "message"), [
+    ("empty", "truth", "empty.yaml: has no occupied cell there, so no distances"),
+    ("truth", "empty", "empty.yaml: has no occupied cell there, so no distances"),
+    ("truth", "unknown", "unknown.yaml: has no known cell, so there is nothing to compare w"),
+    ("far", "truth", "far.yaml: has no known cell on truth.yaml; --align finds how the maps"),
+    ("fine", "truth", "fine.yaml: has cells of 0.125 m, truth.yaml of 0.25 m"),
+])  # fmt: skip
 def test_what_says_little_is_warned_of(answer, own, truth, message):
     line = f"{own}.yaml --truth {truth}.yaml --max dist_est_to_truth_m.mean=0.5"
     code, found, err = answer(line)

@@ -124,19 +124,15 @@ def test_messages_about_a_pipe_are_those_about_the_file(sh, here, stdin, line):
     assert str(here) not in out
 
 
-@pytest.mark.parametrize(
-    ("data", "error"),
-    [
-        (b"", "is empty"),
-        (b"image: m.pgm\nresolution: 1\n", "is a map, not an npz"),
-        (b"P5\n3 2\n255\n123456", "is an image (PNM), not an npz"),
-        (b"hello", "is not an npz"),
-        (b"PK", "is not an npz"),
-        ("cut.npz", "is not an npz file"),
-        ("other.npz", "format: missing key"),
-    ],
-    ids=["empty", "yaml", "pgm", "text", "begin", "cut", "other"],
-)
+@pytest.mark.parametrize(("data", "error"), [
+    (b"", "is empty"),
+    (b"image: m.pgm\nresolution: 1\n", "is a map, not an npz"),
+    (b"P5\n3 2\n255\n123456", "is an image (PNM), not an npz"),
+    (b"hello", "is not an npz"),
+    (b"PK", "is not an npz"),
+    ("cut.npz", "is not an npz file"),
+    ("other.npz", "format: missing key"),
+], ids=["empty", "yaml", "pgm", "text", "begin", "cut", "other"])  # fmt: skip
 def test_what_is_no_npz_is_one_line(sh, stdin, data, error):
     np.savez("other.npz", a=1, b=2)
     Path("cut.npz").write_bytes(Path("m.npz").read_bytes()[:-30])

@@ -145,14 +145,11 @@ def test_a_sequence_is_strict_cloud_by_cloud(sh, maps):
     assert tree(maps) == before
 
 
-@pytest.mark.parametrize(
-    ("line", "warning"),
-    [
-        ("reach good.yaml --robot-radius 0.05 -o new/o.json", "no start is given"),
-        ("diff good.yaml part.yaml --max-differing 100 --image new/o.png", "does not cover"),
-        ("run good.yaml -o old --force", "holds the local map of an earlier run"),
-    ],
-)
+@pytest.mark.parametrize(("line", "warning"), [
+    ("reach good.yaml --robot-radius 0.05 -o new/o.json", "no start is given"),
+    ("diff good.yaml part.yaml --max-differing 100 --image new/o.png", "does not cover"),
+    ("run good.yaml -o old --force", "holds the local map of an earlier run"),
+])  # fmt: skip
 def test_what_is_known_last_of_all_is_warned_of_before_anything_is_written(sh, maps, line, warning):
     assert sh("window good.yaml --corner 3,0 --size 1,1 -o part.yaml")[0] == 0
     assert sh("run good.yaml -o old --pose 3,0,0.2 --no-images")[0] == 0

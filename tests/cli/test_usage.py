@@ -66,18 +66,15 @@ def test_a_mistyped_word_gets_what_was_meant(sh, line, error, hint):
     assert not Path("out").exists()
 
 
-@pytest.mark.parametrize(
-    ("line", "near"),
-    [
-        ("info mm.yaml", "m.yaml"),
-        ("run m -o out", "m.yaml"),
-        ("run M.yaml -o out", "m.yaml"),
-        ("esdf sub/mapp.yaml -o out.npz", "sub/map.yaml"),
-        ("run m.yaml -o out --recipe recpe.yaml", "recipe.yaml"),
-        ("run other.yaml -o out", None),
-        ("run nowhere/m.yaml -o out", None),
-    ],
-)
+@pytest.mark.parametrize(("line", "near"), [
+    ("info mm.yaml", "m.yaml"),
+    ("run m -o out", "m.yaml"),
+    ("run M.yaml -o out", "m.yaml"),
+    ("esdf sub/mapp.yaml -o out.npz", "sub/map.yaml"),
+    ("run m.yaml -o out --recipe recpe.yaml", "recipe.yaml"),
+    ("run other.yaml -o out", None),
+    ("run nowhere/m.yaml -o out", None),
+])  # fmt: skip
 def test_a_mistyped_file_gets_the_one_that_was_meant(sh, line, near):
     error, *hints = sh.err(line, 4).splitlines()
     assert error.endswith("cannot be read: No such file or directory")
@@ -85,13 +82,10 @@ def test_a_mistyped_file_gets_the_one_that_was_meant(sh, line, near):
     assert not Path("out").exists()
 
 
-@pytest.mark.parametrize(
-    ("line", "hint"),
-    [
-        ("query m.yaml --points 0,0", "did you mean --at 0,0?"),
-        ("reach m.yaml --robot-radius 0.2 --points a=0,0", "did you mean --to a=0,0?"),
-    ],
-)
+@pytest.mark.parametrize(("line", "hint"), [
+    ("query m.yaml --points 0,0", "did you mean --at 0,0?"),
+    ("reach m.yaml --robot-radius 0.2 --points a=0,0", "did you mean --to a=0,0?"),
+])  # fmt: skip
 def test_a_point_in_the_place_of_a_file_gets_its_option(sh, line, hint):
     assert sh.err(line, 4).splitlines()[-1] == f"hint: {hint}"
 
@@ -122,13 +116,10 @@ def test_every_command_is_found_with_two_letters_swapped(sh, name):
     assert lines[-1] == f"hint: did you mean {name}?"
 
 
-@pytest.mark.parametrize(
-    ("line", "spelling", "counterpart"),
-    [
-        ("esdf m.yaml --convention", "center", "centre"),
-        ("inflate m.yaml --radius 0.4 --kernel", "disc", "disk"),
-    ],
-)
+@pytest.mark.parametrize(("line", "spelling", "counterpart"), [
+    ("esdf m.yaml --convention", "center", "centre"),
+    ("inflate m.yaml --radius 0.4 --kernel", "disc", "disk"),
+])  # fmt: skip
 def test_either_spelling_of_a_choice_is_taken(sh, line, spelling, counterpart):
     assert sh(f"{line} {spelling} -o one.npz")[0] == 0
     assert sh(f"{line} {counterpart} -o other.npz")[0] == 0
@@ -143,18 +134,13 @@ def test_a_method_may_have_an_underscore(sh):
 
 
 @pytest.mark.parametrize("number", ["1_0", "\u0663", "1_0.5", "_1"])
-@pytest.mark.parametrize(
-    "line",
-    [
-        "inflate m.yaml -o o.npz --radius ",
-        "inflate m.yaml -o o.npz --threads ",
-        "cost m.yaml --model rings -o o.npz --values ",
-        "run m.yaml -o o.npz --set inflate.radius=",
-        "query m.yaml --at 1,",
-        "convert m.yaml -o o.npz --static-layer --encoding costmap2d --inscribed-value ",
-        "info m.yaml --max-memory ",
-    ],
-)
+@pytest.mark.parametrize("line", [
+    "inflate m.yaml -o o.npz --radius ", "inflate m.yaml -o o.npz --threads ",
+    "cost m.yaml --model rings -o o.npz --values ", "run m.yaml -o o.npz --set inflate.radius=",
+    "query m.yaml --at 1,",
+    "convert m.yaml -o o.npz --static-layer --encoding costmap2d --inscribed-value ",
+    "info m.yaml --max-memory ",
+])  # fmt: skip
 def test_a_number_that_only_python_reads_is_refused(sh, line, number):
     code, out, err = sh(f"{line}{number}")
     assert (code, out, len(err.splitlines()) <= 2) == (2, "", True)

@@ -224,15 +224,10 @@ LIMITS = st.builds(
     Bottleneck, NUMBERS, NUMBERS, LENGTHS, st.sampled_from(["passage", "start", "goal"])
 )
 GOALS = st.builds(
-    GoalReach,
-    st.builds(Goal, NUMBERS, NUMBERS, st.none() | st.text(max_size=8)),
-    st.booleans(),
-    st.integers(0, 255),
-    LENGTHS,
-    st.none() | LIMITS,
-    st.none() | st.text(max_size=8),
+    GoalReach, st.builds(Goal, NUMBERS, NUMBERS, st.none() | st.text(max_size=8)), st.booleans(),
+    st.integers(0, 255), LENGTHS, st.none() | LIMITS, st.none() | st.text(max_size=8),
     st.none() | POINTS,
-)
+)  # fmt: skip
 PASSAGES = st.builds(
     Passage, NUMBERS, NUMBERS, LENGTHS, LENGTHS, st.booleans(), st.tuples(POINTS, POINTS)
 )

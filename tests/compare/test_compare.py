@@ -338,17 +338,14 @@ def test_a_bound_holds(side, allowed, found, holds):
     assert ScoreBound("coverage", side, allowed, found).holds is holds
 
 
-@pytest.mark.parametrize(
-    ("minimum", "maximum", "with_truth", "message", "hint"),
-    [
-        ({}, {"zzzz": 1}, True, "is not a figure", "--json"),
-        ({"coverage": 1}, {}, False, "needs a truth", "--truth"),
-        ({}, {"dist_est_to_truth_m": 1}, True, "several figures", "dist_est_to_truth_m.mean"),
-        ({"coverage": "1"}, {}, True, "finite", None),
-        ({"coverage": 0.9}, {"coverage": 0.8}, True, "at least 0.9 and at most 0.8", None),
-        ({"cells": 1}, {}, True, "is not a figure", None),
-    ],
-)
+@pytest.mark.parametrize(("minimum", "maximum", "with_truth", "message", "hint"), [
+    ({}, {"zzzz": 1}, True, "is not a figure", "--json"),
+    ({"coverage": 1}, {}, False, "needs a truth", "--truth"),
+    ({}, {"dist_est_to_truth_m": 1}, True, "several figures", "dist_est_to_truth_m.mean"),
+    ({"coverage": "1"}, {}, True, "finite", None),
+    ({"coverage": 0.9}, {"coverage": 0.8}, True, "at least 0.9 and at most 0.8", None),
+    ({"cells": 1}, {}, True, "is not a figure", None),
+])  # fmt: skip
 def test_what_cannot_be_a_bound_is_refused(minimum, maximum, with_truth, message, hint):
     with pytest.raises(ParameterError) as error:
         checked_bounds(minimum, maximum, with_truth=with_truth)

@@ -69,15 +69,11 @@ LINES = st.one_of(
 @example(["#", "1 2 3", "", "4 5 6", "# 7", "8 9 1"], "\n", True, None, 2, None, [2, 0], 1 << 20)
 @example(["1 2 3", "4 5 6", "7 8 9", "1 1 1"], "\n", True, None, 3, None, [2, 0], 1 << 20)
 @given(
-    st.lists(LINES, max_size=12),
-    st.sampled_from(["\n", "\r\n"]),
-    st.booleans(),
-    st.sampled_from([None, ",", ";"]),
-    st.sampled_from([None, 0, 1, 3, 5, 99]),
-    st.sampled_from([None, 3]),
-    st.sampled_from([[0, 1, 2], [0, 1], [2, 0]]),
+    st.lists(LINES, max_size=12), st.sampled_from(["\n", "\r\n"]), st.booleans(),
+    st.sampled_from([None, ",", ";"]), st.sampled_from([None, 0, 1, 3, 5, 99]),
+    st.sampled_from([None, 3]), st.sampled_from([[0, 1, 2], [0, 1], [2, 0]]),
     st.sampled_from([1, 9, 30, 1 << 20]),
-)
+)  # fmt: skip
 def test_lines_read_together_are_those_that_are_read_alone(
     lines, end, has_last_end, delimiter, most, width, columns, together
 ):

@@ -53,19 +53,16 @@ def test_get_and_set_of_many_cells(mask, data):
     assert np.array_equal(bits.to_mask(), mask)
 
 
-@pytest.mark.parametrize(
-    ("bits", "expected"),
-    [
-        (BitMap.from_mask([[-1, 0, 1, 100]], *PLACE), [0, 0, 1, 1]),
-        (BitMap.from_mask(np.array([[0, 1, 254, 255]], np.uint8), *PLACE), [0, 1, 1, 1]),
-        (BitMap.from_mask([[0.0, 0.2, -0.5, math.inf]], *PLACE), [0, 1, 0, 1]),
-        (BitMap.from_occupancy(OccupancyGrid([[-1, 64, 65, 100]], *PLACE)), [0, 0, 0, 1]),
-        (
-            BitMap.from_occupancy(OccupancyGrid([[-1, 64, 65, 100]], *PLACE), lethal_threshold=65),
-            [0, 0, 1, 1],
-        ),
-    ],
-)
+@pytest.mark.parametrize(("bits", "expected"), [
+    (BitMap.from_mask([[-1, 0, 1, 100]], *PLACE), [0, 0, 1, 1]),
+    (BitMap.from_mask(np.array([[0, 1, 254, 255]], np.uint8), *PLACE), [0, 1, 1, 1]),
+    (BitMap.from_mask([[0.0, 0.2, -0.5, math.inf]], *PLACE), [0, 1, 0, 1]),
+    (BitMap.from_occupancy(OccupancyGrid([[-1, 64, 65, 100]], *PLACE)), [0, 0, 0, 1]),
+    (
+        BitMap.from_occupancy(OccupancyGrid([[-1, 64, 65, 100]], *PLACE), lethal_threshold=65),
+        [0, 0, 1, 1],
+    ),
+])  # fmt: skip
 def test_any_value_above_0_or_up_to_a_threshold_is_a_1(bits, expected):
     assert bits.to_mask()[0].tolist() == expected
 

@@ -180,16 +180,13 @@ def test_figures_are_of_the_cells_that_have_a_distance():
     assert (figures["lowest_distance"], figures["without_value"]) == (None, 2)
 
 
-@pytest.mark.parametrize(
-    ("distance", "occupancy", "message"),
-    [
-        ("nnn nnn", "??? ???", "nan everywhere"),
-        ("n12 123", "?.. ...", "around one box"),
-        ("1n2 123", ".?. ...", "around one box"),
-        ("nnn n12", "??. ?..", "where the map is unknown"),
-        ("nnn n12", "??# ?..", "where the map is unknown"),
-    ],
-)
+@pytest.mark.parametrize(("distance", "occupancy", "message"), [
+    ("nnn nnn", "??? ???", "nan everywhere"),
+    ("n12 123", "?.. ...", "around one box"),
+    ("1n2 123", ".?. ...", "around one box"),
+    ("nnn n12", "??. ?..", "where the map is unknown"),
+    ("nnn n12", "??# ?..", "where the map is unknown"),
+])  # fmt: skip
 def test_nan_anywhere_else_is_refused(distance, occupancy, message):
     values = [[np.nan if v == "n" else float(v) for v in row] for row in distance.split()]
     known = [[{"?": -1, ".": 0, "#": 100}[v] for v in row] for row in occupancy.split()]

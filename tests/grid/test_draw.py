@@ -209,22 +209,18 @@ def test_the_larger_or_the_smaller_value_wins_and_unknown_gives_way(scale, overl
     assert np.array_equal(draw(grid, line, value=unknown, overlay=overlay).cost, grid.cost)
 
 
-@pytest.mark.parametrize(
-    ("shape", "text"),
-    [
-        (Polygon([(9, 9), (10, 9), (9, 10)]), "polygon: vertex 1, (9, 9), lies outside of the map"),
-        (Polygon([(0, 0), (1.25, 0), (0, 0.9)]), "vertex 2, (1.25, 0) (upper edges belong to no"),
-        (Polygon([(0.5, 0.5), (9, 0.5), (0.5, 0.9)]), "(9, 0.5), lies outside of the map; the sh"),
-        (Polygon([(0.2, 0.2), (0.6, 0.6), (0.9, 0.9)]), "no area, its corners lie on a"),
-        (Line([(0.5, 0.5), (3.0, 0.5)]), "line: vertex 2, (3, 0.5), lies"),
-        (Line([(0.5, 0.5), (0.6, 0.5)], thickness=2.0), "line: its thickness lies"),
-        (Circle((0.5, 0.5), 0.6), "circle: its rim lies"),
-        (Circle((1.1, 0.5), 0.2), "its rim lies"),
-        (Circle((0.5, 0.9), 0.2), "its rim lies"),
-        (Circle((-0.1, 0.5), 0.05), "circle: its center lies outside of the map; nothing"),
-    ],
-    ids=lambda parameter: parameter.split()[0] if isinstance(parameter, str) else None,
-)
+@pytest.mark.parametrize(("shape", "text"), [
+    (Polygon([(9, 9), (10, 9), (9, 10)]), "polygon: vertex 1, (9, 9), lies outside of the map"),
+    (Polygon([(0, 0), (1.25, 0), (0, 0.9)]), "vertex 2, (1.25, 0) (upper edges belong to no"),
+    (Polygon([(0.5, 0.5), (9, 0.5), (0.5, 0.9)]), "(9, 0.5), lies outside of the map; the sh"),
+    (Polygon([(0.2, 0.2), (0.6, 0.6), (0.9, 0.9)]), "no area, its corners lie on a"),
+    (Line([(0.5, 0.5), (3.0, 0.5)]), "line: vertex 2, (3, 0.5), lies"),
+    (Line([(0.5, 0.5), (0.6, 0.5)], thickness=2.0), "line: its thickness lies"),
+    (Circle((0.5, 0.5), 0.6), "circle: its rim lies"),
+    (Circle((1.1, 0.5), 0.2), "its rim lies"),
+    (Circle((0.5, 0.9), 0.2), "its rim lies"),
+    (Circle((-0.1, 0.5), 0.05), "circle: its center lies outside of the map; nothing"),
+], ids=lambda parameter: parameter.split()[0] if isinstance(parameter, str) else None)  # fmt: skip
 def test_what_cannot_be_drawn_as_meant_is_a_warning_or_with_strict_a_finding(shape, text):
     grid = OccupancyGrid(np.zeros((4, 5), np.int8), 0.25)
     with pytest.warns(MapdealWarning, match=re.escape(text)):

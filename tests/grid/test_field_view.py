@@ -48,19 +48,16 @@ def test_another_mode_or_layer_makes_it_a_map(files):
     assert type(METRIC.as_amcl_sees_it()) is mapdeal.OccupancyGrid
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "rule"),
-    [
-        ("view", None, "needs key view"),
-        ("view", "polar", "must be metric or per-map"),
-        ("view_range", None, "needs key view_range"),
-        ("view_range", "0", "above 0"),
-        ("view_range", ".inf", "must be"),
-        ("view", "per-map", "needs keys farthest, deepest"),
-        ("mode", "trinary", "needs mode raw"),
-        ("cost_scale", "costmap2d", "no cost_scale"),
-    ],
-)
+@pytest.mark.parametrize(("key", "value", "rule"), [
+    ("view", None, "needs key view"),
+    ("view", "polar", "must be metric or per-map"),
+    ("view_range", None, "needs key view_range"),
+    ("view_range", "0", "above 0"),
+    ("view_range", ".inf", "must be"),
+    ("view", "per-map", "needs keys farthest, deepest"),
+    ("mode", "trinary", "needs mode raw"),
+    ("cost_scale", "costmap2d", "no cost_scale"),
+])  # fmt: skip
 def test_a_view_that_is_described_wrongly_is_refused(files, key, value, rule):
     path = files / "v.yaml"
     lines = [line for line in path.read_text().splitlines() if not line.startswith(f"{key}:")]
@@ -118,17 +115,14 @@ def test_what_takes_maps_says_that_it_takes_the_values_of_a_view(command, files,
     assert command(*words.split())[2].count(READ_AS_A_MAP) == 1
 
 
-@pytest.mark.parametrize(
-    ("words", "code", "message"),
-    [
-        ("run v.yaml -o o --strict", 1, READ_AS_A_MAP),
-        ("run v.yaml -o o --strict --recipe nav2", 1, "--strict allows none; nothing was written"),
-        ("clean v.yaml -o o.yaml", 2, NEEDS_A_MAP),
-        ("merge v.yaml m.yaml -o o.yaml", 2, NEEDS_A_MAP),
-        ("potential v.yaml -o o.npz", 2, NEEDS_A_MAP),
-        ("reach v.yaml --from 1.5,2.5", 2, NEEDS_A_MAP),
-    ],
-)
+@pytest.mark.parametrize(("words", "code", "message"), [
+    ("run v.yaml -o o --strict", 1, READ_AS_A_MAP),
+    ("run v.yaml -o o --strict --recipe nav2", 1, "--strict allows none; nothing was written"),
+    ("clean v.yaml -o o.yaml", 2, NEEDS_A_MAP),
+    ("merge v.yaml m.yaml -o o.yaml", 2, NEEDS_A_MAP),
+    ("potential v.yaml -o o.npz", 2, NEEDS_A_MAP),
+    ("reach v.yaml --from 1.5,2.5", 2, NEEDS_A_MAP),
+])  # fmt: skip
 def test_what_needs_a_map_refuses_a_view(command, files, words, code, message):
     found, _, err = command(*words.split())
     assert (found, err.count(message)) == (code, 1)

@@ -96,18 +96,15 @@ HALF = 4 * RESOLUTION
 """Of a door of 7 cells: four to each side of its middle."""
 
 
-@pytest.mark.parametrize(
-    ("radius", "margin", "are_open"),
-    [
-        (HALF + 1e-6, 0.1, [False]),
-        (HALF, 0.1, [False]),
-        (HALF - 1e-6, 0.1, [True]),
-        (HALF - 0.1, 0.1, [True]),
-        (HALF - 0.1 - 1e-6, 0.1, []),
-        (HALF - 0.1 - 1e-6, 0.11, [True]),
-        (0.0, 0.1, []),
-    ],
-)
+@pytest.mark.parametrize(("radius", "margin", "are_open"), [
+    (HALF + 1e-6, 0.1, [False]),
+    (HALF, 0.1, [False]),
+    (HALF - 1e-6, 0.1, [True]),
+    (HALF - 0.1, 0.1, [True]),
+    (HALF - 0.1 - 1e-6, 0.1, []),
+    (HALF - 0.1 - 1e-6, 0.11, [True]),
+    (0.0, 0.1, []),
+])  # fmt: skip
 def test_a_door_is_open_below_half_its_width_and_tight_up_to_a_margin(radius, margin, are_open):
     grid = rooms(7)
     doors = found(grid, (3, 3), radius, margin=margin, min_area=0.5)
@@ -406,15 +403,12 @@ def test_a_robot_a_hair_narrower_passes_and_one_a_hair_wider_does_not(seed, radi
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "count", "closed"),
-    [
-        pytest.param(
-            "mit-racecar__racecar_simulator/maps/building_31", 29, 26, marks=pytest.mark.thorough
-        ),
-        ("turtlebot__turtlebot_apps/turtlebot_navigation/maps/willow-2010-02-18-0.10", 10, 5),
-    ],
-)
+@pytest.mark.parametrize(("name", "count", "closed"), [
+    pytest.param(
+        "mit-racecar__racecar_simulator/maps/building_31", 29, 26, marks=pytest.mark.thorough
+    ),
+    ("turtlebot__turtlebot_apps/turtlebot_navigation/maps/willow-2010-02-18-0.10", 10, 5),
+])  # fmt: skip
 def test_doors_of_real_maps(real_maps, name, count, closed):
     grid = read_map(real_maps / f"{name}.yaml")
     clearances = clearances_of(grid)

@@ -130,14 +130,11 @@ def test_a_rooted_tree_leads_from_each_basin_to_the_root(each_engine, grid, choi
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
-@pytest.mark.parametrize(
-    "name",
-    [
-        "ros-navigation__navigation2/nav2_bringup/maps/depot.yaml",
-        "turtlebot__turtlebot_apps/turtlebot_navigation/maps/willow-2010-02-18-0.10.yaml",
-        "mit-racecar__racecar_simulator/maps/building_31.yaml",
-    ],
-)
+@pytest.mark.parametrize("name", [
+    "ros-navigation__navigation2/nav2_bringup/maps/depot.yaml",
+    "turtlebot__turtlebot_apps/turtlebot_navigation/maps/willow-2010-02-18-0.10.yaml",
+    "mit-racecar__racecar_simulator/maps/building_31.yaml",
+])  # fmt: skip
 def test_widest_ways_through_real_buildings_are_those_of_labels(each_engine, real_maps, name):
     """From the widest place: what robots reach that are as wide as some passages, or wider."""
     values = read_map(real_maps / name).occupancy

@@ -140,19 +140,16 @@ def test_the_largest_room_or_that_at_a_place_is_known(tmp_path, rule):
     assert grid.query([(1.5, 1.0), (4.0, 1.0)]).values.tolist() == [UNKNOWN, FREE]
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({}, "needs exactly one of --height"),
-        ({"height": 0.2, "robot_height": 1.0}, "needs exactly one of --height"),
-        ({"height": 0.2, "climb": 0.1}, "climb: applies to --robot-height"),
-        ({"height": 9.0}, "height: meets nothing: solids reach from 0 to 2.5 m, got 9.0"),
-        ({"height": 0.2, "at": (5.0, 2.0, 0.0)}, "at: must be free"),
-        ({"height": 0.2, "at": (50.0, 2.0, 0.0)}, "at: lies outside of the map"),
-        ({"robot_height": 1.0, "fill": 0.3}, "fill: does not apply to worlds"),
-        ({"height": 0.2, "size": (1.0, 1.0)}, "size, origin: must be given together"),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), [
+    ({}, "needs exactly one of --height"),
+    ({"height": 0.2, "robot_height": 1.0}, "needs exactly one of --height"),
+    ({"height": 0.2, "climb": 0.1}, "climb: applies to --robot-height"),
+    ({"height": 9.0}, "height: meets nothing: solids reach from 0 to 2.5 m, got 9.0"),
+    ({"height": 0.2, "at": (5.0, 2.0, 0.0)}, "at: must be free"),
+    ({"height": 0.2, "at": (50.0, 2.0, 0.0)}, "at: lies outside of the map"),
+    ({"robot_height": 1.0, "fill": 0.3}, "fill: does not apply to worlds"),
+    ({"height": 0.2, "size": (1.0, 1.0)}, "size, origin: must be given together"),
+])  # fmt: skip
 def test_refusals(options, message):
     with pytest.raises(ParameterError) as caught:
         build_map_from_world(STORAGE, **options)

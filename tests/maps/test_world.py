@@ -204,18 +204,10 @@ def test_worlds_follow_the_rules_of_sdformat(converted):
 NOT_IN_XML = "[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]"  # XML 1.0, section 2.2
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        b"m\xff",
-        b"m\xed\xa0\x80",
-        b"m\x01\x1b",
-        b"m\n\t",
-        b"m\xef\xbf\xbe<&",
-        b'm"]]>\xef\xbf\xbf',
-        b"m\\",
-    ],
-)
+@pytest.mark.parametrize("name", [
+    b"m\xff", b"m\xed\xa0\x80", b"m\x01\x1b", b"m\n\t", b"m\xef\xbf\xbe<&", b'm"]]>\xef\xbf\xbf',
+    b"m\\",
+])  # fmt: skip
 def test_files_are_well_formed_whatever_the_map_is_called(tmp_path, command, converted, name):
     source = tmp_path / f"{os.fsdecode(name)}.npz"
     try:

@@ -57,18 +57,15 @@ def test_every_character_of_ascii_is_drawn_and_no_box():
             assert canvas.printable(character) == character
 
 
-@pytest.mark.parametrize(
-    ("text", "shown"),
-    [
-        ("n\u00b0 2 \u00b1 1", "n\u00b0 2 \u00b1 1"),
-        ("K\u00fcche, \u00c9t\u00e9, Gda\u0144sk, u\u0308", "Kuche, Ete, Gdansk, u"),
-        ("Stra\u00dfe 5 \u00d7 7 m\u00b2", "Strasse 5 x 7 m2"),
-        ("\u22121 \u2013 2", "-1 - 2"),
-        ("\u5009 A", f"{BOX} A"),
-        ("a\nb\x00", f"a{BOX}b{BOX}"),
-        ("\U0001f600", BOX),
-    ],
-)
+@pytest.mark.parametrize(("text", "shown"), [
+    ("n\u00b0 2 \u00b1 1", "n\u00b0 2 \u00b1 1"),
+    ("K\u00fcche, \u00c9t\u00e9, Gda\u0144sk, u\u0308", "Kuche, Ete, Gdansk, u"),
+    ("Stra\u00dfe 5 \u00d7 7 m\u00b2", "Strasse 5 x 7 m2"),
+    ("\u22121 \u2013 2", "-1 - 2"),
+    ("\u5009 A", f"{BOX} A"),
+    ("a\nb\x00", f"a{BOX}b{BOX}"),
+    ("\U0001f600", BOX),
+])  # fmt: skip
 def test_characters_that_the_font_lacks_become_like_ones_or_boxes(text, shown):
     assert canvas.printable(text) == shown
 

@@ -80,17 +80,14 @@ def _refuses(*arguments, **options):
     return read
 
 
-@pytest.mark.parametrize(
-    ("read", "refusals", "named"),
-    [
-        (_warns_otherwise, (), "warned by DeprecationWarning: deprecated"),
-        (lambda *_: np.ones(1 << 29, dtype=np.uint8), (), "MemoryError"),
-        (lambda *_: time.sleep(LONGEST), (), "took more than 0.05 s"),
-        (lambda _, data: data.index(b"nowhere"), (), "ValueError: subsection not found"),
-        (_refuses("is damaged"), (MalformedInputError,), "names no file: is damaged"),
-        (_refuses("is damaged"), (), "refused as MalformedInputError"),
-    ],
-)
+@pytest.mark.parametrize(("read", "refusals", "named"), [
+    (_warns_otherwise, (), "warned by DeprecationWarning: deprecated"),
+    (lambda *_: np.ones(1 << 29, dtype=np.uint8), (), "MemoryError"),
+    (lambda *_: time.sleep(LONGEST), (), "took more than 0.05 s"),
+    (lambda _, data: data.index(b"nowhere"), (), "ValueError: subsection not found"),
+    (_refuses("is damaged"), (MalformedInputError,), "names no file: is damaged"),
+    (_refuses("is damaged"), (), "refused as MalformedInputError"),
+])  # fmt: skip
 def test_the_fuzzer_sees(tmp_path, monkeypatch, read, refusals, named):
     monkeypatch.setattr("robustness.fuzz_readers.read_seeds", print)
     reader = Reader("some", [Seed("s.txt", b"1 2 3")], read, (), refusals)

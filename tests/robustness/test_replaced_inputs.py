@@ -116,13 +116,10 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize(
-    ("name", "count"),
-    [
-        *((name, FEW) for name in ("run", "esdf by rows", "build")),
-        *(pytest.param(name, MOMENTS, marks=pytest.mark.thorough) for name in COMMANDS),
-    ],
-)
+@pytest.mark.parametrize(("name", "count"), [
+    *((name, FEW) for name in ("run", "esdf by rows", "build")),
+    *(pytest.param(name, MOMENTS, marks=pytest.mark.thorough) for name in COMMANDS),
+])  # fmt: skip
 def test_a_result_is_of_the_old_inputs_or_of_the_new_ones(
     pairs, command, monkeypatch, moments, name, count
 ):
