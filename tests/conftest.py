@@ -24,7 +24,8 @@ sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # A first call imports and warms up; how long a case takes says nothing about it.
-settings.register_profile("mapdeal", deadline=None, max_examples=30)
+settings.register_profile("mapdeal", deadline=None, max_examples=20)
+settings.register_profile("ci", deadline=None, max_examples=60)
 settings.register_profile("quick", deadline=None, max_examples=10)
 settings.register_profile("thorough", deadline=None, max_examples=500)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "mapdeal"))

@@ -1,6 +1,7 @@
 """Random grids and layers of costmaps for property tests."""
 
 import numpy as np
+from hypothesis import settings
 from hypothesis import strategies as st
 
 from mapdeal.layers.denoise import DenoiseLayer
@@ -9,6 +10,12 @@ from mapdeal.layers.obstacle import ObstacleLayer
 from mapdeal.layers.static import StaticLayer
 
 RESOLUTIONS = st.sampled_from([0.05, 0.1, 0.025, 0.3, 2.0, 0.0504])
+
+
+def examples(count, **more):
+    """Settings of a property that tries as many examples in CI, and a third of them by default."""
+    share = settings.default.max_examples / settings.get_profile("ci").max_examples
+    return settings(max_examples=max(2, round(count * share)), **more)
 
 
 @st.composite

@@ -4,13 +4,14 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bags.making import START, Maker, custom, ros1_store, ros2_store, tf
 from clouds import SampledRoom
 from mapdeal import MalformedInputError, build_map_from_clouds, cloud_map
 from mapdeal.bags.livox import points_of_custom
+from strategies import examples
 
 DRIVERS = ("livox_ros_driver", "livox_ros_driver2")
 NUMBERS = st.floats(width=32, allow_nan=False, allow_infinity=False)
@@ -18,7 +19,7 @@ NUMBERS = st.floats(width=32, allow_nan=False, allow_infinity=False)
 
 @pytest.mark.parametrize("driver", DRIVERS)
 @pytest.mark.parametrize("form", ["ros1", "sqlite3", "mcap"])
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(points=st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), max_size=20), frame=st.text("ab/"))
 def test_points_are_those_that_were_written(form, driver, points, frame):
     name = f"{driver}/msg/CustomMsg"

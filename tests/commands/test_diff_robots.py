@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 import mapdeal
 from mapdeal import OccupancyGrid, compare_costmaps, write_map
 from mapdeal.grid.reach import Goal
 from pipeline.reported import entries_of, layer_names
+from strategies import examples
 
 RESOLUTION = 0.1
 ORIGIN = (1.5, -2.0, 0.4)
@@ -158,9 +159,7 @@ def test_costs_and_reach_are_those_of_the_other_commands(command, site):
     assert np.array_equal(result.costs.masks["rose"], compare_costmaps(first, second).masks["rose"])
 
 
-@settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@examples(25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     doors=st.lists(st.integers(3, 16), min_size=1, max_size=3),
     radii=st.tuples(st.sampled_from([0.2, 0.35, 0.5, 0.65]), st.sampled_from([0.25, 0.45, 0.7])),

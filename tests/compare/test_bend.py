@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from compare.buildings import OTHER_WALLS, WALLS, between, drawn, errors
@@ -13,6 +13,7 @@ from mapdeal.compare.align import bend_between, placed
 from mapdeal.compare.bend import Bend, _solved
 from mapdeal.compare.faults import place_text
 from mapdeal.compare.walls import moved, walls_of
+from strategies import examples
 
 pytestmark = pytest.mark.slow
 
@@ -28,7 +29,7 @@ def bent(grid, amount):
     return OccupancyGrid(values.astype(np.int8), grid.resolution, grid.origin)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(st.integers(1, 9), st.integers(0, 2**32 - 1))
 def test_systems_are_solved_as_lapack_does(size, seed):
     rng = np.random.default_rng(seed)
@@ -39,7 +40,7 @@ def test_systems_are_solved_as_lapack_does(size, seed):
     np.testing.assert_allclose(_solved(matrices, right), expected, rtol=1e-8, atol=1e-9)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(st.integers(0, 2**32 - 1))
 def test_points_moved_there_and_back_are_where_they_were(seed):
     rng = np.random.default_rng(seed)

@@ -8,7 +8,7 @@ from unittest.mock import ANY
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -29,6 +29,7 @@ from mapdeal.grid.frame import Frame, Transform
 from mapdeal.kernels.components import touching_groups
 from mapdeal.kernels.threads import use_threads
 from recorded_scores import PAIRS, agreement, flat, recorded_pairs
+from strategies import examples
 
 SHAPES = st.tuples(st.integers(1, 9), st.integers(1, 12))
 
@@ -123,7 +124,6 @@ def test_two_cells_of_5_cm_are_not_less_than_10_cm_and_four_of_25_mm_neither():
         assert (found["share_lt_0p1"], found["share_le_0p1"]) == (0.0, 1.0)
 
 
-@settings(max_examples=30)
 @given(
     st.integers(0, 1000), st.floats(-2, 2), st.floats(-2, 2), st.floats(-3.1, 3.1),
     st.sampled_from([0.25, 0.3, 0.5]), st.floats(-3, 3), st.floats(-3, 3),
@@ -173,7 +173,7 @@ BELL = np.outer(BELL, BELL) / BELL.sum() ** 2
 EVEN = np.full((7, 7), 1 / 49)
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(st.integers(11, 17), st.integers(11, 21), st.integers(0, 999))
 def test_both_are_the_formula_over_all_windows(height, width, seed):
     rng = np.random.default_rng(seed)
@@ -277,7 +277,7 @@ def test_a_wide_circle_has_no_corners():
     assert not score.corners_of(abs(np.hypot(rows - 40, cols - 42) - 35) <= 0.8).any()
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(st.integers(0, 10_000), st.sampled_from([0.5, 0.9, 0.97]))
 def test_which_way_is_north_changes_no_count(seed, threshold):
     rng = np.random.default_rng(seed)

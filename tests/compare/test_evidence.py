@@ -4,11 +4,12 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal import BeamLimits, MapBuilder, OccupancyGrid, Scans, Transform, merge
 from mapdeal.grid.frame import Frame
+from strategies import examples
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 
@@ -35,7 +36,7 @@ def built(method, *parts):
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["log-odds", "counting"])
 @given(st.lists(st.integers(0, 999), min_size=2, max_size=4))
-@settings(max_examples=12)
+@examples(12)
 def test_maps_of_some_scans_each_merge_into_the_map_of_all(method, seeds):
     parts = [scans(seed) for seed in seeds]
     each = [built(method, part) for part in parts]

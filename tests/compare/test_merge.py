@@ -5,14 +5,14 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import ndimage
 
 import oracles
 from mapdeal import MapdealWarning, OccupancyGrid, Transform, merge
 from mapdeal.compare.merge import snapped
-from strategies import occupancies
+from strategies import examples, occupancies
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("mapdeal_warnings")]
 
@@ -63,7 +63,7 @@ def placed_maps(draw, longest=5):
     return maps, transforms
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(placed_maps(), st.sampled_from(["occupied", "newest"]))
 def test_cells_are_what_plain_python_makes_of_them(case, rule):
     maps, transforms = case
@@ -117,7 +117,7 @@ def known_places(grid, lattice):
     return dict(zip(map(tuple, at.tolist()), grid.occupancy[tuple(known.T)].tolist(), strict=True))
 
 
-@settings(max_examples=12)
+@examples(12)
 @given(st.lists(occupancies(6), min_size=2, max_size=4), st.data())
 def test_counts_rules_and_conflicts_on_one_lattice_by_hand(arrays, data):
     lattice = OccupancyGrid([[0]], 0.07, (1.3, -0.2, 0.7)).frame
@@ -238,7 +238,6 @@ def seen_by(grid, cells):
 
 
 @given(st.data(), st.sampled_from(["occupied", "newest"]), st.sampled_from([1.0, 1.5, 2.3]))
-@settings(max_examples=40)
 def test_walls_of_two_maps_are_one_within_a_distance(data, rule, reach):
     """The cells dropped are near the other map's walls, and far from walls that only one has."""
     shape = data.draw(st.tuples(st.integers(3, 9), st.integers(3, 9)))

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import mapdeal
@@ -14,7 +14,7 @@ from mapdeal.grid.canvas import frames_overlap, on_canvas
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.blocks import lazy_layer
 from mapdeal.stages.catalogue import STAGES
-from strategies import RESOLUTIONS, occupancies
+from strategies import RESOLUTIONS, examples, occupancies
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 OUTSIDE = {"i": -1, "u": 255, "f": np.nan}
@@ -65,7 +65,6 @@ def kinds_of(grid, goal=(1.6, -1.9)):
 MARGINS = st.tuples(*[st.integers(0, 5)] * 4)
 
 
-@settings(max_examples=30)
 @given(occupancies(longest=7), RESOLUTIONS, st.sampled_from([0.0, 0.4, -2.5]), MARGINS)
 def test_every_kind_of_grid_is_padded(occupancy, resolution, yaw, margins):
     frame = margins_of(Frame(*occupancy.shape, resolution, (1.5, -2.0, yaw)), margins)
@@ -78,7 +77,7 @@ def test_every_kind_of_grid_is_padded(occupancy, resolution, yaw, margins):
         assert_padded(extended, grid, margins)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(occupancies(longest=9), MARGINS, st.integers(1, 5), st.integers(1, 6))
 def test_lazy_layers_are_padded_rows_by_rows(occupancy, margins, block_height, step):
     part = OccupancyGrid(occupancy, 0.1, (1.5, -2.0, 0.4))
@@ -122,7 +121,7 @@ CHOSEN = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("stage", FIELD_STAGES, ids=lambda stage: f"{stage.name} {stage.model}")
-@settings(max_examples=20)
+@examples(20)
 @given(
     occupancies(longest=8), MARGINS, st.sampled_from(["free", "occupied"]),
     st.sampled_from(["fast-planner", "border"]),

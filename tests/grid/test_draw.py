@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
@@ -94,7 +94,6 @@ def test_polygons_by_the_cells_of_their_corners_on_the_turned_map(corners, hole_
     assert cells == solid - (hollow - set(oracles.outline(cells_of(hole))))
 
 
-@settings(max_examples=40)
 @given(POINTS, st.none() | POINTS, SIZES, st.floats(-3, 3))
 def test_round_shapes_by_distance_in_the_map_frame(a, b, size, yaw):
     """Those too small for more are the cells that hold their points."""
@@ -125,7 +124,6 @@ def test_round_shapes_by_distance_in_the_map_frame(a, b, size, yaw):
 CORNERS = st.lists(st.tuples(st.integers(-9, 24), st.integers(-9, 24)), min_size=3, max_size=3)
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.tuples(CORNERS, st.integers(-1, 100), st.booleans()), max_size=9),
     st.sampled_from(["seq", "max", "min"]), st.integers(1, 40), st.integers(-1, 100),

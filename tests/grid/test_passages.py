@@ -4,7 +4,7 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from scipy import ndimage
 from scipy.cluster.hierarchy import DisjointSet
@@ -21,6 +21,7 @@ from mapdeal.grid.reaching import (
     passages,
 )
 from mapdeal.kernels.paths import clearance_tree
+from strategies import examples
 
 RESOLUTION, ORIGIN = 0.07, (3.0, -2.0, 0.4)
 
@@ -329,7 +330,7 @@ def borders_of(owned, squared):
 
 
 @pytest.mark.slow
-@settings(max_examples=80)
+@examples(80)
 @given(heights(), st.floats(0, 9), st.sampled_from([0.0, 0.7, 3.0]), st.integers(1, 12), st.data())
 def test_passages_are_those_of_the_definition(drawn, radius, margin, min_cells, data):
     squared, is_traversable = drawn
@@ -388,7 +389,7 @@ def widest_doors(doors):
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.1, 0.15, 0.25]))
 @example(7519, 0.15)
-@settings(max_examples=15)
+@examples(15)
 def test_a_robot_a_hair_narrower_passes_and_one_a_hair_wider_does_not(seed, radius):
     rng = np.random.default_rng(seed)
     occupancy = np.where(rng.random((30, 43)) < 0.04, 100, 0).astype(np.int8)

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
@@ -34,7 +34,6 @@ def lattices(draw):
 
 @pytest.mark.slow
 @given(lattices(), st.integers(0, 999))
-@settings(max_examples=40)
 def test_cells_have_what_shares_area_with_them_or_what_is_at_their_centre(drawn, seed):
     """By clipping polygons; cells with a negligible shared area may have either value."""
     frame, source, far = drawn

@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 from unittest.mock import Mock
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal import FileAccessError, MapdealWarning, ParameterError
@@ -14,6 +14,7 @@ from mapdeal.files.source import contents_of, status_of
 from mapdeal.inputs import listing
 from mapdeal.inputs.listing import files_matching, list_files, numbered_folders, sorted_naturally
 from odd_names import private
+from strategies import examples
 
 SUFFIXES = (".pcd", ".ply")
 
@@ -116,7 +117,7 @@ PARTS = ["**", "*", "?", "*.y", "a*", "[ab]", "[!a]*", ".*", "[[]a]", "a", "ab",
 
 
 @pytest.mark.slow
-@settings(max_examples=100)
+@examples(100)
 @given(
     st.lists(st.lists(st.sampled_from(NAMES), min_size=1, max_size=4), max_size=12),
     st.lists(st.sampled_from(PARTS), min_size=1, max_size=4),

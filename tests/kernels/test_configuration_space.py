@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
@@ -12,6 +12,7 @@ from mapdeal.grid.footprint import Footprint, footprint_spans
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.paths import ConfigurationSpace
 from mapdeal.kernels.polygons import Spans
+from strategies import examples
 
 pytestmark = pytest.mark.slow
 
@@ -64,7 +65,7 @@ def test_the_ways_of_any_footprint_are_those_of_a_search(each_engine, case):
     check(*case)
 
 
-@settings(max_examples=12)
+@examples(12)
 @given(spaces(longest=130))
 def test_the_ways_on_grids_wider_than_a_word_are_those_of_a_search(each_engine, case):
     check(*case)

@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
 from engines import needs_compiled
 from kernels.conftest import by_each_engine
 from mapdeal.kernels.eikonal import costs_to_go
+from strategies import examples
 
 
 @st.composite
@@ -25,7 +26,7 @@ def fields(draw, longest=9):
     return classes, weights, sources, rng.random(len(sources)) * draw(st.sampled_from([0, 1, 9]))
 
 
-@settings(max_examples=80)
+@examples(80)
 @given(fields())
 def test_costs_are_those_that_no_update_lowers(each_engine, field):
     classes, weights, sources, starts = field
@@ -37,7 +38,6 @@ def test_costs_are_those_that_no_update_lowers(each_engine, field):
 
 
 @needs_compiled
-@settings(max_examples=40)
 @given(fields(longest=60))
 def test_both_engines_give_the_same_bytes(field):
     compiled, twin = by_each_engine(lambda: costs_to_go(*field).tobytes())

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
@@ -14,6 +14,7 @@ from engines import needs_compiled
 from kernels.conftest import by_each_engine
 from mapdeal.kernels import polygons
 from mapdeal.kernels.polygons import Lattice, costs_at_poses
+from strategies import examples
 
 HEIGHT, WIDTH = 7, 11
 CELLS = st.tuples(st.integers(-9, 16), st.integers(-9, 20))
@@ -96,7 +97,7 @@ def convex_polygons(draw):
 
 @pytest.mark.slow
 @given(convex_polygons())
-@settings(max_examples=120)
+@examples(120)
 def test_convex_polygons_are_filled_as_costmap_2d_fills_columns(points):
     ring = [(math.floor(row), math.floor(col)) for row, col in points]
     expected = inside(oracles.convex_fill(swapped(ring)))
@@ -218,7 +219,7 @@ def test_upper_edges_belong_to_no_cell(each_engine):
 
 
 @needs_compiled
-@settings(max_examples=12)
+@examples(12)
 @given(st.integers(0, 2**32 - 1), st.booleans(), st.sampled_from([7, 50, 1 << 18]))
 def test_engines_threads_and_parts_do_not_matter(seed, filled, together):
     rng = np.random.default_rng(seed)

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from engines import needs_compiled
@@ -21,7 +21,6 @@ FAR = st.tuples(st.integers(-9, 20) | st.integers(-(2**30), 2**30), st.integers(
 
 
 @needs_compiled
-@settings(max_examples=60)
 @given(
     shape=st.tuples(st.integers(1, 11), st.integers(1, 13)),
     rays=st.lists(st.tuples(FAR, FAR, st.booleans()), min_size=1, max_size=25),
@@ -104,7 +103,6 @@ def cast(values, starts, angles, limit):
     return cast_rays(room_around(values > 0, values < 0), starts, angles, limit)
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32), st.integers(1, 40), st.integers(1, 50), st.floats(1, 60))
 def test_beams_end_at_the_first_closed_cell(seed, height, width, limit):
     rng = np.random.default_rng(seed)

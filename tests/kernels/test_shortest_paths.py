@@ -3,7 +3,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
@@ -49,7 +49,6 @@ def surcharged(draw, longest=9):
     return weights, start, goal, rng.choice(choices, size=weights.shape)
 
 
-@settings(max_examples=60)
 @given(surcharged())
 def test_a_search_takes_the_least_estimate_first_and_no_cell_twice(each_engine, field):
     weights, start, goal, surcharges = field
@@ -65,7 +64,6 @@ def test_a_search_takes_the_least_estimate_first_and_no_cell_twice(each_engine, 
 
 
 @needs_compiled
-@settings(max_examples=40)
 @given(surcharged(longest=50), st.booleans())
 def test_both_engines_find_the_same_path(field, is_plain):
     *field, surcharges = field

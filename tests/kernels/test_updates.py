@@ -4,7 +4,7 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from engines import ENGINES
@@ -39,7 +39,6 @@ PLACES = st.tuples(st.integers(0, 8), st.integers(0, 5), st.integers(0, 15))
 @pytest.mark.parametrize("axes", [2, 3])
 def test_rays_clear_the_cells_of_bresenhams_line(axes):
     @given(st.lists(st.tuples(PLACES, PLACES, st.floats(0, 1)), max_size=4), st.randoms())
-    @settings(max_examples=30)
     def check(ends, random):
         rays, expected = [], np.full((6, 9), 7, dtype=np.uint8)
         columns = np.array([[random.getrandbits(32) for _ in range(9)] for _ in range(6)], "u4")

@@ -12,6 +12,7 @@ from clouds import SampledRoom, box_points
 from mapdeal import CloudMapper, CloudOptions, Frame, MalformedInputError, ParameterError, cloud_map
 from mapdeal.mapping.cloud_floor import Levels, Limits, patches_of
 from mapdeal.mapping.voxels import Voxels, away_from_sensor, upright
+from strategies import examples
 
 SEEDS = st.integers(0, 10_000)
 
@@ -64,7 +65,7 @@ NO_FLOOR = {
 
 
 @pytest.mark.parametrize("name", NO_FLOOR)
-@settings(max_examples=2, deadline=None)
+@settings(max_examples=2)
 @given(seed=SEEDS)
 def test_clouds_without_a_floor_are_refused(name, seed):
     room = SampledRoom(seed, wall_height=2.0)
@@ -74,7 +75,7 @@ def test_clouds_without_a_floor_are_refused(name, seed):
     assert "m2" in caught.value.rule
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(SEEDS)
 def test_a_stated_floor_shows_obstacles_and_leaves_the_rest_unknown(seed):
     room = SampledRoom(seed, ceiling=False)
@@ -98,7 +99,7 @@ def test_beams_make_places_free_above_a_stated_floor():
     assert ((values == 0) & (truth == -1) & ~near(truth != -1)).sum() == 0
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=4)
 @given(SEEDS, st.sampled_from([25, 31, 62, 400]))
 def test_sparse_floors_are_found_below_dense_ceilings(seed, density):
     room = SampledRoom(seed, floor_density=density, density=1500)
@@ -114,7 +115,7 @@ def test_floors_of_hardly_any_points_are_refused():
         cloud_map(room.points())
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=4)
 @given(SEEDS, st.sampled_from(["z", "-z", "y", "-y", "x", "-x"]))
 def test_turned_clouds_make_the_map_of_upright_ones(seed, up):
     points = SampledRoom(seed).points()
@@ -197,7 +198,7 @@ def test_a_place_without_a_storey_is_refused():
         cloud_map(SampledRoom(1).points(), at=(1.0, 1.0, 0.0), floor=0.0)
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(SEEDS, st.floats(0.5, 3.0))
 def test_levels_lie_above_each_place_once(seed, room):
     random = np.random.default_rng(seed)
@@ -265,7 +266,7 @@ def test_points_at_the_sensor_are_left_out_and_counted(tmp_path, command):
     assert json.loads(text)["at_sensor"] >= 8 * 79
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(st.lists(st.tuples(*[st.sampled_from([0.0, 0.5, -2.0, np.nan])] * 3), min_size=1),
        st.sampled_from([0.0, 1.0]))  # fmt: skip
 def test_points_away_from_the_sensor_are_those_of_a_loop(points, range_min):

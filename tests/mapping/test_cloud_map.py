@@ -34,6 +34,7 @@ from mapdeal.mapping import cloud_floor, voxels
 from mapdeal.mapping.cloud_floor import _nearest
 from mapdeal.mapping.cloud_map import _closed, _drop_lone
 from mapdeal.mapping.voxels import Tilt, Voxels, levelled
+from strategies import examples
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 RAMP = EXAMPLES / "clouds" / "ramp.pcd"
@@ -48,7 +49,7 @@ def small(world: World, **more) -> World:
     return world
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(
     st.lists(st.just(0.0) | st.floats(0.25, 1.6), min_size=12, max_size=12),
     st.floats(-0.15, 0.15), st.floats(-0.15, 0.15), st.floats(-30, 30),
@@ -192,7 +193,7 @@ def test_beams_clear_people_that_walked_on_and_nothing_else():
     assert in_both.sum() > 0.95 * ((without == 100) & elsewhere).sum()
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 @given(st.floats(0, 2 * np.pi), st.floats(0, np.radians(25)))
 def test_the_tilt_of_a_cloud_is_found(azimuth, angle):
     points = room_points()
@@ -215,7 +216,7 @@ def room_points():
     return small(rooms()).cloud()[::4]
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(st.integers(1, 5000), st.sampled_from([0.03, 0.05, 0.4]), st.booleans())
 def test_voxels_are_counted_as_one_by_one(piece, cell, is_shifted):
     points = room_points()[:4000] + (np.array([5e5, 4.5e6, -80.0]) if is_shifted else 0.0)
@@ -255,7 +256,7 @@ MARKED = st.tuples(st.integers(1, 20), st.integers(1, 20)).flatmap(
 )
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(MARKED, st.integers(1, 25))
 def test_gaps_are_closed_as_scipy_does(marked, wide):
     padded = np.pad(marked, wide)
@@ -263,7 +264,7 @@ def test_gaps_are_closed_as_scipy_does(marked, wide):
     assert np.array_equal(_closed(marked, wide), expected[wide:-wide, wide:-wide])
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(MARKED, st.integers(1, 9))
 def test_the_nearest_tiles_are_those_of_scipy(known, reach):
     known[0, 0] = True
@@ -276,7 +277,7 @@ def test_the_nearest_tiles_are_those_of_scipy(known, reach):
         assert np.array_equal(indices[near], expected[near])
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(MARKED, st.integers(0, 2**32))
 def test_groups_of_a_few_cells_are_dropped_if_little_was_seen_of_them(marked, seed):
     counts, on_floor = np.random.default_rng(seed).integers(1, 9, (2, *marked.shape)).astype("i4")

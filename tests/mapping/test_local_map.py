@@ -3,7 +3,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import mapdeal
@@ -257,7 +257,6 @@ def test_the_rear_heading(yaw, rear):
     assert LocalMapper((0, 0, yaw), LocalOptions()).result().rear_heading == pytest.approx(rear)
 
 
-@settings(max_examples=40)
 @given(
     st.floats(-3.2, 3.2), st.floats(-3.2, 3.2), st.sampled_from(["robot", "map"]), st.booleans(),
 )  # fmt: skip

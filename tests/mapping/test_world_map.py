@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -16,6 +16,7 @@ from mapdeal import (
     read_map,
     write_map,
 )
+from strategies import examples
 
 STORAGE = Path(__file__).parents[2] / "examples" / "worlds" / "storage.sdf"
 REAL = [
@@ -47,7 +48,7 @@ def differing(command, folder, grid, ending):
 
 
 @pytest.mark.parametrize("ending", [".sdf", ".stl", ".obj"])
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=15)
+@examples(15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(cells=arrays(np.int8, (7, 9), elements=st.sampled_from([0, 100])), yaw=st.floats(-3, 3))
 def test_worlds_of_maps_give_back_their_cells(command, tmp_path_factory, ending, cells, yaw):
     cells[3, 4] = 100

@@ -4,7 +4,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 import mapdeal
@@ -13,6 +13,7 @@ from mapdeal.files.source import use_memory
 from mapdeal.kernels.blocks import blocks_of
 from mapdeal.maps.npz import open_npz, read_npz
 from mapdeal.maps.reading import open_map
+from strategies import examples
 from traced_memory import memory_below
 
 ORIGIN = (-3.5, 7.25, 0.3)
@@ -54,7 +55,7 @@ def check_facts(found, expected):
 
 
 @pytest.mark.slow
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=20)
+@examples(20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     requests=st.lists(st.tuples(st.sampled_from([0, 1]), st.integers(0, 22), st.integers(1, 23)))
 )

@@ -6,7 +6,7 @@ import zlib
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bad_maps import yaml_text
@@ -17,6 +17,7 @@ from mapdeal.maps.dialects import DIALECTS, MapMetadata, cells_of
 from mapdeal.maps.images import open_strips, read_image_size
 from maps.pictures import read_image
 from maps.pngs import adam7, chunk, file_of
+from strategies import examples
 from traced_memory import memory_below
 
 CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
@@ -92,7 +93,7 @@ def images(draw, kind):
 @pytest.mark.slow
 @pytest.mark.usefixtures("mapdeal_warnings")
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=20)
+@examples(20)
 @given(st.data(), st.integers(1, 60), MODES, st.sampled_from(list(DIALECTS)))
 def test_pixels_are_those_that_were_written(tmp_path_factory, kind, data, strip, mode, dialect):
     written, palette, file = data.draw(images(kind))

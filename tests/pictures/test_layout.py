@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import mapdeal
@@ -15,10 +15,10 @@ from mapdeal.pictures.colours import Swatch, interpolated
 from mapdeal.pictures.overlay import Raster, Surface
 from mapdeal.pictures.reach import Captions, reach_image
 from pictures.samples import passage_at, reach_of
-from strategies import occupancies
+from strategies import examples, occupancies
 
 
-@settings(max_examples=12)
+@examples(12)
 @given(
     occupancies(), st.sampled_from(["esdf", "exponential_cost", "potential", None]),
     st.sampled_from([2048, 5, 0]), st.sampled_from(["known", "all"]),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal import Footprint, OccupancyGrid, RobotParameters, apply_recipe, load_recipe
@@ -12,7 +12,7 @@ from mapdeal.layers.static import StaticLayer
 from mapdeal.pipeline.recipe import step_for
 from mapdeal.ros.robot import ListedLayer
 from oracles import master_grid
-from strategies import LAYERS, occupancies
+from strategies import LAYERS, examples, occupancies
 
 pytestmark = pytest.mark.filterwarnings("ignore::mapdeal.MapdealWarning")
 
@@ -35,7 +35,7 @@ def test_unknown_cells_that_a_second_map_takes_to_be_lethal_are_no_obstacles_of_
 
 
 @pytest.mark.slow
-@settings(max_examples=80)
+@examples(80)
 @given(st.lists(LAYERS, max_size=4), st.booleans(), occupancies())
 def test_the_recipe_of_a_robot_makes_its_master_grid(layers, track, occupancy):
     robot = _robot(*layers, track=track)

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import mapdeal
@@ -54,7 +54,6 @@ def ends_of(problem):
     return [tuple(xy) for xy in problem[0].frame.xy_from_rowcol(problem[1:]).tolist()]
 
 
-@settings(max_examples=50)
 @given(
     problems(), st.booleans(), st.sampled_from([0.0, 2.0, 50.0]), st.sampled_from([0.0, 1.0, 20.0])
 )
@@ -85,7 +84,6 @@ def test_the_route_has_the_lowest_cost_of_all(problem, through_unknown, multipli
     assert route.min_clearance == pytest.approx(distance[cells].min(), rel=1e-6)
 
 
-@settings(max_examples=50)
 @given(problems(), st.sampled_from([0.3, 2.0, 25.0]), st.sampled_from([0.0, 1.0]))
 def test_the_field_in_the_heuristic_is_a_search_by_cost_and_estimate(
     problem, heuristic_weight, field_weight

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import mapdeal
@@ -92,7 +92,6 @@ def test_a_pocket_is_a_local_minimum_and_its_place_is_named():
     assert 6 < col < 9
 
 
-@settings(max_examples=60)
 @given(
     st.integers(0, 2**32 - 1), st.sampled_from([0.02, 0.1, 0.3]),
     st.sampled_from([1.0, 30.0, 1000.0]), st.booleans(),

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import mapdeal
@@ -30,7 +30,6 @@ def places(draw):
     return is_open, *(ends + 0.01 + 0.98 * rng.random((2, 2))).tolist()
 
 
-@settings(max_examples=60, deadline=None)
 @given(places())
 def test_ways_are_within_a_fiftieth_of_the_shortest_and_in_open_cells(case):
     is_open, start, goal = case
@@ -56,7 +55,6 @@ def test_ways_are_within_a_fiftieth_of_the_shortest_and_in_open_cells(case):
     assert all(is_line_clear(opens, *piece) for piece in pairwise(inner))
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     places(), st.lists(st.sampled_from([0.0, 1e-9, 1e-6, 0.5, 1 - 1e-6]), min_size=4, max_size=4)
 )

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 from scipy.sparse import csr_array
@@ -122,7 +122,6 @@ POINT = Footprint.circle(1e-3)
 ROUND = st.sampled_from([0.15, 0.24, 0.4]).map(Footprint.circle)
 
 
-@settings(max_examples=60)
 @given(rooms(), ROUND | st.just(BOX), st.sampled_from([None, "right"]))
 def test_graphs_keep_all_promises(grid, robot, one_way):
     try:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import mapdeal
@@ -23,6 +23,7 @@ from mapdeal.pictures.colours import LayerStyle
 from mapdeal.report import tiles
 from mapdeal.report.document import PageLayer
 from mapdeal.report.tiles import encoded, finest_reduce
+from strategies import examples
 
 pytestmark = pytest.mark.slow
 
@@ -135,21 +136,21 @@ def _numbers(draw, scales=(1e-3, 0.05, 7.0, 3000.0)):
     return values.astype(np.float32)
 
 
-@settings(max_examples=12)
+@examples(12)
 @given(values=_numbers(), convention=st.sampled_from([None, "fast-planner", "center", "border"]))
 def test_metres_are_exact_to_half_a_millimetre_whatever_they_are(values, convention):
     result = encoded([_layer(values, unit="m", convention=convention)], size=ROOM)
     _same(_decoded(result)[1], values, within=0.00051, relative=2**-24)
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(values=_numbers(scales=(1e-20, 1.0, 1e9, 1e37)))
 def test_other_numbers_are_exact_to_four_digits_at_any_scale(values):
     result = encoded([_layer(values)], size=ROOM)
     _same(_decoded(result)[1], values, within=1e-30, relative=2**-15)
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(
     shape=SHAPES,
     seed=st.integers(0, 2**32 - 1),

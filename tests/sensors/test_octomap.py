@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal import MalformedInputError, read_cloud
@@ -66,7 +66,6 @@ def file_of(tree, kind, name="OcTree"):
     return head.encode() + body
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     trees().filter(lambda tree: isinstance(tree, dict)),
     st.lists(st.integers(0, 7), min_size=11, max_size=12),

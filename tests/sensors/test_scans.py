@@ -331,7 +331,7 @@ def test_lines_of_one_scanner_are_parsed_together(kind):
     ),
     st.booleans(),
 )
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_lines_parsed_together_equal_lines_parsed_word_by_word(tmp_path, lines, has_odometry):
     text = "ODOM 1 2 0.5 0 0 0 1 host 1\n" if has_odometry else ""
     for kind, time, changed, blank, end in lines:

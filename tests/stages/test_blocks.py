@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import mapdeal
@@ -107,7 +107,6 @@ def drawn(choices):
 
 
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: f"{stage.name} {stage.model or ''}")
-@settings(max_examples=30)
 @given(data=st.data())
 def test_every_stage_on_maps_and_fields(stage, data):
     grid, block_height, step = data.draw(cases())

@@ -4,13 +4,13 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from drawn import grid_from_text
 from mapdeal import MapdealWarning, OccupancyGrid, clean, read_map
 from oracles import AROUND, EDGES, groups
-from strategies import occupancies
+from strategies import examples, occupancies
 
 OFF = {"min_obstacle": 0, "min_hole": 0, "min_free": 0}
 
@@ -78,7 +78,7 @@ def rooms(draw):
 
 
 @given(st.one_of(rooms(), occupancies()), limits_drawn)
-@settings(max_examples=120)
+@examples(120)
 def test_a_map_is_cleaned_as_floods_clean_it(values, limits):
     grid = OccupancyGrid(values, 0.05, (1.5, -2.0, 0.4))
     cleaned = quietly(grid, **limits)

@@ -3,13 +3,13 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import mapdeal
 import oracles
 from drawn import grid_from_text
-from strategies import occupancies
+from strategies import examples, occupancies
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 
@@ -47,7 +47,7 @@ def test_the_map_of_costmap_2d_s_own_tests(real_maps):
 
 
 @pytest.mark.slow
-@settings(max_examples=80)
+@examples(80)
 @given(
     occupancies(), st.sampled_from([0.04, 0.1, 0.25, 0.7]),
     st.fixed_dictionaries({

@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import mapdeal
@@ -20,7 +20,7 @@ from mapdeal.layers.static import StaticLayer
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.step import make_step
 from recorded_costmaps import exponential_parameters, recorded_costmaps, sum_of
-from strategies import LAYERS, occupancies
+from strategies import LAYERS, examples, occupancies
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 
@@ -72,7 +72,7 @@ def test_small_groups_go_as_the_real_denoise_layer_takes_them(real_maps, tmp_pat
 
 
 @pytest.mark.slow
-@settings(max_examples=80)
+@examples(80)
 @given(
     occupancies(), st.sampled_from([0.04, 0.1, 0.25, 0.7]),
     st.lists(LAYERS, max_size=5),

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import oracles
@@ -129,7 +129,6 @@ def by_hand(costmap, mask):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("mapdeal_warnings")
-@settings(max_examples=40)
 @given(
     x=st.floats(-3, 3), y=st.floats(-3, 3), resolution=st.sampled_from([0.25, 0.5, 0.17, 2.0]),
     seed=st.integers(0, 999), scale=st.sampled_from(["costmap2d", "occupancy"]),

@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import mapdeal
@@ -29,7 +29,6 @@ def test_the_design_s_case_by_hand():
     assert (golden.normalised.min(), golden.normalised.max()) == (0.0, 10.0)
 
 
-@settings(max_examples=40)
 @given(
     occupancies(longest=8), RESOLUTIONS, st.sampled_from([0.0, 0.4, -3.0, 2.0]), st.booleans(),
     st.sampled_from([(3.0, 0.5), (0.0, 2.0), (2.0, 0.0)]), st.sampled_from([1e5, 9.5]),
@@ -128,7 +127,6 @@ def test_a_file_holds_every_layer_and_gives_the_field_back(tmp_path, goal):
         assert np.array_equal(getattr(again, name), getattr(field, name))
 
 
-@settings(max_examples=30)
 @given(occupancies(longest=9), st.sampled_from([0.0, 0.4]), st.booleans(), st.sampled_from("prc"))
 def test_lengths_to_the_goal_are_finite_where_reach_gets_to(occupancy, yaw, through_unknown, shape):
     grid = mapdeal.OccupancyGrid(occupancy, 0.25, (1.5, -2.0, yaw))

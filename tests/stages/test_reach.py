@@ -8,7 +8,7 @@ from decimal import Decimal
 import numpy as np
 import pytest
 import yaml
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import ndimage
 
@@ -88,7 +88,6 @@ def test_two_rooms_and_a_door_by_hand():
     assert passage.cut_off == pytest.approx((is_open & ~reached).sum() * 0.25**2)
 
 
-@settings(max_examples=60)
 @given(occupancies(), RESOLUTIONS, st.floats(0.0, 3.0), st.booleans(), st.data())
 def test_reachable_cells_are_those_of_the_contract(occupancy, resolution, cells, through, data):
     start = tuple(data.draw(st.integers(0, side - 1)) for side in occupancy.shape)
@@ -110,7 +109,6 @@ def test_reachable_cells_are_those_of_the_contract(occupancy, resolution, cells,
         assert found.reachable_area == pytest.approx(reached.sum() * resolution**2)
 
 
-@settings(max_examples=40)
 @given(occupancies(longest=9), st.integers(0, 2**32 - 1))
 def test_a_hair_decides_at_the_widest_radius(occupancy, seed):
     free = [tuple(cell) for cell in np.argwhere(occupancy != 100).tolist()]
