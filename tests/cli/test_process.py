@@ -50,7 +50,10 @@ def test_a_process_ends_with_all_of_its_output():
     assert len(completed.stdout.splitlines()) == 40
 
 
-@pytest.mark.parametrize("redirection", [">&-", ">&- 2>&-", "2> >(true)", "2>&1 | true"])
+@pytest.mark.parametrize("redirection", [
+    ">&- 2>&-", "2>&1 | true",
+    *(pytest.param(part, marks=pytest.mark.thorough) for part in (">&-", "2> >(true)")),
+])  # fmt: skip
 def test_closed_streams_and_readers_that_go_away_do_not_change_what_is_done(redirection):
     completed = shell(f"$mapdeal run -v a.yaml b.yaml -o out --no-images -j 1 {redirection}")
     assert completed.returncode == 0, completed.stderr
@@ -58,7 +61,9 @@ def test_closed_streams_and_readers_that_go_away_do_not_change_what_is_done(redi
     assert [entry["status"] for entry in summary["maps"]] == ["done", "done"]
 
 
-@pytest.mark.parametrize("redirection", ["2>&-", "2>/dev/full"])
+@pytest.mark.parametrize(
+    "redirection", [pytest.param("2>&-", marks=pytest.mark.thorough), "2>/dev/full"]
+)
 def test_an_error_keeps_its_exit_code_without_stderr(redirection):
     completed = shell(f"$mapdeal inflate nope.yaml -o o.yaml {redirection}")
     assert (completed.returncode, completed.stdout) == (4, "")

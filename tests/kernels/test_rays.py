@@ -41,7 +41,10 @@ def test_rays_from_and_to_far_away_take_no_longer(shape, rays):
 @pytest.mark.slow
 @pytest.mark.usefixtures("each_engine")
 @pytest.mark.parametrize("length", [65_534, 65_535, 65_536, 131_071])
-@pytest.mark.parametrize("minor", [0, 1, 7, 21_845, 32_767, 65_534])
+@pytest.mark.parametrize("minor", [
+    0, 7, 65_534,
+    *(pytest.param(cells, marks=pytest.mark.thorough) for cells in (1, 21_845, 32_767)),
+])  # fmt: skip
 @pytest.mark.parametrize("is_upright", [False, True])
 def test_long_lines_move_where_their_equation_says(length, minor, is_upright):
     shape = (16, length)  # which holds the beginning of the line, or its end

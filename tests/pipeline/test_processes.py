@@ -94,7 +94,7 @@ def batch(tmp_path, folder="T", limit=None):
     return completed, list((tmp_path / folder).iterdir())
 
 
-@pytest.mark.parametrize("folder", ["T", "T" * 120])
+@pytest.mark.parametrize("folder", [pytest.param("T", marks=pytest.mark.thorough), "T" * 120])
 def test_a_batch_leaves_nothing_among_temporary_files_however_long_their_folder(tmp_path, folder):
     completed, remaining = batch(tmp_path, folder)
     assert (completed.returncode, completed.stderr, remaining) == (0, "", [])

@@ -28,7 +28,7 @@ def recorded_cases(folder, plugin):
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
-@pytest.mark.parametrize("step", [16, pytest.param(1, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("step", [48, pytest.param(1, marks=pytest.mark.thorough)])
 def test_recorded_plans_are_equal_bit_for_bit(real_maps, tmp_path, step):
     parameters, costmaps, counts = tmp_path / "params.yaml", {}, {True: 0, False: 0}
     for case, planner in recorded_cases(real_maps, NavfnPlanner.plugin_names[0]):
