@@ -3,6 +3,7 @@
 import functools
 import gc
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -39,6 +40,13 @@ TEST_DATA = Path(os.environ.get("MAPDEAL_TEST_DATA", ROOT.parent / "shared" / "d
 NO_TEST_DATA = "needs files of public repositories in MAPDEAL_TEST_DATA: docs/test_data.md"
 
 
+MEMORY_DISK = Path("/dev/shm")  # noqa: S108 - pytest makes a private folder there
+
+
+def has_memory_disk():
+    return MEMORY_DISK.is_dir() and shutil.disk_usage(MEMORY_DISK).free > 4 << 30
+
+
 def pytest_configure(config):
     """Answer signals, and try fewer examples where only quick tests are asked for."""
     defaults = {"SIGINT": signal.default_int_handler, "SIGTERM": signal.SIG_DFL}
@@ -49,6 +57,9 @@ def pytest_configure(config):
             signal.signal(number, default)
     if "not slow" in config.option.markexpr:
         settings.load_profile("quick")
+    # Files of thorough tests are too large to be kept in memory.
+    if "not thorough" in config.option.markexpr and has_memory_disk():
+        os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(MEMORY_DISK))
 
 
 def pytest_ignore_collect(collection_path, config):
