@@ -438,6 +438,12 @@ def test_pairs_that_cannot_be_planned_are_reported_and_the_others_go_on(sh, hall
     assert err.endswith("\nerror: p.csv: 3 of 5 pairs have no routes\n")
 
 
+def test_a_file_without_points_is_refused(sh, hall):
+    write_map("room.npz", hall)
+    Path("p.csv").write_text("x,y\n")
+    assert sh("query room.npz --points p.csv") == (3, "", "error: p.csv: holds no points\n")
+
+
 def test_pairs_without_a_way_are_a_finding_and_no_pairs_an_error(sh, answers_to, hall):
     write_map("c.npz", exponential_cost(hall, inscribed_radius=1.3, inflation_radius=1.4))
     Path("p.csv").write_text("1,1,5,1\n1,1,1.5,1\n")

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.command import LethalThreshold, Result, Words, command
-from mapdeal.errors import FindingError, ParameterError, emit_warning
+from mapdeal.errors import FindingError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.text import Form, Kind, row_texts
 from mapdeal.grid import values
 from mapdeal.grid.costmap import Costmap
@@ -114,6 +114,8 @@ class Answers(Result):
 
     def check(self) -> None:
         counts, count = self.counts, self.counts["all"]
+        if not count:
+            raise MalformedInputError(f"holds no {self.unit}s", source=self.asked_in)
         if counts["bad"]:
             emit_warning(f"{self.asked_in}: {counts['bad']} of {count} hold no finite {self.unit}")
         if counts["turned"]:
