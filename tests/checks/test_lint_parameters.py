@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-import mapdeal.checks.lint  # noqa: F401 - it lists all checks
 from mapdeal.checks.findings import CHECKS
+from mapdeal.checks.lint import check_parameters
 from mapdeal.checks.parameter_checks import lint_parameters
 
 CASES = Path(__file__).parents[1] / "ros" / "cases"
@@ -47,6 +47,25 @@ def test_filters_and_their_servers_go_together(tmp_path, check, changes, line, w
     findings = lint_parameters([tmp_path / "nav2.yaml"])[tmp_path / "nav2.yaml"]
     found = [f for f in findings if f.check == check and words in f.message]
     assert [finding.line for finding in found] == [line]
+
+
+def test_a_missing_file_is_a_finding_of_its_own(tmp_path):
+    present, missing = tmp_path / "nav2.yaml", tmp_path / "gone.yaml"
+    present.write_text(SERVERS)
+    found = check_parameters([present, missing], "global", None, [])
+    checks = {path.name: [f.check for f in findings.findings] for path, findings in found.items()}
+    assert checks == {"nav2.yaml": [], "gone.yaml": ["file.access"]}
+
+
+@pytest.mark.parametrize(("plugin", "count"), [("SpatioTemporalVoxelLayer", 1), ("OwnLayer", 0)])
+def test_a_layer_of_other_packages_that_marks_belongs_before_inflation(tmp_path, plugin, count):
+    path = tmp_path / "nav2.yaml"
+    layers = f"""[inflate, marks]
+      inflate: {{plugin: "nav2_costmap_2d::InflationLayer"}}
+      marks: {{plugin: "x/{plugin}"}}"""
+    path.write_text(SERVERS.replace('["static_layer"]', layers))
+    checks = [finding.check for finding in lint_parameters([path])[path]]
+    assert checks.count("params.layer-after-inflation") == count
 
 
 def test_every_check_has_a_case():

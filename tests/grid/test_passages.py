@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from scipy.cluster.hierarchy import DisjointSet
 
-from mapdeal import Frame, OccupancyGrid, ParameterError, read_map
+from mapdeal import Footprint, Frame, Goal, OccupancyGrid, ParameterError, reach, read_map
 from mapdeal.grid.reaching import (
     Ground,
     Ways,
@@ -154,6 +154,28 @@ def test_a_robot_that_turns_is_through_with_half_of_what_lies_behind():
             min_area=cells_needed * RESOLUTION**2,
         )  # fmt: skip
         assert door.is_open == is_through
+
+
+def test_the_narrowest_place_on_a_way_is_a_door_or_the_room_at_its_ends():
+    grid = rooms(4)
+    start, *goals = grid.frame.xy_from_rowcol([(9, 8), (9, 30), (9, 14)]).tolist()
+    found = reach(grid, start=start, radius=0.1, goals=[Goal(*xy) for xy in goals]).goals
+    places = [(goal.limited_by.width, goal.limited_by.at) for goal in found]
+    assert places == [(pytest.approx(0.28), "passage"), (pytest.approx(1.12), "start")]
+
+
+@pytest.mark.parametrize(("yaw", "nearest"), [(0.4, None), (1.6, "0.6109"), (-0.8, "0.1745")])
+def test_a_start_in_a_closed_heading_names_the_nearest_open_one(yaw, nearest):
+    cells = np.pad(np.zeros((6, 58), np.int8), 1, constant_values=100)
+    grid = OccupancyGrid(cells, RESOLUTION, ORIGIN)  # a corridor at 0.4 rad
+    footprint = Footprint([(0.5, 0.05), (0.5, -0.05), (-0.5, -0.05), (-0.5, 0.05)])
+    start = *grid.frame.xy_from_rowcol([(4, 30)])[0].tolist(), yaw
+    if nearest is None:
+        assert reach(grid, start=start, footprint=footprint).start == start
+        return
+    with pytest.raises(ParameterError, match="in this heading, only in 12 of 72") as error:
+        reach(grid, start=start, footprint=footprint)
+    assert error.value.hint.startswith(f"the nearest open heading is {nearest};")
 
 
 def test_without_a_wall_or_a_way_there_are_no_passages():

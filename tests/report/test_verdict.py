@@ -4,8 +4,15 @@ import pytest
 
 import mapdeal
 from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage
-from mapdeal.report.document import Claim
-from mapdeal.report.verdict import on_costs, on_failure, on_findings, on_goals, settled
+from mapdeal.report.document import Claim, Verdict
+from mapdeal.report.verdict import (
+    most_urgent,
+    on_costs,
+    on_failure,
+    on_findings,
+    on_goals,
+    settled,
+)
 
 ROBOT = mapdeal.Footprint.circle(0.3)
 DOOR = Bottleneck(1.0, 2.0, 0.5)
@@ -100,3 +107,9 @@ def test_three_claims_are_left_of_those_about_the_same_the_worst():
 def test_a_failed_run_has_one_claim():
     failure = on_failure("the image does not exist")
     assert settled([Claim("map", "error", "the image does not exist"), failure]) == (failure,)
+
+
+def test_the_next_command_is_that_of_the_worst_verdict_that_has_one():
+    states = (("good", "x"), ("warning", "y"), ("error", ""))
+    verdicts = [Verdict("a", state, (), command) for state, command in states]
+    assert (most_urgent(verdicts), most_urgent(verdicts[2:])) == ("y", "")

@@ -3,7 +3,7 @@
 import pytest
 
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning, ParameterError
-from mapdeal.ros.load import is_ros2, load_robot, read_robot
+from mapdeal.ros.load import flavour_of_file, is_ros2, load_robot, read_robot
 
 NAV2 = """\
 global_costmap:
@@ -29,10 +29,11 @@ def _file(tmp_path, text, name="params.yaml"):
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [(NAV2, True), (ROS1, False), ("# ros__parameters:\n" + ROS1, False), ("", False)],
+    [(NAV2, "nav2"), (ROS1, "ros1"), ("# ros__parameters:\n" + ROS1, "ros1"), ("", None)],
 )
 def test_files_of_ros_2_are_recognised_by_their_key(tmp_path, text, expected):
-    assert is_ros2(_file(tmp_path, text)) is expected
+    path = _file(tmp_path, text)
+    assert (is_ros2(path), flavour_of_file(path)) == (expected == "nav2", expected)
 
 
 def test_files_of_two_kinds_are_no_robot(tmp_path):
