@@ -244,3 +244,13 @@ def test_beams_of_leaning_sensors_end_below_where_they_hit(yaw, pitch, roll, is_
     headings, shares = beams_in_plane(np.broadcast_to(turn.as_quat(), (5, 4)), angles)
     found = np.stack([np.cos(headings), np.sin(headings)]) * ranges * shares
     np.testing.assert_allclose(found, turn.apply(points.T).T[:2], atol=1e-12)
+
+
+@pytest.mark.parametrize("in_seconds", [False, True])
+def test_tf2_interpolates_moves_linearly_and_turns_on_the_sphere(in_seconds):
+    tree, turns = TransformTree(), Rotation.from_euler("zyx", [[0.2, 0.1, -0.3], [1.4, 0.5, 0.2]])
+    for k, move in enumerate([(1.0, 2.0, 3.0), (5.0, 4.0, -1.0)]):
+        tree.add("a", "b", T0 + k * 1000 * MS, move, turns[k].as_quat(), is_static=False)
+    move, turn = tree.tf2_lookup("a", "b", T0 + 250 * MS, in_seconds=in_seconds)
+    assert move == pytest.approx((2.0, 2.5, 2.0))
+    assert turn == pytest.approx(Slerp([0, 1], turns)(0.25).as_quat())

@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from PIL import Image
 
 import mapdeal
+from mapdeal.grid.filters import FilterInfo
 from mapdeal.grid.frame import Frame, Region
 from mapdeal.kernels.blocks import lazy_layer
-from mapdeal.pictures.layers import occupancy_image
+from mapdeal.pictures.layers import ZonesOverlay, occupancy_image
 from mapdeal.pictures.overlay import (
     Brush,
     KeepoutOverlay,
@@ -281,3 +282,11 @@ def test_lazy_maps_have_the_same_picture():
     )
     pictures = [occupancy_image(grid, title="a", image_extent="known") for grid in (grid, lazy)]
     assert np.array_equal(pictures[0].indices, pictures[1].indices)
+
+
+def test_zones_of_a_speed_mask_are_named_by_their_limits():
+    grid = mapdeal.OccupancyGrid([[0, 25, 100]], 0.25, (1.0, 2.0, 0.4))
+    zones = ZonesOverlay(grid, ((grid, FilterInfo("speed", "m/s", 1.0, -0.01)),))
+    surface = Surface(np.zeros((1, 3), np.uint8), grid.frame, Raster(enlarge=1))
+    labels = [swatch.label for swatch in zones.draw(surface, 9)]
+    assert labels == ["no limit", "0.75 m/s"]
