@@ -143,3 +143,9 @@ def test_info_and_report_show_the_limits(folder, tmp_path, command):
     assert '<th scope="row">limit 20 %</th><td>6.253 m2</td>' in (tmp_path / "r.html").read_text()
     _, out, _ = command("lint", path / "speed_mask.yaml", "--select", "yaml")
     assert "unknown" not in out
+
+
+def test_lint_ends_with_4_without_its_mask_and_with_3_without_an_image(tmp_path, command):
+    (tmp_path / "m.yaml").write_text("resolution: 0.1\n")
+    codes = [command("lint", OFFICE, "--mask", tmp_path / n)[0] for n in ("no.yaml", "m.yaml")]
+    assert codes == [4, 3]

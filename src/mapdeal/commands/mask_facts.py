@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mapdeal.checks.facts import MaskFacts, PairFacts, gather
-from mapdeal.errors import MalformedInputError, capture_warnings
+from mapdeal.errors import FileAccessError, MalformedInputError, capture_warnings
 from mapdeal.grid.filters import FilterInfo, FilterKind, info_for
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -29,7 +29,9 @@ def read_mask(path: Path, settings: Settings, beside: MapInput) -> tuple[Keepout
         pair, _, findings = gather(path, max_cells=settings.max_cells)
     for found in findings:
         if found.severity == "error" and found.check.startswith("file."):
-            raise MalformedInputError(found.message, source=path)
+            is_missing = found.check == "file.access"
+            kind = FileAccessError if is_missing else MalformedInputError
+            raise kind(found.message, source=path)
     if pair is None:
         rule = "is no mask that Nav2 loads"
         raise MalformedInputError(rule, source=path, hint="pass the .yaml of a mask")
