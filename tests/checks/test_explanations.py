@@ -32,6 +32,7 @@ inflation_layer: {inflation_radius: 0.55, cost_scaling_factor: 3.0}
 NOT_RUN = {
     "params.alias",  # of the text, not of its values
     "params.hidden", "params.repeated", "params.twice",  # two lines
+    "params.planner-turning-radius",  # with a map
     "params.resolution",  # with a map
     "params.filter-topic", "params.filter-type", "params.filter-lifecycle",  # with servers
 }  # fmt: skip

@@ -17,6 +17,7 @@ import yaml
 from mapdeal.checks.findings import CHECKS
 from mapdeal.checks.parameter_checks import lint_parameters
 from mapdeal.errors import MalformedInputError
+from mapdeal.grid.frame import Frame
 from mapdeal.ros.nav2 import nav2_robot
 from mapdeal.ros.ros1 import Ros1Namespace, read_ros1_parameters, ros1_robot
 from mapdeal.ros.ros2_files import read_ros2
@@ -86,7 +87,8 @@ def describe_ros1(paths):
 
 
 def describe_lint(paths, maps=(), **options):
-    by_file = lint_parameters(paths, map_resolutions=maps, **options)
+    frames = [(name, Frame(200, 300, side)) for name, side in maps]
+    by_file = lint_parameters(paths, map_frames=frames, **options)
     findings = [finding for path in paths for finding in by_file[path]]
     assert len(findings) == sum(map(len, by_file.values()))
     assert all(finding.severity == CHECKS[finding.check].severity for finding in findings)

@@ -387,7 +387,7 @@ class RobotFacts:
     robot: RobotParameters
     parameters: ParameterFacts
     sibling: RobotParameters | None = None
-    map_resolutions: tuple[tuple[str, float], ...] = ()
+    map_frames: tuple[tuple[str, Frame], ...] = ()
 
     def value(self, *name: str) -> ParameterValue | None:
         return self.parameters.values.get(name)
@@ -508,13 +508,10 @@ class FilterFacts:
 
 @dataclass(frozen=True, eq=False)
 class PlannerFacts:
-    """The parameters of one planner server of Nav2, by their full names.
-
-    `resolution` is that of the coarsest map, metres, and 0.05 without a map.
-    """
+    """The parameters of one planner server of Nav2, by their full names, and frames of maps."""
 
     values: Mapping[str, ParameterValue]
-    resolution: float
+    map_frames: Sequence[tuple[str, Frame]]
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,6 +44,7 @@ from mapdeal.errors import (
 )
 from mapdeal.files.json_values import place_entries
 from mapdeal.files.source import absolute_path, is_folder, normal_path
+from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import OneLine, count_text
 from mapdeal.maps.formats import format_of
 from mapdeal.ros.robot import CostmapName
@@ -111,11 +112,11 @@ def not_checked(path: Path, text: str) -> Findings:
 
 def check_parameters(
     paths: Sequence[Path], costmap: CostmapName | None, namespace: str | None,
-    map_resolutions: Sequence[tuple[str, float]],
+    map_frames: Sequence[tuple[str, Frame]],
 ) -> dict[Path, Findings]:  # fmt: skip
     try:
         by_file = lint_parameters(
-            paths, costmap=costmap, namespace=namespace, map_resolutions=map_resolutions
+            paths, costmap=costmap, namespace=namespace, map_frames=map_frames
         )
     except FileAccessError as error:
         faulty = Path(error.source) if error.source is not None else paths[-1]

@@ -22,6 +22,7 @@ from mapdeal.checks.facts import FilterFacts, ParameterFacts, PlannerFacts, Robo
 from mapdeal.checks.findings import CHECKS, Finding, Remark, Severity, declare_checks, findings_on
 from mapdeal.checks.plugin_checks import planner_facts
 from mapdeal.errors import MalformedInputError, MapdealError
+from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import NO_INFORMATION
 from mapdeal.layers.catalogue import NAV2_PLUGINS, class_name, layer_named
 from mapdeal.layers.inflation import InflationLayer
@@ -740,8 +741,8 @@ def resolution(facts: RobotFacts) -> Iterator[Remark]:
     if not isinstance(value.value, int | float) or isinstance(value.value, bool):
         return
     maps: dict[float, list[str]] = {}
-    for name, cell in facts.map_resolutions:
-        maps.setdefault(cell, []).append(name)
+    for name, frame in facts.map_frames:
+        maps.setdefault(frame.resolution, []).append(name)
     for cell, names in maps.items():
         if not math.isclose(value.value, cell, rel_tol=1e-6):
             map_names = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
@@ -764,7 +765,6 @@ _ABSENT = ("params.namespace", "params.no-node", _ONE_LEVEL)
 _OTHER_KIND = "params.other-kind"
 _OTHER_COSTMAP = "params.other-costmap"
 """Omitted if both costmaps are checked: the file belongs to the other one."""
-_USUAL_RESOLUTION = 0.05  # of maps, metres, where no map is given
 _ABOUT_FILES = ("params.syntax", _OTHER_KIND, *_ABSENT)
 """Findings about a whole file, or with the costmap's node in their text."""
 
@@ -784,7 +784,7 @@ class _Costmap:
 
 def lint_parameters(
     paths: Sequence[Path], *, costmap: CostmapName | None = None, namespace: str | None = None,
-    map_resolutions: Sequence[tuple[str, float]] = (),
+    map_frames: Sequence[tuple[str, Frame]] = (),
 ) -> dict[Path, list[Finding]]:  # fmt: skip
     flavour = flavour_of(paths)
     names = costmaps_in(paths, flavour, namespace) if costmap is None else (costmap,)
@@ -800,14 +800,13 @@ def lint_parameters(
         sibling = present[1].robot if index == 0 and len(present) > 1 else None
         problems = [p for p in item.problems if len(present) == 1 or p.check != _OTHER_COSTMAP]
         by_costmap[item.name] = [finding_of(problem, last) for problem in problems]
-        by_costmap[item.name] += _check(paths, item, flavour, namespace, sibling, map_resolutions)
+        by_costmap[item.name] += _check(paths, item, flavour, namespace, sibling, map_frames)
     findings = list(_with_costmap(by_costmap))
     robots = [item.robot for item in present if item.name == "global" and flavour == "nav2"]
     for robot in filter(None, robots):
         findings += [finding_of(problem, last) for problem in planners_of(robot)[1]]
     with suppress(MalformedInputError):  # reported with the costmaps
-        cell = max((side for _, side in map_resolutions), default=_USUAL_RESOLUTION)
-        for facts in planner_facts(read_ros2(paths), cell) if flavour == "nav2" else ():
+        for facts in planner_facts(read_ros2(paths), map_frames) if flavour == "nav2" else ():
             findings += findings_on({PlannerFacts: facts}, last)
     by_file: dict[Path, list[Finding]] = {path: [] for path in paths}
     for found in dict.fromkeys(findings):
@@ -845,7 +844,7 @@ def first_robot(
 
 def _check(
     paths: Sequence[Path], costmap: _Costmap, flavour: Flavour, namespace: str | None,
-    sibling: RobotParameters | None, map_resolutions: Sequence[tuple[str, float]],
+    sibling: RobotParameters | None, map_frames: Sequence[tuple[str, Frame]],
 ) -> Iterator[Finding]:  # fmt: skip
     if any(problem.check == _OTHER_KIND for problem in costmap.problems):
         return
@@ -857,7 +856,7 @@ def _check(
     }
     if costmap.robot is not None and not costmap.is_absent:
         facts[RobotFacts] = RobotFacts(
-            costmap.robot, facts[ParameterFacts], sibling, tuple(map_resolutions)
+            costmap.robot, facts[ParameterFacts], sibling, tuple(map_frames)
         )
         if flavour == "nav2":
             servers = filter_servers(read_ros2(paths))

@@ -9,12 +9,13 @@ Galactic, ranges have a minimum and a maximum.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from difflib import get_close_matches
 from itertools import islice
 
 from mapdeal.checks.facts import ParameterFacts, PlannerFacts, RobotFacts, check
 from mapdeal.checks.findings import Remark
+from mapdeal.grid.frame import Frame
 from mapdeal.layers.obstacle import ObservationSource, Sensing, VoxelLayer
 from mapdeal.ros.planners import (
     PLANNER_PARAMETERS,
@@ -33,6 +34,7 @@ _RENAMED = {
 
 _OBSTACLE_LAYERS = ("ObstacleLayer", "VoxelLayer")
 _LEAST_SIMILARITY = 0.85
+_USUAL_RESOLUTION = 0.05  # of maps, metres, where no map is given
 _MOST_NAMES, _LONGEST_NAME = 1000, 60
 """Limits of the search for misspelt names, which compares each name with all known ones."""
 
@@ -220,13 +222,24 @@ def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
 
 @check("params.planner-without-effect", "warning")
 def planner_without_effect(facts: PlannerFacts) -> Iterator[Remark]:
-    """A parameter that only planners of another class declare.
-    Nav2 ignores it: the robot plans as if the line were missing.
+    """A planner's parameter at the server's level, or below a planner of another class.
+    Nav2 ignores it: the robot plans as if the line were missing, and without its class with NavFn.
     Example: `planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased: {plugin:
     "nav2_navfn_planner::NavfnPlanner", minimum_turning_radius: 0.4}}}`.
-    Fix: Remove the line, or choose a planner that declares it.
+    Fix: Remove the line, indent it, or choose a planner that declares it.
     """
-    for section, plugin in plugins_in(facts.values).items():
+    plugins = plugins_in(facts.values)
+    of_any_planner = {"plugin"}.union(*PLANNER_PARAMETERS.values())
+    misplaced = [
+        name for name in facts.values
+        if name in of_any_planner and name.partition(".")[0] not in plugins
+    ]  # fmt: skip
+    if misplaced and PLANNER_PARAMETERS.keys() >= set(map(class_of, plugins.values())):
+        more = f" and {len(misplaced) - 1} more lines have" if misplaced[1:] else " has"
+        text = f"{misplaced[0]}{more} no effect here: planners read them below their names"
+        names = f", such as {next(iter(plugins))}" if plugins else ""
+        yield Remark(text + names, at=facts.values[misplaced[0]])
+    for section, plugin in plugins.items():
         declared = PLANNER_PARAMETERS.get(class_of(plugin))
         for name, value in facts.values.items() if declared is not None else ():
             parameter = name.removeprefix(f"{section}.")
@@ -239,16 +252,39 @@ def planner_without_effect(facts: PlannerFacts) -> Iterator[Remark]:
 @check("params.planner-tolerance", "warning")
 def planner_tolerance(facts: PlannerFacts) -> Iterator[Remark]:
     """A planner's tolerance above 0 that is less than a cell.
-    A goal in an obstacle fails as it does with a tolerance of 0.
+    A goal in an obstacle fails nearly as often as with a tolerance of 0.
     Example: `planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased: {plugin:
     "nav2_navfn_planner::NavfnPlanner", tolerance: 0.01}}}`.
     Fix: Write at least the side of a cell, or 0.0.
     """
+    cell = max((frame.resolution for _, frame in facts.map_frames), default=_USUAL_RESOLUTION)
     for section in plugins_in(facts.values):
         value = facts.values.get(f"{section}.tolerance")
-        if value is not None and value.kind == "double" and 0 < value.value < facts.resolution:
-            text = f"less than a cell of {facts.resolution:g} m: it allows no other place than the "
-            yield Remark(f"{text}goal's; write {facts.resolution:g} or more, or 0.0", at=value)
+        if value is not None and value.kind == "double" and 0 < value.value < cell:
+            text = f"less than a cell of {cell:g} m: hardly any place but the goal's cell is tried"
+            yield Remark(f"{text}; write {cell:g} or more, or 0.0", at=value)
+
+
+@check("params.planner-turning-radius", "warning")
+def planner_turning_radius(facts: PlannerFacts) -> Iterator[Remark]:
+    """A turning radius with which a robot that does not reverse cannot turn round on the map.
+
+    Without reversing this takes twice the radius: there is no path to most goals behind the robot.
+    Example: `minimum_turning_radius: 40.0` with a map of 20 m by 20 m.
+    Fix: Write metres, or set motion_model_for_search to REEDS_SHEPP.
+    """
+    for section, plugin in plugins_in(facts.values).items():
+        radius, model = (
+            facts.values.get(f"{section}.{name}")
+            for name in ("minimum_turning_radius", "motion_model_for_search")
+        )
+        if class_of(plugin) != "SmacPlannerHybrid" or radius is None or radius.kind != "double":
+            continue
+        for name, frame in facts.map_frames if model is None or model.value == "DUBIN" else ():
+            farthest = math.hypot(*frame.shape) * frame.resolution
+            if 2 * radius.value > farthest:
+                text = f"turning round without reversing takes {2 * radius.value:g} m, and {name} "
+                yield Remark(f"{text}has {farthest:.4g} m from corner to corner", at=radius)
 
 
 def _misspelt_name(name: str, known: Collection[str]) -> str | None:
@@ -257,7 +293,9 @@ def _misspelt_name(name: str, known: Collection[str]) -> str | None:
     return next(iter(get_close_matches(name, known, n=1, cutoff=_LEAST_SIMILARITY)), None)
 
 
-def planner_facts(parameters: Ros2Parameters, resolution: float) -> Iterator[PlannerFacts]:
+def planner_facts(
+    parameters: Ros2Parameters, map_frames: Sequence[tuple[str, Frame]]
+) -> Iterator[PlannerFacts]:
     for node in parameters.nodes:
         if node.name.rpartition("/")[2] == PLANNER_SERVER:
-            yield PlannerFacts(parameters.for_node(node.name), resolution)
+            yield PlannerFacts(parameters.for_node(node.name), map_frames)

@@ -438,7 +438,7 @@ class _Lint:
         headers = [
             (path.name, found)
             for path in maps
-            if (found := _of_header(path, self.settings, lambda file: file.frame().resolution))
+            if (found := _of_header(path, self.settings, lambda file: file.frame()))
         ]
         found_by_file = checks.check_parameters(files, costmap, namespace, headers)
         reports = [self._report(path, found) for path, found in found_by_file.items()]
