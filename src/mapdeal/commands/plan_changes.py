@@ -29,6 +29,7 @@ from mapdeal.grid.values import (
     OCCUPIED,
     UNKNOWN,
 )
+from mapdeal.pipeline.folder import rounded_place
 from mapdeal.pipeline.inputs import KeepoutMask, MapInput
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.planners.planner import Plan, Planner, PlannerGrid, Pose, no_plan
@@ -149,14 +150,12 @@ class PlannerOnMap:
 
 def grid_of(costs: Costmap, robot: RobotParameters) -> PlannerGrid:
     """Return a costmap as planners see it."""
-    radius, layers = robot.circumscribed_radius, robot.inflation_layers
     is_round = robot.robot_radius is not None
     return PlannerGrid(
         np.ascontiguousarray(costs.cost),
         as_float32(costs.resolution),
         (float(costs.origin[0]), float(costs.origin[1])),
         None if is_round else np.array(robot.footprint.vertices, dtype=np.float64),
-        layers[-1].cost_at(radius) if layers else 0,
     )
 
 
@@ -180,8 +179,8 @@ def _cells_near(values: Mapping[str, Any], grid: PlannerGrid, goal: Pose) -> Mas
     return near
 
 
-def _reached_cells(listed: ListedPlanner, grid: PlannerGrid, start: Pose) -> Mask:
-    """Return the cells that open cells connect with the start."""
+def _regions(listed: ListedPlanner, grid: PlannerGrid, start: Pose) -> NDArray[np.int32]:
+    """Return the number of each open cell's connected region, 0 for closed cells."""
     from scipy import ndimage  # slow to import
 
     around, is_open = np.ones((3, 3), bool), _open_cells(listed.settings, grid, start)
@@ -189,7 +188,12 @@ def _reached_cells(listed: ListedPlanner, grid: PlannerGrid, start: Pose) -> Mas
     if listed.planner is None:
         # planners with headings check poses that are up to three cells apart
         is_open = ndimage.binary_dilation(is_open, around, iterations=2)
-    regions, _ = ndimage.label(is_open, around if is_diagonal else None)
+    return np.asarray(ndimage.label(is_open, around if is_diagonal else None)[0])
+
+
+def _reached_cells(listed: ListedPlanner, grid: PlannerGrid, start: Pose) -> Mask:
+    """Return the cells that open cells connect with the start."""
+    regions = _regions(listed, grid, start)
     return np.asarray(regions == regions[grid.cell_of(start)])
 
 
@@ -402,7 +406,7 @@ def _wider_passage(
         return
     x, y = _centres(work, np.arange(height)[:, np.newaxis], np.arange(width))
     # Moved a little, so that hardly any centre of a cell lies on a circle of whole centimetres.
-    place = _place(limit.x + 0.0031, limit.y + 0.0017)
+    place = rounded_place(limit.x + 0.0031, limit.y + 0.0017)
     squares = (x - place["x"]) ** 2 + (y - place["y"]) ** 2
     widths = _up(limit.width - 2 * _STEP, limit.width + _WIDEST_PASSAGE)
 
@@ -425,33 +429,28 @@ def _centres(work: PlannerOnMap, rows: Any, cols: Any) -> tuple[Any, Any]:
     return x + (cols + 0.5) * resolution, y + (rows + 0.5) * resolution
 
 
-def _place(x: float, y: float) -> Change:
-    return {"x": round(float(x), 6), "y": round(float(y), 6)}
-
-
 def _obstacle_in_the_way(
     work: PlannerOnMap, start: Pose, goal: Pose, occupied: Mask
 ) -> Iterator[Change]:
     from scipy import ndimage  # slow to import
 
-    grid, planner, values = work.grid, work.planner, work.planner.values
+    grid = work.grid
     if not occupied.any():
         return
     around = np.ones((3, 3), bool)
     labels, _ = ndimage.label(occupied, around)
-    is_open, near = _open_cells(values, grid, start), _cells_near(values, grid, goal)
-    regions, _ = ndimage.label(is_open, around if planner.moves_diagonally else None)
+    regions, near = _regions(work.listed, grid, start), _cells_near(work.planner.values, grid, goal)
     # The first and the last closed cell on the new way are closed by the obstacle alone.
     places = ndimage.distance_transform_edt(~occupied, return_distances=False, return_indices=True)
     nearest = labels[tuple(places)]
 
     def closing(region: Mask) -> set[int]:
-        return set(np.unique(nearest[ndimage.binary_dilation(region, around) & ~is_open]).tolist())
+        is_beside = ndimage.binary_dilation(region, around) & (regions == 0)
+        return set(np.unique(nearest[is_beside]).tolist())
 
-    of_goal = np.isin(regions, np.unique(regions[near & is_open]))
-    in_the_way = closing(regions == regions[grid.cell_of(start)]) & (
-        closing(of_goal & is_open) | set(np.unique(nearest[near & ~is_open]).tolist())
-    )
+    of_goal = np.isin(regions, np.setdiff1d(regions[near], [0]))
+    at_goal = set(np.unique(nearest[near & (regions == 0)]).tolist())
+    in_the_way = closing(regions == regions[grid.cell_of(start)]) & (closing(of_goal) | at_goal)
     sizes = np.bincount(labels.ravel())
     most = _LARGEST_OBSTACLE / grid.resolution**2
     by_size = sorted((int(sizes[label]), label) for label in in_the_way if sizes[label] <= most)
@@ -461,5 +460,5 @@ def _obstacle_in_the_way(
             middle = np.argmin((rows - rows.mean()) ** 2 + (cols - cols.mean()) ** 2)
             x, y = _centres(work, rows[middle], cols[middle])
             area = size * grid.resolution**2
-            yield {"map": "obstacle", **_place(x, y), "area": round(area, 6)}
+            yield {"map": "obstacle", **rounded_place(float(x), float(y)), "area": round(area, 6)}
             return

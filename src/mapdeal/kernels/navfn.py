@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from array import array
-from typing import Literal
 
 import numpy as np
 
@@ -22,11 +21,8 @@ from mapdeal.kernels.arrays import Bytes, Metres
 from mapdeal.kernels.engine import engine_name
 
 Cell = tuple[int, int]
-Outcome = Literal["found", "left map", "left reached cells", "no gradient", "no turns"]
 UNREACHED = 1e10
-_OUTCOMES: tuple[Outcome, ...] = (
-    "found", "left map", "left reached cells", "no gradient", "no turns"
-)  # fmt: skip
+_OUTCOMES = ("found", "left map", "left reached cells", "no gradient", "no turns")
 _NEUTRAL, _CLOSED, _ROOM = 50, 254, 10_000
 
 
@@ -128,9 +124,7 @@ def _potentials(costs: Bytes, start: Cell, target: Cell, is_astar: bool) -> arra
     return potential
 
 
-def traced_path(
-    potential: Metres, start: Cell, goal: Cell, *, turns: int
-) -> tuple[Metres, Outcome]:
+def traced_path(potential: Metres, start: Cell, goal: Cell, *, turns: int) -> tuple[Metres, str]:
     """Return the points of the path from goal to start, x and y in cells, and how the trace ended.
 
     Each turn makes a step of half a cell down the gradient, or to the lowest neighbour near cells
@@ -148,7 +142,7 @@ def traced_path(
 
 def _trace(
     potential: Metres, start: Cell, goal: Cell, turns: int
-) -> tuple[list[tuple[float, float]], Outcome]:
+) -> tuple[list[tuple[float, float]], str]:
     height, width = potential.shape
     size = height * width
     cells = potential.ravel()

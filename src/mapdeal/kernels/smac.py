@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import math
 from array import array
+from collections.abc import Callable
 from heapq import heappop, heappush
-from typing import NamedTuple
 
 import numpy as np
 
@@ -33,13 +33,6 @@ class _Entry(float):
     cell: int
 
 
-class GridPath(NamedTuple):
-    """Cells of a path from the start; empty if there is none."""
-
-    cells: Integers
-    iterations: int
-
-
 def grid_step_costs(multiplier: float, *, allow_unknown: bool) -> Metres:
     """Return costs of straight and diagonal steps by the cost of the entered cell, shape (2, 256).
 
@@ -54,36 +47,30 @@ def grid_step_costs(multiplier: float, *, allow_unknown: bool) -> Metres:
 def grid_path(
     costs: Bytes, step_costs: Metres, start: int, goal: int, goal_xy: tuple[float, float], *,
     tolerance: float, most_iterations: int, most_near_goal: int,
-) -> GridPath:  # fmt: skip
-    """Return the path over the eight neighbours that Smac 2D finds."""
-    # Of paths that do not reach the goal, the one that ends nearest serves if it ends closer than
-    # `tolerance` cells. `goal_xy` is the goal in cells, rounded to float32. With such a path known,
-    # the search goes on for `most_near_goal` iterations.
+) -> tuple[Integers, int]:  # fmt: skip
+    """Return the cells of the path over the eight neighbours that Smac 2D finds, and iterations."""
+    # Without a path there are no cells. Of paths that do not reach the goal, the one that ends
+    # nearest serves if it ends closer than `tolerance` cells. `goal_xy` is the goal in cells,
+    # rounded to float32. With such a path known, the search goes on for `most_near_goal` iterations.
     costs, width = np.ascontiguousarray(costs), costs.shape[1]
     moves = np.zeros(costs.size, np.uint8)
+    search: Callable[..., tuple[int, int]] = _search_grid
     if engine_name() == "compiled":
-        from mapdeal.kernels import _smac
-
-        end, iterations = _smac.grid(
-            costs, step_costs, start, goal, *goal_xy, tolerance, most_iterations, most_near_goal,
-            moves,
-        )  # fmt: skip
-    else:
-        end, iterations = _search_grid(
-            costs, step_costs, start, goal, goal_xy, tolerance, most_iterations, most_near_goal,
-            moves,
-        )  # fmt: skip
+        from mapdeal.kernels._smac import grid as search
+    end, iterations = search(
+        costs, step_costs, start, goal, *goal_xy, tolerance, most_iterations, most_near_goal, moves
+    )
     cells = []
     while end >= 0:
         cells.append(end)
         move = int(moves[end]) & _CAME_BY
         dx, dy = _GRID_STEPS[move - 1]
         end = end - dx - dy * width if move else -1
-    return GridPath(np.array(cells[::-1], np.int64), iterations)
+    return np.array(cells[::-1], np.int64), iterations
 
 
 def _search_grid(
-    costs: Bytes, step_costs: Metres, start: int, goal: int, goal_xy: tuple[float, float],
+    costs: Bytes, step_costs: Metres, start: int, goal: int, goal_x: float, goal_y: float,
     tolerance: float, most_iterations: int, most_near_goal: int, moves: Bytes,
 ) -> tuple[int, int]:  # fmt: skip
     height, width = costs.shape
@@ -125,7 +112,7 @@ def _search_grid(
                 continue
             reached[beside] = total
             moves[beside] = step + 1
-            across, up = rounded(goal_xy[0] - x), rounded(goal_xy[1] - y)
+            across, up = rounded(goal_x - x), rounded(goal_y - y)
             distance = rounded(math.sqrt(rounded(rounded(across * across) + rounded(up * up))))
             if distance < least:
                 nearest, least = beside, distance
@@ -172,12 +159,10 @@ def theta_path(
     costs = np.ascontiguousarray(costs)
     parents = np.zeros(costs.size, np.int64)
     weights = (distance_weight, min(1.0, distance_weight))
+    search: Callable[..., int] = _search_theta
     if engine_name() == "compiled":
-        from mapdeal.kernels import _smac
-
-        cell = _smac.theta(costs, *tables, start, goal, corners, *weights, parents)
-    else:
-        cell = _search_theta(costs, *tables, start, goal, corners, *weights, parents)
+        from mapdeal.kernels._smac import theta as search
+    cell = search(costs, *tables, start, goal, corners, *weights, parents)
     path = [cell] if cell >= 0 else []
     while path and path[-1] != start:
         path.append(int(parents[path[-1]]) - 1)

@@ -20,7 +20,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Point
 from mapdeal.grid.values import LETHAL_OBSTACLE
 from mapdeal.kernels.arrays import Metres
-from mapdeal.kernels.navfn import UNREACHED, Cell, Outcome, potentials, traced_path
+from mapdeal.kernels.navfn import UNREACHED, Cell, potentials, traced_path
 from mapdeal.planners.planner import Default, Plan, Planner, PlannerGrid, Pose, no_plan
 
 _MOST_CYCLES = 1000
@@ -149,7 +149,7 @@ def _final_yaw(path_xy: NDArray[np.float64]) -> float:
     return math.atan2(step[1], step[0])
 
 
-def _failure(grid: PlannerGrid, points: Metres, outcome: Outcome, turns: int) -> str:
+def _failure(grid: PlannerGrid, points: Metres, outcome: str, turns: int) -> str:
     """Describe why no path was traced although the search reached the goal."""
     text = "the search reached the goal, but "
     x, y = np.array(grid.origin) + points[-1].astype(np.float64) * grid.resolution

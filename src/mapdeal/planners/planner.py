@@ -46,15 +46,12 @@ class PlannerGrid:
         x and y of the outer corner of cell (0, 0), metres.
     footprint : numpy.ndarray of float64, shape (N, 2), optional
         The robot's padded outline, metres; None for a round robot.
-    circumscribed_cost : int
-        Cost at the robot's circumscribed radius; 0 if inflation ends before it.
     """
 
     costs: NDArray[np.uint8]
     resolution: float
     origin: tuple[float, float]
     footprint: NDArray[np.float64] | None = None
-    circumscribed_cost: int = 0
 
     def cell_of(self, pose: Pose) -> tuple[int, int] | None:
         """Return row and column as ``worldToMap`` does; None outside of the costmap."""

@@ -28,9 +28,7 @@ from mapdeal.planners.planner import (
     with_last_yaw,
 )
 
-ENDLESS = 2**31 - 1
-"""Iterations without a limit."""
-
+_ENDLESS = 2**31 - 1  # iterations without a limit
 _FEWEST = 12  # poses of a path that is smoothed
 _SAME = 1e-4  # metres in x and in y between poses at one place
 
@@ -54,8 +52,11 @@ class Smac2DPlanner(Planner):
     }  # fmt: skip
 
     def plan(self, grid: PlannerGrid, start: Pose, goal: Pose) -> Plan:
-        refuse_downsampling(self)
-        start_xy, goal_xy = continuous_cell(grid, start), continuous_cell(grid, goal)
+        if self.flag("downsample_costmap") and self.integer("downsampling_factor") > 1:
+            rule = "paths on a downsampled costmap are not modelled"
+            hint = "set downsample_costmap to false"
+            raise ParameterError(rule, place="downsample_costmap", got=True, hint=hint)
+        start_xy, goal_xy = _continuous_cell(grid, start), _continuous_cell(grid, goal)
         if start_xy is None:
             return no_plan("StartOutsideMapBounds")
         if goal_xy is None:
@@ -70,14 +71,18 @@ class Smac2DPlanner(Planner):
         tolerance = float(np.float32(self.number("tolerance")) / np.float32(grid.resolution))
         if not _is_zone_open(np.isfinite(step_costs[0]), grid, goal_xy, tolerance):
             return no_plan("GoalOccupied")
-        limit = limit_of(self.integer("max_iterations"))
+        limit, most_near_goal = (
+            iterations if (iterations := self.integer(name)) > 0 else _ENDLESS
+            for name in ("max_iterations", "max_on_approach_iterations")
+        )
         cells, iterations = grid_path(
             grid.costs, step_costs, first, last, goal_xy, tolerance=tolerance,
-            most_iterations=limit,
-            most_near_goal=limit_of(self.integer("max_on_approach_iterations")),
+            most_iterations=limit, most_near_goal=most_near_goal,
         )  # fmt: skip
         if len(cells) < 2:
-            return search_failure(iterations, limit)
+            if iterations == 1:  # the start has no free neighbour
+                return no_plan("StartOccupied")
+            return no_plan("NoValidPathCouldBeFound" if iterations < limit else "PlannerTimedOut")
         rows, columns = np.divmod(cells, width)
         is_diagonal = (np.diff(rows) != 0) & (np.diff(columns) != 0)
         costs = 1 + multiplier * (grid.costs[rows[1:], columns[1:]] / 252)
@@ -117,7 +122,7 @@ class Smac2DPlanner(Planner):
         return path, False
 
 
-def continuous_cell(grid: PlannerGrid, pose: Pose) -> tuple[float, float] | None:
+def _continuous_cell(grid: PlannerGrid, pose: Pose) -> tuple[float, float] | None:
     """Return a place in cells, x and y rounded to float32; None outside of the costmap."""
     x, y = (
         float(np.float32((at - first) / grid.resolution))
@@ -143,23 +148,6 @@ def _is_zone_open(
     squares = (columns - x) ** 2 + ((rows - y) ** 2)[:, np.newaxis]
     near = grid.costs[np.ix_(rows, columns)][squares <= tolerance**2]
     return bool(open_costs[near].any())
-
-
-def limit_of(iterations: int) -> int:
-    return iterations if iterations > 0 else ENDLESS
-
-
-def search_failure(iterations: int, limit: int) -> Plan:
-    if iterations == 1:  # the start has no free neighbour
-        return no_plan("StartOccupied")
-    return no_plan("NoValidPathCouldBeFound" if iterations < limit else "PlannerTimedOut")
-
-
-def refuse_downsampling(planner: Planner) -> None:
-    if planner.flag("downsample_costmap") and planner.integer("downsampling_factor") > 1:
-        rule = "paths on a downsampled costmap are not modelled"
-        hint = "set downsample_costmap to false"
-        raise ParameterError(rule, place="downsample_costmap", got=True, hint=hint)
 
 
 def _with_directions(path: Floats) -> Floats:
