@@ -267,9 +267,9 @@ def planner_tolerance(facts: PlannerFacts) -> Iterator[Remark]:
 
 @check("params.planner-turning-radius", "warning")
 def planner_turning_radius(facts: PlannerFacts) -> Iterator[Remark]:
-    """A turning radius with which a robot that does not reverse cannot turn round on the map.
+    """A turning radius too large for a robot that only drives forward to turn round on the map.
 
-    Without reversing this takes twice the radius: there is no path to most goals behind the robot.
+    Turning round takes twice the radius: there is no path to most goals behind the robot.
     Example: `minimum_turning_radius: 40.0` with a map of 20 m by 20 m.
     Fix: Write metres, or set motion_model_for_search to REEDS_SHEPP.
     """

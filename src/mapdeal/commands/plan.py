@@ -417,7 +417,7 @@ def pose_of(numbers: Sequence[float], name: str) -> Pose:
 
 
 def plan_on(work: PlannerOnMap, start: Pose, goal: Pose) -> Plan:
-    """Return the planner's answer; of one that is not modelled, what is certain."""
+    """Return the planner's answer; without a model, only whether closed cells prevent a path."""
     if work.listed.planner is not None:
         return work.planner.plan(work.grid, start, goal)
     text = f"{work.listed.plugin} is not modelled"
