@@ -77,7 +77,6 @@ class ListedPlanner:
     plugin: str
     settings: Mapping[str, Any] = field(default_factory=dict)
     planner: Planner | None = None
-    lines: Mapping[str, int] = field(default_factory=dict)
 
 
 def plugins_in(values: Mapping[str, ParameterValue]) -> dict[str, str]:
@@ -123,10 +122,5 @@ def _listed_planner(values: Nav2Values, name: str, plugin: str) -> ListedPlanner
         else values.get(f"{name}.{key}", _KINDS[type(default)], default)
         for key, default in declared.items()
     }
-    lines = {
-        key: values.parameters[f"{name}.{key}"].line
-        for key in declared
-        if f"{name}.{key}" in values.parameters
-    }
     planner = None if planner_class is None else planner_class(settings)
-    return ListedPlanner(name, plugin, settings, planner, lines)
+    return ListedPlanner(name, plugin, settings, planner)
