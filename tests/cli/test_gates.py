@@ -26,9 +26,11 @@ LINES = [
     "route m.yaml --from 0.55,1.05 --to 2.45,1.05 --robot-radius 0.25",
     "route m.yaml --pairs pairs.csv --robot-radius 0.25 -o out/routes.jsonl",
     "plan m.yaml --params-file r.yaml --from 0.55,1.05 --to 2.45,1.05 -o out/plan.json",
+    "plan m.yaml --params-file slim.yaml --against wide.yaml --from 0.55,1.05 --to 2.45,1.05",
     f"graph m.yaml {GOAL} -o out/graph.geojson",
     "mask m.yaml --file zones.geojson --from 0.55,1.05 --to dock=2.45,1.05 -o out",
     "lint broken.yaml", "lint m.yaml broken.yaml --format github",
+    "diff m.yaml --params-file slim.yaml --against wide.yaml",  # B has 0.9 m2 behind the door
     "diff m.yaml other.yaml --max-differing 0", "score m.yaml --max wall_thickness_m.median=0",
     "align m.yaml u.yaml",
 ]  # fmt: skip
@@ -54,7 +56,8 @@ def files(here):
     stage = "reach: {start: [0.55, 1.05], goals: {dock: [2.45, 1.05]}, radius: 0.25}"
     Path("reach.yaml").write_text(f"stages:\n  - {stage}\n")
     Path("reach-local.yaml").write_text(f"stages:\n  - {stage}\n")
-    write_robot("r.yaml", 0.25)
+    for name, radius in (("r", 0.25), ("slim", 0.15), ("wide", 0.35)):
+        write_robot(f"{name}.yaml", radius)
     Path("pairs.csv").write_text("0.55,1.05,2.45,1.05\n")
     corners = [[1.2, 0], [1.8, 0], [1.8, 2.1], [1.2, 2.1], [1.2, 0]]
     zone = {

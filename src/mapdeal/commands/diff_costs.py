@@ -358,8 +358,9 @@ def compare_robots(
 
     Notes
     -----
-    A passage closes if it stops the robot of B, and that of A reaches both of its sides. Passages
-    of the two are the same if their middles are closer than half their width or two cells.
+    A passage closes if it stops the robot of B, and that of A reaches both of its sides, or if A
+    passes it and B reaches no cell near it. Passages of the two are the same if their middles are
+    closer than half their width or two cells.
     """
     (source,) = inputs.opened(map, names=("the map",), **reading)
     return robots_compared(source, first, second, start, goals, **reading)
@@ -412,22 +413,29 @@ def _reaches(
 
 
 def _closing(before: Reach, after: Reach) -> tuple[Passage, ...]:
-    return tuple(
-        passage for passage in after.passages
-        if not passage.is_open and _is_passed(passage, before)
-    )  # fmt: skip
+    stops = [p for p in after.passages if not p.is_open and _is_passed(p, before)]
+    vanished = [
+        p for p in before.passages
+        if p.is_open and not any(_is_same(p, q, after) for q in after.passages)
+        and not _is_passed(p, after)
+    ]  # fmt: skip
+    return tuple(stops + vanished)
 
 
 def _is_passed(passage: Passage, reach: Reach) -> bool:
     """Return whether a robot gets through a passage that was found for another robot."""
     middle = passage.x, passage.y
     for known in reach.passages:
-        nearest = max(2 * reach.resolution, max(known.width, passage.width) / 2)
-        if math.dist((known.x, known.y), middle) <= nearest:
+        if _is_same(known, passage, reach):
             return known.is_open
     ((row, col),) = reach.frame.unbounded_rowcol_from_xy([middle]).tolist()
     rows, cols = slice(max(row - 1, 0), row + 2), slice(max(col - 1, 0), col + 2)
     return bool(np.any(reach.reachable[rows, cols]))
+
+
+def _is_same(first: Passage, second: Passage, reach: Reach) -> bool:
+    nearest = max(2 * reach.resolution, max(first.width, second.width) / 2)
+    return math.dist((first.x, first.y), (second.x, second.y)) <= nearest
 
 
 def _differing_parameters(first: RobotParameters, second: RobotParameters) -> dict[str, Pair]:
