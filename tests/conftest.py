@@ -1,7 +1,9 @@
 """Shared fixtures."""
 
+import contextlib
 import functools
 import gc
+import json
 import os
 import shutil
 import signal
@@ -120,9 +122,28 @@ def command(capsys):
         with warnings.catch_warnings():  # a command sets how warnings are shown
             code = main([str(word) for word in words])
         captured = capsys.readouterr()
+        if code in (0, 1, 5) and captured.out.startswith("{") and "sarif" not in words:
+            check_documents(str(words[0]), captured.out)
         return code, captured.out, captured.err
 
     return run
+
+
+def documents_in(text):
+    """Return one JSON document, or those of the first lines."""
+    with contextlib.suppress(json.JSONDecodeError):
+        return [json.loads(text)]
+    return [json.loads(line) for line in text.splitlines()[:40]]
+
+
+def check_documents(name, text):
+    """Check what a command has printed by the schema that the site publishes for it."""
+    import jsonschema
+
+    import schemas
+
+    for document in documents_in(text) if name in schemas.DOCUMENTS else ():
+        jsonschema.Draft202012Validator(schemas.DOCUMENTS[name]).validate(document)
 
 
 @pytest.fixture

@@ -1,9 +1,9 @@
 """Build the documentation site: ``python docs/site/build.py [FOLDER]``.
 
 Pages of docs and README are gathered in FOLDER (build/site if not given), with a page for each
-command and for each group of Python names; Zensical makes FOLDER/html of them. Links to files that
-are not pages lead to the repository. The build fails on a link or anchor that leads nowhere, and on
-a page that would load anything from another host.
+command and for each group of Python names, and the schemas of JSON documents; Zensical makes
+FOLDER/html of them. Links to files that are not pages lead to the repository. The build fails on a
+link or anchor that leads nowhere, and on a page that would load anything from another host.
 """
 
 from __future__ import annotations
@@ -82,6 +82,8 @@ def main(folder: Path) -> None:
         rows = ", ".join(f'{{ "{k}" = "{v}" }}' for one in listed for k, v in one.items())
         configuration = configuration.replace(empty, f'{{ "{title}" = [{rows}] }}')
     copy_sources(folder / "src")
+    command = [sys.executable, str(DOCS / "schemas.py"), str(pages / "schemas")]
+    subprocess.run(command, check=True)  # noqa: S603 - ours
     write(folder / "zensical.toml", configuration)
     command = [sys.executable, "-m", "zensical", "build", "--strict"]
     subprocess.run(command, cwd=folder, check=True)  # noqa: S603 - ours
