@@ -25,7 +25,7 @@ from mapdeal.planning.graph_drafts import GraphOptions, band_around_unknown
 from mapdeal.planning.graph_routes import route_on_graph
 from mapdeal.planning.route_graphs import AREA_PER_NODE, MOST_EDGES, route_graph_of
 from mapdeal.planning.routes import Terrain
-from strategies import masks
+from strategies import examples, masks
 
 ROOT_OF_2 = math.sqrt(2)
 
@@ -145,7 +145,7 @@ def least_distances(grid, graph, value):
         yield float(np.hypot(gaps[..., 0], gaps[..., 1]).min(initial=math.inf)) * grid.resolution
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(rooms(), st.sampled_from([0.15, 0.24, 0.4]))
 def test_ways_that_touch_obstacles_or_unknown_cells_are_counted_and_kept_away(grid, radius):
     robot = Footprint.circle(radius)

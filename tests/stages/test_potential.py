@@ -12,7 +12,7 @@ import mapdeal
 import oracles
 from drawn import grid_from_text
 from robots import write_robot
-from strategies import RESOLUTIONS, occupancies
+from strategies import RESOLUTIONS, examples, occupancies
 
 FRAME = (0.25, (1.5, -2.0, 0.4))
 
@@ -168,7 +168,7 @@ def test_gradients_of_lengths_lead_away_from_the_goal_in_the_map_frame():
     assert mapdeal.potential(grid).cost_to_go is None
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["costmap2d", "occupancy"]), st.booleans())
 def test_weighted_costs_lie_between_eight_way_sums_and_their_largest_excess(
     each_engine, seed, scale, through_unknown

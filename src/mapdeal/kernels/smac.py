@@ -51,7 +51,7 @@ def grid_path(
     """Return the cells of the path over the eight neighbours that Smac 2D finds, and iterations."""
     # Without a path there are no cells. Of paths that do not reach the goal, the one that ends
     # nearest serves if it ends closer than `tolerance` cells. `goal_xy` is the goal in cells,
-    # rounded to float32. With such a path known, the search goes on for `most_near_goal` iterations.
+    # rounded to float32. With such a path known, the search goes on for `most_near_goal` more.
     costs, width = np.ascontiguousarray(costs), costs.shape[1]
     moves = np.zeros(costs.size, np.uint8)
     search: Callable[..., tuple[int, int]] = _search_grid
