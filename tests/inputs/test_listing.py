@@ -71,7 +71,7 @@ def test_each_part_of_a_pattern_looks_into_each_folder_once(folder, monkeypatch,
     for name in ("e/f/g/h", "i/j/k/l", "m", "n", "o"):
         (folder / name).mkdir(parents=True)
     look = Mock(side_effect=contents_of)
-    monkeypatch.setattr(listing, "contents_of", look)
+    monkeypatch.setattr(listing.sources, "contents_of", look)
     found = list_files([pattern], SUFFIXES)
     assert pattern[0] != "b" or list(map(str, found)) == ["b/1.pcd", "b/c/2.pcd"]
     folders = 1 + sum(path.is_dir() for path in folder.rglob("*"))

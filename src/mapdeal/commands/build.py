@@ -30,16 +30,7 @@ from mapdeal.grid.values import OCCUPIED, count_text
 from mapdeal.inputs.kinds import is_bag
 from mapdeal.kernels.components import thickness_of
 from mapdeal.kernels.threads import use_threads
-from mapdeal.mapping.build import (
-    METHODS,
-    BuiltMap,
-    Extent,
-    MapBuilder,
-    Method,
-    all_parameters,
-    frame_of,
-    reach_behind,
-)
+from mapdeal.mapping import build as mapping
 from mapdeal.mapping.cloud_map import CloudOptions
 from mapdeal.mapping.evidence import NEAR, OFTEN, BeamCounts, BeamLimits, Beams, Scans, beams_of
 from mapdeal.mapping.transforms import FrameOptions, Pose, Topics, check_pose
@@ -56,7 +47,7 @@ from mapdeal.pipeline.settings import Settings
 from mapdeal.sensors.scans import DEFAULT_MAX_BAD, ScanSource, ScanTexts, open_log
 from mapdeal.version import __version__
 
-_PER_CELL: dict[Method, int] = {"log-odds": 22, "counting": 22, "tsdf": 43}
+_PER_CELL: dict[mapping.Method, int] = {"log-odds": 22, "counting": 22, "tsdf": 43}
 """Bytes for each cell: the evidence, and the map that is made of it."""
 
 _MOST_KEPT = 1 << 26  # bytes of beams that are kept rather than read twice
@@ -77,7 +68,7 @@ States = NDArray[np.uint8]
 class _Building:
     """How maps are made of scans."""
 
-    methods: Mapping[Method, Mapping[str, Any]]
+    methods: Mapping[mapping.Method, Mapping[str, Any]]
     limits: BeamLimits
     resolution: float
     size: Point | None
@@ -89,20 +80,21 @@ class _Building:
 
     def frame(self) -> Frame | None:
         """Return the cells; None if they are to hold all that beams reach."""
-        return frame_of(self.size, self.origin, self.resolution)
+        return mapping.frame_of(self.size, self.origin, self.resolution)
 
     def reach_behind(self) -> float:
         """Return how far behind hits any of the methods has an effect, metres."""
         methods = self.methods.items()
         return max(
-            reach_behind(method, self.resolution, parameters) for method, parameters in methods
+            mapping.reach_behind(method, self.resolution, parameters)
+            for method, parameters in methods
         )
 
 
 def _built(
     source: ScanSource, building: _Building, *, with_layers: bool = True,
     advance: Advance = lambda _: None,
-) -> BuiltMap:  # fmt: skip
+) -> mapping.BuiltMap:  # fmt: skip
     (method,) = building.methods
     builder = _gathered(source, building, _PER_CELL[method], advance)[0][method]
     built = builder.result(with_layers=with_layers)
@@ -114,7 +106,7 @@ def _built(
 
 def _gathered(
     source: ScanSource, building: _Building, per_cell: int, advance: Advance
-) -> tuple[dict[Method, MapBuilder], dict[Method, float]]:
+) -> tuple[dict[mapping.Method, mapping.MapBuilder], dict[mapping.Method, float]]:
     """Return what the scans in files say, by all methods that are asked for, and their seconds."""
     # All files are read twice, or one after the other; a pipe can be read but once.
     states = {path: state_of(path) for path in source.files if is_regular(path)}
@@ -129,7 +121,7 @@ def _gathered(
             hint = "a pose may be wrong; --size and --origin bound the map"
             claim(source.named, per_cell * frame.height * frame.width, what=size, hint=hint)
             builders = {
-                method: MapBuilder(frame, method, building.limits, **parameters)
+                method: mapping.MapBuilder(frame, method, building.limits, **parameters)
                 for method, parameters in building.methods.items()
             }
             seconds = dict.fromkeys(builders, 0.0)
@@ -157,7 +149,7 @@ def _extent(
     source: ScanSource, building: _Building, advance: Advance
 ) -> tuple[Frame, list[_Part] | None]:
     """Return the cells that beams reach, and all beams if they are not too many to keep."""
-    extent = Extent(building.limits, building.reach_behind())
+    extent = mapping.Extent(building.limits, building.reach_behind())
     parts: list[_Part] | None = []
     taken_bytes = 0
     for beams, scans in _parts(source, building.limits):
@@ -188,7 +180,7 @@ def _warn_of_nothing(grid: OccupancyGrid, path: Path) -> None:
         emit_warning(f"{path}: no beam reaches the grid: the whole map is unknown", stacklevel=2)
 
 
-def _warn_of_vanished(built: BuiltMap, builder: MapBuilder, path: Path) -> None:
+def _warn_of_vanished(built: mapping.BuiltMap, builder: mapping.MapBuilder, path: Path) -> None:
     vanished = built.vanished
     x, y = vanished.middles_xy(built.grid.frame)[0]
     which = "it" if len(vanished) == 1 else "the largest"
@@ -201,11 +193,11 @@ def _warn_of_vanished(built: BuiltMap, builder: MapBuilder, path: Path) -> None:
 
 
 def build_map_from_log(
-    path: str | PathLike[str], *, method: Method = "log-odds", resolution: float = 0.05,
+    path: str | PathLike[str], *, method: mapping.Method = "log-odds", resolution: float = 0.05,
     size: Point | None = None, origin: Point | None = None, range_min: float = 0.0,
     range_max: float = 30.0, clear_max: float = 0.0, max_bad: int = DEFAULT_MAX_BAD,
     max_memory: int | None = None, threads: int | None = None, **parameters: Any,
-) -> BuiltMap:  # fmt: skip
+) -> mapping.BuiltMap:  # fmt: skip
     """Build a map from the laser scans in a log, like ``mapdeal build LOG``.
 
     Parameters
@@ -245,13 +237,13 @@ def build_map_from_log(
 
 
 def build_map_from_bag(
-    path: str | PathLike[str], topics: Sequence[str] = (), *, method: Method = "log-odds",
+    path: str | PathLike[str], topics: Sequence[str] = (), *, method: mapping.Method = "log-odds",
     resolution: float = 0.05, size: Point | None = None, origin: Point | None = None,
     range_min: float = 0.0, range_max: float = 30.0, clear_max: float = 0.0,
     fixed_frame: str | None = None, base_frame: str | None = None, odometry: str | None = None,
     poses: str | PathLike[str] | None = None, mount: Pose | None = None, deskew: bool = False,
     max_memory: int | None = None, threads: int | None = None, **parameters: Any,
-) -> BuiltMap:  # fmt: skip
+) -> mapping.BuiltMap:  # fmt: skip
     """Build a map from the laser scans in a bag, like ``mapdeal build BAG``.
 
     Parameters
@@ -339,7 +331,7 @@ class Comparison(Result):
     """Comparison of several mapping methods on the same scans."""
 
     figures: Figures
-    seconds: dict[Method, float]
+    seconds: dict[mapping.Method, float]
     folder: Path
 
     def document(self) -> Figures:
@@ -385,7 +377,7 @@ class Comparison(Result):
     shared=("image", "force", "threads", "max_memory"),
     also={
         "With a bag": FrameOptions,
-        **METHODS,
+        **mapping.METHODS,
         "With --cloud": CloudOptions,
         "With --world": WorldOptions,
     },
@@ -410,7 +402,7 @@ def build(
     flip_y: bool = False,
     topics: Topics = (),
     deskew: bool = False,
-    method: Method | None = None,
+    method: mapping.Method | None = None,
     compare: bool = False,
     resolution: Annotated[float | None, Words("R")] = None,
     size: Annotated[Point | None, Words("WX,WY")] = None,
@@ -522,7 +514,7 @@ def build(
         )  # fmt: skip
     refuse("applies to clouds: it needs --cloud", **of_cloud)
     resolution = 0.05 if resolution is None else resolution
-    chosen: dict[Method, dict[str, Any]] = {method or "log-odds": more}
+    chosen: dict[mapping.Method, dict[str, Any]] = {method or "log-odds": more}
     if compare:
         refuse(
             "cannot be given together with --compare",
@@ -530,7 +522,7 @@ def build(
         )  # fmt: skip
         chosen = {
             name: {name: more[name] for name in parameters_of(kind) if name in more}
-            for name, kind in METHODS.items()
+            for name, kind in mapping.METHODS.items()
         }
     if as_written:
         chosen["tsdf" if compare else next(iter(chosen))]["as_written"] = True
@@ -620,7 +612,7 @@ def _compared(
         "groups_hit_three_times": len(groups),
         "methods": {
             method: {
-                "parameters": all_parameters(method, building.methods[method]),
+                "parameters": mapping.all_parameters(method, building.methods[method]),
                 **_method_figures(built, bytes_per_cell[method]),
             }
             for method, built in results.items()
@@ -640,8 +632,8 @@ def _draw_difference(
 
 
 def _results(
-    builders: dict[Method, MapBuilder], seconds: dict[Method, float]
-) -> tuple[dict[Method, BuiltMap], dict[Method, int]]:
+    builders: dict[mapping.Method, mapping.MapBuilder], seconds: dict[mapping.Method, float]
+) -> tuple[dict[mapping.Method, mapping.BuiltMap], dict[mapping.Method, int]]:
     results, sizes = {}, {method: builder.bytes_per_cell for method, builder in builders.items()}
     # the method whose evidence is largest comes first, so that it is gone when others need room
     for method in sorted(builders, key=lambda method: -sizes[method]):
@@ -651,7 +643,7 @@ def _results(
     return {method: results[method] for method in sizes}, sizes
 
 
-def _method_figures(built: BuiltMap, bytes_per_cell: int) -> Figures:
+def _method_figures(built: mapping.BuiltMap, bytes_per_cell: int) -> Figures:
     grid, vanished = built.grid, built.vanished
     middles = vanished.middles_xy(grid.frame)[:_MOST_PLACES].tolist()
     figures = grid.figures()
@@ -675,7 +667,9 @@ def _method_figures(built: BuiltMap, bytes_per_cell: int) -> Figures:
     }
 
 
-def _pair_figures(pair: tuple[Method, Method], first: States, second: States) -> Figures:
+def _pair_figures(
+    pair: tuple[mapping.Method, mapping.Method], first: States, second: States
+) -> Figures:
     table = confusion_of(first, second)[:3, :3]
     return {
         "first": pair[0],

@@ -19,17 +19,7 @@ from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, count_text, decimal_tex
 from mapdeal.kernels.arrays import Mask
 from mapdeal.kernels.outlines import MOST_TOLERANCE, corner_count
 from mapdeal.kernels.solids import rectangles, run_count, surface
-from mapdeal.maps.outlines import (
-    FREE_FILL,
-    REACHABLE_FILL,
-    UNKNOWN_FILL,
-    WALL_FILL,
-    Area,
-    DrawingUnit,
-    geojson_parts,
-    outlines_of,
-    svg_parts,
-)
+from mapdeal.maps import outlines
 from mapdeal.maps.reading import Source, as_occupancy
 from mapdeal.maps.world import WORLD_ENDINGS, mesh_of, obj_parts, sdf_parts, stl_parts
 from mapdeal.pipeline.inputs import claim_work
@@ -64,9 +54,9 @@ class Shapes(Result):
 
 def convert_area(
     source: Path, read: Source, output: Path, transaction: Transaction, *,
-    of: Area | None = None,
+    of: outlines.Area | None = None,
     tolerance: Annotated[float, AT_LEAST_0, METRES] | None = None,
-    unit: DrawingUnit = "mm",
+    unit: outlines.DrawingUnit = "mm",
     start: Annotated[tuple[float, ...] | None, Words("X,Y[,YAW]", start_of, "from")] = None,
     footprint: Footprint | None = None,
 ) -> Shapes:  # fmt: skip
@@ -113,27 +103,30 @@ def convert_area(
     wanted: list[tuple[str, Mask, str]] = []
     has_all = is_drawing and of is None
     if has_all:  # what is free lies between the unknown below and the walls above
-        wanted.append(("known", values != UNKNOWN, FREE_FILL))
+        wanted.append(("known", values != UNKNOWN, outlines.FREE_FILL))
     if of_robot:
         cells = _reached(source, grid, start, footprint)
-        wanted.append(("reachable", cells, REACHABLE_FILL))
+        wanted.append(("reachable", cells, outlines.REACHABLE_FILL))
     elif of != "obstacles" and not has_all:
-        wanted.append(("free", values == FREE, FREE_FILL))
+        wanted.append(("free", values == FREE, outlines.FREE_FILL))
     if has_all or of == "obstacles":
-        wanted.append(("obstacles", values == OCCUPIED, WALL_FILL))
+        wanted.append(("obstacles", values == OCCUPIED, outlines.WALL_FILL))
     corners = sum(corner_count(cells) for _, cells, _ in wanted)
     claim_work(source, grid, _PER_CELL, besides=_PER_CORNER * corners)
     layers = [
-        (outlines_of(cells, grid.frame, tolerance, name), fill) for name, cells, fill in wanted
+        (outlines.outlines_of(cells, grid.frame, tolerance, name), fill)
+        for name, cells, fill in wanted
     ]
     shown = layers[0][0]
     if not len(shown.polygons):
         raise MalformedInputError(f"has no {_CELLS[shown.name]} cell", source=source)
     if is_drawing:
-        background = UNKNOWN_FILL if of is None else None
-        parts = svg_parts(layers, grid.frame, title=source.stem, unit=unit, background=background)
+        background = outlines.UNKNOWN_FILL if of is None else None
+        parts = outlines.svg_parts(
+            layers, grid.frame, title=source.stem, unit=unit, background=background
+        )
     else:
-        parts = geojson_parts(shown)
+        parts = outlines.geojson_parts(shown)
     transaction.write_parts(output, parts)
     told = [
         f"{one.name} {decimal_text(one.area)} m2 in {count_text(len(one.polygons), 'polygon')}, "

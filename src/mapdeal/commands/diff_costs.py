@@ -13,13 +13,7 @@ import numpy as np
 from mapdeal.command import POSE, Result
 from mapdeal.commands import two_maps
 from mapdeal.commands.reach import COSTS_PER_CELL, reach_on_input
-from mapdeal.compare.difference import (
-    Bound,
-    CostChange,
-    CostDifference,
-    compare_costmaps,
-    frame_around,
-)
+from mapdeal.compare import difference
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import COST_DIFF_FORMAT, ROBOT_DIFF_FORMAT
@@ -47,7 +41,7 @@ _WORDS = {
 }  # fmt: skip
 
 
-def change_text(change: CostChange) -> str:
+def change_text(change: difference.CostChange) -> str:
     text = (
         f"{count_text(change.cells, 'cell')} ({decimal_text(change.area)} m2) {_WORDS[change.kind]}"
     )
@@ -58,7 +52,7 @@ def change_text(change: CostChange) -> str:
     return text + change.largest[0].place
 
 
-def costs_document(found: CostDifference) -> dict[str, Any]:
+def costs_document(found: difference.CostDifference) -> dict[str, Any]:
     """Return what differs between two costmaps, but not which ones they are."""
     return {
         "cost_scale": found.scale,
@@ -83,7 +77,7 @@ def costs_document(found: CostDifference) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def costs_lines(found: CostDifference) -> Iterator[str]:
+def costs_lines(found: difference.CostDifference) -> Iterator[str]:
     counts = f"{found.common_cells} cells in both, {found.differing} differ"
     yield f"  costs     {counts} ({decimal_text(found.differing * found.frame.resolution**2)} m2)"
     for kind, change in found.changes.items():
@@ -91,20 +85,20 @@ def costs_lines(found: CostDifference) -> Iterator[str]:
             yield f"  {kind:<9} {change_text(change)}"
 
 
-def costs_image(found: CostDifference, *, title: str, **look: Any) -> Image:
+def costs_image(found: difference.CostDifference, *, title: str, **look: Any) -> Image:
     return difference_image(
         change_codes(found), found.frame, title=title, style=cost_change_style(), **look
     )
 
 
-def change_codes(found: CostDifference) -> Any:
+def change_codes(found: difference.CostDifference) -> Any:
     return cost_change_codes(found.first_costs, found.second_costs, found.is_common, found.masks)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CostmapDiff(Result):
-    costs: CostDifference
-    bounds: tuple[Bound, ...]
+    costs: difference.CostDifference
+    bounds: tuple[difference.Bound, ...]
     maps: Sequence[inputs.MapInput]
     transform: Transform | None = None
 
@@ -160,13 +154,13 @@ def costmaps_compared(
         rule = "has costs on the occupancy scale: both are compared as ROS publishes them"
         emit_warning(f"{maps[first.scale == 'costmap2d'].name}: {rule}", stacklevel=3)
     with inputs.errors_named(maps[1].name):
-        frame = frame_around(first.frame, second.frame)
+        frame = difference.frame_around(first.frame, second.frame)
         size = f"{frame.width} x {frame.height} cells"
         inputs.claim_for(maps, _PER_CELL * frame.height * frame.width, size, **reading)
-        found = compare_costmaps(first, second)
-    bounds: tuple[Bound, ...] = ()
+        found = difference.compare_costmaps(first, second)
+    bounds: tuple[difference.Bound, ...] = ()
     if max_differing is not None:
-        bounds = (Bound.on_share(max_differing, found.differing, found.common_cells),)
+        bounds = (difference.Bound.on_share(max_differing, found.differing, found.common_cells),)
     two_maps.warn_of_uncovered(maps, bounds, found.not_compared)
     return CostmapDiff(found, bounds, maps, move)
 
@@ -204,7 +198,7 @@ class RobotDiff(Result):
     map: inputs.MapInput
     robots: tuple[RobotParameters, RobotParameters]
     parameters: dict[str, Pair]
-    costs: CostDifference
+    costs: difference.CostDifference
     costmaps: tuple[Costmap, Costmap]
     reaches: tuple[Reach, Reach]
     closed: tuple[Passage, ...]
@@ -379,7 +373,7 @@ def robots_compared(
     before, after = _reaches(source, robots, start, goals)
     pairs = list(zip(before.goals, after.goals, strict=True))
     return RobotDiff(
-        source, robots, _differing_parameters(*robots), compare_costmaps(*costs),
+        source, robots, _differing_parameters(*robots), difference.compare_costmaps(*costs),
         (costs[0], costs[1]), (before, after), _closing(before, after), _closing(after, before),
         tuple(result for earlier, result in pairs if earlier.reachable and not result.reachable),
         tuple(result for earlier, result in pairs if result.reachable and not earlier.reachable),

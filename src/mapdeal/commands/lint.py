@@ -17,6 +17,7 @@ from typing import Annotated, Any, TypeVar
 
 import numpy as np
 
+from mapdeal import errors
 from mapdeal.checks import lint as checks
 from mapdeal.checks.facts import PairFacts, RoomFacts, gather, without_rounding_noise
 from mapdeal.checks.findings import CHECKS, Finding, Selections, named_checks, read_ignore_comments
@@ -26,28 +27,7 @@ from mapdeal.checks.parameter_checks import first_robot
 from mapdeal.command import AT_LEAST_1, Output, Words, command
 from mapdeal.commands.mask_facts import info_of, mask_facts, read_mask
 from mapdeal.commands.reach import COSTS_PER_CELL, goals_of, lethal_cells, start_of
-from mapdeal.errors import (
-    FileAccessError,
-    MalformedInputError,
-    MapdealError,
-    ParameterError,
-    capture_warnings,
-)
-from mapdeal.files.source import (
-    PIECES,
-    SHARE_OF_JOB,
-    YAML,
-    check_state,
-    claim,
-    contents_of,
-    exists,
-    head_of,
-    identity_of,
-    is_folder,
-    is_same_file,
-    real_path,
-    state_of,
-)
+from mapdeal.files import source
 from mapdeal.files.transaction import Transaction
 from mapdeal.files.yaml_text import parse_mapping, read_mapping, with_values
 from mapdeal.grid.canvas import is_turned, resampled
@@ -60,28 +40,12 @@ from mapdeal.grid.reach import Goal, reach_radius
 from mapdeal.grid.values import check_choice
 from mapdeal.inputs.listing import list_maps
 from mapdeal.kernels.threads import use_threads
+from mapdeal.maps import map_server
 from mapdeal.maps.dialects import Dialect, MapMetadata, cells_of, metadata_of
 from mapdeal.maps.images import open_strips
-from mapdeal.maps.map_server import (
-    USUAL_FREE_THRESH,
-    FreedCells,
-    image_places,
-    is_bare_image,
-    remark_on_freed,
-    write_map_image,
-)
 from mapdeal.maps.reading import MapFile, open_map, output_paths, write_grid
+from mapdeal.pipeline import inputs
 from mapdeal.pipeline.batch import Job, Outcome, attempt, dispatch, jobs_at_once
-from mapdeal.pipeline.inputs import (
-    MapInput,
-    Work,
-    errors_named,
-    map_input,
-    memory_budget,
-    outputs_of,
-    read_input,
-    refuse,
-)
 from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
 from mapdeal.ros.load import flavour_of_file
@@ -125,7 +89,7 @@ def _several(names_given: Names) -> tuple[str, ...]:
         names = tuple(names_given)
     for name in names:
         if not isinstance(name, str | PathLike):
-            raise ParameterError("takes names or paths", source="lint", got=name)
+            raise errors.ParameterError("takes names or paths", source="lint", got=name)
     return tuple(map(str, names))
 
 
@@ -300,16 +264,16 @@ def lint(
     """
     if (statistics or explain) and form not in ("text", "json"):
         rule = f"cannot be given together with {'--statistics' if statistics else '--explain'}"
-        raise ParameterError(rule, place="form", got=form)
+        raise errors.ParameterError(rule, place="form", got=form)
     if explain:
         if paths:
-            raise ParameterError(
+            raise errors.ParameterError(
                 "cannot be given together with --explain", source=_several(paths)[0]
             )
-        refuse("cannot be given together with --explain", params_file=params_file)
+        inputs.refuse("cannot be given together with --explain", params_file=params_file)
         named = named_checks(_several(explain), "--explain")
         return LintReport((), __version__, form, explained=named)
-    work = Work.current.get()
+    work = inputs.Work.current.get()
     settings = Settings(max_cells=max_cells, max_memory=max_memory, force=force)
     if work is not None:  # also how images without a YAML file are read
         settings = work.settings
@@ -317,35 +281,35 @@ def lint(
     files = tuple(map(Path, _several(params_file)))
     if fix and robots:
         hint = "--fix repairs maps only"
-        raise ParameterError("is a parameter file", source=robots[0][0], hint=hint)
+        raise errors.ParameterError("is a parameter file", source=robots[0][0], hint=hint)
     robots += [files] if files else []
     if not robots:
-        refuse("needs --params-file", costmap=costmap, namespace=namespace)
+        inputs.refuse("needs --params-file", costmap=costmap, namespace=namespace)
     if costmap is not None:
         check_choice(costmap, CostmapName, "costmap")
     if footprint is not None and not isinstance(footprint, Footprint):
-        raise ParameterError("must be a Footprint", place="footprint", got=footprint)
+        raise errors.ParameterError("must be a Footprint", place="footprint", got=footprint)
     if fix and (files or footprint is not None):
         rule, hint = "cannot be given together with --fix", "--fix repairs maps only"
-        raise ParameterError(rule, place="params_file" if files else "footprint", hint=hint)
+        raise errors.ParameterError(rule, place="params_file" if files else "footprint", hint=hint)
     if output is not None and in_place:
-        raise ParameterError("cannot be given together with -o", place="in_place")
+        raise errors.ParameterError("cannot be given together with -o", place="in_place")
     if fix and output is None and not in_place:
-        raise ParameterError("needs -o OUT or --in-place", place="fix")
+        raise errors.ParameterError("needs -o OUT or --in-place", place="fix")
     if not fix and (output is not None or in_place):
-        raise ParameterError("needs --fix", place="in_place" if output is None else "output")
+        raise errors.ParameterError("needs --fix", place="in_place" if output is None else "output")
     if fix:
-        refuse("cannot be given together with --fix", graph=graph)
+        inputs.refuse("cannot be given together with --fix", graph=graph)
     if footprint is not None and not names:
-        raise ParameterError("needs a MAP", place="footprint")
+        raise errors.ParameterError("needs a MAP", place="footprint")
     if filter_mask is None:
-        refuse("needs --mask", mask_kind=mask_kind, start=start, goals=tuple(goals))
+        inputs.refuse("needs --mask", mask_kind=mask_kind, start=start, goals=tuple(goals))
     elif fix:
-        raise ParameterError("cannot be given together with --fix", place="filter_mask")
+        raise errors.ParameterError("cannot be given together with --fix", place="filter_mask")
     if not names and not robots:
-        raise ParameterError("names no map: needs a MAP, or --params-file", source="lint")
+        raise errors.ParameterError("names no map: needs a MAP, or --params-file", source="lint")
     if no_config and not isinstance(config, bool):
-        raise ParameterError("cannot be given together with --no-config", place="config")
+        raise errors.ParameterError("cannot be given together with --no-config", place="config")
     nearest = config and not no_config if isinstance(config, bool) else Path(config)
     with settings.reading():
         chunks = _no_standard_input if work is None else work.terminal.input_chunks
@@ -353,11 +317,13 @@ def lint(
         maps = [entry.path for entry in listing.maps]
         if graph is not None and len(maps) != 1:
             rule = f"needs one MAP, not {len(maps)}"
-            raise ParameterError(rule, place="graph")
+            raise errors.ParameterError(rule, place="graph")
         if filter_mask is not None and len(maps) != 1:
-            raise ParameterError("needs one MAP, which the mask is for", place="filter_mask")
-        if in_place and any(map(is_bare_image, maps)):
-            raise ParameterError("cannot repair an image alone", place="in_place", hint=_COPY)
+            raise errors.ParameterError("needs one MAP, which the mask is for", place="filter_mask")
+        if in_place and any(map(map_server.is_bare_image, maps)):
+            raise errors.ParameterError(
+                "cannot repair an image alone", place="in_place", hint=_COPY
+            )
         if output is not None:
             return _repaired_copy(maps, Path(output), settings)
         at_once = min(jobs or 1, len(maps))
@@ -388,8 +354,8 @@ def lint(
         with counted(len(maps)) as advance:
             reports += lint_maps(maps, advance)
         if filter_mask is not None:
-            with capture_warnings():  # which are among the findings
-                map_read = map_input(read_input(maps[0], settings), maps[0])
+            with errors.capture_warnings():  # which are among the findings
+                map_read = inputs.map_input(inputs.read_input(maps[0], settings), maps[0])
             path = Path(filter_mask)
             reports.append(lint_maps.mask(path, map_read, mask_kind, footprint, start, goals))
         problems = _repair_in_place(maps, reports, lint_maps) if in_place else []
@@ -415,7 +381,7 @@ def _apart_from_parameters(names: Sequence[str]) -> tuple[list[str], list[tuple[
 
 def _no_standard_input() -> Iterable[bytes]:
     hint = "give the names as a list"
-    raise ParameterError("applies to the command line", source="@-", hint=hint)
+    raise errors.ParameterError("applies to the command line", source="@-", hint=hint)
 
 
 @dataclass
@@ -471,18 +437,20 @@ class _Lint:
                 more = _found_on_map(path, *self.graph, self.settings)
                 findings = replace(findings, findings=(*findings.findings, *more))
             report = self._report(path, findings, without)
-            reports.append(replace(report, is_folder=is_folder(path)))
+            reports.append(replace(report, is_folder=source.is_folder(path)))
         return reports
 
     def mask(
-        self, path: Path, map_read: MapInput, kind: FilterKind | None, robot: Footprint | None,
-        start: tuple[float, ...] | None, goals: Sequence[Goal],
+        self, path: Path, map_read: inputs.MapInput, kind: FilterKind | None,
+        robot: Footprint | None, start: tuple[float, ...] | None, goals: Sequence[Goal],
     ) -> MapReport:  # fmt: skip
         """Return what is wrong with the mask of a costmap filter for a map."""
         mask, pair = read_mask(path, self.settings, map_read)
         info = info_of(pair.metadata, kind)
         if info.kind != "keepout":
-            refuse(f"applies to keepout masks, not to {info.kind}", start=start, goals=tuple(goals))
+            inputs.refuse(
+                f"applies to keepout masks, not to {info.kind}", start=start, goals=tuple(goals)
+            )
         facts = mask_facts(
             map_read, mask.grid, info, pair=pair, robot=robot, start=start, goals=goals
         )
@@ -503,20 +471,20 @@ def _found_on_map(
     from mapdeal.checks.graph_checks import check_graph  # of use to few, and slow to import
 
     try:
-        with capture_warnings(), open_map(path, max_cells=settings.max_cells) as file:
+        with errors.capture_warnings(), open_map(path, max_cells=settings.max_cells) as file:
             height, width = file.shape()
             per_cell = _PER_CELL_OF_GRAPH + (0 if robot is None else COSTS_PER_CELL)
-            claim(path, int(per_cell * height * width))
-            map_read = map_input(file.read(), path)
+            source.claim(path, int(per_cell * height * width))
+            map_read = inputs.map_input(file.read(), path)
             grid = map_read.occupancy if robot is None else lethal_cells(robot, map_read)
             return check_graph(graph, grid, shape)
-    except MapdealError as error:  # of the map
+    except errors.MapdealError as error:  # of the map
         return checks.not_checked(graph, f"its map cannot be read: {error}").findings
 
 
 def _repair_in_place(
     paths: Sequence[Path], reports: list[MapReport], lint_maps: _Lint
-) -> list[MapdealError]:  # fmt: skip
+) -> list[errors.MapdealError]:  # fmt: skip
     """Repair maps in their own files, and put what is left in the place of their reports."""
     # Only findings that count are mended: neither those of checks that are not wanted, nor
     # suppressed ones.
@@ -528,7 +496,7 @@ def _repair_in_place(
             continue
         try:
             repairs = _repaired_in_place(path, repairs_due, lint_maps.settings, users)
-        except MapdealError as error:
+        except errors.MapdealError as error:
             problems.append(error)
             continue
         if repairs:
@@ -539,11 +507,11 @@ def _repair_in_place(
 
 def _of_header(path: Path, settings: Settings, take: Callable[[MapFile], T]) -> T | None:
     """Return what a function takes from the header of a map; None if there is none to read."""
-    if is_folder(path):
+    if source.is_folder(path):
         return None
     with (
-        capture_warnings(),  # reading itself warns
-        suppress(MapdealError),
+        errors.capture_warnings(),  # reading itself warns
+        suppress(errors.MapdealError),
         open_map(path, max_cells=settings.max_cells) as file,
     ):
         return take(file)
@@ -574,13 +542,13 @@ def _lint_in_processes(
         path, found = paths[index], outcome.result
         if not isinstance(found, checks.Findings):
             found = checks.not_checked(path, str(found))
-        elif any(SHARE_OF_JOB in finding.message for finding in found.findings):
+        elif any(source.SHARE_OF_JOB in finding.message for finding in found.findings):
             found = checks.check_map(
                 path, settings.max_cells, radii.get(path)
             )  # alone it may have all
         advance(index, found)
 
-    of_each = memory_budget(settings.max_memory, jobs)
+    of_each = inputs.memory_budget(settings.max_memory, jobs)
     is_chosen = settings.max_memory is not None
     shared = replace(settings, max_memory=of_each, memory_is_chosen=is_chosen)
     all_jobs = [Job(path, path, str(path), str(path)) for path in paths]
@@ -598,14 +566,14 @@ def repaired(
 ) -> tuple[OccupancyGrid, list[str]]:
     """Return a map as it should be, and what was changed, a line each."""
     changes: list[str] = []
-    with capture_warnings():  # lint has reported these already
+    with errors.capture_warnings():  # lint has reported these already
         grid: Any = (
             _cells_of(path, max_cells) if pair is None else _map_of_pair(pair, max_cells, changes)
         )
     if isinstance(grid, Costmap):
-        raise MalformedInputError(_COSTS, source=path)
+        raise errors.MalformedInputError(_COSTS, source=path)
     grid = grid if isinstance(grid, OccupancyGrid) else grid.grid
-    claim(path, _PER_CELL_REPAIRED * grid.occupancy.size)
+    source.claim(path, _PER_CELL_REPAIRED * grid.occupancy.size)
     resolution = _plain(grid.resolution)
     x, y, yaw = map(_plain, grid.origin)
     if (resolution, (x, y, yaw)) != (grid.resolution, grid.origin):
@@ -616,7 +584,7 @@ def repaired(
         lattice = Frame(1, 1, resolution)
         region = region_around(lattice, grid.frame)
         cells = _PER_CELL_OF_TURNED * grid.occupancy.size + _PER_NEW_CELL * region.cells
-        claim(path, cells + PIECES)
+        source.claim(path, cells + source.PIECES)
         grid = resampled(grid, region.frame_in(lattice))  # with every obstacle of the turned one
     elif yaw:
         grid = OccupancyGrid(grid.occupancy, resolution, (x, y, 0.0))
@@ -631,11 +599,13 @@ def _cells_of(path: Path, max_cells: int | None) -> Any:
 def _map_of_pair(pair: PairFacts, max_cells: int | None, changes: list[str]) -> OccupancyGrid:
     """Read a map again, with a lower free_thresh if map_saver's unknown is free."""
     if pair.metadata.cost_scale is not None:
-        raise MalformedInputError(_COSTS, source=pair.path)
+        raise errors.MalformedInputError(_COSTS, source=pair.path)
     metadata = mended = pair.metadata
-    freed: dict[Dialect, FreedCells] = {"nav2": pair.pixels.freed["nav2"]}
-    if remark_on_freed(freed, pair.pixels.size, metadata) is not None:
-        mended = replace(metadata, free_thresh=min(USUAL_FREE_THRESH, metadata.free_thresh))
+    freed: dict[Dialect, map_server.FreedCells] = {"nav2": pair.pixels.freed["nav2"]}
+    if map_server.remark_on_freed(freed, pair.pixels.size, metadata) is not None:
+        mended = replace(
+            metadata, free_thresh=min(map_server.USUAL_FREE_THRESH, metadata.free_thresh)
+        )
     changed = 0
     with open_strips(pair.image_path, max_cells=max_cells) as strips:
         occupancy = np.empty(strips.shape, dtype=np.int8)
@@ -670,9 +640,9 @@ def _yaml_repair(
                 values[key] = getattr(metadata, key)
     if (
         "thresholds.unknown-becomes-free" in checks_found
-        and metadata.free_thresh > USUAL_FREE_THRESH
+        and metadata.free_thresh > map_server.USUAL_FREE_THRESH
     ):
-        values["free_thresh"] = USUAL_FREE_THRESH
+        values["free_thresh"] = map_server.USUAL_FREE_THRESH
     if "yaml.resolution-noise" in checks_found:
         values["resolution"] = _plain(metadata.resolution)
     needs_cells = False
@@ -719,15 +689,15 @@ def _repaired_copy(paths: Sequence[Path], output: Path, settings: Settings) -> L
     """Write a map without the traps that can be taken out of it, and return what was changed."""
     if len(paths) != 1:
         hint = "--in-place repairs any number of maps"
-        raise ParameterError("takes one map", source="-o", got=len(paths), hint=hint)
+        raise errors.ParameterError("takes one map", source="-o", got=len(paths), hint=hint)
     path, outputs = paths[0], output_paths(output)
     pair, cells, findings = gather(path, max_cells=settings.max_cells)
     if cells is None:
-        errors = (found.message for found in findings if found.severity == "error")
-        raise MalformedInputError(next(errors, _COSTS), source=path)
-    inputs = [path, *([pair.path, pair.image_path] if pair is not None else [])]
-    with outputs_of(outputs, inputs, settings) as transaction:
-        with errors_named(path):
+        messages = (found.message for found in findings if found.severity == "error")
+        raise errors.MalformedInputError(next(messages, _COSTS), source=path)
+    files = [path, *([pair.path, pair.image_path] if pair is not None else [])]
+    with inputs.outputs_of(outputs, files, settings) as transaction:
+        with inputs.errors_named(path):
             grid, changes = repaired(path, pair, max_cells=settings.max_cells)
         write_grid(transaction, output, grid)
     if pair is not None:
@@ -744,17 +714,17 @@ def _repaired_in_place(
     # In the YAML file the values that are traps are replaced where they stand, so that comments,
     # order and other keys stay. The image is written only if the map is turned. It keeps its name
     # if it is a pgm or png of this map alone; else there is a new one, and the old one stays.
-    states = {path: state_of(path)}  # before anything is read
+    states = {path: source.state_of(path)}  # before anything is read
     pair, cells, _ = gather(path, max_cells=settings.max_cells)
     if pair is None:
         return []
     values, needs_cells = _yaml_repair(pair, None if cells is None else cells.frame, checks_found)
     if not values and not needs_cells:
         return []
-    states[pair.image_path] = state_of(pair.image_path)
+    states[pair.image_path] = source.state_of(pair.image_path)
     geometry = {"resolution", "origin"} if needs_cells else set()  # of new cells: not known yet
     changes = [f"{key} {_shown(value)}" for key, value in values.items() if key not in geometry]
-    target = real_path(pair.path)
+    target = source.real_path(pair.path)
     outputs = [target]
     if needs_cells:
         image, image_change = _image_for(pair, users)
@@ -762,38 +732,41 @@ def _repaired_in_place(
         changes.append(image_change)
     with (
         use_threads(settings.threads),
-        errors_named(pair.path),
+        inputs.errors_named(pair.path),
         Transaction(outputs, force=True) as transaction,
     ):
         if needs_cells:
             grid, of_cells = repaired(pair.path, pair, max_cells=settings.max_cells)
             changes = [*of_cells, *changes]
             new: dict[str, Any] = {
-                "mode": write_map_image(transaction, image, grid),
+                "mode": map_server.write_map_image(transaction, image, grid),
                 "resolution": grid.resolution,
                 "origin": tuple(grid.origin),
                 "negate": 0,
                 "occupied_thresh": 0.65,
                 "free_thresh": 0.196,
             }
-            if image != real_path(pair.image_path):
+            if image != source.real_path(pair.image_path):
                 new["image"] = image.name
             values |= {
                 key: value for key, value in new.items() if getattr(pair.metadata, key) != value
             }
-        mark = head_of(pair.path, len(BOM_UTF8)) == BOM_UTF8
+        mark = source.head_of(pair.path, len(BOM_UTF8)) == BOM_UTF8
         data = (BOM_UTF8 if mark else b"") + with_values(pair.entries, values)
         if _metadata_in(data, pair.path) != replace(pair.metadata, **values):
             rule = "its YAML is written in a way that cannot be edited"
-            raise MalformedInputError(rule, source=pair.path, hint=_COPY)
+            raise errors.MalformedInputError(rule, source=pair.path, hint=_COPY)
         transaction.write_bytes(target, data)
         for path, state in states.items():
-            check_state(path, state)
+            source.check_state(path, state)
     return changes
 
 
 def _metadata_in(data: bytes, path: Path) -> MapMetadata | None:
-    with capture_warnings(), suppress(MalformedInputError):  # warnings that stay are found again
+    with (
+        errors.capture_warnings(),
+        suppress(errors.MalformedInputError),
+    ):  # warnings that stay are found again
         return metadata_of(parse_mapping(path, data), path)
     return None
 
@@ -802,25 +775,25 @@ def _image_for(pair: PairFacts, users: ImageUsers) -> tuple[Path, str]:
     """Return where the image of new cells goes, and what is said of that."""
     other_yaml = _other_user(pair, users)
     if other_yaml is None and pair.image_path.suffix in _WRITTEN:
-        return real_path(pair.image_path), f"{pair.image_path.name} written anew"
-    new = real_path(pair.path).with_suffix(".pgm")
+        return source.real_path(pair.image_path), f"{pair.image_path.name} written anew"
+    new = source.real_path(pair.path).with_suffix(".pgm")
     why = (
         "whose format is only read" if other_yaml is None else f"which {other_yaml.name} also uses"
     )
-    if exists(new):
+    if source.exists(new):
         rule = f"its image {pair.image_path.name}, {why}, would become {new.name}, which exists"
-        raise FileAccessError(rule, source=pair.path, hint=_COPY)
+        raise errors.FileAccessError(rule, source=pair.path, hint=_COPY)
     return new, f"{new.name} written beside {pair.image_path.name}, {why}"
 
 
 def _other_user(pair: PairFacts, users: ImageUsers) -> Path | None:
     """Return a map beside the image, or beside this map, that uses the image, too."""
-    identity = identity_of(pair.image_path)
+    identity = source.identity_of(pair.image_path)
     for folder in (pair.image_path.parent, pair.path.parent):
         if folder not in users:
             users[folder] = list(_images_of(folder))
         for named, path in users[folder]:
-            if named == identity and not is_same_file(path, pair.path):
+            if named == identity and not source.is_same_file(path, pair.path):
                 return path
     return None
 
@@ -828,14 +801,18 @@ def _other_user(pair: PairFacts, users: ImageUsers) -> Path | None:
 def _images_of(folder: Path) -> Iterator[tuple[tuple[int, int], Path]]:
     """Yield what images the YAML files in a folder name; who cannot be read names none."""
     try:
-        _, names = contents_of(folder)
-    except FileAccessError:
+        _, names = source.contents_of(folder)
+    except errors.FileAccessError:
         return
     for path in (folder / name for name in names):
-        if path.suffix.lower() not in YAML:
+        if path.suffix.lower() not in source.YAML:
             continue
-        with suppress(MapdealError):
+        with suppress(errors.MapdealError):
             entries = read_mapping(path)
-            places = image_places(folder, entries["image"].text()) if "image" in entries else []
-            if identity := next(filter(None, map(identity_of, places)), None):
+            places = (
+                map_server.image_places(folder, entries["image"].text())
+                if "image" in entries
+                else []
+            )
+            if identity := next(filter(None, map(source.identity_of, places)), None):
                 yield identity, path

@@ -10,14 +10,8 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal import errors
 from mapdeal.command import Output, Words, command
-from mapdeal.errors import (
-    FindingError,
-    MalformedInputError,
-    ParameterError,
-    emit_warning,
-    nearest_hint,
-)
 from mapdeal.files.json_values import JsonValue, read_document
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint
@@ -111,7 +105,7 @@ class Reachability(Spread):
             hint = "the cells of the keepout mask are closed"
         elif first.limited_by is None and not self.reach.through_unknown:
             hint = "unknown cells are closed; --through-unknown opens them"
-        raise FindingError(rule, source=self.map.name, hint=hint)
+        raise errors.FindingError(rule, source=self.map.name, hint=hint)
 
 
 def not_reachable_text(missed: GoalReach, found: Reach) -> str:
@@ -145,7 +139,7 @@ def goals_of(texts: Sequence[str]) -> list[Goal]:
         if "," in name:  # several goals that are joined by commas would be one with an odd name
             rule = "must be [NAME=]X,Y, and a name has no comma"
             hint = "several goals are separated by blanks: --to kitchen=3,-4 lab=9,4"
-            raise ParameterError(rule, got=text, hint=hint)
+            raise errors.ParameterError(rule, got=text, hint=hint)
         goals.append(Goal(x, y, name if equals else None))
     return goals
 
@@ -162,10 +156,14 @@ def chosen_goals(goals: Sequence[Goal | str], points: Path | None) -> list[Goal]
     for name in names:
         if points is None:
             rule, hint = "must be [NAME=]X,Y", "a name alone is that of a point in --points FILE"
-            raise ParameterError(rule, place="goals", got=name, hint=hint)
+            raise errors.ParameterError(rule, place="goals", got=name, hint=hint)
         if name not in by_name:
-            known = nearest_hint(name, by_name) or f"it names {', '.join(by_name) or 'no point'}"
-            raise ParameterError(f"{points} has no such name", place="goals", got=name, hint=known)
+            known = (
+                errors.nearest_hint(name, by_name) or f"it names {', '.join(by_name) or 'no point'}"
+            )
+            raise errors.ParameterError(
+                f"{points} has no such name", place="goals", got=name, hint=known
+            )
     chosen = [by_name[goal] if isinstance(goal, str) else goal for goal in goals]
     return chosen if names else [*chosen, *listed]
 
@@ -187,10 +185,12 @@ def goals_in(path: Path) -> list[Goal]:
     chunks, name = ([], path) if path.suffix == ".geojson" else inputs.text_in(path)
     for point in read_named_points(chunks, name):
         if point.point is None:
-            raise MalformedInputError(point.error or "", source=name, place=f"line {point.line}")
+            raise errors.MalformedInputError(
+                point.error or "", source=name, place=f"line {point.line}"
+            )
         found.append(Goal(*point.point, point.name))
     if not found:
-        raise MalformedInputError("holds no points", source=name)
+        raise errors.MalformedInputError("holds no points", source=name)
     return found
 
 
@@ -247,7 +247,7 @@ def reachability(
         As for the stage `reach`.
     """
     if footprint is None and robot is None:
-        emit_warning(
+        errors.emit_warning(
             "no robot is given, by --robot-radius, --footprint or --params-file: the result is "
             "that of a point; widest_radius_m is the radius of the largest round robot"
         )
@@ -264,7 +264,7 @@ def reachability(
     found = reach_on_input(map_read, step, robot, mask)
     if "start" not in parameters:
         x, y = found.start[:2]
-        emit_warning(
+        errors.emit_warning(
             f"no start is given: it is {x:.10g},{y:.10g}, the widest place of the largest open area"
         )
     if layers is not None:
@@ -318,7 +318,7 @@ def lethal_costs(robot: RobotParameters, map_read: inputs.MapInput) -> Grid:
             f"{100 * unknown / occupancy.size:.3g} % of the map: the robot drives through; "
             "track_unknown_space: true closes them"
         )
-        emit_warning(text, stacklevel=2)
+        errors.emit_warning(text, stacklevel=2)
     return grid
 
 

@@ -13,28 +13,13 @@ from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
 
-from mapdeal.commands import report_documents
+from mapdeal import errors
+from mapdeal.commands import diff_costs, report_documents
 from mapdeal.commands.build import DOCUMENT
 from mapdeal.commands.diff import compared
-from mapdeal.commands.diff_costs import (
-    change_codes,
-    change_text,
-    costmaps_compared,
-    robots_compared,
-    value_text,
-)
 from mapdeal.commands.report_documents import Part, ReachQuestion, Results, Subject, next_command
 from mapdeal.commands.two_maps import names_of_two
 from mapdeal.compare.difference import CostDifference
-from mapdeal.errors import (
-    FileAccessError,
-    MalformedInputError,
-    MapdealError,
-    ParameterError,
-    capture_warnings,
-    emit_warning,
-    one_line,
-)
 from mapdeal.files.json_values import COMPARISON, COST_DIFF, DIFF, read_json
 from mapdeal.files.source import (
     CHANGED,
@@ -110,11 +95,11 @@ class Draft:
         self.warnings |= dict.fromkeys(portable(texts, files))
 
     def miss(self, text: str, file: Path) -> None:
-        emit_warning(text, stacklevel=2)
+        errors.emit_warning(text, stacklevel=2)
         self.warn([text], [file])
 
-    def lacks(self, content: str, file: Path, error: MapdealError) -> None:
-        self.miss(f"{one_line(str(error))}, so {content} is not shown", file)
+    def lacks(self, content: str, file: Path, error: errors.MapdealError) -> None:
+        self.miss(f"{errors.one_line(str(error))}, so {content} is not shown", file)
 
     def compare_sums(
         self, file: Path, found: Collection[object], named: Collection[object], claim: str
@@ -188,7 +173,7 @@ class Draft:
 
 def folder_of(name: str) -> str | None:
     end = max(name.rfind("/"), name.rfind("\\"))
-    return one_line(name[:end]) if end > 0 and _ABSOLUTE.match(name) else None
+    return errors.one_line(name[:end]) if end > 0 and _ABSOLUTE.match(name) else None
 
 
 def without_folders(text: str, folders: Collection[str]) -> str:
@@ -262,7 +247,7 @@ class Grids:
             texts: list[str] = []
             with ExitStack() as stack:
                 if quietly:
-                    stack.enter_context(capture_warnings())
+                    stack.enter_context(errors.capture_warnings())
                 stack.enter_context(adding_warnings(texts))
                 read = stack.enter_context(sums_of_reads())
                 grid, file = self._read(path)
@@ -276,7 +261,7 @@ class Grids:
         """Open a file as `open` does; if it cannot be read, warn that `what` is not shown."""
         try:
             self.open(path, quietly=quietly)
-        except MapdealError as error:
+        except errors.MapdealError as error:
             draft.lacks(content, path, error)
             return False
         return True
@@ -284,11 +269,14 @@ class Grids:
     def grid(self, path: Path) -> Grid:
         # A `FileAccessError` if it has changed since.
         if path not in self._grids:
-            with capture_warnings(), sums_of_reads() as read:  # they were given when it was opened
+            with (
+                errors.capture_warnings(),
+                sums_of_reads() as read,
+            ):  # they were given when it was opened
                 grid, file = self._read(path)
                 sums = file.sums_by_name(read)
             if sums != self._opened[path].sums:
-                raise FileAccessError(CHANGED, source=path)
+                raise errors.FileAccessError(CHANGED, source=path)
             self._keep(path, grid)
         self._grids.move_to_end(path)
         return self._grids[path]
@@ -372,7 +360,7 @@ def _drafts_of_batch(folder: Path, record: Mapping[str, Any]) -> Iterator[Draft]
     if not parts or ".." in parts or PurePath(place).is_absolute():  # whatever there is
         draft = Draft(place, folder, status=NOT_SHOWN)
         rule = "is in no folder of this batch, so it is not shown"
-        draft.miss(f"{folder / SUMMARY}: {one_line(place)} {rule}", folder / SUMMARY)
+        draft.miss(f"{folder / SUMMARY}: {errors.one_line(place)} {rule}", folder / SUMMARY)
         yield draft
         return
     # a run that was there already is the same run
@@ -383,7 +371,9 @@ def _drafts_of_batch(folder: Path, record: Mapping[str, Any]) -> Iterator[Draft]
         reason = str(record.get("error", status))
         draft.warn([reason])
         draft.claims.append(
-            verdict.on_failure(report_documents.short(reason).removeprefix(f"{one_line(name)}: "))
+            verdict.on_failure(
+                report_documents.short(reason).removeprefix(f"{errors.one_line(name)}: ")
+            )
         )
     yield draft
     if "local" in record:
@@ -468,7 +458,7 @@ def _subjects_of_run(manifest: Mapping[str, Any]) -> Iterator[Subject]:
     elif shape is not None:
         radii = shape.get("radius") if isinstance(shape, dict) else None, None
         if isinstance(shape, list):
-            with suppress(MapdealError):  # anybody may have written the manifest
+            with suppress(errors.MapdealError):  # anybody may have written the manifest
                 footprint = Footprint(
                     checked_corners(shape, "footprint", within=1000.0, least=3, most=500)
                 )
@@ -525,8 +515,8 @@ def _add_results(draft: Draft, name: str, manifest: Mapping[str, Any]) -> None:
         return
     try:
         draft.add(report_documents.read_results(draft.path / name))
-    except MapdealError as error:
-        draft.miss(one_line(str(error)), draft.path / name)
+    except errors.MapdealError as error:
+        draft.miss(errors.one_line(str(error)), draft.path / name)
 
 
 def add_layers(draft: Draft, layers: Iterable[PageLayer]) -> None:
@@ -551,7 +541,7 @@ def _are_equal(layer: PageLayer, earlier: PageLayer) -> bool:
 
 
 def _step_of(stage: str, parameters: Mapping[str, Any]) -> Step | None:
-    with suppress(ParameterError):
+    with suppress(errors.ParameterError):
         return make_step(stage, parameters)
     return None
 
@@ -561,7 +551,7 @@ def _curve_of(stage: str, parameters: Mapping[str, Any], figures: object) -> Cos
     step = _step_of(stage, parameters)
     if step is None or not _is_figure(resolution):
         return None
-    with suppress(MapdealError):
+    with suppress(errors.MapdealError):
         return step.curve_on(OccupancyGrid(_UNKNOWN_MAP, resolution))
     return None
 
@@ -603,7 +593,8 @@ def rows_of(values: object) -> tuple[tuple[str, str], ...]:
     if not isinstance(values, dict):
         return ()
     return tuple(
-        (str(name), one_line(format_value(_as_written(value)))) for name, value in values.items()
+        (str(name), errors.one_line(format_value(_as_written(value))))
+        for name, value in values.items()
     )
 
 
@@ -664,13 +655,13 @@ def give_score(document: Path, results: Results, drafts: list[Draft], grids: Gri
     if not owners:
         name = "a map that is not a file" if own is None else report_documents.short(own.file)
         text = f"{document}: the score of {name} is left out: the map is not shown here"
-        emit_warning(text, stacklevel=2)
+        errors.emit_warning(text, stacklevel=2)
 
 
 def methods_in(folder: Path, grids: Grids) -> Draft:
     results = report_documents.read_results(folder / DOCUMENT)
     if results.kind != COMPARISON:
-        raise MalformedInputError("is not a comparison of methods", source=folder / DOCUMENT)
+        raise errors.MalformedInputError("is not a comparison of methods", source=folder / DOCUMENT)
     draft = Draft(folder.name or str(folder), folder, tables=list(results.tables))
     for method in results.parts:
         path = folder / Path(f"{method.name}.yaml").name
@@ -693,7 +684,7 @@ def two_maps(path: Path, results: Results, grids: Grids) -> Draft:
     is_diff = results.kind in (DIFF, COST_DIFF)
     if first is None or second is None:
         hint = "mapdeal diff A B --json also writes their names" if is_diff else None
-        raise MalformedInputError("does not name its two maps", source=path, hint=hint)
+        raise errors.MalformedInputError("does not name its two maps", source=path, hint=hint)
     names = names_of_two(Path(first.file), Path(second.file))
     draft = Draft(f" {'and' if is_diff else 'on'} ".join(names), path, tables=list(results.tables))
     found = []
@@ -730,7 +721,7 @@ def _add_difference(
     draft: Draft, paths: Sequence[Path], grids: Grids, results: Results
 ) -> None:  # fmt: skip
     settings = grids.settings
-    with capture_warnings():  # they were given when the maps were opened
+    with errors.capture_warnings():  # they were given when the maps were opened
         sources = zip(paths, read_together(paths, settings), strict=True)
         maps = [map_input(grid, path) for path, grid in sources]
         reading: Reading = {"max_memory": settings.max_memory}
@@ -738,11 +729,11 @@ def _add_difference(
             found = compared(maps, tolerance=results.tolerance, move=results.transform, **reading)
     if results.kind == COST_DIFF:
         try:
-            costs = costmaps_compared(maps, results.transform, None, **reading).costs
+            costs = diff_costs.costmaps_compared(maps, results.transform, None, **reading).costs
             add_cost_changes(draft, costs)
             draft.items += report_documents.cost_change_items(costs.changes.values(), costs.frame)
             draft.claims += verdict.on_cost_difference(costs)
-        except ParameterError as error:  # a file that was replaced by a map
+        except errors.ParameterError as error:  # a file that was replaced by a map
             draft.lacks("what differs", Path(str(error.source)), error)
         return
     style, title = difference_style(), "What differs"
@@ -755,10 +746,10 @@ def _add_difference(
 def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
     (named,), settings = results.maps, grids.settings
     if named is None:
-        raise MalformedInputError("does not name its map", source=path)
+        raise errors.MalformedInputError("does not name its map", source=path)
     place = place_of(named.file, path)
     draft = Draft("", path, paths=[place])
-    with capture_warnings():
+    with errors.capture_warnings():
         robots = [
             read_robot(
                 [place_of(name, path) for name, _ in robot.files],
@@ -769,7 +760,7 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
         ]  # fmt: skip
         (source,) = read_together([place], settings)
         reading: Reading = {"max_memory": settings.max_memory}
-        found = robots_compared(
+        found = diff_costs.robots_compared(
             map_input(source, place), robots[0], robots[1], results.start, results.goals, **reading
         )
     sums = grids.open(place).sums
@@ -782,7 +773,10 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
     draft.layers += grids.layers(place, "map", f"Map: {place.name}")[-1:]
     for name, shown, costmap in zip(("first", "second"), found.names, found.costmaps, strict=True):
         draft.layers += page_layers(costmap, name, f"Costs of {shown}")
-    pairs = {name: " → ".join(map(value_text, pair)) for name, pair in found.parameters.items()}
+    pairs = {
+        name: " → ".join(map(diff_costs.value_text, pair))
+        for name, pair in found.parameters.items()
+    }
     draft.tables.append(Table("Parameters that differ", rows_of(pairs)))
     draft.tables.append(Table("Reach", (("reached", found.reach_text()), *found.goal_rows())))
     draft.compared = "first", "second"
@@ -804,7 +798,9 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
 
 def add_cost_changes(draft: Draft, found: CostDifference) -> None:
     style, title = cost_change_style(), "Change of the cost"
-    draft.layers.append(PageLayer("difference", title, found.frame, change_codes(found), style))
+    draft.layers.append(
+        PageLayer("difference", title, found.frame, diff_costs.change_codes(found), style)
+    )
     changes = [change for change in found.changes.values() if change.cells]
-    rows = tuple((change.kind, change_text(change)) for change in changes)
+    rows = tuple((change.kind, diff_costs.change_text(change)) for change in changes)
     draft.tables.append(Table(verdict.COST_CHANGES, rows or (("changes", "none"),)))

@@ -11,15 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from mapdeal import errors
 from mapdeal.command import FACTOR, METRES, REPULSION, OnlyInPython, Output, Words, command
 from mapdeal.compatibility import Unpack
-from mapdeal.errors import (
-    BatchError,
-    FindingError,
-    MalformedInputError,
-    ParameterError,
-    emit_warning,
-)
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint, shape_of
@@ -141,7 +135,7 @@ class PlannedRoute(Route, Spread):
             rule = f"no route leads to {goal}"
             hint = "lethal, inscribed and unknown cells are closed; --image shows them, "
             hint += "--through-unknown opens the unknown ones"
-        raise FindingError(rule, source=self.map.name, hint=hint)
+        raise errors.FindingError(rule, source=self.map.name, hint=hint)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -173,7 +167,7 @@ class PairedRoutes(Spread):
             for way, route in found.items():
                 yield json.dumps({"pair": number, "method": way, **_entries(route)})
         if not self.counts["pairs"]:
-            raise MalformedInputError("holds no pairs of points", source=self.pairs_in)
+            raise errors.MalformedInputError("holds no pairs of points", source=self.pairs_in)
 
     def _found(self, pair: PairLine) -> tuple[dict[str, Route], dict[str, Any]]:
         if pair.start is None or pair.goal is None:
@@ -181,7 +175,7 @@ class PairedRoutes(Spread):
         try:
             found = {name: find(pair.start, pair.goal) for name, find in self.searches.items()}
             return found, {}
-        except ParameterError as error:
+        except errors.ParameterError as error:
             places = {"start": rounded_place(*pair.start), "goal": rounded_place(*pair.goal)}
             return {}, {**places, "error": str(error), **_given(hint=error.hint)}
 
@@ -221,10 +215,12 @@ class PairedRoutes(Spread):
     def check(self) -> None:
         count, failed, unreached = (self.counts[key] for key in ("pairs", "failed", "unreached"))
         if failed:
-            raise BatchError(f"{failed} of {count} pairs have no routes", source=self.pairs_in)
+            raise errors.BatchError(
+                f"{failed} of {count} pairs have no routes", source=self.pairs_in
+            )
         if unreached:
             rule = f"no route leads from start to goal in {unreached} of {count} pairs"
-            raise FindingError(rule, source=self.pairs_in)
+            raise errors.FindingError(rule, source=self.pairs_in)
 
 
 def route_document(route: Route) -> dict[str, Any]:
@@ -387,7 +383,7 @@ def route(
     if method is None:
         method = "astar" if graph is None else "graph"
     if method == "graph" and graph is None:
-        raise ParameterError("graph needs --graph, a file", place="method")
+        raise errors.ParameterError("graph needs --graph, a file", place="method")
     if method != "graph":
         inputs.refuse(f"does not apply to method {method}", graph=graph)
     if pairs is not None:
@@ -395,16 +391,20 @@ def route(
         image = inputs.settings_of(**reading).image
         inputs.refuse("applies to one route, not to pairs", **of_one, image=image)
         if method == "graph":
-            raise ParameterError("are for methods astar, descent and geodesic", place="pairs")
+            raise errors.ParameterError(
+                "are for methods astar, descent and geodesic", place="pairs"
+            )
         compared: tuple[str, ...] = (method,)
         if method == "astar":
             compared = tuple(dict.fromkeys(WAYS if compare is None else compare))
             if not compared or not set(compared) <= set(WAYS):
                 rule = f"must be some of {', '.join(WAYS)}"
-                raise ParameterError(rule, place="compare", got=",".join(compared))
+                raise errors.ParameterError(rule, place="compare", got=",".join(compared))
         for name, search in (("field_weight", "cost"), ("heuristic_weight", "heuristic")):
             if name in of_field and search not in compared:
-                raise ParameterError(f"needs {search} among the methods to compare", place=name)
+                raise errors.ParameterError(
+                    f"needs {search} among the methods to compare", place=name
+                )
         if method != "astar":
             inputs.refuse("compares routes of method astar", compare=compare)
         if method != "descent":
@@ -420,7 +420,9 @@ def route(
         return PairedRoutes(read_pairs(chunks, pairs_in), pairs_in, searches)
     inputs.refuse("applies to pairs alone", compare=compare)
     if start is None or goal is None:
-        raise ParameterError("both are required, unless pairs are given", place="start, goal")
+        raise errors.ParameterError(
+            "both are required, unless pairs are given", place="start, goal"
+        )
     if method != "descent":
         inputs.refuse(f"does not apply to method {method}", **gains)
     if method != "astar":
@@ -428,7 +430,7 @@ def route(
     if heuristic == "field":
         of_field.setdefault("heuristic_weight", _HEURISTIC_WEIGHT)
     elif heuristic_weight is not None:
-        raise ParameterError("applies to heuristic field alone", place="heuristic_weight")
+        raise errors.ParameterError("applies to heuristic field alone", place="heuristic_weight")
     inputs.need_ending(".json")
     per_cell = _PER_CELL[method] + _OF_HEURISTIC * bool(of_field.get("heuristic_weight"))
     followed = None if graph is None else read_route_graph(graph)
@@ -457,7 +459,7 @@ def warn_of_border(route: Route, costs: Costmap) -> None:
         (x, y), (end_x, end_y) = route.goal, route.points_xy[-1].round(3).tolist()
         place = "not reachable within" if costs.frame.contains([route.goal])[0] else "beyond"
         text = f"the goal {x:.10g}, {y:.10g} is {place} the map: the route ends at its border, at "
-        emit_warning(f"{text}{end_x + 0.0:.10g}, {end_y + 0.0:.10g}")
+        errors.emit_warning(f"{text}{end_x + 0.0:.10g}, {end_y + 0.0:.10g}")
 
 
 def _given(**options: Any) -> dict[str, Any]:

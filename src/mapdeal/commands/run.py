@@ -10,17 +10,10 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, overload
 
+from mapdeal import errors
 from mapdeal.command import AT_LEAST_1, Output, Result, Words, command, parameters_of, unknown_name
 from mapdeal.commands.reach import chosen_goals, goals_or_names, start_of
 from mapdeal.compatibility import Unpack
-from mapdeal.errors import (
-    FindingError,
-    MapdealError,
-    ParameterError,
-    emit_warning,
-    refuse_warnings,
-    strict_warnings,
-)
 from mapdeal.files.source import absolute_path
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Goal, robot_text
@@ -31,16 +24,9 @@ from mapdeal.mapping.transforms import check_pose
 from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExtent
 from mapdeal.pipeline import batch
 from mapdeal.pipeline import recipe as recipes
+from mapdeal.pipeline import run as pipeline
 from mapdeal.pipeline.folder import differences_from_golden, step_line, store_golden
 from mapdeal.pipeline.inputs import InShell, Reading, Terminal, refuse
-from mapdeal.pipeline.run import (
-    LOCAL_RECIPE,
-    RunReport,
-    around_in,
-    output_folder,
-    run_map,
-    used_mask,
-)
 from mapdeal.pipeline.settings import Canvas, Settings
 from mapdeal.ros.robot import RobotParameters
 
@@ -49,18 +35,18 @@ if TYPE_CHECKING:
     from mapdeal.pipeline.local import Around
 
 _LOCAL_SET = "--local-set"
-_OF_LOCAL = f"{LOCAL_RECIPE}."
+_OF_LOCAL = f"{pipeline.LOCAL_RECIPE}."
 
 
 File = str | PathLike[str]
 
 
 @overload
-def run(path: File, output: File, *more: Any, **options: Any) -> RunReport: ...
+def run(path: File, output: File, *more: Any, **options: Any) -> pipeline.RunReport: ...
 @overload
 def run(
     path: list[File] | tuple[File, ...], output: File, *more: Any, **options: Any
-) -> list[RunReport]: ...
+) -> list[pipeline.RunReport]: ...
 def run(
     path: File | list[File] | tuple[File, ...], output: str | PathLike[str],
     recipe: recipes.RecipeLike = recipes.DEFAULT,
@@ -70,7 +56,7 @@ def run(
     image_extent: ImageExtent = DEFAULT_EXTENT, force: bool = False, strict: bool = False,
     threads: int | None = None, mask: File | None = None, robot_radius: float | None = None,
     **reading: Unpack[Reading],
-) -> RunReport | list[RunReport]:  # fmt: skip
+) -> pipeline.RunReport | list[pipeline.RunReport]:  # fmt: skip
     """Run a recipe on a map and write the results to a folder, like ``mapdeal run MAP -o DIR``.
 
     Parameters
@@ -130,10 +116,10 @@ def run(
     for each in paths:
         if not isinstance(each, str | PathLike):
             hint = "apply_recipe takes a grid, write_map writes it to a file"
-            raise ParameterError("takes the path of a map", place="run", got=each, hint=hint)
+            raise errors.ParameterError("takes the path of a map", place="run", got=each, hint=hint)
     sources = [Path(each) for each in paths]
     if len({source.stem for source in sources}) < len(sources):
-        raise ParameterError("must have different names", place="path")
+        raise errors.ParameterError("must have different names", place="path")
     settings = Settings(
         force=force, strict=strict, threads=threads, images=images, image_max=image_max,
         image_extent=image_extent, canvas=canvas, mask=None if mask is None else Path(mask),
@@ -141,14 +127,14 @@ def run(
     )  # fmt: skip
     reports = []
     for source in sources:
-        with strict_warnings(strict, source):
+        with errors.strict_warnings(strict, source):
             loaded = recipes.load_recipe(
                 recipe, changes, footprint=footprint, sim=sim, robot_radius=robot_radius
             )
-            settings = replace(settings, mask=used_mask(loaded, settings.mask))
+            settings = replace(settings, mask=pipeline.used_mask(loaded, settings.mask))
             if not loaded.is_smaller:
                 settings = replace(settings, canvas="crop")  # manifests contain this value
-            reports.append(run_map(source, Path(output) / source.stem, loaded, settings))
+            reports.append(pipeline.run_map(source, Path(output) / source.stem, loaded, settings))
     return reports if isinstance(path, list | tuple) else reports[0]
 
 
@@ -274,23 +260,23 @@ def run_maps(
     """
     terminal = work.terminal
     if update_golden and golden is None:
-        raise ParameterError("needs --golden DIR", place="update_golden")
+        raise errors.ParameterError("needs --golden DIR", place="update_golden")
     if "-" in sources:
         rule = "standard input has no name for a folder of outputs"
         hint = "mapdeal convert - -o FILE.npz keeps it under a name; @- takes names of maps"
-        raise ParameterError(rule, source="-", hint=hint)
+        raise errors.ParameterError(rule, source="-", hint=hint)
     for text in changes or []:
         if text.strip().startswith(_OF_LOCAL):
             hint = f"with --pose, {_LOCAL_SET} takes what the local map is made with"
-            raise ParameterError(
+            raise errors.ParameterError(
                 "is not a parameter of a stage", source=recipes.SET, got=text, hint=hint
             )
     loaded = recipes.load_recipe(recipe, changes, footprint=footprint, sim=sim, robot=robot)
-    used_mask(loaded, work.settings.mask)
+    pipeline.used_mask(loaded, work.settings.mask)
     for step in loaded.steps:
         terminal.detail(step_line(step))
     if canvas == "full" and not loaded.is_smaller:
-        emit_warning("--canvas full: has no effect, no stage of the recipe crops the map")
+        errors.emit_warning("--canvas full: has no effect, no stage of the recipe crops the map")
         canvas = "crop"
     settings = replace(work.settings, canvas=canvas, progress=None)
     around = None
@@ -306,12 +292,12 @@ def run_maps(
         refuse("cannot be given together with --scheduler", pose=pose)
         output = absolute_path(output)
     listing = list_maps(sources, output, terminal.input_chunks, lists_empty=True)
-    names = {path.name for path in output_folder(output, {}, loaded, settings).outputs()}
+    names = {path.name for path in pipeline.output_folder(output, {}, loaded, settings).outputs()}
     all_jobs = batch.jobs_of(listing.maps, output, names)
     listing.print_notes(terminal, "run")
     is_batch = listing.is_set or len(all_jobs) > 1
     if around is not None and len(all_jobs) > 1:
-        raise ParameterError(f"takes one map, there are {len(all_jobs)}", place="pose")
+        raise errors.ParameterError(f"takes one map, there are {len(all_jobs)}", place="pose")
     shows_progress = not is_batch and scheduler is None  # where one map is run here
     progress = work.settings.progress if shows_progress else None
     map_run = batch.MapRun(loaded, replace(settings, progress=progress), around)
@@ -379,12 +365,15 @@ def run_maps(
             done_paths = answer.outcome.done_paths()
         answer = replace(answer, goals=[goal_check.answer(path) for path in done_paths])
     if goal_check is not None:
-        refuse_warnings("; the maps are written")
+        errors.refuse_warnings("; the maps are written")
     if golden is None or answer.has_failed:
         return answer
     runs = [(job.folder, job.place) for job in all_jobs]
     if around is not None:
-        runs += [(around_in(folder), f"{place}/{LOCAL_RECIPE}") for folder, place in runs]
+        runs += [
+            (pipeline.around_in(folder), f"{place}/{pipeline.LOCAL_RECIPE}")
+            for folder, place in runs
+        ]
     if update_golden:
         stored = [f"{store_golden(folder, golden, place)}: stored" for folder, place in runs]
         return replace(answer, stored=stored)
@@ -396,7 +385,7 @@ def run_maps(
 
 @dataclass(frozen=True, repr=False)
 class RunAnswer(Result):
-    outcome: RunReport | batch.Batch | batch.Plans
+    outcome: pipeline.RunReport | batch.Batch | batch.Plans
     assumed: Sequence[str] = ()
     job: batch.Job | None = None  # if there is one map
     page: WrittenReport | None = None
@@ -446,7 +435,7 @@ class RunAnswer(Result):
         if self.differing:
             verb = "differs" if len(self.differing) == 1 else "differ"
             rule = f"{count_text(len(self.differing), 'stage')} {verb} from the golden run"
-            raise FindingError(rule, source=self.golden, hint="--update-golden accepts them")
+            raise errors.FindingError(rule, source=self.golden, hint="--update-golden accepts them")
         self.outcome.check()
         if self.page is not None:
             self.page.check()
@@ -454,7 +443,7 @@ class RunAnswer(Result):
         if problems:
             more = f"; {len(problems) - 1} more of {len(self.goals)} maps have problems"
             hint = "--report also writes a page that shows where the robot can go"
-            raise FindingError(problems[0] + more * (len(problems) > 1), hint=hint)
+            raise errors.FindingError(problems[0] + more * (len(problems) > 1), hint=hint)
 
 
 def _assumed(
@@ -487,9 +476,11 @@ def _around(
     options = dict(map(_option_of, own))
     for name in options:
         if cloud is None and name not in OF_WINDOWS:
-            raise ParameterError("needs --cloud", source=_LOCAL_SET, got=f"{_OF_LOCAL}{name}")
+            raise errors.ParameterError(
+                "needs --cloud", source=_LOCAL_SET, got=f"{_OF_LOCAL}{name}"
+            )
     recipe_changes = [text for text in changes if text not in own]
-    recipe = LOCAL_RECIPE if recipe is None else recipe
+    recipe = pipeline.LOCAL_RECIPE if recipe is None else recipe
     try:
         return Around(
             check_pose(pose, "--pose"),
@@ -498,7 +489,7 @@ def _around(
             None if cloud is None else only_cloud([cloud]).path,
             takes_cells=cloud is None and "resolution" not in options,
         )
-    except ParameterError as error:
+    except errors.ParameterError as error:
         if recipes.SET in (error.source, error.place):
             error.source, error.place = _LOCAL_SET, error.place if error.source else None
         elif error.place == "recipe":
@@ -513,7 +504,9 @@ def _option_of(text: str) -> tuple[str, Any]:
     name = target.strip().removeprefix(_OF_LOCAL).replace("-", "_")
     known = [field for field in parameters_of(LocalOptions) if field != "frame"]
     if not equals:
-        raise ParameterError("must look like stage.parameter=value", source=_LOCAL_SET, got=text)
+        raise errors.ParameterError(
+            "must look like stage.parameter=value", source=_LOCAL_SET, got=text
+        )
     if name not in known:
         raise unknown_name("option", name, known, place=_LOCAL_SET)
     return name, value.strip()
@@ -521,13 +514,13 @@ def _option_of(text: str) -> tuple[str, Any]:
 
 def _on_cluster(
     job: batch.Job, run: batch.MapRun, workers: batch.Workers, terminal: Terminal
-) -> RunReport:  # fmt: skip
+) -> pipeline.RunReport:  # fmt: skip
     outcomes: dict[int, batch.Outcome] = {}
     batch.dispatch(1, lambda _: job, partial(batch.attempt, run), workers, outcomes.__setitem__)
     outcome = outcomes[0]
     for text in outcome.warnings:
         terminal.warn(text)
-    if isinstance(outcome.result, MapdealError):
+    if isinstance(outcome.result, errors.MapdealError):
         raise outcome.result
-    report: RunReport = outcome.result
+    report: pipeline.RunReport = outcome.result
     return report

@@ -18,22 +18,8 @@ from typing import Any
 import yaml
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError
+from mapdeal.files import source
 from mapdeal.files.json_values import LARGEST_DOCUMENT, document_kind, finite_or_text, read_json
-from mapdeal.files.source import (
-    IMAGE_KEY,
-    LFS_POINTER,
-    LONGEST_STREAM,
-    YAML,
-    access_to,
-    chunks_of,
-    claim,
-    contents_of,
-    exists,
-    head_of,
-    is_folder,
-    memory_limit,
-    status_of,
-)
 from mapdeal.files.text import BYTE_ORDER_MARK, coordinate_name, delimiter_of, is_number
 from mapdeal.files.yaml_text import OF_SHAPES, read_mapping
 from mapdeal.maps.formats import FORMATS, MAP_ENDINGS, listed
@@ -107,10 +93,10 @@ class FileKind:
 
 def kind_of(path: Path) -> FileKind | None:
     """Return the kind of a file or folder by its first bytes; None if it is unknown."""
-    if is_folder(path):
+    if source.is_folder(path):
         kind = _kind_of_folder(path)
     else:
-        head = head_of(path, _HEAD).removeprefix(BYTE_ORDER_MARK)
+        head = source.head_of(path, _HEAD).removeprefix(BYTE_ORDER_MARK)
         kind = next(filter(None, (detect(path, head) for detect in _DETECTORS)), None)
     as_typed = shlex.quote(str(path))
     return None if kind is None else replace(kind, use=kind.use.format(path=as_typed))
@@ -152,12 +138,14 @@ def other_kind(path: Path, kind: FileKind, expected: str) -> MalformedInputError
 
 def _kind_of_folder(path: Path) -> FileKind | None:
     metadata = path / _METADATA
-    if exists(metadata) and b"rosbag2_bagfile_information" in head_of(metadata, _HEAD):
+    if source.exists(metadata) and b"rosbag2_bagfile_information" in source.head_of(
+        metadata, _HEAD
+    ):
         return FileKind(BAG, "a folder with a ROS 2 bag", _BAG_USE)
-    if exists(path / "summary.json"):
+    if source.exists(path / "summary.json"):
         return _kind_of_json(path / "summary.json", b"{")
     with suppress(FileAccessError):
-        suffixes = {Path(name).suffix.lower() for name in contents_of(path)[1]}
+        suffixes = {Path(name).suffix.lower() for name in source.contents_of(path)[1]}
         if suffixes & set(_BAG_ENDINGS) and suffixes <= {*_BAG_ENDINGS, *_OTHER_ENDINGS_IN_BAGS}:
             return FileKind(BAG, "a folder with a ROS 2 bag, without its metadata", _BAG_USE)
     return None
@@ -176,14 +164,16 @@ _MAGIC: tuple[tuple[bytes, tuple[str, ...], str], ...] = (
 
 
 def _kind_by_magic(path: Path, head: bytes) -> FileKind | None:
-    if head.startswith(LFS_POINTER):
+    if head.startswith(source.LFS_POINTER):
         found = re.search(rb"(?m)^size (\d{1,18})$", head)
         size = f" to a file of {int(found[1])} bytes" if found else ""
         return FileKind(POINTER, f"a Git LFS pointer{size}", "git lfs pull fetches the file itself")
     suffixes = {suffix.lower() for suffix in path.suffixes}
     for magic, endings, description in _MAGIC:
         if head.startswith(magic) and (not endings or suffixes.intersection(endings)):
-            return FileKind(BAG, description, _BAG_USE, lambda: {"bytes": status_of(path).st_size})
+            return FileKind(
+                BAG, description, _BAG_USE, lambda: {"bytes": source.status_of(path).st_size}
+            )
     return None
 
 
@@ -219,8 +209,8 @@ def _kind_of_cloud(path: Path, head: bytes) -> FileKind | None:
     if path.suffix.lower() == ".bin":
         from mapdeal.sensors.kitti import looks_like_kitti
 
-        if looks_like_kitti(head, status_of(path).st_size):
-            points = {"points": status_of(path).st_size // _KITTI_POINT}
+        if looks_like_kitti(head, source.status_of(path).st_size):
+            points = {"points": source.status_of(path).st_size // _KITTI_POINT}
             return FileKind(CLOUD, "a point cloud (KITTI)", _CLOUD_USE, lambda: points)
     if head.startswith(b"\x93NUMPY"):
         from mapdeal.sensors.clouds import npy_figures
@@ -262,7 +252,7 @@ def _kind_of_image(path: Path, head: bytes) -> FileKind | None:
         height, width = read_image_size(path)
         return {"pixels": f"{width} x {height}"}
 
-    beside = [p for p in map(path.with_suffix, YAML) if p != path and exists(p)]
+    beside = [p for p in map(path.with_suffix, source.YAML) if p != path and source.exists(p)]
     use = (
         "pass its .yaml; mapdeal convert {path} --resolution R -o MAP.yaml makes a map without one"
     )
@@ -357,12 +347,12 @@ def _shapes(form: str, figures: dict[str, Any]) -> FileKind:
 def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
     if b":" not in head or b"\0" in head or _JSON_START.match(head):
         return None
-    is_map = IMAGE_KEY.search(head)
+    is_map = source.IMAGE_KEY.search(head)
     entries = {}
     try:
         entries = {} if is_map else read_mapping(path, OF_SHAPES)
     except MalformedInputError:
-        if path.suffix.lower() not in YAML or _STAGES_KEY.search(head):
+        if path.suffix.lower() not in source.YAML or _STAGES_KEY.search(head):
             return None
     if is_map or "image" in entries:
         return FileKind(MAP, "a map", _MAP_USE)
@@ -412,10 +402,10 @@ def _kind_of_numbers(path: Path, head: bytes) -> FileKind | None:
             return None
 
     def figures() -> dict[str, Any]:
-        if status_of(path).st_size > _MOST_COUNTED:
-            return {"bytes": status_of(path).st_size}
+        if source.status_of(path).st_size > _MOST_COUNTED:
+            return {"bytes": source.status_of(path).st_size}
         count, last = 0, b"\n"
-        for chunk in chunks_of(path):
+        for chunk in source.chunks_of(path):
             count, last = count + chunk.count(b"\n"), chunk[-1:]
         return {"lines": count + (last != b"\n")}
 
@@ -452,7 +442,7 @@ def save_npz(chunks: Iterable[bytes], folder: Path) -> Path:
     path = folder / f"{STDIN}.npz"
     length = 0
     head = b""
-    with access_to(path, "written"), path.open("wb") as file:
+    with source.access_to(path, "written"), path.open("wb") as file:
         for chunk in chunks:
             length += len(chunk)
             file.write(chunk)
@@ -460,10 +450,10 @@ def save_npz(chunks: Iterable[bytes], folder: Path) -> Path:
                 head += chunk[:_HEAD_OF_STREAM]
                 if not head.startswith(_ZIP[: len(head)]) and len(head) >= _HEAD_OF_STREAM:
                     break
-            if memory_limit()[0] is not None:
-                claim(STDIN, length)
-            elif length > LONGEST_STREAM:
-                rule = f"must not be larger than {LONGEST_STREAM} bytes"
+            if source.memory_limit()[0] is not None:
+                source.claim(STDIN, length)
+            elif length > source.LONGEST_STREAM:
+                rule = f"must not be larger than {source.LONGEST_STREAM} bytes"
                 raise MalformedInputError(rule, source=STDIN)
     if not head:
         hint = "the command before it in the pipe has written nothing"

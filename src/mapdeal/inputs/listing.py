@@ -14,21 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError, emit_warning
-from mapdeal.files.source import (
-    BIT_MAP,
-    YAML,
-    claim,
-    contents_of,
-    exists,
-    identity_of,
-    is_folder,
-    joined,
-    normal_path,
-    read_file,
-    real_path,
-    status_of,
-    yaml_at,
-)
+from mapdeal.files import source as sources
 from mapdeal.inputs.kinds import kind_of, other_kind
 from mapdeal.maps.formats import FORMATS, MAP_ENDINGS, format_of
 
@@ -47,18 +33,18 @@ def _files_of(name: str, suffixes: Sequence[str], not_in_folders: Sequence[str])
     if not name:
         raise ParameterError("the name of a file must not be empty")
     path = Path(name)
-    if is_folder(path):
+    if sources.is_folder(path):
         suffixes = [suffix for suffix in suffixes if suffix not in not_in_folders]
-        inside = [path / file for file in contents_of(path)[1]]
-    elif has_magic(name) and not exists(path):
+        inside = [path / file for file in sources.contents_of(path)[1]]
+    elif has_magic(name) and not sources.exists(path):
         inside = files_matching(name)
     else:
-        status_of(path)  # raises if it is missing
+        sources.status_of(path)  # raises if it is missing
         return [path]
     files = [file for file in inside if file.suffix.lower() in suffixes]
     if not files:
         endings = ", ".join(suffixes)
-        if exists(path):
+        if sources.exists(path):
             raise FileAccessError(f"the folder holds no file that ends in {endings}", source=name)
         # a pattern is an argument, not a file: exit code 2
         raise ParameterError(f"matches no file that ends in {endings}", source=name)
@@ -79,7 +65,7 @@ def files_matching(pattern: str) -> list[Path]:
         nearest: dict[tuple[int, int] | None, Path] = {}
         matches = _folders_matching(folders, part)
         for folder in sorted(matches, key=lambda folder: len(folder.parts)):
-            nearest.setdefault(identity_of(folder), folder)
+            nearest.setdefault(sources.identity_of(folder), folder)
         folders = list(nearest.values())
     if last == _ANY_FOLDERS:
         tree = folders_below(folders, _readable)
@@ -87,7 +73,7 @@ def files_matching(pattern: str) -> list[Path]:
     if has_magic(last):
         return [at / name for at in folders for name in _matching(_readable(at)[1], last)]
     files = (folder / last for folder in folders)
-    return [file for file in files if os.path.lexists(file) and not is_folder(file)]
+    return [file for file in files if os.path.lexists(file) and not sources.is_folder(file)]
 
 
 def _folders_matching(folders: Iterable[Path], part: str) -> Iterator[Path]:
@@ -98,7 +84,7 @@ def _folders_matching(folders: Iterable[Path], part: str) -> Iterator[Path]:
         for folder in folders:
             yield from (folder / name for name in _matching(_readable(folder)[0], part))
     else:
-        yield from (folder / part for folder in folders if is_folder(folder / part))
+        yield from (folder / part for folder in folders if sources.is_folder(folder / part))
 
 
 def _matching(names: Iterable[str], part: str) -> Iterator[str]:
@@ -109,7 +95,7 @@ def _matching(names: Iterable[str], part: str) -> Iterator[str]:
 
 def _readable(folder: Path) -> Contents:
     try:
-        return contents_of(folder)
+        return sources.contents_of(folder)
     except FileAccessError as error:
         emit_warning(f"{error}; left out", stacklevel=2)
         return [], []
@@ -125,7 +111,7 @@ def folders_below(
     count = len(waiting)
     while waiting:
         *_, folder = heapq.heappop(waiting)
-        identity = identity_of(folder)
+        identity = sources.identity_of(folder)
         if identity in visited or leave_out(folder):
             continue
         visited.add(identity)
@@ -139,9 +125,9 @@ def folders_below(
 
 def numbered_folders(folder: Path) -> list[Path]:
     """Return the subfolders whose names are numbers, in order; none if the folder is missing."""
-    if not is_folder(folder):
+    if not sources.is_folder(folder):
         return []
-    numbered = [name for name in contents_of(folder)[0] if name.isdecimal()]
+    numbered = [name for name in sources.contents_of(folder)[0] if name.isdecimal()]
     return [folder / name for name in sorted(numbered, key=natural_key)]
 
 
@@ -226,7 +212,7 @@ def list_maps(
 ) -> MapListing:  # fmt: skip
     """Return the maps of names, folders, patterns and lists; the output folder is not searched."""
     # With `lists_empty`, one of several folders or patterns without a map is listed with its error.
-    output = None if output is None else real_path(output)
+    output = None if output is None else sources.real_path(output)
     expansions: list[_Expansion] = []
     for name in names:
         is_list = name.startswith("@")
@@ -246,16 +232,20 @@ def list_maps(
     repeated: dict[tuple[Path, str], Path] = {}
     for expansion in expansions:
         for path in expansion.files:
-            file = (yaml_at(path) if path.suffix.lower() == BIT_MAP else None) or path
-            key = (real_path(file.parent), file.name)
+            file = (
+                sources.yaml_at(path) if path.suffix.lower() == sources.BIT_MAP else None
+            ) or path
+            key = (sources.real_path(file.parent), file.name)
             name = path.name or str(path)
             if expansion.root is not None:
-                name = normal_path(path).relative_to(root).as_posix()
+                name = sources.normal_path(path).relative_to(root).as_posix()
             if key in maps:
                 repeated[key] = path
             else:
                 maps[key] = ListedMap(path, name, expansion.error)
-    left_out = {real_path(path): path for expansion in expansions for path in expansion.left_out}
+    left_out = {
+        sources.real_path(path): path for expansion in expansions for path in expansion.left_out
+    }
     is_set = any(expansion.root is not None for expansion in expansions)
     return MapListing(
         tuple(maps.values()), is_set, tuple(left_out.values()), tuple(repeated.values())
@@ -266,10 +256,10 @@ def _lines_of(name: str, standard_input: Callable[[], Iterable[bytes]]) -> list[
     source = f"@{name}"
     try:
         if name == "-":
-            data = joined(standard_input(), limit=_LARGEST_LIST, source="standard input")
+            data = sources.joined(standard_input(), limit=_LARGEST_LIST, source="standard input")
         else:
-            data = read_file(Path(name), limit=_LARGEST_LIST)
-        claim(source, 4 * len(data) + _PER_NAME * data.count(b"\n"))
+            data = sources.read_file(Path(name), limit=_LARGEST_LIST)
+        sources.claim(source, 4 * len(data) + _PER_NAME * data.count(b"\n"))
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
@@ -292,7 +282,7 @@ def _expand(
     path = Path(name)
     if exempt is not None and path.name in (exempt.mark, exempt.summary):
         path = path.parent
-    if is_folder(path):
+    if sources.is_folder(path):
         candidates, folders = _below_folder(path, output, exempt)
         maps = [file for file in candidates if format_of(file).holds_map(file)]
         kind = None if maps or exempt is not None else kind_of(path)
@@ -303,10 +293,10 @@ def _expand(
             raise FileAccessError(rule, source=name)
         maps = [*maps, *folders] or [path]
         root = path
-    elif has_magic(name) and not exists(path):
+    elif has_magic(name) and not sources.exists(path):
         matches = list_files([name], MAP_ENDINGS)
         candidates = [file for file in matches if not _lies_in(file.parent, output)]
-        candidates = _without_images(candidates, keep_all=path.suffix.lower() == BIT_MAP)
+        candidates = _without_images(candidates, keep_all=path.suffix.lower() == sources.BIT_MAP)
         maps = [file for file in candidates if format_of(file).holds_map(file)]
         if not maps:
             rule = f"matches no map: {_NO_MAP}"
@@ -322,32 +312,34 @@ def _expand(
         if not (format_of(file).yields_to_yaml and file.with_suffix("") in is_yaml)
     ]  # fmt: skip
     left_out = (file for file in candidates if file not in known)
-    return _Expansion(root, maps, [file for file in left_out if file.suffix.lower() in YAML])
+    return _Expansion(
+        root, maps, [file for file in left_out if file.suffix.lower() in sources.YAML]
+    )
 
 
 def _without_images(files: list[Path], *, keep_all: bool) -> list[Path]:
     """Return the files without bit maps that are the image of a YAML file."""
     # Most patterns match both files of a pair, which are one map. A bit map without a YAML file of
     # its name is the image of another YAML file, unless the pattern names bit maps.
-    yamls = {file.with_suffix("") for file in files if file.suffix.lower() in YAML}
+    yamls = {file.with_suffix("") for file in files if file.suffix.lower() in sources.YAML}
 
     def is_map(path: Path) -> bool:
-        if path.suffix.lower() != BIT_MAP:
+        if path.suffix.lower() != sources.BIT_MAP:
             return True
-        return path.with_suffix("") not in yamls if yaml_at(path) else keep_all
+        return path.with_suffix("") not in yamls if sources.yaml_at(path) else keep_all
 
     return [file for file in files if is_map(file)]
 
 
 def _outside_of(output: Path | None) -> str:
-    is_there = output is not None and exists(output)
+    is_there = output is not None and sources.exists(output)
     return " outside of the folder of outputs" if is_there else ""
 
 
 def _lies_in(folder: Path, output: Path | None) -> bool:
     if output is None:
         return False
-    real = real_path(folder)
+    real = sources.real_path(folder)
     return real == output or output in real.parents
 
 
@@ -360,7 +352,7 @@ def _below_folder(
 
     def look_into(subfolder: Path) -> Contents:
         try:
-            folders, files = contents_of(subfolder)
+            folders, files = sources.contents_of(subfolder)
         except FileAccessError:
             if exempt is None:
                 raise
@@ -374,7 +366,9 @@ def _below_folder(
     walk = folders_below([folder], look_into, leave_out=lambda path: _lies_in(path, output))
     files = [subfolder / name for subfolder, names in walk for name in names]
     # a broken link may have been a folder
-    maps = (f for f in files if f.suffix.lower() in _IN_FOLDERS or not (f.suffix or exists(f)))
+    maps = (
+        f for f in files if f.suffix.lower() in _IN_FOLDERS or not (f.suffix or sources.exists(f))
+    )
     return sorted_naturally(maps), sorted(listed, key=lambda path: natural_key(str(path)))
 
 
@@ -385,6 +379,8 @@ def _common_root(expansions: Iterable[_Expansion]) -> Path:
     if not folders:
         return Path()
     try:
-        return Path(os.path.commonpath([normal_path(folder) for folder in folders if folder]))
+        return Path(
+            os.path.commonpath([sources.normal_path(folder) for folder in folders if folder])
+        )
     except ValueError:  # only on Windows
         raise ParameterError("folders on several drives have no common root") from None

@@ -14,17 +14,10 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.grid import values
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField, PotentialField
 from mapdeal.grid.reach import Reach
-from mapdeal.grid.values import (
-    INSCRIBED_INFLATED_OBSTACLE,
-    LETHAL_OBSTACLE,
-    NO_INFORMATION,
-    OCCUPIED,
-    UNKNOWN,
-    CostScale,
-)
 from mapdeal.kernels.blocks import blocks_of
 from mapdeal.kernels.components import labelled
 from mapdeal.kernels.lookup import histogram
@@ -57,21 +50,21 @@ class CostPalette:
     contour: int = COST_LEVELS + 4
 
     @classmethod
-    def of(cls, scale: CostScale) -> CostPalette:
+    def of(cls, scale: values.CostScale) -> CostPalette:
         on_byte_scale = scale == "costmap2d"
-        top = INSCRIBED_INFLATED_OBSTACLE - 1 if on_byte_scale else OCCUPIED - 1
+        top = values.INSCRIBED_INFLATED_OBSTACLE - 1 if on_byte_scale else values.OCCUPIED - 1
         by_value = np.full(256, cls.lethal, dtype=np.uint8)
         by_value[0] = cls.free
         by_value[1 : top + 1] = (np.arange(top) * COST_LEVELS) // top
         if on_byte_scale:
-            by_value[INSCRIBED_INFLATED_OBSTACLE] = cls.inscribed
-        by_value[NO_INFORMATION] = cls.unknown  # -1 on the occupancy scale
+            by_value[values.INSCRIBED_INFLATED_OBSTACLE] = cls.inscribed
+        by_value[values.NO_INFORMATION] = cls.unknown  # -1 on the occupancy scale
         palette = np.vstack([
             colours.interpolated(colours.COST_ANCHORS, COST_LEVELS),
             [colours.RVIZ_FREE, colours.INSCRIBED, colours.LETHAL, colours.RVIZ_UNKNOWN,
              colours.CONTOUR],
         ])  # fmt: skip
-        lethal_cost = LETHAL_OBSTACLE if on_byte_scale else OCCUPIED
+        lethal_cost = values.LETHAL_OBSTACLE if on_byte_scale else values.OCCUPIED
         return cls(by_value, palette.astype(np.uint8), top, lethal_cost)
 
 
@@ -95,17 +88,21 @@ _KINDS_OF_DIFFERENCE = (
 
 def occupancy_style() -> LayerStyle:
     """Return the greys of RViz's scheme "map" for cells as bytes; unknown is 255."""
-    unknown = OCCUPIED + 1
-    ramp = np.rint(255 - 255 * np.arange(OCCUPIED + 1) / OCCUPIED).astype(np.uint8)
+    unknown = values.OCCUPIED + 1
+    ramp = np.rint(255 - 255 * np.arange(values.OCCUPIED + 1) / values.OCCUPIED).astype(np.uint8)
     by_value = np.full(256, unknown, dtype=np.uint8)
-    by_value[: OCCUPIED + 1] = np.arange(OCCUPIED + 1)
-    ticks = [(value / OCCUPIED, str(value)) for value in (0, 25, 50, 75, OCCUPIED)]
+    by_value[: values.OCCUPIED + 1] = np.arange(values.OCCUPIED + 1)
+    ticks = [(value / values.OCCUPIED, str(value)) for value in (0, 25, 50, 75, values.OCCUPIED)]
     return LayerStyle(
         palette_of(np.repeat(ramp[:, np.newaxis], 3, axis=1), [colours.RVIZ_UNKNOWN]),
         by_value=by_value,
-        swatches=(Swatch(OCCUPIED, "occupied"), Swatch(0, "free"), Swatch(unknown, "unknown")),
-        bar=ColourBar(range(OCCUPIED + 1), ticks, "occupancy"),
-        labels={0: "free", OCCUPIED: "occupied", 255: "unknown"},
+        swatches=(
+            Swatch(values.OCCUPIED, "occupied"),
+            Swatch(0, "free"),
+            Swatch(unknown, "unknown"),
+        ),
+        bar=ColourBar(range(values.OCCUPIED + 1), ticks, "occupancy"),
+        labels={0: "free", values.OCCUPIED: "occupied", 255: "unknown"},
     )
 
 
@@ -113,10 +110,12 @@ def cost_style(costmap: Costmap) -> LayerStyle:
     # The legend includes the contour of the circumscribed cost if the costmap has one.
     palette = CostPalette.of(costmap.scale)
     swatches = [Swatch(palette.lethal, f"lethal {palette.lethal_cost}")]
-    labels = {0: "free", palette.lethal_cost: "lethal", NO_INFORMATION: "unknown"}
+    labels = {0: "free", palette.lethal_cost: "lethal", values.NO_INFORMATION: "unknown"}
     if costmap.scale == "costmap2d":
-        swatches.append(Swatch(palette.inscribed, f"inscribed {INSCRIBED_INFLATED_OBSTACLE}"))
-        labels[INSCRIBED_INFLATED_OBSTACLE] = "inscribed"
+        swatches.append(
+            Swatch(palette.inscribed, f"inscribed {values.INSCRIBED_INFLATED_OBSTACLE}")
+        )
+        labels[values.INSCRIBED_INFLATED_OBSTACLE] = "inscribed"
     swatches += [Swatch(palette.free, "free 0"), Swatch(palette.unknown, "unknown")]
     if bounds_circumscribed(costmap):
         swatches.append(Swatch(palette.contour, f"circumscribed {costmap.circumscribed_cost}"))
@@ -130,7 +129,7 @@ def cost_style(costmap: Costmap) -> LayerStyle:
 def bounds_circumscribed(costmap: Costmap) -> bool:
     # A round robot has none: its circumscribed cost is that of the inscribed radius.
     cost = costmap.circumscribed_cost
-    return bool(cost) and cast("int", cost) < INSCRIBED_INFLATED_OBSTACLE
+    return bool(cost) and cast("int", cost) < values.INSCRIBED_INFLATED_OBSTACLE
 
 
 def potential_style(field: PotentialField) -> LayerStyle:
@@ -174,7 +173,7 @@ def difference_style(only_in: tuple[str, str] | None = None) -> LayerStyle:
 
 
 _CHANGE_LEVELS = 100  # colours for lower costs, and as many for higher costs
-_LARGEST_CHANGE = LETHAL_OBSTACLE
+_LARGEST_CHANGE = values.LETHAL_OBSTACLE
 _FIRST_CHANGE = 4  # index of the smallest change, behind those of the kinds of unchanged cells
 _FIRST_KIND = _FIRST_CHANGE + 2 * _CHANGE_LEVELS
 _KINDS_OF_COSTS = (
@@ -195,8 +194,8 @@ def cost_change_codes(
     rise = second.astype(np.int16) - first
     levels = (np.abs(rise) - 1) * _CHANGE_LEVELS // _LARGEST_CHANGE
     codes = np.where(rise == 0, 2, _FIRST_CHANGE + 2 * levels + (rise > 0)).astype(np.uint8)
-    codes[(rise == 0) & (first >= INSCRIBED_INFLATED_OBSTACLE)] = 3
-    codes[(rise == 0) & (first == NO_INFORMATION)] = 1
+    codes[(rise == 0) & (first >= values.INSCRIBED_INFLATED_OBSTACLE)] = 3
+    codes[(rise == 0) & (first == values.NO_INFORMATION)] = 1
     codes[~is_common] = 0
     for code, kind in enumerate(("known", "unknown", "opened", "closed"), _FIRST_KIND):
         codes[masks[kind]] = code
@@ -317,7 +316,7 @@ class EndsByRows:
         def collect(rows: slice) -> None:
             distance, occupancy = distances[rows], occupancies[rows]
             self._every.append((float(distance.max()), float(distance.min())))
-            is_known = occupancy != UNKNOWN
+            is_known = occupancy != values.UNKNOWN
             if is_known.any():
                 finite = np.where(is_known & np.isfinite(distance), distance, np.float32(0))
                 self._known.append((float(finite.max()), float(finite.min())))
@@ -441,7 +440,7 @@ def area_text(area: float) -> str:
 
 def _codes(reach: Reach) -> NDArray[np.uint8]:
     of_occupancy = np.full(256, _NARROW, dtype=np.uint8)
-    of_occupancy[OCCUPIED], of_occupancy[UNKNOWN] = _OBSTACLE, _UNKNOWN
+    of_occupancy[values.OCCUPIED], of_occupancy[values.UNKNOWN] = _OBSTACLE, _UNKNOWN
     codes = np.empty(reach.shape, dtype=np.uint8)
     occupancies = reach.occupancy.view(np.uint8)
 
@@ -454,7 +453,7 @@ def _codes(reach: Reach) -> NDArray[np.uint8]:
         part[is_reached] = _REACHED
         part[is_reached & (headings < reach.heading_count)] = _NO_TURN
         if reach.through_unknown:
-            part[is_reached & (occupancy == of_occupancy.size + UNKNOWN)] = _REACHED_UNKNOWN
+            part[is_reached & (occupancy == of_occupancy.size + values.UNKNOWN)] = _REACHED_UNKNOWN
 
     for_rows(fill, reach.shape)
     return codes

@@ -16,17 +16,7 @@ import numpy as np
 from mapdeal.command import OnlyInPython, is_plain
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning, one_line
-from mapdeal.files.source import (
-    bytes_of_lines,
-    chunks_of,
-    claim,
-    claimed,
-    default_limit,
-    holding,
-    memory_limit,
-    size_text,
-    sums_of_reads,
-)
+from mapdeal.files import source as sources
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.canvas import FieldGrid
 from mapdeal.grid.costmap import Costmap
@@ -102,11 +92,11 @@ def _bytes_to_measure(shape: tuple[int, int]) -> int:
     """Return what distances take on a map with long sides, beside the bytes of a stage."""
     is_long = dtype_of_squares(shape) is np.int64
     squares = _PER_LONG_SQUARE * shape[0] * shape[1] if is_long else 0
-    return squares + bytes_of_lines(shape, _PER_MEASURED_LINE)
+    return squares + sources.bytes_of_lines(shape, _PER_MEASURED_LINE)
 
 
 def _base(shape: tuple[int, int], image_max: int | None) -> int:
-    base = _DEMANDS[engine_name()].base + bytes_of_lines(shape, _PER_LINE)
+    base = _DEMANDS[engine_name()].base + sources.bytes_of_lines(shape, _PER_LINE)
     if image_max is None:
         return base
     height, width = shape
@@ -122,7 +112,7 @@ def opened_map(
     """Open a map for stages: in memory if it fits, else block by block."""
     with ExitStack() as stack:
         stack.enter_context(settings.reading())
-        with sums_of_reads(is_wanted=with_sums) as sums:
+        with sources.sums_of_reads(is_wanted=with_sums) as sums:
             file = stack.enter_context(
                 open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
             )
@@ -130,14 +120,16 @@ def opened_map(
         shape = source.grid.shape
         work = bytes_in_memory(shape, steps, image_max, canvas=settings.canvas) - bytes_to_read(0)
         cells = f"{shape[1]} x {shape[0]} cells"
-        stack.enter_context(tables_claimed(lambda size: claim(path, work + size, what=cells)))
+        stack.enter_context(
+            tables_claimed(lambda size: sources.claim(path, work + size, what=cells))
+        )
         yield replace(source, sums=file.sums_by_name(sums) if with_sums else {})
 
 
 def _read(
     file: MapFile, steps: Sequence[Step], image_max: int | None, canvas: Canvas
 ) -> Source:  # fmt: skip
-    limit, _ = memory_limit()
+    limit, _ = sources.memory_limit()
     budget = _NO_LIMIT if limit is None else limit
     blocks = _plan_blocks(file, file.shape(), steps, budget, image_max, canvas)
     if blocks is not None and blocks.is_by_rows:
@@ -189,7 +181,7 @@ def check_fits(
     path: Path | str, shape: tuple[int, int], steps: Sequence[Step], image_max: int | None
 ) -> None:  # fmt: skip
     count = bytes_in_memory(shape, steps, image_max) - _DEMANDS[engine_name()].base
-    claim(path, count, what=f"{shape[1]} x {shape[0]} cells")
+    sources.claim(path, count, what=f"{shape[1]} x {shape[0]} cells")
 
 
 def claim_work(path: Path | str, grid: Framed, per_cell: float, **more: Any) -> None:
@@ -208,9 +200,9 @@ def work_claimed(
     crop = _bytes_of_crop(grid)
     if crop:  # stages work on the box, then extend the product
         more = 2 * more + crop
-    more += bytes_of_lines(grid.shape, _PER_LINE)
+    more += sources.bytes_of_lines(grid.shape, _PER_LINE)
     more += _bytes_to_measure(grid.shape) if measures else 0
-    with claimed(path, bytes_of(grid) + more + besides, what=f"{width} x {height} cells"):
+    with sources.claimed(path, bytes_of(grid) + more + besides, what=f"{width} x {height} cells"):
         yield
 
 
@@ -259,7 +251,7 @@ def need_of(
 def memory_budget(max_memory: int | None, jobs: int = 1) -> int:
     if max_memory is not None:
         return max_memory
-    limit = default_limit(jobs)
+    limit = sources.default_limit(jobs)
     return _NO_LIMIT if limit is None else limit
 
 
@@ -293,8 +285,8 @@ def _cut(
 
 def _too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> MalformedInputError:
     height, width = shape
-    limit, origin = memory_limit()
-    amounts = f"{size_text(needed)} of memory, {size_text(budget)} may be used"
+    limit, origin = sources.memory_limit()
+    amounts = f"{sources.size_text(needed)} of memory, {sources.size_text(budget)} may be used"
     rule = f"{width} x {height} cells need {amounts}{origin if budget == limit else ''}"
     hint = "raise --max-memory if there is more; binary .pgm maps take least"
     return MalformedInputError(rule, source=path, hint=hint)
@@ -311,18 +303,18 @@ def opened_input(path: Path, settings: Settings) -> Iterator[MapFile]:
 
 
 def read_input(path: Path, settings: Settings, *, with_sums: bool = False) -> Source:
-    with sums_of_reads(is_wanted=with_sums) as sums, opened_input(path, settings) as file:
+    with sources.sums_of_reads(is_wanted=with_sums) as sums, opened_input(path, settings) as file:
         return replace(file.read(), sums=file.sums_by_name(sums) if with_sums else {})
 
 
 def read_together(paths: Sequence[Path], settings: Settings) -> list[Source]:
-    sources: list[Source] = []
+    maps_read: list[Source] = []
     with ExitStack() as stack:
         stack.enter_context(settings.reading())
         for path in paths:
-            sources.append(read_input(path, settings, with_sums=True))
-            stack.enter_context(holding(bytes_of(sources[-1].grid)))
-    return sources
+            maps_read.append(read_input(path, settings, with_sums=True))
+            stack.enter_context(sources.holding(bytes_of(maps_read[-1].grid)))
+    return maps_read
 
 
 def frame_of_file(path: Path, settings: Settings) -> tuple[Frame, tuple[Path, ...]]:
@@ -421,7 +413,7 @@ def text_in(path: Path) -> tuple[Iterable[bytes], Path | str]:
     """Return the chunks of a text file, in the shell for ``-`` of standard input, and its name."""
     work = Work.current.get()
     if work is None or path != Path("-"):
-        return chunks_of(path), path
+        return sources.chunks_of(path), path
     return work.terminal.input_chunks(), "standard input"
 
 
@@ -433,11 +425,11 @@ def opened(
     for source in maps:
         if not isinstance(source, str | PathLike | Grid):
             raise ParameterError("takes files or grids", got=source)
-    sources = iter(read_together(paths, settings))
+    maps_read = iter(read_together(paths, settings))
     found = []
     for source, name in zip(maps, names, strict=True):
         if isinstance(source, str | PathLike):
-            found.append(map_input(next(sources), Path(source)))
+            found.append(map_input(next(maps_read), Path(source)))
         else:
             found.append(MapInput(source, (), name=name))
     if work is not None:
@@ -491,7 +483,7 @@ def mask_of(mask: Map | None, settings: Settings, *beside: Framed) -> KeepoutMas
         return KeepoutMask(as_occupancy(mask, "the mask"))
     path = Path(mask)
     taken_bytes = sum(bytes_of(grid) for grid in beside if not grid.is_lazy)
-    with settings.reading(), holding(taken_bytes):
+    with settings.reading(), sources.holding(taken_bytes):
         source = read_input(path, settings, with_sums=True)
     return KeepoutMask(as_occupancy(source.grid, path), path, source.files, source.sums)
 
@@ -548,7 +540,7 @@ def claim_for(
         count = max(count, of_picture)
     held_bytes = sum(bytes_of(map_read.grid) for map_read in maps)
     with settings.reading():
-        claim(maps[-1].name, held_bytes + count, what=purpose)
+        sources.claim(maps[-1].name, held_bytes + count, what=purpose)
 
 
 @contextmanager

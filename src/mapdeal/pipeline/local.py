@@ -16,18 +16,8 @@ from numpy.typing import NDArray
 
 from mapdeal import errors
 from mapdeal.command import Stage
+from mapdeal.files import source as sources
 from mapdeal.files.json_values import json_of
-from mapdeal.files.source import (
-    FileState,
-    check_state,
-    claim,
-    holding,
-    is_same_file,
-    real_path,
-    sha256_of,
-    state_of,
-    sums_of_reads,
-)
 from mapdeal.grid.canvas import frames_overlap
 from mapdeal.grid.frame import MOST_CELLS, Figures, cells_to_cover
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -54,14 +44,14 @@ class SummedCloud:
     cloud: Cloud
     sums: Mapping[str, str]
     options: Mapping[str, str]
-    states: Mapping[Path, FileState]
+    states: Mapping[Path, sources.FileState]
 
     def points(self) -> Iterator[Points]:
         """Yield the points, some at a time; an error names the cloud, also if it was replaced."""
         with errors_named(self.cloud.path):
             yield from self.cloud.chunks()
         for path, state in self.states.items():
-            check_state(path, state)
+            sources.check_state(path, state)
 
 
 @dataclass(frozen=True)
@@ -84,8 +74,10 @@ class FileCloud(Cloud):
         return cls(path, path.name, (path,))
 
     def summed(self) -> SummedCloud:
-        state = state_of(self.path)  # of what its sum is of, and then its points
-        return SummedCloud(self, {self.path.name: sha256_of(self.path)}, {}, {self.path: state})
+        state = sources.state_of(self.path)  # of what its sum is of, and then its points
+        return SummedCloud(
+            self, {self.path.name: sources.sha256_of(self.path)}, {}, {self.path: state}
+        )
 
     def chunks(self) -> Iterator[Points]:
         return cloud_chunks(self.path)
@@ -150,7 +142,7 @@ def read_global_map(path: Path, settings: Settings) -> GlobalMap:
     texts: list[str] = []
     with (
         adding_warnings(texts),
-        sums_of_reads() as sums,
+        sources.sums_of_reads() as sums,
         open_map(path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
     ):
         source = file.read()
@@ -166,7 +158,7 @@ def make_local(job: LocalJob, common: LocalCommon, *, skip: bool = False) -> Run
 
 
 def holding_map(known: GlobalMap | None) -> AbstractContextManager[None]:
-    return holding(0 if known is None else bytes_of(known.grid))
+    return sources.holding(0 if known is None else bytes_of(known.grid))
 
 
 def local_filling(job: LocalJob, common: LocalCommon) -> Filling:
@@ -302,12 +294,12 @@ def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[Lo
     if not names:
         windows = [(x, y, yaw) for x, y, yaw in read_poses(poses_file).tolist()]
         return numbered_jobs([None] * len(windows), windows, output)
-    clouds = [cloud for cloud in _clouds_of(names) if not is_same_file(cloud, poses_file)]
+    clouds = [cloud for cloud in _clouds_of(names) if not sources.is_same_file(cloud, poses_file)]
     poses = poses_for(len(clouds), poses_file)
     jobs = numbered_jobs(list(map(FileCloud.of, clouds)), poses, output)
-    places = {real_path(output), *(real_path(job.folder) for job in jobs)}
+    places = {sources.real_path(output), *(sources.real_path(job.folder) for job in jobs)}
     for path in (poses_file, *clouds):
-        if real_path(path).parent in places:
+        if sources.real_path(path).parent in places:
             rule = "lies where outputs go; they need a folder of their own"
             raise errors.FileAccessError(rule, source=path)
     return jobs
@@ -370,7 +362,9 @@ class RollingRun:
             check_window(source, common)
             most = self._mapper.remembered
             cells = f"{most.width} x {most.height} cells to remember"
-            claim(source, _PER_CELL * most.cells, what=cells, hint="a smaller --keep takes less")
+            sources.claim(
+                source, _PER_CELL * most.cells, what=cells, hint="a smaller --keep takes less"
+            )
         self._summed: list[SummedCloud | None] = []
 
     def __call__(self, index: int) -> RunReport:
@@ -451,7 +445,7 @@ class Around:
     def folder(
         self, folder: Path, sums: Mapping[str, str], resolution: float, settings: Settings
     ) -> OutputFolder:
-        cloud = {} if self.cloud is None else {self.cloud.name: sha256_of(self.cloud)}
+        cloud = {} if self.cloud is None else {self.cloud.name: sources.sha256_of(self.cloud)}
         common = self._common(settings, resolution)
         check_window(self.cloud or folder, common)
         return local_folder(around_in(folder), self.pose, {**cloud, **sums}, common, has_map=True)

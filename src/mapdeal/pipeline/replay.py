@@ -25,17 +25,9 @@ from mapdeal.grid.frame import Frame, as_float32, turned
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION, count_text
 from mapdeal.kernels.arrays import Floats
+from mapdeal.layers import obstacle
 from mapdeal.layers.area import cells_below, covered_cells
 from mapdeal.layers.layer import Bounds, LiveLayer, LivePlace, MasterGrid, Update, Window
-from mapdeal.layers.obstacle import (
-    Observation,
-    ObservationSource,
-    ObstacleGrid,
-    Sensing,
-    VoxelGrid,
-    cells_at,
-    shifted,
-)
 from mapdeal.mapping.transforms import FrameOptions, Pose, Quaternion, Rigid
 from mapdeal.pipeline.bag_maps import SensorFrames
 from mapdeal.pipeline.folder import Filling, OutputFolder, Product
@@ -186,7 +178,7 @@ class LiveCostmap:
         if rows or cols:
             height, width = self.frame.shape
             self.frame = Frame(height, width, cell_size, (corner[0], corner[1], 0.0))
-            self.costs = shifted(self.costs, rows, cols, self._default_cost)
+            self.costs = obstacle.shifted(self.costs, rows, cols, self._default_cost)
             for layer in self.layers:
                 layer.move(self.frame, rows, cols)
 
@@ -231,9 +223,9 @@ class LiveCostmap:
 class Delivery:
     """A message as one source of one layer takes it."""
 
-    grid: ObstacleGrid
+    grid: obstacle.ObstacleGrid
     layer: str
-    observation: Observation
+    observation: obstacle.Observation
     message: RawScan | RawCloud
     rigid: Rigid
 
@@ -264,7 +256,7 @@ class BagReplay:
             if listed.layer is None or not listed.is_enabled or listed.name == INJECTED:
                 continue
             layer = listed.layer.live(self.place, listed.sensing)
-            if listed.needs and not isinstance(layer, ObstacleGrid):
+            if listed.needs and not isinstance(layer, obstacle.ObstacleGrid):
                 emit_warning(f"{listed.name}: has no {listed.needs} in a replay", stacklevel=2)
             self.layers[listed.name] = layer
         if known is None and any(layer.layer.reads_map for layer in self.layers.values()):
@@ -284,7 +276,7 @@ class BagReplay:
         self._frames = SensorFrames(bag, FrameOptions(), is_exact=True)
         self._projectors = {name: ScanProjector() for name in self.layers}
         self._without_transform = self._updates = self.time = 0
-        self._readings: Counter[tuple[str, ObservationSource]] = Counter()
+        self._readings: Counter[tuple[str, obstacle.ObservationSource]] = Counter()
         self._within = self._readings.copy()  # those within the heights of their source
         self._steps = self.steps()
         self.advance: Callable[[int], object] = lambda _: None
@@ -306,15 +298,15 @@ class BagReplay:
         is_ros1 = self.robot.flavour == "ros1"
         return LivePlace(frame, map_frame, area.is_rolling, area.size_margin, is_ros1)
 
-    def _sources_by_topic(self) -> dict[str, list[tuple[str, ObservationSource]]]:
+    def _sources_by_topic(self) -> dict[str, list[tuple[str, obstacle.ObservationSource]]]:
         """Return the topics in the bag that sources of layers read; warn of all others."""
         types = {connection.topic: connection.type for connection in self.bag.connections}
         # relative names are below the namespace of the robot
         node = self.robot.node.strip("/").split("/")
         space = "/".join(["", *node[: -1 if self.place.is_ros1 else -2]])
-        found: dict[str, list[tuple[str, ObservationSource]]] = {}
+        found: dict[str, list[tuple[str, obstacle.ObservationSource]]] = {}
         for name, layer in self.layers.items():
-            for source in layer.sensing.sources if isinstance(layer, ObstacleGrid) else ():
+            for source in layer.sensing.sources if isinstance(layer, obstacle.ObstacleGrid) else ():
                 is_absolute = source.topic.startswith("/") or self.place.is_ros1
                 topic = normalised_topic(source.topic if is_absolute else f"{space}/{source.topic}")
                 message_type = _TYPES.get(source.data_type)
@@ -401,7 +393,7 @@ class BagReplay:
             if source.sensor_frame:
                 sensor = self._lookup(source.sensor_frame, message.time)
             grid = self.layers[name]
-            if rigid is None or sensor is None or not isinstance(grid, ObstacleGrid):
+            if rigid is None or sensor is None or not isinstance(grid, obstacle.ObstacleGrid):
                 self._without_transform += 1
                 continue
             if isinstance(message, RawScan):
@@ -414,7 +406,9 @@ class BagReplay:
             is_within = (z <= source.max_obstacle_height) & (z >= source.min_obstacle_height)
             self._readings[name, source] += int(np.isfinite(z).sum())
             self._within[name, source] += int(is_within.sum())
-            observation = Observation(source, message.time, sensor[0], in_costmap[is_within])
+            observation = obstacle.Observation(
+                source, message.time, sensor[0], in_costmap[is_within]
+            )
             yield Delivery(grid, name, observation, message, rigid)
 
     def _lookup(self, frame: str, time: int, fixed: str | None = None) -> Rigid | None:
@@ -472,7 +466,7 @@ class CellWatch:
         self._time = 0
 
     def _cell(self) -> tuple[int, int] | None:
-        row, col, is_inside = cells_at(self._replay.costmap.frame, *np.array([self._xy]).T)
+        row, col, is_inside = obstacle.cells_at(self._replay.costmap.frame, *np.array([self._xy]).T)
         return (int(row[0]), int(col[0])) if is_inside[0] else None
 
     def observe(self, step: ReplayStep) -> None:
@@ -520,7 +514,7 @@ class CellWatch:
         enters, leaves = borders[0].max(axis=1), borders[1].min(axis=1)
         level, heights = np.hypot(away[:, 0], away[:, 1]), origin[2] + away[:, 2] * lengths
 
-        def beyond(limits: ObservationSource | Sensing, owner: str) -> Reasons:
+        def beyond(limits: obstacle.ObservationSource | obstacle.Sensing, owner: str) -> Reasons:
             high, low = limits.max_obstacle_height, limits.min_obstacle_height
             yield heights > high, f"above max_obstacle_height {high:g} of {owner}"
             yield heights < low, f"below min_obstacle_height {low:g} of {owner}"
@@ -539,7 +533,7 @@ class CellWatch:
              f"nearer than obstacle_min_range {source.obstacle_min_range:g} m"),
         ]  # fmt: skip
         # rays of voxel layers stop two cells before their ends
-        columns = grid.columns if isinstance(grid, VoxelGrid) else None
+        columns = grid.columns if isinstance(grid, obstacle.VoxelGrid) else None
         of_rays = [
             ((lengths if columns is None else lengths - 2 * size) < enters, "ended before it"),
             (not source.clearing, f"clearing: false of {source.name}"),
@@ -574,7 +568,7 @@ class CellWatch:
             head += f", inflated from the lethal cell at {place}"
         parts: dict[bool, list[str]] = {True: [], False: []}  # whether the cell is lethal there
         for name, layer in self._replay.layers.items():
-            if isinstance(layer, ObstacleGrid):
+            if isinstance(layer, obstacle.ObstacleGrid):
                 own_cost = int(layer.costs[cell])
                 text = f"{name}: {self._history(name, own_cost)}"
                 parts[own_cost == LETHAL_OBSTACLE].append(text)
