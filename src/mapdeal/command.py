@@ -472,8 +472,7 @@ class Stage:
 
 def input_types_of(function: Callable[..., Any]) -> tuple[type[Any], ...]:
     function = inspect.unwrap(function)
-    first = next(iter(inspect.signature(function).parameters))
-    input_type = get_type_hints(function)[first]
+    input_type = get_type_hints(function)[next(iter(inspect.signature(function).parameters))]
     return get_args(input_type) or (input_type,)
 
 
@@ -783,8 +782,7 @@ def meanings_of(function: Callable[..., Any]) -> dict[str, str]:
     meanings: dict[str, str] = {}
     ends = [*(entry.start() for entry in entries[1:]), len(body)]
     for entry, end in zip(entries, ends, strict=False):
-        described = body[entry.end() : end]
-        meaning = " ".join(described.partition("\n")[2].split())
+        meaning = " ".join(body[entry.end() : end].partition("\n")[2].split())
         for name in entry["names"].split(","):
             meanings[name.strip()] = meaning
     return meanings

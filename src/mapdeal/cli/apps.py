@@ -329,8 +329,7 @@ def _call(definition: Command, values: dict[str, Any]) -> Any:
     try:
         return definition.function(**values)
     except ParameterError as error:
-        place = str(error.place).removeprefix(f"{definition.name}.")
-        names = place.split(", ")
+        names = str(error.place).removeprefix(f"{definition.name}.").split(", ")
         if error.source is None and {*definition.parameters, *opt.SHARED_OPTIONS}.issuperset(names):
             options = (_option_named(definition, name) for name in names)
             error.source, error.place = ", ".join(options), None

@@ -62,8 +62,7 @@ def prepare_completion() -> None:
             return super().get_completion_args()
 
         def format_completion(self, item: Any) -> str:
-            typed = os.environ["COMP_WORDS"].rpartition("\n")[2]
-            before = typed.rpartition("=")[0]
+            before = os.environ["COMP_WORDS"].rpartition("\n")[2].rpartition("=")[0]
             return str(item.value).removeprefix(f"{before}=")
 
     completion_init()

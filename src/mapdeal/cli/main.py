@@ -26,7 +26,6 @@ _ClickError: Any = typer.BadParameter.__mro__[2]
 
 
 def command_names() -> list[str]:
-    """Return the names of all commands: the modules of `mapdeal.commands`, then the stages."""
     from mapdeal import commands
     from mapdeal.stages.catalogue import STAGE_NAMES  # which loads numpy
 

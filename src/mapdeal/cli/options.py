@@ -86,16 +86,14 @@ def robot_shape(
     if robot_16_gon and robot_radius is None:
         raise ParameterError("needs --robot-radius", source="--robot-16-gon")
     if footprint is not None and robot_radius is not None:
-        rule = "cannot be given together with --robot-radius"
-        raise ParameterError(rule, source="--footprint")
+        raise ParameterError("cannot be given together with --robot-radius", source="--footprint")
     if footprint is not None:
         return Footprint.parse(footprint).padded(footprint_padding)
     if robot_radius is not None:
         make = Footprint.circle if robot_16_gon is False else Footprint.sixteen_gon
         return make(robot_radius).padded(footprint_padding)
     if footprint_padding:
-        rule = "needs --footprint or --robot-radius"
-        raise ParameterError(rule, source="--footprint-padding")
+        raise ParameterError("needs --footprint or --robot-radius", source="--footprint-padding")
     return None
 
 

@@ -66,8 +66,6 @@ States = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class _Building:
-    """How maps are made of scans."""
-
     methods: Mapping[mapping.Method, Mapping[str, Any]]
     limits: BeamLimits
     resolution: float
@@ -308,8 +306,6 @@ def build_map_from_bag(
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Build(Made):
-    """A map made of scans."""
-
     counts: BeamCounts
 
     def document(self) -> Figures:
@@ -328,8 +324,6 @@ def _beams_line(figures: Figures) -> str:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Result):
-    """Comparison of several mapping methods on the same scans."""
-
     figures: Figures
     seconds: dict[mapping.Method, float]
     folder: Path
@@ -483,14 +477,15 @@ def build(
     frames = {name: more.pop(name) for name in parameters_of(FrameOptions) if name in more}
     of_cloud = {name: more.pop(name) for name in parameters_of(CloudOptions) if name in more}
     of_world = {name: more.pop(name) for name in parameters_of(WorldOptions) if name in more}
+    of_beams = {"range_max": (range_max, 30.0), "clear_max": (clear_max, 0.0),
+                "max_bad": (max_bad, DEFAULT_MAX_BAD)}  # fmt: skip
+    changed = {name: value for name, (value, usual) in of_beams.items() if value != usual}
     if world is not None:
-        ranged = {"range_min": (range_min, 0.0), "range_max": (range_max, 30.0),
-                  "clear_max": (clear_max, 0.0), "max_bad": (max_bad, DEFAULT_MAX_BAD)}  # fmt: skip
         refuse(
             "does not apply to worlds", log=log, cloud=clouds, poses=poses, angles=angles,
             ranges=ranges, flip_y=flip_y, topics=topics, deskew=deskew, method=method,
             compare=compare, as_written=as_written, layers=layers, **frames, **more,
-            **{name: value for name, (value, usual) in ranged.items() if value != usual},
+            range_min=range_min or None, **changed,
         )  # fmt: skip
         return build_from_world(
             world, output, work, options=WorldOptions(**of_world), of_robot=of_cloud,
@@ -499,9 +494,6 @@ def build(
         )  # fmt: skip
     refuse("applies to worlds: it needs --world", model_path=model_path, **of_world)
     if clouds:
-        ranged = {"range_max": (range_max, 30.0),
-                  "clear_max": (clear_max, 0.0), "max_bad": (max_bad, DEFAULT_MAX_BAD)}  # fmt: skip
-        changed = {name: value for name, (value, usual) in ranged.items() if value != usual}
         refuse(
             "applies to laser scans, not to clouds", log=log, angles=angles, ranges=ranges,
             flip_y=flip_y, deskew=deskew, method=method, compare=compare, as_written=as_written,
@@ -587,8 +579,7 @@ def _compared(
     for method, built in results.items():
         write_grid(transaction, maps[method], built.grid)
         label = f"{count_text(len(built.vanished), 'group')} of hits vanished"
-        middles = built.vanished.middles_xy(grid.frame)
-        rings = RingOverlay(middles, "hits that vanished", label)
+        rings = RingOverlay(built.vanished.middles_xy(grid.frame), "hits that vanished", label)
         path, title = maps[method].with_suffix(".png"), one_line(f"{name}: {method}")
         write_picture(transaction, path, built.grid, title, work.settings, rings)
     found = []

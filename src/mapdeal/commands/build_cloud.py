@@ -135,8 +135,7 @@ def _of_bag(
     posed = bag.sensors()
     numbers = np.flatnonzero(posed.known)
     if not len(numbers):
-        rule = "of no cloud it is known where the sensor was"
-        raise MalformedInputError(rule, source=path)
+        raise MalformedInputError("of no cloud it is known where the sensor was", source=path)
     missing = len(posed.known) - len(numbers)
     if missing:
         text = f"{path}: {missing} of {len(posed.known)} clouds are left out: where the sensor was"

@@ -32,9 +32,7 @@ from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import transform_document
 from mapdeal.stages.structured import Goals
 
-_PER_CELL = 30
-"""Bytes for each cell of a grid around both costmaps."""
-
+_PER_CELL = 30  # bytes for each cell of a grid around both costmaps
 _WORDS = {
     "closed": "now 253 or more", "opened": "no longer 253 or more", "unknown": "now unknown",
     "known": "no longer unknown", "rose": "cost more", "fell": "cost less",
@@ -417,7 +415,6 @@ def _closing(before: Reach, after: Reach) -> tuple[Passage, ...]:
 
 
 def _is_passed(passage: Passage, reach: Reach) -> bool:
-    """Return whether a robot gets through a passage that was found for another robot."""
     middle = passage.x, passage.y
     for known in reach.passages:
         if _is_same(known, passage, reach):

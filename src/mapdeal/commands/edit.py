@@ -28,9 +28,7 @@ from mapdeal.maps.shapes import read_shapes
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.inputs import InShell, Work, numbers_of, refuse
 
-_PER_CELL = 6.0
-"""Bytes for each cell of a map: of costs 5, and a byte more while they are written."""
-
+_PER_CELL = 6.0  # bytes for each cell of a map: of costs 5, and a byte more while they are written
 _FOR_POINTS = "needs --point: the shapes of a file have their own"
 
 Source = Annotated[Path, Words("MAP", streams=True)]

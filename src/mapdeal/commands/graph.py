@@ -218,7 +218,6 @@ def graph_of(
     through_unknown: bool = False, footprint: Footprint | None = None,
     robot: RobotParameters | None = None, **reading: Unpack[inputs.Reading],
 ) -> PlannedGraph:  # fmt: skip
-    """Return the route graph of a map that has been opened."""
     if footprint is None and robot is None:
         emit_warning(
             "no robot is given, by --robot-radius, --footprint or --params-file: the graph is that "

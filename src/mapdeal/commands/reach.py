@@ -56,8 +56,7 @@ class Reachability(Spread):
         if self.robot is not None:
             described = self.robot.described()
             costmap = {key: described[key] for key in ("costmap", "files")}
-        named = {"map": self.map.document(), "costmap": costmap}
-        return {**named, **reach_document(self.reach)}
+        return {"map": self.map.document(), "costmap": costmap, **reach_document(self.reach)}
 
     def parts(self) -> Iterator[str]:
         yield spread_json(self.document(), "goals", "passages")

@@ -92,7 +92,6 @@ class FileKind:
 
 
 def kind_of(path: Path) -> FileKind | None:
-    """Return the kind of a file or folder by its first bytes; None if it is unknown."""
     if source.is_folder(path):
         kind = _kind_of_folder(path)
     else:
@@ -103,7 +102,6 @@ def kind_of(path: Path) -> FileKind | None:
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a file or folder is a bag of ROS 1 or ROS 2, or the metadata of one."""
     if path.suffix.lower() in MAP_ENDINGS and path.name != _METADATA:
         return False
     with suppress(MapdealError):
@@ -437,7 +435,6 @@ _HINT = "a map comes by a pipe as an npz: mapdeal convert MAP -o - makes one of 
 
 
 def save_npz(chunks: Iterable[bytes], folder: Path) -> Path:
-    """Write the npz from standard input to a file; return its path."""
     # Readers need a file: they seek, and compare its size and state.
     path = folder / f"{STDIN}.npz"
     length = 0

@@ -52,7 +52,6 @@ def _files_of(name: str, suffixes: Sequence[str], not_in_folders: Sequence[str])
 
 
 def files_matching(pattern: str) -> list[Path]:
-    """Return the files that a pattern matches, without folders."""
     # The files are those of ``glob.glob(pattern, recursive=True)``, which visits a folder once for
     # each path to it: up to 2^40 times with two cyclic links. Here each part of the pattern maps a
     # set of folders to another set, so the time is linear in the entries of all folders.
@@ -299,8 +298,7 @@ def _expand(
         candidates = _without_images(candidates, keep_all=path.suffix.lower() == sources.BIT_MAP)
         maps = [file for file in candidates if format_of(file).holds_map(file)]
         if not maps:
-            rule = f"matches no map: {_NO_MAP}"
-            raise ParameterError(rule + _outside_of(output), source=name)
+            raise ParameterError(f"matches no map: {_NO_MAP}{_outside_of(output)}", source=name)
         # the fixed folders before the first wildcard
         root = Path(*takewhile(lambda part: not has_magic(part), path.parts))
     else:
@@ -332,8 +330,7 @@ def _without_images(files: list[Path], *, keep_all: bool) -> list[Path]:
 
 
 def _outside_of(output: Path | None) -> str:
-    is_there = output is not None and sources.exists(output)
-    return " outside of the folder of outputs" if is_there else ""
+    return " outside of the folder of outputs" if output and sources.exists(output) else ""
 
 
 def _lies_in(folder: Path, output: Path | None) -> bool:

@@ -92,7 +92,6 @@ class Image:
 
 
 def beside_each_other(images: Sequence[Image]) -> Image:
-    """Return images of one palette as one, from left to right."""
     height = max(len(image.indices) for image in images)
     parts = [
         np.pad(image.indices, [(0, height - len(image.indices)), (0, 0)], constant_values=WHITE)
@@ -349,5 +348,4 @@ def round_step(least: float) -> float:
 def round_length(length: float) -> float:
     """Return the largest of 1, 2, 5 times a power of ten that is at most `length`."""
     power = 10.0 ** math.floor(math.log10(length))
-    step = max(s for s in (1, 2, 5) if s * power <= length * (1 + 1e-9))
-    return float(step * power)
+    return float(max(s for s in (1, 2, 5) if s * power <= length * (1 + 1e-9)) * power)

@@ -23,8 +23,6 @@ _FARTHEST = 1e9  # metres; largest distance in a picture
 
 
 class ZoneKind(Enum):
-    """Kinds of zones, with their labels."""
-
     OBSTACLE = "obstacle"
     COLLISION = "collision at any heading"
     HEADING = "collision at some headings"
@@ -38,8 +36,6 @@ class ZoneKind(Enum):
 
 @dataclass(frozen=True)
 class Zone:
-    """A range of distances with the same consequences."""
-
     kind: ZoneKind
     start: float
     end: float
@@ -85,8 +81,6 @@ def _costs_between(curve: CostCurve, start: float, end: float) -> tuple[int, int
 
 @dataclass(frozen=True)
 class Mark:
-    """A notable distance in metres, and its label."""
-
     distance: float
     label: str
 
@@ -102,14 +96,12 @@ def described(zone: Zone, end: float) -> str:
 
 
 def end_of(curve: CostCurve) -> float:
-    """Return the distance at which the picture ends, metres: beyond the notable distances."""
     near = max(
         curve.end, curve.inscribed_radius or 0.0, curve.circumscribed_radius or 0.0,
         2 * curve.resolution, *(metres for _, metres in curve.marks),
     )  # fmt: skip
     far = max(near, curve.reach, curve.inflation_radius or 0.0)
-    farthest = min(far if far <= _FAR * near else near, _FARTHEST)
-    return 1.18 * farthest + curve.resolution / 2
+    return 1.18 * min(far if far <= _FAR * near else near, _FARTHEST) + curve.resolution / 2
 
 
 def marks_of(curve: CostCurve) -> list[Mark]:
@@ -305,8 +297,7 @@ class _Drawing:
             x = self._column(mark.distance)
             dashes = np.arange(middle - _SIZE // 2, self.bottom)
             dashes = dashes[dashes % 8 < 5]
-            under = sheet[dashes, x]
-            is_cost = under < len(self.palette.colours)
+            is_cost = sheet[dashes, x] < len(self.palette.colours)
             sheet[dashes, x] = np.where(is_cost, canvas.WHITE, canvas.GREY)
             self._boxed(min(x + 6, last), middle, label)
 
@@ -411,7 +402,6 @@ class _Drawing:
 
 
 def _cell_ticks(per_cell: float) -> list[tuple[int, str]]:
-    """Return whole numbers of cells with their pixels, as many as fit."""
     last = int(_WIDTH / per_cell - 0.5)
     room = canvas.text_width(str(last), _SIZE) + 1.2 * _SIZE
     step = int(max(canvas.round_step(room / per_cell), 1.0))
@@ -419,7 +409,6 @@ def _cell_ticks(per_cell: float) -> list[tuple[int, str]]:
 
 
 def curve_text(curve: CostCurve) -> str:
-    """Return the picture in words: the zones with their costs, and the notable distances."""
     end = end_of(curve)
     zones = "; ".join(f"{zone.kind.value} {described(zone, end)}" for zone in zones_of(curve, end))
     marks = "; ".join(mark.label for mark in marks_of(curve))

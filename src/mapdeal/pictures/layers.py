@@ -63,7 +63,6 @@ class Drawing(ABC):
         return pooling
 
     def take(self, rows: slice) -> None:
-        """Collect the next rows of the grid."""
         for collector in self._collectors:
             collector.take(rows)
 
@@ -322,8 +321,6 @@ class _ColouredCells:
 
 @dataclass(frozen=True, eq=False)
 class ZonesOverlay(overlays.Overlay):
-    """Zones over a map: filled where it is free or unknown, with an outline."""
-
     grid: OccupancyGrid
     masks: Sequence[tuple[OccupancyGrid, FilterInfo]]
 

@@ -217,8 +217,7 @@ class Brush:
 
     def polyline(self, points: NDArray[np.float64], index: int, *, thickness: int) -> None:
         if len(points) > 1:
-            lines = np.stack([points[:-1], points[1:]], axis=1)
-            self._lines(lines, points, index, thickness)
+            self._lines(np.stack([points[:-1], points[1:]], axis=1), points, index, thickness)
 
     def segments(
         self, starts: NDArray[np.float64], ends: NDArray[np.float64], index: int, *,
@@ -239,7 +238,6 @@ class Brush:
         self, centres: NDArray[np.float64], directions: NDArray[np.float64], index: int, *,
         length: float, thickness: int,
     ) -> None:  # fmt: skip
-        """Draw arrows around points, shape (N, 2), along unit vectors."""
         along, across = directions * length, _left_of(directions) * length
         tip, tail, neck = centres + along / 2, centres - along / 2, centres + along * 0.1
         self._draw(index, np.stack([tail, neck], axis=1), thickness=thickness)
@@ -249,7 +247,6 @@ class Brush:
         self, centre: NDArray[np.float64], direction: NDArray[np.float64], index: int, *,
         length: float,
     ) -> None:  # fmt: skip
-        """Draw an arrowhead around a point, along a unit vector."""
         along, across = direction * length, _left_of(direction) * length
         tip, notch = centre + along * 0.6, centre - along * 0.2
         left_wing, right_wing = (centre - along * 0.4 + side * across * 0.35 for side in (1, -1))
@@ -322,8 +319,6 @@ class RingOverlay:
 
 @dataclass(frozen=True)
 class PoseOverlay(Overlay):
-    """An arrowhead where a robot stands, along its heading."""
-
     pose: tuple[float, float, float]
 
     colours = (ROBOT,)
@@ -338,8 +333,7 @@ class PoseOverlay(Overlay):
         return np.array([self.pose[:2]])
 
     def draw(self, on: Surface, first_index: int) -> list[Swatch]:
-        ahead = xy_ahead(self.pose, on.frame.resolution)
-        centre, tip = on.places([self.pose[:2], ahead])
+        centre, tip = on.places([self.pose[:2], xy_ahead(self.pose, on.frame.resolution)])
         direction = (tip - centre) / np.hypot(*(tip - centre))
         length = max(10.0, on.side / 25)
         Brush(on.pixels).dart(centre, direction, first_index, length=length)
@@ -433,8 +427,6 @@ class PlanOverlay(Overlay):
 
 @dataclass(frozen=True)
 class TrajectoriesOverlay(Overlay):
-    """The lines along which a robot drove."""
-
     lines_xy: Sequence[NDArray[np.float64]]
 
     colours = (ROUTE,)

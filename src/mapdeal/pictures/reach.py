@@ -131,8 +131,6 @@ def _goals_on(reach: Reach) -> list[GoalReach]:
 
 
 class _Marks:
-    """Drawer of passages, goals and the robot on the pixels of a map."""
-
     def __init__(self, on: overlays.Surface) -> None:
         self._on, self._brush = on, overlays.Brush(on.pixels)
         self._thickness = max(3, round(on.side / 350))
@@ -233,8 +231,6 @@ _CAPTION = 20  # largest text size of a name, pixels
 
 @dataclass(frozen=True, eq=False)
 class GraphOverlay(overlays.Overlay):
-    """Edges as lines, with an arrow if they are one-way, and nodes as dots."""
-
     graph: RouteGraph
     is_below: bool = False
 

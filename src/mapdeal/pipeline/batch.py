@@ -297,8 +297,6 @@ class WorkerDiedError(errors.MapdealError):
 
 
 class Workers(Protocol):
-    """Where jobs are done: processes of this machine, or a cluster."""
-
     size: int  # jobs that are done at the same time
 
     def started(self, size: int, work: Work) -> AbstractContextManager[Submit]:

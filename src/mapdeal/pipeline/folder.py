@@ -120,7 +120,6 @@ def _named(names: Sequence[str]) -> str:
 
 
 def changes_between(old: Figures, new: Figures) -> list[str]:
-    """Return what differs between the figures of two runs, goals not reached any more first."""
     texts = []
     before, after = old.get("goals"), new.get("goals")
     if are_goals(before) and are_goals(after) and set(before) == set(after):
@@ -476,8 +475,7 @@ def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:
 MANIFEST = "manifest.json"
 INPUT_PICTURE = "input.png"
 _FORMAT = "mapdeal-run/1"
-_PASSES_OF_INPUT = 2
-"""Passes for the picture of a map that is processed in blocks."""
+_PASSES_OF_INPUT = 2  # passes for the picture of a map that is processed in blocks
 
 
 @dataclass(frozen=True)
@@ -527,7 +525,6 @@ class OutputFolder:
         return figures if same else None
 
     def repeat_warnings(self, filling: Filling) -> None:
-        """Repeat the warnings of the run that wrote the folder, except those of reading."""
         remarks = self._stored().get("warnings")
         texts = [str(remark) for remark in remarks] if isinstance(remarks, list) else []
         for text in located(texts, filling.named):

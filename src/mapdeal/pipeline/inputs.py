@@ -46,8 +46,7 @@ sides above `LONGEST_SIDE` are left to scipy."""
 _ON_CANVAS = 0.75
 """Share of a stage's memory that extending its product to a larger canvas takes besides."""
 
-_READ = 1.0
-"""Bytes of each cell of a map in memory; reading releases the rest before stages begin."""
+_READ = 1.0  # bytes of each cell of a map in memory; reading releases the rest before stages begin
 
 
 @dataclass(frozen=True)

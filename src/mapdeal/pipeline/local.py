@@ -406,7 +406,6 @@ class RollingRun:
         return self._mapper.result()
 
     def _add(self, turn: int) -> None:
-        """Add a cloud; one that cannot be read is left out of the maps after it."""
         known = self._summed[turn]
         if known is None:
             raise errors.ParameterError("was not read", source=self._cloud(turn))

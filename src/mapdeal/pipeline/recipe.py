@@ -191,7 +191,6 @@ def _model_of(name: str, model: object) -> Stage | None:
 
 
 def planned_shape(robot: RobotParameters) -> Footprint:
-    """Return a robot's shape as the costs of its planner have it."""
     if robot.robot_radius is None:
         return robot.footprint
     return Footprint.circle(robot.inscribed_radius)

@@ -221,8 +221,6 @@ class LiveCostmap:
 
 @dataclass(frozen=True, eq=False)
 class Delivery:
-    """A message as one source of one layer takes it."""
-
     grid: obstacle.ObstacleGrid
     layer: str
     observation: obstacle.Observation
@@ -340,7 +338,6 @@ class BagReplay:
         return Costmap(self.costmap.costs.copy(), resolution, frame.origin)
 
     def steps(self) -> Iterator[ReplayStep]:
-        """Update the costmap with one message after the other."""
         self._frames.read_all(lambda _: None)
         for number, place in enumerate(self._index):
             connection = self._types[place.connection]
@@ -366,7 +363,6 @@ class BagReplay:
         return RawCloud(*_header_of(message), points)
 
     def warn(self) -> None:
-        """Warn of messages that were left out, and of sources whose heights drop all readings."""
         if self._without_transform:
             text = f"{self._without_transform} observations of {len(self._index)} messages are "
             text += "left out: transforms at their times are not known"
@@ -378,7 +374,6 @@ class BagReplay:
                 emit_warning(text, stacklevel=2)
 
     def advance_to(self, messages: int) -> None:
-        """Update the costmap until it has taken a number of messages."""
         while self._updates < messages:
             step = next(self._steps)
             self._updates, self.time = self._updates + 1, step.time
@@ -397,8 +392,7 @@ class BagReplay:
                 self._without_transform += 1
                 continue
             if isinstance(message, RawScan):
-                projector = self._projectors[name]
-                points = projector.points(message, inf_is_valid=source.inf_is_valid)
+                points = self._projectors[name].points(message, inf_is_valid=source.inf_is_valid)
             else:
                 points = message.points
             in_costmap = transformed(points, rigid)
@@ -650,7 +644,6 @@ def message_counts(replay: BagReplay, *, until: int | None, every: int | None) -
 def write_replay(
     replay: BagReplay, folder: Path, messages: int, known: GlobalMap | None, settings: Settings
 ) -> ReplayReport:
-    """Write the costmap after some messages into a folder, with the history of a cell."""
     bag, robot = replay.bag, replay.robot
     sums = {path.name: sha256_of(path) for path in bag.files} | dict(known.sums if known else {})
     step = Step(_REPLAY, {"messages": messages})
@@ -659,8 +652,7 @@ def write_replay(
     target = OutputFolder(folder, (step,), sums, options, settings, robot.described())
 
     def products() -> Iterator[Product]:
-        costs = costs_after(replay, messages=messages)
-        yield Product(step, costs, {"time": replay.time / 1e9})
+        yield Product(step, costs_after(replay, messages=messages), {"time": replay.time / 1e9})
 
     files = (*bag.files, *robot.paths, *(known.files if known else ()))
     warnings = (*robot.remarks, *(known.warnings if known else ()))

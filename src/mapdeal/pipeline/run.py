@@ -367,7 +367,6 @@ def fill(
 
 
 def _warn_of_another(folder: Path) -> None:
-    """Warn of a local map that an earlier run has left beside what this one has made."""
     manifest = read_json(folder / folders.MANIFEST)
     stages = manifest.get("stages") if isinstance(manifest, dict) else None
     if isinstance(stages, list) and stages and isinstance(stages[0], dict) and "local" in stages[0]:
@@ -414,8 +413,7 @@ class SingleResult(Result):
         if hasattr(self.result, "document"):
             file = {"file": str(self.source), "sha256": self.sums}
             return {"map": file, **self.result.document()}
-        parameters = self.step.described()[self.step.name]
-        document = {"parameters": parameters, "figures": self.figures}
+        document = {"parameters": self.step.described()[self.step.name], "figures": self.figures}
         if self.step.stage.product_type is not Costmap:
             return document
         return {**document, **({"curve": None} if self.curve is None else self.curve.document())}

@@ -33,8 +33,6 @@ def is_whole(value: object) -> bool:
 
 @dataclass(frozen=True)
 class Settings:
-    """How a command reads its inputs, computes, draws and writes its outputs."""
-
     dialect: Dialect = "nav2"
     max_cells: int | None = None
     resolution: float | None = None  # of an image that is read without its YAML file

@@ -20,8 +20,7 @@ _SERVER, _COMMAND = os.getpid(), os.getppid()
 
 def _remove_folder() -> None:
     # A living command removes the folder itself, and fails if it is missing.
-    server = getattr(forkserver, "_forkserver", None)
-    address = getattr(server, "_forkserver_address", None)
+    address = getattr(getattr(forkserver, "_forkserver", None), "_forkserver_address", None)
     if os.getpid() != _SERVER or os.getppid() == _COMMAND or not isinstance(address, str):
         return
     folder = Path(address).parent

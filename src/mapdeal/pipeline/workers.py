@@ -245,9 +245,7 @@ def _stoppable(work: Work, job: Job) -> Outcome:
         os._exit(_STOPPED)
 
 
-_TIMEOUT = 9.0
-"""For a connection, for the first worker to come, and for a lost connection."""
-
+_TIMEOUT = 9.0  # for a connection, for the first worker to come, and for a lost connection
 _SECONDS_TO_ANSWER = 1.0
 """Added to `_TIMEOUT`: dask itself waits without a limit for the reply to a message."""
 

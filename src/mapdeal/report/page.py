@@ -169,7 +169,6 @@ def _ticks(ticks: Sequence[tuple[float, str]]) -> list[Markup]:
 
 
 def curve_figure(curve: CostCurve) -> Markup:
-    """Return the picture of a cost curve, its zones and distances in words as its text."""
     image, file = cost_curve_image(curve, title="Cost curve"), io.BytesIO()
     write_indexed_png(file, image.indices, image.palette)
     source = f"{_PNG}{base64.b64encode(file.getvalue()).decode()}"
@@ -441,8 +440,7 @@ def _entry(entry: Entry, number: int, *, several: bool) -> Markup:
         parts.append(element("p", element("a", "\u2190 All maps", href="#maps"), class_="back"))
         parts.append(element("h2", *_broken(entry.name), tabindex=-1))
         size = _size_text(entry) if entry.layers or not entry.status else ""
-        status = ", ".join(filter(None, (entry.status, size)))
-        parts.append(element("p", status, class_="subtitle"))
+        parts.append(element("p", ", ".join(filter(None, (entry.status, size))), class_="subtitle"))
     else:
         parts.append(element("h2", entry.name, class_="unseen"))  # between headings 1 and 3
     if entry.claims or entry.next_command:

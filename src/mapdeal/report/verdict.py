@@ -14,9 +14,7 @@ from mapdeal.grid.reach import GoalReach, Passage, reach_radius
 from mapdeal.grid.values import count_text, decimal_text
 from mapdeal.report.document import About, Claim, Entry, State, Verdict, worst_of
 
-MOST_CLAIMS = 3
-"""Claims of an entry, and names in one of them: more is not read."""
-
+MOST_CLAIMS = 3  # claims of an entry, and names in one of them: more is not read
 _NEARLY_ALL = 0.9
 """Share of the area that a robot fits in: beyond it lie corners behind shelves, not rooms."""
 
