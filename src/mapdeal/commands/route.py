@@ -504,7 +504,7 @@ def _costs_of(
     if getattr(grid, "cost_travel_multiplier", 0):
         rule = "is a weighted potential field: routes do not follow its cost_to_go"
         hint = "route COSTS.npz --method astar --cost-travel-multiplier K weighs costs"
-        raise ParameterError(rule, source=one.name, hint=hint)
+        raise errors.ParameterError(rule, source=one.name, hint=hint)
     inputs.warn_of_values(one)
     with inputs.errors_named(one.name):
         for step in _recipe_for(footprint, robot).steps:
