@@ -253,17 +253,18 @@ GOAL_OF_PLAN = record(
 PLANNER = record(name=TEXT, plugin=TEXT, parameters=table(ANY))
 PLANS = record(files=NAMED_FILES, planner=PLANNER, goals=listed(GOAL_OF_PLAN))
 
-ANSWER = record(PLACE, inside=FLAG)
+ANSWER = record(  # places that are not finite are null, and have an error
+    x=NUMBER_OR_NONE, y=NUMBER_OR_NONE, inside=FLAG, line=Optional(COUNT), error=Optional(TEXT)
+)
 STATE_OF_CELL = or_none(words("free", "occupied", "unknown"))
 POINT_ANSWER = record(
     ANSWER, row=or_none(COUNT), col=or_none(COUNT), state=STATE_OF_CELL, distance=NUMBER_OR_NONE,
     gradient=or_none(POINT), cell_distance=NUMBER_OR_NONE,
 )  # fmt: skip
 POSE_ANSWER = record(
-    ANSWER, yaw=NUMBER, cost=or_none(INTEGER),
+    ANSWER, yaw=NUMBER_OR_NONE, cost=or_none(INTEGER),
     state=or_none(words("free", "collision", "unknown", "outside")),
 )  # fmt: skip
-BAD_LINE = record(line=COUNT, error=TEXT)
 
 FILTER = record(
     AREA, kind=of_type(FilterKind), type=COUNT, base=NUMBER, multiplier=NUMBER,
@@ -466,7 +467,7 @@ DOCUMENTS: dict[str, Schema] = {
         record(PAIR, PLAN, poses=COUNT, changes=Optional(or_none(listed(CHANGE)))),
         FAILED_PAIR,
     ),
-    "query": one_of(POINT_ANSWER, POSE_ANSWER, BAD_LINE),
+    "query": one_of(POINT_ANSWER, POSE_ANSWER),
     "reach": record(REACH, map=NAMED_MAP, costmap=or_none(COSTMAP)),
     "report": REPORT,
     "route": one_of(ROUTE, record(PAIR, RESULT_OF_ROUTE, method=TEXT), FAILED_PAIR),

@@ -16,6 +16,7 @@ import pytest
 import typer
 
 import mapdeal
+import schemas
 from drawn import grid_from_text
 from mapdeal import Costmap, commands, read_map, write_map
 from mapdeal.cli.apps import command_app
@@ -74,6 +75,7 @@ def listed(here, monkeypatch):
     stages = (stage_of(names["drop_lone"]), *catalogue.STAGES, stage_of(flat_cost))
     monkeypatch.setattr(catalogue, "STAGES", stages)
     monkeypatch.setattr(catalogue, "STAGE_NAMES", ("drop-lone", *catalogue.STAGE_NAMES))
+    monkeypatch.delitem(schemas.DOCUMENTS, "cost")  # made of the stages that were listed before
     write_map("room.yaml", grid_from_text(ROOM, 0.25))
 
 
