@@ -251,7 +251,10 @@ GOAL_OF_PLAN = record(
     points=listed(POSE),
 )  # fmt: skip
 PLANNER = record(name=TEXT, plugin=TEXT, parameters=table(ANY))
-PLANS = record(files=NAMED_FILES, planner=PLANNER, goals=listed(GOAL_OF_PLAN))
+PLAN_REPORT = record(
+    files=NAMED_FILES, planner=PLANNER, goals=listed(GOAL_OF_PLAN), start=POSE, map=NAMED_MAP,
+    format=words(formats.PLAN_FORMAT), differences=Optional(listed(TEXT)),
+)  # fmt: skip
 
 ANSWER = record(  # places that are not finite are null, and have an error
     x=NUMBER_OR_NONE, y=NUMBER_OR_NONE, inside=FLAG, line=Optional(COUNT), error=Optional(TEXT)
@@ -396,6 +399,7 @@ SCANS = record(
 GRAPH = record(
     nodes=COUNT, edges=COUNT, kinds=table(COUNT), reachable_m2=NUMBER, covered_m2=NUMBER,
     cover_m=NUMBER, parts=COUNT, min_clearance_m=NUMBER_OR_NONE, length_m=NUMBER, tight_ways=COUNT,
+    near_unknown_ways=COUNT,
 )  # fmt: skip
 OUTLINES = Optional(record(AREA, polygons=COUNT, corners=COUNT))
 DRAWING = record(FILE, free=OUTLINES, reachable=OUTLINES, obstacles=OUTLINES, known=OUTLINES)
@@ -460,10 +464,8 @@ DOCUMENTS: dict[str, Schema] = {
     "merge": MERGE,
     "pack": OCCUPANCY,
     "plan": one_of(
-        record(
-            PLANS, format=words(formats.PLAN_FORMAT), map=NAMED_MAP, start=POSE,
-            against=Optional(PLANS), differences=Optional(listed(TEXT)),
-        ),
+        PLAN_REPORT,
+        record(plans=listed(one_of(PLAN_REPORT, record(exit_code=COUNT, error=TEXT)))),
         record(PAIR, PLAN, poses=COUNT, changes=Optional(or_none(listed(CHANGE)))),
         FAILED_PAIR,
     ),

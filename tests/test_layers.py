@@ -22,7 +22,7 @@ def test_files_terminal_and_other_processes_are_each_one_layers_business(package
 
 
 FILE_SYSTEM_CALLS = re.compile(
-    r"(?<!os\.path)\.(?:absolute|cwd|exists|expanduser|is_dir|is_file|is_mount|is_symlink|iterdir|lstat|"
+    r"(?<!os\.path)(?<!\bsource)(?<!\bsources)\.(?:absolute|cwd|exists|expanduser|is_dir|is_file|is_mount|is_symlink|iterdir|lstat|"
     r"readlink|resolve|rglob|samefile|stat)\("
     r"|\b(?:os|path)\.(?:access|getcwd|listdir|scandir|walk|abspath|getsize|getmtime|isdir|isfile|"
     r"islink|realpath)\("

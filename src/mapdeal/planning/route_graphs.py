@@ -635,7 +635,8 @@ class _CompleteDraft(graph_drafts.Draft):
         lengths = np.hypot(*arms.T)
         arms, lengths = arms[lengths <= reach], lengths[lengths <= reach]
         units = arms / lengths[:, np.newaxis]
-        sums = np.where(units @ units.T < -0.5, lengths[:, np.newaxis] + lengths, np.inf)
+        cosines = np.sum(units[:, np.newaxis] * units, axis=-1)
+        sums = np.where(cosines < -0.5, lengths[:, np.newaxis] + lengths, np.inf)
         if not np.isfinite(sums).any():
             return False
         pair = [*np.unravel_index(sums.argmin(), sums.shape)]

@@ -45,7 +45,7 @@ mapdeal potential examples/maps/office.yaml -o out/potential.npz --goal 9,5 \\
     details="Repulsion is the sum of 1 / distance to every obstacle cell. MAP may also be a "
     "distance field, whose obstacles then count. With a goal, cost_to_go is the length of the "
     "shortest way to it around obstacles, for the robot given; --cost-travel-multiplier weighs it "
-    "by costs, those of MAP or of --params-file.",
+    "by the costs of MAP or of the robot.",
     title=lambda parameters: "potential field" if parameters["goal"] else "repulsive field",
     memory=125.0,
     is_whole=lambda _: True,
