@@ -270,8 +270,8 @@ class PixelTallies:
         grey, is_other = picture.greys_and_exceptions()
         opaque = grey
         if is_other.any():
-            others = picture.only(is_other)
-            self._tally(others, np.ones(others.shape[1], dtype=np.int64))
+            exceptions = picture.only(is_other)
+            self._tally(exceptions, np.ones(exceptions.shape[1], dtype=np.int64))
             opaque = grey[~is_other][np.newaxis]
         if grey.dtype == np.uint8:
             counts = histogram(opaque)

@@ -24,7 +24,7 @@ from mapdeal.pictures.overlay import Overlay
 from mapdeal.pipeline.folder import files_of, summary_of, written_line
 from mapdeal.pipeline.inputs import Map, Work, claim_cells, claim_work, opened
 
-PER_CELL = 3.0  # bytes for each cell of a bit map: a mask, the cells, and what is written
+PER_CELL = 3.0  # bytes for each cell of a bit map: mask, cells and output
 
 
 @dataclass(frozen=True, eq=False, repr=False)

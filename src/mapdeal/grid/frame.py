@@ -655,8 +655,8 @@ class Framed(Drawn, ABC):
             rule = "has no meaning for a rotated grid"
             hint = "grid.plot() draws it rotated, mapdeal.straighten(grid) turns it back"
             raise ParameterError(rule, place="extent", got=self.frame.origin, hint=hint)
-        left, bottom, right, top = self.bounds
-        return left, right, bottom, top
+        x_min, y_min, x_max, y_max = self.bounds
+        return x_min, x_max, y_min, y_max
 
     def plot(self, ax: Any = None, **options: Any) -> Any:
         """Draw the main layer with matplotlib, in metres; unknown cells stay transparent.
@@ -690,8 +690,8 @@ class Framed(Drawn, ABC):
             },
         )  # fmt: skip
         image.set_transform(place + axes.transData)
-        left, bottom, right, top = self.bounds
-        axes.set(xlim=(left, right), ylim=(bottom, top), xlabel="x, m", ylabel="y, m")
+        x_min, y_min, x_max, y_max = self.bounds
+        axes.set(xlim=(x_min, x_max), ylim=(y_min, y_max), xlabel="x, m", ylabel="y, m")
         return axes
 
     def to_xarray(self) -> Any:
