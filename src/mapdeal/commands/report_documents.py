@@ -58,8 +58,8 @@ _WIDEST, _MOST_CORNERS = 1000.0, 500
 
 _LARGEST = FARTHEST**2
 _KNOWN_DOCUMENTS = (
-    "what lint, reach, route, plan, diff, align, score or build --compare writes as JSON, nor a "
-    "file of shapes"
+    "what lint, reach, route, plan of one map, diff, align, score or build --compare writes as "
+    "JSON, nor a file of shapes"
 )
 
 
