@@ -171,3 +171,15 @@ def test_a_thread_that_finds_no_memory_to_begin_with_is_not_waited_for(monkeypat
     assert not thread.is_alive()
     assert parts == list(range(65))
     assert len(started) == 2
+
+
+def test_a_thread_that_begins_after_it_was_given_up_does_no_work(monkeypatch):
+    late, parts = [], []
+    monkeypatch.setattr("mapdeal.kernels.threads.start_new_thread", lambda *call: late.append(call))
+    monkeypatch.setattr("mapdeal.kernels.threads._LONGEST_START", 0.01)
+    worker = Worker(lambda: parts.append("late"))
+    assert not worker.start()
+    ((begin, arguments),) = late
+    begin(*arguments)
+    worker.join()
+    assert parts == []

@@ -28,6 +28,8 @@ _MOST_THREADS = 1024
 _STACK = 16 << 20
 """Bytes that must be free before a thread starts: its stack, and some more."""
 
+_LONGEST_START = 2.0  # seconds
+
 _T = TypeVar("_T")
 _chosen: ContextVar[int | None] = ContextVar("threads", default=None)
 
@@ -63,7 +65,11 @@ class Worker:
     def __init__(self, work: Callable[[], object]) -> None:
         self._work = work
         self._ended = Lock()
-        self.has_begun = False
+        self._decided = Lock()  # taken by the thread as it begins, or by `start` to give it up
+
+    @property
+    def has_begun(self) -> bool:
+        return self._decided.locked()
 
     def start(self) -> bool:
         """Return whether the system has started a thread, and the thread its work."""
@@ -71,32 +77,22 @@ class Worker:
         try:
             check_room(_STACK)
             starting.acquire()
-            start_new_thread(self._begin, ([_Releaser(starting)],))
+            start_new_thread(self._begin, (starting,))
         except (OSError, RuntimeError, MemoryError):
             return False
-        starting.acquire()
-        return self.has_begun
+        # A thread without memory for its first call ends without a sign.
+        return starting.acquire(timeout=_LONGEST_START) or not self._decided.acquire(False)
 
     def join(self) -> None:
         """Wait until a thread that has begun ends."""
         with self._ended:
             pass
 
-    def _begin(self, token: list[_Releaser]) -> None:
+    def _begin(self, starting: Lock) -> None:
         with self._ended:
-            self.has_begun = True
-            token.clear()
-            self._work()
-
-
-class _Releaser:
-    """Releases a lock when deleted, which also happens if the thread fails before its work."""
-
-    def __init__(self, lock: Lock) -> None:
-        self._lock = lock
-
-    def __del__(self) -> None:
-        self._lock.release()
+            if self._decided.acquire(False):
+                starting.release()
+                self._work()
 
 
 def in_parallel(work: Callable[[int, int], object], count: int) -> None:
