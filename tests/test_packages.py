@@ -118,6 +118,7 @@ def test_colcon_installs_into_a_ros_2_workspace(sources, tmp_path, monkeypatch):
         shutil.copy(ROOT / name, checkout / name)
     files = {path for path in checkout.rglob("*") if path.is_file()}
     monkeypatch.setenv("MAPDEAL_KERNELS", "scipy")  # which spares the test two minutes
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
     words = [COLCON, "build", "--base-paths", "src", "src/mapdeal/.github/ros"]
     subprocess.run(words, cwd=tmp_path, check=True, capture_output=True)
     assert {path for path in checkout.rglob("*") if path.is_file()} == files
