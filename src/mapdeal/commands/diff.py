@@ -40,7 +40,7 @@ from mapdeal.sensors.points import transform_document
 
 File = str | PathLike[str]
 
-_PER_CELL, _PER_WALL = 30, 120
+_PER_CELL, _PER_WALL = 32, 120
 """Bytes for each cell of a grid around both maps, and for each occupied cell of one."""
 
 _SHOWN, _LISTED = 5, 20  # changes in the text and in the document
