@@ -109,7 +109,7 @@ def share(part: int, whole: int) -> float | None:
 
 TOGETHER = 1 << 16  # cells of a band of rows on which a thread works
 _LIBRARIES = 28_000_000  # scipy.ndimage, and what it loads
-_PER_CELL, _PER_WALL = 9.2, 12
+_PER_CELL, _PER_WALL = 13.5, 12
 _OF_BAND, _AROUND = 90, 10
 """Of a comparison: bytes for each cell, each wall cell of both maps, and each cell of a band, with
 the rows around it."""

@@ -43,7 +43,7 @@ _PER_LINE, _PER_MEASURED_LINE = 16, 130
 """Bytes for each row and column, and where distances are measured: a band has a row at least, and
 sides above `LONGEST_SIDE` are left to scipy."""
 
-_ON_CANVAS = 0.75
+_ON_CANVAS = 0.9
 """Share of a stage's memory that extending its product to a larger canvas takes besides."""
 
 _READ = 1.0  # bytes of each cell of a map in memory; reading releases the rest before stages begin
