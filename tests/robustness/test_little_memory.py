@@ -38,6 +38,10 @@ def run(words, folder, limit=None):
     return completed, written
 
 
+def run_code(code):
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+
+
 def check(words, folder, limits):
     usual, files = run(words, folder / "usual")
     assert usual.returncode in (0, 1)
@@ -76,11 +80,28 @@ def main():
 mapdeal.cli.main.main = main
 mapdeal.cli.process.run_process()
 """
-    completed = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False
-    )
+    completed = run_code(code)
     message = "error: not enough memory for a map of this size\n"
     assert (completed.returncode, completed.stderr) == (3, message)
+
+
+@pytest.mark.parametrize("raised", ["MemoryError", "KeyError"])
+def test_threads_that_lack_memory_alone_end_without_a_message(raised):
+    code = f"""
+import _thread, time
+import mapdeal.cli.main, mapdeal.cli.process
+def main():
+    def fail():
+        raise {raised}
+    _thread.start_new_thread(fail, ())
+    time.sleep(0.2)
+    return 0
+mapdeal.cli.main.main = main
+mapdeal.cli.process.run_process()
+"""
+    completed = run_code(code)
+    assert completed.returncode == 0
+    assert (raised in completed.stderr) == (raised != "MemoryError")
 
 
 @pytest.mark.thorough

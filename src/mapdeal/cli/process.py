@@ -32,6 +32,7 @@ def run_process() -> NoReturn:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
+    sys.unraisablehook = _report_unless_a_thread_lacks_memory
     gc.disable()  # until the command is imported, see `begin_work`
     try:
         from mapdeal.kernels.engine import prepare_libraries
@@ -63,6 +64,13 @@ def run_process() -> NoReturn:
     # multiprocessing has created, and what a signal has left behind.
     atexit._run_exitfuncs()  # noqa: SLF001
     os._exit(code)
+
+
+def _report_unless_a_thread_lacks_memory(unraisable: sys.UnraisableHookArgs) -> None:
+    # The threads that have memory do the work of a thread that ends before it begins.
+    is_of_thread = "thread" in (unraisable.err_msg or "")
+    if unraisable.exc_type is not MemoryError or not is_of_thread:
+        sys.__unraisablehook__(unraisable)
 
 
 def _version_is_printed() -> bool:
