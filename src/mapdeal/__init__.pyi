@@ -9,8 +9,8 @@ from mapdeal.commands.align import Alignment as Alignment
 from mapdeal.commands.align import align as align
 from mapdeal.commands.build import build_map_from_bag as build_map_from_bag
 from mapdeal.commands.build import build_map_from_log as build_map_from_log
+from mapdeal.commands.build import build_map_from_world as build_map_from_world
 from mapdeal.commands.build_cloud import build_map_from_clouds as build_map_from_clouds
-from mapdeal.commands.build_world import build_map_from_world as build_map_from_world
 from mapdeal.commands.diff import DiffReport as DiffReport
 from mapdeal.commands.diff import diff as diff
 from mapdeal.commands.diff_costs import RobotDiff as RobotDiff

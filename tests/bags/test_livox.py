@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from bags.making import START, Maker, custom, ros1_store, ros2_store, tf
 from clouds import SampledRoom
 from mapdeal import MalformedInputError, build_map_from_clouds, cloud_map
-from mapdeal.bags.livox import points_of_custom
+from mapdeal.bags.messages import points_of_livox
 from strategies import examples
 
 DRIVERS = ("livox_ros_driver", "livox_ros_driver2")
@@ -27,11 +27,11 @@ def test_points_are_those_that_were_written(form, driver, points, frame):
     store = ros1_store() if is_ros1 else ros2_store()
     message = custom(START, points, driver, frame)(store)
     data = bytes((store.serialize_ros1 if is_ros1 else store.serialize_cdr)(message, name))
-    found = points_of_custom(data, "ros1" if is_ros1 else "cdr")
+    found = points_of_livox(data, "ros1" if is_ros1 else "cdr")
     assert np.array_equal(found, np.reshape(points, (-1, 3)))
     for cut in (3, 14, len(data) - 2 - 20 * bool(points)):
         with pytest.raises(MalformedInputError):
-            points_of_custom(data[:cut], "ros1" if is_ros1 else "cdr")
+            points_of_livox(data[:cut], "ros1" if is_ros1 else "cdr")
 
 
 @pytest.mark.parametrize(("form", "driver"), [("ros1", DRIVERS[0]), ("sqlite3", DRIVERS[1])])

@@ -22,9 +22,8 @@ from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
 from mapdeal.kernels.skeleton import DIAGONAL, STRAIGHT, lengths_from, nearest_from, skeleton
 from mapdeal.maps.route_graphs import graph_text
 from mapdeal.planning.graph_drafts import GraphOptions, band_around_unknown
-from mapdeal.planning.graph_routes import route_on_graph
 from mapdeal.planning.route_graphs import AREA_PER_NODE, MOST_EDGES, route_graph_of
-from mapdeal.planning.routes import Terrain
+from mapdeal.planning.routes import Terrain, route_on_graph
 from strategies import examples, masks
 
 ROOT_OF_2 = math.sqrt(2)

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import IO, Any, Literal, NamedTuple, TypeVar
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +29,7 @@ from mapdeal.bags.bag import (
     needs_bags,
     normalised_type,
 )
-from mapdeal.bags.checksums import add_checksums
 from mapdeal.bags.decoding import KNOWN, check_array_lengths, check_length, decoder_of
-from mapdeal.bags.livox import CUSTOM_TYPES
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import access_to, chunks_of, claim
 from mapdeal.files.transaction import Transaction, temporary_folder
@@ -38,8 +37,9 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.occupancy import OccupancyGrid
 
 LASER_SCAN = "sensor_msgs/msg/LaserScan"
+LIVOX_TYPES = ("livox_ros_driver/msg/CustomMsg", "livox_ros_driver2/msg/CustomMsg")
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
-CLOUD_TYPES = (POINT_CLOUD, *CUSTOM_TYPES)
+CLOUD_TYPES = (POINT_CLOUD, *LIVOX_TYPES)
 OCCUPANCY_GRID = "nav_msgs/msg/OccupancyGrid"
 NAV2_COSTMAP = "nav2_msgs/msg/Costmap"
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -53,6 +53,14 @@ _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f
 _UPRIGHT = math.cos(math.radians(10))
 _MOST_POINTS = 1 << 32
 _LARGEST_ANGLE = 1000.0
+
+_LIVOX_POINT = 19  # bytes: the time as uint32, x, y and z as float32, and three uint8
+_BEFORE_POINTS = 20  # bytes: timebase, point_num, lidar_id, rsvd, and the number of points
+
+_MCAP_MAGIC = 8  # bytes
+_CHUNK, _DATA_END, _FOOTER = 0x06, 0x0F, 0x02
+_BEFORE_CHECKSUM = {_CHUNK: 24, _DATA_END: 0, _FOOTER: 16}  # bytes of a record
+_PIECE = 1 << 20
 
 
 class Stamped(NamedTuple):
@@ -272,6 +280,28 @@ def points_of(message: Any) -> NDArray[np.float64]:
         with np.errstate(invalid="ignore"):  # conversion of a signalling nan
             points[..., axis] = np.ndarray((height, width), kind, data, offset, (row_step, step))
     return points.reshape(-1, len(axes))
+
+
+def points_of_livox(data: bytes, encoding: str) -> NDArray[np.float64]:
+    """Return the points of a ``CustomMsg``, for which rosbags would make many objects."""
+    # `msg/CustomMsg.msg` and `msg/CustomPoint.msg`, which are identical in both drivers
+    is_ros1 = encoding == "ros1"
+    order = "<" if is_ros1 or data[1:2] == b"\x01" else ">"
+    try:
+        (length,) = struct.unpack_from(f"{order}I", data, 12)
+        start = 16 + length
+        if not is_ros1:  # CDR aligns 64-bit numbers, counted from the end of its 4-byte header
+            start = 4 + -(-(start - 4) // 8) * 8
+        (count,) = struct.unpack_from(f"{order}I", data, start + _BEFORE_POINTS - 4)
+    except struct.error:
+        raise MalformedInputError("ends within its header") from None
+    first, stride = start + _BEFORE_POINTS, _LIVOX_POINT if is_ros1 else _LIVOX_POINT + 1
+    if first + (count - 1) * stride + _LIVOX_POINT > len(data):
+        rule = f"must have {count} points of {stride} bytes"
+        raise MalformedInputError(rule, place="points", got=f"{max(0, len(data) - first)} bytes")
+    if not count:
+        return np.empty((0, 3))
+    return np.ndarray((count, 3), f"{order}f4", data, first + 4, (stride, 4)).astype(np.float64)
 
 
 def points_of_scan(scan: LaserScan) -> NDArray[np.float64]:
@@ -599,3 +629,49 @@ def _message(
         map_load_time=stamp, resolution=resolution, width=width, height=height, origin=origin
     )
     return types[OCCUPANCY_GRID](header=header, info=info, data=values.view(np.int8))
+
+
+def add_checksums(path: Path) -> None:
+    """Write the checksums of the chunks, which must be uncompressed, the data and the summary."""
+    # mcap.dev, "MCAP Format Specification": CRC-32 of a chunk's records; of all bytes before the
+    # record DataEnd; and of those from the summary to the footer's own checksum. DataEnd's checksum
+    # covers those of the chunks, which therefore come first.
+    with path.open("r+b") as file:
+        for opcode, start, length in _mcap_records(file):
+            if opcode not in _BEFORE_CHECKSUM:
+                continue
+            place = start + _BEFORE_CHECKSUM[opcode]
+            first, end = 0, start - 9
+            if opcode == _CHUNK:
+                file.seek(place + 4)
+                (name,) = struct.unpack("<I", file.read(4))
+                first, end = place + 4 + 4 + name + 8, start + length
+            elif opcode == _FOOTER:
+                file.seek(start)
+                (first,) = struct.unpack("<Q", file.read(8))
+                if not first:  # there is no summary
+                    continue
+                end = place
+            checksum = _crc(file, first, end)
+            file.seek(place)
+            file.write(struct.pack("<I", checksum))
+
+
+def _mcap_records(file: IO[bytes]) -> Iterator[tuple[int, int, int]]:
+    position = _MCAP_MAGIC
+    opcode = 0
+    while opcode != _FOOTER:
+        file.seek(position)
+        opcode, length = struct.unpack("<BQ", file.read(9))
+        yield opcode, position + 9, length
+        position += 9 + length
+
+
+def _crc(file: IO[bytes], start: int, end: int) -> int:
+    file.seek(start)
+    checksum = 0
+    while start < end:
+        piece = file.read(min(_PIECE, end - start))
+        checksum = crc32(piece, checksum)
+        start += len(piece)
+    return checksum

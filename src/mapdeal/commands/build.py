@@ -18,15 +18,14 @@ from numpy.typing import NDArray
 
 from mapdeal.command import AT_LEAST_0, METRES, Output, Result, Words, command, parameters_of
 from mapdeal.commands.build_cloud import CloudBuild, build_from_clouds
-from mapdeal.commands.build_world import WorldBuild, build_from_world
 from mapdeal.commands.pack import Made
 from mapdeal.compare.difference import STATES, changes_of, confusion_of, states_of
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import json_of
 from mapdeal.files.source import check_state, claim, is_regular, state_of
-from mapdeal.grid.frame import Figures, Frame, Point
+from mapdeal.grid.frame import Figures, Frame, Point, check_origin
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import OCCUPIED, count_text
+from mapdeal.grid.values import OCCUPIED, count_text, decimal_text
 from mapdeal.inputs.kinds import is_bag
 from mapdeal.kernels.components import thickness_of
 from mapdeal.kernels.threads import use_threads
@@ -34,7 +33,8 @@ from mapdeal.mapping import build as mapping
 from mapdeal.mapping.cloud_map import CloudOptions
 from mapdeal.mapping.evidence import NEAR, OFTEN, BeamCounts, BeamLimits, Beams, Scans, beams_of
 from mapdeal.mapping.transforms import FrameOptions, Pose, Topics, check_pose
-from mapdeal.mapping.world_map import WorldOptions
+from mapdeal.mapping.voxels import upright
+from mapdeal.mapping.world_map import WorldOptions, map_of_world
 from mapdeal.maps.formats import MAP_ENDINGS
 from mapdeal.maps.npz import check_ends_in_npz, write_npz
 from mapdeal.maps.png import write_indexed_png
@@ -45,6 +45,7 @@ from mapdeal.pipeline.folder import write_picture, written_line
 from mapdeal.pipeline.inputs import InShell, Work, errors_named, refuse
 from mapdeal.pipeline.settings import Settings
 from mapdeal.sensors.scans import DEFAULT_MAX_BAD, ScanSource, ScanTexts, open_log
+from mapdeal.sensors.worlds import World, read_world
 from mapdeal.version import __version__
 
 _PER_CELL: dict[mapping.Method, int] = {"log-odds": 22, "counting": 22, "tsdf": 43}
@@ -59,6 +60,10 @@ _COMPARE_PER_CELL = 60
 _MOST_PLACES = 100
 _STATES = STATES[:3]
 """States of a cell; there is none for values 1..99, since values are not compared."""
+
+_NOT_OF_WORLDS = ("min_points", "fill", "level")
+_OF_ROBOTS = ("climb", "max_slope", "drops", "floor")
+_LEAST_ELSEWHERE = 1.0  # m2 of free space behind walls that are worth a warning
 
 Advance = Callable[[int], object]
 States = NDArray[np.uint8]
@@ -360,6 +365,123 @@ class Comparison(Result):
                 f"  {first}, {second}: {pair['differing']} cells differ, {only} occupied only by "
                 f"{first}, {unmatched} only by {second}"
             )
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class WorldBuild(Made):
+    """A map made of a simulated world."""
+
+    world: World
+
+    def document(self) -> Figures:
+        world = self.world
+        own = {"solids": world.solid_count, "triangles": len(world.triangles)}
+        return {**super().document(), **own, "moving": world.moving, "files": len(world.files)}
+
+    def summary(self, output: Path) -> Iterator[str]:
+        figures = self.document()
+        yield written_line(output, figures, with_origin=True)
+        text = f"  {count_text(figures['solids'], 'solid')}, {figures['triangles']} triangles"
+        moving = self.world.moving
+        yield text + (f"; {count_text(moving, 'model')} that can move left out" if moving else "")
+
+
+def _map_of_world(
+    path: Path, options: WorldOptions, of_robot: dict[str, Any], model_path: Sequence[Path],
+    resolution: float, size: Point | None, origin: Sequence[float] | None,
+) -> tuple[World, OccupancyGrid]:  # fmt: skip
+    frame = mapping.frame_of(size, None if origin is None else origin[:2], resolution)
+    if frame is not None and origin is not None and len(origin) > 2:
+        frame = Frame(*frame.shape, frame.resolution, check_origin(origin))
+    refuse("does not apply to worlds", **{n: of_robot.get(n) for n in _NOT_OF_WORLDS})
+    if (options.height is None) == ("robot_height" not in of_robot):
+        rule = "needs exactly one of --height (what a lidar sees) and --robot-height"
+        raise ParameterError(rule, source="--world")
+    if options.height is not None:
+        rule = "applies to --robot-height, not to --height"
+        refuse(rule, **{name: of_robot.get(name) for name in _OF_ROBOTS})
+
+    def claimed(count: int, text: str) -> None:
+        claim(path, count, what=text, hint="--size and --origin bound the map")
+
+    with errors_named(path):
+        floor = CloudOptions(floor=of_robot.get("floor")).floor
+        of_cloud = CloudOptions(**{n: value for n, value in of_robot.items() if n != "floor"})
+        world = read_world(
+            path, model_path=model_path, visual=options.visual, static_only=options.static_only,
+            floor=floor,
+        )  # fmt: skip
+        claim(path, 3 * world.triangles.nbytes, what=f"{len(world.triangles)} triangles")
+        triangles = upright(world.triangles.reshape(-1, 3), of_cloud.up).reshape(-1, 3, 3)
+        grid, elsewhere_m2 = map_of_world(
+            triangles, world.solids, of_cloud, options, resolution=resolution, frame=frame,
+            claim=claimed,
+        )  # fmt: skip
+    if elsewhere_m2 >= _LEAST_ELSEWHERE:
+        text = f"{path}: {decimal_text(elsewhere_m2, 3)} m2 of free space behind walls are unknown"
+        emit_warning(f"{text}: --at X,Y,Z maps the space at a place", stacklevel=2)
+    return world, grid
+
+
+def build_from_world(path: Path, output: Path, work: Work, **settings: Any) -> WorldBuild:
+    """Make a map of a world in the shell."""
+    work.outputs += output_paths(output)
+    transaction = work.begin([path])
+    world, grid = _map_of_world(path, **settings)
+    write_grid(transaction, output, grid)
+    return WorldBuild(grid, f"{output.stem}: map of a world", world=world)
+
+
+def build_map_from_world(
+    path: str | PathLike[str], *, model_path: Sequence[str | PathLike[str]] = (),
+    resolution: float = 0.05, size: Point | None = None, origin: Sequence[float] | None = None,
+    height: float | None = None, solid: bool = False, visual: bool = False,
+    static_only: bool = False, max_memory: int | None = None, threads: int | None = None,
+    **robot: Any,
+) -> OccupancyGrid:  # fmt: skip
+    """Build the map of a simulated world, like ``mapdeal build --world``.
+
+    Parameters
+    ----------
+    path : path or str
+        A world, model, robot or mesh: .sdf, .world, .urdf, .stl, .obj or .dae.
+    model_path : sequence of path or str
+        Folders with the models that the world includes.
+    resolution : float
+        Side of a cell, metres.
+    size, origin : tuple of float, optional
+        Extent and lower left corner of the map, metres, and its yaw, radians; by default what
+        contains all solids.
+    height, solid, visual, static_only
+        As in `WorldOptions`.
+    max_memory, threads
+        As for `run`.
+    **robot
+        ``robot_height``, ``climb``, ``max_slope``, ``drops``, ``floor``, ``at`` and ``up`` of
+        `CloudOptions`.
+
+    Returns
+    -------
+    OccupancyGrid
+        The map: 100 where solids are, 0 in free space, -1 elsewhere.
+
+    Raises
+    ------
+    ParameterError
+        If not exactly one of ``height`` and ``robot_height`` is given, or an option is invalid.
+    FileAccessError, MalformedInputError
+        If a file is missing or malformed, or has unsupported shapes, or a floor is missing.
+
+    Warns
+    -----
+    MapdealWarning
+        If there is free space elsewhere, behind walls.
+    """
+    settings = Settings(max_memory=max_memory, threads=threads)
+    options = WorldOptions(height=height, solid=solid, visual=visual, static_only=static_only)
+    with settings.reading(), use_threads(settings.threads):
+        folders = [Path(folder) for folder in model_path]
+        return _map_of_world(Path(path), options, robot, folders, resolution, size, origin)[1]
 
 
 @command(

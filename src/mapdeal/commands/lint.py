@@ -25,7 +25,7 @@ from mapdeal.checks.lint import LintReport, MapReport, ReportForm, repair_lines
 from mapdeal.checks.map_checks import RUN_FOLDERS
 from mapdeal.checks.parameter_checks import first_robot
 from mapdeal.command import AT_LEAST_1, Output, Words, command
-from mapdeal.commands.mask_facts import info_of, mask_facts, read_mask
+from mapdeal.commands.mask import info_of, mask_facts, read_mask
 from mapdeal.commands.reach import COSTS_PER_CELL, goals_of, lethal_cells, start_of
 from mapdeal.files import source
 from mapdeal.files.transaction import Transaction

@@ -7,26 +7,57 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
+
+from mapdeal.checks.facts import MaskFacts, PairFacts, gather
 from mapdeal.checks.lint import lint_mask
 from mapdeal.command import Condition, Output, Result, Words, command
-from mapdeal.commands.mask_facts import PER_CELL, mask_facts
 from mapdeal.commands.reach import goals_of, start_of
-from mapdeal.errors import FindingError, emit_warning
-from mapdeal.grid.filters import KINDS, FilterInfo, FilterKind, SpeedUnit, mask_description
+from mapdeal.errors import (
+    FileAccessError,
+    FindingError,
+    MalformedInputError,
+    capture_warnings,
+    emit_warning,
+)
+from mapdeal.grid.filters import (
+    KINDS,
+    FilterInfo,
+    FilterKind,
+    SpeedUnit,
+    info_for,
+    mask_description,
+)
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
-from mapdeal.grid.values import OCCUPIED, count_text, decimal_text
+from mapdeal.grid.values import OCCUPIED, UNKNOWN, count_text, decimal_text
 from mapdeal.kernels.lookup import histogram
-from mapdeal.maps.dialects import Mode
+from mapdeal.maps.dialects import MapMetadata, Mode
 from mapdeal.maps.map_server import pair_paths
 from mapdeal.maps.reading import write_grid
-from mapdeal.maps.zones import Zone, filter_mask, read_zones
+from mapdeal.maps.zones import Zone, filter_mask, name_at, read_zones
 from mapdeal.pictures.canvas import Image
-from mapdeal.pipeline.inputs import InShell, MapInput, claim_cells, errors_named, opened, refuse
+from mapdeal.pipeline.inputs import (
+    InShell,
+    KeepoutMask,
+    MapInput,
+    claim_cells,
+    claim_work,
+    errors_named,
+    mask_of,
+    opened,
+    refuse,
+)
 from mapdeal.pipeline.recipe import planned_shape
+from mapdeal.pipeline.settings import Settings
 from mapdeal.ros.filters import filter_launch, filter_parameters
 from mapdeal.ros.robot import RobotParameters
+from mapdeal.stages.cost import closed_by
+
+PER_CELL = 60.0
+"""Bytes for each cell of the map: what a robot reaches, without a mask and with it."""
+
 
 _PARAMETERS, _LAUNCH = "filters.yaml", "filters.launch.py"
 _NOT_0 = Condition("other than 0", lambda value: value != 0)
@@ -203,3 +234,57 @@ def mask(
     transaction.write_bytes(output / _PARAMETERS, filter_parameters(infos).encode())
     transaction.write_bytes(output / _LAUNCH, filter_launch(kinds, _PARAMETERS, names).encode())
     return result
+
+
+def read_mask(path: Path, settings: Settings, beside: MapInput) -> tuple[KeepoutMask, PairFacts]:
+    with settings.reading():
+        pair, _, findings = gather(path, max_cells=settings.max_cells)
+    for found in findings:
+        if found.severity == "error" and found.check.startswith("file."):
+            is_missing = found.check == "file.access"
+            kind = FileAccessError if is_missing else MalformedInputError
+            raise kind(found.message, source=path)
+    if pair is None:
+        rule = "is no mask that Nav2 loads"
+        raise MalformedInputError(rule, source=path, hint="pass the .yaml of a mask")
+    with capture_warnings():  # warnings about maps do not apply to masks
+        mask = mask_of(path, settings, beside.grid)
+    if mask is None:
+        raise TypeError("there is a mask")
+    return mask, pair
+
+
+def info_of(metadata: MapMetadata, kind: FilterKind | None) -> FilterInfo:
+    """Return the kind of a mask and the meaning of its values: by its YAML, `kind` or its mode."""
+    own = FilterInfo.of(metadata.extra)
+    if own is not None and kind in (None, own.kind):
+        return own
+    return info_for(kind or ("speed" if metadata.mode == "scale" else "keepout"), ())
+
+
+def mask_facts(
+    map_read: MapInput, mask: OccupancyGrid, info: FilterInfo, *, pair: PairFacts | None = None,
+    robot: Footprint | None = None, start: tuple[float, ...] | None = None,
+    goals: Sequence[Goal] = (), zones: Sequence[Zone] = (),
+) -> MaskFacts:  # fmt: skip
+    grid = map_read.occupancy
+    claim_work(map_read.name, grid, PER_CELL)
+    known = np.asarray(grid.occupancy) != UNKNOWN
+    with capture_warnings():  # of costs, which there are none of
+        closed = closed_by(mask, grid.frame) if info.kind == "keepout" else np.zeros_like(known)
+        full = np.full(mask.shape, OCCUPIED, dtype=np.int8)
+        inside = closed_by(mask.with_values(full), grid.frame)
+    covered = int(np.count_nonzero(inside & known)) / max(int(np.count_nonzero(known)), 1)
+    return MaskFacts(
+        pair,
+        mask,
+        info,
+        grid,
+        map_read.name,
+        closed,
+        covered,
+        robot,
+        start,
+        tuple(goals),
+        name_of=lambda xy: name_at(zones, grid, xy),
+    )

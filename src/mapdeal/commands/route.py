@@ -32,7 +32,7 @@ from mapdeal.pipeline.folder import Spread, rounded, rounded_place, spread_json
 from mapdeal.pipeline.recipe import Recipe, load_recipe, planned_shape
 from mapdeal.planning import routes
 from mapdeal.planning.goal_routes import route_in_window, shortest_over
-from mapdeal.planning.graph_routes import route_on_graph
+from mapdeal.planning.routes import route_on_graph
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import PairLine, read_pairs
 from mapdeal.stages.potential import CAP, GAIN, potential

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.bags import livox, messages
+from mapdeal.bags import messages
 from mapdeal.bags.bag import CAN_BE_READ, Bag, Connection, MessageIndex, Recorded, normalised_type
 from mapdeal.bags.messages import Decoder, LaserScan
 from mapdeal.bags.reader import chosen_connections, open_bag
@@ -504,7 +504,7 @@ class BagClouds:
     def points(self, number: int) -> local.Points:
         place = self._index[number]
         connection = self._connections[place.connection]
-        if connection.type in livox.CUSTOM_TYPES:
+        if connection.type in messages.LIVOX_TYPES:
             points = self._points_of_livox(self.bag.data(place), connection)
         else:
             is_cloud = connection.type == messages.POINT_CLOUD
@@ -521,7 +521,7 @@ class BagClouds:
     def _points_of_livox(self, data: bytes, connection: Connection) -> local.Points:
         claim(self.bag.path, 2 * len(data), what="the points of a cloud")
         try:
-            return livox.points_of_custom(data, connection.encoding)
+            return messages.points_of_livox(data, connection.encoding)
         except MalformedInputError as error:
             error.place = error.place or connection.topic
             raise error.found_in(self.bag.path) from None
