@@ -474,7 +474,7 @@ DOCUMENTS: dict[str, Schema] = {
     "report": REPORT,
     "route": one_of(ROUTE, record(PAIR, RESULT_OF_ROUTE, method=TEXT), FAILED_PAIR),
     "run": one_of(SUMMARY, DRY_RUN),
-    "scan": SCANS,
+    "scan": one_of(SCANS, record(maps=listed(record(JOB, scan=Optional(SCANS))))),
     "score": SCORE,
     "unpack": OCCUPANCY,
     "view": record(path=TEXT, opened=FLAG),

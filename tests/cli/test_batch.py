@@ -17,7 +17,6 @@ from mapdeal.cli import terminal
 from mapdeal.files import source as budget
 from mapdeal.kernels.engine import engine_name
 from mapdeal.pipeline import batch
-from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.settings import Settings
 
 pytestmark = pytest.mark.slow
@@ -140,12 +139,12 @@ def test_a_dry_run_of_one_map_ends_as_its_run_would(sh):
 def test_jobs_share_out_threads_and_memory(monkeypatch):
     monkeypatch.setattr(batch, "available_threads", lambda: 8)
     monkeypatch.setattr(budget, "free_memory", lambda: 16_000_000_000)
-    run = batch.MapRun(load_recipe("default"))
+    run = batch.BatchWork(Settings())
     shared = run.sharing(3)
     assert (shared.settings.threads, shared.settings.max_memory) == (2, 8_000_000_000 // 3)
     assert not shared.settings.memory_is_chosen
     assert run.sharing(1) == run
-    chosen = batch.MapRun(load_recipe("default"), Settings(threads=5, max_memory=10**9))
+    chosen = batch.BatchWork(Settings(threads=5, max_memory=10**9))
     assert chosen.sharing(3) == chosen
 
 

@@ -177,7 +177,7 @@ def test_a_sequence_goes_on_where_it_stopped(sh, sequence):
     Path("scans/5.csv").write_text("0.5,0.5,0\n")
     Path("o/0007/cost.npz").write_bytes(b"changed")
     err = sh.err(line, 5)  # what has changed is not overwritten
-    problems = [text.split("/")[1] for text in err.splitlines() if text.startswith("error: o/")]
+    problems = [text.split("/")[1] for text in err.splitlines() if text.startswith("error: o/0")]
     assert problems == ["0005", "0007"]
     Path("poses.txt").rename("scans/poses.csv")  # which is no cloud even if the folder says so
     line = SEQUENCE.replace("poses.txt", "scans/poses.csv")
@@ -348,7 +348,7 @@ def test_a_cloud_that_changes_changes_the_maps_after_it(sh, rolling):
     assert sh(line)[0] == 0
     np.savetxt("scans/2.csv", [[0.5, 0.1]], delimiter=",")
     err = sh.err(line, 5)
-    folders = [text.split("/")[1] for text in err.splitlines() if text.startswith("error: o/")]
+    folders = [text.split("/")[1] for text in err.splitlines() if text.startswith("error: o/0")]
     assert folders == ["0002", "0003", "0004"]
     np.savetxt("poses.txt", [*ROLLING_POSES[:-2], (0.4, 0, 0), ROLLING_POSES[-1]])
     sh(f"{line} --force")

@@ -116,6 +116,21 @@ def test_the_bytes_do_not_depend_on_engine_and_threads(rooms, command, monkeypat
     assert len(sums) == 1
 
 
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_batch_writes_the_log_of_each_map_that_can_be_read(rooms, command, jobs):
+    mapdeal.write_map("maps/turned.yaml", mapdeal.OccupancyGrid(rooms.occupancy.T.copy(), 0.1))
+    maps, line = ["rooms.yaml", "maps", "missing.yaml"], [*SENSOR, *SLOW, "--strict"]
+    code, out, err = command("scan", *maps, *line, "-o", "logs", "--format", "log", "-j", jobs)
+    assert (code, out.splitlines()[-1]) == (5, "logs: 2 done, 1 failed")
+    assert "error: missing.yaml: cannot be read" in err
+    assert command("scan", "rooms.yaml", *line, "-o", "rooms.log")[0] == 0
+    assert Path("logs/rooms.log").read_bytes() == Path("rooms.log").read_bytes()
+    entries = json.loads(Path("logs/summary.json").read_text())["maps"]
+    assert [entry["status"] for entry in entries] == ["done", "done", "failed"]
+    assert entries[1]["scan"]["seen_wall_cells"] > 100
+    assert "exists" in command("scan", "maps", *line, "-o", "logs", "--format", "log")[2]
+
+
 def test_routes_and_files_of_poses_are_followed(rooms, command):
     route = ["route", "rooms.yaml", "--from=-0.9,3.2", "--to", "4,5.5", "-o", "r.json"]
     assert command(*route, "--robot-radius", "0.12")[0] == 0
@@ -150,6 +165,9 @@ def test_routes_and_files_of_poses_are_followed(rooms, command):
     ("--tour --fov 7", 2, "--fov: must be a finite number, above 0, at most a full turn"),
     ("--tour --rate 0", 2, "--rate: must be a finite number, between 0.001 and 10000"),
     ("--tour --speed 1e-7 --robot-radius 0.1", 2, "--speed, --rate: "),
+    ("--tour --jobs 2", 2, "--jobs: applies to several maps"),
+    ("p.txt --poses p.txt", 2, "--tour: is required for several maps"),
+    ("p.txt --tour --image x.png", 2, "--image: applies to one map"),
     ("--tour -o x.bag", 2, "--output: must end in .npz, .log, .mcap or .db3, got 'x.bag'"),
 ])  # fmt: skip
 def test_bad_input_is_one_line(rooms, command, words, code, text):

@@ -14,7 +14,7 @@ import numpy as np
 
 from mapdeal.command import POINT, Output, Words, command, parameters_of
 from mapdeal.commands.route import route_document, warn_of_border
-from mapdeal.errors import BatchError, FindingError, ParameterError, emit_warning, strict_warnings
+from mapdeal.errors import FindingError, ParameterError, emit_warning, strict_warnings
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint
@@ -52,11 +52,6 @@ class LocalMaps(Batch):
         text = f"{self.output}: {done} done, {unchanged} unchanged, {self.count('failed')} failed"
         is_all = done == len(self.jobs)
         yield text + (f", {done / self.seconds:.3g} maps a second" if is_all else "")
-
-    def check(self) -> None:
-        if self.count("failed"):
-            raise BatchError(f"{self.count('failed')} of {len(self.jobs)} clouds failed")
-        super().check()
 
 
 class Costmaps(LocalMaps):

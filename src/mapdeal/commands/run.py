@@ -300,7 +300,7 @@ def run_maps(
         raise errors.ParameterError(f"takes one map, there are {len(all_jobs)}", place="pose")
     shows_progress = not is_batch and scheduler is None  # where one map is run here
     progress = work.settings.progress if shows_progress else None
-    map_run = batch.MapRun(loaded, replace(settings, progress=progress), around)
+    map_run = batch.MapRun(replace(settings, progress=progress), loaded, around)
     size = None
     if scheduler is not None:
         all_jobs = [replace(job, path=absolute_path(job.path)) for job in all_jobs]

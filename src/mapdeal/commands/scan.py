@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextvars import copy_context
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from mapdeal.command import (
     ABOVE_0,
     AT_LEAST_0,
+    AT_LEAST_1,
     METRES,
     POSE,
     RADIANS,
@@ -26,24 +28,27 @@ from mapdeal.command import (
 from mapdeal.commands.graph import graph_of
 from mapdeal.commands.reach import start_of
 from mapdeal.compatibility import Unpack
-from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
+from mapdeal.errors import MalformedInputError, ParameterError, emit_warning, strict_warnings
 from mapdeal.files.json_values import read_document
 from mapdeal.files.source import claim
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Route
 from mapdeal.grid.values import count_text
+from mapdeal.inputs.listing import list_maps
 from mapdeal.mapping.evidence import BeamLimits, Scans
 from mapdeal.mapping.scanner import Scanner, Surroundings, noisy_odometry
 from mapdeal.maps.npz import write_arrays
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.layers import occupancy_image
 from mapdeal.pictures.overlay import RouteOverlay
-from mapdeal.pipeline import inputs
+from mapdeal.pipeline import batch, inputs
 from mapdeal.planning.graph_drafts import GraphOptions
 from mapdeal.planning.tours import driven, tour_of
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import read_poses
 from mapdeal.sensors.scans import ScanArrays, carmen_lines
+
+LogFormat = Literal["npz", "log", "mcap", "db3"]
 
 _BAGS = (".mcap", ".db3")
 _PER_CELL = 24.0  # bytes for each cell of distances and of walls that are seen
@@ -163,19 +168,6 @@ class SimulatedScans(Result):
             write_run(transaction, output, run)
 
 
-@command(
-    group="Laser scans and point clouds",
-    output=Output(
-        "LOG", "Where to write the scans: .npz, .log (CARMEN), .mcap, or a folder .db3.",
-        streams=False, paths=_paths,
-    ),
-    shared=("robot", "files"),
-    example="""\
-mapdeal scan examples/maps/office.yaml --tour --robot-radius 0.22 \\
-    --range-max 8 -o out/scans.npz --image out/scans.png
-mapdeal scan examples/maps/office.yaml --tour --robot-radius 0.22 --rate 2 \\
-    --noise 0.01 --odom-noise 0.02 -o out/scans.mcap""",
-)  # fmt: skip
 def scan(
     map: inputs.Map,  # noqa: A002 - what it is
     *,
@@ -198,12 +190,7 @@ def scan(
     robot: Annotated[RobotParameters | None, Words()] = None,
     **reading: Unpack[inputs.Reading],
 ) -> SimulatedScans:
-    """Simulate the laser scans of a robot that drives through a map.
-
-    Beams are exact: they end where they enter an obstacle. The poses are those of a file, of a
-    route, or of a tour: a closed way along the route graph of the robot, past viewpoints that
-    together see all walls that its nodes see, where possible not at a grazing angle. The seed of
-    the noise is fixed. Bags have /scan, /tf (map, odom, base_link, laser), /odom and /map.
+    """Simulate the laser scans of a robot that drives through a map, as ``mapdeal scan`` does.
 
     Parameters
     ----------
@@ -329,3 +316,126 @@ def scan(
     scans = scanner.scans(around, robot_poses, is_hit if tour else None)
     counts = [int(mask.sum()) for mask in (is_visible | is_hit, is_hit)] if tour else []
     return SimulatedScans(source, scans, robot_poses, scanner, rate, odom_noise, *counts)
+
+
+@dataclass(frozen=True)
+class _ScanRun(batch.BatchWork):
+    """Scans of a map of a batch, written to its place in the folder of outputs."""
+
+    log_format: LogFormat
+    parameters: Mapping[str, Any]
+
+    def __call__(self, job: batch.Job) -> _Log:
+        if job.error is not None:
+            raise job.error
+        return copy_context().run(self._write, job)  # as the context changes
+
+    def _write(self, job: batch.Job) -> _Log:
+        settings, robot = self.settings, self.parameters.get("robot")
+        inputs.Work.current.set(None)  # the shell's settings are those of all maps
+        output = job.folder.with_name(f"{job.folder.name}.{self.log_format}")
+        files = [job.path, *(robot.paths if robot else ())]
+        with (
+            settings.reading(anew=True),
+            strict_warnings(settings.strict, job.path),
+            inputs.outputs_of([*_paths(output)], files, settings) as transaction,
+        ):
+            scans = scan(
+                job.path, **self.parameters, dialect=settings.dialect, max_cells=settings.max_cells
+            )
+            scans.write(transaction, output)
+        return _Log(scans.document(), [*scans.summary(output)])
+
+
+@dataclass(frozen=True)
+class _Log(Result):
+    figures: dict[str, Any]
+    texts: list[str]
+    status: ClassVar[str] = "done"
+
+    def document(self) -> dict[str, Any]:
+        return {"scan": self.figures}
+
+    def lines(self) -> list[str]:
+        return self.texts
+
+
+class ScanLogs(batch.Batch):
+    is_brief = True
+    resuming = "--force writes their logs anew"
+
+    def lines(self) -> Iterator[str]:
+        for outcome in self.outcomes:
+            if outcome.status == "done":
+                yield from outcome.result.lines()
+        yield f"{self.output}: {self.count('done')} done, {self.count('failed')} failed"
+
+
+@command(
+    name="scan",
+    group="Laser scans and point clouds",
+    output=Output(
+        "LOG", "Where to write the scans: .npz, .log (CARMEN), .mcap, or a folder .db3; of several "
+        "maps a folder.", streams=False,
+    ),
+    shared=("robot", "files"),
+    also={"": scan},
+    example="""\
+mapdeal scan examples/maps/office.yaml --tour --robot-radius 0.22 \\
+    --range-max 8 -o out/scans.npz --image out/scans.png
+mapdeal scan examples/maps/office.yaml --tour --robot-radius 0.22 --rate 2 \\
+    --noise 0.01 --odom-noise 0.02 -o out/scans.mcap""",
+)  # fmt: skip
+def scan_maps(
+    sources: Annotated[Sequence[Path], Words("MAP...", typed=list[Path], streams=True)],
+    *,
+    work: inputs.InShell,
+    output: Path,
+    log_format: Annotated[LogFormat | None, Words(name="format")] = None,
+    jobs: Annotated[int | None, AT_LEAST_1, Words("N", short="j")] = None,
+    **parameters: Any,
+) -> SimulatedScans | ScanLogs:
+    """Simulate the laser scans of a robot that drives through a map.
+
+    Beams are exact: they end where they enter an obstacle. The poses are those of a file, of a
+    route, or of a tour: a closed way along the route graph of the robot, past viewpoints that
+    together see all walls that its nodes see, where possible not at a grazing angle. The seed of
+    the noise is fixed. Bags have /scan, /tf (map, odom, base_link, laser), /odom and /map.
+
+    Several maps, or those of a folder, a quoted pattern or @LIST.txt, get a tour and a log each.
+
+    Parameters
+    ----------
+    sources : sequence of path
+        Maps, folders, quoted patterns, or @LIST.txt.
+    log_format : {'npz', 'log', 'mcap', 'db3'}, optional
+        Format of the logs of several maps. [default: npz]
+    jobs : int, optional
+        Number of maps to scan at the same time, each in a process. [default: the cores]
+    **parameters
+        As for `scan`.
+    """
+    names = map(str, sources)
+    listing = list_maps(names, output, work.terminal.input_chunks, lists_empty=True)
+    if not listing.is_set and len(listing.maps) == 1:
+        inputs.refuse("applies to several maps", log_format=log_format, jobs=jobs)
+        work.outputs += _paths(output)
+        scans = scan(listing.maps[0].path, **parameters)
+        scans.write(work.begin(), output)
+        return scans
+    if "tour" not in parameters:
+        rule = "is required for several maps: poses and routes are those of one"
+        raise ParameterError(rule, source="--tour")
+    inputs.refuse("applies to one map", image=work.settings.image)
+    listing.print_notes(work.terminal, "scanned")
+    scan_jobs = batch.jobs_of(listing.maps, output, ())
+    size = batch.jobs_at_once(jobs, len(scan_jobs), work.terminal)
+    scan_run = _ScanRun(work.settings, log_format or "npz", parameters).sharing(size)
+    workers: batch.Workers | None = None
+    if size > 1:
+        from mapdeal.pipeline.workers import ProcessWorkers  # slow to import
+
+        workers = ProcessWorkers(size)
+    return batch.run_and_report(
+        scan_jobs, output, scan_run, ScanLogs, work.terminal, workers=workers
+    )

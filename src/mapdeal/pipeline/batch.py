@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Literal, Protocol, TypeVar
 
 from mapdeal import errors
 from mapdeal.command import Result
+from mapdeal.compatibility import Self
 from mapdeal.files.source import exists, ignores_case, is_same_file, size_text, sums_of_reads
 from mapdeal.files.transaction import Transaction, make_folder
 from mapdeal.grid.values import aligned, count_text
@@ -24,7 +25,7 @@ from mapdeal.maps.reading import open_map
 from mapdeal.pipeline.inputs import Need, Terminal, memory_budget, need_of
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.run import LocalOfRun, RunReport, cells_text, output_folder, run_map
-from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
+from mapdeal.pipeline.settings import Settings
 
 SUMMARY = "summary.json"
 _MOST_PER_PROCESSOR, _LEAST_CAP = 4, 8
@@ -67,14 +68,12 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class MapRun:
-    """A run with all its options, as it is sent to workers: called with a job it does it."""
+class BatchWork:
+    """Work on each map of a batch with its settings, sent to workers and called with a job."""
 
-    recipe: Recipe
-    settings: Settings = DEFAULT_SETTINGS
-    around: LocalOfRun | None = None
+    settings: Settings
 
-    def sharing(self, jobs: int) -> MapRun:
+    def sharing(self, jobs: int) -> Self:
         """Return it with a job's part of processors and memory, where there is no other rule."""
         if jobs == 1:
             return self
@@ -82,12 +81,18 @@ class MapRun:
         shared = replace(self, settings=replace(self.settings, threads=threads))
         return shared.within(memory_budget(self.settings.max_memory, jobs))
 
-    def within(self, memory: int | None) -> MapRun:
+    def within(self, memory: int | None) -> Self:
         """Return it with the memory that a job may take, unless somebody chose that."""
         if memory is None or self.settings.max_memory is not None:
             return self
         settings = replace(self.settings, max_memory=memory, memory_is_chosen=False)
         return replace(self, settings=settings)
+
+
+@dataclass(frozen=True)
+class MapRun(BatchWork):
+    recipe: Recipe
+    around: LocalOfRun | None = None
 
     def __call__(self, job: Job) -> RunReport:
         if job.error is not None:
@@ -368,6 +373,7 @@ class Batch(Result):
     noun: ClassVar[str] = "map"
     is_brief: ClassVar[bool] = False
     """Whether only the first line of each job is printed, and warnings as they are."""
+    resuming: ClassVar[str] = "run the same command to continue"
 
     output: Path
     jobs: Sequence[Job]
@@ -404,9 +410,9 @@ class Batch(Result):
     def check(self) -> None:
         failed = self.count("failed")
         if failed:
-            rule = f"{failed} of {len(self.jobs)} maps failed"
+            rule = f"{failed} of {len(self.jobs)} {self.noun}s failed"
             raise errors.BatchError(rule, source=self.output / SUMMARY)
-        missing = sum(bool(outcome.result.missed_goals) for outcome in self.outcomes)
+        missing = sum(bool(getattr(found.result, "missed_goals", ())) for found in self.outcomes)
         if missing:
             rule = f"on {missing} of {len(self.jobs)} maps the robot does not reach every goal"
             raise errors.FindingError(rule, source=self.output / SUMMARY)
@@ -421,7 +427,7 @@ B = TypeVar("B", bound=Batch)
 
 
 def run_all(
-    jobs: Sequence[Job], output: Path, run_job: Callable[[Job], RunReport],
+    jobs: Sequence[Job], output: Path, run_job: Callable[[Job], Result],
     on_done: Callable[[Job, Outcome], None], kind: type[B], *, workers: Workers | None = None,
 ) -> B:  # fmt: skip
     marked: dict[int, Job] = {}
@@ -455,7 +461,7 @@ def run_all(
     except KeyboardInterrupt:
         summarised()
         progress = f"{len(outcomes)} of {len(jobs)} {kind.noun}s are done"
-        raise KeyboardInterrupt(f"{progress}, run the same command to continue") from None
+        raise KeyboardInterrupt(f"{progress}, {kind.resuming}") from None
     except errors.MapdealError:
         if outcomes:
             summarised()
@@ -464,7 +470,7 @@ def run_all(
 
 
 def run_and_report(
-    jobs: Sequence[Job], output: Path, run_job: Callable[[Job], RunReport], kind: type[B],
+    jobs: Sequence[Job], output: Path, run_job: Callable[[Job], Result], kind: type[B],
     terminal: Terminal, *, workers: Workers | None = None,
 ) -> B:  # fmt: skip
     with (
