@@ -1,6 +1,7 @@
 """Naive versions of every algorithm, by loops over all pairs of cells. Slow, and plain to see."""
 
 import functools
+import heapq
 import itertools
 import math
 from decimal import Context, Decimal, localcontext
@@ -670,6 +671,29 @@ def shortest_way(is_open, start, goal):
             if length < lengths[there] and sees(nodes[here], nodes[there]):
                 lengths[there] = length
     return lengths[1]
+
+
+def lengths_from(is_open, sources, limit=math.inf):
+    """The length in cells of the shortest way to each cell, by Dijkstra on a dict."""
+    best, heap = dict.fromkeys(sources, 0.0), [(0.0, cell) for cell in sources]
+    heapq.heapify(heap)
+    while heap:
+        length, (row, col) = heapq.heappop(heap)
+        if length > best[row, col]:
+            continue
+        for up in (-1, 0, 1):
+            for on in (-1, 0, 1):
+                cell = row + up, col + on
+                inside = 0 <= cell[0] < is_open.shape[0] and 0 <= cell[1] < is_open.shape[1]
+                if not inside or not is_open[cell] or (up, on) == (0, 0):
+                    continue
+                if up and on and not (is_open[row + up, col] or is_open[row, col + on]):
+                    continue
+                total = length + (math.sqrt(2) if up and on else 1.0)
+                if total < best.get(cell, math.inf) and total <= limit:
+                    best[cell] = total
+                    heapq.heappush(heap, (total, cell))
+    return best
 
 
 def beam_lengths(values, starts, angles, limit):

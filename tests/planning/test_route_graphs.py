@@ -1,6 +1,5 @@
 """Route graphs, against floods, sweeps and searches of the tests' own."""
 
-import heapq
 import math
 from itertools import pairwise
 
@@ -14,19 +13,15 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 import mapdeal
 from drawn import grid_from_text
-from engines import needs_compiled
-from kernels.conftest import by_each_engine
 from mapdeal import Costmap, Footprint, Goal, OccupancyGrid, footprint_costs, reach, shortest_route
 from mapdeal.errors import MalformedInputError
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
-from mapdeal.kernels.skeleton import DIAGONAL, STRAIGHT, lengths_from, nearest_from, skeleton
 from mapdeal.maps.route_graphs import graph_text
 from mapdeal.planning.graph_drafts import GraphOptions, band_around_unknown
 from mapdeal.planning.route_graphs import AREA_PER_NODE, MOST_EDGES, route_graph_of
 from mapdeal.planning.routes import Terrain, route_on_graph
-from strategies import examples, masks
-
-ROOT_OF_2 = math.sqrt(2)
+from oracles import lengths_from
+from strategies import examples
 
 
 @st.composite
@@ -46,29 +41,6 @@ def rooms(draw):
     if draw(st.booleans()):
         cells[: height // 4, : width // 4] = -1
     return OccupancyGrid(cells, 0.1, (1.5, -2.0, draw(st.sampled_from([0.0, 0.4]))))
-
-
-def flooded(is_open, sources, limit=math.inf):
-    """The length in cells of the shortest way to each cell, by Dijkstra on a dict."""
-    best, heap = dict.fromkeys(sources, 0.0), [(0.0, cell) for cell in sources]
-    heapq.heapify(heap)
-    while heap:
-        length, (row, col) = heapq.heappop(heap)
-        if length > best[row, col]:
-            continue
-        for up in (-1, 0, 1):
-            for on in (-1, 0, 1):
-                cell = row + up, col + on
-                inside = 0 <= cell[0] < is_open.shape[0] and 0 <= cell[1] < is_open.shape[1]
-                if not inside or not is_open[cell] or (up, on) == (0, 0):
-                    continue
-                if up and on and not (is_open[row + up, col] or is_open[row, col + on]):
-                    continue
-                total = length + (ROOT_OF_2 if up and on else 1.0)
-                if total < best.get(cell, math.inf) and total <= limit:
-                    best[cell] = total
-                    heapq.heappush(heap, (total, cell))
-    return best
 
 
 def parts_of(graph):
@@ -110,9 +82,9 @@ def check_graph(grid, robot, graph, cover):
         assert edge.metadata["length"] == pytest.approx(math.dist(*poses[[0, -1], :2]), abs=2e-3)
     if robot.vertices:
         return
-    reached = flooded(is_open, [tuple(cells[0].tolist())])
+    reached = lengths_from(is_open, [tuple(cells[0].tolist())])
     limit = cover / grid.resolution
-    covered = flooded(is_open, list(map(tuple, cells.tolist())), limit)
+    covered = lengths_from(is_open, list(map(tuple, cells.tolist())), limit)
     assert reached.keys() <= covered.keys()
 
 
@@ -360,59 +332,6 @@ def test_speed_limits_stand_on_all_edges_and_fall_with_the_room():
     for edge in graph.edges:
         share = edge.metadata["min_clearance"] / 0.6
         assert edge.metadata["speed_limit"] == pytest.approx(min(100, 100 * share), abs=0.2)
-
-
-@given(masks(16), st.integers(1, 4), st.integers(0, 2**32 - 1))
-def test_lengths_are_those_of_dijkstra(closed, count, seed):
-    is_open = ~closed
-    places = np.flatnonzero(is_open)
-    if not len(places):
-        return
-    sources = np.random.default_rng(seed).choice(places, count)
-    lengths, origin = nearest_from(is_open, sources)
-    width = is_open.shape[1]
-    expected = flooded(is_open, [divmod(int(index), width) for index in sources])
-    for (row, col), length in np.ndenumerate(lengths):
-        if (row, col) not in expected:
-            assert length == origin[row, col] == -1
-            continue
-        # 17 / 12 is a little more than the root of 2, and other ways may be as short
-        assert expected[row, col] * STRAIGHT <= length + 1e-9
-        assert length <= expected[row, col] * DIAGONAL / ROOT_OF_2 + 1e-9
-        alone = flooded(is_open, [divmod(int(sources[origin[row, col]]), width)])
-        assert alone[row, col] * DIAGONAL / ROOT_OF_2 + 1e-9 >= length
-
-
-@needs_compiled
-@given(masks(16), st.integers(0, 4), st.integers(0, 2**32 - 1))
-def test_both_engines_give_the_same_lengths_and_sources(closed, count, seed):
-    rng = np.random.default_rng(seed)
-    sources = rng.integers(0, closed.size, count)
-    offsets = rng.integers(0, 60, count) if seed % 2 else None
-    limit = int(rng.integers(0, 200)) if seed % 3 else None
-    compiled, twin = by_each_engine(
-        lambda: [*nearest_from(~closed, sources, start_lengths=offsets, limit=limit),
-                 lengths_from(~closed, sources, start_lengths=offsets, limit=limit)]
-    )  # fmt: skip
-    np.testing.assert_array_equal(compiled, twin)
-    np.testing.assert_array_equal(compiled[0], compiled[2])
-
-
-@given(masks(14))
-def test_a_skeleton_has_the_parts_and_holes_of_its_area(area):
-    distance = ndimage.distance_transform_edt(np.pad(area, 1))[1:-1, 1:-1]
-    levels = np.where(area, distance.astype(np.int64), -1)
-    peaks = area & (distance == ndimage.maximum_filter(distance, 3))
-    lines = skeleton(levels, np.zeros_like(area), peaks)
-    assert not (lines & ~area).any()
-    eight = np.ones((3, 3))
-    for mask in (area, lines):
-        labels, count = ndimage.label(mask, eight)
-        holes = ndimage.label(np.pad(~mask, 1, constant_values=True))[1]
-        if mask is area:
-            of_area = labels, count, holes
-    assert (count, holes) == of_area[1:]
-    assert len(np.unique(of_area[0][lines])) == count
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 12))
