@@ -1,5 +1,35 @@
-"""Command lines as they are typed, as for the tests of the command line itself."""
+"""Command lines as they are typed, and a map of two rooms with its run."""
 
+import pytest
+
+import mapdeal
 from cli.conftest import _shown_on_terminal, here, room, sh
+from pipeline.reported import rooms_grid
 
 __all__ = ["_shown_on_terminal", "here", "room", "sh"]
+
+CHANGES = {"inflate.radius": 0.25, "cost.inflation_radius": 0.8, "cost.cost_scaling_factor": 1.0}
+
+
+@pytest.fixture
+def rooms(tmp_path):
+    mapdeal.write_map(tmp_path / "rooms.yaml", rooms_grid())
+    return tmp_path / "rooms.yaml"
+
+
+@pytest.fixture
+def run(rooms, tmp_path):
+    """The folder of a run of the map."""
+    return mapdeal.run(rooms, tmp_path / "out", changes=CHANGES).folder
+
+
+@pytest.fixture
+def save_output(command, tmp_path):
+    """Return a function that writes the standard output of a command to a file."""
+
+    def write(name, *words):
+        path = tmp_path / name
+        path.write_text(command(*words)[1])
+        return path
+
+    return write
