@@ -185,7 +185,7 @@ def test_greys_that_are_looked_up_are_what_the_reader_makes_of_each(
 
 @pytest.mark.parametrize("dialect", ["nav2", "ros1"])
 def test_a_mode_in_capitals_is_read_and_ros_1_warns_of_it(tmp_path, dialect, recwarn):
-    (tmp_path / "m.pgm").write_bytes(b"P5 3 1 255\n\x00\x32\x64")
+    (tmp_path / "m.pgm").write_bytes(b"P2 3 1 1000 0 199 394\n")
     _write_yaml(tmp_path / "m.yaml", "m.pgm", mode="RAW")
     assert read_map(tmp_path / "m.yaml", dialect=dialect).occupancy.tolist() == [[0, 50, 100]]
     remarks = [str(warning.message).rpartition("m.yaml: ")[2] for warning in recwarn]

@@ -11,7 +11,7 @@ import mapdeal
 from mapdeal import Costmap, MalformedInputError, OccupancyGrid, esdf
 from mapdeal.files.source import use_memory
 from mapdeal.kernels.blocks import blocks_of
-from mapdeal.maps.npz import open_npz, read_npz
+from mapdeal.maps.npz import _directory_size, open_npz, read_npz
 from mapdeal.maps.reading import open_map
 from strategies import examples
 from traced_memory import memory_below
@@ -166,3 +166,20 @@ def test_rows_take_the_memory_of_rows(tmp_path):
             assert not lazy.layer[rows].any()
         with pytest.raises(MalformedInputError, match="may be used"):
             lazy.layer[:]
+
+
+@pytest.mark.parametrize("comment", [b"", b"c" * 65_535])
+def test_the_size_of_a_list_of_entries_is_read_before_the_list(tmp_path, comment):
+    path = tmp_path / "a.npz"
+    with zipfile.ZipFile(path, "w") as file:
+        for name in "abc":
+            file.writestr(name, bytes(99_999))
+        file.comment = comment
+        file.close()
+        assert _directory_size(path) == path.stat().st_size - file.start_dir - 22 - len(comment)
+    own, large = (70).to_bytes(4, "little"), (1 << 40).to_bytes(8, "little")
+    for size, record in ((70, own), (0, b"\xff" * 4)):
+        path.write_bytes(b"PK\5\6" + bytes(8) + record + bytes(6) + comment[:9])
+        assert _directory_size(path) == size
+        path.write_bytes(b"PK\6\6" + bytes(36) + large + bytes(8) + path.read_bytes())
+        assert _directory_size(path) == 1 << 40

@@ -18,6 +18,8 @@ import mapdeal
 from drawn import grid_from_text
 from mapdeal import Costmap, Footprint, Frame, Goal, GoalReach, OccupancyGrid, Route
 from mapdeal.grid.canvas import on_canvas
+from mapdeal.grid.filters import FilterInfo
+from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
 from mapdeal.pictures import canvas
 from mapdeal.pictures.comparisons import (
     ScoredWalls,
@@ -25,9 +27,15 @@ from mapdeal.pictures.comparisons import (
     merge_image,
     score_image,
 )
-from mapdeal.pictures.layers import cost_image, occupancy_image
-from mapdeal.pictures.overlay import KeepoutOverlay, RingOverlay
-from mapdeal.pictures.reach import reach_image
+from mapdeal.pictures.layers import cost_image, occupancy_image, zones_image
+from mapdeal.pictures.overlay import (
+    KeepoutOverlay,
+    PlanOverlay,
+    RingOverlay,
+    StepsOverlay,
+    TrajectoriesOverlay,
+)
+from mapdeal.pictures.reach import GraphOverlay, reach_image
 from mapdeal.pictures.styles import alignment_style, cleaning_style
 from pictures.samples import CURVES, TWO_AREAS, curve_of, passage_at, reach_of
 
@@ -47,6 +55,14 @@ ROBOT = Footprint.polygon([(0.3, 0.1), (0.3, -0.1), (-0.15, 0.0)])
 POSE = (2.5, -1.2, 0.9)
 ROUTE = Route("descent", False, (1.6, -1.6), (2.6, -0.6), [[1.6, -1.6], [2.1, -1.5], [2.3, -1.1]],
               0.98, 0.51, 1.0, local_minimum=(2.3, -1.1))  # fmt: skip
+NODES = EMPTY.frame.xy_from_continuous_rowcol([[1, 1], [4, 9], [6, 2], [6, 2.3]]).tolist()
+GRAPH = RouteGraph(
+    tuple(RouteNode(k, *xy, metadata={"kind": kind, "name": "lift"})
+          for k, (xy, kind) in enumerate(zip(NODES, ("goal", "door", "end", "end"), strict=True))),
+    tuple(RouteEdge(9 + k, *ends) for k, ends in enumerate([(0, 1), (1, 0), (1, 2), (2, 3)])),
+)  # fmt: skip
+PATHS = [np.array([[1.6, -1.6], [2.1, -1.5], [2.3, -1.1]]), np.array([[1.6, -1.6], [3.9, -0.2]])]
+SPEEDS = grid_from_text("?..+?\n#+#..\n?+...")
 ALL_COSTS = Costmap(np.arange(256, dtype=np.uint8).reshape(8, 32), 0.25, (1.0, 2.0, 0.4))
 OCCUPANCY_COSTS = Costmap(np.arange(-1, 101, dtype=np.int8).reshape(6, 17), 0.25, scale="occupancy")
 RAMP = Costmap(np.tile(np.arange(100, 130, dtype=np.uint8), (9, 1)), 0.25, circumscribed_cost=115)
@@ -105,6 +121,21 @@ PICTURES = {
     ),
     "map without rings": lambda: occupancy_image(
         ROOM, title="t", overlay=RingOverlay(np.empty((0, 2)), "lost", "none")),
+    "map with a graph": lambda: occupancy_image(EMPTY, title="t", overlay=GraphOverlay(GRAPH)),
+    "map with a graph below": lambda: occupancy_image(
+        EMPTY, title="t", overlay=GraphOverlay(GRAPH, is_below=True)),
+    "map with plans": lambda: occupancy_image(ROOM, title="t", overlay=PlanOverlay(
+        PATHS[1:], (1.6, -1.6), [(3.9, -0.2)], [(4.1, -0.9)], [(2.3, -1.1)], [(2.5, -1.3, 0.2)])),
+    "map with steps": lambda: occupancy_image(
+        ROOM, title="t", overlay=StepsOverlay([ROUTE, ROUTE], PATHS[1])),
+    "map with trajectories": lambda: occupancy_image(
+        ROOM, title="t", overlay=TrajectoriesOverlay(PATHS)),
+    "map with zones": lambda: zones_image(SPEEDS, [
+        (SPEEDS, FilterInfo("speed", "percent", 100.0, -1.0)),
+        (grid_from_text("#????\n?????\n??###"), FilterInfo("keepout")),
+        (grid_from_text("..+..\n.....\n....."), FilterInfo("speed", "m/s", 1.0, -0.01))],
+        title="t"),
+    "two maps": lambda: canvas.beside_each_other([draw(ROOM), draw(STRAIGHT)]),
     "costs": lambda: draw(ALL_COSTS),
     "costs, known part": lambda: draw(mapdeal.exponential_cost(on_canvas(ROOM, PART))),
     "costs, reduced": lambda: draw(ALL_COSTS, image_max=8),

@@ -295,6 +295,7 @@ BAD = [
     ("claims-a-lot.pcd", head(WIDTH="1000000000000", POINTS="1000000000000"), "0 of"),
     ("lzf-sizes.pcd", lzf(struct.pack("<II", 4, 99)), "12 bytes"),
     ("lzf-damaged.pcd", lzf(struct.pack("<II", 2, 12) + b"\x30\x40"), "damaged"),
+    ("lzf-short.pcd", lzf(struct.pack("<II", 9, 12) + b"\x30\x40"), "ends after 2 of 9 bytes"),
     ("lzf-bomb.pcd", lzf(struct.pack("<II", 3, 360_000_000) + b"\xe0\xff\x00", WIDTH=BIG,
                          POINTS=BIG), "damaged"),
     ("format.ply", ply_head("format binary_middle_endian 1.0"), "binary_middle_endian"),

@@ -150,10 +150,14 @@ def dae_of(mesh, unit, up):
     axes = {"Z_UP": np.eye(3), "Y_UP": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
             "X_UP": [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]}[up]  # fmt: skip
     corners = (mesh.vertices @ np.transpose(axes) / unit - [1, 2, 3]) / 2
+    stride = ""
+    if up == "Z_UP":
+        stride = "<technique_common><accessor stride='4'/></technique_common>"
+        corners = np.pad(corners, ((0, 0), (0, 1)), constant_values=7.0)
     faces = " ".join(f"{k} 0" for k in mesh.faces.ravel())
     return f"""<COLLADA><asset><unit meter="{unit}"/><up_axis>{up}</up_axis></asset>
 <library_geometries><geometry id="g"><mesh><source id="p"><float_array>\
-{" ".join(map(str, corners.ravel()))}</float_array></source>
+{" ".join(map(str, corners.ravel()))}</float_array>{stride}</source>
 <vertices id="v"><input semantic="POSITION" source="#p"/></vertices><polylist>
 <input semantic="VERTEX" source="#v" offset="0"/><input semantic="NORMAL" source="#n" offset="1"/>
 <vcount>{"3 " * len(mesh.faces)}</vcount><p>{faces}</p></polylist></mesh></geometry>
