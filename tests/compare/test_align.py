@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from compare.buildings import HALL, OTHER_WALLS, WALLS, between, cut, drawn, errors
-from mapdeal.compare.align import Near, moved, places_of, refined, walls_of, yaws_by_walls
+from mapdeal.compare.align import SearchArea, candidates_at, moved, refined, walls_of, yaws_by_walls
 from mapdeal.compare.align import placed as align
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -157,7 +157,7 @@ def test_the_right_shift_at_the_right_turn_is_best_and_places_are_apart(turn):
     first, second = two_maps(place=place)
     true = pose_between(first, second, place)
     yaws = true[0] + np.arange(8) * math.pi / 4
-    found = places_of(first, second, yaws, side=200, offered=4, kept=5)
+    found = candidates_at(first, second, yaws, side=200, most_per_yaw=4, most=5)
     assert off_by(found.poses[0], true, first) < 1.5 * found.cell
     assert found.cell >= 0.25
     middles = middles_of(found.poses[:5], first)
@@ -169,10 +169,11 @@ def test_the_right_shift_at_the_right_turn_is_best_and_places_are_apart(turn):
 @pytest.mark.parametrize(("x", "is_any"), [(6.0, True), (900.0, False)])
 def test_only_places_near_a_given_one_are_found(x, is_any):
     first, second = two_maps(place=PLACE)
-    near = Near(pose_between(first, second, Transform(x, -3.0, TURN)), 2.0)
-    found = places_of(first, second, near.pose[:1], side=200, offered=6, kept=6, near=near)
+    area = SearchArea(pose_between(first, second, Transform(x, -3.0, TURN)), 2.0)
+    yaws = area.pose[:1]
+    found = candidates_at(first, second, yaws, side=200, most_per_yaw=6, most=6, area=area)
     assert (len(found.poses) > 0) == is_any
-    off = middles_of(found.poses, first) - middles_of(near.pose, first)
+    off = middles_of(found.poses, first) - middles_of(area.pose, first)
     assert np.hypot(*off.T).max(initial=0) <= 2.0 + 2 * found.cell
 
 
