@@ -1,4 +1,4 @@
-"""Workers that do jobs: processes of this machine, or those of a cluster of dask.distributed."""
+"""Workers for jobs: processes of this machine, or of a dask.distributed cluster."""
 
 from __future__ import annotations
 
@@ -37,37 +37,37 @@ from mapdeal.version import __version__
 _T = TypeVar("_T")
 
 _SECONDS_TO_CLEAN_UP = 10.0
-_SECONDS_BETWEEN_LOOKS = 0.1
+_POLL_INTERVAL = 0.1
 _STOPPED = 128 + signal.SIGTERM
 
 _LONGEST_FOLDER = 107 - len("/pymp-12345678/listener-12345678")
-"""Bytes that the name of the folder for temporary files may have, so that of a socket fits."""
+"""Bytes of the longest temporary folder in which the names of sockets still fit."""
 
 _PRELOADED = (
     "mapdeal.pipeline.worker_server",
     "mapdeal.pipeline.batch", "mapdeal.pipeline.workers", "mapdeal.pictures.layers",
     "PIL.Image", "PIL.ImageDraw", "PIL.ImageFont", "PIL.PngImagePlugin", "tokenize",
 )  # fmt: skip
-"""Modules that runs import: the server that workers are forked from imports them once."""
+"""Modules that every run needs: the server from which workers are forked imports them once."""
 
 
 class ProcessWorkers:
-    # They hold the reading end of a pipe of which this process alone has the other end. When that
-    # end is closed, on purpose or because the process is gone, a worker stops: an exception unwinds
-    # its job, so that temporary files are removed.
+    # Each worker reads from a pipe whose writing end only this process has. A worker stops when
+    # that end is closed, deliberately or because this process has died. An exception then unwinds
+    # its job and removes temporary files.
 
     def __init__(self, size: int) -> None:
         self.size = size
 
     @contextmanager
     def started(self, size: int, work: Work) -> Iterator[Submit]:
-        """Run processes within a ``with`` block, stopped early if an exception leaves it."""
+        """Run processes within a ``with`` block; an exception in it stops them early."""
         with ExitStack() as stack:
             with _start_errors():
                 context = _context()
-                lifeline, held_end = multiprocessing.Pipe(duplex=False)
+                lifeline, writing_end = multiprocessing.Pipe(duplex=False)
                 stack.callback(lifeline.close)
-                stack.callback(held_end.close)
+                stack.callback(writing_end.close)
                 executor = ProcessPoolExecutor(
                     size, context, initializer=_set_up,
                     initargs=(lifeline, os.environ.get(VARIABLE)),
@@ -76,17 +76,17 @@ class ProcessWorkers:
 
             is_lost = threading.Event()
 
-            def look_at(future: Future[Outcome]) -> None:
+            def note_loss(future: Future[Outcome]) -> None:
                 if not future.cancelled() and isinstance(future.exception(), BrokenProcessPool):
                     is_lost.set()
 
             def submit(job: Job) -> Future[Outcome]:
                 try:
-                    future = _sent(executor, _stoppable, work, job)
-                except (OSError, EOFError, BrokenProcessPool) as error:  # of a process it needs
+                    future = _submit(executor, _stoppable, work, job)
+                except (OSError, EOFError, BrokenProcessPool) as error:  # no process can start
                     is_lost.set()
                     raise BrokenProcessPool(str(error)) from None
-                future.add_done_callback(look_at)
+                future.add_done_callback(note_loss)
                 return future
 
             try:
@@ -94,29 +94,29 @@ class ProcessWorkers:
                     _wait_for_first(executor)
                 yield submit
             except BaseException:
-                held_end.close()
+                writing_end.close()
                 raise
             if is_lost.is_set():
-                # A pool that has lost a process ends the others, but not one that is started at
-                # that moment, and would wait for it for ever.
-                held_end.close()
+                # A pool that has lost a process ends the others, except one that is just starting;
+                # without this it would wait for that one forever.
+                writing_end.close()
 
 
 @contextmanager
 def _start_errors() -> Iterator[None]:
-    """Replace errors of the system at the start of processes by one error."""
+    """Convert errors while processes start to one error of mapdeal."""
     try:
         yield
     except (OSError, EOFError, RuntimeError, ImportError, NotImplementedError) as error:
-        # a pool breaks, and a server ends, when the system refuses them a resource
-        why = getattr(error, "strerror", None) or "the system has no more to give"
+        # the pool or the server fails when the system refuses a resource
+        why = getattr(error, "strerror", None) or "the system has no resources left"
         rule = f"cannot be started: {why}"
         hint = "--jobs 1 needs none; ulimit -a shows the limits"
         raise FileAccessError(rule, source="worker processes", hint=hint) from None
 
 
-def _sent(executor: ProcessPoolExecutor, function: Callable[..., _T], *values: Any) -> Future[_T]:
-    """Send work to a pool, which may start a process for it, not to be lost by a Ctrl-C."""
+def _submit(executor: ProcessPoolExecutor, function: Callable[..., _T], *values: Any) -> Future[_T]:
+    """Submit work to a pool, which may start a process; Ctrl-C must not interrupt that."""
     with signals_deferred(), _terminal_blocked():
         return executor.submit(function, *values)
 
@@ -127,25 +127,25 @@ def _shut_down(executor: ProcessPoolExecutor) -> None:
 
 
 def _wait_for_first(executor: ProcessPoolExecutor) -> None:
-    """Wait until the first process has started, and the threads that serve the pool."""
+    """Wait until the first process and the pool's own threads have started."""
     failures: list[object] = []
     before, threading.excepthook = threading.excepthook, failures.append
     try:
-        first = _sent(executor, int)
-        while not first.done():  # without its threads a pool never comes to do it
+        first = _submit(executor, int)
+        while not first.done():  # without its threads the pool would never run it
             if failures:
                 raise RuntimeError
-            wait_for([first], timeout=_SECONDS_BETWEEN_LOOKS)
+            wait_for([first], timeout=_POLL_INTERVAL)
         first.result()
     finally:
         threading.excepthook = before
 
 
 def _end_helpers() -> None:
-    """End the server that workers are forked from, and multiprocessing's tracker of semaphores."""
+    """End multiprocessing's fork server and resource tracker."""
     server: Any = getattr(sys.modules.get("multiprocessing.forkserver"), "_forkserver", None)
     tracker: Any = resource_tracker._resource_tracker  # noqa: SLF001
-    with suppress(ProcessLookupError, ChildProcessError):  # they have ended
+    with suppress(ProcessLookupError, ChildProcessError):  # already ended
         if server is not None and server._forkserver_pid is not None:  # noqa: SLF001
             os.kill(server._forkserver_pid, signal.SIGKILL)  # noqa: SLF001 - it holds no state
             os.waitpid(server._forkserver_pid, 0)  # noqa: SLF001
@@ -153,25 +153,24 @@ def _end_helpers() -> None:
 
 
 def _context() -> BaseContext:
-    # Left alone, helpers notice only later that this process has ended. The number makes this the
-    # last thing that multiprocessing does at its end, after it has removed the server's socket.
+    # By themselves, helper processes notice late that this process has ended. With priority -101
+    # they are ended last, after multiprocessing has removed the server's socket.
     util.Finalize(None, _end_helpers, exitpriority=-101)
-    # Never from this one: it may have threads, whose locks a fork would copy as they are. Where the
-    # server cannot have its socket, as the folder for temporary files has too long a name or is
-    # none, each process starts afresh.
+    # Workers are never forked from this process: a fork copies locks that its threads hold. If the
+    # temporary folder cannot hold the server's socket, each worker is a new interpreter ("spawn").
     if "forkserver" in multiprocessing.get_all_start_methods():
         from multiprocessing import forkserver
 
-        # Ctrl-C goes to all processes of a terminal. Here it is this one's to answer; a worker
-        # that is only starting would print a traceback. It inherits that the signal is blocked.
-        # The tracker comes first, since its start unblocks it again; it ignores all but SIGHUP.
+        # A terminal sends Ctrl-C to all its processes, but only this one responds. Workers inherit
+        # the blocked signal; otherwise a starting worker would print a traceback. The tracker
+        # starts first because its start unblocks the signal; it ignores all signals except SIGHUP.
         with _terminal_blocked():
             resource_tracker.ensure_running()
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(list(_PRELOADED))
         try:
             if len(os.fsencode(folder_for_sockets())) > _LONGEST_FOLDER:
-                raise OSError("AF_UNIX path too long")  # before a folder is made, to be left there
+                raise OSError("AF_UNIX path too long")  # before multiprocessing creates a folder
             with _terminal_blocked():
                 forkserver.ensure_running()
         except OSError as error:
@@ -184,7 +183,7 @@ def _context() -> BaseContext:
 
 @contextmanager
 def _terminal_blocked() -> Iterator[None]:
-    """Block what a terminal sends to all its processes, here and in processes started within."""
+    """Block a terminal's signals, here and in processes started in the block."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -196,7 +195,7 @@ def _terminal_blocked() -> Iterator[None]:
 
 
 class _StoppedError(BaseException):
-    """The worker must stop; handlers of Exception do not catch it."""
+    """Raised in a worker that must stop; handlers of Exception do not catch it."""
 
 
 _is_busy = False
@@ -204,12 +203,12 @@ _is_stopping = False
 
 
 def _set_up(lifeline: Connection, engine: str | None) -> None:
-    if engine is not None:  # the server's environment may be older
+    if engine is not None:  # the server may have an outdated environment
         os.environ[VARIABLE] = engine
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _stop)
     if not Worker(partial(_watch, lifeline)).start():
-        os._exit(_STOPPED)  # rather than outlive the command
+        os._exit(_STOPPED)  # unwatched, it could outlive the command
 
 
 def _watch(lifeline: Connection) -> NoReturn:
@@ -222,7 +221,7 @@ def _watch(lifeline: Connection) -> NoReturn:
 
 
 def _stop(*_: object) -> None:
-    """End at once, or unwind the job in progress."""
+    """Exit immediately, or unwind the job in progress."""
     global _is_stopping
     if not _is_busy:
         os._exit(_STOPPED)
@@ -240,17 +239,17 @@ def _stoppable(work: Work, job: Job) -> Outcome:
         finally:
             _is_busy = False
     except _StoppedError:
-        # removes temporary files that the exception left behind, as multiprocessing itself does
+        # removes remaining temporary files, as multiprocessing does
         atexit._run_exitfuncs()  # noqa: SLF001
         os._exit(_STOPPED)
 
 
-_TIMEOUT = 9.0  # for a connection, for the first worker to come, and for a lost connection
+_TIMEOUT = 9.0  # seconds to connect, to reconnect, and for the first worker
 _SECONDS_TO_ANSWER = 1.0
-"""Added to `_TIMEOUT`: dask itself waits without a limit for the reply to a message."""
+"""Added to `_TIMEOUT`, because dask waits for replies without a limit."""
 
-_AT_ONCE = 1000
-"""Jobs that the scheduler is given at the same time: enough for a cluster that grows."""
+_MOST_SUBMITTED = 1000
+"""Jobs submitted to the scheduler at the same time: enough for a growing cluster."""
 
 _ADDRESS = re.compile(r"(tcp|tls|ucx|ws|wss)://(?:\[[^/\s\[\]]+\]|[^/:\s\[\]]+):([0-9]{1,5})")
 _UNENCRYPTED = ("tcp", "ws")
@@ -264,11 +263,11 @@ _VERSION = "mapdeal.version.__version__"
 
 
 class ClusterWorkers:
-    # The machines must share the folders of inputs and outputs under the same paths. When a worker
-    # dies, the scheduler gives its jobs to others; a job fails only if several workers died of it.
+    # All machines must see inputs and outputs under the same paths. When a worker dies, the
+    # scheduler repeats its jobs elsewhere; a job fails only if several workers died with it.
 
     def __init__(self, client: Any, address: str, size: int | None = None) -> None:
-        self.size = size or _AT_ONCE
+        self.size = size or _MOST_SUBMITTED
         self._client = client
         self._address = address
 
@@ -278,9 +277,9 @@ class ClusterWorkers:
         return min(limits) // 2 if limits else None
 
     @contextmanager
-    def started(self, size: int, work: Work) -> Iterator[Submit]:  # noqa: ARG002 - they are there
-        """Yield a function that sends jobs; jobs not begun are dropped after the ``with`` block."""
-        # the same job may be sent twice, in two batches: its result is never an old one
+    def started(self, size: int, work: Work) -> Iterator[Submit]:  # noqa: ARG002 - they run already
+        """Yield a function that submits jobs; waiting jobs are dropped after the ``with`` block."""
+        # pure=False: a job of a later batch must not reuse the result of an equal one
         executor = self._client.get_executor(pure=False)
         on_worker = _OnWorker(work, __version__)
 
@@ -288,7 +287,7 @@ class ClusterWorkers:
             self._wait_for_scheduler(job)
             try:
                 return _with_own_errors(executor.submit(on_worker, job), job)
-            except Exception as error:  # noqa: BLE001 - dask raises plain ones if it has just lost it
+            except Exception as error:  # noqa: BLE001 - if the connection was just lost
                 rule = f"was not started: {_first_line(error)}"
                 raise WorkerDiedError(rule, source=job.path) from None
 
@@ -298,7 +297,7 @@ class ClusterWorkers:
             executor.shutdown(wait=False)
 
     def _wait_for_scheduler(self, job: Job) -> None:
-        """Wait while the client tries to find a scheduler again that it has lost."""
+        """Wait while the client reconnects to a lost scheduler."""
         end = time.monotonic() + 2 * _TIMEOUT
         while self._client.status == "connecting" and time.monotonic() < end:
             time.sleep(0.1)
@@ -319,13 +318,13 @@ def connected(address: str, shared: Sequence[Path]) -> Iterator[Any]:
         _check_workers(client, address, shared)
         yield client
     finally:
-        with suppress(Exception):  # it is gone, or goes by itself
+        with suppress(Exception):  # the connection is already closed
             client.close(timeout=_TIMEOUT)
 
 
 def shared_folders(job: Job) -> list[Path]:
-    above = next(folder for folder in job.folder.parents if exists(folder))
-    return [folder for folder in (job.path.parent, above) if exists(folder)]
+    existing = next(folder for folder in job.folder.parents if exists(folder))
+    return [folder for folder in (job.path.parent, existing) if exists(folder)]
 
 
 def _client(address: str) -> Any:
@@ -334,18 +333,18 @@ def _client(address: str) -> Any:
     except ModuleNotFoundError:
         rule = "needs dask.distributed: pip install 'distributed>=2024.8'"
         raise ParameterError(rule, source="--scheduler") from None
-    for name in list(logging.root.manager.loggerDict):  # errors repeat their messages
+    for name in list(logging.root.manager.loggerDict):  # mapdeal's errors repeat these messages
         if name.partition(".")[0] in ("asyncio", "distributed", "tornado"):
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     client_type: Any = distributed.Client
     connect = partial(client_type, timeout=_TIMEOUT, set_as_default=False, name="mapdeal")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # such as that versions of Python differ
+            warnings.simplefilter("ignore")  # such as different Python versions
             return _within_timeout(connect, address)
-    except Exception as error:  # noqa: BLE001 - of any type where another program answers
+    except Exception as error:  # noqa: BLE001 - any type if another program answers
         scheme = address.partition(":")[0]
-        if isinstance(error, OSError | distributed.TimeoutError):  # not one of Python 3.10
+        if isinstance(error, OSError | distributed.TimeoutError):  # not an OSError in Python 3.10
             rule = f"the scheduler does not answer: {_first_line(error)}"
             raise FileAccessError(rule, source=address) from None
         if scheme in _UNENCRYPTED:
@@ -356,7 +355,7 @@ def _client(address: str) -> Any:
 
 
 def _within_timeout(request: Callable[..., _T], *arguments: Any, **options: Any) -> _T:
-    """Return what a request to the cluster returns, or raise a TimeoutError."""
+    """Return the cluster's reply to a request, or raise a TimeoutError."""
     seconds = _TIMEOUT + _SECONDS_TO_ANSWER
     thread = ThreadPool(1)
     reply = thread.submit(request, *arguments, **options)
@@ -375,7 +374,7 @@ def _check_workers(client: Any, address: str, shared: Sequence[Path]) -> None:
         rule = f"the scheduler has no workers: {_first_line(error)}"
         hint = f"dask worker {address} --nthreads 1 starts one"
         raise FileAccessError(rule, source=address, hint=hint) from None
-    # Functions of the standard library, since a worker may lack ours.
+    # Only functions of the standard library: mapdeal may be missing on a worker.
     hint = f"install mapdeal {__version__} on the workers"
     for worker, found in _answers(client, address, pydoc.locate, _VERSION):
         if found is None:
@@ -394,7 +393,7 @@ def _check_workers(client: Any, address: str, shared: Sequence[Path]) -> None:
 def _answers(client: Any, address: str, function: Any, *arguments: str) -> list[tuple[str, Any]]:
     try:
         answers = _within_timeout(client.run, function, *arguments, on_error="ignore")
-    except Exception as error:  # noqa: BLE001 - of the network, of pickles, of the event loop
+    except Exception as error:  # noqa: BLE001 - of the network, pickle or the event loop
         rule = f"the workers do not answer: {_first_line(error)}"
         raise FileAccessError(rule, source=address) from None
     return sorted(answers.items())
@@ -404,7 +403,7 @@ def _memory_limit(dask_worker: Any) -> int | None:
     return getattr(getattr(dask_worker, "memory_manager", None), "memory_limit", None)
 
 
-def _with_own_errors(sent: Future[Outcome], job: Job) -> Future[Outcome]:
+def _with_own_errors(submitted: Future[Outcome], job: Job) -> Future[Outcome]:
     from distributed import KilledWorker
 
     relayed: Future[Outcome] = Future()
@@ -419,11 +418,11 @@ def _with_own_errors(sent: Future[Outcome], job: Job) -> Future[Outcome]:
         except KilledWorker:
             rule = "every worker that tried this map died"
             relayed.set_exception(WorkerDiedError(rule, source=job.path, hint=TOO_LARGE))
-        except Exception as error:  # noqa: BLE001 - the work itself raises none
+        except Exception as error:  # noqa: BLE001 - not of the work, which raises none
             rule = f"was lost: {_first_line(error)}"
             relayed.set_exception(WorkerDiedError(rule, source=job.path))
 
-    sent.add_done_callback(pass_on)
+    submitted.add_done_callback(pass_on)
     return relayed
 
 
@@ -431,7 +430,7 @@ def _first_line(error: Exception) -> str:
     return next(iter(str(error).splitlines()), type(error).__name__)
 
 
-_one_at_a_time = threading.Lock()
+_warnings_lock = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -445,6 +444,6 @@ class _OnWorker:
             return Outcome(MapdealError(rule, source=job.path))
         from distributed import get_worker
 
-        # Python's warnings belong to the process, so a worker's threads take turns.
-        with _one_at_a_time, use_threads(int(get_worker().state.nthreads)):
+        # The threads of a worker take turns, because Python's warnings belong to the process.
+        with _warnings_lock, use_threads(int(get_worker().state.nthreads)):
             return self.work(job)
