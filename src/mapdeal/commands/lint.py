@@ -1,7 +1,4 @@
-"""``mapdeal lint``: what is wrong with maps, and with a robot's parameter files.
-
-Traps are taken out of a map's cells, or out of its YAML file alone.
-"""
+"""``mapdeal lint``: check and repair maps, and check a robot's parameter files."""
 
 from __future__ import annotations
 
@@ -56,55 +53,55 @@ T = TypeVar("T")
 
 Names = str | PathLike[str] | Iterable[str | PathLike[str]]
 
-_CELLS_OF_ANY = 250_000
-"""Cells that are checked in the time that a file takes, however small it is."""
+_CELLS_PER_FILE = 250_000
+"""Cells that can be checked in the time that opening a file takes."""
 
-_LOOKED_AT = 16
-"""Maps of which the size is looked at; the others are taken to be like them."""
+_SAMPLED_MAPS = 16
+"""Maps whose sizes are read to estimate the number of all cells."""
 
 _CELLS_WORTH_WORKERS = 500_000_000
-"""Checked in two or three seconds: of fewer, two processes save less than they take to start."""
+"""Cells checked in two or three seconds, about the time that two processes take to start."""
 
 
-_COSTS = "holds costs, which are not repaired"
+_COSTS_RULE = "holds costs, which are not repaired"
 
 _NUMBERS = ("resolution", "origin", "occupied_thresh", "free_thresh")
 
-_PER_CELL_OF_GRAPH = 24  # bytes: distances, what is open, what a robot meets
-_PER_CELL_REPAIRED = 3  # bytes: the cells, and what they become while they are written
+_PER_CELL_OF_GRAPH = 24  # bytes: distances, open cells, collisions of the robot
+_PER_CELL_REPAIRED = 3  # bytes: the cells, and the pixels being written
 _PER_CELL_OF_TURNED, _PER_NEW_CELL = 5, 3
-"""Bytes, of a turned map that is resampled and of the new one."""
+"""Bytes for each cell of a turned map and of its resampled copy."""
 
 
 ImageUsers = dict[Path, list[tuple[tuple[int, int], Path]]]
-"""The images that the YAML files of a folder name, and those files: each folder is read once."""
+"""For each folder that was read, the identities of images and the YAML files that name them."""
 
-_WRITTEN = (".pgm", ".png")  # formats of images that can be written as they were
-_COPY = "mapdeal lint MAP --fix -o OUT writes a repaired copy"
+_WRITABLE_IMAGES = (".pgm", ".png")
+_COPY_HINT = "mapdeal lint MAP --fix -o OUT writes a repaired copy"
 
 
-def _several(names_given: Names) -> tuple[str, ...]:
-    names: Iterable[object] = (names_given,)
-    if isinstance(names_given, Iterable) and not isinstance(names_given, str | bytes):
-        names = tuple(names_given)
+def _as_names(argument: Names) -> tuple[str, ...]:
+    names: Iterable[object] = (argument,)
+    if isinstance(argument, Iterable) and not isinstance(argument, str | bytes):
+        names = tuple(argument)
     for name in names:
         if not isinstance(name, str | PathLike):
             raise errors.ParameterError("takes names or paths", source="lint", got=name)
     return tuple(map(str, names))
 
 
-def _separated(texts: Iterable[str]) -> tuple[str, ...]:
-    """Return names that were given with commas between them, or option by option."""
+def _split_names(texts: Iterable[str]) -> tuple[str, ...]:
+    """Return the names in a repeated option, which commas may separate."""
     return tuple(name.strip() for text in texts for name in text.split(","))
 
 
 def _check_words(incomplete: str) -> Iterable[str]:
-    listed = incomplete.rpartition(",")[0]
-    return [f"{listed},{name}" if listed else name for name in sorted(CHECKS)]
+    earlier = incomplete.rpartition(",")[0]
+    return [f"{earlier},{name}" if earlier else name for name in sorted(CHECKS)]
 
 
 MaskFile = Annotated[str | PathLike[str], Words("MASK", name="mask", typed=Path)]
-Checks = Annotated[Names, Words("IDS", _separated, is_repeated=True, completed=_check_words)]
+Checks = Annotated[Names, Words("IDS", _split_names, is_repeated=True, completed=_check_words)]
 
 
 @command(
@@ -268,17 +265,17 @@ def lint(
     if explain:
         if paths:
             raise errors.ParameterError(
-                "cannot be given together with --explain", source=_several(paths)[0]
+                "cannot be given together with --explain", source=_as_names(paths)[0]
             )
         inputs.refuse("cannot be given together with --explain", params_file=params_file)
-        named = named_checks(_several(explain), "--explain")
+        named = named_checks(_as_names(explain), "--explain")
         return LintReport((), __version__, form, explained=named)
     work = inputs.Work.current.get()
     settings = Settings(max_cells=max_cells, max_memory=max_memory, force=force)
-    if work is not None:  # also how images without a YAML file are read
+    if work is not None:  # which also contain the resolution of images without a YAML file
         settings = work.settings
-    names, robots = _apart_from_parameters(_several(paths))
-    files = tuple(map(Path, _several(params_file)))
+    names, robots = _maps_and_robots(_as_names(paths))
+    files = tuple(map(Path, _as_names(params_file)))
     if fix and robots:
         hint = "--fix repairs maps only"
         raise errors.ParameterError("is a parameter file", source=robots[0][0], hint=hint)
@@ -310,7 +307,7 @@ def lint(
         raise errors.ParameterError("names no map: needs a MAP, or --params-file", source="lint")
     if no_config and not isinstance(config, bool):
         raise errors.ParameterError("cannot be given together with --no-config", place="config")
-    nearest = config and not no_config if isinstance(config, bool) else Path(config)
+    config_source = config and not no_config if isinstance(config, bool) else Path(config)
     with settings.reading():
         chunks = _no_standard_input if work is None else work.terminal.input_chunks
         listing = list_maps(names, None, chunks, exempt=RUN_FOLDERS)
@@ -322,39 +319,39 @@ def lint(
             raise errors.ParameterError("needs one MAP, which the mask is for", place="filter_mask")
         if in_place and any(map(map_server.is_bare_image, maps)):
             raise errors.ParameterError(
-                "cannot repair an image alone", place="in_place", hint=_COPY
+                "cannot repair an image alone", place="in_place", hint=_COPY_HINT
             )
         if output is not None:
             return _repaired_copy(maps, Path(output), settings)
-        at_once = min(jobs or 1, len(maps))
+        processes = min(jobs or 1, len(maps))
         counted: ProgressCallback = report_nothing
         if work is not None:
             listing.print_notes(work.terminal, "checked")
-            at_once = jobs_at_once(jobs, len(maps), work.terminal)
+            processes = jobs_at_once(jobs, len(maps), work.terminal)
             if len(maps) > 1:
                 counted = partial(work.terminal.counted, noun="map")
         robot = None
         if len(robots) == 1 and maps:
             robot = first_robot(robots[0], costmap=costmap, namespace=namespace)
-        shape = footprint  # as costs of a planner have it
+        shape = footprint  # with which planners check collisions
         if footprint is None and robot is not None:
             footprint, shape = robot.footprint, planned_shape(robot)
         lint_maps = _Lint(
-            Selections(_several(select), _several(ignore), strict=strict, config=nearest),
+            Selections(_as_names(select), _as_names(ignore), strict=strict, config=config_source),
             settings,
             None if footprint is None or not maps else reach_radius(footprint),
-            at_once,
+            processes,
             None if graph is None else (Path(graph), shape, robot),
         )
         reports = [
             report
-            for of_robot in robots
-            for report in lint_maps.parameters(of_robot, costmap, namespace, maps)
+            for robot_files in robots
+            for report in lint_maps.parameters(robot_files, costmap, namespace, maps)
         ]
         with counted(len(maps)) as advance:
             reports += lint_maps(maps, advance)
         if filter_mask is not None:
-            with errors.capture_warnings():  # which are among the findings
+            with errors.capture_warnings():  # the findings include them
                 map_read = inputs.map_input(inputs.read_input(maps[0], settings), maps[0])
             path = Path(filter_mask)
             reports.append(lint_maps.mask(path, map_read, mask_kind, footprint, start, goals))
@@ -367,8 +364,8 @@ def lint(
     return report
 
 
-def _apart_from_parameters(names: Sequence[str]) -> tuple[list[str], list[tuple[Path, ...]]]:
-    """Separate the names of maps from parameter files, which are grouped by robot."""
+def _maps_and_robots(names: Sequence[str]) -> tuple[list[str], list[tuple[Path, ...]]]:
+    """Return the names of maps, and the parameter files of each robot."""
     maps: list[str] = []
     robots = []
     for flavour, group in groupby(names, lambda name: flavour_of_file(Path(name))):
@@ -386,7 +383,7 @@ def _no_standard_input() -> Iterable[bytes]:
 
 @dataclass
 class _Lint:
-    """Lint by some rules, of a robot's files or, so many at the same time, of maps."""
+    """Checks with one selection of rules, of parameter files and, in processes, of maps."""
 
     selections: Selections
     settings: Settings
@@ -398,45 +395,46 @@ class _Lint:
         self, files: Sequence[Path], costmap: CostmapName | None, namespace: str | None,
         maps: Sequence[Path],
     ) -> list[MapReport]:  # fmt: skip
-        """Return what is wrong with a robot's parameter files, also beside maps."""
+        """Check a robot's parameter files, also against the frames of maps."""
         for path in maps:
-            self.selections.of(path)  # what is wrong with their rules is told of first
-        headers = [
-            (path.name, found)
+            self.selections.of(path)  # errors in configurations come first
+        frames = [
+            (path.name, frame)
             for path in maps
-            if (found := _of_header(path, self.settings, lambda file: file.frame()))
+            if (frame := _from_header(path, self.settings, lambda file: file.frame()))
         ]
-        found_by_file = checks.check_parameters(files, costmap, namespace, headers)
-        reports = [self._report(path, found) for path, found in found_by_file.items()]
+        findings = checks.check_parameters(files, costmap, namespace, frames)
+        reports = [self._report(path, found) for path, found in findings.items()]
         return [replace(report, is_parameters=True) for report in reports]
 
     def __call__(self, paths: Sequence[Path], advance: Callable[[int], object]) -> list[MapReport]:
-        of_robot = checks.checks_of(RoomFacts)
+        robot_checks = checks.checks_of(RoomFacts)
         radii = {
             path: self.radius
             for path in paths
-            if not self.selections.of(path).checks.isdisjoint(of_robot) and self.radius is not None
+            if not self.selections.of(path).checks.isdisjoint(robot_checks)
+            and self.radius is not None
         }
         found: dict[int, checks.Findings] = {}
 
-        def take(index: int, findings: checks.Findings) -> None:
+        def collect(index: int, findings: checks.Findings) -> None:
             found[index] = findings
             advance(1)
 
         if self.jobs > 1 and _are_worth_workers(paths, self.settings):
-            _lint_in_processes(paths, self.settings, radii, min(self.jobs, len(paths)), take)
+            _lint_in_processes(paths, self.settings, radii, min(self.jobs, len(paths)), collect)
         else:
             for index, path in enumerate(paths):
-                take(index, checks.check_map(path, self.settings.max_cells, radii.get(path)))
+                collect(index, checks.check_map(path, self.settings.max_cells, radii.get(path)))
         reports = []
         for index, path in enumerate(paths):
-            is_left_out = any(finding.check == checks.LEFT_OUT for finding in found[index].findings)
-            without = of_robot if is_left_out or path not in radii else ()
             findings = found[index]
+            is_left_out = any(finding.check == checks.LEFT_OUT for finding in findings.findings)
+            skipped = robot_checks if is_left_out or path not in radii else ()
             if self.graph is not None:
-                more = _found_on_map(path, *self.graph, self.settings)
+                more = _graph_findings(path, *self.graph, self.settings)
                 findings = replace(findings, findings=(*findings.findings, *more))
-            report = self._report(path, findings, without)
+            report = self._report(path, findings, skipped)
             reports.append(replace(report, is_folder=source.is_folder(path)))
         return reports
 
@@ -444,7 +442,7 @@ class _Lint:
         self, path: Path, map_read: inputs.MapInput, kind: FilterKind | None,
         robot: Footprint | None, start: tuple[float, ...] | None, goals: Sequence[Goal],
     ) -> MapReport:  # fmt: skip
-        """Return what is wrong with the mask of a costmap filter for a map."""
+        """Check the mask of a costmap filter against a map."""
         mask, pair = read_mask(path, self.settings, map_read)
         info = info_of(pair.metadata, kind)
         if info.kind != "keepout":
@@ -457,18 +455,18 @@ class _Lint:
         findings = tuple(checks.lint_mask(path, facts))
         return self._report(path, checks.Findings(findings, tuple(read_ignore_comments(path))))
 
-    def _report(self, path: Path, found: checks.Findings, without: Iterable[str] = ()) -> MapReport:
+    def _report(self, path: Path, found: checks.Findings, skipped: Iterable[str] = ()) -> MapReport:
         selection = self.selections.of(path)
-        judged = selection.apply(path, found.findings, found.comments, skipped=without)
+        judged = selection.apply(path, found.findings, found.comments, skipped=skipped)
         return MapReport(str(path), *judged, selection.strict)
 
 
-def _found_on_map(
+def _graph_findings(
     path: Path, graph: Path, shape: Footprint | None, robot: RobotParameters | None,
     settings: Settings,
 ) -> Sequence[Finding]:  # fmt: skip
-    """Return what is wrong with a graph on a map."""
-    from mapdeal.checks.graph_checks import check_graph  # of use to few, and slow to import
+    """Check a route graph on a map."""
+    from mapdeal.checks.graph_checks import check_graph  # rarely used, and slow to import
 
     try:
         with errors.capture_warnings(), open_map(path, max_cells=settings.max_cells) as file:
@@ -485,9 +483,8 @@ def _found_on_map(
 def _repair_in_place(
     paths: Sequence[Path], reports: list[MapReport], lint_maps: _Lint
 ) -> list[errors.MapdealError]:  # fmt: skip
-    """Repair maps in their own files, and put what is left in the place of their reports."""
-    # Only findings that count are mended: neither those of checks that are not wanted, nor
-    # suppressed ones.
+    """Repair maps in their own files, and replace their reports by those after the repair."""
+    # Findings of deselected checks and suppressed findings are not repaired.
     users: ImageUsers = {}
     problems = []
     for index, (path, report) in enumerate(zip(paths, reports, strict=True)):
@@ -505,29 +502,29 @@ def _repair_in_place(
     return problems
 
 
-def _of_header(path: Path, settings: Settings, take: Callable[[MapFile], T]) -> T | None:
-    """Return what a function takes from the header of a map; None if there is none to read."""
+def _from_header(path: Path, settings: Settings, read: Callable[[MapFile], T]) -> T | None:
+    """Return the result of a function of a map's header; None if that is unreadable."""
     if source.is_folder(path):
         return None
     with (
-        errors.capture_warnings(),  # reading itself warns
+        errors.capture_warnings(),  # checks repeat them
         suppress(errors.MapdealError),
         open_map(path, max_cells=settings.max_cells) as file,
     ):
-        return take(file)
+        return read(file)
     return None
 
 
 def _are_worth_workers(paths: Sequence[Path], settings: Settings) -> bool:
-    """Return whether sharing maps out saves more time than starting processes takes."""
+    """Return whether processes save more time than they take to start."""
     if len(paths) < 2:
         return False
-    cells = _CELLS_OF_ANY * len(paths)
-    step = -(-len(paths) // _LOOKED_AT)  # to look at all of many small ones is what takes long
+    cells = _CELLS_PER_FILE * len(paths)
+    step = -(-len(paths) // _SAMPLED_MAPS)
     for path in paths[::step]:
         if cells >= _CELLS_WORTH_WORKERS:
             return True
-        height, width = _of_header(path, settings, lambda file: file.shape()) or (0, 0)
+        height, width = _from_header(path, settings, lambda file: file.shape()) or (0, 0)
         cells += step * height * width
     return cells >= _CELLS_WORTH_WORKERS
 
@@ -538,25 +535,24 @@ def _lint_in_processes(
 ) -> None:  # fmt: skip
     from mapdeal.pipeline.workers import ProcessWorkers  # slow to import
 
-    def take(index: int, outcome: Outcome) -> None:
+    def collect(index: int, outcome: Outcome) -> None:
         path, found = paths[index], outcome.result
         if not isinstance(found, checks.Findings):
             found = checks.not_checked(path, str(found))
         elif any(source.SHARE_OF_JOB in finding.message for finding in found.findings):
-            found = checks.check_map(
-                path, settings.max_cells, radii.get(path)
-            )  # alone it may have all
+            # again without other jobs, with all memory
+            found = checks.check_map(path, settings.max_cells, radii.get(path))
         advance(index, found)
 
-    of_each = inputs.memory_budget(settings.max_memory, jobs)
+    memory_per_job = inputs.memory_budget(settings.max_memory, jobs)
     is_chosen = settings.max_memory is not None
-    shared = replace(settings, max_memory=of_each, memory_is_chosen=is_chosen)
+    shared = replace(settings, max_memory=memory_per_job, memory_is_chosen=is_chosen)
     all_jobs = [Job(path, path, str(path), str(path)) for path in paths]
-    work = partial(attempt, partial(_found_by, shared, radii))
-    dispatch(len(paths), all_jobs.__getitem__, work, ProcessWorkers(jobs), take)
+    work = partial(attempt, partial(_check_job, shared, radii))
+    dispatch(len(paths), all_jobs.__getitem__, work, ProcessWorkers(jobs), collect)
 
 
-def _found_by(settings: Settings, radii: Mapping[Path, float], job: Job) -> checks.Findings:
+def _check_job(settings: Settings, radii: Mapping[Path, float], job: Job) -> checks.Findings:
     with settings.reading(anew=True):
         return checks.check_map(job.path, settings.max_cells, radii.get(job.path))
 
@@ -564,14 +560,14 @@ def _found_by(settings: Settings, radii: Mapping[Path, float], job: Job) -> chec
 def repaired(
     path: Path, pair: PairFacts | None, *, max_cells: int | None = None
 ) -> tuple[OccupancyGrid, list[str]]:
-    """Return a map as it should be, and what was changed, a line each."""
+    """Return a repaired map, and a line on each change."""
     changes: list[str] = []
     with errors.capture_warnings():  # lint has reported these already
         grid: Any = (
             _cells_of(path, max_cells) if pair is None else _map_of_pair(pair, max_cells, changes)
         )
     if isinstance(grid, Costmap):
-        raise errors.MalformedInputError(_COSTS, source=path)
+        raise errors.MalformedInputError(_COSTS_RULE, source=path)
     grid = grid if isinstance(grid, OccupancyGrid) else grid.grid
     source.claim(path, _PER_CELL_REPAIRED * grid.occupancy.size)
     resolution = _plain(grid.resolution)
@@ -585,7 +581,7 @@ def repaired(
         region = region_around(lattice, grid.frame)
         cells = _PER_CELL_OF_TURNED * grid.occupancy.size + _PER_NEW_CELL * region.cells
         source.claim(path, cells + source.PIECES)
-        grid = resampled(grid, region.frame_in(lattice))  # with every obstacle of the turned one
+        grid = resampled(grid, region.frame_in(lattice))  # keeps every obstacle
     elif yaw:
         grid = OccupancyGrid(grid.occupancy, resolution, (x, y, 0.0))
     return grid, changes
@@ -597,21 +593,20 @@ def _cells_of(path: Path, max_cells: int | None) -> Any:
 
 
 def _map_of_pair(pair: PairFacts, max_cells: int | None, changes: list[str]) -> OccupancyGrid:
-    """Read a map again, with a lower free_thresh if map_saver's unknown is free."""
+    """Read a map again, with a lower free_thresh if that frees map_saver's unknown cells."""
     if pair.metadata.cost_scale is not None:
-        raise errors.MalformedInputError(_COSTS, source=pair.path)
-    metadata = mended = pair.metadata
+        raise errors.MalformedInputError(_COSTS_RULE, source=pair.path)
+    metadata = repaired_metadata = pair.metadata
     freed: dict[Dialect, map_server.FreedCells] = {"nav2": pair.pixels.freed["nav2"]}
     if map_server.remark_on_freed(freed, pair.pixels.size, metadata) is not None:
-        mended = replace(
-            metadata, free_thresh=min(map_server.USUAL_FREE_THRESH, metadata.free_thresh)
-        )
+        free_thresh = min(map_server.USUAL_FREE_THRESH, metadata.free_thresh)
+        repaired_metadata = replace(metadata, free_thresh=free_thresh)
     changed = 0
     with open_strips(pair.image_path, max_cells=max_cells) as strips:
         occupancy = np.empty(strips.shape, dtype=np.int8)
         for rows, picture in strips.placed():
-            cells_of(picture, mended, "nav2", out=occupancy[rows])
-            if mended is not metadata:
+            cells_of(picture, repaired_metadata, "nav2", out=occupancy[rows])
+            if repaired_metadata is not metadata:
                 before = cells_of(picture, metadata, "nav2")
                 changed += int(np.count_nonzero(before != occupancy[rows]))
     if changed:
@@ -623,7 +618,7 @@ def _map_of_pair(pair: PairFacts, max_cells: int | None, changes: list[str]) -> 
 def _yaml_repair(
     pair: PairFacts, frame: Frame | None, checks_found: Collection[str]
 ) -> tuple[dict[str, Any], bool]:
-    """Return values that take traps out of a map's YAML file, and whether cells are to change."""
+    """Return repaired values of a map's YAML file, and whether its cells must change too."""
     metadata, entries = pair.metadata, pair.entries
     values: dict[str, Any] = {}
     if "yaml.defaults" in checks_found:
@@ -667,7 +662,7 @@ def _plain(value: float) -> float:
 
 
 def _image_name(pair: PairFacts, checks_found: Collection[str]) -> str | None:
-    """Return a relative name of an image that lies in the folder of its map, or below."""
+    """Return a repaired relative name of an image in or below the folder of its map."""
     if "yaml.image-unquoted" in checks_found:
         return pair.metadata.image
     if not {"image.absolute-path", "image.foreign-path"} & set(checks_found):
@@ -686,7 +681,7 @@ def _shown(value: Any) -> str:
 
 
 def _repaired_copy(paths: Sequence[Path], output: Path, settings: Settings) -> LintReport:
-    """Write a map without the traps that can be taken out of it, and return what was changed."""
+    """Write a repaired map, and report the changes."""
     if len(paths) != 1:
         hint = "--in-place repairs any number of maps"
         raise errors.ParameterError("takes one map", source="-o", got=len(paths), hint=hint)
@@ -694,7 +689,7 @@ def _repaired_copy(paths: Sequence[Path], output: Path, settings: Settings) -> L
     pair, cells, findings = gather(path, max_cells=settings.max_cells)
     if cells is None:
         messages = (found.message for found in findings if found.severity == "error")
-        raise errors.MalformedInputError(next(messages, _COSTS), source=path)
+        raise errors.MalformedInputError(next(messages, _COSTS_RULE), source=path)
     files = [path, *([pair.path, pair.image_path] if pair is not None else [])]
     with inputs.outputs_of(outputs, files, settings) as transaction:
         with inputs.errors_named(path):
@@ -710,11 +705,11 @@ def _repaired_copy(paths: Sequence[Path], output: Path, settings: Settings) -> L
 def _repaired_in_place(
     path: Path, checks_found: Collection[str], settings: Settings, users: ImageUsers
 ) -> list[str]:
-    """Repair a map in its own files; return what was changed, a line each."""
-    # In the YAML file the values that are traps are replaced where they stand, so that comments,
-    # order and other keys stay. The image is written only if the map is turned. It keeps its name
-    # if it is a pgm or png of this map alone; else there is a new one, and the old one stays.
-    states = {path: source.state_of(path)}  # before anything is read
+    """Repair a map in its own files; return a line on each change."""
+    # In the YAML file only values are replaced: comments, order and other keys stay. The image is
+    # written only if the map is turned: over itself if it is a pgm or png of this map alone, else
+    # to a new file beside it.
+    states = {path: source.state_of(path)}  # before the first read
     pair, cells, _ = gather(path, max_cells=settings.max_cells)
     if pair is None:
         return []
@@ -722,7 +717,7 @@ def _repaired_in_place(
     if not values and not needs_cells:
         return []
     states[pair.image_path] = source.state_of(pair.image_path)
-    geometry = {"resolution", "origin"} if needs_cells else set()  # of new cells: not known yet
+    geometry = {"resolution", "origin"} if needs_cells else set()  # reported with the cells
     changes = [f"{key} {_shown(value)}" for key, value in values.items() if key not in geometry]
     target = source.real_path(pair.path)
     outputs = [target]
@@ -736,8 +731,8 @@ def _repaired_in_place(
         Transaction(outputs, force=True) as transaction,
     ):
         if needs_cells:
-            grid, of_cells = repaired(pair.path, pair, max_cells=settings.max_cells)
-            changes = [*of_cells, *changes]
+            grid, cell_changes = repaired(pair.path, pair, max_cells=settings.max_cells)
+            changes = [*cell_changes, *changes]
             new: dict[str, Any] = {
                 "mode": map_server.write_map_image(transaction, image, grid),
                 "resolution": grid.resolution,
@@ -755,7 +750,7 @@ def _repaired_in_place(
         data = (BOM_UTF8 if mark else b"") + with_values(pair.entries, values)
         if _metadata_in(data, pair.path) != replace(pair.metadata, **values):
             rule = "its YAML is written in a way that cannot be edited"
-            raise errors.MalformedInputError(rule, source=pair.path, hint=_COPY)
+            raise errors.MalformedInputError(rule, source=pair.path, hint=_COPY_HINT)
         transaction.write_bytes(target, data)
         for path, state in states.items():
             source.check_state(path, state)
@@ -763,18 +758,15 @@ def _repaired_in_place(
 
 
 def _metadata_in(data: bytes, path: Path) -> MapMetadata | None:
-    with (
-        errors.capture_warnings(),
-        suppress(errors.MalformedInputError),
-    ):  # warnings that stay are found again
+    with errors.capture_warnings(), suppress(errors.MalformedInputError):
         return metadata_of(parse_mapping(path, data), path)
     return None
 
 
 def _image_for(pair: PairFacts, users: ImageUsers) -> tuple[Path, str]:
-    """Return where the image of new cells goes, and what is said of that."""
+    """Return the path of the image of repaired cells, and a line on it."""
     other_yaml = _other_user(pair, users)
-    if other_yaml is None and pair.image_path.suffix in _WRITTEN:
+    if other_yaml is None and pair.image_path.suffix in _WRITABLE_IMAGES:
         return source.real_path(pair.image_path), f"{pair.image_path.name} written anew"
     new = source.real_path(pair.path).with_suffix(".pgm")
     why = (
@@ -782,12 +774,12 @@ def _image_for(pair: PairFacts, users: ImageUsers) -> tuple[Path, str]:
     )
     if source.exists(new):
         rule = f"its image {pair.image_path.name}, {why}, would become {new.name}, which exists"
-        raise errors.FileAccessError(rule, source=pair.path, hint=_COPY)
+        raise errors.FileAccessError(rule, source=pair.path, hint=_COPY_HINT)
     return new, f"{new.name} written beside {pair.image_path.name}, {why}"
 
 
 def _other_user(pair: PairFacts, users: ImageUsers) -> Path | None:
-    """Return a map beside the image, or beside this map, that uses the image, too."""
+    """Return another map in the folder of the image or of this map that uses the image."""
     identity = source.identity_of(pair.image_path)
     for folder in (pair.image_path.parent, pair.path.parent):
         if folder not in users:
@@ -799,7 +791,7 @@ def _other_user(pair: PairFacts, users: ImageUsers) -> Path | None:
 
 
 def _images_of(folder: Path) -> Iterator[tuple[tuple[int, int], Path]]:
-    """Yield what images the YAML files in a folder name; who cannot be read names none."""
+    """Yield the identities of images, and the YAML files in a folder that name them."""
     try:
         _, names = source.contents_of(folder)
     except errors.FileAccessError:
