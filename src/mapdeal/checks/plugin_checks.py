@@ -16,12 +16,14 @@ from itertools import islice
 from mapdeal.checks.facts import ParameterFacts, PlannerFacts, RobotFacts, check
 from mapdeal.checks.findings import Remark
 from mapdeal.grid.frame import Frame
+from mapdeal.layers.catalogue import class_name
 from mapdeal.layers.obstacle import ObservationSource, Sensing, VoxelLayer
 from mapdeal.ros.planners import (
+    OTHER_NAMES,
     PLANNER_PARAMETERS,
     PLANNER_SERVER,
     SERVER_PARAMETERS,
-    class_of,
+    full_name,
     plugins_in,
 )
 from mapdeal.ros.robot import ListedLayer, ParameterValue
@@ -180,7 +182,7 @@ def renamed(facts: ParameterFacts) -> Iterator[Remark]:
     Example: `obstacle_layer: {obstacle_range: 5.0}`.
     Fix: Write the new name.
     """
-    layers = {name for name, plugin in facts.plugins if class_of(plugin) in _OBSTACLE_LAYERS}
+    layers = {name for name, plugin in facts.plugins if class_name(plugin) in _OBSTACLE_LAYERS}
     for path, value in facts.values.items() if facts.flavour == "nav2" else ():
         if path[-1] not in _RENAMED or (len(path) > 1 and path[0] not in layers):
             continue
@@ -198,31 +200,43 @@ def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
     "nav2_navfn_planner::NavfnPlanner", tolerances: 0.5}}}`.
     Fix: Write the name that the message proposes.
     """
-    plugins = plugins_in(facts.values)
-    classes = {name: class_of(plugin) for name, plugin in plugins.items()}
-    of_any_planner = set().union(*PLANNER_PARAMETERS.values())
-    unlisted: dict[str, ParameterValue] = {}
-    for name, value in islice(facts.values.items(), _MOST_NAMES):
-        section, _, parameter = name.partition(".")
-        if parameter and section not in classes:
-            unlisted.setdefault(section, value)
-            continue
-        declared = PLANNER_PARAMETERS.get(classes[section], {}) if parameter else SERVER_PARAMETERS
-        parent, _, last = (parameter or name).rpartition(".")
-        paths = [declared_name.rpartition(".") for declared_name in declared]
-        siblings = {"plugin", *(path[2] for path in paths if path[0] == parent)}
-        closest = None if parameter in of_any_planner else _misspelt_name(last, siblings)
-        if closest and f"{name.removesuffix(last)}{closest}" not in facts.values:
-            yield Remark(f"no parameter is called {name}: did you mean {closest}?", at=value)
-    for section, value in unlisted.items():
-        closest = _misspelt_name(section, classes)
+    for name, _, closest in _undeclared_names(facts):
         if closest:
+            text = f"no parameter is called {name}: did you mean {closest}?"
+            yield Remark(text, at=facts.values[name])
+    plugins = plugins_in(facts.values)
+    first_values = reversed([*islice(facts.values.items(), _MOST_NAMES)])
+    sections = {name.partition(".")[0]: value for name, value in first_values if "." in name}
+    for section, value in reversed(sections.items()):
+        if closest := _misspelt_name(section, plugins):
             yield Remark(f"no planner is called {section}: did you mean {closest}?", at=value)
+
+
+def _undeclared_names(facts: PlannerFacts) -> Iterator[tuple[str, str, str | None]]:
+    """Yield names that Nav2 ignores, the planner's class or the node, and the name meant."""
+    plugins = plugins_in(facts.values)
+    of_any_planner = set().union(*PLANNER_PARAMETERS.values())
+    for name in islice(facts.values, _MOST_NAMES):
+        section, dot, parameter = name.partition(".")
+        if dot and section not in plugins:
+            continue
+        owner = full_name(plugins[section]) if dot else PLANNER_SERVER
+        declared = PLANNER_PARAMETERS.get(owner, {}) if dot else SERVER_PARAMETERS
+        parameter = parameter or name
+        if parameter in {"plugin", *declared, *OTHER_NAMES.get(owner, ())}:
+            continue
+        parent, _, last = parameter.rpartition(".")
+        paths = [path.rpartition(".") for path in ("plugin", *declared)]
+        closest = _misspelt_name(last, {path[2] for path in paths if path[0] == parent})
+        if parameter in of_any_planner or f"{name.removesuffix(last)}{closest}" in facts.values:
+            closest = None
+        if closest or declared:
+            yield name, owner, closest
 
 
 @check("params.planner-without-effect", "warning")
 def planner_without_effect(facts: PlannerFacts) -> Iterator[Remark]:
-    """A planner's parameter at the server's level, or below a planner of another class.
+    """A parameter that no planner declares where it is written.
     Nav2 ignores it: the robot plans as if the line were missing, and without its class with NavFn.
     Example: `planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased: {plugin:
     "nav2_navfn_planner::NavfnPlanner", minimum_turning_radius: 0.4}}}`.
@@ -230,23 +244,24 @@ def planner_without_effect(facts: PlannerFacts) -> Iterator[Remark]:
     """
     plugins = plugins_in(facts.values)
     of_any_planner = {"plugin"}.union(*PLANNER_PARAMETERS.values())
+    are_known = PLANNER_PARAMETERS.keys() >= set(map(full_name, plugins.values()))
     misplaced = [
         name for name in facts.values
         if name in of_any_planner and name.partition(".")[0] not in plugins
     ]  # fmt: skip
-    if misplaced and PLANNER_PARAMETERS.keys() >= set(map(class_of, plugins.values())):
+    if misplaced and are_known:
         more = f" and {len(misplaced) - 1} more lines have" if misplaced[1:] else " has"
         text = f"{misplaced[0]}{more} no effect here: planners read them below their names"
         names = f", such as {next(iter(plugins))}" if plugins else ""
         yield Remark(text + names, at=facts.values[misplaced[0]])
-    for section, plugin in plugins.items():
-        declared = PLANNER_PARAMETERS.get(class_of(plugin))
-        for name, value in facts.values.items() if declared is not None else ():
-            parameter = name.removeprefix(f"{section}.")
-            owners = [kind for kind, names in PLANNER_PARAMETERS.items() if parameter in names]
-            if name != parameter and owners and parameter not in (declared or ()):
-                text = f"{class_of(plugin)} does not declare {parameter}: it has no effect"
-                yield Remark(f"{text}; {' and '.join(owners)} would read it", at=value)
+    for name, owner, closest in _undeclared_names(facts):
+        parameter = name.partition(".")[2]
+        if closest or not (parameter or (are_known and name not in of_any_planner)):
+            continue
+        readers = [kind for kind, names in PLANNER_PARAMETERS.items() if parameter in names]
+        text = f"{class_name(owner)} does not declare {parameter or name}: it has no effect"
+        would = f"; {' and '.join(map(class_name, readers))} would read it" if readers else ""
+        yield Remark(text + would, at=facts.values[name])
 
 
 @check("params.planner-tolerance", "warning")
@@ -278,7 +293,7 @@ def planner_turning_radius(facts: PlannerFacts) -> Iterator[Remark]:
             facts.values.get(f"{section}.{name}")
             for name in ("minimum_turning_radius", "motion_model_for_search")
         )
-        if class_of(plugin) != "SmacPlannerHybrid" or radius is None or radius.kind != "double":
+        if class_name(plugin) != "SmacPlannerHybrid" or radius is None or radius.kind != "double":
             continue
         for name, frame in facts.map_frames if model is None or model.value == "DUBIN" else ():
             farthest = math.hypot(*frame.shape) * frame.resolution

@@ -43,27 +43,36 @@ _SMAC_WITH_HEADINGS: Mapping[str, Default] = {
 }  # fmt: skip
 
 
-def class_of(plugin: str) -> str:
-    """Return the name of a plugin's class, without its package."""
-    return plugin.replace("/", "::").rpartition("::")[2]
+def full_name(plugin: str) -> str:
+    """Return the name of a plugin's class as C++ writes it."""
+    return plugin.replace("/", "::")
 
 
 PLANNER_PARAMETERS: Mapping[str, Mapping[str, Default]] = {
-    "SmacPlannerHybrid": {
+    "nav2_smac_planner::SmacPlannerHybrid": {
         **_SMAC_WITH_HEADINGS, "downsample_costmap": False, "downsampling_factor": 1,
         "angle_quantization_bins": 72, "minimum_turning_radius": 0.4,
         "motion_model_for_search": "DUBIN", "allow_primitive_interpolation": True,
     },
-    "SmacPlannerLattice": {
+    "nav2_smac_planner::SmacPlannerLattice": {
         **_SMAC_WITH_HEADINGS, "change_penalty": 0.05, "non_straight_penalty": 1.05,
         "rotation_penalty": 5.0, "allow_reverse_expansion": False, "lattice_filepath": "",
     },
-    **{class_of(plugin): planner.parameters for plugin, planner in planner_classes().items()},
+    **{full_name(plugin): planner.parameters for plugin, planner in planner_classes().items()},
 }  # fmt: skip
-"""Parameters below a planner's name, by the name of its class without the package.
+"""Parameters below a planner's name. ``lattice_filepath`` has a file of Nav2 as its default."""
 
-``lattice_filepath`` defaults to a file of nav2_smac_planner.
-"""
+OTHER_NAMES: Mapping[str, frozenset[str]] = {
+    PLANNER_SERVER: frozenset({
+        "allow_parameter_qos_overrides", "autostart_node", "service_introspection_mode",
+        "start_type_description_service",
+    }),
+    "nav2_smac_planner::SmacPlanner2D": frozenset({"motion_model_for_search"}),
+    "nav2_smac_planner::SmacPlannerHybrid": frozenset({"viz_expansions"}),
+    "nav2_smac_planner::SmacPlannerLattice": frozenset({"viz_expansions"}),
+    "nav2_theta_star_planner::ThetaStarPlanner": frozenset({"w_heuristic_cost"}),
+}  # fmt: skip
+"""Names that some release declares and that paths of main do not depend on."""
 
 _COSTMAP_NODE = "/global_costmap/global_costmap"
 _KINDS = {bool: "bool", int: "integer", float: "double", str: "string", tuple: "string_array"}
@@ -115,7 +124,7 @@ def _listed_planner(values: Nav2Values, name: str, plugin: str) -> ListedPlanner
         text = f"{name} is listed, but has no {name}.plugin; Nav2 does not start"
         values.problem("params.plugins", "refused", text, "planner_plugins")
     planner_class = planner_classes().get(plugin)
-    declared = PLANNER_PARAMETERS.get(class_of(plugin), {})
+    declared = PLANNER_PARAMETERS.get(full_name(plugin), {})
     settings = {
         key: values.number(f"{name}.{key}", default)
         if isinstance(default, float)
