@@ -335,7 +335,7 @@ COST_DIFFERENCE = record(
     transform=or_none(TRANSFORM), bounds=BOUNDS, passes=FLAG,
 )  # fmt: skip
 ROBOT_DIFFERENCE = record(
-    format=words(formats.ROBOT_DIFF_FORMAT), map=NAMED_MAP,
+    format=words(formats.ROBOT_DIFF_FORMAT), map=NAMED_MAP, mask=NAMED_MAP,
     robots=listed(record(files=listed(record(FILE, sha256=SHA256)), namespace=or_none(TEXT),
                          costmap=of_type(CostmapName)), 2),
     parameters=PAIRS, costs=DIFFERENT_COSTS, start=listed(NUMBER), reachable_m2=POINT,

@@ -184,6 +184,46 @@ def test_a_passage_closes_if_it_is_between_as_wide_as_both_robots(tmp_path, door
     assert result.passes is (not closed)
 
 
+@pytest.mark.parametrize("second", [10, 12, 16])
+@pytest.mark.parametrize("shape", ["[[.4,.4],[.4,-.4],[-.4,-.4],[-.4,.4]]", None])
+def test_a_passage_behind_one_that_closes_does_not_close(tmp_path, second, shape):
+    cells = np.full((32, 94), 100, np.int8)
+    for room in range(3):
+        cells[1:31, 1 + 31 * room : 31 + 31 * room] = 0
+    cells[12:20, 31] = cells[16 - second // 2 : 16 + second // 2, 62] = 0
+    robots = [robot(tmp_path / f"{radius}.yaml", radius) for radius in (0.2, 0.42)]
+    if shape:
+        text = (tmp_path / "0.42.yaml").read_text()
+        (tmp_path / "b.yaml").write_text(
+            text.replace("robot_radius: 0.42", f'footprint: "{shape}"')
+        )
+        robots[1] = mapdeal.read_robot_parameters(tmp_path / "b.yaml")
+    grid = OccupancyGrid(cells, RESOLUTION, ORIGIN)
+    result = mapdeal.compare_robots(grid, *robots, start=place(grid, 15, 15))
+    assert [passage.width for passage in result.closed] == [0.8]
+
+
+def test_a_mask_closes_a_door_to_the_robot_that_inflates_it(command, site):
+    mask = np.full((47, 64), -1, np.int8)
+    mask[23, 38:52] = mask[23, 7:12] = 100
+    write_map("mask.yaml", OccupancyGrid(mask, RESOLUTION, ORIGIN))
+    for name in ("slim", "wide"):
+        text = Path(f"{name}.yaml").read_text()
+        filters = 'filters: ["keepout"]\n      keepout: {plugin: "nav2_costmap_2d::KeepoutFilter"'
+        for is_on, on in (("true", name), ("false", f"{name}-off")):
+            Path(f"{on}.yaml").write_text(text + f"      {filters}, enabled: {is_on}}}\n")
+    line = words("slim-off.yaml", "slim.yaml", "--mask", "mask.yaml", *site)
+    code, out, err = command(*line, "--json")
+    assert (code, json.loads(out)["goals"]["lost"]) == (1, ["right"])
+    assert "the keepout mask has no effect: keepout is switched off" in err
+    assert json.loads(out)["mask"]["file"] == "mask.yaml"
+    Path("diff.json").write_text(out)
+    (entry,) = entries_of(Path("diff.json"))
+    assert [item.tone for item in entry.items if item.kind == "goal"] == ["good", "error"]
+    code, out, _ = command(*words("slim.yaml", "slim.yaml", "--mask", "mask.yaml", *site, "--json"))
+    assert (code, json.loads(out)["costs"]["differing"]) == (0, 0)
+
+
 def test_without_a_start_it_is_one_that_suits_both(command, site):
     for pair in (("slim.yaml", "wide.yaml"), ("wide.yaml", "slim.yaml")):
         document = json.loads(command(*words(*pair, "--json"))[1])
@@ -229,6 +269,8 @@ def test_later_files_win_and_points_are_goals(command, site):
      "--from: applies to one map, with --params-file and --against"),
     ("diff site.yaml site.yaml --params-file slim.yaml --against wide.yaml",
      "--params-file: applies to one map, with --params-file and --against"),
+    ("diff site.yaml site.yaml --mask site.yaml",
+     "--mask: applies to one map, with --params-file and --against"),
     ("diff site.yaml --costmap local --against slim.yaml", "--costmap: needs --params-file"),
 ])  # fmt: skip
 def test_options_that_do_not_belong_are_refused(command, site, line, error):

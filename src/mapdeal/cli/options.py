@@ -325,7 +325,7 @@ def with_shared_options(
                 terminal.piped(values, marked, ending=ending) as piped_values,
             ):
                 read = {name: piped_values.pop(name) for name in of_streams}
-                if "mask" in read and makes_costs(values):
+                if "mask" in read and makes_costs(values) and "against" not in shared:
                     read["mask"] = used_mask(read["mask"], values.get("robot"))
                 with terminal.activity_shown(function.__name__):
                     function(**{**piped_values, "settings": replace(settings, **read)})

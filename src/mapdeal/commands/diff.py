@@ -24,17 +24,16 @@ from mapdeal.commands.diff_costs import compare_robots, costmaps_compared, robot
 from mapdeal.commands.reach import goals_in, goals_of, start_of
 from mapdeal.compare import faults as finding
 from mapdeal.compare.difference import STATES, Bound, Difference, WallShift, compare, frame_around
-from mapdeal.compare.score import states_of
+from mapdeal.compare.score import states_of, states_on
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import ParameterError, one_line
-from mapdeal.grid.canvas import sampled
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import OCCUPIED, UNKNOWN, count_text
+from mapdeal.grid.values import OCCUPIED, count_text
 from mapdeal.kernels.lookup import histogram
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import difference_image
-from mapdeal.pipeline.inputs import Map, MapInput, Reading, claim_for, errors_named, opened, refuse
+from mapdeal.pipeline import inputs
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import transform_document
 
@@ -88,7 +87,7 @@ class DiffReport(Difference, Result):
     """
 
     bounds: tuple[Bound, ...]
-    maps: tuple[MapInput, MapInput]
+    maps: tuple[inputs.MapInput, inputs.MapInput]
     transform: Transform | None = None
     faults: tuple[finding.Fault, ...] = ()
 
@@ -208,15 +207,15 @@ def _shift_text(name: str, shift: WallShift | None) -> str:
 
 
 def diff(
-    first: Annotated[Map, Words("A")],
-    second: Annotated[Map, Words("B")],
+    first: Annotated[inputs.Map, Words("A")],
+    second: Annotated[inputs.Map, Words("B")],
     *,
     tolerance: Annotated[float, AT_LEAST_0, CELLS] = 0.0,
     max_shift: Annotated[float | None, AT_LEAST_0, METRES] = None,
     max_differing: Annotated[float | None, PERCENT, Words("PERCENT")] = None,
     align: bool = False,
     by: Annotated[File | Transform | Sequence[float] | None, Words("FILE", typed=Path)] = None,
-    **reading: Unpack[Reading],
+    **reading: Unpack[inputs.Reading],
 ) -> DiffReport:
     """Compare two maps of one place.
 
@@ -288,22 +287,27 @@ def diff(
 
 
 def _maps_compared(
-    maps: Sequence[MapInput], move: Transform | None, limits: Mapping[str, Any], reading: Reading
-) -> DiffReport:
+    maps: Sequence[inputs.MapInput], move: Transform | None, limits: Mapping[str, Any],
+    reading: inputs.Reading,
+) -> DiffReport:  # fmt: skip
     a, b = maps
     if move is None:
         two_maps.warn_of_frames(maps, "--align compares them so")
     found = compared([a, b], tolerance=limits["tolerance"], move=move, **reading)
     bounds = found.bounds_of(limits["max_shift"], limits["max_differing"])
     two_maps.warn_of_uncovered(maps, bounds, found.not_compared)
-    faults = () if found.is_equal else _faults(a, b, move)
+    faults: tuple[finding.Fault, ...] = ()
+    if not found.is_equal:
+        truth = a.occupancy
+        estimate = states_on(truth.frame, b.occupancy, move and move.inverse())
+        faults = finding.faults_of(estimate, states_of(truth.occupancy), truth.frame)
     return DiffReport(**vars(found), bounds=bounds, maps=(a, b), transform=move, faults=faults)
 
 
 @command(
     name="diff",
     also={"": diff, "With --against": compare_robots},
-    shared=("params_file", "costmap", "namespace", "against", "files"),
+    shared=("params_file", "costmap", "namespace", "against", "mask", "files"),
     words={
         "start": Words("X,Y[,YAW]", start_of, "from"),
         "goals": Words("[NAME=]X,Y", goals_of, "to", is_repeated=True),
@@ -319,12 +323,13 @@ mapdeal diff examples/maps/office.yaml \\
     --against examples/robots/nav2_wider.yaml""",
 )
 def differences(
-    first: Annotated[Map, Words("A")],
-    second: Annotated[Map | None, Words("[B]")] = None,
+    first: Annotated[inputs.Map, Words("A")],
+    second: Annotated[inputs.Map | None, Words("[B]")] = None,
     *,
     points: Annotated[Path | None, Words("FILE|-")] = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
     against: Annotated[RobotParameters | None, Words()] = None,
+    mask: Annotated[inputs.Map | None, Words()] = None,
     **parameters: Any,
 ) -> Result:
     """Compare two maps, two costmaps, or a robot's parameters on a map.
@@ -351,45 +356,39 @@ def differences(
     """
     start, goals = parameters.pop("start", None), parameters.pop("goals", ())
     if robot is not None and against is not None and second is None:
-        refuse("applies to two files", **parameters)
+        inputs.refuse("applies to two files", **parameters)
         goals = (*goals, *(() if points is None else goals_in(points)))
+        keepout = inputs.mask_of(mask, inputs.settings_of())
         also = [*robot.paths, *against.paths, *([] if points is None else [points])]
-        (source,) = opened(first, names=("the map",), also=also)
-        return robots_compared(source, robot, against, start, goals)
+        also += keepout.files if keepout else ()
+        (source,) = inputs.opened(first, names=("the map",), also=also)
+        return robots_compared(source, (robot, against), start, goals, keepout)
     if second is None:
         hint = "diff A B compares two files, diff MAP --params-file A --against B two robots"
         raise ParameterError("needs two files, or --params-file and --against", hint=hint)
-    rule = "applies to one map, with --params-file and --against"
-    refuse(rule, robot=robot, against=against, start=start, goals=goals, points=points)
+    of_one = {"robot": robot, "against": against, "mask": mask, "start": start, "goals": goals}
+    inputs.refuse("applies to one map, with --params-file and --against", **of_one, points=points)
     align, by = parameters.pop("align", False), parameters.pop("by", None)
     limits = accept_parameters(parameters_of(diff), parameters, "diff")
     maps, move = two_maps.opened_in_one_frame(first, second, align=align, by=by)
     if not two_maps.are_costs(maps):
         return _maps_compared(maps, move, limits, {})
-    refuse("applies to maps, and both are costs", max_shift=limits["max_shift"])
-    refuse("applies to maps, and both are costs", tolerance=limits["tolerance"] or None)
+    of_maps = {"max_shift": limits["max_shift"], "tolerance": limits["tolerance"] or None}
+    inputs.refuse("applies to maps, and both are costs", **of_maps)
     return costmaps_compared(maps, move, limits["max_differing"])
 
 
-def _faults(a: MapInput, b: MapInput, move: Transform | None) -> tuple[finding.Fault, ...]:
-    truth = a.occupancy
-    lies_in = (move or Transform()).inverse().frame(b.occupancy.frame)
-    values, inside = sampled(truth.frame, b.occupancy.occupancy, lies_in)
-    values[~inside] = UNKNOWN
-    return finding.faults_of(states_of(values), states_of(truth.occupancy), truth.frame)
-
-
 def compared(
-    maps: Sequence[MapInput], *, tolerance: float = 0.0, move: Transform | None = None,
-    **reading: Unpack[Reading],
+    maps: Sequence[inputs.MapInput], *, tolerance: float = 0.0, move: Transform | None = None,
+    **reading: Unpack[inputs.Reading],
 ) -> Difference:  # fmt: skip
     grids = [source.occupancy for source in maps]
     if move is not None:
         frame = move.inverse().frame(grids[1].frame)
         grids[1] = OccupancyGrid(grids[1].occupancy, frame.resolution, frame.origin)
-    with errors_named(maps[1].name):
+    with inputs.errors_named(maps[1].name):
         frame = frame_around(*(grid.frame for grid in grids))
         walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
         needed = _PER_CELL * frame.height * frame.width + _PER_WALL * walls
-        claim_for(maps, needed, f"{frame.width} x {frame.height} cells", **reading)
+        inputs.claim_for(maps, needed, f"{frame.width} x {frame.height} cells", **reading)
         return compare(*grids, tolerance=tolerance)

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Annotated, Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mapdeal.command import POSE, Result
+from mapdeal.command import POSE, Result, Words
 from mapdeal.commands import two_maps
 from mapdeal.commands.reach import COSTS_PER_CELL, reach_on_input
 from mapdeal.compare import difference
@@ -191,6 +192,8 @@ class RobotDiff(Result):
         Passages that stop the robot of B, but not that of A, and the other way round.
     lost, gained : tuple of GoalReach
         Goals that only the robot of A reaches, as they are for B; and those that only B reaches.
+    mask : KeepoutMask, optional
+        The keepout mask.
     """
 
     map: inputs.MapInput
@@ -203,6 +206,7 @@ class RobotDiff(Result):
     opened: tuple[Passage, ...]
     lost: tuple[GoalReach, ...]
     gained: tuple[GoalReach, ...]
+    mask: inputs.KeepoutMask | None = None
 
     @property
     def passes(self) -> bool:  # type: ignore[override]
@@ -238,6 +242,7 @@ class RobotDiff(Result):
         return {
             "format": ROBOT_DIFF_FORMAT,
             "map": self.map.document(),
+            "mask": self.mask and self.mask.document(),
             "robots": [
                 {
                     "files": [{"file": str(file.path), "sha256": file.sha256}
@@ -318,6 +323,7 @@ def compare_robots(
     *,
     start: Annotated[tuple[float, ...], POSE] | None = None,
     goals: Goals = (),
+    mask: Annotated[inputs.Map | None, Words()] = None,
     **reading: Unpack[inputs.Reading],
 ) -> RobotDiff:
     """Compare what two versions of a robot's parameters make of one map.
@@ -333,6 +339,8 @@ def compare_robots(
         the wider robot.
     goals : sequence of Goal, optional
         Goal, metres; more may follow.
+    mask : path or grid, optional
+        Keepout mask over both costmaps, as for `apply_keepout_mask`.
     **reading
         As for `read_map`; dialect, max_cells and max_memory apply to files.
 
@@ -351,36 +359,44 @@ def compare_robots(
     Notes
     -----
     A passage closes if it stops the robot of B, and that of A reaches both of its sides, or if A
-    passes it and B reaches no cell near it. Passages of the two are the same if their middles are
-    closer than half their width or two cells.
+    passes it and B neither fits nor gets there. Passages behind one that closes are not listed if B
+    fits into them. Passages of the two are the same if their middles are closer than half their
+    width or two cells.
     """
     (source,) = inputs.opened(map, names=("the map",), **reading)
-    return robots_compared(source, first, second, start, goals, **reading)
+    keepout = inputs.mask_of(mask, inputs.settings_of(**reading), source.grid)
+    return robots_compared(source, (first, second), start, goals, keepout, **reading)
 
 
 def robots_compared(
-    source: inputs.MapInput, first: RobotParameters, second: RobotParameters,
-    start: tuple[float, ...] | None, goals: Goals, **reading: Unpack[inputs.Reading],
+    source: inputs.MapInput, robots: tuple[RobotParameters, RobotParameters],
+    start: tuple[float, ...] | None, goals: Goals, mask: inputs.KeepoutMask | None,
+    **reading: Unpack[inputs.Reading],
 ) -> RobotDiff:  # fmt: skip
     if isinstance(source.grid, Costmap):
         raise ParameterError("holds costs; parameters are compared on a map", source=source.name)
     inputs.claim_cells(source, COSTS_PER_CELL + _OF_ROBOTS, **reading)
-    robots = first, second
+    masks = [inputs.used_mask(mask, robot) for robot in robots]
     steps = [step_for("cost", robot, {}) for robot in robots]
-    costs = [cast("Costmap", step.apply(source.grid, source.path)) for step in steps]
-    before, after = _reaches(source, robots, start, goals)
+    costs = [
+        keepout.costs_of(step, source.grid, source.path)[1] if keepout
+        else cast("Costmap", step.apply(source.grid, source.path))
+        for step, keepout in zip(steps, masks, strict=True)
+    ]  # fmt: skip
+    before, after = _reaches(source, robots, start, goals, masks)
     pairs = list(zip(before.goals, after.goals, strict=True))
     return RobotDiff(
         source, robots, _differing_parameters(*robots), difference.compare_costmaps(*costs),
         (costs[0], costs[1]), (before, after), _closing(before, after), _closing(after, before),
         tuple(result for earlier, result in pairs if earlier.reachable and not result.reachable),
         tuple(result for earlier, result in pairs if result.reachable and not earlier.reachable),
+        mask,
     )  # fmt: skip
 
 
 def _reaches(
     source: inputs.MapInput, robots: Sequence[RobotParameters], start: tuple[float, ...] | None,
-    goals: Goals,
+    goals: Goals, masks: Sequence[inputs.KeepoutMask | None],
 ) -> tuple[Reach, Reach]:  # fmt: skip
     """Return where both robots get from one start; by default one that suits the wider robot."""
     shapes = [planned_shape(robot) for robot in robots]
@@ -391,7 +407,7 @@ def _reaches(
         place = start
         for index in order:
             step = make_step("reach", {"start": place, "goals": goals, "footprint": shapes[index]})
-            found[index] = reach_on_input(source, step, robots[index], None)
+            found[index] = reach_on_input(source, step, robots[index], masks[index])
             place = found[index].start
         return found
 
@@ -411,17 +427,21 @@ def _closing(before: Reach, after: Reach) -> tuple[Passage, ...]:
         if p.is_open and not any(_is_same(p, q, after) for q in after.passages)
         and not _is_passed(p, after)
     ]  # fmt: skip
-    return tuple(stops + vanished)
+    # If the robot fits into a passage but does not get there, an earlier passage has closed.
+    closed = stops + [p for p in vanished if not _near(p, after, after.headings)]
+    return tuple(closed or vanished)
 
 
 def _is_passed(passage: Passage, reach: Reach) -> bool:
-    middle = passage.x, passage.y
     for known in reach.passages:
         if _is_same(known, passage, reach):
             return known.is_open
-    ((row, col),) = reach.frame.unbounded_rowcol_from_xy([middle]).tolist()
-    rows, cols = slice(max(row - 1, 0), row + 2), slice(max(col - 1, 0), col + 2)
-    return bool(np.any(reach.reachable[rows, cols]))
+    return _near(passage, reach, reach.reachable)
+
+
+def _near(passage: Passage, reach: Reach, layer: NDArray[np.uint8]) -> bool:
+    ((row, col),) = reach.frame.unbounded_rowcol_from_xy([(passage.x, passage.y)]).tolist()
+    return bool(np.any(layer[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2]))
 
 
 def _is_same(first: Passage, second: Passage, reach: Reach) -> bool:

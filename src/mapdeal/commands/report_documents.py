@@ -622,7 +622,8 @@ def _robot_diff(document: JsonValue) -> Results:
     start = tuple(number.number() for number in document["start"].items())
     reaches = document["reach"].items()[:1]  # both have the same goals
     goals = tuple(goal_of(goal).goal for answer in reaches for goal in answer["goals"].items())
-    maps = _maps(document, "map")
+    mask = document.get("mask")
+    maps = (*_maps(document, "map"), None if mask is None else json_values.named_map(mask))
     return Results(json_values.ROBOT_DIFF, maps=maps, start=start, goals=goals, robots=robots)
 
 

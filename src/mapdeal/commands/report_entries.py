@@ -44,7 +44,7 @@ from mapdeal.maps.reading import open_map
 from mapdeal.pictures.styles import cost_change_style, difference_style
 from mapdeal.pipeline.batch import SUMMARY
 from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, product_of
-from mapdeal.pipeline.inputs import Reading, bytes_of, map_input, read_together
+from mapdeal.pipeline.inputs import Reading, bytes_of, map_input, mask_of, read_together
 from mapdeal.pipeline.settings import Settings, adding_warnings, portable
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.report import verdict
@@ -744,7 +744,7 @@ def _add_difference(
 
 
 def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
-    (named,), settings = results.maps, grids.settings
+    (named, named_mask), settings = results.maps, grids.settings
     if named is None:
         raise errors.MalformedInputError("does not name its map", source=path)
     place = place_of(named.file, path)
@@ -760,11 +760,21 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
         ]  # fmt: skip
         (source,) = read_together([place], settings)
         reading: Reading = {"max_memory": settings.max_memory}
+        mask_path = None if named_mask is None else place_of(named_mask.file, path)
+        mask = mask_of(mask_path, settings, source.grid)
         found = diff_costs.robots_compared(
-            map_input(source, place), robots[0], robots[1], results.start, results.goals, **reading
+            map_input(source, place),
+            (robots[0], robots[1]),
+            results.start,
+            results.goals,
+            mask,
+            **reading,
         )
     sums = grids.open(place).sums
     draft.compare_sums(place, dict(sums), dict(named.sha256), f"{path.name} names")
+    if named_mask and mask and mask_path:
+        draft.paths.append(mask_path)
+        draft.compare_sums(mask_path, mask.sums, dict(named_mask.sha256), f"{path.name} names")
     for robot, named_robot in zip(robots, results.robots, strict=True):
         for file, (_, sha256) in zip(robot.files, named_robot.files, strict=False):
             if file.sha256 != sha256:

@@ -45,12 +45,8 @@ _Mask = NDArray[np.bool_]
 NO_FAULT = "no fault found"
 
 _LEAST = {
-    "ghost walls": 0.05,
-    "missing area": 0.05,
-    "faded walls": 0.1,
-    "noisy": 0.03,
-    "bent": 1.0,
-}
+    "ghost walls": 0.05, "missing area": 0.05, "faded walls": 0.1, "noisy": 0.03, "bent": 1.0
+}  # fmt: skip
 """Share of the walls, of the known area, of the true walls and of the walls again from which on
 that is a fault; of bent maps the bend in `_LEAST_BEND`. The largest multiple names the verdict."""
 

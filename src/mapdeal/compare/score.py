@@ -264,11 +264,14 @@ class Comparison:
 def compare_to_truth(
     estimate: OccupancyGrid, truth: OccupancyGrid, transform: Transform | None = None
 ) -> Comparison:
-    frame = truth.frame
-    lies_in = (transform or Transform()).frame(estimate.frame)
-    values, inside = sampled(frame, estimate.occupancy, lies_in)  # at the centres of its cells
+    estimated = states_on(truth.frame, estimate, transform)
+    return compare_states(estimated, states_of(truth.occupancy), truth.frame)
+
+
+def states_on(frame: Frame, grid: OccupancyGrid, transform: Transform | None) -> States:
+    values, inside = sampled(frame, grid.occupancy, (transform or Transform()).frame(grid.frame))
     values[~inside] = map_values.UNKNOWN
-    return compare_states(states_of(values), states_of(truth.occupancy), frame)
+    return states_of(values)
 
 
 def compare_states(estimate: States, truth: States, frame: Frame) -> Comparison:

@@ -324,7 +324,9 @@ def passages(
     is_kept = behind[:, 0] > 0  # nan: there is no way
     if is_reached is not None:
         is_passed = behind[:, 1] >= np.minimum(least, behind[:, 0] / 2)
-        is_kept &= (tree.squares[edges] <= tight) | (~is_passed & (near[:, 1] > 0))
+        # A passage behind a closed one stops the robot for sure only if its inscribed circle does.
+        limits = np.where(is_passed, tight, closed)
+        is_kept &= (tree.squares[edges] <= limits) | (~is_passed & (near[:, 1] > 0))
     cells = [(int(tree.cells[edges[which]]), which) for which in np.flatnonzero(is_kept).tolist()]
     stops = is_kept & ~is_passed
     begin = 0

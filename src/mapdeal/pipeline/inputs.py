@@ -451,6 +451,9 @@ class KeepoutMask:
     files: tuple[Path, ...] = ()
     sums: Mapping[str, str] = field(default_factory=dict)
 
+    def document(self) -> dict[str, Any] | None:
+        return {"file": str(self.path), "sha256": dict(self.sums)} if self.files else None
+
     def over(self, costs: Costmap) -> Costmap:
         with errors_named(self.path):
             return apply_keepout_mask(costs, self.grid)
