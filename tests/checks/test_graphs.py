@@ -57,9 +57,11 @@ CASES = [
     ("graph.parts", CELLS, both((0, 1), (2, 3)), {}, "2 nodes (2, 3) not connected"),
     ("graph.one-way", CELLS, [*both((0, 1), (1, 2)), (2, 3)], {}, "(3) can be entered"),
     ("graph.one-way", CELLS, [*both((0, 1), (1, 2)), (3, 2)], {}, "(3) can be left"),
-    ("graph.other-frame", CELLS, ROUND, {"shift": 900.0}, "lie outside of the map"),
+    ("graph.other-frame", CELLS, ROUND, {"shift": 900.0},
+     ("4 of 4 nodes lie outside of the map: they cover x 901.9 .. 904.3, y -1.411 .. 0.8597, "
+      "the map x 0.6238 .. 6.105, y -2 .. 2.019; coordinates must be metres in the frame map")),
     ("graph.other-frame", CELLS, ROUND, {"frame": "odom"}, "odom"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("check", "cells", "edges", "options", "text"), CASES)

@@ -82,6 +82,12 @@ def test_query_takes_the_field_s_parameters_for_a_map_only(
     assert sh(f"query e.npz --at 0.25,0.25 {option}")[0] == (2 if option else 0)
 
 
+def test_a_pose_is_a_question_of_a_robot(sh, room):
+    hint = "hint: a pose X,Y,YAW is asked for a robot, by --footprint or --robot-radius\n"
+    assert sh.err("query room.yaml --at 1,2,3", 2).endswith(hint)
+    assert "hint" not in sh.err("query room.yaml --at 1,a", 2)
+
+
 def test_several_points_may_follow_one_option(sh, room):
     once = sh("query room.yaml --at 1.6,-1.9 -1.7,-1.8 2e0,-1.5 --strict")
     assert once == sh("query --at 1.6,-1.9 --at -1.7,-1.8 --at 2e0,-1.5 --strict room.yaml")

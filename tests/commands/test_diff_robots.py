@@ -101,6 +101,13 @@ def test_a_door_that_closes_is_a_finding(command, site):
     assert "  lost      goal left: a passage at" in out
 
 
+def test_the_picture_does_not_replace_the_goals(command, site):
+    Path("goals.png").write_text("2,1\n")
+    more = ("--points", "goals.png", "--image", "goals.png")
+    code, _, error = command(*words("slim.yaml", "wide.yaml", *more))
+    assert (code, error) == (4, "error: goals.png: the output is the input\n")
+
+
 def test_a_door_that_opens_is_none(command, site):
     code, out, _ = command(*words("wide.yaml", "slim.yaml", *site, "--json"))
     document = json.loads(out)

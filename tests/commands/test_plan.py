@@ -1,5 +1,6 @@
 """``mapdeal plan``: verdicts, and proposals that are tried again from the files."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -8,6 +9,9 @@ import pytest
 
 import mapdeal
 from mapdeal import OccupancyGrid, PlanGoal, plan, write_map
+from mapdeal.commands.plan import planner_of
+from mapdeal.commands.plan_changes import PlannerOnMap, _Query
+from mapdeal.planners.planner import no_plan
 
 PARAMETERS = """
 global_costmap:
@@ -127,6 +131,42 @@ def test_a_footprint_is_scaled_until_it_passes(tmp_path):
     larger = [round(v * (change["scale"] + 0.01), 4) for v in (0.6, 0.4)]
     text = "[[{0}, {1}], [{0}, -{1}], [-{0}, -{1}], [-{0}, {1}]]".format(*larger)
     assert not is_found(two_rooms(), robot_file(tmp_path, shape=shape.format(text)))
+
+
+CORNERS = "[[0.6, 0.4], [0.6, -0.4], [-0.6, 0]]"
+TRIED = {
+    "inflation_layer.inflation_radius": (0.8, 0.79, 0.0, 80),
+    "robot_radius": (0.45, 0.44, 0.01, 44),
+    "footprint_padding": (0.02, 0.01, 0.0, 2), "GridBased.tolerance": (0.1, 0.11, 10.0, 990),
+    "GridBased.allow_unknown": (False, True, True, 1),
+    "GridBased.use_astar": (True, False, False, 1),
+    "footprint": (CORNERS, "[[0.594, 0.396], [0.594, -0.396], [-0.594, 0]]",
+                  "[[0.03, 0.02], [0.03, -0.02], [-0.03, 0]]", 95),
+    "inflation_layer.cost_scaling_factor": (3.0, 2.9, 0.5, 25),
+    "GridBased.max_cycles_factor": (60, 61, 64, 4),
+}  # fmt: skip
+MARGINS = {
+    "robot_radius": (0.45, 0.46, 3.45, 300), "GridBased.tolerance": (0.1, 0.09, 0.0, 10),
+    "footprint": (CORNERS, "[[0.606, 0.404], [0.606, -0.404], [-0.606, 0]]",
+                  "[[2.4, 1.6], [2.4, -1.6], [-2.4, 0]]", 300),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("shape", ["robot_radius: 0.45", f'footprint: "{CORNERS}"'])
+def test_values_are_tried_in_steps_up_to_their_limits(tmp_path, shape):
+    planner = "tolerance: 0.1, allow_unknown: no, max_cycles_factor: 60, use_astar: yes"
+    robot = mapdeal.read_robot_parameters(robot_file(tmp_path, planner=planner, shape=shape))
+    query = _Query(PlannerOnMap(None, robot, *planner_of(robot, None)), START, GOAL)
+    missed = no_plan("NoValidPathCouldBeFound")
+    reached = dataclasses.replace(missed, is_reached=True)
+    for expected, adjustments, count in (
+        (TRIED, query.adjustments(missed), 6), (TRIED, query.adjustments(reached), 9),
+        (MARGINS, query.margins(), 2),
+    ):  # fmt: skip
+        found = [(a.name, (a.value, a.candidates[0], a.candidates[-1], len(a.candidates)))
+                 for a in adjustments]  # fmt: skip
+        assert len(found) == count
+        assert dict(found) == {name: expected[name] for name, _ in found}
 
 
 def test_a_plan_has_its_clearance_and_the_margin_of_the_radius(tmp_path):

@@ -2,12 +2,14 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from drawn import grid_from_text
-from mapdeal import read_map, write_map
+from mapdeal import Goal, reach, read_map, write_map
+from mapdeal.commands.reach import Reachability
 
 ROOMS = """
     ################
@@ -70,6 +72,20 @@ def test_a_goal_that_is_cut_off_ends_with_1(sh, at):
     assert {name: str(layers[name].dtype) for name in types} == types
     assert layers["reachable"].sum() * 0.25**2 == answer["reachable_m2"]
     assert Path("out.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_goals_and_passages_are_lines_on_a_terminal():
+    grid = grid_from_text(ROOMS)
+    start, far = grid.frame.xy_from_rowcol([(3, 2), (3, 12)]).round(6).tolist()
+    goals = [Goal(*far, "lab"), Goal(*start)]
+    found = reach(grid, start=start, goals=goals, radius=0.25, min_area=0.2)
+    assert [*Reachability(SimpleNamespace(name="m.yaml"), found, "reach").lines()] == [
+        ("m.yaml, reach: from 1.734922, -0.950685 the robot reaches 0.8125 of 1.625 m2 "
+         "open to it; 1 of 2 goals (not lab); 1 passage, 1 closed"),
+        "  goal lab 4.037575,0.022861: not reached; a passage at 2.886,-0.4639 is 0.5 m wide",
+        "  goal 1.734922,-0.950685: reached; the room at the start is 1 m wide",
+        "  passage 2.886,-0.4639: 0.5 m wide, closed, 0.8125 m2 behind it",
+    ]  # fmt: skip
 
 
 def test_closed_cells_are_refused_with_the_nearest_open_one(sh, at):

@@ -121,6 +121,14 @@ def test_invalid_yaml_is_refused_with_its_place(text, place):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(("data", "kind"), [
+    (b"P5\n", "a P5 image"), (b"Pf ", "a Pf image"), (b"\x89PNG", "an image"), (b"BM", "an image"),
+])  # fmt: skip
+def test_images_are_named(data, kind):
+    with pytest.raises(MalformedInputError, match=f"looks like {kind}"):
+        yaml_text.refuse_image(NAME, data)
+
+
 def test_an_anchor_is_known_in_its_own_document_alone():
     with pytest.raises(MalformedInputError, match="undefined alias"):
         compose_documents(NAME, b"a: &a 1\n---\nb: *a\n", OF_RECIPES)

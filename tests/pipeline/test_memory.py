@@ -72,6 +72,11 @@ def test_the_memory_of_a_map_includes_its_steps_and_pictures():
     assert memory.bytes_in_memory((3, 4), [Step, Step], 0) == 1000 + 84 + 10 * 12
     assert memory.bytes_in_memory((3, 4), [Step], 2) == 1000 + 66 + 10 * 2 * 2
     assert memory.bytes_in_memory((30, 4), [], 20) == 1000 + 480 + 10 * 15 * 2
+    # 16 bytes for each line beyond a few thousand, and 130 where distances are measured
+    lines = 30_001 - budget_of_readers._FEW_LINES
+    for steps, of_cells, of_line in (([], 4, 16), ([Step], 5.5, 146)):
+        expected = 1000 + int(of_cells * 30_000) + of_line * lines
+        assert memory.bytes_in_memory((30_000, 1), steps, None) == expected
 
 
 @pytest.mark.parametrize(("chosen", "free", "jobs", "budget"), [

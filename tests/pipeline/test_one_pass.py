@@ -1,19 +1,20 @@
 """One pass through a lazy layer for all files that are made of it."""
 
 import errno
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
 from mapdeal import FileAccessError, OccupancyGrid
 from mapdeal.files.transaction import RowsWriter, Transaction
-from mapdeal.kernels.blocks import CacheBudget, LazyLayer, rows_reported
+from mapdeal.kernels.blocks import CacheBudget, LazyLayer, report_rows, rows_reported
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline import inputs as memory
 from mapdeal.pipeline.folder import one_pass
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import run_map
-from mapdeal.pipeline.settings import Settings
+from mapdeal.pipeline.settings import Settings, passes_reported
 from mapdeal.stages import esdf as esdf_module
 from mapdeal.stages import exponential_cost as exponential
 from pipeline.reported import write_cells
@@ -41,6 +42,24 @@ def asking(grid, count):
         file.write(grid.layer[first : min(first + 5, 23)].tobytes())
         for first in (0, *range(0, count, 5))
     ]
+
+
+@pytest.mark.parametrize(
+    ("passes", "expected"), [(1, [434, 218, 217, 131]), (2, [434, 218, 217, 1131])]
+)
+def test_progress_is_that_of_rows_and_ends_where_no_further_row_is_computed(passes, expected):
+    steps = []
+
+    @contextmanager
+    def progress(most):
+        yield steps.append
+        assert sum(steps) == most == 1000 * passes
+
+    grid = lazy_grid([])
+    with passes_reported(progress, passes):
+        for rows in (slice(0, 10), slice(10, 15), slice(15, 20)):
+            report_rows(grid.layer, rows)
+    assert steps == expected
 
 
 @pytest.mark.parametrize("threads", [1, 3])
