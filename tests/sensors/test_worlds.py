@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from mapdeal import FileAccessError, MalformedInputError
 from mapdeal.grid.frame import Frame
+from mapdeal.kernels.sensing import decimals_in
 from mapdeal.mapping.world_map import inside_runs, section_at, surface_cells
 from mapdeal.sensors.meshes import read_mesh, strips_of
 from mapdeal.sensors.worlds import read_world
@@ -226,6 +227,25 @@ def test_obj_is_read_as_line_by_line(tmp_path_factory, random, length, eol):
     assert found == obj_by_lines("\n".join(lines))
 
 
+DECIMALS = "-1.25 +.5 7. 1e-7 3.061617e-17 -0.0 v 12345678901234567890 1E5 nan 2e+22 4e-23 1e400"
+DECIMALS += " 0.1234567890123456789 9007199254740993 5e+300"
+WORDS = [st.sampled_from(DECIMALS.split()), st.decimals(-9999, 9999, places=6), st.floats()]
+
+
+@pytest.mark.parametrize("engine", ["compiled", "scipy"])
+@given(st.lists(st.one_of(WORDS).map(str)))
+def test_decimals_are_those_of_python(engine, words):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MAPDEAL_KERNELS", engine)
+        expected = [float(word.replace("v", "nan")) for word in words]
+        assert np.array_equal(decimals_in(" \n".join(words).encode()), expected, equal_nan=True)
+        text = "\t".join(word + "/7/v" for word in words).encode()
+        assert np.array_equal(decimals_in(text, with_slashes=True), expected, equal_nan=True)
+        for fault in ("1-2", "1.2.3", "1_0", "0x10", "e5", "-", "1e", "1/2", "/2", "x"):
+            with pytest.raises(ValueError, match=r"number|convert"):
+                decimals_in(" ".join([*words, fault]).encode())
+
+
 def test_a_concave_face_leaves_its_notch_open(tmp_path):
     corners = "".join(f"v {x} 0 {z}\n" for x, z in NOTCHED)
     wall = read_world(written(tmp_path, f"{corners}f {' '.join('12345678')}\n", "w.obj"))
@@ -330,10 +350,10 @@ FAULTS = {
     "html": ("<html/>", "first element: must be sdf or robot"),
     "a.urdf": ("<robot xmlns:xacro='x'><xacro:macro/></robot>", "is xacro that is not expanded"),
     "b.urdf": ("<robot><link name='${n}'/></robot>", "link: is xacro that is not expanded"),
-    "a.obj": ("v 0 0 0\nv 1 0 0\nf 1 2 3\n", "line 3: must be v and 3 numbers"),
+    "a.obj": ("v 0 0 0\nv 1 0 0\nf 1 2 3\n", "line 3: must be v and 3 finite"),
     "d.obj": ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 /3 3\nf 1 2 0\n", "line 5: must be v"),
-    "e.obj": ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 0 3 1\n", "line 5: must be v and 3"),
-    "b.obj": ("v 0 0 0\nv 1 0 0\nv nan 0 1\nf 1 2 -1\n", "not finite"),
+    "e.obj": ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 0 3 1\n", "line 5: must be v"),
+    "b.obj": ("v 0 0 0\nv 1 0 0\nv nan 0 1\nf 1 2 -1\n", "line 3: must be v and 3 finite"),
     "c.obj": ("", "has no triangles"),
     "a.stl": ("solid a\nfacet\nvertex 0 0 0\nendsolid\n", "ends within a triangle"),
     "b.stl": (" " * 80 + "\x7f\x7f\x7f\x7f" + " " * 50, "50 for each of its 2139062143 triangles"),

@@ -8,6 +8,7 @@ on a larger grid.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import pairwise
@@ -53,6 +54,19 @@ def cover_angles(angles: Floats, first: Floats, last: Floats) -> None:
     np.clip(bins, 0, len(first) - 1, out=bins)
     np.minimum.at(first, bins, angles)
     np.maximum.at(last, bins, angles)
+
+
+def decimals_in(text: bytes, *, with_slashes: bool = False) -> Floats:
+    """Return the decimals between spaces, optionally each up to a slash; a v becomes nan.
+
+    Raises ValueError if there is anything else.
+    """
+    if engine_name() == "compiled":
+        numbers = np.empty(len(text) // 2 + 1)
+        return numbers[: _clouds.parse(text, with_slashes, numbers)]
+    words = (re.sub(rb"(?<=\S)/\S*", b"", text) if with_slashes else text).split()
+    line = b" ".join([b"nan" if word == b"v" else word for word in words])
+    return np.loadtxt([line], comments=None, ndmin=1) if words else np.zeros(0)
 
 
 def cells_of_points(

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence
-from itertools import compress
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -22,15 +21,16 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.files.source import claim, read_file
-from mapdeal.kernels.arrays import Floats, Integers
+from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.polygons import enumerated
 from mapdeal.kernels.rotations import product, rotated
+from mapdeal.kernels.sensing import decimals_in
 
 MESH_ENDINGS = (".stl", ".obj", ".dae")
 
 _LARGEST_XML = 1 << 28
 _MOST_ELEMENTS, _DEEPEST = 1 << 22, 200
-_VERTEX = re.compile(rb"vertex\s+(\S+\s+\S+\s+\S+)\s")
+_VERTEX = re.compile(rb"vertex[ \t]([^\n\r]*)")
 _PIECE = 1 << 20  # bytes of text that are parsed together
 _MOST_CORNERS = 2000  # of a face that is divided into strips
 MOST_INSTANCES = 1 << 20  # small files can refer to one shape any number of times
@@ -97,18 +97,30 @@ def numbers_in(
     text: str | None, path: Path, place: str, count: int | None = None, kind: type = float
 ) -> NDArray[Any]:
     rule = f"must be {'' if count is None else f'{count} '}{'finite' if kind is float else 'whole'}"
-    line = (text or "").replace("\n", " ")
-    values = np.zeros(0, np.float64 if kind is float else np.int64)
     try:
-        if line.strip():
-            values = np.loadtxt([line], values.dtype, comments=None, ndmin=1)
-        if kind is int and "." in line:  # numpy 1.26 rounds it
-            raise ValueError
+        values = decimals_in((text or "").encode())
     except ValueError:
         values = np.array([np.nan])
-    if not np.isfinite(values).all() or (count is not None and len(values) != count):
+    is_valid = np.isfinite(values)
+    if kind is int:
+        is_valid &= (values == np.floor(values)) & (np.abs(values) < 1 << 53)
+    if not is_valid.all() or count not in (None, len(values)):
         raise malformed(path, f"{rule} numbers", place, got=text)
-    return values
+    return values if kind is float else values.astype(np.int64)
+
+
+def _rows(text: bytes, count: int, *, with_slashes: bool = False) -> tuple[Floats, Integers]:
+    """Return numbers of rows that begin with v, and where these begin; raise ValueError."""
+    numbers = decimals_in(text, with_slashes=with_slashes)
+    begins = np.flatnonzero(np.isnan(numbers))
+    if len(begins) != count or np.diff(begins, append=len(numbers)).min(initial=4) < 4:
+        raise ValueError
+    return numbers, begins
+
+
+def _points(text: bytes, count: int) -> Floats:
+    numbers, begins = _rows(text, count)
+    return np.asarray(numbers[begins[:, np.newaxis] + [1, 2, 3]])
 
 
 def moved(matrix: Floats, triangles: Floats) -> Floats:
@@ -128,11 +140,12 @@ def _stl_parts(path: Path) -> list[Part]:
         numbers = np.ascontiguousarray(records).view("<f4").astype(np.float64)
     elif data[:512].lstrip().startswith(b"solid") and b"facet" in data[:4096]:
         claim(path, 2 * len(data))
-        numbers = np.concatenate([
-            numbers_in(b" ".join(_VERTEX.findall(text)).decode("latin-1"), path, "vertex")
-            for text in _pieces_of(data)
-        ])  # fmt: skip
-        if len(numbers) % 9 or b"endsolid" not in data[-4096:]:
+        rows = [_VERTEX.findall(text) for text in _pieces_of(data)]
+        try:
+            numbers = np.concatenate([_points(b" v ".join([b"", *row]), len(row)) for row in rows])
+        except ValueError:
+            raise malformed(path, "must be 3 finite numbers", "vertex") from None
+        if len(numbers) % 3 or b"endsolid" not in data[-4096:]:
             raise MalformedInputError("ends within a triangle or before endsolid", source=path)
     else:
         rule = f"must be 84 bytes and 50 for each of its {count} triangles"
@@ -153,58 +166,57 @@ def _pieces_of(data: bytes) -> Iterator[bytes]:
 _ObjLines = tuple[Floats, Integers, Integers, Integers, list[tuple[str, ...]]]
 
 
-def _obj_lines(lines: list[bytes], corners_before: int) -> _ObjLines:
+def _obj_lines(text: bytes, corners_before: int) -> _ObjLines:
     """Return corners, corners of faces, their counts, names before each face, and the names."""
-    kinds = np.array(lines, "S2")
-    is_corner, is_face, has_names = (
-        np.isin(kinds, words)
-        for words in ([b"v", b"v "], [b"f", b"f "], [b"o", b"o ", b"g", b"g "])
-    )
-    corners = np.zeros((0, 3))
-    if is_corner.any():
-        text = list(compress(lines, is_corner.tolist()))
-        corners = np.loadtxt(text, comments=None, usecols=(1, 2, 3), ndmin=2)
-    # a 0, which is no index, marks where each face begins
-    faces = b"\n".join([b"", *compress(lines, is_face.tolist())]).replace(b"\nf ", b"\n0 ")
-    if b" /" in faces:
+    text = re.sub(rb"\n +", b"\n", b"\n" + text) + b"\n\n\n"
+    codes = np.frombuffer(text, np.uint8)
+    starts = np.flatnonzero(codes[:-2] == ord("\n"))
+    kinds = np.where(codes[starts + 2] <= ord(" "), codes[starts + 1], 0)
+
+    def lines_of(kind: Mask) -> bytes:
+        ends = starts[np.flatnonzero(np.diff(kind, prepend=False))].reshape(-1, 2).tolist()
+        lines = b"".join([text[first:end] for first, end in ends])
+        return re.sub(b"#.*", b"", lines) if b"#" in lines else lines
+
+    is_corner, is_face, has_names = kinds == ord("v"), kinds == ord("f"), np.isin(kinds, [103, 111])
+    corners = _points(lines_of(is_corner), int(is_corner.sum()))
+    faces, count = lines_of(is_face).replace(b"\nf", b"\nv"), int(is_face.sum())
+    numbers, begins = _rows(faces, count, with_slashes=True)
+    counts = np.diff(begins, append=len(numbers)) - 1
+    known = np.repeat(corners_before + np.cumsum(is_corner)[is_face], counts)
+    numbers = np.delete(numbers, begins)
+    numbers = np.where(numbers > 0, numbers - 1, known + numbers)
+    if ((numbers < 0) | (numbers >= known) | (numbers != np.floor(numbers))).any():
         raise ValueError
-    indices = np.array(re.sub(rb"/\S*|#.*", b"", faces).split(), np.int64)
-    begins = np.flatnonzero(indices == 0)
-    counts = np.diff(begins, append=len(indices)) - 1
-    known = corners_before + np.cumsum(is_corner)[is_face]
-    if len(counts) != len(known) or counts.min(initial=3) < 3:
-        raise ValueError
-    indices, known = np.delete(indices, begins), np.repeat(known, counts)
-    indices = np.where(indices > 0, indices - 1, known + indices)
-    if ((indices < 0) | (indices >= known)).any():
-        raise ValueError
-    words = [line.decode("latin-1").split() for line in compress(lines, has_names.tolist())]
+    indices = numbers.astype(np.int64)
+    words = [line.split() for line in lines_of(has_names).decode("latin-1").split("\n")[1:]]
     names = [tuple(more) for _, *more in words]
     return corners, indices, counts, np.cumsum(has_names, dtype=np.int64)[is_face], names
 
 
 def _obj_parts(path: Path) -> list[Part]:
-    data = read_file(path).replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
+    data = read_file(path)
+    for code, meaning in ((b"\r\n", b"\n"), (b"\r", b"\n"), (b"\\\n", b" "), (b"\t", b" ")):
+        data = data.replace(code, meaning)
     claim(path, 8 * len(data))
     corner_count = line_count = 0
-    pieces: list[tuple[NDArray[Any], ...]] = [_obj_lines([], 0)[:4]]
+    pieces: list[tuple[NDArray[Any], ...]] = [_obj_lines(b"", 0)[:4]]
     names: list[tuple[str, ...]] = [()]
     for text in _pieces_of(data):
-        lines = list(map(bytes.lstrip, text.replace(b"\t", b" ").splitlines()))
         try:
-            *arrays, owners, more = _obj_lines(lines, corner_count)
+            *arrays, owners, more = _obj_lines(text, corner_count)
         except ValueError:
-            for number, line in enumerate(lines, line_count + 1):
+            for number, line in enumerate(text.splitlines(), line_count + 1):
                 try:
-                    corner_count += len(_obj_lines([line], corner_count)[0])
+                    corner_count += len(_obj_lines(line, corner_count)[0])
                 except ValueError:
-                    rule = "must be v and 3 numbers, or f and 3 or more of the corners before it"
+                    rule = "must be v and 3 finite numbers, or f and 3 or more earlier corners"
                     words = line[:80].decode("latin-1").strip()
                     raise malformed(path, rule, f"line {number}", got=words) from None
             raise
         pieces.append((*arrays, owners + len(names) - 1))
         names += more
-        corner_count, line_count = corner_count + len(arrays[0]), line_count + len(lines)
+        corner_count, line_count = corner_count + len(arrays[0]), line_count + text.count(b"\n")
     corners, indices, counts, owners = map(np.concatenate, zip(*pieces, strict=True))
     triangles, faces = triangulated(corners, indices, counts, path)
     order = np.argsort(owners[faces], kind="stable")
