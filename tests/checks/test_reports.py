@@ -68,6 +68,7 @@ def test_text_has_a_line_for_each_finding():
 
 def test_json_has_every_map_and_all_counts():
     document = json.loads(report_text("json").encode())
+    assert json.loads("".join(REPORT.parts())) == document
     assert [entry["file"] for entry in document["maps"]] == [entry.file for entry in REPORT.maps]
     counts = {name: document[name] for name in ("errors", "warnings", "notes", "suppressed")}
     assert counts == {"errors": 4, "warnings": 3, "notes": 2, "suppressed": 2}

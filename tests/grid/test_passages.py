@@ -178,6 +178,28 @@ def test_a_start_in_a_closed_heading_names_the_nearest_open_one(yaw, nearest):
     assert error.value.hint.startswith(f"the nearest open heading is {nearest};")
 
 
+AWAY = "{} m from {}, the robot's radius is 0.6 m".format
+
+
+@pytest.mark.parametrize(("row", "col", "reason"), [
+    (-1, 5, "outside of the map"), (9, 9, "an obstacle"), (4, 4, "unknown"),
+    (1, 6, AWAY(0.5, "the map's edge")), (16, 6, AWAY(0.5, "the map's edge")),
+    (6, 1, AWAY(0.5, "the map's edge")), (6, 16, AWAY(0.5, "the map's edge")),
+    (9, 10, AWAY(0.25, "an obstacle")), (10, 10, AWAY(0.3536, "an obstacle")), (13, 13, None),
+])  # fmt: skip
+def test_goals_in_closed_cells_have_a_reason(row, col, reason):
+    cells = np.zeros((18, 18), np.int8)
+    cells[9, 9], cells[4, 4] = 100, -1
+    grid = OccupancyGrid(cells, 0.25, ORIGIN)
+    start, place = grid.frame.xy_from_rowcol([(13, 5), (row, col)]).tolist()
+    (goal,) = reach(grid, start=start, goals=[Goal(*place)], radius=0.6).goals
+    assert goal.reason == reason
+    if reason is not None:
+        with pytest.raises(ParameterError) as caught:
+            reach(grid, start=place, radius=0.6)
+        assert reason in str(caught.value)
+
+
 def test_without_a_wall_or_a_way_there_are_no_passages():
     free, full = (OccupancyGrid(np.full((9, 14), v, np.int8), RESOLUTION, ORIGIN) for v in (0, 100))
     for grid in (free, full):

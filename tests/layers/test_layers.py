@@ -4,12 +4,16 @@ import json
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import mapdeal
 from drawn import grid_from_text
-from mapdeal import MapdealWarning, ObstacleLayer, OccupancyGrid, StaticLayer, layered_cost
+from mapdeal import Frame, MapdealWarning, ObstacleLayer, OccupancyGrid, StaticLayer, layered_cost
 from mapdeal.layers.catalogue import LAYERS
 from mapdeal.layers.inflation import InflationLayer
+from mapdeal.layers.keepout import cells_at_centres
+from mapdeal.layers.range_sensor import RangeSensorLayer
 from mapdeal.layers.stack import CostmapLayers
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
@@ -96,12 +100,15 @@ def test_layers_without_observations_act_on_the_master_grid(cost, text, options,
 KEEPOUT = 'k: {plugin: "nav2_costmap_2d::KeepoutFilter", filter_info_topic: info}'
 INFLATION = 'i: {plugin: "nav2_costmap_2d::InflationLayer", inflation_radius: 0.3, '
 INFLATION += "cost_scaling_factor: 3.0}"
+ASYMMETRIC = INFLATION.replace("i: {", "j: {").replace("d::", "d::Asymmetric")
+ASYMMETRIC = ASYMMETRIC.replace("factor: 3.0", "factor_left: 3.0, cost_scaling_factor_right: 3.0")
 INFLATED = [122, 164, 222, 254, 222, 164, 122]
 MASK_ALONE = [0, 0, 0, 254, 0, 0, 0]
 
 
 @pytest.mark.parametrize(("plugins", "more", "parameters", "expected"), [
     ("ski", [], {}, INFLATED),
+    ("skj", [ASYMMETRIC], {}, INFLATED),
     ("sik", [], {}, MASK_ALONE),
     ("si", ["filters: [k]"], {}, MASK_ALONE),
     ("si", ["other: 1"], {}, MASK_ALONE),  # no filter is listed
@@ -276,6 +283,21 @@ def test_every_layer_goes_through_recipes_and_describes_its_effect(layer):
     assert default.effect()
     assert {"plugin", "enabled"} <= layer.known_parameters("")
     assert layer.nav2_plugins
+
+
+@given(st.floats(-3.0, 3.0), st.sampled_from([0.06, 0.1, 0.25]))
+def test_a_mask_is_read_at_the_centres_of_cells(turn, side):
+    costs, mask = Frame(7, 9, 0.1, (1.53, -2.04, 0.4)), Frame(40, 50, side, (0.2, -3.0, 0.4 + turn))
+    places = costs.xy_from_rowcol(list(np.ndindex(costs.shape))[18:54])
+    expected = mask.unbounded_rowcol_from_xy(places).reshape(4, 9, 2)
+    for axis, cells in enumerate(cells_at_centres(costs, mask, slice(2, 6))):
+        assert np.array_equal(np.broadcast_to(cells, (4, 9)), expected[..., axis])
+
+
+@pytest.mark.parametrize(("clear", "unknown"), [(0.2, [False, True]), (0.6, [False, False])])
+def test_sonars_without_readings_keep_cells_unknown_unless_they_free_all(clear, unknown):
+    layer = RangeSensorLayer(clear_threshold=clear)
+    assert [layer.unknown_after(is_unknown) for is_unknown in (False, True)] == unknown
 
 
 def test_layers_below_one_that_overwrites_all_are_left_out():

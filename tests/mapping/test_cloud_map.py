@@ -31,7 +31,7 @@ from scipy import ndimage
 import mapdeal
 from mapdeal import CloudMapper, Frame, cloud_map
 from mapdeal.mapping import cloud_floor, voxels
-from mapdeal.mapping.cloud_floor import _nearest
+from mapdeal.mapping.cloud_floor import Limits, Patches, _lacks_room, _nearest
 from mapdeal.mapping.cloud_map import _closed, _drop_lone
 from mapdeal.mapping.voxels import Tilt, Voxels, levelled
 from strategies import examples
@@ -156,6 +156,16 @@ def test_what_was_not_seen_is_unknown():
     assert state_at(cloud_map(points[~hole | (points[:, 2] > 1.5)], fill=1e308), 2.5, 2.0) == 0
 
 
+@pytest.mark.parametrize(("rise", "lacking"), [
+    (0.1, []), (0.11, [2, 6, 8, 10, 14]), (1.0, [2, 6, 8, 10, 14]), (1.01, []),
+])  # fmt: skip
+def test_floors_under_a_slab_lack_room_but_at_its_corners(rise, lacking):
+    row, col = np.divmod(np.arange(9).repeat(2), 3)
+    patches = Patches(row - 7, col + 4, np.tile([0.0, rise], 9), *np.zeros((3, 18)))
+    found = _lacks_room(patches, Limits(climb=0.1, robot_height=1.0, max_slope=10.0, steps=0.0))
+    assert np.flatnonzero(found).tolist() == lacking
+
+
 def test_the_floor_is_that_under_the_robot():
     storeys = [ground(0, 5, 0, 4), box(0, 5, 0, 4, 2.5, 2.8), box(0, 5, 0, 4, 5.3, 5.5)]
     below = World([*storeys, *room(0, 5, 0, 4, 5.3, ceiling=False)], [(1, 1, 0.6), (4, 3, 0.6)])
@@ -169,6 +179,25 @@ def test_the_floor_is_that_under_the_robot():
         heights.append(float(np.nanmedian(mapper.result().layers["floor_height"])))
     assert heights == pytest.approx([0.0, 2.8], abs=0.03)
     assert np.nanmedian(cloud_map(points).layers["floor_height"]) == pytest.approx(0.0, abs=0.03)
+
+
+STOREYS = [ground(0, 5, 0, 4), box(0, 5, 0, 4, 2.5, 2.8), *room(0, 5, 0, 4, 5.3, ceiling=False)]
+PATH = [(1, 1, 0.6), (4, 3, 0.6), (1, 1, 3.4), (4, 3, 3.4)]
+
+
+@pytest.mark.parametrize("world", [WORLDS["drops"], lambda: World(STOREYS, PATH)])
+def test_a_cloud_that_is_moved_or_turned_has_the_same_map(world):
+    # sums with binary fractions are exact, and none of these points lies on the edge of a cell
+    points = np.floor(small(world()).cloud() * 1024) / 1024 + 1 / 2048
+    expected = cloud_map(points, resolution=1 / 16)
+    for shift in ((64, -32, 8), (-128, 16, -8)):
+        moved = cloud_map(points + np.array(shift), resolution=1 / 16)
+        assert np.array_equal(moved.grid.occupancy, expected.grid.occupancy)
+        assert moved.grid.origin[:2] == tuple(np.add(expected.grid.origin, shift)[:2])
+        floors = (result.layers["floor_height"] for result in (moved, expected))
+        assert np.nanmax(np.abs(np.subtract(*floors) - shift[2])) < 1e-5
+    turned = cloud_map(points[:, [1, 0, 2]] * [-1, 1, 1], resolution=1 / 16)
+    assert np.array_equal(turned.grid.occupancy, np.rot90(expected.grid.occupancy, -1))
 
 
 @pytest.mark.thorough

@@ -309,6 +309,18 @@ def test_a_hall_has_a_lattice_and_no_single_line():
     assert inner.max() == 8
 
 
+def test_a_corridor_joins_places_of_a_hall_on_both_sides_of_its_mouth():
+    corridor, side = "#" + "." * 100 + "#", "#" * 60 + "." * 41 + "#"
+    text = "\n".join(["#" * 102, *[side] * 12, *[corridor] * 6, *[side] * 22, "#" * 102])
+    graph = graph_of(text)
+    places = grid_from_text(text).frame.continuous_rowcol_from_xy(graph.points_xy).round(1).tolist()
+    kinds = [node.metadata["kind"] for node in graph.nodes]
+    assert sorted(kind for kind in kinds if kind != "hall") == ["end", *["way"] * 7]
+    joined = [(places[a], places[b]) for a, b in graph.ends.tolist()
+              if (kinds[a], kinds[b]) == ("way", "hall")]  # fmt: skip
+    assert sorted(joined) == [([25.5, 60.5], [21.0, 64.0]), ([25.5, 60.5], [29.0, 64.0])]
+
+
 def test_lanes_are_on_the_right_and_lead_both_ways():
     text = "\n".join(["#" * 120, *["#" + "." * 118 + "#"] * 11, "#" * 120])
     graph = graph_of(text, hall=9.0, one_way="right")
