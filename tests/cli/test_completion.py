@@ -165,8 +165,7 @@ def test_completes_at_tab(shell_finds, shell):
         os.execlp(shell, shell, *options, "-i")  # noqa: S606 - it needs a terminal of its own
     try:
         os.write(
-            terminal,
-            f"PS1=; stty -echo; {start}{PRINT}; source ../script; echo READ''Y\n".encode(),
+            terminal, f"PS1=; stty -echo; {start}{PRINT}; source ../script; echo READ''Y\n".encode()
         )
         read_until(terminal, rb"READY")
         for line, expected in TYPED.items():

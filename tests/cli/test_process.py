@@ -147,8 +147,7 @@ run_process()
 
 
 @pytest.mark.parametrize(
-    ("which", "sent"),
-    [("1", "SIGINT"), ("120", "SIGINT"), ("5", "SIGTERM"), ("60", "SIGHUP")],
+    ("which", "sent"), [("1", "SIGINT"), ("120", "SIGINT"), ("5", "SIGTERM"), ("60", "SIGHUP")]
 )
 def test_a_signal_during_the_start_is_one_line(which, sent):
     completed = process(which, sent, "inflate", "a.yaml", "-o", "o.yaml", code=SIGNALLED)

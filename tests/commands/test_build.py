@@ -5,13 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mapdeal import (
-    MalformedInputError,
-    MapdealWarning,
-    build_map,
-    build_map_from_log,
-    read_map,
-)
+from mapdeal import MalformedInputError, MapdealWarning, build_map, build_map_from_log, read_map
 
 ANGLES = np.radians(np.arange(-90, 90))
 TRIPLE = "--poses p.txt --angles a.txt --ranges r.txt"

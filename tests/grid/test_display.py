@@ -131,8 +131,7 @@ def plans_and_scans(map_):
         paired = replace(paired, pairs=list(paired.pairs))
     table = mapdeal.plan([map_path, map_path], start=(3, 0), goals=[(1.5, 0.2)], **shared)
     scans = mapdeal.scan(
-        map_,
-        poses=[[*map_.frame.xy_from_rowcol(np.argwhere(map_.occupancy == 0)[:1])[0], 0.0]],
+        map_, poses=[[*map_.frame.xy_from_rowcol(np.argwhere(map_.occupancy == 0)[:1])[0], 0.0]]
     )
     return report, report.goals[0], report.goals[0].goal, paired, table, scans
 

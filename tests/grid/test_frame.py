@@ -6,13 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal import Frame, OccupancyGrid, ParameterError
-from mapdeal.grid.frame import (
-    Region,
-    Transform,
-    cells_to_cover,
-    check_point,
-    region_around,
-)
+from mapdeal.grid.frame import Region, Transform, cells_to_cover, check_point, region_around
 
 YAWED = Frame(4, 7, 0.25, (1.5, -2.0, math.pi / 2))
 

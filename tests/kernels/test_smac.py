@@ -9,13 +9,7 @@ from scipy.sparse import csgraph
 
 from engines import needs_compiled
 from kernels.conftest import by_each_engine
-from mapdeal.kernels.smac import (
-    grid_path,
-    grid_step_costs,
-    smooth_once,
-    theta_costs,
-    theta_path,
-)
+from mapdeal.kernels.smac import grid_path, grid_step_costs, smooth_once, theta_costs, theta_path
 
 
 @st.composite

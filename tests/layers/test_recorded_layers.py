@@ -13,7 +13,7 @@ from mapdeal import MalformedInputError, apply_recipe, read_robot_parameters
 from mapdeal.pipeline.recipe import step_for
 
 KNOWN_QUEUE_DIFFERENCE = {
-    ("visible/062 a robot without namespace and robot1 [no namespace]", "humble"),
+    ("visible/062 a robot without namespace and robot1 [no namespace]", "humble")
 }
 """An unknown cell that the queue of older releases takes to be beyond the inscribed radius."""
 

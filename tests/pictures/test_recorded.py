@@ -21,12 +21,7 @@ from mapdeal.grid.canvas import on_canvas
 from mapdeal.grid.filters import FilterInfo
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
 from mapdeal.pictures import canvas
-from mapdeal.pictures.comparisons import (
-    ScoredWalls,
-    difference_image,
-    merge_image,
-    score_image,
-)
+from mapdeal.pictures.comparisons import ScoredWalls, difference_image, merge_image, score_image
 from mapdeal.pictures.layers import cost_image, occupancy_image, zones_image
 from mapdeal.pictures.overlay import (
     KeepoutOverlay,

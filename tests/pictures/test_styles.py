@@ -12,11 +12,7 @@ from drawn import grid_from_text
 from mapdeal import esdf
 from mapdeal.pictures import colours
 from mapdeal.pictures.colours import Scale, _oklab_from_rgb
-from mapdeal.pictures.styles import (
-    FieldEnds,
-    field_style,
-    ticks_of,
-)
+from mapdeal.pictures.styles import FieldEnds, field_style, ticks_of
 
 LENGTHS = st.floats(0, 1000).map(lambda x: 0.0 if x < 0.01 else x)
 GRID = grid_from_text("#..?\n....\n..##", 0.25, (1.5, -2.0, 0.3))

@@ -5,14 +5,7 @@ import pytest
 import mapdeal
 from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage
 from mapdeal.report.document import Claim, Verdict
-from mapdeal.report.verdict import (
-    most_urgent,
-    on_costs,
-    on_failure,
-    on_findings,
-    on_goals,
-    settled,
-)
+from mapdeal.report.verdict import most_urgent, on_costs, on_failure, on_findings, on_goals, settled
 
 ROBOT = mapdeal.Footprint.circle(0.3)
 DOOR = Bottleneck(1.0, 2.0, 0.5)

@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from mapdeal.ros.robot import (
-    FootprintStringError,
-    corners_of_string,
-    padded_corners,
-    radii_of,
-)
+from mapdeal.ros.robot import FootprintStringError, corners_of_string, padded_corners, radii_of
 
 
 def f32(value):
