@@ -1,8 +1,8 @@
-"""Connected components.
+"""Connected components of marked cells, and passages between basins.
 
-Marked cells are runs along rows. Runs of neighbouring rows that touch are joined; only components
-that reach the last row can still grow. For each size some components are recorded by one cell, the
-middle of their longest run, which usually lies well inside.
+The marked cells of a row form runs. Touching runs of neighbouring rows are joined, so only
+components that reach the last row can still grow. For each size some components are recorded by a
+cell: the middle of their longest run, which usually lies well inside.
 """
 
 from __future__ import annotations
@@ -27,9 +27,7 @@ def drop_small_groups(marked: Mask, min_cells: int, *, corners: bool = True) -> 
     if min_cells <= 1:
         return marked
     groups = labelled(marked, corners=corners)
-    return groups.cells_of(
-        groups.sizes >= min_cells
-    )  # label 0 has size 0, so that unmarked cells drop out
+    return groups.cells_of(groups.sizes >= min_cells)  # unmarked cells have label 0, of size 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +56,7 @@ def labelled(marked: Mask, *, corners: bool) -> Labels:
     sizes = np.zeros(count + 1, dtype=np.int64)
     for rows in _bands(cells.shape):
         labels = cells[rows][marked[rows]]
-        if len(labels):  # labels rise with cells: those of a band lie close together
+        if len(labels):  # labels rise with the rows, so those of a band are close
             first = labels.min()
             counts = np.bincount(labels - first)
             sizes[first : first + len(counts)] += counts
@@ -66,7 +64,7 @@ def labelled(marked: Mask, *, corners: bool) -> Labels:
 
 
 def _bands(shape: tuple[int, int]) -> list[slice]:
-    """Return slices of rows that hold no more cells than fit the processor's caches."""
+    """Return slices of rows with as many cells as fit into the processor's caches."""
     height, width = shape
     step = max(1, _LABELS_TOGETHER // width)
     return [slice(row, row + step) for row in range(0, height, step)]
@@ -74,11 +72,11 @@ def _bands(shape: tuple[int, int]) -> list[slice]:
 
 def touching_groups(marked: Mask) -> tuple[Integers, Integers]:
     width = marked.shape[1]
-    at = np.flatnonzero(marked)
-    cells = np.stack([at // width, at % width], axis=1)
-    pairs = [_beside(at, cells, step, width) for step in ((0, 1), (1, -1), (1, 0), (1, 1))]
+    flat = np.flatnonzero(marked)
+    cells = np.stack([flat // width, flat % width], axis=1)
+    pairs = [_neighbour_pairs(flat, cells, s, width) for s in ((0, 1), (1, -1), (1, 0), (1, 1))]
     first, second = np.concatenate(pairs, axis=1)
-    return cells, np.unique(least_joined(first, second, len(at)), return_inverse=True)[1]
+    return cells, np.unique(least_joined(first, second, len(flat)), return_inverse=True)[1]
 
 
 def least_joined(first: Integers, second: Integers, count: int) -> Integers:
@@ -95,19 +93,21 @@ def least_joined(first: Integers, second: Integers, count: int) -> Integers:
             least = nearer
 
 
-def _beside(at: Integers, cells: Integers, step: tuple[int, int], width: int) -> Integers:
+def _neighbour_pairs(
+    flat: Integers, cells: Integers, step: tuple[int, int], width: int
+) -> Integers:
     """Return pairs of marked cells a step apart, shape (2, M), as positions in the list."""
     col = cells[:, 1] + step[1]
     inside = np.flatnonzero((col >= 0) & (col < width))
-    neighbours = at[inside] + step[0] * width + step[1]
-    found = np.minimum(np.searchsorted(at, neighbours), len(at) - 1)
-    is_marked = at[found] == neighbours
+    neighbours = flat[inside] + step[0] * width + step[1]
+    found = np.minimum(np.searchsorted(flat, neighbours), len(flat) - 1)
+    is_marked = flat[found] == neighbours
     return np.stack([inside[is_marked], found[is_marked]])
 
 
 def thickness_of(marked: Mask) -> Integers:
-    # A straight wall has its thickness along its shorter axis, a slanted one of one cell is one
-    # cell thick. Where two walls cross, both runs may be long: the cells there count as thick.
+    # The thickness at a cell is its shorter run along rows or columns. So slanted walls one cell
+    # wide are one cell thick, and cells where two walls cross are thick.
     height, width = marked.shape
     by_columns = np.flatnonzero(marked.T)
     order = np.argsort(by_columns % height * width + by_columns // height, kind="stable")
@@ -125,12 +125,12 @@ _NOWHERE = np.iinfo(np.int64).max
 
 
 class _Front(NamedTuple):
-    """The runs of the last row, shape (N,), and their components."""
+    """The runs of the last row, shape (N,), and their components, shape (K,)."""
 
     starts: Integers
     stops: Integers
     components: Integers  # of each run, 0 .. K - 1
-    sizes: Integers  # cells so far of each component, shape (K,)
+    sizes: Integers  # cells so far of each component
     longest: Integers  # the longest run so far of each component, cells
     middles: Integers  # the cell in the middle of the longest run
 
@@ -168,12 +168,12 @@ class Components:
         height, width = marked.shape
         front, stride = self._front, width + 1
         starts, stops = _runs(marked)
-        # the last row of the band before comes first, as row 0
+        # row 0 is the last row of the previous band
         before, live = len(front.starts), len(front.sizes)
         all_starts = np.concatenate([front.starts, starts + stride])
         all_stops = np.concatenate([front.stops, stops + stride])
         nodes = np.concatenate([front.components, live + np.arange(len(starts))])
-        # runs of the row above that touch a run over an edge or a corner
+        # each run's range of runs in the row above that share an edge or a corner
         first = np.searchsorted(all_stops, all_starts + stride)
         behind = np.searchsorted(all_starts, all_stops + stride, side="right")
         run, touching = enumerated(first, behind)
@@ -206,8 +206,8 @@ class Components:
         height, width = shape
         rows = np.arange(height)
         bounds = np.searchsorted(starts, np.append(rows, height) * (width + 1))
-        in_whole = (self._row + self._step * rows) * width
-        shifts = np.repeat(in_whole - rows * (width + 1), np.diff(bounds))
+        in_map = (self._row + self._step * rows) * width
+        shifts = np.repeat(in_map - rows * (width + 1), np.diff(bounds))
         return starts + shifts + ((lengths - 1) >> 1)
 
     def _close(self, sizes: Integers, middles: Integers) -> None:
@@ -229,17 +229,17 @@ class Components:
 
 
 def _runs(marked: Mask) -> tuple[Integers, Integers]:
-    # Indices count rows as one cell wider, so that runs of different rows never touch.
+    # For the indices, rows are one cell wider, so that runs of different rows never touch.
     height, width = marked.shape
     edges = np.empty((height, width + 1), dtype=np.bool_)
     edges[:, 0], edges[:, -1] = marked[:, 0], marked[:, -1]
     np.not_equal(marked[:, 1:], marked[:, :-1], out=edges[:, 1:-1])
-    at = np.flatnonzero(edges)
-    return at[::2], at[1::2]
+    ends = np.flatnonzero(edges)
+    return ends[::2], ends[1::2]
 
 
 _STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0))
-_MOST_CELLS = 20_000  # of a ridge: further cells are ignored
+_MOST_CELLS = 20_000  # of a ridge; the others are ignored
 _MOST_ENDS = 400
 _OPPOSITE, _ROUGHLY_OPPOSITE = -0.7, -0.3
 """Cosines of the angle between the directions from a gap's middle to its two sides."""
@@ -251,8 +251,8 @@ def gap_at(
     squared: SquaredDistances, basins: NDArray[np.int32], cell: tuple[int, int]
 ) -> tuple[RowCol, RowCol]:
     # In a thick wall all cells in the middle of a door are equally narrow, and any of them may be
-    # the saddle. The ridge is followed from the saddle over equally wide cells, and ends at a cell
-    # with a wider neighbour. So it ends where rooms begin, and does not run along their walls.
+    # the saddle. From there the ridge continues over cells of equal width up to cells with a wider
+    # neighbour, where the rooms begin.
     square = int(squared[cell])
     ridge = _ridge(squared, basins, cell)
     away = ((ridge - ridge.mean(axis=0)) ** 2).sum(axis=1)
@@ -339,8 +339,8 @@ def joined(
     is_large: Mask | None = None,
 ) -> tuple[Integers, Integers]:  # fmt: skip
     """Join nodes over edges in order, as Kruskal does, but never two groups with a large node."""
-    # The first edge of a small node always joins it. So each round joins all such nodes over their
-    # first edge at once; as in Boruvka's algorithm, a few rounds are enough.
+    # A small node is always joined over its first edge. So each round joins all small nodes at
+    # once; as in Boruvka's algorithm, a few rounds are enough.
     into = np.arange(count)
     edges = np.arange(len(first))
     ends = np.stack([first, second], axis=1).astype(np.intp, copy=False)
@@ -361,7 +361,7 @@ def _join_over_first_edge(into: Integers, ends: Integers, moving: Integers, may_
     # Only nodes in `moving` may be joined to another; both arrays may repeat a node.
     backwards = ends[::-1]
     first, second = backwards[:, 1], backwards[:, 0]
-    # numpy stores the last of several values for a node: reversed, that of its first edge.
+    # Of several values numpy stores the last: in reverse order, that of the first edge.
     into[backwards.ravel()] = np.stack([first, second], axis=1).ravel()
     staying = ends[~may_move[ends]]
     into[staying] = staying
@@ -408,13 +408,13 @@ def sums_behind(
 def saddles_between(
     squared: SquaredDistances, basins: NDArray[np.int32], labels: Integers
 ) -> Integers:
-    """Return the doors between regions of a grid: the widest places of their borders."""
+    """Return the doors between regions of a grid: the widest cells of their borders."""
     first, second = _borders(basins, np.append(labels, -1).astype(np.int32))
     square, beyond = squared.reshape(-1)[first], squared.reshape(-1)[second]
     is_narrower = square <= beyond
     narrower, wider = np.where(is_narrower, first, second), np.where(is_narrower, second, first)
     least = np.minimum(square, beyond).astype(np.int64)
-    # the corners of cells along a border; the corners of a door are linked
+    # edges of cells along a border that share a corner belong to one door
     width = squared.shape[1]
     corner = second + second // width
     is_beside = first // width == second // width
@@ -426,7 +426,7 @@ def saddles_between(
     by_basin = labels[basins.reshape(-1)[np.stack([first, second])]]
     keys = np.stack([doors, by_basin.min(axis=0), by_basin.max(axis=0)])[:, order]
     best = np.sort(np.unique(keys, axis=1, return_index=True)[1])
-    joined_to: dict[tuple[int, int], tuple[int, int]] = {}  # regions at a door
+    joined_to: dict[tuple[int, int], tuple[int, int]] = {}  # (door, region) to the same
     found = []
     for door, *pair, cell in zip(*keys[:, best].tolist(), narrower[order][best], strict=True):
         sides = [(door, label) for label in pair]
@@ -440,7 +440,7 @@ def saddles_between(
 
 
 def _borders(basins: NDArray[np.int32], labels: NDArray[np.int32]) -> tuple[Integers, Integers]:
-    """Return the pairs of neighbouring cells of different regions; the last label is of -1."""
+    """Return the pairs of neighbouring cells of different regions; basin -1 has the last label."""
     width = basins.shape[1]
     found: dict[int, list[Integers]] = {}
 

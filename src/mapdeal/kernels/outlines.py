@@ -1,8 +1,8 @@
-"""Outlines of marked cells: polygons with holes on the lattice of cell corners, and simpler ones.
+"""Outlines of marked cells: polygons with holes along cell edges, optionally simplified.
 
-Corners are found all at once, by the pattern of the four cells around each lattice point, and
+A lattice point is a corner if the pattern of the four cells around it makes a turn. Corners are
 joined along rows and columns. A ring has the marked cells on its left: outer rings run
-anticlockwise, holes clockwise. Marked cells that share only a corner are not joined there.
+anticlockwise, holes clockwise. Marked cells that share only a corner are separate there.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.polygons import enumerated
 
 _E, _N, _W, _S = range(4)
-# By the sum of the marked cells around a corner (south-west 1, south-east 2, north-west 4,
-# north-east 8): in which directions a ring comes and goes, and the row and column offset of a
-# marked cell. Where marked cells face each other across the corner, 6 and 9, there are two turns.
+# Keys are sums of the marked cells around a corner (south-west 1, south-east 2, north-west 4,
+# north-east 8). Values are the directions in which a ring arrives and leaves, and the row and
+# column offset of a marked cell. Two diagonal cells, 6 and 9, make two turns.
 _TURNS = {
     1: (_N, _W, -1, -1), 2: (_W, _S, -1, 0), 4: (_E, _N, 0, -1), 8: (_S, _E, 0, 0),
     14: (_E, _S, 0, 0), 13: (_N, _E, 0, -1), 11: (_S, _W, -1, 0), 7: (_W, _N, -1, -1),
@@ -32,7 +32,7 @@ MOST_TOLERANCE = 0.5
 """Largest tolerance, cells: lattice lines are 1 apart, so that moved outlines cannot meet."""
 
 _BELOW = 1 - 1e-6
-_LONG = 2  # least cells of both edges at a corner that stays: steps of slanted walls are shorter
+_LONG_EDGE = 2  # cells: steps of slanted walls are shorter on at least one side
 _MOST_CHANGE = 0.01  # share of a polygon's area that simplification may change
 _MOST_RING_CHANGE = 0.05  # the same of a ring
 _MOST_HALVINGS = 12
@@ -40,11 +40,11 @@ _MOST_HALVINGS = 12
 
 @dataclass(frozen=True, eq=False)
 class Polygons:
-    """Outlines of 4-connected components: rings in a row, each outer one before its holes."""
+    """Outlines of 4-connected components: each outer ring is followed by its holes."""
 
     corners: Floats  # (row, col) in cells, shape (N, 2); rings do not repeat their first corner
-    ring_ends: Integers  # where the corners of each ring end
-    shells: Integers  # which ring is the outer one of each polygon
+    ring_ends: Integers  # the end of each ring among the corners
+    shells: Integers  # the index of each polygon's outer ring
     cells: Integers  # number of cells of each component
 
     def __len__(self) -> int:
@@ -88,7 +88,7 @@ def outlines(marked: Mask, tolerance: float = 0.0) -> Polygons:
     cells = components.sizes[1:]
     rings = _rings(marked, components.cells)
     del components
-    corners, starts, stops = _moved(rings, cells, tolerance)
+    corners, starts, stops = _simplify(rings, cells, tolerance)
     is_shell = rings.areas > 0
     shells = np.flatnonzero(is_shell)
     cells = cells[rings.owners[shells]]
@@ -106,16 +106,16 @@ def outlines(marked: Mask, tolerance: float = 0.0) -> Polygons:
 @dataclass(frozen=True, eq=False)
 class _Rings:
     corners: Floats  # (row, col), shape (N, 2)
-    stays: Mask  # which corners have to stay, shape (N,)
+    stays: Mask  # corners that must not move, shape (N,)
     ends: Integers
     owners: Integers  # component of each ring, from 0
     areas: Floats
 
 
 def _rings(marked: Mask, labels: NDArray[np.int32]) -> _Rings:
-    # Three kinds of corners stay: between two long edges, at both ends of an edge where the ring
-    # turns to the same side, such as the end of a wall, and where another outline passes. All
-    # others are steps of slanted lines.
+    # Three kinds of corners stay: between two long edges; at both ends of an edge if the ring turns
+    # to the same side there, as at the end of a wall; and where another outline passes. All others
+    # are steps of slanted lines.
     nodes = _corners(marked)
     order, ends = _traced(_joined(nodes), nodes.partner)
     before, after = _neighbours(ends)
@@ -125,15 +125,15 @@ def _rings(marked: Mask, labels: NDArray[np.int32]) -> _Rings:
     turn = behind[:, 1] * ahead[:, 0] - behind[:, 0] * ahead[:, 1]
     is_end = turn * turn[after] > 0
     stays = (nodes.partner[order] >= 0) | is_end | is_end[before]
-    stays |= (length >= _LONG) & (length[before] >= _LONG)
+    stays |= (length >= _LONG_EDGE) & (length[before] >= _LONG_EDGE)
     firsts = order[np.concatenate([[0], ends])[: len(ends)]]
     owners = labels[nodes.inside_row[firsts], nodes.inside_col[firsts]] - 1
     return _Rings(corners, stays, ends, owners, _areas(corners, ends))
 
 
 def _traced(follows: Integers, partner: Integers) -> tuple[Integers, Integers]:
-    """Return the turns ring after ring, and where each ring ends."""
-    # A ring that passes a lattice point twice is divided there.
+    """Return the turns in the order of rings, and the end of each ring."""
+    # A ring that passes a lattice point twice is split there.
     order, ends = np.empty_like(follows), np.empty_like(follows)
     if engine_name() == "compiled":
         from mapdeal.kernels import _compiled
@@ -173,13 +173,13 @@ def _traced(follows: Integers, partner: Integers) -> tuple[Integers, Integers]:
 class _Corners:
     """Turns of rings: lattice points, directions before and after, and an adjacent marked cell.
 
-    The partner is the other turn at the same lattice point, -1 without one.
+    `partner` is the index of the other turn at the same lattice point, -1 without one.
     """
 
     row: Integers
     col: Integers
-    comes: Integers
-    goes: Integers
+    arrives: Integers
+    leaves: Integers
     inside_row: Integers
     inside_col: Integers
     partner: Integers
@@ -209,32 +209,34 @@ def _corners(marked: Mask) -> _Corners:
     table = np.zeros((16, 4), dtype=np.int64)
     for turn, values in _TURNS.items():
         table[turn] = values
-    comes, goes, row_offset, col_offset = table[turns].T
+    arrives, leaves, row_offset, col_offset = table[turns].T
     row, col = np.divmod(at, codes.shape[1])
     partner = np.full(len(at), -1)
     partner[second], partner[len(code) :] = np.arange(len(code), len(at)), second
-    return _Corners(row, col, comes, goes, row + row_offset, col + col_offset, partner)
+    return _Corners(row, col, arrives, leaves, row + row_offset, col + col_offset, partner)
 
 
 def _joined(nodes: _Corners) -> Integers:
     """Return for each turn the next turn of its ring."""
-    # Edges of one direction never overlap within a row or column: sorted along it, the n-th start
-    # belongs to the n-th end.
+    # Edges of one direction never overlap in a row or column, so the n-th start in order belongs to
+    # the n-th end.
     follows = np.empty(len(nodes.row), dtype=np.int64)
     row, col = (places.astype(np.min_scalar_type(places.max(initial=0)))  # 16 bits: a radix sort
                 for places in (nodes.row, nodes.col))  # fmt: skip
     for direction in (_E, _N, _W, _S):
         keys = (col, row) if direction in (_E, _W) else (row, col)
         ends = []
-        for has in (nodes.goes, nodes.comes):
-            some = np.flatnonzero(has == direction)
-            ends.append(some[np.lexsort([key[some] for key in keys])])
+        for directions in (nodes.leaves, nodes.arrives):
+            turns = np.flatnonzero(directions == direction)
+            ends.append(turns[np.lexsort([key[turns] for key in keys])])
         follows[ends[0]] = ends[1]
     return follows
 
 
-def _moved(rings: _Rings, cells: Integers, tolerance: float) -> tuple[Floats, Integers, Integers]:
-    """Return simplified corners, and where each ring starts and stops among them."""
+def _simplify(
+    rings: _Rings, cells: Integers, tolerance: float
+) -> tuple[Floats, Integers, Integers]:
+    """Return simplified corners, and each ring's start and stop among them."""
     parts = [rings.corners]
     starts, stops = np.concatenate([[0], rings.ends])[: len(rings.ends)], rings.ends.copy()
     if not tolerance or not len(starts):
@@ -245,7 +247,7 @@ def _moved(rings: _Rings, cells: Integers, tolerance: float) -> tuple[Floats, In
     for _ in range(_MOST_HALVINGS):
         if not len(wrong):
             break
-        corners, ends = _simplified(rings, wrong, allowed[wrong])
+        corners, ends = _simplify_rings(rings, wrong, allowed[wrong])
         size = sum(map(len, parts))
         starts[wrong], stops[wrong] = size + np.concatenate([[0], ends[:-1]]), size + ends
         parts.append(corners)
@@ -262,9 +264,8 @@ def _moved(rings: _Rings, cells: Integers, tolerance: float) -> tuple[Floats, In
     return np.concatenate(parts), starts, stops
 
 
-def _simplified(rings: _Rings, chosen: Integers, tolerances: Floats) -> tuple[Floats, Integers]:
-    """Return some rings with fewer corners, within a tolerance of the originals."""
-    # New corners lie on the ring: at old corners, or half-way between two.
+def _simplify_rings(rings: _Rings, chosen: Integers, tolerances: Floats) -> tuple[Floats, Integers]:
+    """Return chosen rings with fewer corners: old ones, or midpoints of edges."""
     stops = rings.ends[chosen]
     begins = np.concatenate([[0], rings.ends])[chosen]
     ring_of, at = enumerated(begins, stops)
@@ -279,7 +280,7 @@ def _simplified(rings: _Rings, chosen: Integers, tolerances: Floats) -> tuple[Fl
         away = np.square(corners - middles[ring_of]).sum(axis=1)
         is_farthest = away == np.maximum.reduceat(away, offsets)[ring_of]
         stays[_firsts_of(ring_of, is_farthest & has_none[ring_of])] = True
-    # each ring starts and ends at its first staying corner
+    # each ring starts and ends at its first corner that stays
     shifts = _firsts_of(ring_of, stays) - offsets
     ring_of, number = enumerated(np.zeros_like(sizes), sizes + 1)
     order = (number + shifts[ring_of]) % sizes[ring_of] + offsets[ring_of]
@@ -306,10 +307,10 @@ def _firsts_of(ring_of: Integers, chosen: Mask) -> Integers:
 
 
 def _straighten(corners: Floats, chains: Integers, tolerances: Floats, stays_at: Mask) -> None:
-    """Mark the places of chains that stay: 2 k is corner k, 2 k + 1 half-way to corner k + 1."""
-    # The next place is the farthest whose line passes all corners between within the tolerance:
-    # each corner narrows the range of angles. Places half-way between corners are preferred: lines
-    # from there stay between the steps on both sides for longer.
+    """Mark the places of chains that stay: 2 k is corner k, 2 k + 1 the next midpoint."""
+    # The next place is the farthest one whose line passes all corners before it within the
+    # tolerance: each corner narrows the range of angles. Midpoints are preferred, since
+    # lines between them stay between the steps on both sides for longer.
     if engine_name() == "compiled":
         from mapdeal.kernels import _compiled
 
