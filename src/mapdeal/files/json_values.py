@@ -41,7 +41,7 @@ def read_json(
     claim(path, OF_JSON * len(data))
     try:
         return json.loads(data, parse_constant=_refuse_constant, parse_float=parse_float or _finite)
-    # numbers of many thousand digits are ValueErrors, as is text that is not UTF-8
+    # ValueError: numbers of many thousand digits, and text in another encoding than UTF-8
     except (ValueError, RecursionError):
         return None
 
@@ -52,7 +52,7 @@ def _refuse_constant(name: str) -> NoReturn:
 
 def _finite(text: str) -> float:
     value = float(text)
-    if not math.isfinite(value):  # JSON has no infinity to write it again
+    if not math.isfinite(value):  # JSON could not represent it
         raise ValueError(f"{text} is too large")
     return value
 

@@ -97,7 +97,7 @@ Drawer = Callable[[object], bytes | None]
 """Function from an object to its picture, if it has one, as PNG bytes."""
 
 MOST_COUNTED = 100_000_000
-"""Largest grid in cells whose values a repr counts, in some tenths of a second."""
+"""Largest grid, cells, whose values a repr counts: that takes some tenths of a second."""
 
 _MOST_LISTED = 6
 

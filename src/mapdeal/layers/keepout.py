@@ -104,17 +104,18 @@ def cells_at_centres(
     target: Frame, source: Frame, rows: slice
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     # If both have the same yaw, the results are a column and a row that broadcast.
-    along = np.arange(rows.start, rows.stop)[:, np.newaxis]
-    across = np.arange(target.width)[np.newaxis, :]
+    target_row = np.arange(rows.start, rows.stop)[:, np.newaxis]
+    target_col = np.arange(target.width)[np.newaxis, :]
     centre = target.xy_from_rowcol([[0, 0]])
     row, col = source.continuous_rowcol_from_xy(centre)[0].tolist()
     tolerance = source.tolerance_at(centre)
     step = target.resolution / source.resolution
     turn = target.origin[2] - source.origin[2]
     if turn == 0.0:
-        return cells_at(row + along * step, tolerance), cells_at(col + across * step, tolerance)
+        row, col = row + target_row * step, col + target_col * step
+        return cells_at(row, tolerance), cells_at(col, tolerance)
     cos, sin = step * math.cos(turn), step * math.sin(turn)
     return (
-        cells_at(row + along * cos + across * sin, tolerance),
-        cells_at(col - along * sin + across * cos, tolerance),
+        cells_at(row + target_row * cos + target_col * sin, tolerance),
+        cells_at(col - target_row * sin + target_col * cos, tolerance),
     )

@@ -1,4 +1,4 @@
-"""Painting of Cartographer's submaps, with the bytes of the graphics library that it uses.
+"""Paints Cartographer's submaps, byte for byte as the graphics library that it uses.
 
 References
 ----------
@@ -28,7 +28,7 @@ _WEIGHTS = 128
 _PIXELS_AT_ONCE = 1 << 16
 _WIDEST_IN_32_BITS = 1 << 13
 _FARTHEST = 2**30
-_ALIGNED = 1 / 256  # cairo takes smaller parts of a matrix for 0
+_ALIGNED = 1 / 256  # cairo treats smaller elements of a matrix as 0
 
 
 class Slice(NamedTuple):
@@ -115,7 +115,7 @@ def _fixed(
     inverse: Floats, shift: Floats, middle: tuple[float, float]
 ) -> tuple[NDArray[np.int64], list[int]]:
     """Return the matrix from pixels to texels in fixed point, and an offset of pixels before it."""
-    # The offset keeps the shift small; the shift is corrected until the matrix is exact at a point.
+    # The offset keeps the shift small; corrections make the matrix exact at `middle`.
     (xx, xy), (yx, yy) = inverse.tolist()
     x0, y0 = shift.tolist()
     offsets = [(x0, y0)] + [
@@ -147,7 +147,7 @@ def _inverse(matrix: Floats) -> Floats:
 
 
 def _is_aligned(inverse: Floats) -> bool:
-    """Return whether cairo takes a matrix for a turn by quarters without scaling."""
+    """Return whether cairo treats a matrix as a rotation by quarter turns without scaling."""
     is_small = np.abs(inverse) < _ALIGNED
     is_turned = is_small.trace() == 2 or is_small[::-1].trace() == 2
     return bool(is_turned and abs(_determinant(inverse) ** 2 - 1) < _ALIGNED)

@@ -89,7 +89,7 @@ class Raster:
 
 
 class Pooling:
-    """Reduction of cells to pixels, in bands of rows."""
+    """Reduces cells to pixels, band by band."""
 
     def __init__(self, raster: Raster, layer: Layer, choose: np.ufunc) -> None:
         self._step = raster.reduce
@@ -106,9 +106,9 @@ class Pooling:
 
     @property
     def pixels(self) -> NDArray[Any]:
-        """Value of each pixel before enlarging, after all rows were taken."""
+        """Value of each pixel before enlarging, once all rows have been processed."""
         if self._pixels is None:
-            raise ValueError("no rows were taken")
+            raise ValueError("no rows were processed")
         return self._pixels
 
     def take(self, rows: slice) -> None:
@@ -210,7 +210,7 @@ class Overlays(Overlay):
 
 
 class Brush:
-    """Drawer on pixels with row 0 in the south; coordinates are pixels, (column, row)."""
+    """Draws on pixels with row 0 in the south; coordinates are pixels, (column, row)."""
 
     def __init__(self, pixels: NDArray[np.uint8]) -> None:
         self._pixels = pixels
@@ -466,8 +466,8 @@ class StepsOverlay(Overlay):
         return [Swatch(first_index + number, name) for number, name in enumerate(names)]
 
 
-_AWAY = 10  # pixels between the shape and the edges
-_LEAST, _LARGEST_SHARE = 4, 0.4
+_EDGE_DISTANCE = 10  # pixels between the shape and the edges
+_LEAST_SIZE, _LARGEST_SHARE = 4, 0.4
 """Least size of a drawn shape in pixels, and its largest share of the picture's sides."""
 
 
@@ -496,14 +496,14 @@ class RobotOverlay(Overlay):
     def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         outline = outline_of(self.robot) / on.raster.metres_per_pixel(on.frame.resolution)
         outline -= outline.min(axis=0)
-        size = np.ceil(outline.max(axis=0)) + 2 * _AWAY  # columns and rows
+        size = np.ceil(outline.max(axis=0)) + 2 * _EDGE_DISTANCE  # columns and rows
         height, width = on.pixels.shape
-        if outline.max() < _LEAST or (size > _LARGEST_SHARE * np.array([width, height])).any():
+        if outline.max() < _LEAST_SIZE or (size > _LARGEST_SHARE * np.array([width, height])).any():
             return []
         cols, rows = size.astype(int).tolist()
         corners = [(left_x, low) for low in (0, height - rows) for left_x in (width - cols, 0)]
-        left_x, low = max(corners, key=lambda at: _evenness(on.pixels, at, (cols, rows)))
-        outline += np.array([left_x, low]) + _AWAY
+        left_x, low = max(corners, key=lambda corner: _evenness(on.pixels, corner, (cols, rows)))
+        outline += np.array([left_x, low]) + _EDGE_DISTANCE
         for index, thickness in ((first_index + 1, 4), (first_index, 2)):
             Brush(on.pixels).polyline(outline, index, thickness=thickness)
         return [Swatch(first_index, self.label)]
@@ -546,8 +546,8 @@ ImageExtent = Literal["known", "all"]
 
 DEFAULT_EXTENT: ImageExtent = "known"
 
-_MARGIN, _LEAST_MARGIN = 0.05, 10  # around the known cells: of their longer side, and cells
-_WORTH = 0.95
+_MARGIN, _LEAST_MARGIN = 0.05, 10  # around the known cells: share of their longer side, and cells
+_LARGEST_CROP = 0.95
 """A picture shows only the known part if that is below this share of the map along one side."""
 
 IsKnown = Callable[[NDArray[Any]], NDArray[np.bool_]]
@@ -610,6 +610,6 @@ def shown_part(
     margin = max(_LEAST_MARGIN, round(_MARGIN * float((high - low).max())))
     first = np.clip(low - margin, 0, frame.shape).astype(int)
     size = np.clip(high + margin, 0, frame.shape).astype(int) - first
-    if (size <= 0).any() or (size > _WORTH * np.array(frame.shape)).all():
+    if (size <= 0).any() or (size > _LARGEST_CROP * np.array(frame.shape)).all():
         return None
     return Region(int(first[0]), int(first[1]), int(size[0]), int(size[1]))

@@ -1,6 +1,6 @@
 """Legends and palettes of each type of grid.
 
-Pictures, and pages that show the same layers, draw with these.
+Pictures and report pages share them.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class CostPalette:
 _NUMBER_LEVELS = 200
 
 POTENTIAL_LEVELS = 100
-_LINES = 20  # of equal length to the goal, about
+_ABOUT_LINES = 20  # of equal length to the goal
 _HIGHEST_NORMALISED = 10.0
 POTENTIAL_OBSTACLE, POTENTIAL_ARROW, POTENTIAL_GOAL, POTENTIAL_NOWHERE, POTENTIAL_LINE = range(
     2 * POTENTIAL_LEVELS, 2 * POTENTIAL_LEVELS + 5
@@ -158,9 +158,9 @@ def potential_style(field: PotentialField) -> LayerStyle:
 
 
 def length_between_lines(lengths: NDArray[np.float64]) -> float:
-    """Return a round length of which the longest finite one has about twenty."""
+    """Return a round distance between lines, about a twentieth of the longest finite length."""
     longest = float(lengths.max(where=np.isfinite(lengths), initial=0.0))
-    return round_length(longest / _LINES) if longest > 0 else 1.0
+    return round_length(longest / _ABOUT_LINES) if longest > 0 else 1.0
 
 
 def difference_style(only_in: tuple[str, str] | None = None) -> LayerStyle:
@@ -278,7 +278,7 @@ def round_values(end: float, about: int) -> list[float]:
     return [step * k for k in range(1, math.ceil(end / step)) if end - step * k > 0.35 * step]
 
 
-FIELD_LEVELS = 119  # of known cells; unknown cells have as many faded ones
+FIELD_LEVELS = 119  # colours of known cells; unknown cells have as many faded colours
 LINE = 2 * FIELD_LEVELS
 NOWHERE = LINE + 1  # the outline of obstacles, and cells without a distance
 _LEAST_GAP = 0.08  # between two labels of a bar, relative to its height
@@ -303,19 +303,19 @@ class FieldEnds:
 
 
 class EndsByRows:
-    """Collector of the extremes of a field, in bands of rows."""
+    """Collects the extremes of a field, band by band."""
 
     def __init__(self, field: DistanceField) -> None:
         self._field = field
         self._known: list[tuple[float, float]] = []
-        self._every: list[tuple[float, float]] = []
+        self._all_cells: list[tuple[float, float]] = []
 
     def take(self, rows: slice) -> None:
         distances, occupancies = self._field.distance[rows], self._field.occupancy[rows]
 
         def collect(rows: slice) -> None:
             distance, occupancy = distances[rows], occupancies[rows]
-            self._every.append((float(distance.max()), float(distance.min())))
+            self._all_cells.append((float(distance.max()), float(distance.min())))
             is_known = occupancy != values.UNKNOWN
             if is_known.any():
                 finite = np.where(is_known & np.isfinite(distance), distance, np.float32(0))
@@ -324,8 +324,8 @@ class EndsByRows:
         for_rows(collect, distances.shape)
 
     def found(self) -> FieldEnds:
-        known, every = self._known, self._every
-        highest, lowest = max(end[0] for end in every), min(end[1] for end in every)
+        known, all_cells = self._known, self._all_cells
+        highest, lowest = max(end[0] for end in all_cells), min(end[1] for end in all_cells)
         if known:
             return FieldEnds(max(e[0] for e in known), -min(e[1] for e in known), highest, lowest)
         finite = [end if math.isfinite(end) else 0.0 for end in (highest, lowest)]
@@ -399,7 +399,7 @@ def _bar(scale: Scale, ends: FieldEnds) -> tuple[ColourBar, list[Swatch]]:
 
 
 _MOST_AREAS = 6  # cut-off areas that have a colour of their own
-_LEAST_SHARE = 0.001  # least share of the open cells of such an area
+_LEAST_SHARE = 0.001  # of the open cells that such an area must have
 
 # In order of precedence among the cells of a pixel.
 _UNKNOWN, _NARROW, _REACHED, _NO_TURN, _REACHED_UNKNOWN, _CUT_OFF = range(6)
@@ -439,21 +439,21 @@ def area_text(area: float) -> str:
 
 
 def _codes(reach: Reach) -> NDArray[np.uint8]:
-    of_occupancy = np.full(256, _NARROW, dtype=np.uint8)
-    of_occupancy[values.OCCUPIED], of_occupancy[values.UNKNOWN] = _OBSTACLE, _UNKNOWN
+    code_of_byte = np.full(256, _NARROW, dtype=np.uint8)
+    code_of_byte[values.OCCUPIED], code_of_byte[values.UNKNOWN] = _OBSTACLE, _UNKNOWN
     codes = np.empty(reach.shape, dtype=np.uint8)
     occupancies = reach.occupancy.view(np.uint8)
 
     def fill(rows: slice) -> None:
         occupancy, headings = occupancies[rows], reach.headings[rows]
         part = codes[rows]
-        np.take(of_occupancy, occupancy, out=part)
+        np.take(code_of_byte, occupancy, out=part)
         is_reached = reach.reachable[rows] != 0
         part[(headings != 0) & ~is_reached] = _CUT_OFF
         part[is_reached] = _REACHED
         part[is_reached & (headings < reach.heading_count)] = _NO_TURN
         if reach.through_unknown:
-            part[is_reached & (occupancy == of_occupancy.size + values.UNKNOWN)] = _REACHED_UNKNOWN
+            part[is_reached & (occupancy == code_of_byte.size + values.UNKNOWN)] = _REACHED_UNKNOWN
 
     for_rows(fill, reach.shape)
     return codes
