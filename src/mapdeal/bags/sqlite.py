@@ -74,7 +74,7 @@ class SqliteBag(Bag):
 
     def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
         selected = ",".join(str(int(number)) for number in connections)
-        # in a truncated file, rows that the tables list may have lost their data
+        # in a truncated file, listed rows may lack their data
         length = "LENGTH(data || '')" if self._is_cut else "0"
         time, row_id = _INTEGER.format("timestamp"), _INTEGER.format("id")
         query = f"SELECT topic_id, {time}, {row_id}, {length} FROM messages"  # noqa: S608
@@ -101,7 +101,7 @@ class SqliteBag(Bag):
             rows = self._select(f"{query} WHERE topic_id IN ({ids}) GROUP BY topic_id")
             recorded |= {number: Recorded(*map(int, values)) for number, *values in rows}
         except (sqlite3.DatabaseError, TypeError, ValueError):
-            return super().summary()  # up to the damaged place
+            return super().summary()  # reads up to the damage
         return recorded
 
     def data(self, place: Place) -> bytes:
@@ -148,7 +148,7 @@ class SqliteBag(Bag):
         except sqlite3.DatabaseError:
             self._db.close()
             self._db = self._connect(self._stack.enter_context(_whole_pages(self.path)))
-            # makes SQLite accept fewer pages than the file's head declares
+            # SQLite then accepts fewer pages than the file's header declares
             self._db.execute("PRAGMA writable_schema = ON")
             self._is_cut = True
             found = list(self._read_connections())
@@ -173,7 +173,7 @@ class SqliteBag(Bag):
         known: set[int] = set()
         for number, topic, name, serialization in self._rows(query):
             if number in known:
-                raise self.malformed(f"is damaged: topic {number} is there twice")
+                raise self.malformed(f"is damaged: topic {number} appears twice")
             known.add(int(number))
             text, is_idl = texts.get(name, ("", False))
             yield Connection(

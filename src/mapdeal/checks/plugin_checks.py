@@ -36,7 +36,7 @@ _RENAMED = {
 
 _OBSTACLE_LAYERS = ("ObstacleLayer", "VoxelLayer")
 _LEAST_SIMILARITY = 0.85
-_USUAL_RESOLUTION = 0.05  # of maps, metres, where no map is given
+_USUAL_RESOLUTION = 0.05  # metres; used without a map
 _MOST_NAMES, _LONGEST_NAME = 1000, 60
 """Limits of the search for misspelt names, which compares each name with all known ones."""
 
@@ -52,7 +52,7 @@ def _sources(facts: RobotFacts) -> Iterator[tuple[ListedLayer, ObservationSource
         yield from ((listed, source) for source in sensing.sources)
 
 
-def _place_of(
+def _setting_of(
     facts: RobotFacts, listed: ListedLayer, source: str, *names: str
 ) -> ParameterValue | None:
     """Return the parameter that sets a source's value, or the list of sources."""
@@ -86,7 +86,7 @@ def marks_beyond_rays(facts: RobotFacts) -> Iterator[Remark]:
             if source.marking and rays and source.obstacle_max_range > max(rays):
                 text = f"{source.name} marks as far as {names[0]} {source.obstacle_max_range:g} m, "
                 text += f"and no ray clears beyond {names[1]} {max(rays):g} m; raise {names[1]}"
-                yield Remark(text, at=_place_of(facts, listed, source.name, *names))
+                yield Remark(text, at=_setting_of(facts, listed, source.name, *names))
 
 
 @check("params.never-cleared", "warning")
@@ -101,7 +101,7 @@ def never_cleared(facts: RobotFacts) -> Iterator[Remark]:
         sources = sensing.sources
         if any(source.marking for source in sources) and not any(s.clearing for s in sources):
             text = f"no source of {listed.name} has clearing: true, so its obstacles stay"
-            yield Remark(text, at=_place_of(facts, listed, sources[0].name, "clearing"))
+            yield Remark(text, at=_setting_of(facts, listed, sources[0].name, "clearing"))
 
 
 @check("params.source-height", "warning")
@@ -117,7 +117,7 @@ def source_height(facts: RobotFacts) -> Iterator[Remark]:
         if high <= max(low, 0.0) and _has_section(facts, listed, source):
             text = f"{source.name} takes heights of {low:g} to {high:g} m only; "
             text += "raise its max_obstacle_height"
-            at = _place_of(facts, listed, source.name, "max_obstacle_height")
+            at = _setting_of(facts, listed, source.name, "max_obstacle_height")
             yield Remark(text, at=at)
 
 
@@ -142,7 +142,7 @@ def voxel_ceiling(facts: RobotFacts) -> Iterator[Remark]:
         if ceiling < highest - 1e-6:  # metres
             text = f"the voxels of {listed.name} end at {ceiling:g} m, and obstacles up to "
             text += f"{highest:g} m are accepted: those above are not marked"
-            yield Remark(text, at=_place_of(facts, listed, "", "z_voxels", "z_resolution"))
+            yield Remark(text, at=_setting_of(facts, listed, "", "z_voxels", "z_resolution"))
 
 
 @check("params.expected-rate", "note")
@@ -157,7 +157,7 @@ def expected_rate(facts: RobotFacts) -> Iterator[Remark]:
         if source.expected_update_rate > 0:
             text = f"the robot stops if {source.name} is later than "
             text += f"{source.expected_update_rate:g} s (expected_update_rate)"
-            yield Remark(text, at=_place_of(facts, listed, source.name, "expected_update_rate"))
+            yield Remark(text, at=_setting_of(facts, listed, source.name, "expected_update_rate"))
 
 
 @check("params.source-section", "warning")
@@ -171,7 +171,7 @@ def source_section(facts: RobotFacts) -> Iterator[Remark]:
     for listed, source in _sources(facts):
         if not _has_section(facts, listed, source):
             text = f"{source.name} is in observation_sources of {listed.name}, without a section"
-            yield Remark(text, at=_place_of(facts, listed, source.name))
+            yield Remark(text, at=_setting_of(facts, listed, source.name))
 
 
 @check("params.renamed", "warning")

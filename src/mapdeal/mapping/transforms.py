@@ -23,7 +23,7 @@ from mapdeal.kernels.sensing import cover_angles
 Pose = tuple[float, float, float]
 
 _TURN = 2 * math.pi
-_BINS = 1 << 14
+_BINS = 1 << 14  # of CoveredAngles
 
 
 def wrapped(angle: float) -> float:
@@ -105,9 +105,9 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Rigid = tuple[Vector, Quaternion]
 _Link = tuple[str, str]  # parent and child
-_NAMED = 12
-_SLACK = 1000
-"""Nanoseconds: times that were converted from float64 seconds are off by up to a quarter of it."""
+_MOST_FRAMES_NAMED = 12
+_TIME_TOLERANCE = 1000
+"""Nanoseconds: times converted from float64 seconds are off by up to 250."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +202,8 @@ class _Samples:
             numbers = np.broadcast_to(np.array(self._numbers[-7:]), (len(times), 7))
             return numbers[:, :3], numbers[:, 3:], np.ones(len(times), dtype=np.bool_)
         known_times, numbers = self.in_time()
-        known = (times >= known_times[0] - _SLACK) & (times <= known_times[-1] + _SLACK)
+        known = times >= known_times[0] - _TIME_TOLERANCE
+        known &= times <= known_times[-1] + _TIME_TOLERANCE
         after = np.clip(np.searchsorted(known_times, times), 0, len(known_times) - 1)
         is_exact = known_times[after] == times
         before = np.where(is_exact, after, np.maximum(after - 1, 0))
@@ -215,8 +216,8 @@ class _Samples:
         return moves, slerp(earlier[:, 3:], later[:, 3:], share), known
 
 
-# Products and slerp in the order of tf2's LinearMath: the last bits decide whether a ray that is
-# cut at a border ends within it.
+# Products and slerp in the order of tf2's LinearMath: their last bits decide whether a ray clipped
+# at a border ends within it.
 
 
 def _sum(a: Vector, b: Vector) -> Vector:
@@ -278,11 +279,11 @@ class TransformTree:
     `is_exact` keeps quaternions as they were recorded, for `tf2_lookup`.
     """
 
-    # As in tf2 (``BufferCore``, ``TimeCache``), a transform between two frames is interpolated
-    # along a line and an arc between the samples before and after a time, each transform of a chain
-    # on its own, and never extrapolated. A frame has one parent, the most frequent one. A transform
-    # recorded both as static and as moving is of the more frequent kind; a static one counts once,
-    # because it replaces its predecessor. (tf2 uses the first one, which in a recording is random.)
+    # As in tf2 (``BufferCore``, ``TimeCache``), each transform of a chain is interpolated alone,
+    # along a line and an arc between the samples before and after a time, never extrapolated. The
+    # most frequent parent of a frame is used; so is the more frequent of static and moving samples.
+    # (tf2 uses the first one, which in a recording is random.) Static samples count as one, because
+    # each replaces its predecessor.
 
     def __init__(self, *, is_exact: bool = False) -> None:
         self._is_exact = is_exact
@@ -331,7 +332,7 @@ class TransformTree:
 
     @property
     def several_parents(self) -> dict[str, list[str]]:
-        """Frames with several parents: the parent that counts, then the rest."""
+        """Frames with several parents: the parent that is used, then the others."""
         parents: dict[str, list[str]] = {}
         for child, parent in self._chosen_parents().items():
             unused = sorted(p for p, c in self._samples if c == child and p != parent)
@@ -382,7 +383,7 @@ class TransformTree:
     def tf2_lookup(
         self, fixed: str, frame: str, time: int, *, in_seconds: bool
     ) -> Rigid | None:  # fmt: skip
-        """Return a transform that equals the one of tf2 in the last bit; None at unknown times."""
+        """Return the transform, bit for bit as tf2 does; None at unknown times."""
         # `in_seconds` interpolates between float64 seconds, as in ROS 1.
         links = self._chains_between(fixed.lstrip("/"), frame.lstrip("/"))
         if links is None:
@@ -391,16 +392,21 @@ class TransformTree:
         below, above = chains
         if below is None or above is None or not links[0]:
             return below and above
-        back = _tf2_inverse(below[1])
+        inverse = _tf2_inverse(below[1])
         x, y, z = below[0]
-        undo = _tf2_rotated(back, (-x, -y, -z))
-        return _sum(_tf2_rotated(back, above[0]), undo), _tf2_product(back, above[1])
+        shift = _tf2_rotated(inverse, (-x, -y, -z))
+        return _sum(_tf2_rotated(inverse, above[0]), shift), _tf2_product(inverse, above[1])
 
     def no_chain(self, fixed: str, frame: str) -> MalformedInputError:
         names = self.frames
-        rest_text = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-        there = f"frames are {', '.join(names[:_NAMED])}{rest_text}" if names else "there are none"
-        return MalformedInputError(f"no transforms lead from {fixed!r} to {frame!r}: {there}")
+        rest_text = (
+            f" and {len(names) - _MOST_FRAMES_NAMED} more"
+            if len(names) > _MOST_FRAMES_NAMED
+            else ""
+        )
+        shown = ", ".join(names[:_MOST_FRAMES_NAMED])
+        frames = f"frames are {shown}{rest_text}" if names else "there are none"
+        return MalformedInputError(f"no transforms lead from {fixed!r} to {frame!r}: {frames}")
 
     def span(self, fixed: str, frame: str) -> tuple[int, int] | None:
         """Return the first and last time at which all moving transforms of a chain are known."""

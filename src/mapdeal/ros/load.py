@@ -77,7 +77,7 @@ def flavour_of_file(path: Path) -> Flavour | None:
 
 def _other_kind(path: Path) -> Problem | None:
     """Return a problem if the file is a map, recipe etc.; ROS 1 would load its keys, too."""
-    from mapdeal.inputs.kinds import PARAMETERS, kind_of, other_kind  # only for ROS 1
+    from mapdeal.inputs.kinds import PARAMETERS, kind_of, other_kind  # only needed for ROS 1
 
     kind = None
     with suppress(MapdealError):

@@ -1,4 +1,4 @@
-"""Costmap parameters of ROS 1, as rosparam reads and costmap_2d takes them.
+"""Costmap parameters of ROS 1, read as by rosparam and interpreted as by costmap_2d.
 
 Values are those of PyYAML's safe loader, YAML 1.1: ``1e-1`` is text, ``010`` is eight and ``yes``
 is true. Nested mappings become namespaces, which are merged; later values replace earlier ones.
@@ -7,8 +7,8 @@ Some parameters are searched for in the costmap's namespace and in all namespace
 References
 ----------
 The constructor of ``Costmap2DROS``, ``loadOldParameters`` and ``copyParentParameters``, the layers'
-``onInitialize``, and dynamic_reconfigure, which reads each number once more, takes defaults for
-other types and moves it into its limits.
+``onInitialize``, and dynamic_reconfigure, which reads each number again, uses defaults for other
+types, and clamps it to its limits.
 """
 
 from __future__ import annotations
@@ -174,7 +174,7 @@ _LIMITS = YamlLimits(bytes=1 << 20, nodes=50_000, aliases=200)
 _ROOT = ""
 """Top-level key, in a file's tree, of the names that begin with a slash."""
 
-_UNSENDABLE = "unsendable"  # kind of a value that roslaunch cannot send; a fault reports it
+_UNSENDABLE = "unsendable"  # kind of a value that roslaunch cannot send, reported as a fault
 _NAMESPACE_KEY = "_ns"
 _MERGE = "tag:yaml.org,2002:merge"
 
@@ -406,7 +406,7 @@ class Ros1Server:
         if value is None or value.kind != "double" or not math.isfinite(value.value):
             return self._typed(default, "int", below)
         number = float(value.value)
-        # roscpp's rounding: fmod of a negative number is at most 0, so it is always rounded down
+        # as in roscpp: fmod of a negative number is at most 0, so negative numbers are rounded down
         rounded: int = math.floor(number) if math.fmod(number, 1.0) < 0.5 else math.ceil(number)
         if rounded != number:
             text = f"must be a whole number; roscpp rounds it to {rounded}"
@@ -414,13 +414,13 @@ class Ros1Server:
         return rounded
 
     def limited(
-        self, number: float, most: float, who: str, below: _Path, unit: str = "",
+        self, number: float, most: float, component: str, below: _Path, unit: str = "",
         value: ParameterValue | None = None,
     ) -> float:  # fmt: skip
         """Return a number clamped to 0 .. most, and warn if it was outside."""
         clamped = max(min(number, most), 0.0)
         if clamped != number:
-            text = f"must be 0 .. {most:g}{unit}; {who} clamps it to {clamped:g}"
+            text = f"must be 0 .. {most:g}{unit}; {component} clamps it to {clamped:g}"
             self.problem("params.range", "warning", text, below, value=value)
         return clamped
 
@@ -441,7 +441,7 @@ class Ros1Server:
 
     def refuse_substitution(
         self, value: ParameterValue | Ros1Namespace, expected: str, below: _Path,
-        written: str = "the value itself",
+        replacement: str = "the value itself",
     ) -> bool:  # fmt: skip
         """Return whether a launch file replaces a text; record a problem if so."""
         if not isinstance(value, ParameterValue) or value.kind != "string":
@@ -449,7 +449,7 @@ class Ros1Server:
         if "$(" not in value.value:
             return False
         text = f"must be {expected}, which a launch file would replace"
-        hint = f"write {written}, in this file or in one that comes after it"
+        hint = f"write {replacement}, in this file or in one that comes after it"
         self.problem("params.substitution", "refused", text, below, hint, value)
         return True
 
