@@ -70,7 +70,7 @@ def __getattr__(name: str) -> object:
     if module_name is None:
         raise AttributeError(f"module 'mapdeal' has no attribute {name!r}")
     value = getattr(import_module(module_name), name)
-    if "mapdeal.grid.values" in sys.modules:  # grids lie below what draws them
+    if "mapdeal.grid.values" in sys.modules:  # grids cannot import the module that draws them
         import_module("mapdeal.grid.values").draw_with(_draw)
     if getattr(value, "__annotations__", None) and not isinstance(value, type):
         if not hasattr(value, "__wrapped__"):  # stages check their own arguments

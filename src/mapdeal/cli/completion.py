@@ -11,7 +11,7 @@ from mapdeal.cli import terminal
 from mapdeal.cli.apps import command_app
 from mapdeal.command import Words, command
 
-VARIABLE = "_MAPDEAL_COMPLETE"  # what the scripts set where they ask for words
+VARIABLE = "_MAPDEAL_COMPLETE"  # set by the scripts when they request words
 
 
 @command(
@@ -53,7 +53,7 @@ def prepare_completion() -> None:
         )
 
     class Bash(BashComplete):
-        """Bash: it splits words at ``=`` and completes the part after the last one."""
+        """Bash splits words at ``=`` and completes the part after the last one."""
 
         def get_completion_args(self) -> tuple[list[str], str]:
             words = os.environ["COMP_WORDS"].split("\n")[: int(os.environ["COMP_CWORD"]) + 1]

@@ -21,7 +21,7 @@ from mapdeal.cli.usage import accept_words, point_hint, usage_error
 from mapdeal.errors import FileAccessError, FindingError, MapdealError, refusal_of_the_system
 
 # New versions of typer contain a copy of click, old ones import the package. Both have the same
-# error classes, above the class that typer exports.
+# error classes: bases of the class that typer exports.
 _ClickError: Any = typer.BadParameter.__mro__[2]
 
 
@@ -34,7 +34,7 @@ def command_names() -> list[str]:
 
 
 class _LazyGroup(TyperGroup):
-    """Commands, each imported and made from its definition when it is asked for."""
+    """Group of commands, each imported when it is first used."""
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - click's signature
         return command_names()
@@ -56,12 +56,12 @@ class _LazyGroup(TyperGroup):
             return None
         begin_work()
         command: Any = typer.main.get_command(app)
-        for each in (command, *getattr(command, "commands", {}).values()):
-            accept_words(each, cmd_name)
-            lay_out(each)
+        for runnable in (command, *getattr(command, "commands", {}).values()):
+            accept_words(runnable, cmd_name)
+            lay_out(runnable)
         command.name = cmd_name
-        first, _, _ = (command.help or "").partition("\n\n")
-        command.short_help = " ".join(first.split())  # else it is cut off in the list
+        summary, _, _ = (command.help or "").partition("\n\n")
+        command.short_help = " ".join(summary.split())  # click would shorten it
         command.context_settings["help_option_names"] = ["-h", "--help"]
         self.commands[cmd_name] = command
         return command
@@ -70,7 +70,7 @@ class _LazyGroup(TyperGroup):
         write_commands(self, ctx, formatter)
 
 
-vars(typer.core)["rich"] = None  # else typer before 0.12 lays out help with it
+vars(typer.core)["rich"] = None  # typer before 0.12 would format help with it
 
 app = typer.Typer(
     cls=_LazyGroup,
@@ -119,8 +119,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from mapdeal.cli.completion import prepare_completion
 
             prepare_completion()
-            group.main(prog_name="mapdeal")  # answers the shell and ends the process
-        # in place of click's main, which has other messages and exit codes
+            group.main(prog_name="mapdeal")  # replies to the shell and exits
+        # instead of click's main, whose messages and exit codes differ
         with group.make_context("mapdeal", words or ["info"]) as context:
             if words:
                 group.invoke(context)
@@ -149,7 +149,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return code
     except BrokenPipeError:  # the reader has closed the pipe
         return 0
-    except Exception as error:  # noqa: BLE001 - the last resort, which says that it is one
+    except Exception as error:  # noqa: BLE001 - reported as an internal error
         release_reserve()
         refusal = refusal_of_the_system(error)
         if isinstance(error, OSError) and error.errno == errno.ENOSPC:  # of --help, by typer

@@ -61,9 +61,9 @@ _MOST_PLACES = 100
 _STATES = STATES[:3]
 """States of a cell; there is none for values 1..99, since values are not compared."""
 
-_NOT_OF_WORLDS = ("min_points", "fill", "level")
-_OF_ROBOTS = ("climb", "max_slope", "drops", "floor")
-_LEAST_ELSEWHERE = 1.0  # m2 of free space behind walls that are worth a warning
+_CLOUDS_ONLY = ("min_points", "fill", "level")
+_ROBOTS_ONLY = ("climb", "max_slope", "drops", "floor")
+_LEAST_ENCLOSED = 1.0  # m2 of free space behind walls that deserve a warning
 
 Advance = Callable[[int], object]
 States = NDArray[np.uint8]
@@ -369,7 +369,7 @@ class Comparison(Result):
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class WorldBuild(Made):
-    """A map made of a simulated world."""
+    """A map of a simulated world."""
 
     world: World
 
@@ -387,44 +387,44 @@ class WorldBuild(Made):
 
 
 def _map_of_world(
-    path: Path, options: WorldOptions, of_robot: dict[str, Any], model_path: Sequence[Path],
+    path: Path, options: WorldOptions, robot_options: dict[str, Any], model_path: Sequence[Path],
     resolution: float, size: Point | None, origin: Sequence[float] | None,
 ) -> tuple[World, OccupancyGrid]:  # fmt: skip
     frame = mapping.frame_of(size, None if origin is None else origin[:2], resolution)
     if frame is not None and origin is not None and len(origin) > 2:
         frame = Frame(*frame.shape, frame.resolution, check_origin(origin))
-    refuse("does not apply to worlds", **{n: of_robot.get(n) for n in _NOT_OF_WORLDS})
-    if (options.height is None) == ("robot_height" not in of_robot):
+    refuse("does not apply to worlds", **{name: robot_options.get(name) for name in _CLOUDS_ONLY})
+    if (options.height is None) == ("robot_height" not in robot_options):
         rule = "needs exactly one of --height (what a lidar sees) and --robot-height"
         raise ParameterError(rule, source="--world")
     if options.height is not None:
         rule = "applies to --robot-height, not to --height"
-        refuse(rule, **{name: of_robot.get(name) for name in _OF_ROBOTS})
+        refuse(rule, **{name: robot_options.get(name) for name in _ROBOTS_ONLY})
 
-    def claimed(count: int, text: str) -> None:
+    def claim_for_map(count: int, text: str) -> None:
         claim(path, count, what=text, hint="--size and --origin bound the map")
 
     with errors_named(path):
-        floor = CloudOptions(floor=of_robot.get("floor")).floor
-        of_cloud = CloudOptions(**{n: value for n, value in of_robot.items() if n != "floor"})
+        floor = CloudOptions(floor=robot_options.get("floor")).floor
+        robot = CloudOptions(**{**robot_options, "floor": None})
         world = read_world(
             path, model_path=model_path, visual=options.visual, static_only=options.static_only,
             floor=floor,
         )  # fmt: skip
         claim(path, 3 * world.triangles.nbytes, what=f"{len(world.triangles)} triangles")
-        triangles = upright(world.triangles.reshape(-1, 3), of_cloud.up).reshape(-1, 3, 3)
-        grid, elsewhere_m2 = map_of_world(
-            triangles, world.solids, of_cloud, options, resolution=resolution, frame=frame,
-            claim=claimed,
+        triangles = upright(world.triangles.reshape(-1, 3), robot.up).reshape(-1, 3, 3)
+        grid, enclosed_m2 = map_of_world(
+            triangles, world.solids, robot, options, resolution=resolution, frame=frame,
+            claim=claim_for_map,
         )  # fmt: skip
-    if elsewhere_m2 >= _LEAST_ELSEWHERE:
-        text = f"{path}: {decimal_text(elsewhere_m2, 3)} m2 of free space behind walls are unknown"
+    if enclosed_m2 >= _LEAST_ENCLOSED:
+        text = f"{path}: {decimal_text(enclosed_m2, 3)} m2 of free space behind walls are unknown"
         emit_warning(f"{text}: --at X,Y,Z maps the space at a place", stacklevel=2)
     return world, grid
 
 
 def build_from_world(path: Path, output: Path, work: Work, **settings: Any) -> WorldBuild:
-    """Make a map of a world in the shell."""
+    """Write the map of a world for the command."""
     work.outputs += output_paths(output)
     transaction = work.begin([path])
     world, grid = _map_of_world(path, **settings)
@@ -475,7 +475,7 @@ def build_map_from_world(
     Warns
     -----
     MapdealWarning
-        If there is free space elsewhere, behind walls.
+        If there is more free space behind walls.
     """
     settings = Settings(max_memory=max_memory, threads=threads)
     options = WorldOptions(height=height, solid=solid, visual=visual, static_only=static_only)

@@ -52,7 +52,7 @@ def change_text(change: difference.CostChange) -> str:
 
 
 def costs_document(found: difference.CostDifference) -> dict[str, Any]:
-    """Return what differs between two costmaps, but not which ones they are."""
+    """Return the document of two costmaps' differences, without their names."""
     return {
         "cost_scale": found.scale,
         "common_cells": found.common_cells,
@@ -164,8 +164,8 @@ def costmaps_compared(
     return CostmapDiff(found, bounds, maps, move)
 
 
-_OF_ROBOTS = 175.0
-"""Bytes for each cell of a map that both costmaps, their difference and one reach take."""
+_PER_CELL_OF_ROBOTS = 175.0
+"""Bytes for each cell of a map: both costmaps, their difference and one reach."""
 
 Pair = tuple[Any, Any]
 
@@ -280,7 +280,7 @@ class RobotDiff(Result):
             yield f"  {word:<9} goal {text}"
 
     def goal_rows(self) -> Iterator[tuple[str, str]]:
-        """Yield for each goal that is lost or gained this word, its name, and why it is lost."""
+        """Yield "lost" or "gained" and the goal's name, with the reason if it is lost."""
         for result in self.lost:
             reason = result.stopped_by or "no way leads there"
             yield "lost", f"{result.goal.label}: {reason}"
@@ -326,7 +326,7 @@ def compare_robots(
     mask: Annotated[inputs.Map | None, Words()] = None,
     **reading: Unpack[inputs.Reading],
 ) -> RobotDiff:
-    """Compare what two versions of a robot's parameters make of one map.
+    """Compare the costs and reach of two versions of a robot's parameters on a map.
 
     Parameters
     ----------
@@ -375,7 +375,7 @@ def robots_compared(
 ) -> RobotDiff:  # fmt: skip
     if isinstance(source.grid, Costmap):
         raise ParameterError("holds costs; parameters are compared on a map", source=source.name)
-    inputs.claim_cells(source, COSTS_PER_CELL + _OF_ROBOTS, **reading)
+    inputs.claim_cells(source, COSTS_PER_CELL + _PER_CELL_OF_ROBOTS, **reading)
     masks = [inputs.used_mask(mask, robot) for robot in robots]
     steps = [step_for("cost", robot, {}) for robot in robots]
     costs = [
@@ -416,7 +416,7 @@ def _reaches(
     except ParameterError:
         if start is not None:
             raise
-        reaches = reaches_in(wider[::-1])  # unknown cells may be open to the wider robot alone
+        reaches = reaches_in(wider[::-1])  # only the wider robot may cross unknown cells
     return reaches[0], reaches[1]
 
 

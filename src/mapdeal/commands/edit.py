@@ -28,20 +28,20 @@ from mapdeal.maps.shapes import read_shapes
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.inputs import InShell, Work, numbers_of, refuse
 
-_PER_CELL = 6.0  # bytes for each cell of a map: of costs 5, and a byte more while they are written
+_PER_CELL = 6.0  # bytes: 5 for each cell of costs, and one more while they are written
 _FOR_POINTS = "needs --point: the shapes of a file have their own"
 
 Source = Annotated[Path, Words("MAP", streams=True)]
 Points = Annotated[
     Sequence[Point],
-    Words("X,Y", lambda texts: [numbers_of(one, "X,Y") for one in texts], is_repeated=True),
+    Words("X,Y", lambda texts: [numbers_of(text, "X,Y") for text in texts], is_repeated=True),
 ]
 Pair = partial(Words, read=lambda text: numbers_of(text, "X,Y"))
 
 
 @dataclass(frozen=True, eq=False)
 class _OccupancyBits(BitMap):
-    """A bit map that is drawn on with values of a map: 0 free, 100 occupied."""
+    """A bit map to draw on with the values of a map: 0 free, 100 occupied."""
 
     def accept_value(self, value: float, name: str = "value") -> int:
         if value not in (FREE, OCCUPIED):
@@ -266,8 +266,8 @@ def reset(
     """
     start = _start(blank, background)
     if (at is None) == (corner is None):
-        one = "one of the two is required" if at is None else "cannot be given together"
-        raise ParameterError(one, place="at, corner")
+        rule = "one of the two is required" if at is None else "cannot be given together"
+        raise ParameterError(rule, place="at, corner")
 
     def change(grid: Any) -> Any:
         return reset_region(start(grid), size_xy=size, center_xy=at, corner_xy=corner, value=value)

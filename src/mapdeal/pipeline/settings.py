@@ -1,4 +1,4 @@
-"""Settings of a command besides the parameters of its stages, and collected warnings."""
+"""Settings of a command that are not parameters of stages, and collected warnings."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ DEFAULT_SETTINGS = Settings()
 
 Item = TypeVar("Item")
 
-_STEPS = 1000  # of one pass through a layer
+_STEPS = 1000  # of progress in one pass through a layer
 
 
 @contextmanager
@@ -114,7 +114,7 @@ def passes_reported(progress: ProgressCallback | None, passes: int) -> Iterator[
 
         with rows_reported(report):
             yield
-        if steps_reported < most:  # a result was known without its pass
+        if steps_reported < most:  # a result needed no pass
             advance(most - steps_reported)
 
 
@@ -146,7 +146,7 @@ def collected_from(items: Iterable[Item], texts: list[str]) -> Iterator[Item]:
 
 
 def portable(texts: Iterable[str], files: Iterable[Path]) -> list[str]:
-    """Return warnings as they read wherever the files lie, each once: by their names alone."""
+    """Return each warning once, with names of files instead of their paths."""
     return _renamed(texts, {str(file): file.name for file in files})
 
 
@@ -155,8 +155,8 @@ def located(texts: Iterable[str], files: Iterable[Path]) -> list[str]:
 
 
 def _renamed(texts: Iterable[str], names: dict[str, str]) -> list[str]:
-    """Return each text once, on one line, with another name of the file that it begins with."""
-    # A colon is behind the name, and a line may follow.
+    """Return each text once, on one line; rename the file that it begins with."""
+    # A colon follows the name, perhaps a line number.
     renamed: dict[str, None] = {}
     for text in texts:
         old = next((name for name in names if text.startswith(f"{name}:")), None)
