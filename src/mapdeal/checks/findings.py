@@ -289,7 +289,7 @@ declare_checks(
         Fix: Write metres in the map frame.
 
     graph.node-closed (error)
-        A node in an obstacle or unknown space, or too near.
+        A node in an obstacle or unknown space, or too near to one.
         The robot collides or stops before it reaches this node, and each route through it fails.
         Example: A node 0.1 m from a wall for a radius of 0.3 m.
         Fix: Move the node to the open cell named.

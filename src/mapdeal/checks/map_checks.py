@@ -635,7 +635,7 @@ declare_checks(
         Fix: Run mapdeal run again.
 
     run.other-file (error)
-        A file is not the manifest's: changed, or of a run that was killed.
+        A file that differs from the manifest: edited, or of a killed run.
         The robot may use costs that do not belong to the map and parameters in the manifest.
         Example: A `cost.pgm` edited by hand.
         Fix: Run mapdeal run again with --force.

@@ -65,7 +65,7 @@ def _apply_stage(
     Parameters
     ----------
     recipe : str, optional
-        Use the costs of a recipe, as for mapdeal run; options win over it.
+        Use the costs of a recipe, as for mapdeal run; options override it.
     encoding : {'occupancy', 'costmap2d'}
         Pixels of a .yaml: the values that ROS publishes, or costmap_2d's bytes.
     curve : path, optional

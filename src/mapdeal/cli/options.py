@@ -239,8 +239,8 @@ SHARED_OPTIONS = {
     "threads": SharedOption(int | None, "Threads to use.  [default: all cores]", "N", least=1),
     "max_memory": SharedOption(
         str | None,
-        "Memory to use, such as 4G or 500M; what needs more is refused.  [default: half of the "
-        "free memory]", "SIZE"
+        "Memory to use, such as 4G or 500M; inputs that need more are refused.  [default: half of "
+        "the free memory]", "SIZE"
     ),
     "image_max": SharedOption(
         int, "Longest side of pictures, pixels; 0 for one pixel per cell.", "PIXELS",
@@ -248,7 +248,7 @@ SHARED_OPTIONS = {
     ),
     "mask": SharedOption(
         Path | None,
-        "Keepout mask, a map: the lower bound of the costs; robots stay out of where it is 100.",
+        "Keepout mask, a map: lower bound of the costs; 100 keeps the robot's centre out.",
         "MASK", group=None, marks=(terminal.FROM_STDIN,)
     ),
     "no_images": SharedOption(bool, "Write no pictures.", default=False, group=None),

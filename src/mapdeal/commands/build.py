@@ -49,17 +49,17 @@ from mapdeal.sensors.worlds import World, read_world
 from mapdeal.version import __version__
 
 _PER_CELL: dict[mapping.Method, int] = {"log-odds": 22, "counting": 22, "tsdf": 43}
-"""Bytes for each cell: the evidence, and the map that is made of it."""
+"""Bytes for each cell: the evidence and the map made from it."""
 
-_MOST_KEPT = 1 << 26  # bytes of beams that are kept rather than read twice
+_MOST_CACHED = 1 << 26  # bytes of beams; more are read twice
 DOCUMENT = "comparison.json"
 _FORMAT = "mapdeal-comparison/1"
 _COMPARE_PER_CELL = 60
-"""Bytes for each cell: the evidence of all methods, and the map that is made of one of them."""
+"""Bytes for each cell: the evidence of all methods, and the map of one method."""
 
 _MOST_PLACES = 100
 _STATES = STATES[:3]
-"""States of a cell; there is none for values 1..99, since values are not compared."""
+"""States of a cell; values 1..99 have none because only states are compared."""
 
 _CLOUDS_ONLY = ("min_points", "fill", "level")
 _ROBOTS_ONLY = ("climb", "max_slope", "drops", "floor")
@@ -78,15 +78,15 @@ class _Building:
     origin: Sequence[float] | None
 
     def __post_init__(self) -> None:
-        self.reach_behind()  # what is wrong with a parameter is said before anything is read
+        self.reach_behind()  # checks the parameters before anything is read
         self.frame()
 
     def frame(self) -> Frame | None:
-        """Return the cells; None if they are to hold all that beams reach."""
+        """Return the frame that was set; None if it is to contain all beams."""
         return mapping.frame_of(self.size, self.origin, self.resolution)
 
     def reach_behind(self) -> float:
-        """Return how far behind hits any of the methods has an effect, metres."""
+        """Return the largest distance behind hits that a method changes, metres."""
         methods = self.methods.items()
         return max(
             mapping.reach_behind(method, self.resolution, parameters)
@@ -99,19 +99,19 @@ def _built(
     advance: Advance = lambda _: None,
 ) -> mapping.BuiltMap:  # fmt: skip
     (method,) = building.methods
-    builder = _gathered(source, building, _PER_CELL[method], advance)[0][method]
+    builder = _builders(source, building, _PER_CELL[method], advance)[0][method]
     built = builder.result(with_layers=with_layers)
-    _warn_of_nothing(built.grid, source.named)
+    _warn_if_unknown(built.grid, source.named)
     if built.vanished:
         _warn_of_vanished(built, builder, source.named)
     return built
 
 
-def _gathered(
+def _builders(
     source: ScanSource, building: _Building, per_cell: int, advance: Advance
 ) -> tuple[dict[mapping.Method, mapping.MapBuilder], dict[mapping.Method, float]]:
-    """Return what the scans in files say, by all methods that are asked for, and their seconds."""
-    # All files are read twice, or one after the other; a pipe can be read but once.
+    """Return a builder with all scans for each method, and the seconds that each took."""
+    # Files may be read twice, so they must not change meanwhile; a pipe can be read only once.
     states = {path: state_of(path) for path in source.files if is_regular(path)}
     try:
         with errors_named(source.named):
@@ -137,7 +137,7 @@ def _gathered(
                     seconds[method] += time.perf_counter() - started
                 advance(scans)
     finally:
-        source.warn()  # what was passed over may be why there is no map
+        source.warn()  # even if no map results: the warnings may explain why
     for path, state in states.items():
         check_state(path, state)
     if not next(iter(builders.values())).counts.scans:
@@ -151,14 +151,14 @@ _Part = tuple[Beams, int]  # beams, and the number of scans read so far
 def _extent(
     source: ScanSource, building: _Building, advance: Advance
 ) -> tuple[Frame, list[_Part] | None]:
-    """Return the cells that beams reach, and all beams if they are not too many to keep."""
+    """Return the frame of all beams, and the beams unless they are too many to cache."""
     extent = mapping.Extent(building.limits, building.reach_behind())
     parts: list[_Part] | None = []
-    taken_bytes = 0
+    cached_bytes = 0
     for beams, scans in _parts(source, building.limits):
         extent.add_beams(beams)
-        taken_bytes += beams.nbytes
-        if taken_bytes > _MOST_KEPT:
+        cached_bytes += beams.nbytes
+        if cached_bytes > _MOST_CACHED:
             parts = None
         elif parts is not None:
             parts.append((beams, scans))
@@ -167,7 +167,7 @@ def _extent(
 
 
 def _parts(source: ScanSource, limits: BeamLimits, *, is_reported: bool = False) -> Iterator[_Part]:
-    """Yield the beams of scans, some at a time; warn of odd angles, unless that was done."""
+    """Yield the beams of scans in parts; warn once of angles beyond a turn."""
     for arrays in source.scans():
         if not is_reported and np.abs(arrays.angles).max(initial=0.0) > 2 * math.pi:
             is_reported = True
@@ -178,7 +178,7 @@ def _parts(source: ScanSource, limits: BeamLimits, *, is_reported: bool = False)
             yield beams_of(scans, limits), scans.count
 
 
-def _warn_of_nothing(grid: OccupancyGrid, path: Path) -> None:
+def _warn_if_unknown(grid: OccupancyGrid, path: Path) -> None:
     if not np.any(grid.occupancy >= 0):
         emit_warning(f"{path}: no beam reaches the grid: the whole map is unknown", stacklevel=2)
 
@@ -289,7 +289,7 @@ def build_map_from_bag(
     MapdealWarning
         If scans were skipped or a choice had to be made, and as for `build_map_from_log`.
     """
-    from mapdeal.pipeline.bag_maps import scans_of_bag  # of use to bags alone
+    from mapdeal.pipeline.bag_maps import scans_of_bag  # only for bags
 
     settings = Settings(max_memory=max_memory, threads=threads)
     limits = BeamLimits(range_min, range_max, clear_max)
@@ -350,20 +350,20 @@ class Comparison(Result):
         row = "  {:<10}{:>10}{:>10}{:>10}{:>15}{:>8}{:>17}{:>14}{:>9}"
         yield row.format("method", *_STATES, "one cell wide", "mean", "groups vanished",
                          "bytes a cell", "seconds")  # fmt: skip
-        for method, its in figures["methods"].items():
-            share, mean = its["one_cell_wide_share"], its["mean_thickness_cells"]
+        for method, results in figures["methods"].items():
+            share, mean = results["one_cell_wide_share"], results["mean_thickness_cells"]
             wide = "-" if share is None else f"{100 * share:.1f} %"
             thick = "-" if mean is None else f"{mean:.2f}"
-            states = [its[state] for state in _STATES]
-            yield row.format(method, *states, wide, thick, its["vanished_groups"],
-                             its["bytes_per_cell"], f"{its['seconds']:.2f}")  # fmt: skip
+            states = [results[state] for state in _STATES]
+            yield row.format(method, *states, wide, thick, results["vanished_groups"],
+                             results["bytes_per_cell"], f"{results['seconds']:.2f}")  # fmt: skip
         for pair in figures["pairs"]:
             first, second, cells = pair["first"], pair["second"], pair["cells"]
-            only = sum(cells["occupied"][state] for state in ("free", "unknown"))
-            unmatched = sum(cells[state]["occupied"] for state in ("free", "unknown"))
+            only_first = sum(cells["occupied"][state] for state in ("free", "unknown"))
+            only_second = sum(cells[state]["occupied"] for state in ("free", "unknown"))
             yield (
-                f"  {first}, {second}: {pair['differing']} cells differ, {only} occupied only by "
-                f"{first}, {unmatched} only by {second}"
+                f"  {first}, {second}: {pair['differing']} cells differ, {only_first} occupied "
+                f"only by {first}, {only_second} only by {second}"
             )
 
 
@@ -531,15 +531,15 @@ def build(
     max_bad: Annotated[int, AT_LEAST_0, Words("N")] = DEFAULT_MAX_BAD,
     **more: Any,
 ) -> Build | Comparison | CloudBuild | WorldBuild:
-    """Make a map from laser scans with known poses, from point clouds, or of a simulated world.
+    """Make a map from laser scans with known poses, from point clouds, or from a simulated world.
 
     With a bag, the poses come from its transforms or its odometry.
 
     Cells that a beam passes become free, and cells where a beam ends become occupied; cells that
-    no beam reaches stay unknown. --compare shows what each method makes of a log.
+    no beam reaches stay unknown. --compare shows the map that each method makes from a log.
 
-    With --cloud the floor is found in a point cloud: it is free, with ramps and low steps, and what
-    stands on it is occupied, up to the height of the robot.
+    With --cloud the floor of a point cloud, with ramps and low steps, becomes free, and objects on
+    it, up to the height of the robot, become occupied.
 
     With --world the map shows the solids of a simulated world: at --height, as a lidar sees them,
     or as far as a robot of --robot-height hits them.
@@ -597,11 +597,11 @@ def build(
         Parameters of the method, and of `FrameOptions`, `CloudOptions` and `WorldOptions`.
     """
     frames = {name: more.pop(name) for name in parameters_of(FrameOptions) if name in more}
-    of_cloud = {name: more.pop(name) for name in parameters_of(CloudOptions) if name in more}
-    of_world = {name: more.pop(name) for name in parameters_of(WorldOptions) if name in more}
-    of_beams = {"range_max": (range_max, 30.0), "clear_max": (clear_max, 0.0),
-                "max_bad": (max_bad, DEFAULT_MAX_BAD)}  # fmt: skip
-    changed = {name: value for name, (value, usual) in of_beams.items() if value != usual}
+    cloud_options = {name: more.pop(name) for name in parameters_of(CloudOptions) if name in more}
+    world_options = {name: more.pop(name) for name in parameters_of(WorldOptions) if name in more}
+    beam_options = {"range_max": (range_max, 30.0), "clear_max": (clear_max, 0.0),
+                    "max_bad": (max_bad, DEFAULT_MAX_BAD)}  # fmt: skip
+    changed = {name: value for name, (value, default) in beam_options.items() if value != default}
     if world is not None:
         refuse(
             "does not apply to worlds", log=log, cloud=clouds, poses=poses, angles=angles,
@@ -610,11 +610,11 @@ def build(
             range_min=range_min or None, **changed,
         )  # fmt: skip
         return build_from_world(
-            world, output, work, options=WorldOptions(**of_world), of_robot=of_cloud,
+            world, output, work, options=WorldOptions(**world_options), robot_options=cloud_options,
             model_path=model_path, resolution=0.05 if resolution is None else resolution,
             size=size, origin=origin,
         )  # fmt: skip
-    refuse("applies to worlds: it needs --world", model_path=model_path, **of_world)
+    refuse("applies to worlds: it needs --world", model_path=model_path, **world_options)
     if clouds:
         refuse(
             "applies to laser scans, not to clouds", log=log, angles=angles, ranges=ranges,
@@ -622,11 +622,11 @@ def build(
             **changed, **more,
         )  # fmt: skip
         return build_from_clouds(
-            clouds, output, work, options=CloudOptions(**of_cloud), resolution=resolution,
+            clouds, output, work, options=CloudOptions(**cloud_options), resolution=resolution,
             size=size, origin=origin, layers=layers, range_min=range_min, poses=poses,
             topics=topics, frames=frames,
         )  # fmt: skip
-    refuse("applies to clouds: it needs --cloud", **of_cloud)
+    refuse("applies to clouds: it needs --cloud", **cloud_options)
     resolution = 0.05 if resolution is None else resolution
     chosen: dict[mapping.Method, dict[str, Any]] = {method or "log-odds": more}
     if compare:
@@ -644,7 +644,7 @@ def build(
     building = _Building(chosen, limits, resolution, size, origin)
     with ExitStack() as stack:
         if log is not None and is_bag(log):
-            from mapdeal.pipeline.bag_maps import scans_of_bag  # of use to bags alone
+            from mapdeal.pipeline.bag_maps import scans_of_bag  # only for bags
 
             refuse("does not apply to bags", angles=angles, ranges=ranges, flip_y=flip_y)
             bag = scans_of_bag(log, topics, FrameOptions(poses=poses, **frames), deskew=deskew)
@@ -679,7 +679,7 @@ def build(
 def _compared(
     source: ScanSource, folder: Path, building: _Building, work: Work, advance: Advance
 ) -> Comparison:
-    """Make maps of scans by several methods on one grid; write them, and what differs."""
+    """Make maps from scans by several methods on one grid; write maps and differences."""
     if folder.suffix in (*MAP_ENDINGS, ".pgm", ".png", ".json"):
         rule = "must be a folder: a comparison writes several maps"
         raise ParameterError(rule, place="output", got=str(folder))
@@ -691,25 +691,25 @@ def _compared(
         work.outputs += [*output_paths(path), path.with_suffix(".png")]
     work.outputs += [*pairs.values(), folder / DOCUMENT]
     transaction = work.begin(source.files)
-    builders, seconds = _gathered(source, building, _COMPARE_PER_CELL, advance)
+    builders, seconds = _builders(source, building, _COMPARE_PER_CELL, advance)
     counts = next(iter(builders.values())).counts
     hit_cells, groups = next(iter(builders.values())).hit_groups()
     results, bytes_per_cell = _results(builders, seconds)
     grid = next(iter(results.values())).grid
-    _warn_of_nothing(grid, source.named)
-    name, shown = Path(source.named.name.removesuffix(".gz")).stem, work.settings.image_extent
+    _warn_if_unknown(grid, source.named)
+    name, extent = Path(source.named.name.removesuffix(".gz")).stem, work.settings.image_extent
     for method, built in results.items():
         write_grid(transaction, maps[method], built.grid)
         label = f"{count_text(len(built.vanished), 'group')} of hits vanished"
         rings = RingOverlay(built.vanished.middles_xy(grid.frame), "hits that vanished", label)
         path, title = maps[method].with_suffix(".png"), one_line(f"{name}: {method}")
         write_picture(transaction, path, built.grid, title, work.settings, rings)
-    found = []
+    pair_figures = []
     for pair, path in pairs.items():
         first, second = (states_of(results[method].grid.occupancy) for method in pair)
-        found.append(_pair_figures(pair, first, second))
+        pair_figures.append(_pair_figures(pair, first, second))
         title = one_line(f"{name}: {pair[0]} and {pair[1]}")
-        look = {"title": title, "image_extent": shown, "only_in": pair}
+        look = {"title": title, "image_extent": extent, "only_in": pair}
         transaction.write(path, partial(_draw_difference, first, second, grid.frame, look))
     document = {
         "format": _FORMAT,
@@ -730,7 +730,7 @@ def _compared(
             }
             for method, built in results.items()
         },
-        "pairs": found,
+        "pairs": pair_figures,
     }
     transaction.write_bytes(folder / DOCUMENT, json_of(document))
     return Comparison(document, seconds, folder)
@@ -748,7 +748,7 @@ def _results(
     builders: dict[mapping.Method, mapping.MapBuilder], seconds: dict[mapping.Method, float]
 ) -> tuple[dict[mapping.Method, mapping.BuiltMap], dict[mapping.Method, int]]:
     results, sizes = {}, {method: builder.bytes_per_cell for method, builder in builders.items()}
-    # the method whose evidence is largest comes first, so that it is gone when others need room
+    # the method with the largest evidence comes first, so that its memory is free for the others
     for method in sorted(builders, key=lambda method: -sizes[method]):
         started = time.perf_counter()
         results[method] = builders.pop(method).result(with_layers=False)

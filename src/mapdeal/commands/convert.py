@@ -116,10 +116,10 @@ def convert_area(
         Areas to outline: free space or obstacles; with a robot's shape or --from, free space is
         what the robot's centre can reach. [default: free; a drawing has both]
     tolerance : float, optional
-        Distance by which outlines may be moved to have fewer corners, up to half a cell; 0 for
-        those of the cells. [default: half a cell]
+        Distance by which outlines may be moved to have fewer corners, up to half a cell; 0 to
+        follow the cells exactly. [default: half a cell]
     unit : {'mm', 'm'}
-        Unit of coordinates in a drawing, which is to scale 1:1.
+        Unit of coordinates in a drawing at scale 1:1.
     start : tuple of float, optional
         Start of the robot, metres and radians.
     footprint : Footprint, optional

@@ -219,7 +219,7 @@ def diff(
 ) -> DiffReport:
     """Compare two maps of one place.
 
-    Size, origin, yaw and resolution may differ: cells are compared where both maps have some.
+    Size, origin, yaw and resolution may differ: cells are compared in the common area.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def diff(
     max_differing : float, optional
         Pass if at most this share of the common cells differs beyond the tolerance, percent.
     align : bool
-        Find where A lies in the frame of B by their walls, and compare them so.
+        Align A with B by their walls before comparing.
     by : path, Transform or tuple of float, optional
         Or apply a transform from A's frame to B's, as align writes it. In Python also a
         `Transform`, or x, y, yaw.
@@ -334,10 +334,10 @@ def differences(
 ) -> Result:
     """Compare two maps, two costmaps, or a robot's parameters on a map.
 
-    Size, origin, yaw and resolution may differ: cells are compared where both maps have some. Exit
-    code 0 if the maps are equal within the tolerance, 1 if not. With --max-shift or --max-differing
-    the exit code is 0 if the differences in the common area stay within these bounds, whatever the
-    geometry of the maps. Of two costmaps the costs are compared, on costmap_2d's scale. With
+    Size, origin, yaw and resolution may differ: cells are compared in the common area. Exit code 0
+    if the maps are equal within the tolerance, 1 if not. With --max-shift or --max-differing the
+    exit code is 0 if the differences in the common area stay within these bounds, whatever the
+    geometry of the maps. For two costmaps, the costs are compared, on costmap_2d's scale. With
     --params-file and --against both costmaps are computed on one map; the exit code is 1 if a
     passage closes or a goal is lost.
 
@@ -347,7 +347,7 @@ def differences(
         A map or costs: .yaml, .pbm or .npz. Costs are compared with a map as the map that ROS would
         publish, and fields as their maps.
     second : path, optional
-        Another map, or other costs; none with --against.
+        Another map, or other costs; omitted with --against.
     points : path, optional
         With --against: file of goals, one [NAME=]x,y or JSON object per line; - reads standard
         input.

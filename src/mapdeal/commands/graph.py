@@ -133,9 +133,9 @@ def graph(
     """Make a graph of nodes and edges for Nav2's route server.
 
     Nodes lie in the middle of corridors, doors and crossings, and on a lattice in halls. Every edge
-    is straight, and the robot can be driven along it: it is swept along, and hits nothing. Every
-    cell that the robot reaches has a node nearby, and all nodes are connected. The file is GeoJSON
-    as the server's parameter graph_filepath takes it.
+    is straight, and the robot's shape was swept along it without a collision. Every cell that the
+    robot reaches has a node nearby, and all nodes are connected. The file is GeoJSON, for the
+    server's parameter graph_filepath.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def graph(
     spacing : float
         Distance between nodes on straight lines and in halls, metres.
     hall : float
-        Least width of spaces that get a lattice of nodes, metres.
+        Least width of spaces that get a grid of nodes, metres.
     cover : float
         Longest free path from a reached cell to a node, metres.
     slow_below : float, optional
@@ -274,8 +274,8 @@ def _problems(
     if result.missed:
         yield f"no straight edges lead to {', '.join(result.missed)}"
     if result.tight:
-        text = f"on {result.tight} ways the outline of the robot touches an obstacle, though "
-        text += "the costs of their cells are open: it has less than a cell to spare there"
+        text = f"on {result.tight} connections the outline of the robot touches an obstacle, "
+        text += "although the costs of their cells are open: less than a cell is to spare there"
         yield text
 
 

@@ -163,17 +163,17 @@ def lint(
     in it and below; a quoted pattern such as "maps/**/*.yaml"; or @LIST.txt, a file with one such
     name per line (@- reads standard input).
 
-    A robot's parameter file, named among the maps or by --params-file, is checked for what ROS
-    refuses or silently ignores, and how shape and costs fit together. Consecutive files belong to
-    one robot, and later files win.
+    A robot's parameter file, named among the maps or by --params-file, is checked for values that
+    ROS refuses or silently ignores, and for costs that do not fit the shape. Consecutive files
+    belong to one robot, and later files win.
 
     With --graph a route graph is checked on the MAP, for the robot's shape: what Nav2's route
     server refuses, nodes and edges on which the robot hits something, and parts without a way back.
 
-    With a robot's shape, areas are reported that only passages too narrow for the robot connect.
+    With a robot's shape, lint reports areas that are connected only by passages too narrow for it.
 
-    With --mask the mask of a costmap filter is checked against one MAP: whether it lies on the map,
-    what its mode and thresholds make of it, and which ways a keepout zone closes.
+    With --mask the mask of a costmap filter is checked against one MAP: its position, the effect of
+    its mode and thresholds, and passages that a keepout zone closes.
 
     A comment "# mapdeal: ignore ID, ID" in a map's .yaml or in a parameter file turns these checks
     off for that file.
@@ -196,7 +196,7 @@ def lint(
         Shape of a robot that should be able to pass through the maps: areas connected only by
         passages too narrow for its inscribed radius are reported. By default that in the files.
     filter_mask : path or str, optional
-        Mask of a costmap filter for the one map, to be checked as well.
+        Mask of a costmap filter, checked against the one map.
     mask_kind : {'keepout', 'speed', 'binary'}, optional
         Kind of the mask. [default: as its .yaml says, else speed in mode scale, keepout otherwise]
     start : tuple of float, optional
@@ -231,7 +231,7 @@ def lint(
     output : path or str, optional
         Where to write the repaired copy: .yaml, .pgm, .png, .npz.
     in_place : bool
-        Repair maps in place, and report what is left.
+        Repair maps in place, and report the remaining findings.
     max_cells, max_memory : int, optional
         As for `read_map`.
     force : bool

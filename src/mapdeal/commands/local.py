@@ -227,8 +227,8 @@ def local(
         Bag from which to replay the costmap of --params-file; --map gives its static layer.
     clouds : list of str, optional
         A cloud: .pcd, .ply, .xyz, .txt, .csv, .asc, .npy, .npz, or a bag of ROS 1 or ROS 2; with
-        --poses it can be repeated, or a folder, or a quoted pattern; without it the window of
-        --map is taken.
+        --poses it can be repeated, or a folder, or a quoted pattern; without it the window of --map
+        is used.
     pose : tuple of float, optional
         Pose of the robot, metres and radians. [default: from a bag's transforms]
     poses : path, optional
@@ -263,9 +263,9 @@ def local(
     until : int, optional
         Replay up to this time, seconds since 1970.  [default: the whole bag]
     every : int, optional
-        Replay: write a costmap for every so many seconds, to DIR/0000, ...
+        Replay: write a costmap every S seconds, to DIR/0000, ...
     why : tuple of float, optional
-        Replay: also print what marked or freed the cell at this place, metres, and what did not.
+        Replay: also explain what marked or cleared the cell at this place, metres.
     robot : RobotParameters, optional
         The robot's own parameters; without a bag to replay, its shape is taken.
     **more

@@ -161,15 +161,15 @@ def mask(
     footprint: Footprint | None = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
 ) -> FilterMasks:
-    """Make masks for Nav2's costmap filters of zones in GeoJSON.
+    """Make masks for Nav2's costmap filters from zones in GeoJSON.
 
     Writes a mask for each kind of zone, as an image with its .yaml, and for all of them together
     filters.yaml, with the parameters of the servers and the filters of the costmaps, and
     filters.launch.py, which starts the servers. Each zone is a polygon, with the property kind
     (keepout, speed or binary), for a speed zone the property speed, and optionally a name.
 
-    Keepout zones are compared with what the robot reaches: zones that close the only way to a part
-    of the map are warned of. If they close a place given with --to, the exit code is 1.
+    A warning names keepout zones that close the only way to a part of the map. If they close a
+    place given with --to, the exit code is 1.
 
     Parameters
     ----------
@@ -180,8 +180,8 @@ def mask(
     file : path
         GeoJSON file of the zones, metres in the map frame.
     kind : {'keepout', 'speed', 'binary'}, optional
-        Make the mask of this kind only; zones without a kind are of it. [default: all kinds in the
-        file]
+        Make the mask of this kind only; zones without a kind count as this one. [default: all kinds
+        in the file]
     speed_unit : {'percent', 'm/s'}
         Unit of the zones' speeds: percent of the robot's maximum, or m/s.
     base, multiplier : float, optional

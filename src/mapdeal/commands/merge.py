@@ -197,7 +197,7 @@ def merge(
     """Merge maps of one place into one.
 
     The result has the lattice of the first map, whose cells keep their places, extended by whole
-    cells to all that the others know. The others may have any resolution, origin and yaw: they are
+    cells to the known area of the others. These may have any resolution, origin and yaw: they are
     resampled so that no obstacle is lost.
 
     Rule occupied: occupied wins over free, and free over unknown. Rule newest: the last map that
@@ -215,7 +215,7 @@ def merge(
         Two maps or more: .yaml, .pbm or .npz. In Python, grids serve as well.
     transforms : 'align' or sequence of Transform, path or None, optional
         How the maps are placed: by their frames (the default), by their walls (align), or by files
-        of mapdeal align, one for each map but the first. In Python, a `Transform` from the first
+        of mapdeal align, one for each map except the first. In Python, a `Transform` from the first
         map's frame to that of the map, p_map = T p_first, serves as well; None is the same frame.
     rule : {'occupied', 'newest', 'evidence'}
         Which value wins where maps differ: the largest, that of the last map that knows the cell,

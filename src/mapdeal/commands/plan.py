@@ -522,14 +522,14 @@ def plan(
     mask: Annotated[inputs.Map | None, Words()] = None,
     **reading: Unpack[inputs.Reading],
 ) -> PlanReport | PlanTable | PairedPlans:  # fmt: skip
-    """Show whether the robot's own planner finds a path, and else the smallest change that helps.
+    """Show whether the robot's own planner finds a path, or the smallest change that lets it.
 
-    Computes on the robot's costmap of the map what Nav2's planner computes. Where it finds no path,
-    parameters are changed one by one, and places of the map, until it does: each change that is
-    printed was tried, and one step less was not enough. Without -o the result is printed, on a
-    terminal as lines, elsewhere as JSON. Exit code 1 if a goal has no path; with --expect, if the
-    plans differ from the stored ones. Several maps, folders of maps, or parameters make one table;
-    if a map fails, the others are planned on, and the exit code is 5.
+    Computes on the robot's costmap of the map what Nav2's planner computes. If it finds no path,
+    single parameters and places of the map are changed until it does: each printed change was
+    tried, and one step less was not enough. Without -o the result is printed, on a terminal as
+    lines, elsewhere as JSON. Exit code 1 if a goal has no path; with --expect, if the plans differ
+    from the stored ones. Several maps, folders of maps, or parameters make one table; if a map
+    fails, the others continue, and the exit code is 5.
 
     Parameters
     ----------
@@ -549,7 +549,7 @@ def plan(
     no_changes : bool
         Skip the search for changes and margins.
     layers : path, optional
-        Write the costs, and the potential of NavFn, of the search to the only goal.
+        For a single goal, write the costs and NavFn's potential.
     expect : path, optional
         Compare with the result of an earlier call.
     against : sequence of RobotParameters or path

@@ -193,7 +193,8 @@ def query(
     Parameters
     ----------
     map : path, str or grid
-        A distance field (.npz), or a map to make one of; for a footprint costs (.npz), or a map.
+        A distance field (.npz), or a map to compute it from; with a footprint, costs (.npz) or a
+        map.
     at : sequence, optional
         Point, metres, or with a footprint a pose; more may follow.
     points : path, optional
@@ -202,8 +203,8 @@ def query(
         With a footprint: file of poses, one x,y,yaw, TUM line or JSON object per line; - reads
         standard input.
     rule : {'outline', 'full'}, optional
-        With a footprint: cells that count, the outline as in Nav2 and by default, or full, with
-        those inside.
+        With a footprint: cells that count, the outline (the default, as in Nav2) or also those
+        inside (full).
     unknown : {'free', 'occupied'}, optional
         With a map: what unknown cells count as; free by default for distances.
     convention : {'fast-planner', 'center', 'border'}, optional

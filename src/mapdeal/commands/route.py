@@ -300,7 +300,7 @@ def route(
     Parameters
     ----------
     map : path, str or grid
-        Costs (.npz), or a map to make costs of.
+        Costs (.npz), or a map to compute costs from.
     start : tuple of float
         Start, metres.
     goal : tuple of float
@@ -316,17 +316,17 @@ def route(
         shortest route in any direction (geodesic), or the cheapest on a route graph (graph, the
         default with one).
     graph : path, optional
-        Route graph to go by: a GeoJSON file for Nav2's route server.
+        Route graph to follow: a GeoJSON file for Nav2's route server.
     global_map : path or grid, optional
-        Map or costs of the surroundings, which say how far it is from the border to a goal that
-        is beyond the map, or behind what closes it; the straight distance by default.
+        Map or costs of the surroundings, for the distance from the border to a goal outside the map
+        or in a closed-off part of it; the straight distance by default.
     through_unknown : bool
         Treat unknown cells as free, at the highest cost.
     cost_travel_multiplier : float
         Weight of costs against length.
     field_weight : float, optional
-        astar: weight of the distance field in the cost, within 2 m of obstacles; 0 by default,
-        with pairs, in the cost, 1.
+        astar: weight of the distance field in the cost, within 2 m of obstacles; 0 by default, 1
+        for the method cost of --pairs.
     heuristic : {'octile', 'field'}, optional
         astar: estimate of the remaining cost, the octile distance (octile, the default), or that
         plus a penalty within 2 m of obstacles (field).

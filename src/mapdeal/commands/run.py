@@ -198,8 +198,8 @@ def run_maps(
     such name per line (@- reads standard input). Maps of folders, patterns and lists keep their
     path below DIR.
 
-    With --params-file the maps get the costs of a robot, as its own Nav2 or ROS 1 parameters
-    define them; options on the command line win over the file. A --recipe takes only its shape.
+    With --params-file the maps get the costs of a robot, as its own Nav2 or ROS 1 parameters define
+    them; options on the command line override the file. With --recipe, only its shape is used.
 
     With --pose, a single map also gets the local map around a robot there, with or without a point
     cloud (--cloud).
@@ -241,12 +241,12 @@ def run_maps(
     update_golden : bool
         Store the runs in --golden instead of comparing.
     jobs : int, optional
-        Number of maps to run at the same time, each in a process. [default: the cores]
+        Number of maps to run at the same time, each in a process. [default: number of cores]
     scheduler : str, optional
         Run the maps on the workers of this dask scheduler. [needs the package distributed]
     report : bool
-        Write a page of all that was made, too, with a verdict on each map: DIR/report.html, and the
-        verdict as DIR/report.json. Maps are checked by lint, and if there is a robot or a goal by
+        Also write a page of all results, with a verdict on each map, to DIR/report.html, and the
+        verdicts to DIR/report.json. Maps are checked by lint, and if there is a robot or a goal by
         reach.
     start : tuple of float, optional
         Where the robot starts, metres and radians, as for `mapdeal reach`.

@@ -204,8 +204,8 @@ def scan(
     tour : bool
         Drive along a closed tour past all visible walls.
     start : tuple of float, optional
-        With a tour: the robot drives where it gets from there, metres; by default from the widest
-        place of the largest free area.
+        With a tour: start, from which the robot reaches the area to tour, metres; by default from
+        the widest place of the largest free area.
     speed : float
         Speed along a route or tour, metres per second.
     rate : float
@@ -213,7 +213,7 @@ def scan(
     range_max : float
         Range from which beams have no return, metres.
     range_min : float
-        Range below which obstacles are too near, metres.
+        Range below which readings are too near, metres.
     fov : float
         Field of view, ahead in its middle, radians. [default: a full turn]
     beams : int
@@ -225,10 +225,10 @@ def scan(
     dropout : float
         Share of beams that are lost, from 0 to 1.
     odom_noise : float
-        In bags: standard deviation of the odometry after one metre, and after one radian; it
-        grows with the root of the way.
+        In bags: standard deviation of the odometry after one metre, and after one radian; it grows
+        with the square root of the distance.
     through_unknown : bool
-        Beams pass unknown cells, and a tour may; by default they end there without a return.
+        Beams and tours may pass unknown cells; by default beams end there without a return.
     footprint, robot : Footprint, RobotParameters, optional
         With a tour: the robot's shape and own parameters.
     **reading

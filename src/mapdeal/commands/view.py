@@ -54,15 +54,15 @@ def view(
 ) -> Viewed:
     """Show maps, runs and results in the browser.
 
-    Writes the page that `mapdeal report` writes to a temporary folder, and opens it. A report that
-    exists is opened as it is. If a verdict on the page is Problem, the exit code is 1.
+    Writes the page that `mapdeal report` writes to a temporary folder, and opens it. An existing
+    report is opened unchanged. If a verdict on the page is Problem, the exit code is 1.
 
     Parameters
     ----------
     sources : sequence of path
         Maps, folders of runs, JSON of reach, route, lint or diff; or one report.
     browser : bool
-        Open the page, and not only print its path.
+        Open the page; otherwise only its path is printed.
     """
     for path in sources:
         status_of(path)

@@ -146,7 +146,7 @@ class ObstacleLayer(CostmapLayer):
         Whether cells without observations are unknown, and so without effect, instead of free.
     combination_method : int
         0 replaces all costs below by known ones, 1 takes the maximum, where unknown costs are
-        replaced, and 2 does so but for unknown costs, which stay.
+        replaced, and 2 the maximum, where unknown costs stay.
     footprint_clearing_enabled : bool
         Whether the cells below the robot are free, if its pose is known.
 

@@ -120,8 +120,7 @@ def layered_cost(
     source : OccupancyGrid or DistanceField
         The map that all static layers receive, or its distance field.
     layers : list of layers
-        The layers, the lowest first. Those of sensors are as they are before their first
-        observation.
+        The layers, the lowest first. Sensor layers are in their state before the first observation.
     default_cost : int
         Cost of an empty costmap, 0 or 255. ROS uses 255 with track_unknown_space.
     circumscribed_radius : float, optional
@@ -133,7 +132,7 @@ def layered_cost(
         Padded footprint of the robot. With `pose`, obstacle layers free the cells below it.
     pose : tuple of float, optional
         Pose of the robot in the costmap's global frame, metres and radians. A rolling costmap is
-        computed around it. Without a pose the robot stands outside of the map, and the layers of a
+        computed around it. Without a pose the robot stands outside the map, and the layers of a
         rolling costmap are applied to the whole map.
     map_to_odom : tuple of float, optional
         Pose of the costmap's global frame in the map frame, metres and radians, if they differ.

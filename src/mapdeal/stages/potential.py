@@ -44,7 +44,7 @@ mapdeal potential examples/maps/office.yaml -o out/potential.npz --goal 9,5 \\
     summary="Compute the artificial potential field of a map.",
     details="Repulsion is the sum of 1 / distance to every obstacle cell. MAP may also be a "
     "distance field, whose obstacles then count. With a goal, cost_to_go is the length of the "
-    "shortest way to it around obstacles, for the robot given; --cost-travel-multiplier weighs it "
+    "shortest path to it around obstacles, for the given robot; --cost-travel-multiplier weighs it "
     "by the costs of MAP or of the robot.",
     title=lambda parameters: "potential field" if parameters["goal"] else "repulsive field",
     memory=125.0,
@@ -75,7 +75,7 @@ def potential(
     ----------
     source : OccupancyGrid, DistanceField or Costmap
         The map, or its distance field, whose obstacles are then used, or costs as ROS publishes
-        them; ways to the goal do not lead through closed costs, 253 and 254.
+        them; paths to the goal do not lead through closed costs, 253 and 254.
     goal : tuple of float, optional
         Attracting point in the map frame. Without one there is only repulsion.
     repulsive_cap : float
@@ -87,11 +87,11 @@ def potential(
     lethal_threshold : int, optional
         Least occupancy of an obstacle, 1..100; 100 for a map, the field's own for a field.
     radius : float
-        Radius of a round robot, whose ways to the goal `cost_to_go` measures, metres; 0 is a point.
+        Radius of a round robot, for `cost_to_go`, metres; 0 is a point.
     footprint : Footprint, optional
         The robot's corners, instead of a radius, or in a recipe {radius: R} for a round robot.
     through_unknown : bool
-        Whether ways to the goal lead through unknown cells.
+        Whether paths to the goal lead through unknown cells.
     cost_travel_multiplier : float
         Weight of costs against length in `cost_to_go`, as for `shortest_route`; above 0 for costs.
     with_cost_to_go : bool

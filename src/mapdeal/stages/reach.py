@@ -19,7 +19,7 @@ from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
 from mapdeal.stages.cost import check_lethal_threshold, closed_by, obstacles_of
 from mapdeal.stages.structured import Goals, accept_goals
 
-_SHOWN = 3
+_MOST_SHOWN = 3
 
 _MEMORY = 15.0
 """Bytes per cell: squares and basins need four each; 14.3 were measured with Python 3.14."""
@@ -46,8 +46,8 @@ def _remark(_: command.Parameters, figures: Figures) -> str | None:
         return None
     stopped_by = figures["stopped_by"]
     texts = [f"{name} ({stopped_by[name]})" if name in stopped_by else name
-             for name in missed[:_SHOWN]]  # fmt: skip
-    more = f" and {len(missed) - _SHOWN} more" if len(missed) > _SHOWN else ""
+             for name in missed[:_MOST_SHOWN]]  # fmt: skip
+    more = f" and {len(missed) - _MOST_SHOWN} more" if len(missed) > _MOST_SHOWN else ""
     return f"not reachable: {', '.join(texts)}{more}"
 
 
@@ -99,7 +99,7 @@ def reach(
     through_unknown : bool
         Whether unknown cells count as free.
     margin : float
-        Passages that leave less than this on either side of the robot are reported as well, metres.
+        Clearance on either side of the robot below which passages are reported as well, metres.
     min_area : float
         Passages that cut off less than this are left out, square metres.
     lethal_threshold : int, optional
@@ -139,7 +139,7 @@ def reach(
     >>> int(found.reachable.sum()), found.widest[1, 3:].tolist()
     (19, [1.0, 1.0, 1.0, 1.0])
     """
-    from mapdeal.grid.reaching import Ground, reach_on  # few need it, and it is slow to import
+    from mapdeal.grid.reaching import Ground, reach_on  # rarely used, and slow to import
 
     return reach_on(
         Ground(

@@ -1,4 +1,4 @@
-"""Stages ``active``, ``window`` and ``shift``: copies of a part of a grid, or of more than it."""
+"""Stages ``active``, ``window`` and ``shift``, which crop, extend or move a grid."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def active_region(
     # a larger margin than the map has no further effect
     margin = min(margin, max(grid.shape) * grid.resolution)
     grow = frames.cells_to_cover(margin, grid.resolution)
-    rows, cols = _span(in_rows, grow), _span(in_cols, grow)
+    rows, cols = _known_span(in_rows, grow), _known_span(in_cols, grow)
     region = frames.Region(rows.start, cols.start, rows.stop - rows.start, cols.stop - cols.start)
     box = OccupancyGrid(
         canvases.cut_out(grid.occupancy, region),
@@ -116,7 +116,7 @@ def _known_lines(grid: OccupancyGrid, min_component: int) -> tuple[Mask, Mask]:
     return in_rows, in_cols
 
 
-def _span(has_known: Mask, grow: int) -> slice:
+def _known_span(has_known: Mask, grow: int) -> slice:
     indices = np.flatnonzero(has_known)
     return slice(max(int(indices[0]) - grow, 0), min(int(indices[-1]) + 1 + grow, len(has_known)))
 
@@ -188,8 +188,8 @@ def window(
     center_xy : tuple of float, optional
         Or the centre of the window, map frame, metres, from which the corner is half the size away.
     frame : Frame, optional
-        Map with the same cells whose extent to use, instead of a size and a place. It is the
-        frame of this map, whose cells coincide with those of `grid`.
+        Map whose extent to use, instead of a size and a place. It is the frame of this map, whose
+        cells must coincide with those of `grid`.
     default : int, optional
         Value of cells beyond the map, on its scale; unknown if not given. Not allowed for a
         distance field, which is nan there.
@@ -274,7 +274,7 @@ def copied(
     if shared.height <= 0 or shared.width <= 0:
         if not isinstance(grid, frames.ValueGrid):
             raise ParameterError("no cell of it has a distance", place=stage_name)
-        emit_warning(f"{stage_name}: lies outside of the map, no cell is kept", stacklevel=4)
+        emit_warning(f"{stage_name}: lies outside the map, so no cell is kept", stacklevel=4)
         value = grid.unknown_value if fill is None else fill
         values: NDArray[np.generic] = np.full(frame.shape, value, dtype=grid.values.dtype)
         return grid.with_values(values, frame.origin)
