@@ -1,4 +1,4 @@
-"""Each check of a filter's mask on a faulty mask, and all of them on a good one."""
+"""Each check of a filter's mask on a faulty mask, and all checks on a good one."""
 
 import numpy as np
 import pytest
@@ -30,8 +30,10 @@ def mask_of(*cells, value=100, outside=-1):
 
 
 @pytest.fixture
-def found(tmp_path):
-    def run(values=None, pixels=None, *, mode=None, frame=MAP.frame, extra=None, **options):
+def lint_mask(tmp_path):
+    """Return a function that lints a mask: findings by check."""
+
+    def lint_values(values=None, pixels=None, *, mode=None, frame=MAP.frame, extra=None, **options):
         write_map(tmp_path / "map.yaml", MAP, force=True)
         values = mask_of((5, 2)) if values is None else values
         grid = OccupancyGrid(values, frame.resolution, frame.origin)
@@ -47,7 +49,7 @@ def found(tmp_path):
         assert all(finding.file == str(path) for finding in report)
         return {finding.check: finding for finding in report}
 
-    return run
+    return lint_values
 
 
 def moved(x=1.0, y=2.0, yaw=0.0):
@@ -87,40 +89,40 @@ CASES = [
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "options", "words"), CASES)
-def test_a_check_finds_what_it_is_about(found, name, options, words):
+@pytest.mark.parametrize(("name", "options", "message"), CASES)
+def test_a_check_finds_its_fault(lint_mask, name, options, message):
     options = dict(options)
     if "mode" in (options.get("extra") or {}):
         options["mode"] = "scale"
-    finding = found(**options)[name]
-    assert words in finding.message
+    finding = lint_mask(**options)[name]
+    assert message in finding.message
     assert finding.severity == CHECKS[name].severity
     assert finding.message.isprintable()
 
 
 @pytest.mark.slow
-def test_a_good_mask_has_no_finding(found):
-    assert found(mask_of((5, 2)), goals=[Goal(6.25, 4.75, "dock")]) == {}
+def test_a_good_mask_has_no_finding(lint_mask):
+    assert lint_mask(mask_of((5, 2)), goals=[Goal(6.25, 4.75, "dock")]) == {}
     good = mask_of((3, 3), value=60, outside=0)
-    assert found(good, mode="scale", extra=SCALE) == {}
+    assert lint_mask(good, mode="scale", extra=SCALE) == {}
 
 
 @pytest.mark.slow
-def test_a_robot_that_is_too_wide_without_the_mask_is_no_fault_of_it(found):
+def test_places_too_narrow_without_the_mask_are_not_reported(lint_mask):
     wide = mapdeal.Footprint.circle(0.6)
-    assert found(mask_of(DOOR), footprint=wide, start=(2.0, 3.5)) == {}
+    assert lint_mask(mask_of(DOOR), footprint=wide, start=(2.0, 3.5)) == {}
 
 
 @pytest.mark.slow
-def test_the_kind_is_that_of_the_yaml_of_the_mode_or_as_asked(found):
+def test_the_kind_comes_from_the_option_the_yaml_or_the_mode(lint_mask):
     door = {"values": mask_of(DOOR, outside=0), "start": (2.0, 3.0)}
-    assert "mask.closes" in found(**door)
-    assert "mask.closes" in found(**door, mode="scale", mask_kind="keepout")
+    assert "mask.closes" in lint_mask(**door)
+    assert "mask.closes" in lint_mask(**door, mode="scale", mask_kind="keepout")
     values = door["values"]
-    assert "mask.no-limit" in found(values, mode="scale")
-    assert found(values, mask_kind="binary") == {}
+    assert "mask.no-limit" in lint_mask(values, mode="scale")
+    assert lint_mask(values, mask_kind="binary") == {}
     binary = {"filter": "binary"}
-    assert found(values, extra={"extra": binary}) == {}
+    assert lint_mask(values, extra={"extra": binary}) == {}
 
 
 def test_every_check_has_a_case():

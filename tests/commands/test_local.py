@@ -1,4 +1,4 @@
-"""The command local: clouds and sequences, the lines it prints and the files that remain."""
+"""The command local: clouds and sequences, printed lines and written files."""
 
 import json
 import math
@@ -42,7 +42,7 @@ def points(here):
     return found
 
 
-def made_of(points, pose=POSE, **options):
+def expected_map(points, pose=POSE, **options):
     return local_map(points, pose, size=(3, 2), resolution=0.1, **options)
 
 
@@ -50,18 +50,18 @@ def manifest_of(folder="o"):
     return json.loads(Path(folder, "manifest.json").read_text())
 
 
-def same_map(folder, expected):
+def assert_same_map(folder, expected):
     found = read_map(f"{folder}/local.yaml")
     assert np.array_equal(found.occupancy, expected.occupancy)
     assert found.origin == expected.origin
 
 
-def test_local_writes_a_map_and_what_is_made_of_it(sh, points):
+def test_local_writes_a_map_and_the_results_of_its_stages(sh, points):
     out = sh.ok(f"{LOCAL} -o o --min-range 0.5")
     assert sorted(tree(Path("o"))) == sorted(NAMES)
-    local = made_of(points, min_range=0.5)
+    local = expected_map(points, min_range=0.5)
     inflated = inflate(local, radius=0.3)
-    same_map("o", local)
+    assert_same_map("o", local)
     assert local.origin == (-3.0, -0.3, 0.0)
     assert np.array_equal(read_map("o/inflated.yaml").occupancy, inflated.occupancy)
     assert np.array_equal(read_map("o/esdf.npz").distance, esdf(inflated).distance)
@@ -71,7 +71,7 @@ def test_local_writes_a_map_and_what_is_made_of_it(sh, points):
     assert "robot's back at -1.942" in out
 
 
-def test_the_manifest_tells_what_became_of_the_points(sh, here, points):
+def test_the_manifest_counts_used_and_dropped_points(sh, here, points):
     sh(f"{LOCAL} -o o --max-height 1 --no-images")
     manifest = manifest_of()
     figures = manifest["figures"]["local"]
@@ -95,7 +95,7 @@ def test_both_frames_of_one_cloud_give_one_map(sh, points):
     Path("m.ply").write_bytes(ply(fields, placed[:, ::-1].tolist(), "binary_big_endian"))
     assert sh(f"{LOCAL.replace('scan.pcd', 'm.ply')} --frame map --offset 0.5,-2 -o b")[0] == 0
     # rounding may move a point that lies on a border
-    moved = read_map("b/local.yaml").occupancy != made_of(points).occupancy
+    moved = read_map("b/local.yaml").occupancy != expected_map(points).occupancy
     assert np.count_nonzero(moved) <= 4
 
 
@@ -103,7 +103,7 @@ def test_a_global_map_is_joined(sh, points):
     known = grid_from_text("#..#\n....\n.#..", 0.1, (-2.0, 0.5, 0.0))
     write_map("known.yaml", known)
     assert "3 cells from the map" in sh(f"{LOCAL} --map known.yaml -o o")[1]
-    same_map("o", made_of(points, global_map=known))
+    assert_same_map("o", expected_map(points, global_map=known))
     assert set(manifest_of()["inputs"]) == {"scan.pcd", "known.yaml", "known.pgm"}
     write_map("grey.npz", known.with_values(np.array([[80, 0, 0, 0]] * 3)))
     line = f"{LOCAL} --map grey.npz -o p --set inflate.lethal_threshold="
@@ -111,7 +111,7 @@ def test_a_global_map_is_joined(sh, points):
     assert "3 cells from the map" in sh(f"{line}70 --force")[1]
 
 
-def test_a_global_map_elsewhere_is_warned_of(sh, points):
+def test_a_global_map_outside_the_window_gives_a_warning(sh, points):
     write_map("known.yaml", grid_from_text("#..#\n....", 0.1, (8.0, 0.5, 0.3)))
     code, out, err = sh(f"{LOCAL} --map known.yaml -o o --min-range 0.5")
     message = "the map does not reach into the window around -1.5, 0.7"
@@ -121,13 +121,13 @@ def test_a_global_map_elsewhere_is_warned_of(sh, points):
 
 def test_parameters_and_the_robot_s_shape_reach_the_stages(sh, points):
     assert sh(f"{LOCAL} -o o --robot-radius 0.12 --set cost.values=80,40")[0] == 0
-    inflated = inflate(made_of(points), radius=0.12)
+    inflated = inflate(expected_map(points), radius=0.12)
     assert np.array_equal(read_map("o/inflated.yaml").occupancy, inflated.occupancy)
     rings = ring_cost(inflated, values=(80, 40))
     assert np.array_equal(read_map("o/cost.npz").cost, rings.cost)
 
 
-def test_the_robot_s_own_points_are_warned_of(sh):
+def test_points_on_the_robot_itself_give_a_warning(sh):
     Path("own.xyz").write_text("0 0 0\n1 0 0\n")
     line = "local --cloud own.xyz --pose 0,0,0 --size 3,3 --no-images -o"
     err = sh.err(f"{line} a")
@@ -168,24 +168,26 @@ def test_a_sequence_gets_numbered_folders_in_order(sh, points, sequence):
     assert uniform.endswith("100 % of the open cells cost 0: there is no obstacle")
     for k in (0, 11):
         pose = (k * 0.1, 0, float(f"0.{k}"))
-        same_map(f"o/{k:04}", made_of(points[10 * k : 10 * k + 10], pose))
+        assert_same_map(f"o/{k:04}", expected_map(points[10 * k : 10 * k + 10], pose))
 
 
-def test_a_sequence_goes_on_where_it_stopped(sh, sequence):
+def test_a_sequence_continues_where_it_stopped(sh, sequence):
     line = f"{SEQUENCE} 'scans/*.csv'"
     assert sh(line)[0] == 0
     Path("scans/5.csv").write_text("0.5,0.5,0\n")
     Path("o/0007/cost.npz").write_bytes(b"changed")
-    err = sh.err(line, 5)  # what has changed is not overwritten
+    err = sh.err(line, 5)  # changed outputs are not overwritten
     problems = [text.split("/")[1] for text in err.splitlines() if text.startswith("error: o/0")]
     assert problems == ["0005", "0007"]
-    Path("poses.txt").rename("scans/poses.csv")  # which is no cloud even if the folder says so
+    Path("poses.txt").rename("scans/poses.csv")  # poses in the folder of clouds are not a cloud
     line = SEQUENCE.replace("poses.txt", "scans/poses.csv")
     assert sh(f"{line} scans --force")[1].startswith("o: 12 done, 0 unchanged, 0 failed")
     assert sh(f"{line} scans")[1].startswith("o: 0 done, 12 unchanged, 0 failed")
 
 
-def test_a_bad_cloud_does_not_stop_the_others_and_a_longer_sequence_is_warned_of(sh, sequence):
+def test_a_bad_cloud_does_not_stop_the_others_and_folders_of_a_longer_sequence_are_reported(
+    sh, sequence
+):
     Path("scans/4.csv").write_text("a b\n")
     code, out, err = sh(f"{SEQUENCE} scans")
     assert (code, "error: scans/4.csv: line 1" in err) == (5, True)
@@ -216,7 +218,7 @@ def test_folders_have_as_many_digits_as_the_last_number(here, monkeypatch, cloud
     assert [job.folder.name for job in jobs] == [f"{k:0{digits}}" for k in range(clouds)]
 
 
-def test_a_bar_is_shown_on_a_terminal_alone(sh, sequence, shown_on_terminal):
+def test_a_progress_bar_is_shown_only_on_a_terminal(sh, sequence, shown_on_terminal):
     shown = shown_on_terminal(f"{SEQUENCE} scans")
     assert b"12/12" in shown
     assert b"\x1b[K\x1b[33mwarning:" in shown
@@ -256,7 +258,7 @@ def known(here):
     return read_map("known.yaml")
 
 
-def test_without_a_cloud_it_is_the_map_s_window(sh, known):
+def test_without_a_cloud_the_local_map_is_a_window_of_the_map(sh, known):
     out = sh.ok("local --map known.yaml --pose 0.52,0.31,1.2 -o o --size 3,2 --no-images")
     assert out.startswith("known.yaml -> o: ")
     window = read_map("o/local.yaml")
@@ -270,7 +272,7 @@ def test_without_a_cloud_it_is_the_map_s_window(sh, known):
     assert (figures["from_map"], "points" in figures) == (figures["occupied"], False)
 
 
-def test_unknown_keep_without_a_source_of_cells_is_warned_of(sh, known):
+def test_unknown_keep_without_map_or_memory_gives_a_warning(sh, known):
     line = "local --cloud c.csv --pose 0,0,0 --size 3,2 --resolution 0.1 --no-images -o"
     message = "--unknown keep has no effect without --map or --keep: cells without points are free"
     assert sh.err(f"{line} a --unknown keep") == f"warning: {message}\n"
@@ -283,7 +285,7 @@ ROLLING_POSES = [(0.05 * k, 0.03 * k, 0.1 * k) for k in range(7)]
 
 @pytest.fixture
 def rolling(here):
-    """Seven clouds around a robot that moves on."""
+    """Seven clouds around a moving robot."""
     Path("scans").mkdir()
     rng = np.random.default_rng(1)
     for k in range(7):
@@ -291,18 +293,18 @@ def rolling(here):
     np.savetxt("poses.txt", ROLLING_POSES, fmt="%.17g")
 
 
-def check(keep, without=(), in_the_way=(), *, global_map=None, **options):
-    """Compare the local maps with those of the library; return these."""
+def check_rolled(keep, unreadable=(), not_written=(), *, global_map=None, **options):
+    """Compare the local maps with those of `RollingMapper`; return the latter."""
     options = LocalOptions(size=(3, 2), resolution=0.1, **options)
     mapper = RollingMapper(ROLLING_POSES, options, keep=keep, global_map=global_map)
     rolled = {}
     for k in range(7):
-        if k in without:
+        if k in unreadable:
             mapper.skip()
             continue
         mapper.add(np.loadtxt(f"scans/{k}.csv", delimiter=",", ndmin=2))
         rolled[k] = mapper.result()
-        if k not in in_the_way:
+        if k not in not_written:
             found = read_map(f"o/{k:04}/local.yaml")
             assert np.array_equal(found.occupancy, rolled[k].grid.occupancy)
             assert found.origin == rolled[k].grid.origin
@@ -320,7 +322,7 @@ OF_MAP = {"global_map": SMALL, "unknown": "free", "max_range": 1.2, "raytrace_ra
 def test_a_rolling_sequence(sh, words, number, options, rolling):
     write_map("small.npz", SMALL)
     assert sh(f"{ROLLING} --keep {words}")[1].startswith("o: 7 done")
-    for k, rolled in check(number, **options).items():
+    for k, rolled in check_rolled(number, **options).items():
         manifest = manifest_of(f"o/{k:04}")
         figures = manifest["figures"]["local"]
         assert figures["clouds"] == min(k + 1, number or 7)
@@ -330,7 +332,7 @@ def test_a_rolling_sequence(sh, words, number, options, rolling):
 
 
 @pytest.mark.parametrize("keep", ["2", "all"])
-def test_a_rolling_sequence_goes_on_where_it_stopped(sh, here, keep, rolling):
+def test_a_rolling_sequence_continues_where_it_stopped(sh, here, keep, rolling):
     def contents():
         return {name: data for name, data in tree(here / "o").items() if name != "summary.json"}
 
@@ -364,20 +366,20 @@ def test_a_bad_cloud_is_left_out_of_the_maps_after_it(sh, rolling):
     message = "1 of the clouds before it could not be read: the map is without them"
     warned = [line.split(":")[1].strip() for line in err.splitlines() if message in line]
     assert warned == ["scans/4.csv", "scans/5.csv"]
-    check(3, without=[3])
+    check_rolled(3, unreadable=[3])
     assert not Path("o/0003").exists()
     code, out, _ = sh(f"{ROLLING} --keep 3")
     assert (code, out[:24]) == (5, "o: 0 done, 6 unchanged, ")
 
 
-def test_outputs_in_the_way_do_not_take_a_cloud_from_the_maps_after_it(sh, rolling):
+def test_a_cloud_whose_output_exists_still_counts_in_later_maps(sh, rolling):
     Path("o/0003").mkdir(parents=True)
     Path("o/0003/cost.npz").write_bytes(b"somebody's")
     assert sh(f"{ROLLING} --keep 3")[0] == 5
-    check(3, in_the_way=[3])
+    check_rolled(3, not_written=[3])
 
 
-def test_windows_too_far_apart_to_remember_all_between_are_refused(sh, rolling):
+def test_windows_too_far_apart_for_the_memory_are_refused(sh, rolling):
     np.savetxt("poses.txt", [(1e5 * k, 1e5 * k, 0) for k in range(7)])
     err = sh.err(f"{ROLLING} --keep all", 3)
     assert err.startswith("error: scans/0.csv: 6000030 x 6000020 cells to remember need ")

@@ -53,32 +53,32 @@ def test_files_folders_and_patterns(folder, names, found):
     ("missing", FileAccessError, "No such file"),
     ("no/such.pcd", FileAccessError, "No such file"),
 ])  # fmt: skip
-def test_names_that_stand_for_no_file(folder, name, error, message):
+def test_names_without_a_file_are_refused(folder, name, error, message):
     with pytest.raises(error, match=message):
         list_files([name], SUFFIXES)
 
 
-def test_endings_that_a_folder_does_not_stand_for(folder):
+def test_some_endings_are_not_searched_in_folders(folder):
     found = list_files([".", "s*.PLY"], (".pcd", ".ply", ".txt"), not_in_folders=(".ply", ".txt"))
     assert [str(path) for path in found] == ["odd[1].pcd", "s9.pcd", "s10.pcd", "s9.PLY"]
 
 
 @pytest.mark.parametrize("pattern", ["**/" * 12 + "*.pcd", "*/../" * 12 + "*.pcd", "b/**/[12].pcd"])
-def test_each_part_of_a_pattern_looks_into_each_folder_once(folder, monkeypatch, pattern):
-    """Though two links to their own folder are two to the power of forty ways."""
+def test_each_part_of_a_pattern_lists_each_folder_once(folder, monkeypatch, pattern):
+    """Two links to their own folder make 2^40 paths."""
     for name in ("one", "other"):
         (folder / "b" / name).symlink_to(".", target_is_directory=True)
     for name in ("e/f/g/h", "i/j/k/l", "m", "n", "o"):
         (folder / name).mkdir(parents=True)
-    look = Mock(side_effect=contents_of)
-    monkeypatch.setattr(listing.sources, "contents_of", look)
+    listed = Mock(side_effect=contents_of)
+    monkeypatch.setattr(listing.sources, "contents_of", listed)
     found = list_files([pattern], SUFFIXES)
     assert pattern[0] != "b" or list(map(str, found)) == ["b/1.pcd", "b/c/2.pcd"]
     folders = 1 + sum(path.is_dir() for path in folder.rglob("*"))
-    assert look.call_count <= (pattern.count("/") + 1) * folders
+    assert listed.call_count <= (pattern.count("/") + 1) * folders
 
 
-def test_a_file_by_its_shortest_way(folder):
+def test_a_file_is_listed_by_its_shortest_path(folder):
     (folder / "a").mkdir()
     (folder / "a" / "down").symlink_to(folder / "b" / "c", target_is_directory=True)
     (folder / "z").symlink_to(folder / "b" / "c", target_is_directory=True)
@@ -123,7 +123,7 @@ PARTS = ["**", "*", "?", "*.y", "a*", "[ab]", "[!a]*", ".*", "[[]a]", "a", "ab",
     st.lists(st.sampled_from(PARTS), min_size=1, max_size=4),
     st.sampled_from(["", "/", "./"]),
 )
-def test_patterns_mean_what_glob_means_by_them(files, parts, end):
+def test_patterns_match_the_files_of_glob(files, parts, ending):
     with TemporaryDirectory() as name:
         folder = Path(name)
         for names in files:
@@ -131,10 +131,10 @@ def test_patterns_mean_what_glob_means_by_them(files, parts, end):
             with suppress(FileExistsError, NotADirectoryError):
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.touch()
-        pattern = f"{folder}/{'/'.join(parts)}{end if end != './' else ''}"
-        pattern = pattern.replace(f"{folder}/", f"{folder}/./") if end == "./" else pattern
+        pattern = f"{folder}/{'/'.join(parts)}{ending if ending != './' else ''}"
+        pattern = pattern.replace(f"{folder}/", f"{folder}/./") if ending == "./" else pattern
         matching = glob(pattern, recursive=True)  # noqa: PTH207
-        # "a/**" gives "a/" even where "a" is no folder; of a path the slash would be lost
+        # glob gives "a/" for "a/**" even if "a" is a file; Path would drop the slash
         expected = {Path(match) for match in matching if os.path.isfile(match)}  # noqa: PTH113
         found = files_matching(pattern)
         assert len(set(found)) == len(found)
@@ -144,7 +144,7 @@ def test_patterns_mean_what_glob_means_by_them(files, parts, end):
             assert list_files([pattern], tuple(suffixes)) == sorted_naturally(expected)
 
 
-def test_numbered_folders_of_what_cannot_be_a_folder(folder):
+def test_numbered_folders_of_files_and_invalid_names(folder):
     for name in ("none", "n" * 300, "s9.pcd", "s9.pcd/x", "a\0b"):
         assert numbered_folders(Path(name)) == []
     for name in ("10", "9", "007", "x1"):

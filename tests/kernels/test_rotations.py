@@ -1,4 +1,4 @@
-"""Rotations, against scipy's and against turns around one axis, whose arcs are known."""
+"""Rotations against scipy's, and slerp against turns around a single axis."""
 
 import math
 from collections import defaultdict
@@ -16,8 +16,7 @@ axes = st.tuples(parts, parts, parts).filter(lambda v: np.linalg.norm(v) > 0.1)
 
 
 @given(axes, st.floats(-12, 3.1).map(lambda x: 10**x if x < 0 else x), st.floats(0, 1))
-def test_the_arc_is_run_through_at_one_speed(axis, angle, share):
-    """Of turns around one axis, however small: the share of the angle."""
+def test_slerp_turns_at_constant_speed(axis, angle, share):
     start, axis = Rotation.from_rotvec([0.3, -1.1, 0.7]), np.array(axis) / np.linalg.norm(axis)
     end = start * Rotation.from_rotvec(axis * angle)
     expected = start * Rotation.from_rotvec(axis * angle * share)
@@ -26,36 +25,38 @@ def test_the_arc_is_run_through_at_one_speed(axis, angle, share):
             start.as_quat()[None], sign * end.as_quat()[None], np.array([share])
         )[0]
         assert np.linalg.norm(found) == pytest.approx(1, abs=1e-15)
-        off = (Rotation.from_quat(found) * expected.inv()).magnitude()
-        assert off < 1e-11
+        error = (Rotation.from_quat(found) * expected.inv()).magnitude()
+        assert error < 1e-11
 
 
-def test_half_a_turn_keeps_to_a_rotation():
+def test_slerp_over_half_a_turn_is_a_rotation():
     found = rotations.slerp(rotations.from_yaw([0.0]), rotations.from_yaw([np.pi]), np.array([0.5]))
     assert abs(Rotation.from_quat(found[0]).magnitude() - np.pi / 2) < 1e-12
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (2, 3)])
-def test_many_are_done_as_one_is(shape):
+def test_arrays_of_rotations_equal_single_rotations_of_scipy(shape):
     rng = np.random.default_rng(7)
     quats, second_quats = rotations.normalised(rng.normal(size=(2, *shape, 4)))
     vectors, moves = rng.normal(size=(2, *shape, 3))
-    first, second = (Rotation.from_quat(some.reshape(-1, 4)) for some in (quats, second_quats))
+    first, second = (Rotation.from_quat(q.reshape(-1, 4)) for q in (quats, second_quats))
     flat, flat_moves = vectors.reshape(-1, 3), moves.reshape(-1, 3)
 
-    def same(found, expected):
+    def assert_close(found, expected):
         np.testing.assert_allclose(found.reshape(expected.shape), expected, atol=1e-14)
 
-    same(rotations.rotated(quats, vectors), first.apply(flat))
-    same(rotations.rotated(rotations.undone((vectors, quats))[1], vectors), first.inv().apply(flat))
+    assert_close(rotations.rotated(quats, vectors), first.apply(flat))
+    assert_close(
+        rotations.rotated(rotations.undone((vectors, quats))[1], vectors), first.inv().apply(flat)
+    )
     product = Rotation.from_quat(rotations.multiplied(quats, second_quats).reshape(-1, 4))
-    same(product.as_matrix(), (first * second).as_matrix())
+    assert_close(product.as_matrix(), (first * second).as_matrix())
     move, turn = rotations.composed((moves, quats), (vectors, second_quats))
-    same(move, first.apply(flat) + flat_moves)
-    same(turn, rotations.multiplied(quats, second_quats))
+    assert_close(move, first.apply(flat) + flat_moves)
+    assert_close(turn, rotations.multiplied(quats, second_quats))
     move, turn = rotations.composed(rotations.undone((moves, quats)), (moves, quats))
-    same(move, np.zeros_like(flat))
-    same(turn, np.broadcast_to([0.0, 0.0, 0.0, 1.0], quats.shape).reshape(-1, 4))
+    assert_close(move, np.zeros_like(flat))
+    assert_close(turn, np.broadcast_to([0.0, 0.0, 0.0, 1.0], quats.shape).reshape(-1, 4))
 
 
 def test_yaws_turn_the_x_axis():
@@ -72,8 +73,8 @@ def test_a_matrix_times_its_inverse_is_one(shape):
     assert product == pytest.approx(np.broadcast_to(np.eye(3), product.shape), abs=1e-12)
 
 
-def counted_strip_by_strip(points, angle, width):
-    """The energy of one direction: every point goes to the two nearest middles of strips."""
+def energy_by_strips(points, angle, width):
+    """Sum squared counts of strips; each point counts for the two nearest ones."""
     counts = defaultdict(float)
     for x, y in points - points.mean(axis=0):
         place = (y * math.cos(angle) - x * math.sin(angle)) / width
@@ -90,7 +91,7 @@ def counted_strip_by_strip(points, angle, width):
 )
 def test_the_spectrum_counts_points_in_strips(points, angle, width):
     found = rotations.hough_spectrum(np.array(points), np.array([angle, angle + math.pi]), width)
-    assert found[0] == pytest.approx(counted_strip_by_strip(np.array(points), angle, width))
+    assert found[0] == pytest.approx(energy_by_strips(np.array(points), angle, width))
     assert found[1] == pytest.approx(found[0])
 
 
@@ -109,8 +110,8 @@ def rooms(turn, shape=(260, 340)):
 @pytest.mark.parametrize("degrees", [0.0, 0.4, -17.8, 44.5, 45.5, -100.0])
 def test_the_main_direction_is_that_of_a_turned_building(degrees):
     found = rotations.main_direction(rooms(math.radians(degrees)))
-    wrong = math.degrees(math.remainder(found - math.radians(degrees), math.pi / 2))
-    assert abs(wrong) < (0.1 if degrees else 1e-300)  # a straight map gives exactly 0
+    error = math.degrees(math.remainder(found - math.radians(degrees), math.pi / 2))
+    assert abs(error) < (0.1 if degrees else 1e-300)  # a straight map gives exactly 0
     assert abs(found) <= math.pi / 4 + 1e-9
 
 
@@ -123,14 +124,14 @@ def test_circles_noise_and_nothing_have_no_main_direction():
 
 
 @pytest.mark.parametrize("turns", [(2,), (1, 2, 3), ()])
-def test_maps_that_look_the_same_turned_coincide_at_those_turns(turns):
+def test_symmetric_maps_coincide_at_their_quarter_turns(turns):
     rng = np.random.default_rng(3)
     walls = np.zeros((41, 41 if turns == (1, 2, 3) else 57), dtype=bool)
     walls[rng.integers(0, walls.shape[0], 60), rng.integers(0, walls.shape[1], 60)] = True
     for k in turns:
         walls |= np.rot90(walls, k)
     walls[[0, -1]] = walls[:, [0, -1]] = True
-    inside = np.pad(~walls, ((5, 0), (0, 9)))  # the centre of the map is not that of the array
+    inside = np.pad(~walls, ((5, 0), (0, 9)))  # the centres of map and array differ
     found = rotations.coincidences(np.pad(walls, ((5, 0), (0, 9))), inside, tolerance=1)
     assert [k for k, shares in enumerate(found, 1) if min(shares) > 0.9] == list(turns)
     assert all(found[k - 1] == (1.0, 1.0) for k in turns), found

@@ -1,4 +1,4 @@
-"""The stage reach in recipes: files, manifests, golden runs, and where a robot's shape goes."""
+"""The stage reach in recipes: files, manifests, golden runs, and the robot's parameters."""
 
 import json
 import shutil
@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 RECIPE = "examples/recipes/reach.yaml"
 OFFICE = "examples/maps/office.yaml"
 FILES = {"reach.json", "reach.npz", "reach.png"}
-FIRST = "{start: [-8, 0], radius: 0.3}\n  - inflate:\n  - esdf:\n  - cost:"
+REACH_FIRST = "{start: [-8, 0], radius: 0.3}\n  - inflate:\n  - esdf:\n  - cost:"
 PARAMETERS = """
 global_costmap:
   global_costmap:
@@ -43,15 +43,15 @@ def office(tmp_path, monkeypatch):
 
 @pytest.fixture
 def run(command, office):
-    """Run the recipe; return exit code, lines, and the manifest if there is one."""
+    """Return a function that runs the recipe: exit code, output, and the manifest if any."""
 
-    def ran(*words, source=OFFICE, folder="out", recipe=RECIPE):
+    def run_recipe(*words, source=OFFICE, folder="out", recipe=RECIPE):
         words = "--recipe", recipe, "--no-images", *words
         code, out, err = command("run", source, "-o", folder, *words)
         path = Path(folder) / "office" / "manifest.json"
         return code, out + err, json.loads(path.read_text()) if path.exists() else None
 
-    return ran
+    return run_recipe
 
 
 def robot(shape="robot_radius: 0.25", threshold=100, track="true"):
@@ -79,13 +79,13 @@ def test_the_example_reaches_its_goals(command):
         area = np.count_nonzero(layers["reachable"]) * 0.05**2
     assert answer["reachable_m2"] == pytest.approx(area)
     assert manifest["figures"]["reach"]["reachable_m2"] == pytest.approx(area)
-    # the stage only looks: the other outputs are those of a run without it
+    # the stage changes nothing: the other outputs are those of a run without it
     inflated = read_map("out/office/inflated.yaml").occupancy
     expected = mapdeal.inflate(read_map(OFFICE), radius=0.3).occupancy
     np.testing.assert_array_equal(inflated == 100, expected == 100)
 
 
-def test_ci_sees_that_the_kitchen_is_no_longer_reachable(run, command):
+def test_a_golden_run_fails_if_the_kitchen_is_no_longer_reachable(run, command):
     golden = ["--golden", "gold"]
     assert run(*golden, "--update-golden")[0] == 0
     assert run(*golden, folder="same")[0] == 0
@@ -101,7 +101,7 @@ def test_ci_sees_that_the_kitchen_is_no_longer_reachable(run, command):
     assert manifest["figures"]["reach"]["goals"] == {"kitchen": False, "lab": True, "store": True}
 
 
-def test_a_goal_that_is_not_reached_is_warned_of(run):
+def test_a_goal_that_is_not_reached_gives_a_warning(run):
     words = ["--set", "reach.goals={cupboard: [9, 3], lift: [-7, 3]}"]
     code, output, manifest = run(*words)
     assert code == 1
@@ -113,7 +113,7 @@ def test_a_goal_that_is_not_reached_is_warned_of(run):
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
-def test_a_run_with_the_robot_s_files_reaches_what_the_command_does(run, command):
+def test_a_run_with_params_file_reaches_the_cells_of_the_command(run, command):
     robot(threshold=65)
     code, output, manifest = run("--params-file", "p.yaml")
     assert code == 0, output
@@ -128,23 +128,23 @@ def test_a_run_with_the_robot_s_files_reaches_what_the_command_does(run, command
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
-def test_it_takes_the_map_as_the_robot_does():
+def test_threshold_shape_and_unknown_space_are_those_of_the_robot():
     own = robot(threshold=65)
-    reach = reach_of(f"reach: {FIRST}", robot=own)
+    reach = reach_of(f"reach: {REACH_FIRST}", robot=own)
     assert reach["lethal_threshold"] == own.static_layers[-1].lethal_cost_threshold == 65
     assert not reach["through_unknown"]
-    # round as the planner has it, whose circle lies within the polygon of 16 corners
+    # planners use the circle inside the polygon of 16 corners
     assert reach["footprint"] == Footprint.circle(own.inscribed_radius)
-    free = reach_of(f"reach: {FIRST}", robot=robot(track="false"))
+    free = reach_of(f"reach: {REACH_FIRST}", robot=robot(track="false"))
     assert (free["through_unknown"], free["lethal_threshold"]) == (True, None)
     corners = "footprint: '[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]'"
-    assert len(reach_of(f"reach: {FIRST}", robot=robot(corners))["footprint"].vertices) == 4
+    assert len(reach_of(f"reach: {REACH_FIRST}", robot=robot(corners))["footprint"].vertices) == 4
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
-def test_what_the_recipe_says_itself_stays():
+def test_parameters_in_the_recipe_override_the_robot():
     own = robot(threshold=65, track="false")
     reach = reach_of("reach: {through_unknown: no, lethal_threshold: 90}", robot=own)
     assert (reach["through_unknown"], reach["lethal_threshold"]) == (False, 90)
     reach = reach_of("esdf: {lethal_threshold: 65}\n  - reach", robot=robot(threshold=65))
-    assert reach["lethal_threshold"] is None  # the field knows
+    assert reach["lethal_threshold"] is None  # the field has its own

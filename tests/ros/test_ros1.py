@@ -12,7 +12,7 @@ from mapdeal.ros.ros1 import ros1_robot
 
 @pytest.fixture
 def resolve(files):
-    """Return a function that reads texts as files, in their order."""
+    """Return a function that resolves the texts of files in their order."""
     return lambda *texts, **options: ros1_robot(files(*texts), **options)
 
 
@@ -40,11 +40,11 @@ def test_recorded_stacks_resolve_as_in_the_real_code(real_maps):
 
 
 def _as_recorded(robot):
-    def of_layers(kind, prefix, names, **derived):
+    def settings_of(kind, prefix, names, **derived):
         return {
             f"{prefix}{listed.name}": {
                 **{name: getattr(listed.layer, name) for name in names},
-                **{name: of(listed.layer) for name, of in derived.items()},
+                **{name: derive(listed.layer) for name, derive in derived.items()},
                 "enabled": listed.is_enabled,
             }
             for listed in robot.layers if isinstance(listed.layer, kind)
@@ -57,12 +57,12 @@ def _as_recorded(robot):
         "padded_footprint": [list(corner) for corner in robot.footprint.vertices],
         "ignored": [f"{listed.name} ({listed.plugin})" for listed in robot.layers if listed.needs],
         "plugins": [{"name": listed.name, "type": listed.plugin} for listed in robot.layers],
-        "static_layers": of_layers(
+        "static_layers": settings_of(
             StaticLayer, "",
             ("track_unknown_space", "lethal_cost_threshold", "trinary_costmap", "use_maximum"),
             unknown_cost_value=lambda layer: {255: -1}.get(layer.unknown_cost_value),
         ),
-        "inflation_layers": of_layers(
+        "inflation_layers": settings_of(
             InflationLayer, "costmap/",
             ("inflation_radius", "cost_scaling_factor", "inflate_unknown"),
             inscribed_radius_used=lambda layer: layer.inscribed_radius,
@@ -81,7 +81,7 @@ def test_footprints_of_very_many_points_are_refused(resolve):
     assert resolve(f"static_map: true\nfootprint: {corners[:2000]}\n")[0] is not None
 
 
-def test_many_problems_are_not_compared_with_each_other(resolve, monkeypatch):
+def test_the_time_for_many_problems_is_linear(resolve, monkeypatch):
     compared = []
     equal = Problem.__eq__
     monkeypatch.setattr(

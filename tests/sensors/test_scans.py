@@ -68,7 +68,7 @@ def test_flaser_has_its_readings_from_the_right_to_the_left(read, count, step, p
     assert np.degrees(angles) == pytest.approx(-90 + step * np.arange(count))
 
 
-def test_other_lines_contain_angles_and_range_or_use_the_last_odometry(read):
+def test_robotlaser_has_its_own_angles_and_rawlaser_the_last_odometry(read):
     ((poses, angles, ranges),) = read(robotlaser([1.0, 49.9, 50.0, 80.0]))
     assert poses == [[1.0, -2.0, 0.5]]
     assert angles == pytest.approx([-0.7, -0.68, -0.66, -0.64])
@@ -85,7 +85,7 @@ def test_other_lines_contain_angles_and_range_or_use_the_last_odometry(read):
     assert ranges == [[1.0], [2.0], [3.0]]
 
 
-def test_scans_of_different_scanners_come_in_separate_parts(read):
+def test_scans_with_different_numbers_of_readings_are_separate_parts(read):
     parts = read(
         robotlaser([1.0] * 3), robotlaser([2.0] * 4, time=8), robotlaser([3.0] * 4, time=9)
     )
@@ -122,7 +122,7 @@ def test_a_long_log_comes_in_parts_of_few_readings(read):
     assert max(len(ranges) * len(ranges[0]) for _, _, ranges in parts) <= 1 << 18
 
 
-def test_blanks_before_tags_and_long_other_lines_are_ignored(read):
+def test_leading_blanks_and_long_unknown_lines_are_ignored(read):
     noise = ["# " + "x" * 3_000_000, "OTHER " + "FLASER 180 " * 200_000]
     for before in ("  ", "\t", "\ufeff", " \t "):
         first, second = flaser(HALF, time=1), flaser(HALF, time=2).replace("FLASER ", "FLASER\t")
@@ -141,10 +141,10 @@ def test_a_log_whose_lines_are_all_bad_names_the_first(read):
 @pytest.mark.parametrize("line", [flaser, robotlaser])
 def test_a_log_with_a_constant_time_gives_no_warning(read, line, time):
     lines = [line(HALF, (k, 0, 0), time=time) for k in range(3)]
-    ((poses, _, _),) = read(*lines)  # a warning is an error
+    ((poses, _, _),) = read(*lines)  # a warning would be an error
     assert [pose[0] for pose in poses] == [0.0, 1.0, 2.0]
     with pytest.warns(MapdealWarning, match="2 of 4 scans are not later"):
-        read(*lines, line(HALF, (3, 0, 0), time=8))  # times that differ count
+        read(*lines, line(HALF, (3, 0, 0), time=8))  # a single later time is enough for the check
 
 
 BAD_LINES = [
@@ -228,7 +228,7 @@ def test_three_texts(texts):
     (POSES, "", RANGES, "no angles"),
     (POSES, ANGLES, "1,2,3\n1,b,3\n", "ranges.txt: line 2"),
 ])  # fmt: skip
-def test_texts_of_different_sizes_are_refused(texts, poses, angles, ranges, rule):
+def test_texts_that_do_not_fit_together_are_refused(texts, poses, angles, ranges, rule):
     with pytest.raises(MalformedInputError, match=rule):
         texts(poses, angles, ranges)
 
@@ -249,7 +249,7 @@ def npz_of(folder, arrays):
 def test_an_npz_of_scans(tmp_path, order):
     source = npz_of(tmp_path, {**SCANS, "ranges": np.asarray(SCANS["ranges"], order=order)})
     assert source.count == 2
-    for _ in range(2):  # it can be read again
+    for _ in range(2):  # a second reading is the same
         (part,) = source.scans()
         assert [array.tolist() for array in part[:3]] == [a.tolist() for a in SCANS.values()]
 

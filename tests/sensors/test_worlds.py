@@ -1,4 +1,4 @@
-"""Worlds and meshes: shapes and poses against trimesh's sections, files against made-up faults."""
+"""Worlds and meshes: shapes and poses against trimesh's sections, and faulty files."""
 
 from itertools import pairwise
 
@@ -25,41 +25,41 @@ def sdf(body):
     return f'<sdf version="1.9"><world name="w">{body}</world></sdf>'
 
 
-def model(geometry, pose="0 0 0 0 0 0", *, more="", of_shape=""):
-    shape = f'<collision name="c">{of_shape}<geometry>{geometry}</geometry></collision>'
+def model(geometry, pose="0 0 0 0 0 0", *, shape_pose=""):
+    shape = f'<collision name="c">{shape_pose}<geometry>{geometry}</geometry></collision>'
     link = f'<link name="l">{shape}</link>'
-    return f'<model name="m"><static>1</static><pose>{pose}</pose>{more}{link}</model>'
+    return f'<model name="m"><static>1</static><pose>{pose}</pose>{link}</model>'
 
 
-def written(folder, text, name="w.sdf"):
+def write_world(folder, text, name="w.sdf"):
     (folder / name).write_text(text)
     return folder / name
 
 
-def seen_at(path, height=0.1, **options):
+def section_of(path, height=0.1, **options):
     world = read_world(path, **options)
     return inside_runs(section_at(world.triangles, world.solids, height), FRAME).depths() > 0
 
 
 def outline_by_trimesh(mesh, height=0.1):
-    """Return which cells are inside, and the distances of all from the outline."""
+    """Return the cells inside, and each cell's distance from the outline."""
     lines = trimesh.intersections.mesh_plane(mesh, [0, 0, 1], [0, 0, height])[:, :, :2]
     centres = FRAME.xy_from_rowcol(np.indices(FRAME.shape).reshape(2, -1).T)
-    away = shapely.distance(shapely.points(centres), shapely.multilinestrings(lines))
+    distance = shapely.distance(shapely.points(centres), shapely.multilinestrings(lines))
     (x0, y0), (x1, y1) = lines.transpose(1, 2, 0)
     x, y = centres.T[:, :, np.newaxis]
     with np.errstate(divide="ignore", invalid="ignore"):
         is_left = x < x0 + (y - y0) / (y1 - y0) * (x1 - x0)
     crossings = (((y0 > y) != (y1 > y)) & is_left).sum(axis=1)
-    return (crossings % 2 == 1).reshape(FRAME.shape), away.reshape(FRAME.shape)
+    return (crossings % 2 == 1).reshape(FRAME.shape), distance.reshape(FRAME.shape)
 
 
-def seen_by_trimesh(mesh):
-    inside, away = outline_by_trimesh(mesh)
-    return inside, away <= FRAME.resolution / 2
+def section_by_trimesh(mesh):
+    inside, distance = outline_by_trimesh(mesh)
+    return inside, distance <= FRAME.resolution / 2
 
 
-def at(mesh, pose):
+def move_to(mesh, pose):
     turn = trimesh.transformations.euler_matrix(*pose[3:], "sxyz")
     turn[:3, 3] = pose[:3]
     return mesh.apply_transform(turn)
@@ -114,17 +114,17 @@ SHAPES = {
 def test_shapes_have_the_sections_of_trimesh(tmp_path, name, pose):
     geometry, mesh_of = SHAPES[name]
     text = " ".join(map(str, pose))
-    inside, away = outline_by_trimesh(at(mesh_of(), pose))
-    path = written(tmp_path, sdf(model(geometry, text)))
+    inside, distance = outline_by_trimesh(move_to(mesh_of(), pose))
+    path = write_world(tmp_path, sdf(model(geometry, text)))
     assert inside.sum() > 50
-    assert not (seen_at(path) != inside)[away > FRAME.resolution / 2].any()
+    assert not (section_of(path) != inside)[distance > FRAME.resolution / 2].any()
     world = read_world(path)
     section = section_at(world.triangles, world.solids, 0.1)
     walls = surface_cells(section, FRAME, inside_runs(section, FRAME))
-    # up to the error of chords, and a hundredth of a cell that surfaces move inwards
-    assert not walls[away > 0.57 * FRAME.resolution].any()
-    if mesh_of is not notched and name != "clockwise":  # outlines of its boxes pass the inside
-        assert walls[away < 0.43 * FRAME.resolution].all()
+    # tolerances: chords, and the hundredth of a cell by which surfaces move inwards
+    assert not walls[distance > 0.57 * FRAME.resolution].any()
+    if mesh_of is not notched and name != "clockwise":  # the edges of their boxes are not walls
+        assert walls[distance < 0.43 * FRAME.resolution].all()
 
 
 NESTED = """\
@@ -141,9 +141,9 @@ def test_frames_nested_models_and_placement(tmp_path):
     mesh = trimesh.creation.box((1, 0.6, 2))
     for pose in ((0.1, 0, 0, 0, 0, 1.0), (0.2, 0.1, 0, 0, 0, -0.4), (0.1, 0, 0, 0, 0, 0.3),
                  (0.2, 0, 0, 0, 0, 0.5), (0, 0.3, 0, 0, 0, np.pi / 2)):  # fmt: skip
-        at(mesh, pose)
-    inside, near = seen_by_trimesh(mesh)
-    found = seen_at(written(tmp_path, sdf(NESTED.format(BOX))))
+        move_to(mesh, pose)
+    inside, near = section_by_trimesh(mesh)
+    found = section_of(write_world(tmp_path, sdf(NESTED.format(BOX))))
     assert not (found != inside)[~near].any()
 
 
@@ -175,17 +175,17 @@ def test_meshes_in_worlds(tmp_path, form, scale):
         mesh.invert()
     name = {"binary": "a.stl", "ascii": "a.stl", "obj": "a.obj"}.get(form, "a.dae")
     if form.endswith("UP"):
-        written(tmp_path, dae_of(mesh, 0.0254, form), name)
+        write_world(tmp_path, dae_of(mesh, 0.0254, form), name)
     elif form == "ascii":
-        written(tmp_path, trimesh.exchange.stl.export_stl_ascii(mesh), name)
+        write_world(tmp_path, trimesh.exchange.stl.export_stl_ascii(mesh), name)
     else:
         mesh.export(tmp_path / name)
     numbers = " ".join(map(str, scale))
     geometry = f"<mesh><uri>{name}</uri><scale>{numbers}</scale></mesh>"
     mesh.vertices *= scale
-    inside, near = seen_by_trimesh(at(mesh, (0.1, 0.2, -0.1, 0.4, 0.2, 1.0)))
-    world = written(tmp_path, sdf(model(geometry, "0.1 0.2 -0.1 0.4 0.2 1")))
-    assert not (seen_at(world) != inside)[~near].any()
+    inside, near = section_by_trimesh(move_to(mesh, (0.1, 0.2, -0.1, 0.4, 0.2, 1.0)))
+    world = write_world(tmp_path, sdf(model(geometry, "0.1 0.2 -0.1 0.4 0.2 1")))
+    assert not (section_of(world) != inside)[~near].any()
 
 
 OBJ_LINES = ["v {0} {1} {2}", "\tv  {0} {1}\t{2} 0.5", "v {0} {1} {2} .1 .2 .3 # red", "vn 0 0 1",
@@ -210,7 +210,7 @@ def obj_by_lines(text):
 
 
 @given(st.randoms(use_true_random=False), st.integers(20, 60), st.sampled_from(["\n", "\r\n"]))
-def test_obj_is_read_as_line_by_line(tmp_path_factory, random, length, eol):
+def test_obj_in_pieces_equals_a_reader_of_lines(tmp_path_factory, random, length, eol):
     lines = ["v 0 0 1"] * 4 + ["f 1 2 3"]
     count = 4
     for line in random.choices(OBJ_LINES, k=length):
@@ -248,7 +248,7 @@ def test_decimals_are_those_of_python(engine, words):
 
 def test_a_concave_face_leaves_its_notch_open(tmp_path):
     corners = "".join(f"v {x} 0 {z}\n" for x, z in NOTCHED)
-    wall = read_world(written(tmp_path, f"{corners}f {' '.join('12345678')}\n", "w.obj"))
+    wall = read_world(write_world(tmp_path, f"{corners}f {' '.join('12345678')}\n", "w.obj"))
     section = section_at(wall.triangles, wall.solids, 0.5)
     assert np.abs(section.begin[:, 0]).min() >= 0.2  # no wall in the doorway
     lengths = np.abs(section.begin - section.end)[:, 0]
@@ -273,48 +273,48 @@ def test_strips_cover_the_area_between_rings(seed, count, axis):
     assert shapely.is_ccw(shapely.get_exterior_ring(parts[shapely.area(parts) > 1e-9])).all()
 
 
-def test_urdf_chains_joints_and_takes_what_is_seen_if_asked(tmp_path):
+def test_urdf_joints_are_chained_and_visual_shapes_are_read_on_request(tmp_path):
     text = """<robot name="r"><link name="a"><visual><geometry><sphere radius="0.2"/></geometry>
 </visual></link><link name="b"><collision><origin xyz="0.1 0 0" rpy="0 0 0.3"/><geometry>
 <box size="1 0.6 2"/></geometry></collision></link><joint name="j" type="fixed">
 <origin xyz="0.2 0.4 0" rpy="0 0 0.5"/><parent link="a"/><child link="b"/></joint></robot>"""
-    path = written(tmp_path, text, "r.urdf")
-    mesh = at(at(trimesh.creation.box((1, 0.6, 2)), (0.1, 0, 0, 0, 0, 0.3)),
+    path = write_world(tmp_path, text, "r.urdf")
+    mesh = move_to(move_to(trimesh.creation.box((1, 0.6, 2)), (0.1, 0, 0, 0, 0, 0.3)),
               (0.2, 0.4, 0, 0, 0, 0.5))  # fmt: skip
-    inside, near = seen_by_trimesh(mesh)
-    assert not (seen_at(path) != inside)[~near].any()
-    inside, near = seen_by_trimesh(ball(0.2, 0.2, 0.2))
-    assert not (seen_at(path, visual=True) != inside)[~near].any()
+    inside, near = section_by_trimesh(mesh)
+    assert not (section_of(path) != inside)[~near].any()
+    inside, near = section_by_trimesh(ball(0.2, 0.2, 0.2))
+    assert not (section_of(path, visual=True) != inside)[~near].any()
 
 
 def test_models_are_found_in_folders_variables_and_beside_the_world(tmp_path, monkeypatch):
     folder = tmp_path / "here" / "models" / "crate"
     folder.mkdir(parents=True)
-    written(folder, f'<sdf version="1.7">{model(BOX, "9 9 9 0 0 0")}</sdf>', "crate-1_7.sdf")
-    written(folder, "<sdf/>", "crate.sdf")
+    write_world(folder, f'<sdf version="1.7">{model(BOX, "9 9 9 0 0 0")}</sdf>', "crate-1_7.sdf")
+    write_world(folder, "<sdf/>", "crate.sdf")
     config = (
         '<model><sdf version="1.4">crate.sdf</sdf><sdf version="1.7">crate-1_7.sdf</sdf></model>'
     )
-    written(folder, config, "model.config")
+    write_world(folder, config, "model.config")
     include = "<include><uri>model://crate</uri><pose>0 0 0 0 0 0</pose></include>"
     elsewhere = tmp_path / "world" / "deep"
     elsewhere.mkdir(parents=True)
-    path = written(elsewhere, sdf(include))
+    path = write_world(elsewhere, sdf(include))
     with pytest.raises(FileAccessError, match="include model://crate: there is no such file"):
         read_world(path)
-    expected = seen_at(written(tmp_path, sdf(model(BOX)), "box.sdf"))
-    assert np.array_equal(seen_at(path, model_path=[folder.parent]), expected)
+    expected = section_of(write_world(tmp_path, sdf(model(BOX)), "box.sdf"))
+    assert np.array_equal(section_of(path, model_path=[folder.parent]), expected)
     monkeypatch.setenv("GZ_SIM_RESOURCE_PATH", f"/nowhere:{folder.parent}")
-    assert np.array_equal(seen_at(path), expected)
+    assert np.array_equal(section_of(path), expected)
     monkeypatch.delenv("GZ_SIM_RESOURCE_PATH")
-    assert np.array_equal(seen_at(written(tmp_path / "here", sdf(include))), expected)
+    assert np.array_equal(section_of(write_world(tmp_path / "here", sdf(include))), expected)
 
 
 def test_saved_states_and_moving_models(tmp_path):
     text = model(BOX, "1 1 0 0 0 0").replace("<static>1</static>", "")
     state = '<state><model name="m"><pose>0 0 0 0 0 0</pose></model></state>'
-    path = written(tmp_path, sdf(text + state + model(CYLINDER).replace('"m"', '"n"')))
-    assert np.array_equal(seen_at(path), seen_at(written(tmp_path, sdf(
+    path = write_world(tmp_path, sdf(text + state + model(CYLINDER).replace('"m"', '"n"')))
+    assert np.array_equal(section_of(path), section_of(write_world(tmp_path, sdf(
         model(BOX) + model(CYLINDER).replace('"m"', '"n"')), "b.sdf")))  # fmt: skip
     world = read_world(path, static_only=True)
     assert (world.moving, world.solid_count) == (1, 1)
@@ -337,7 +337,7 @@ FAULTS = {
     "negative": (sdf(model("<sphere><radius>-1</radius></sphere>")), "must be above 0"),
     "far": (sdf(model("<sphere><radius>1e300</radius></sphere>")), "must lie within 1e+12 m"),
     "pose": (sdf(model(BOX, "1 2 3")), "model m: pose: must be 6 finite numbers"),
-    "frame": (sdf(model(BOX, of_shape="<pose relative_to='q'/>")), "must be a frame here, got 'q'"),
+    "frame": (sdf(model(BOX, shape_pose="<pose relative_to='q'/>")), "must be a frame here"),
     "empty": (sdf(""), "has no collision shapes"),
     "itself": (SELF, "include w.sdf: includes itself"),
     "entities": (LAUGHS + sdf("&b;"), "line 1: must not declare entities, got 'a'"),
@@ -374,7 +374,7 @@ FAULTS = {
 def test_faults_are_named(tmp_path, monkeypatch, name):
     monkeypatch.setattr("mapdeal.sensors.meshes.MOST_INSTANCES", 1000)
     text, message = FAULTS[name]
-    path = written(tmp_path, text, name if "." in name else "w.sdf")
+    path = write_world(tmp_path, text, name if "." in name else "w.sdf")
     with pytest.raises(MalformedInputError) as caught:
         read_world(path)
     assert message in str(caught.value)
@@ -383,7 +383,7 @@ def test_faults_are_named(tmp_path, monkeypatch, name):
 
 @pytest.mark.parametrize("uri", ["model://a/b.stl", "file:///a/b.stl", "b.stl", "s3://a/b.stl", ""])
 def test_missing_meshes_are_named(tmp_path, uri):
-    path = written(tmp_path, sdf(model(f"<mesh><uri>{uri}</uri></mesh>")))
+    path = write_world(tmp_path, sdf(model(f"<mesh><uri>{uri}</uri></mesh>")))
     with pytest.raises(FileAccessError, match="link l: collision c: mesh") as caught:
         read_world(path)
     assert uri in str(caught.value)

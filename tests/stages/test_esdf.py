@@ -12,17 +12,18 @@ CONVENTIONS = ["fast-planner", "center", "border"]
 
 
 @pytest.mark.slow
-@given(occupancies(), RESOLUTIONS, st.sampled_from(CONVENTIONS), st.booleans())
-def test_the_field_equals_brute_force_to_the_last_bit(occupancy, resolution, convention, counted):
-    unknown = "occupied" if counted else "free"
-    occupied = (occupancy == 100) | ((occupancy == -1) & counted)
+@given(
+    occupancies(), RESOLUTIONS, st.sampled_from(CONVENTIONS), st.sampled_from(["free", "occupied"])
+)
+def test_the_field_equals_brute_force_to_the_last_bit(occupancy, resolution, convention, unknown):
+    occupied = (occupancy == 100) | ((occupancy == -1) & (unknown == "occupied"))
     field = esdf(OccupancyGrid(occupancy, resolution), convention=convention, unknown=unknown)
     expected = oracles.signed_distance(occupied, resolution, convention).astype(np.float32)
     assert field.distance.dtype == np.float32
     assert np.array_equal(field.distance, expected)
 
 
-def test_max_distance_clips_both_signs_and_strength_only_lifts_the_positive():
+def test_max_distance_clips_both_signs_and_strength_scales_only_positive_distances():
     grid = OccupancyGrid([[100] * 4 + [0] * 4], 0.5)
     field = esdf(grid, max_distance=1.2, strength=1.5, convention="center")
     assert field.distance.tolist() == [
@@ -33,14 +34,13 @@ def test_max_distance_clips_both_signs_and_strength_only_lifts_the_positive():
 @pytest.mark.parametrize("convention", CONVENTIONS)
 @pytest.mark.parametrize("strength", [1.0, 1.3, 0.7])
 @pytest.mark.parametrize("resolution", [0.05, 0.0504, 0.05000000074505806, 1 / 3])
-def test_squared_cells_come_back_exactly_below_2048_cells(resolution, convention, strength):
+def test_squared_distances_are_recovered_exactly_below_2048_cells(resolution, convention, strength):
     squares = np.arange(2**22 - 2**16, 2**22).reshape(2**8, 2**8)
     squares[0, :8] = np.arange(8)
     occupancy = np.where(squares == 0, 100, 0).astype(np.int8)
     shift = 0.5 * resolution if convention == "border" else 0.0
     distance = (strength * (np.sqrt(squares) * resolution - shift)).astype(np.float32)
-    about = {"convention": convention, "strength": strength}
-    field = DistanceField(distance, occupancy, resolution, **about)
+    field = DistanceField(distance, occupancy, resolution, convention=convention, strength=strength)
     assert np.array_equal(squares_in(field, field.obstacles()), squares)
 
 
@@ -53,7 +53,7 @@ def test_views_equal_brute_force_whatever_the_convention(
     largest_table, occupancy, resolution, view_range, convention, strength
 ):
     field = esdf(OccupancyGrid(occupancy, resolution), convention=convention, strength=strength)
-    with pytest.MonkeyPatch.context() as patch:  # distances are looked up, or computed
+    with pytest.MonkeyPatch.context() as patch:  # by table, or computed
         patch.setattr("mapdeal.stages.esdf._LARGEST_TABLE", largest_table)
         views = [field_view(field, view_range=view_range), field_view(field, view="per-map")]
         found = [np.array(view.occupancy) for view in views]
@@ -67,7 +67,7 @@ def test_views_equal_brute_force_whatever_the_convention(
 
 @pytest.mark.parametrize(("view", "view_range"), [("metric", 1e13), ("per-map", 2.0)])
 def test_a_free_cell_is_never_an_obstacle_in_the_view(view, view_range):
-    # of a field by others, with a free cell nearer than a cell to an obstacle
+    # a field of another program: the free cell is closer than a cell to an obstacle
     field = DistanceField(np.float32([[0.0, 0.01, 0.2]]), [[100, 0, 0]], 0.1)
     values = field_view(field, view=view, view_range=view_range).occupancy[0].tolist()
     assert values == [100, 99, 99 if view == "metric" else 0]
@@ -77,9 +77,7 @@ def test_a_free_cell_is_never_an_obstacle_in_the_view(view, view_range):
     ("convention", "farthest", "deepest"),
     [("fast-planner", 0.33, 0.43), ("center", 0.33, 0.33), ("border", 0.38, 0.38)],
 )
-def test_the_per_map_view_of_a_clipped_field_takes_the_clip_for_the_extremes(
-    convention, farthest, deepest
-):
+def test_the_per_map_view_of_a_clipped_field_ends_at_max_distance(convention, farthest, deepest):
     grid = OccupancyGrid([[100] * 9 + [0] * 9], 0.1)
     scale = field_view(esdf(grid, convention=convention, max_distance=0.33), view="per-map").scale
     assert (scale.farthest, scale.deepest) == (farthest, deepest)
@@ -91,5 +89,5 @@ def test_the_per_map_view_of_a_clipped_field_takes_the_clip_for_the_extremes(
 def test_views_of_clipped_fields_and_of_unknown_cells():
     clipped = esdf(OccupancyGrid([[100] + [0] * 6], 0.5), max_distance=1.0)
     assert field_view(clipped).occupancy.tolist() == [[100, 75, 50, 50, 50, 50, 50]]
-    counted = esdf(OccupancyGrid([[100, 0, -1]], 0.5), unknown="occupied")
-    assert field_view(counted).occupancy.tolist() == [[100, 75, 100]]
+    field = esdf(OccupancyGrid([[100, 0, -1]], 0.5), unknown="occupied")
+    assert field_view(field).occupancy.tolist() == [[100, 75, 100]]

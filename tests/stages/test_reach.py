@@ -1,4 +1,4 @@
-"""Where a robot can go: stage ``reach`` beside floods over cells and over routes."""
+"""Stage ``reach`` against flood fills, routes and inflated maps."""
 
 import itertools
 import json
@@ -44,29 +44,29 @@ def centre(grid, row, col):
     return tuple(grid.frame.xy_from_rowcol([(row, col)])[0].tolist())
 
 
-def by_contract(occupancy, resolution, radius, start, *, through_unknown=False):
-    """Cells reached by a round robot: 8 neighbours, diagonally between two open straight ones."""
+def flood_fill(occupancy, resolution, radius, start, *, through_unknown=False):
+    """Return open and reached cells of a round robot; diagonals need two open straight cells."""
     walled = np.pad(occupancy == 100, 1, constant_values=True)
     squares = np.array(oracles.squared_distance(walled), dtype=float)[1:-1, 1:-1]
     is_open = (occupancy != 100) & (through_unknown | (occupancy != -1))
     is_open &= np.sqrt(squares) * resolution > radius + 1e-9
     reached = np.zeros(occupancy.shape, dtype=bool)
-    edge = [start] if is_open[start] else []
-    while edge:
-        row, col = edge.pop()
+    waiting = [start] if is_open[start] else []
+    while waiting:
+        row, col = waiting.pop()
         reached[row, col] = True
         for r, c in itertools.product((row - 1, row, row + 1), (col - 1, col, col + 1)):
             if not (0 <= r < len(reached) and 0 <= c < reached.shape[1]) or reached[r, c]:
                 continue
             if is_open[r, c] and is_open[row, c] and is_open[r, col]:
-                edge.append((r, c))
+                waiting.append((r, c))
     return is_open, reached
 
 
 def test_two_rooms_and_a_door_by_hand():
     grid = grid_from_text(ROOMS)  # 0.25 m, origin and yaw not 0
     start, goal = centre(grid, 3, 2), centre(grid, 3, 11)
-    # the passage limits before the start, which is as narrow; two places in a room are limited
+    # a passage has precedence over an equally narrow start, and a start over a goal
     corner, beside = centre(grid, 1, 1), centre(grid, 3, 3)
     for first, last, at in ((corner, goal, "passage"), (corner, beside, "start"),
                             (beside, corner, "goal"), (beside, beside, "start")):  # fmt: skip
@@ -84,16 +84,16 @@ def test_two_rooms_and_a_door_by_hand():
         assert place.width == 0.5
         assert (place.x, place.y) == pytest.approx(centre(grid, 3, 7))
     # open to the robot in the second room: 3 x 3 cells, without the unknown one's row at 2 m
-    is_open, reached = by_contract(grid.occupancy, 0.25, 0.25, (3, 2))
+    is_open, reached = flood_fill(grid.occupancy, 0.25, 0.25, (3, 2))
     assert passage.cut_off == pytest.approx((is_open & ~reached).sum() * 0.25**2)
 
 
 @given(occupancies(), RESOLUTIONS, st.floats(0.0, 3.0), st.booleans(), st.data())
-def test_reachable_cells_are_those_of_the_contract(occupancy, resolution, cells, through, data):
+def test_reachable_cells_equal_a_flood_fill(occupancy, resolution, cells, through, data):
     start = tuple(data.draw(st.integers(0, side - 1)) for side in occupancy.shape)
     radius = cells * resolution
     grid = mapdeal.OccupancyGrid(occupancy, resolution, (3.0, -1.0, 0.7))
-    is_open, reached = by_contract(occupancy, resolution, radius, start, through_unknown=through)
+    is_open, reached = flood_fill(occupancy, resolution, radius, start, through_unknown=through)
     options = {"start": centre(grid, *start), "radius": radius, "through_unknown": through}
     if not is_open.any():
         with pytest.raises(mapdeal.MalformedInputError, match="no cell is open"):
@@ -110,7 +110,7 @@ def test_reachable_cells_are_those_of_the_contract(occupancy, resolution, cells,
 
 
 @given(occupancies(longest=9), st.integers(0, 2**32 - 1))
-def test_a_hair_decides_at_the_widest_radius(occupancy, seed):
+def test_a_micrometre_decides_at_the_widest_radius(occupancy, seed):
     free = [tuple(cell) for cell in np.argwhere(occupancy != 100).tolist()]
     assume(free)
     start, goal = (free[k] for k in np.random.default_rng(seed).integers(len(free), size=2))
@@ -127,13 +127,13 @@ def test_a_hair_decides_at_the_widest_radius(occupancy, seed):
         assert limit.at == "passage" or (limit.x, limit.y) == pytest.approx(ends[limit.at])
     for radius, expected in ((widest - 1e-6, True), (widest + 1e-6, False)):
         if 0 <= radius < math.inf:
-            _, reached = by_contract(occupancy, 0.0504, radius, start, through_unknown=True)
+            _, reached = flood_fill(occupancy, 0.0504, radius, start, through_unknown=True)
             assert reached[goal] == expected
 
 
-def test_a_start_that_is_not_given_is_the_widest_place_of_the_largest_area():
+def test_the_default_start_is_the_widest_place_of_the_largest_area():
     grid = grid_from_text(THREE_ROOMS)
-    # two rooms and their door are larger than the third room, but not one of them alone
+    # the third room is larger than each of the two, but smaller than both with their door
     for radius, cols in ((0.2, range(1, 12)), (0.25, range(14, 21))):
         found = mapdeal.reach(grid, radius=radius)
         row, col = grid.frame.clamped_rowcol_from_xy([found.start])[0].tolist()
@@ -149,16 +149,16 @@ def test_a_start_that_is_not_given_is_the_widest_place_of_the_largest_area():
     assert found.reachable[12, 49]
 
 
-def test_of_costs_the_lethal_cells_are_obstacles():
+def test_the_obstacles_of_costs_are_their_lethal_cells():
     grid = grid_from_text(ROOMS)
     start = centre(grid, 3, 2)
     of_map = mapdeal.reach(grid, start=start, radius=0.3)
-    # inscribed costs take unknown cells, too, so that smaller robots have other ways there
+    # inscribed costs also cover unknown cells, so `widest` differs there
     inflated = mapdeal.exponential_cost(grid, inscribed_radius=0.3)
     names = ["reachable", "headings", "clearance", "widest"]
-    for costs, same in ((mapdeal.Costmap.from_occupancy(grid), names), (inflated, names[:3])):
+    for costs, equal in ((mapdeal.Costmap.from_occupancy(grid), names), (inflated, names[:3])):
         of_costs = mapdeal.reach(costs, start=start, radius=0.3)
-        for name in same:
+        for name in equal:
             assert np.array_equal(getattr(of_map, name), getattr(of_costs, name)), name
     of_field = mapdeal.reach(mapdeal.esdf(grid), start=start, radius=0.3)
     assert np.array_equal(of_map.reachable, of_field.reachable)
@@ -175,7 +175,7 @@ def test_a_long_robot_gets_through_a_door_but_cannot_turn_in_it():
     assert found.goals[0].reachable
     assert found.headings[8, 7] == found.headings[8, 36] == 72
     assert 0 < found.headings[8, 22] < 20
-    # across the corridor it stands nowhere in it: the start's heading decides
+    # it fits into the corridor lengthwise but not crosswise
     middle = centre(grid, 8, 22)
     with pytest.raises(mapdeal.ParameterError, match="in this heading, only in"):
         mapdeal.reach(grid, start=(*middle, math.pi / 6 + math.pi / 2), footprint=robot)
@@ -183,7 +183,7 @@ def test_a_long_robot_gets_through_a_door_but_cannot_turn_in_it():
     assert along.reachable[8, 36]
 
 
-def test_no_goal_takes_the_answers_for_the_others():
+def test_goals_that_are_not_reached_do_not_affect_the_others():
     grid = grid_from_text(ROOMS)
     places = [(3, 4), (2, 7), (1, 10), (1, 2), (3, -5), (10**12, -(10**12))]
     goals = [Goal(*centre(grid, *place)) for place in places]
@@ -224,7 +224,7 @@ def test_a_goal_in_an_unknown_keepout_cell_has_the_same_reason_for_every_shape()
 
 
 def test_no_part_of_a_robot_is_outside_of_the_map():
-    """The map of a room without its walls: as far from the edge as from the walls."""
+    """A room without its walls gives the same result: the map's edge stops the robot."""
     walls = np.full((24, 31), 100, np.int8)
     walls[1:-1, 1:-1] = 0
     walls[8:12, 14] = 100
@@ -279,7 +279,7 @@ def real_grids(folder, every):
 
 @pytest.mark.usefixtures("mapdeal_warnings")
 @pytest.mark.parametrize("every", [16, pytest.param(1, marks=pytest.mark.thorough)])
-def test_real_maps_are_reached_as_over_inscribed_costs(real_maps, every):
+def test_reachable_cells_of_real_maps_equal_those_below_inscribed_cost(real_maps, every):
     checked = 0
     for grid in real_grids(real_maps, every):
         radius = 4.51 * grid.resolution
@@ -333,7 +333,7 @@ GOALS = st.lists(
 
 
 @given(GOALS)
-def test_what_is_described_is_read_again_as_the_same(goals):
+def test_described_goals_are_read_back_unchanged(goals):
     described = described_goals(goals)
     assert accept_goals("goals", described) == tuple(goals)
     for text in (json.dumps(described), yaml.safe_dump(described, sort_keys=False)):
