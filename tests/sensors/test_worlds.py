@@ -121,9 +121,9 @@ def test_shapes_have_the_sections_of_trimesh(tmp_path, name, pose):
     world = read_world(path)
     section = section_at(world.triangles, world.solids, 0.1)
     walls = surface_cells(section, FRAME, inside_runs(section, FRAME))
-    # tolerances: chords, and the hundredth of a cell by which surfaces move inwards
-    assert not walls[distance > 0.57 * FRAME.resolution].any()
-    if mesh_of is not notched and name != "clockwise":  # the edges of their boxes are not walls
+    # up to the error of chords
+    assert not walls[distance > 0.51 * FRAME.resolution].any()
+    if mesh_of is not notched and name != "clockwise":  # outlines of its boxes pass the inside
         assert walls[distance < 0.43 * FRAME.resolution].all()
 
 

@@ -397,10 +397,10 @@ def scan_maps(
 ) -> SimulatedScans | ScanLogs:
     """Simulate the laser scans of a robot that drives through a map.
 
-    Beams are exact: they end where they enter an obstacle. The poses are those of a file, of a
-    route, or of a tour: a closed way along the route graph of the robot, past viewpoints that
-    together see all walls that its nodes see, where possible not at a grazing angle. The seed of
-    the noise is fixed. Bags have /scan, /tf (map, odom, base_link, laser), /odom and /map.
+    Beams are exact: they end where they enter an obstacle. The poses come from a file, a route, or
+    a tour: a closed path along the robot's route graph past viewpoints that see all walls visible
+    from its nodes, if possible not at grazing angles. The seed of the noise is fixed. Bags have
+    /scan, /tf (map, odom, base_link, laser), /odom and /map.
 
     Several maps, or those of a folder, a quoted pattern or @LIST.txt, get a tour and a log each.
 

@@ -24,7 +24,8 @@ from mapdeal.kernels.polygons import enumerated
 from mapdeal.mapping.cloud_map import MARGIN, CloudMapper, CloudOptions, box_of, ledges
 from mapdeal.mapping.voxels import Claim
 
-_INWARDS = 0.01  # cells that surfaces move into solids: those between two cells count once
+_EPSILON = float(np.finfo(np.float32).eps)
+_INWARDS = 0.01  # cells that points on surfaces move into solids
 _AT_ONCE = 1 << 20  # cells near edges
 _SPACING = 0.5  # cells between points on surfaces
 _LONGEST = 64.0  # cells: longer triangles are split, and those outside of the map left out
@@ -122,7 +123,8 @@ def surface_cells(section: Section, frame: Frame, runs: _Runs) -> Mask:
 
     begin, along, length = _in_cells(section, frame)
     normals = along[:, ::-1] * [-1, 1] / np.maximum(length, 1e-12)[:, np.newaxis]
-    begin = begin + _INWARDS * normals
+    # surfaces between two cells count once: as far inwards as float32 may have moved them
+    begin = begin + _EPSILON * (1 + np.abs(section.begin).max()) / frame.resolution * normals
     ys = begin[:, 1], begin[:, 1] + along[:, 1]
     first = np.clip(np.ceil(np.minimum(*ys) - 1), 0, frame.height).astype(np.int64)
     stop = np.clip(np.floor(np.maximum(*ys)) + 1, 0, frame.height).astype(np.int64)

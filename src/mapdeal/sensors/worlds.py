@@ -45,7 +45,7 @@ _VARIABLES = (
 )  # fmt: skip
 _OF_GAZEBO = ("sun", "ground_plane")  # models that worlds include and simulators fetch
 _PARENTS = 5  # folders above a file that may hold its models
-_CHORD = 0.001  # metres between a curve and the chords that stand for it
+_CHORD = 0.0002  # metres between a curve and the chords that stand for it
 _BESIDE = 1.0  # metres of a plane around everything else
 _MOST_MODELS = 1 << 16
 _TRUE = ("1", "true")
@@ -480,6 +480,7 @@ def _revolved(profile: Sequence[tuple[float, float]], sides: int) -> Floats:
     """Return the surface of revolution of radii and heights, from the lowest to the highest."""
     angles = np.arange(sides) * (2 * math.pi / sides)
     radii, heights = np.array(profile).T[:, :, np.newaxis]
+    radii = radii * 2 / (1 + math.cos(math.pi / sides))  # chords as far inside as corners outside
     x, y = radii * np.cos(angles), radii * np.sin(angles)
     rings = np.stack([x, y, np.broadcast_to(heights, x.shape)], axis=2)
     after = np.roll(rings, -1, axis=1)
