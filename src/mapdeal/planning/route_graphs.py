@@ -523,7 +523,6 @@ class _CompleteDraft(graph_drafts.Draft):
             self._drop_edges(detour * self.spacing)
             self._shorten(("way", "crossing"))
             self._shorten(("narrow",))
-            self._shorten(("door",))
             self.cover_all()
             if not self.is_crowded:
                 return
