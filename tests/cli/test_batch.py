@@ -148,19 +148,16 @@ def test_jobs_share_out_threads_and_memory(monkeypatch):
     assert chosen.sharing(3) == chosen
 
 
-@pytest.mark.parametrize(
-    ("requested", "maps", "processors", "size", "most"),
-    [
-        (None, 20, 3, 3, None),
-        (None, 2, 3, 2, None),
-        (1, 20, 3, 1, None),
-        (12, 20, 3, 12, None),  # four a processor
-        (13, 20, 3, 12, 12),
-        (8, 20, 1, 8, None),  # but eight at least
-        (9, 20, 1, 8, 8),
-        (99, 2, 3, 2, 12),
-    ],
-)
+@pytest.mark.parametrize(("requested", "maps", "processors", "size", "most"), [
+    (None, 20, 3, 3, None),
+    (None, 2, 3, 2, None),
+    (1, 20, 3, 1, None),
+    (12, 20, 3, 12, None),  # four a processor
+    (13, 20, 3, 12, 12),
+    (8, 20, 1, 8, None),  # but eight at least
+    (9, 20, 1, 8, 8),
+    (99, 2, 3, 2, 12),
+])  # fmt: skip
 def test_jobs_are_bounded_by_maps_and_processors(
     monkeypatch, capsys, requested, maps, processors, size, most
 ):

@@ -89,17 +89,13 @@ def test_a_batch_tells_how_far_it_is_without_a_thread_for_that(sh, scarce_thread
     assert "1 map: 1 done" in sh.ok(f"run . -o out -j 1 {QUIETLY}")
 
 
-@pytest.mark.parametrize(
-    "environment",
-    [
-        {"HOME": "/nonexistent", "XDG_CACHE_HOME": "/dev/null", "TMPDIR": "/nonexistent",
-         "PYTHONIOENCODING": "ascii:strict"},
-        {"LC_ALL": "xx_YY.UTF-99", "LANG": "zz", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
-        {"PYTHONWARNINGS": "error", "MAPDEAL_KERNELS": "scipy", "TERM": "xyz", "NO_COLOR": "1",
-         "COLUMNS": "x", "TZ": "Mars/Olympus"},
-    ],
-    ids=lambda environment: next(iter(environment)),
-)  # fmt: skip
+@pytest.mark.parametrize("environment", [
+    {"HOME": "/nonexistent", "XDG_CACHE_HOME": "/dev/null", "TMPDIR": "/nonexistent",
+     "PYTHONIOENCODING": "ascii:strict"},
+    {"LC_ALL": "xx_YY.UTF-99", "LANG": "zz", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+    {"PYTHONWARNINGS": "error", "MAPDEAL_KERNELS": "scipy", "TERM": "xyz", "NO_COLOR": "1",
+     "COLUMNS": "x", "TZ": "Mars/Olympus"},
+], ids=lambda environment: next(iter(environment)))  # fmt: skip
 def test_odd_variables_do_not_change_the_files(environment):
     Path("m.yaml").rename("Küche.yaml")
     words = ["run", "Küche.yaml", "-o", "out", *QUIETLY.split()]

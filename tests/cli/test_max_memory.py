@@ -69,13 +69,10 @@ def twice(command, building, tmp_path):
     return run
 
 
-@pytest.mark.parametrize(
-    ("recipe", "memory"),
-    [
-        ("default", LITTLE), ("nav2", LESS), ("design-real", LITTLE),
-        ("design-sim --canvas full", LITTLE),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("recipe", "memory"), [
+    ("default", LITTLE), ("nav2", LESS), ("design-real", LITTLE),
+    ("design-sim --canvas full", LITTLE),
+])  # fmt: skip
 def test_run(twice, recipe, memory):
     warnings = twice(f"run --recipe {recipe}", memory=memory)
     assert ["the open cells cost 99" in warning for warning in warnings] == [True] * (
@@ -120,13 +117,10 @@ def test_a_mask(twice, sh, building, tmp_path, monkeypatch):
     assert cost.cost[row, col] >= 152
 
 
-@pytest.mark.parametrize(
-    ("name", "output", "memory"),
-    [
-        ("run", "out", "1 MB"), ("run", "out", f"{BASE + 5} MB"), ("esdf", "o.npz", f"{BASE} MB"),
-        ("potential", "o.npz", f"{BASE + 20} MB"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "output", "memory"), [
+    ("run", "out", "1 MB"), ("run", "out", f"{BASE + 5} MB"), ("esdf", "o.npz", f"{BASE} MB"),
+    ("potential", "o.npz", f"{BASE + 20} MB"),
+])  # fmt: skip
 def test_too_little_memory_is_one_line_with_the_size_it_takes(
     command, building, tmp_path, name, output, memory
 ):
@@ -204,13 +198,10 @@ def test_progress_of_a_stage_ends_with_its_end(building, tmp_path, monkeypatch, 
     assert sum(watch.steps) == watch.total > 0
 
 
-@pytest.mark.parametrize(
-    ("text", "size"),
-    [
-        ("4G", 4 * 2**30), ("500M", 500 * 2**20), ("1.5GiB", 3 * 2**29), ("4GB", 4 * 10**9),
-        ("64 kB", 64_000), ("12", 12), ("2t", 2**41), ("7B", 7),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "size"), [
+    ("4G", 4 * 2**30), ("500M", 500 * 2**20), ("1.5GiB", 3 * 2**29), ("4GB", 4 * 10**9),
+    ("64 kB", 64_000), ("12", 12), ("2t", 2**41), ("7B", 7),
+])  # fmt: skip
 def test_sizes(text, size):
     assert size_of(text, "--max-memory") == size
 

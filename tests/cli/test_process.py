@@ -159,29 +159,26 @@ def test_a_signal_during_the_start_is_one_line(which, sent):
     assert not Path("o.yaml").exists()
 
 
-@pytest.mark.parametrize(
-    ("problem", "code", "line"),
-    [
-        *(
-            (problem, 3, "error: not enough memory for a map of this size")
-            for problem in (
-                MemoryError(),
-                SystemError("error return without exception set"),
-                SystemError("initialization of _x raised unreported exception"),
-                SystemError("<function f> returned NULL without setting an exception"),
-            )
-        ),
-        (SystemError("bad argument to internal function"), 70, "error: internal error"),
-        (KeyboardInterrupt(), 130, "error: interrupted"),
-        (KeyboardInterrupt("one map is done"), 130, "error: interrupted; one map is done"),
-        (RuntimeError("a bug"), 70, "error: internal error"),
-        (PermissionError(13, "Permission denied"), 70, "error: internal error"),
-        *(
-            (OSError(number, "x"), 4, "error: a system resource is exhausted: x")
-            for number in (errno.EAGAIN, errno.ENOMEM, errno.ENFILE, errno.EMFILE)
-        ),
-    ],
-)
+@pytest.mark.parametrize(("problem", "code", "line"), [
+    *(
+        (problem, 3, "error: not enough memory for a map of this size")
+        for problem in (
+            MemoryError(),
+            SystemError("error return without exception set"),
+            SystemError("initialization of _x raised unreported exception"),
+            SystemError("<function f> returned NULL without setting an exception"),
+        )
+    ),
+    (SystemError("bad argument to internal function"), 70, "error: internal error"),
+    (KeyboardInterrupt(), 130, "error: interrupted"),
+    (KeyboardInterrupt("one map is done"), 130, "error: interrupted; one map is done"),
+    (RuntimeError("a bug"), 70, "error: internal error"),
+    (PermissionError(13, "Permission denied"), 70, "error: internal error"),
+    *(
+        (OSError(number, "x"), 4, "error: a system resource is exhausted: x")
+        for number in (errno.EAGAIN, errno.ENOMEM, errno.ENFILE, errno.EMFILE)
+    ),
+])  # fmt: skip
 def test_what_else_may_end_a_command_has_its_code(command, monkeypatch, problem, code, line):
     def fail(*_, **__):
         raise problem

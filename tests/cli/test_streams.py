@@ -78,20 +78,17 @@ def test_the_pipes_of_the_docs_give_the_bytes_of_files(sh):
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
-@pytest.mark.parametrize(
-    "line",
-    [
-        "active {} --margin 1", "potential {} --goal 2,-1.2", "cost {}", "inflate {}", "esdf {}",
-        "convert {}", "convert {} --encoding costmap2d",
-        "window {} --corner 1.5,-1.5 --size 0.5,0.6", "shift {} --origin 1.9,-1.6",
-        "rotate {} --yaw 0.5", "rescale {} --resolution 0.1",
-        "edit polygon {} --point 1.6,-1.5 --point 2.5,-1.5 --point 2.2,-0.8 --value 100",
-        "edit line {} --point 1.6,-1.5 --point 2.5,-1 --value 50",
-        "edit circle {} --point 2,-1.2 --radius 0.3 --value 0",
-        "edit reset {} --corner 1.6,-1.5 --size 0.5,0.5", "unpack {}",
-        "cost m.yaml --mask {}", "window m.yaml --like {}",
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("line", [
+    "active {} --margin 1", "potential {} --goal 2,-1.2", "cost {}", "inflate {}", "esdf {}",
+    "convert {}", "convert {} --encoding costmap2d",
+    "window {} --corner 1.5,-1.5 --size 0.5,0.6", "shift {} --origin 1.9,-1.6",
+    "rotate {} --yaw 0.5", "rescale {} --resolution 0.1",
+    "edit polygon {} --point 1.6,-1.5 --point 2.5,-1.5 --point 2.2,-0.8 --value 100",
+    "edit line {} --point 1.6,-1.5 --point 2.5,-1 --value 50",
+    "edit circle {} --point 2,-1.2 --radius 0.3 --value 0",
+    "edit reset {} --corner 1.6,-1.5 --size 0.5,0.5", "unpack {}",
+    "cost m.yaml --mask {}", "window m.yaml --like {}",
+])  # fmt: skip
 def test_every_command_with_an_npz_writes_it_to_a_pipe(sh, stdin, sent, line):
     name = "b.pbm" if line.startswith("unpack") else "m.npz"
     sh("pack m.yaml -o b.pbm")
@@ -107,14 +104,11 @@ def test_every_command_with_an_npz_writes_it_to_a_pipe(sh, stdin, sent, line):
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
-@pytest.mark.parametrize(
-    "line",
-    [
-        "info {}", "info --json {}", "query {} --at 2,-1.2", "lint {}", "lint --format json {}",
-        "route {} --from 1.7,-1.7 --to 2,-0.9", "diff {} m.yaml", "diff m.yaml {}",
-        "info m.yaml {}",
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("line", [
+    "info {}", "info --json {}", "query {} --at 2,-1.2", "lint {}", "lint --format json {}",
+    "route {} --from 1.7,-1.7 --to 2,-0.9", "diff {} m.yaml", "diff m.yaml {}",
+    "info m.yaml {}",
+])  # fmt: skip
 def test_messages_about_a_pipe_are_those_about_the_file(sh, here, stdin, line):
     of_file = sh(line.format("m.npz"))
     stdin(Path("m.npz").read_bytes())

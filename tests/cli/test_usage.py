@@ -18,46 +18,43 @@ def small(here):
         shutil.copy("m.yaml", name)
 
 
-@pytest.mark.parametrize(
-    ("line", "error", "hint"),
-    [
-        ("edit polygn m.yaml", "no such command 'polygn'", "did you mean polygon?"),
-        ("qqqq", "no such command 'qqqq'", "run mapdeal --help for usage"),
-        ("inflate m.yaml --lethal_threshold 9", "no such option: --lethal_threshold",
-         "did you mean --lethal-threshold?"),
-        ("edit reset m.yaml --szie 1,1", "no such option: --szie", "did you mean --size?"),
-        ("info m.yaml --dialect nva2", "'nva2' is not one of", "did you mean nav2?"),
-        ("inflate m.yaml --kernel sqare -o o.npz", "--kernel: must be one of disc, square",
-         "did you mean square?"),
-        ("run m.yaml -o out --set inflate.kernel=sqare", "must be one of", "did you mean square?"),
-        # options of something else; there is no --force
-        ("reach m.yaml --recipe nav2", "--recipe", "run mapdeal reach --help for usage"),
-        ("run m.yaml -o out --inflation-radius 0.3", "--inflation-radius",
-         "--set cost.inflation_radius=VALUE sets it"),
-        ("reach m.yaml --start 0,0", "no such option: --start", "did you mean --from?"),
-        ("route m.yaml --from 0,0 --goal 5,5", "no such option: --goal", "did you mean --to?"),
-        ("run m.yaml -o out --goals 5,5", "no such option: --goals", "did you mean --to?"),
-        ("query m.yaml --pose 0,0,0", "no such option: --pose", "did you mean --at?"),
-        ("query m.yaml 0,0 1,1", "extra argument", "did you mean --at 0,0 --at 1,1?"),
-        ("reach m.yaml 0,0 a=5,5 b=1,2", "extra argument",
-         "did you mean --from 0,0 --to a=5,5 --to b=1,2?"),
-        ("inflate m.yaml 0.3", "missing option '--output'", "did you mean --radius 0.3?"),
-        ("inflate m.yaml 0.3 o.npz", "missing option", "did you mean --radius 0.3 -o o.npz?"),
-        ("inflate m.yaml 0.3 -o o.npz", "extra argument", "did you mean --radius 0.3?"),
-        ("esdf m.yaml o.npz", "missing option '--output'", "did you mean -o o.npz?"),
-        ("run m.yaml out", "missing option '--output'", "did you mean -o out?"),
-        ("merge m.yaml m.yaml o.npz", "missing option", "did you mean -o o.npz?"),
-        ("mask m.yaml z.geojson out", "missing", "did you mean --file z.geojson -o out?"),
-        ("rescale m.yaml 0.1 -o o.npz", "missing option", "did you mean --resolution 0.1?"),
-        ("window m.yaml 1,1 3,3 -o o.npz", "extra", "run mapdeal window --help for usage"),
-        ("window m.yaml --at 1 1 -o o.npz", "extra",
-         "points and sizes are written X,Y, without a space"),
-        ("esdf m.yaml nothing", "missing option", "run mapdeal esdf --help for usage"),
-        ("report m.yaml --params-file p.yaml", "no such option: --params-file",
-         "mapdeal run MAP --params-file ... --report -o DIR makes the page of a robot"),
-        ("cost m.yaml -o o.npz --margin 0.3", "--margin", "run mapdeal cost --help for usage"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("line", "error", "hint"), [
+    ("edit polygn m.yaml", "no such command 'polygn'", "did you mean polygon?"),
+    ("qqqq", "no such command 'qqqq'", "run mapdeal --help for usage"),
+    ("inflate m.yaml --lethal_threshold 9", "no such option: --lethal_threshold",
+     "did you mean --lethal-threshold?"),
+    ("edit reset m.yaml --szie 1,1", "no such option: --szie", "did you mean --size?"),
+    ("info m.yaml --dialect nva2", "'nva2' is not one of", "did you mean nav2?"),
+    ("inflate m.yaml --kernel sqare -o o.npz", "--kernel: must be one of disc, square",
+     "did you mean square?"),
+    ("run m.yaml -o out --set inflate.kernel=sqare", "must be one of", "did you mean square?"),
+    # options of something else; there is no --force
+    ("reach m.yaml --recipe nav2", "--recipe", "run mapdeal reach --help for usage"),
+    ("run m.yaml -o out --inflation-radius 0.3", "--inflation-radius",
+     "--set cost.inflation_radius=VALUE sets it"),
+    ("reach m.yaml --start 0,0", "no such option: --start", "did you mean --from?"),
+    ("route m.yaml --from 0,0 --goal 5,5", "no such option: --goal", "did you mean --to?"),
+    ("run m.yaml -o out --goals 5,5", "no such option: --goals", "did you mean --to?"),
+    ("query m.yaml --pose 0,0,0", "no such option: --pose", "did you mean --at?"),
+    ("query m.yaml 0,0 1,1", "extra argument", "did you mean --at 0,0 --at 1,1?"),
+    ("reach m.yaml 0,0 a=5,5 b=1,2", "extra argument",
+     "did you mean --from 0,0 --to a=5,5 --to b=1,2?"),
+    ("inflate m.yaml 0.3", "missing option '--output'", "did you mean --radius 0.3?"),
+    ("inflate m.yaml 0.3 o.npz", "missing option", "did you mean --radius 0.3 -o o.npz?"),
+    ("inflate m.yaml 0.3 -o o.npz", "extra argument", "did you mean --radius 0.3?"),
+    ("esdf m.yaml o.npz", "missing option '--output'", "did you mean -o o.npz?"),
+    ("run m.yaml out", "missing option '--output'", "did you mean -o out?"),
+    ("merge m.yaml m.yaml o.npz", "missing option", "did you mean -o o.npz?"),
+    ("mask m.yaml z.geojson out", "missing", "did you mean --file z.geojson -o out?"),
+    ("rescale m.yaml 0.1 -o o.npz", "missing option", "did you mean --resolution 0.1?"),
+    ("window m.yaml 1,1 3,3 -o o.npz", "extra", "run mapdeal window --help for usage"),
+    ("window m.yaml --at 1 1 -o o.npz", "extra",
+     "points and sizes are written X,Y, without a space"),
+    ("esdf m.yaml nothing", "missing option", "run mapdeal esdf --help for usage"),
+    ("report m.yaml --params-file p.yaml", "no such option: --params-file",
+     "mapdeal run MAP --params-file ... --report -o DIR makes the page of a robot"),
+    ("cost m.yaml -o o.npz --margin 0.3", "--margin", "run mapdeal cost --help for usage"),
+])  # fmt: skip
 def test_a_mistyped_word_gets_what_was_meant(sh, line, error, hint):
     code, out, err = sh(line)
     first, second = err.splitlines()
@@ -90,18 +87,15 @@ def test_a_point_in_the_place_of_a_file_gets_its_option(sh, line, hint):
     assert sh.err(line, 4).splitlines()[-1] == f"hint: {hint}"
 
 
-@pytest.mark.parametrize(
-    ("line", "endings"),
-    [
-        ("convert m.yaml",
-         ".yaml, .npz, .pgm, .png, .geojson, .svg, .sdf, .stl, .obj, .bag, .mcap or .db3"),
-        ("edit reset m.yaml --size 1,1 --at 0,0", ".yaml, .npz, .pgm, .png or .pbm"),
-        ("clean m.yaml", ".yaml, .npz, .pgm or .png"),
-        ("esdf m.yaml", ".yaml, .npz or .npy"),
-        ("inflate m.yaml", ".yaml or .npz"),
-        ("potential m.yaml --goal 0,0", ".npz"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("line", "endings"), [
+    ("convert m.yaml",
+     ".yaml, .npz, .pgm, .png, .geojson, .svg, .sdf, .stl, .obj, .bag, .mcap or .db3"),
+    ("edit reset m.yaml --size 1,1 --at 0,0", ".yaml, .npz, .pgm, .png or .pbm"),
+    ("clean m.yaml", ".yaml, .npz, .pgm or .png"),
+    ("esdf m.yaml", ".yaml, .npz or .npy"),
+    ("inflate m.yaml", ".yaml or .npz"),
+    ("potential m.yaml --goal 0,0", ".npz"),
+])  # fmt: skip
 def test_an_unknown_ending_gets_those_that_the_command_writes(sh, line, endings):
     told = sh.err(f"{line} -o o.foo", 2)
     assert told.splitlines()[0].endswith(f" output must end in {endings}")

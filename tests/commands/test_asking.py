@@ -144,15 +144,12 @@ def bash(line):
     return subprocess.run(["bash", "-c", line], capture_output=True, text=True, timeout=120)
 
 
-@pytest.mark.parametrize(
-    ("words", "lines", "key", "message"),
-    [
-        ("query room.yaml --points -", ["1.55,-1.9", "1.6,-1.9"], "inside", ""),
-        ("query room.yaml --robot-radius 0.05 --poses -", ["1.6 -1.9 0.5"] * 2, "yaw", ""),
-        ("route hall.yaml --compare plain --pairs -", ["1,1,5,1", "1,3,5,3"], "reached",
-         "means of 2 pairs"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("words", "lines", "key", "message"), [
+    ("query room.yaml --points -", ["1.55,-1.9", "1.6,-1.9"], "inside", ""),
+    ("query room.yaml --robot-radius 0.05 --poses -", ["1.6 -1.9 0.5"] * 2, "yaw", ""),
+    ("route hall.yaml --compare plain --pairs -", ["1,1,5,1", "1,3,5,3"], "reached",
+     "means of 2 pairs"),
+])  # fmt: skip
 @pytest.mark.usefixtures("room", "hall")
 def test_standard_input_is_answered_at_once(words, lines, key, message):
     with subprocess.Popen(
@@ -248,13 +245,10 @@ def test_route_takes_costs_as_they_are(sh, hall):
     assert sh(f"{line} --robot-radius 0.3")[0] == 2
 
 
-@pytest.mark.parametrize(
-    ("radius", "code"),
-    [
-        *((0.5, 0), (0.599, 0), (0.6, 1), (0.9, 1)),  # 12 cells from the wall's end to the edge
-        (1.3, 2),  # the start is 1.05 m from the edge
-    ],
-)
+@pytest.mark.parametrize(("radius", "code"), [
+    *((0.5, 0), (0.599, 0), (0.6, 1), (0.9, 1)),  # 12 cells from the wall's end to the edge
+    (1.3, 2),  # the start is 1.05 m from the edge
+])  # fmt: skip
 def test_route_and_reach_know_the_robot_s_size(sh, hall, radius, code):
     found, out, _ = sh(f"route hall.yaml {ENDS} --robot-radius {radius}")
     assert found == code
@@ -517,16 +511,13 @@ def test_costs_at_poses_are_those_of_the_library(answers_to, costmap):
 FREE, HIT, UNKNOWN = (0, "free"), (254, "collision"), (255, "unknown")
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        ("", [HIT, HIT, UNKNOWN, FREE]),  # stands over the obstacle
-        ("--rule outline", [HIT, HIT, UNKNOWN, FREE]),
-        ("--rule full", [HIT, HIT, UNKNOWN, HIT]),
-        ("--unknown free", [HIT, HIT, FREE, FREE]),
-        ("--unknown occupied", [HIT, HIT, HIT, FREE]),
-    ],
-)
+@pytest.mark.parametrize(("words", "expected"), [
+    ("", [HIT, HIT, UNKNOWN, FREE]),  # stands over the obstacle
+    ("--rule outline", [HIT, HIT, UNKNOWN, FREE]),
+    ("--rule full", [HIT, HIT, UNKNOWN, HIT]),
+    ("--unknown free", [HIT, HIT, FREE, FREE]),
+    ("--unknown occupied", [HIT, HIT, HIT, FREE]),
+])  # fmt: skip
 def test_all_states_and_rules_of_a_map(answers_to, room, words, expected):
     robot = "[[0.14,0.1],[0.14,-0.1],[-0.14,-0.1],[-0.14,0.1]]"
     poses = at(poses_at(room, (1.5, 4.5, 0), (1.5, 3.5, 0), (2.5, 5.5, 0), (2.5, 1.5, 0)))

@@ -72,22 +72,18 @@ def test_every_kind_of_source_gives_the_same_map(sh, run):
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
-@pytest.mark.parametrize(
-    ("words", "options"),
-    [
-        (
-            OF_LOG_ODDS,
-            {"resolution": 0.1, "size": (5, 3), "origin": (0.25, -0.5), "range_min": 0.5,
-             "range_max": 4, "clear_max": 2, "log_free": -0.5, "log_occ": 0.9, "log_min": 20,
-             "log_max": 90, "values": True},
-        ),
-        ("--method counting --ratio 0.1", {"method": "counting", "ratio": 0.1}),
-        ("--method tsdf --truncation 4", {"method": "tsdf", "truncation": 4}),
-        ("--method tsdf --truncation-behind 3", {"method": "tsdf", "truncation_behind": 3}),
-        ("--method tsdf --as-written", {"method": "tsdf", "as_written": True}),
-    ],
-    ids=["log-odds", "ratio", "truncation", "behind", "as written"],
-)  # fmt: skip
+@pytest.mark.parametrize(("words", "options"), [
+    (
+        OF_LOG_ODDS,
+        {"resolution": 0.1, "size": (5, 3), "origin": (0.25, -0.5), "range_min": 0.5,
+         "range_max": 4, "clear_max": 2, "log_free": -0.5, "log_occ": 0.9, "log_min": 20,
+         "log_max": 90, "values": True},
+    ),
+    ("--method counting --ratio 0.1", {"method": "counting", "ratio": 0.1}),
+    ("--method tsdf --truncation 4", {"method": "tsdf", "truncation": 4}),
+    ("--method tsdf --truncation-behind 3", {"method": "tsdf", "truncation_behind": 3}),
+    ("--method tsdf --as-written", {"method": "tsdf", "as_written": True}),
+], ids=["log-odds", "ratio", "truncation", "behind", "as written"])  # fmt: skip
 def test_options_reach_the_method_the_grid_and_python(sh, run, words, options):
     sh(f"build hall.log -o m.npz --layers l.npz {words}")
     built, found = build_map_from_log("hall.log", **options), read_map("m.npz")

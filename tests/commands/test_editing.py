@@ -128,18 +128,15 @@ def test_the_obstacles_in_bits_and_back(sh, room):
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ("", [0, 3, 127, 251, 254, 255]),  # round(2.54 v)
-        ("--static-layer", [0, 0, 0, 253, 254, 255]),
-        ("--static-layer --no-trinary-costmap", [0, 2, 127, 253, 254, 255]),
-        ("--static-layer --lethal-threshold 50", [0, 0, 254, 253, 254, 255]),
-        ("--static-layer --no-track-unknown", [0, 0, 0, 253, 254, 0]),
-        ("--static-layer --inscribed-value none", [0, 0, 0, 0, 254, 255]),
-        ("--static-layer --inscribed-value 50", [0, 0, 253, 0, 254, 255]),
-    ],
-)
+@pytest.mark.parametrize(("options", "expected"), [
+    ("", [0, 3, 127, 251, 254, 255]),  # round(2.54 v)
+    ("--static-layer", [0, 0, 0, 253, 254, 255]),
+    ("--static-layer --no-trinary-costmap", [0, 2, 127, 253, 254, 255]),
+    ("--static-layer --lethal-threshold 50", [0, 0, 254, 253, 254, 255]),
+    ("--static-layer --no-track-unknown", [0, 0, 0, 253, 254, 0]),
+    ("--static-layer --inscribed-value none", [0, 0, 0, 0, 254, 255]),
+    ("--static-layer --inscribed-value 50", [0, 0, 253, 0, 254, 255]),
+])  # fmt: skip
 def test_a_map_as_costs(sh, options, expected):
     write_map("m.yaml", mapdeal.OccupancyGrid([[0, 1, 50, 99, 100, -1]], 0.25))
     assert sh(f"convert m.yaml -o c.npz --encoding costmap2d {options}")[0] == 0

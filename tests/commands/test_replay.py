@@ -103,27 +103,24 @@ def test_a_replay_warns_of_heights_that_drop_every_reading(replay):
 INFINITE = float("inf")
 
 
-@pytest.mark.parametrize(
-    ("readings", "settings", "place", "reason"),
-    [
-        ([1.55, INFINITE, INFINITE], {}, "2.55,2.05", "4 infinite (inf_is_valid: false)"),
-        ([1.55, INFINITE], {"source": ", inf_is_valid: true"}, "2.55,2.05",
-         "freed at 1700000001.000000000 s by a ray of /scan"),
-        ([1.55, INFINITE], {"source": ", inf_is_valid: true, raytrace_max_range: 1.0"}, "2.55,2.05",
-         "2 beyond raytrace_max_range 1 m"),
-        ([2.25, 9.0], {"source": ", raytrace_max_range: 1.5"}, "3.25,2.05",
-         "beyond raytrace_max_range 1.5 m"),
-        ([1.55, 1.0], {}, "2.55,2.05", "ended before it"),
-        ([9.0, 1.55], {}, "2.55,2.05", "(range 1.550 m, height 0.200 m); no observation since"),
-        ([1.55], {"source": ", min_obstacle_height: 0.3"}, "2.55,2.05",
-         "none marked it: 2 below min_obstacle_height 0.3 of scan"),
-        ([2.75], {}, "3.75,2.05", "beyond obstacle_max_range 2.5 m"),
-        ([1.55], {"source": ", marking: false"}, "2.55,2.05", "marking: false of scan"),
-        ([1.55, 9.0], {"layer": "VoxelLayer"}, "2.55,2.05", "freed at 1700000001"),
-        ([1.0], {}, "-1.05,2.05", "no reading ended in it"),
-        ([1.0], {}, "11,2", "lies outside of the costmap"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("readings", "settings", "place", "reason"), [
+    ([1.55, INFINITE, INFINITE], {}, "2.55,2.05", "4 infinite (inf_is_valid: false)"),
+    ([1.55, INFINITE], {"source": ", inf_is_valid: true"}, "2.55,2.05",
+     "freed at 1700000001.000000000 s by a ray of /scan"),
+    ([1.55, INFINITE], {"source": ", inf_is_valid: true, raytrace_max_range: 1.0"}, "2.55,2.05",
+     "2 beyond raytrace_max_range 1 m"),
+    ([2.25, 9.0], {"source": ", raytrace_max_range: 1.5"}, "3.25,2.05",
+     "beyond raytrace_max_range 1.5 m"),
+    ([1.55, 1.0], {}, "2.55,2.05", "ended before it"),
+    ([9.0, 1.55], {}, "2.55,2.05", "(range 1.550 m, height 0.200 m); no observation since"),
+    ([1.55], {"source": ", min_obstacle_height: 0.3"}, "2.55,2.05",
+     "none marked it: 2 below min_obstacle_height 0.3 of scan"),
+    ([2.75], {}, "3.75,2.05", "beyond obstacle_max_range 2.5 m"),
+    ([1.55], {"source": ", marking: false"}, "2.55,2.05", "marking: false of scan"),
+    ([1.55, 9.0], {"layer": "VoxelLayer"}, "2.55,2.05", "freed at 1700000001"),
+    ([1.0], {}, "-1.05,2.05", "no reading ended in it"),
+    ([1.0], {}, "11,2", "lies outside of the costmap"),
+])  # fmt: skip
 def test_why_names_what_marked_a_cell_or_why_nothing_did(replay, readings, settings, place, reason):
     code, out, _ = replay(readings, f"--why={place}", "-q", **settings)
     assert code == 0

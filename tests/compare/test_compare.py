@@ -220,15 +220,12 @@ def scored(states, cell=0.1):
     return score.score_alone(states, Frame(*states.shape, cell, (1.0, -2.0, 0.4)))
 
 
-@pytest.mark.parametrize(
-    ("cells", "state", "areas"),
-    [
-        (np.s_[0, 0], UNKNOWN, 3),  # nothing
-        (np.s_[4:6, 18], FREE, 2),  # a door outside
-        (np.s_[8, 14], FREE, 2),  # from room to room
-        (np.s_[5, 18], UNKNOWN, 2),  # nobody knows whether it is closed
-    ],
-)
+@pytest.mark.parametrize(("cells", "state", "areas"), [
+    (np.s_[0, 0], UNKNOWN, 3),  # nothing
+    (np.s_[4:6, 18], FREE, 2),  # a door outside
+    (np.s_[8, 14], FREE, 2),  # from room to room
+    (np.s_[5, 18], UNKNOWN, 2),  # nobody knows whether it is closed
+])  # fmt: skip
 def test_three_closed_rooms_are_three_areas_and_a_door_outside_opens_one(cells, state, areas):
     states = rooms()
     states[cells] = state
@@ -326,14 +323,11 @@ def test_every_figure_has_a_name_but_the_map_s_size():
     assert set(figures_named(with_truth=True)) == set(flat(values)) - {"cells"}
 
 
-@pytest.mark.parametrize(
-    ("side", "allowed", "found", "holds"),
-    [
-        ("max", 0.3, 0.30000000000000004, True), ("max", 0.3, 0.3001, False),
-        ("max", 0.0, 1e-12, False), ("max", 1.0, None, False),
-        ("min", 0.9, 0.9, True), ("min", 0.9, 0.8999, False), ("min", -0.5, -0.4, True),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("side", "allowed", "found", "holds"), [
+    ("max", 0.3, 0.30000000000000004, True), ("max", 0.3, 0.3001, False),
+    ("max", 0.0, 1e-12, False), ("max", 1.0, None, False),
+    ("min", 0.9, 0.9, True), ("min", 0.9, 0.8999, False), ("min", -0.5, -0.4, True),
+])  # fmt: skip
 def test_a_bound_holds(side, allowed, found, holds):
     assert ScoreBound("coverage", side, allowed, found).holds is holds
 

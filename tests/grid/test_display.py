@@ -155,27 +155,23 @@ def test_a_value_of_a_public_type_is_shown_in_one_line(name):
     assert name in text
 
 
-@pytest.mark.parametrize(
-    ("name", "expected"),
-    [
-        ("OccupancyGrid", f"{PLACE}, 1 in 1..99, 2 occupied, 11 free, 1 unknown"),
-        ("BitMap", f"{PLACE}, 2 ones"),
-        # 10 of 15 cells are open, 6 of them right of the first two columns; a cell has 1/16 m2
-        ("Reach", f"{PLACE}, {START}, reaches 0.375 of 0.625 m2, 0 of 1 goal, 1 passage"),
-        ("Passage", "0.8 m at (1.5, -2), closed, 12.25 m2 behind it"),
-        # The farthest cell is a row and three columns away: sqrt(10) cells.
-        ("DistanceField", f"{PLACE}, convention fast-planner, 0 .. 0.790569 m, 2 obstacle cells"),
-        # all cells within two cells: two on the left, one on the right, and three below
-        ("Costmap",
-         f"{PLACE}, scale costmap2d, 2 lethal, 0 inscribed, 9 intermediate, 3 free, 1 unknown"),
-        ("FieldView",
-         f"{PLACE}, view metric, 0 at 2 m, 12 in 1..99, 2 occupied, 0 free, 1 unknown"),
-        ("Merged", "2 maps, 4 x 1 cells, 1 conflict"),
-        ("MapCounts", "3 known, 3 in common, 1 added, 1 conflict, 1 of 1 walls met"),
-        ("RobotParameters", f"/a/local_costmap, {RADII}, static, inflation"),
-        ("LintReport", "1 map: 0 errors, 1 warning, 0 notes"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "expected"), [
+    ("OccupancyGrid", f"{PLACE}, 1 in 1..99, 2 occupied, 11 free, 1 unknown"),
+    ("BitMap", f"{PLACE}, 2 ones"),
+    # 10 of 15 cells are open, 6 of them right of the first two columns; a cell has 1/16 m2
+    ("Reach", f"{PLACE}, {START}, reaches 0.375 of 0.625 m2, 0 of 1 goal, 1 passage"),
+    ("Passage", "0.8 m at (1.5, -2), closed, 12.25 m2 behind it"),
+    # The farthest cell is a row and three columns away: sqrt(10) cells.
+    ("DistanceField", f"{PLACE}, convention fast-planner, 0 .. 0.790569 m, 2 obstacle cells"),
+    # all cells within two cells: two on the left, one on the right, and three below
+    ("Costmap",
+     f"{PLACE}, scale costmap2d, 2 lethal, 0 inscribed, 9 intermediate, 3 free, 1 unknown"),
+    ("FieldView", f"{PLACE}, view metric, 0 at 2 m, 12 in 1..99, 2 occupied, 0 free, 1 unknown"),
+    ("Merged", "2 maps, 4 x 1 cells, 1 conflict"),
+    ("MapCounts", "3 known, 3 in common, 1 added, 1 conflict, 1 of 1 walls met"),
+    ("RobotParameters", f"/a/local_costmap, {RADII}, static, inflation"),
+    ("LintReport", "1 map: 0 errors, 1 warning, 0 notes"),
+])  # fmt: skip
 def test_the_line_describes_the_grid(name, expected):
     assert repr(SAMPLES[name]) == f"{name}({expected})"
 
@@ -187,20 +183,16 @@ FULL = mapdeal.esdf(grid_from_text("###"))
 ROW = mapdeal.esdf(mapdeal.OccupancyGrid([[100, 0, 0, 0]], resolution=0.5))
 
 
-@pytest.mark.parametrize(
-    ("value", "expected"),
-    [
-        (FREE, r"DistanceField\(3 x 1 .* convention fast-planner, no obstacle\)"),
-        (FULL, r"DistanceField\(.*convention fast-planner, nothing but obstacles\)"),
-        (CLIPPED, r".*, strength 2, max_distance 0\.3 m, .*"),
-        (WIDE, r"DistanceField\(8 x 9 cells, .*0 \.\. 0\.790569 m, 2 obstacle cells\)"),
-        (ROW.query([1, 0.25]), r"FieldSamples\(1 point, 1 inside, .* 0\.75 m, gradient \(1, 0\)\)"),
-        (ROW.query([[9, 9]]), r"FieldSamples\(1 point, 0 inside\)"),
-        (ROW.query([[1.0, 0.25], [1.25, 0.25], [9, 9]]),
-         r"FieldSamples\(3 points, 2 inside, distance 0\.75 \.\. 1 m\)"),
-    ],
-    ids=["free", "full", "clipped", "part", "sample", "outside", "samples"],
-)  # fmt: skip
+@pytest.mark.parametrize(("value", "expected"), [
+    (FREE, r"DistanceField\(3 x 1 .* convention fast-planner, no obstacle\)"),
+    (FULL, r"DistanceField\(.*convention fast-planner, nothing but obstacles\)"),
+    (CLIPPED, r".*, strength 2, max_distance 0\.3 m, .*"),
+    (WIDE, r"DistanceField\(8 x 9 cells, .*0 \.\. 0\.790569 m, 2 obstacle cells\)"),
+    (ROW.query([1, 0.25]), r"FieldSamples\(1 point, 1 inside, .* 0\.75 m, gradient \(1, 0\)\)"),
+    (ROW.query([[9, 9]]), r"FieldSamples\(1 point, 0 inside\)"),
+    (ROW.query([[1.0, 0.25], [1.25, 0.25], [9, 9]]),
+     r"FieldSamples\(3 points, 2 inside, distance 0\.75 \.\. 1 m\)"),
+], ids=["free", "full", "clipped", "part", "sample", "outside", "samples"])  # fmt: skip
 def test_fields_and_their_samples_say_what_is_special_about_them(value, expected):
     assert re.fullmatch(expected, repr(value))
 
@@ -227,13 +219,10 @@ def test_importing_the_package_loads_nothing_of_it_and_pictures_no_scipy():
     assert out.stdout.split() == ["['mapdeal.version']", "[]"]
 
 
-@pytest.mark.parametrize(
-    ("number", "text"),
-    [
-        (275_812.4, "275,800"), (9999.6, "10,000"), (1234.5, "1,234"), (29.354, "29.35"),
-        (0.00001234, "0.00001234"), (100.0, "100"), (0.0, "0"), (float("inf"), "inf"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("number", "text"), [
+    (275_812.4, "275,800"), (9999.6, "10,000"), (1234.5, "1,234"), (29.354, "29.35"),
+    (0.00001234, "0.00001234"), (100.0, "100"), (0.0, "0"), (float("inf"), "inf"),
+])  # fmt: skip
 def test_areas_in_texts_have_four_digits_and_no_exponent(number, text):
     assert decimal_text(number) == text
     assert float(text.replace(",", "")) == pytest.approx(number, rel=5e-4)

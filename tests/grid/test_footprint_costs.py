@@ -91,16 +91,13 @@ def test_the_side_of_a_cell_is_the_float32_of_a_map_message():
     assert footprint_costs(costs, robot, poses).tolist() == [159, 160, 199]
 
 
-@pytest.mark.parametrize(
-    ("shape", "inscribed", "circumscribed"),
-    [
-        # edges at x = 0.4, -0.2 and y = +-0.25; the farthest corner is (0.4, 0.25)
-        (Footprint.polygon([[0.4, 0.25], [0.4, 0.25], [0.4, -0.25], [-0.2, -0.25], [-0.2, 0.25]]),
-         0.2, math.hypot(0.4, 0.25)),
-        (Footprint.circle(0.25).padded(0.05), 0.3, 0.3),
-        (Footprint.sixteen_gon(0.5), 0.5 * math.cos(math.pi / 16), 0.5),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("shape", "inscribed", "circumscribed"), [
+    # edges at x = 0.4, -0.2 and y = +-0.25; the farthest corner is (0.4, 0.25)
+    (Footprint.polygon([[0.4, 0.25], [0.4, 0.25], [0.4, -0.25], [-0.2, -0.25], [-0.2, 0.25]]),
+     0.2, math.hypot(0.4, 0.25)),
+    (Footprint.circle(0.25).padded(0.05), 0.3, 0.3),
+    (Footprint.sixteen_gon(0.5), 0.5 * math.cos(math.pi / 16), 0.5),
+])  # fmt: skip
 def test_radii_by_hand(shape, inscribed, circumscribed):
     assert shape.inscribed_radius == pytest.approx(inscribed)
     assert shape.circumscribed_radius == pytest.approx(circumscribed)

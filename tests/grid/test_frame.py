@@ -130,16 +130,13 @@ def test_a_grid_cannot_be_changed():
 UPRIGHT = Frame(5, 8, 0.5, (1.0, -2.0, 0.0))
 
 
-@pytest.mark.parametrize(
-    ("contents", "region"),
-    [
-        (Frame(2, 3, 0.5, (2.0, -2.5, 0.0)), Region(-1, 2, 2, 3)),
-        # borders that differ by rounding are the same, others take one more cell
-        (Frame(2, 3, 0.5, (2.0 - 1e-8, -2.5 + 1e-8, 0.0)), Region(-1, 2, 2, 3)),
-        (Frame(2, 3, 0.5, (2.1, -2.4, 0.0)), Region(-1, 2, 3, 4)),
-        (Frame(2, 3, 0.5, (2.0, -1.0, math.pi / 2)), Region(2, 0, 3, 2)),  # rows go to the left
-    ],
-)
+@pytest.mark.parametrize(("contents", "region"), [
+    (Frame(2, 3, 0.5, (2.0, -2.5, 0.0)), Region(-1, 2, 2, 3)),
+    # borders that differ by rounding are the same, others take one more cell
+    (Frame(2, 3, 0.5, (2.0 - 1e-8, -2.5 + 1e-8, 0.0)), Region(-1, 2, 2, 3)),
+    (Frame(2, 3, 0.5, (2.1, -2.4, 0.0)), Region(-1, 2, 3, 4)),
+    (Frame(2, 3, 0.5, (2.0, -1.0, math.pi / 2)), Region(2, 0, 3, 2)),  # rows go to the left
+])  # fmt: skip
 def test_the_cells_around_another_grid(contents, region):
     assert region_around(UPRIGHT, contents) == region
 

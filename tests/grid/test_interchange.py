@@ -135,13 +135,10 @@ def test_updates_change_the_map_that_they_belong_to():
             from_msg(wrong, onto=onto)
 
 
-@pytest.mark.parametrize(
-    "message",
-    [
-        {}, 3, {"info": {}, "data": []}, {**MAP.to_msg(), "data": [0]},
-        {**MAP.to_msg(), "data": [101] * 8}, {"x": 0, "y": 0, "width": 2, "height": 1, "data": [1]},
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("message", [
+    {}, 3, {"info": {}, "data": []}, {**MAP.to_msg(), "data": [0]},
+    {**MAP.to_msg(), "data": [101] * 8}, {"x": 0, "y": 0, "width": 2, "height": 1, "data": [1]},
+])  # fmt: skip
 def test_what_is_no_grid_is_refused_in_one_line(message):
     with pytest.raises(mapdeal.MalformedInputError):
         from_msg(message, onto=MAP)

@@ -119,18 +119,12 @@ def test_a_door_is_open_below_half_its_width_and_tight_up_to_a_margin(radius, ma
         assert [door.is_open for door in doors] == are_open
 
 
-@pytest.mark.parametrize(
-    ("reached", "expected"),
-    [
-        (
-            88,
-            [(3, True)],
-        ),  # of passages that it can pass only those within the margin are reported,
-        (66, [(3, False)]),  # and of passages that it cannot pass only those that it reaches
-        (44, [(4, False)]),
-        (22, [(4, False)]),
-    ],
-)
+@pytest.mark.parametrize(("reached", "expected"), [
+    (88, [(3, True)]),  # of passages that it can pass only those within the margin are reported,
+    (66, [(3, False)]),  # and of passages that it cannot pass only those that it reaches
+    (44, [(4, False)]),
+    (22, [(4, False)]),
+])  # fmt: skip
 def test_a_robot_that_turns_is_stopped_where_it_does_not_get_through(reached, expected):
     grid = rooms(7, 7, 5)  # doors of 4, 4 and 3 cells to each side: 0.28, 0.28, 0.21 m
     is_reached = open_cells(clearances_of(grid), 0.15) & (np.arange(grid.shape[1]) < reached)
@@ -481,13 +475,10 @@ def test_a_distance_of_the_radius_itself_is_closed(resolution):
         assert largest_closed_square(radius, frame) == count**2
 
 
-@pytest.mark.parametrize(
-    ("frame", "within"),
-    [
-        (Frame(3, 5, 0.5, (2.0, 1.0, math.pi / 2)), "x 0.5 .. 2, y 1 .. 3.5"),
-        (Frame(2, 2, 0.5, (-0.5 - 1e-9, -1e-9, 0.0)), "x -0.5 .. 0.5, y 0 .. 1"),  # no zero below 0
-    ],
-)
+@pytest.mark.parametrize(("frame", "within"), [
+    (Frame(3, 5, 0.5, (2.0, 1.0, math.pi / 2)), "x 0.5 .. 2, y 1 .. 3.5"),
+    (Frame(2, 2, 0.5, (-0.5 - 1e-9, -1e-9, 0.0)), "x -0.5 .. 0.5, y 0 .. 1"),  # no zero below 0
+])  # fmt: skip
 def test_cells_of_points_and_where_the_map_lies(frame, within):
     corner = tuple(frame.xy_from_continuous_rowcol([[0.1, 0.1]])[0])
     assert cell_of_point(frame, corner, "start") == (0, 0)

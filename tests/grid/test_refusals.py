@@ -97,30 +97,26 @@ def test_values_that_are_none_are_refused(value, call, words):
         call(value)
 
 
-@pytest.mark.parametrize(
-    ("shape", "points", "words"),
-    [
-        (Polygon, [(0, 0), (1, 1)], "three vertices"),
-        (Polygon, [(0, 0), (1, 1), (math.nan, 0)], "polygon vertex 3"),
-        (Polygon, [(0, 0), (math.inf, 1), (0, 2)], "polygon vertex 2"),
-        (Polygon, [(0, 0), (1, 1), (1, 2, 3)], "polygon vertex 3"),
-        (Polygon, [(0, 0), (2, 2), (2, 0), (0, 2)], "polygon vertex 1.*vertex 3"),
-        (Polygon, [(0, 0), (1, 1), (1, 0), (0, 1e-6)], "vertex 1"),
-        (Polygon, [(5e5, 0), (5e5 + 1, 1), (5e5 + 1, 0), (5e5, 0.01)], "crosses"),
-        (lambda hole: Polygon([(0, 0), (9, 0), (0, 9)], [hole]), [(1, 1), (2, 2)], "hole"),
-        (Polygon, None, "list of vertices"),
-        (Polygon, [(0, 0), (1, 1), None], "pair of numbers"),
-        (Line, [(0, 0)], "two vertices"),
-        *[(lambda width: Line([(0, 0), (1, 1)], thickness=width), width, "thickness")
-          for width in (-1, math.nan, "a")],
-        (lambda center: Circle(center, 1), (0, math.nan), "circle vertex 1"),
-        (lambda center: Circle(center, 1), 3, "pair of numbers"),
-        *[(lambda radius: Circle((0, 0), radius), radius, "radius")
-          for radius in (-0.1, math.inf, None)],
-        (Footprint.sixteen_gon, 0.0, "radius"),
-    ],
-    ids=lambda parameter: None if callable(parameter) else repr(parameter)[:40],
-)  # fmt: skip
+@pytest.mark.parametrize(("shape", "points", "words"), [
+    (Polygon, [(0, 0), (1, 1)], "three vertices"),
+    (Polygon, [(0, 0), (1, 1), (math.nan, 0)], "polygon vertex 3"),
+    (Polygon, [(0, 0), (math.inf, 1), (0, 2)], "polygon vertex 2"),
+    (Polygon, [(0, 0), (1, 1), (1, 2, 3)], "polygon vertex 3"),
+    (Polygon, [(0, 0), (2, 2), (2, 0), (0, 2)], "polygon vertex 1.*vertex 3"),
+    (Polygon, [(0, 0), (1, 1), (1, 0), (0, 1e-6)], "vertex 1"),
+    (Polygon, [(5e5, 0), (5e5 + 1, 1), (5e5 + 1, 0), (5e5, 0.01)], "crosses"),
+    (lambda hole: Polygon([(0, 0), (9, 0), (0, 9)], [hole]), [(1, 1), (2, 2)], "hole"),
+    (Polygon, None, "list of vertices"),
+    (Polygon, [(0, 0), (1, 1), None], "pair of numbers"),
+    (Line, [(0, 0)], "two vertices"),
+    *[(lambda width: Line([(0, 0), (1, 1)], thickness=width), width, "thickness")
+      for width in (-1, math.nan, "a")],
+    (lambda center: Circle(center, 1), (0, math.nan), "circle vertex 1"),
+    (lambda center: Circle(center, 1), 3, "pair of numbers"),
+    *[(lambda radius: Circle((0, 0), radius), radius, "radius")
+      for radius in (-0.1, math.inf, None)],
+    (Footprint.sixteen_gon, 0.0, "radius"),
+], ids=lambda parameter: None if callable(parameter) else repr(parameter)[:40])  # fmt: skip
 def test_shapes_that_are_none_are_refused_by_name(shape, points, words):
     with pytest.raises(ParameterError, match=words):
         shape(points)
@@ -134,26 +130,23 @@ def test_vertices_of_all_holes_are_counted(monkeypatch):
         Polygon(triangle, [triangle, triangle])
 
 
-@pytest.mark.parametrize(
-    ("words", "text"),
-    [
-        ("three", "[[0.1, 0.2], [0.3, 0.4]]"),
-        ("vertex 3", "[[0.1, 0.2], [0.3, 0.4], [0.5]]"),
-        ("vertex 2", "[[0.1, 0.2], [nan, 0.4], [0.5, 0.1]]"),
-        ("vertex 3", "[[0.1, 0.2], [0.3, 0.4], [1e9, 0.1]]"),
-        ("vertex 1", "[[1,1],[-1,-1],[1,-1],[-1,1]]"),
-        *[
-            ("look like", text)
-            for text in [
-                "", "0.3", "[]", "[[]]", "[" * 500, "[[" + "1" * 300, "[[" + "1." * 200 + "]]",
-                "[[1,1]" + " " * 500, "[[1,1],[2,2],[3,1]", "[1,1],[2,2],[3,1]]",
-                "[[[1,1],[2,2],[3,1]]]", "[[1,1] [2,2],[3,1]]", "[[1,1],[2,2],[3,1],]",
-                "[[1,1],[2,2],[3,1]]x", "[[1,1],[2,2],[]]", "[[1,1],[2,2],[3,]]",
-                "[[1,1],[2,2],[3 1]]", "[[1,1],[2,2],[3,1_0]]", "[[1,1],[2,2],[3,\x1b[31m1]]",
-            ]
-        ],
+@pytest.mark.parametrize(("words", "text"), [
+    ("three", "[[0.1, 0.2], [0.3, 0.4]]"),
+    ("vertex 3", "[[0.1, 0.2], [0.3, 0.4], [0.5]]"),
+    ("vertex 2", "[[0.1, 0.2], [nan, 0.4], [0.5, 0.1]]"),
+    ("vertex 3", "[[0.1, 0.2], [0.3, 0.4], [1e9, 0.1]]"),
+    ("vertex 1", "[[1,1],[-1,-1],[1,-1],[-1,1]]"),
+    *[
+        ("look like", text)
+        for text in [
+            "", "0.3", "[]", "[[]]", "[" * 500, "[[" + "1" * 300, "[[" + "1." * 200 + "]]",
+            "[[1,1]" + " " * 500, "[[1,1],[2,2],[3,1]", "[1,1],[2,2],[3,1]]",
+            "[[[1,1],[2,2],[3,1]]]", "[[1,1] [2,2],[3,1]]", "[[1,1],[2,2],[3,1],]",
+            "[[1,1],[2,2],[3,1]]x", "[[1,1],[2,2],[]]", "[[1,1],[2,2],[3,]]",
+            "[[1,1],[2,2],[3 1]]", "[[1,1],[2,2],[3,1_0]]", "[[1,1],[2,2],[3,\x1b[31m1]]",
+        ]
     ],
-)  # fmt: skip
+])  # fmt: skip
 def test_footprints_as_text_are_refused_at_once_in_printable_words(words, text):
     with pytest.raises(ParameterError, match=words) as caught:
         Footprint.parse(text)

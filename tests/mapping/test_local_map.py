@@ -21,16 +21,13 @@ def cells(grid):
 NOTHING = np.empty((0, 2))
 
 
-@pytest.mark.parametrize(
-    ("yaw_of_known", "pose", "size", "resolution", "origin", "shape"),
-    [
-        (None, (1e6, -5e6, 0), (20, 20), 0.05, (999990, -5000010, 0), (400, 400)),
-        (None, (0.3, 0.3, 0), (0.01, 0.01), 0.1, (0.2, 0.2, 0), (1, 1)),
-        (0.0, (0.5, 0.5, 0), (0.6, 0.4), 0.1, (0.13, 0.24, 0.0), (4, 6)),
-        (0.0, (0.5, 0.5, 0), (0.6, 0.4), 0.05, (0.18, 0.29, 0.0), (8, 12)),
-        (0.3, (0.5, 0.5, 0), (0.6, 0.4), 0.1, (0.2, 0.3, 0.0), (4, 6)),  # no lattice to share
-    ],
-)
+@pytest.mark.parametrize(("yaw_of_known", "pose", "size", "resolution", "origin", "shape"), [
+    (None, (1e6, -5e6, 0), (20, 20), 0.05, (999990, -5000010, 0), (400, 400)),
+    (None, (0.3, 0.3, 0), (0.01, 0.01), 0.1, (0.2, 0.2, 0), (1, 1)),
+    (0.0, (0.5, 0.5, 0), (0.6, 0.4), 0.1, (0.13, 0.24, 0.0), (4, 6)),
+    (0.0, (0.5, 0.5, 0), (0.6, 0.4), 0.05, (0.18, 0.29, 0.0), (8, 12)),
+    (0.3, (0.5, 0.5, 0), (0.6, 0.4), 0.1, (0.2, 0.3, 0.0), (4, 6)),  # no lattice to share
+])  # fmt: skip
 def test_the_window_lies_on_the_lattice_of_the_resolution_or_the_global_map(
     yaw_of_known, pose, size, resolution, origin, shape
 ):
@@ -213,13 +210,10 @@ def test_the_arc_leaves_out_the_largest_gap(angles):
         assert (angle - first + 1e-12) % turn <= last - first + 2e-12
 
 
-@pytest.mark.parametrize(
-    ("parts", "arc"),
-    [
-        ([[0.00030, 0.00031, 0.00025, 0.00028], [0.00029]], (0.00025, 0.00031)),  # of one bin
-        ([[np.nextafter(-math.pi, 0)]], (math.pi, math.pi)),  # that rounding moves across pi
-    ],
-)
+@pytest.mark.parametrize(("parts", "arc"), [
+    ([[0.00030, 0.00031, 0.00025, 0.00028], [0.00029]], (0.00025, 0.00031)),  # of one bin
+    ([[np.nextafter(-math.pi, 0)]], (math.pi, math.pi)),  # that rounding moves across pi
+])  # fmt: skip
 def test_an_arc_is_kept_to_the_last_digit(parts, arc):
     covered = CoveredAngles()
     for angles in parts:

@@ -57,24 +57,20 @@ def test_scans_that_do_not_fit_or_make_no_map_are_refused(poses, angles, ranges,
         mapdeal.build_map(poses, angles, ranges)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"frame": "odom"}, "frame"),
-        ({"offset": (1.0, NAN)}, "offset"),
-        *[({"size": bad}, "size") for bad in ((0.0, 1.0), (1.0, INF), (1e6, 1e6))],
-        ({"resolution": 0.0}, "resolution"),
-        ({"min_range": -1.0}, "min_range"),
-        ({"max_range": NAN}, "max_range"),
-        ({"min_height": 2.0, "max_height": 1.0}, "min_height"),
-        ({"max_height": 1.0}, "heights"),
-        ({"unknown": "occupied"}, "unknown"),
-        ({"raytrace_range": -0.1}, "raytrace_range"),
-        *[({"pose": bad}, "pose")
-          for bad in ((0, 0), (0, 0, NAN), (INF, 0, 0), (1e13, 0, 0), "abc")],
-        *[({"points": bad}, "points") for bad in ([1.0, 2.0], [[1.0]], np.zeros((2, 2, 2)))],
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("options", "message"), [
+    ({"frame": "odom"}, "frame"),
+    ({"offset": (1.0, NAN)}, "offset"),
+    *[({"size": bad}, "size") for bad in ((0.0, 1.0), (1.0, INF), (1e6, 1e6))],
+    ({"resolution": 0.0}, "resolution"),
+    ({"min_range": -1.0}, "min_range"),
+    ({"max_range": NAN}, "max_range"),
+    ({"min_height": 2.0, "max_height": 1.0}, "min_height"),
+    ({"max_height": 1.0}, "heights"),
+    ({"unknown": "occupied"}, "unknown"),
+    ({"raytrace_range": -0.1}, "raytrace_range"),
+    *[({"pose": bad}, "pose") for bad in ((0, 0), (0, 0, NAN), (INF, 0, 0), (1e13, 0, 0), "abc")],
+    *[({"points": bad}, "points") for bad in ([1.0, 2.0], [[1.0]], np.zeros((2, 2, 2)))],
+])  # fmt: skip
 def test_options_of_local_maps_that_cannot_be_are_refused(options, message):
     arguments = {"points": [[1.0, 2.0]], "pose": (0.0, 0.0, 0.0), **options}
     with pytest.raises(ParameterError, match=message):

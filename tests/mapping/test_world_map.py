@@ -73,24 +73,21 @@ PLACES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("options", "values"),
-    [
-        ({"height": 0.2}, ("floor=0, under the table=0, leg=100, column=-1, rim of the column=100, "
-         "trolley=-1, platform=-1, threshold=0, outside=-1, wall=100")),
-        ({"height": 0.2, "solid": True}, "column=100, trolley=100, platform=100, outside=0"),
-        ({"height": 0.2, "static_only": True}, "trolley=0, column=-1"),
-        ({"height": 0.72}, "under the table=-1, ramp=0, platform=0"),
-        ({"robot_height": 0.5}, ("floor=0, under the table=0, leg=100, column=-1, trolley=100, "
-         "ramp=0, platform=0, edge of the platform=100, threshold=0, outside=-1, wall=100")),
-        ({"robot_height": 0.05, "climb": 0.04}, "trolley=0, edge of the threshold=0, floor=0"),
-        ({"robot_height": 1.5, "climb": 0.025},
-         "under the table=100, edge of the threshold=100, column=-1"),
-        ({"robot_height": 1.5, "solid": True}, "column=100, outside=0, ramp=0, floor=0"),
-        ({"robot_height": 1.5, "max_slope": 5}, "ramp=100, floor=0"),
-        ({"robot_height": 0.5, "drops": "unknown"}, "floor=0, platform=0"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("options", "values"), [
+    ({"height": 0.2}, ("floor=0, under the table=0, leg=100, column=-1, rim of the column=100, "
+     "trolley=-1, platform=-1, threshold=0, outside=-1, wall=100")),
+    ({"height": 0.2, "solid": True}, "column=100, trolley=100, platform=100, outside=0"),
+    ({"height": 0.2, "static_only": True}, "trolley=0, column=-1"),
+    ({"height": 0.72}, "under the table=-1, ramp=0, platform=0"),
+    ({"robot_height": 0.5}, ("floor=0, under the table=0, leg=100, column=-1, trolley=100, "
+     "ramp=0, platform=0, edge of the platform=100, threshold=0, outside=-1, wall=100")),
+    ({"robot_height": 0.05, "climb": 0.04}, "trolley=0, edge of the threshold=0, floor=0"),
+    ({"robot_height": 1.5, "climb": 0.025},
+     "under the table=100, edge of the threshold=100, column=-1"),
+    ({"robot_height": 1.5, "solid": True}, "column=100, outside=0, ramp=0, floor=0"),
+    ({"robot_height": 1.5, "max_slope": 5}, "ramp=100, floor=0"),
+    ({"robot_height": 0.5, "drops": "unknown"}, "floor=0, platform=0"),
+])  # fmt: skip
 def test_cells_of_the_storage_room(options, values):
     grid = build_map_from_world(STORAGE, **options)
     expected = dict(entry.split("=") for entry in values.split(", "))

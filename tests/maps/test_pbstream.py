@@ -212,32 +212,29 @@ def test_states_cut_behind_their_submaps_are_warned_of(tmp_path, command, count)
     assert (f"holds {count} of the 2 nodes" in err) == (count < 2)
 
 
-@pytest.mark.parametrize(
-    ("data", "rule"),
-    [
-        (b"PK" + WHOLE, "begins with other bytes"),
-        (WHOLE[:-1], "the file ends within it"),
-        (WHOLE[:8] + b"\xff" * 8 + WHOLE[16:], "the file ends within it"),
-        (WHOLE[:-9] + bytes(9), "is damaged"),
-        (WHOLE + BOMB, "would expand to"),
-        (states.state(*GOOD, version=3), "version 1 or 2, got 3"),
-        (states.state(GOOD[0]), "has no submaps"),
-        (states.state(states.pose_graph({**TURNED, (0, 1): (0, 0, 0)}), GOOD[1]),
-         "submap (0, 1) is missing: the file is cut"),
-        (states.state(GOOD[1]), "submap (0, 0) has no pose"),
-        (states.state(*GOOD, GOOD[1]), "submap (0, 0) occurs twice"),
-        (states.state(GOOD[0], states.submap(CELLS, field=3)), "is 3-D"),
-        (states.state(GOOD[0], states.submap(CELLS, kind=5)), "is a TSDF"),
-        (states.state(GOOD[0], states.submap(CELLS, box=(0, 0, 5, 5))), "within its 6 x 5 cells"),
-        (states.state(GOOD[0], states.submap(CELLS, more=[(2, [7])])), "must have 30, got 31"),
-        (states.state(GOOD[0], states.submap(CELLS - 40_000)), "cells must be 0..65535"),
-        (states.state(GOOD[0], states.submap(CELLS, resolution=math.nan)), "below 1e+12, got nan"),
-        (states.state(GOOD[0], states.submap(CELLS, resolution=0.0)), "must be above 0"),
-        (states.state(states.pose_graph({(0, 0): (1e11, 0, 0)}), GOOD[1]), "lies too far away"),
-        (states.state(states.pose_graph({(0, 0): (1e6, 0, 0), (0, 1): (-1e6, 9e5, 0)}), GOOD[1],
-                      states.submap(CELLS, key=(0, 1))), "above the limit"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("data", "rule"), [
+    (b"PK" + WHOLE, "begins with other bytes"),
+    (WHOLE[:-1], "the file ends within it"),
+    (WHOLE[:8] + b"\xff" * 8 + WHOLE[16:], "the file ends within it"),
+    (WHOLE[:-9] + bytes(9), "is damaged"),
+    (WHOLE + BOMB, "would expand to"),
+    (states.state(*GOOD, version=3), "version 1 or 2, got 3"),
+    (states.state(GOOD[0]), "has no submaps"),
+    (states.state(states.pose_graph({**TURNED, (0, 1): (0, 0, 0)}), GOOD[1]),
+     "submap (0, 1) is missing: the file is cut"),
+    (states.state(GOOD[1]), "submap (0, 0) has no pose"),
+    (states.state(*GOOD, GOOD[1]), "submap (0, 0) occurs twice"),
+    (states.state(GOOD[0], states.submap(CELLS, field=3)), "is 3-D"),
+    (states.state(GOOD[0], states.submap(CELLS, kind=5)), "is a TSDF"),
+    (states.state(GOOD[0], states.submap(CELLS, box=(0, 0, 5, 5))), "within its 6 x 5 cells"),
+    (states.state(GOOD[0], states.submap(CELLS, more=[(2, [7])])), "must have 30, got 31"),
+    (states.state(GOOD[0], states.submap(CELLS - 40_000)), "cells must be 0..65535"),
+    (states.state(GOOD[0], states.submap(CELLS, resolution=math.nan)), "below 1e+12, got nan"),
+    (states.state(GOOD[0], states.submap(CELLS, resolution=0.0)), "must be above 0"),
+    (states.state(states.pose_graph({(0, 0): (1e11, 0, 0)}), GOOD[1]), "lies too far away"),
+    (states.state(states.pose_graph({(0, 0): (1e6, 0, 0), (0, 1): (-1e6, 9e5, 0)}), GOOD[1],
+                  states.submap(CELLS, key=(0, 1))), "above the limit"),
+])  # fmt: skip
 def test_hostile_states_are_refused_on_one_line(tmp_path, command, data, rule):
     (tmp_path / "m.pbstream").write_bytes(data)
     code, _, err = command("run", tmp_path / "m.pbstream", "-o", tmp_path / "out")

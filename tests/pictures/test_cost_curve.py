@@ -12,29 +12,26 @@ from mapdeal.pictures.cost_curve import ZoneKind, end_of, zones_of
 from pictures.samples import curve_of
 
 
-@pytest.mark.parametrize(
-    ("name", "between", "last"),
-    [
-        ("polygon", [
-            ("collision at any heading", 0.2, (253, 253)),
-            # 252 e^(-5 (sqrt(17) / 20 - 0.2)) and 252 e^(-5 (sqrt(50) / 20 - 0.2))
-            ("collision at some headings", 0.36, (244, 116)),
-            # sqrt(52) and 11 cells
-            ("no collision, with a cost", 0.55, (112, 43)),
-        ], ZoneKind.FREE),
-        ("cut off", [
-            ("collision at any heading", 0.3, (253, 253)),
-            ("collision at any heading, no cost", 0.6, (0, 0)),
-            ("collision at some headings, no cost", 0.8, (0, 0)),
-        ], ZoneKind.FREE),
-        ("custom inscribed radius", [
-            ("collision at any heading", 0.351, (253, 253)),
-            # 252 e^(-5 (sqrt(50) / 20 - 0.351)) and 252 e^(-5 (0.55 - 0.351))
-            ("no collision, with a cost", 0.55, (248, 93)),
-        ], ZoneKind.FREE),
-        ("point", [("with a cost", 0.05, (216, 216))], ZoneKind.NO_COST),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "between", "last"), [
+    ("polygon", [
+        ("collision at any heading", 0.2, (253, 253)),
+        # 252 e^(-5 (sqrt(17) / 20 - 0.2)) and 252 e^(-5 (sqrt(50) / 20 - 0.2))
+        ("collision at some headings", 0.36, (244, 116)),
+        # sqrt(52) and 11 cells
+        ("no collision, with a cost", 0.55, (112, 43)),
+    ], ZoneKind.FREE),
+    ("cut off", [
+        ("collision at any heading", 0.3, (253, 253)),
+        ("collision at any heading, no cost", 0.6, (0, 0)),
+        ("collision at some headings, no cost", 0.8, (0, 0)),
+    ], ZoneKind.FREE),
+    ("custom inscribed radius", [
+        ("collision at any heading", 0.351, (253, 253)),
+        # 252 e^(-5 (sqrt(50) / 20 - 0.351)) and 252 e^(-5 (0.55 - 0.351))
+        ("no collision, with a cost", 0.55, (248, 93)),
+    ], ZoneKind.FREE),
+    ("point", [("with a cost", 0.05, (216, 216))], ZoneKind.NO_COST),
+])  # fmt: skip
 def test_zones_say_what_a_distance_means_for_the_robot(name, between, last):
     curve = curve_of(name)
     *zones, beyond = zones_of(curve, end_of(curve))[1:]

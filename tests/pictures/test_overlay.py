@@ -157,22 +157,19 @@ def test_what_is_too_small_or_too_large_is_left_out(robot):
     assert not pixels.any()
 
 
-@pytest.mark.parametrize(
-    ("stage", "parameters", "robot", "label"),
-    [
-        ("inflate", {"radius": 0.3}, None, ("robot, to scale", 0.3)),
-        ("inflate", {"radius": 0.0}, None, None),
-        ("inflate", {"footprint": LONG}, None, ("robot, to scale", LONG)),
-        ("cost", {"inscribed_radius": 0.2}, None, ("robot, to scale", 0.2)),
-        ("cost", {}, None, None),
-        ("cost", {"inscribed_radius": 0.2, "circumscribed_radius": 0.6}, None,
-         ("the robot's inscribed circle", 0.2)),
-        ("cost", {"inscribed_radius": 0.2, "circumscribed_radius": 0.6}, LONG,
-         ("robot, to scale", LONG)),
-        ("esdf", {}, LONG, None),
-        ("reach", {"radius": 0.3}, None, None),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("stage", "parameters", "robot", "label"), [
+    ("inflate", {"radius": 0.3}, None, ("robot, to scale", 0.3)),
+    ("inflate", {"radius": 0.0}, None, None),
+    ("inflate", {"footprint": LONG}, None, ("robot, to scale", LONG)),
+    ("cost", {"inscribed_radius": 0.2}, None, ("robot, to scale", 0.2)),
+    ("cost", {}, None, None),
+    ("cost", {"inscribed_radius": 0.2, "circumscribed_radius": 0.6}, None,
+     ("the robot's inscribed circle", 0.2)),
+    ("cost", {"inscribed_radius": 0.2, "circumscribed_radius": 0.6}, LONG,
+     ("robot, to scale", LONG)),
+    ("esdf", {}, LONG, None),
+    ("reach", {"radius": 0.3}, None, None),
+])  # fmt: skip
 def test_pictures_of_what_is_about_a_robot_show_it(stage, parameters, robot, label):
     found = robot_overlays(make_step(stage, parameters), robot)
     if label is None:
@@ -245,16 +242,13 @@ def test_the_box_of_known_cells(height, width, places, is_lazy):
     assert known_box(layer, lambda values: values != -1) == expected
 
 
-@pytest.mark.parametrize(
-    ("size", "box", "shown"),
-    [
-        ((120, 160), BOX, (30, 60, 40, 50)),  # a margin of ten cells
-        ((1000, 900), Region(300, 200, 400, 300), (280, 180, 440, 340)),  # or of a twentieth
-        ((120, 160), Region(3, 150, 20, 10), (0, 140, 33, 20)),  # as far as the map goes
-        ((120, 160), Region(0, 0, 120, 160), None),  # all of it, or nearly
-        ((120, 160), Region(8, 8, 105, 144), None),
-    ],
-)
+@pytest.mark.parametrize(("size", "box", "shown"), [
+    ((120, 160), BOX, (30, 60, 40, 50)),  # a margin of ten cells
+    ((1000, 900), Region(300, 200, 400, 300), (280, 180, 440, 340)),  # or of a twentieth
+    ((120, 160), Region(3, 150, 20, 10), (0, 140, 33, 20)),  # as far as the map goes
+    ((120, 160), Region(0, 0, 120, 160), None),  # all of it, or nearly
+    ((120, 160), Region(8, 8, 105, 144), None),
+])  # fmt: skip
 def test_the_known_cells_are_shown_with_a_margin(size, box, shown):
     grid = canvas(*size, box)
     assert shown_part(grid.occupancy, grid.frame, "known") == shown

@@ -64,23 +64,21 @@ def test_recorded_plans_are_equal_bit_for_bit(real_maps, tmp_path, step):
 GRID = PlannerGrid(np.zeros((40, 60), np.uint8), 0.05, (-1.0, 2.0))
 
 
-@pytest.mark.parametrize(
-    ("values", "start", "goal", "reason"),
-    [({}, (-1.1, 3, 0), (0, 3, 0), "StartOutsideMapBounds"),
-     ({}, (0, 3, 0), (2.0, 3, 0), "GoalOutsideMapBounds"),
-     ({"tolerance": 0.0}, (0, 3, 0), (1.01, 3, 0), "GoalOccupied"),
-     ({"tolerance": 0.1}, (0, 3, 0), (1.26, 3.01, 0), "NoValidPathCouldBeFound"),
-     ({"tolerance": 0.3}, (0, 3, 0), (1.26, 3.01, 0), None),
-     ({"tolerance": 0.1, "allow_unknown": False}, (0, 3, 0), (0, 2.3, 0),
-      "NoValidPathCouldBeFound"),
-     ({"tolerance": 0.1}, (0, 3, 0), (0, 2.3, 0), None),
-     ({"max_cycles_factor": 1}, (-0.9, 3, 0), (0.9, 3, 0), "NoValidPathCouldBeFound"),
-     ({"max_cycles_factor": 0}, (0, 3, 0), (0.9, 3, 0), "NoValidPathCouldBeFound"),
-     ({"max_cycles_factor": 10**9}, (0, 3, 0), (0.9, 3, 0), None),
-     ({"tolerance": 900.0}, (0, 3, 0), (1.26, 3.01, 0), None),
-     ({"tolerance": -1.0}, (0, 3, 0), (1.26, 3.01, 0), "NoValidPathCouldBeFound"),
-     ({}, (1.99, 3.99, 0), (0, 3, 0), "NoValidPathCouldBeFound")],
-)  # fmt: skip
+@pytest.mark.parametrize(("values", "start", "goal", "reason"), [
+    ({}, (-1.1, 3, 0), (0, 3, 0), "StartOutsideMapBounds"),
+    ({}, (0, 3, 0), (2.0, 3, 0), "GoalOutsideMapBounds"),
+    ({"tolerance": 0.0}, (0, 3, 0), (1.01, 3, 0), "GoalOccupied"),
+    ({"tolerance": 0.1}, (0, 3, 0), (1.26, 3.01, 0), "NoValidPathCouldBeFound"),
+    ({"tolerance": 0.3}, (0, 3, 0), (1.26, 3.01, 0), None),
+    ({"tolerance": 0.1, "allow_unknown": False}, (0, 3, 0), (0, 2.3, 0), "NoValidPathCouldBeFound"),
+    ({"tolerance": 0.1}, (0, 3, 0), (0, 2.3, 0), None),
+    ({"max_cycles_factor": 1}, (-0.9, 3, 0), (0.9, 3, 0), "NoValidPathCouldBeFound"),
+    ({"max_cycles_factor": 0}, (0, 3, 0), (0.9, 3, 0), "NoValidPathCouldBeFound"),
+    ({"max_cycles_factor": 10**9}, (0, 3, 0), (0.9, 3, 0), None),
+    ({"tolerance": 900.0}, (0, 3, 0), (1.26, 3.01, 0), None),
+    ({"tolerance": -1.0}, (0, 3, 0), (1.26, 3.01, 0), "NoValidPathCouldBeFound"),
+    ({}, (1.99, 3.99, 0), (0, 3, 0), "NoValidPathCouldBeFound"),
+])  # fmt: skip
 def test_a_plan_fails_with_the_name_of_nav2s_exception(values, start, goal, reason):
     costs = GRID.costs.copy()
     costs[:, 40:50] = 254

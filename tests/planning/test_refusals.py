@@ -17,28 +17,24 @@ FREE = Costmap(np.zeros((4, 9), np.uint8), 0.5)
 ENDS = {"start": (0.25, 0.25), "goal": (3.75, 1.25)}
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: shortest_route(GRID, INSIDE, INSIDE), "exponential_cost"),
-        (lambda: shortest_route(FREE, (1.6, 1.8, 0.5), (1.6, 1.8)), "two numbers"),
-        (lambda: descend(COSTS, potential(GRID), INSIDE), "no goal"),
-        (lambda: descend(COSTS, FIELD, WALL), "^start: .*closed"),
-        (lambda: descend(COSTS, esdf(GRID), INSIDE), "PotentialField"),
-        (lambda: descend(GRID, FIELD, INSIDE), "exponential_cost"),
-        (lambda: descend(Costmap.from_occupancy(OccupancyGrid(GRID.occupancy, 0.25)), FIELD,
-                         INSIDE), "same cells"),
-        (lambda: mapdeal.route(FREE), "^start, goal: both are required"),
-        (lambda: mapdeal.route(FREE, **ENDS, compare=["plain"]),
-         "^compare: applies to pairs alone"),
-        (lambda: mapdeal.route(FREE, **ENDS, heuristic_weight=1.0),
-         "^heuristic_weight: applies to heuristic field alone"),
-        (lambda: mapdeal.route(FREE, **ENDS, repulsive_cap=1.0),
-         "^repulsive_cap: does not apply to method astar"),
-        (lambda: mapdeal.route(FREE, **ENDS, footprint=mapdeal.Footprint.circle(1)),
-         "^footprint: applies to maps"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: shortest_route(GRID, INSIDE, INSIDE), "exponential_cost"),
+    (lambda: shortest_route(FREE, (1.6, 1.8, 0.5), (1.6, 1.8)), "two numbers"),
+    (lambda: descend(COSTS, potential(GRID), INSIDE), "no goal"),
+    (lambda: descend(COSTS, FIELD, WALL), "^start: .*closed"),
+    (lambda: descend(COSTS, esdf(GRID), INSIDE), "PotentialField"),
+    (lambda: descend(GRID, FIELD, INSIDE), "exponential_cost"),
+    (lambda: descend(Costmap.from_occupancy(OccupancyGrid(GRID.occupancy, 0.25)), FIELD,
+                     INSIDE), "same cells"),
+    (lambda: mapdeal.route(FREE), "^start, goal: both are required"),
+    (lambda: mapdeal.route(FREE, **ENDS, compare=["plain"]), "^compare: applies to pairs alone"),
+    (lambda: mapdeal.route(FREE, **ENDS, heuristic_weight=1.0),
+     "^heuristic_weight: applies to heuristic field alone"),
+    (lambda: mapdeal.route(FREE, **ENDS, repulsive_cap=1.0),
+     "^repulsive_cap: does not apply to method astar"),
+    (lambda: mapdeal.route(FREE, **ENDS, footprint=mapdeal.Footprint.circle(1)),
+     "^footprint: applies to maps"),
+])  # fmt: skip
 def test_what_does_not_go_together_is_refused(call, message):
     with pytest.raises(ParameterError, match=message):
         call()

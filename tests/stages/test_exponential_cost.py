@@ -19,16 +19,12 @@ def row_of(length, resolution):
 
 
 # Computed by hand from the formula of costmap_2d.
-@pytest.mark.parametrize(
-    ("resolution", "options", "expected"),
-    [
-        (0.05, {"inscribed_radius": 0.2, "cost_scaling_factor": 10},
-         [254, 253, 253, 253, 253, 152, 92, 56, 34, 20, 12, 7]),
-        # with float32 resolutions the last bits decide: 3 * float32(0.1) is 0.3000000045
-        (0.1, {"inscribed_radius": 0.3, "float32_resolution": True}, [254, 253, 253, 251]),
-    ],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize(("resolution", "options", "expected"), [
+    (0.05, {"inscribed_radius": 0.2, "cost_scaling_factor": 10},
+     [254, 253, 253, 253, 253, 152, 92, 56, 34, 20, 12, 7]),
+    # with float32 resolutions the last bits decide: 3 * float32(0.1) is 0.3000000045
+    (0.1, {"inscribed_radius": 0.3, "float32_resolution": True}, [254, 253, 253, 251]),
+], ids=str)  # fmt: skip
 def test_golden_costs_along_a_row(resolution, options, expected):
     grid = row_of(len(expected), resolution)
     costs = mapdeal.exponential_cost(grid, inflation_radius=1.0, **options)
