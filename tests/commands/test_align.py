@@ -51,7 +51,7 @@ def test_a_transform_is_found_written_and_printed(sh):
 def test_an_uncertain_transform_is_warned_of_and_written_and_ends_with_1(sh):
     line = "align hall.yaml turned.yaml"
     code, out, _ = sh(f"{line} -o t.json")
-    assert (code, "not sure: another place fits nearly as well" in out) == (1, True)
+    assert (code, "uncertain: another place fits nearly as well" in out) == (1, True)
     assert json.loads(Path("t.json").read_text())["same_place"] is False
     with pytest.warns(mapdeal.MapdealWarning, match="uncertain"):
         read_transform(Path("t.json"))
@@ -72,7 +72,7 @@ def test_the_candidates_of_an_uncertain_pair_are_listed_drawn_and_taken(sh):
     assert {key: taken[key] for key in second if key in taken} == {
         key: value for key, value in second.items() if key in taken
     }
-    assert "candidate 2 (taken)" in out
+    assert "candidate 2 (chosen)" in out
     with Image.open("t.png") as all_of_them, Image.open("u.png") as image:
         assert all_of_them.width > 1.5 * image.width
     assert read_transform(Path("u.json")).transform.x == second["x"]  # without a warning

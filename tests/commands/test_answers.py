@@ -74,7 +74,7 @@ ROWS = {
     ),
     "methods": (COMPARISON, {"occupied": "3", "mean thickness m": "-", "tsdf, beams": "5"}),
     "alignment": (ALIGNMENT, {
-        "same place": "not sure: another <place> fits",
+        "same place": "uncertain: another <place> fits",
         "transform": "x 1.5 m, y -2 m, yaw 14.32 degrees", "score": "3.50",
         "best score elsewhere": "3.25", "overlap": "50 %", "walls in common that agree": "100 %",
     }),

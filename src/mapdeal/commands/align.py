@@ -24,8 +24,8 @@ from mapdeal.pictures.styles import alignment_style
 from mapdeal.pipeline import inputs
 from mapdeal.sensors.points import transform_document
 
-_OF_PICTURE = 16  # bytes for each cell of both maps while one is drawn on the other
-_SEEN = 0.05  # metres of a bend that are told
+_PER_CELL_OF_PICTURE = 16  # bytes for each cell of both maps
+_LEAST_BEND = 0.05  # metres: smaller bends are not printed
 
 _UNKNOWN, _FREE = 1, 2
 """Kinds of cells in a picture: 3 is a wall of the first map, 4 of the second, 5 of both."""
@@ -42,11 +42,11 @@ class Alignment(Placement, Result):
     reason : str or None
         Why the placement is uncertain; None if it is certain.
     score : float
-        How much better the walls agree than by chance; 0 if they do not.
+        Evidence that the walls agree better than by chance, at least 0.
     runner_up : float
         Score of the best placement elsewhere; 0 if there is none.
     runner_up_transform : Transform or None
-        That placement; None if there is none.
+        Transform of the runner-up, if there is one.
     overlap : float
         Free space of one map that the other knows (the mean of both), as a share of the free
         space of the map that has less.
@@ -54,15 +54,15 @@ class Alignment(Placement, Result):
         Share of the walls that lie within 0.25 m of a wall of the other map, among those that
         lie there or in its free space.
     bend : float
-        How far the walls of the maps are apart where one is bent most against the other, metres.
+        Largest distance between corresponding walls because one map is bent, metres.
     bend_xy : tuple of float or None
-        Where that is, in the second map's frame; None if no walls agree.
+        Place of the largest bend in the second map's frame, if any walls agree.
     candidates : tuple of Candidate
-        If it is not certain, the best three placements with their figures, `transform` first.
+        If uncertain, the best three placements with their figures, `transform` first.
     maps : tuple of MapInput
         The two maps.
     chosen : int or None
-        Number of the candidate that the user took for `transform`, from 1.
+        Number of the candidate that the user chose as `transform`, from 1.
     """
 
     maps: tuple[inputs.MapInput, inputs.MapInput]
@@ -74,18 +74,18 @@ class Alignment(Placement, Result):
         return self.same_place
 
     def document(self) -> dict[str, Any]:
-        place, other = transform_document(self.transform), self.runner_up_transform
+        place, runner_up = transform_document(self.transform), self.runner_up_transform
         return {
             "format": ALIGNMENT_FORMAT,
             "first": self.maps[0].document(),
             "second": self.maps[1].document(),
             "same_place": self.same_place,
             "reason": self.reason,
-            **place,  # at the top, as in a file that is written by hand
+            **place,  # also at the top level, as in files written by hand
             "transform": place,
             "score": self.score,
             "runner_up": self.runner_up,
-            "runner_up_transform": None if other is None else transform_document(other),
+            "runner_up_transform": None if runner_up is None else transform_document(runner_up),
             "overlap": self.overlap,
             "agreement": self.agreement,
             "bend": self.bend,
@@ -104,23 +104,23 @@ class Alignment(Placement, Result):
         }
 
     def lines(self) -> Iterator[str]:
-        verdict = "the same place" if self.same_place else f"not sure: {self.reason}"
+        verdict = "the same place" if self.same_place else f"uncertain: {self.reason}"
         yield f"{self.maps[0].name}, {self.maps[1].name}: {verdict}"
         if self.score == 0 and not self.same_place and self.overlap == 0:
             return
         yield f"  transform  {_text(self.transform)}"
-        other = "and no other place was found"
+        runner_up = "and no other place was found"
         if self.runner_up_transform is not None:
             place = _text(self.runner_up_transform)
-            other = f"the best place elsewhere {self.runner_up:.2f}: {place}"
-        yield f"  score      {self.score:.2f}, {other}"
+            runner_up = f"the best place elsewhere {self.runner_up:.2f}: {place}"
+        yield f"  score      {self.score:.2f}, {runner_up}"
         yield f"  overlap    {100 * self.overlap:.0f} % of the free space of the map that has less"
         yield f"  walls      {100 * self.agreement:.0f} % of those in common agree within 0.25 m"
-        if self.bend_xy is not None and self.bend >= _SEEN:
+        if self.bend_xy is not None and self.bend >= _LEAST_BEND:
             where = place_text(self.maps[1].occupancy, self.bend_xy)
             yield f"  bend       walls disagree by up to {self.bend:.2g} m, {where}"
         for number, candidate in enumerate(self.candidates, start=1):
-            mark = " (taken)" if number == self.chosen else ""
+            mark = " (chosen)" if number == self.chosen else ""
             yield f"  candidate {number}{mark}: {_text(candidate.transform)}"
             shares = 100 * candidate.overlap, 100 * candidate.agreement
             text = "{:.0f} % of the free space in common, {:.0f} % of the walls agree".format(
@@ -128,7 +128,7 @@ class Alignment(Placement, Result):
             )
             yield f"    score {candidate.score:.2f}, {text}, {candidate.contradicting:.1f} m do not"
         if self.candidates and self.chosen is None:
-            yield "  --image draws the candidates; --candidate 1 takes the first"
+            yield "  --image draws the candidates; --candidate 1 selects the first"
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
         """Return the first map over the second, or both at each candidate beside each other."""
@@ -140,7 +140,7 @@ class Alignment(Placement, Result):
         return self._drawn_at(self.transform, title, **look)
 
     def _drawn_at(self, transform: Transform, title: str | None, **look: Any) -> Image:
-        first, second = (one.occupancy for one in self.maps)
+        first, second = (source.occupancy for source in self.maps)
         moved = transform.frame(first.frame)
         lattice = frame_around(second.frame, moved)
         kinds = np.full(lattice.shape, _UNKNOWN, dtype=np.uint8)
@@ -152,7 +152,7 @@ class Alignment(Placement, Result):
         np.add(walls, _FREE, out=kinds, where=walls > 0)
         named = self.maps[0].title, self.maps[1].title
         shown = named if named[0] != named[1] else ("the first map", "the second map")
-        verdict = "the same place" if self.same_place else "not sure"
+        verdict = "the same place" if self.same_place else "uncertain"
         title = title or f"{shown[0]} on {shown[1]}: {verdict}"
         return difference_image(kinds, lattice, title=title, style=alignment_style(shown), **look)
 
@@ -264,15 +264,15 @@ def align(
     >>> found.same_place, round(abs(found.transform.yaw), 3)
     (True, 3.142)
     """
-    about = inputs.transform_of(prior, place="prior")
+    approximate = inputs.transform_of(prior, place="prior")
     a, b = inputs.opened(first, second, names=("map A", "map B"), **reading)
-    sizes = [math.prod(one.occupancy.shape) for one in (a, b)]
-    what = f"maps of {sizes[0]} and {sizes[1]} cells"
+    sizes = [math.prod(source.occupancy.shape) for source in (a, b)]
+    text = f"maps of {sizes[0]} and {sizes[1]} cells"
     inputs.claim_for(
-        [a, b], bytes_to_align(sizes), what, of_picture=_OF_PICTURE * sum(sizes), **reading
+        [a, b], bytes_to_align(sizes), text, of_picture=_PER_CELL_OF_PICTURE * sum(sizes), **reading
     )
     with inputs.errors_named(b.name):
-        found = placed(a.occupancy, b.occupancy, prior=about, rotations=rotations)
+        found = placed(a.occupancy, b.occupancy, prior=approximate, rotations=rotations)
     if candidate is None:
         return Alignment(**vars(found), maps=(a, b))
     if not 1 <= candidate <= len(found.candidates):

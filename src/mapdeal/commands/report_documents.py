@@ -536,7 +536,7 @@ def _alignment(document: JsonValue) -> Results:
     reason = short(document["reason"].or_none(JsonValue.text) or "")
     shares = [document[key].number(least=0, most=1) for key in ("overlap", "agreement")]
     rows = (
-        ("same place", "yes" if is_same else f"not sure: {reason}"),
+        ("same place", "yes" if is_same else f"uncertain: {reason}"),
         ("transform", _transform_text(transform)),
         ("score", f"{document['score'].number(least=0):.2f}"),
         ("best score elsewhere", f"{document['runner_up'].number(least=0):.2f}"),
@@ -548,7 +548,7 @@ def _alignment(document: JsonValue) -> Results:
     words = f"The two maps overlap by {100 * shares[0]:.0f} %, "
     words += f"and {100 * shares[1]:.0f} % of their common walls agree"
     if not is_same:
-        words = f"It is not sure that the two maps show the same place: {reason}"
+        words = f"It is uncertain whether the two maps show the same place: {reason}"
     claims = (Claim("geometry", "good" if is_same else "warning", words, table.title),)
     maps = _maps(document, "first", "second")
     return Results(

@@ -527,7 +527,7 @@ class Placement(OneLine):
         return self.reason is None
 
     def _repr_parts(self) -> Iterator[str]:
-        yield "the same place" if self.same_place else f"not sure: {self.reason}"
+        yield "the same place" if self.same_place else f"uncertain: {self.reason}"
         x, y, yaw = self.transform.pose
         yield f"x {x:.3f} m, y {y:.3f} m, yaw {yaw:.4f} rad"
         yield f"score {self.score:.2f}, runner-up {self.runner_up:.2f}"

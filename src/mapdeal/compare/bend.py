@@ -1,7 +1,7 @@
-"""How far a map is bent against another one: a smooth displacement beside a rigid transform.
+"""Bend of a map against another: a smooth displacement in addition to a rigid transform.
 
-Sensor maps drift. Where they are of one place, a slight bend brings nearly all of their walls
-together; where they are not, it does not help.
+Sensor maps drift. If two maps show the same place, a slight bend makes nearly all walls coincide;
+if not, it hardly helps.
 """
 
 from __future__ import annotations
@@ -17,12 +17,11 @@ from mapdeal.compare.walls import FAR, Floats, Poses, WallMap, moved, moved_back
 
 _DEGREE = 3
 _POWERS = tuple(p for p in product(range(_DEGREE + 1), repeat=2) if sum(p) <= _DEGREE)
-"""Exponents of x and y: the displacement is a polynomial of the place, one for x, one for y."""
+"""Exponents of x and y: both coordinates of the displacement are polynomials of the place."""
 
-_STIFF = 0.005
-"""Standard deviation of each coefficient before anything is known, as a share of the diagonal."""
+_STIFFNESS = 0.005  # prior standard deviation of a coefficient, as a share of the diagonal
 
-_TURNS_BACK = 2  # steps of the fixed point that undoes a bend: one has hardly any slope
+_INVERSE_STEPS = 2  # fixed-point steps that invert a bend: enough, since its slope is small
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +40,11 @@ class Bend:
     @property
     def expected(self) -> float:
         """The standard deviation of a coefficient, metres."""
-        return 2 * _STIFF * self.reach
+        return 2 * _STIFFNESS * self.reach
 
     @property
     def costs(self) -> Floats:
-        """How unlikely bends are, as the logarithm of how much less likely than none."""
+        """The negative logarithm of the likelihood of each bend, relative to no bend."""
         costs: Floats = (self.coefficients**2).sum(axis=(1, 2)) / (2 * self.expected**2)
         return costs
 
@@ -54,23 +53,23 @@ class Bend:
 
     def terms(self, points_xy: Floats) -> Floats:
         """Return the terms of the polynomial at points, shape (..., N, M)."""
-        # beyond the map, where nothing is known of it, the bend goes on as at its border
+        # outside the map, the bend is that of the nearest border
         kind = points_xy.dtype.type
         place = (points_xy - self.middle_xy.astype(kind)) / kind(self.reach)
         np.clip(place, -1, 1, out=place)
         powers = [np.ones_like(place), place]
         while len(powers) <= _DEGREE:
             powers.append(powers[-1] * place)
-        # one array for each term, of which einsum is many times as fast
-        found = np.empty((len(_POWERS), *place.shape[:-1]), dtype=kind)
-        for one, (i, j) in zip(found, _POWERS, strict=True):
-            np.multiply(powers[i][..., 0], powers[j][..., 1], out=one)
-        return np.moveaxis(found, 0, -1)
+        # each term is contiguous, which makes einsum many times as fast
+        terms = np.empty((len(_POWERS), *place.shape[:-1]), dtype=kind)
+        for term, (i, j) in zip(terms, _POWERS, strict=True):
+            np.multiply(powers[i][..., 0], powers[j][..., 1], out=term)
+        return np.moveaxis(terms, 0, -1)
 
     def at(self, terms: Floats) -> Floats:
-        how = "nm,kcm->knc" if terms.ndim == 2 else "knm,kcm->knc"
-        found: Floats = np.einsum(how, terms, self.coefficients.astype(terms.dtype))
-        return found
+        axes = "nm,kcm->knc" if terms.ndim == 2 else "knm,kcm->knc"
+        displacement: Floats = np.einsum(axes, terms, self.coefficients.astype(terms.dtype))
+        return displacement
 
     def moved(self, poses: Poses, points_xy: Floats) -> Floats:
         if not self.coefficients.any():
@@ -78,16 +77,16 @@ class Bend:
         return moved(poses, points_xy) + self.at(self.terms(points_xy))
 
     def moved_back(self, poses: Poses, points_xy: Floats) -> Floats:
-        own = moved_back(poses, points_xy)
+        rigid = moved_back(poses, points_xy)
         if not self.coefficients.any():
-            return own
+            return rigid
         kind = points_xy.dtype.type
         cos, sin = np.cos(poses[:, :1]).astype(kind), np.sin(poses[:, :1]).astype(kind)
-        found = own
-        for _ in range(_TURNS_BACK):
-            x, y = np.moveaxis(self.at(self.terms(found)), -1, 0)
-            found = own - np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)
-        return found
+        points = rigid
+        for _ in range(_INVERSE_STEPS):
+            x, y = np.moveaxis(self.at(self.terms(points)), -1, 0)
+            points = rigid - np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)
+        return points
 
 
 def fitted(
@@ -99,32 +98,32 @@ def fitted(
     piece: float,
     most: int,
 ) -> Bend:  # fmt: skip
-    """Return the likeliest bends at some places: walls that are apart pull, stiffness holds."""
-    # Gauss-Newton steps with the weights of Geman and McClure, as for the places themselves; a
-    # piece of wall, metres, is one observation of a distance that is normal with each scale.
+    """Return the likeliest bends at some poses, given distances of walls and the stiffness."""
+    # Gauss-Newton steps with Geman-McClure weights, as for the poses. Each `piece` of wall, metres,
+    # is one observation of a distance that is normally distributed with the scale.
     bend = Bend.none(first, len(poses))
-    here, there = first.some_faces(most)[0], second.some_faces(most)[0]
-    of_here, of_there = (
+    first_faces, second_faces = first.some_faces(most)[0], second.some_faces(most)[0]
+    first_share, second_share = (  # observations per face
         walls.wall_length / len(faces) / piece / 2
-        for walls, faces in ((first, here), (second, there))
+        for walls, faces in ((first, first_faces), (second, second_faces))
     )
     cos, sin = np.cos(poses[:, :1]), np.sin(poses[:, :1])
-    terms = bend.terms(here)
+    terms = bend.terms(first_faces)
     for scale in scales:
-        distance, x, y = slopes(second, bend.moved(poses, here))
-        normal, right = _equations(terms, (x, y), distance, scale, of_here)
-        points = bend.moved_back(poses, there)
+        distance, x, y = slopes(second, bend.moved(poses, first_faces))
+        normal, right = _equations(terms, (x, y), distance, scale, first_share)
+        points = bend.moved_back(poses, second_faces)
         distance, x, y = slopes(first, points)
-        back = (sin * y - cos * x, -sin * x - cos * y)
-        more = _equations(bend.terms(points), back, distance, scale, of_there)
-        bend = _stepped(bend, normal + more[0], right + more[1])
+        turned_back = (sin * y - cos * x, -sin * x - cos * y)
+        reverse = _equations(bend.terms(points), turned_back, distance, scale, second_share)
+        bend = _stepped(bend, normal + reverse[0], right + reverse[1])
     return bend
 
 
 def _equations(
-    terms: Floats, by_shift: Sequence[Floats], distance: Floats, scale: float, share: float
+    terms: Floats, slopes_xy: Sequence[Floats], distance: Floats, scale: float, share: float
 ) -> tuple[Floats, Floats]:
-    """Return the normal equations of distances, shape (K, N), given their slopes along x and y."""
+    """Return the normal equations of distances, shape (K, N), with their slopes along x and y."""
     counts = distance < FAR * scale
     distance = (distance * counts).astype(np.float64)
     weight = counts / (1 + (distance / scale) ** 2) ** 2 * (share / scale**2)
@@ -132,22 +131,22 @@ def _equations(
     count, unknowns = len(distance), terms.shape[-1]
     normal = np.empty((count, 2, unknowns, 2, unknowns))
     right = np.empty((count, 2, unknowns))
-    for i, one in enumerate(by_shift):
-        weighted = (weight * one)[..., None] * terms
+    for i, slope in enumerate(slopes_xy):
+        weighted = (weight * slope)[..., None] * terms
         right[:, i] = np.einsum("knm,kn->km", weighted, distance)
-        for j, other in enumerate(by_shift[: i + 1]):
-            found = np.einsum("knm,knl->kml", weighted * other[..., None], terms)
-            normal[:, i, :, j] = found
-            normal[:, j, :, i] = found.transpose(0, 2, 1)
+        for j, earlier in enumerate(slopes_xy[: i + 1]):
+            block = np.einsum("knm,knl->kml", weighted * earlier[..., None], terms)
+            normal[:, i, :, j] = block
+            normal[:, j, :, i] = block.transpose(0, 2, 1)
     return normal.reshape(count, 2 * unknowns, -1), right.reshape(count, -1)
 
 
 def _stepped(bend: Bend, normal: Floats, right: Floats) -> Bend:
-    stiff = 1 / bend.expected**2
+    stiffness = 1 / bend.expected**2
     flat = bend.coefficients.reshape(len(right), -1)
     diagonal = np.arange(flat.shape[1])
-    normal[:, diagonal, diagonal] += stiff
-    step = _solved(normal, right + stiff * flat)
+    normal[:, diagonal, diagonal] += stiffness
+    step = _solved(normal, right + stiffness * flat)
     return Bend(bend.middle_xy, bend.reach, (flat - step).reshape(bend.coefficients.shape))
 
 
@@ -156,7 +155,7 @@ def _solved(matrices: Floats, right: Floats) -> Floats:
     rows = np.concatenate([matrices, right[..., None]], axis=-1)
     for k in range(rows.shape[1]):
         rows[:, k] /= rows[:, k, k, None]
-        others = rows[:, :, k].copy()
-        others[:, k] = 0
-        rows -= others[..., None] * rows[:, k, None]
+        factors = rows[:, :, k].copy()
+        factors[:, k] = 0
+        rows -= factors[..., None] * rows[:, k, None]
     return rows[..., -1]

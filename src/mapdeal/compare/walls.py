@@ -1,4 +1,4 @@
-"""The walls of a map, where they come to lie at places, and how far they are from others."""
+"""The walls of a map, their points at poses, and distances to them."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ MOST_CELLS_A_SIDE = 1000
 _MOST_FREE = 25
 """Occupancy up to which a cell counts as free: map_server's default threshold of 0.25."""
 
-_LEAST_FREE = 0.1  # free cells of a map, for each obstacle cell, that is not one of walls alone
-_REACH = 2  # cells within which a wall looks for free space to face
+_LEAST_FREE = 0.1  # free cells per obstacle cell; maps with fewer show walls only
+_REACH = 2  # cells within which free space determines the normal of a wall
 _BEYOND = np.float32(1e9)
-"""Metres to a wall from beyond a map; finite, as arithmetic is several times as fast as masks."""
+"""Metres to a wall from outside the map; finite, because arithmetic is faster than masks."""
 
 _FEWEST_FACING = 0.25
-"""Share of the walls that must face free space; else walls that face unknown space count, too."""
+"""Share of the walls that must face free space; otherwise all edges of walls count."""
 
 
 @dataclass(frozen=True, eq=False)
 class WallMap:
-    """The walls of a map, on its own lattice, of which the rows and columns around are cut off."""
+    """The walls of a map, on its own lattice, cropped to known cells."""
 
     frame: Frame
     free: Mask
@@ -65,7 +65,7 @@ class WallMap:
         return np.array(self.frame.size_xy) / 2
 
     def some_faces(self, most: int) -> tuple[Singles, Singles]:
-        """Return at most so many faces, evenly chosen, and their normals."""
+        """Return at most `most` faces, evenly spaced in the list, and their normals."""
         return some_of(self.faces_xy, most), some_of(self.normals_xy, most)
 
     @cached_property
@@ -91,8 +91,8 @@ def some_of(values: NDArray[Scalar], most: int) -> NDArray[Scalar]:
 
 
 def walls_of(grid: OccupancyGrid, most: int = MOST_CELLS_A_SIDE) -> WallMap | None:
-    # A map that knows hardly any free space is one of walls alone, such as a drawing: all that is
-    # no obstacle counts as free.
+    # A map with hardly any free space, such as a drawing, shows only walls: there, all other cells
+    # count as free.
     occupied = grid.occupied()
     values = grid.occupancy
     free = (values > UNKNOWN) & (values < _MOST_FREE)
@@ -127,9 +127,8 @@ def pooled(cells: Mask, factor: int) -> NDArray[np.int64]:
 
 
 def _faces(occupied: Mask, free: Mask) -> Mask:
-    """Return the obstacle cells that a sensor sees: those beside free ones."""
-    # What is behind them depends on how a map was made. Maps that know little free space, as those
-    # of walls alone, have their walls counted from all sides.
+    """Return the obstacle cells that a sensor sees: those beside free cells."""
+    # The cells behind depend on the mapper. If few walls face free space, all their edges count.
     edges, facing = occupied & beside(~occupied), occupied & dilate_square(free, 1)
     if np.count_nonzero(facing) >= _FEWEST_FACING * np.count_nonzero(edges) and facing.any():
         return facing
@@ -148,14 +147,14 @@ def _normals(cells: NDArray[np.int64], free: Mask) -> Singles:
     return np.divide(total, length, out=np.zeros_like(total), where=length > 0.5)
 
 
-FAR = 3.0  # in scales: walls farther than this from any other do not pull
+FAR = 3.0  # scales: walls farther apart than this do not pull
 
 
 def moved(poses: Poses, points_xy: Floats) -> Floats:
-    """Return points, shape (N, 2), at each of some poses yaw, x, y: shape (K, N, 2)."""
+    """Return points, shape (N, 2), moved to each pose (yaw, x, y); shape (K, N, 2)."""
     cos, sin = np.cos(poses[:, :1]), np.sin(poses[:, :1])
     x, y = points_xy[:, 0], points_xy[:, 1]
-    # all x before all y: numpy is slow where it takes every other number
+    # all x before all y: numpy is slow on strided numbers
     result = np.empty((2, len(poses), len(points_xy)), dtype=points_xy.dtype)
     result[0] = cos * x - sin * y + poses[:, 1:2]
     result[1] = sin * x + cos * y + poses[:, 2:3]
@@ -172,7 +171,7 @@ def moved_back(poses: Poses, points_xy: Floats) -> Floats:
 
 
 def slopes(walls: WallMap, points_xy: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the distance to a wall and its slopes along x and y, between the cells' centres."""
+    """Return the bilinear distance to a wall, and its slopes along x and y."""
     height, width = walls.frame.shape
     places = points_xy / np.float32(walls.resolution) - np.float32(0.5)
     corner = np.floor(places)
