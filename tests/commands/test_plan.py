@@ -180,6 +180,13 @@ def test_a_plan_has_its_clearance_and_the_margin_of_the_radius(tmp_path):
     assert not is_found(grid, robot_file(tmp_path, shape=f"robot_radius: {margin + 0.01:.2f}"))
 
 
+def test_a_start_on_the_border_that_rounding_moves_outside_is_no_error(tmp_path):
+    grid = OccupancyGrid(np.zeros((20, 40), np.int8), 0.1, (0.3, 0.1, 0.0))
+    start = (1.0, 0.1 + 20 * float(np.float32(0.1)) - 1e-10)
+    (goal,) = plan(grid, robot=robot_file(tmp_path), start=start, goals=[(4.0, 1.0)]).goals
+    assert (goal.plan.detail, goal.changes) == ("the start lies in the last half cell", [])
+
+
 @pytest.fixture
 def files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mapdeal.errors import ParameterError
 from mapdeal.planners.planner import PlannerGrid
 from mapdeal.planners.theta_star import ThetaStarPlanner
 from planners.recorded import recorded_plans, sha256
@@ -52,6 +53,11 @@ GRID = PlannerGrid(COSTS, 0.05, (-1.0, 2.0))
 def test_a_plan_fails_with_the_name_of_nav2s_exception(values, start, goal, reason):
     plan = ThetaStarPlanner(values).plan(GRID, start, goal)
     assert (plan.found, plan.reason) == (reason is None, reason)
+
+
+def test_weights_with_which_the_search_would_not_end_are_refused():
+    with pytest.raises(ParameterError, match=r"w_euc_cost: must be at least 0.*-1"):
+        ThetaStarPlanner({"w_euc_cost": -1.0}).plan(GRID, (0, 3, 0), (0.4, 3, 0))
 
 
 def test_a_path_joins_the_centres_of_cells_by_points_a_cell_apart():

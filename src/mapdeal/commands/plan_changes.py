@@ -396,9 +396,11 @@ def _wider_passage(
     ground = Ground(cells, frame, work.planner.flag("allow_unknown"))
     if ground.blocked[grid.cell_of(start)]:
         return
+    # Points on the map's border may lie outside by the last bit: the middles of their cells do not.
+    start_xy, goal_xy = (_centres(work, *(grid.cell_of(pose) or (0, 0))) for pose in (start, goal))
     with capture_warnings():
         reach = reach_on(
-            ground, None, start=start[:2], goals=[Goal(*goal[:2])], headings=4, margin=0.0,
+            ground, None, start=start_xy, goals=[Goal(*goal_xy)], headings=4, margin=0.0,
             min_area=math.inf,
         )  # fmt: skip
     limit = reach.goals[0].limited_by

@@ -17,6 +17,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from mapdeal.errors import ParameterError
 from mapdeal.grid.values import LETHAL_OBSTACLE
 from mapdeal.kernels.arrays import Floats
 from mapdeal.kernels.smac import theta_costs, theta_path
@@ -41,6 +42,10 @@ class ThetaStarPlanner(Planner):
     }  # fmt: skip
 
     def plan(self, grid: PlannerGrid, start: Pose, goal: Pose) -> Plan:
+        for name in ("w_euc_cost", "w_traversal_cost"):
+            if not self.number(name) >= 0:  # also NaN
+                rule = "must be at least 0; Nav2's search would not end"
+                raise ParameterError(rule, place=name, got=self.values[name])
         start_cell, goal_cell = grid.cell_of(start), grid.cell_of(goal)
         if start_cell is None:
             return no_plan("StartOutsideMapBounds")
