@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mapdeal import FileAccessError, MalformedInputError
+from mapdeal import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.sensing import decimals_in
 from mapdeal.mapping.world_map import inside_runs, section_at, surface_cells
@@ -134,7 +134,8 @@ NESTED = """\
 <model name="m" placement_frame="l"><pose>0.2 0.1 0 0 0 -0.4</pose><link name="l">
 <pose>5 5 0 0 0 1</pose><collision name="c"><pose rotation_format="quat_xyzw">\
 0.1 0 0 0 0 0.479425538604203 0.8775825618903728</pose><geometry>{}</geometry></collision>
-</link></model></model>"""
+</link>
+<joint name="l" type="fixed"><parent>world</parent><child>l</child></joint></model></model>"""
 
 
 def test_frames_nested_models_and_placement(tmp_path):
@@ -168,16 +169,18 @@ def dae_of(mesh, unit, up):
 
 
 @pytest.mark.parametrize("scale", [(1, 1, 1), (-0.8, 1.2, 1)])
-@pytest.mark.parametrize("form", ["binary", "ascii", "obj", "Z_UP", "Y_UP", "X_UP"])
+@pytest.mark.parametrize("form", ["binary", "ascii", "ASCII", "obj", "Z_UP", "Y_UP", "X_UP"])
 def test_meshes_in_worlds(tmp_path, form, scale):
     mesh = notched()
     if form == "binary":
         mesh.invert()
-    name = {"binary": "a.stl", "ascii": "a.stl", "obj": "a.obj"}.get(form, "a.dae")
+    name = {"obj": "a.obj"}.get(form, "a.dae" if form.endswith("UP") else "a.stl")
     if form.endswith("UP"):
         write_world(tmp_path, dae_of(mesh, 0.0254, form), name)
-    elif form == "ascii":
-        write_world(tmp_path, trimesh.exchange.stl.export_stl_ascii(mesh), name)
+    elif form.lower() == "ascii":
+        halves = [mesh.submesh([part], append=True) for part in np.split(np.arange(72), [24])]
+        text = "\n".join(map(trimesh.exchange.stl.export_stl_ascii, halves))
+        write_world(tmp_path, text if form == "ascii" else text.upper().replace("\n", "\r\n"), name)
     else:
         mesh.export(tmp_path / name)
     numbers = " ".join(map(str, scale))
@@ -297,6 +300,9 @@ def test_models_are_found_in_folders_variables_and_beside_the_world(tmp_path, mo
     )
     write_world(folder, config, "model.config")
     include = "<include><uri>model://crate</uri><pose>0 0 0 0 0 0</pose></include>"
+    include += "<include><uri>model://sun</uri></include>"
+    (folder.parent / "sun").mkdir()
+    write_world(folder.parent / "sun", "<sdf><light/></sdf>", "model.sdf")
     elsewhere = tmp_path / "world" / "deep"
     elsewhere.mkdir(parents=True)
     path = write_world(elsewhere, sdf(include))
@@ -312,12 +318,20 @@ def test_models_are_found_in_folders_variables_and_beside_the_world(tmp_path, mo
 
 def test_saved_states_and_moving_models(tmp_path):
     text = model(BOX, "1 1 0 0 0 0").replace("<static>1</static>", "")
-    state = '<state><model name="m"><pose>0 0 0 0 0 0</pose></model></state>'
+    link = '<link name="l"><pose>0 0 0 0 0 0</pose></link>'  # where it is in the world
+    state = f'<state><model name="m"><pose>3 2 0 0 0 1</pose>{link}</model></state>'
     path = write_world(tmp_path, sdf(text + state + model(CYLINDER).replace('"m"', '"n"')))
     assert np.array_equal(section_of(path), section_of(write_world(tmp_path, sdf(
         model(BOX) + model(CYLINDER).replace('"m"', '"n"')), "b.sdf")))  # fmt: skip
     world = read_world(path, static_only=True)
     assert (world.moving, world.solid_count) == (1, 1)
+
+
+def test_what_is_not_modelled_is_named(tmp_path):
+    state = '<model name="m"><pose>0 0 0 0 0 0</pose><scale>1 2 1</scale></model>'
+    text = f'<actor name="a"/><population name="p"/>{model(BOX)}<state>{state}</state>'
+    with pytest.warns(MapdealWarning, match="3 not modelled: actor a, population p, state: "):
+        read_world(write_world(tmp_path, sdf(text)))
 
 
 LAUGHS = '<!DOCTYPE l [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>'
@@ -329,6 +343,7 @@ DOUBLES = "".join(
 DOUBLES += "<node id='n40'/>"
 PART = "<visual_scene id='s'><node>"
 END = "</node></visual_scene><scene><instance_visual_scene url='#s'/></scene></COLLADA>"
+SHAPE = f"<COLLADA><geometry id='g'>{{}}</geometry>{PART}<instance_geometry url='#g'/>{END}"
 FAULTS = {
     "unknown": (sdf(model("<bux/>")), "collision c: bux: is no shape"),
     "heightmap": (sdf(model("<heightmap/>")), "heightmap: is not supported"),
@@ -339,6 +354,7 @@ FAULTS = {
     "pose": (sdf(model(BOX, "1 2 3")), "model m: pose: must be 6 finite numbers"),
     "frame": (sdf(model(BOX, shape_pose="<pose relative_to='q'/>")), "must be a frame here"),
     "empty": (sdf(""), "has no collision shapes"),
+    "two": ("<sdf><world/><world/></sdf>", "sdf: must have one world"),
     "itself": (SELF, "include w.sdf: includes itself"),
     "entities": (LAUGHS + sdf("&b;"), "line 1: must not declare entities, got 'a'"),
     "external": (
@@ -363,6 +379,8 @@ FAULTS = {
         f"<COLLADA>{PART}<instance_geometry url='#g'/>{END}",
         "must refer to a geometry of this file, got '#g'",
     ),
+    "d.dae": (SHAPE.format("<convex_mesh/>"), "geometry g: convex_mesh: is not supported"),
+    "e.dae": (SHAPE.format("<mesh><polygons><ph/></polygons></mesh>"), "ph: must not have holes"),
     "c.dae": (
         f"<COLLADA>{DOUBLES}{PART}<instance_node url='#n0'/>{END}",
         "scene: must have at most 1000 nodes",

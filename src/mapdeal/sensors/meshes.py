@@ -138,8 +138,9 @@ def _stl_parts(path: Path) -> list[Part]:
         claim(path, 2 * len(data), what=f"{count} triangles")
         records = np.frombuffer(data, np.uint8, offset=84).reshape(-1, 50)[:, 12:48]
         numbers = np.ascontiguousarray(records).view("<f4").astype(np.float64)
-    elif data[:512].lstrip().startswith(b"solid") and b"facet" in data[:4096]:
+    elif re.match(rb"\s*solid\b", data[:512].lower()) and b"facet" in data[:4096].lower():
         claim(path, 2 * len(data))
+        data = data if b"vertex" in data else data.lower()
         rows = [_VERTEX.findall(text) for text in _pieces_of(data)]
         try:
             numbers = np.concatenate([_points(b" v ".join([b"", *row]), len(row)) for row in rows])
@@ -336,6 +337,8 @@ class _Collada:
 
     def _add(self, geometry: Element, matrix: Floats, names: tuple[str, ...]) -> None:
         key = geometry.get("id", "")
+        if geometry.find("convex_mesh") is not None:
+            raise malformed(self.path, "is not supported", f"geometry {key}: convex_mesh")
         if key not in self._geometries:
             shapes = [
                 shape for shape in geometry.iterfind("mesh/*") if shape.tag not in _NO_SURFACE
@@ -358,6 +361,8 @@ class _Collada:
     def _part(self, place: str, faces: Element) -> Part:
         if faces.tag not in ("triangles", "polylist", "polygons"):
             raise malformed(self.path, "must be triangles, polylist or polygons", place)
+        if faces.find("ph") is not None:
+            raise malformed(self.path, "must not have holes", f"{place}: ph")
         inputs = {element.get("semantic"): element for element in faces.iterfind("input")}
         texts = " ".join(element.get("offset", "0") for element in faces.iterfind("input"))
         step = 1 + int(self._indices_in(texts, f"{place}: offset").max(initial=0))

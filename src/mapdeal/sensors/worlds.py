@@ -19,7 +19,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from mapdeal.errors import FileAccessError, MalformedInputError, nearest_hint
+from mapdeal.errors import FileAccessError, MalformedInputError, emit_warning, nearest_hint
 from mapdeal.files.source import absolute_path, claim, contents_of, exists, is_folder, is_regular
 from mapdeal.grid.frame import FARTHEST
 from mapdeal.inputs.kinds import WORLD, recognised
@@ -75,25 +75,24 @@ class _Scope:
     is_static: bool
     frames: dict[str, tuple[str, Floats]] = field(default_factory=dict)
     models: dict[str, _Scope] = field(default_factory=dict)
-    open: list[str] = field(default_factory=list)
 
     def pose_of(self, name: str) -> Floats:
         """Return the pose of a frame relative to the model or world."""
-        if name in ("", "__model__", "world", "__root__"):
-            return np.eye(4)
-        head, _, tail = name.partition("::")
-        if name not in self.frames and head in self.models:
-            return product(self.pose_of(head), self.models[head].pose_of(tail))
-        if name not in self.frames or name in self.open:
-            rule = "depends on itself" if name in self.frames else "must be a frame here"
-            hint = None if name in self.frames else nearest_hint(name, self.frames)
-            place = f"{self.place}: relative_to"
-            raise malformed(self.path, rule, place, got=name, hint=hint)
-        self.open.append(name)
-        relative_to, pose = self.frames[name]
-        found = product(self.pose_of(relative_to), pose)
-        self.open.remove(name)
-        return found
+        pose, passed = np.eye(4), set()
+        while name not in ("", "__model__", "world", "__root__"):
+            head, _, tail = name.partition("::")
+            if name not in self.frames and head in self.models:
+                name, relative = head, self.models[head].pose_of(tail)
+            elif name in self.frames and name not in passed:
+                passed.add(name)
+                name, relative = self.frames[name]
+            else:
+                rule = "depends on itself" if name in passed else "must be a frame here"
+                hint = None if name in passed else nearest_hint(name, self.frames)
+                place = f"{self.place}: relative_to"
+                raise malformed(self.path, rule, place, got=name, hint=hint)
+            pose = product(relative, pose)
+        return pose
 
 
 class _Reader:
@@ -110,6 +109,7 @@ class _Reader:
         self.shapes: list[tuple[Floats, int]] = []
         self.planes: list[tuple[Floats, Floats, int]] = []
         self.count = self.moving = self.bytes = 0
+        self.skipped: list[str] = []
         self._open: list[Path] = []
 
     def root_of(self, path: Path) -> Element:
@@ -129,11 +129,26 @@ class _Reader:
 
     def read_sdf(self, path: Path, root: Element) -> None:
         world = root.find("world")
+        if len(root.findall("world")) > 1:
+            raise malformed(path, "must have one world", "sdf")
         scope = self._scope(root if world is None else world, path, "", is_static=False)
         for state in scope.element.iterfind("state/model"):  # in worlds that Gazebo has saved
             name = state.get("name", "")
-            if name in scope.models and state.find("pose") is not None:
-                scope.frames[name] = "", self._pose(state, path, f"state: model {name}")[1]
+            place = f"state: model {name}"
+            if name not in scope.models or state.find("pose") is None:
+                continue
+            pose, frames = self._pose(state, path, place)[1], scope.models[name].frames
+            scope.frames[name] = "", pose
+            for link in state.iterfind("link"):  # their poses are those in the world
+                if link.get("name") in frames and link.find("pose") is not None:
+                    moved_link = self._pose(link, path, f"{place}: link {link.get('name')}")[1]
+                    frames[link.get("name", "")] = "", product(_inverse(pose), moved_link)
+            if (self._numbers(state, "scale", path, place, 3, "1 1 1") != 1).any():
+                self.skipped.append(f"{place}: scale")
+            inner = state.iterfind(".//model")
+            self.skipped += [f"{place}: model {part.get('name')}" for part in inner]
+        for part in scope.element.iterfind("state/insertions/*"):
+            self.skipped.append(f"state: inserted {part.tag} {part.get('name')}")
         self._add_links(scope, np.eye(4))
 
     def _scope(self, element: Element, path: Path, place: str, *, is_static: bool) -> _Scope:
@@ -141,6 +156,8 @@ class _Reader:
         for child in element:
             name = child.get("name", "")
             here = f"{place}: {child.tag} {name}" if place else f"{child.tag} {name}"
+            if child.tag == "joint" and name in scope.frames:
+                continue  # old models name joints like links
             if child.tag in ("link", "joint", "frame"):
                 relative_to, pose = self._pose(child, path, here)
                 default = child.findtext("child") or "" if child.tag == "joint" else ""
@@ -152,6 +169,8 @@ class _Reader:
                 self._place_model(scope, inner, name, child, here)
             elif child.tag == "include":
                 self._include(scope, child, here)
+            elif child.tag in _UNMODELLED:
+                self.skipped.append(here)
         return scope
 
     def _place_model(
@@ -160,11 +179,7 @@ class _Reader:
         relative_to, pose = self._pose(element, scope.path, place)
         frame = element.get("placement_frame") or element.findtext("placement_frame", "").strip()
         if frame:
-            back = np.eye(4)
-            own = inner.pose_of(frame)
-            back[:3, :3] = own[:3, :3].T
-            back[:3, 3] = -(back[:3, :3] * own[:3, 3]).sum(axis=1)
-            pose = product(pose, back)
+            pose = product(pose, _inverse(inner.pose_of(frame)))
         if name in scope.models:  # Gazebo renames included models of one name
             name = f"{name}_{self.count}"
         scope.frames[name], scope.models[name] = (relative_to, pose), inner
@@ -174,7 +189,7 @@ class _Reader:
 
     def _include(self, scope: _Scope, include: Element, place: str) -> None:
         uri = (include.findtext("uri") or "").strip()
-        place = f"{place.rstrip()} {uri}"
+        place = f"{place.rstrip()} {uri[:200]}"
         try:
             path = self._file_of(uri, scope.path, place)
         except FileAccessError:
@@ -189,16 +204,20 @@ class _Reader:
             path = self._file_in_model(path, scope.path, place)
         if path in self._open or len(self._open) >= _DEEPEST:
             raise malformed(scope.path, "includes itself", place)
-        self._open.append(path)
         root = self.root_of(path)
         if root.tag == "robot":
             raise malformed(path, "must be SDF: build the map of a URDF by itself", place)
         model = root.find("model")
+        parts = [part for part in root if part.tag in ("model", "actor") and part is not model]
+        self.skipped += [f"{place}: {part.tag} {part.get('name')}" for part in parts]
         if model is None:
-            raise malformed(path, "has no model", root.tag)
+            if not parts and root.find("light") is None:
+                raise malformed(path, "has no model", root.tag)
+            return
         name = (include.findtext("name") or model.get("name") or "").strip()
         own = (include.findtext("static") or model.findtext("static") or "").strip()
         is_static = scope.is_static or own in _TRUE
+        self._open.append(path)
         inner = self._scope(model, path, f"model {name}", is_static=is_static)
         self._open.pop()
         # a pose of the include replaces that of the model
@@ -260,14 +279,17 @@ class _Reader:
                 for tag in ("parent", "child")
             )
             joints[child] = parent, self._origin(joint, path, f"joint {joint.get('name')}")
+        poses: dict[str, Floats] = {}
         for link in root.iterfind("link"):
-            matrix, name, passed = np.eye(4), link.get("name", ""), set()
-            while name in joints:
-                if name in passed:
+            name, chain = link.get("name", ""), {}
+            while name in joints and name not in poses:
+                if name in chain:
                     raise malformed(path, "depends on itself", f"link {name}")
-                passed.add(name)
-                name, pose = joints[name]
-                matrix = product(pose, matrix)
+                parent, chain[name] = joints[name]
+                name = parent
+            matrix = poses.get(name, np.eye(4))
+            for name, pose in reversed(chain.items()):
+                matrix = poses[name] = product(matrix, pose)
             for number, shape in enumerate(link.iterfind(self.tag)):
                 place = f"link {link.get('name')}: {self.tag} {shape.get('name') or number}"
                 at = product(matrix, self._origin(shape, path, place))
@@ -356,9 +378,11 @@ class _Reader:
 
     def _mesh(self, mesh: Element, path: Path, place: str) -> Floats:
         uri = (mesh.get("filename") or mesh.findtext("uri") or "").strip()
-        file = self._file_of(uri, path, f"{place} {uri}")
+        file = self._file_of(uri, path, f"{place} {uri[:200]}")
         if file not in self.meshes:
             self.meshes[file] = self.read_parts(file)
+        if mesh.get("optimization"):  # into convex parts
+            self.skipped.append(f"{place}: optimization")
         parts, submesh = self.meshes[file], mesh.find("submesh")
         if submesh is not None:
             name = (submesh.findtext("name") or "").strip()
@@ -402,7 +426,7 @@ class _Reader:
                 if exists(path):  # an absolute path replaces the folder
                     return path
         first = name.lstrip("/").partition("/")[0]
-        hint = f"--model-path DIR names the folder in which {first} is"
+        hint = f"--model-path DIR names the folder in which {first[:200]} is"
         raise FileAccessError("there is no such file", source=source, place=place, hint=hint)
 
     def world(self) -> World:
@@ -418,7 +442,7 @@ class _Reader:
             parts.append((_patch(np.array(point), normal, low, high), number))
         solids = np.repeat([number for _, number in parts], [len(part) for part, _ in parts])
         triangles, count = np.concatenate([part for part, _ in parts]), len(np.unique(solids))
-        if np.abs(triangles).max() > FARTHEST:
+        if not np.abs(triangles).max() <= FARTHEST:  # refuses nan too
             raise MalformedInputError(f"must lie within {FARTHEST:g} m")
         triangles = _turned_outside(triangles, solids)
         return World(triangles, solids, tuple(self.files), count, self.moving)
@@ -444,6 +468,13 @@ def _placed(move: Floats, angles: Floats) -> Floats:
     matrix = np.eye(4)
     matrix[:3, :3] = rotated(angles / (np.linalg.norm(angles) or 1.0), np.eye(3)).T
     matrix[:3, 3] = move
+    return matrix
+
+
+def _inverse(pose: Floats) -> Floats:
+    matrix = np.eye(4)
+    matrix[:3, :3] = pose[:3, :3].T
+    matrix[:3, 3] = -(matrix[:3, :3] * pose[:3, 3]).sum(axis=1)
     return matrix
 
 
@@ -522,6 +553,7 @@ _SHAPES: dict[str, tuple[dict[str, int], Callable[..., Floats]]] = {
     "cone": ({"radius": 1, "length": 1}, lambda radius, length: _cone(radius[0], length[0])),
 }
 _REFUSED = ("heightmap", "image")
+_UNMODELLED = ("actor", "population", "road")
 
 
 def read_world(
@@ -544,4 +576,7 @@ def read_world(
             raise malformed(path, "must be sdf or robot (URDF)", "first element", got=root.tag)
     if floor is not None:
         reader.add_plane(np.array([0.0, 0.0, floor]), np.array([0.0, 0.0, 1.0]), 1.0)
+    if reader.skipped:
+        text = ", ".join(reader.skipped[:3]) + (", ..." if len(reader.skipped) > 3 else "")
+        emit_warning(f"{path}: {len(reader.skipped)} not modelled: {text}", stacklevel=2)
     return reader.world()
