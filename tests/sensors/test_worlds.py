@@ -127,6 +127,14 @@ def test_shapes_have_the_sections_of_trimesh(tmp_path, name, pose):
         assert walls[distance < 0.43 * FRAME.resolution].all()
 
 
+def test_a_thin_leg_between_centres_of_cells_is_one_cell(tmp_path):
+    world = read_world(write_world(tmp_path, sdf(model("<box><size>0.01 0.01 1</size></box>"))))
+    section = section_at(world.triangles, world.solids, 0.1)
+    rows, cols = np.nonzero(surface_cells(section, FRAME, inside_runs(section, FRAME)))
+    assert len(rows) == 1
+    assert np.abs(FRAME.xy_from_rowcol(np.stack([rows, cols], axis=1))).max() < FRAME.resolution
+
+
 NESTED = """\
 <frame name="f"><pose relative_to="g">0.2 0 0 0 0 0.5</pose></frame>
 <frame name="g"><pose degrees="true">0 0.3 0 0 0 90</pose></frame>

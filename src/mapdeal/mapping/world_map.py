@@ -156,6 +156,14 @@ def surface_cells(section: Section, frame: Frame, runs: _Runs) -> Mask:
     np.add.at(own, (row[inside], col[inside]), 1)
     is_near = np.zeros(frame.shape, np.bool_)
     is_near[row, col] = True
+    # thin legs between the centres of cells count in one cell
+    cells = np.floor(begin[:, ::-1]).astype(np.int64)
+    cells = cells[((cells >= 0) & (cells < frame.shape)).all(axis=1)]
+    is_lost = np.zeros(frame.shape, np.bool_)
+    is_lost[tuple(cells.T)] = True
+    is_lost &= ~ndimage.binary_dilation(is_near, np.ones((3, 3)))
+    for y, x in np.argwhere(is_lost).tolist():
+        is_near[y, x] = not is_near[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2].any()
     depths = runs.depths()
     # solids that touch hide the seam between them
     is_outside = ndimage.binary_dilation(depths == 0, np.ones((3, 3)))
