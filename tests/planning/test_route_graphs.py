@@ -281,11 +281,21 @@ def drawn_in(height, width, *boxes):
     ([(36, 46, 10, 22)], {"narrow"}),  # a cupboard 0.9 m from a wall
     ([(10, 25, 40, 55), (33, 48, 40, 55)], {"narrow"}),  # two tables
     ([(0, 90, 0, 28), (0, 90, 44, 82), (40, 44, 28, 35)], {"narrow"}),  # a shelf in a corridor
+    ([(0, 27, 0, 82), (63, 92, 0, 82), (0, 38, 40, 42), (52, 92, 40, 42)], {"narrow"}),  # wide
 ])  # fmt: skip
 def test_doors_are_gaps_of_walls_between_wider_spaces(boxes, kinds):
     grid = drawn_in(90, 80, *boxes)
     graph = route_graph_of(reach(grid, radius=0.2), GraphOptions(hall=20.0)).graph
     assert {node.metadata["kind"] for node in graph.nodes} & {"door", "narrow"} == kinds
+
+
+def test_a_crowded_graph_keeps_its_doors():
+    legs = [
+        (k, k + 2, m, m + 2) for k in range(5, 40, 5) for m in [*range(5, 28, 5), *range(54, 80, 5)]
+    ]
+    grid = drawn_in(40, 80, (0, 15, 40, 42), (25, 42, 40, 42), *legs)
+    graph = route_graph_of(reach(grid, radius=0.12), GraphOptions(hall=20.0)).graph
+    assert [node.metadata["kind"] for node in graph.nodes].count("door") == 1
 
 
 def test_a_corridor_has_its_nodes_in_the_middle_at_the_spacing():
