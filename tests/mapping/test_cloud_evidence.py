@@ -235,6 +235,24 @@ def test_cells_are_no_finer_than_a_voxel_filter(leaf, has_ceiling):
         assert (result.grid.occupancy == 0).mean() > 0.4
 
 
+@pytest.mark.parametrize("leaf", [0.3, 0.5])
+def test_coarse_voxels_show_posts_and_aisles(leaf):
+    random, resolution = np.random.default_rng(1), leaf * 1.1
+    floor = np.column_stack([random.uniform(0, 12, (60_000, 2)), random.normal(0, 0.01, 60_000)])
+    posts = [(1.3 + 2 * k, 10.2, 0.15) for k in range(5)]
+    boxes = [(x - half, x + half, y - half, y + half, 0, 1.5) for x, y, half in posts]
+    boxes += [(2, 10, y, y + 2, 0, 1.5) for y in (2, 4 + 2.5 * leaf)]
+    points = np.concatenate([floor, *(box_points(random, 600, box) for box in boxes)])
+    voxels = (np.unique(np.floor(points / leaf), axis=0) + 0.5) * leaf
+    result = cloud_map(voxels)
+    assert result.grid.resolution == pytest.approx(resolution, rel=0.15)
+    frame, values = result.grid.frame, result.grid.occupancy
+    for row, col in frame.unbounded_rowcol_from_xy([post[:2] for post in posts]).tolist():
+        assert (values[row - 1 : row + 2, col - 1 : col + 2] == 100).any()
+    aisle = frame.unbounded_rowcol_from_xy([(x, 4 + 1.25 * leaf) for x in (4, 6, 8)])
+    assert (values[tuple(aisle.T)] == 0).all()
+
+
 def test_table_tops_of_voxels_whose_centres_are_above_the_robot_are_obstacles():
     side = np.arange(0, 6, 0.05) + 0.025
     x, y = (axis.ravel() for axis in np.meshgrid(side, side))

@@ -192,6 +192,7 @@ class CellContents:
     clearance: float
     noise: float
     spacing: float  # metres between points on the floor
+    column: float  # points in one cell of a thinned wall; inf for dense clouds
     is_stated: bool
     is_above_others: bool
 
@@ -376,6 +377,8 @@ class CloudMapper:
         noise = 0.0 if floor_found.is_stated else _noise(columns, floor, options.robot_height)
         half = limits.steps / 2 if limits.steps > 1.5 * self._voxels.step else 0.0  # of a voxel
         clear = max(gap, 3 * noise)
+        apart = cell if self._may_choose and cell > FINEST else limits.steps if half else 0.0
+        column = (options.robot_height + half - clear) // apart if apart else math.inf
         tall = (options.robot_height - clear) / slabs
         on_floor, below, points = np.zeros((3, height, width), np.int32)
         obstacles = np.zeros((slabs, height, width), np.int32)
@@ -398,8 +401,8 @@ class CloudMapper:
             highest.ravel()[at] = above  # the last, and so the highest voxel of a column stays
         return CellContents(
             frame, surface.astype(np.float32), slope, on_floor, below, points,
-            obstacles, highest, clear, noise, floor_found.spacing, floor_found.is_stated,
-            floor_found.is_above_others,
+            obstacles, highest, clear, noise, floor_found.spacing, column,
+            floor_found.is_stated, floor_found.is_above_others,
         )  # fmt: skip
 
     def clear(self, points: ArrayLike, place: ArrayLike) -> None:
@@ -519,17 +522,19 @@ def _states(
     contents: CellContents, counts: NDArray[np.int32], passed: Mask, options: CloudOptions
 ) -> tuple[Mask, Mask]:
     on_floor = contents.on_floor
-    occupied = (counts > 0) & (_around(counts) >= options.min_points)
+    occupied = (counts > 0) & (_around(counts) >= min(options.min_points, contents.column))
     # excludes the tails of the noise of the floor, and of a wall in the next cell
     occupied &= counts >= _SHARE_OF_FLOOR * on_floor
     most = _around(counts, np.maximum)
     occupied &= (counts >= _SHARE_OF_NEXT * most) | (most < _DENSE)
-    _drop_lone(occupied, counts, on_floor, 3 * options.min_points)
-    occupied |= _around(occupied.astype(np.int32)) >= _ENCLOSED
+    _drop_lone(occupied, counts, on_floor, 3 * options.min_points, contents.column)
+    enclosed = _around(occupied.astype(np.int32)) >= _ENCLOSED
+    # an aisle may be one wide cell
+    occupied |= enclosed & ((on_floor == 0) | (contents.frame.resolution < TILE))
     floor = (on_floor > 0) & ~occupied
     lower = (contents.below > 0) & (on_floor == 0) & ~occupied
     lower &= _around(contents.below) >= options.min_points
-    _drop_lone(lower, contents.below, on_floor, 3 * options.min_points)
+    _drop_lone(lower, contents.below, on_floor, 3 * options.min_points, math.inf)
     gap = math.floor(min(options.fill / contents.frame.resolution + 1e-6, max(floor.shape)))
     if contents.is_above_others:  # the storey below shows through gaps between points
         lower &= ~_closed(floor, max(gap, math.ceil(_gap_of_sparse(contents))))
@@ -560,7 +565,7 @@ _GAP_OF_SPARSE = 2.5  # times the distance between points: wider is one random g
 
 
 def _drop_lone(
-    occupied: Mask, counts: NDArray[np.int32], on_floor: NDArray[np.int32], least: int
+    occupied: Mask, counts: NDArray[np.int32], on_floor: NDArray[np.int32], least: int, most: float
 ) -> None:
     """Remove, in place, groups of few cells with far fewer points than the floor around them."""
     is_inner = occupied & (_around(occupied.astype(np.int32)) > _LONE)
@@ -572,7 +577,7 @@ def _drop_lone(
     lone = np.bincount(whose, 1 + _LONE * _around(is_inner.astype(np.int32))[at]) <= _LONE
     point_count = np.bincount(whose, counts[at])
     around = np.bincount(whose, _around(on_floor)[at] / 9)
-    occupied[at] = ~(lone & (point_count < np.maximum(least, around)))[whose]
+    occupied[at] = ~(lone & (point_count < np.maximum(least, around).clip(max=most)))[whose]
 
 
 _LONE = 4  # cells

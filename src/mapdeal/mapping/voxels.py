@@ -360,7 +360,7 @@ def median(values: Floats) -> float:
     return float(middle.mean())
 
 
-_LEVELS = 8  # least heights of a lattice
+_LEVELS = 4  # least heights of a lattice
 _LARGEST_STEP = 0.6  # metres
 
 
