@@ -253,6 +253,18 @@ def test_coarse_voxels_show_posts_and_aisles(leaf):
     assert (values[tuple(aisle.T)] == 0).all()
 
 
+def test_sparse_floors_of_corridors_do_not_make_them_lie_on_their_sides():
+    random, hall = np.random.default_rng(1), (0, 20, 0, 2.2, 0, 2.6)
+    floor, ceiling = (random.uniform(0, 1, (count, 3)) for count in (1100, 40_000))
+    points = np.concatenate([floor * [20, 2.2, 0], ceiling * [20, 2.2, 0] + [0, 0, 2.6],
+                             box_points(random, 1000, hall, has_top=False),
+                             box_points(random, 1000, (4, 4.8, 0, 0.4, 0, 0.9))])  # fmt: skip
+    result = cloud_map(points)
+    assert (result.grid.occupancy == 0).mean() > 0.7
+    assert not result.may_be_upside_down
+    assert cloud_map(points * [1, -1, -1]).may_be_upside_down
+
+
 def test_table_tops_of_voxels_whose_centres_are_above_the_robot_are_obstacles():
     side = np.arange(0, 6, 0.05) + 0.025
     x, y = (axis.ravel() for axis in np.meshgrid(side, side))

@@ -111,7 +111,7 @@ _SHARE_INNER, _SHARE_INNER_BARE = 0.6, 0.9  # the latter of a yard, on which not
 _LARGEST_SCAN, _LARGEST_OF_SCAN = 8.0, 2.5  # m2 of single scans, whose floors are scattered
 _SHARE_ALONE = 0.8  # of a place without anything on it
 _SHARE_OF_AREA, _SHARE_OF_ELSEWHERE, _SHARE_OF_SMALL = 0.12, 0.08, 0.035
-_LEAST_HANGING, _TIMES_RESTING = 0.5, 0.6  # m2, and times what rests: in rooms it is 0.2
+_LEAST_HANGING, _TIMES_RESTING = 0.2, 0.6  # m2, and times what rests: in rooms it is 0.2
 _NEAR, _FEET = 0.05, 0.25  # metres above the clearance: of noise, and of feet that touch
 _BESIDE = 0.5  # metres from a level within which things stand on it
 _LEVEL_SLOPE = 0.05  # rise over run, against most of a level
@@ -237,7 +237,7 @@ def _evidence_of(
         is_own &= np.hypot(*along) < _LEVEL_SLOPE
     below = (count_in(heights < -low) >= _LEAST_VOXELS) & is_own.ravel()
     hanging, resting = _hanging(sample, whose, heights, count_in, low, limits.robot_height)
-    found = (standing, touching, below, hanging & ~resting, resting & ~hanging)
+    found = (standing, touching, below, hanging, resting)
     areas = [int(np.count_nonzero(tiles_with)) * every * side**2 for tiles_with in found]
     is_open = (tiles.away.ravel() <= _BESIDE) & ~standing
     on_level = count_in(np.abs(heights) <= low, sample.counts)[is_open].sum()
@@ -249,7 +249,7 @@ def _hanging(
     sample: Columns, whose: Integers, heights: Floats, count_in: Callable[[Mask], Floats],
     low: float, room: float,
 ) -> tuple[Mask, Mask]:  # fmt: skip
-    """Return which tiles have points just below a ceiling, and which just above the level."""
+    """Return which tiles have points just below a ceiling alone, and just above the level alone."""
     # in an upside-down cloud, furniture seems to hang from the ceiling
     tops = np.full(len(count_in(heights > 0)), -np.inf)
     if len(sample.starts):
@@ -261,9 +261,10 @@ def _hanging(
         return nowhere, nowhere
     room = min(room, ceiling / 2)
     down = np.repeat(tops[whose], sample.lengths()) - heights  # from the ceiling at that place
-    hanging = count_in((down > low) & (down <= room)) >= _LEAST_VOXELS
-    hanging &= (tops >= ceiling - room) & (tops < ceiling + _FEET)  # of no storey above
-    return hanging, count_in((heights > low) & (heights <= room)) >= _LEAST_VOXELS
+    high = count_in((down > low) & (down <= room))
+    high[(tops < ceiling - room) | (tops >= ceiling + _FEET)] = 0  # of no storey above
+    near = count_in((heights > low) & (heights <= room))
+    return (high >= _LEAST_VOXELS) & (near == 0), (near >= _LEAST_VOXELS) & (high == 0)
 
 
 _LOWEST_CEILING = 1.5  # metres

@@ -267,7 +267,10 @@ def check_upright(columns: Columns) -> None:
     for axis, name in ((1, "y"), (0, "x")):
         if not _ROOM <= sizes[axis] < sizes[2]:
             continue
-        area, z_area = (_lowest_level(np.roll(voxels, 2 - k, axis=1)) * side**2 for k in (axis, 2))
+        area, z_area = (  # of a sparse floor, larger voxels find more
+            max(_lowest_level(turned // n) * (n * side) ** 2 for n in (1, 2))
+            for turned in (np.roll(voxels, 2 - k, axis=1) for k in (axis, 2))
+        )
         if area > _LARGER * z_area:
             areas = decimal_text(z_area, 3), decimal_text(area, 3)
             rule = f"z does not seem to point up: the lowest level along z has {areas[0]} m2 in a "
