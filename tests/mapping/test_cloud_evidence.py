@@ -263,6 +263,8 @@ def test_sparse_floors_of_corridors_do_not_make_them_lie_on_their_sides():
     assert (result.grid.occupancy == 0).mean() > 0.7
     assert not result.may_be_upside_down
     assert cloud_map(points * [1, -1, -1]).may_be_upside_down
+    cupboards = [box_points(random, 1000, (x, x + 0.8, 0, 0.5, 0, 1.9)) for x in (6, 8, 10, 12)]
+    assert not cloud_map(np.concatenate([points, *cupboards])).may_be_upside_down
 
 
 def test_table_tops_of_voxels_whose_centres_are_above_the_robot_are_obstacles():

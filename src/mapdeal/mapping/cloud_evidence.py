@@ -249,7 +249,7 @@ def _hanging(
     sample: Columns, whose: Integers, heights: Floats, count_in: Callable[[Mask], Floats],
     low: float, room: float,
 ) -> tuple[Mask, Mask]:  # fmt: skip
-    """Return which tiles have points just below a ceiling alone, and just above the level alone."""
+    """Return which tiles have things at the ceiling alone, and on the level alone."""
     # in an upside-down cloud, furniture seems to hang from the ceiling
     tops = np.full(len(count_in(heights > 0)), -np.inf)
     if len(sample.starts):
@@ -260,11 +260,15 @@ def _hanging(
         nowhere = np.zeros(len(tops), np.bool_)
         return nowhere, nowhere
     room = min(room, ceiling / 2)
-    down = np.repeat(tops[whose], sample.lengths()) - heights  # from the ceiling at that place
-    high = count_in((down > low) & (down <= room))
-    high[(tops < ceiling - room) | (tops >= ceiling + _FEET)] = 0  # of no storey above
-    near = count_in((heights > low) & (heights <= room))
-    return (high >= _LEAST_VOXELS) & (near == 0), (near >= _LEAST_VOXELS) & (high == 0)
+    own = tops[whose]
+    own[(own < ceiling - room) | (own >= ceiling + _FEET)] = np.inf  # of other storeys
+    down = np.repeat(own, sample.lengths()) - heights  # from the ceiling at that place
+
+    def touches_alone(gaps: Floats, opposite: Floats) -> Mask:
+        near = count_in((gaps > low) & (gaps <= low + _FEET)) >= _LEAST_VOXELS
+        return near & (count_in((opposite > low) & (opposite <= room / 2)) == 0)
+
+    return touches_alone(down, heights), touches_alone(heights, down)
 
 
 _LOWEST_CEILING = 1.5  # metres
