@@ -83,6 +83,8 @@ def test_reach_route_and_query_heed_the_mask(sh, files):
     for name in ("reach", "route"):
         line = f"{name} room.yaml --from {start} --to {goal} {PARAMS}"
         assert [sh(line)[0], sh(f"{line} --mask mask.npz")[0]] == [0, 1]
+    line = f"reach room.yaml --from {start} --to {goal} {PARAMS} --mask mask.npz"
+    assert sh.err(line, 1).endswith("hint: the cells of the keepout mask are closed\n")
     line = f"reach room.yaml --from {start} --to {door} {PARAMS} --mask mask.npz"
     assert "in a keepout area" in sh(line)[2]
     line = f"query room.yaml --at {door},0 {PARAMS}"

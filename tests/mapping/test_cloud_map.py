@@ -1,6 +1,7 @@
 """Maps of clouds: against solids measured cell by cell, and a naive rule on levelled points."""
 
 import json
+import math
 from functools import cache
 from pathlib import Path
 
@@ -31,9 +32,9 @@ from scipy import ndimage
 import mapdeal
 from mapdeal import CloudMapper, Frame, cloud_map
 from mapdeal.mapping import cloud_floor, voxels
-from mapdeal.mapping.cloud_floor import Limits, Patches, _lacks_room, _nearest
+from mapdeal.mapping.cloud_floor import Limits, Patches, _lacks_room, _links_of, _nearest
 from mapdeal.mapping.cloud_map import _closed, _drop_lone
-from mapdeal.mapping.voxels import Tilt, Voxels, levelled
+from mapdeal.mapping.voxels import Tilt, Voxels, _cell_keys, _spacing, levelled
 from strategies import examples
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -164,6 +165,26 @@ def test_floors_under_a_slab_lack_room_but_at_its_corners(rise, lacking):
     patches = Patches(row - 7, col + 4, np.tile([0.0, rise], 9), *np.zeros((3, 18)))
     found = _lacks_room(patches, Limits(climb=0.1, robot_height=1.0, max_slope=10.0, steps=0.0))
     assert np.flatnonzero(found).tolist() == lacking
+
+
+@pytest.mark.parametrize(("tiles", "slopes", "rise", "links"), [
+    (1, (0.0, 0.3), 0.0375, [(0, 1)]), (1, (0.0, 0.3), 0.11, []),
+    (2, (0.0, 0.3), 0.075, []), (2, (0.3, 0.3), 0.15, [(0, 1)]),
+])  # fmt: skip
+def test_neighbours_may_bend_but_over_a_gap_slopes_are_equal(tiles, slopes, rise, links):
+    patches = Patches(np.zeros(2, int), np.array([5, 5 + tiles]), np.array([-2.0, rise - 2.0]),
+                      np.array(slopes), *np.zeros((2, 2)))  # fmt: skip
+    found = _links_of(patches, 0.25, 0.06)
+    assert [(int(a), int(b)) for a, b in zip(*found, strict=True)] == links
+
+
+@pytest.mark.parametrize(("every", "expected"), [(1, 0.0), (2, math.sqrt(2)), (4, 2.0)])
+def test_the_spacing_of_points_is_that_of_their_share_of_cells(every, expected):
+    row, col = np.indices((16, 16)).reshape(2, -1)
+    chosen = {1: row >= 0, 2: (row + col) % 2 == 0, 4: (row % 2 == 0) & (col % 2 == 0)}[every]
+    cells = np.stack([row, col, 0 * row])[:, chosen]
+    found = _spacing(_cell_keys(cells, 1), _cell_keys(cells, 2), 1)
+    assert found == pytest.approx(expected)
 
 
 def test_the_floor_is_that_under_the_robot():

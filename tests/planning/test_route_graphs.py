@@ -18,6 +18,7 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
 from mapdeal.maps.route_graphs import graph_text
 from mapdeal.planning.graph_drafts import GraphOptions, band_around_unknown
+from mapdeal.planning.hall_lattices import lattices_in
 from mapdeal.planning.route_graphs import AREA_PER_NODE, MOST_EDGES, route_graph_of
 from mapdeal.planning.routes import Terrain, route_on_graph
 from oracles import lengths_from
@@ -317,6 +318,20 @@ def test_a_hall_has_a_lattice_and_no_single_line():
     assert 15.0 * 10.0 / len(graph.nodes) > AREA_PER_NODE
     inner = np.bincount(graph.ends[:, 0])
     assert inner.max() == 8
+
+
+@pytest.mark.parametrize(("width", "expected"), [(3, [1.5]), (6, [1.5, 4.5]), (9, [1, 4, 7])])
+def test_narrow_parts_of_a_hall_are_divided_evenly_and_wide_ones_have_its_lattice(width, expected):
+    def is_usable(points):
+        row, col = points.T
+        in_hall = (row > 0) & (row < 20) & (col > 0) & (col < 20)
+        return in_hall | (row > 0) & (row < width) & (col >= 20) & (col < 40)
+
+    cells = np.argwhere(np.ones((40, 40))) + 0.5
+    cells = cells[is_usable(cells)]
+    places, _ = lattices_in(cells, np.zeros(len(cells), int), 0.0, 3.0, 0.5, is_usable)
+    assert sorted({row for row, col in places if col < 18}) == [1, 4, 7, 10, 13, 16, 19]
+    assert sorted({row for row, col in places if col > 22}) == expected
 
 
 def test_a_corridor_joins_places_of_a_hall_on_both_sides_of_its_mouth():
