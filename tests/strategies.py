@@ -1,8 +1,7 @@
 """Random grids and layers of costmaps for property tests."""
 
 import numpy as np
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import settings, strategies as st
 
 from mapdeal.layers.denoise import DenoiseLayer
 from mapdeal.layers.inflation import InflationLayer

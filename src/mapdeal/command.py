@@ -17,8 +17,7 @@ import math
 import re
 import types
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from collections.abc import Sequence as AbcSequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence as AbcSequence
 from dataclasses import dataclass, field, is_dataclass, replace
 from functools import partial
 from numbers import Real

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bad_maps import PGM, yaml_text
-from bad_maps import write_map as write_pair
+from bad_maps import PGM, write_map as write_pair, yaml_text
 from mapdeal import Costmap, esdf, read_map, write_map
 
 READINGS = " ".join(["2.0"] * 180)

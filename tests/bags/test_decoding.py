@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from mapdeal.bags.decoding import KNOWN, decoder_of

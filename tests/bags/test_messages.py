@@ -1,26 +1,22 @@
 """Decoded messages, against their sources and the rules of REP 117 and PointField."""
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from bags.making import cloud, costmap, occupancy, odometry, ros2_store, scan, tf
-from mapdeal import Costmap, MalformedInputError, OccupancyGrid
-from mapdeal.bags.messages import (
-    NAV2_COSTMAP,
-    OCCUPANCY_GRID,
-    grid_of,
-    laser_scan_of,
-    odometry_of,
-    points_of,
-    points_of_scan,
-    transforms_of,
-)
+from bags import making
+from bags.making import START, Maker, cloud, costmap, custom, occupancy, ros2_store, scan, tf
+from clouds import SampledRoom
+from mapdeal import Costmap, MalformedInputError, OccupancyGrid, build_map_from_clouds, cloud_map
+from mapdeal.bags import messages
+from mapdeal.bags.messages import OCCUPANCY_GRID, grid_of, laser_scan_of, points_of, points_of_livox
+from strategies import examples
 
 STORE = ros2_store()
+
 CELLS = np.array([[-1, 0, 100], [37, 0, -1]], np.int8)
 
 
@@ -48,15 +44,15 @@ def test_a_scanner_without_limits_keeps_all_ranges_but_needs_valid_angles():
 
 def test_points_of_a_scan_are_what_it_hits():
     found = laser_scan_of(created(scan(1, [2.0, np.inf, 3.0], start=0.0, step=np.pi / 2)))
-    np.testing.assert_allclose(points_of_scan(found), [[2, 0], [-3, 0]], atol=1e-6)
+    np.testing.assert_allclose(messages.points_of_scan(found), [[2, 0], [-3, 0]], atol=1e-6)
 
 
 def test_frames_lose_their_leading_slash():
     edges = ("/map", "/odom", (1, 2, 3), (0, 0, 0, 1)), ("odom", "b", (0, 0, 0), (1, 0, 0, 0))
-    first, second = transforms_of(created(tf(5, *edges)))
+    first, second = messages.transforms_of(created(tf(5, *edges)))
     assert first == ("map", "odom", 5, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
     assert second.quaternion == (1.0, 0.0, 0.0, 0.0)
-    found = odometry_of(created(odometry(9, 1.5, -2.0, 0.6)))
+    found = messages.odometry_of(created(making.odometry(9, 1.5, -2.0, 0.6)))
     assert found[:4] == ("odom", "base_link", 9, (1.5, -2.0, 0.0))
     np.testing.assert_allclose(found.quaternion, (0, 0, np.sin(0.3), np.cos(0.3)))
 
@@ -77,7 +73,7 @@ def test_costs_keep_their_scale():
     assert isinstance(published, Costmap)
     assert (published.scale, published.cost.tolist()) == ("occupancy", CELLS.tolist())
     message = created(costmap(1, [[0, 253, 255]], 0.25, (1, 2, 0.5)))
-    raw = grid_of(message, NAV2_COSTMAP, is_costs=True)
+    raw = grid_of(message, messages.NAV2_COSTMAP, is_costs=True)
     assert (raw.scale, raw.cost.tolist(), raw.resolution) == ("costmap2d", [[0, 253, 255]], 0.25)
 
 
@@ -156,3 +152,46 @@ def test_a_cloud_whose_numbers_do_not_fit_is_refused(change, rule):
     message = SimpleNamespace(**{**vars(written), **changed, "row_step": changed["width"] * 8})
     with pytest.raises(MalformedInputError, match=rule):
         points_of(message)
+
+
+DRIVERS = ("livox_ros_driver", "livox_ros_driver2")
+
+POINTS = st.floats(width=32, allow_nan=False, allow_infinity=False)
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+@pytest.mark.parametrize("form", ["ros1", "sqlite3", "mcap"])
+@examples(10)
+@given(points=st.lists(st.tuples(POINTS, POINTS, POINTS), max_size=20), frame=st.text("ab/"))
+def test_points_are_those_that_were_written(form, driver, points, frame):
+    name = f"{driver}/msg/CustomMsg"
+    is_ros1 = form == "ros1"
+    store = making.ros1_store() if is_ros1 else ros2_store()
+    message = custom(START, points, driver, frame)(store)
+    data = bytes((store.serialize_ros1 if is_ros1 else store.serialize_cdr)(message, name))
+    found = points_of_livox(data, "ros1" if is_ros1 else "cdr")
+    assert np.array_equal(found, np.reshape(points, (-1, 3)))
+    for cut in (3, 14, len(data) - 2 - 20 * bool(points)):
+        with pytest.raises(MalformedInputError):
+            points_of_livox(data[:cut], "ros1" if is_ros1 else "cdr")
+
+
+@pytest.mark.parametrize(("form", "driver"), [("ros1", DRIVERS[0]), ("sqlite3", DRIVERS[1])])
+def test_a_bag_of_custom_messages_makes_a_map(tmp_path, command, form, driver):
+    room, maker, sensor = SampledRoom(5, density=150, floor_density=150), Maker(), (2.0, 1.5, 0.4)
+    points = room.points().astype("f4").astype(float)
+    for k, part in enumerate(np.array_split(points, 3)):
+        time = START + k * 10**8
+        maker.add("/tf", "tf2_msgs/msg/TFMessage", time,
+                  tf(time, ("map", "base_link", sensor, (0, 0, 0, 1))))  # fmt: skip
+        sensor_points = np.concatenate([part - sensor, np.zeros((20, 3))])
+        maker.add("/livox/lidar", f"{driver}/msg/CustomMsg", time,
+                  custom(time, sensor_points, driver, "base_link"))  # fmt: skip
+    bag = maker.write(tmp_path, form)
+    built, expected = build_map_from_clouds(bag), cloud_map(points)
+    assert built.at_sensor == 60
+    assert built.grid.shape == expected.grid.shape
+    assert (built.grid.occupancy == expected.grid.occupancy).mean() > 0.98
+    document = json.loads(command("info", bag, "--json")[1])
+    assert any("mapdeal build --cloud" in line and "/livox/lidar" in line
+               for line in document["use"])  # fmt: skip

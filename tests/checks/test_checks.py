@@ -15,7 +15,7 @@ from mapdeal.checks.facts import gather
 from mapdeal.checks.findings import CHECKS
 from mapdeal.checks.lint import lint_file
 from mapdeal.commands.lint import repaired
-from maps.pngs import chunk
+from maps.pictures import chunk
 
 
 def test_a_good_map_has_no_finding(tmp_path):

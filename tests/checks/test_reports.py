@@ -11,12 +11,7 @@ from pathlib import Path
 import pytest
 
 from mapdeal.checks.findings import CHECKS, Finding
-from mapdeal.checks.lint import (
-    REPORTS,
-    LintReport,
-    MapReport,
-    lint_file,  # noqa: F401 - lists all checks
-)
+from mapdeal.checks.lint import REPORTS, LintReport, MapReport
 
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 

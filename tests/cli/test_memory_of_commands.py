@@ -12,17 +12,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import mapdeal
 import measuring
-from mapdeal import (
-    BitMap,
-    Costmap,
-    OccupancyGrid,
-    PotentialField,
-    esdf,
-    read_map,
-    write_bit_map,
-    write_map,
-)
+from mapdeal import BitMap, Costmap, OccupancyGrid, esdf, read_map, write_bit_map, write_map
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.kernels.engine import engine_name
 from mapdeal.maps.npz import write_npz
@@ -213,7 +205,9 @@ def site(folder, side):
     around = grid.frame.window(-1, -2, side + 3, side + 105)
     write_map(folder / "canvas.npz", on_canvas(esdf(grid), around))
     repulsive = np.random.default_rng(4).random(values.shape)
-    write_map(folder / "potential.npz", PotentialField(repulsive, values, 0.05, goal=(1.0, 2.0)))
+    write_map(
+        folder / "potential.npz", mapdeal.PotentialField(repulsive, values, 0.05, goal=(1.0, 2.0))
+    )
     scans(folder / "scans.npz", np.zeros((100, 3)))
     np.save(folder / "cloud.npy", np.ones((10, 3)))
     for name, radius in (("robot", 0.04), ("wide", 0.06)):

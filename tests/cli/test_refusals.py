@@ -8,8 +8,15 @@ import pytest
 
 from bad_maps import tree
 from drawn import grid_from_text
-from mapdeal import OccupancyGrid, esdf, exponential_cost, potential, ring_cost, threshold_cost
-from mapdeal import write_map as write
+from mapdeal import (
+    OccupancyGrid,
+    esdf,
+    exponential_cost,
+    potential,
+    ring_cost,
+    threshold_cost,
+    write_map as write,
+)
 from mapdeal.maps.npz import write_npz
 
 ROBOT = "--footprint [[0.12,0.06],[0.12,-0.06],[-0.12,-0.06],[-0.12,0.06]]"

@@ -7,21 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from mapdeal.checks.findings import Finding
 from mapdeal.checks.lint import LintReport, MapReport
-from mapdeal.commands.report_documents import (
-    MOST_ITEMS,
-    goal_items,
-    goal_of,
-    passage_items,
-    passage_of,
-    read_results,
-    route_items,
-    route_of,
-)
+from mapdeal.commands import report_documents
+from mapdeal.commands.report_documents import MOST_ITEMS, goal_items, goal_of, read_results
 from mapdeal.commands.route import PlannedRoute
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.files.json_values import JsonValue, read_document
@@ -255,11 +246,11 @@ def test_reach_comes_back_as_it_was_written(
     path.write_text(reach_json(reach))
     document = json.loads(path.read_text())
     assert tuple(values_in(document, "goals", goal_of)) == goals
-    assert tuple(values_in(document, "passages", passage_of)) == passages
+    assert tuple(values_in(document, "passages", report_documents.passage_of)) == passages
     results = read_results(path)
     place, *items = results.items
     assert place.place == start[:2]
-    expected = [*goal_items(goals, robot, headings), *passage_items(passages)]
+    expected = [*goal_items(goals, robot, headings), *report_documents.passage_items(passages)]
     assert [item.text for item in items] == [item.text for item in expected]
     rows = dict(results.tables[0].rows)
     assert rows["headings"] == str(headings)
@@ -284,7 +275,7 @@ def test_routes_come_back_as_they_were_written(
     )  # fmt: skip
     path = tmp_path_factory.getbasetemp() / "route_again.json"
     path.write_text("".join(route.parts()))
-    found = route_of(read_document(path))
+    found = report_documents.route_of(read_document(path))
     assert [item.kind for item in read_results(path).items] == ["start", "goal", "route"]
     assert found.points_xy.tolist() == [list(point) for point in points]
     summary = (found.start, found.goal, found.local_minimum, found.expanded, found.reached)
@@ -344,7 +335,7 @@ ENDS = ((0.0, 1.0), (2.0, 3.0))
      "route by astar: no way", None),
 ], ids=["reached", "stuck", "no way"])  # fmt: skip
 def test_a_route_is_a_line_from_its_start_to_its_goal(route, goal, text, place):
-    start, end, line = route_items(route)
+    start, end, line = report_documents.route_items(route)
     assert (start.place, end.place, end.text) == (*ENDS, goal)
     assert end.tone == line.tone == ("good" if route.reached else "error")
     assert (line.text, line.place) == (text, place)

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mapdeal import MalformedInputError, MapdealWarning, build_map, build_map_from_log, read_map
+import mapdeal
+from mapdeal import MapdealWarning, build_map, build_map_from_log, read_map
 
 ANGLES = np.radians(np.arange(-90, 90))
 TRIPLE = "--poses p.txt --angles a.txt --ranges r.txt"
@@ -145,5 +146,5 @@ def test_lines_that_are_wrong_are_passed_over_up_to_a_number(here):
     with pytest.warns(MapdealWarning, match="line 2"):
         built = build_map_from_log("two.log", resolution=0.5)
     assert built.counts.scans == 2
-    with pytest.raises(MalformedInputError, match="line 2"):
+    with pytest.raises(mapdeal.MalformedInputError, match="line 2"):
         build_map_from_log("two.log", resolution=0.5, max_bad=0)

@@ -14,8 +14,7 @@ from mapdeal.checks.findings import Selections
 from mapdeal.checks.lint import lint_file
 from mapdeal.checks.map_checks import RUN_FOLDERS
 from mapdeal.commands.lint import _Lint
-from mapdeal.files.source import SHARE_OF_JOB
-from mapdeal.files.source import contents_of as real_contents_of
+from mapdeal.files.source import SHARE_OF_JOB, contents_of as real_contents_of
 from mapdeal.inputs.listing import list_maps
 from mapdeal.pipeline.settings import Settings
 from pipeline.here import HereWorkers, die_of

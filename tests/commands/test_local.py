@@ -8,20 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import mapdeal
 from bad_maps import tree
 from clouds import pcd, ply
 from drawn import grid_from_text
-from mapdeal import (
-    LocalOptions,
-    OccupancyGrid,
-    RollingMapper,
-    esdf,
-    inflate,
-    local_map,
-    read_map,
-    ring_cost,
-    write_map,
-)
+from mapdeal import LocalOptions, esdf, inflate, local_map, read_map, ring_cost, write_map
 from mapdeal.pipeline.local import sequence_of
 
 NAMES = [
@@ -253,7 +244,7 @@ ROLLING = "local --cloud scans --poses poses.txt --size 3,2 --resolution 0.1 --n
 def known(here):
     """A map whose corner is not a multiple of its cells, and a cloud."""
     values = np.random.default_rng(3).choice([-1, 0, 100], (30, 40), p=[0.3, 0.69, 0.01])
-    write_map("known.yaml", OccupancyGrid(values, 0.1, (-2.03, -1.06, 0.0)))
+    write_map("known.yaml", mapdeal.OccupancyGrid(values, 0.1, (-2.03, -1.06, 0.0)))
     np.savetxt("c.csv", [[0.62, 0.04], [-0.41, 0.33]], delimiter=",")
     return read_map("known.yaml")
 
@@ -296,7 +287,7 @@ def rolling(here):
 def check_rolled(keep, unreadable=(), not_written=(), *, global_map=None, **options):
     """Compare the local maps with those of `RollingMapper`; return the latter."""
     options = LocalOptions(size=(3, 2), resolution=0.1, **options)
-    mapper = RollingMapper(ROLLING_POSES, options, keep=keep, global_map=global_map)
+    mapper = mapdeal.RollingMapper(ROLLING_POSES, options, keep=keep, global_map=global_map)
     rolled = {}
     for k in range(7):
         if k in unreadable:

@@ -8,13 +8,7 @@ import numpy as np
 import pytest
 
 import mapdeal
-from mapdeal import (
-    FileAccessError,
-    MalformedInputError,
-    MapdealError,
-    OccupancyGrid,
-    ParameterError,
-)
+from mapdeal import FileAccessError, MapdealError, OccupancyGrid, ParameterError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LOG = EXAMPLES / "logs" / "office.log"
@@ -179,7 +173,7 @@ def test_files_that_are_not_there(call, name):
 
 def test_a_parameter_that_nav2_refuses():
     Path("p.yaml").write_text(NAV2.read_text().replace("0.6\n", "1\n"))
-    with pytest.raises(MalformedInputError, match="inflation_radius"):
+    with pytest.raises(mapdeal.MalformedInputError, match="inflation_radius"):
         mapdeal.read_robot_parameters("p.yaml")
 
 

@@ -18,15 +18,8 @@ from mapdeal.commands.report_entries import Draft, Grids, columns_of
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS
 from mapdeal.report.document import Item, Table
-from pipeline.reported import (
-    changed,
-    document,
-    entries_of,
-    layer_names,
-    report_of,
-    rooms_grid,
-    write_cells,
-)  # fmt: skip
+from pipeline import reported
+from pipeline.reported import changed, document, entries_of, layer_names, report_of, rooms_grid
 
 ROOM = grid_from_text("#####\n#...#\n#####")
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -186,7 +179,7 @@ def test_what_reading_a_map_warns_of_is_on_the_page_and_given_once(tmp_path, fit
     if not fits:
         monkeypatch.setattr("mapdeal.commands.report_entries.memory_limit", lambda: (0, ""))
     dark = np.full((8, 20), -1, np.int8)
-    paths = [write_cells(tmp_path / f"{name}.yaml", dark) for name in ("one", "two")]
+    paths = [reported.write_cells(tmp_path / f"{name}.yaml", dark) for name in ("one", "two")]
     with pytest.warns(mapdeal.MapdealWarning, match="known") as caught:
         entries = entries_of(*paths)
     texts = [entry.warnings[0] for entry in entries]
@@ -472,6 +465,6 @@ def test_a_page_keeps_to_its_size_whatever_it_lists(run):
     shapes = {"type": "FeatureCollection", "features": [feature] * 9}
     (run / "shapes.json").write_text(json.dumps(shapes))
     noise = np.random.default_rng(1).integers(0, 101, size=(700, 900), dtype=np.int8)
-    sources = [write_cells(run / "noise.yaml", noise), run / "shapes.json"]
+    sources = [reported.write_cells(run / "noise.yaml", noise), run / "shapes.json"]
     page = mapdeal.write_report(run / "page.html", sources, max_size=400_000)
     assert 200_000 < page.size <= 400_000

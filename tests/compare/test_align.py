@@ -5,12 +5,18 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from compare.buildings import HALL, OTHER_WALLS, WALLS, between, cut, drawn, errors
-from mapdeal.compare.align import SearchArea, candidates_at, moved, refined, walls_of, yaws_by_walls
-from mapdeal.compare.align import placed as align
+from mapdeal.compare.align import (
+    SearchArea,
+    candidates_at,
+    moved,
+    placed as align,
+    refined,
+    walls_of,
+    yaws_by_walls,
+)
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.threads import use_threads

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from compare.buildings import OTHER_WALLS, WALLS, between, drawn, errors
 from mapdeal import OccupancyGrid, Transform

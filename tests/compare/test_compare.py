@@ -8,23 +8,14 @@ from unittest.mock import ANY
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from PIL import Image
 
 import oracles
 from mapdeal import OccupancyGrid, ParameterError, ScoreBound, read_map
 from mapdeal.compare import score
 from mapdeal.compare.bounds import checked_bounds, figure_in, figures_named, judged
-from mapdeal.compare.score import (
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    compare_states,
-    compare_to_truth,
-    gaussian_similarity,
-    uniform_similarity,
-)
+from mapdeal.compare.score import FREE, OCCUPIED, UNKNOWN, compare_states, uniform_similarity
 from mapdeal.grid.frame import Frame, Transform
 from mapdeal.kernels.components import touching_groups
 from mapdeal.kernels.threads import use_threads
@@ -135,7 +126,7 @@ def test_the_estimate_is_looked_up_at_the_centres_of_the_truth_and_values_betwee
     of_cells = [-1, 0, 0, 1, 50, 99, 100, 100]
     estimate = OccupancyGrid(rng.choice(of_cells, (7, 9)), cell, (0.4, -0.7, own_yaw))
     truth = OccupancyGrid(rng.choice(of_cells, (5, 8)), 0.37, (-0.3, 0.2, yaw))
-    compared = compare_to_truth(estimate, truth, Transform(dx, dy, turn))
+    compared = score.compare_to_truth(estimate, truth, Transform(dx, dy, turn))
     found, states = compared.estimate, defaultdict(lambda: UNKNOWN, {0: FREE, 100: OCCUPIED})
     assert compared.truth.ravel().tolist() == [states[v] for v in truth.occupancy.flat]
     for row, col in np.ndindex(5, 8):
@@ -183,7 +174,7 @@ def test_both_are_the_formula_over_all_windows(height, width, seed):
     expected = by_windows(first, second, EVEN, 49 / 48)
     assert uniform_similarity(first, second) == pytest.approx(expected, abs=1e-12)
     expected = by_windows(first, second, BELL, 1.0)
-    assert gaussian_similarity(first, second) == pytest.approx(expected, abs=1e-12)
+    assert score.gaussian_similarity(first, second) == pytest.approx(expected, abs=1e-12)
 
 
 def test_bands_and_threads_change_nothing(monkeypatch):
@@ -194,7 +185,7 @@ def test_bands_and_threads_change_nothing(monkeypatch):
         monkeypatch.setattr(score, "TOGETHER", together)
         monkeypatch.setattr(score, "LEAST_ROWS_ALONE", rows)
         with use_threads(threads):
-            likeness = [f(first, second) for f in (uniform_similarity, gaussian_similarity)]
+            likeness = [f(first, second) for f in (uniform_similarity, score.gaussian_similarity)]
             found.append((likeness, score.corners_of(walls).tobytes()))
     assert any(found[0][1])
     assert found[1:] == found[:1] * 2
@@ -204,7 +195,7 @@ def test_maps_smaller_than_a_window_have_none():
     square, row = np.ones((6, 40), np.uint8), np.ones((8, 10), np.uint8)
     assert uniform_similarity(square, square) is None
     assert uniform_similarity(row, row) == 1.0
-    assert gaussian_similarity(row, row) is None
+    assert score.gaussian_similarity(row, row) is None
 
 
 def rooms():
@@ -403,7 +394,7 @@ def test_all_values_of_the_maps_are_those_recorded(real_maps, name):
         maps = generated(real_maps)
     else:
         maps = [read_map(real_maps / pair[which]) for which in ("est", "truth")]
-    found = compare_to_truth(*maps, transform)
+    found = score.compare_to_truth(*maps, transform)
     for which, states in (("est", found.estimate), ("truth", found.truth)):
         greys = np.array([GREYS[state] for state in range(3)], np.uint8)[states[::-1]]
         digest = hashlib.sha256(greys.tobytes()).hexdigest()

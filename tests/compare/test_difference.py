@@ -1,28 +1,21 @@
-"""Differences between two maps, against a comparison in plain Python."""
+"""Differences between two maps, against a comparison in plain Python; their faults."""
 
 import json
 import math
 
 import numpy as np
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 from PIL import Image
 
+from compare.buildings import WALLS, drawn
+from compare.test_bend import bent
 from drawn import grid_from_text
-from mapdeal import OccupancyGrid, diff, write_map
-from mapdeal.compare.difference import (
-    ADDED,
-    BOTH_FREE,
-    BOTH_UNKNOWN,
-    CHANGED,
-    COMMON,
-    OUTSIDE,
-    REMOVED,
-    STATES,
-    SYMMETRIES,
-    compare,
-)
+from mapdeal import OccupancyGrid, diff, score, write_map
+from mapdeal.compare import difference
+from mapdeal.compare.difference import ADDED, BOTH_FREE, COMMON, STATES, SYMMETRIES, compare
+from mapdeal.compare.faults import NO_FAULT, faults_of, verdict
+from mapdeal.compare.score import states_of
 from strategies import occupancies
 
 RES = 0.5
@@ -34,8 +27,8 @@ def state(value):
 
 def change_of(first, second):
     if first == second:
-        return (COMMON, BOTH_FREE, BOTH_UNKNOWN, BOTH_FREE)[first]
-    return ADDED if second == 0 else REMOVED if first == 0 else CHANGED
+        return (COMMON, BOTH_FREE, difference.BOTH_UNKNOWN, BOTH_FREE)[first]
+    return ADDED if second == 0 else difference.REMOVED if first == 0 else difference.CHANGED
 
 
 def table_of(found):
@@ -67,7 +60,7 @@ def test_cells_are_compared_where_both_maps_have_some(a, b, shift, tolerance, ya
     np.testing.assert_array_equal(table_of(found), confusion)
     assert found.common_cells == len(cells)
     assert found.differing == sum(x != y for x, y in cells.values())
-    changes = np.full(found.changes.shape, OUTSIDE)
+    changes = np.full(found.changes.shape, difference.OUTSIDE)
     for (r, c), (x, y) in cells.items():
         changes[r - min(shift[0], 0), c - min(shift[1], 0)] = change_of(state(x), state(y))
     np.testing.assert_array_equal(found.changes, changes)
@@ -229,3 +222,69 @@ def test_the_picture_has_what_is_added_and_removed(command, walls):
     pixels = np.asarray(Image.open("d.png").convert("RGB"))
     for colour in ((0, 120, 220), (225, 30, 60)):
         assert np.all(pixels == colour, axis=2).sum() > 1000
+
+
+RNG = np.random.default_rng(4)
+
+
+@pytest.fixture(scope="module")
+def true_map():
+    return drawn(WALLS, 0.1)
+
+
+def without_a_quarter(values):
+    height, width = values.shape
+    values[height // 2 :, width // 2 :] = -1
+
+
+def with_ghosts(values):
+    walls = np.zeros_like(values, dtype=bool)
+    walls[:, 6:100] = values[:, :94] == 100
+    values[walls & (values == 0)] = 100
+
+
+def with_noise(values):
+    values[(values == 0) & (RNG.random(values.shape) < 0.02)] = 100
+
+
+def faded(values):
+    walls = values == 100
+    walls[:, 120:] = False
+    values[walls] = -1
+
+
+CASES = {
+    "missing area": without_a_quarter, "ghost walls": with_ghosts, "noisy": with_noise,
+    "faded walls": faded, NO_FAULT: np.asarray,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", CASES)
+def test_the_worst_fault_names_the_verdict(true_map, kind):
+    values = np.array(true_map.occupancy)
+    CASES[kind](values)
+    found = faults_of(states_of(values), states_of(true_map.occupancy), true_map.frame)
+    assert verdict(found) == kind
+
+
+def test_amount_and_place_of_what_is_missing(true_map):
+    values = np.array(true_map.occupancy)
+    without_a_quarter(values)
+    wrong = true_map.with_values(values)
+    missing = (np.asarray(true_map.occupancy) == 0) & (values == -1)
+    result = score(wrong, true_map)
+    (fault,) = (fault for fault in result.faults if fault.kind == "missing area")
+    assert fault.amount == pytest.approx(missing.sum() * 0.01)
+    assert fault.place.startswith("in the north-east")
+    assert result.document()["verdict"] == "missing area"
+    assert any("verdict   missing area: " in line for line in result.lines())
+    assert diff(true_map, wrong).faults == result.faults
+    assert diff(true_map, true_map).faults == ()
+
+
+def test_a_bent_map_is_bent_and_has_no_ghosts(true_map):
+    wrong = bent(true_map, 0.4)
+    found = faults_of(states_of(wrong.occupancy), states_of(true_map.occupancy), true_map.frame)
+    assert verdict(found) == "bent"
+    assert found[0].amount == pytest.approx(0.4, abs=0.12)
+    assert "ghost walls" not in {fault.kind for fault in found}

@@ -5,20 +5,13 @@ import math
 import numpy as np
 import pytest
 
+import mapdeal
 from drawn import grid_from_text
-from mapdeal import (
-    OccupancyGrid,
-    ParameterError,
-    Transform,
-    esdf,
-    exponential_cost,
-    field_view,
-    merge,
-)
+from mapdeal import OccupancyGrid, ParameterError, Transform, esdf, field_view, merge
 from mapdeal.compare.align import placed
 
 GRID = grid_from_text("..#\n...")
-COSTS = exponential_cost(GRID, inscribed_radius=0.1, inflation_radius=0.3)
+COSTS = mapdeal.exponential_cost(GRID, inscribed_radius=0.1, inflation_radius=0.3)
 ROW = OccupancyGrid([[100, 0]], 0.5)
 EVIDENCE = np.array([[1, 2]])
 

@@ -7,7 +7,7 @@ from PIL import Image
 
 from bad_maps import yaml_text
 from mapdeal import Costmap, OccupancyGrid, PotentialField, esdf, write_map
-from maps.pngs import adam7
+from maps.pictures import adam7
 
 SHAPE = H, W = 2000, 2500
 POINTS = 600_000

@@ -4,8 +4,7 @@ import json
 import math
 
 import numpy as np
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 
 from mapdeal.files.text import Form, Kind, row_texts
 

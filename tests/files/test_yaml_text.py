@@ -4,18 +4,11 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.files import yaml_text
-from mapdeal.files.yaml_text import (
-    OF_MAPS,
-    OF_RECIPES,
-    compose_documents,
-    parse_mapping,
-    parse_value,
-)
+from mapdeal.files.yaml_text import OF_MAPS, OF_RECIPES, compose_documents, parse_mapping
 
 NAME = Path("m.yaml")
 MAP = """\
@@ -141,7 +134,7 @@ def test_an_anchor_is_known_in_its_own_document_alone():
 
 def test_a_value_of_the_command_line_that_is_not_unicode_is_refused():
     with pytest.raises(MalformedInputError, match="not valid YAML"):
-        parse_value("a\udcff", "--set")
+        yaml_text.parse_value("a\udcff", "--set")
 
 
 @pytest.mark.skipif(not yaml.__with_libyaml__, reason="PyYAML comes without libyaml here")

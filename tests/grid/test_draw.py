@@ -7,22 +7,11 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
+import mapdeal
 import oracles
-from mapdeal import (
-    BitMap,
-    Circle,
-    Costmap,
-    FindingError,
-    Line,
-    MapdealWarning,
-    OccupancyGrid,
-    ParameterError,
-    Polygon,
-    draw,
-)
+from mapdeal import Circle, Costmap, Line, MapdealWarning, OccupancyGrid, Polygon, draw
 
 
 def turned(grid, points):
@@ -65,7 +54,7 @@ def test_convex_polygons_are_those_of_costmap_2d_cell_for_cell(peers):
             continue
         # a polygon that it refuses equals the part of one inside of a larger map
         refused += 1
-        with pytest.raises(FindingError, match="map"):
+        with pytest.raises(mapdeal.FindingError, match="map"):
             draw(small, polygon, value=200, strict=True)
         with pytest.warns(MapdealWarning, match="map"):
             clipped = draw(small, polygon, value=200).cost
@@ -105,7 +94,7 @@ def test_polygons_by_the_cells_of_their_corners_on_the_turned_map(corners, hole_
 def test_round_shapes_by_distance_in_the_map_frame(a, b, size, yaw):
     """Those too small for more are the cells that hold their points."""
     grid = OccupancyGrid(np.zeros((5, 7), np.int8), 0.25, (1.5, -2.0, yaw))
-    bits = BitMap.from_occupancy(grid)
+    bits = mapdeal.BitMap.from_occupancy(grid)
     own = cells_of([a, b or a])
     start, end = turned(grid, [a, b or a])
     size *= grid.resolution
@@ -179,7 +168,7 @@ def test_edges_that_cross_are_refused_however_many_there_are(count):
     points = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     assert Polygon(points.tolist()).has_extent()
     points[[2, 3]] = points[[3, 2]]
-    with pytest.raises(ParameterError, match="crosses the one that starts at vertex 4"):
+    with pytest.raises(mapdeal.ParameterError, match="crosses the one that starts at vertex 4"):
         Polygon(points.tolist())
 
 
@@ -187,7 +176,7 @@ def test_a_line_of_a_cell_s_thickness_clips_nothing():
     grid = OccupancyGrid(np.zeros((5, 7), np.int8), 0.25, (1.5, -2.0, 0.4))
     ends = turned(grid, [(0.1, 0.1), (6.9, 3.2)])
     assert draw(grid, Line(ends, thickness=0.25), value=100, strict=True).occupied().any()
-    with pytest.raises(FindingError, match="its thickness"):
+    with pytest.raises(mapdeal.FindingError, match="its thickness"):
         draw(grid, Line(ends, thickness=0.26), value=100, strict=True)
 
 
@@ -230,7 +219,7 @@ def test_what_cannot_be_drawn_as_meant_is_a_warning_or_with_strict_a_finding(sha
     grid = OccupancyGrid(np.zeros((4, 5), np.int8), 0.25)
     with pytest.warns(MapdealWarning, match=re.escape(text)):
         draw(grid, shape, value=100)
-    with pytest.raises(FindingError, match=re.escape(text.split(";")[0])) as caught:
+    with pytest.raises(mapdeal.FindingError, match=re.escape(text.split(";")[0])) as caught:
         draw(grid, [Circle((0.5, 0.5), 0.1), shape], value=100, strict=True)
     assert caught.value.exit_code == 1
     assert re.fullmatch(r"shape 2, .*nothing was drawn", str(caught.value))

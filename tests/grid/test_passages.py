@@ -4,22 +4,13 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from hypothesis import assume, example, given
-from hypothesis import strategies as st
+from hypothesis import assume, example, given, strategies as st
 from scipy import ndimage
 from scipy.cluster.hierarchy import DisjointSet
 
 from mapdeal import Footprint, Frame, Goal, OccupancyGrid, ParameterError, reach, read_map
-from mapdeal.grid.reaching import (
-    Ground,
-    Ways,
-    cell_of_point,
-    disconnected,
-    largest_closed_square,
-    nearest_marked,
-    nearest_open_text,
-    passages,
-)
+from mapdeal.grid import reaching
+from mapdeal.grid.reaching import cell_of_point, disconnected, largest_closed_square, passages
 from mapdeal.kernels.paths import clearance_tree
 from strategies import examples
 
@@ -27,7 +18,7 @@ RESOLUTION, ORIGIN = 0.07, (3.0, -2.0, 0.4)
 
 
 def clearances_of(grid):
-    return Ground(grid.occupancy, grid.frame, through_unknown=False).ways()
+    return reaching.Ground(grid.occupancy, grid.frame, through_unknown=False).ways()
 
 
 def open_cells(clearances, radius):
@@ -375,7 +366,7 @@ def test_passages_are_those_of_the_definition(drawn, radius, margin, min_cells, 
     assume(is_traversable.any())
     start = data.draw(st.sampled_from(cells_in(is_traversable)))
     frame = Frame(*squared.shape, 1.0)
-    clearances = Ways(clearance_tree(squared, is_traversable), squared, frame)
+    clearances = reaching.Ways(clearance_tree(squared, is_traversable), squared, frame)
     is_open = is_traversable & (np.sqrt(squared) > radius)
     doors = passages(
         clearances, is_open, start, radius=radius, margin=margin, min_area=float(min_cells)
@@ -493,7 +484,7 @@ def test_the_nearest_open_cell_is_that_of_a_search_through_all(height, width, co
     marked = np.zeros((height, width), dtype=bool)
     marked[rng.integers(height, size=count), rng.integers(width, size=count)] = True
     cell = (int(rng.integers(-height, 2 * height)), int(rng.integers(-width, 2 * width)))
-    hint = nearest_open_text(Frame(height, width, 0.5, (-3.0, 2.0, 0.0)), marked, cell)
+    hint = reaching.nearest_open_text(Frame(height, width, 0.5, (-3.0, 2.0, 0.0)), marked, cell)
     if not count:
         assert hint == "no cell of the map is open"
         return
@@ -507,5 +498,5 @@ def test_the_nearest_open_cell_is_that_of_a_search_through_all(height, width, co
 def test_the_nearest_cell_to_one_that_is_very_far_away():
     marked = np.zeros((60, 60), dtype=bool)
     marked[16, 16] = marked[0, 17] = marked[59, 0] = True
-    assert nearest_marked(marked, (-(10**18), 10**18)) == (0, 17)
-    assert nearest_marked(marked, (10**18, 30)) == (59, 0)
+    assert reaching.nearest_marked(marked, (-(10**18), 10**18)) == (0, 17)
+    assert reaching.nearest_marked(marked, (10**18, 30)) == (59, 0)

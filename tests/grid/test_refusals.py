@@ -5,28 +5,15 @@ import math
 import numpy as np
 import pytest
 
+import mapdeal
 from drawn import grid_from_text
-from mapdeal import (
-    BitMap,
-    Circle,
-    Costmap,
-    Footprint,
-    Frame,
-    Line,
-    OccupancyGrid,
-    ParameterError,
-    Polygon,
-    ViewScale,
-    draw,
-    esdf,
-    footprint_costs,
-)
+from mapdeal import Circle, Costmap, Footprint, Frame, Line, ParameterError, Polygon, draw
 from mapdeal.grid.canvas import on_canvas, resampled
 from mapdeal.grid.frame import Transform, check_point, region_of
 from mapdeal.grid.values import static_layer_cost_from_occupancy
 
 MAP = grid_from_text("#...?\n#....\n##..#")
-BITS = BitMap.from_mask(np.zeros((2, 9)), 0.25)
+BITS = mapdeal.BitMap.from_mask(np.zeros((2, 9)), 0.25)
 COSTS, PUBLISHED = Costmap([[0, 1]], 0.5), Costmap([[0, 1]], 0.5, scale="occupancy")
 ROBOT, DOT = Footprint.circle(0.2), Circle((0.5, 0.5), 0.1)
 UPRIGHT = Frame(5, 8, 0.5, (1.0, -2.0, 0.0))
@@ -40,17 +27,18 @@ UPRIGHT = Frame(5, 8, 0.5, (1.0, -2.0, 0.0))
             (BITS.get, "cell", [[[0, 9]], [[-1, 0]], [[2, 0]], [[0.5, 0]], [[1, 2, 3]]]),
             (BITS.set, "cell", [[[0, 9]], [[0]]]),
             (BITS.accept_value, "0 or 1", [2]),
-            (lambda arguments: BitMap(*arguments, 0.25), None,
+            (lambda arguments: mapdeal.BitMap(*arguments, 0.25), None,
              [([[0, 0]], 8), ([[0]], 9), ([[0]], 0), ([0], 8), ([[256]], 8)]),
             (lambda frame: on_canvas(MAP, frame), "not aligned",
              [Frame(9, 9, 0.2, MAP.origin), Frame(9, 9, 0.25, (1.5, -2.0, 0.5)),
               Frame(9, 9, 0.25, (1.4, -2.0, 0.4))]),
             (lambda frame: on_canvas(MAP, frame), "the whole grid",
              [MAP.frame.window(0, 0, 2, 9), MAP.frame.window(1, -1, 9, 9)]),
-            (lambda cells: OccupancyGrid(cells, 0.05), None,
+            (lambda cells: mapdeal.OccupancyGrid(cells, 0.05), None,
              [[[101]], [[-2]], [[0.5]], [[]], [0, 1], [[300]]]),
-            (lambda side: OccupancyGrid([[0]], side), "resolution", [math.nan, 0.99e-6, 1.01e6]),
-            (lambda at: OccupancyGrid([[0]], 1.0, at), "origin must be",
+            (lambda side: mapdeal.OccupancyGrid([[0]], side), "resolution",
+             [math.nan, 0.99e-6, 1.01e6]),
+            (lambda at: mapdeal.OccupancyGrid([[0]], 1.0, at), "origin must be",
              [(1.01e12, 0, 0), (0, -1.01e12, 0)]),
             (lambda at: check_point(at, "goal"), "goal", [(1.01e12, 0), (0, -1.01e12)]),
             (lambda cost: Costmap(cost, 0.2), None, [[[-1]], [[256]]]),
@@ -58,8 +46,8 @@ UPRIGHT = Frame(5, 8, 0.5, (1.0, -2.0, 0.0))
              [[[-2, 0]], [[0, 101]]]),
             (COSTS.accept_value, "whole number", [-1, 256, 2.5, math.nan]),
             (PUBLISHED.accept_value, "whole number", [-2, 101]),
-            (esdf(MAP).query, "shape", [[1.0, 2.0, 3.0], [[1.0, 2.0, 3.0]], 1.0]),
-            (lambda options: ViewScale(**options), None,
+            (mapdeal.esdf(MAP).query, "shape", [[1.0, 2.0, 3.0], [[1.0, 2.0, 3.0]], 1.0]),
+            (lambda options: mapdeal.ViewScale(**options), None,
              [{"view": "polar"}, {"view_range": 0.0}, {"farthest": -1.0}, {"deepest": math.inf}]),
             (MAP.frame.unbounded_rowcol_from_xy, "finite", [[(0, 0), (math.nan, 0)], [(1e13, 0)]]),
             (MAP.frame.clamped_rowcol_from_xy, "finite", [[(0, 0), (math.nan, 0)], [(1e13, 0)]]),
@@ -78,11 +66,11 @@ UPRIGHT = Frame(5, 8, 0.5, (1.0, -2.0, 0.0))
             (lambda shapes: draw(MAP, shapes, value=100), "shapes: must be Polygon, Line or Circle",
              [[(0, 0), (1, 1)], "circle", [None]]),
             (lambda word: draw(BITS, DOT, value=1, overlay=word), "overlay", ["add"]),
-            (lambda poses: footprint_costs(COSTS, ROBOT, poses), "poses must be an array of x, y",
-             [[[1, 2]], [1, 2], [[[1, 2, 3]]], 5]),
-            (lambda rule: footprint_costs(COSTS, ROBOT, [[0, 0, 0]], rule=rule),
+            (lambda poses: mapdeal.footprint_costs(COSTS, ROBOT, poses),
+             "poses must be an array of x, y", [[[1, 2]], [1, 2], [[[1, 2, 3]]], 5]),
+            (lambda rule: mapdeal.footprint_costs(COSTS, ROBOT, [[0, 0, 0]], rule=rule),
              "rule: must be one of outline, full, got 'inside'", ["inside"]),
-            (lambda costs: footprint_costs(costs, ROBOT, [[0, 0, 0]]),
+            (lambda costs: mapdeal.footprint_costs(costs, ROBOT, [[0, 0, 0]]),
              "cost scale: .* costmap2d, got 'occupancy'", [PUBLISHED]),
             (lambda shape: shape.spans(Frame(4, 5, 0.05)),  # too many cells to be counted
              "(polygon vertex 3|line vertex 2|circle radius)",

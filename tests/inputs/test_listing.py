@@ -6,8 +6,7 @@ from tempfile import TemporaryDirectory
 from unittest.mock import Mock
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from mapdeal import FileAccessError, MapdealWarning, ParameterError
 from mapdeal.files.source import contents_of, status_of

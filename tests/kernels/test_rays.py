@@ -1,20 +1,11 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from engines import needs_compiled
 from kernels.conftest import by_each_engine
 from mapdeal.kernels import sensing
-from mapdeal.kernels.sensing import (
-    DISTANCE_UNIT,
-    Odds,
-    cast_rays,
-    count_rays,
-    measure_rays,
-    room_around,
-    weigh_rays,
-)
+from mapdeal.kernels.sensing import Odds, cast_rays, count_rays, measure_rays, weigh_rays
 from oracles import beam_lengths
 
 FAR = st.tuples(st.integers(-9, 20) | st.integers(-(2**30), 2**30), st.integers(-9, 20))
@@ -98,12 +89,12 @@ def test_a_cell_so_many_truncations_behind_the_surface_is_measured_the_next_is_n
         2.0, behind, sums, weights,
     )  # fmt: skip
     measured = [1, 1, 0.5, 0, -0.5, -1, -1, -1][: 4 + behind_cells]
-    assert (sums[0] / DISTANCE_UNIT).tolist() == measured + [0] * (6 - behind_cells)
+    assert (sums[0] / sensing.DISTANCE_UNIT).tolist() == measured + [0] * (6 - behind_cells)
     assert weights[0].tolist() == [1] * (4 + behind_cells) + [0] * (6 - behind_cells)
 
 
 def cast(values, starts, angles, limit):
-    return cast_rays(room_around(values > 0, values < 0), starts, angles, limit)
+    return cast_rays(sensing.room_around(values > 0, values < 0), starts, angles, limit)
 
 
 @given(st.integers(0, 2**32), st.integers(1, 40), st.integers(1, 50), st.floats(1, 60))

@@ -1,4 +1,4 @@
-"""Costmaps of whole parameter files, as Nav2's and ROS 1's own layers have computed them."""
+"""Costmaps of whole parameter files and bags, as Nav2's and ROS 1's own layers computed them."""
 
 import hashlib
 import json
@@ -10,11 +10,14 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import MalformedInputError, apply_recipe, read_robot_parameters
+from mapdeal.bags.reader import open_bag
 from mapdeal.pipeline.recipe import step_for
+from mapdeal.pipeline.replay import BagReplay
 
 KNOWN_QUEUE_DIFFERENCE = {
     ("visible/062 a robot without namespace and robot1 [no namespace]", "humble")
 }
+
 """An unknown cell that the queue of older releases takes to be beyond the inscribed radius."""
 
 
@@ -84,3 +87,42 @@ def assert_costs(found, expected, about):
     elif about not in KNOWN_QUEUE_DIFFERENCE:
         counts = {name: int((cost == int(name)).sum()) for name in ("254", "255")}
         assert counts == {name: expected["counts"][name] for name in counts}, about
+
+
+BAGS = ("ghost", "person", "far_and_low", "points", "points_only", "made-scans")
+
+
+def differing(case, file, data, folder):
+    params = folder / "params.yaml"
+    params.write_text(case["params"])
+    robot = mapdeal.read_robot_parameters([params], costmap=case["costmap"])
+    recorded = {costmap["after_message"]: costmap for costmap in case["at"]}
+    found = []
+    with open_bag(data / file) as bag:
+        replay = BagReplay(bag, robot, mapdeal.read_map(data / case["map"]))
+        for step in replay.steps():
+            if step.number not in recorded:
+                continue
+            expected, costs = recorded[step.number], replay.costmap.costs
+            assert divmod(step.time, 10**9) == tuple(expected["stamp"])
+            assert step.topic == expected["topic"]
+            assert list(replay.costmap.frame.origin[:2]) == expected["origin"]
+            digest = hashlib.sha256(np.ascontiguousarray(costs).tobytes()).hexdigest()
+            found += [step.number] * (digest != expected["sha256"])
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("mapdeal_warnings")
+@pytest.mark.parametrize("every", [7, pytest.param(1, marks=pytest.mark.thorough)])
+def test_costmaps_equal_those_of_the_real_layers(real_maps, tmp_path, every):
+    document = json.loads((real_maps / "expected" / "observations.json").read_text())
+    files = {bag["name"]: bag["file"] for bag in document["bags"]}
+    cases = document["cases"][::every]
+    assert {case["bag"] for case in cases} == set(BAGS)
+    wrong = {
+        case["id"]: found
+        for case in cases
+        if (found := differing(case, files[case["bag"]], real_maps, tmp_path))
+    }
+    assert not wrong

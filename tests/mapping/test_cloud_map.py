@@ -7,25 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.clouds import (
-    WORLDS,
-    Solid,
-    World,
-    box,
-    frame_of,
-    ground,
-    ours,
-    ours_with_poses,
-    peer,
-    placed,
-    post,
-    room,
-    rooms,
-    scores,
-    table,
-)
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from benchmarks import clouds
+from benchmarks.clouds import Solid, World, box, ground, ours, post, room, rooms, scores, table
+from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
@@ -98,12 +82,12 @@ LEAST = {
     "name", [pytest.param(name, marks=[pytest.mark.thorough] * (name != "rooms")) for name in LEAST]
 )
 def test_maps_are_those_of_the_world_and_better_than_a_band_of_heights(name):
-    world = small(WORLDS[name]())
+    world = small(clouds.WORLDS[name]())
     points, truth = world.cloud(), world.truth()
     obstacles, free = scores(ours(world, points, truth), truth)
     assert (obstacles, free) > LEAST[name]
     assert free > LEAST[name][1]
-    usual = scores(peer(points, truth), truth)
+    usual = scores(clouds.peer(points, truth), truth)
     assert obstacles > usual[0]
     assert free > usual[1]
 
@@ -142,7 +126,7 @@ def test_obstacles_are_what_the_robot_meets(name):
 
 @pytest.mark.parametrize(("drops", "state"), [("occupied", 100), ("unknown", -1)])
 def test_drops_are_never_free(drops, state):
-    world = small(WORLDS["drops"]())
+    world = small(clouds.WORLDS["drops"]())
     result = cloud_map(world.cloud(), drops=drops)
     assert state_at(result, 2.7, 2.7) == state  # the pit
     assert state_at(result, 5.3, 4.7) == 0
@@ -206,7 +190,7 @@ STOREYS = [ground(0, 5, 0, 4), box(0, 5, 0, 4, 2.5, 2.8), *room(0, 5, 0, 4, 5.3,
 PATH = [(1, 1, 0.6), (4, 3, 0.6), (1, 1, 3.4), (4, 3, 3.4)]
 
 
-@pytest.mark.parametrize("world", [WORLDS["drops"], lambda: World(STOREYS, PATH)])
+@pytest.mark.parametrize("world", [clouds.WORLDS["drops"], lambda: World(STOREYS, PATH)])
 def test_a_cloud_that_is_moved_or_turned_has_the_same_map(world):
     # sums with binary fractions are exact, and none of these points lies on the edge of a cell
     points = np.floor(small(world()).cloud() * 1024) / 1024 + 1 / 2048
@@ -231,8 +215,8 @@ def test_beams_clear_people_that_walked_on_and_nothing_else():
     world = hall(*trail, *table(3.0, 3.2), post(1.7, 3.3, 0.03, 1.2), steps=60)
     truth = world.truth()
     without = ours(world, world.cloud(), truth)
-    posed = ours_with_poses(world, frame_of(truth)).occupancy
-    ends = frame_of(truth).unbounded_rowcol_from_xy([(0.8, 2.0), (3.5, 2.0)])
+    posed = clouds.ours_with_poses(world, clouds.frame_of(truth)).occupancy
+    ends = clouds.frame_of(truth).unbounded_rowcol_from_xy([(0.8, 2.0), (3.5, 2.0)])
     (row, first), (_, last) = ends.tolist()
     path = slice(row - 5, row + 5), slice(first, last)
     assert (without[path] == 100).sum() > 50
@@ -440,7 +424,7 @@ def test_a_sequence_with_poses_makes_the_map_of_its_points(tmp_path, command):
         "build", "--cloud", tmp_path, "--poses", poses, "-o", tmp_path / "map.yaml"
     )
     assert code == 0, err
-    expected, found = ours_with_poses(world), mapdeal.read_map(tmp_path / "map.yaml")
+    expected, found = clouds.ours_with_poses(world), mapdeal.read_map(tmp_path / "map.yaml")
     assert found.occupancy.shape == expected.occupancy.shape
     assert (found.occupancy == expected.occupancy).mean() > 0.995  # float32, and rounded poses
     poses.write_text("\n".join(lines[1:]))
@@ -453,8 +437,7 @@ def test_a_sequence_with_poses_makes_the_map_of_its_points(tmp_path, command):
 
 def test_a_bag_makes_the_map_of_its_clouds_where_its_transforms_place_them(tmp_path):
     pytest.importorskip("rosbags")
-    from bags.making import START, Maker, tf
-    from bags.making import cloud as message
+    from bags.making import START, Maker, cloud as message, tf
 
     maker, every = Maker(), []
     fields = [("x", 0, 7), ("y", 4, 7), ("z", 8, 7)]
@@ -467,7 +450,7 @@ def test_a_bag_makes_the_map_of_its_clouds_where_its_transforms_place_them(tmp_p
         x, y = scan.points[:, :2].T
         points = np.stack([x * cos + y * sin, y * cos - x * sin, scan.points[:, 2]], axis=1)
         data = points.astype("<f4")
-        every.append(placed(scan))
+        every.append(clouds.placed(scan))
         base = scan.pose[:3] - np.array([cos * move[0], sin * move[0], move[2]])
         turn = (0, 0, np.sin(yaw / 2), np.cos(yaw / 2))
         maker.add("/tf", "tf2_msgs/msg/TFMessage", time, tf(time, ("map", "base_link", base, turn)))

@@ -3,13 +3,11 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 import mapdeal
 from kernels.conftest import by_each_engine
-from mapdeal import LocalMapper, LocalOptions, OccupancyGrid
-from mapdeal import local_map as make
+from mapdeal import LocalMapper, LocalOptions, OccupancyGrid, local_map as make
 from mapdeal.mapping.transforms import CoveredAngles
 
 

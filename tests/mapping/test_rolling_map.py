@@ -2,8 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from mapdeal import LocalOptions, OccupancyGrid, ParameterError, RollingMapper
 from mapdeal.kernels.threads import use_threads

@@ -4,18 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from mapdeal import (
-    MapdealWarning,
-    OccupancyGrid,
-    ParameterError,
-    build_map_from_world,
-    read_map,
-    write_map,
-)
+import mapdeal
+from mapdeal import MapdealWarning, OccupancyGrid, build_map_from_world, read_map, write_map
 from strategies import examples
 
 STORAGE = Path(__file__).parents[2] / "examples" / "worlds" / "storage.sdf"
@@ -149,7 +142,7 @@ def test_the_largest_room_or_that_at_a_place_is_known(tmp_path, rule):
     ({"height": 0.2, "size": (1.0, 1.0)}, "size, origin: must be given together"),
 ])  # fmt: skip
 def test_refusals(options, message):
-    with pytest.raises(ParameterError) as caught:
+    with pytest.raises(mapdeal.ParameterError) as caught:
         build_map_from_world(STORAGE, **options)
     assert message in str(caught.value)
 

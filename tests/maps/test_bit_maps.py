@@ -3,15 +3,9 @@ import re
 import numpy as np
 import pytest
 
+import mapdeal
 from drawn import grid_from_text
-from mapdeal import (
-    BitMap,
-    FileAccessError,
-    MalformedInputError,
-    read_bit_map,
-    read_map,
-    write_bit_map,
-)
+from mapdeal import BitMap, MalformedInputError, read_bit_map, read_map, write_bit_map
 
 DRAWING = "#........#\n.#..?....#\n#.#......."
 IS_OCCUPIED = grid_from_text(DRAWING).occupancy == 100
@@ -90,7 +84,7 @@ BROKEN = [
 def test_an_unreadable_bit_map_is_one_line(pair, command, tmp_path, change, code, message):
     (pair.parent / "c.pbm").write_bytes(pair.read_bytes())
     change(pair)
-    with pytest.raises(FileAccessError if code == 4 else MalformedInputError):
+    with pytest.raises(mapdeal.FileAccessError if code == 4 else MalformedInputError):
         read_bit_map(pair)
     output = tmp_path / "o.pbm"
     circle = ["edit", "circle", "--point=1.7,-1.7", "--radius=0", "--value=100", "-o", output]

@@ -14,8 +14,7 @@ from PIL import Image
 from mapdeal import FileAccessError, MalformedInputError
 from mapdeal.maps import images as pillow_images
 from mapdeal.maps.images import read_image_size
-from maps.pictures import read_image
-from maps.pngs import adam7
+from maps.pictures import adam7, read_image
 
 PIXELS = np.array([[0, 128, 254, 254, 254], [254, 0, 128, 0, 254]], dtype=np.uint8)
 FORMATS = [("PNG", {}), ("BMP", {}), ("TIFF", {}), ("TIFF", {"compression": "tiff_lzw"}),

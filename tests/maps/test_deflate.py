@@ -8,8 +8,7 @@ from PIL import Image
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps import png
 from mapdeal.maps.png import PART, deflated, pieces
-from maps.pictures import read_image
-from maps.pngs import pixels_in
+from maps.pictures import pixels_in, read_image
 
 SIZES = [0, 1, PART - 1, PART, PART + 1, 2 * PART + 12_345]
 

@@ -7,20 +7,11 @@ import zipfile
 import numpy as np
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
+import mapdeal
 from drawn import grid_from_text
-from mapdeal import (
-    Costmap,
-    FileAccessError,
-    MapdealWarning,
-    OccupancyGrid,
-    ParameterError,
-    esdf,
-    read_map,
-    write_map,
-)
+from mapdeal import Costmap, MapdealWarning, OccupancyGrid, esdf, read_map, write_map
 from mapdeal.maps.dialects import DIALECTS
 from mapdeal.maps.reading import open_map
 from strategies import occupancies
@@ -81,7 +72,7 @@ def test_mode_scale_keeps_every_value_in_rounded_pixels(tmp_path):
 
 
 def test_mode_scale_of_unknown_cells_needs_a_png(tmp_path):
-    with pytest.raises(ParameterError, match="transparent"):
+    with pytest.raises(mapdeal.ParameterError, match="transparent"):
         write_map(tmp_path / "map.yaml", grid_from_text("#?."), mode="scale")
     assert list(tmp_path.iterdir()) == []
 
@@ -132,5 +123,5 @@ def test_an_absolute_path_below_the_folder_is_not_one_of_another_machine(tmp_pat
     write_map(tmp_path / "m.yaml", grid_from_text("#."))
     text = (tmp_path / "m.yaml").read_text()
     (tmp_path / "m.yaml").write_text(text.replace("m.pgm", f"{tmp_path}/gone/m.pgm"))
-    with pytest.raises(FileAccessError, match="the image does not exist"):
+    with pytest.raises(mapdeal.FileAccessError, match="the image does not exist"):
         read_map(tmp_path / "m.yaml")

@@ -6,8 +6,7 @@ import zlib
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from bad_maps import yaml_text
 from mapdeal import MalformedInputError, MapdealWarning, read_map
@@ -15,8 +14,7 @@ from mapdeal.files.source import use_memory
 from mapdeal.maps import picture as strips
 from mapdeal.maps.dialects import DIALECTS, MapMetadata, cells_of
 from mapdeal.maps.images import open_strips, read_image_size
-from maps.pictures import read_image
-from maps.pngs import adam7, chunk, file_of
+from maps.pictures import adam7, chunk, file_of, read_image
 from strategies import examples
 from traced_memory import memory_below
 

@@ -20,8 +20,8 @@ from mapdeal import Costmap, Footprint, Frame, Goal, GoalReach, OccupancyGrid, R
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.grid.filters import FilterInfo
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
-from mapdeal.pictures import canvas
-from mapdeal.pictures.comparisons import ScoredWalls, difference_image, merge_image, score_image
+from mapdeal.pictures import canvas, comparisons
+from mapdeal.pictures.comparisons import difference_image, merge_image, score_image
 from mapdeal.pictures.layers import cost_image, occupancy_image, zones_image
 from mapdeal.pictures.overlay import (
     KeepoutOverlay,
@@ -63,7 +63,7 @@ OCCUPANCY_COSTS = Costmap(np.arange(-1, 101, dtype=np.int8).reshape(6, 17), 0.25
 RAMP = Costmap(np.tile(np.arange(100, 130, dtype=np.uint8), (9, 1)), 0.25, circumscribed_cost=115)
 KINDS = np.arange(8, dtype=np.uint8).repeat(3).reshape(2, 12)
 CONFLICTS = np.arange(65, dtype=np.uint8).reshape(5, 13) % 4
-WALLS = ScoredWalls(
+WALLS = comparisons.ScoredWalls(
     Frame(2, 7, 0.25, (1.0, -2.0, 0.0)),
     np.array([[0, 1, 0, 1, 1, 1, 2], [2, 2, 2, 0, 0, 0, 0]], np.uint8),
     np.array([[0, 0, 1, 1, 2, 2, 2], [1, 1, 1, 0, 0, 0, 0]], np.uint8),
@@ -173,12 +173,12 @@ PICTURES = {
         LARGE, (LARGE.occupancy == 50).astype(np.uint8) * 2, title="t", names="ab", image_max=60),
     "score": lambda: score_image(WALLS, title="t"),
     "score, reduced": lambda: score_image(
-        ScoredWalls(Frame(1, 400, 0.1), np.eye(1, 400, 6, dtype=np.uint8) + 1,
+        comparisons.ScoredWalls(Frame(1, 400, 0.1), np.eye(1, 400, 6, dtype=np.uint8) + 1,
                     np.ones((1, 400), np.uint8), np.array([9.0]), np.array([])),
         title="t", image_max=200),
     "score without walls": lambda: score_image(
-        ScoredWalls(Frame(1, 1, 0.3), *np.zeros((2, 1, 1), np.uint8), *np.zeros((2, 0))),
-        title="t"),
+        comparisons.ScoredWalls(
+            Frame(1, 1, 0.3), *np.zeros((2, 1, 1), np.uint8), *np.zeros((2, 0))), title="t"),
     "reach": lambda: draw(reach_of(TWO_AREAS)),
     "reach with all": lambda: draw(reach_with_all(), pose=(3.0, 0.0, 0.4)),
     "reach with all, reduced": lambda: reach_image(reach_with_all(), title="t", image_max=12),

@@ -5,14 +5,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from drawn import grid_from_text
 from mapdeal import esdf
-from mapdeal.pictures import colours
+from mapdeal.pictures import colours, styles
 from mapdeal.pictures.colours import Scale, _oklab_from_rgb
-from mapdeal.pictures.styles import FieldEnds, field_style, ticks_of
+from mapdeal.pictures.styles import FieldEnds, field_style
 
 LENGTHS = st.floats(0, 1000).map(lambda x: 0.0 if x < 0.01 else x)
 GRID = grid_from_text("#..?\n....\n..##", 0.25, (1.5, -2.0, 0.3))
@@ -74,7 +73,7 @@ def test_a_scale_counts_even_steps_and_ends_where_it_ends(low, length, values):
     [(-0.3, 2.1, [0, 0.5, 1, 1.5, 2]), (0, 10, [0, 2, 4, 6, 8, 10]), (7.9, 8.1, [7.9, 8, 8.1])],
 )
 def test_ticks_are_round(low, high, expected):
-    ticks = ticks_of(low, high, 6)
+    ticks = styles.ticks_of(low, high, 6)
     assert set(expected) <= set(ticks)
     assert all(low - 1e-9 <= tick <= high + 1e-9 for tick in ticks)
 

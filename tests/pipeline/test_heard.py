@@ -1,18 +1,25 @@
-"""Warnings on their way: whoever runs maps hears of all of them, and of no others."""
+"""Warnings on their way, and those of costs without a gradient."""
 
 import json
 import threading
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
+from hypothesis import given, strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
 
+from drawn import grid_from_text
+from mapdeal import Costmap, OccupancyGrid, write_map
 from mapdeal.errors import MalformedInputError, MapdealWarning, capture_warnings, emit_warning
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import Settings, adding_warnings
+from mapdeal.pipeline.step import make_step
 
 KEYS = "resolution: 0.25\norigin: [1.5, -2, 0.3]\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+
 NO_NEGATE = "missing: negate (ROS requires it); assuming 0"
 
 
@@ -93,3 +100,147 @@ def test_warnings_that_are_captured_twice_keep_their_place():
     with capture_warnings() as captured, adding_warnings(texts := []):
         emit_warning(MapdealWarning("odd", "image.lossy"))
     assert (texts, [warning.check for warning in captured]) == (["odd"], ["image.lossy"])
+
+
+WALL = OccupancyGrid([[100, *[0] * 199]] * 3, 0.05, (1.5, -2.0, 0.4))
+
+NEAR = OccupancyGrid(WALL.occupancy[:, :60], 0.05)
+
+EMPTY = OccupancyGrid(np.zeros((3, 7), np.int8), 0.05, (1.5, -2.0, 0.4))
+
+
+@pytest.mark.slow
+@given(
+    st.sampled_from(["costmap2d", "occupancy"]).flatmap(
+        lambda scale: st.tuples(
+            st.just(scale),
+            arrays(
+                np.uint8 if scale == "costmap2d" else np.int8,
+                array_shapes(min_dims=2, max_dims=2, max_side=12),
+                elements=st.sampled_from([0, 1, 99, 100, 253, 254, 255] if scale == "costmap2d"
+                                         else [-1, 0, 1, 98, 99, 100]),
+            ),
+        )
+    )
+)  # fmt: skip
+def test_the_most_common_cost_equals_brute_force(case):
+    scale, cost = case
+    found = Costmap(cost, 0.3, (1.0, 2.0, 0.5), scale).figures()["most_common"]
+    values = cost.ravel().tolist()
+    if scale == "occupancy":
+        besides = [value for value in values if value not in (-1, 100)]
+        if besides and besides.count(99) / len(besides) > 0.98:
+            assert found == {"cost": 99, "share": besides.count(99) / len(besides)}
+            return
+    closed = {253, 254, 255} if scale == "costmap2d" else {-1, 99, 100}
+    open_ = [value for value in values if value not in closed]
+    if not open_:
+        assert found is None
+    else:
+        shares = {value: open_.count(value) / len(open_) for value in open_}
+        assert found == {"cost": found["cost"], "share": max(shares.values())}
+        assert shares[found["cost"]] == found["share"]
+
+
+def remark_on(grid, parameters):
+    step = make_step("cost", parameters)
+    return step.remark_on(step.apply(grid, "m.yaml").figures())
+
+
+@pytest.mark.parametrize(("grid", "parameters", "advice"), [
+    (WALL, {"inflation_radius": 0.1}, "cost 0: raise inflation_radius (0.1 m)"),
+    (WALL, {"cost_scaling_factor": 90.0}, "cost 0: lower cost_scaling_factor (90)"),
+    (WALL, {"cost_scaling_factor": 0.0, "inflation_radius": 20.0},
+     "cost 252: raise cost_scaling_factor (0)"),
+    (EMPTY, {}, "cost 0: there is no obstacle"),
+    (WALL, {"model": "rings"}, "cost 0: give more values; 90,70,50 reach 3 cells"),
+    (EMPTY, {"model": "rings"}, "cost 0: there is no obstacle"),
+    (grid_from_text("####"), {},
+     "every known cell is lethal or inscribed: lower inscribed_radius, or the radius of inflate"),
+    (grid_from_text("????"), {}, "every cell is unknown"),
+    # graded ones
+    (NEAR, {}, None),
+    (NEAR, {"model": "threshold", "up_factor": 1.0}, None),
+    (NEAR, {"model": "rings", "values": (90, 70, 50, 30)}, None),
+])  # fmt: skip
+def test_the_remark_says_which_parameter_to_change(grid, parameters, advice):
+    remark = remark_on(grid, parameters)
+    assert remark is None or remark.startswith("cost: ")
+    assert remark is advice or remark.endswith(advice)
+
+
+FAR = {"down_distance": 1.5, "up_distance": 1.5}
+
+AT_WALL = {"down_distance": 0.15, "up_distance": 0.0}
+
+
+@pytest.mark.parametrize(("parameters", "advice", "changes"), [
+    ({"down": 96, "up": 97},
+     "cost 0: lower up (97) and down (96), or give up_distance and down_distance in metres",
+     [{"down": 20, "up": 30}, {"down": None, "up": None, **FAR}]),
+    ({"down": 96, "up": 97, "down_factor": 1.0},
+     "cost 0: lower down (96), or give down_distance in metres", [{"down": 20}]),
+    ({"down": 0, "up": 97}, "cost 0: lower up (97), or give up_distance in metres", [{"up": 30}]),
+    (AT_WALL, "cost 0: raise up_distance (0 m)", [FAR]),
+    ({**FAR, "up_distance": 0.0}, "cost 0: raise up_distance (0 m)", [{"up_distance": 1.5}]),
+    ({**AT_WALL, "down_factor": 1.0}, "cost 0: raise down_distance (0.15 m)",
+     [{"down_distance": 1.5}]),
+    ({**AT_WALL, "up_distance": 0.15}, "cost 0: raise up_distance (0.15 m) and down_distance", []),
+    ({**AT_WALL, "down_factor": 1.0, "view_range": 0.15},
+     "cost 0: raise down_distance (0.15 m) and view_range", []),
+    ({"up_factor": 0.01}, "cost 0: raise up_factor (0.01)", [{"up_factor": 1.0}]),
+    ({"down": 0, "up": 0, "view_range": 0.15},
+     "cost 0: raise up_factor and down_factor, or view_range", [{"view_range": 2.0}]),
+    ({"view_range": 1000.0}, "cost 99: lower up_factor (1.5)", []),
+    ({"view": "per-map", "down": 0, "up": 0, "up_factor": 900.0},
+     "cost 99: view per-map is scaled by the extremes of the map; take view metric", []),
+    ({"down": 0, "up": 100, "down_factor": 0.01, "view_range": 1000.0},
+     "cost 0: raise up_factor and down_factor, or view_range", []),
+])  # fmt: skip
+def test_what_the_remark_on_thresholds_says_makes_a_difference(parameters, advice, changes):
+    model = {"model": "threshold", **parameters}
+    assert remark_on(WALL, model).endswith(advice)
+    for change in changes:
+        options = {name: value for name, value in {**model, **change}.items() if value is not None}
+        assert remark_on(WALL, options) is None
+
+
+def test_exactly_98_percent_are_not_too_many():
+    step = make_step("cost", {})
+    for graded, is_remarked in ((2, False), (1, True)):
+        cost = np.zeros((1, 101), np.uint8)
+        cost[0, 0], cost[0, 1 : 1 + graded] = 254, 7
+        assert (step.remark_on(Costmap(cost, 0.1).figures()) is not None) == is_remarked
+
+
+@pytest.fixture
+def wall(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_map("m.yaml", WALL)
+    write_map("n.yaml", EMPTY)
+    return tmp_path
+
+
+def test_a_run_warns_once_and_its_manifest_and_a_second_run_say_it_again(command, wall):
+    words = ["run", "m.yaml", "-o", "o", "--no-images", "--set", "inflate.radius=0.05",
+             "--set", "cost.inflation_radius=0.1"]  # fmt: skip
+    code, _, err = command(*words)
+    assert (code, err.count("warning"), err.count("% of the open cells")) == (0, 1, 1)
+    manifest = json.loads((wall / "o" / "m" / "manifest.json").read_text())
+    (message,) = manifest["warnings"]
+    assert message.startswith("m.yaml: cost: ")
+    assert err == f"warning: {message}\n"
+    share = manifest["figures"]["cost"]["most_common"]["share"]
+    assert share == np.mean(np.load(wall / "o" / "m" / "cost.npz")["cost"][:, 2:] == 0)
+    assert command(*words)[1:] == ("m.yaml -> o/m: unchanged\n", err)
+
+
+def test_cost_and_batches_warn(command, wall):
+    _, _, err = command("cost", "m.yaml", "-o", "c.npz", "--inflation-radius", "0.1")
+    assert err.count("open cells cost 0: raise inflation_radius (0.1 m)") == 1
+    code, _, err = command("run", "m.yaml", "n.yaml", "-o", "b", "--no-images", "--recipe", "nav2")
+    assert code == 0
+    assert err.count("n.yaml: cost: 100 % of the open cells cost 0") == 1
+    m, n = json.loads((wall / "b" / "summary.json").read_text())["maps"]
+    assert "warnings" not in m
+    assert "n.yaml: cost: 100 % of the open cells" in n["warnings"][0]

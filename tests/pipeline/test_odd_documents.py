@@ -10,15 +10,9 @@ from pathlib import Path
 
 import pytest
 
+import mapdeal
 from drawn import grid_from_text
-from mapdeal import (
-    FileAccessError,
-    MalformedInputError,
-    MapdealError,
-    exponential_cost,
-    read_map,
-    write_map,
-)
+from mapdeal import FileAccessError, MapdealError, exponential_cost, read_map, write_map
 from mapdeal.checks.lint import lint_file
 from mapdeal.cli.main import main
 from mapdeal.commands.report import gathered
@@ -277,7 +271,7 @@ def test_an_odd_golden_manifest_is_refused_or_differs(runs, every):
     for where, odd, _ in odd_ones(path, every):
         try:
             lines = differences_from_golden(runs / "out/m", runs / "gold")
-        except MalformedInputError as error:
+        except mapdeal.MalformedInputError as error:
             assert str(error) == f"{path}: is not the manifest of a run"
             outcomes.add("refused")
         else:

@@ -15,8 +15,7 @@ from mapdeal.pipeline.folder import one_pass
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import Settings, passes_reported
-from mapdeal.stages import esdf as esdf_module
-from mapdeal.stages import exponential_cost as exponential
+from mapdeal.stages import esdf as esdf_module, exponential_cost as exponential
 from pipeline.reported import write_cells
 
 VALUES = np.random.default_rng(5).integers(-1, 101, (23, 4)).astype(np.int8)

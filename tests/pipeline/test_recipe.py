@@ -1,4 +1,4 @@
-"""Recipes: the parameters of their stages, and how a robot's shape and settings change them."""
+"""Recipes: parameters of stages, robots' shapes, and stages that change or only look at a map."""
 
 import hashlib
 import json
@@ -10,12 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mapdeal import Footprint, MapdealWarning, OccupancyGrid, esdf, read_map
-from mapdeal.errors import ParameterError
+import mapdeal
+from drawn import grid_from_text
+from mapdeal import Footprint, MapdealWarning, OccupancyGrid, ParameterError, esdf, read_map
 from mapdeal.pipeline.recipe import BUILT_IN, load_recipe
+from mapdeal.pipeline.step import make_step
+from mapdeal.stages.esdf import field_view
 
 CORNERS = [[0.3, 0.4], [0.3, -0.4], [-0.3, -0.4], [-0.3, 0.4]]
+
 SHAPE = Footprint.polygon(CORNERS)
+
 SHAPES = [SHAPE, Footprint.circle(0.3), Footprint.sixteen_gon(0.3),
           Footprint.polygon([[0.4, 0.1], [0.1, 0.3], [-0.2, -0.3]]).padded(0.01)]  # fmt: skip
 
@@ -33,18 +38,23 @@ def file(tmp_path):
 
 INFLATE = {"radius": 0.3, "footprint": None, "kernel": "disc", "lethal_threshold": 100,
            "inflate_unknown": True}  # fmt: skip
+
 ESDF = {"unknown": "free", "convention": "fast-planner", "max_distance": None,
         "lethal_threshold": 100, "strength": 1.0, "view": "metric", "view_range": 2.0}  # fmt: skip
+
 COST = {"model": "exponential", "inscribed_radius": 0.0, "inflation_radius": 0.55,
         "cost_scaling_factor": 10.0, "inflate_unknown": False, "inflate_around_unknown": False,
         "lethal_threshold": None, "trinary_costmap": True, "track_unknown_space": True,
         "inscribed_obstacle_cost_value": None, "lookup": "exact", "float32_resolution": False,
         "circumscribed_radius": None}  # fmt: skip
+
 # those of nav2_bringup
 NAV2 = {"inscribed_radius": 0.22549849949589046, "inflation_radius": 0.7,
         "cost_scaling_factor": 3.0, "inscribed_obstacle_cost_value": 99, "lookup": "nav2",
         "float32_resolution": True}  # fmt: skip
+
 INFLATED, ARENA = ["inflate", "esdf", "cost"], {"down_distance": 1.0, "up_distance": 0.5}
+
 PER_MAP = {"inflate": {"kernel": "square", "radius": 0.5},
            "cost": {"model": "threshold", "view": "per-map"}}  # fmt: skip
 
@@ -224,3 +234,146 @@ def test_the_hint_for_a_malformed_recipe_shows_a_sound_one(file, text):
     assert str(caught.value).startswith(f"{path}:")
     example = re.search(r'"(.*)"', caught.value.hint)[1]
     assert list(described(file(f"stages:\n{example}\n"))) == ["inflate"]
+
+
+ROOM = "\n".join(
+    ["#" * 30, *["#" + "." * 28 + "#"] * 4, "#" + "." * 14 + "?" + "." * 13 + "#",
+     *["#..#" + "." * 25 + "#"] * 4, "#" * 30]
+)  # fmt: skip
+
+STAGES = {
+    "clean": {"min_free": 0},
+    "window": {"size": [2.0, 0.8], "at": [3.0, -1.5]},
+    "rotate": {"yaw": 0.3},
+    "rescale": {"resolution": 0.2, "rule": "nearest"},
+    "shift": {"origin": [2.5, -1.0], "default": 100},
+}
+
+
+@pytest.fixture
+def room(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    mapdeal.write_map("room.yaml", grid_from_text(ROOM, 0.1, (1.5, -2.0, 0.0)))
+    return read_map("room.yaml")
+
+
+def recipe_of(**stages):
+    with open("r.yaml", "w") as file:
+        json.dump({"stages": [{name: values} for name, values in stages.items()]}, file)
+    return "r.yaml"
+
+
+def test_each_works_on_what_the_one_before_it_made(room, command):
+    expected = {"cleaned.yaml": mapdeal.clean(room, min_free=0).grid}
+    for name, call in {
+        "window.yaml": lambda grid: mapdeal.window(grid, size_xy=(2, 0.8), center_xy=(3, -1.5)),
+        "turned.yaml": lambda grid: mapdeal.rotate(grid, 0.3),
+        "rescaled.yaml": lambda grid: mapdeal.rescale(grid, 0.2, rule="nearest"),
+        "shifted.yaml": lambda grid: mapdeal.shift_origin(grid, (2.5, -1.0), default=100),
+        "esdf.npz": mapdeal.esdf,
+    }.items():
+        expected[name] = call([*expected.values()][-1])
+    words = "run", "room.yaml", "-o", "out", "--recipe", recipe_of(**STAGES, esdf={})
+    assert command(*words)[0] == 0
+    for name, grid in expected.items():
+        written = read_map(f"out/room/{name}")
+        assert written.frame == grid.frame
+        assert np.array_equal(written.layer, grid.layer), name
+    assert "unchanged" in command(*words)[1]
+
+
+def test_a_map_is_straightened_before_others_work_on_it(room):
+    crooked = mapdeal.rotate(room, 0.3)
+    products = mapdeal.apply_recipe(crooked, recipe_of(rotate={"straighten": True}))
+    assert np.array_equal(products["rotate"].occupancy, mapdeal.straighten(crooked).occupancy)
+
+
+def test_the_frame_of_another_map_can_be_written_out(room):
+    like = {"height": 6, "width": 9, "resolution": 0.1, "origin": [1.7, -1.8, 0]}
+    window = mapdeal.apply_recipe(room, recipe_of(window={"like": like}))["window"]
+    assert window.frame == mapdeal.Frame(6, 9, 0.1, (1.7, -1.8, 0.0))
+    for wrong in ({**like, "height": 0}, {"height": 6}, "room.yaml", {**like, "width": 10**9}):
+        with pytest.raises(ParameterError, match=r"window\.like"):
+            mapdeal.load_recipe(recipe_of(window={"like": wrong}))
+
+
+def test_costs_and_fields_are_edited_as_the_maps_that_they_are_of(room):
+    costs = mapdeal.exponential_cost(room)
+    with pytest.warns(mapdeal.MapdealWarning, match="occupancy that ROS would publish"):
+        products = mapdeal.apply_recipe(costs, recipe_of(rescale={"resolution": 0.2}))
+    assert isinstance(products["rescale"], mapdeal.OccupancyGrid)
+    with pytest.raises(ParameterError, match="window: cannot follow cost"):
+        mapdeal.load_recipe(recipe_of(cost={}, window=STAGES["window"]))
+
+
+def test_the_whole_extent_is_that_of_the_map_that_was_moved(room):
+    recipe = recipe_of(window={"size": [9.0, 9.0], "corner": [0.0, -5.0]}, active={})
+    products = mapdeal.apply_recipe(room, recipe, canvas="full")
+    assert products["active"].frame == products["window"].frame
+    assert products["window"].shape == (90, 90)
+
+
+@pytest.mark.parametrize("more", [{}, {"inflate": {}}])
+def test_a_map_that_grows_too_large_is_refused_before_it_is_made(room, more):
+    recipe = recipe_of(rescale={"resolution": 0.0005}, **more)
+    with pytest.raises(mapdeal.MalformedInputError, match=r"room.yaml: .* of memory"):
+        mapdeal.run("room.yaml", "out", recipe, max_memory=60_000_000)
+
+
+MAP = OccupancyGrid([[0, 100, 0], [0, -1, 0]], 0.25, (1.5, -2.0, 0.4))
+
+ROUND = Footprint.circle(0.2)
+
+
+def recipe(tmp_path, stages, **options):
+    path = tmp_path / "r.yaml"
+    path.write_text("stages:\n" + "".join(f"  - {stage}\n" for stage in stages.split()))
+    return {step.name: step for step in load_recipe(str(path), **options).steps}
+
+
+@pytest.mark.parametrize(("name", "grid", "message"), [
+    *[(name, mapdeal.layered_cost(MAP), "contains costs") for name in ("inflate", "esdf", "cost")],
+    ("inflate", field_view(esdf(MAP)), "view of a distance field"),
+])  # fmt: skip
+def test_a_stage_that_takes_no_costs_or_views_gets_the_map_in_them(name, grid, message):
+    with pytest.warns(MapdealWarning, match=message):
+        assert type(make_step(name, {}).input_of(grid)) is OccupancyGrid
+
+
+@pytest.mark.parametrize(
+    "setting", ["reach.radius=0.4", "reach.footprint=[[0.4,0],[-0.2,0.3],[-0.2,-0.3]]"]
+)
+def test_a_radius_that_counts_twice_is_warned_of_after_inflation_alone(tmp_path, setting):
+    with pytest.warns(MapdealWarning, match=r"reach: radius (0.4|0.178885) m comes on top of"):
+        recipe(tmp_path, "inflate reach", changes=[setting])
+    inscribed = "cost.inscribed_radius=0.3"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        recipe(tmp_path, "reach inflate", changes=[setting])
+        recipe(tmp_path, "cost reach", changes=[setting, inscribed])
+    with pytest.warns(MapdealWarning, match="cost: inscribed_radius 0.3 m comes on top of stage i"):
+        recipe(tmp_path, "reach inflate cost", changes=[inscribed])
+
+
+def test_only_a_stage_that_takes_costs_can_follow_cost(tmp_path):
+    assert list(recipe(tmp_path, "cost reach potential")) == ["cost", "reach", "potential"]
+    for stages in ("cost esdf", "cost reach esdf", "cost potential inflate"):
+        with pytest.raises(ParameterError, match=rf"{stages.split()[-1]}: cannot follow cost"):
+            recipe(tmp_path, stages)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("stages", "expected"), [
+    ("reach inflate esdf cost", {"reach": ROUND, "inflate": ROUND, "cost": 0.0}),
+    ("reach esdf cost", {"reach": ROUND, "cost": 0.2}),
+    ("reach", {"reach": ROUND}),
+    ("inflate reach", {"inflate": ROUND, "reach": None}),  # no shape on top
+    ("cost reach", {"cost": 0.2, "reach": ROUND}),  # costs hold obstacles, not the shape
+])  # fmt: skip
+def test_a_shape_goes_to_stages_that_look_and_to_the_first_that_hands_on(
+    tmp_path, stages, expected
+):
+    steps = recipe(tmp_path, stages, footprint=ROUND)
+    for name, value in expected.items():
+        key = "inscribed_radius" if name == "cost" else "footprint"
+        assert steps[name].parameters[key] == value

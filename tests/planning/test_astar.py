@@ -1,4 +1,4 @@
-"""The cheapest route through a costmap."""
+"""The cheapest route through a costmap, and what has no route."""
 
 import json
 import math
@@ -6,21 +6,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 import mapdeal
 import oracles
 from drawn import grid_from_text
-from mapdeal import (
-    Costmap,
-    ParameterError,
-    esdf,
-    exponential_cost,
-    read_map,
-    shortest_route,
-    write_map,
-)
+from mapdeal import Costmap, ParameterError, descend, esdf, potential, read_map, shortest_route
 
 ORIGIN = (1.5, -2.0, 0.4)
 
@@ -191,20 +182,22 @@ def test_start_and_goal_must_be_open_and_the_nearest_open_cell_is_named(start, t
 def test_a_route_past_inscribed_cells_keeps_the_inscribed_radius(real_maps):
     field = esdf(read_map(next(real_maps.rglob("depot.yaml"))), convention="center")
     costs = {"inscribed_radius": 0.22, "inflation_radius": 0.7, "cost_scaling_factor": 3.0}
-    route = shortest_route(exponential_cost(field, **costs), (2.0, 2.0), (28.0, 13.0))
+    route = shortest_route(mapdeal.exponential_cost(field, **costs), (2.0, 2.0), (28.0, 13.0))
     assert route.reached
     assert route.min_clearance > 0.22
     assert route.min_clearance == pytest.approx(field.query(route.points_xy).distance.min())
 
 
 HALL = "\n".join(["." * 24] * 6 + ["." * 12 + "#" + "." * 11] * 8)
+
 FREE = Costmap(np.zeros((4, 9), np.uint8), 0.5)
+
 ENDS = {"start": (0.25, 0.25), "goal": (3.75, 1.25)}
 
 
 @pytest.fixture
 def hall(tmp_path):
-    write_map(tmp_path / "hall.yaml", grid_from_text(HALL, 0.25, (1.0, -2.0, 0.4)))
+    mapdeal.write_map(tmp_path / "hall.yaml", grid_from_text(HALL, 0.25, (1.0, -2.0, 0.4)))
     return tmp_path / "hall.yaml"
 
 
@@ -251,3 +244,47 @@ def test_pairs_are_found_as_they_are_read(tmp_path):
     assert "".join(routes.remarks()).startswith("means of 1 pair")
     with pytest.raises(mapdeal.MapdealError, match="1 of 2 pairs have no routes"):
         routes.check()
+
+
+GRID = grid_from_text("..#", 0.25)
+
+COSTS = Costmap.from_occupancy(GRID)
+
+INSIDE, WALL = (tuple(xy) for xy in GRID.frame.xy_from_rowcol([(0, 0), (0, 2)]).tolist())
+
+FIELD = potential(GRID, goal=INSIDE)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: shortest_route(GRID, INSIDE, INSIDE), "exponential_cost"),
+        (lambda: shortest_route(FREE, (1.6, 1.8, 0.5), (1.6, 1.8)), "two numbers"),
+        (lambda: descend(COSTS, potential(GRID), INSIDE), "no goal"),
+        (lambda: descend(COSTS, FIELD, WALL), "^start: .*closed"),
+        (lambda: descend(COSTS, esdf(GRID), INSIDE), "PotentialField"),
+        (lambda: descend(GRID, FIELD, INSIDE), "exponential_cost"),
+        (lambda: descend(Costmap.from_occupancy(mapdeal.OccupancyGrid(GRID.occupancy, 0.25)), FIELD,
+                         INSIDE), "same cells"),
+        (lambda: mapdeal.route(FREE), "^start, goal: both are required"),
+        (lambda: mapdeal.route(FREE, **ENDS, compare=["plain"]),
+         "^compare: applies to pairs alone"),
+        (lambda: mapdeal.route(FREE, **ENDS, heuristic_weight=1.0),
+         "^heuristic_weight: applies to heuristic field alone"),
+        (lambda: mapdeal.route(FREE, **ENDS, repulsive_cap=1.0),
+         "^repulsive_cap: does not apply to method astar"),
+        (lambda: mapdeal.route(FREE, **ENDS, footprint=mapdeal.Footprint.circle(1)),
+         "^footprint: applies to maps"),
+    ],
+)  # fmt: skip
+def test_what_does_not_go_together_is_refused(call, message):
+    with pytest.raises(ParameterError, match=message):
+        call()
+
+
+@pytest.mark.parametrize("name", ["cost_travel_multiplier", "field_weight", "heuristic_weight"])
+@pytest.mark.parametrize("value", [-1.0, math.nan, math.inf, 1e7])
+def test_factors_must_make_sense(name, value):
+    with pytest.raises(ParameterError) as caught:
+        shortest_route(FREE, *ENDS.values(), **{name: value})
+    assert caught.value.place == name

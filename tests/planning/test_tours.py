@@ -5,8 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from mapdeal import ParameterError, RouteEdge, RouteGraph, RouteNode
 from mapdeal.planning.tours import _shortened, driven, tour_of

@@ -1,24 +1,28 @@
-"""Which layers grids become, and what a page shows of them at first."""
+"""Layers of grids: their outlines, their colours, and what a page shows at first."""
 
 import json
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 import mapdeal
 from drawn import grid_from_text
-from mapdeal import OccupancyGrid, esdf, potential
+from mapdeal import Costmap, OccupancyGrid, esdf, potential
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.blocks import lazy_layer
+from mapdeal.pictures.canvas import sheet
+from mapdeal.pictures.layers import cost_image, field_image, occupancy_image
 from mapdeal.pictures.styles import POTENTIAL_OBSTACLE
 from mapdeal.pipeline.folder import _FILES
-from mapdeal.report.document import Entry, Item, Report, page_layers
+from mapdeal.report.document import Entry, Item, Report, outlines_of, page_layers
 from mapdeal.report.page import body_of, legend_of, page_of
 from mapdeal.report.tiles import extent_of
 
 GRID = grid_from_text("?..##...\n..+##...\n........\n...##..?\n...##..?")
+
 GRIDS = {
     mapdeal.OccupancyGrid: GRID,
     mapdeal.FieldView: mapdeal.field_view(mapdeal.esdf(GRID)),
@@ -153,3 +157,119 @@ def test_a_field_alone_has_no_extent_and_rows_that_are_made_when_asked_for_the_s
     cells[17:39, 2:5] = 0
     lazy = lazy_layer(cells.shape, np.int8, lambda rows: cells[rows], block_height=7)
     assert extent(lazy) == extent(cells)
+
+
+FRAME = Frame(7, 9, 0.25, (1.5, -2.0, 0.4))
+
+
+def encloses(lines, x, y):
+    """Return whether a ray to the right crosses the lines an odd number of times."""
+    crossings = 0
+    for line in lines:
+        for (x0, y0), (x1, y1) in zip(line[:-1].tolist(), line[1:].tolist(), strict=True):
+            if (y0 > y) != (y1 > y):
+                crossings += x0 + (y - y0) / (y1 - y0) * (x1 - x0) > x
+    return crossings % 2 == 1
+
+
+def area_of(line):
+    x, y = line[:, 0], line[:, 1]
+    return float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) / 2)
+
+
+@given(arrays(bool, FRAME.shape, elements=st.booleans()))
+def test_outlines_enclose_their_cells_alone(marked):
+    if not marked.any():
+        return
+    lines = outlines_of(np.argwhere(marked), FRAME)
+    assert all((line[0] == line[-1]).all() for line in lines)
+    area = sum(map(area_of, lines))
+    assert area == pytest.approx(np.count_nonzero(marked) * FRAME.resolution**2)
+    every = [(row, col) for row in range(FRAME.height) for col in range(FRAME.width)]
+    for cell, (x, y) in zip(every, FRAME.xy_from_rowcol(every).tolist(), strict=True):
+        assert encloses(lines, x, y) == marked[cell], cell
+
+
+def test_a_rectangle_has_four_corners():
+    rows, cols = np.mgrid[1:4, 2:8]
+    (line,) = outlines_of(np.stack([rows.ravel(), cols.ravel()], axis=1), FRAME)
+    assert len(line) == 5
+
+
+ORIGIN = (1.5, -2.0, 0.4)
+
+
+def pictured(draw, grid):
+    """Return the colours in the middles of the cells of a picture, row 0 in the south."""
+    recorded = {}
+
+    def record(pixels, palette, **options):
+        recorded.update(pixels=pixels, palette=palette)
+        return sheet(pixels, palette, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mapdeal.pictures.canvas.sheet", record)
+        draw(grid, title="t")
+    pixels = np.asarray(recorded["pixels"])
+    step = pixels.shape[0] // grid.shape[0]
+    assert step >= 3  # otherwise outlines cover cells
+    middles = pixels[step // 2 :: step, step // 2 :: step][: grid.shape[0], : grid.shape[1]]
+    return recorded["palette"][middles]
+
+
+def shown(layers):
+    layer = layers[-1]
+    style, values = layer.style, np.asarray(layer.values[:])
+    states = next(
+        (
+            np.asarray(other_layer.values[:])
+            for other_layer in layers
+            if other_layer.name == layer.states
+        ),
+        None,
+    )
+    colours = np.empty((*values.shape, 3), dtype=np.uint8)
+    for cell, value in np.ndenumerate(values):
+        if style.by_value is not None:
+            index = int(style.by_value[value])
+        elif np.isnan(value):
+            index = style.nowhere
+        else:
+            scale = style.scale
+            share = (float(value) - scale.low) / (scale.high - scale.low)
+            index = scale.first
+            if share == np.inf or share >= 1:
+                index += scale.levels - 1
+            elif share > 0:
+                index += int(share * scale.levels)
+            if style.faded_by is not None and states[cell] == 255:
+                index += style.faded_by
+        colours[cell] = style.colours[index]
+    return colours
+
+
+@pytest.mark.parametrize(
+    ("convention", "shape"), [("fast-planner", (3, 5)), ("center", (9, 4)), ("border", (7, 12))]
+)
+def test_maps_and_fields_have_the_colours_of_their_pictures(convention, shape):
+    random = np.random.default_rng(shape[0])
+    occupancy = random.choice(np.array([0, 0, 0, 100, -1, 37], dtype=np.int8), shape)
+    occupancy[0, 0] = occupancy[-1, -1] = 0  # the extent of a picture is that of known cells
+    grid = OccupancyGrid(occupancy, 0.25, ORIGIN)
+    assert np.array_equal(shown(page_layers(grid, "m", "M")), pictured(occupancy_image, grid))
+    field = esdf(grid, convention=convention)
+    off = np.abs(shown(page_layers(field, "f", "F")).astype(int) - pictured(field_image, field))
+    open_cells = (occupancy < 100) & (field.distance > 0)  # others have outlines
+    assert (occupancy[open_cells] == UNKNOWN).any()
+    assert off[open_cells].max() <= 6  # a value between two steps has either colour
+    assert (off[open_cells] > 0).mean() < 0.2
+
+
+@settings(max_examples=8)
+@given(st.lists(st.integers(0, 255), min_size=24, max_size=24), st.booleans())
+def test_costs_have_the_colours_of_their_pictures(values, is_published):
+    cost = np.array(values, dtype=np.uint8).reshape(4, 6)
+    costs = Costmap(cost, 0.25, ORIGIN, circumscribed_cost=128)
+    if is_published:
+        costs = Costmap((cost % 102).astype(np.int8) - 1, 0.25, ORIGIN, "occupancy")
+    assert np.array_equal(shown(page_layers(costs, "c", "C")), pictured(cost_image, costs))

@@ -4,8 +4,7 @@ import base64
 from html.parser import HTMLParser
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 import mapdeal
 from mapdeal.report.page import Markup, curve_figure, element, escaped, joined

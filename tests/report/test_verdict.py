@@ -4,8 +4,9 @@ import pytest
 
 import mapdeal
 from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage
+from mapdeal.report import verdict
 from mapdeal.report.document import Claim, Verdict
-from mapdeal.report.verdict import most_urgent, on_costs, on_failure, on_findings, on_goals, settled
+from mapdeal.report.verdict import most_urgent, on_costs, on_failure, on_goals, settled
 
 ROBOT = mapdeal.Footprint.circle(0.3)
 DOOR = Bottleneck(1.0, 2.0, 0.5)
@@ -24,7 +25,7 @@ SHUT = Passage(1, 2, 0.5, 7.0, False, ((0, 0), (1, 1)))
     ({"error": ["e"], "warning": ["w"]}, "error", "The map has 1 error and 1 warning: e"),
 ])  # fmt: skip
 def test_findings(messages, state, text):
-    claim = on_findings(messages)
+    claim = verdict.on_findings(messages)
     assert (claim.state, claim.text) == (state, text)
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from mapdeal.ros.robot import FootprintStringError, corners_of_string, padded_corners, radii_of
+from mapdeal.ros import robot
+from mapdeal.ros.robot import FootprintStringError, corners_of_string, radii_of
 
 
 def f32(value):
@@ -63,7 +64,7 @@ def test_long_texts_take_no_long_time():
 
 
 def test_padding_moves_each_coordinate_by_its_own_sign():
-    padded = padded_corners(((1.0, -2.0), (0.0, 3.0), (-1.0, 0.0)), 0.25)
+    padded = robot.padded_corners(((1.0, -2.0), (0.0, 3.0), (-1.0, 0.0)), 0.25)
     assert padded == ((1.25, -2.25), (0.0, 3.25), (-1.25, 0.0))
 
 

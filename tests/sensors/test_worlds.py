@@ -4,8 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
-from hypothesis import strategies as st
+from hypothesis import assume, given, strategies as st
 
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.grid.frame import Frame

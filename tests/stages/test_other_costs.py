@@ -1,22 +1,11 @@
 import numpy as np
 import pytest
-from hypothesis import assume, given
-from hypothesis import strategies as st
+from hypothesis import assume, given, strategies as st
 
+import mapdeal
 import oracles
 from drawn import grid_from_text
-from mapdeal import (
-    Costmap,
-    MapdealWarning,
-    OccupancyGrid,
-    ParameterError,
-    apply_keepout_mask,
-    esdf,
-    exponential_cost,
-    field_view,
-    ring_cost,
-    threshold_cost,
-)
+from mapdeal import Costmap, MapdealWarning, OccupancyGrid, esdf, ring_cost, threshold_cost
 from strategies import occupancies
 
 PLACE = (1.0, 2.0, 0.3)
@@ -40,7 +29,7 @@ def test_threshold_costs_equal_brute_force_on_paper(
         options |= {f"{name}_distance": float(value)} if isinstance(value, str) else {name: value}
     try:
         found = threshold_cost(field, **options).cost
-    except ParameterError as error:
+    except mapdeal.ParameterError as error:
         assert "up" in str(error)  # in the wrong order
         assume(False)
     make = oracles.metric_view if view == "metric" else oracles.per_map_view
@@ -57,7 +46,7 @@ def test_a_view_gives_the_costs_of_its_field():
     grid = OccupancyGrid([[100, 0, 0, 0, 0, -1], [-1, 0, 0, 30, 0, 100]], 0.25, (1.0, 2.0, 0.3))
     field = esdf(grid, strength=1.3)
     for view in ("metric", "per-map"):
-        shown = field_view(field, view=view, view_range=1.5)
+        shown = mapdeal.field_view(field, view=view, view_range=1.5)
         # metres that are multiples of the cells; of others a view has no more than its steps
         for more in ({}, {"down_distance": 0.65, "up_distance": 0.325, "down_factor": 0.4}):
             options = {"view": view, "view_range": 1.5, **more}
@@ -68,10 +57,10 @@ def test_a_view_gives_the_costs_of_its_field():
 
 def test_what_of_a_field_or_a_view_does_not_count_is_warned_of():
     grid = grid_from_text("#...", 0.25)
-    view = field_view(esdf(grid), view_range=1.0)
+    view = mapdeal.field_view(esdf(grid), view_range=1.0)
     with pytest.warns(MapdealWarning, match="a view already, metric, 0 at 1 m"):
         assert threshold_cost(view, view_range=2.0).cost.tolist() == [[100, 99, 0, 0]]
-    for model in (exponential_cost, ring_cost):
+    for model in (mapdeal.exponential_cost, ring_cost):
         with pytest.warns(MapdealWarning, match=r"no account of the field's strength, 1\.5"):
             found = model(esdf(grid, strength=1.5))
         assert np.array_equal(found.cost, model(esdf(grid)).cost)  # no warning here
@@ -91,7 +80,7 @@ def test_a_field_may_be_clipped_where_costs_no_longer_fall(clip, strength, optio
     cells = OccupancyGrid([[100] + [0] * 19], 0.1)
     field = esdf(cells, max_distance=clip, strength=strength)
     if is_refused:
-        with pytest.raises(ParameterError, match=r"max_distance: .*view still falls"):
+        with pytest.raises(mapdeal.ParameterError, match=r"max_distance: .*view still falls"):
             threshold_cost(field, **options)
         return
     expected = threshold_cost(esdf(cells, strength=strength), **options).cost
@@ -141,7 +130,7 @@ def test_a_mask_of_any_geometry(scale, turn, x, y, resolution, seed):
     costs = rng.integers(0, 256, (5, 8)) if is_ros else rng.integers(-1, 101, (5, 8))
     costmap = Costmap(costs, 0.5, PLACE, scale, circumscribed_cost=30 if is_ros else None)
     mask = OccupancyGrid(values, resolution, (1.0 + x, 2.0 + y, 0.3 + turn))
-    result = apply_keepout_mask(costmap, mask)
+    result = mapdeal.apply_keepout_mask(costmap, mask)
     assert np.array_equal(result.cost, by_hand(costmap, mask))
     for name in ("scale", "origin", "circumscribed_cost"):
         assert getattr(result, name) == getattr(costmap, name)
@@ -154,5 +143,5 @@ def test_a_mask_of_any_geometry(scale, turn, x, y, resolution, seed):
 def test_masks_that_free_cells_or_miss_the_map_are_warned_of(place, message, expected):
     costmap = Costmap([[255, 255, 255, 0]], 0.5, PLACE)
     with pytest.warns(MapdealWarning, match=message):
-        result = apply_keepout_mask(costmap, OccupancyGrid([[0, 0, 100, 0]], 0.5, place))
+        result = mapdeal.apply_keepout_mask(costmap, OccupancyGrid([[0, 0, 100, 0]], 0.5, place))
     assert result.cost.tolist() == [expected]

@@ -8,8 +8,7 @@ from decimal import Decimal
 import numpy as np
 import pytest
 import yaml
-from hypothesis import assume, given
-from hypothesis import strategies as st
+from hypothesis import assume, given, strategies as st
 from scipy import ndimage
 
 import mapdeal

@@ -553,8 +553,14 @@ def _write_ros1(
 def _write_ros2(
     bag: Path, suffix: str, records: Callable[[_Types], Iterator[_Record]], latched: set[str]
 ) -> tuple[Path, ...]:
-    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability
-    from rosbags.interfaces import QosTime as Time
+    from rosbags.interfaces import (
+        Qos,
+        QosDurability,
+        QosHistory,
+        QosLiveliness,
+        QosReliability,
+        QosTime as Time,
+    )
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 

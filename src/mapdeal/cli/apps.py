@@ -16,8 +16,7 @@ from typing import Annotated, Any, ClassVar
 import typer
 
 from mapdeal import command as definitions
-from mapdeal.cli import options as opt
-from mapdeal.cli import terminal
+from mapdeal.cli import options as opt, terminal
 from mapdeal.cli.terminal import DASH, FROM_STDIN, TO_STDOUT
 from mapdeal.command import Command, Output, Parameter, Result, Stage, Words
 from mapdeal.errors import ParameterError, emit_warning

@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from enum import Enum
 from functools import partial, wraps
-from inspect import Parameter as Argument
-from inspect import Signature
+from inspect import Parameter as Argument, Signature
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Optional, get_args, get_origin
 

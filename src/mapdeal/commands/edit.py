@@ -15,8 +15,7 @@ from mapdeal.command import METRES, VALUE, Output, Words, command
 from mapdeal.commands.pack import Made, read_bits
 from mapdeal.errors import ParameterError
 from mapdeal.files.source import BIT_MAP
-from mapdeal.grid.bit_map import BitMap, draw, reset_region
-from mapdeal.grid.bit_map import blank as blank_of
+from mapdeal.grid.bit_map import BitMap, blank as blank_of, draw, reset_region
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Point
 from mapdeal.grid.occupancy import OccupancyGrid

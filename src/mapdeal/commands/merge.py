@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from mapdeal.command import AT_LEAST_0, METRES, OnlyInPython, Output, Result, Words, command
 from mapdeal.commands import two_maps
 from mapdeal.compare import merge as merging
-from mapdeal.compare.align import bytes_to_align
-from mapdeal.compare.align import placed as placed_on
+from mapdeal.compare.align import bytes_to_align, placed as placed_on
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
 from mapdeal.files.source import bytes_of_lines, claim, holding

@@ -16,8 +16,7 @@ from typing import Annotated, Any
 from mapdeal import errors
 from mapdeal.checks.lint import LintReport
 from mapdeal.command import Output, Result, Words, command
-from mapdeal.commands import report_documents as documents
-from mapdeal.commands import report_entries
+from mapdeal.commands import report_documents as documents, report_entries
 from mapdeal.commands.build import DOCUMENT
 from mapdeal.commands.lint import lint
 from mapdeal.commands.plan import PlanGoal, check_map, planner_of, pose_of, report_on

@@ -22,9 +22,7 @@ from mapdeal.inputs.listing import list_maps
 from mapdeal.mapping.local_map import CloudFrame, LocalOptions
 from mapdeal.mapping.transforms import check_pose
 from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExtent
-from mapdeal.pipeline import batch
-from mapdeal.pipeline import recipe as recipes
-from mapdeal.pipeline import run as pipeline
+from mapdeal.pipeline import batch, recipe as recipes, run as pipeline
 from mapdeal.pipeline.folder import differences_from_golden, step_line, store_golden
 from mapdeal.pipeline.inputs import InShell, Reading, Terminal, refuse
 from mapdeal.pipeline.settings import Canvas, Settings

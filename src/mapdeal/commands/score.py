@@ -13,9 +13,7 @@ import numpy as np
 
 from mapdeal.command import Result, Words, command, is_plain
 from mapdeal.commands import two_maps
-from mapdeal.compare import bounds as score_bounds
-from mapdeal.compare import faults as finding
-from mapdeal.compare import score as scoring
+from mapdeal.compare import bounds as score_bounds, faults as finding, score as scoring
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import SCORE_FORMAT

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.command import AT_LEAST_0, METRES, RADIANS, Words, parameters_of
 from mapdeal.errors import ParameterError
-from mapdeal.grid import frame as frames
-from mapdeal.grid import values as map_values
+from mapdeal.grid import frame as frames, values as map_values
 from mapdeal.grid.canvas import contained_in, is_turned, obstacles_in, rows_and_cols_under
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.arrays import Floats, Integers, Mask

@@ -36,8 +36,7 @@ from mapdeal.grid.values import OCCUPIED, UNKNOWN, Convention
 from mapdeal.kernels.blocks import CacheBudget, Layer, LazyLayer, is_lazy
 from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.images import process_wide_lock
-from mapdeal.maps.map_file import Grid as Grid
-from mapdeal.maps.map_file import MapFile, MapFormat
+from mapdeal.maps.map_file import Grid as Grid, MapFile, MapFormat
 from mapdeal.maps.picture import LARGEST_CELLS
 from mapdeal.maps.png import Buffer, deflated, pieces
 

@@ -123,8 +123,7 @@ class Pen:
 
     def write(self, x: int, baseline: int, text: str, size: int) -> None:
         """Write `printable` text in any size from x on."""
-        from PIL import Image as Pillow
-        from PIL import ImageDraw
+        from PIL import Image as Pillow, ImageDraw
 
         line = Pillow.new("L", (text_width(text, size) + size, 2 * size))
         at = (size // 2, ascent(size))  # a letter may extend to the left of its place

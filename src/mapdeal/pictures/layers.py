@@ -21,9 +21,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import Layer, looked_up, swept
 from mapdeal.kernels.lookup import histogram, level_rows, look_up, set_where
-from mapdeal.pictures import colours as palette
-from mapdeal.pictures import overlay as overlays
-from mapdeal.pictures import styles
+from mapdeal.pictures import colours as palette, overlay as overlays, styles
 from mapdeal.pictures.canvas import Image, on_sheet
 from mapdeal.pictures.colours import LayerStyle, Scale, Swatch
 

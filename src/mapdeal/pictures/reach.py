@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from mapdeal.grid.reach import GoalReach, Passage, Reach
 from mapdeal.grid.route_graph import RouteGraph
 from mapdeal.grid.values import count_text
-from mapdeal.pictures import canvas, styles
-from mapdeal.pictures import overlay as overlays
+from mapdeal.pictures import canvas, overlay as overlays, styles
 from mapdeal.pictures.colours import GOAL, MINIMUM, ROUTE, RVIZ_FREE, Colour, Swatch
 
 _DIRECTIONS = 16

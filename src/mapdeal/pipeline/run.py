@@ -29,9 +29,7 @@ from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import Source, output_paths, read_map, write_grid
 from mapdeal.pictures.overlay import KeepoutOverlay
-from mapdeal.pipeline import folder as folders
-from mapdeal.pipeline import inputs
-from mapdeal.pipeline import recipe as recipes
+from mapdeal.pipeline import folder as folders, inputs, recipe as recipes
 from mapdeal.pipeline.settings import (
     DEFAULT_SETTINGS,
     Canvas,

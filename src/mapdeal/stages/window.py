@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from mapdeal import command
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
-from mapdeal.grid import canvas as canvases
-from mapdeal.grid import frame as frames
+from mapdeal.grid import canvas as canvases, frame as frames
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach

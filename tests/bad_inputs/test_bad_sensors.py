@@ -1,4 +1,4 @@
-"""The rows S1 to S7 of clouds and poses, through the command."""
+"""The rows S1 to S16 of clouds, poses and laser scans, through the command."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,9 @@ from mapdeal import read_map
 from traced_memory import memory_below
 
 GOOD = "1 0 0\n0 1 0\n"
+
 LOCAL = ["local", "--cloud", "c.xyz", "-o", "out", "--no-images", "--size", "4,4"]
+
 POSE = ["--pose", "0,0,0"]
 
 
@@ -43,3 +45,26 @@ def test_millions_of_points_take_bounded_memory(folder, accepted):
     np.save(folder / "c.npy", rows)
     with memory_below(32e6):  # the points alone are 36 MB as float64
         accepted("local", "--cloud", "c.npy", "-o", "out", "--no-images", *POSE)
+
+
+HALF = " ".join(["2.0"] * 180)
+
+SCAN_LINE = f"FLASER 180 {HALF} 1 2 0.5 0 0 0 7 host 7\n"
+
+BUILD = ["build", "a.log", "-o", "out.yaml"]
+
+
+def test_skipped_lines_are_reported_also_if_there_is_no_map(folder, command):
+    (folder / "a.log").write_text(SCAN_LINE.replace("2.0", "50") + SCAN_LINE[:300])
+    code, _, err = command(*BUILD)
+    assert code == 3
+    assert "1 malformed lines ignored: line 2" in err
+    assert "no beam hits anything: of 180 readings 180 are without return" in err
+
+
+def test_angles_in_degrees_are_warned_of(folder, accepted):
+    np.savez("a.npz", poses=np.zeros((2, 3)), angles=[-90.0, 0, 90, 180], ranges=np.ones((2, 4)))
+    for more in ([], ["--size", "5,5", "--origin", "-2,-2"]):
+        _, warned = accepted("build", "a.npz", "-o", "m.npz", "--force", *more)
+        assert len(warned) == 1
+        assert "degrees" in warned[0]

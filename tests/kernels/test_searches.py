@@ -1,19 +1,74 @@
-"""The searches of Smac 2D and Theta*: both engines, and an independent search."""
+"""NavFn, Smac 2D and Theta*: both engines, and an independent search."""
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
 from engines import needs_compiled
 from kernels.conftest import by_each_engine
-from mapdeal.kernels.smac import grid_path, grid_step_costs, smooth_once, theta_costs, theta_path
+from mapdeal.kernels import smac
+from mapdeal.kernels.navfn import UNREACHED, cost_table, potentials, traced_path
+from mapdeal.kernels.smac import grid_path, grid_step_costs, smooth_once, theta_costs
 
 
 @st.composite
 def searches(draw):
+    """A costmap of blobs, a start, a target, and whether unknown cells are open."""
+    shape = draw(st.integers(3, 40)), draw(st.integers(3, 40))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    smooth = ndimage.gaussian_filter(rng.random(shape), draw(st.sampled_from([0.5, 1.5, 3])))
+    ranks = smooth.ravel().argsort().argsort().reshape(shape) / smooth.size
+    costs = np.clip((ranks - 0.3) * 360, 0, 255).astype(np.uint8)
+    start, target = (tuple(rng.integers(0, shape[::-1]).tolist()) for _ in range(2))
+    return costs, start, target, draw(st.booleans())
+
+
+def searched(search, is_astar):
+    costs, start, target, allow_unknown = search
+    found = potentials(costs, start, target, allow_unknown=allow_unknown, is_astar=is_astar)
+    return found, *traced_path(found, start, target, turns=4 * max(costs.shape))
+
+
+@needs_compiled
+@given(searches(), st.booleans())
+def test_both_engines_give_the_same_bytes(search, is_astar):
+    def as_bytes():
+        found, path, outcome = searched(search, is_astar)
+        return found.tobytes(), path.tobytes(), outcome
+
+    compiled, twin = by_each_engine(as_bytes)
+    assert compiled == twin
+
+
+@given(searches(), st.booleans())
+def test_cells_are_reached_only_where_open_cells_lead_to_them(each_engine, search, is_astar):
+    costs, start, _, allow_unknown = search
+    found, path, outcome = searched(search, is_astar)
+    is_open = cost_table(allow_unknown)[costs] < 254
+    is_open[[0, -1]] = is_open[:, [0, -1]] = False
+    is_open[start[::-1]] = True
+    labels = ndimage.label(is_open)[0]
+    is_reached = found < UNREACHED
+    assert not (is_reached & (labels != labels[start[::-1]])).any()
+    if outcome == "found":
+        assert (path[-1] == start).all()
+        assert np.hypot(*np.diff(path, axis=0).T).max(initial=0) < 3
+
+
+def test_a_path_in_the_open_is_straight(each_engine):
+    costs = np.zeros((9, 31), np.uint8)
+    found = potentials(costs, (3, 4), (20, 4), allow_unknown=True, is_astar=False)
+    assert found[4, 20] == 17 * 50
+    path, outcome = traced_path(found, (3, 4), (20, 4), turns=124)
+    assert outcome == "found"
+    assert path[[0, -1]].tolist() == [[20, 4], [3, 4]]
+    assert np.ptp(path[:, 1]) == 0
+
+
+@st.composite
+def grid_searches(draw):
     """A costmap of blobs, a start, a goal, and whether unknown cells are open."""
     shape = draw(st.integers(2, 30)), draw(st.integers(2, 30))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
@@ -24,7 +79,7 @@ def searches(draw):
     return costs, start, goal, draw(st.booleans())
 
 
-def searched(search, tolerance=0.0, most=2**31 - 1, near=2**31 - 1):
+def grid_searched(search, tolerance=0.0, most=2**31 - 1, near=2**31 - 1):
     costs, start, goal, allow_unknown = search
     steps = grid_step_costs(1.0, allow_unknown=allow_unknown)
     goal_xy = (float(np.float32(goal % costs.shape[1] + 0.4)), float(goal // costs.shape[1]))
@@ -37,14 +92,14 @@ def searched(search, tolerance=0.0, most=2**31 - 1, near=2**31 - 1):
 def theta_searched(search, corners=8):
     costs, start, goal, allow_unknown = search
     tables = theta_costs(2.0, allow_unknown=allow_unknown)
-    return theta_path(costs, tables, start, goal, corners=corners, distance_weight=1.0)
+    return smac.theta_path(costs, tables, start, goal, corners=corners, distance_weight=1.0)
 
 
 @needs_compiled
-@given(searches(), st.sampled_from([0.0, 2.5]), st.sampled_from([9, 200]), st.integers(1, 20))
+@given(grid_searches(), st.sampled_from([0.0, 2.5]), st.sampled_from([9, 200]), st.integers(1, 20))
 def test_both_engines_find_the_same_paths(search, tolerance, most, near):
     def results():
-        cells, iterations = searched(search, tolerance, most, near)
+        cells, iterations = grid_searched(search, tolerance, most, near)
         path = np.random.default_rng(3).random((6, 2))
         change = smooth_once(path.copy(), path, 0.2, 0.3)
         return (cells.tolist(), iterations, theta_searched(search), theta_searched(search, 4),
@@ -70,14 +125,14 @@ def least_cost(costs, start, goal, steps):
     return csgraph.dijkstra(graph, indices=start)[goal]
 
 
-@given(searches())
+@given(grid_searches())
 def test_smac_finds_a_path_exactly_where_there_is_one_of_nearly_the_least_cost(each_engine, search):
     costs, start, goal, allow_unknown = search
     if start == goal:
         return
     steps = grid_step_costs(1.0, allow_unknown=allow_unknown).astype(float)
     least = least_cost(costs, start, goal, steps)
-    cells, _ = searched(search)
+    cells, _ = grid_searched(search)
     assert (len(cells) > 0) == np.isfinite(least)
     if len(cells):
         rows, columns = np.divmod(cells, costs.shape[1])
@@ -88,7 +143,7 @@ def test_smac_finds_a_path_exactly_where_there_is_one_of_nearly_the_least_cost(e
         assert least - 1e-3 <= cost <= least + 0.8  # the heuristic exceeds distances by up to 0.4
 
 
-@given(searches())
+@given(grid_searches())
 def test_theta_star_finds_a_path_only_between_connected_cells(each_engine, search):
     costs, start, goal, allow_unknown = search
     steps, _ = theta_costs(2.0, allow_unknown=allow_unknown)
