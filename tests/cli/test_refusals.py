@@ -202,7 +202,7 @@ ROWS = [
     (f"{SCORE} --min coverge=1", "--min: is not a figure of a score, got 'coverge'\nhint: did"),
     (f"{SCORE} --min coverage", "--min: must be NAME=VALUE, with a number, got 'coverage'"),
     (f"{SCORE} --max coverage=1 --max coverage=2", "error: --max: coverage is given twice"),
-    (f"{SCORE} --min corners=1", "leave --truth out"),
+    (f"{SCORE} --min corners=1", "omit --truth"),
     (f"{SCORE} --align --transform move.json", "error: --align: cannot be given together"),
     ("score m.yaml --align", "error: --align: needs --truth"),
     ("score m.yaml --transform move.json", "error: --transform: needs --truth"),

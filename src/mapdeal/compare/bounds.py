@@ -127,7 +127,7 @@ class ScoreBound:
     allowed : float
         The bound, in the unit of the figure: metres, or a share of 1.
     found : float or None
-        Value of the figure; None if there was nothing to measure.
+        Value of the figure, if it could be measured.
     """
 
     name: str
@@ -156,10 +156,10 @@ def checked_bounds(
     minimum: Mapping[str, float], maximum: Mapping[str, float], *, with_truth: bool
 ) -> list[tuple[str, Side, float]]:
     found: list[tuple[str, Side, float]] = []
-    given_bounds: dict[Side, Mapping[str, float]] = {"min": minimum, "max": maximum}
-    for side, bounds in given_bounds.items():
-        for given, allowed in bounds.items():
-            name = _known_name(given, side, with_truth=with_truth)
+    bounds_by_side: dict[Side, Mapping[str, float]] = {"min": minimum, "max": maximum}
+    for side, bounds in bounds_by_side.items():
+        for spelling, allowed in bounds.items():
+            name = _known_name(spelling, side, with_truth=with_truth)
             if not isinstance(allowed, Real) or not math.isfinite(allowed):
                 rule = "must be a finite number"
                 raise ParameterError(rule, source=f"--{side}", place=name, got=allowed)
@@ -193,19 +193,19 @@ def unit_of(name: str, *, with_truth: bool) -> str:
     return "" if unit in (SHARE, COUNT, NUMBER) else f" {unit}"
 
 
-def _known_name(given: str, side: str, *, with_truth: bool) -> str:
+def _known_name(spelling: str, side: str, *, with_truth: bool) -> str:
     names = figures_named(with_truth=with_truth)
-    name = as_known(given, names)
+    name = as_known(spelling, names)
     if name in names:
         return name
-    inside = [one for one in names if one.startswith(f"{name}.")]
+    inside = [figure for figure in names if figure.startswith(f"{name}.")]
     if inside:
-        rule, hint = "holds several figures", f"take one of them, such as {inside[1]}"
+        rule, hint = "contains several figures", f"choose one, such as {inside[1]}"
     elif name in figures_named(with_truth=not with_truth):
         rule = "is a figure " + ("of a map without a truth" if with_truth else "that needs a truth")
-        hint = "leave --truth out" if with_truth else "give --truth"
+        hint = "omit --truth" if with_truth else "add --truth"
     else:
         near = nearest(name, names)
         rule = "is not a figure of a score"
         hint = f"did you mean {near}?" if near else "mapdeal score --json lists the names"
-    raise ParameterError(rule, source=f"--{side}", got=given, hint=hint)
+    raise ParameterError(rule, source=f"--{side}", got=spelling, hint=hint)

@@ -1,4 +1,4 @@
-"""What is wrong with a map beside a true one, in words, with place and amount."""
+"""Faults of a map compared with a true one: kind, amount and place."""
 
 from __future__ import annotations
 
@@ -18,12 +18,11 @@ from mapdeal.grid.values import decimal_text
 from mapdeal.kernels.components import drop_small_groups, touching_groups
 from mapdeal.kernels.distance import within_distance
 
-_MIDDLE = 1 / 3
-"""Share of the way from the middle to the border that is the middle still."""
+_MIDDLE = 1 / 3  # of the way from the centre to the border: still called the middle
 
 
 def place_text(grid: OccupancyGrid, point_xy: tuple[float, float]) -> str:
-    """Return in which part of what a map knows a point is, and the point."""
+    """Return the part of a map's known area that contains a point, and the point, in words."""
     known = np.asarray(grid.occupancy) != map_values.UNKNOWN
     rows, cols = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
     at = f"at {point_xy[0] + 0.0:.4g},{point_xy[1] + 0.0:.4g}"
@@ -47,17 +46,17 @@ NO_FAULT = "no fault found"
 _LEAST = {
     "ghost walls": 0.05, "missing area": 0.05, "faded walls": 0.1, "noisy": 0.03, "bent": 1.0
 }  # fmt: skip
-"""Share of the walls, of the known area, of the true walls and of the walls again from which on
-that is a fault; of bent maps the bend in `_LEAST_BEND`. The largest multiple names the verdict."""
+"""Least share that is a fault: of walls, known area, true walls, and walls; for bends a multiple of
+`_LEAST_BEND`. The fault that exceeds its least share most names the verdict."""
 
-_NEAR, _CELLS = 0.15, 1.5
-"""Metres, and at least cells, within which walls are the same."""
+_NEAR, _NEAR_CELLS = 0.15, 1.5
+"""Distance within which walls are the same: metres, at least so many cells."""
 
-_LEAST_BEND, _BETTER = 0.1, 0.08
-"""Metres, and at least two cells, of a bend that is one; and which share of the walls more lies on
-walls once the map is bent back."""
+_LEAST_BEND, _LEAST_GAIN = 0.1, 0.08
+"""Least bend that is a fault, metres, at least two cells; and the least gain in the share of walls
+that coincide once the map is bent back."""
 
-_MAPPED = 2.0  # cells from free space within which a map has seen a wall, or should have
+_MAPPED = 2.0  # cells from free space within which a map should show a wall
 
 
 @dataclass(frozen=True)
@@ -79,34 +78,34 @@ class Fault:
         amount += f" {self.unit}" if self.unit else ""
         if self.share is None:
             return f"{self.kind}: by up to {amount}, most {self.place}"
-        of = {
+        reference = {
             "missing area": "of what the other map knows",
             "faded walls": "of the other map's walls",
         }.get(self.kind, "of the map's walls")
-        what = "" if self.unit else " small components"
-        share = f"{100 * self.share:.3g} % {of}"
-        return f"{self.kind}: {amount}{what} ({share}), most of it {self.place}"
+        noun = "" if self.unit else " small components"
+        share = f"{100 * self.share:.3g} % {reference}"
+        return f"{self.kind}: {amount}{noun} ({share}), most of it {self.place}"
 
 
 def faults_of(estimate: States, truth: States, frame: Frame) -> tuple[Fault, ...]:
-    """Return what is wrong with a map on the lattice of a true one, the worst first."""
+    """Return the faults of a map on the lattice of a true one, the worst first."""
     if not (estimate == OCCUPIED).any() or not (truth == OCCUPIED).any():
         return ()
-    found = [*_found(estimate, truth, frame)]
-    return tuple(sorted(found, key=lambda one: -one.severity))
+    faults = _faults_in(estimate, truth, frame)
+    return tuple(sorted(faults, key=lambda fault: -fault.severity))
 
 
 def verdict(faults: tuple[Fault, ...]) -> str:
     return faults[0].kind if faults else NO_FAULT
 
 
-def _found(estimate: States, truth: States, frame: Frame) -> Iterator[Fault]:
+def _faults_in(estimate: States, truth: States, frame: Frame) -> Iterator[Fault]:
     maps = [_grid_of(states, frame) for states in (estimate, truth)]
     cell = frame.resolution
-    near = max(_NEAR, _CELLS * cell)
+    near = max(_NEAR, _NEAR_CELLS * cell)
 
-    def fault(kind: str, cells: _Mask, amount: float, unit: str, whole: int) -> Iterator[Fault]:
-        share = float(np.count_nonzero(cells) / whole) if whole else 0.0
+    def fault(kind: str, cells: _Mask, amount: float, unit: str, total: int) -> Iterator[Fault]:
+        share = float(np.count_nonzero(cells) / total) if total else 0.0
         if share >= _LEAST[kind]:
             x, y = _most_of(cells, frame)
             place = place_text(maps[1], (x, y))
@@ -114,7 +113,7 @@ def _found(estimate: States, truth: States, frame: Frame) -> Iterator[Fault]:
 
     bend = bend_between(*maps)
     least = max(_LEAST_BEND, 2 * cell)
-    if bend.metres >= least and bend.share_bent - bend.share >= _BETTER:
+    if bend.metres >= least and bend.share_bent - bend.share >= _LEAST_GAIN:
         place = place_text(maps[1], bend.point_xy)
         severity = bend.metres / least
         yield Fault("bent", bend.metres, "m", None, *bend.point_xy, place, severity)
@@ -143,13 +142,12 @@ def _grid_of(states: States, frame: Frame) -> OccupancyGrid:
     return OccupancyGrid(table[states], frame.resolution, frame.origin)
 
 
-_AROUND = 1.0
-"""Metres: what lies so near together is at one place."""
+_BLOCK = 1.0  # metres: cells in touching blocks of this side are at one place
 
 
 def _most_of(cells: _Mask, frame: Frame) -> tuple[float, float]:
-    """Return the middle of the part of some cells that lies together and is largest."""
-    factor = max(1, round(_AROUND / frame.resolution))
+    """Return the cell in the middle of the largest cluster of cells, metres."""
+    factor = max(1, round(_BLOCK / frame.resolution))
     height, width = (-(-side // factor) for side in cells.shape)
     padded = np.zeros((height * factor, width * factor), dtype=np.bool_)
     padded[: cells.shape[0], : cells.shape[1]] = cells
@@ -159,22 +157,23 @@ def _most_of(cells: _Mask, frame: Frame) -> tuple[float, float]:
     own = blocks[groups == sizes.argmax()]
     in_part = np.zeros((height, width), dtype=np.bool_)
     in_part[tuple(own.T)] = True
-    at = np.argwhere(padded & np.repeat(np.repeat(in_part, factor, 0), factor, 1))
-    nearest = at[np.square(at - at.mean(axis=0)).sum(axis=1).argmin()]  # which is one of them
+    cluster = np.argwhere(padded & np.repeat(np.repeat(in_part, factor, 0), factor, 1))
+    away = np.square(cluster - cluster.mean(axis=0)).sum(axis=1)
+    nearest = cluster[away.argmin()]
     point = frame.xy_from_rowcol(nearest[None])[0]
     return float(point[0]), float(point[1])
 
 
 def document_of(faults: tuple[Fault, ...]) -> list[dict[str, Any]]:
     return [
-        {"kind": one.kind, "amount": one.amount, "unit": one.unit, "share": one.share,
-         "x": one.x, "y": one.y}
-        for one in faults
+        {"kind": fault.kind, "amount": fault.amount, "unit": fault.unit, "share": fault.share,
+         "x": fault.x, "y": fault.y}
+        for fault in faults
     ]  # fmt: skip
 
 
 def lines_of(faults: tuple[Fault, ...]) -> Iterator[str]:
     if not faults:
         yield f"  verdict   {NO_FAULT}"
-    for number, one in enumerate(faults):
-        yield f"  {'and' if number else 'verdict':<9} {one.text}"
+    for number, fault in enumerate(faults):
+        yield f"  {'and' if number else 'verdict':<9} {fault.text}"

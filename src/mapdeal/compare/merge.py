@@ -1,4 +1,4 @@
-"""Several maps of one place as one."""
+"""Merging of several maps of one place."""
 
 from __future__ import annotations
 
@@ -23,14 +23,13 @@ from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.threads import for_rows
 
 NO_CONFLICT, BY_FIRST, BY_OTHERS, AMONG_OTHERS = range(4)
-"""No conflict; the first map is occupied; it is free; it is neither, and others differ."""
+"""No conflict; the first map is occupied; it is free; it is neither, and the others differ."""
 
 OCCUPIED_FROM, FREE_UP_TO = 65, 25
 """Values at which Nav2's map_saver by default calls a cell occupied, and free."""
 
-_NEAR = 2  # cells: an obstacle that is farther is not the same, seen by another map
-_MANY = 0.01
-"""Share of common cells: maps whose walls lie on each other have fewer conflicts, or meet."""
+_NEAR = 2  # cells within which obstacles of two maps may be the same
+_MANY = 0.01  # share of common cells: aligned maps have fewer conflicts
 
 NOTHING, _IS_FREE, _IS_OCCUPIED, BETWEEN = range(4)
 
@@ -50,8 +49,7 @@ class MapCounts(OneLine):
     common : int
         Known cells that are known in another map as well.
     added : int
-        Cells known in this map but in none before it, or occupied in this map but in none
-        before it.
+        Cells that this map is the first to know, or the first to show as occupied.
     occupied_here : int
         Cells occupied in this map and free in another.
     free_here : int
@@ -62,12 +60,12 @@ class MapCounts(OneLine):
         Cells of `walls` with an obstacle of another map within two cells; most of them, if the
         maps are aligned.
     same_wall : float
-        Distance within which walls of this map and of those before it are taken for one, metres.
+        Distance within which walls of this map and of earlier ones count as one, metres.
     within_cell, within_same_wall : float or None
-        Share of this map's obstacles of which an obstacle of the result is within a cell, and
-        within `same_wall` (of the first map the largest); None if it has none.
+        Share of this map's obstacles, if any, with an obstacle of the result within a cell, and
+        within `same_wall` (for the first map the largest).
     thickness : float or None
-        Mean thickness of its walls before, metres.
+        Mean thickness of its own walls, metres.
     """
 
     known: int
@@ -118,12 +116,12 @@ def states_of(values: NDArray[np.int8]) -> States:
 def compared(
     states: Sequence[States], reach: float = 0.0
 ) -> tuple[States, tuple[MapCounts, ...], int]:
-    """Return the conflicts of maps, the counts of each, and how many cells several know."""
-    # A cell that is free in a map does not contradict a wall that this map has within the reach.
+    """Return the conflicts of maps, the counts of each, and the number of common cells."""
+    # A free cell contradicts no wall of another map if its own map has a wall within the reach.
     shape = states[0].shape
-    occupied = _maps_with((one == _IS_OCCUPIED for one in states), shape)
-    free = _maps_with((_clear(one, reach) for one in states), shape)
-    known = _maps_with((one != NOTHING for one in states), shape)
+    occupied = _maps_with((cells == _IS_OCCUPIED for cells in states), shape)
+    free = _maps_with((_clear(cells, reach) for cells in states), shape)
+    known = _maps_with((cells != NOTHING for cells in states), shape)
     differ = (occupied > 0) & (free > 0)
     conflicts = np.where(differ, np.uint8(AMONG_OTHERS), np.uint8(NO_CONFLICT))
     conflicts[differ & (states[0] == _IS_OCCUPIED)] = BY_FIRST
@@ -155,8 +153,9 @@ def _counts(
     states: Sequence[States], reach: float, occupied: Numbers, free: Numbers, known: Numbers
 ) -> Iterator[MapCounts]:
     known_before, occupied_before = np.zeros((2, *states[0].shape), dtype=np.bool_)
-    for one in states:
-        own_known, own_occupied, own_free = one != NOTHING, one == _IS_OCCUPIED, _clear(one, reach)
+    for cells in states:
+        own_known, own_occupied = cells != NOTHING, cells == _IS_OCCUPIED
+        own_free = _clear(cells, reach)
         shared = own_known & (known > own_known)
         other_occupied = occupied > own_occupied
         walls = own_occupied & shared
@@ -175,24 +174,22 @@ def _counts(
 
 Layers = Mapping[str, ArrayLike]  # by the names that `build_map` gives them
 ChosenLayers = Mapping[str, NDArray[Any]]  # layers with evidence about hits, checked
-EVEN = 50.0  # of ``log_odds``: as much for as against an obstacle
-_PASS = 3 << 16
-"""Of a beam that passes, in whole numbers: sums are exact, in whatever order they are made."""
+EVEN = 50.0  # of ``log_odds``: evidence for and against an obstacle is equal
+_PASS, _HIT = 3 << 16, 7 << 16
+"""Evidence of passing and of hitting beams: a cell is occupied above 30 % of hits.
+Integers make sums exact in any order."""
 
-_HIT = 7 << 16
-"""Of a beam that hits: 0.7 to 0.3, as for the share of hits above which a cell is occupied."""
-
-_MOST = 1e9  # bounds what a layer may hold, so that sums of many fit 64 bits
+_MOST = 1e9  # largest value of a layer, so that sums of many fit 64 bits
 _LOG_ODDS, _HITS, _MISSES = "log_odds", "hits", "misses"
 
 
 def chosen_layers(layers: Layers, shape: tuple[int, int]) -> ChosenLayers:
-    """Return those of a map's layers that say what beams have hit; none if there are none."""
-    wanted = (_LOG_ODDS,) if _LOG_ODDS in layers else (_HITS, _MISSES)
-    if not any(key in layers for key in wanted):
+    """Return a map's layers with evidence about hits, if it has any."""
+    keys = (_LOG_ODDS,) if _LOG_ODDS in layers else (_HITS, _MISSES)
+    if not any(key in layers for key in keys):
         return {}
     chosen = {}
-    for key in wanted:
+    for key in keys:
         if key not in layers:
             raise ParameterError("is missing", place=key)
         layer = np.asarray(layers[key])
@@ -201,12 +198,12 @@ def chosen_layers(layers: Layers, shape: tuple[int, int]) -> ChosenLayers:
         if layer.dtype.kind not in "fiu":
             raise ParameterError("must be numbers", place=key, got=str(layer.dtype))
         least = -_MOST if key == _LOG_ODDS else 0.0
-        odd = (layer < least) | (layer > _MOST)  # which nan is not: no beam has been there
-        if key != _LOG_ODDS:
-            odd |= np.isnan(layer)
-        if odd.any():
+        invalid = (layer < least) | (layer > _MOST)
+        if key != _LOG_ODDS:  # there, nan means that no beam passed
+            invalid |= np.isnan(layer)
+        if invalid.any():
             rule = f"must lie in {least:g}..{_MOST:g}"
-            raise ParameterError(rule, place=key, got=layer[odd][0].item())
+            raise ParameterError(rule, place=key, got=layer[invalid][0].item())
         chosen[key] = layer
     return chosen
 
@@ -236,7 +233,7 @@ def _add_layers(
         centres = lattice.xy_from_rowcol(cells.reshape(-1, 2))
         at, inside = source.bounded_rowcol_from_xy(centres)
         row, col = at[inside].T
-        rows = total[part].reshape(-1)  # a view: rows are whole
+        rows = total[part].reshape(-1)  # a view, since rows are contiguous
         rows[inside] += _weighed({name: layer[row, col] for name, layer in layers.items()})
 
     for_rows(add, lattice.shape)
@@ -253,21 +250,20 @@ def _weighed(values: ChosenLayers) -> NDArray[np.int64]:
 Rule = Literal["occupied", "newest", "evidence"]
 
 FEWEST = 2  # maps that can be merged
-_TOUCHING = 1e-6  # in cells: borders that differ by less are the same on paper
-_SNAPPED = 0.1
-"""Cells: a map that lies so near to the first one's cells, up to its corners, is put on them."""
+_TOUCHING = 1e-6  # cells: borders that differ by less are equal
+_SNAPPED = 0.1  # cells: a map whose corners are off by less is moved onto the first map's cells
 
-_MOST_PAIRED, _LEAST_APART, _MOST_APART = 85, 1.5, 0.3
-"""Walls of two maps are one if they are within the distance that 85 % of them have, and a cell; at
-least within one and a half cells, at most within 0.3 m."""
+_PERCENT_PAIRED, _LEAST_APART, _MOST_APART = 85, 1.5, 0.3
+"""Walls of two maps count as one within the distance that 85 % of them have, plus a cell; at least
+1.5 cells, at most 0.3 m."""
 
-_LOOKED_AT = 0.5  # metres, and at least three cells, within which walls are paired for that
+_PAIRING_REACH = 0.5  # metres, at least three cells: walls farther apart are not paired
 
 Values = NDArray[np.int8]
 
 
 def snapped(frame: Frame, lattice: Frame) -> Frame:
-    """Return a frame, or the cells of a lattice that it differs from by less than can be seen."""
+    """Return a frame, moved onto the cells of a lattice if it is close to them."""
     if not math.isclose(frame.resolution, lattice.resolution, rel_tol=1e-9):
         return frame
     height, width = frame.shape
@@ -280,7 +276,7 @@ def snapped(frame: Frame, lattice: Frame) -> Frame:
 
 
 def lattice_around(maps: Sequence[OccupancyGrid], frames: Sequence[Frame]) -> Frame:
-    """Return the cells of the first map's lattice that hold it and all known cells."""
+    """Return the frame on the first map's lattice around it and all known cells."""
     first = frames[0]
     low, high = np.zeros(2), np.array(first.shape, dtype=np.float64)
     for grid, frame in zip(maps[1:], frames[1:], strict=True):
@@ -299,7 +295,7 @@ def lattice_around(maps: Sequence[OccupancyGrid], frames: Sequence[Frame]) -> Fr
 
 @dataclass(frozen=True, eq=False)
 class OneMap:
-    """Maps as one: the parts of a `Merged`, but for how it was asked for."""
+    """The result of a merge, without its inputs; see `Merged`."""
 
     grid: OccupancyGrid
     conflicts: NDArray[np.uint8]
@@ -318,24 +314,24 @@ def merged_on(
     evidence: Sequence[ChosenLayers],
     same_wall: float | None,
 ) -> OneMap:
-    """Return maps, each at its place, as one on a lattice, and how they compare; see `merge`."""
+    """Merge maps, placed by frames, on a lattice, and compare them; see `merge`."""
     values = np.full(lattice.shape, UNKNOWN, dtype=np.int8)
     states: list[States] = []
-    apart = [0.0]  # cells within which walls of a map and of those before it are one
+    apart = [0.0]  # cells within which walls of a map and of earlier ones count as one
     for grid, frame in zip(maps, frames, strict=True):
-        kept, said = _brought(lattice, grid, frame)
-        state = states_of(said)
+        safe, at_centres = _resampled(lattice, grid, frame)
+        state = states_of(at_centres)
         if states:
-            apart.append(_apart(states, state, lattice.resolution, same_wall))
+            apart.append(_same_wall_cells(states, state, lattice.resolution, same_wall))
             if rule != "evidence":
-                kept = kept if kept.flags.writeable else kept.copy()
-                _drop_doubled(values, kept, apart[-1], keeps_new=rule == "newest")
+                safe = safe if safe.flags.writeable else safe.copy()
+                _drop_doubled(values, safe, apart[-1], keeps_new=rule == "newest")
         states.append(state)
         if rule == "newest":
-            np.copyto(values, kept, where=kept != UNKNOWN)
+            np.copyto(values, safe, where=safe != UNKNOWN)
         else:
-            np.maximum(values, said if rule == "evidence" else kept, out=values)
-        del kept, said
+            np.maximum(values, at_centres if rule == "evidence" else safe, out=values)
+        del safe, at_centres
     log_odds = None
     if rule == "evidence":
         total = evidence_of(lattice, states, frames, evidence)
@@ -349,55 +345,56 @@ def merged_on(
     conflicts, counts, common = compared(states, widest if widest > _LEAST_APART else 0.0)
     grid = OccupancyGrid(values, lattice.resolution, lattice.origin)
     walls = values >= OCCUPIED_FROM
-    told = []
-    for one, count, state, reach in zip(maps, counts, states, [widest, *apart[1:]], strict=True):
+    compared_counts = []
+    for source, count, state, reach in zip(maps, counts, states, [widest, *apart[1:]], strict=True):
         own = state == _IS_OCCUPIED
         near, nearest = (_share_within(own, walls, cells) for cells in (math.sqrt(2), reach))
-        told.append(
+        compared_counts.append(
             replace(
                 count,
                 same_wall=reach * lattice.resolution,
                 within_cell=near,
                 within_same_wall=nearest,
-                thickness=thickness(one),
+                thickness=thickness(source),
             )
         )
-    last = states[-1] == NOTHING
-    kept_cells = _count(last & (values != UNKNOWN))
-    return OneMap(grid, conflicts, tuple(told), common, log_odds, thickness(grid), kept_cells)
+    kept_cells = _count((states[-1] == NOTHING) & (values != UNKNOWN))
+    return OneMap(
+        grid, conflicts, tuple(compared_counts), common, log_odds, thickness(grid), kept_cells
+    )
 
 
-def _apart(
+def _same_wall_cells(
     before: Sequence[States], state: States, resolution: float, same_wall: float | None
 ) -> float:
-    """Return within how many cells walls of a map and of those before it are one wall."""
+    """Return the cells within which walls of a map and of earlier ones count as one."""
     if same_wall is not None:
         return min(same_wall / resolution, math.hypot(*state.shape))
     walls = np.zeros(state.shape, dtype=np.bool_)
-    for one in before:
-        walls |= one == _IS_OCCUPIED
-    reach = max(_LOOKED_AT / resolution, 3.0)
+    for earlier in before:
+        walls |= earlier == _IS_OCCUPIED
+    reach = max(_PAIRING_REACH / resolution, 3.0)
     squares = squared_distance(walls, limit=int(reach * reach))[state == _IS_OCCUPIED]
     squares = squares[squares != unreachable(squares)]
-    found = math.sqrt(np.percentile(squares, _MOST_PAIRED)) if len(squares) else 0.0
+    paired = math.sqrt(np.percentile(squares, _PERCENT_PAIRED)) if len(squares) else 0.0
     most = max(_MOST_APART / resolution, _LEAST_APART)
-    return min(max(found + 1, _LEAST_APART), most)
+    return min(max(paired + 1, _LEAST_APART), most)
 
 
-def _drop_doubled(values: Values, kept: Values, reach: float, *, keeps_new: bool) -> None:
-    """Take walls that are in both of two maps out of one of them."""
+def _drop_doubled(earlier: Values, later: Values, reach: float, *, keeps_new: bool) -> None:
+    """Remove walls that both maps have from one of them, in place."""
     if reach <= 0:
         return
-    base, other = (kept, values) if keeps_new else (values, kept)
-    own = other >= OCCUPIED_FROM
+    base, reduced = (later, earlier) if keeps_new else (earlier, later)
+    own = reduced >= OCCUPIED_FROM
     walls = base >= OCCUPIED_FROM
     doubled = own & within_distance(walls, int(reach * reach))
-    # What stands out from the walls of the base is another thing, such as a door that is closed:
-    # it stays up to where it touches them.
+    # An obstacle that stands out from the walls of the base, such as a closed door, stays, with the
+    # part that touches them.
     stands_out = own & ~within_distance(walls, int(4 * reach * reach))
     doubled &= ~within_distance(stands_out, int((2 * reach + 1) ** 2))
-    # The base's own word counts there: an obstacle of its own, free space, or unknown.
-    other[doubled & ~walls] = UNKNOWN
+    # unknown, so that the value of the base counts there
+    reduced[doubled & ~walls] = UNKNOWN
 
 
 def _share_within(own: Mask, walls: Mask, cells: float) -> float | None:
@@ -418,18 +415,18 @@ def check_is_map(grid: object, name: str) -> OccupancyGrid:
     return grid
 
 
-def _brought(lattice: Frame, grid: OccupancyGrid, frame: Frame) -> tuple[Values, Values]:
-    """Return a map in cells of the lattice: with all of its obstacles, and what it says there."""
-    there = replace(grid, origin=frame.origin)
-    coincide = region_on_lattice(frame, lattice) is not None
-    kept = resampled(there, lattice, rule="nearest" if coincide else "area").occupancy
-    if coincide or frame.resolution < lattice.resolution:
-        return kept, kept
-    return kept, resampled(there, lattice, rule="nearest").occupancy
+def _resampled(lattice: Frame, grid: OccupancyGrid, frame: Frame) -> tuple[Values, Values]:
+    """Return a map on the lattice: without losing an obstacle, and its values at cell centres."""
+    placed = replace(grid, origin=frame.origin)
+    coincides = region_on_lattice(frame, lattice) is not None
+    safe = resampled(placed, lattice, rule="nearest" if coincides else "area").occupancy
+    if coincides or frame.resolution < lattice.resolution:
+        return safe, safe
+    return safe, resampled(placed, lattice, rule="nearest").occupancy
 
 
 def _corners_of_known(occupancy: Values) -> NDArray[np.int64]:
-    """Return corners of cells, shape (N, 2), whose hull holds all known cells."""
+    """Return corners of cells, shape (N, 2), whose hull contains all known cells."""
     known = occupancy != UNKNOWN
     rows = np.flatnonzero(known.any(axis=1))
     first = known[rows].argmax(axis=1)

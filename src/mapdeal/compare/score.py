@@ -74,13 +74,13 @@ def metres_of(squares: NDArray[np.signedinteger], resolution: float) -> NDArray[
 def _agreement(estimate: States, truth: States) -> Values:
     pairs = truth * np.uint8(3)
     pairs += estimate
-    counts = histogram(pairs)[:9].reshape(3, 3).tolist()  # whole numbers that do not overflow
+    counts = histogram(pairs)[:9].reshape(3, 3).tolist()  # Python integers do not overflow
     in_truth = [sum(row) for row in counts]
     in_estimate = [sum(column) for column in zip(*counts, strict=True)]
     tp, free = counts[OCCUPIED][OCCUPIED], counts[FREE]
     known = {"tp": tp, "tn": free[FREE], "fp": free[OCCUPIED], "fn": counts[OCCUPIED][FREE]}
     fp, fn = in_estimate[OCCUPIED] - tp, in_truth[OCCUPIED] - tp
-    whole = {"tp": tp, "tn": truth.size - tp - fp - fn, "fp": fp, "fn": fn}  # unknown: not occupied
+    lattice = {"tp": tp, "tn": truth.size - tp - fp - fn, "fp": fp, "fn": fn}  # unknown: negative
     known_in_both = sum(known.values())
     return {
         "iou_occupied": share(tp, in_truth[OCCUPIED] + in_estimate[OCCUPIED] - tp),
@@ -92,32 +92,31 @@ def _agreement(estimate: States, truth: States) -> Values:
         "known_in_both": known_in_both,
         "mcc_known_in_both": _mcc(**known),
         "confusion_known_in_both": known,
-        "mcc_whole_lattice": _mcc(**whole),
-        "confusion_whole_lattice": whole,
+        "mcc_whole_lattice": _mcc(**lattice),
+        "confusion_whole_lattice": lattice,
     }
 
 
 def _mcc(tp: int, tn: int, fp: int, fn: int) -> float | None:
-    """Matthews' correlation coefficient, -1..1; None where one map has cells of one kind alone."""
+    """Return Matthews' correlation coefficient, -1..1; None if it is undefined."""
     product = (tp + fp) * (tp + fn) * (tn + fp) * (tn + fn)
     return (tp * tn - fp * fn) / math.sqrt(product) if product else None
 
 
-def share(part: int, whole: int) -> float | None:
-    return part / whole if whole else None
+def share(part: int, total: int) -> float | None:
+    return part / total if total else None
 
 
 TOGETHER = 1 << 16  # cells of a band of rows on which a thread works
-_LIBRARIES = 28_000_000  # scipy.ndimage, and what it loads
+_LIBRARIES = 28_000_000  # scipy.ndimage and its imports
 _PER_CELL, _PER_WALL = 13.5, 12
 _OF_BAND, _AROUND = 90, 10
-"""Of a comparison: bytes for each cell, each wall cell of both maps, and each cell of a band, with
-the rows around it."""
+"""Bytes for each cell and each wall cell of both maps, and each cell of a band; rows around it."""
 
 _PER_CELL_ALONE, _PER_WALL_ALONE = 7.2, 52
-_OF_BAND_ALONE, _AROUND_ALONE = 60, 40  # the same of a map on its own
+_OF_BAND_ALONE, _AROUND_ALONE = 60, 40  # the same for a map on its own
 LEAST_ROWS_ALONE = 64
-"""Rows of a band there: with fewer most of the work would be what lies around them."""
+"""Least rows of a band for a map on its own: in fewer, most work would be the rows around."""
 
 _PER_WALL_DRAWN = 40
 
@@ -298,18 +297,17 @@ def compare_states(estimate: States, truth: States, frame: Frame) -> Comparison:
 
 
 LEAST_AREA = 0.25
-"""Square metres of free cells below which what is enclosed is a pocket, not an area."""
+"""Square metres of free cells below which an enclosed space is a pocket instead of an area."""
 
 _TOGETHER = 1 << 20
 
 
 def enclosed_areas(states: States, resolution: float) -> tuple[int, int, float]:
-    """Return how many areas, and smaller pockets, walls enclose, and the areas' square metres."""
-    # Cells that are not occupied and touch over an edge belong together: a wall whose cells touch
-    # over corners is closed. What reaches the border of the map is outside. Everything else is
-    # enclosed; it counts if it has free cells, so that the inside of a thick wall, unknown
-    # throughout, does not. An open door joins two rooms to one area, and one that leads outside
-    # opens its room; unknown cells close nothing.
+    """Return the numbers of enclosed areas and of smaller pockets, and the areas' square metres."""
+    # Spaces are 4-connected, so a wall whose cells share only corners is closed. A space that
+    # reaches the border of the map is outside; all others are enclosed. They count if they have
+    # free cells, unlike the unknown inside of a thick wall. An open door joins two rooms to one
+    # area, or opens a room to the outside; unknown cells close nothing.
     # Filatov, Filatov, Krinkin, Chen and Molodan, "2D SLAM quality evaluation methods", 2017
     # (arXiv:1708.02354): the number of enclosed areas, there by contours. Walls that are doubled or
     # smeared enclose pockets that the place does not have.
@@ -337,14 +335,14 @@ def label_sizes(labels: NDArray[np.integer[Any]], count: int) -> NDArray[np.int6
 
 
 _SMOOTHING, _ALONE_AROUND = 1.5, 2.5
-"""Standard deviations, in cells: of the walls, and of what is near a cell."""
+"""Standard deviations, cells, of the filters for walls and for the surroundings of a cell."""
 
 _SENSITIVITY = 0.1  # Harris's k
-_APART = 3  # cells up to which of two corners the weaker one is none
-_LEAST_TRACE = 1e-4  # a fifteenth of what the end of a slanted line of single cells has
-_SAME = 1e-5  # of responses in 32 bits
+_APART = 3  # cells: of two corners this close, only the stronger one counts
+_LEAST_TRACE = 1e-4  # a fifteenth of that at the end of a slanted line one cell wide
+_SAME = 1e-5  # relative tolerance of responses in 32 bits
 _HALO = 20
-"""Cells from which a cell's response is made, 6 + 1 + 10, and those of cells up to 3 away."""
+"""Cells that a response depends on, 6 + 1 + 10, and those of cells up to 3 away."""
 
 
 def corners_of(walls: _Mask) -> _Mask:
