@@ -84,7 +84,7 @@ def _of_files(names: Sequence[str], poses: Path | None) -> _Clouds:
     moves = turns = places = None
     if poses is not None:
         moves, turns = _poses_in(poses)
-        if len(paths) == 1:  # a whole map, and where the robot was in it
+        if len(paths) == 1:  # a map, and places of the robot in it
             moves, turns, places = None, None, moves
         elif len(moves) != len(paths):
             rule = f"must have a pose for each of {len(paths)} clouds"
@@ -93,14 +93,14 @@ def _of_files(names: Sequence[str], poses: Path | None) -> _Clouds:
 
     def chunks(path: Path) -> Callable[[Advance], Iterator[Points]]:
         def read(advance: Advance) -> Iterator[Points]:
-            left = states[path].size // _KIB
+            remaining = states[path].size // _KIB
             for points in cloud_chunks(path):
                 yield points
-                step = min(left, len(points) * _OF_POINT // _KIB)
-                left -= step
+                step = min(remaining, len(points) * _OF_POINT // _KIB)
+                remaining -= step
                 advance(step)
             check_state(path, states[path])
-            advance(left)
+            advance(remaining)
 
         return read
 
@@ -159,10 +159,10 @@ def _mapped(
 ) -> CloudMap:  # fmt: skip
     frame = frame_of(size, origin, FINEST if resolution is None else resolution)
 
-    def claimed(count: int, what: str) -> None:
-        claim(clouds.named, count, what=what, hint="--size and --origin bound the map")
+    def claim_for_map(count: int, text: str) -> None:
+        claim(clouds.named, count, what=text, hint="--size and --origin bound the map")
 
-    mapper = CloudMapper(options, resolution=resolution, frame=frame, claim=claimed)
+    mapper = CloudMapper(options, resolution=resolution, frame=frame, claim=claim_for_map)
     with errors_named(clouds.named):
         if options.level:
             tilt = Tilt()
@@ -229,8 +229,9 @@ class CloudBuild(Made):
         yield from self._about(self.document())
 
     def _about(self, figures: Figures) -> Iterator[str]:
-        shares = (f"{100 * figures[f'{one}_share']:.1f} %" for one in ("floor", "obstacle"))
-        floor, obstacle = shares
+        floor, obstacle = (
+            f"{100 * figures[f'{part}_share']:.1f} %" for part in ("floor", "obstacle")
+        )
         yield (
             f"  {figures['points']} points: floor {figures['floor_m2']:.5g} m2 ({floor}), "
             f"obstacles {figures['obstacle_m2']:.5g} m2 ({obstacle})"
@@ -250,13 +251,13 @@ def build_from_clouds(
     layers: Path | None, range_min: float, poses: Path | None, topics: Sequence[str],
     frames: dict[str, Any],
 ) -> CloudBuild:  # fmt: skip
-    frame_of(size, origin, resolution or FINEST)  # what is wrong is said before anything is read
+    frame_of(size, origin, resolution or FINEST)  # checks the options before anything is read
     if layers is not None:
         check_ends_in_npz(layers)
     with ExitStack() as stack:
         if len(names) == 1 and is_bag(Path(names[0])):
-            given = FrameOptions(poses=poses, **frames)
-            clouds = _of_bag(Path(names[0]), topics, given, stack, lambda _: None)
+            options_of_bag = FrameOptions(poses=poses, **frames)
+            clouds = _of_bag(Path(names[0]), topics, options_of_bag, stack, lambda _: None)
         else:
             if topics or frames:
                 rule = "needs a bag for --cloud"
@@ -306,7 +307,7 @@ def build_map_from_clouds(
     Returns
     -------
     CloudMap
-        The map, and the height of the floor and of what stands on it.
+        The map, and the heights of the floor and of obstacles.
 
     Raises
     ------
@@ -320,8 +321,8 @@ def build_map_from_clouds(
     MapdealWarning
         If the floor is tilted or lies above itself, or points or clouds were left out.
     """
-    given = CloudOptions(**options)
-    names = [str(paths)] if isinstance(paths, (str, PathLike)) else [str(one) for one in paths]
+    cloud_options = CloudOptions(**options)
+    names = [str(paths)] if isinstance(paths, (str, PathLike)) else [str(path) for path in paths]
     if not names:
         raise ParameterError("names no cloud", place="paths", got=paths)
     settings = Settings(max_memory=max_memory, threads=threads)
@@ -332,4 +333,4 @@ def build_map_from_clouds(
             clouds = _of_bag(Path(names[0]), topics, frames, stack, lambda _: None)
         else:
             clouds = _of_files(names, pose_file)
-        return _mapped(clouds, given, resolution, size, origin, range_min, lambda _: None)
+        return _mapped(clouds, cloud_options, resolution, size, origin, range_min, lambda _: None)

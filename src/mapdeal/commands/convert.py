@@ -317,8 +317,8 @@ def convert(
     if output.suffix == ".txt" and not takes_all:
         return _convert_poses(source, output, work)
     areas, worlds = (
-        {name: more.pop(name) for name in parameters_of(one) if name in more}
-        for one in (convert_area, convert_world)
+        {name: more.pop(name) for name in parameters_of(function) if name in more}
+        for function in (convert_area, convert_world)
     )
     layer, ending = more, "" if takes_all else output.suffix.lower()
     if ending not in AREA_ENDINGS:
@@ -429,7 +429,7 @@ def _convert_all(
     with grid_topic(path, topic, read_as=read_as) as found:
         digits = max(4, len(str(len(found) - 1)))
         names = [folder / f"{number:0{digits}}.yaml" for number in range(len(found))]
-        work.outputs += [one for name in names for one in output_paths(name)]
+        work.outputs += [path for name in names for path in output_paths(name)]
         transaction = work.begin(found.files)
         with work.counted(len(found)) as advance:
             for number, name in enumerate(names):

@@ -1,4 +1,4 @@
-"""``mapdeal info``: what there is to know of maps, runs, bags and a robot's parameter files."""
+"""``mapdeal info``: descriptions of maps, runs, bags and a robot's parameter files."""
 
 from __future__ import annotations
 

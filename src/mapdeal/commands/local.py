@@ -387,9 +387,9 @@ def _sequence(
     sequence: Sequence[local_maps.LocalJob], output: Path, common: local_maps.LocalCommon,
     work: Work, planner: WindowPlanner | None,
 ) -> LocalMaps:  # fmt: skip
-    others = local_maps.other_folders(sequence, output)
-    if others:
-        emit_warning(f"{len(others)} folders are not of this sequence, such as {others[0]}")
+    unrelated = local_maps.other_folders(sequence, output)
+    if unrelated:
+        emit_warning(f"{len(unrelated)} folders are not of this sequence, such as {unrelated[0]}")
     numbers = {job.folder: number for number, job in enumerate(sequence)}
     rolling = None if common.keep is None else local_maps.RollingRun(sequence, common)
 

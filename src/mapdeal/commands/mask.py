@@ -270,7 +270,7 @@ def mask_facts(
     grid = map_read.occupancy
     claim_work(map_read.name, grid, PER_CELL)
     known = np.asarray(grid.occupancy) != UNKNOWN
-    with capture_warnings():  # of costs, which there are none of
+    with capture_warnings():  # on costs, which do not exist here
         closed = closed_by(mask, grid.frame) if info.kind == "keepout" else np.zeros_like(known)
         full = np.full(mask.shape, OCCUPIED, dtype=np.int8)
         inside = closed_by(mask.with_values(full), grid.frame)

@@ -298,7 +298,7 @@ def merge(
         elif transforms == "align":
             places = _by_walls(grids, sources)
         else:
-            places = _given(transforms, len(maps) - 1)
+            places = _checked_transforms(transforms, len(maps) - 1)
     frames = [
         grid.frame if place is None else place.inverse().frame(grid.frame)
         for grid, place in zip(grids, places, strict=True)
@@ -332,12 +332,12 @@ def merge(
     return merged
 
 
-def _given(transforms: Any, count: int) -> list[Transform | None]:
-    """Return transforms that Python users give, None for the first map and as they please."""
+def _checked_transforms(transforms: Any, count: int) -> list[Transform | None]:
+    """Return one transform or None for each map, checked; None for the first map."""
     if transforms is None:
         return [None] * (count + 1)
     if len(transforms) != count or isinstance(transforms, str):
-        rule = f"must be {count}, one for each map but the first"
+        rule = f"must be {count}, one for each map except the first"
         raise ParameterError(rule, place="transforms", got=len(transforms))
     return [None, *(inputs.transform_of(transform, place="transforms") for transform in transforms)]
 

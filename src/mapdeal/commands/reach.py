@@ -297,7 +297,7 @@ def reach_on_input(
 
 
 def lethal_costs(robot: RobotParameters, map_read: inputs.MapInput) -> Grid:
-    """Return what is lethal and what unknown to a robot on a map, and nothing else."""
+    """Return a map with only its lethal and unknown cells, as the robot's costmap has them."""
     # Inscribed costs would cover unknown cells.
     grid = map_read.grid
     for step in load_recipe(None, robot=robot.without_inflation()).steps:

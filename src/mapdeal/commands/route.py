@@ -39,8 +39,8 @@ from mapdeal.stages.potential import CAP, GAIN, potential
 
 Heuristic = Literal["octile", "field"]
 
-WAYS = ("plain", "cost", "heuristic")
-"""Where the distance field acts: nowhere, in the cost of a step, or in the heuristic."""
+SEARCHES = ("plain", "cost", "heuristic")
+"""Uses of the distance field: none, in the cost of a step, or in the heuristic."""
 
 _RECIPE = "nav2"
 _PER_CELL: dict[Method, float] = {
@@ -49,12 +49,11 @@ _PER_CELL: dict[Method, float] = {
 """Bytes for each cell, those of the recipe included."""
 
 _PER_CELL_OF_PAIRS = 60.0
-_OF_HEURISTIC = 16.0  # bytes for each cell that the field in the heuristic takes
+_PER_CELL_OF_HEURISTIC = 16.0  # bytes
 _HEURISTIC_WEIGHT = 2.0
-"""Metres that the field adds to the heuristic at an obstacle, if no weight is given: what is
-missing there to a clearance of 2 m."""
+"""Default penalty of the heuristic field at an obstacle, metres: the lack of a clearance of 2 m."""
 
-_FIELD_WEIGHT = 1.0  # of way cost, if none is given: at an obstacle a metre costs one more
+_FIELD_WEIGHT = 1.0  # default for the search cost: at an obstacle a metre costs one more
 _MEANS = {
     "mean clearance": ("mean_clearance", "{:.3f} m"),
     "min clearance": ("min_clearance", "{:.3f} m"),
@@ -158,14 +157,14 @@ class PairedRoutes(Spread):
                 yield json.dumps({"pair": number, "line": pair.line, **failure})
                 continue
             if all(route.reached for route in found.values()):
-                for way, route in found.items():
+                for search, route in found.items():
                     for name, _ in _MEANS.values():
                         figure = getattr(route, name)
-                        self.sums[way, name] += math.nan if figure is None else figure
+                        self.sums[search, name] += math.nan if figure is None else figure
             else:
                 self.counts["unreached"] += 1
-            for way, route in found.items():
-                yield json.dumps({"pair": number, "method": way, **_entries(route)})
+            for search, route in found.items():
+                yield json.dumps({"pair": number, "method": search, **_entries(route)})
         if not self.counts["pairs"]:
             raise errors.MalformedInputError("holds no pairs of points", source=self.pairs_in)
 
@@ -177,7 +176,7 @@ class PairedRoutes(Spread):
             return found, {}
         except errors.ParameterError as error:
             places = {"start": rounded_place(*pair.start), "goal": rounded_place(*pair.goal)}
-            return {}, {**places, "error": str(error), **_given(hint=error.hint)}
+            return {}, {**places, "error": str(error), **_without_none(hint=error.hint)}
 
     @property
     def reached(self) -> int:
@@ -190,27 +189,31 @@ class PairedRoutes(Spread):
         yield f"{output}: {self.counts['pairs']} pairs by {', '.join(self.searches)}"
 
     def lines(self) -> Iterator[str]:
-        for one in map(json.loads, self.parts()):
-            text = f"pair {one['pair']}"
-            if "error" in one:
-                yield f"{text}: {one['error']}"
-            elif not one["reached"]:
-                yield f"{text}, {one['method']}: not reached"
+        for entry in map(json.loads, self.parts()):
+            text = f"pair {entry['pair']}"
+            if "error" in entry:
+                yield f"{text}: {entry['error']}"
+                continue
+            text += f", {entry['method']}: "
+            if entry["reached"]:
+                yield f"{text}{entry['length_m']:.2f} m, cost {entry['cost']:.2f}"
             else:
-                yield f"{text}, {one['method']}: {one['length_m']:.2f} m, cost {one['cost']:.2f}"
+                yield f"{text}not reached"
 
     def remarks(self) -> Iterator[str]:
         if not self.reached:
             return
         plural = "s" if self.reached > 1 else ""
         rows = [[f"means of {self.reached} pair{plural}", *_MEANS]]
-        for way in self.searches:
-            means = [(self.sums[way, name] / self.reached, form) for name, form in _MEANS.values()]
+        for search in self.searches:
+            means = [
+                (self.sums[search, name] / self.reached, form) for name, form in _MEANS.values()
+            ]
             texts = [form.format(mean) if math.isfinite(mean) else "-" for mean, form in means]
-            rows.append([f"  {way}", *texts])
-        first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
+            rows.append([f"  {search}", *texts])
+        first, *widths = (max(map(len, column)) for column in zip(*rows, strict=True))
         for head, *texts in rows:
-            yield "  ".join([head.ljust(first), *map(str.rjust, texts, others)])
+            yield "  ".join([head.ljust(first), *map(str.rjust, texts, widths)])
 
     def check(self) -> None:
         count, failed, unreached = (self.counts[key] for key in ("pairs", "failed", "unreached"))
@@ -373,10 +376,10 @@ def route(
     (True, 2.414214)
     """
     footprint = shape_of(footprint, robot_radius)
-    gains = _given(
+    gains = _without_none(
         attractive_gain=attractive_gain, repulsive_gain=repulsive_gain, repulsive_cap=repulsive_cap
     )
-    of_field = _given(field_weight=field_weight, heuristic_weight=heuristic_weight)
+    of_field = _without_none(field_weight=field_weight, heuristic_weight=heuristic_weight)
     weights: dict[str, Any] = {
         "cost_travel_multiplier": cost_travel_multiplier, "through_unknown": through_unknown
     }  # fmt: skip
@@ -396,9 +399,9 @@ def route(
             )
         compared: tuple[str, ...] = (method,)
         if method == "astar":
-            compared = tuple(dict.fromkeys(WAYS if compare is None else compare))
-            if not compared or not set(compared) <= set(WAYS):
-                rule = f"must be some of {', '.join(WAYS)}"
+            compared = tuple(dict.fromkeys(SEARCHES if compare is None else compare))
+            if not compared or not set(compared) <= set(SEARCHES):
+                rule = f"must be some of {', '.join(SEARCHES)}"
                 raise errors.ParameterError(rule, place="compare", got=",".join(compared))
         for name, search in (("field_weight", "cost"), ("heuristic_weight", "heuristic")):
             if name in of_field and search not in compared:
@@ -432,7 +435,7 @@ def route(
     elif heuristic_weight is not None:
         raise errors.ParameterError("applies to heuristic field alone", place="heuristic_weight")
     inputs.need_ending(".json")
-    per_cell = _PER_CELL[method] + _OF_HEURISTIC * bool(of_field.get("heuristic_weight"))
+    per_cell = _PER_CELL[method] + _PER_CELL_OF_HEURISTIC * bool(of_field.get("heuristic_weight"))
     followed = None if graph is None else read_route_graph(graph)
     files = [] if graph is None else [graph]
     shape = (footprint, robot, mask, files, per_cell, reading)
@@ -441,12 +444,14 @@ def route(
     if global_map is not None:
         known = routes.Terrain.of(_costs_of(global_map, *shape)[1], **weights)
     with inputs.errors_named(source.name):
-        terrain = routes.Terrain.of(costs, **weights, **_given(field_weight=field_weight))
+        terrain = routes.Terrain.of(costs, **weights, **_without_none(field_weight=field_weight))
         if followed is not None:
             found = route_on_graph(terrain, followed, start, goal)
         else:
             name = "heuristic" if method == "astar" and heuristic == "field" else method
-            find = _search_by(name, terrain, gains, **_given(heuristic_weight=heuristic_weight))
+            find = _search_by(
+                name, terrain, gains, **_without_none(heuristic_weight=heuristic_weight)
+            )
             by_length = method != "astar"
             found = route_in_window(terrain, find, start, goal, by_length=by_length, known=known)
             warn_of_border(found, costs)
@@ -462,7 +467,7 @@ def warn_of_border(route: Route, costs: Costmap) -> None:
         errors.emit_warning(f"{text}{end_x + 0.0:.10g}, {end_y + 0.0:.10g}")
 
 
-def _given(**options: Any) -> dict[str, Any]:
+def _without_none(**options: Any) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 
@@ -493,30 +498,30 @@ def _costs_of(
     """Return a map and its costs: those in the file, the robot's, or the recipe ``nav2``'s."""
     over = inputs.mask_of(mask, inputs.settings_of(**reading))
     also = [*(robot.paths if robot else ()), *files, *(over.files if over else ())]
-    (one,) = inputs.opened(map, names=("map",), also=also, **reading)
-    inputs.claim_cells(one, per_cell, measures=True, **reading)
-    grid = one.grid
+    (source,) = inputs.opened(map, names=("map",), also=also, **reading)
+    inputs.claim_cells(source, per_cell, measures=True, **reading)
+    grid = source.grid
     if isinstance(grid, Costmap):
         rule = "applies to maps: these costs are already computed"
         if not is_local:  # otherwise they are for the global map
             inputs.refuse(rule, robot=robot, footprint=footprint)
-        return one, grid if over is None else over.over(grid)
+        return source, grid if over is None else over.over(grid)
     if getattr(grid, "cost_travel_multiplier", 0):
         rule = "is a weighted potential field: routes do not follow its cost_to_go"
         hint = "route COSTS.npz --method astar --cost-travel-multiplier K weighs costs"
-        raise errors.ParameterError(rule, source=one.name, hint=hint)
-    inputs.warn_of_values(one)
-    with inputs.errors_named(one.name):
+        raise errors.ParameterError(rule, source=source.name, hint=hint)
+    inputs.warn_of_values(source)
+    with inputs.errors_named(source.name):
         for step in _recipe_for(footprint, robot).steps:
             if over is not None and step.accepts_mask:
-                grid, over = over.costs_of(step, grid, one.path)[1], None
+                grid, over = over.costs_of(step, grid, source.path)[1], None
             elif not (step.stage.product_type is DistanceField and isinstance(grid, DistanceField)):
-                grid = step.apply(grid, one.path)
+                grid = step.apply(grid, source.path)
         if not isinstance(grid, Costmap):
             raise TypeError("the recipe of routes must end in costs")
         shape = planned_shape(robot) if footprint is None and robot is not None else footprint
         costs = grid if shape is None else _closed_to(shape, grid, obstacles=robot is None)
-        return one, costs if over is None else over.over(costs)
+        return source, costs if over is None else over.over(costs)
 
 
 def _closed_to(robot: Footprint, costs: Costmap, *, obstacles: bool) -> Costmap:

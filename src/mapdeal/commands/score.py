@@ -67,8 +67,8 @@ class Score(Result):
     comparison : Comparison or None
         The cells of both maps, and the distances between their walls; None without a truth.
     faults : tuple of Fault
-        What is wrong with the map, the worst first: ghost walls, missing area, faded walls, noise,
-        or a bend. None without a truth, nor where a map has no walls.
+        Faults of the map, the worst first: ghost walls, missing area, faded walls, noise, or a
+        bend. Empty without a truth or without walls.
     """
 
     values: dict[str, Any]
@@ -289,11 +289,11 @@ def score(
     - ``iou_``..., ``precision_``..., ``recall_``..., ``mcc_``... and ``confusion_``...: agreement
       of cells; ``coverage``: share of the cells known in the truth that are known in both.
 
-    The verdict names the worst of these faults, relative to what is one: ghost walls (5 % of the
-    map's walls in free space of the truth), missing area (5 % of its known cells unknown), faded
-    walls (10 % of its walls that the map has seen and has no wall near), noise (components of less
-    than 5 cells in its free space, 3 % of the walls), and a bend (0.1 m or two cells; what it
-    displaces is no ghost).
+    The verdict names the fault that exceeds its limit most: ghost walls (5 % of the map's walls in
+    free space of the truth), missing area (5 % of its known cells unknown), faded walls (10 % of
+    its walls that the map should show but does not), noise (3 % of the walls in components of
+    fewer than 5 cells in its free space), and a bend (0.1 m or two cells; walls that it displaces
+    are not ghosts).
 
     Without a truth: figures after Filatov et al., "2D SLAM quality evaluation methods" (2017).
 

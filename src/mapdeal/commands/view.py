@@ -66,17 +66,17 @@ def view(
     """
     for path in sources:
         status_of(path)
-    found = [one for path in sources for one in maps_in(path, work)]
-    # what belongs to a map stands behind it
+    paths = [path for folder in sources for path in maps_in(folder, work)]
     report: WrittenReport | None = None
-    first, *others = sorted(found, key=lambda one: one.suffix.lower() == ".json")
-    if first.suffix.lower() in ENDINGS and not others:
+    # maps come first, then the JSON that belongs to them
+    first, *rest = sorted(paths, key=lambda path: path.suffix.lower() == ".json")
+    if first.suffix.lower() in ENDINGS and not rest:
         page = absolute_path(first)
     else:
         settings = work.settings
         name = first.name if is_folder(first) else first.stem
         page = lasting_folder() / f"{name or 'report'}.html"
         report = write_report(
-            page, [first, *others], dialect=settings.dialect, max_cells=settings.max_cells
+            page, [first, *rest], dialect=settings.dialect, max_cells=settings.max_cells
         )
     return Viewed(page, browser and webbrowser.open(page.as_uri()), browser, report)
