@@ -14,13 +14,12 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from mapdeal.checks.facts import FilterFacts, ParameterFacts, PlannerFacts, RobotFacts, check
 from mapdeal.checks.findings import CHECKS, Finding, Remark, Severity, declare_checks, findings_on
-from mapdeal.checks.plugin_checks import planner_facts
+from mapdeal.checks.plugin_checks import MOST_NAMES, closest_name, planner_facts
 from mapdeal.errors import MalformedInputError, MapdealError
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import NO_INFORMATION
@@ -98,9 +97,6 @@ def known_names(flavour: Flavour, layer: str) -> frozenset[str]:
     return frozenset() if layer_class is None else layer_class.known_parameters(layer)
 
 
-_LEAST_SIMILARITY = 0.85
-_MOST, _LONGEST = 1000, 60
-"""Limits of the search for misspelt names, which compares each unknown name with all known."""
 _OTHER_MARKING = ("NonPersistentVoxelLayer", "SpatioTemporalVoxelLayer")
 """Layer classes that write lethal cells and that mapdeal does not model."""
 
@@ -199,11 +195,11 @@ def unused_section(facts: ParameterFacts) -> Iterator[Remark]:
         names = {path[1] for path in section}
         if name in listed_names or names.isdisjoint(LAYER_PARAMETERS):
             continue
-        close = get_close_matches(name, listed_names, n=1, cutoff=_LEAST_SIMILARITY)
-        if not close and (facts.flavour == "ros1" or names <= IDLE_LAYER_PARAMETERS):
+        closest = closest_name(name, listed_names)
+        if not closest and (facts.flavour == "ros1" or names <= IDLE_LAYER_PARAMETERS):
             continue
         text = f"{name} is not in the list of plugins: its parameters have no effect"
-        hint = f"; did you mean {close[0]}?" if close else ""
+        hint = f"; did you mean {closest}?" if closest else ""
         yield Remark(text + hint, at=next(iter(section.values())))
 
 
@@ -228,11 +224,11 @@ def misspelt(facts: ParameterFacts) -> Iterator[Remark]:
     for section, known in _scopes(facts):
         for path, value in section.items():
             name = path[-1]
-            if name in known or len(name) > _LONGEST or (unknown := unknown + 1) > _MOST:
+            if name in known or (unknown := unknown + 1) > MOST_NAMES:
                 continue
-            close = get_close_matches(name, known, n=1, cutoff=_LEAST_SIMILARITY)
-            if close and (*path[:-1], close[0]) not in facts.values:
-                text = f"no parameter is called {facts.label(*path)}: did you mean {close[0]}?"
+            closest = closest_name(name, known)
+            if closest and (*path[:-1], closest) not in facts.values:
+                text = f"no parameter is called {facts.label(*path)}: did you mean {closest}?"
                 yield Remark(text, at=value)
 
 

@@ -37,7 +37,7 @@ _RENAMED = {
 _OBSTACLE_LAYERS = ("ObstacleLayer", "VoxelLayer")
 _LEAST_SIMILARITY = 0.85
 _USUAL_RESOLUTION = 0.05  # metres; used without a map
-_MOST_NAMES, _LONGEST_NAME = 1000, 60
+MOST_NAMES, _LONGEST_NAME = 1000, 60
 """Limits of the search for misspelt names, which compares each name with all known ones."""
 
 
@@ -205,10 +205,10 @@ def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
             text = f"no parameter is called {name}: did you mean {closest}?"
             yield Remark(text, at=facts.values[name])
     plugins = plugins_in(facts.values)
-    first_values = reversed([*islice(facts.values.items(), _MOST_NAMES)])
+    first_values = reversed([*islice(facts.values.items(), MOST_NAMES)])
     sections = {name.partition(".")[0]: value for name, value in first_values if "." in name}
     for section, value in reversed(sections.items()):
-        if closest := _misspelt_name(section, plugins):
+        if closest := closest_name(section, plugins):
             yield Remark(f"no planner is called {section}: did you mean {closest}?", at=value)
 
 
@@ -216,7 +216,7 @@ def _undeclared_names(facts: PlannerFacts) -> Iterator[tuple[str, str, str | Non
     """Yield names that Nav2 ignores, the planner's class or the node, and the name meant."""
     plugins = plugins_in(facts.values)
     of_any_planner = set().union(*PLANNER_PARAMETERS.values())
-    for name in islice(facts.values, _MOST_NAMES):
+    for name in islice(facts.values, MOST_NAMES):
         section, dot, parameter = name.partition(".")
         if dot and section not in plugins:
             continue
@@ -227,7 +227,7 @@ def _undeclared_names(facts: PlannerFacts) -> Iterator[tuple[str, str, str | Non
             continue
         parent, _, last = parameter.rpartition(".")
         paths = [path.rpartition(".") for path in ("plugin", *declared)]
-        closest = _misspelt_name(last, {path[2] for path in paths if path[0] == parent})
+        closest = closest_name(last, {path[2] for path in paths if path[0] == parent})
         if parameter in of_any_planner or f"{name.removesuffix(last)}{closest}" in facts.values:
             closest = None
         if closest or declared:
@@ -302,7 +302,8 @@ def planner_turning_radius(facts: PlannerFacts) -> Iterator[Remark]:
                 yield Remark(f"{text}has {farthest:.4g} m from corner to corner", at=radius)
 
 
-def _misspelt_name(name: str, known: Collection[str]) -> str | None:
+def closest_name(name: str, known: Collection[str]) -> str | None:
+    """Return the known name that a name which is not known resembles, if any."""
     if name in known or len(name) > _LONGEST_NAME:
         return None
     return next(iter(get_close_matches(name, known, n=1, cutoff=_LEAST_SIMILARITY)), None)
