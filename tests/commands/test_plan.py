@@ -81,6 +81,18 @@ def test_one_step_less_than_a_proposed_value_is_not_enough(tmp_path, setting, fo
         assert is_found(grid, robot_file(tmp_path, **{key: text.format(value)})) is expected
 
 
+@pytest.mark.parametrize(
+    ("start", "goal", "stopped_at", "detail"),
+    [((2.0, 2.0), (3.55, 3.95), (3.05, 3.65), "the goal lies in an obstacle"),
+     ((0.62, 0.42), GOAL, (0.65, 0.45),
+      "the start lies nearer to an obstacle than the inscribed radius")],
+)  # fmt: skip
+def test_a_closed_start_or_goal_is_the_reason(tmp_path, start, goal, stopped_at, detail):
+    report = plan(two_rooms(), robot=robot_file(tmp_path), start=start, goals=[goal])
+    assert report.goals[0].plan.detail == detail
+    assert report.goals[0].stopped_at == pytest.approx(stopped_at, abs=0.15)
+
+
 def test_the_door_must_be_wider_by_the_proposed_width(tmp_path):
     grid, robot = two_rooms(), robot_file(tmp_path)
     (goal,) = plan(grid, robot=robot, start=START, goals=[GOAL]).goals

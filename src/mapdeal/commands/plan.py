@@ -152,15 +152,16 @@ class GoalPlan(OneLine):
         plan = self.plan
         yield f"  goal {self.goal.label}: {self.verdict}"
         for margin in self.margins:
-            yield f"    it stays up to {change_text(margin)}"
+            verb = "needs" if margin["to"] is True else "stays up to"
+            yield f"    it {verb} {change_text(margin)}"
         if plan.detail is not None:
             yield f"    {plan.detail}"
-        elif self.stopped_at is not None:
+        if self.stopped_at is not None:
             yield f"    a search from the start comes no nearer than {_at(self.stopped_at)}"
         if self.changes:
             yield "    each of these alone makes a path:"
             yield from ("      " + change_text(change) for change in self.changes)
-        elif self.changes is not None:
+        elif self.changes is not None and "OutsideMap" not in (plan.reason or ""):
             yield "    no single change of those tried makes a path"
 
 
@@ -299,7 +300,7 @@ class PlanReport(Spread):
         rule = f"no path to goal {first.goal.label}: {first.plan.detail or first.plan.reason}"
         if more:
             rule += f"; {len(more)} more without a path"
-        hint = f"{first.best_change} makes one" if first.changes else None
+        hint = f"this makes one: {first.best_change}" if first.changes else None
         raise FindingError(rule, source=self.work.source.name, hint=hint)
 
 
@@ -667,7 +668,9 @@ def report_on(
                 plans.append(GoalPlan(goal, answer, None, margins, *clearance))
             else:
                 changes = changes_for(work, start, goal.pose, answer) if has_changes else None
-                stopped_at = None if answer.detail else work.nearest_reached(start, goal.pose)
+                stop = None, answer.detail
+                stopped_at, detail = stop if answer.detail else work.stop_of(start, goal.pose)
+                answer = replace(answer, detail=detail)
                 plans.append(GoalPlan(goal, answer, changes, stopped_at=stopped_at))
     return PlanReport(work, start, tuple(plans))
 

@@ -29,6 +29,7 @@ from mapdeal.grid.values import (
     OCCUPIED,
     UNKNOWN,
 )
+from mapdeal.kernels.navfn import UNREACHED
 from mapdeal.pipeline.folder import rounded_place
 from mapdeal.pipeline.inputs import KeepoutMask, MapInput
 from mapdeal.pipeline.recipe import load_recipe
@@ -47,6 +48,10 @@ _WIDEST_PASSAGE = 3.0  # metres by which a passage is widened, or a radius grows
 _LARGEST_VALUE = 1000.0  # that is tried
 _LARGEST_SCALE = 4.0  # of a footprint
 _MOST_OBSTACLES, _LARGEST_OBSTACLE = 20, 5.0  # number of those tried, and square metres of each
+_CLOSED = {
+    INSCRIBED_INFLATED_OBSTACLE: "nearer to an obstacle than the inscribed radius",
+    LETHAL_OBSTACLE: "in an obstacle", NO_INFORMATION: "in unknown space",
+}  # fmt: skip
 _BYTES = 1 << 26  # of the costmaps that are kept
 
 Override = tuple[str, str, Any]
@@ -130,14 +135,25 @@ class PlannerOnMap:
         x, y = plan.poses[least, :2].tolist()
         return float(metres[least]), (round(x, 6), round(y, 6))
 
-    def nearest_reached(self, start: Pose, goal: Pose) -> tuple[float, float] | None:
-        """Return the place nearest to a goal that a search from the start can reach."""
-        if self.grid.cell_of(start) is None:
-            return None
-        rows, cols = np.nonzero(_reached_cells(self.listed, self.grid, start))
+    def stop_of(self, start: Pose, goal: Pose) -> tuple[tuple[float, float] | None, str | None]:
+        """Return the place nearest to a goal that a search reaches, and which end is closed."""
+        cells = {"start": self.grid.cell_of(start), "goal": self.grid.cell_of(goal)}
+        if None in cells.values():
+            return None, None
+        search = getattr(self.listed.planner, "potential", None)
+        potential = None if search is None else search(self.grid, start, goal)
+        rows, cols = np.nonzero(
+            _reached_cells(self.listed, self.grid, start)
+            if potential is None
+            else potential < UNREACHED
+        )
         x, y = _centres(self, rows, cols)
         nearest = int(np.argmin((x - goal[0]) ** 2 + (y - goal[1]) ** 2))
-        return round(float(x[nearest]), 6), round(float(y[nearest]), 6)
+        end = "start" if len(rows) == 1 else "goal"
+        cost = int(self.grid.costs[cells[end]])
+        is_open = cost == NO_INFORMATION and self.listed.settings.get("allow_unknown", True)
+        text = None if is_open or cost not in _CLOSED else f"the {end} lies {_CLOSED[cost]}"
+        return (round(float(x[nearest]), 6), round(float(y[nearest]), 6)), text
 
     def plan_without(self, start: Pose, goal: Pose, cleared: Mask) -> Plan:
         """Return the plan on the map with some cells made free."""
@@ -159,13 +175,13 @@ def grid_of(costs: Costmap, robot: RobotParameters) -> PlannerGrid:
     )
 
 
-def _open_cells(values: Mapping[str, Any], grid: PlannerGrid, start: Pose) -> Mask:
-    """Return the cells that a robot's centre may be in, and those of its start."""
+def _open_cells(values: Mapping[str, Any], grid: PlannerGrid, start: Pose, size: int) -> Mask:
+    """Return the cells that a robot's centre may be in, and a square of them at its start."""
     is_open = grid.costs < INSCRIBED_INFLATED_OBSTACLE
     if values.get("allow_unknown", True):
         is_open |= grid.costs == NO_INFORMATION
     row, col = grid.cell_of(start) or (0, 0)
-    is_open[row : row + 2, col : col + 2] = True  # NavFn rounds up
+    is_open[row : row + size, col : col + size] = True
     return is_open
 
 
@@ -183,8 +199,9 @@ def _regions(listed: ListedPlanner, grid: PlannerGrid, start: Pose) -> NDArray[n
     """Return the number of each open cell's connected region, 0 for closed cells."""
     from scipy import ndimage  # slow to import
 
-    around, is_open = np.ones((3, 3), bool), _open_cells(listed.settings, grid, start)
     is_diagonal = listed.planner is None or listed.planner.moves_diagonally
+    size = 1 if listed.planner is not None and is_diagonal else 2  # NavFn rounds the start up
+    around, is_open = np.ones((3, 3), bool), _open_cells(listed.settings, grid, start, size)
     if listed.planner is None:
         # planners with headings check poses that are up to three cells apart
         is_open = ndimage.binary_dilation(is_open, around, iterations=2)
