@@ -141,8 +141,8 @@ def _stl_parts(path: Path) -> list[Part]:
     elif re.match(rb"\s*solid\b", data[:512].lower()) and b"facet" in data[:4096].lower():
         claim(path, 2 * len(data))
         data = data if b"vertex" in data else data.lower()
-        rows = [_VERTEX.findall(text) for text in _pieces_of(data)]
         try:
+            rows = map(_VERTEX.findall, _pieces_of(data))
             numbers = np.concatenate([_points(b" v ".join([b"", *row]), len(row)) for row in rows])
         except ValueError:
             raise malformed(path, "must be 3 finite numbers", "vertex") from None
