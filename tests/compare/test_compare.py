@@ -181,14 +181,18 @@ def test_bands_and_threads_change_nothing(monkeypatch):
     rng = np.random.default_rng(3)
     first, second = rng.integers(0, 3, (2, 700, 611), dtype=np.uint8)
     walls, found = rng.random((700, 400)) < 0.2, []
-    for together, rows, threads in ((1 << 20, 1 << 20, 1), (9000, 37, 2), (1, 333, 2)):
+    for together, rows, cols, threads in ((1 << 20,) * 3 + (1,), (9000, 37, 91, 2), (1, 333, 7, 2)):
         monkeypatch.setattr(score, "TOGETHER", together)
         monkeypatch.setattr(score, "LEAST_ROWS_ALONE", rows)
+        monkeypatch.setattr(score, "ACROSS_ALONE", cols)
         with use_threads(threads):
             likeness = [f(first, second) for f in (uniform_similarity, score.gaussian_similarity)]
             found.append((likeness, score.corners_of(walls).tobytes()))
     assert any(found[0][1])
     assert found[1:] == found[:1] * 2
+    monkeypatch.setattr(score, "_ACROSS", 100)  # sums are rounded in another order
+    likeness = [f(first, second) for f in (uniform_similarity, gaussian_similarity)]
+    assert likeness == pytest.approx(found[0][0], rel=1e-14)
 
 
 def test_maps_smaller_than_a_window_have_none():

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.files.source import bytes_of_lines
 from mapdeal.grid import values as map_values
 from mapdeal.grid.canvas import sampled
 from mapdeal.grid.frame import Frame, Transform
@@ -108,6 +109,7 @@ def share(part: int, total: int) -> float | None:
 
 
 TOGETHER = 1 << 16  # cells of a band of rows on which a thread works
+_ACROSS, ACROSS_ALONE = 1 << 16, 1 << 12  # columns of a band at most: flat maps have few rows
 _LIBRARIES = 28_000_000  # scipy.ndimage and its imports
 _PER_CELL, _PER_WALL = 13.5, 12
 _OF_BAND, _AROUND = 90, 10
@@ -119,27 +121,31 @@ LEAST_ROWS_ALONE = 64
 """Least rows of a band for a map on its own: in fewer, most work would be the rows around."""
 
 _PER_WALL_DRAWN = 40
+_PER_LINE = 40  # of labels and distances, for each row and column
 
 
 def bytes_to_compare(shape: tuple[int, int], walls: int, *, is_drawn: bool = False) -> int:
     """Return about how many bytes it takes to compare a map with the truth, and to draw that."""
     per_wall = _PER_WALL_DRAWN if is_drawn else _PER_WALL
-    return _bytes(shape, _PER_CELL, per_wall * walls, _OF_BAND, _AROUND, 1)
+    band = _OF_BAND, _AROUND, 1, _ACROSS
+    return _bytes(shape, _PER_CELL, per_wall * walls, *band)
 
 
 def bytes_alone(shape: tuple[int, int], walls: int) -> int:
-    of_walls = _PER_WALL_ALONE * walls
-    return _bytes(shape, _PER_CELL_ALONE, of_walls, _OF_BAND_ALONE, _AROUND_ALONE, LEAST_ROWS_ALONE)
+    band = _OF_BAND_ALONE, _AROUND_ALONE, LEAST_ROWS_ALONE, ACROSS_ALONE
+    return _bytes(shape, _PER_CELL_ALONE, _PER_WALL_ALONE * walls, *band)
 
 
 def _bytes(
-    shape: tuple[int, int], per_cell: float, of_walls: int, of_band: int, around: int, least: int
-) -> int:
+    shape: tuple[int, int], per_cell: float, of_walls: int,
+    of_band: int, around: int, least: int, across: int,
+) -> int:  # fmt: skip
     height, width = shape
-    rows = max(least, TOGETHER // width)
+    rows = max(least, TOGETHER // (min(width, across) + around))
     workers = min(thread_count(), -(-height // rows))
-    band = of_band * (min(rows, height) + around) * (width + around)
-    return int(_LIBRARIES + per_cell * height * width + of_walls + workers * band)
+    band = of_band * (min(rows, height) + around) * (min(width, across) + around)
+    lines = bytes_of_lines(shape, _PER_LINE)
+    return int(_LIBRARIES + per_cell * height * width + of_walls + workers * band + lines)
 
 
 _Floats = NDArray[np.floating[Any]]
@@ -185,15 +191,15 @@ def _mean_similarity(
     halves = np.zeros(3, dtype=np.uint8)  # of a pixel's value
     halves[[OCCUPIED, UNKNOWN, FREE]] = 0, 1, 2
     a, b = halves[first], halves[second]
-    sums = np.empty(rows)
-    step = max(1, TOGETHER // width)
+    sums = np.zeros(rows)
+    step = max(1, TOGETHER // (min(width, _ACROSS) + _AROUND))
 
     def band(part: slice) -> None:
-        for start in range(part.start, part.stop, step):
-            stop = min(start + step, part.stop)
-            under = slice(start, stop + window - 1)
+        for start, first in product(range(part.start, part.stop, step), range(0, cols, _ACROSS)):
+            stop, end = min(start + step, part.stop), min(first + _ACROSS, cols)
+            under = slice(start, stop + window - 1), slice(first, end + window - 1)
             means = moments_of(a[under], b[under])
-            sums[start:stop] = _similarity(means, correction).sum(axis=1)
+            sums[start:stop] += _similarity(means, correction).sum(axis=1)
 
     for_rows(band, (rows, cols))
     return float(sums.sum() / (rows * cols))
@@ -314,10 +320,13 @@ def enclosed_areas(states: States, resolution: float) -> tuple[int, int, float]:
     from scipy.ndimage import label
 
     labels, count = label(states != OCCUPIED)
-    border = np.unique(np.concatenate((labels[0], labels[-1], labels[:, 0], labels[:, -1])))
+    is_outside = np.zeros(count + 1, dtype=np.bool_)
+    for border in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
+        for start in range(0, len(border), _TOGETHER):
+            is_outside[border[start : start + _TOGETHER]] = True
     labels *= states == FREE
     free = label_sizes(labels, count)
-    free[border] = 0
+    free[is_outside] = 0
     free[0] = 0
     sizes = free[free > 0] * resolution**2
     is_area = sizes >= LEAST_AREA * (1 - _ROUNDING)
@@ -327,9 +336,9 @@ def enclosed_areas(states: States, resolution: float) -> tuple[int, int, float]:
 
 def label_sizes(labels: NDArray[np.integer[Any]], count: int) -> NDArray[np.int64]:
     sizes = np.zeros(count + 1, dtype=np.int64)
-    step = max(1, _TOGETHER // labels.shape[1])
-    for first in range(0, len(labels), step):
-        found = np.bincount(labels[first : first + step].ravel())
+    cells = labels.ravel()
+    for first in range(0, len(cells), _TOGETHER):
+        found = np.bincount(cells[first : first + _TOGETHER])
         sizes[: len(found)] += found
     return sizes
 
@@ -358,17 +367,20 @@ def corners_of(walls: _Mask) -> _Mask:
     # Chen and Molodan, "2D SLAM quality evaluation methods", 2017 (arXiv:1708.02354): the number of
     # corners, which doubled walls raise.
     found = np.zeros(walls.shape, dtype=np.bool_)
-    step = max(LEAST_ROWS_ALONE, TOGETHER // walls.shape[1])
-    bands = -(-len(walls) // step)
+    height, width = walls.shape
+    step = max(LEAST_ROWS_ALONE, TOGETHER // (min(width, ACROSS_ALONE) + 2 * _HALO))
+    bands = -(-height // step)
 
     def some(first: int, end: int) -> None:
-        for start in range(first * step, min(end * step, len(walls)), step):
-            stop = min(start + step, len(walls))
-            first_row, last_row = max(start - _HALO, 0), min(stop + _HALO, len(walls))
-            at = first_row - start + _HALO
-            around = np.zeros((stop - start + 2 * _HALO, walls.shape[1] + 2 * _HALO), np.bool_)
-            around[at : at + last_row - first_row, _HALO:-_HALO] = walls[first_row:last_row]
-            found[start:stop] = _corners_in(around)
+        rows = range(first * step, min(end * step, height), step)
+        for start, start_col in product(rows, range(0, width, ACROSS_ALONE)):
+            tile = found[start : start + step, start_col : start_col + ACROSS_ALONE]
+            around = np.zeros((len(tile) + 2 * _HALO, tile.shape[1] + 2 * _HALO), np.bool_)
+            top, side = max(start - _HALO, 0), max(start_col - _HALO, 0)
+            part = walls[top : start + len(tile) + _HALO, side : start_col + tile.shape[1] + _HALO]
+            row, col = top - start + _HALO, side - start_col + _HALO
+            around[row : row + len(part), col : col + part.shape[1]] = part
+            tile[:] = _corners_in(around)
 
     if walls.size < CELLS_WORTH_A_THREAD:
         some(0, bands)
