@@ -27,6 +27,7 @@ from mapdeal.compare.difference import STATES, Bound, Difference, WallShift, com
 from mapdeal.compare.score import states_of, states_on
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import ParameterError, one_line
+from mapdeal.files.source import bytes_of_lines
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, count_text
@@ -39,8 +40,8 @@ from mapdeal.sensors.points import transform_document
 
 File = str | PathLike[str]
 
-_PER_CELL, _PER_WALL = 32, 120
-"""Bytes for each cell of a grid around both maps, and for each occupied cell of one."""
+_PER_CELL, _PER_WALL, _PER_LINE = 32, 120, 24
+"""Bytes for each cell of a grid around both maps, its rows and columns, and each occupied cell."""
 
 _SHOWN, _LISTED = 5, 20  # changes in the text and in the document
 _METADATA = ("mode", "negate", "occupied_thresh", "free_thresh", "cost_scale")
@@ -390,5 +391,6 @@ def compared(
         frame = frame_around(*(grid.frame for grid in grids))
         walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
         needed = _PER_CELL * frame.height * frame.width + _PER_WALL * walls
+        needed += bytes_of_lines(frame.shape, _PER_LINE)
         inputs.claim_for(maps, needed, f"{frame.width} x {frame.height} cells", **reading)
         return compare(*grids, tolerance=tolerance)

@@ -18,6 +18,7 @@ from mapdeal.compare import difference
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import COST_DIFF_FORMAT, ROBOT_DIFF_FORMAT
+from mapdeal.files.source import bytes_of_lines
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.reach import GoalReach, Passage, Reach, reach_radius
@@ -33,7 +34,7 @@ from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import transform_document
 from mapdeal.stages.structured import Goals
 
-_PER_CELL = 30  # bytes for each cell of a grid around both costmaps
+_PER_CELL, _PER_LINE = 30, 12  # bytes for each cell, row and column around both costmaps
 _WORDS = {
     "closed": "now 253 or more", "opened": "no longer 253 or more", "unknown": "now unknown",
     "known": "no longer unknown", "rose": "cost more", "fell": "cost less",
@@ -155,7 +156,8 @@ def costmaps_compared(
     with inputs.errors_named(maps[1].name):
         frame = difference.frame_around(first.frame, second.frame)
         size = f"{frame.width} x {frame.height} cells"
-        inputs.claim_for(maps, _PER_CELL * frame.height * frame.width, size, **reading)
+        needed = _PER_CELL * frame.height * frame.width + bytes_of_lines(frame.shape, _PER_LINE)
+        inputs.claim_for(maps, needed, size, **reading)
         found = difference.compare_costmaps(first, second)
     bounds: tuple[difference.Bound, ...] = ()
     if max_differing is not None:
