@@ -406,6 +406,7 @@ _LEAST_CUT_OFF = 4.0
 niches, shafts, or the floor between the legs of a desk."""
 
 _LINE_BYTES = 120  # of runs, per row and column: a band has at least one row
+_BAND_BYTES = 10_000_000  # of runs in a band, and of the checks' modules
 
 _ROOM_BYTES = {"compiled": 22, "scipy": 106}
 """Peak memory of the search for passages, bytes per cell, by engine."""
@@ -569,6 +570,7 @@ def gather_rooms(path: Path, radius: float, *, max_cells: int | None = None) -> 
 def _gather_grid(path: Path, max_cells: int | None) -> GridFacts | None:
     """Return the facts of a map without a YAML file, None if it holds costs or a view."""
     with open_map(path, max_cells=max_cells) as file:
+        claim(path, _BAND_BYTES + bytes_of_lines(file.shape(), _LINE_BYTES))
         grid = file.cells()
     if isinstance(grid, Costmap):
         warn_if_uniform(path, grid)
@@ -590,7 +592,7 @@ def _gather_pair(
         metadata = metadata_of(entries, path, mend=True)
     image = map_server.image_of(path, metadata, bits)
     with open_for_one_pass(image, max_cells=max_cells) as (strips, head):
-        claim(path, bytes_of_lines(strips.shape, _LINE_BYTES))
+        claim(path, _BAND_BYTES + bytes_of_lines(strips.shape, _LINE_BYTES))
         kind, pixels, cells = _count_pixels(strips, metadata, image)
     if pixels.lost:
         text = f"{image}: {map_server.remark_on_lost(pixels.lost)}"

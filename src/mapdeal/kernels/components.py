@@ -120,7 +120,7 @@ def _lengths_along(marked: Mask) -> Integers:
 
 
 MOST_PLACES = 20  # components of a size that are recorded by a cell
-_CELLS_TOGETHER = 1 << 18
+_CELLS_TOGETHER = 1 << 15
 _NOWHERE = np.iinfo(np.int64).max
 
 
