@@ -118,7 +118,7 @@ def test_a_mask(twice, sh, building, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("name", "output", "memory"), [
-    ("run", "out", "1 MB"), ("run", "out", f"{BASE + 5} MB"), ("esdf", "o.npz", f"{BASE} MB"),
+    ("run", "out", f"{BASE + 5} MB"), ("esdf", "o.npz", f"{BASE} MB"),
     ("potential", "o.npz", f"{BASE + 20} MB"),
 ])  # fmt: skip
 def test_too_little_memory_is_one_line_with_the_size_it_takes(
@@ -210,3 +210,10 @@ def test_sizes(text, size):
 def test_invalid_sizes_are_refused(text):
     with pytest.raises(ParameterError, match="--max-memory"):
         size_of(text, "--max-memory")
+
+
+def test_a_limit_below_what_the_program_itself_takes_is_refused(command, building):
+    for words in (("info", building), ("lint", building), ("report", building, "-o", "o.html")):
+        code, out, err = command(*words, "--max-memory", "49MB")
+        rule = "must be at least 50 MB, which mapdeal itself takes"
+        assert (code, out, err) == (2, "", f"error: --max-memory: {rule}, got '49MB'\n")

@@ -16,7 +16,7 @@ import typer
 from mapdeal.cli import terminal
 from mapdeal.command import Parameter, Words, split_optional
 from mapdeal.errors import ParameterError, strict_warnings
-from mapdeal.files.source import size_of
+from mapdeal.files.source import INTERPRETER, size_of, size_text
 from mapdeal.grid.footprint import Footprint
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps.dialects import Dialect
@@ -386,7 +386,11 @@ def _settings_of(shared_values: Mapping[str, Any]) -> Settings:
     else:
         values["origin"] = numbers_of(values["origin"], "X,Y,YAW", place="--origin")
     if values.get("max_memory") is not None:
-        values["max_memory"] = size_of(values["max_memory"], "--max-memory")
+        text = values["max_memory"]
+        values["max_memory"] = size = size_of(text, "--max-memory")
+        if size < INTERPRETER:
+            rule = f"must be at least {size_text(INTERPRETER)}, which mapdeal itself takes"
+            raise ParameterError(rule, source="--max-memory", got=text)
     if "no_images" in shared_values:
         values["images"] = not shared_values["no_images"]
     return Settings(**values, progress=terminal.blocks_done)

@@ -326,7 +326,7 @@ PIECES = 1 << 24
 """Bytes that readers need for pieces of a file that they never load at once."""
 
 OF_JSON = 30  # largest ratio of a parsed JSON document in memory to its text
-_INTERPRETER = 50_000_000  # bytes in use before any file is read
+INTERPRETER = 50_000_000  # bytes in use before any file is read
 _LITTLE = 1 << 22  # bytes that are always granted
 _LEAST = 128_000_000
 _SMALL = 256_000_000
@@ -391,14 +391,14 @@ def room() -> int | None:
     budget = _budget()
     if budget.limit is None:
         return None
-    return max(budget.limit - _INTERPRETER - budget.used, _LITTLE)
+    return max(budget.limit - INTERPRETER - budget.used, _LITTLE)
 
 
 def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> None:
     available, budget = room(), _budget()
     if available is None or budget.limit is None or count <= available:
         return
-    needed = _INTERPRETER + budget.used + count
+    needed = INTERPRETER + budget.used + count
     amounts = f"{size_text(needed)} of memory, {size_text(budget.limit)} may be used"
     rule = f"{what} need {amounts}" if what else f"needs {amounts}"
     size = size_text(needed).replace(" ", "")
