@@ -149,181 +149,151 @@ declare_checks(
         Nothing of this map is checked, and map_server does not start with it.
         Example: `image: gone.pgm`, and there is no such file beside the YAML.
         Fix: Correct the name, or make the file readable.
-
     file.malformed (error)
         A file breaks the rules of its format.
         The robot's readers refuse such a file, or read something else than was meant.
         Example: `resolution: none`.
         Fix: Correct the place that the message names, or save the file again.
-
     yaml.defaults (warning)
         The key negate or a threshold is missing; ROS requires them.
         map_server refuses the YAML and the robot has no map. Other checks assume the usual values.
         Example: A YAML file without `negate`.
         Fix: Run lint --fix, which writes the usual values.
-
     yaml.number-as-text (warning)
         A number such as 5e-2 that YAML 1.1 reads as text.
         ROS reads the number, but Python tools with PyYAML get a text and fail or skip the map.
         Example: `resolution: 5e-2`.
         Fix: Write the number with a point: 0.05.
-
     yaml.nan-yaw (error)
         A yaw of nan, which some map savers write.
         Every pose computed with the yaw is nan, so the robot cannot be placed on the map.
         Example: `origin: [-1.5, 2.0, nan]`.
         Fix: Write 0, or run lint --fix.
-
     yaml.legacy-mode (warning)
         An outdated key in the place of mode.
         map_server ignores the key and reads trinary: values between free and occupied are lost.
         Example: `trinary: true` without mode.
         Fix: Write mode: trinary, scale or raw.
-
     thresholds.equal (warning)
         The thresholds free_thresh and occupied_thresh are equal.
         No grey is left for unknown: unexplored space is free, and planners lead the robot there.
         Example: `free_thresh: 0.65`, equal to occupied_thresh.
         Fix: Write the usual 0.196 for free_thresh.
-
     image.foreign-path (warning)
         The path of the image is that of another machine.
         The checks use the image beside the YAML; map_server looks at the path and does not start.
         Example: `image: /home/robot/maps/m.pgm`, which is missing here.
         Fix: Write the file's name alone, or run lint --fix.
-
     image.lossy (warning)
         The image is a JPEG, which changes greys.
         Greys near a threshold may cross it: walls get holes and free space gets specks.
         Example: An `office.jpg` that an editor has saved.
         Fix: Save the original again as PGM or PNG.
-
     image.orientation (warning)
         An EXIF orientation that ROS does not apply.
         Viewers turn the image and ROS does not: zones and goals drawn there lie elsewhere.
         Example: A photo of a floor plan, turned by the camera.
         Fix: Save the image without EXIF data.
-
     image.depth (warning)
         An image with 16 bits a channel, of which 8 were read.
         Readers round such greys differently, so cells near a threshold may differ on the robot.
         Example: A 16-bit PNG from an image editor.
         Fix: Save the image with 8 bits a channel.
-
     image.transparent-colour (warning)
         A transparent colour (PNG tRNS).
         Some readers make its cells unknown, others read its grey: the robot may see them as free.
         Example: A palette PNG whose white is transparent.
         Fix: Save the image without transparency.
-
     image.dos-header (warning)
         DOS line ends in the header of a PNM image.
         Some readers take the extra byte for a pixel: all cells are shifted by one column.
         Example: A PGM that an editor has saved under Windows.
         Fix: Run mapdeal convert, which writes the image anew.
-
     image.trailing-bytes (warning)
         Bytes after the picture.
         The header may give too small a size: the robot sees a part of the map, or a sheared one.
         Example: A PGM whose header was edited by hand.
         Fix: Compare the size in the header with the original.
-
     image.raw-values (warning)
         Values without a meaning in mode raw.
         Raw values are occupancy, 0 to 100 and 255: others become unknown or, in ROS 1, wrong.
         Example: Grey 130 with `mode: raw`.
         Fix: Write mode: trinary, or values of 0 to 100.
-
     image.yaml-not-read (warning)
         An image that --resolution reads without its YAML file.
         Its origin and thresholds are not used: results are displaced against the robot's map.
         Example: `mapdeal info office.pgm --resolution 0.05` beside office.yaml.
         Fix: Name the YAML instead of the image.
-
     map.view (warning)
         The 0..100 view of a distance field, which is not a map.
         A robot would read distances as occupancy: most free space would be unknown or occupied.
         Example: The `esdf.yaml` in the folder of a run.
         Fix: Give the robot the map that the field was made from.
-
     graph.refused (error)
         A graph that Nav2's route server refuses to load.
         The route server does not start, so the robot has no routes.
         Example: A node without the property `id`.
         Fix: Correct the feature that the message names.
-
     graph.missing-end (error)
         An edge without a start or end node: Nav2 refuses the file.
         The route server does not load the graph, so the robot has no routes.
         Example: An edge to node 12 that was deleted.
         Fix: Delete the edge, or add the node.
-
     graph.double-id (error)
         Two nodes, or two edges, with the same id.
         Nav2 replaces the first by the second: routes lead to another place than was meant.
         Example: Two nodes with `"id": 7` after copying.
         Fix: Give one of them an unused id.
-
     graph.shared-id (warning)
         A node and an edge with the same id.
         Requests name an edge by its id, and operators may address the wrong feature.
         Example: Node 5 and edge 5.
         Fix: Number edges above all nodes.
-
     graph.whole-number (error)
         An integer where a scorer reads a float: it throws.
         The route server fails at the first request that scores this edge: the robot stays.
         Example: `"speed_limit": 1`.
         Fix: Write the number with a point: 1.0.
-
     graph.mixed-limits (warning)
         The property speed_limit on some edges and not on all.
         Edges without it count as full speed, so routes may prefer them over limited ones.
         Example: A limit on one of three edges.
         Fix: Set speed_limit on every edge.
-
     graph.other-frame (error)
         Coordinates of another frame than the map's.
         Nodes lie far from where they were drawn, and routes lead into walls or off the map.
         Example: Longitudes and latitudes from a GIS.
         Fix: Write metres in the map frame.
-
     graph.node-closed (error)
         A node in an obstacle or unknown space, or too near to one.
         The robot collides or stops before it reaches this node, and each route through it fails.
         Example: A node 0.1 m from a wall for a radius of 0.3 m.
         Fix: Move the node to the open cell named.
-
     graph.edge-blocked (error)
         An edge along which the robot collides.
         The route server does not look at the map: the robot drives at the obstacle and stops.
         Example: An edge drawn through a pillar.
         Fix: Lead the edge around with another node.
-
     graph.one-way (warning)
         Nodes that can be only entered or only left.
         A robot sent there cannot drive back, or routes to there fail.
         Example: A dock with an edge in and none out.
         Fix: Add edges in the other direction.
-
     graph.parts (warning)
         Parts of a graph that are not connected.
         No route leads from one part to another, although the robot could drive there.
         Example: A second floor's nodes in the file of the first.
         Fix: Add the missing edge, or split the file.
-
     lint.not-checked (error)
         A map that could not be checked: no memory, or a bug.
         The map may have any error, and nothing here would show it.
         Example: A map larger than the memory that may be used.
         Fix: Give more --max-memory, or report the bug.
-
     lint.unused-ignore (note)
         An ignore comment without effect, or with an unknown check.
         A misspelt comment silences nothing, and an outdated one may later hide a new problem.
         Example: `# mapdeal: ignore yaml.origin-yaws`.
         Fix: Correct the name, or remove the comment.
-
     lint.left-out (note)
         A check was skipped because it needs too much memory.
         Rooms that the robot cannot enter are not reported for this map.

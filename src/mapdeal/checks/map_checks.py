@@ -627,19 +627,16 @@ declare_checks(
         Nothing in it was checked. A gate that passes it would pass anything.
         Example: A misspelt path in a CI job.
         Fix: Name the folder of maps, or of a run.
-
     run.missing-file (error)
         A file that the manifest lists is gone.
         Robots and pages that read the run do not find its result.
         Example: A deleted `cost.pgm`.
         Fix: Run mapdeal run again.
-
     run.other-file (error)
         A file that differs from the manifest: edited, or of a killed run.
         The robot may use costs that do not belong to the map and parameters in the manifest.
         Example: A `cost.pgm` edited by hand.
         Fix: Run mapdeal run again with --force.
-
     run.uniform-cost (warning)
         Uninformative costs: nearly all cells have the same, or none is open.
         Planners see no difference between a corridor's middle and its walls, or find no path.

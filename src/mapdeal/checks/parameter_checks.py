@@ -287,213 +287,178 @@ declare_checks(
         The node does not start, and the robot stays where it is.
         Example: A tab before a key.
         Fix: Correct the line that the message names.
-
     params.alias (warning)
         An alias in a Nav2 file, which only nav2_bringup's launch files replace.
         Nodes that get the file from another launch file do not start.
         Example: `{robot_radius: &r 0.2, footprint_padding: *r}`.
         Fix: Write the value in the place of the alias.
-
     params.other-kind (error)
         A file of another kind, such as a map or a recipe.
         It holds no parameters, so nothing about the robot was checked.
         Example: `mapdeal lint --params-file office.yaml`.
         Fix: Name the robot's parameter file.
-
     params.empty (error)
         A parameter without a value: roslaunch exits.
         The launch ends with an error and the robot does not start.
         Example: ROS 1: `robot_radius: `.
         Fix: Write a value, or remove the line.
-
     params.name (error)
         A name that is not text.
         roslaunch cannot send it and exits.
         Example: ROS 1: `1: 0.3`.
         Fix: Put the name in quotes.
-
     params.type (error)
         A value of a type that ROS refuses.
         The node throws an exception at start, and the robot has no costmap.
         Example: `inflation_layer: {inflation_radius: 1}`.
         Fix: Write the type that the message names: 1.0.
-
     params.silent-default (warning)
         A value of a wrong type in ROS 1, which silently takes its default, or rounds a number.
         The robot runs with another value than the file shows.
         Example: ROS 1: `robot_radius: "0.3"`.
         Fix: Write the type that the message names.
-
     params.not-finite (error)
         A number that is not finite.
         Costs become meaningless: walls may not be inflated at all.
         Example: `inflation_layer: {inflation_radius: .inf}`.
         Fix: Write a finite number.
-
     params.not-positive (error)
         A number that must be positive, or not negative.
         The node does not start, or computes meaningless costs.
         Example: `resolution: -0.05`.
         Fix: Write a positive number.
-
     params.range (warning)
         A number out of range, which ROS clamps or accepts.
         The robot runs with another value than the file shows, such as a robot without a size.
         Example: `robot_radius: 0.0`.
         Fix: Write a number within the range.
-
     params.substitution (error)
         A value that a launch file would substitute.
         Without that launch file the node does not start; costs here cannot be computed.
         Example: `footprint: $(arg footprint)`.
         Fix: Pass the file that the node gets.
-
     params.namespace (error)
         No costmap of the requested name, or several.
         It is not clear which robot to check, so none was.
         Example: `mapdeal lint fleet.yaml` with robots r1 and r2.
         Fix: Choose one with --namespace.
-
     params.other-costmap (warning)
         A ROS 1 file that is ignored, as it belongs to another costmap.
         Its values are not part of what was checked.
         Example: `local_costmap.yaml` with `--costmap global`.
         Fix: Leave the file out, or check its costmap.
-
     params.footprint (error)
         A footprint that ROS refuses.
         move_base exits at start.
         Example: ROS 1: `footprint: [[0.3, 0.2], [0.3]]`.
         Fix: Write three points or more, [x, y] in metres.
-
     params.footprint-unused (warning)
         A footprint that ROS ignores.
         The robot plans with robot_radius, often smaller than its body, and its corners hit walls.
         Example: `footprint: "[[0.3, 0.2], [0.3, -0.2]]"`.
         Fix: Write three points or more.
-
     params.outline (warning)
         A footprint that crosses itself, or does not contain (0, 0).
         Inscribed and circumscribed radius are wrong: paths pass too close to obstacles.
         Example: `footprint: "[[0.1, 0.1], [0.5, 0.1], [0.5, 0.4], [0.1, 0.4]]"`.
         Fix: List corners in order, around the robot's centre.
-
     params.no-shape (warning)
         Neither a footprint nor a radius.
         ROS assumes 0.1 m (Nav2) or 0.46 m (ROS 1): larger robots hit walls, smaller miss doors.
         Example: `robot_radius: null`.
         Fix: Set robot_radius or footprint.
-
     params.too-large (error)
         A footprint with points farther than a kilometre, or with too many points.
         The unit is wrong: such a robot fits nowhere.
         Example: `robot_radius: 2000.0`.
         Fix: Write metres.
-
     params.plugins (error)
         Layers that cannot be loaded.
         The costmap node does not start, and the robot does not move.
         Example: `plugins: [static_layer, obstacles, inflation_layer]`.
         Fix: Set the plugin of each listed name.
-
     params.old-plugins (warning)
         A list of layers in the form of ROS 1 or Eloquent, which Nav2 does not read.
         Nav2 runs its default layers instead of those in the file.
         Example: `{plugins: null, plugin_names: [static_layer]}`.
         Fix: List names in plugins, with a plugin for each.
-
     params.not-modelled (warning)
         A layer that mapdeal does not model, and leaves out.
         The robot has obstacles or costs that mapdeal's results lack; paths on the robot may differ.
         Example: `obstacle_layer: {plugin: "spatio_temporal_voxel_layer/SpatioTemporalVoxelLayer"}`.
         Fix: Nothing on the robot; --strict refuses such files.
-
     params.erases-map (warning)
         An obstacle layer that replaces the map by free space.
         The map's walls are gone until a sensor sees them: the robot plans through them.
         Example: `{track_unknown_space: false, obstacle_layer: {combination_method: 0}}`.
         Fix: Set combination_method: 1, the maximum.
-
     params.footprint-clearing (note, on request)
         A static layer that frees the cells below the robot.
         It helps a robot off a map's stray obstacle. In mapdeal only cost --pose does so.
         Example: `static_layer: {footprint_clearing_enabled: true}`.
         Fix: Nothing, unless the map has obstacles at starts.
-
     params.inflation-radius (error)
         An inflation radius below the robot's inscribed radius.
         Cells where the robot collides have cost 0, and planners lead through them.
         Example: `inflation_layer: {inflation_radius: 0.1}`.
         Fix: Raise it above the circumscribed radius.
-
     params.custom-inscribed-radius (warning)
         An inscribed radius that is not the footprint's.
         Cost 253 then no longer means a collision: too small a radius lets the robot scrape walls.
         Example: `inflation_layer: {custom_inscribed_radius: 0.1}`.
         Fix: Remove it, unless all readers of costs expect it.
-
     params.asymmetric (note)
         Inflation that depends on the path, which a map does not have.
         On the robot one side of its path is cheaper; results here are the symmetric ones.
         Example: `inflation_layer: {plugin: "nav2_costmap_2d::AsymmetricInflationLayer",
         cost_scaling_factor: null, cost_scaling_factor_left: 5.0}`.
         Fix: Compare with the robot before you trust a cost.
-
     params.no-static-layer (warning)
         A global costmap whose layers do not read the map.
         All cells are free until a sensor sees them: planners lead through walls of the map.
         Example: `plugins: [obstacle_layer, inflation_layer]`.
         Fix: Add a StaticLayer in front.
-
     params.other-map (warning)
         Static layers that read different maps: all get the one here.
         Results here miss the obstacles of the second map.
         Example: `{plugins: [static_layer, rooms, inflation_layer], static_layer: {map_topic: /a},
         rooms: {plugin: "nav2_costmap_2d::StaticLayer", map_topic: /b}}`.
         Fix: Check once with each map.
-
     params.only-namespace (warning)
         A robot in a namespace that was not requested.
         The only robot of the file was checked. Nodes without this namespace run with defaults.
         Example: A file whose nodes are below `robot1:`.
         Fix: Pass its --namespace.
-
     params.defaults (warning)
         A root node without parameters in the files: Nav2's defaults apply.
         The robot runs with a radius of 0.1 m and default layers.
         Example: `--namespace /` for a file of robot1.
         Fix: Pass --namespace robot1, or add the node's parameters.
-
     params.no-node (error)
         A Nav2 file without parameters of the costmap.
         The costmap runs with defaults, such as a radius of 0.1 m.
         Example: A file with `controller_server` only.
         Fix: Pass the file that has global_costmap.
-
     params.one-level (error)
         A Nav2 costmap that is not nested twice: it applies to no node.
         None of its values has an effect: the robot runs with defaults.
         Example: `global_costmap: {ros__parameters: {robot_radius: 0.2}}`.
         Fix: Nest the name twice.
-
     params.hidden (warning)
         A later value that ROS 2 ignores because of its type.
         The robot runs with the earlier value, although the later one was meant to replace it.
         Example: `robot_radius: 0.2` and later `robot_radius: 1`.
         Fix: Write both values with one type.
-
     params.overridden (warning)
         A layer's value that the costmap's own overrides.
         The layer's line has no effect on the robot.
         Example: ROS 1: `{track_unknown_space: true, static_layer: {track_unknown_space: false}}`.
         Fix: Remove one of the two.
-
     params.twice (warning)
         A repeated key with different values.
         The later value counts, and the line that is read first is not what the robot does.
         Example: `robot_radius: 0.2` and below it `robot_radius: 0.3`.
         Fix: Remove the wrong line.
-
     params.repeated (note, on request)
         A repeated key with equal values.
         The robot is not affected. A change of one of the lines only may have no effect.
