@@ -465,7 +465,10 @@ DOCUMENTS: dict[str, Schema] = {
     "pack": OCCUPANCY,
     "plan": one_of(
         PLAN_REPORT,
-        record(plans=listed(one_of(PLAN_REPORT, record(exit_code=COUNT, error=TEXT)))),
+        record(
+            plans=listed(one_of(PLAN_REPORT, record(exit_code=COUNT, error=TEXT))),
+            differences=Optional(listed(TEXT)),
+        ),
         record(PAIR, PLAN, poses=COUNT, changes=Optional(or_none(listed(CHANGE)))),
         FAILED_PAIR,
     ),

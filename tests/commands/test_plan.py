@@ -302,6 +302,18 @@ def test_many_maps_make_a_table(command, files, monkeypatch, names, code):
     assert len(rows) == 3 + (code == 5)
 
 
+def test_a_table_is_compared_with_an_earlier_one(command, files):
+    words = (*files, "--no-changes", "--to", "5,2")
+    command("plan", "map.yaml", "narrow.yaml", *words, "-o", "table.json")
+    expected = (*words, "--expect", "table.json")
+    assert command("plan", "map.yaml", "narrow.yaml", *expected)[0] == 0
+    code, output, error = command("plan", "narrow.yaml", "map.yaml", *expected)
+    assert (code, len(json.loads(output)["differences"])) == (1, 4)
+    assert "narrow.yaml, robot.yaml: goal 5,2: found False, expected True" in error
+    _, output, _ = command("plan", "map.yaml", "narrow.yaml", *expected, "--against", "robot.yaml")
+    assert json.loads(output)["differences"] == ["4 plans, expected 2"]
+
+
 def test_a_planner_that_is_not_modelled_gets_only_what_is_certain(command, files):
     def goals(name):
         words = ("--to", "5,2", "--planner", "Other")

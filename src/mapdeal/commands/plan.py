@@ -197,6 +197,11 @@ def change_text(change: Change) -> str:
     return text + ("" if change.get("monotonic", True) else "; some values beyond fail again")
 
 
+def _difference_error(differences: Sequence[str], source: str | None = None) -> FindingError:
+    rule = f"the plans differ from those expected: {differences[0]}"
+    return FindingError(rule, source=source)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class PlanReport(Spread):
     """The plans of a robot's planner from one start to some goals.
@@ -291,11 +296,10 @@ class PlanReport(Spread):
         return cost_image(self.work.costmap, title=title, overlay=overlay, **look)
 
     def check(self) -> None:
+        if self.differences:
+            raise _difference_error(self.differences, self.work.source.name)
         if self.passes:
             return
-        if self.differences:
-            rule = f"the plans differ from those expected: {self.differences[0]}"
-            raise FindingError(rule, source=self.work.source.name)
         first, *more = self.missed
         rule = f"no path to goal {first.goal.label}: {first.plan.detail or first.plan.reason}"
         if more:
@@ -312,9 +316,12 @@ class PlanTable(Spread):
     ----------
     reports : sequence of PlanReport or MapdealError
         The plans on each map with each of the parameters, or why a map has none.
+    differences : tuple of str, optional
+        Differences from an expected table, if one was given.
     """
 
     reports: Sequence[PlanReport | MapdealError]
+    differences: tuple[str, ...] | None = None
 
     @property
     def failed(self) -> list[MapdealError]:
@@ -324,13 +331,13 @@ class PlanTable(Spread):
         yield f"{count_text(len(self.reports), 'plan')}, {len(self.failed)} failed"
 
     def document(self) -> dict[str, Any]:
-        return {
-            "plans": [
-                report.document() if isinstance(report, PlanReport)
-                else {"exit_code": report.exit_code, "error": str(report)}
-                for report in self.reports
-            ]
-        }  # fmt: skip
+        plans = [
+            report.document() if isinstance(report, PlanReport)
+            else {"exit_code": report.exit_code, "error": str(report)}
+            for report in self.reports
+        ]  # fmt: skip
+        differs = {} if self.differences is None else {"differences": list(self.differences)}
+        return {"plans": plans, **differs}
 
     def parts(self) -> Iterator[str]:
         yield spread_json(self.document(), "plans")
@@ -344,14 +351,17 @@ class PlanTable(Spread):
         head = ("map", "parameters", "goal", "path", "a change that makes one")
         yield from aligned([head, *(row for rows in found for row in rows)])
         yield from (f"failed ({error.exit_code}): {one_line(str(error))}" for error in self.failed)
+        yield from (f"differs: {text}" for text in self.differences or ())
 
     def check(self) -> None:
         if self.failed:
             raise BatchError(f"{len(self.failed)} of {len(self.reports)} plans failed")
+        if self.differences:
+            raise _difference_error(self.differences)
         missed = sum(
             len(report.missed) for report in self.reports if isinstance(report, PlanReport)
         )
-        if missed:
+        if missed and self.differences is None:
             raise FindingError(f"no path to {count_text(missed, 'goal')}")
 
 
@@ -552,7 +562,7 @@ def plan(
     layers : path, optional
         For a single goal, write the costs and NavFn's potential.
     expect : path, optional
-        Compare with the result of an earlier call.
+        Compare with the result of an earlier call with as many maps and parameters.
     against : sequence of RobotParameters or path
         Plan with other parameters as well; repeatable, files joined by commas are one set.
     mask : path or grid, optional
@@ -608,7 +618,7 @@ def plan(
     is_table = len(maps) * len(robots) > 1
     if is_table:
         rule = "applies to one map and one --params-file"
-        inputs.refuse(rule, pairs=pairs, layers=layers, expect=expect, image=settings.image)
+        inputs.refuse(rule, pairs=pairs, layers=layers, image=settings.image)
     over = inputs.mask_of(mask, settings)
     files = [path for parameters in robots for path in parameters.paths]
     files += [path for path in (pairs, expect) if path is not None and path != Path("-")]
@@ -641,7 +651,7 @@ def plan(
                 reports.append(error)
             else:  # without their costmaps
                 reports += [replace(report, work=replace(report.work)) for report in found]
-        return PlanTable(reports)
+        return PlanTable(reports, None if expect is None else (*_differences(reports, expect),))
     (planned,) = works_on(maps[0])
     if pairs is not None:
         chunks, name = inputs.text_in(pairs)
@@ -651,7 +661,7 @@ def plan(
             potential = _potential(planned, first, places)
         write_grid(work.begin(), layers, planned.costmap, more={"potential": potential})
     report = report_on(planned, first, places, not no_changes)
-    differences = None if expect is None else tuple(_differences(report, expect))
+    differences = None if expect is None else tuple(_differences([report], expect))
     return replace(report, differences=differences)
 
 
@@ -688,9 +698,23 @@ def _potential(work: PlannerOnMap, start: Pose, goals: Sequence[PlanGoal]) -> An
     return potentials
 
 
-def _differences(report: PlanReport, path: Path) -> Iterator[str]:
+def _differences(reports: Sequence[PlanReport | MapdealError], path: Path) -> Iterator[str]:
     """Yield what differs between plans and those of a stored document."""
     document = read_document(path)
+    stored = [document] if len(reports) == 1 else document["plans"].items()
+    if len(stored) != len(reports):
+        yield f"{len(reports)} plans, expected {len(stored)}"
+        return
+    for report, expected in zip(reports, stored, strict=True):
+        if isinstance(report, PlanReport):
+            where = f"{', '.join(report.rows[0][:2])}: " if len(reports) > 1 else ""
+            yield from (where + text for text in _differences_of(report, expected))
+
+
+def _differences_of(report: PlanReport, document: JsonValue) -> Iterator[str]:
+    if document.get("error") is not None:
+        yield "plans, expected an error"
+        return
     document["format"].word(PLAN_FORMAT)
     expected = document["goals"].items()
     if len(expected) != len(report.goals):

@@ -141,12 +141,8 @@ class PlannerOnMap:
         if None in cells.values():
             return None, None
         search = getattr(self.listed.planner, "potential", None)
-        potential = None if search is None else search(self.grid, start, goal)
-        rows, cols = np.nonzero(
-            _reached_cells(self.listed, self.grid, start)
-            if potential is None
-            else potential < UNREACHED
-        )
+        reached = search and search(self.grid, start, goal) < UNREACHED
+        rows, cols = np.nonzero(reached if search else _reached_cells(self.listed, self.grid, start))
         x, y = _centres(self, rows, cols)
         nearest = int(np.argmin((x - goal[0]) ** 2 + (y - goal[1]) ** 2))
         end = "start" if len(rows) == 1 else "goal"
