@@ -266,7 +266,7 @@ def _hanging(
 
     def touches_alone(gaps: Floats, opposite: Floats) -> Mask:
         near = count_in((gaps > low) & (gaps <= low + _FEET)) >= _LEAST_VOXELS
-        return near & (count_in((opposite > low) & (opposite <= room / 2)) == 0)
+        return np.asarray(near & (count_in((opposite > low) & (opposite <= room / 2)) == 0))
 
     return touches_alone(down, heights), touches_alone(heights, down)
 

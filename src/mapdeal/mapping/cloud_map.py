@@ -537,7 +537,7 @@ def _states(
     _drop_lone(lower, contents.below, on_floor, 3 * options.min_points, math.inf)
     gap = math.floor(min(options.fill / contents.frame.resolution + 1e-6, max(floor.shape)))
     if contents.is_above_others:  # the storey below shows through gaps between points
-        lower &= ~_closed(floor, max(gap, math.ceil(_gap_of_sparse(contents))))
+        lower &= ~_closed(floor, max(gap, math.ceil(_ANY_GAP * _gap_of_sparse(contents))))
     if options.drops == "occupied":
         occupied |= lower | (ledges(contents.floor, floor, contents.clearance) & floor)
         floor &= ~occupied
@@ -562,6 +562,7 @@ def _gap_of_sparse(contents: CellContents) -> float:
 
 _SPARSE = 1.5  # cells between points from which a floor has gaps everywhere
 _GAP_OF_SPARSE = 2.5  # times the distance between points: wider is one random gap of 500
+_ANY_GAP = 1.8  # times that: wider is one of 10^8
 
 
 def _drop_lone(
