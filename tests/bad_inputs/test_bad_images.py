@@ -33,7 +33,6 @@ def with_chunk(name, body):
 
 
 PAGE = Image.fromarray(np.array([[0, 254, 205], [254, 254, 0]], dtype=np.uint8))
-
 HUGE_BMP = b"BM" + struct.pack("<IHHI", 70, 0, 0, 54) + struct.pack(
     "<IiiHHIIiiII", 40, 100_000, 100_000, 1, 8, 0, 0, 0, 0, 0, 0
 )  # fmt: skip
@@ -113,11 +112,8 @@ def test_a_missing_image_is_refused_with_the_nearest_names(folder, image_refused
 
 
 ALPHA = Image.fromarray(np.uint8([[255, 255, 128], [255, 255, 255]]))
-
 SEE_THROUGH = Image.merge("RGBA", [PAGE, PAGE, PAGE, ALPHA])
-
 TURNED = b"Exif\0\0MM\0*\0\0\0\x08\0\1\1\x12\0\3\0\0\0\1\0\6\0\0\0\0\0\0"
-
 READABLE = [
     ("I5-first-pixels-like-a-comment", b"P5\n3 2\n255\n##" + PIXELS[2:], "##?\n..#"),
     ("I10-colour-and-alpha", encoded(SEE_THROUGH, "PNG"), DRAWING),
@@ -182,16 +178,12 @@ def test_maps_of_one_kind_of_cell_and_the_smallest_ones(folder, accepted, drawin
 
 
 OCCUPANCY = np.array([[0, 0, 100], [100, 0, -1]], dtype=np.int8)
-
 GEOMETRY = {"format": "mapdeal/1", "resolution": 0.05, "origin": [1.5, -2.0, 0.4]}
-
 MAP = {**GEOMETRY, "occupancy": OCCUPANCY}
-
 FIELD = {
     **MAP, "distance": np.ones((2, 3), np.float32), "convention": "fast-planner", "strength": 1.0,
     "max_distance": np.inf, "lethal_threshold": 100, "unknown": "free",
 }  # fmt: skip
-
 POTENTIAL = {
     **MAP, "repulsive": np.ones((2, 3)), "goal": [1.52, -1.98], "attractive_gain": 1.0,
     "repulsive_gain": 1.0, "repulsive_cap": 1e5,

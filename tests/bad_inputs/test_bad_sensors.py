@@ -7,9 +7,7 @@ from mapdeal import read_map
 from traced_memory import memory_below
 
 GOOD = "1 0 0\n0 1 0\n"
-
 LOCAL = ["local", "--cloud", "c.xyz", "-o", "out", "--no-images", "--size", "4,4"]
-
 POSE = ["--pose", "0,0,0"]
 
 

@@ -16,7 +16,6 @@ from mapdeal.bags.messages import OCCUPANCY_GRID, grid_of, laser_scan_of, points
 from strategies import examples
 
 STORE = ros2_store()
-
 CELLS = np.array([[-1, 0, 100], [37, 0, -1]], np.int8)
 
 

@@ -147,7 +147,6 @@ def test_fix_repairs_findings(command, folder, name, changes, repair):
 
 
 GRID = OccupancyGrid([[100]], 0.25)
-
 POLYGON = "[[0.9,0.5],[0.9,-0.5],[-0.9,-0.5],[-0.9,0.5]]"
 
 

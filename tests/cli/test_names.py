@@ -48,7 +48,6 @@ INPUTS = [
     "build --poses poses.txt --angles poses.txt --ranges X -o o.yaml",
     "info image.yaml", "lint image.yaml", "run -j1 image.yaml -o out",
 ]  # fmt: skip
-
 OUTPUTS = [
     *(f"{name} m.yaml -o X.yaml" for name in ("inflate", "window --size 1,1")),
     "esdf m.yaml -o X.npy", "esdf m.yaml -o X.png", "esdf m.yaml -o o.npz --image X.png",
@@ -65,7 +64,6 @@ OUTPUTS = [
     "edit line m.yaml --point 1,1 2,2 -o X.npz", "build log.npz -o o.npz --layers X.npz",
     "build log.npz --compare -o X",
 ]  # fmt: skip
-
 NAMES = {
     "long": lambda end: "n" * 300 + end,
     "deep": lambda end: "d/" * 2100 + end,
@@ -85,11 +83,8 @@ NAMES = {
     "user": lambda end: f"~nobody-of-this-name/x{end}",
     "gone": lambda end: f"x{end}",
 }
-
 CLOSED = ("private", "link-into-private", "folder")
-
 BATCHES = {".", "@list.txt", "--poses"}
-
 ENDS = (".yaml", ".npz", ".pgm", ".pbm", ".pcd", ".ply", ".xyz", ".npy", ".log", ".png", ".json",
         ".geojson", "")  # fmt: skip
 
@@ -175,16 +170,11 @@ def test_what_the_system_refuses_is_one_line(command, folder, monkeypatch, lines
 
 
 VALUES = ["1e308", "-1e308", "5e-324", "nan", "inf", "-0", "1e400", "99999999999999999999"]
-
 OF_ONE_METHOD = {"--ratio": "--method counting", "--truncation": "--method tsdf"}
-
 WITH = {("build", "--size"): "--origin 0,0", ("build", "--origin"): "--size 2,2"}
-
 ALTERNATIVES = {("window", "--at"): "--corner", ("edit reset", "--corner"): "--at"}
-
 # Of options that all commands read alike, some commands are enough.
 SHARED = {option.replace("_", "-") for option in SHARED_OPTIONS}
-
 FOR_ALL_SHARED = ("run", "local", "potential")
 
 

@@ -1,7 +1,9 @@
 """Documents in a report: the entry that shows each of lint, reach, route, diff, score, align."""
 
+import io
 import json
 import shutil
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,10 +11,15 @@ import pytest
 import mapdeal
 from compare.buildings import HALL, WALLS, drawn
 from drawn import grid_from_text
+from mapdeal import Costmap
 from mapdeal.commands.report_documents import MOST_POINTS, route_items
 from mapdeal.commands.report_entries import Draft, drafts_about
+from mapdeal.commands.route import PairedRoutes
+from mapdeal.files.transaction import Transaction
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.reach import Route
+from mapdeal.planning.routes import Terrain, route_over
+from mapdeal.sensors.points import PairLine
 from pipeline.reported import ROOMS, changed, document, entries_of, layer_names, write_cells
 
 SHUT = ROOMS.replace("................", ".......#........", 1)
@@ -283,3 +290,23 @@ def test_an_uncertain_alignment_shows_its_candidates(save_output, tmp_path):
     (entry,) = entries_of(align)
     titles = [title for title, _ in entry.tables[0].rows if title.startswith("candidate")]
     assert [title.split(",")[0] for title in titles] == [f"candidate {k}" for k in (1, 2, 3)]
+
+
+def test_lines_go_to_the_disk_as_they_come(tmp_path):
+    folder = tmp_path / "new"
+    sizes = []
+
+    def pairs():
+        for line in range(1, 101):
+            sizes.append(sum(file.stat().st_size for file in folder.iterdir()))
+            yield PairLine(line, error="x" * 10_000)
+
+    terrain = Terrain.of(Costmap(np.zeros((3, 5), np.uint8), 0.5, (1.0, -2.0, 0.4)))
+    routes = PairedRoutes(pairs(), "pairs", {"plain": partial(route_over, terrain)})
+    with Transaction([folder / "r.jsonl"]) as transaction:
+        routes.write(transaction, folder / "r.jsonl")
+    assert (routes.counts["pairs"], routes.counts["failed"]) == (100, 100)
+    assert sizes == sorted(sizes)
+    assert sizes[-1] > 985_000 - io.DEFAULT_BUFFER_SIZE  # which Python 3.14 has made larger
+    assert [file.name for file in folder.iterdir()] == ["r.jsonl"]
+    assert (folder / "r.jsonl").read_text().count('"line": ') == 100

@@ -11,7 +11,6 @@ from drawn import grid_from_text
 from mapdeal import OccupancyGrid, read_map, write_map
 
 CROPPED = "?????\n?#..?\n?..??\n?????"
-
 ROOM = "#......\n.......\n......."
 
 
@@ -112,9 +111,7 @@ def test_a_field_on_the_whole_canvas_is_queried_and_converted(sh, cropped):
 
 
 SMALL = "--local-set local.size=3,2"
-
 IN_RUN = f"{SMALL} --local-set local.resolution=0.07 --local-set local.min_range=0.2"
-
 POSE = "--pose 0.5,0.3,1.2"
 
 

@@ -191,7 +191,7 @@ def test_bands_and_threads_change_nothing(monkeypatch):
     assert any(found[0][1])
     assert found[1:] == found[:1] * 2
     monkeypatch.setattr(score, "_ACROSS", 100)  # sums are rounded in another order
-    likeness = [f(first, second) for f in (uniform_similarity, gaussian_similarity)]
+    likeness = [f(first, second) for f in (uniform_similarity, score.gaussian_similarity)]
     assert likeness == pytest.approx(found[0][0], rel=1e-14)
 
 

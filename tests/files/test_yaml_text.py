@@ -18,7 +18,6 @@ resolution: 0.050000
 origin: [-100.000000, -1.2e+01, 0.000000]
 negate: 0   # as ever
 occupied_thresh: 0.65
-
 free_thresh: 0.196
 mode: trinary"""
 WORDS = [

@@ -15,7 +15,6 @@ from mapdeal.kernels.threads import use_threads
 from strategies import RESOLUTIONS, occupancies
 
 ROOM = esdf(grid_from_text("......#\n.#.....\n.....?.\n...#..."))
-
 ORIGINS = [(0.0, 0.0, 0.0), (1.5, -2.0, 0.4), (-3.0, 7.25, -2.9), (5e5, 4e6, 1.0)]
 
 
@@ -123,13 +122,9 @@ def test_figures_of_a_map_count_every_kind_of_cell():
 
 
 GRID = mapdeal.OccupancyGrid([[100, 0, 0, 0, 0, -1], [-1, 0, 0, 30, 0, 100]], 0.25, (1.0, 2.0, 0.3))
-
 METRIC = mapdeal.field_view(mapdeal.esdf(GRID), view_range=0.7)
-
 PER_MAP = mapdeal.field_view(mapdeal.esdf(GRID, strength=1.3), view="per-map")
-
 STEPS = mapdeal.field_view(mapdeal.esdf(grid_from_text("#...\n....", 5.0)), view_range=1.0)
-
 """Obstacles and free cells alone, which is written raw all the same."""
 
 
@@ -220,7 +215,6 @@ def test_costs_of_the_view_are_those_of_the_field(command, files, view):
 READ_AS_A_MAP = (
     "warning: v.yaml: is the 0..100 view of a distance field; its values are read as a map's\n"
 )
-
 NEEDS_A_MAP = "error: v.yaml: "
 
 

@@ -17,7 +17,6 @@ from mapdeal.pipeline.replay import BagReplay
 KNOWN_QUEUE_DIFFERENCE = {
     ("visible/062 a robot without namespace and robot1 [no namespace]", "humble")
 }
-
 """An unknown cell that the queue of older releases takes to be beyond the inscribed radius."""
 
 

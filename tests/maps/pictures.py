@@ -10,9 +10,7 @@ from mapdeal.maps.images import open_strips
 from mapdeal.maps.picture import Picture
 
 SHAPE = (11, 13)
-
 PALETTE = np.array([[k, k, k, 255] for k in range(256)], np.uint8)
-
 PALETTE[[100, 101, 128]] = [[205, 205, 205, 255], [205, 204, 205, 255], [0, 9, 0, 9]]
 
 
@@ -70,7 +68,6 @@ def read_image(path, **options):
 
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
-
 PASSES = [(0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2),
           (0, 1, 1, 2)]  # fmt: skip
 

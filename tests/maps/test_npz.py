@@ -193,7 +193,6 @@ MAP = grid_from_text("""
     #.#.?
     #####
 """, 0.25)  # fmt: skip
-
 SHAPE = Footprint.polygon([(0.2, 0.1), (-0.1, 0.1), (-0.1, -0.1)])
 
 

@@ -19,7 +19,6 @@ from mapdeal.pipeline.settings import Settings, adding_warnings
 from mapdeal.pipeline.step import make_step
 
 KEYS = "resolution: 0.25\norigin: [1.5, -2, 0.3]\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-
 NO_NEGATE = "missing: negate (ROS requires it); assuming 0"
 
 
@@ -103,9 +102,7 @@ def test_warnings_that_are_captured_twice_keep_their_place():
 
 
 WALL = OccupancyGrid([[100, *[0] * 199]] * 3, 0.05, (1.5, -2.0, 0.4))
-
 NEAR = OccupancyGrid(WALL.occupancy[:, :60], 0.05)
-
 EMPTY = OccupancyGrid(np.zeros((3, 7), np.int8), 0.05, (1.5, -2.0, 0.4))
 
 
@@ -170,7 +167,6 @@ def test_the_remark_says_which_parameter_to_change(grid, parameters, advice):
 
 
 FAR = {"down_distance": 1.5, "up_distance": 1.5}
-
 AT_WALL = {"down_distance": 0.15, "up_distance": 0.0}
 
 

@@ -18,9 +18,7 @@ from mapdeal.pipeline.step import make_step
 from mapdeal.stages.esdf import field_view
 
 CORNERS = [[0.3, 0.4], [0.3, -0.4], [-0.3, -0.4], [-0.3, 0.4]]
-
 SHAPE = Footprint.polygon(CORNERS)
-
 SHAPES = [SHAPE, Footprint.circle(0.3), Footprint.sixteen_gon(0.3),
           Footprint.polygon([[0.4, 0.1], [0.1, 0.3], [-0.2, -0.3]]).padded(0.01)]  # fmt: skip
 
@@ -38,23 +36,18 @@ def file(tmp_path):
 
 INFLATE = {"radius": 0.3, "footprint": None, "kernel": "disc", "lethal_threshold": 100,
            "inflate_unknown": True}  # fmt: skip
-
 ESDF = {"unknown": "free", "convention": "fast-planner", "max_distance": None,
         "lethal_threshold": 100, "strength": 1.0, "view": "metric", "view_range": 2.0}  # fmt: skip
-
 COST = {"model": "exponential", "inscribed_radius": 0.0, "inflation_radius": 0.55,
         "cost_scaling_factor": 10.0, "inflate_unknown": False, "inflate_around_unknown": False,
         "lethal_threshold": None, "trinary_costmap": True, "track_unknown_space": True,
         "inscribed_obstacle_cost_value": None, "lookup": "exact", "float32_resolution": False,
         "circumscribed_radius": None}  # fmt: skip
-
 # those of nav2_bringup
 NAV2 = {"inscribed_radius": 0.22549849949589046, "inflation_radius": 0.7,
         "cost_scaling_factor": 3.0, "inscribed_obstacle_cost_value": 99, "lookup": "nav2",
         "float32_resolution": True}  # fmt: skip
-
 INFLATED, ARENA = ["inflate", "esdf", "cost"], {"down_distance": 1.0, "up_distance": 0.5}
-
 PER_MAP = {"inflate": {"kernel": "square", "radius": 0.5},
            "cost": {"model": "threshold", "view": "per-map"}}  # fmt: skip
 
@@ -240,7 +233,6 @@ ROOM = "\n".join(
     ["#" * 30, *["#" + "." * 28 + "#"] * 4, "#" + "." * 14 + "?" + "." * 13 + "#",
      *["#..#" + "." * 25 + "#"] * 4, "#" * 30]
 )  # fmt: skip
-
 STAGES = {
     "clean": {"min_free": 0},
     "window": {"size": [2.0, 0.8], "at": [3.0, -1.5]},
@@ -321,7 +313,6 @@ def test_a_map_that_grows_too_large_is_refused_before_it_is_made(room, more):
 
 
 MAP = OccupancyGrid([[0, 100, 0], [0, -1, 0]], 0.25, (1.5, -2.0, 0.4))
-
 ROUND = Footprint.circle(0.2)
 
 

@@ -189,9 +189,7 @@ def test_a_route_past_inscribed_cells_keeps_the_inscribed_radius(real_maps):
 
 
 HALL = "\n".join(["." * 24] * 6 + ["." * 12 + "#" + "." * 11] * 8)
-
 FREE = Costmap(np.zeros((4, 9), np.uint8), 0.5)
-
 ENDS = {"start": (0.25, 0.25), "goal": (3.75, 1.25)}
 
 
@@ -247,11 +245,8 @@ def test_pairs_are_found_as_they_are_read(tmp_path):
 
 
 GRID = grid_from_text("..#", 0.25)
-
 COSTS = Costmap.from_occupancy(GRID)
-
 INSIDE, WALL = (tuple(xy) for xy in GRID.frame.xy_from_rowcol([(0, 0), (0, 2)]).tolist())
-
 FIELD = potential(GRID, goal=INSIDE)
 
 

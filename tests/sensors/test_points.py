@@ -34,9 +34,7 @@ def pairs(chunks):
 
 
 POINTS, POSES = rows_of(read_points), rows_of(read_pose_lines)
-
 READERS = {"points": POINTS, "named": named, "pairs": pairs, "poses": POSES}
-
 every_kind = pytest.mark.parametrize("kind", READERS)
 
 
@@ -130,11 +128,8 @@ def test_plain_numbers_are_read_exactly(rows, has_crlf):
 
 
 GOOD_LINES = {"points": "5,6", "named": "a=5,6", "pairs": "5,6,7,8", "poses": "5,6,0"}
-
 NAME = 'with a "name" if it has one'
-
 POSE = "three numbers x,y,yaw"
-
 BAD_LINES = [
     *[("points", line, "") for line in (
         "1;2", "1,2,", "1_0,2", "\u0661,2", '{"x": true, "y": 1}', "[null, 1]", "[" * 5000,

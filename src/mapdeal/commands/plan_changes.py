@@ -142,7 +142,9 @@ class PlannerOnMap:
             return None, None
         search = getattr(self.listed.planner, "potential", None)
         reached = search and search(self.grid, start, goal) < UNREACHED
-        rows, cols = np.nonzero(reached if search else _reached_cells(self.listed, self.grid, start))
+        rows, cols = np.nonzero(
+            reached if search else _reached_cells(self.listed, self.grid, start)
+        )
         x, y = _centres(self, rows, cols)
         nearest = int(np.argmin((x - goal[0]) ** 2 + (y - goal[1]) ** 2))
         end = "start" if len(rows) == 1 else "goal"

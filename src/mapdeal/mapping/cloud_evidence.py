@@ -265,7 +265,7 @@ def _hanging(
     down = np.repeat(own, sample.lengths()) - heights  # from the ceiling at that place
 
     def touches_alone(gaps: Floats, opposite: Floats) -> Mask:
-        near = count_in((gaps > low) & (gaps <= low + _FEET)) >= _LEAST_VOXELS
+        near: Mask = count_in((gaps > low) & (gaps <= low + _FEET)) >= _LEAST_VOXELS
         return np.asarray(near & (count_in((opposite > low) & (opposite <= room / 2)) == 0))
 
     return touches_alone(down, heights), touches_alone(heights, down)
