@@ -29,16 +29,17 @@ LINES = [
     "plan m.yaml --params-file slim.yaml --against wide.yaml --from 0.55,1.05 --to 2.45,1.05",
     f"graph m.yaml {GOAL} -o out/graph.geojson",
     "mask m.yaml --file zones.geojson --from 0.55,1.05 --to dock=2.45,1.05 -o out",
+    "query m.yaml --points bad.csv", "lint batch",
     "lint broken.yaml", "lint m.yaml broken.yaml --format github",
     "diff m.yaml --params-file slim.yaml --against wide.yaml",  # B has 0.9 m2 behind the door
     "diff m.yaml other.yaml --max-differing 0", "score m.yaml --max wall_thickness_m.median=0",
     "align m.yaml u.yaml",
 ]  # fmt: skip
 # Commands that write grids, tables or pictures, and no findings with severities. Files that `info`
-# and `query` cannot read are errors of a batch and of lines.
+# cannot read are errors of a batch.
 WITHOUT_FINDINGS = {
     "active", "build", "clean", "completion", "convert", "cost", "edit", "esdf", "inflate", "info",
-    "merge", "pack", "potential", "query", "rescale", "rotate", "scan", "shift", "unpack", "window",
+    "merge", "pack", "potential", "rescale", "rotate", "scan", "shift", "unpack", "window",
 }  # fmt: skip
 
 
@@ -58,6 +59,10 @@ def files(here):
     Path("reach-local.yaml").write_text(f"stages:\n  - {stage}\n")
     for name, radius in (("r", 0.25), ("slim", 0.15), ("wide", 0.35)):
         write_robot(f"{name}.yaml", radius)
+    Path("bad.csv").write_text("x,y\n1,nan\n")
+    Path("batch").mkdir()
+    failed = {"map": "b.yaml", "status": "failed", "exit_code": 3, "error": "b.yaml: is empty"}
+    Path("batch/summary.json").write_text(json.dumps({"maps": [failed]}))
     Path("pairs.csv").write_text("0.55,1.05,2.45,1.05\n")
     corners = [[1.2, 0], [1.8, 0], [1.8, 2.1], [1.2, 2.1], [1.2, 0]]
     zone = {

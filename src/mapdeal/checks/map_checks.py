@@ -13,7 +13,7 @@ import numpy as np
 
 from mapdeal.checks.facts import GridFacts, PairFacts, RoomFacts, check, without_rounding_noise
 from mapdeal.checks.findings import CHECKS, Finding, Remark, declare_checks, places_of
-from mapdeal.errors import FileAccessError
+from mapdeal.errors import FileAccessError, one_line
 from mapdeal.files.json_values import read_json
 from mapdeal.files.source import contents_of, exists, holds
 from mapdeal.grid.costmap import UNIFORM_SHARE
@@ -617,7 +617,21 @@ def is_run(folder: Path) -> bool:
     return manifest is None or (isinstance(manifest, dict) and "outputs" in manifest)
 
 
-RUN_FOLDERS = ListedFolders(MANIFEST, is_run, "summary.json", parts=(LOCAL_FOLDER,))
+def _failed_maps(folder: Path) -> list[str]:
+    """Return a line for each map that a batch lists as failed."""
+    summary = read_json(folder / SUMMARY)
+    maps = summary.get("maps") if isinstance(summary, dict) else None
+    failed = [
+        entry for entry in (maps if isinstance(maps, list) else [])
+        if isinstance(entry, dict) and entry.get("status") == "failed"
+    ]  # fmt: skip
+    return [one_line(str(entry.get("error") or entry.get("map"))) for entry in failed]
+
+
+SUMMARY = "summary.json"
+RUN_FOLDERS = ListedFolders(
+    MANIFEST, is_run, SUMMARY, lambda folder: bool(_failed_maps(folder)), (LOCAL_FOLDER,)
+)
 """Rule that distinguishes folders of runs from folders of maps."""
 
 declare_checks(
@@ -627,6 +641,11 @@ declare_checks(
         Nothing in it was checked. A gate that passes it would pass anything.
         Example: A misspelt path in a CI job.
         Fix: Name the folder of maps, or of a run.
+    run.failed-map (error)
+        A map that failed in a batch.
+        Its folder has no results, or those of an earlier run.
+        Example: An entry of `summary.json` whose status is failed.
+        Fix: Correct the map and run mapdeal run again.
     run.missing-file (error)
         A file that the manifest lists is gone.
         Robots and pages that read the run do not find its result.
@@ -655,6 +674,8 @@ def lint_run(folder: Path) -> list[Finding]:
     manifest = read_json(folder / MANIFEST)
     outputs = manifest.get("outputs") if isinstance(manifest, dict) else None
     if not isinstance(outputs, dict) or not outputs:
+        if failed := _failed_maps(folder):
+            return [CHECKS["run.failed-map"].finding(folder, text) for text in failed]
         kind = kind_of(folder)
         if kind is not None:
             text = f"is {kind.what}, not a folder of maps or of a run ({kind.use})"

@@ -117,7 +117,10 @@ class Answers(Result):
         if not count:
             raise MalformedInputError(f"holds no {self.unit}s", source=self.asked_in)
         if counts["bad"]:
-            emit_warning(f"{self.asked_in}: {counts['bad']} of {count} hold no finite {self.unit}")
+            text = f"{counts['bad']} of {count} hold no finite {self.unit}"
+            if counts["bad"] == count:
+                raise FindingError(text, source=str(self.asked_in))
+            emit_warning(f"{self.asked_in}: {text}")
         if counts["turned"]:
             rule = "have a yaw of more than a turn; is it in degrees?"
             emit_warning(f"{counts['turned']} of {count} poses {rule}")

@@ -171,6 +171,7 @@ class ListedFolders:
     mark: str
     is_listed_itself: Callable[[Path], bool]
     summary: str
+    has_failures: Callable[[Path], bool]  # of a folder with a summary, which is searched as well
     parts: tuple[str, ...] = ()
 
 
@@ -358,6 +359,8 @@ def _below_folder(
         if exempt is not None and exempt.mark in files and exempt.is_listed_itself(subfolder):
             listed.append(subfolder)
             return [name for name in folders if name not in exempt.parts], []
+        if exempt is not None and exempt.summary in files and exempt.has_failures(subfolder):
+            listed.append(subfolder)
         return folders, files
 
     walk = folders_below([folder], look_into, leave_out=lambda path: _lies_in(path, output))
