@@ -118,6 +118,10 @@ def test_the_obstacles_in_bits_and_back(sh, room):
     code, out, err = sh("pack room.yaml -o b.pbm")
     assert (code, "1 unknown cells" in err, "occupied 9.38 %" in out) == (0, True, True)
     assert np.array_equal(mapdeal.read_bit_map("b.pbm").packed, BitMap.from_occupancy(room).packed)
+    line = "--point 1.75,-1.85 --radius 0.02 --value 100 -o x.pbm"
+    assert "only an edited .pbm can be written as one" in sh.err(f"edit circle room.yaml {line}", 2)
+    sh.ok(f"edit circle b.pbm {line}")
+    assert mapdeal.read_bit_map("x.pbm").count() == mapdeal.read_bit_map("b.pbm").count() + 1
     assert sh("unpack b.pbm -o u.yaml")[0] == 0
     grid = read_map("u.yaml")
     assert np.array_equal(grid.occupancy, np.maximum(room.occupancy, 0))

@@ -10,7 +10,14 @@ from files.large_files import GRIDS, IMAGES, OTHER_READERS
 from mapdeal import read_bit_map, read_cloud, read_map
 from mapdeal.errors import MalformedInputError
 from mapdeal.files import source as budget
-from mapdeal.files.source import check_expansion, claim, holding, memory_limit, use_memory
+from mapdeal.files.source import (
+    check_expansion,
+    claim,
+    holding,
+    memory_limit,
+    similar_file_hint,
+    use_memory,
+)
 
 MB = 1_000_000
 
@@ -21,6 +28,17 @@ def free(monkeypatch):
         monkeypatch.setattr(budget, "free_memory", lambda: count)
 
     return set_free
+
+
+@pytest.mark.parametrize(("name", "expected"), [
+    ("office", "office.yaml"), ("ofice.pgm", "office.pgm"), ("OFFICE.pgm", "office.pgm"),
+    ("hall", None), ("office.yaml", None),
+])  # fmt: skip
+def test_a_similar_file_is_suggested(tmp_path, name, expected):
+    for file in ("office.yaml", "office.pgm"):
+        (tmp_path / file).touch()
+    hint = None if expected is None else f"did you mean {tmp_path / expected}?"
+    assert similar_file_hint(str(tmp_path / name), [".pcd", ".yaml"]) == hint
 
 
 def test_claims_above_the_limit_are_refused_with_both_figures():

@@ -104,6 +104,8 @@ def test_real_files(real_maps):
     ("a: 1\nb: [1, 2\n", "line 3, column 1"),
     ("a: 1\nb: c: d\n", "line 2, column 5"),
     ("a: 1\n---\nb: 2\n", "line 2, column 1: not valid YAML: but found another document"),
+    ("a: 1\nb: 2\na: 3\n", "a: key appears twice, on lines 1 and 3"),
+    ("a: 1\n? [b]\n: 2\n", "line 2: a key must be a single word"),
     ("a: &a 1\nb: &a 2\nc: *a\n", "line 2, column 4: not valid YAML: second occurrence"),
 ])  # fmt: skip
 def test_invalid_yaml_is_refused_with_its_place(text, place):
@@ -129,6 +131,13 @@ def test_an_anchor_is_known_in_its_own_document_alone():
     assert second.value[0][1].value == "2"
     with pytest.raises(MalformedInputError, match="line 3: an alias within its own anchor"):
         compose_documents(NAME, b"a: &a 1\n---\na: &a [*a]\n", OF_RECIPES)
+
+
+def test_fields_are_those_of_a_mapping():
+    entries = parse_mapping(NAME, b"a: {b: 1}\nc:\n- 1\n")
+    assert entries["a"].fields()["b"].number() == 1
+    with pytest.raises(MalformedInputError, match="must be a mapping of keys"):
+        entries["c"].fields()
 
 
 def test_a_value_of_the_command_line_that_is_not_unicode_is_refused():

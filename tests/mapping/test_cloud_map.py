@@ -258,15 +258,18 @@ def test_voxels_are_counted_as_one_by_one(piece, cell, is_shifted):
     counted = Voxels(cell, 0.025, corner=(0.0, 0.0))
     for first in range(0, len(points), piece):
         counted.add(points[first : first + piece])
-    columns = counted.columns()
     good = np.delete(points, 7, axis=0)
     keys = np.floor(good / [cell, cell, 0.025] + 1e-9).astype(int)
-    expected, counts = np.unique(keys[:, [1, 0, 2]], axis=0, return_counts=True)
-    whose = columns.of_voxels()
-    levels = np.round(columns.heights / 0.025 - 0.5).astype(int)
-    found = np.stack([columns.row[whose], columns.col[whose], levels], axis=1)
-    assert np.array_equal(found, expected)
-    assert np.array_equal(columns.counts, counts)
+    finest = counted.columns()
+    for columns, times in ((finest, 1), (finest.coarser(3), 3)):
+        expected, counts = np.unique(
+            keys[:, [1, 0, 2]] // [times, times, 1], axis=0, return_counts=True
+        )
+        whose = columns.of_voxels()
+        levels = np.round(columns.heights / 0.025 - 0.5).astype(int)
+        found = np.stack([columns.row[whose], columns.col[whose], levels], axis=1)
+        assert np.array_equal(found, expected)
+        assert np.array_equal(columns.counts, counts)
     assert (counted.points, counted.not_finite) == (4000, 1)
 
 
