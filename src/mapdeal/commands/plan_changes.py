@@ -140,11 +140,10 @@ class PlannerOnMap:
         cells = {"start": self.grid.cell_of(start), "goal": self.grid.cell_of(goal)}
         if None in cells.values():
             return None, None
-        search = getattr(self.listed.planner, "potential", None)
-        reached = search and search(self.grid, start, goal) < UNREACHED
-        rows, cols = np.nonzero(
-            reached if search else _reached_cells(self.listed, self.grid, start)
-        )
+        reached = _reached_cells(self.listed, self.grid, start)
+        if search := getattr(self.listed.planner, "potential", None):
+            reached = search(self.grid, start, goal) < UNREACHED
+        rows, cols = np.nonzero(reached)
         x, y = _centres(self, rows, cols)
         nearest = int(np.argmin((x - goal[0]) ** 2 + (y - goal[1]) ** 2))
         end = "start" if len(rows) == 1 else "goal"
