@@ -157,7 +157,7 @@ def surface_cells(section: Section, frame: Frame, runs: _Runs) -> Mask:
     is_near = np.zeros(frame.shape, np.bool_)
     is_near[row, col] = True
     # thin legs between the centres of cells count in one cell
-    cells = np.floor(begin[:, ::-1]).astype(np.int64)
+    cells = np.floor(begin[length > _EPSILON, ::-1]).astype(np.int64)
     cells = cells[((cells >= 0) & (cells < frame.shape)).all(axis=1)]
     is_lost = np.zeros(frame.shape, np.bool_)
     is_lost[tuple(cells.T)] = True
