@@ -165,6 +165,7 @@ def test_routes_and_files_of_poses_are_followed(rooms, command):
     ("--tour --fov 7", 2, "--fov: must be a finite number, above 0, at most a full turn"),
     ("--tour --rate 0", 2, "--rate: must be a finite number, between 0.001 and 10000"),
     ("--tour --speed 1e-7 --robot-radius 0.1", 2, "--speed, --rate: "),
+    ("--tour --sensor-at 0,nan,0", 2, "--sensor-at: must be three numbers x, y, yaw within 1e+12"),
     ("--tour --jobs 2", 2, "--jobs: applies to several maps"),
     ("p.txt --poses p.txt", 2, "--tour: is required for several maps"),
     ("p.txt --tour --image x.png", 2, "--image: applies to one map"),
@@ -179,6 +180,15 @@ def test_bad_input_is_one_line(rooms, command, words, code, text):
     (error,) = [line for line in err.splitlines() if line.startswith("error: ")]
     assert text in error
     assert not Path("x.npz").exists()
+
+
+@pytest.mark.parametrize(("name", "value"), [
+    ("beams", 1), ("fov", 7.0), ("noise", -1.0), ("dropout", 2.0), ("rate", 0.0),
+    ("sensor_at", (1, 2)), ("poses", [["a", 0, 0]]), ("poses", [[0, 0, float("nan")]]),
+])  # fmt: skip
+def test_python_refuses_the_values_that_the_shell_refuses(name, value):
+    with pytest.raises(mapdeal.ParameterError, match=name):
+        mapdeal.scan(grid_from_text("..."), **{"poses": [[0.0, 0.0, 0.0]], name: value})
 
 
 REAL = [

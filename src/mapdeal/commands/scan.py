@@ -24,6 +24,7 @@ from mapdeal.command import (
     Result,
     Words,
     command,
+    parameters_of,
 )
 from mapdeal.commands.graph import graph_of
 from mapdeal.commands.reach import start_of
@@ -37,6 +38,7 @@ from mapdeal.grid.values import count_text
 from mapdeal.inputs.listing import list_maps
 from mapdeal.mapping.evidence import BeamLimits, Scans
 from mapdeal.mapping.scanner import Scanner, Surroundings, noisy_odometry
+from mapdeal.mapping.transforms import check_pose
 from mapdeal.maps.npz import write_arrays
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.layers import occupancy_image
@@ -262,8 +264,14 @@ def scan(
         raise ParameterError("exactly one of these is needed", place=", ".join(sources), hint=hint)
     if not tour:
         inputs.refuse("applies to a tour", start=start, footprint=footprint, robot=robot)
+    numbers = {
+        "speed": speed, "rate": rate, "range_min": range_min, "range_max": range_max, "fov": fov,
+        "beams": beams, "noise": noise, "dropout": dropout, "odom_noise": odom_noise,
+    }  # fmt: skip
+    for key, value in numbers.items():
+        parameters_of(scan)[key].accept(value)
     BeamLimits(range_min, range_max)
-    mount = (float(sensor_at[0]), float(sensor_at[1]), float(sensor_at[2]))
+    mount = check_pose(sensor_at, "sensor_at")
     scanner = Scanner(range_min, range_max, fov, beams, noise, dropout, mount)
     files = [Path(file) for file in (poses, route) if isinstance(file, str | Path)]
     also = [*files, *(robot.paths if robot else ())]
@@ -272,10 +280,10 @@ def scan(
     around = Surroundings(source.occupancy, through_unknown)
     is_hit, is_visible = np.zeros((2, around.cells), dtype=np.bool_)
     if poses is not None:
-        robot_poses = read_poses(files[0]) if files else np.array(poses, dtype=np.float64)
-        if robot_poses.ndim != 2 or robot_poses.shape[1] != 3 or not len(robot_poses):
-            rule = "must be an array of shape (N, 3)"
-            raise ParameterError(rule, place="poses", got=robot_poses.shape)
+        if files:
+            robot_poses = read_poses(files[0])
+        else:
+            robot_poses = Scans(poses, np.empty(0), np.empty((len(poses), 0))).poses.copy()
         robot_poses[:, 2] = np.unwrap(robot_poses[:, 2])
     elif tour:
         planned = graph_of(
