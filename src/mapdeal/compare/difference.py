@@ -157,10 +157,7 @@ class Difference:
     beyond: NDArray[np.bool_]
 
     def largest_changes(self, most: int) -> tuple[list[Change], int]:
-        """Return the largest regions of obstacles that only one map has, and the number of others.
-
-        Regions within the tolerance do not count.
-        """
+        """Return the largest regions of obstacles of one map alone, and the number of others."""
         is_added, is_removed = ((self.changes == code) & self.beyond for code in (ADDED, REMOVED))
         added, added_count = Change.largest("added", is_added, self.frame, most)
         removed, removed_count = Change.largest("removed", is_removed, self.frame, most)

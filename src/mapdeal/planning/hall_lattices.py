@@ -23,11 +23,7 @@ def lattices_in(
     points: Places, halls: NDArray[np.integer[Any]], direction: float, spacing: float, step: float,
     is_usable: Callable[[Places], NDArray[np.bool_]],
 ) -> tuple[list[Place], NDArray[np.int64]]:  # fmt: skip
-    """Return places in halls, and the pairs of neighbours in one hall, by their indices.
-
-    `points`, shape (N, 2), lie in the halls of the numbers `halls`. Lines along and across the
-    direction are tested for usable places at each `step`.
-    """
+    """Return places in the halls of some points, and the pairs of neighbours in one hall."""
     cos, sin = math.cos(direction), math.sin(direction)
     along = np.array([[sin, cos], [cos, -sin]])  # of rows and columns
     order = np.argsort(halls, kind="stable")

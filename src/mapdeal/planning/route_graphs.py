@@ -366,11 +366,7 @@ class _CompleteDraft(graph_drafts.Draft):
     def add_shortest_paths(
         self, pairs: Sequence[tuple[int, int]], shorts: Sequence[float] = ()
     ) -> None:
-        """Connect pairs of nodes by paths that prefer the middle of free space.
-
-        The second node of each pair is moved back along its path by a length of `shorts`, at most
-        half-way to the first.
-        """
+        """Connect pairs of nodes along free space, and move the second back by `shorts`."""
         starts, ends = (self.at(pair[k] for pair in pairs) for k in (0, 1))
         is_clear, least = self.area.sweeps.along(starts, ends)
         rooms = (self.clearance_at(np.floor(places).astype(np.int64)) for places in (starts, ends))
@@ -618,11 +614,7 @@ class _CompleteDraft(graph_drafts.Draft):
             self.kinds[node] = "narrow"
 
     def _is_door(self, node: int, labels: NDArray[Any], sides: NDArray[np.float64]) -> bool:
-        """Return whether walls stand on opposite sides, and both spaces are wider.
-
-        Jambs of one wall part the spaces. Of two walls, both are long, or only a long path leads
-        around: no furniture.
-        """
+        """Return whether walls, no furniture, stand on opposite sides of wider spaces."""
         place = np.array(self.places[node])
         reach = _NEAR_JAMB * self.widths[node] / 2 / self.cell + 2
         low = np.maximum((place - reach).astype(int), 0)
@@ -644,6 +636,7 @@ class _CompleteDraft(graph_drafts.Draft):
         if row * other_row + col * other_col > math.cos(math.radians(_OPPOSITE)):
             return False
         walls = labels[tuple((place + arms[pair]).astype(int).T)]
+        # furniture is short, and a short path leads around it
         is_parting = walls[0] == walls[1] or sides[walls].min() >= _ISLAND
         if not is_parting and self._leads_around(node, _AROUND / self.cell):
             return False

@@ -28,11 +28,8 @@ class Tour(NamedTuple):
 
 
 def tour_of(graph: RouteGraph, in_sight: Sequence[Integers], cells: int) -> Tour:
-    """Return a tour along edges of a graph; `in_sight` holds the cells that each node sees.
-
-    It passes viewpoints that together see all cells that any node of the largest part sees: a
-    greedy cover, along a minimum spanning tree that exchanges of two edges shorten.
-    """
+    """Return a tour of a graph that sees all cells in sight of nodes of the largest part."""
+    # a greedy cover by viewpoints, in the order of a minimum spanning tree, then shortened
     from scipy.sparse import csgraph, csr_matrix
 
     count = len(graph.nodes)
@@ -82,10 +79,7 @@ def driven(
     points_xy: Floats, is_viewpoint: NDArray[np.bool_], *, speed: float, rate: float,
     turn: float = 0.0,
 ) -> Floats:  # fmt: skip
-    """Return poses, shape (N, 3), of a robot that drives along a line, `rate` a second.
-
-    It slows down to turn, and turns by an angle and back at each viewpoint.
-    """
+    """Return poses, shape (N, 3), of a robot that follows a line and turns at viewpoints."""
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(points_xy, axis=0).T)))
     places = np.linspace(0.0, along[-1], int(np.ceil(along[-1] / _STEP)) + 1)
 
