@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mapdeal.command import AT_LEAST_0, METRES, Output, Result, Words, command, parameters_of
 from mapdeal.commands.build_cloud import CloudBuild, build_from_clouds
-from mapdeal.commands.pack import Made
+from mapdeal.commands.pack import GridResult
 from mapdeal.compare.difference import STATES, changes_of, confusion_of, states_of
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import json_of
@@ -310,7 +310,7 @@ def build_map_from_bag(
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Build(Made):
+class Build(GridResult):
     counts: BeamCounts
 
     def document(self) -> Figures:
@@ -368,7 +368,7 @@ class Comparison(Result):
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class WorldBuild(Made):
+class WorldBuild(GridResult):
     """A map of a simulated world."""
 
     world: World

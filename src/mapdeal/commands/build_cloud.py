@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.commands.pack import Made
+from mapdeal.commands.pack import GridResult
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import check_state, claim, is_same_file, state_of
 from mapdeal.grid.frame import Figures, Point
@@ -213,7 +213,7 @@ def _warn(cloud_map: CloudMap, options: CloudOptions, named: Path) -> None:
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class CloudBuild(Made):
+class CloudBuild(GridResult):
     cloud_map: CloudMap
 
     def document(self) -> Figures:

@@ -20,7 +20,7 @@ from mapdeal.command import (
     command,
     parameters_of,
 )
-from mapdeal.commands.pack import Made
+from mapdeal.commands.pack import GridResult
 from mapdeal.commands.reach import start_of
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.files.transaction import Transaction
@@ -281,7 +281,7 @@ def convert(
     footprint: Footprint | None = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
     **more: Any,
-) -> Made | Conversions | Shapes:
+) -> GridResult | Conversions | Shapes:
     """Convert a map to another format or scale, from or to a bag, to polygons or to a world.
 
     Parameters
@@ -382,7 +382,7 @@ def convert(
         grid = _converted(read.grid, encoding, layer if static_layer else None)
     if writes_bag:
         _write_bag(transaction, output, grid, topic, frame_id)
-        return Made(grid, source.stem)
+        return GridResult(grid, source.stem)
     if isinstance(grid, DistanceField) and not output_format(output).can_hold(DistanceField):
         grid, mode = field_view(grid), mode or "raw"
     if isinstance(grid, FieldView) and mode not in (None, "raw"):
@@ -398,7 +398,7 @@ def convert(
         transaction, output, grid, mode=mode, encoding=scale, extra=extra, more=states,
         painted=painted,
     )  # fmt: skip
-    return Made(grid, source.stem, overlay=overlay)
+    return GridResult(grid, source.stem, overlay=overlay)
 
 
 def _convert_poses(source: Path, output: Path, work: Work) -> Conversions:

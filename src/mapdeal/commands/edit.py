@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from mapdeal.command import METRES, VALUE, Output, Words, command
-from mapdeal.commands.pack import Made, read_bits
+from mapdeal.commands.pack import GridResult, read_bits
 from mapdeal.errors import ParameterError
 from mapdeal.files.source import BIT_MAP
 from mapdeal.grid.bit_map import BitMap, blank as blank_of, draw, reset_region
@@ -65,7 +65,7 @@ _edits = partial(
 
 def _edited(
     source: Path, change: Callable[[Any], Any], title: str, work: Work, also: Sequence[Path] = ()
-) -> Made:
+) -> GridResult:
     encoding: Encoding = "occupancy"
     if any(path.suffix == BIT_MAP for path in work.outputs):
         if source.suffix.lower() != BIT_MAP:
@@ -84,7 +84,7 @@ def _edited(
         if not isinstance(grid, OccupancyGrid | Costmap | BitMap):
             rule = "is a field, which cannot be edited"
             raise ParameterError(rule, hint="edit the map, then run esdf or potential on it")
-        return Made(change(grid), f"{source.stem}: {title}", extra, encoding)
+        return GridResult(change(grid), f"{source.stem}: {title}", extra, encoding)
 
 
 def _start(blank: bool, background: int | None) -> Callable[[Any], Any]:
@@ -103,7 +103,7 @@ def _drawn(
     overlay: OverlayType = "seq",
     blank: bool = False,
     background: Annotated[int, VALUE] | None = None,
-) -> Made:
+) -> GridResult:
     """Draw the shapes of a file, then others.
 
     Parameters
@@ -153,7 +153,7 @@ mapdeal edit polygon examples/maps/office.yaml -o out/mask.yaml --blank \\
     --file examples/shapes/office_zones.yaml""",
     also={"": _drawn},
 )
-def polygon(source: Source, *, point: Points = (), **drawing: Any) -> Made:
+def polygon(source: Source, *, point: Points = (), **drawing: Any) -> GridResult:
     """Draw a filled polygon, or the shapes of a file.
 
     A convex polygon gets the cells that costmap_2d's setConvexPolygonCost sets.
@@ -179,7 +179,7 @@ def line(
     point: Points = (),
     thickness: Annotated[float, METRES] | None = None,
     **drawing: Any,
-) -> Made:
+) -> GridResult:
     """Draw a line through points, or the shapes of a file.
 
     Parameters
@@ -208,7 +208,7 @@ def circle(
     point: Points = (),
     radius: Annotated[float, METRES] | None = None,
     **drawing: Any,
-) -> Made:
+) -> GridResult:
     """Draw filled circles around points, or the shapes of a file.
 
     Parameters
@@ -241,7 +241,7 @@ def reset(
     value: Annotated[int, VALUE] | None = None,
     blank: bool = False,
     background: Annotated[int, VALUE] | None = None,
-) -> Made:
+) -> GridResult:
     """Set all cells of a rectangle along the map's axes to one value.
 
     Parameters

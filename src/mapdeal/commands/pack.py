@@ -28,8 +28,8 @@ PER_CELL = 3.0  # bytes for each cell of a bit map: mask, cells and output
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Made(Result):
-    """A grid or bit map, and what is written with it: further keys of the YAML, and the scale."""
+class GridResult(Result):
+    """A grid or bit map to write, with further keys of its YAML and the scale of its values."""
 
     grid: Grid | BitMap
     title: str
@@ -79,7 +79,7 @@ def read_bits(
     ),
     example="mapdeal pack examples/maps/office.yaml -o out/office.pbm",
 )
-def pack(source: Map, *, lethal_threshold: LethalThreshold | None = None) -> Made:
+def pack(source: Map, *, lethal_threshold: LethalThreshold | None = None) -> GridResult:
     """Write the obstacles of a map as a bit map (PBM P4).
 
     Parameters
@@ -104,4 +104,4 @@ def pack(source: Map, *, lethal_threshold: LethalThreshold | None = None) -> Mad
     lost = int(histogram(values)[UNKNOWN])
     if lost:
         emit_warning(f"{read.name}: {lost} unknown cells are free in a bit map", stacklevel=2)
-    return Made(bits, f"{read.title}: bit map")
+    return GridResult(bits, f"{read.title}: bit map")

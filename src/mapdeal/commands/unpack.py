@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from mapdeal.command import Output, Words, command
-from mapdeal.commands.pack import Made, read_bits
+from mapdeal.commands.pack import GridResult, read_bits
 from mapdeal.maps.reading import output_paths
 from mapdeal.pipeline.inputs import InShell
 
@@ -23,7 +23,7 @@ from mapdeal.pipeline.inputs import InShell
 mapdeal pack examples/maps/office.yaml -o out/office.pbm
 mapdeal unpack out/office.pbm -o out/unpacked.yaml""",
 )
-def unpack(source: Annotated[Path, Words("IN.pbm")], *, work: InShell) -> Made:
+def unpack(source: Annotated[Path, Words("IN.pbm")], *, work: InShell) -> GridResult:
     """Convert a bit map to an ordinary map: 1 is occupied, 0 free.
 
     Parameters
@@ -32,4 +32,4 @@ def unpack(source: Annotated[Path, Words("IN.pbm")], *, work: InShell) -> Made:
         A bit map, with its .yaml in the same folder.
     """
     bits, extra = read_bits(source, work)
-    return Made(bits.to_occupancy(), source.stem, extra)
+    return GridResult(bits.to_occupancy(), source.stem, extra)
