@@ -236,8 +236,8 @@ def _undeclared_names(facts: PlannerFacts) -> Iterator[tuple[str, str, str | Non
 
 @check("params.planner-without-effect", "warning")
 def planner_without_effect(facts: PlannerFacts) -> Iterator[Remark]:
-    """A parameter that no planner declares where it is written.
-    Nav2 ignores it: the robot plans as if the line were missing, and without its class with NavFn.
+    """A planner's parameter at a level where no planner declares it.
+    Nav2 ignores it: the robot plans as without the line, or with NavFn if the class is missing.
     Example: `planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased: {plugin:
     "nav2_navfn_planner::NavfnPlanner", minimum_turning_radius: 0.4}}}`.
     Fix: Remove the line, indent it, or choose a planner that declares it.

@@ -336,11 +336,11 @@ class _ScanRun(batch.BatchWork):
     def __call__(self, job: batch.Job) -> _Log:
         if job.error is not None:
             raise job.error
-        return copy_context().run(self._write, job)  # as the context changes
+        return copy_context().run(self._write, job)  # because it changes the context
 
     def _write(self, job: batch.Job) -> _Log:
         settings, robot = self.settings, self.parameters.get("robot")
-        inputs.Work.current.set(None)  # the shell's settings are those of all maps
+        inputs.Work.current.set(None)  # the shell's settings apply to the batch, not to a map
         output = job.folder.with_name(f"{job.folder.name}.{self.log_format}")
         files = [job.path, *(robot.paths if robot else ())]
         with (
@@ -370,7 +370,7 @@ class _Log(Result):
 
 class ScanLogs(batch.Batch):
     is_brief = True
-    resuming = "--force writes their logs anew"
+    resuming = "--force replaces their logs"
 
     def lines(self) -> Iterator[str]:
         for outcome in self.outcomes:
@@ -383,8 +383,8 @@ class ScanLogs(batch.Batch):
     name="scan",
     group="Laser scans and point clouds",
     output=Output(
-        "LOG", "Where to write the scans: .npz, .log (CARMEN), .mcap, or a folder .db3; of several "
-        "maps a folder.", streams=False,
+        "LOG", "Where to write the scans: .npz, .log (CARMEN), .mcap, or a folder .db3; for "
+        "several maps a folder.", streams=False,
     ),
     shared=("robot", "files"),
     also={"": scan},
