@@ -16,7 +16,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Goal, Reach, reach_radius
 from mapdeal.grid.route_graph import RouteGraph
-from mapdeal.grid.values import decimal_text
+from mapdeal.grid.values import count_text, decimal_text
 from mapdeal.maps.route_graphs import graph_text
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.layers import occupancy_image
@@ -274,8 +274,8 @@ def _problems(
     if result.missed:
         yield f"no straight edges lead to {', '.join(result.missed)}"
     if result.tight:
-        text = f"on {result.tight} connections the outline of the robot touches an obstacle, "
-        text += "although the costs of their cells are open: less than a cell is to spare there"
+        text = f"on {count_text(result.tight, 'connection')} the outline of the robot touches an "
+        text += "obstacle, although the costs of the cells are open: less than a cell is to spare"
         yield text
 
 
