@@ -62,7 +62,7 @@ class GoalAnswer:
 
 @dataclass(frozen=True)
 class RunChecks:
-    """Who is to go where on the maps of a run; start and goals are those of `reach`."""
+    """The robot, start and goals to check on the maps of a run, as for `reach`."""
 
     settings: Settings
     footprint: Footprint | None = None
@@ -102,7 +102,7 @@ class RunChecks:
 
     @cached_property
     def _is_planned(self) -> bool:
-        """Whether the files hold a planner that is modelled."""
+        """Whether the parameter files name a planner that mapdeal models."""
         robot = None if self.footprint is not None else self.robot
         if robot is None or (robot.flavour, robot.costmap) != ("nav2", "global"):
             return False
@@ -122,7 +122,7 @@ class RunChecks:
 
     def findings(self, paths: Sequence[Path]) -> documents.Results:
         def linted() -> LintReport:
-            Work.current.set(None)  # lint is not the command under way
+            Work.current.set(None)  # lint runs as a function, not as the command
             settings = self.settings
             return lint(
                 paths, footprint=self._shape, max_cells=settings.max_cells,
@@ -138,7 +138,7 @@ class RunChecks:
         return Reachability(source, found, self._step.title)
 
     def plans(self, path: Path) -> documents.Results | None:
-        """Return what the robot's planner answers for each goal, if it is modelled."""
+        """Return the plans of the robot's own planner to each goal, if it is modelled."""
         if self.robot is None or self.start is None or not (self.goals and self._is_planned):
             return None
         source = map_input(read_input(path, self.settings), path)
@@ -165,9 +165,9 @@ class RunChecks:
         return GoalAnswer(path, lines, document)
 
     def add_reach(self, draft: Draft, path: Path, *, with_layer: bool, grid_bytes: int) -> None:
-        """Add where the robot can go on a map to its draft, unless its own recipe has asked."""
-        has_asked = any(claim.about == "goals" for claim in draft.claims)
-        if has_asked and (not self.has_goals or id(draft) in self._answered):
+        """Add the reach of the robot on a map to its draft, unless its recipe computed it."""
+        is_computed = any(claim.about == "goals" for claim in draft.claims)
+        if is_computed and (not self.has_goals or id(draft) in self._answered):
             return
         self._answered.add(id(draft))
         if self._shape is None and not self.has_goals:
@@ -196,13 +196,15 @@ class RunChecks:
             draft.add(replace(plans, tables=[replace(table, rows=rows)]))
         if with_layer:
             title = self._step.title
-            name = draft.free_name("reach")  # not its distances, which take room
+            name = draft.free_name(
+                "reach"
+            )  # only reachable cells: distances would enlarge the page
             draft.layers += page_layers(found, name, title[:1].upper() + title[1:])[-1:]
 
 
 File = str | PathLike[str]
 
-LARGEST_PAGE = 25_000_000  # bytes of a page: what goes into an e-mail
+LARGEST_PAGE = 25_000_000  # bytes: the limit of many e-mail servers
 _PAGE, VERDICT = "report.html", "report.json"
 _VERDICT_FORMAT = "mapdeal-report/1"
 _SMALLEST_PAGE = 100_000
@@ -224,7 +226,7 @@ class WrittenReport(Result):
     size : int
         File size, bytes.
     verdicts : tuple of Verdict
-        What the page concludes about each map.
+        Verdict of the page on each map.
     """
 
     path: Path
@@ -234,7 +236,7 @@ class WrittenReport(Result):
 
     @property
     def state(self) -> State:
-        """The worst that is claimed of a map."""
+        """The worst state of any map."""
         claims = (claim.state for verdict in self.verdicts for claim in verdict.claims)
         return worst_of([*claims, *(verdict.state for verdict in self.verdicts)]) or "unknown"
 

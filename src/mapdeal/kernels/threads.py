@@ -1,4 +1,4 @@
-"""Threads that share the work of a kernel, and the memory of tables that depend on the map."""
+"""Threads that share the work of a kernel, and claims of memory for its tables."""
 
 from __future__ import annotations
 
@@ -60,12 +60,12 @@ def use_threads(count: int | None) -> AbstractContextManager[None]:
 
 
 class Worker:
-    """A thread; `threading.Thread.start` waits for ever if the new thread runs out of memory."""
+    """A thread; unlike `threading.Thread`, its start never hangs if memory runs out."""
 
     def __init__(self, work: Callable[[], object]) -> None:
         self._work = work
         self._ended = Lock()
-        self._decided = Lock()  # taken by the thread as it begins, or by `start` to give it up
+        self._decided = Lock()  # acquired by the thread as it begins, or by `start` to abandon it
 
     @property
     def has_begun(self) -> bool:
@@ -80,7 +80,7 @@ class Worker:
             start_new_thread(self._begin, (starting,))
         except (OSError, RuntimeError, MemoryError):
             return False
-        # A thread without memory for its first call ends without a sign.
+        # A thread without memory for its first call ends silently.
         return starting.acquire(timeout=_LONGEST_START) or not self._decided.acquire(False)
 
     def join(self) -> None:
@@ -166,7 +166,7 @@ class ThreadPool(Executor):
         work = partial(function, *args, **kwargs)
         if not self._idle.acquire(blocking=False) and len(self._threads) < self._size:
             thread = Worker(self._serve)
-            self._threads.append(thread)  # before the start: Ctrl-C may come as soon as it runs
+            self._threads.append(thread)  # before the start, which Ctrl-C may interrupt
             if not thread.start():
                 self._threads.remove(thread)
                 self._size = len(self._threads)

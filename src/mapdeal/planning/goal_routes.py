@@ -1,4 +1,4 @@
-"""Shortest routes in any direction: the descent of lengths to the goal, pulled taut."""
+"""Shortest routes in any direction: the descent of distances to the goal, pulled taut."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 # in cells
-_BESIDE = 1e-3  # from bends to corners, so that rounded points stay in open cells
-_OFF = 1e-6  # from bends to the places behind them; rounding moves a place by less
-_INSIDE = 2 * _BESIDE
+_BEND_OFFSET = 1e-3  # from corners to bends, so that rounded points stay in open cells
+_BEHIND_OFFSET = 1e-6  # from bends to the places behind them: more than rounding errors
+_INSIDE = 2 * _BEND_OFFSET
 _ROUNDING = 1e-9
 _LONGEST_STEP = 0.5
 
@@ -160,7 +160,7 @@ def _taut_line(is_open: Mask, start: Floats, goal: Floats, parts: int = 1) -> Fl
     if math.isinf(lengths[tuple(first)]):
         return np.empty((0, 2))
     centres = np.array(list(_descend(lengths, *first.tolist()))) / parts
-    # away from the edges of their cells, so that no end is nearer to a corner than bends are
+    # ends stay off the edges of their cells, so that bends are closer to corners
     ends = [np.clip(end, np.floor(end) + _INSIDE, np.floor(end) + 1 - _INSIDE)
             for end in (start, goal)]  # fmt: skip
     taut = _pull_taut(is_open, np.stack([ends[0], *centres, ends[1]]))
@@ -168,7 +168,7 @@ def _taut_line(is_open: Mask, start: Floats, goal: Floats, parts: int = 1) -> Fl
         line = np.stack([start, *inner, goal])
         if is_line_clear(opens(is_open), *map(tuple, line.tolist())):
             return line
-    raise ArithmeticError("the descent of lengths to a goal does not end in sight of it")
+    raise ArithmeticError("the descent of distances does not end in sight of the goal")
 
 
 def _descend(lengths: Floats, row: int, col: int) -> Iterator[tuple[float, float]]:
@@ -184,7 +184,7 @@ def _descend(lengths: Floats, row: int, col: int) -> Iterator[tuple[float, float
         if slopes.flat[steepest] <= 0:
             return
         rows, cols = steepest // 3 - 1, steepest % 3 - 1
-        if rows and cols and closed[1 + rows, 1]:  # round a corner, not right along it
+        if rows and cols and closed[1 + rows, 1]:  # around a corner, not through it
             yield row + 0.5, col + cols + 0.5
         elif rows and cols and closed[1, 1 + cols]:
             yield row + rows + 0.5, col + 0.5
@@ -192,7 +192,7 @@ def _descend(lengths: Floats, row: int, col: int) -> Iterator[tuple[float, float
 
 
 def _pull_taut(is_open: Mask, line: Floats) -> Floats:
-    """Return the shortest line that passes closed cells on the same sides, a little beside them."""
+    """Return the shortest line that passes closed cells on the same sides, at `_BEND_OFFSET`."""
     low = np.maximum(np.floor(line.min(axis=0)).astype(int) - 1, 0)
     high = np.ceil(line.max(axis=0)).astype(int) + 1
     closed = np.pad(~is_open[low[0] : high[0], low[1] : high[1]], 1, constant_values=True)
@@ -201,11 +201,13 @@ def _pull_taut(is_open: Mask, line: Floats) -> Floats:
     quadrant = around[:, corners[:, 0], corners[:, 1]].argmax(axis=0)
     outward = 1 - 2 * np.stack(np.divmod(quadrant, 2), axis=1)
     corners += low
-    bends = corners + _BESIDE * outward
-    behind = bends - _OFF * outward  # right behind a bend; a triangle there keeps the bend
+    bends = corners + _BEND_OFFSET * outward
+    behind = (
+        bends - _BEHIND_OFFSET * outward
+    )  # right behind a bend; a triangle there keeps the bend
 
     def pulled(before: Place, bend: Place, after: Place) -> list[Place]:
-        """Return the bends that hold a line pulled from `bend` towards the others' line."""
+        """Return the bends at which a line caught at `bend` rests once it is pulled straight."""
         side = math.copysign(1.0, _cross(before, after, *bend))
         rows = (before[0], bend[0], after[0])
         first, end = np.searchsorted(corners[:, 0], [min(rows) - _INSIDE, max(rows) + _INSIDE])
@@ -229,7 +231,7 @@ def _pull_taut(is_open: Mask, line: Floats) -> Floats:
     taut, before = list(map(tuple, line.tolist())), math.inf
     while (length := _length(np.array(taut))) < before - _ROUNDING:
         before = length
-        for parity in (1, 0):  # bends whose neighbours stay meanwhile
+        for parity in (1, 0):  # every other bend, so that its neighbours do not move
             inner = (pulled(*taut[k - 1 : k + 2]) if k % 2 == parity else [taut[k]]
                      for k in range(1, len(taut) - 1))  # fmt: skip
             taut = [taut[0], *chain.from_iterable(inner), taut[-1]]
