@@ -110,7 +110,7 @@ REFUSED = [
     (score(transform=(1, 2, 3), align=True), "cannot be given together"),
     (lambda: mapdeal.score(7), "takes files or grids"),
     (merge(["s.json", GRID]), "transforms: must be files, or transforms"),
-    (merge("s.json"), "transforms: must be 2, one for each map but the first"),
+    (merge("s.json"), "transforms: must be 2, one for each map except the first"),
     (merge(["s.json"] * 4), "transforms: 4 files are given, and 2 maps to place"),
     *[(align(prior=odd), "prior") for odd in ([1, 2], "north", 3.0)],
     (lambda: mapdeal.align(np.zeros((2, 3)), GRID), "takes files or grids"),

@@ -23,7 +23,7 @@ EVIDENCE = np.array([[1, 2]])
       for odd in (COSTS, esdf(GRID), field_view(esdf(GRID)))],
     ([GRID, np.zeros((2, 3))], {}, "takes files or grids"),
     ([GRID, GRID], {"rule": "oldest"}, "^rule: must be one of occupied, newest, evidence"),
-    ([GRID, GRID], {"transforms": [None] * 2}, "^transforms: must be 1, one for each map but"),
+    ([GRID, GRID], {"transforms": [None] * 2}, "^transforms: must be 1, one for each map except"),
     ([GRID, GRID], {"transforms": [Transform(1e12, 1e12, 0.3)]}, "must be a finite number"),
     ([GRID, GRID.with_values(GRID.occupancy, (1e9, 0.0, 0.0))], {},
      "^map 1: origin: the maps lie too far apart: "),
