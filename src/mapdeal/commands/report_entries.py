@@ -197,7 +197,7 @@ _OF_PAGE, _PER_LINE = 20_000_000, 16
 """Bytes of a page while it is made, and of each row and column of a map on it."""
 
 _SHARE = 4  # of the memory that may be used the part that grids may take which are kept
-_ROWS = 512
+_ROWS, _OF_BAND = 512, 6  # of a file that is read by rows, and copies of so many of them
 _NO_LIMIT = 1 << 62
 
 
@@ -300,6 +300,8 @@ class Grids:
                     return grid, file
             if file.memory_to_read() <= self._room or not file.has_lazy_rows:
                 return file.read().grid, file
+            band = _OF_BAND * file.memory_to_read() * _ROWS // max(file.shape()[0], _ROWS)
+            claim(path, _OF_PAGE + band + bytes_of_lines(file.shape(), _PER_LINE))
             self._stack.enter_context(stack.pop_all())
             return file.by_rows(block_height=_ROWS).grid, file
 
