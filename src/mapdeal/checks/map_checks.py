@@ -625,7 +625,7 @@ def _failed_maps(folder: Path) -> list[str]:
         entry for entry in (maps if isinstance(maps, list) else [])
         if isinstance(entry, dict) and entry.get("status") == "failed"
     ]  # fmt: skip
-    return [one_line(str(entry.get("error") or entry.get("map"))) for entry in failed]
+    return [one_line(str(entry.get("error") or entry.get("map") or "a map")) for entry in failed]
 
 
 SUMMARY = "summary.json"
