@@ -1,63 +1,34 @@
 """NavFn against Nav2's own answers, and its rules at the edges of cells and of the map."""
 
-import hashlib
-import json
-
 import numpy as np
 import pytest
-import yaml
 
-import mapdeal
 from mapdeal.planners.navfn import NavfnPlanner
-from mapdeal.planners.planner import PlannerGrid, planner_classes
+from mapdeal.planners.planner import PlannerGrid
+from planners.recorded import recorded_plans, sha256
 
 pytestmark = pytest.mark.slow
-
-
-def sha256(array):
-    return hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()
-
-
-def recorded_cases(folder, plugin):
-    for case in json.loads((folder / "expected" / "plans.json").read_text())["cases"]:
-        if case["planner"] != plugin:
-            continue
-        server = yaml.safe_load(case["params"])["planner_server"]["ros__parameters"]
-        values = {name: value for name, value in server["GridBased"].items() if name != "plugin"}
-        yield case, planner_classes()[plugin](values)
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
 @pytest.mark.parametrize("step", [48, pytest.param(1, marks=pytest.mark.thorough)])
 def test_recorded_plans_are_equal_bit_for_bit(real_maps, tmp_path, step):
-    parameters, costmaps, counts = tmp_path / "params.yaml", {}, {True: 0, False: 0}
-    for case, planner in recorded_cases(real_maps, NavfnPlanner.plugin_names[0]):
-        sum_of_costs = case["costmap_sha256"]
-        if sum_of_costs not in costmaps:
-            parameters.write_text(case["params"])
-            robot = mapdeal.read_robot_parameters(parameters)
-            costmap = mapdeal.costmap(real_maps / case["map"], robot)
-            assert sha256(costmap.cost) == sum_of_costs
-            resolution = float(np.float32(costmap.resolution))
-            costmaps[sum_of_costs] = PlannerGrid(costmap.cost, resolution, costmap.origin[:2])
-        grid = costmaps[sum_of_costs]
-        for pair in case["pairs"][int(case["id"][:3]) % step :: step]:
-            start, goal = tuple(pair["start"]), tuple(pair["goal"])
-            plan = planner.plan(grid, start, goal)
-            counts[plan.found] += 1
-            assert (plan.found, plan.reason) == (pair["found"], pair.get("reason"))
-            if "potential_sha256" in pair:
-                potential = planner.potential(grid, start, goal)
-                assert sha256(potential) == pair["potential_sha256"]
-            if plan.found:
-                assert (len(plan.poses), sha256(plan.poses[:, :2])) == (
-                    pair["poses"], pair["path_sha256"]
-                )  # fmt: skip
-                assert plan.length == pytest.approx(pair["length"], abs=1e-9)
-                turn = (plan.poses[-1, 2] - pair["final_pose"][2]) / (2 * np.pi)
-                assert turn == pytest.approx(round(turn), abs=1e-9)
-            elif pair.get("goal_potential") is not None:
-                assert plan.detail.startswith("the search reached the goal, but ")
+    counts = {True: 0, False: 0}
+    plans = recorded_plans(real_maps, tmp_path, NavfnPlanner.plugin_names[0], step)
+    for planner, grid, _, start, goal, answer in plans:
+        plan = planner.plan(grid, start, goal)
+        counts[plan.found] += 1
+        assert (plan.found, plan.reason) == (answer["found"], answer.get("reason"))
+        if "potential_sha256" in answer:
+            assert sha256(planner.potential(grid, start, goal)) == answer["potential_sha256"]
+        if plan.found:
+            assert len(plan.poses) == answer["poses"]
+            assert sha256(plan.poses[:, :2]) == answer["path_sha256"]
+            assert plan.length == pytest.approx(answer["length"], abs=1e-9)
+            turn = (plan.poses[-1, 2] - answer["final_pose"][2]) / (2 * np.pi)
+            assert turn == pytest.approx(round(turn), abs=1e-9)
+        elif answer.get("goal_potential") is not None:
+            assert plan.detail.startswith("the search reached the goal, but ")
     assert min(counts.values()) > 400 / step
 
 
