@@ -41,6 +41,7 @@ pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 DEFAULTS = {
     "shape": "robot_radius: 0.45", "inflation": 0.8, "planner": "tolerance: 0.1, allow_unknown: no"
 }  # fmt: skip
+BAD_START = "the start lies nearer to an obstacle than the inscribed radius"
 START, GOAL = (2.0, 2.0, 0.0), (5.0, 2.0, 0.5)
 
 
@@ -84,8 +85,8 @@ def test_one_step_less_than_a_proposed_value_is_not_enough(tmp_path, setting, fo
 @pytest.mark.parametrize(
     ("start", "goal", "stopped_at", "detail"),
     [((2.0, 2.0), (3.55, 3.95), (3.05, 3.65), "the goal lies in an obstacle"),
-     ((0.62, 0.42), GOAL, (0.65, 0.45),
-      "the start lies nearer to an obstacle than the inscribed radius")],
+     ((0.62, 0.42), GOAL, (0.65, 0.45), BAD_START),
+     ((0.62, 0.42), (3.55, 3.95), (0.65, 0.45), f"{BAD_START} and the goal lies in an obstacle")],
 )  # fmt: skip
 def test_a_closed_start_or_goal_is_the_reason(tmp_path, start, goal, stopped_at, detail):
     report = plan(two_rooms(), robot=robot_file(tmp_path), start=start, goals=[goal])

@@ -447,10 +447,6 @@ def _robot_of(robot: Robot, dialect: Dialect, namespace: str | None) -> RobotPar
     return read_robot_parameters(robot, dialect=dialect, namespace=namespace)
 
 
-def _files_of_sets(texts: Sequence[str]) -> list[list[Path]]:
-    return [[Path(name) for name in text.split(",")] for text in texts]
-
-
 def goals_of(texts: Sequence[str]) -> list[PlanGoal]:
     goals = []
     for text in texts:
@@ -528,7 +524,8 @@ def plan(
     layers: Annotated[Path | None, Words("OUT.npz")] = None,
     expect: Annotated[Path | None, Words("PLAN.json")] = None,
     against: Annotated[
-        Sequence[Robot], Words("FILE", _files_of_sets, is_repeated=True)
+        Sequence[Robot],
+        Words("FILE", lambda sets: [[*map(Path, t.split(","))] for t in sets], is_repeated=True),
     ] = (),
     mask: Annotated[inputs.Map | None, Words()] = None,
     **reading: Unpack[inputs.Reading],

@@ -136,7 +136,7 @@ class PlannerOnMap:
         return float(metres[least]), (round(x, 6), round(y, 6))
 
     def stop_of(self, start: Pose, goal: Pose) -> tuple[tuple[float, float] | None, str | None]:
-        """Return the place nearest to a goal that a search reaches, and which end is closed."""
+        """Return the place nearest to a goal that a search reaches, and which ends are closed."""
         cells = {"start": self.grid.cell_of(start), "goal": self.grid.cell_of(goal)}
         if None in cells.values():
             return None, None
@@ -146,11 +146,14 @@ class PlannerOnMap:
         rows, cols = np.nonzero(reached)
         x, y = _centres(self, rows, cols)
         nearest = int(np.argmin((x - goal[0]) ** 2 + (y - goal[1]) ** 2))
-        end = "start" if len(rows) == 1 else "goal"
-        cost = int(self.grid.costs[cells[end]])
-        is_open = cost == NO_INFORMATION and self.listed.settings.get("allow_unknown", True)
-        text = None if is_open or cost not in _CLOSED else f"the {end} lies {_CLOSED[cost]}"
-        return (round(float(x[nearest]), 6), round(float(y[nearest]), 6)), text
+        is_unknown_open = self.listed.settings.get("allow_unknown", True)
+        closed = _CLOSED.keys() - ({NO_INFORMATION} if is_unknown_open else set())
+        texts = [
+            f"the {end} lies {_CLOSED[cost]}" for end, cell in cells.items()
+            if (cost := int(self.grid.costs[cell])) in closed and (end == "goal" or len(rows) == 1)
+        ]  # fmt: skip
+        place = round(float(x[nearest]), 6), round(float(y[nearest]), 6)
+        return place, " and ".join(texts) or None
 
     def plan_without(self, start: Pose, goal: Pose, cleared: Mask) -> Plan:
         """Return the plan on the map with some cells made free."""
