@@ -303,7 +303,6 @@ def planner_turning_radius(facts: PlannerFacts) -> Iterator[Remark]:
 
 
 def closest_name(name: str, known: Collection[str]) -> str | None:
-    """Return the known name that a name which is not known resembles, if any."""
     if name in known or len(name) > _LONGEST_NAME:
         return None
     return next(iter(get_close_matches(name, known, n=1, cutoff=_LEAST_SIMILARITY)), None)
