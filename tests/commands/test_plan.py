@@ -194,10 +194,14 @@ def test_a_plan_has_its_clearance_and_the_margin_of_the_radius(tmp_path):
 
 
 def test_a_start_on_the_border_that_rounding_moves_outside_is_no_error(tmp_path):
-    grid = OccupancyGrid(np.zeros((20, 40), np.int8), 0.1, (0.3, 0.1, 0.0))
+    cells = np.zeros((20, 40), np.int8)
+    cells[10, 35] = 100
     start = (1.0, 0.1 + 20 * float(np.float32(0.1)) - 1e-10)
-    (goal,) = plan(grid, robot=robot_file(tmp_path), start=start, goals=[(4.0, 1.0)]).goals
-    assert (goal.plan.detail, goal.changes) == ("the start lies in the last half cell", [])
+    robot = robot_file(tmp_path, planner="tolerance: 0.0")
+    grid, goals = OccupancyGrid(cells, 0.1, (0.3, 0.1, 0.0)), [(2.0, 1.0), (3.85, 1.15)]
+    free, occupied = plan(grid, robot=robot, start=start, goals=goals).goals
+    assert (free.plan.detail, free.changes) == ("the start lies in the last half cell", [])
+    assert (occupied.plan.reason, occupied.stopped_at) == ("GoalOccupied", None)
 
 
 @pytest.fixture

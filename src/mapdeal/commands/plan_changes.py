@@ -142,7 +142,9 @@ class PlannerOnMap:
             return None, None
         reached = _reached_cells(self.listed, self.grid, start)
         if search := getattr(self.listed.planner, "potential", None):
-            reached = search(self.grid, start, goal) < UNREACHED
+            if (potential := search(self.grid, start, goal)) is None:
+                return None, None  # the start lies in the last half cell
+            reached = potential < UNREACHED
         rows, cols = np.nonzero(reached)
         x, y = _centres(self, rows, cols)
         nearest = int(np.argmin((x - goal[0]) ** 2 + (y - goal[1]) ** 2))
