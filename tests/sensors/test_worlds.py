@@ -358,7 +358,7 @@ FAULTS = {
     "no size": (sdf(model("<box/>")), "box: size: must be 3 finite numbers, got ''"),
     "nan": (sdf(model("<sphere><radius>nan</radius></sphere>")), "must be 1 finite numbers"),
     "negative": (sdf(model("<sphere><radius>-1</radius></sphere>")), "must be above 0"),
-    "far": (sdf(model("<sphere><radius>1e300</radius></sphere>")), "must lie within 1e+12 m"),
+    "far": (sdf(model("<sphere><radius>1e308</radius></sphere>")), "must lie within 1e+12 m"),
     "pose": (sdf(model(BOX, "1 2 3")), "model m: pose: must be 6 finite numbers"),
     "frame": (sdf(model(BOX, shape_pose="<pose relative_to='q'/>")), "must be a frame here"),
     "empty": (sdf(""), "has no collision shapes"),

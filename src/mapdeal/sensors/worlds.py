@@ -504,14 +504,14 @@ def _holds(ring: Floats, point: Floats) -> bool:
 
 def _sides(radius: float) -> int:
     """Return the number of chords of a circle that stay close to it."""
-    return 4 * min(256, max(4, math.ceil(math.pi / 4 * math.sqrt(radius / (2 * _CHORD)))))
+    return 4 * min(256, max(4, math.ceil(math.pi / 4 * math.sqrt(radius) / math.sqrt(2 * _CHORD))))
 
 
 def _revolved(profile: Sequence[tuple[float, float]], sides: int) -> Floats:
     """Return the surface of revolution of radii and heights, from the lowest to the highest."""
     angles = np.arange(sides) * (2 * math.pi / sides)
     radii, heights = np.array(profile).T[:, :, np.newaxis]
-    radii = radii * 2 / (1 + math.cos(math.pi / sides))  # chords as far inside as corners outside
+    radii = radii * (2 / (1 + math.cos(math.pi / sides)))  # chords as far inside as corners outside
     x, y = radii * np.cos(angles), radii * np.sin(angles)
     rings = np.stack([x, y, np.broadcast_to(heights, x.shape)], axis=2)
     after = np.roll(rings, -1, axis=1)
