@@ -289,6 +289,18 @@ def test_doors_are_gaps_of_walls_between_wider_spaces(boxes, kinds):
     assert {node.metadata["kind"] for node in graph.nodes} & {"door", "narrow"} == kinds
 
 
+def test_doors_of_a_real_floor_are_those_that_a_person_counts(real_maps):
+    grid = mapdeal.read_map(real_maps / "align/PRBonn__tmcl/Faro/FMap.yaml")
+    cols = [28, 100, 107, 116, 146, 174, 181, 270, 346, 422, 490]
+    rows = [116, 142, 202, 116, 164, 210, 118, 120, 168, 170, 116]
+    by_eye = grid.frame.xy_from_rowcol(np.column_stack([rows, cols]))
+    nodes = route_graph_of(reach(grid, radius=0.2), GraphOptions()).graph.nodes
+    doors = np.array([(node.x, node.y) for node in nodes if node.metadata["kind"] == "door"])
+    apart = np.hypot(*(doors[:, np.newaxis] - by_eye).T).min(axis=0)
+    assert len(doors) >= 10
+    assert apart.max() < 0.5
+
+
 def test_a_crowded_graph_keeps_its_doors():
     legs = [
         (k, k + 2, m, m + 2) for k in range(5, 40, 5) for m in [*range(5, 28, 5), *range(54, 80, 5)]

@@ -88,6 +88,8 @@ def route_graph_of(reach: Reach, options: graph_drafts.GraphOptions) -> graph_dr
 
 @dataclass(eq=False)
 class _CompleteDraft(graph_drafts.Draft):
+    are_doors_named: bool = False
+
     # halls
 
     def add_halls(self) -> None:
@@ -387,7 +389,7 @@ class _CompleteDraft(graph_drafts.Draft):
                 row, col = cells[-1].tolist()
                 self.places[end] = (row + 0.5, col + 0.5)
             paths.append(_Path(np.asarray(cells + 0.5), start, end))
-        self.add_paths(paths)
+        self.add_paths(paths, with_doors=bool(len(shorts)) and not self.are_doors_named)
 
     def _cells_between(self, *nodes: int) -> Cells:
         start, end = np.floor(self.at(nodes)).astype(np.int64)
@@ -597,6 +599,7 @@ class _CompleteDraft(graph_drafts.Draft):
         """Change doors to narrow places if they are no gap in a wall between wider spaces."""
         from scipy import ndimage
 
+        self.are_doors_named = True
         doors, found = [node for node in self.nodes() if self.kinds[node] == "door"], list[int]()
         if not doors:
             return
