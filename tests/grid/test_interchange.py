@@ -139,8 +139,15 @@ def test_updates_change_the_map_that_they_belong_to():
     {**MAP.to_msg(), "data": [101] * 8}, {"x": 0, "y": 0, "width": 2, "height": 1, "data": [1]},
 ])  # fmt: skip
 def test_what_is_no_grid_is_refused_in_one_line(message):
-    with pytest.raises(mapdeal.MalformedInputError):
+    with pytest.raises(mapdeal.MalformedInputError) as refused:
         from_msg(message, onto=MAP)
+    assert "Namespace" not in str(refused.value)
+
+
+def test_footprints_may_be_lists():
+    corners = [[0.3, 0.2], [0.3, -0.2], [-0.3, 0.1]]
+    costs = [mapdeal.costmap(MAP, footprint=shape).cost for shape in (corners, str(corners))]
+    assert np.array_equal(*costs)
 
 
 def test_wrong_arguments_are_named():
@@ -162,6 +169,8 @@ def test_wrong_arguments_are_named():
         (lambda: mapdeal.diff(MAP, None), "takes files or grids, got None", ""),
         (lambda: mapdeal.costmap(MAP, robot_radius="x"), "robot_radius: must be float", ""),
         (lambda: mapdeal.costmap(MAP), "needs a robot", "robot_radius=0.2"),
+        (lambda: mapdeal.costmap(MAP, 0.2), "paths of parameter files", "robot_radius=0.2"),
+        (lambda: mapdeal.costmap(MAP, footprint=[1, 2, 3]), "must be a pair of numbers", ""),
         (lambda: OccupancyGrid([[0, 300]], 0.1), "values of int8, got 300", ""),
     ):
         with pytest.raises(mapdeal.ParameterError, match=text) as refused:

@@ -217,7 +217,8 @@ def from_msg(message: Any, onto: OccupancyGrid | None = None) -> OccupancyGrid |
         values = np.asarray(fields.data, dtype=np.int8).reshape(fields.height, fields.width)
         x, y = int(fields.x), int(fields.y)
     except (AttributeError, TypeError, ValueError, OverflowError) as error:
-        raise MalformedInputError(f"is no grid message: {error}", source="message") from None
+        reason = f"it has no {error.name}" if isinstance(error, AttributeError) else error
+        raise MalformedInputError(f"is no grid message: {reason}", source="message") from None
     height, width = values.shape
     if onto is None:
         raise ParameterError("an update needs the map that it changes", place="onto")

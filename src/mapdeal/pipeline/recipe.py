@@ -646,7 +646,8 @@ def read_robot_parameters(
     listed = [paths] if isinstance(paths, str | PathLike) else paths
     are_paths = isinstance(listed, Sequence) and all(isinstance(p, str | PathLike) for p in listed)
     if not are_paths:
-        raise ParameterError("takes paths of parameter files", place="paths", got=paths)
+        hint = "costmap(map, robot_radius=0.2) takes a radius"
+        raise ParameterError("takes paths of parameter files", place="paths", got=paths, hint=hint)
     return read_robot(
         [Path(path) for path in listed],
         costmap=costmap,

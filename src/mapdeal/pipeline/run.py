@@ -247,7 +247,8 @@ def apply_recipe(
 def costmap(
     map: Grid | str | PathLike[str],  # noqa: A002 - the word that users expect
     robot: RobotParameters | str | PathLike[str] | Sequence[str | PathLike[str]] | None = None, *,
-    robot_radius: float | None = None, footprint: Footprint | str | None = None,
+    robot_radius: float | None = None,
+    footprint: Footprint | str | Sequence[Sequence[float]] | None = None,
     costmap: CostmapName = "global", namespace: str | None = None,
     mask: OccupancyGrid | None = None,
 ) -> Costmap:  # fmt: skip
@@ -262,8 +263,8 @@ def costmap(
         default inflation are used, and a radius or a footprint is required.
     robot_radius : float, optional
         Radius of a round robot, metres.
-    footprint : Footprint or str, optional
-        Shape of any other robot: ``"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"``.
+    footprint : Footprint, sequence or str, optional
+        Shape of any other robot: ``[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]``.
     costmap : {'global', 'local'}
         Costmap of the parameter files to compute.
     namespace : str, optional
@@ -298,9 +299,12 @@ def costmap(
         recipe = "nav2"
     elif not isinstance(robot, RobotParameters):
         recipe = recipes.read_robot_parameters(robot, costmap=costmap, namespace=namespace)
-    shape = Footprint.parse(footprint) if isinstance(footprint, str) else footprint
+    if isinstance(footprint, str):
+        footprint = Footprint.parse(footprint)
+    elif isinstance(footprint, list | tuple):
+        footprint = Footprint.polygon(footprint)
     products = apply_recipe(
-        grid, recipe, footprint=shape, robot_radius=robot_radius, mask=mask, canvas="full"
+        grid, recipe, footprint=footprint, robot_radius=robot_radius, mask=mask, canvas="full"
     )
     costs = next((item for item in products.values() if isinstance(item, Costmap)), None)
     if costs is None:
