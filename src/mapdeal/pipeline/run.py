@@ -299,12 +299,11 @@ def costmap(
         recipe = "nav2"
     elif not isinstance(robot, RobotParameters):
         recipe = recipes.read_robot_parameters(robot, costmap=costmap, namespace=namespace)
-    if isinstance(footprint, str):
-        footprint = Footprint.parse(footprint)
-    elif isinstance(footprint, list | tuple):
-        footprint = Footprint.polygon(footprint)
+    shape = Footprint.parse(footprint) if isinstance(footprint, str) else footprint
+    if isinstance(shape, Sequence):
+        shape = Footprint.polygon(shape)
     products = apply_recipe(
-        grid, recipe, footprint=footprint, robot_radius=robot_radius, mask=mask, canvas="full"
+        grid, recipe, footprint=shape, robot_radius=robot_radius, mask=mask, canvas="full"
     )
     costs = next((item for item in products.values() if isinstance(item, Costmap)), None)
     if costs is None:
