@@ -395,6 +395,8 @@ def room() -> int | None:
 
 
 def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> None:
+    if count <= _LITTLE:  # without a look at the system's memory, which takes longer
+        return
     available, budget = room(), _budget()
     if available is None or budget.limit is None or count <= available:
         return
@@ -436,9 +438,10 @@ def check_expansion(
     path: Path | str, stored: int, expanded: int, *, most: int = MOST_EXPANSION, place: str = "",
     on_disk: bool = False,
 ) -> None:  # fmt: skip
+    if expanded <= max(_HARMLESS, most * stored):
+        return
     budget = _budget()
-    is_chosen = budget.limit is not None and not budget.origin and not on_disk
-    if expanded <= max(_HARMLESS, most * stored) or is_chosen:
+    if budget.limit is not None and not budget.origin and not on_disk:  # the limit was chosen
         return
     rule = f"{stored} bytes would expand to {expanded}, more than {most} times as many"
     hint = "--max-memory SIZE reads it within that size, if you trust the file"
