@@ -65,9 +65,8 @@ def samples():
     passage = mapdeal.Passage(1.5, -2.0, 0.8, 12.25, False, ((1.0, -2.0), (2.0, -2.0)))
     merged, costs = mapdeal.merge(shared_maps()), mapdeal.compare_costmaps(costmap, costmap)
     example = mapdeal.read_robot_parameters(EXAMPLES / "robots" / "nav2_params.yaml")
-    robots = mapdeal.compare_robots(
-        mapdeal.read_map(EXAMPLES / "maps" / "office.yaml"), example, example
-    )
+    hall = mapdeal.OccupancyGrid(np.zeros((60, 80), np.int8), 0.05, (1.5, -2.0, 0.0))
+    robots = mapdeal.compare_robots(hall, example, example)
     above = np.array([[0.1 * x, 0.1 * y, 1.0 * (x == 20)] for x in range(21) for y in range(20)])
     inflation = InflationLayer("inflation", 0.2)
     layers = (
