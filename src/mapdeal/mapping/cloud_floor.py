@@ -219,7 +219,7 @@ def _links_of(patches: Patches, side: float, climb: float) -> tuple[Integers, In
 def _lacks_room(patches: Patches, limits: Limits) -> Mask:
     """Return which patches, sorted by tile and height, have less than a robot's height above."""
     # The underside of a slab shows between points on its top. Rims, as at ledges, stay.
-    key = (patches.row - patches.row.min() + 1) * _WIDTH + patches.col - patches.col.min()
+    key = (patches.row - patches.row.min()) * _WIDTH + patches.col - patches.col.min()
     rise = np.diff(patches.z, append=np.inf)
     is_below = (np.diff(key, append=-1) == 0) & (rise > limits.gap) & (rise <= limits.robot_height)
     covered, beside = np.append(key[is_below], np.iinfo(np.int64).max), np.zeros(len(key), np.int8)
