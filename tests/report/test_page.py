@@ -52,6 +52,8 @@ def nasty_report():
 
 def test_the_policy_allows_what_the_page_holds_and_nothing_else():
     page = parsed(Report("office", (entry_of(GRID),), "1.0"))
+    sliders = [attrs for _, attrs in page.tags if "Opacity" in (attrs.get("aria-label") or "")]
+    assert {(a["min"], a["max"], a["value"]) for a in sliders} == {("0", "100", "100")}
     policy = next(
         attrs["content"] for tag, attrs in page.tags
         if tag == "meta" and attrs.get("http-equiv") == "Content-Security-Policy"
