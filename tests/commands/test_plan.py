@@ -65,12 +65,11 @@ def is_found(grid, robot):
     return plan(grid, robot=robot, start=START, goals=[GOAL], no_changes=True).passes
 
 
-@pytest.mark.parametrize(
-    ("setting", "form", "step"),
-    [("inflation_layer.inflation_radius", ("inflation", "{:g}"), 0.01),
-     ("robot_radius", ("shape", "robot_radius: {:g}"), 0.01),
-     ("GridBased.tolerance", ("planner", "tolerance: {:g}, allow_unknown: no"), -0.01)],
-)  # fmt: skip
+@pytest.mark.parametrize(("setting", "form", "step"), [
+    ("inflation_layer.inflation_radius", ("inflation", "{:g}"), 0.01),
+    ("robot_radius", ("shape", "robot_radius: {:g}"), 0.01),
+    ("GridBased.tolerance", ("planner", "tolerance: {:g}, allow_unknown: no"), -0.01),
+])  # fmt: skip
 def test_one_step_less_than_a_proposed_value_is_not_enough(tmp_path, setting, form, step):
     grid = two_rooms()
     (goal,) = plan(grid, robot=robot_file(tmp_path), start=START, goals=[GOAL]).goals
@@ -119,12 +118,11 @@ def test_the_smallest_obstacle_in_the_way_is_named(tmp_path):
     assert (obstacle["x"], obstacle["y"]) == pytest.approx((3.6, 2.1), abs=0.11)
 
 
-@pytest.mark.parametrize(
-    ("door", "values", "name", "value"),
-    [(20, {}, "GridBased.allow_unknown", True),
-     (7, {"shape": "robot_radius: 0.39"}, "footprint_padding", 0.01),
-     (12, {"planner": "max_cycles_factor: 1"}, "GridBased.max_cycles_factor", 2)],
-)  # fmt: skip
+@pytest.mark.parametrize(("door", "values", "name", "value"), [
+    (20, {}, "GridBased.allow_unknown", True),
+    (7, {"shape": "robot_radius: 0.39"}, "footprint_padding", 0.01),
+    (12, {"planner": "max_cycles_factor: 1"}, "GridBased.max_cycles_factor", 2),
+])  # fmt: skip
 def test_other_parameters_that_make_a_path_are_found(tmp_path, door, values, name, value):
     grid, robot = two_rooms(door, unknown=door == 20), robot_file(tmp_path, **values)
     (goal,) = plan(grid, robot=robot, start=START, goals=[(5.9, 2.0)]).goals

@@ -84,14 +84,13 @@ def test_thresholds_in_metres_take_the_place_of_values(name, changes, values):
     assert cost == {**cost, **values}
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["LihanChen2004__pb_rm_simulation/map/RMUC.yaml",
-     "LihanChen2004__pb_rm_simulation/map/RMUL.yaml",
-     "turtlebot__turtlebot_apps/turtlebot_navigation/maps/willow-2010-02-18-0.10.yaml",
-     "ros-navigation__navigation2/nav2_bringup/maps/depot.yaml",
-     "ros-navigation__navigation2/nav2_bringup/maps/warehouse.yaml"],
-)  # fmt: skip
+@pytest.mark.parametrize("name", [
+    "LihanChen2004__pb_rm_simulation/map/RMUC.yaml",
+    "LihanChen2004__pb_rm_simulation/map/RMUL.yaml",
+    "turtlebot__turtlebot_apps/turtlebot_navigation/maps/willow-2010-02-18-0.10.yaml",
+    "ros-navigation__navigation2/nav2_bringup/maps/depot.yaml",
+    "ros-navigation__navigation2/nav2_bringup/maps/warehouse.yaml",
+])  # fmt: skip
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_the_arena_recipe_grades_a_fifth_near_obstacles_on_real_maps(real_maps, name):
     original = grid = read_map(real_maps / name)

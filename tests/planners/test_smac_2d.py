@@ -39,18 +39,17 @@ COSTS[8, :40] = 255
 GRID = PlannerGrid(COSTS, 0.05, (-1.0, 2.0))
 
 
-@pytest.mark.parametrize(
-    ("values", "start", "goal", "reason"),
-    [({}, (-1.1, 3, 0), (0, 3, 0), "StartOutsideMapBounds"),
-     ({}, (0, 3, 0), (2.0, 3, 0), "GoalOutsideMapBounds"),
-     ({}, (0, 3, 0), (1.26, 3, 0), "GoalOccupied"),
-     ({"tolerance": 0.3}, (0, 3, 0), (1.24, 3, 0), None),
-     ({"tolerance": 0.3}, (0, 3, 0), (1.76, 3, 0), "NoValidPathCouldBeFound"),
-     ({"max_iterations": 30}, (0, 3, 0), (0.5, 2.1, 0), "PlannerTimedOut"),
-     ({"max_iterations": 0}, (0, 3, 0), (0.5, 2.1, 0), None),
-     ({}, (1.3, 3, 0), (0, 3, 0), "StartOccupied"),
-     ({"allow_unknown": False}, (0, 3, 0), (0, 2.1, 0), "NoValidPathCouldBeFound")],
-)  # fmt: skip
+@pytest.mark.parametrize(("values", "start", "goal", "reason"), [
+    ({}, (-1.1, 3, 0), (0, 3, 0), "StartOutsideMapBounds"),
+    ({}, (0, 3, 0), (2.0, 3, 0), "GoalOutsideMapBounds"),
+    ({}, (0, 3, 0), (1.26, 3, 0), "GoalOccupied"),
+    ({"tolerance": 0.3}, (0, 3, 0), (1.24, 3, 0), None),
+    ({"tolerance": 0.3}, (0, 3, 0), (1.76, 3, 0), "NoValidPathCouldBeFound"),
+    ({"max_iterations": 30}, (0, 3, 0), (0.5, 2.1, 0), "PlannerTimedOut"),
+    ({"max_iterations": 0}, (0, 3, 0), (0.5, 2.1, 0), None),
+    ({}, (1.3, 3, 0), (0, 3, 0), "StartOccupied"),
+    ({"allow_unknown": False}, (0, 3, 0), (0, 2.1, 0), "NoValidPathCouldBeFound"),
+])  # fmt: skip
 def test_a_plan_fails_with_the_name_of_nav2s_exception(values, start, goal, reason):
     plan = Smac2DPlanner(values).plan(GRID, start, goal)
     assert (plan.found, plan.reason) == (reason is None, reason)

@@ -39,17 +39,16 @@ COSTS[38, 3] = 253
 GRID = PlannerGrid(COSTS, 0.05, (-1.0, 2.0))
 
 
-@pytest.mark.parametrize(
-    ("values", "start", "goal", "reason"),
-    [({}, (-1.1, 3, 0), (0, 3, 0), "StartOutsideMapBounds"),
-     ({}, (0, 3, 0), (2.0, 3, 0), "GoalOutsideMapBounds"),
-     ({}, (0, 3, 0), (0.51, 3, 0), "GoalOccupied"),
-     ({}, (0, 3, 0), (-0.83, 3.92, 0), "PlannerException"),
-     ({}, (0.51, 3, 0), (0, 3, 0), "PlannerException"),
-     ({}, (0, 3, 0), (1.8, 3, 0), None),
-     ({"allow_unknown": False}, (0, 3, 0), (1.8, 3, 0), "NoValidPathCouldBeFound"),
-     ({"how_many_corners": 4}, (0, 3, 0), (0.9, 3, 0), None)],
-)  # fmt: skip
+@pytest.mark.parametrize(("values", "start", "goal", "reason"), [
+    ({}, (-1.1, 3, 0), (0, 3, 0), "StartOutsideMapBounds"),
+    ({}, (0, 3, 0), (2.0, 3, 0), "GoalOutsideMapBounds"),
+    ({}, (0, 3, 0), (0.51, 3, 0), "GoalOccupied"),
+    ({}, (0, 3, 0), (-0.83, 3.92, 0), "PlannerException"),
+    ({}, (0.51, 3, 0), (0, 3, 0), "PlannerException"),
+    ({}, (0, 3, 0), (1.8, 3, 0), None),
+    ({"allow_unknown": False}, (0, 3, 0), (1.8, 3, 0), "NoValidPathCouldBeFound"),
+    ({"how_many_corners": 4}, (0, 3, 0), (0.9, 3, 0), None),
+])  # fmt: skip
 def test_a_plan_fails_with_the_name_of_nav2s_exception(values, start, goal, reason):
     plan = ThetaStarPlanner(values).plan(GRID, start, goal)
     assert (plan.found, plan.reason) == (reason is None, reason)
