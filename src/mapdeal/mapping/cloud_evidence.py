@@ -166,7 +166,6 @@ def stated_floor(columns: Columns, tile: int, height: float, claim: Claim) -> Fl
 
 
 def _in_order(levels: Levels, named: int | None) -> Iterator[int]:
-    """Yield the levels that may be the floor, the likeliest first."""
     if named is not None:
         yield named
     area = levels.area()

@@ -56,7 +56,6 @@ class Patches(NamedTuple):
 
 
 def patches_of(columns: Columns, tile: int, limits: Limits) -> Patches:
-    """Return the thin layers of voxels with room above them, as planes."""
     row, col, z = _thin_layers(columns, limits)
     if not len(z):
         return Patches(*(np.zeros(0, np.int64),) * 2, *(np.zeros(0),) * 4)
@@ -134,7 +133,6 @@ def _ordered(*keys: Integers) -> Integers:
 
 
 def _thin_layers(columns: Columns, limits: Limits) -> tuple[Integers, Integers, Floats]:
-    """Return the row, column and height of layers that may be a surface to drive on."""
     layers = [_open_layers(part, limits.robot_height) for _, part in columns.parts()]
     row, col, z, weights, variances = map(np.concatenate, zip(*layers, strict=True))
     thin = _thin(np.sqrt(variances[weights >= _FEW]), limits.steps)
@@ -145,7 +143,6 @@ def _thin_layers(columns: Columns, limits: Limits) -> tuple[Integers, Integers, 
 def _open_layers(
     columns: Columns, room: float
 ) -> tuple[Integers, Integers, Floats, Floats, Floats]:
-    """Return row, column, height, points and variance of layers with enough room above."""
     z, n = columns.heights, columns.counts.astype(np.float64)
     begins = np.zeros(len(z), np.bool_)
     begins[columns.starts] = True
@@ -174,7 +171,6 @@ _LEAST_THIN, _TIMES_TYPICAL = 0.02, 2.5
 
 
 def _links_of(patches: Patches, side: float, climb: float) -> tuple[Integers, Integers]:
-    """Return the pairs of patches between which a robot can drive."""
     far = max(1, round(_FAR / side))
     width = int(patches.col.max() - patches.col.min()) + 1 + 2 * far
     key = (patches.row - patches.row.min()) * width + patches.col - patches.col.min()
@@ -234,8 +230,6 @@ _MOST_AT_A_RIM = 4  # of the 8 tiles around
 
 
 class Levels:
-    """Patches of a cloud, and the level of each."""
-
     def __init__(self, patches: Patches, side: float, limits: Limits) -> None:
         patches = patches.chosen(np.lexsort((patches.z, patches.col, patches.row)))
         self.patches = patches.chosen(~_lacks_room(patches, limits))
@@ -250,7 +244,6 @@ class Levels:
         self._split()
 
     def area(self) -> Floats:
-        """Return the area of each label, square metres; 0 for unused labels."""
         return np.asarray(np.bincount(self.label) * self.side**2)
 
     def _split(self) -> None:
@@ -286,7 +279,6 @@ class Levels:
         return found
 
     def _joined(self, chosen: Mask) -> Integers:
-        """Return for each chosen patch the first patch that it is connected to."""
         first, second = self._links
         both = chosen[first] & chosen[second]
         return least_joined(first[both], second[both], len(chosen))

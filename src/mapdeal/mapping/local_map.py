@@ -144,7 +144,6 @@ class SeenCloud:
         self._beyond_angle = 0
         self._marks, self._ends = np.zeros((2, 0), dtype=np.int64)
         self.is_hit = np.zeros(self._frame.shape, dtype=np.bool_)
-        """Cells of the window with a point."""
 
     def add(self, points: ArrayLike) -> None:
         points = np.asarray(points, dtype=np.float64)
@@ -368,11 +367,9 @@ class Sightings:
             self._region, self._words = region, self._words_in(region)
 
     def skip(self) -> None:
-        """Count a cloud without evidence."""
         self._count += 1
 
     def add(self, sensor: Integers, ends: Integers, marks: Integers) -> None:
-        """Clear along beams, then mark obstacles."""
         self._count += 1
         corner = np.array(self._region[:2])
         start = sensor - corner

@@ -40,7 +40,6 @@ class Surroundings:
         return self.grid.occupancy.size
 
     def is_open(self, poses: Floats) -> NDArray[np.bool_]:
-        """Return which poses lie in cells that beams can pass."""
         cells, is_inside = self.grid.frame.bounded_rowcol_from_xy(poses[:, :2])
         return np.asarray(is_inside & (self._room[tuple(cells.T)] > 1))
 
@@ -55,7 +54,6 @@ class Surroundings:
         return found
 
     def hit_cells(self, poses: Floats, angles: Floats, lengths: Floats) -> Integers:
-        """Return the obstacles in which beams end, as sorted flat indices."""
         scan, beam = np.nonzero(np.isfinite(lengths))
         headings, reach = poses[scan, 2] + angles[beam], lengths[scan, beam, np.newaxis]
         ends = poses[scan, :2] + reach * np.column_stack([np.cos(headings), np.sin(headings)])

@@ -325,7 +325,6 @@ def fitting(columns: Columns) -> Columns:
 
 
 def _cell_keys(cells: Integers, times: int) -> Integers:
-    """Return the keys of all cells with points, for cells `times` as large."""
     row, col, slab = cells
     keys = np.sort((row // times << 40) + (col // times << 16) + slab)
     return keys[starts_of(keys)]

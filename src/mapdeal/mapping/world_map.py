@@ -94,7 +94,6 @@ class _Runs(NamedTuple):
     frame: Frame
 
     def depths(self) -> Integers:
-        """Return in how many solids each cell is."""
         width = self.frame.width + 1
         change = np.zeros(self.frame.height * width, np.int64)
         for col, sign in ((self.start, 1), (self.stop, -1)):
@@ -102,7 +101,6 @@ class _Runs(NamedTuple):
         return np.asarray(change.reshape(-1, width).cumsum(axis=1)[:, :-1])
 
     def hold(self, solid: Integers, row: Integers, col: Integers) -> Mask:
-        """Return which cells are in a solid."""
         if not len(self.solid):
             return np.zeros(len(solid), np.bool_)
         height, width = self.frame.shape
@@ -171,7 +169,6 @@ def surface_cells(section: Section, frame: Frame, runs: _Runs) -> Mask:
 
 
 def inside_runs(section: Section, frame: Frame) -> _Runs:
-    """Return the cells inside solids, by the winding number of their edges."""
     begin, along, _ = _in_cells(section, frame)
     edge, row, share = _rows_crossed(begin[:, 1], along[:, 1], frame.height)
     x = begin[edge, 0] + share * along[edge, 0]
@@ -213,7 +210,6 @@ def _rows_crossed(begin: Floats, along: Floats, height: int) -> tuple[Integers, 
 
 
 def _in_cells(section: Section, frame: Frame) -> tuple[Floats, Floats, Floats]:
-    """Return where edges begin, their vectors and their lengths, in columns and rows."""
     begin, end = (frame.continuous_rowcol_from_xy(xy)[:, ::-1] for xy in section[:2])
     along = end - begin
     return begin, along, np.hypot(along[:, 0], along[:, 1])

@@ -60,7 +60,6 @@ class Record:
         return columns
 
     def offset(self, column: int) -> int:
-        """Return the bytes of a point before a column."""
         preceding = zip(self.types[:column], self.counts[:column], strict=True)
         return sum(kind.itemsize * count for kind, count in preceding)
 
