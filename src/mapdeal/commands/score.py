@@ -17,6 +17,7 @@ from mapdeal.compare import bounds as score_bounds, faults as finding, score as 
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import SCORE_FORMAT
+from mapdeal.files.source import bytes_of_lines
 from mapdeal.grid.frame import Frame, Transform
 from mapdeal.grid.values import FREE, OCCUPIED, count_text
 from mapdeal.kernels.lookup import histogram
@@ -40,6 +41,7 @@ _AFTER_THICKNESS = (
     "share_one_cell_thick", "corners", "enclosed_areas", "enclosed_m2", "enclosed_pockets"
 )  # fmt: skip
 
+_PER_LINE = 40  # bytes of labels and distances, for each row and column
 _HINT = "--align finds how the maps lie, --transform takes it from a file"
 
 
@@ -347,12 +349,14 @@ def score(
 def _claim(maps: Sequence[inputs.MapInput], reading: inputs.Reading, *, aligns: bool) -> None:
     grids = [source.occupancy for source in maps]
     shape, of_picture = grids[-1].shape, 0
+    lines = bytes_of_lines(shape, _PER_LINE)
     walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
     if len(grids) == 1:
         needed = scoring.bytes_alone(shape, walls)
     else:
         needed = scoring.bytes_to_compare(shape, walls)
         of_picture = scoring.bytes_to_compare(shape, walls, is_drawn=True)
+    needed, of_picture = needed + lines, of_picture + lines
     if aligns:
         needed = max(needed, two_maps.bytes_to_place(maps))
     size = f"{shape[1]} x {shape[0]} cells"

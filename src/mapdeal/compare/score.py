@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.files.source import bytes_of_lines
 from mapdeal.grid import values as map_values
 from mapdeal.grid.canvas import sampled
 from mapdeal.grid.frame import Frame, Transform
@@ -121,7 +120,6 @@ LEAST_ROWS_ALONE = 64
 """Least rows of a band for a map on its own: in fewer, most work would be the rows around."""
 
 _PER_WALL_DRAWN = 40
-_PER_LINE = 40  # of labels and distances, for each row and column
 
 
 def bytes_to_compare(shape: tuple[int, int], walls: int, *, is_drawn: bool = False) -> int:
@@ -144,8 +142,7 @@ def _bytes(
     rows = max(least, TOGETHER // (min(width, across) + around))
     workers = min(thread_count(), -(-height // rows))
     band = of_band * (min(rows, height) + around) * (min(width, across) + around)
-    lines = bytes_of_lines(shape, _PER_LINE)
-    return int(_LIBRARIES + per_cell * height * width + of_walls + workers * band + lines)
+    return int(_LIBRARIES + per_cell * height * width + of_walls + workers * band)
 
 
 _Floats = NDArray[np.floating[Any]]
