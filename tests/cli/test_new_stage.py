@@ -175,5 +175,5 @@ def test_its_parameters_are_checked_and_its_help_is_complete(stats, sh):
     message = "error: --widest: must be a finite number, above 0, got -1.0\n"
     assert sh.err(f"stats {OFFICE} --widest -1", 2) == message
     out = sh.ok("stats --help")
-    assert "What is wider is not a corridor, metres." in out
+    assert "Wider spaces are not corridors, metres." in out
     assert "mapdeal stats examples/maps/office.yaml" in out

@@ -69,14 +69,14 @@ def view(
     paths = [path for folder in sources for path in maps_in(folder, work)]
     report: WrittenReport | None = None
     # maps come first, then the JSON that belongs to them
-    first, *rest = sorted(paths, key=lambda path: path.suffix.lower() == ".json")
-    if first.suffix.lower() in ENDINGS and not rest:
+    first, *following = sorted(paths, key=lambda path: path.suffix.lower() == ".json")
+    if first.suffix.lower() in ENDINGS and not following:
         page = absolute_path(first)
     else:
         settings = work.settings
         name = first.name if is_folder(first) else first.stem
         page = lasting_folder() / f"{name or 'report'}.html"
         report = write_report(
-            page, [first, *rest], dialect=settings.dialect, max_cells=settings.max_cells
+            page, [first, *following], dialect=settings.dialect, max_cells=settings.max_cells
         )
     return Viewed(page, browser and webbrowser.open(page.as_uri()), browser, report)

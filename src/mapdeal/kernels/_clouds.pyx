@@ -8,7 +8,7 @@ The module sensing.py is its face to the rest; the algorithm of marking is in cl
 from libc.math cimport NAN
 from libc.stdint cimport int64_t, uint8_t
 
-cdef extern from "Python.h":
+cdef extern from *:  # of Python.h
     double PyOS_string_to_double(const char *text, char **end, void *overflow) except? -1.0
 
 cdef double[23] POWERS = [10.0 ** k for k in range(23)]
