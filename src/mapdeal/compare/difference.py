@@ -16,7 +16,7 @@ from mapdeal.grid.canvas import region_on_lattice, sampled
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.kernels.components import touching_groups
+from mapdeal.kernels.components import labelled
 from mapdeal.kernels.distance import within_distance
 from mapdeal.kernels.lookup import look_up
 
@@ -128,10 +128,14 @@ class Change:
         cls, kind: ChangeKind, marked: NDArray[np.bool_], frame: Frame, most: int
     ) -> tuple[list[Change], int]:
         """Return the largest regions of cells that touch, corners included, and how many exist."""
-        cells, regions = touching_groups(marked)
-        sizes = np.bincount(regions)
-        order = np.argsort(-sizes, kind="stable")[:most]
-        return [cls.of(kind, cells[regions == region], frame) for region in order], len(sizes)
+        cells = np.flatnonzero(marked)
+        labels = labelled(marked, corners=True)
+        regions, sizes = labels.cells.ravel()[cells], labels.sizes[1:]
+        changes = []
+        for region in np.argsort(-sizes, kind="stable")[:most] + 1:
+            places = np.divmod(cells[regions == region], marked.shape[1])
+            changes.append(cls.of(kind, np.stack(places, axis=1), frame))
+        return changes, len(sizes)
 
     @property
     def place(self) -> str:
