@@ -23,6 +23,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.reach import GoalReach, Passage, Reach, reach_radius
 from mapdeal.grid.values import count_text, decimal_text
+from mapdeal.kernels.threads import tables_claimed
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.styles import cost_change_codes, cost_change_style
@@ -157,8 +158,13 @@ def costmaps_compared(
         frame = difference.frame_around(first.frame, second.frame)
         size = f"{frame.width} x {frame.height} cells"
         needed = _PER_CELL * frame.height * frame.width + bytes_of_lines(frame.shape, _PER_LINE)
-        inputs.claim_for(maps, needed, size, **reading)
-        found = difference.compare_costmaps(first, second)
+
+        def claim_with(changes: int) -> None:
+            inputs.claim_for(maps, needed + changes, size, **reading)
+
+        claim_with(0)
+        with tables_claimed(claim_with):
+            found = difference.compare_costmaps(first, second)
     bounds: tuple[difference.Bound, ...] = ()
     if max_differing is not None:
         bounds = (difference.Bound.on_share(max_differing, found.differing, found.common_cells),)

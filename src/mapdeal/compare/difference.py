@@ -19,6 +19,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.components import labelled
 from mapdeal.kernels.distance import within_distance
 from mapdeal.kernels.lookup import look_up
+from mapdeal.kernels.threads import claim_tables
 
 STATES = ("occupied", "free", "unknown", "between")
 """States of a cell; ``between`` stands for the values 1..99."""
@@ -426,6 +427,9 @@ class CostDifference(codes.OneLine):
         yield from (f"{kind} {change.cells}" for kind, change in self.changes.items())
 
 
+_PER_CHANGE = 30  # bytes of a changed cell, for each kind of change
+
+
 def compare_costmaps(first: Costmap, second: Costmap) -> CostDifference:
     """Compare the costs of two costmaps, such as those of two versions of a robot's parameters.
 
@@ -459,6 +463,7 @@ def compare_costmaps(first: Costmap, second: Costmap) -> CostDifference:
     b, in_second = _costs_on(frame, second, scale)
     is_common = in_first & in_second
     masks = _masks_of_changes(a, b, is_common)
+    claim_tables(_PER_CHANGE * sum(int(np.count_nonzero(mask)) for mask in masks.values()))
     return CostDifference(
         geometry=geometry_pairs(first.frame, second.frame), scale=scale,
         common_cells=int(np.count_nonzero(is_common)),
