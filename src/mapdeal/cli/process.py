@@ -11,6 +11,7 @@ import gc
 import os
 import signal
 import sys
+from collections import deque
 from contextlib import suppress
 
 from mapdeal.cli.signals import end_on_signal, ending, release_reserve
@@ -32,7 +33,9 @@ def run_process() -> NoReturn:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
-    sys.unraisablehook = _report_unless_a_thread_lacks_memory
+    # a thread without memory could not call a function of Python
+    unraisables: deque[sys.UnraisableHookArgs] = deque(maxlen=32)
+    sys.unraisablehook = unraisables.append
     gc.disable()  # until the command is imported, see `begin_work`
     try:
         from mapdeal.kernels.engine import prepare_libraries
@@ -55,6 +58,8 @@ def run_process() -> NoReturn:
             raise
         print(f"error: {refusal}", file=sys.stderr)  # noqa: T201
         code = refusal.exit_code
+    for unraisable in unraisables:
+        _report_unless_a_thread_lacks_memory(unraisable)
     for number in own:  # from here on they come too late
         signal.signal(number, signal.SIG_IGN)
     for stream in (sys.stdout, sys.stderr):
