@@ -462,12 +462,13 @@ def slopes_along_map_axes(values, resolution, yaw):
     return along_x, along_y
 
 
-def best_first(weights, surcharges, start, goal):
+def best_first(weights, surcharges, start, goal, on_near_tie=lambda: None):
     """Cells, cost and number of expanded cells of a search that takes the least g + h first.
 
     h is the octile distance times the least weight, plus the cell's surcharge. Of equal ones the
     latest comes first, and neighbours are looked at row by row. A cell is expanded once. Weights,
-    their diagonals and surcharges are whole numbers of 2^-24.
+    their diagonals and surcharges are whole numbers of 2^-24. Where float32 decides, rounding of
+    the weights would: `on_near_tie` is called.
     """
     unit = 1 << 24
     scaled = [[max(1, round(w * unit)) if w > 0 else 0 for w in row] for row in weights]
@@ -484,6 +485,8 @@ def best_first(weights, surcharges, start, goal):
     while waiting:
         first = min(entry[0] for entry in waiting)
         latest = max(index for index, entry in enumerate(waiting) if entry[0] == first)
+        if any(first < entry[0] < first + (unit >> 12) for entry in waiting):
+            on_near_tie()
         _, so_far, cell = waiting.pop(latest)
         if cell == goal:
             path = []

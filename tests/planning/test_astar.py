@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, reject, strategies as st
 
 import mapdeal
 import oracles
@@ -87,7 +87,9 @@ def test_the_field_in_the_heuristic_is_a_search_by_cost_and_estimate(
     for cell in np.ndindex(costmap.shape):
         metres = heuristic_weight * max(0.0, 1 - np.float32(max(distance[cell], 0.0)) / 2.0)
         surcharges[cell] = metres / costmap.resolution
-    cells, cost, expanded = oracles.best_first(weights.tolist(), surcharges.tolist(), start, goal)
+    cells, cost, expanded = oracles.best_first(
+        weights.tolist(), surcharges.tolist(), start, goal, on_near_tie=reject
+    )
     route = shortest_route(
         costmap, *ends, field_weight=field_weight, heuristic_weight=heuristic_weight
     )
