@@ -288,3 +288,11 @@ def test_a_bent_map_is_bent_and_has_no_ghosts(true_map):
     assert verdict(found) == "bent"
     assert found[0].amount == pytest.approx(0.4, abs=0.12)
     assert "ghost walls" not in {fault.kind for fault in found}
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_origins_are_equal_up_to_the_digits_of_an_alignment(axis):
+    first = OccupancyGrid([[0, 100, -1]], RES, (1.0, -2.0, 0.3))
+    for cells, is_equal in ((5e-6, True), (2e-5, False)):
+        moved = np.array(first.origin) + np.eye(3)[axis] * cells * RES
+        assert compare(first, OccupancyGrid(first.occupancy, RES, moved)).is_equal == is_equal

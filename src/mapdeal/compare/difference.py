@@ -242,6 +242,9 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
     )
 
 
+_SAME_ORIGIN = 1e-5  # cells: the digits of files, and of an alignment, end before
+
+
 def geometry_pairs(first: Frame, second: Frame) -> dict[str, tuple[Any, Any]]:
     pairs: dict[str, tuple[Any, Any]] = {
         "width": (first.width, second.width),
@@ -249,6 +252,8 @@ def geometry_pairs(first: Frame, second: Frame) -> dict[str, tuple[Any, Any]]:
         "resolution": (first.resolution, second.resolution),
         "origin": (list(first.origin), list(second.origin)),
     }
+    if np.allclose(first.origin, second.origin, rtol=0, atol=_SAME_ORIGIN * first.resolution):
+        del pairs["origin"]
     return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
