@@ -13,15 +13,21 @@ from mapdeal.kernels.navfn import UNREACHED, cost_table, potentials, traced_path
 from mapdeal.kernels.smac import grid_path, grid_step_costs, smooth_once, theta_costs
 
 
-@st.composite
-def searches(draw):
-    """A costmap of blobs, a start, a target, and whether unknown cells are open."""
-    shape = draw(st.integers(3, 40)), draw(st.integers(3, 40))
+def blobs(draw, lengths):
+    """Return a costmap of blobs, and its random numbers."""
+    shape = draw(lengths), draw(lengths)
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     smooth = ndimage.gaussian_filter(rng.random(shape), draw(st.sampled_from([0.5, 1.5, 3])))
     ranks = smooth.ravel().argsort().argsort().reshape(shape) / smooth.size
     costs = np.clip((ranks - 0.3) * 360, 0, 255).astype(np.uint8)
-    start, target = (tuple(rng.integers(0, shape[::-1]).tolist()) for _ in range(2))
+    return costs, rng
+
+
+@st.composite
+def searches(draw):
+    """A costmap of blobs, a start, a target, and whether unknown cells are open."""
+    costs, rng = blobs(draw, st.integers(3, 40))
+    start, target = (tuple(rng.integers(0, costs.shape[::-1]).tolist()) for _ in range(2))
     return costs, start, target, draw(st.booleans())
 
 
@@ -70,11 +76,7 @@ def test_a_path_in_the_open_is_straight(each_engine):
 @st.composite
 def grid_searches(draw):
     """A costmap of blobs, a start, a goal, and whether unknown cells are open."""
-    shape = draw(st.integers(2, 30)), draw(st.integers(2, 30))
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    smooth = ndimage.gaussian_filter(rng.random(shape), draw(st.sampled_from([0.5, 1.5, 3])))
-    ranks = smooth.ravel().argsort().argsort().reshape(shape) / smooth.size
-    costs = np.clip((ranks - 0.3) * 360, 0, 255).astype(np.uint8)
+    costs, rng = blobs(draw, st.integers(2, 30))
     start, goal = rng.integers(0, costs.size, 2).tolist()
     return costs, start, goal, draw(st.booleans())
 
