@@ -202,9 +202,7 @@ def _pull_taut(is_open: Mask, line: Floats) -> Floats:
     outward = 1 - 2 * np.stack(np.divmod(quadrant, 2), axis=1)
     corners += low
     bends = corners + _BEND_OFFSET * outward
-    behind = (
-        bends - _BEHIND_OFFSET * outward
-    )  # right behind a bend; a triangle there keeps the bend
+    behind = bends - _BEHIND_OFFSET * outward  # a triangle there keeps the bend
 
     def pulled(before: Place, bend: Place, after: Place) -> list[Place]:
         """Return the bends at which a line caught at `bend` rests once it is pulled straight."""

@@ -44,7 +44,8 @@ _AHEAD, _SIGHT, _FINEST = 1.2, 3.0, 0.01
 """Metres in front of a door up to which the spaces on both sides are seen, how far aside, and the
 least distance of the places that are looked at."""
 _WIDER, _MUCH_WIDER = 1.8, 2.5  # ratios of the widths seen on both sides to that of the door
-_WIDE, _OF_WIDE, _WIDE_ENOUGH = 1.0, 3.0, 5.5  # metres: wide doors need this ratio, or this width
+_WIDE_DOOR, _WIDE_RATIO, _WIDE_SPACE = 1.0, 3.0, 5.5
+"""From this width of a door on, metres, one space is so many times as wide, or has this width."""
 
 _LONGEST = 1.25  # of the spacing: longer lines get a node
 _SHORT_CUT = 1.5
@@ -646,7 +647,7 @@ class _CompleteDraft(graph_drafts.Draft):
         across = (units[pair[0]] - units[pair[1]]) / 2
         widths = sorted(self._width_seen(place, across, turn, labels) for turn in (1, -1))
         width = self.widths[node]
-        much = _MUCH_WIDER * width if width <= _WIDE else min(_OF_WIDE * width, _WIDE_ENOUGH)
+        much = _MUCH_WIDER * width if width <= _WIDE_DOOR else min(_WIDE_RATIO * width, _WIDE_SPACE)
         return bool((np.multiply(widths, self.cell) >= [_WIDER * width, much]).all())
 
     def _width_seen(
