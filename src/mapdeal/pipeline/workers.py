@@ -336,12 +336,18 @@ def _client(address: str) -> Any:
         if name.partition(".")[0] in ("asyncio", "distributed", "tornado"):
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     client_type: Any = distributed.Client
-    connect = partial(client_type, timeout=_TIMEOUT, set_as_default=False, name="mapdeal")
+    client = client_type.__new__(client_type)
+    connect = partial(client.__init__, timeout=_TIMEOUT, set_as_default=False, name="mapdeal")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # such as different Python versions
-            return _within_timeout(connect, address)
+            _within_timeout(connect, address)
+        return client
     except Exception as error:  # noqa: BLE001 - any type if another program answers
+        # A client without a connection that only the garbage collector closes blocks its own
+        # event loop until a timeout, and with it the next client.
+        with suppress(Exception):
+            client.close(timeout=_TIMEOUT)
         scheme = address.partition(":")[0]
         if isinstance(error, OSError | distributed.TimeoutError):  # not an OSError in Python 3.10
             rule = f"the scheduler does not answer: {_first_line(error)}"
