@@ -1,6 +1,8 @@
 """One pass through a lazy layer for all files that are made of it."""
 
 import errno
+import gc
+import weakref
 from contextlib import contextmanager
 
 import numpy as np
@@ -126,9 +128,13 @@ def building(tmp_path):
     (2 * CELLS, {"distances": 3 * 613, "costs": 613}),  # the inflated map is kept, and costs
     (9 * CELLS, {"distances": 613, "costs": 613}),
 ])  # fmt: skip
-def test_layers_are_made_once_for_figures_and_once_for_all_files(
+def test_layers_are_made_once_for_figures_and_once_for_all_files_and_then_released(
     building, tmp_path, monkeypatch, room, expected
 ):
+    layers, set_up = weakref.WeakSet(), LazyLayer.__init__
+    monkeypatch.setattr(LazyLayer, "__init__", lambda layer, *args, **options: (
+        layers.add(layer), set_up(layer, *args, **options)
+    )[1])  # fmt: skip
     counts = {"distances": 0, "costs": 0}
 
     def count(kind, owner, name, rows_of):
@@ -147,5 +153,9 @@ def test_layers_are_made_once_for_figures_and_once_for_all_files(
     count("costs", exponential.BaseCosts, "costs", lambda _, rows: rows.stop - rows.start)
     monkeypatch.setattr(memory, "_plan_blocks", in_blocks_of_40_rows)
     recipe, settings = load_recipe("default"), Settings(threads=1, images=False)
+    gc.disable()
     run_map(building, tmp_path / "out", recipe, settings)
+    is_released = not layers
+    gc.enable()
     assert counts == expected
+    assert is_released  # nothing but references counts, so that maps of a batch do not add up

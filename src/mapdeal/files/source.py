@@ -47,12 +47,18 @@ def access_to(path: Path, action: str = "read") -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        is_missing = isinstance(error, FileNotFoundError)
-        is_link = is_missing and path.is_symlink()
-        why = "it is a link to nothing" if is_link else error.strerror or error
-        problem = FileAccessError(f"cannot be {action}: {why}", source=path)
-        problem.is_missing = is_missing
-        raise problem from None
+        # An exception in a variable of its own traceback would live until garbage is collected,
+        # and with it the grids of all callers.
+        raise _access_error(path, action, error) from None
+
+
+def _access_error(path: Path, action: str, error: OSError) -> FileAccessError:
+    is_missing = isinstance(error, FileNotFoundError)
+    is_link = is_missing and path.is_symlink()
+    why = "it is a link to nothing" if is_link else error.strerror or error
+    problem = FileAccessError(f"cannot be {action}: {why}", source=path)
+    problem.is_missing = is_missing
+    return problem
 
 
 def _can_be_name(path: Path) -> bool:

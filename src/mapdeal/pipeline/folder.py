@@ -178,24 +178,21 @@ def one_pass(transaction: Transaction, grid: Grid) -> Iterator[Grid]:
     if not grid.is_lazy:
         yield grid
         return
-    rows = _Pass(grid)
+    rows = _Pass(grid.layer)
     with transaction.together(rows.write_all):
-        yield rows.pass_grid
+        yield grid.with_layer(made_by_rows(grid.layer, grid.layer.dtype, rows.handed_on))
 
 
 class _Pass:
-    def __init__(self, grid: Grid) -> None:
-        layer = grid.layer
-
-        def handed_on(rows: slice) -> NDArray[np.generic]:
-            values = layer[rows]
-            self._hand_on(rows)
-            return values
-
+    def __init__(self, layer: Any) -> None:
         self._layer = layer
         self._next = 0
         self._row_writers: list[tuple[Path, PutRows]] = []
-        self.pass_grid: Grid = grid.with_layer(made_by_rows(layer, layer.dtype, handed_on))
+
+    def handed_on(self, rows: slice) -> NDArray[np.generic]:
+        values: NDArray[np.generic] = self._layer[rows]
+        self._hand_on(rows)
+        return values
 
     def write_all(self, files: Sequence[OpenOutput]) -> None:
         finishes = []
@@ -214,6 +211,7 @@ class _Pass:
         for path, finish in finishes:
             with _failing_at(path):
                 finish()
+        self._row_writers.clear()  # they refer to this pass
 
     def _hand_on(self, rows: slice) -> None:
         if rows.start != self._next:  # a second request of the same rows
