@@ -109,7 +109,7 @@ def test_layers_hold_what_the_files_hold_whether_they_fit_the_memory_or_not(
     run, rooms, fits, monkeypatch
 ):
     if not fits:
-        monkeypatch.setattr("mapdeal.commands.report_entries.memory_limit", lambda: (0, ""))
+        monkeypatch.setattr("mapdeal.commands.report_entries.room", lambda: 0)
     with Grids(DEFAULT_SETTINGS) as grids:
         layers = gathered([run, rooms], grids).entries[0].layers
         values = [layer.values[:] for layer in layers]
@@ -177,7 +177,7 @@ def test_shares_are_those_of_the_map_as_read_and_not_of_what_a_run_made_of_it(ru
 @pytest.mark.parametrize("fits", [True, False])
 def test_what_reading_a_map_warns_of_is_on_the_page_and_given_once(tmp_path, fits, monkeypatch):
     if not fits:
-        monkeypatch.setattr("mapdeal.commands.report_entries.memory_limit", lambda: (0, ""))
+        monkeypatch.setattr("mapdeal.commands.report_entries.room", lambda: 0)
     dark = np.full((8, 20), -1, np.int8)
     paths = [reported.write_cells(tmp_path / f"{name}.yaml", dark) for name in ("one", "two")]
     with pytest.warns(mapdeal.MapdealWarning, match="known") as caught:

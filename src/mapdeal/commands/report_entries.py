@@ -29,7 +29,7 @@ from mapdeal.files.source import (
     exists,
     holds,
     is_same_file,
-    memory_limit,
+    room,
     sums_of_reads,
 )
 from mapdeal.grid.costmap import CostCurve
@@ -196,8 +196,8 @@ def _first(found: Sequence[Kind], make_item: Callable[[str], Kind]) -> tuple[Kin
 _OF_PAGE, _PER_LINE = 20_000_000, 16
 """Bytes of a page while it is made, and of each row and column of a map on it."""
 
-_SHARE = 4  # of the memory that may be used the part that grids may take which are kept
-_ROWS, _OF_BAND = 512, 6  # of a file that is read by rows, and copies of so many of them
+_SHARE = 4  # grids in memory may use a quarter of the free memory
+_ROWS, _OF_BAND = 512, 7  # of a file that is read by rows, and copies of so many of them
 _NO_LIMIT = 1 << 62
 
 
@@ -218,8 +218,8 @@ class Grids:
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
-        limit, _ = memory_limit()
-        self._room = _NO_LIMIT if limit is None else limit // _SHARE
+        free = room()
+        self._room = _NO_LIMIT if free is None else free // _SHARE
         self._stack = ExitStack()
         self._opened: dict[Path, Opened] = {}
         self._grids: OrderedDict[Path, Grid] = OrderedDict()
@@ -301,7 +301,8 @@ class Grids:
             if file.memory_to_read() <= self._room or not file.has_lazy_rows:
                 return file.read().grid, file
             band = _OF_BAND * file.memory_to_read() * _ROWS // max(file.shape()[0], _ROWS)
-            claim(path, _OF_PAGE + band + bytes_of_lines(file.shape(), _PER_LINE))
+            count = _OF_PAGE + band + bytes_of_lines(file.shape(), _PER_LINE)
+            claim(path, count * _SHARE // (_SHARE - 1))  # beside the grids that are kept
             self._stack.enter_context(stack.pop_all())
             return file.by_rows(block_height=_ROWS).grid, file
 
@@ -322,7 +323,9 @@ class Grids:
         """Store a grid, and drop the least recently used ones if memory runs out."""
         self._grids[path] = grid
         while len(self._grids) > 1 and self.bytes_in_memory > self._room:
-            self._grids.popitem(last=False)
+            dropped, _ = self._grids.popitem(last=False)
+            if self._layer_read is not None and self._layer_read[0][0] == dropped:
+                self._layer_read = None
 
 
 NOT_SHOWN = "not shown"  # the status of a run of a batch that is in no folder of it
