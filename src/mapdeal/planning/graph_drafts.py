@@ -231,9 +231,10 @@ class Draft:
     def cells_of(self, nodes: Sequence[int], step: int = 1) -> Cells:
         return flat_cells(self.at(nodes), self.is_open.shape, step)
 
-    def uncovered(self, nodes: Sequence[int]) -> NDArray[np.bool_]:
-        """Return the reached cells farther than `cover` from all of some nodes."""
-        return far_from(self.is_open, self.at(nodes), self.limit)
+    def uncovered(self, nodes: Sequence[int], step: int = 1) -> NDArray[np.bool_]:
+        """Return the reached cells, or blocks of cells, farther than `cover` from all the nodes."""
+        is_open = self.is_open if step == 1 else self.coarse >= 0
+        return far_from(is_open, self.at(nodes) / step, self.limit // step)
 
     def move_all(self, moves: Sequence[tuple[int, int, Sequence[int]]]) -> list[bool]:
         """Merge nodes into their replacements where the robot can follow the new edges."""

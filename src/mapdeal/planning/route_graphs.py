@@ -543,11 +543,14 @@ class _CompleteDraft(graph_drafts.Draft):
 
     def _drop_dead_ends(self) -> None:
         """Drop dead ends whose cells all lie near other nodes."""
+        # By blocks of cells, which are fewer; what that misses `cover_all` covers again.
+        is_open = self.coarse >= 0
         while self.is_crowded:
             ends = [node for node, beside in self.beside.items()
                     if len(beside) == 1 and self.kinds[node] != "goal"]  # fmt: skip
-            missing = self.uncovered(sorted(set(self.nodes()).difference(ends)))
-            _, nearest = nearest_from(self.is_open, self.cells_of(ends), limit=self.limit)
+            missing = self.uncovered(sorted(set(self.nodes()).difference(ends)), self.step)
+            cells = self.cells_of(ends, self.step)
+            _, nearest = nearest_from(is_open, cells, limit=self.limit // self.step)
             needed = set(nearest[missing].tolist())
             free = [node for k, node in enumerate(ends) if k not in needed]
             for node in free[: self.excess]:
