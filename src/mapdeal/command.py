@@ -38,6 +38,7 @@ from typing import (
 
 import numpy as np
 
+from mapdeal.compatibility import Unpack
 from mapdeal.errors import ParameterError, as_known, nearest_hint
 from mapdeal.grid.canvas import FieldGrid, on_canvas
 from mapdeal.grid.costmap import CostCurve
@@ -329,7 +330,8 @@ def _footprint(_: str, value: object) -> Footprint:
     if isinstance(value, Mapping) and list(value) == ["radius"]:
         return Footprint.circle(_RADIUS.accept(value["radius"]))
     rule = "must look like [[x1, y1], [x2, y2], ...] or {radius: R}"
-    raise ParameterError(rule, place="footprint", got=value)
+    hint = _ROUND if isinstance(value, Real) else None
+    raise ParameterError(rule, place="footprint", got=value, hint=hint)
 
 
 _STRUCTURED: dict[Any, Callable[[str, object], Any]] = {Footprint: _footprint}
@@ -706,15 +708,35 @@ def with_plain_errors(function: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(function)
     def checked_call(*args: P.args, **kwargs: P.kwargs) -> R:
         bound = _bound(function.__name__, signature, args, kwargs)
+        if bound.arguments.get("footprint") is not None:
+            bound.arguments["footprint"] = _footprint("footprint", bound.arguments["footprint"])
         try:
-            return function(*args, **kwargs)
+            return function(*bound.args, **bound.kwargs)
         except (TypeError, AttributeError):
+            _bound(function.__name__, _with_names_of_more(signature, hints()), args, kwargs)
             for name, value in bound.arguments.items():
                 if signature.parameters[name].kind in _NAMED:
                     _check_type(value, hints().get(name, Any), f"{function.__name__}()", name)
             raise
 
     return checked_call
+
+
+def _with_names_of_more(
+    signature: inspect.Signature, hints: Mapping[str, Any]
+) -> inspect.Signature:  # fmt: skip
+    """Return a signature with the names of a typed dictionary of further keyword arguments."""
+    parameters = []
+    for parameter in signature.parameters.values():
+        if parameter.kind is not parameter.VAR_KEYWORD:
+            parameters.append(parameter)
+        elif get_origin(hint := hints.get(parameter.name)) is Unpack:
+            names = get_args(hint)[0].__annotations__
+            parameters += [inspect.Parameter(name, parameter.KEYWORD_ONLY, default=None)
+                           for name in names]  # fmt: skip
+        else:
+            parameters.append(parameter)
+    return signature.replace(parameters=parameters)
 
 
 def _bound(
@@ -734,9 +756,12 @@ def _bound(
     unknown = [word for word in kwargs if word not in parameters]
     if unknown:
         hint = nearest_hint(unknown[0], parameters)
+        if "radius" in unknown[0] and "footprint" in parameters:
+            hint = hint or _ROUND
     raise ParameterError(text, source=f"{name}()", hint=hint)
 
 
+_ROUND = "footprint=mapdeal.Footprint.circle(0.2) is a round robot"
 _AS_GRID: dict[type[Any], str] = {
     str: "mapdeal.read_map(path) reads a map",
     np.ndarray: "mapdeal.OccupancyGrid(array, resolution, origin) is a map",

@@ -185,7 +185,7 @@ def test_maps_that_are_too_far_apart():
 
 
 @pytest.mark.parametrize(("footprint", "words", "error"), [
-    (0.5, {"paths": "m.yaml"}, "footprint: must be a Footprint"),
+    (0.5, {"paths": "m.yaml"}, "footprint: must look like"),
     (mapdeal.Footprint.circle(0.5), {"params_file": "p.yaml"}, "footprint: needs a MAP"),
 ])  # fmt: skip
 def test_footprints_of_lint(footprint, words, error):

@@ -156,11 +156,9 @@ def test_wrong_arguments_are_named():
     for call, text, hint in (
         (lambda: mapdeal.inflate(MAP, 0.3), "too many positional arguments", "radius=..."),
         (lambda: mapdeal.inflate(MAP, radus=0.3), "keyword argument 'radus'", "radius?"),
-        (
-            lambda: mapdeal.footprint_costs(robot, costs, [[0, 0, 0]]),
-            "costmap: must be Costmap",
-            "",
-        ),
+        (lambda: mapdeal.footprint_costs(robot, costs, []), "footprint: .* got Costmap", ""),
+        (lambda: mapdeal.graph(MAP, radius=0.2), "keyword argument 'radius'", "Footprint.circle"),
+        (lambda: mapdeal.graph(MAP, max_memry=1), "argument 'max_memry'", "max_memory?"),
         (lambda: mapdeal.footprint_costs("a.npz", robot, [[0, 0, 0]]), "got 'a.npz'", "read_map"),
         (lambda: mapdeal.footprint_costs(costs.cost, robot, [[0, 0, 0]]), "Costmap", "Occupancy"),
         (lambda: mapdeal.read_map(3), "path: must be str or PathLike, got 3", ""),

@@ -284,8 +284,6 @@ def lint(
         inputs.refuse("needs --params-file", costmap=costmap, namespace=namespace)
     if costmap is not None:
         check_choice(costmap, CostmapName, "costmap")
-    if footprint is not None and not isinstance(footprint, Footprint):
-        raise errors.ParameterError("must be a Footprint", place="footprint", got=footprint)
     if fix and (files or footprint is not None):
         rule, hint = "cannot be given together with --fix", "--fix repairs maps only"
         raise errors.ParameterError(rule, place="params_file" if files else "footprint", hint=hint)

@@ -369,9 +369,6 @@ def load_recipe(
     >>> load_recipe("nav2", {"cost.inflation_radius": 0.8})
     Recipe(esdf -> cost exponential)
     """
-    if footprint is not None and not isinstance(footprint, Footprint):
-        hint = "Footprint.circle(radius) or Footprint.polygon([(x, y), ...]) makes one"
-        raise ParameterError("must be a Footprint", place="footprint", got=footprint, hint=hint)
     footprint = shape_of(footprint, robot_radius)
     if isinstance(recipe, Recipe):
         if changes or footprint is not None or sim or robot is not None:

@@ -299,9 +299,7 @@ def costmap(
         recipe = "nav2"
     elif not isinstance(robot, RobotParameters):
         recipe = recipes.read_robot_parameters(robot, costmap=costmap, namespace=namespace)
-    shape = Footprint.parse(footprint) if isinstance(footprint, str) else footprint
-    if isinstance(shape, Sequence):
-        shape = Footprint.polygon(shape)
+    shape: Any = footprint
     products = apply_recipe(
         grid, recipe, footprint=shape, robot_radius=robot_radius, mask=mask, canvas="full"
     )
