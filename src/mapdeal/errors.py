@@ -46,16 +46,20 @@ _LISTENERS: ContextVar[tuple[tuple[list[MapdealWarning], bool], ...]] = ContextV
 _STRICT: ContextVar[tuple[list[MapdealWarning], ...]] = ContextVar("mapdeal_strict", default=())
 
 
-def emit_warning(message: str | MapdealWarning, *, stacklevel: int = 1) -> None:
-    """Emit a warning like `warnings.warn`, also to enclosing blocks that collect warnings."""
+def emit_warning(message: str | MapdealWarning) -> None:
+    """Emit a warning at the caller of mapdeal, also to enclosing blocks that collect warnings."""
     warning = MapdealWarning(message) if isinstance(message, str) else message
     for collected, captures in reversed(_LISTENERS.get()):
         collected.append(warning)
         if captures:
             return
-    while sys._getframe(stacklevel).f_code.co_name == "checked_call":  # noqa: SLF001
-        stacklevel += 1  # the wrapper around public functions is not whom a warning is for
-    warnings.warn(warning, stacklevel=stacklevel + 1)
+    outermost, depth, frame = 1, 1, sys._getframe().f_back  # noqa: SLF001
+    while frame is not None:
+        depth += 1
+        if str(frame.f_globals.get("__name__")).partition(".")[0] == "mapdeal":
+            outermost = depth
+        frame = frame.f_back
+    warnings.warn(warning, stacklevel=outermost + 1)
 
 
 @contextmanager

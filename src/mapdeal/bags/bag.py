@@ -205,7 +205,7 @@ class Bag(ABC):
         """Warn of a fault of the bag, unless the same warning was emitted before."""
         if text not in self._remarks:
             self._remarks.append(text)
-            emit_warning(f"{self.path}: {text}", stacklevel=3)
+            emit_warning(f"{self.path}: {text}")
 
     def of_types(self, *types: str) -> list[Connection]:
         return [connection for connection in self.connections if connection.type in types]

@@ -443,7 +443,7 @@ def write_bag(
         topic = COSTS_TOPIC if isinstance(grid, Costmap) else MAP_TOPIC
     if isinstance(grid, Costmap) and grid.scale == "costmap2d" and is_ros1:
         text = f"{output}: ROS 1 publishes costs as 0 to 100; those of costmap_2d are made so"
-        emit_warning(text, stacklevel=2)
+        emit_warning(text)
         grid = grid.to_occupancy()
     topic, frame = check_topic(topic), check_frame(frame)
     with _scratch(output) as folder:

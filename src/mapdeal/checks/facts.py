@@ -596,7 +596,7 @@ def _gather_pair(
         kind, pixels, cells = _count_pixels(strips, metadata, image)
     if pixels.lost:
         text = f"{image}: {map_server.remark_on_lost(pixels.lost)}"
-        emit_warning(MapdealWarning(text, "image.raw-values"), stacklevel=2)
+        emit_warning(MapdealWarning(text, "image.raw-values"))
     comments = IMAGE_FORMATS[kind.file_format].comments(head[:_HEAD])
     frame = Frame(*strips.shape, metadata.resolution, metadata.origin)
     pair = PairFacts(path, entries, metadata, image, kind, pixels, frame, comments)
@@ -611,7 +611,7 @@ def _gather_pair(
 
 def _warn_of_view(path: Path, scale: ViewScale) -> None:
     text = f"{path}: is the 0..100 view of a distance field ({scale.described()}), not a map"
-    emit_warning(MapdealWarning(text, "map.view"), stacklevel=3)
+    emit_warning(MapdealWarning(text, "map.view"))
 
 
 def _count_pixels(

@@ -173,14 +173,14 @@ def _parts(source: ScanSource, limits: BeamLimits, *, is_reported: bool = False)
             is_reported = True
             largest = np.abs(arrays.angles).max()
             text = f"{source.named}: angles of up to {largest:.6g} rad: are they in degrees?"
-            emit_warning(text, stacklevel=2)
+            emit_warning(text)
         for scans in Scans(*arrays).parts():
             yield beams_of(scans, limits), scans.count
 
 
 def _warn_if_unknown(grid: OccupancyGrid, path: Path) -> None:
     if not np.any(grid.occupancy >= 0):
-        emit_warning(f"{path}: no beam reaches the grid: the whole map is unknown", stacklevel=2)
+        emit_warning(f"{path}: no beam reaches the grid: the whole map is unknown")
 
 
 def _warn_of_vanished(built: mapping.BuiltMap, builder: mapping.MapBuilder, path: Path) -> None:
@@ -191,7 +191,6 @@ def _warn_of_vanished(built: mapping.BuiltMap, builder: mapping.MapBuilder, path
         f"{path}: {count_text(len(vanished), 'group')} of cells hit {OFTEN} times and more left "
         f"nothing occupied within {NEAR} cells; {which} has {vanished.sizes[0]} cells, around "
         f"{x:.2f}, {y:.2f}; {builder.advice(vanished)}; --compare shows what each method loses",
-        stacklevel=2,
     )
 
 
@@ -419,7 +418,7 @@ def _map_of_world(
         )  # fmt: skip
     if enclosed_m2 >= _LEAST_ENCLOSED:
         text = f"{path}: {decimal_text(enclosed_m2, 3)} m2 of free space behind walls are unknown"
-        emit_warning(f"{text}: --at X,Y,Z maps the space at a place", stacklevel=2)
+        emit_warning(f"{text}: --at X,Y,Z maps the space at a place")
     return world, grid
 
 

@@ -139,7 +139,7 @@ def _of_bag(
     missing = len(posed.known) - len(numbers)
     if missing:
         text = f"{path}: {missing} of {len(posed.known)} clouds are left out: where the sensor was"
-        emit_warning(f"{text} is not known", stacklevel=2)
+        emit_warning(f"{text} is not known")
 
     def placed() -> Iterator[_Placed]:
         for number in numbers.tolist():
@@ -193,23 +193,23 @@ def _warn(cloud_map: CloudMap, options: CloudOptions, named: Path) -> None:
     if cloud_map.tilt > _TILTED and not options.level:
         tilt = f"{cloud_map.tilt:.1f} degrees"
         text = f"{named}: the floor is tilted by {tilt}: --level turns the cloud"
-        emit_warning(text, stacklevel=2)
+        emit_warning(text)
     if cloud_map.overlaid_m2 > 0:
         heights = ", ".join(f"{height:.2f}" for height in cloud_map.storeys)
         text = (
             f"{named}: floors lie above each other on {decimal_text(cloud_map.overlaid_m2, 3)} m2"
         )
         text += f": --at X,Y,Z shows another storey, at {heights} m" if heights else ""
-        emit_warning(text, stacklevel=2)
+        emit_warning(text)
     if cloud_map.may_be_upside_down:
         text = f"{named}: much hangs from the ceiling, for what stands on the floor: is z down?"
-        emit_warning(f"{text} --up -z turns the cloud, --up z keeps it", stacklevel=2)
+        emit_warning(f"{text} --up -z turns the cloud, --up z keeps it")
     if not (np.asarray(cloud_map.grid.occupancy) == OCCUPIED).any():
         text = f"{named}: nothing stands on the floor: the map has no obstacles"
-        emit_warning(f"{text}; if walls were cut off, --floor Z states the floor", stacklevel=2)
+        emit_warning(f"{text}; if walls were cut off, --floor Z states the floor")
     if cloud_map.beyond:
         text = f"{named}: {cloud_map.beyond} points are too far from the others, and are ignored"
-        emit_warning(text, stacklevel=2)
+        emit_warning(text)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

@@ -153,7 +153,7 @@ def costmaps_compared(
         second = second.with_values(second.cost, move.inverse().frame(second.frame).origin)
     if first.scale != second.scale:
         rule = "has costs on the occupancy scale: both are compared as ROS publishes them"
-        emit_warning(f"{maps[first.scale == 'costmap2d'].name}: {rule}", stacklevel=3)
+        emit_warning(f"{maps[first.scale == 'costmap2d'].name}: {rule}")
     with inputs.errors_named(maps[1].name):
         frame = difference.frame_around(first.frame, second.frame)
         size = f"{frame.width} x {frame.height} cells"

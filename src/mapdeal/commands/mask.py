@@ -222,7 +222,7 @@ def mask(
                 if found.severity == "error":
                     errors.append(f"{path.name}: {found.message}")
                 else:
-                    emit_warning(f"{path}: {found.message}", stacklevel=2)
+                    emit_warning(f"{path}: {found.message}")
     result = FilterMasks(map_read, tuple(masks), output, tuple(errors))
     if work.settings.strict:
         result.check()  # before anything is written

@@ -328,7 +328,7 @@ def merge(
         is_advised = is_advised and not is_warned
     advice = "; --by align places maps by their walls" if is_advised else ""
     for text in _remarks_on(merged, [not layer for layer in layers], advice):
-        emit_warning(text, stacklevel=2)
+        emit_warning(text)
     return merged
 
 
@@ -447,7 +447,7 @@ def _step(path: Path, number: int, maps: Sequence[inputs.MapInput]) -> tuple[int
         return first, second, transform.transform
     if transform.first or transform.second:
         text = f"{path}: its checksums are not those of the maps; used as the transform from "
-        emit_warning(f"{text}{maps[0].name} to {maps[number].name}", stacklevel=2)
+        emit_warning(f"{text}{maps[0].name} to {maps[number].name}")
     return 0, number, transform.transform
 
 

@@ -103,5 +103,5 @@ def pack(source: Map, *, lethal_threshold: LethalThreshold | None = None) -> Gri
         bits = BitMap.from_occupancy(read.occupancy, lethal_threshold or DEFAULT_LETHAL_THRESHOLD)
     lost = int(histogram(values)[UNKNOWN])
     if lost:
-        emit_warning(f"{read.name}: {lost} unknown cells are free in a bit map", stacklevel=2)
+        emit_warning(f"{read.name}: {lost} unknown cells are free in a bit map")
     return GridResult(bits, f"{read.title}: bit map")

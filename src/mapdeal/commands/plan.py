@@ -470,7 +470,7 @@ def planner_of(
             raise error_of(problem, robot.paths)
     if not has_server(parameters):
         text = f"{robot.paths[-1]}: has no {PLANNER_SERVER}; Nav2's default planner is taken, NavFn"
-        emit_warning(text, stacklevel=2)
+        emit_warning(text)
     by_name = {entry.name: entry for entry in listed}
     if planner is not None and planner not in by_name:
         known = f"the file lists {', '.join(by_name) or 'none'}"
@@ -479,7 +479,7 @@ def planner_of(
         raise MalformedInputError("lists no planner", source=robot.paths[-1])
     chosen = listed[0] if planner is None else by_name[planner]
     if chosen.planner is None:
-        emit_warning(f"{robot.paths[-1]}: {chosen.plugin} is not modelled", stacklevel=2)
+        emit_warning(f"{robot.paths[-1]}: {chosen.plugin} is not modelled")
     return parameters, chosen
 
 
@@ -491,7 +491,7 @@ def check_map(source: inputs.MapInput, **reading: Unpack[inputs.Reading]) -> Non
     inputs.claim_cells(source, _PER_CELL, measures=True, **reading)
     if source.occupancy.origin[2]:
         text = f"{source.name}: Nav2's planners ignore the yaw of the map, as plan does"
-        emit_warning(text, stacklevel=2)
+        emit_warning(text)
 
 
 @command(

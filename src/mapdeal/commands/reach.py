@@ -317,7 +317,7 @@ def lethal_costs(robot: RobotParameters, map_read: inputs.MapInput) -> Grid:
             f"{100 * unknown / occupancy.size:.3g} % of the map: the robot drives through; "
             "track_unknown_space: true closes them"
         )
-        errors.emit_warning(text, stacklevel=2)
+        errors.emit_warning(text)
     return grid
 
 

@@ -599,7 +599,7 @@ class _Gathering:
         except errors.MapdealError as error:
             text = f"{errors.one_line(str(error))}, so findings of lint are not shown"
             words = "The map was not checked: the configuration of lint is invalid"
-            errors.emit_warning(text, stacklevel=2)
+            errors.emit_warning(text)
             for draft in self.drafts:
                 draft.warn([text])
                 draft.claims.append(Claim("map", "unknown", words))
@@ -621,4 +621,4 @@ class _Gathering:
             more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
             which = f"{errors.one_line(lost[0])}{more}"
             text = f"{path}: findings of {which} are left out: the map is not shown here"
-            errors.emit_warning(text, stacklevel=2)
+            errors.emit_warning(text)

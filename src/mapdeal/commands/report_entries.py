@@ -95,7 +95,7 @@ class Draft:
         self.warnings |= dict.fromkeys(portable(texts, files))
 
     def miss(self, text: str, file: Path) -> None:
-        errors.emit_warning(text, stacklevel=2)
+        errors.emit_warning(text)
         self.warn([text], [file])
 
     def lacks(self, content: str, file: Path, error: errors.MapdealError) -> None:
@@ -660,7 +660,7 @@ def give_score(document: Path, results: Results, drafts: list[Draft], grids: Gri
     if not owners:
         name = "a map that is not a file" if own is None else report_documents.short(own.file)
         text = f"{document}: the score of {name} is left out: the map is not shown here"
-        errors.emit_warning(text, stacklevel=2)
+        errors.emit_warning(text)
 
 
 def methods_in(folder: Path, grids: Grids) -> Draft:

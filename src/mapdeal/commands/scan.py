@@ -320,7 +320,7 @@ def scan(
         if len(blocked) == len(robot_poses):
             raise MalformedInputError(text, source=name)
         text += f", the first of them pose {blocked[0] + 1}: they see nothing"
-        emit_warning(f"{name}: {text}", stacklevel=2)
+        emit_warning(f"{name}: {text}")
     scans = scanner.scans(around, robot_poses, is_hit if tour else None)
     counts = [int(mask.sum()) for mask in (is_visible | is_hit, is_hit)] if tour else []
     return SimulatedScans(source, scans, robot_poses, scanner, rate, odom_noise, *counts)

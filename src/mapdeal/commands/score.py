@@ -327,7 +327,7 @@ def score(
         if not truths:
             values = scoring.score_alone(scoring.states_of(estimate.occupancy), estimate.frame)
             if not values["wall_cells"]:
-                emit_warning(f"{maps[0].name}: has no occupied cells", stacklevel=2)
+                emit_warning(f"{maps[0].name}: has no occupied cells")
             return Score(values, score_bounds.judged(limits, values), estimate.frame, tuple(maps))
         placement: Placement = "align" if align else "frames" if known is None else "transform"
         move = Transform()
@@ -369,7 +369,7 @@ def _warn_of_values(maps: Sequence[inputs.MapInput]) -> None:
         if between:
             verb = "counts" if between == 1 else "count"
             text = f"{source.name}: {count_text(between, 'cell')} of 1..99 {verb} as unknown"
-            emit_warning(text, stacklevel=3)
+            emit_warning(text)
 
 
 def _warn_of(found: scoring.Comparison, maps: Sequence[inputs.MapInput]) -> None:
@@ -392,4 +392,4 @@ def _warn_of(found: scoring.Comparison, maps: Sequence[inputs.MapInput]) -> None
             "at the centre of each of theirs"
         )
     for text in texts:
-        emit_warning(text, stacklevel=3)
+        emit_warning(text)

@@ -52,7 +52,7 @@ def transform_in(
     rule = "is between other maps: the checksums are not those of these two"
     if is_other_way:
         rule = f"leads from {maps[1].title} to {maps[0].title}; its inverse is used"
-    emit_warning(f"{files[0]}: {rule}", stacklevel=3)
+    emit_warning(f"{files[0]}: {rule}")
     return source.transform.inverse() if is_other_way else source.transform
 
 
@@ -96,7 +96,7 @@ def warn_of_uncovered(
     """Warn of bounds that say nothing of the known cells of the first map beyond the second."""
     if bounds and not_compared:
         text = f"does not cover {not_compared} known cells of {maps[0].name}"
-        emit_warning(f"{maps[1].name}: {text}, which are not compared", stacklevel=3)
+        emit_warning(f"{maps[1].name}: {text}, which are not compared")
 
 
 def aligned(maps: Sequence[inputs.MapInput], *, hint: str) -> Transform:
@@ -131,7 +131,6 @@ def warn_of_frames(maps: Sequence[inputs.MapInput], advice: str) -> bool:
         f"{maps[0].name}, {maps[1].name}: do not lie in one frame: {100 * before:.0f} % of the "
         f"walls of the first lie on walls of the second, and {100 * after:.0f} % once it is moved "
         f"by x {x:g} m, y {y:g} m, yaw {yaw:g} rad; {advice}",
-        stacklevel=3,
     )
     return True
 

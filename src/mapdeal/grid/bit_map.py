@@ -288,7 +288,7 @@ def draw(
                 source = shape.source or None
                 raise FindingError(f"{text}; nothing was drawn", source=source, place=name)
             where = ": ".join(part for part in (shape.source, name) if part)
-            emit_warning(f"{where}: {text}; {consequence}", stacklevel=2)
+            emit_warning(f"{where}: {text}; {consequence}")
     painted = grid.painted(_together(plain, strokes, overlay), overlay)
     return cast("G", painted)
 
@@ -407,7 +407,7 @@ def reset_region(
             raise FindingError(rule, place="region")
         outside = rows.start == rows.stop or cols.start == cols.stop
         text = "lies outside of the map" if outside else "reaches beyond the map, it is clipped"
-        emit_warning(f"region: {text}", stacklevel=2)
+        emit_warning(f"region: {text}")
     ends = np.broadcast_to([[cols.start], [cols.stop]], (2, rows.stop - rows.start))
     painted = grid.painted([(Spans(np.arange(rows.start, rows.stop), *ends), number)])
     return cast("G", painted)

@@ -208,7 +208,7 @@ class Footprint(OneLine):
         check_simple(points, "footprint")
         if not contains_centre(points):
             text = "footprint: the robot's centre (0, 0) lies outside; its radii are meaningless"
-            emit_warning(text, stacklevel=2)
+            emit_warning(text)
         return cls(vertices=points)
 
     @classmethod

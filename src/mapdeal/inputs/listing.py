@@ -96,7 +96,7 @@ def _readable(folder: Path) -> Contents:
     try:
         return sources.contents_of(folder)
     except FileAccessError as error:
-        emit_warning(f"{error}; left out", stacklevel=2)
+        emit_warning(f"{error}; left out")
         return [], []
 
 

@@ -393,7 +393,7 @@ def circumscribed_cost(radius: float | None, layer: InflationLayer) -> int | Non
             f"cost: inflation_radius {layer.inflation_radius:g} m is smaller than the robot's "
             f"circumscribed radius {radius:g} m: cost 0 does not mean that every heading is free"
         )
-        emit_warning(text, stacklevel=3)
+        emit_warning(text)
     return layer.cost_at(radius)
 
 
@@ -403,7 +403,7 @@ def warn_of_radii(layer: InflationLayer) -> None:
             f"cost: inscribed_radius {layer.inscribed_radius:g} m is larger than inflation_radius "
             f"{layer.inflation_radius:g} m, which cuts it off"
         )
-        emit_warning(text, stacklevel=3)
+        emit_warning(text)
 
 
 def advice_on(cost: int, layer: InflationLayer) -> str:

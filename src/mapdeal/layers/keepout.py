@@ -90,14 +90,14 @@ class MaskCosts:
 
         for_rows(lay_over_part, costs.shape)
 
-    def warn(self, *, stacklevel: int = 2) -> None:
+    def warn(self) -> None:
         """Warn if the mask covered no cell, or freed unknown cells."""
         if not sum(self._covered):
             text = "the mask covers no cell of the costs: it has no known cell there"
-            emit_warning(text, stacklevel=stacklevel + 1)
+            emit_warning(text)
         if sum(self._freed):
             text = f"{sum(self._freed)} unknown cells became free where the mask is 0, as in Nav2"
-            emit_warning(text, stacklevel=stacklevel + 1)
+            emit_warning(text)
 
 
 def cells_at_centres(

@@ -42,7 +42,7 @@ def check_pose(pose: Sequence[float], name: str = "pose") -> Pose:
         raise ParameterError(rule, place=name, got=(x, y, yaw))
     if abs(yaw) > _TURN:
         text = f"{name}: a yaw of {yaw:.6g} rad is more than a turn; is it in degrees?"
-        emit_warning(text, stacklevel=2)
+        emit_warning(text)
     return x, y, wrapped(yaw)
 
 

@@ -121,7 +121,7 @@ def yaml_of(metadata: MapMetadata) -> bytes:
 
 
 def _warn(path: Path, place: str, text: str, check: str) -> None:
-    emit_warning(MapdealWarning(f"{path}: {place}: {text}", check), stacklevel=3)
+    emit_warning(MapdealWarning(f"{path}: {place}: {text}", check))
 
 
 def _typo_hint(missing: list[str], entries: dict[str, Entry]) -> str | None:

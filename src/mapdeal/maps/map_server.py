@@ -253,7 +253,7 @@ def bare_image(path: Path) -> MapMetadata | None:
         return None
     if yaml_at(path):
         text = "is read with --resolution; the .yaml beside it is ignored"
-        emit_warning(MapdealWarning(f"{path}: {text}", "image.yaml-not-read"), stacklevel=4)
+        emit_warning(MapdealWarning(f"{path}: {text}", "image.yaml-not-read"))
     return MapMetadata(path.name, *plain_image)
 
 
@@ -336,7 +336,7 @@ class PairFile(MapFile):
             raise ValueError(f"{self.path} cannot be read by rows")
         self._image.check_limit()
         for remark in self._remarks:
-            emit_warning(remark, stacklevel=2)
+            emit_warning(remark)
         grid = lazy_cells(
             self.metadata, self._rows, block_height=block_height, budget=budget,
             dialect=self._dialect,
@@ -529,7 +529,7 @@ def write_pair(
                 raise ParameterError(rule, place="encoding", got=encoding)
             cost_scale = "costmap2d"
             text = f"{yaml_path}: holds costmap_2d's bytes, which map_server would misread"
-            emit_warning(text, stacklevel=2)
+            emit_warning(text)
             pixels = grid.cost
         elif grid.scale == "occupancy":  # already the values that ROS publishes
             pixels = _raw_pixels(grid.cost)
@@ -580,7 +580,7 @@ def in_trinary(grid: OccupancyGrid) -> OccupancyGrid:
     if not lost:
         return grid
     text = f"{lost} values between 1 and 99 are lost in mode trinary"
-    emit_warning(text, stacklevel=3)
+    emit_warning(text)
     table = np.full(256, UNKNOWN, dtype=np.int8)
     table[FREE : _TRINARY_FREE + 1] = FREE
     table[_TRINARY_OCCUPIED : OCCUPIED + 1] = OCCUPIED

@@ -584,7 +584,7 @@ class NpzFile(MapFile):
     def remark(self, grid: Grid) -> None:
         if type(grid) is OccupancyGrid and _main_layer(self._names) == _REACH_LAYER:
             text = "is a result of reach; only its map is used"
-            emit_warning(f"{self.path}: {text}", stacklevel=3)
+            emit_warning(f"{self.path}: {text}")
         super().remark(grid)
 
 

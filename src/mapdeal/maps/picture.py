@@ -88,7 +88,7 @@ class Picture:
 
 
 def warn_of(path: Path, text: str, check: str) -> None:
-    emit_warning(MapdealWarning(f"{path}: {text}", check), stacklevel=4)
+    emit_warning(MapdealWarning(f"{path}: {text}", check))
 
 
 def by_sample(table: NDArray[Any], samples: Samples) -> NDArray[Any]:

@@ -57,11 +57,11 @@ def as_occupancy(grid: Grid, source: Path | str) -> OccupancyGrid:
         return grid.grid
     if isinstance(grid, Costmap):
         text = f"{source}: contains costs; read as the occupancy that ROS would publish for them"
-        emit_warning(text, stacklevel=2)
+        emit_warning(text)
         return grid.to_occupancy()
     if isinstance(grid, FieldView):
         text = f"{source}: is the 0..100 view of a distance field; its values are read as a map's"
-        emit_warning(text, stacklevel=2)
+        emit_warning(text)
         return grid.as_map()
     return grid
 

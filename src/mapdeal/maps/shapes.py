@@ -57,7 +57,7 @@ class _Reader:
         if not isinstance(properties, dict):
             raise self.error("properties must be an object", place)
         if feature.get("geometry") is None:
-            emit_warning(f"{self._path}: {place}: has no geometry, it was left out", stacklevel=2)
+            emit_warning(f"{self._path}: {place}: has no geometry, it was left out")
             return properties, []
         return properties, list(self._geometry(feature["geometry"], properties, place))
 

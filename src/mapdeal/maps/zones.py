@@ -113,7 +113,7 @@ def _value_of(zone: Zone, info: FilterInfo) -> int:
     if zone.speed is None:
         return OCCUPIED
     if info.unit == "percent" and zone.speed == OCCUPIED and info.base == OCCUPIED:
-        emit_warning(f"{zone.source}: speed 100 % is no limit", stacklevel=3)
+        emit_warning(f"{zone.source}: speed 100 % is no limit")
         return FREE
     try:
         value, is_exact = info.value_of(zone.speed)
@@ -122,7 +122,7 @@ def _value_of(zone: Zone, info: FilterInfo) -> int:
     if not is_exact:
         limit = info.base + value * info.multiplier
         text = f"{zone.source}: speed {zone.speed:g} becomes {limit:.6g} {info.sign}"
-        emit_warning(f"{text}, the next lower value of the mask", stacklevel=3)
+        emit_warning(f"{text}, the next lower value of the mask")
     return value
 
 

@@ -477,7 +477,7 @@ class BagClouds:
         for frame, count in missing.items():
             text = f"{self.bag.path}: {count} of {len(numbers)} clouds are left out: where "
             text += f"{frame} was is known {self._frames.span_text(frame)}"
-            emit_warning(text, stacklevel=2)
+            emit_warning(text)
         poses = stances(posed.translations, posed.quaternions).poses.tolist()
         return [
             (pose[0], pose[1], pose[2]) if known else None
@@ -682,7 +682,7 @@ class BagScans(ScanSource):
         if self._deskew and not self._has_steps:
             texts.append("no scan has a time between beams: --deskew has no effect")
         for text in texts:
-            emit_warning(f"{self._bag.path}: {text}", stacklevel=2)
+            emit_warning(f"{self._bag.path}: {text}")
 
     def _placed(self, scans: list[LaserScan]) -> Iterator[ScanArrays]:
         if self._deskew and any(scan.between for scan in scans):

@@ -527,7 +527,7 @@ class OutputFolder:
         texts = [str(remark) for remark in remarks] if isinstance(remarks, list) else []
         for text in located(texts, filling.named):
             if text not in filling.warnings:
-                errors.emit_warning(text, stacklevel=2)
+                errors.emit_warning(text)
 
     def passes(self) -> int:
         endings = ([path.suffix for path in self._outputs_of(step)] for step in self.steps)
@@ -563,7 +563,7 @@ class OutputFolder:
             remark = step.remark_on(figures[step.name])
             if remark is not None:
                 texts.append(f"{filling.subject}: {remark}")
-                errors.emit_warning(texts[-1], stacklevel=2)
+                errors.emit_warning(texts[-1])
             overlays = robot_overlays(step, filling.robot)
             overlays[:0] = filter(None, (filling.overlay, product.overlay))
             overlay = together(overlays)

@@ -465,7 +465,7 @@ class KeepoutMask:
         with_mask = cast("Costmap", step.apply(grid, path, mask=self.grid))
         rows_of_costs = swept(with_mask.cost)
         if not any((with_mask.cost[rows] != without.cost[rows]).any() for rows in rows_of_costs):
-            emit_warning(f"{self.path}: the mask changes no cost", stacklevel=2)
+            emit_warning(f"{self.path}: the mask changes no cost")
         return without, with_mask
 
 
@@ -474,7 +474,7 @@ def used_mask(mask: Mask, robot: RobotParameters | None) -> Mask | None:
     reason = None if robot is None or mask is None else robot.why_mask_unused
     if reason is None:
         return mask
-    emit_warning(f"the keepout mask has no effect: {reason} (params.mask-unused)", stacklevel=2)
+    emit_warning(f"the keepout mask has no effect: {reason} (params.mask-unused)")
     return None
 
 
@@ -570,7 +570,7 @@ def outputs_of(
 def warn_of_potential(map_read: MapInput) -> None:
     if isinstance(map_read.grid, PotentialField):
         text = f"{map_read.name}: is a potential field; its map is used, its goal and gains are not"
-        emit_warning(text, stacklevel=2)
+        emit_warning(text)
 
 
 def warn_of_values(map_read: MapInput) -> None:
@@ -581,7 +581,7 @@ def warn_of_values(map_read: MapInput) -> None:
         between = histogram(grid.occupancy)[FREE + 1 : OCCUPIED].sum()
         if between:
             text = f"{map_read.name}: {between} cells of 1..99 are not obstacles"
-            emit_warning(f"{text}; costs are read from an npz", stacklevel=2)
+            emit_warning(f"{text}; costs are read from an npz")
     warn_of_potential(map_read)
 
 

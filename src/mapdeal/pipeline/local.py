@@ -233,7 +233,7 @@ def _products(
     if known is not None and not frames_overlap(local.grid.frame, known.grid.frame):
         x, y = local.pose[:2]
         text = f"{known.files[0]}: the map does not reach into the window around {x:.10g}, {y:.10g}"
-        errors.emit_warning(text, stacklevel=2)
+        errors.emit_warning(text)
     yield Product(first, local.grid, _figures_of(local, job, common))
     for product in products_of(common.recipe, local.grid, source):
         if product.step.stage.robot is not None and isinstance(product.grid, OccupancyGrid):
@@ -256,7 +256,7 @@ def _check_points(local: LocalMap, cloud: Path, *, required: bool) -> None:
     why = f"of {counts.points} points {', '.join(parts)}" if parts else "it holds no points"
     if required:
         raise errors.MalformedInputError(f"no point marks a cell: {why}", source=cloud)
-    errors.emit_warning(f"{cloud}: no point marks a cell: {why}", stacklevel=2)
+    errors.emit_warning(f"{cloud}: no point marks a cell: {why}")
 
 
 def _check_robot(inflated: OccupancyGrid, local: LocalMap, cloud: Path) -> None:
@@ -267,7 +267,7 @@ def _check_robot(inflated: OccupancyGrid, local: LocalMap, cloud: Path) -> None:
     text = "the robot's own cell is an obstacle once inflated"
     if local.counts.marking:
         text += "; a larger min_range drops points of the robot itself"
-    errors.emit_warning(f"{cloud}: {text}", stacklevel=2)
+    errors.emit_warning(f"{cloud}: {text}")
 
 
 def _figures_of(local: LocalMap, job: LocalJob, common: LocalCommon) -> Figures:
@@ -402,7 +402,7 @@ class RollingRun:
         self._add(index)
         if missing:
             text = f"{missing} of the clouds before it could not be read: the map is without them"
-            errors.emit_warning(f"{self._cloud(index)}: {text}", stacklevel=2)
+            errors.emit_warning(f"{self._cloud(index)}: {text}")
         return self._mapper.result()
 
     def _add(self, turn: int) -> None:

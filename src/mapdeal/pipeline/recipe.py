@@ -396,7 +396,7 @@ def load_recipe(
         _adapt_to_sim(draft)
     steps = _steps_of(draft, name, changes, footprint, robot)
     for text in _remarks_on(steps):
-        emit_warning(text, stacklevel=2)
+        emit_warning(text)
     return Recipe(tuple(steps), robot)
 
 

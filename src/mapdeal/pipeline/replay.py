@@ -255,7 +255,7 @@ class BagReplay:
                 continue
             layer = listed.layer.live(self.place, listed.sensing)
             if listed.needs and not isinstance(layer, obstacle.ObstacleGrid):
-                emit_warning(f"{listed.name}: has no {listed.needs} in a replay", stacklevel=2)
+                emit_warning(f"{listed.name}: has no {listed.needs} in a replay")
             self.layers[listed.name] = layer
         if known is None and any(layer.layer.reads_map for layer in self.layers.values()):
             rule = "is required: the costmap lists a static layer, which reads a map"
@@ -286,7 +286,7 @@ class BagReplay:
             height, width = known.shape
             x, y, yaw = known.origin
             if yaw:
-                emit_warning("costmap_2d ignores the yaw of the map's origin", stacklevel=2)
+                emit_warning("costmap_2d ignores the yaw of the map's origin")
             map_frame = Frame(height, width, as_float32(known.resolution), (x, y, 0.0))
             self._map_resolution = known.resolution
         if map_frame is not None and self.robot.static_layers and not area.is_rolling:
@@ -315,7 +315,7 @@ class BagReplay:
                 else:
                     found.setdefault(topic, []).append((name, source))
                     continue
-                emit_warning(f"{name}.{source.name}: {why}", stacklevel=3)
+                emit_warning(f"{name}.{source.name}: {why}")
         if not found:
             known = ", ".join(sorted({c.topic for c in self.bag.of_types(*_TYPES.values())}))
             rule = f"the bag has no messages for the layers of {self.robot.node}"
@@ -366,12 +366,12 @@ class BagReplay:
         if self._without_transform:
             text = f"{self._without_transform} observations of {len(self._index)} messages are "
             text += "left out: transforms at their times are not known"
-            emit_warning(f"{self.bag.path}: {text}", stacklevel=2)
+            emit_warning(f"{self.bag.path}: {text}")
         for (name, source), readings in self._readings.items():
             if readings and not self._within[name, source]:
                 text = f"{name}.{source.name}: all {readings} readings are outside of its heights, "
                 text += f"{source.min_obstacle_height:g} to {source.max_obstacle_height:g} m"
-                emit_warning(text, stacklevel=2)
+                emit_warning(text)
 
     def advance_to(self, messages: int) -> None:
         while self._updates < messages:

@@ -240,7 +240,7 @@ def apply_recipe(
         products[product.step.name] = product.grid
         remark = product.step.remark_on(product.grid.figures())
         if remark is not None:
-            emit_warning(remark, stacklevel=2)
+            emit_warning(remark)
     return products
 
 
@@ -370,7 +370,7 @@ def _warn_of_another(folder: Path) -> None:
     stages = manifest.get("stages") if isinstance(manifest, dict) else None
     if isinstance(stages, list) and stages and isinstance(stages[0], dict) and "local" in stages[0]:
         text = f"{folder}: holds the local map of an earlier run, which is left as it is"
-        emit_warning(text, stacklevel=2)
+        emit_warning(text)
 
 
 def output_folder(
@@ -500,7 +500,7 @@ def apply_to_file(
             figures = grid.figures()
             remark = step.remark_on(figures)
             if remark is not None:
-                emit_warning(f"{path}: {remark}", stacklevel=2)
+                emit_warning(f"{path}: {remark}")
             return SingleResult(path, output, step, figures, result, source.sums, costs)
 
 

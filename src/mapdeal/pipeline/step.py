@@ -80,7 +80,7 @@ class Step:
             if not values[argument]:
                 size = size_text(int(per_cell * cells))
                 text = f"{products} are left out: with them it would take {size} of memory"
-                emit_warning(f"{self.name}: {text}, which --max-memory can allow", stacklevel=3)
+                emit_warning(f"{self.name}: {text}, which --max-memory can allow")
         try:
             with activity(self.name):
                 return self.stage.function(grid, **values)

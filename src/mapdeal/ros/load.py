@@ -37,7 +37,7 @@ def read_robot(
     reported = [problem for problem in warnings if not (is_shape and problem.check in _ABOUT_COSTS)]
     texts = tuple(_line_of(problem, paths) for problem in reported)
     for text in texts:
-        emit_warning(text, stacklevel=2)
+        emit_warning(text)
     return replace(robot, remarks=texts, namespace=namespace)
 
 

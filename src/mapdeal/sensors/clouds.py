@@ -190,7 +190,7 @@ class _Table:
             raise MalformedInputError(rule, got=found)
         if dtype.names is None and shape[0] in (2, 3) and width > _MOST_LIKELY:
             text = f"{path}: {shape[0]} points of {width} numbers each; is the array transposed?"
-            emit_warning(text, stacklevel=2)
+            emit_warning(text)
         self.file, self.path, self.dtype = file, path, dtype
         self.height, self.width = shape[0], width
         self.row_size = dtype.itemsize * (1 if self.is_fortran else width)
@@ -246,7 +246,7 @@ def _pcd_points(file: BinaryIO, path: Path) -> Iterator[Points]:
         yield from _compressed_points(file, header, axes, path)
     trailing = file.read(1 << 16)
     if trailing.strip(b"\0 \r\n\t"):  # these are padding
-        emit_warning(f"{path}: data after the points are ignored", stacklevel=2)
+        emit_warning(f"{path}: data after the points are ignored")
 
 
 def pcd_figures(path: Path) -> dict[str, Any]:

@@ -44,7 +44,7 @@ def read_transform(path: Path) -> TransformFile:
     is_chosen = chosen_by is not None and chosen_by.value == "user"
     if same_place is not None and not same_place.flag() and not is_chosen:
         text = f"{path}: align was uncertain about this transform; it is used as it is"
-        emit_warning(text, stacklevel=2)
+        emit_warning(text)
     transform = Transform(*(entries[key].number() for key in ("x", "y", "yaw")))
     return TransformFile(transform, *(_checksums(document.get(key)) for key in ("first", "second")))
 
@@ -230,7 +230,7 @@ def _warn_of(mask: NDArray[np.bool_], fault: str, path: Path) -> None:
     if count:
         first = int(np.argmax(mask)) + 1
         text = f"{path}: {count} of {len(mask)} poses, the first of them pose {first}, have {fault}"
-        emit_warning(text, stacklevel=4)
+        emit_warning(text)
 
 
 _LONGEST_LINE = 1 << 16

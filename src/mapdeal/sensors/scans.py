@@ -100,7 +100,7 @@ class BadLines:
         if self.count and not self.is_reported:
             more = f" (and {self.count - len(self.first)} more)" if self.count > _MOST_NAMED else ""
             text = f"{self.count} malformed lines ignored: {'; '.join(self.first)}{more}"
-            emit_warning(f"{self.path}: {text}", stacklevel=2)
+            emit_warning(f"{self.path}: {text}")
 
 
 class ScanTexts(ScanSource):
@@ -304,7 +304,7 @@ class CarmenLog(ScanSource):
             self._warn(f"{text}, kept in this order")
 
     def _warn(self, text: str) -> None:
-        emit_warning(f"{self._path}: {text}", stacklevel=3)
+        emit_warning(f"{self._path}: {text}")
 
     def _parse(self) -> Iterator[_Scan]:
         tags = (self._tag,) if self._tag in _POSE_TAGS else (self._tag, "ODOM")

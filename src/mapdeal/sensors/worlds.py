@@ -578,5 +578,5 @@ def read_world(
         reader.add_plane(np.array([0.0, 0.0, floor]), np.array([0.0, 0.0, 1.0]), 1.0)
     if reader.skipped:
         text = ", ".join(reader.skipped[:3]) + (", ..." if len(reader.skipped) > 3 else "")
-        emit_warning(f"{path}: {len(reader.skipped)} not modelled: {text}", stacklevel=2)
+        emit_warning(f"{path}: {len(reader.skipped)} not modelled: {text}")
     return reader.world()

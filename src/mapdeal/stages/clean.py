@@ -179,7 +179,7 @@ def clean(
     if not changed:
         between = int(np.count_nonzero(_between(before)))
         note = f"; {count_text(between, 'cell')} of 1..99 stay as they are" if between else ""
-        emit_warning(f"clean: nothing has changed{note}", stacklevel=3)
+        emit_warning(f"clean: nothing has changed{note}")
     counts = CleanCounts(free_holes, islands, wall_holes, specks, changed)
     return Cleaned(grid.with_values(values), counts, limits)
 

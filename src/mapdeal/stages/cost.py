@@ -87,7 +87,7 @@ def warn_of_strength(source: ObstacleSource, model: str) -> None:
     if isinstance(source, DistanceField) and source.strength != 1:
         text = f"cost: model {model} takes no account of the field's strength"
         text += f", {source.strength:g}; views and model threshold do"
-        emit_warning(text, stacklevel=4)
+        emit_warning(text)
 
 
 def obstacles_of(source: ObstacleSource, lethal_threshold: int | None) -> NDArray[np.bool_]:

@@ -85,7 +85,7 @@ def inflate(
     write = partial(inflated, value=OCCUPIED, protected=None if inflate_unknown else UNKNOWN)
     if kernel == "disc" and 0 < radius < side - RADIUS_TOLERANCE:
         text = f"inflate: radius {radius:g} m is below a cell of {side:g} m and has no effect"
-        emit_warning(text, stacklevel=2)
+        emit_warning(text)
 
     def inflated_rows(rows: slice) -> NDArray[np.int8]:
         values = grid.occupancy[rows]
@@ -100,5 +100,5 @@ def inflate(
     is_full = holds_everywhere(occupancy, lambda values: values == OCCUPIED)
     if is_full and not holds_everywhere(grid.occupancy, lambda v: v >= lethal_threshold):
         text = f"inflate: radius {radius:g} m leaves no cell of the map free"
-        emit_warning(text, stacklevel=2)
+        emit_warning(text)
     return OccupancyGrid(occupancy, side, grid.origin)

@@ -156,7 +156,7 @@ def potential(
         cells, inside = source.frame.bounded_rowcol_from_xy([check_point(goal, "goal")])
         if not inside[0]:
             text = f"potential: the goal {goal[0]:.10g}, {goal[1]:.10g} lies outside of the map"
-            emit_warning(text, stacklevel=3)
+            emit_warning(text)
         elif obstacles[tuple(cells[0])]:
             raise ParameterError("lies in an obstacle", place="goal", got=goal)
         if with_cost_to_go:
@@ -166,7 +166,7 @@ def potential(
             cost_to_go_of = robot_text(robot)
             if inside[0] and np.isinf(cost_to_go[tuple(cells[0])]):
                 text = f"the goal {goal[0]:.10g}, {goal[1]:.10g} is closed to {cost_to_go_of}"
-                emit_warning(f"potential: {text}: cost_to_go is inf everywhere", stacklevel=3)
+                emit_warning(f"potential: {text}: cost_to_go is inf everywhere")
     repulsive = sum_of_inverse_distances(
         obstacles, scale=source.resolution, least=LEAST_DISTANCE * (1 + 1e-9)
     )

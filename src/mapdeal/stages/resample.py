@@ -105,7 +105,7 @@ def turned(
         yaw = yaw_to_straighten(grid)
     if yaw is None:
         text = "rotate: no direction of walls stands out, the map is not turned"
-        emit_warning(text, stacklevel=4)
+        emit_warning(text)
         return Turned(grid, None)
     return Turned(rotate(grid, yaw, rule=rule), turn_of(yaw))
 

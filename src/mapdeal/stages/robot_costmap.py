@@ -170,7 +170,7 @@ def threshold_cost(
             raise ParameterError(text, place="lethal_threshold", got=lethal_threshold)
         if view != scale.view or (view == "metric" and ViewScale(view, view_range) != scale):
             text = f"cost: the input is a view already, {scale.described()}; it is used as it is"
-            emit_warning(text, stacklevel=3)
+            emit_warning(text)
     else:
         source = _field_of(source, lethal_threshold)
         viewer = Viewer(source, view, view_range)

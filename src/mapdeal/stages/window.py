@@ -273,7 +273,7 @@ def copied(
     if shared.height <= 0 or shared.width <= 0:
         if not isinstance(grid, frames.ValueGrid):
             raise ParameterError("no cell of it has a distance", place=stage_name)
-        emit_warning(f"{stage_name}: lies outside the map, so no cell is kept", stacklevel=4)
+        emit_warning(f"{stage_name}: lies outside the map, so no cell is kept")
         value = grid.unknown_value if fill is None else fill
         values: NDArray[np.generic] = np.full(frame.shape, value, dtype=grid.values.dtype)
         return grid.with_values(values, frame.origin)
