@@ -37,9 +37,10 @@ from typing import (
 )
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mapdeal.compatibility import Unpack
-from mapdeal.errors import ParameterError, as_known, nearest_hint
+from mapdeal.errors import MapdealError, ParameterError, as_known, nearest_hint
 from mapdeal.grid.canvas import FieldGrid, on_canvas
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.footprint import Footprint
@@ -157,7 +158,7 @@ class Parameter:
         if self.optional and (value is None or (isinstance(value, str) and value == "none")):
             return None
         if self.choices:
-            word = as_known(value, self.choices) if isinstance(value, str) else value
+            word = as_known(value, self.choices) if isinstance(value, str) else None
             if word in self.choices:
                 return word
             error = self._error(f"one of {', '.join(self.choices)}", value)
@@ -712,7 +713,9 @@ def with_plain_errors(function: Callable[P, R]) -> Callable[P, R]:
             bound.arguments["footprint"] = _footprint("footprint", bound.arguments["footprint"])
         try:
             return function(*bound.args, **bound.kwargs)
-        except (TypeError, AttributeError):
+        except MapdealError:
+            raise
+        except (TypeError, AttributeError, ValueError):
             _bound(function.__name__, _with_names_of_more(signature, hints()), args, kwargs)
             for name, value in bound.arguments.items():
                 if signature.parameters[name].kind in _NAMED:
@@ -766,12 +769,18 @@ _AS_GRID: dict[type[Any], str] = {
     str: "mapdeal.read_map(path) reads a map",
     np.ndarray: "mapdeal.OccupancyGrid(array, resolution, origin) is a map",
 }
+_ACCEPTED: dict[Any, Any] = {
+    int: Real, float: Real, tuple: Iterable, AbcSequence: Iterable, Iterable: Iterable
+}  # fmt: skip
+"""Types of which a call may be given more values than the annotation states."""
+
 _NAMED = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
 
 
 def _check_type(value: object, hint: Any, function: str, name: str) -> None:
     """Refuse a value that an annotation excludes: of None, numbers, paths, sequences, grids."""
     kind, is_optional = split_optional(_split_annotated(hint)[0])
+    kind = getattr(kind, "__bound__", None) or kind  # of a TypeVar
     if isinstance(kind, TypeVar) or kind in (Any, object):
         return
     error = partial(ParameterError, source=function, place=name)
@@ -779,18 +788,25 @@ def _check_type(value: object, hint: Any, function: str, name: str) -> None:
         raise error("must not be None")
     if get_origin(kind) is AbcSequence and not (value is None or hasattr(value, "__len__")):
         raise error("must be a sequence", got=value)
+    if kind == ArrayLike:
+        try:
+            np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise error("must be numbers", got=value) from None
+    if get_origin(kind) is Literal and value is not None:
+        Parameter(name, None, kind, optional=False, conditions=()).accept(value)
     is_union = get_origin(kind) in (Union, types.UnionType)
     arms = [get_origin(arm) or arm for arm in (get_args(kind) if is_union else [kind])]
     if value is None or not all(map(_is_checked, arms)):
         return
-    if not isinstance(value, tuple(Real if arm in (int, float) else arm for arm in arms)):
+    if not isinstance(value, tuple(_ACCEPTED.get(arm, arm) for arm in arms)):
         is_grid_missing = any(hasattr(arm, "layer_names") for arm in arms)
         hint = _AS_GRID.get(type(value)) if is_grid_missing else None
         raise error(f"must be {' or '.join(arm.__name__ for arm in arms)}", got=value, hint=hint)
 
 
 def _is_checked(arm: Any) -> bool:
-    is_plain_type = arm in (str, PathLike, Path, int, float)
+    is_plain_type = arm in (str, PathLike, Path, bool, Mapping, *_ACCEPTED)
     return isinstance(arm, type) and (is_plain_type or arm.__module__.startswith("mapdeal."))
 
 

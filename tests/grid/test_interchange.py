@@ -170,6 +170,13 @@ def test_wrong_arguments_are_named():
         (lambda: mapdeal.costmap(MAP, 0.2), "paths of parameter files", "robot_radius=0.2"),
         (lambda: mapdeal.costmap(MAP, footprint=[1, 2, 3]), "must be a pair of numbers", ""),
         (lambda: OccupancyGrid([[0, 300]], 0.1), "values of int8, got 300", ""),
+        (lambda: OccupancyGrid("m.yaml", 0.1), "values of int8, got 'm.yaml'", ""),
+        (lambda: mapdeal.cloud_map("a.pcd"), "points: must be numbers, got 'a.pcd'", ""),
+        (lambda: mapdeal.score(MAP, MAP, minimum=0.9), "minimum: must be Mapping, got 0.9", ""),
+        (lambda: mapdeal.scan(MAP, route=MAP), "route: must be a file or a Route", ""),
+        (lambda: mapdeal.scan(MAP, tour="yes"), "tour: must be bool, got 'yes'", ""),
+        (lambda: mapdeal.rescale(MAP, 0.1, rule=np.zeros(2)), "one of area, nearest", ""),
+        (lambda: mapdeal.blank(3), "grid: must be ", ""),
     ):
         with pytest.raises(mapdeal.ParameterError, match=text) as refused:
             call()

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from contextvars import copy_context
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -262,6 +263,10 @@ def scan(
     if sum(sources.values()) != 1:
         hint = "--tour drives past all visible walls"
         raise ParameterError("exactly one of these is needed", place=", ".join(sources), hint=hint)
+    for key, value, kind in (("poses", poses, Sized), ("route", route, Route)):
+        if value is not None and not isinstance(value, (str, PathLike, kind)):
+            rule = "must be a file or poses" if key == "poses" else "must be a file or a Route"
+            raise ParameterError(rule, place=key, got=value)
     if not tour:
         inputs.refuse("applies to a tour", start=start, footprint=footprint, robot=robot)
     numbers = {

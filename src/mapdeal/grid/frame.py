@@ -902,15 +902,17 @@ def as_layer(values: ArrayLike, dtype: type[np.generic], name: str) -> Layer:
     # The producer of a lazy layer is responsible for its values.
     if isinstance(values, LazyLayer) and values.dtype == dtype:
         return cast("Layer", values)
-    array = np.asarray(values)
-    if array.dtype != dtype:
-        converted = array.astype(dtype)
-        if not np.array_equal(converted, array, equal_nan=array.dtype.kind == "f"):
-            changed = array[(converted != array) & (array == array)]
-            rule = f"{name} must hold values of {np.dtype(dtype).name}"
-            raise ParameterError(rule, got=changed.flat[0].item() if changed.size else array)
-        array = converted
-    return array
+    rule = f"{name} must hold values of {np.dtype(dtype).name}"
+    try:
+        array = np.asarray(values)
+        converted = array.astype(dtype, copy=False)
+    except (TypeError, ValueError):
+        raise ParameterError(rule, got=values) from None
+    is_float = array.dtype.kind == "f"
+    if array.dtype != dtype and not np.array_equal(converted, array, equal_nan=is_float):
+        changed = array[(converted != array) & (array == array)]
+        raise ParameterError(rule, got=changed.flat[0].item() if changed.size else array)
+    return converted
 
 
 def _message_of(
