@@ -165,7 +165,7 @@ def test_wrong_arguments_are_named():
         (lambda: mapdeal.reach(MAP, start=(0, 0), goals=None), "goals", ""),
         (lambda: mapdeal.merge(MAP), "maps: must be a sequence", ""),
         (lambda: mapdeal.diff(MAP, None), "takes files or grids, got None", ""),
-        (lambda: mapdeal.costmap(MAP, robot_radius="x"), "robot_radius: must be float", ""),
+        (lambda: mapdeal.costmap(MAP, robot_radius="x"), "robot radius must be", ""),
         (lambda: mapdeal.costmap(MAP), "needs a robot", "robot_radius=0.2"),
         (lambda: mapdeal.costmap(MAP, 0.2), "paths of parameter files", "robot_radius=0.2"),
         (lambda: mapdeal.costmap(MAP, footprint=[1, 2, 3]), "must be a pair of numbers", ""),
@@ -177,6 +177,10 @@ def test_wrong_arguments_are_named():
         (lambda: mapdeal.scan(MAP, tour="yes"), "tour: must be bool, got 'yes'", ""),
         (lambda: mapdeal.rescale(MAP, 0.1, rule=np.zeros(2)), "one of area, nearest", ""),
         (lambda: mapdeal.blank(3), "grid: must be ", ""),
+        (lambda: mapdeal.Costmap.from_static_layer("a"), "must be an OccupancyGrid", ""),
+        (lambda: mapdeal.Footprint.circle("0.2"), "robot radius must be a finite number", ""),
+        (lambda: robot.padded(None), "footprint padding must be a finite number", ""),
+        (lambda: mapdeal.Footprint.parse(None), "a footprint must look like", ""),
     ):
         with pytest.raises(mapdeal.ParameterError, match=text) as refused:
             call()

@@ -134,8 +134,7 @@ class Costmap(ValueGrid):
         >>> Costmap.from_occupancy(grid).cost.tolist()
         [[0, 3, 127, 251, 254, 255]]
         """
-        cost = look_up(grid.occupancy, map_values.cost_from_occupancy())
-        return cls(cost, grid.resolution, grid.origin)
+        return cls._of_map(grid, map_values.cost_from_occupancy())
 
     @classmethod
     def from_static_layer(
@@ -182,6 +181,13 @@ class Costmap(ValueGrid):
             track_unknown=track_unknown,
             inscribed_value=inscribed_value,
         )
+        return cls._of_map(grid, table)
+
+    @classmethod
+    def _of_map(cls, grid: OccupancyGrid, table: NDArray[np.uint8]) -> Costmap:
+        if not isinstance(grid, OccupancyGrid):
+            rule = "must be an OccupancyGrid, as read_map returns"
+            raise ParameterError(rule, place="grid", got=grid)
         return cls(look_up(grid.occupancy, table), grid.resolution, grid.origin)
 
 

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, starmap
+from numbers import Real
 from typing import Literal
 
 import numpy as np
@@ -181,7 +182,7 @@ class Footprint(OneLine):
     @classmethod
     def circle(cls, radius: float) -> Footprint:
         """Create the footprint of a round robot of `radius` metres."""
-        if not (math.isfinite(radius) and 0 < radius <= _LARGEST_COORDINATE):
+        if not (isinstance(radius, Real) and 0 < radius <= _LARGEST_COORDINATE):
             most = f"{_LARGEST_COORDINATE:g} at most"
             rule = f"robot radius must be a finite number of metres above 0, {most}"
             raise ParameterError(rule, got=radius)
@@ -214,7 +215,8 @@ class Footprint(OneLine):
     @classmethod
     def parse(cls, text: str) -> Footprint:
         """Create a polygon from a string in ROS form, ``[[x1, y1], [x2, y2], ...]``."""
-        corners = [[part.strip() for part in pair.split(",")] for pair in _pairs(text)]
+        pairs = _pairs(text) if isinstance(text, str) else []
+        corners = [[part.strip() for part in pair.split(",")] for pair in pairs]
         if not corners or not all(_NUMBER.fullmatch(part) for pair in corners for part in pair):
             rule = "a footprint must look like [[x1, y1], [x2, y2], ...]"
             raise ParameterError(rule, place="footprint", got=text)
@@ -227,7 +229,7 @@ class Footprint(OneLine):
 
         As in costmap_2d's ``padFootprint``, each coordinate moves away from 0, and 0 stays 0.
         """
-        if not (math.isfinite(padding) and padding >= 0):
+        if not (isinstance(padding, Real) and 0 <= padding < math.inf):
             rule = "footprint padding must be a finite number of metres of at least 0"
             raise ParameterError(rule, got=padding)
         if not self.vertices:
