@@ -788,11 +788,14 @@ def _check_type(value: object, hint: Any, function: str, name: str) -> None:
         raise error("must not be None")
     if get_origin(kind) is AbcSequence and not (value is None or hasattr(value, "__len__")):
         raise error("must be a sequence", got=value)
-    if kind == ArrayLike:
+    is_list = value is not None and get_args(kind)[:1] in ((float,), (int,))
+    if is_list or kind == ArrayLike:
         try:
-            np.asarray(value, dtype=np.float64)
+            dimensions = np.asarray(value, dtype=np.float64).ndim
         except (TypeError, ValueError):
-            raise error("must be numbers", got=value) from None
+            dimensions = 0
+        if not dimensions or (is_list and dimensions > 1):
+            raise error("must be a list of numbers" if is_list else "must be numbers", got=value)
     if get_origin(kind) is Literal and value is not None:
         Parameter(name, None, kind, optional=False, conditions=()).accept(value)
     is_union = get_origin(kind) in (Union, types.UnionType)
