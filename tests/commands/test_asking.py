@@ -136,9 +136,6 @@ def test_query_prints_tiny_distances_and_no_noise_of_rounding(answers_to):
     assert answers_to(f"query t.yaml --at {x},{y}")[0]["distance"] == 0.0
 
 
-# query and route as processes
-
-
 def bash(line):
     line = line.replace("mapdeal", f'"{sys.executable}" -m mapdeal')
     return subprocess.run(["bash", "-c", line], capture_output=True, text=True, timeout=120)
@@ -185,9 +182,6 @@ def test_lost_answers_are_worse_than_a_finding(sh, room):
     assert completed.stderr.startswith("error: standard output: cannot be written")
 
 
-# potential
-
-
 def test_potential_is_a_stage_of_recipes_that_hands_its_map_on(sh, room):
     Path("r.yaml").write_text(
         "stages: [esdf, {potential: {goal: [1.6, -1.9]}}, {cost: {inflation_radius: 0.2}}]\n"
@@ -210,9 +204,6 @@ def test_maps_are_made_of_a_potential_field_s_map(sh, room):
     assert "npz" in sh.err("convert p.npz -o p.yaml", 2)
 
 
-# route
-
-
 def test_route_prints_its_answer_or_writes_it(sh, hall):
     line = f"route hall.yaml {ENDS}"
     out = sh.ok(line)
@@ -233,12 +224,10 @@ def test_route_takes_costs_as_they_are(sh, hall):
     line = f"route c.npz {ENDS}"
     assert sh.err(f"{line} --image c.png", 1).startswith("error: c.npz: no route leads to 5, 1\n")
     answer = sh.json(line)
-    expanded = answer.pop("expanded")
-    assert 0 < expanded < 30 * 40  # no more than this side of the wall
+    assert 0 < answer.pop("expanded") < 30 * 40  # no more than this side of the wall
     nothing = dict.fromkeys(("length_m", "min_clearance_m", "mean_clearance_m", "cost"))
     ends = {"start": {"x": 1.0, "y": 1.0}, "goal": {"x": 5.0, "y": 1.0}, "points": []}
-    reached = {"method": "astar", "reached": False, "optimal": True}
-    assert answer == {**reached, **ends, **nothing}
+    assert answer == ends | nothing | {"method": "astar", "reached": False, "optimal": True}
     assert Path("c.png").exists()
     write_map("t.npz", mapdeal.threshold_cost(mapdeal.esdf(hall)))
     assert sh(f"route t.npz {ENDS}")[0] == 0
@@ -365,9 +354,6 @@ def test_the_field_in_the_heuristic_has_the_weight_of_its_option(sh, hall):
     assert "m on average" in sh.ok(f"{line} --heuristic field -o r.json")
 
 
-# route --pairs
-
-
 def printed_means(err):
     head, *rows = err.splitlines()
     assert head.startswith("means of ")
@@ -430,8 +416,7 @@ def test_pairs_that_cannot_be_planned_are_reported_and_the_others_go_on(sh, hall
     ]  # fmt: skip
     assert lines[1]["error"].startswith("start: lies in a closed cell")
     assert lines[1]["hint"].startswith("the nearest open cell is 0.3 m away")
-    rule = "must be four numbers x,y,x,y, got '1,1'"
-    assert lines[2] == {"pair": 3, "line": 3, "error": rule}
+    assert lines[2] == {"pair": 3, "line": 3, "error": "must be four numbers x,y,x,y, got '1,1'"}
     assert (lines[3]["line"], lines[3]["start"]) == (4, {"x": 99.0, "y": 1.0})
     assert "outside" in lines[3]["error"]
     assert err.startswith("means of 2 pairs ")
@@ -469,9 +454,6 @@ def test_pairs_without_obstacles_have_no_clearance(sh, answers_to):
     assert printed_means(means)["plain"][:2] == ["-", "-"]
 
 
-# query for the cost of a robot at poses
-
-
 ROBOT = "[[0.12,0.06],[0.12,-0.06],[-0.12,-0.06],[-0.12,0.06]]"
 SHAPE = Footprint.parse(ROBOT)
 QUERY = f"query cost.npz --footprint {ROBOT}"
@@ -487,8 +469,7 @@ def costmap(room):
 def poses_at(grid, *places):
     """Poses at rows and columns of a grid, along its own axes."""
     points = grid.frame.xy_from_continuous_rowcol([place[:2] for place in places])
-    yaws = [place[2] + grid.origin[2] for place in places]
-    return np.column_stack([points, yaws]).tolist()
+    return np.column_stack([points, [place[2] + grid.origin[2] for place in places]]).tolist()
 
 
 def at(poses):
@@ -501,8 +482,7 @@ def test_costs_at_poses_are_those_of_the_library(answers_to, costmap):
     answers = answers_to(f"{QUERY} {at(poses)}")
     assert [list(answer) for answer in answers] == [keys] * 5
     assert [[answer[key] for key in keys[:3]] for answer in answers] == poses
-    found = [answer["cost"] for answer in answers]
-    assert found == footprint_costs(costmap, SHAPE, poses).tolist()
+    assert [answer["cost"] for answer in answers] == footprint_costs(costmap, SHAPE, poses).tolist()
     states = [answer["state"] for answer in answers]
     assert states == ["unknown", "collision", "free", "outside", "outside"]
     assert [answer["inside"] for answer in answers] == [True, True, True, False, False]

@@ -143,9 +143,6 @@ def built(sh, path, options="", warning=""):
     return read_map("m.yaml")
 
 
-# build
-
-
 @pytest.mark.parametrize(
     ("form", "is_flipped"), [("ros1-bz2", False), ("sqlite3", True), ("mcap", False)]
 )
@@ -282,15 +279,11 @@ def test_each_beam_has_the_pose_of_its_own_time(sh):
     built(sh, bag_of(drive.full_bag()), "--deskew --force", warning)
 
 
-# convert
-
-
 def of_maps():
     maker = Maker()
     older = np.where(GRID.occupancy == 100, 0, GRID.occupancy)
     maker.add("/map", MAP, START, making.occupancy(START, older, 0.1, GRID.origin))
-    newer = making.occupancy(START + 5, GRID.occupancy, 0.1, GRID.origin)
-    maker.add("/map", MAP, START + 5, newer)
+    maker.add("/map", MAP, START + 5, making.occupancy(START + 5, GRID.occupancy, 0.1, GRID.origin))
     published = [[0, 50, 99], [100, -1, 1]]
     maker.add(
         "/global_costmap/costmap", MAP, START, making.occupancy(START, published, 0.25, (1, 2, 0))
@@ -433,9 +426,6 @@ def test_a_database_that_cannot_be_written_is_one_error(sh, monkeypatch):
     assert not Path("a.db3").exists()
 
 
-# local
-
-
 HANGING = (-0.5, 0.1, 1.0)
 POINTS = np.array([[1, 0.5, 0.2], [2, -0.75, 1.5], [np.nan, 0, 0], [0.4, 3, -1]], np.float32)
 WINDOW = "--size 12,9 --resolution 0.1 --no-images"
@@ -519,9 +509,6 @@ def test_points_of_the_map_stay_where_they_are(sh):
     same_window("a", np.float64(POINTS) + np.array([2, 0, 0]), (1, 2, 0), frame="map")
 
 
-# refusals
-
-
 @pytest.fixture(scope="module")
 def odd(tmp_path_factory):
     """Inputs of all kinds, and bags of scans, maps and clouds."""
@@ -592,9 +579,6 @@ def test_a_bag_with_nothing_in_it_says_so(sh):
     maker = Maker()
     maker.add("/map", MAP, START, making.occupancy(START, [[-1, -1]], 0.1, (0, 0, 0)))
     assert sh.err(f"convert {bag_of(maker)} -o m.yaml").endswith(": every cell is unknown\n")
-
-
-# info, and the extra
 
 
 def test_info_lists_topics_transforms_and_uses(sh):

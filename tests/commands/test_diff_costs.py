@@ -132,8 +132,7 @@ def test_costs_that_were_moved_are_compared_where_they_belong(command, pair):
 
 
 def test_the_page_shows_costs_and_never_says_that_obstacles_are_the_same(save_output, pair):
-    path = save_output("diff.json", "diff", *pair, "--json")
-    (entry,) = entries_of(path)
+    (entry,) = entries_of(save_output("diff.json", "diff", *pair, "--json"))
     assert (entry.name, layer_names(entry)) == (
         "A/cost and B/cost", ["first", "second", "difference"],
     )  # fmt: skip

@@ -86,8 +86,7 @@ def test_stdout_holds_the_report_alone(sh, maps, form, start, end):
     assert (code, out.startswith(start), out.endswith(end)) == (1, True, True)
     if start == "{":
         json.loads(out)
-    is_noted = "1 map was named more than once, and is checked once" in err
-    assert is_noted == (form != "json -q")
+    assert ("1 map was named more than once, and is checked once" in err) == (form != "json -q")
     if form.startswith("json"):
         assert sh("lint maps maps/good.yaml --strict --json")[:2] == (1, out)
     else:
@@ -259,8 +258,7 @@ def test_findings_name_their_costmap(sh, here):
 
 
 def test_explanations_are_printed_by_name_area_and_all(sh):
-    text = sh.ok("lint --explain yaml.nan-yaw")
-    assert text == (
+    assert sh.ok("lint --explain yaml.nan-yaw") == (
         "yaml.nan-yaw (error)\n"
         "  A yaw of nan, which some map savers write.\n"
         "  Every pose computed with the yaw is nan, so the robot cannot be placed on the map.\n"

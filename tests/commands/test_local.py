@@ -135,8 +135,7 @@ def sequence(points):
     """Twelve clouds whose names sort by number, and their poses; the third has no points."""
     Path("scans").mkdir()
     for k in range(12):
-        rows = [] if k == 2 else points[10 * k : 10 * k + 10]
-        np.savetxt(f"scans/{k}.csv", rows, delimiter=",")
+        np.savetxt(f"scans/{k}.csv", [] if k == 2 else points[10 * k : 10 * k + 10], delimiter=",")
     Path("poses.txt").write_text("\n".join(f"{k * 0.1:.1f} 0 0.{k}" for k in range(12)))
 
 
@@ -232,9 +231,6 @@ def test_real_clouds_give_local_maps(sh, here, real_maps):
         line = f"local --cloud {cloud} --pose {middle},1 --frame map --size 24,24 --no-images"
         assert sh(f"{line} -o {name}")[0] == 0
         assert read_map(f"{name}/local.yaml").occupied().sum() > 20
-
-
-# windows of a map and rolling sequences
 
 
 ROLLING = "local --cloud scans --poses poses.txt --size 3,2 --resolution 0.1 --no-images -o o"

@@ -41,8 +41,7 @@ def test_a_run_lays_the_mask_over_costs_and_nothing_else(sh, files):
     assert masked.cost[10, 15] == 254 != plain.cost[10, 15]
     esdf = [Path(name, "room/esdf.npz").read_bytes() for name in ("plain", "masked")]
     assert esdf[0] == esdf[1]
-    manifest = json.loads(Path("masked/room/manifest.json").read_text())
-    assert list(manifest["mask"]) == ["mask.npz"]
+    assert list(json.loads(Path("masked/room/manifest.json").read_text())["mask"]) == ["mask.npz"]
     assert "unchanged" in sh(with_mask)[1]
     mapdeal.write_map("mask.npz", mask_of(np.s_[:2, :2]), force=True)
     assert "the output exists" in sh.err(with_mask, 4)

@@ -123,8 +123,7 @@ def test_the_same_run_is_unchanged_until_the_parameters_change(sh, here, nav2):
     ("--robot-radius", 0.6, {"inscribed": 0.6}),
 ])  # fmt: skip
 def test_options_win_over_the_file(sh, option, value, changes):
-    is_common = option in ("--robot-radius", "--dialect")
-    of_run = option if is_common else f"--set cost.{option[2:]}"
+    of_run = option if option in ("--robot-radius", "--dialect") else f"--set cost.{option[2:]}"
     assert sh(f"{COST} {option}={value}")[0] == sh(f"{RUN} {of_run}={value}")[0] == 0
     costs_of("c.npz", **changes)
     costs_of(OF_RUN, **changes)

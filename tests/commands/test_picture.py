@@ -91,8 +91,7 @@ def test_pictures_of_a_run_are_these_of_applied_recipes(office, tmp_path):
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
 def test_an_array_of_a_picture_shows_each_cell_north_up(yaw):
-    grid = grid_from_text(DRAWING, origin=(1.5, -2.0, yaw))
-    picture = mapdeal.draw_picture(grid, image_max=0)
+    picture = mapdeal.draw_picture(grid_from_text(DRAWING, origin=(1.5, -2.0, yaw)), image_max=0)
     rgb = np.asarray(picture)
     assert (rgb.dtype, rgb.shape) == (np.uint8, (*picture.indices.shape, 3))
     # One pixel a cell: the map's first row of pixels is its north, with the two that stand out;

@@ -254,8 +254,7 @@ def test_a_page_has_no_plans_of_a_planner_that_is_not_modelled(command, files, p
     text = Path("robot.yaml").read_text()
     names = {"unlisted": ("planner_server:", "planners:"), "misspelt": ('"GridBased", ', "")}
     Path("robot.yaml").write_text(text.replace(*names[planner]))
-    words = (*files, "--to", "5,2", "--report", "-o", "out")
-    assert command("run", "map.yaml", *words)[0] == 0
+    assert command("run", "map.yaml", *files, "--to", "5,2", "--report", "-o", "out")[0] == 0
     assert "Plans of" not in Path("out/report.html").read_text()
 
 

@@ -212,9 +212,6 @@ def test_reach_is_that_of_the_robot_s_own_costmap_and_lint_has_its_graph(sh, her
     assert sh.ok(line).endswith("0 errors, 0 warnings, 0 notes\n")
 
 
-# graph
-
-
 LONG_ROOMS = "\n".join(["#" * 60, *["#" + "." * 28 + "##" + "." * 28 + "#"] * 9,
                    *["#" + "." * 58 + "#"] * 3,
                    *["#" + "." * 28 + "##" + "." * 28 + "#"] * 9, "#" * 60])  # fmt: skip
@@ -242,8 +239,7 @@ def test_the_graph_its_figures_and_its_picture(sh, along):
 
 def test_a_goal_in_a_wall_ends_with_1_and_a_point_is_warned_of(sh, here, along):
     line = "graph rooms.yaml -o g.geojson"
-    message = "goal wall is not reachable"
-    assert message in sh.err(f"{line} --robot-radius 0.2 --to wall=0,0", 1)
+    assert "goal wall is not reachable" in sh.err(f"{line} --robot-radius 0.2 --to wall=0,0", 1)
     assert not list(here.glob("g.*"))
     assert "no robot is given" in sh.err(line)
 

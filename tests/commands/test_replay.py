@@ -74,8 +74,7 @@ def test_costs_are_those_after_the_last_message_up_to_a_time(replay, tmp_path):
         code, out, err = replay([1.55, 9.0], *words)
         assert (code, err) == (0, "")
         assert "60 x 60 cells" in out
-        costs = costs_in(tmp_path / "out")
-        assert bool(costs[30, 45] == 254) == is_marked
+        assert bool(costs_in(tmp_path / "out")[30, 45] == 254) == is_marked
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert manifest["stages"] == [{"replay": {"messages": 1}}]
     assert manifest["robot"]["node"] == "/local_costmap/local_costmap"

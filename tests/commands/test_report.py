@@ -43,8 +43,7 @@ def test_python_writes_the_bytes_of_the_command(sh, run):
 
 
 def test_a_run_writes_its_page_with_the_map_as_read(sh):
-    output = sh(RUN)[1]
-    assert "out/report.html: 1 map, " in output
+    assert "out/report.html: 1 map, " in sh(RUN)[1]
     names = ("report.html", "report.json")
     first = [Path("out", name).read_bytes() for name in names]
     assert b"Map as read" in first[0]

@@ -115,9 +115,6 @@ def test_several_maps_are_run_into_a_folder_each():
     assert (first.folder, second.folder) == (Path("out/room"), Path("out/other"))
 
 
-# for a robot
-
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NAV2 = EXAMPLES / "robots" / "nav2_params.yaml"
 OFFICE = EXAMPLES / "maps" / "office.yaml"
@@ -129,8 +126,7 @@ def test_a_run_for_a_robot_is_the_commands(command, tmp_path):
     words = ["--params-file", NAV2, "--no-images", "-q"]
     assert command("run", OFFICE, "-o", tmp_path / "command", *words)[0] == 0
     assert tree(tmp_path / "python") == tree(tmp_path / "command")
-    manifest = json.loads((report.folder / "manifest.json").read_text())
-    assert manifest["robot"] == robot.described()
+    assert json.loads((report.folder / "manifest.json").read_text())["robot"] == robot.described()
 
 
 def test_a_grid_gets_the_costs_of_a_robot_and_changes_of_them():

@@ -36,8 +36,7 @@ def answer(sh, here):
         ("far", room(), 0.25, (900.0, 5.0, 0.0)),
         ("fine", np.kron(room(), np.ones((2, 2), np.int8)), 0.125, place),
     ):
-        grid = OccupancyGrid(np.ascontiguousarray(values), resolution, origin)
-        write_map(f"{name}.yaml", grid)
+        write_map(f"{name}.yaml", OccupancyGrid(np.ascontiguousarray(values), resolution, origin))
     Path("move.json").write_text('{"x": 10, "y": -4, "yaw": 0}')
 
     def ask(line):

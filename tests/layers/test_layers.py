@@ -151,8 +151,7 @@ def test_reach_sees_a_mask_that_is_inflated(cost, tmp_path, command):
     ask = ["reach", tmp_path / "m.npz", "--from", "1.8,-1.2", "--to", "4.2,-1.2", "--json",
            "--params-file", tmp_path / "p.yaml", "--mask", tmp_path / "k.npz"]  # fmt: skip
     for plugins, is_reached in (("sik", True), ("ski", False)):
-        text = nav2(plugins, STATIC, KEEPOUT, INFLATION, robot_radius=0.52)
-        cost(text, drawing=drawing)
+        cost(nav2(plugins, STATIC, KEEPOUT, INFLATION, robot_radius=0.52), drawing=drawing)
         code, out, _ = command(*ask)
         assert json.loads(out)["goals"][0]["reachable"] is is_reached
         assert code == (0 if is_reached else 1)

@@ -139,8 +139,7 @@ def test_between_start_and_goal_are_centres_without_a_hook_at_the_ends():
 
 def test_where_the_straight_way_would_cut_a_closed_cell_the_centre_stays():
     _, places = route_between([[0, 254], [0, 0]], (0.1, 0.9), (1.1, 1.9))
-    expected = np.array([[0.1, 0.9], [0.5, 0.5], [1.5, 1.5], [1.1, 1.9]])
-    assert places == pytest.approx(expected)
+    assert places == pytest.approx(np.array([[0.1, 0.9], [0.5, 0.5], [1.5, 1.5], [1.1, 1.9]]))
 
 
 def test_within_a_cell_the_way_is_straight():
@@ -210,8 +209,7 @@ def ends(hall):
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_files_and_grids_have_the_routes_of_the_command(command, hall, ends):
     start, goal = (",".join(map(str, ends[name])) for name in ("start", "goal"))
-    descent = {"method": "descent", "attractive_gain": 50.0}
-    for options in ({}, {"heuristic": "field"}, descent):
+    for options in ({}, {"heuristic": "field"}, {"method": "descent", "attractive_gain": 50.0}):
         more = [f"--{name.replace('_', '-')}={value}" for name, value in options.items()]
         code, out, _ = command("route", hall, f"--from={start}", f"--to={goal}", *more)
         for source in (hall, str(hall), read_map(hall)):

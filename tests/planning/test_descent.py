@@ -272,11 +272,9 @@ def test_ends_at_edges_belong_to_the_cells_that_reach_says(case, offsets):
     if not inside.all() or not is_open[tuple(cells.T)].all():
         return
     reached = mapdeal.reach(costmap, start=tuple(goal), radius=0.0).reachable.astype(bool)
-    route = shortest_way(costmap, tuple(start), tuple(goal))
-    assert route.reached == reached[tuple(cells[0])]
+    assert shortest_way(costmap, tuple(start), tuple(goal)).reached == reached[tuple(cells[0])]
     grid = mapdeal.OccupancyGrid(np.where(is_open, 0, 100).astype(np.int8), *FRAME)
-    field = mapdeal.potential(grid, goal=tuple(goal))
-    assert (np.isfinite(field.cost_to_go) == reached).all()
+    assert (np.isfinite(mapdeal.potential(grid, goal=tuple(goal)).cost_to_go) == reached).all()
 
 
 def test_the_largest_cost_multiplier_leads_to_the_border():

@@ -64,8 +64,7 @@ def check_graph(grid, robot, graph, cover):
     blocked = np.pad(occupancy == 100, 1, constant_values=True)
     distance = ndimage.distance_transform_edt(~blocked)[1:-1, 1:-1]
     is_open = (occupancy != 100) & (occupancy != -1)
-    radius = robot.inscribed_radius / grid.resolution
-    is_open &= distance > radius + 1e-9
+    is_open &= distance > robot.inscribed_radius / grid.resolution + 1e-9
     cells = grid.frame.unbounded_rowcol_from_xy(graph.points_xy)
     assert all(is_open[row, col] for row, col in cells.tolist())
     assert parts_of(graph) == 1
@@ -243,16 +242,14 @@ def graph_of(text, radius=0.2, resolution=0.25, goals=(), **options):
 def test_a_door_has_a_node_in_its_middle_with_its_width_and_a_goal_has_its_own(resolution, kind):
     frame = grid_from_text(TWO_ROOMS, resolution).frame
     x, y = frame.xy_from_rowcol([(2, 3)])[0].tolist()
-    goals = (Goal(x, y, "dock"),)
-    graph = graph_of(TWO_ROOMS, resolution=resolution, hall=9.0, goals=goals)
+    graph = graph_of(TWO_ROOMS, resolution=resolution, hall=9.0, goals=(Goal(x, y, "dock"),))
     (node,) = [node for node in graph.nodes if node.metadata["kind"] == "goal"]
     assert node.metadata["name"] == "dock"
     assert math.dist((node.x, node.y), (x, y)) < 1e-3
     assert any(node.id == edge.start for edge in graph.edges)
     (door,) = [node for node in graph.nodes if node.metadata["kind"] == kind]
     assert door.metadata["width"] == 2 * resolution
-    middle = frame.xy_from_continuous_rowcol([[5, 15]])[0]
-    assert math.dist(middle, (door.x, door.y)) < 0.3
+    assert math.dist(frame.xy_from_continuous_rowcol([[5, 15]])[0], (door.x, door.y)) < 0.3
     widths = [
         edge.metadata.get("door_width") for edge in graph.edges if door.id in (edge.start, edge.end)
     ]
@@ -263,8 +260,7 @@ def test_a_bottleneck_that_is_little_narrower_than_its_corridor_is_no_door():
     side, walls = "." * 14, "#" * 32
     rows = [f"#{side}##{side}#", *[f"#{side}..{side}#"] * 4, f"#{side}##{side}#"]
     graph = graph_of("\n".join([walls, *rows, walls]), resolution=0.3, hall=9.0)
-    kinds = {node.metadata["kind"] for node in graph.nodes}
-    assert kinds & {"door", "narrow"} == {"narrow"}
+    assert {node.metadata["kind"] for node in graph.nodes} & {"door", "narrow"} == {"narrow"}
 
 
 def drawn_in(height, width, *boxes):
@@ -315,8 +311,7 @@ def test_a_corridor_has_its_nodes_in_the_middle_at_the_spacing():
     graph = graph_of(text)
     places = grid_from_text(text).frame.continuous_rowcol_from_xy(graph.points_xy)
     assert set(places[:, 0].round(2)) == {3.5}
-    steps = np.diff(np.sort(places[:, 1])) * 0.25
-    assert steps.max() <= 2.5
+    assert (np.diff(np.sort(places[:, 1])) * 0.25).max() <= 2.5
     assert len(graph.edges) == 2 * (len(graph.nodes) - 1)
 
 
@@ -327,8 +322,7 @@ def test_a_hall_has_a_lattice_and_no_single_line():
     rows = grid_from_text(text).frame.continuous_rowcol_from_xy(graph.points_xy)
     assert len(set(rows[:, 0].round(2))) == 5
     assert 15.0 * 10.0 / len(graph.nodes) > AREA_PER_NODE
-    inner = np.bincount(graph.ends[:, 0])
-    assert inner.max() == 8
+    assert np.bincount(graph.ends[:, 0]).max() == 8
 
 
 @pytest.mark.parametrize(("width", "expected"), [(3, [1.5]), (6, [1.5, 4.5]), (9, [1, 4, 7])])
@@ -363,8 +357,7 @@ def test_lanes_are_on_the_right_and_lead_both_ways():
     both = set(map(tuple, graph.ends.tolist()))
     alone = [ends for ends in both if ends[::-1] not in both]
     assert len(alone) > 10
-    frame = grid_from_text(text).frame
-    rows = frame.continuous_rowcol_from_xy(graph.points_xy)
+    rows = grid_from_text(text).frame.continuous_rowcol_from_xy(graph.points_xy)
     for start, end in alone:
         (row, col), (other_row, other_col) = rows[[start, end]]
         if abs(other_row - row) < 1e-2:  # within a lane; eastwards it lies in the south
@@ -407,8 +400,7 @@ def test_routes_on_graphs_are_the_cheapest_ones(seed, count):
         return  # it may begin at another node
     passed = [int(np.flatnonzero((points == point).all(axis=1))[0]) for point in found.points_xy]
     assert (passed[0], passed[-1]) == (0, count - 1)
-    cost = sum(weights[a, b] for a, b in pairwise(passed))
-    assert cost == pytest.approx(expected)
+    assert sum(weights[a, b] for a, b in pairwise(passed)) == pytest.approx(expected)
 
 
 def test_a_route_on_the_graph_is_little_longer_than_without():

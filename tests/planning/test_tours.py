@@ -56,11 +56,9 @@ def test_no_exchange_of_two_edges_shortens_a_tour(seed, count):
 
 @given(SEEDS, st.floats(0.1, 3), st.floats(0.5, 30))
 def test_a_robot_stays_on_its_line_and_within_its_speeds(seed, speed, rate):
-    rng = np.random.default_rng(seed)
-    line = np.cumsum(rng.normal(0, 1, (6, 2)), axis=0)
+    line = np.cumsum(np.random.default_rng(seed).normal(0, 1, (6, 2)), axis=0)
     line = np.concatenate([line, line[-2::-1]])  # there and back
-    is_viewpoint = np.isin(np.arange(11), [3, 7])
-    poses = driven(line, is_viewpoint, speed=speed, rate=rate, turn=2.0)
+    poses = driven(line, np.isin(np.arange(11), [3, 7]), speed=speed, rate=rate, turn=2.0)
     moves = np.diff(poses, axis=0)
     assert (np.hypot(*moves[:, :2].T) <= speed / rate + 1e-9).all()
     assert (np.abs(moves[:, 2]) <= 1 / rate + 1e-9).all()
@@ -73,8 +71,7 @@ def test_a_robot_stays_on_its_line_and_within_its_speeds(seed, speed, rate):
 
 def test_a_robot_looks_ahead_turns_at_viewpoints_and_at_dead_ends():
     line = np.array([[0.0, 0.0], [2.0, 0.0], [4.0, 0.0], [2.0, 0.0]])
-    is_viewpoint = np.array([False, True, False, False])
-    poses = driven(line, is_viewpoint, speed=1.0, rate=20.0, turn=1.5)
+    poses = driven(line, np.array([False, True, False, False]), speed=1.0, rate=20.0, turn=1.5)
     near = {x: poses[np.abs(poses[:, 0] - x) < 0.02, 2] for x in (1.0, 2.0, 3.0, 4.0)}
     assert np.ptp(near[1.0]) < 1e-9
     assert np.ptp(near[2.0]) == pytest.approx(1.5, abs=0.1)
