@@ -1,5 +1,7 @@
 """Command lines as they are typed, and a map of two rooms with its run."""
 
+import shutil
+
 import pytest
 
 import mapdeal
@@ -8,8 +10,6 @@ from pipeline.reported import rooms_grid
 
 __all__ = ["_shown_on_terminal", "here", "room", "sh"]
 
-CHANGES = {"inflate.radius": 0.25, "cost.inflation_radius": 0.8, "cost.cost_scaling_factor": 1.0}
-
 
 @pytest.fixture
 def rooms(tmp_path):
@@ -17,10 +17,18 @@ def rooms(tmp_path):
     return tmp_path / "rooms.yaml"
 
 
+@pytest.fixture(scope="session")
+def finished_run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    mapdeal.write_map(folder / "rooms.yaml", rooms_grid())
+    changes = {"inflate.radius": 0.25, "cost.inflation_radius": 0.8, "cost.cost_scaling_factor": 1}
+    return mapdeal.run(folder / "rooms.yaml", folder / "out", changes=changes).folder
+
+
 @pytest.fixture
-def run(rooms, tmp_path):
-    """The folder of a run of the map."""
-    return mapdeal.run(rooms, tmp_path / "out", changes=CHANGES).folder
+def run(rooms, finished_run, tmp_path):
+    """The folder of a run of the map, which was made once and copied."""
+    return shutil.copytree(finished_run, tmp_path / "out" / "rooms")
 
 
 @pytest.fixture

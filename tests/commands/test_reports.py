@@ -30,8 +30,7 @@ def test_a_run_has_a_layer_for_each_stage_and_all_that_its_manifest_lists(run):
     (entry,) = entries_of(run)
     assert (entry.name, layer_names(entry), entry.warnings) == ("rooms", STAGES, ())
     inflated, field, _ = entry.layers
-    titles = ("Inflated by 0.25 m (disc)", "Signed distance field")
-    assert (inflated.title, field.title) == titles
+    assert (inflated.title, field.title) == ("Inflated by 0.25 m (disc)", "Signed distance field")
     assert (field.states, field.convention, field.unit) == ("inflated", "fast-planner", "m")
     tables = {table.title: dict(table.rows) for table in entry.tables}
     manifest = document(run / "manifest.json")
@@ -115,8 +114,7 @@ def test_layers_hold_what_the_files_hold_whether_they_fit_the_memory_or_not(
         values = [layer.values[:] for layer in layers]
         assert all(layer.values[2:4].tolist() == value[2:4].tolist()
                    for layer, value in zip(layers, values, strict=True))  # fmt: skip
-        paths = (run / "esdf.npz", rooms)
-        assert [grids.grid(path).is_lazy for path in paths] == [not fits] * 2
+        assert [grids.grid(path).is_lazy for path in (run / "esdf.npz", rooms)] == [not fits] * 2
     with np.load(run / "esdf.npz") as field, np.load(run / "cost.npz") as costs:
         assert values[1].view(np.int8).tolist() == field["occupancy"].tolist()
         assert values[2].tobytes() == field["distance"].tobytes()
@@ -198,8 +196,7 @@ def test_what_reading_the_map_of_a_run_warns_of_is_on_its_page(rooms, run):
     assert [text.partition(":")[0] for text in entry.warnings] == ["rooms.yaml"] * len(caught)
 
 
-@pytest.fixture
-def machine(tmp_path, rooms, command, save_output):
+def test_pages_show_no_absolute_path(tmp_path, rooms, command, save_output):
     shifted, imageless, robot = (
         tmp_path / f"{name}.yaml" for name in ("other", "imageless", "robot")
     )
@@ -207,48 +204,44 @@ def machine(tmp_path, rooms, command, save_output):
     imageless.write_text(rooms.read_text().replace("rooms.pgm", "no.pgm"))
     robot.write_text("global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.2}}}\n")
     maps = [rooms, shifted, imageless, tmp_path / "gone.yaml", robot]
-    (tmp_path / "documents").mkdir()
     ends = rooms_grid().frame.xy_from_rowcol([(3, 4), (3, 14)]).tolist()
     start, goal = (f"{x},{y}" for x, y in ends)
     at = ["--from", start, "--to", goal, "--robot-radius", "0.05"]
-    for name, words in {
+    (tmp_path / "documents").mkdir()
+    documents = [save_output(f"documents/{name}.json", *words) for name, words in {
+        "reach": ["reach", rooms, *at],
+        "route": ["route", rooms, *at],
         "align": ["align", rooms, shifted, "--json"],
         "diff": ["diff", rooms, shifted, "--json"],
         "lint": ["lint", *maps, "--format", "json"],
         "params": ["lint", rooms, "--params-file", robot, "--format", "json"],
         "score": ["score", rooms, "--truth", shifted, "--json"],
-        "reach": ["reach", rooms, *at],
-        "route": ["route", rooms, *at],
-    }.items():
-        save_output(f"documents/{name}.json", *words)
-    command("run", imageless, rooms, "-o", tmp_path / "batch", "-q", "--jobs", 1, "--no-images")
-    return tmp_path / "documents"
+    }.items()]  # fmt: skip
+    batch = tmp_path / "batch"
+    command("run", imageless, rooms, "-o", batch, "-q", "--jobs", 1, "--no-images")
+
+    def check_pages(*pages):
+        for paths in ([batch], *([path] for path in documents[2:]), *pages):
+            code, _, err = command("report", *paths, "-o", tmp_path / "page.html", "--force")
+            assert code == int("error: " in err), err  # lint has found a map without its image
+            page = (tmp_path / "page.html").read_text()
+            assert str(tmp_path) not in page
+            assert "rooms" in page
+
+    moved = shutil.move(rooms, tmp_path / "elsewhere.yaml")
+    check_pages()
+    shutil.move(moved, rooms)
+    (batch / "rooms/esdf.npz").write_bytes(b"torn")
+    check_pages([rooms, *documents], [batch / "rooms"])
 
 
-@pytest.mark.parametrize("state", ["there", "gone"])
-def test_pages_show_no_absolute_path(machine, command, state):
-    folder = machine.parent
-    pages = [[path] for path in sorted(machine.iterdir()) if path.stem not in ("reach", "route")]
-    if state == "gone":
-        shutil.move(folder / "rooms.yaml", folder / "elsewhere.yaml")
-    else:
-        pages += [[folder / "rooms.yaml", *sorted(machine.iterdir())], [folder / "batch/rooms"]]
-        (folder / "batch/rooms/esdf.npz").write_bytes(b"torn")
-    pages += [[folder / "batch"]]
-    for paths in pages:
-        code, _, err = command("report", *paths, "-o", folder / "page.html", "--force")
-        assert code == int("error: " in err), err  # lint has found a map without its image
-        page = (folder / "page.html").read_text()
-        assert str(folder) not in page
-        assert "rooms" in page
-
-
-def test_documents_of_another_system_show_no_folder_of_it(machine):
-    diff = document(machine / "diff.json")
+def test_documents_of_another_system_show_no_folder_of_it(tmp_path, rooms, save_output):
+    path = save_output("diff.json", "diff", rooms, rooms, "--json")
+    diff = document(path)
     diff["first"]["file"], diff["second"]["file"] = "C:\\maps\\a.yaml", "/home/me/my maps/b.yaml"
-    (machine / "diff.json").write_text(json.dumps(diff))
+    path.write_text(json.dumps(diff))
     with pytest.warns(mapdeal.MapdealWarning, match="is not shown"):
-        (entry,) = entries_of(machine / "diff.json")
+        (entry,) = entries_of(path)
     rows = dict(row for table in entry.tables for row in table.rows)
     assert (rows["first map"], rows["second map"]) == ("a.yaml", "b.yaml")
     assert [text.split(":")[0] for text in entry.warnings] == ["a.yaml", "b.yaml"]

@@ -102,18 +102,21 @@ def test_bags_have_the_topics_that_slam_needs(rooms, command):
 
 
 def test_the_bytes_do_not_depend_on_engine_and_threads(rooms, command, monkeypatch):
-    sums = set()
+    Path("poses.txt").write_text("-0.5 3.2 0\n4 5.5 3\n")
+    sums, noisy = {}, [*SENSOR[2:], *SLOW, "--noise=0.02", "--dropout=0.1", "--force"]
     for name, threads in [("scipy", 1), ("compiled", 3), ("compiled", 1)]:
         if name == "scipy" or engine.compiled_module() is not None:
             monkeypatch.setenv(engine.VARIABLE, name)
-        line = ["scan", "rooms.yaml", *SENSOR, *SLOW, "--noise=0.02", "--dropout=0.1", "--force"]
-        made = []
+        of_tour = ["scan", "rooms.yaml", *SENSOR[:2], *noisy, "--threads", threads]
+        assert command(*of_tour, "-o", "tour.npz")[0] == 0
         for output in FORMATS:
-            assert command(*line, "--threads", threads, "-o", output)[0] == 0
-            files = Path(output).iterdir() if output.endswith("db3") else [Path(output)]
-            made += [hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(files)]
-        sums.add(tuple(made))
-    assert len(sums) == 1
+            line = ["scan", "rooms.yaml", "--poses", "poses.txt", *noisy, "--threads", threads]
+            assert command(*line, "-o", output)[0] == 0
+        files = [Path("tour.npz"), *map(Path, FORMATS[:3]), *sorted(Path("scans.db3").iterdir())]
+        for file in files:
+            sums.setdefault(file, set()).add(hashlib.sha256(file.read_bytes()).hexdigest())
+    assert len(files) == 6
+    assert {len(found) for found in sums.values()} == {1}
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
