@@ -21,6 +21,7 @@ from mapdeal import Scans, build_map, read_map
 from mapdeal.bags import bag as chunked
 
 LASER, TF = "sensor_msgs/msg/LaserScan", "tf2_msgs/msg/TFMessage"
+pytestmark = pytest.mark.usefixtures("here")
 ODOMETRY, MAP = "nav_msgs/msg/Odometry", "nav_msgs/msg/OccupancyGrid"
 COSTMAP, CLOUD = "nav2_msgs/msg/Costmap", "sensor_msgs/msg/PointCloud2"
 MOUNT = (0.2, -0.1, 0.4)
@@ -28,6 +29,7 @@ FIRST_ANGLE, STEP, BEAMS = -1.5, 0.05, 61
 SCANS = 8
 FIFTH = SECOND // 5
 GRID = grid_from_text("..#?\n#...\n?.#.", 0.1)
+PUBLISHED = "/global_costmap/costmap"
 
 
 def product(first, second):
@@ -109,11 +111,6 @@ class Drive:
         return Scans(self.poses, self.turns, np.float64(self.ranges))
 
 
-@pytest.fixture(autouse=True)
-def _here(here):
-    return here
-
-
 def same(found, expected):
     assert np.array_equal(found.occupancy, expected.occupancy)
     assert found.frame == expected.frame
@@ -176,10 +173,8 @@ def test_scans_outside_of_the_transforms_are_left_out_and_counted(sh):
     maker = drive.full_bag()
     first, last = drive.times[2], drive.times[6]
     maker.messages = [m for m in maker.messages if m[1] != "/tf" or first <= m[0] <= last]
-    warning = (
-        "4 of 8 scans are left out: where laser was is known from 1700000000.400 to 1700000001.2"
-    )
-    found = built(sh, bag_of(maker), warning=warning)
+    left_out = "4 of 8 scans are left out: where laser was is known from 1700000000.4"
+    found = built(sh, bag_of(maker), warning=f"{left_out}00 to 1700000001.2")
     drive.poses, drive.ranges = drive.poses[2:6], drive.ranges[2:6]
     same(found, drive.map())
 
@@ -284,10 +279,8 @@ def of_maps():
     older = np.where(GRID.occupancy == 100, 0, GRID.occupancy)
     maker.add("/map", MAP, START, making.occupancy(START, older, 0.1, GRID.origin))
     maker.add("/map", MAP, START + 5, making.occupancy(START + 5, GRID.occupancy, 0.1, GRID.origin))
-    published = [[0, 50, 99], [100, -1, 1]]
-    maker.add(
-        "/global_costmap/costmap", MAP, START, making.occupancy(START, published, 0.25, (1, 2, 0))
-    )
+    published = making.occupancy(START, [[0, 50, 99], [100, -1, 1]], 0.25, (1, 2, 0))
+    maker.add(PUBLISHED, MAP, START, published)
     raw = making.costmap(START, [[0, 253, 254, 255]], 0.25, (1, 2, 0.5))
     maker.add("/costmap_raw", COSTMAP, START, raw)
     return maker
@@ -309,9 +302,6 @@ def test_the_last_map_of_a_topic_is_converted_by_default(sh):
     for name in ("o.npz", "maps/0001.yaml"):
         np.testing.assert_array_equal(read_map(name).occupancy, GRID.occupancy)
     assert sh(f"{line} --all -o maps")[0] == 4
-
-
-PUBLISHED = "/global_costmap/costmap"
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
@@ -483,10 +473,8 @@ def test_a_bag_is_a_sequence(sh):
     sh(f"{line} --poses poses.txt -o posed")
     for first, second in (("kept", "files"), ("posed", "seq")):
         for k in range(3):
-            first_map, second_map = (
-                read_map(f"{name}/{k:04}/local.yaml") for name in (first, second)
-            )
-            assert np.array_equal(first_map.occupancy, second_map.occupancy)
+            maps = [read_map(f"{name}/{k:04}/local.yaml") for name in (first, second)]
+            assert np.array_equal(maps[0].occupancy, maps[1].occupancy)
 
 
 @pytest.mark.filterwarnings("ignore")

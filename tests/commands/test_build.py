@@ -10,10 +10,6 @@ from mapdeal import MapdealWarning, build_map, build_map_from_log, read_map
 
 ANGLES = np.radians(np.arange(-90, 90))
 TRIPLE = "--poses p.txt --angles a.txt --ranges r.txt"
-OF_LOG_ODDS = (
-    "--resolution 0.1 --size 5,3 --origin 0.25,-0.5 --range-min 0.5 --range-max 4 --clear-max 2"
-    " --log-free -0.5 --log-occ 0.9 --log-min 20 --log-max 90 --values"
-)
 
 
 def flaser(readings, pose, number):
@@ -75,7 +71,8 @@ def test_every_kind_of_source_gives_the_same_map(sh, run):
 @pytest.mark.usefixtures("mapdeal_warnings")
 @pytest.mark.parametrize(("words", "options"), [
     (
-        OF_LOG_ODDS,
+        "--resolution 0.1 --size 5,3 --origin 0.25,-0.5 --range-min 0.5 --range-max 4 --clear-max 2"
+        " --log-free -0.5 --log-occ 0.9 --log-min 20 --log-max 90 --values",
         {"resolution": 0.1, "size": (5, 3), "origin": (0.25, -0.5), "range_min": 0.5,
          "range_max": 4, "clear_max": 2, "log_free": -0.5, "log_occ": 0.9, "log_min": 20,
          "log_max": 90, "values": True},
@@ -133,10 +130,10 @@ def test_groups_of_hits_that_the_map_lacks_are_counted(sh, here, method, advice)
     assert "; it has 3 cells, around 2.02, 1.06; " in err
 
 
-@pytest.mark.parametrize("words", ["--method counting --ratio 0.24", "--log-occ 3.1", "--values"])
-def test_what_is_advised_keeps_them(sh, here, words):
+def test_what_is_advised_keeps_them(sh, here):
     write_poles(1.0, 3.0)
-    sh.ok(f"build poles.log -o m.npz {words} --resolution 0.04")
+    for words in ("--method counting --ratio 0.24", "--log-occ 3.1", "--values"):
+        sh.ok(f"build poles.log -o m.npz --force {words} --resolution 0.04")
 
 
 def test_lines_that_are_wrong_are_passed_over_up_to_a_number(here):

@@ -11,9 +11,8 @@ from drawn import grid_from_text
 from mapdeal import write_map
 from pipeline.reported import entries_of, layer_names
 
-ROOM = "\n".join(
-    ["?" * 24, "?" + "#" * 22 + "?", *["?#" + "." * 20 + "#?"] * 16, "?" + "#" * 22 + "?"]
-)
+WALL = f"?{'#' * 22}?"
+ROOM = "\n".join(["?" * 24, WALL, *[f"?#{'.' * 20}#?"] * 16, WALL])
 
 
 def compared(paths):
@@ -21,18 +20,8 @@ def compared(paths):
 
 
 @pytest.fixture
-def save_output(command, tmp_path):
-    def write(name, *words):
-        (tmp_path / name).write_text(command(*words)[1])
-        return tmp_path / name
-
-    return write
-
-
-@pytest.fixture
-def pair(tmp_path, monkeypatch):
+def pair(here):
     """Costs of one room for two robots, in folders of their own under one name."""
-    monkeypatch.chdir(tmp_path)
     for name, radius in (("A", 0.2), ("B", 0.3)):
         room = grid_from_text(ROOM)
         costs = mapdeal.exponential_cost(room, inscribed_radius=radius, inflation_radius=1.0)
@@ -71,9 +60,8 @@ def test_costs_in_yaml_and_npz_are_compared_alike(command, pair):
         del document["first"], document["second"]
     assert documents[0] == documents[1]
     assert command("diff", "A/cost.npz", "A/cost.yaml")[0] == 0
-    assert command("diff", "A/cost.npz", "A/cost.npz")[1].startswith(
-        "A/cost.npz, A/cost.npz: equal costs\n"
-    )
+    out = command("diff", "A/cost.npz", "A/cost.npz")[1]
+    assert out.startswith("A/cost.npz, A/cost.npz: equal costs\n")
 
 
 def test_a_bound_on_the_share_of_differing_costs(command, pair):
@@ -84,30 +72,23 @@ def test_a_bound_on_the_share_of_differing_costs(command, pair):
         assert ("within the bounds" if code == 0 else "beyond the bounds") in out
 
 
-@pytest.mark.parametrize(
-    ("option", "value"), [("--tolerance", "1"), ("--max-shift", "0"), ("--max-shift", "0.5")]
-)
-def test_options_about_obstacles_are_refused(command, pair, option, value):
-    code, _, err = command("diff", *pair, option, value)
-    assert (code, err) == (2, f"error: {option}: applies to maps, and both are costs\n")
+def test_options_and_functions_about_obstacles_are_refused(command, pair):
+    for option, value in (("--tolerance", "1"), ("--max-shift", "0"), ("--max-shift", "0.5")):
+        code, _, err = command("diff", *pair, option, value)
+        assert (code, err) == (2, f"error: {option}: applies to maps, and both are costs\n")
+    with pytest.raises(mapdeal.ParameterError, match="are both costs") as caught:
+        mapdeal.diff(*pair)
+    assert caught.value.hint == "compare_costmaps compares costs"
 
 
 def test_costs_on_another_scale_are_converted_with_a_warning(command, pair):
     published = mapdeal.read_map(pair[0]).to_occupancy()
-    costs = mapdeal.Costmap(
-        published.occupancy, published.resolution, published.origin, scale="occupancy"
-    )
-    write_map("C/cost.npz", costs)
+    cells = published.occupancy, published.resolution, published.origin
+    write_map("C/cost.npz", mapdeal.Costmap(*cells, scale="occupancy"))
     for names in ((pair[0], "C/cost.npz"), ("C/cost.npz", pair[0])):
         code, out, err = command("diff", *names)
         assert (code, "equal costs" in out) == (0, True)
         assert "C/cost.npz: has costs on the occupancy scale: both are compared" in err
-
-
-def test_python_says_which_function_compares_costs(pair):
-    with pytest.raises(mapdeal.ParameterError, match="are both costs") as caught:
-        mapdeal.diff(*pair)
-    assert caught.value.hint == "compare_costmaps compares costs"
 
 
 def test_the_memory_of_many_changes_is_claimed(command, tmp_path):
@@ -133,9 +114,8 @@ def test_costs_that_were_moved_are_compared_where_they_belong(command, pair):
 
 def test_the_page_shows_costs_and_never_says_that_obstacles_are_the_same(save_output, pair):
     (entry,) = entries_of(save_output("diff.json", "diff", *pair, "--json"))
-    assert (entry.name, layer_names(entry)) == (
-        "A/cost and B/cost", ["first", "second", "difference"],
-    )  # fmt: skip
+    assert entry.name == "A/cost and B/cost"
+    assert layer_names(entry) == ["first", "second", "difference"]
     result = compared(pair)
     claims = {claim.about: claim for claim in entry.claims}
     assert {about: claim.state for about, claim in claims.items()} == {
@@ -155,10 +135,8 @@ def test_the_page_shows_costs_and_never_says_that_obstacles_are_the_same(save_ou
     (entry,) = entries_of(same)
     assert {claim.state for claim in entry.claims} == {"good"}
     missed = save_output("missed.json", "diff", *pair, "--json", "--max-differing", 1)
-    (entry,) = entries_of(missed)
-    assert [claim.text for claim in entry.claims if claim.state == "error"] == [
-        "The bound on max_differing does not hold"
-    ]
+    (claim,) = (claim for claim in entries_of(missed)[0].claims if claim.state == "error")
+    assert claim.text == "The bound on max_differing does not hold"
 
 
 def test_a_page_of_costs_that_became_a_map_says_so(save_output, pair):

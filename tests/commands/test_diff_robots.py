@@ -58,16 +58,15 @@ def robot(name, radius, inflation=0.9):
 
 
 @pytest.fixture
-def site(tmp_path, monkeypatch):
+def site(here):
     """Two rooms behind doors of 8 and 14 free cells, and parameters of a slim and a wide robot."""
-    monkeypatch.chdir(tmp_path)
     grid = rooms((8, 14))
     write_map("site.yaml", grid)
     robot_file("slim.yaml", 0.3)
     robot_file("wide.yaml", 0.5)
-    x, y = place(grid, 12, 12)
-    goals = [",".join(map(str, place(grid, 35, col))) for col in (16, 47)]
-    return ["--from", f"{x},{y}", "--to", f"left={goals[0]}", f"right={goals[1]}"]
+    points = [place(grid, row, col) for row, col in ((12, 12), (35, 16), (35, 47))]
+    start, left, right = (f"{x},{y}" for x, y in points)
+    return ["--from", start, "--to", f"left={left}", f"right={right}"]
 
 
 def words(first, second, *more):
@@ -85,10 +84,8 @@ def test_a_door_that_closes_is_a_finding(command, site):
     assert document["passages"]["opened"] == []
     assert document["goals"] == {"lost": ["left"], "gained": []}
     assert document["parameters"]["robot_radius"] == [0.3, 0.5]
-    assert document["parameters"].keys() == {
-        "robot_radius", "inscribed_radius", "circumscribed_radius",
-        "inflation_layer.inscribed_radius",
-    }  # fmt: skip
+    radii = {"robot_radius", "inscribed_radius", "circumscribed_radius"}
+    assert document["parameters"].keys() == {*radii, "inflation_layer.inscribed_radius"}
     before, after = document["reachable_m2"]
     assert before > after > 0
     code, out, _ = command(*words("slim.yaml", "wide.yaml", *site))
@@ -129,9 +126,8 @@ def test_costs_alone_may_differ(command, site):
 def test_numbers_that_read_the_same_do_not_differ(command, site):
     """ROS 1 has parameters as doubles, Nav2 has a padding as float32."""
     own = "robot_radius: 0.3, footprint_padding: 0.01"
-    Path("nav2.yaml").write_text(
-        f"global_costmap: {{global_costmap: {{ros__parameters: {{{own}}}}}}}\n"
-    )
+    of_node = f"global_costmap: {{global_costmap: {{ros__parameters: {{{own}}}}}}}\n"
+    Path("nav2.yaml").write_text(of_node)
     layers = "plugins: [{name: static, type: 'costmap_2d::StaticLayer'}]"
     Path("ros1.yaml").write_text(f"global_costmap: {{{own}, {layers}}}\n")
     _, out, err = command(*words("ros1.yaml", "nav2.yaml", *site, "--json"))
@@ -176,11 +172,11 @@ def test_a_passage_closes_if_it_is_between_as_wide_as_both_robots(tmp_path, door
     goals = [Goal(*place(grid, 35, 16 + 31 * index), str(index)) for index in range(len(doors))]
     result = mapdeal.compare_robots(grid, *robots, start=place(grid, 12, 12), goals=goals)
     widths = [2 * ((door + 1) // 2) * RESOLUTION for door in doors]
-    passed = [
+    first, second = (
         {str(k) for k, width in enumerate(widths) if 2 * shape.inscribed_radius < width - 1e-6}
         for shape in robots
-    ]
-    closed, opened = sorted(passed[0] - passed[1]), sorted(passed[1] - passed[0])
+    )
+    closed, opened = sorted(first - second), sorted(second - first)
     assert sorted(passage.width for passage in result.closed) == pytest.approx(
         sorted(widths[int(k)] for k in closed)
     )
@@ -199,11 +195,9 @@ def test_a_passage_behind_one_that_closes_does_not_close(tmp_path, second, shape
     cells[12:20, 31] = cells[16 - second // 2 : 16 + second // 2, 62] = 0
     robots = [robot(tmp_path / f"{radius}.yaml", radius) for radius in (0.2, 0.42)]
     if shape:
-        text = (tmp_path / "0.42.yaml").read_text()
-        (tmp_path / "b.yaml").write_text(
-            text.replace("robot_radius: 0.42", f'footprint: "{shape}"')
-        )
-        robots[1] = mapdeal.read_robot_parameters(tmp_path / "b.yaml")
+        path = tmp_path / "0.42.yaml"
+        path.write_text(path.read_text().replace("robot_radius: 0.42", f'footprint: "{shape}"'))
+        robots[1] = mapdeal.read_robot_parameters(path)
     grid = OccupancyGrid(cells, RESOLUTION, ORIGIN)
     result = mapdeal.compare_robots(grid, *robots, start=place(grid, 15, 15))
     assert [passage.width for passage in result.closed] == [0.8]
@@ -251,9 +245,8 @@ def test_unknown_cells_open_to_the_wider_robot_alone_are_no_start(command, site)
 
 
 def test_later_files_win_and_points_are_goals(command, site):
-    Path("wider.yaml").write_text(
-        "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.5}}}\n"
-    )
+    wider = "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.5}}}\n"
+    Path("wider.yaml").write_text(wider)
     Path("goals.csv").write_text(f"{site[-2]}\n{site[-1]}\n")
     more = ["--against", "wider.yaml", *site[:2], "--points", "goals.csv", "--json"]
     document = json.loads(command(*words("slim.yaml", "slim.yaml", *more))[1])
@@ -263,24 +256,22 @@ def test_later_files_win_and_points_are_goals(command, site):
     assert {key: document[key] for key in same} == {key: alone[key] for key in same}
 
 
-@pytest.mark.parametrize(("line", "error"), [
-    ("diff site.yaml", "needs two files, or --params-file and --against"),
-    ("diff site.yaml --params-file slim.yaml", "needs two files, or --params-file and --against"),
-    ("diff site.yaml --against slim.yaml", "needs two files, or --params-file and --against"),
-    ("diff site.yaml --params-file slim.yaml --against wide.yaml --tolerance 1",
-     "--tolerance: applies to two files"),
-    ("diff site.yaml --params-file slim.yaml --against wide.yaml --align",
-     "--align: applies to two files"),
-    ("diff site.yaml site.yaml --from 1,2",
-     "--from: applies to one map, with --params-file and --against"),
-    ("diff site.yaml site.yaml --params-file slim.yaml --against wide.yaml",
-     "--params-file: applies to one map, with --params-file and --against"),
-    ("diff site.yaml site.yaml --mask site.yaml",
-     "--mask: applies to one map, with --params-file and --against"),
-    ("diff site.yaml --costmap local --against slim.yaml", "--costmap: needs --params-file"),
+ROBOTS = "--params-file slim.yaml --against wide.yaml"
+TWO_FILES = "needs two files, or --params-file and --against"
+ONE_MAP = "applies to one map, with --params-file and --against"
+
+
+@pytest.mark.parametrize(("words", "error"), [
+    ("", TWO_FILES), ("--params-file slim.yaml", TWO_FILES), ("--against slim.yaml", TWO_FILES),
+    (f"{ROBOTS} --tolerance 1", "--tolerance: applies to two files"),
+    (f"{ROBOTS} --align", "--align: applies to two files"),
+    ("site.yaml --from 1,2", f"--from: {ONE_MAP}"),
+    (f"site.yaml {ROBOTS}", f"--params-file: {ONE_MAP}"),
+    ("site.yaml --mask site.yaml", f"--mask: {ONE_MAP}"),
+    ("--costmap local --against slim.yaml", "--costmap: needs --params-file"),
 ])  # fmt: skip
-def test_options_that_do_not_belong_are_refused(command, site, line, error):
-    code, _, err = command(*line.split())
+def test_options_that_do_not_belong_are_refused(command, site, words, error):
+    code, _, err = command("diff", "site.yaml", *words.split())
     assert (code, err.splitlines()[0]) == (2, f"error: {error}")
 
 

@@ -10,13 +10,12 @@ import mapdeal
 from drawn import cells, grid_from_text
 from mapdeal import BitMap, Costmap, exponential_cost, read_map, write_map
 
-ROOM = "........\n.#......\n......?.\n...##..."
-
 
 @pytest.fixture(autouse=True)
 def room(here):
     """A map that lies straight: cell (row, col) begins at (1.5 + col / 10, -2 + row / 10)."""
-    write_map("room.yaml", grid_from_text(ROOM, 0.1, (1.5, -2.0, 0.0)))
+    drawing = "........\n.#......\n......?.\n...##..."
+    write_map("room.yaml", grid_from_text(drawing, 0.1, (1.5, -2.0, 0.0)))
     write_map("costs.npz", Costmap(np.full((4, 8), 9, np.uint8), 0.1, (1.5, -2.0, 0.0)))
     return read_map("room.yaml")
 
@@ -65,15 +64,12 @@ def test_the_shapes_of_a_file_with_one_more_on_top(sh, overlay, circles):
     assert occupancy("o.npz") == expected.tolist()
 
 
-CIRCLE = "edit circle room.yaml -o mask.yaml --blank --point 2.0,-1.8 --radius 0.15"
-
-
 @pytest.mark.usefixtures("mapdeal_warnings")
 @pytest.mark.parametrize(
     ("more", "values"), [("--value 80", {0, 80}), ("--background -1 --value 100", {-1, 100})]
 )
 def test_a_mask_drawn_on_a_blank_grid_is_laid_over_the_costs(sh, room, more, values):
-    sh(f"{CIRCLE} {more}")
+    sh(f"edit circle room.yaml -o mask.yaml --blank --point 2.0,-1.8 --radius 0.15 {more}")
     drawn = read_map("mask.yaml")
     assert set(np.unique(drawn.occupancy).tolist()) == values
     err = sh.err("cost room.yaml -o c.npz --mask mask.yaml")

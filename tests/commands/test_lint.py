@@ -33,12 +33,9 @@ def test_findings_are_those_of_the_command(command, paths, words, options):
     document = json.loads(out)["maps"]
     assert [part.file for part in report.maps] == [part["file"] for part in document]
     for part, expected in zip(report.maps, document, strict=True):
-        found = [
-            (finding.check, finding.severity, finding.message, finding.line)
-            for finding in part.findings
-        ]
-        keys = ("check", "severity", "message", "line")
-        assert found == [tuple(entry[key] for key in keys) for entry in expected["findings"]]
+        for finding, entry in zip(part.findings, expected["findings"], strict=True):
+            for key in ("check", "severity", "message", "line"):
+                assert getattr(finding, key) == entry[key]
         assert {finding.file for finding in part.findings} <= {part.file}
     out = command("lint", *paths, *words)[1]
     assert [str(finding) for finding in report] == out.splitlines()[: len(report)]

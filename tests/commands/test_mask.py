@@ -14,13 +14,12 @@ from mapdeal.ros.ros2_files import read_ros2
 
 ROOT = Path(__file__).parents[2]
 OFFICE = ROOT / "examples" / "maps" / "office.yaml"
-ZONES = ROOT / "examples" / "shapes" / "office_filters.geojson"
-ROBOT = ROOT / "examples" / "robots" / "nav2_params.yaml"
 
 
 @pytest.fixture
 def folder(tmp_path, command):
-    code, out, err = command("mask", OFFICE, "--file", ZONES, "-o", tmp_path / "f", "--json")
+    zones = ROOT / "examples/shapes/office_filters.geojson"
+    code, out, err = command("mask", OFFICE, "--file", zones, "-o", tmp_path / "f", "--json")
     assert (code, err) == (0, "")
     return tmp_path / "f", json.loads(out)
 
@@ -40,14 +39,10 @@ def test_the_folder_has_masks_parameters_and_a_launch_file(folder):
 @pytest.mark.parametrize("dialect", ["nav2", "humble"])
 def test_map_server_serves_the_values_that_the_filters_need(folder, dialect):
     path, _ = folder
-    grids = {
-        kind: mapdeal.read_map(path / f"{kind}_mask.yaml", dialect=dialect)
-        for kind in ("keepout", "speed", "binary")
-    }
-    values = {kind: set(grid.occupancy.ravel().tolist()) for kind, grid in grids.items()}
-    assert values == {"keepout": {-1, 100}, "speed": {0, 60, 80}, "binary": {0, 100}}
-    office = mapdeal.read_map(OFFICE)
-    assert all(grid.frame == office.frame for grid in grids.values())
+    for kind, values in (("keepout", {-1, 100}), ("speed", {0, 60, 80}), ("binary", {0, 100})):
+        grid = mapdeal.read_map(path / f"{kind}_mask.yaml", dialect=dialect)
+        assert set(grid.occupancy.ravel().tolist()) == values
+        assert grid.frame == mapdeal.read_map(OFFICE).frame
 
 
 def test_servers_and_filters_agree(folder):
@@ -55,20 +50,14 @@ def test_servers_and_filters_agree(folder):
     path, _ = folder
     read = read_ros2([path / "filters.yaml"])
     nodes = {node.name: read.for_node(node.name) for node in read.nodes}
-    (managed,) = (
-        parameters["node_names"].value
-        for parameters in nodes.values()
-        if "node_names" in parameters
-    )
+    (managed,) = (node["node_names"].value for node in nodes.values() if "node_names" in node)
     for kind, number in {"keepout": 0, "speed": 1, "binary": 3}.items():
-        server, info = (
-            nodes[f"/{kind}_filter_mask_server"],
-            nodes[f"/{kind}_costmap_filter_info_server"],
-        )
+        info = nodes[f"/{kind}_costmap_filter_info_server"]
         kinds = {name: (parameter.kind, parameter.value) for name, parameter in info.items()}
         assert kinds["type"] == ("integer", number)
         assert kinds["base"][0] == kinds["multiplier"][0] == "double"
-        assert kinds["mask_topic"][1] == server["topic_name"].value
+        topic = nodes[f"/{kind}_filter_mask_server"]["topic_name"].value
+        assert kinds["mask_topic"][1] == topic
         assert {f"{kind}_filter_mask_server", f"{kind}_costmap_filter_info_server"} < set(managed)
         costmap = nodes["/global_costmap/global_costmap"]
         assert f"{kind}_filter" in costmap["filters"].value
@@ -78,7 +67,7 @@ def test_servers_and_filters_agree(folder):
 def test_lint_finds_nothing_in_the_parameters_with_a_robots_own(folder, command, real_maps):
     path, _ = folder
     nav2 = real_maps / "params/ros-navigation__navigation2/nav2_bringup/params/nav2_params.yaml"
-    for own in (ROBOT, nav2):
+    for own in (ROOT / "examples/robots/nav2_params.yaml", nav2):
         before = command("lint", "--params-file", own)[1].count("\n")
         words = ("lint", "--params-file", own, "--params-file", path / "filters.yaml")
         code, out, _ = command(*words, "--ignore", "params.layer-disabled")
@@ -93,14 +82,11 @@ def test_the_launch_file_starts_all_nodes_of_the_parameters(folder, monkeypatch)
     def record(*entities, **arguments):
         return SimpleNamespace(entities=entities, **arguments)
 
-    modules = {
-        "launch": {"LaunchDescription": list},
-        "launch.actions": {"DeclareLaunchArgument": record},
-        "launch.substitutions": {"LaunchConfiguration": str},
-        "launch_ros": {},
-        "launch_ros.actions": {"Node": record},
-    }
-    for name, contents in modules.items():
+    for name, contents in (
+        ("launch", {"LaunchDescription": list}), ("launch_ros.actions", {"Node": record}),
+        ("launch.actions", {"DeclareLaunchArgument": record}), ("launch_ros", {}),
+        ("launch.substitutions", {"LaunchConfiguration": str}),
+    ):  # fmt: skip
         monkeypatch.setitem(sys.modules, name, SimpleNamespace(**contents))
     description = runpy.run_path(str(path / "filters.launch.py"))["generate_launch_description"]()
     nodes = {entity.name: entity for entity in description if hasattr(entity, "executable")}
@@ -121,9 +107,8 @@ def test_a_zone_in_a_door_is_named(tmp_path, command):
     geometry = {"type": "Polygon", "coordinates": door}
     zone = {"type": "Feature", "properties": {"name": "paint"}, "geometry": geometry}
     (tmp_path / "z.geojson").write_text(json.dumps(zone))
-    words = ["mask", OFFICE, "--file", tmp_path / "z.geojson", "--kind", "keepout"]
-    words += ["-o", tmp_path / "f", "--robot-radius", "0.22", "--from", "0,0.9"]
-    words += ["--to", "room=-7,-3"]
+    words = ["mask", OFFICE, "--file", tmp_path / "z.geojson", "-o", tmp_path / "f", "--kind"]
+    words += ["keepout", "--robot-radius", "0.22", "--from", "0,0.9", "--to", "room=-7,-3"]
     code, _, err = command(*words)
     assert code == 1
     assert "error: " in err

@@ -177,31 +177,21 @@ def test_routes_go_through_the_robots_costs(sh):
     assert message in sh.err(f"route c.npz {ends} {FILE}", 2)
 
 
-TAKERS = [
-    "run hall.npz -o out", "inflate hall.npz -o o.npz", "cost hall.npz -o o.npz",
-    "route hall.npz -o o.json --from 2,-1 --to 3,-1", "reach hall.npz -o o.json --from 2,-1",
-    "query hall.npz --at 2,-1,0",
-]  # fmt: skip
-OTHER_NODES = (
-    "amcl: {ros__parameters: {alpha1: 0.2}}\ncontroller_server: {ros__parameters: {x: 1}}\n"
-)
-REFUSED = {
-    "type": (NAV2.replace("us: 0.85", "us: 1"), "line 12", ": must be a double, is an integer"),
-    "level": (NAV2.replace("  global_costmap:\n", ""), "line 2", "applies to no node: Nav2's cost"),
-    "none": (f"amcl:\n  ros__parameters:\n    # x: 1\n{NAV2}", "line 2", "holds no parameters, a"),
-    "others": (
-        OTHER_NODES,
-        "",
-        "holds no parameter of /global_costmap/global_costmap; it has /amcl, ",
-    ),
-}
-
-
-@pytest.mark.parametrize(("text", "place", "message"), REFUSED.values(), ids=REFUSED)
+@pytest.mark.parametrize(("text", "place", "message"), [
+    (NAV2.replace("us: 0.85", "us: 1"), "line 12", ": must be a double, is an integer"),
+    (NAV2.replace("  global_costmap:\n", ""), "line 2", "applies to no node: Nav2's cost"),
+    (f"amcl:\n  ros__parameters:\n    # x: 1\n{NAV2}", "line 2", "holds no parameters, a"),
+    ("amcl: {ros__parameters: {alpha1: 0.2}}\ncontroller_server: {ros__parameters: {x: 1}}\n", "",
+     "holds no parameter of /global_costmap/global_costmap; it has /amcl, "),
+], ids=["type", "level", "none", "others"])  # fmt: skip
 def test_what_the_node_refuses_is_refused_by_all_commands(sh, here, nav2, text, place, message):
     nav2(text)
     before = tree(here)
-    for line in TAKERS:
+    for line in (
+        "run hall.npz -o out", "inflate hall.npz -o o.npz", "cost hall.npz -o o.npz",
+        "route hall.npz -o o.json --from 2,-1 --to 3,-1", "reach hall.npz -o o.json --from 2,-1",
+        "query hall.npz --at 2,-1,0",
+    ):  # fmt: skip
         code, out, err = sh(f"{line} {FILE}")
         assert (code, out) == (3, ""), line
         assert err.startswith("error: nav2.yaml: ")

@@ -32,11 +32,6 @@ planner_server:
     GridBased: {{plugin: "nav2_navfn_planner::NavfnPlanner", {planner}}}
     Other: {{plugin: "my_planner::Planner"}}
 """
-SLIM = """
-global_costmap:
-  global_costmap:
-    ros__parameters: {robot_radius: 0.1}
-"""
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 DEFAULTS = {
     "shape": "robot_radius: 0.45", "inflation": 0.8, "planner": "tolerance: 0.1, allow_unknown: no"
@@ -203,11 +198,10 @@ def test_a_start_on_the_border_that_rounding_moves_outside_is_no_error(tmp_path)
 
 
 @pytest.fixture
-def files(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def files(here):
     write_map("map.yaml", two_rooms(door=13))
     write_map("narrow.yaml", two_rooms())
-    robot_file(tmp_path)
+    robot_file(here)
     return ("--params-file", "robot.yaml", "--from", "2,2")
 
 
@@ -228,25 +222,21 @@ def test_the_document_holds_what_a_later_call_is_compared_with(command, files):
     assert command(*same)[0] == 0
 
 
-def test_a_page_shows_the_paths_and_what_makes_one(command, files):
-    command("plan", "narrow.yaml", *files, "--to", "near=1.5,2", "5,2", "-o", "plan.json")
-    assert command("report", "narrow.yaml", "plan.json", "-o", "page.html")[0] == 1
-    page = Path("page.html").read_text()
-    assert "goal near: path of 0.5" in page
-    assert "robot_radius 0.38 (now 0.45)" in page
-
-
-def test_the_page_of_a_run_holds_what_the_planner_answers(command, files):
+def test_pages_of_runs_and_plans_hold_what_the_planner_answers(command, files):
     ends = (*files, "--to", "near=1.5,2", "far=5,2")
     assert command("run", "narrow.yaml", "-o", "out", "--report", *ends)[0] == 1
     page = Path("out/report.html").read_text()
     assert "Plans of nav2_navfn_planner::NavfnPlanner" in page
-    assert "goal near: path of 0.5" in page
-    assert "goal far: no path, NoValidPathCouldBeFound" in page
     line = json.loads(Path("out/report.json").read_text())["entries"][0]["next"]
     assert line.startswith("mapdeal plan narrow.yaml --from 2,2 --to near=1.5,2 far=5,2")
     assert page.count(line) == 2
-    assert command(*line.split()[1:])[0] == 1
+    assert command(*line.split()[1:], "-o", "plan.json")[0] == 1
+    assert command("report", "narrow.yaml", "plan.json", "-o", "page.html")[0] == 1
+    for path in ("out/report.html", "page.html"):
+        page = Path(path).read_text()
+        assert "goal near: path of 0.5" in page
+        assert "goal far: no path, NoValidPathCouldBeFound" in page
+    assert "robot_radius 0.38 (now 0.45)" in page
 
 
 @pytest.mark.parametrize("planner", ["unlisted", "misspelt"])
@@ -283,7 +273,8 @@ def test_layers_and_the_picture_are_written(command, files):
 def test_other_parameters_are_planned_with_as_well(command, files, tmp_path):
     text = PARAMETERS.format(**DEFAULTS | {"shape": "robot_radius: 0.9"})
     Path("wide.yaml").write_text(text)
-    Path("overlay.yaml").write_text(SLIM)
+    slim = "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.1}}}"
+    Path("overlay.yaml").write_text(slim)
     words = ("--to", "5,2", "--against", "wide.yaml", "--against", "wide.yaml,overlay.yaml")
     code, output, error = command("plan", "map.yaml", *files, *words, "--no-changes")
     found = [plan["goals"][0]["found"] for plan in json.loads(output)["plans"]]
