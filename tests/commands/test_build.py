@@ -71,8 +71,8 @@ def test_every_kind_of_source_gives_the_same_map(sh, run):
 @pytest.mark.usefixtures("mapdeal_warnings")
 @pytest.mark.parametrize(("words", "options"), [
     (
-        "--resolution 0.1 --size 5,3 --origin 0.25,-0.5 --range-min 0.5 --range-max 4 --clear-max 2"
-        " --log-free -0.5 --log-occ 0.9 --log-min 20 --log-max 90 --values",
+        ("--resolution 0.1 --size 5,3 --origin 0.25,-0.5 --range-min 0.5 --range-max 4 --values"
+         " --clear-max 2 --log-free -0.5 --log-occ 0.9 --log-min 20 --log-max 90"),
         {"resolution": 0.1, "size": (5, 3), "origin": (0.25, -0.5), "range_min": 0.5,
          "range_max": 4, "clear_max": 2, "log_free": -0.5, "log_occ": 0.9, "log_min": 20,
          "log_max": 90, "values": True},

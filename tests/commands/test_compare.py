@@ -12,11 +12,8 @@ from mapdeal import build_map, read_map
 
 METHODS = ("log-odds", "counting", "tsdf")
 PAIRS = [("log-odds", "counting"), ("log-odds", "tsdf"), ("counting", "tsdf")]
-FILES = sorted(
-    [f"{method}.{end}" for method in METHODS for end in ("pgm", "yaml", "png")]
-    + [f"{first}_{second}.png" for first, second in PAIRS]
-    + ["comparison.json"]
-)
+FILES = [f"{method}.{end}" for method in METHODS for end in ("pgm", "yaml", "png")]
+FILES = sorted([*FILES, *("_".join(pair) + ".png" for pair in PAIRS), "comparison.json"])
 STATES = {100: "occupied", 0: "free", -1: "unknown"}
 GRID = {"resolution": 0.1, "size": (7.3, 5.1), "origin": (-0.55, -0.35)}
 COMPARE = "build hall.npz --compare --resolution 0.1"
@@ -130,11 +127,8 @@ def test_pairs_are_counted_cell_by_cell_and_drawn(sh, run):
 def test_all_methods_take_their_own_numbers(sh, run):
     numbers = "--log-occ 4 --ratio 0.05 --truncation 1.5 --truncation-behind 3"
     assert sh(f"{LINE} {numbers} -o out")[0] == 0
-    options = {
-        "log-odds": {"log_occ": 4},
-        "counting": {"ratio": 0.05},
-        "tsdf": {"truncation": 1.5, "truncation_behind": 3},
-    }
+    options = {"log-odds": {"log_occ": 4}, "counting": {"ratio": 0.05}}
+    options["tsdf"] = {"truncation": 1.5, "truncation_behind": 3}
     for method, parameters in options.items():
         grid = build_map(*run, method=method, **parameters, **GRID).grid
         assert np.array_equal(read_map(f"out/{method}.yaml").occupancy, grid.occupancy)
@@ -188,21 +182,15 @@ def test_nothing_seen_has_no_thickness(sh):
         assert figures["vanished_groups"] == 0
 
 
-INTEL = {"log-odds": (33.68, 21), "counting": (30.33, 14), "tsdf": (96.88, 14)}
-ACES = {"log-odds": (53.61, 14), "counting": (48.19, 12), "tsdf": (96.49, 13)}
-
-
-@pytest.mark.parametrize(
-    ("log", "cells", "expected"),
-    [("intel-corrected.log", 14_590, INTEL), ("aces-corrected.log.gz", 10_724, ACES)],
-)
-def test_real_logs_have_the_walls_and_losses_that_were_found_by_hand(
-    sh, real_maps, log, cells, expected
-):
-    """Figures of a study with scipy.ndimage, written apart from this code."""
+@pytest.mark.parametrize(("log", "cells", "expected"), [
+    ("intel-corrected.log", 14_590, [(33.68, 21), (30.33, 14), (96.88, 14)]),
+    ("aces-corrected.log.gz", 10_724, [(53.61, 14), (48.19, 12), (96.49, 13)]),
+])  # fmt: skip
+def test_walls_and_losses_of_real_logs_are_those_of_a_study(sh, real_maps, log, cells, expected):
+    """With scipy.ndimage, written apart from this code."""
     assert sh(f"build {real_maps}/acschaefer__ple/{log} --compare -o out")[0] == 0
     assert document()["cells_hit_three_times"] == cells
-    for method, its in document()["methods"].items():
-        share, lost = expected[method]
+    assert tuple(document()["methods"]) == METHODS
+    for its, (share, lost) in zip(document()["methods"].values(), expected, strict=True):
         assert round(100 * its["one_cell_wide_share"], 2) == pytest.approx(share, abs=0.011)
         assert its["vanished_groups"] == lost

@@ -11,9 +11,8 @@ from drawn import grid_from_text
 
 
 @pytest.fixture(autouse=True)
-def maps(tmp_path, monkeypatch):
+def maps(here):
     """A sound map and one with traps, as files."""
-    monkeypatch.chdir(tmp_path)
     for name in ("sound", "odd"):
         mapdeal.write_map(f"maps/{name}.yaml", grid_from_text("?????\n?...?\n?.#.?\n?????"))
     odd = Path("maps/odd.yaml")

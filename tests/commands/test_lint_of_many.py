@@ -20,7 +20,6 @@ from mapdeal.pipeline.settings import Settings
 from pipeline.here import HereWorkers, die_of
 from pipeline.reported import write_cells
 
-LINT_FILE = "mapdeal.checks.lint.lint_file"
 PLAIN, BROKEN, TURNED = "maps/a/plain.yaml", "maps/b/broken.yaml", "maps/b/turned.yaml"
 
 
@@ -37,9 +36,8 @@ def make_map(path, yaw=0.0, side=12):
 
 
 @pytest.fixture
-def maps(tmp_path, monkeypatch):
+def maps(here):
     """Three maps in two folders, of which one is turned and one broken, and other YAML files."""
-    monkeypatch.chdir(tmp_path)
     make_map(PLAIN)
     make_map(TURNED, yaw=0.4)
     Path(BROKEN).write_text("image: none.pgm\nresolution: 1\norigin: [0, 0, 0]\n")
@@ -77,9 +75,8 @@ def test_a_manifest_of_another_program_hides_no_map(maps):
     (maps / "manifest.json").write_text("{damaged")
     assert "maps" in listed("maps")
     report = next(part for part in lint(maps).maps if part.file == "maps")
-    assert [finding.message for finding in report.findings] == [
-        "its manifest.json is not that of a run"
-    ]
+    (finding,) = report.findings
+    assert finding.message == "its manifest.json is not that of a run"
 
 
 def test_a_folder_without_maps_or_that_cannot_be_read_is_a_finding(maps, monkeypatch):
@@ -124,9 +121,8 @@ def test_comments_of_a_broken_map_count_too(maps):
         Path(path).write_text(Path(path).read_text() + text)
     broken, turned = lint([BROKEN, TURNED]).maps
     assert (broken.findings, broken.suppressed, turned.suppressed) == ((), 2, 1)
-    assert [(finding.check, finding.line) for finding in turned.findings] == [
-        ("lint.unused-ignore", 8)
-    ]
+    (finding,) = turned.findings
+    assert (finding.check, finding.line) == ("lint.unused-ignore", 8)
 
 
 @pytest.fixture
@@ -182,7 +178,7 @@ def met(monkeypatch):
                 raise problem
             return lint_file(path, **options)
 
-        monkeypatch.setattr(LINT_FILE, lint_or_fail)
+        monkeypatch.setattr("mapdeal.checks.lint.lint_file", lint_or_fail)
         return turns
 
     return meet

@@ -11,16 +11,15 @@ import mapdeal
 from mapdeal import FileAccessError, MapdealError, OccupancyGrid, ParameterError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-LOG = EXAMPLES / "logs" / "office.log"
 NAV2 = EXAMPLES / "robots" / "nav2_params.yaml"
 GRID = OccupancyGrid([[0, 100]], 0.25)
 LATER = OccupancyGrid([[0, 100, 0]], 0.25)
-FINITE = "inflate.radius: must be a finite number"
+ROUND = mapdeal.Footprint.circle(0.2)
 LIKE = "changes: must look like {'stage.parameter': value}"
 
 
-def build(**arguments):
-    return lambda: mapdeal.build_map_from_log(arguments.pop("log", LOG), **arguments)
+def build(log=EXAMPLES / "logs" / "office.log", **arguments):
+    return lambda: mapdeal.build_map_from_log(log, **arguments)
 
 
 def lint(paths="m.yaml", **arguments):
@@ -82,7 +81,7 @@ REFUSED = [
     (lambda: mapdeal.read_robot_parameters(NAV2, costmap="both"), "costmap"),
     (lambda: mapdeal.read_robot_parameters(7), "takes paths of parameter files"),
     (recipe(changes={"inflate.radis": 1}), "inflate.radis: no such parameter"),
-    (recipe(changes={"inflate.radius": math.nan}), FINITE),
+    (recipe(changes={"inflate.radius": math.nan}), "inflate.radius: must be a finite number"),
     (recipe(changes={"inflation_radius": 1}), LIKE),
     (recipe(changes={"inflate": {"radius": 1}}), LIKE),
     (recipe(changes={"active.margin": 1}), "default has no stage active, got 'active.margin'"),
@@ -93,20 +92,14 @@ REFUSED = [
     (run(GRID), "run: takes the path of a map"),
     (lambda: mapdeal.apply_recipe("m.yaml"), "apply_recipe: takes a grid"),
     (run(["m.yaml", "m.yaml"]), "different names"),
-    (
-        run(robot_radius=0.2, footprint=mapdeal.Footprint.circle(0.2)),
-        "robot_radius: cannot be given together",
-    ),
+    (run(robot_radius=0.2, footprint=ROUND), "robot_radius: cannot be given together"),
     (run(canvas="whole"), "canvas: must be one of crop, full"),
     (run(dialect="ros2"), "dialect: must be one of nav2, humble, ros1"),
     (run(max_memory=-1), "max_memory: must be"),
     (run(footprint=0.3), "footprint: must look like"),
     (recipe("nav2", footprint=0.3), "footprint: must look like"),
     (recipe("nav2", footprint="circle"), "footprint: a footprint must look like"),
-    *[
-        (score(transform=odd), "transform: must be a transform, or three numbers")
-        for odd in ((1, 2), 3)
-    ],
+    *[(score(transform=odd), "transform: must be a transform, or three") for odd in ((1, 2), 3)],
     (score(transform=(1, 2, math.nan)), "yaw: must be a finite number"),
     (score(transform=(1, 2, 3), align=True), "cannot be given together"),
     (lambda: mapdeal.score(7), "takes files or grids"),
@@ -116,35 +109,25 @@ REFUSED = [
     *[(align(prior=odd), "prior") for odd in ([1, 2], "north", 3.0)],
     (lambda: mapdeal.align(np.zeros((2, 3)), GRID), "takes files or grids"),
     (lambda: mapdeal.info("m.yaml", dialect="ros2"), "dialect"),
-    *[
-        (graph(**{name: odd}), f"{name}: must be a finite number")
-        for name in ("spacing", "hall", "cover", "slow_below")
-        for odd in ("x", math.nan, [1])
-    ],
+    *[(graph(**{name: odd}), f"{name}: must be a finite number")
+      for name in ("spacing", "hall", "cover", "slow_below") for odd in ("x", math.nan, [1])],
     (graph(one_way="left"), "one_way: must be one of right"),
     (graph(robot=0.3), "robot: must be RobotParameters"),
     (lambda: mapdeal.cloud_map(np.zeros((9, 3)), frame=GRID), "frame: must be a Frame"),
-    *[
-        (lambda odd=odd: mapdeal.cloud_map(np.zeros((9, 3)), resolution=odd), "resolution must lie")
-        for odd in ("x", [1], 0)
-    ],
+    *[(lambda odd=odd: mapdeal.cloud_map(np.zeros((9, 3)), resolution=odd), "resolution must lie")
+      for odd in ("x", [1], 0)],
     (lambda: mapdeal.build_map_from_clouds([]), "paths: names no cloud"),
-    *[
-        (lambda odd=odd: mapdeal.write_map("x.npz", odd), "grid: must be a grid")
-        for odd in (None, GRID.occupancy)
-    ],
+    *[(lambda odd=odd: mapdeal.write_map("x.npz", odd), "grid: must be a grid")
+      for odd in (None, GRID.occupancy)],
     *[(lambda odd=odd: OccupancyGrid([[0]], odd), "resolution must lie") for odd in (None, "x")],
-    *[
-        (lambda odd=odd: OccupancyGrid([[0]], 0.25, odd), "origin must be three numbers")
-        for odd in (None, "abc", 3)
-    ],
-]
+    *[(lambda odd=odd: OccupancyGrid([[0]], 0.25, odd), "origin must be three numbers")
+      for odd in (None, "abc", 3)],
+]  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
+def folder(here):
     """A folder with a map, a transform, and files of rules without rules."""
-    monkeypatch.chdir(tmp_path)
     Path("s.json").write_text('{"x": 1, "y": 2, "yaw": 0}')
     mapdeal.write_map("m.yaml", GRID)
     Path("pyproject.toml").touch()

@@ -60,9 +60,8 @@ def test_a_run_with_a_page_is_checked_by_lint_and_reach(sh):
         code = sh(f"run rooms.yaml -o r{radius} --robot-radius {radius} --report {ends}")[0]
         assert code == (radius == 0.3)
         (entry,) = json.loads(Path(f"r{radius}/report.json").read_text())["entries"]
-        states[radius] = {
-            claim["about"]: (claim["state"], claim["text"]) for claim in entry["claims"]
-        }
+        claims = entry["claims"]
+        states[radius] = {claim["about"]: (claim["state"], claim["text"]) for claim in claims}
         page = Path(f"r{radius}/report.html").read_text()
         assert "goal lab" in page
         assert "robot of radius" in page or "round robot" in page
@@ -71,9 +70,8 @@ def test_a_run_with_a_page_is_checked_by_lint_and_reach(sh):
     state, text = states[0.3]["goals"]
     assert (state, "Not reached: lab (a passage at" in text) == ("error", True)
     found = mapdeal.lint("rooms.yaml", footprint=mapdeal.Footprint.circle(0.3))
-    assert states[0.3]["map"][0] == (
-        "error" if found.errors else "warning" if found.warnings else "good"
-    )
+    state = "error" if found.errors else "warning" if found.warnings else "good"
+    assert states[0.3]["map"][0] == state
     # goals stay unchecked if there is no robot; this is no error
     sh("run rooms.yaml -o none --report")
     (entry,) = json.loads(Path("none/report.json").read_text())["entries"]
@@ -99,14 +97,10 @@ def test_an_invalid_configuration_of_lint_leaves_the_rest_of_the_page(sh, rooms)
 
 
 def test_the_verdict_as_json(sh, run):
-    assert sh("lint rooms.yaml --format json")[0] == 0
-    Path("lint.json").write_text(sh("lint rooms.yaml --format json")[1])
+    Path("lint.json").write_text(sh.ok("lint rooms.yaml --format json"))
     document = json.loads(sh.ok("report out/rooms rooms.yaml lint.json -o page.html --json"))
-    assert (document["format"], document["maps"], document["path"]) == (
-        "mapdeal-report/1",
-        1,
-        "page.html",
-    )
+    keys = ("format", "maps", "path")
+    assert [document[key] for key in keys] == ["mapdeal-report/1", 1, "page.html"]
     assert document["bytes"] == Path("page.html").stat().st_size
     (entry,) = document["entries"]
     assert [claim["about"] for claim in entry["claims"]] == ["map", "costmap"]
@@ -173,7 +167,6 @@ def test_a_dry_run_says_where_the_page_goes(sh):
 
 
 FROM, LAB = "0.55,1.05", "2.45,1.05"  # on both sides of a door of 0.3 m
-ROBOT = "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.1}}}\n"
 BOX = "[[0.1, 0.1], [-0.1, 0.1], [-0.1, -0.1], [0.1, -0.1]]"
 # The reported run, and the command that the verdict proposes, with its exit code.
 NEXT = [
@@ -223,8 +216,9 @@ def test_the_command_that_a_verdict_proposes_can_be_typed(sh, line, proposed, co
     mapdeal.write_map("odd name/it is.yaml", grid)
     Path("bare.pgm").write_bytes(Path("hall.pgm").read_bytes())
     Path("broken.yaml").write_text("image: none.pgm\nresolution: 0.1\n")
-    Path("robot.yaml").write_text(ROBOT)
-    own = ROBOT.replace("global", "local").replace("\n", "")
+    robot = "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.1}}}"
+    Path("robot.yaml").write_text(robot)
+    own = robot.replace("global", "local")
     Path("robots.yaml").write_text(f"a: {{{own}}}\nb: {{{own}}}\n")
     if "made" in line:
         sh("run hall.yaml -o made")
@@ -236,12 +230,10 @@ def test_the_command_that_a_verdict_proposes_can_be_typed(sh, line, proposed, co
     page = "out/report.html" if is_run else "page.html"
     _, out, err = sh(f"{line} --report" if is_run else f"{line} -o {page}")
     assert f"Next: mapdeal {proposed}" in out.splitlines(), out + err
-    assert f"Next: mapdeal {proposed}" in shown_text(page)
+    assert f"Next: mapdeal {proposed}" in html.unescape(
+        re.sub("<[^>]*>", "", Path(page).read_text())
+    )
     if is_run:
         entries = json.loads(Path("out/report.json").read_text())["entries"]
         assert f"mapdeal {proposed}" in [entry["next"] for entry in entries]
     assert sh(proposed)[0] == code
-
-
-def shown_text(page):
-    return html.unescape(re.sub("<[^>]*>", "", Path(page).read_text()))

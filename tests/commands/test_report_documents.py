@@ -76,9 +76,8 @@ def test_a_long_route_keeps_its_ends_and_few_of_its_points():
 @pytest.fixture
 def findings(save_output, rooms, shut):
     """Return a function that lints maps into a document."""
-    return lambda *maps: save_output(
-        "lint.json", "lint", *maps, "--robot-radius", 0.3, "--format", "json"
-    )
+    words = ("--robot-radius", 0.3, "--format", "json")
+    return lambda *maps: save_output("lint.json", "lint", *maps, *words)
 
 
 def test_findings_belong_to_the_maps_that_they_name(findings, rooms, shut):
@@ -118,13 +117,9 @@ def test_findings_of_other_maps_are_counted_not_guessed(findings, rooms, shut, t
 
 
 @pytest.mark.parametrize(("file", "found"), [
-    ("maps/a/one.yaml", [0]),
-    ("somewhere/a/one.yaml", [0]),
-    ("b/one.yaml", [1]),
     ("aa/one.yaml", []),  # two runs of such a file, and neither is of that folder
-    ("maps/two.yaml", [2]),
-    ("two.pgm", [2]),
-    ("", []),
+    ("maps/a/one.yaml", [0]), ("somewhere/a/one.yaml", [0]), ("b/one.yaml", [1]),
+    ("maps/two.yaml", [2]), ("two.pgm", [2]), ("", []),
 ])  # fmt: skip
 def test_which_entries_a_name_is_of(file, found, tmp_path):
     drafts = [Draft(name, tmp_path / name) for name in ("a/one", "b/one", "two")]
@@ -179,18 +174,16 @@ def test_a_diff_with_a_tolerance_or_a_transform_shows_what_it_found(command, roo
             assert np.allclose(entry.layers[1].frame.origin, entry.layers[0].frame.origin)
 
 
-def difference(save_output, tmp_path, before, after):
-    maps = (write_cells(tmp_path / f"{k}.yaml", cells) for k, cells in enumerate((before, after)))
-    (entry,) = entries_of(save_output("diff.json", "diff", *maps, "--json"))
-    return entry
-
-
 def test_groups_of_cells_that_differ_are_listed_by_size(save_output, tmp_path):
+    def difference(*cells):
+        maps = [write_cells(tmp_path / f"{k}.yaml", values) for k, values in enumerate(cells)]
+        return entries_of(save_output("diff.json", "diff", *maps, "--json"))[0]
+
     before, after = np.zeros((30, 40), np.int8), np.zeros((30, 40), np.int8)
     before[3, 4:9] = 100  # gone
     after[20:22, 30] = after[22, 31] = 100  # touch over a corner
     after[10, 10] = 100
-    entry = difference(save_output, tmp_path, before, after)
+    entry = difference(before, after)
     assert [(item.kind, item.text.partition(" at ")[0]) for item in entry.items] == [
         ("removed", "1. 0.312 m2"), ("added", "2. 0.188 m2"), ("added", "3. 0.0625 m2")
     ]  # fmt: skip
@@ -199,7 +192,7 @@ def test_groups_of_cells_that_differ_are_listed_by_size(save_output, tmp_path):
     # of many, twenty
     walls = np.zeros_like(after)
     walls[1:23:3, 2::4], walls[26, 2:6] = 100, 100
-    items = difference(save_output, tmp_path, np.zeros_like(after), walls).items
+    items = difference(np.zeros_like(after), walls).items
     assert items[0].text.startswith("1. 0.25 m2 at ")
     assert (len(items), items[-1].text) == (21, "61 smaller changes not listed")
 
@@ -244,9 +237,7 @@ def test_a_score_is_a_table_of_the_map_that_it_names(save_output, rooms, shut):
     assert entries[0].name == "rooms"
 
 
-def test_the_score_of_a_map_that_is_missing_or_has_changed_is_warned_of(
-    save_output, rooms, shut, tmp_path
-):
+def test_scores_of_maps_that_are_gone_or_changed_are_warned_of(save_output, rooms, shut, tmp_path):
     path = save_output("score.json", "score", rooms, "--json")
     mapdeal.write_map(tmp_path / "third.yaml", grid_from_text(ROOMS))
     with pytest.warns(mapdeal.MapdealWarning, match=r"score of .*rooms\.yaml is left out"):

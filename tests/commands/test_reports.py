@@ -104,9 +104,7 @@ def test_a_folder_with_runs_below_is_as_a_batch(maps_run):
 
 
 @pytest.mark.parametrize("fits", [True, False])
-def test_layers_hold_what_the_files_hold_whether_they_fit_the_memory_or_not(
-    run, rooms, fits, monkeypatch
-):
+def test_layers_hold_what_the_files_hold_in_much_and_little_memory(run, rooms, fits, monkeypatch):
     if not fits:
         monkeypatch.setattr("mapdeal.commands.report_entries.room", lambda: 0)
     with Grids(DEFAULT_SETTINGS) as grids:
@@ -147,17 +145,15 @@ def test_layers_of_one_file_may_be_read_in_turns(rooms, tmp_path):
         assert layer_names(entry) == ["rooms", "reach-clearance", "reach-widest", "reach"]
         layers = entry.layers[1:3]
         read = [[layer.values[rows] for layer in layers] for rows in (slice(0, 2), slice(2, 8))]
-    for found, expected in zip(
-        zip(*read, strict=True), (reach.clearance, reach.widest), strict=True
-    ):
-        np.testing.assert_array_equal(np.vstack(found), expected)
+    clearance, widest = (np.vstack(rows) for rows in zip(*read, strict=True))
+    np.testing.assert_array_equal(clearance, reach.clearance)
+    np.testing.assert_array_equal(widest, reach.widest)
 
 
 def test_a_run_that_asks_what_can_be_reached_shows_the_answer(rooms, tmp_path):
     x, y = rooms_grid().frame.xy_from_rowcol([(3, 5)])[0].tolist()
-    (tmp_path / "asks.yaml").write_text(
-        f"stages:\n- reach: {{radius: 0.2, start: [{x}, {y}], goals: {{lab: [{x}, {y}]}}}}\n"
-    )
+    asked = f"{{radius: 0.2, start: [{x}, {y}], goals: {{lab: [{x}, {y}]}}}}"
+    (tmp_path / "asks.yaml").write_text(f"stages:\n- reach: {asked}\n")
     (entry,) = entries_of(mapdeal.run(rooms, tmp_path / "asks", tmp_path / "asks.yaml").folder)
     assert layer_names(entry) == ["reach-clearance", "reach-widest", "reach"]
     assert [item.kind for item in entry.items] == ["start", "goal", "passage"]
@@ -247,10 +243,7 @@ def test_documents_of_another_system_show_no_folder_of_it(tmp_path, rooms, save_
     assert [text.split(":")[0] for text in entry.warnings] == ["a.yaml", "b.yaml"]
 
 
-def test_a_map_that_is_named_many_times_is_on_the_page_once(
-    rooms, tmp_path, save_output, monkeypatch
-):
-    monkeypatch.chdir(tmp_path)
+def test_a_map_that_is_named_many_times_is_on_the_page_once(rooms, here, tmp_path, save_output):
     (tmp_path / "deep").mkdir()
     Path("link.yaml").symlink_to("rooms.yaml")
     Path("hard.yaml").hardlink_to("rooms.yaml")
@@ -269,9 +262,8 @@ def test_a_run_that_is_named_many_times_is_on_the_page_once(run, tmp_path):
     entry_of_run = {"map": "rooms.yaml", "folder": "rooms", "status": "done"}
     places = ["rooms", "./rooms", "rooms/."] * 100
     summary = run.parent / "summary.json"
-    summary.write_text(
-        json.dumps({"maps": [{**entry_of_run, "folder": place} for place in places]})
-    )
+    entries = [{**entry_of_run, "folder": place} for place in places]
+    summary.write_text(json.dumps({"maps": entries}))
     for paths in ([summary], [run, run / "manifest.json"], [run.parent, run]):
         (entry,) = entries_of(*paths)
         assert layer_names(entry) == STAGES
@@ -327,11 +319,6 @@ def test_a_page_is_not_written_over_a_file_that_was_read(run, command):
 
 
 @pytest.fixture
-def manifest(run):
-    return run / "manifest.json"
-
-
-@pytest.fixture
 def batch(run):
     map_entry = {"map": "rooms.yaml", "folder": run.name, "status": "done"}
     (run.parent / "summary.json").write_text(json.dumps({"maps": [map_entry, dict(map_entry)]}))
@@ -348,8 +335,9 @@ def test_columns_of_figures():
     assert columns_of({"cost": {"width": 0, "height": 5, "free": 0}, "esdf": [1]}) == {}
 
 
-def test_a_stage_is_in_a_manifest_but_once(run, manifest):
+def test_a_stage_is_in_a_manifest_but_once(run):
     """Recipes have each stage once; a hundred thousand of them would be as many layers."""
+    manifest = run / "manifest.json"
     original = document(manifest)
     for odd in ({**original, "stages": [*original["stages"], {"esdf": {}}]}, []):
         manifest.write_text(json.dumps(odd))
@@ -358,8 +346,6 @@ def test_a_stage_is_in_a_manifest_but_once(run, manifest):
 
 
 OUTSIDE = ["../cost.npz", "..", ".", "", "a\0", "\ud800", "n" * 9000]
-MANY = {f"f{k}": "00" for k in range(300)}
-ELSEWHERE = [{"../esdf": {}}, {"/etc/passwd": {}}, {"": {}}, {"a\0": {}}]
 
 
 def without_costs(manifest, folder):
@@ -372,11 +358,12 @@ def without_costs(manifest, folder):
 @pytest.mark.parametrize(("change", "layers", "count", "expected"), [
     *[(lambda document, _, value=value: document.update(warnings=value), STAGES, 0, [])
       for value in (5, True, "text", {"a": 1}, None)],
-    (lambda document, _: document["outputs"].update(MANY), STAGES, 21,
+    (lambda document, _: document["outputs"].update({f"f{k}": "00" for k in range(300)}), STAGES, 21,
      ["f19: is missing, though the manifest lists it",
       "manifest.json: 280 more of the files that it lists are missing, or are others"]),
     (without_costs, STAGES[:2], 7, ["manifest.json: the run wrote no values of stage cost"]),
-    (lambda document, _: document["stages"].extend(ELSEWHERE), STAGES, 4,
+    (lambda document, _: document["stages"].extend(
+        {name: {}} for name in ("../esdf", "/etc/passwd", "", "a\0")), STAGES, 4,
      ["manifest.json: the run wrote no values of stage ../esdf"]),
     (lambda _, folder: (folder / "cost.npz").write_bytes(b"PK"), STAGES[:2], 2,
      ["cost.npz: is not what the run wrote: its checksum differs",
@@ -384,10 +371,10 @@ def without_costs(manifest, folder):
     (lambda _, folder: (folder / "cost.npz").unlink(), STAGES[:2], 2,
      ["cost.npz: is missing, though the manifest lists it"]),
 ])  # fmt: skip
-def test_an_odd_manifest_or_file_leaves_the_rest(run, manifest, change, layers, count, expected):
+def test_an_odd_manifest_or_file_leaves_the_rest(run, change, layers, count, expected):
     for name in ("cost.npz", "cost.yaml"):  # where the run must not look for them
         (run.parent / name).write_bytes((run / name).read_bytes())
-    changed(manifest, lambda document: change(document, run))
+    changed(run / "manifest.json", lambda document: change(document, run))
     (entry,) = entries_of(run)
     assert (layer_names(entry), len(entry.warnings)) == (layers, count)
     assert set(expected) <= set(entry.warnings)
@@ -405,11 +392,11 @@ def test_a_batch_shows_no_run_outside_of_its_folder(batch, place):
     assert (len(first.layers), len(second.layers)) == (0, 3)
 
 
-def test_a_summary_without_maps_hides_no_run(batch, manifest):
+def test_a_summary_without_maps_hides_no_run(batch):
     changed(batch / "summary.json", lambda summary: summary.update(maps=[]))
     (entry,) = entries_of(batch)
     assert len(entry.layers) == 3
-    manifest.unlink()
+    (batch / "rooms/manifest.json").unlink()
     with pytest.raises(FileAccessError, match="contains no run"):
         entries_of(batch)
 
@@ -418,20 +405,16 @@ BAD = "<img src=x onerror=alert(1)></script></title>-->]]>\u2028\u202e\0\ud800"
 
 
 @pytest.mark.filterwarnings("ignore::mapdeal.MapdealWarning")
-def test_names_in_documents_are_text_on_the_page(manifest, batch, tmp_path):
+def test_names_in_documents_are_text_on_the_page(batch, tmp_path):
     def change(document):
         document["stages"].append({BAD: {BAD: BAD}})
         document["figures"][BAD] = {BAD: BAD}
-        document |= {
-            "warnings": [BAD],
-            "options": {BAD: BAD},
-            "robot": {BAD: [BAD]},
-            "version": BAD,
-        }
+        document |= {"warnings": [BAD], "options": {BAD: BAD}, "robot": {BAD: [BAD]}}
+        document["version"] = BAD
         document["inputs"] = document["outputs"] = {**document["outputs"], BAD: BAD}
 
     of_batch = {"map": BAD, "folder": BAD, "status": BAD, "error": BAD}
-    changed(manifest, change)
+    changed(batch / "rooms/manifest.json", change)
     changed(batch / "summary.json", lambda summary: summary["maps"][1].update(of_batch))
     page = mapdeal.write_report(tmp_path / "page.html", batch).path.read_text()
     assert not [text for text in ("<img src=x", "\0", "\u2028", "\u202e") if text in page]

@@ -21,26 +21,19 @@ CORNERS = [[0.3, 0.2], [-0.3, 0.2], [-0.3, -0.2], [0.3, -0.2]]
 
 
 @pytest.fixture(autouse=True)
-def room(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def room(here):
     mapdeal.write_map("room.yaml", grid_from_text(DRAWING))
 
 
 @pytest.mark.parametrize(("words", "arguments"), [
     ([], {}),
     (["--set", "inflate.radius=0.4"], {"changes": {"inflate.radius": 0.4}}),
-    (
-        ["--recipe", "design-real", "--sim", "--canvas", "full", "--no-images"],
-        {"recipe": "design-real", "sim": True, "canvas": "full", "images": np.False_},
-    ),
-    (
-        ["--recipe", "nav2", "--footprint", str(CORNERS)],
-        {"recipe": "nav2", "footprint": mapdeal.Footprint.polygon(CORNERS)},
-    ),
-    (
-        ["--image-max", "100", "--dialect", "ros1", "--threads", "1"],
-        {"image_max": np.int64(100), "dialect": "ros1", "threads": np.int8(1)},
-    ),
+    (["--recipe", "design-real", "--sim", "--canvas", "full", "--no-images"],
+     {"recipe": "design-real", "sim": True, "canvas": "full", "images": np.False_}),
+    (["--recipe", "nav2", "--footprint", str(CORNERS)],
+     {"recipe": "nav2", "footprint": mapdeal.Footprint.polygon(CORNERS)}),
+    (["--image-max", "100", "--dialect", "ros1", "--threads", "1"],
+     {"image_max": np.int64(100), "dialect": "ros1", "threads": np.int8(1)}),
 ], ids=["default", "changes", "full canvas", "footprint", "options"])  # fmt: skip
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_a_run_writes_the_files_of_the_command(command, words, arguments):
@@ -69,12 +62,9 @@ def test_a_recipe_in_memory_makes_what_a_run_writes(name, canvas):
 
 def test_changes_are_values_of_python_and_numpy_or_texts():
     changes = {
-        "inflate.radius": np.float32(0.5),
-        "inflate.lethal_threshold": np.int64(80),
-        "inflate.inflate_unknown": False,
-        "esdf.max_distance": None,
-        "cost.inflation_radius": "1",
-    }
+        "inflate.radius": np.float32(0.5), "inflate.lethal_threshold": np.int64(80),
+        "inflate.inflate_unknown": False, "esdf.max_distance": None, "cost.inflation_radius": "1",
+    }  # fmt: skip
     recipe = mapdeal.load_recipe("default", changes)
     inflate, esdf, cost = (next(iter(stage.values())) for stage in recipe.described())
     assert (inflate["radius"], inflate["lethal_threshold"]) == (0.5, 80)

@@ -33,8 +33,7 @@ SLOW = ["--rate=1", "--beams=90"]
 
 
 @pytest.fixture
-def rooms(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def rooms(here):
     values = np.kron(grid_from_text(ROOMS).occupancy, np.ones((3, 3), np.int8))
     grid = mapdeal.OccupancyGrid(values, 0.1, (-1.3, 2.7, 0.0))
     mapdeal.write_map("rooms.yaml", grid)
@@ -68,17 +67,15 @@ def test_bags_have_the_topics_that_slam_needs(rooms, command):
     known = np.load("scans.npz")
     for name in FORMATS[2:]:
         with AnyReader([Path(name)]) as reader:
-            messages = [
+            first, *messages = [
                 (connection.topic, time, reader.deserialize(data, connection.msgtype))
                 for connection, time, data in reader.messages()
             ]
-        first, *messages = messages
         assert first[0] == "/map"
         assert (first[2].data.reshape(rooms.shape) == rooms.occupancy).all()
         assert [topic for topic, *_ in messages] == ["/tf", "/odom", "/scan"] * len(known["poses"])
-        for k, ((_, _, tf), (_, _, odometry), (_, time, scan)) in enumerate(
-            zip(messages[::3], messages[1::3], messages[2::3], strict=True)
-        ):
+        groups = zip(messages[::3], messages[1::3], messages[2::3], strict=True)
+        for k, ((_, _, tf), (_, _, odometry), (_, time, scan)) in enumerate(groups):
             stamp = scan.header.stamp
             assert time == (k + 1) * 10**9 == stamp.sec * 10**9 + stamp.nanosec
             moved = np.eye(3)
