@@ -14,7 +14,6 @@ ROOM[[0, -1], :] = ROOM[:, [0, -1]] = 100
 ROOM[:8, 15] = ROOM[12:, 15] = 100  # a door of four cells
 FRAME = (0.1, (1.0, -2.0, 0.3))
 PARAMS = "--robot-radius 0.1"
-EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def mask_of(cells, value=100):
@@ -91,6 +90,7 @@ def test_reach_route_and_query_heed_the_mask(sh, files):
 
 
 def test_the_filter_of_a_robot_is_not_said_to_lack_its_mask(sh, files):
-    ask = f"cost room.yaml -o out.npz --params-file {EXAMPLES}/robots/nav2_params.yaml"
+    robot = Path(__file__).parents[2] / "examples/robots/nav2_params.yaml"
+    ask = f"cost room.yaml -o out.npz --params-file {robot}"
     assert "keepout_filter (no mask)" in sh(ask)[2]
     assert "keepout_filter (no mask)" not in sh(f"{ask} --mask mask.npz --force")[2]

@@ -104,13 +104,13 @@ def expected(folder, monkeypatch):
 
 
 TO_B, TO_C = ("s.json", STEP), ("o.json", TURNED)
-IN_ORDER = [(*TO_B, ""), (*TO_C, "")]
-BY_SUMS = [(*TO_C, "ac"), (*TO_B, "ab")]
-TURNED_ROUND = [("o.json", TURNED.inverse(), "ca"), (*TO_B, "ab")]
-CHAINED = [("o.json", STEP.after(TURNED.inverse()), "cb"), ("s.json", STEP.inverse(), "ba")]
 
 
-@pytest.mark.parametrize("files", [IN_ORDER, BY_SUMS, TURNED_ROUND, CHAINED], ids=range(4))
+@pytest.mark.parametrize("files", [
+    [(*TO_B, ""), (*TO_C, "")], [(*TO_C, "ac"), (*TO_B, "ab")],
+    [("o.json", TURNED.inverse(), "ca"), (*TO_B, "ab")],
+    [("o.json", STEP.after(TURNED.inverse()), "cb"), ("s.json", STEP.inverse(), "ba")],
+], ids=["in order", "by sums", "turned round", "chained"])  # fmt: skip
 def test_transforms_of_files(sh, expected, files):
     options = [f"--by {transform_file(name, move, *ends)}" for name, move, ends in files]
     document = sh.json(f"merge a.yaml b.yaml c.yaml -o o.npz {' '.join(options)} --json")

@@ -71,20 +71,17 @@ def test_a_transform_brings_the_map_onto_the_truth(answer):
     assert answer("other.yaml --truth own.yaml")[1]["values"]["iou_occupied"] < 0.5
 
 
-def named(name):
-    files = [Path(f"{name}.yaml"), Path(f"{name}.pgm")]
-    sums = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
-    return {"file": f"{name}.yaml", "sha256": sums}
-
-
 @pytest.mark.parametrize(("own", "truth", "message"), [
     ("other", "own", None),
     ("own", "other", "aligned.json: leads from other to own; its inverse is used"),
     ("far", "own", "aligned.json: is between other maps"),
 ])  # fmt: skip
 def test_a_transform_with_the_checksums_of_its_maps(answer, own, truth, message):
-    document = {"first": named("other"), "second": named("own")}
-    document["transform"] = {"x": 10, "y": -4, "yaw": 0}
+    document = {"transform": {"x": 10, "y": -4, "yaw": 0}}
+    for end, name in (("first", "other"), ("second", "own")):
+        files = [Path(f"{name}.yaml"), Path(f"{name}.pgm")]
+        sums = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+        document[end] = {"file": f"{name}.yaml", "sha256": sums}
     Path("aligned.json").write_text(json.dumps(document))
     _, found, err = answer(f"{own}.yaml --truth {truth}.yaml --transform aligned.json")
     assert message in err if message else err == ""
@@ -124,7 +121,10 @@ def test_a_map_that_cannot_be_aligned_with_certainty_has_no_score(sh):
 
 
 UNKNOWN = "truth.yaml --truth unknown.yaml"
-BOUNDS = [
+
+
+@pytest.mark.usefixtures("answer")
+@pytest.mark.parametrize(("words", "code", "message"), [
     (f"{PAIR} --min coverage=1", 0, "--min coverage=1: holds, found 1"),
     (f"{PAIR} --max dist_est_to_truth_m.max=1", 0, "max=1 m: holds, found 1 m"),
     (f"{PAIR} --max dist_est_to_truth_m.max=0.9", 1, "max=0.9 m: missed, found 1 m"),
@@ -132,11 +132,7 @@ BOUNDS = [
     ("truth.yaml --max enclosed_areas=0", 1, "37.1 %"),  # 104 of 280 cells are free
     (f"{UNKNOWN} --min coverage=0.5", 1, "not measured: the truth has no such cells"),
     (f"{UNKNOWN} --max dist_truth_to_est_m.mean=1", 1, "one of the maps has no walls to measure"),
-]
-
-
-@pytest.mark.usefixtures("answer")
-@pytest.mark.parametrize(("words", "code", "message"), BOUNDS)
+])  # fmt: skip
 def test_bounds_decide_the_exit_code_and_are_printed(sh, words, code, message):
     found, out, _ = sh(f"score {words}")
     assert (found, message in out) == (code, True), out

@@ -45,16 +45,15 @@ def ends_of(problem):
     return [tuple(xy) for xy in problem[0].frame.xy_from_rowcol(problem[1:]).tolist()]
 
 
-@given(
-    problems(), st.booleans(), st.sampled_from([0.0, 2.0, 50.0]), st.sampled_from([0.0, 1.0, 20.0])
-)
+FACTORS = st.sampled_from([0.0, 2.0, 50.0]), st.sampled_from([0.0, 1.0, 20.0])
+
+
+@given(problems(), st.booleans(), *FACTORS)
 def test_the_route_has_the_lowest_cost_of_all(problem, through_unknown, multiplier, field_weight):
     costmap, start, goal = problem
     resolution, ends = costmap.resolution, ends_of(problem)
-    route = shortest_route(
-        costmap, *ends, cost_travel_multiplier=multiplier, through_unknown=through_unknown,
-        field_weight=field_weight,
-    )  # fmt: skip
+    options = {"through_unknown": through_unknown, "field_weight": field_weight}
+    route = shortest_route(costmap, *ends, cost_travel_multiplier=multiplier, **options)
     distance = oracles.signed_distance(costmap.cost == 254, resolution, "center")
     weights = _weights(costmap.cost, multiplier, through_unknown, distance, field_weight)
     lowest = oracles.lowest_cost(weights.tolist(), start, goal)
@@ -76,9 +75,7 @@ def test_the_route_has_the_lowest_cost_of_all(problem, through_unknown, multipli
 
 
 @given(problems(), st.sampled_from([0.3, 2.0, 25.0]), st.sampled_from([0.0, 1.0]))
-def test_the_field_in_the_heuristic_is_a_search_by_cost_and_estimate(
-    problem, heuristic_weight, field_weight
-):
+def test_the_field_in_the_heuristic_counts_as_estimate(problem, heuristic_weight, field_weight):
     costmap, start, goal = problem
     ends = ends_of(problem)
     distance = oracles.signed_distance(costmap.cost == 254, costmap.resolution, "center")
@@ -90,9 +87,8 @@ def test_the_field_in_the_heuristic_is_a_search_by_cost_and_estimate(
     cells, cost, expanded = oracles.best_first(
         weights.tolist(), surcharges.tolist(), start, goal, on_near_tie=reject
     )
-    route = shortest_route(
-        costmap, *ends, field_weight=field_weight, heuristic_weight=heuristic_weight
-    )
+    weights = {"field_weight": field_weight, "heuristic_weight": heuristic_weight}
+    route = shortest_route(costmap, *ends, **weights)
     assert (route.reached, route.expanded, route.optimal) == (len(cells) > 0, expanded, False)
     if not route.reached:
         return
@@ -250,28 +246,24 @@ INSIDE, WALL = (tuple(xy) for xy in GRID.frame.xy_from_rowcol([(0, 0), (0, 2)]).
 FIELD = potential(GRID, goal=INSIDE)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: shortest_route(GRID, INSIDE, INSIDE), "exponential_cost"),
-        (lambda: shortest_route(FREE, (1.6, 1.8, 0.5), (1.6, 1.8)), "two numbers"),
-        (lambda: descend(COSTS, potential(GRID), INSIDE), "no goal"),
-        (lambda: descend(COSTS, FIELD, WALL), "^start: .*closed"),
-        (lambda: descend(COSTS, esdf(GRID), INSIDE), "PotentialField"),
-        (lambda: descend(GRID, FIELD, INSIDE), "exponential_cost"),
-        (lambda: descend(Costmap.from_occupancy(mapdeal.OccupancyGrid(GRID.occupancy, 0.25)), FIELD,
-                         INSIDE), "same cells"),
-        (lambda: mapdeal.route(FREE), "^start, goal: both are required"),
-        (lambda: mapdeal.route(FREE, **ENDS, compare=["plain"]),
-         "^compare: applies to pairs alone"),
-        (lambda: mapdeal.route(FREE, **ENDS, heuristic_weight=1.0),
-         "^heuristic_weight: applies to heuristic field alone"),
-        (lambda: mapdeal.route(FREE, **ENDS, repulsive_cap=1.0),
-         "^repulsive_cap: does not apply to method astar"),
-        (lambda: mapdeal.route(FREE, **ENDS, footprint=mapdeal.Footprint.circle(1)),
-         "^footprint: applies to maps"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: shortest_route(GRID, INSIDE, INSIDE), "exponential_cost"),
+    (lambda: shortest_route(FREE, (1.6, 1.8, 0.5), (1.6, 1.8)), "two numbers"),
+    (lambda: descend(COSTS, potential(GRID), INSIDE), "no goal"),
+    (lambda: descend(COSTS, FIELD, WALL), "^start: .*closed"),
+    (lambda: descend(COSTS, esdf(GRID), INSIDE), "PotentialField"),
+    (lambda: descend(GRID, FIELD, INSIDE), "exponential_cost"),
+    (lambda: descend(Costmap.from_occupancy(mapdeal.OccupancyGrid(GRID.occupancy, 0.25)), FIELD,
+                     INSIDE), "same cells"),
+    (lambda: mapdeal.route(FREE), "^start, goal: both are required"),
+    (lambda: mapdeal.route(FREE, **ENDS, compare=["plain"]), "^compare: applies to pairs alone"),
+    (lambda: mapdeal.route(FREE, **ENDS, heuristic_weight=1.0),
+     "^heuristic_weight: applies to heuristic field alone"),
+    (lambda: mapdeal.route(FREE, **ENDS, repulsive_cap=1.0),
+     "^repulsive_cap: does not apply to method astar"),
+    (lambda: mapdeal.route(FREE, **ENDS, footprint=mapdeal.Footprint.circle(1)),
+     "^footprint: applies to maps"),
+])  # fmt: skip
 def test_what_does_not_go_together_is_refused(call, message):
     with pytest.raises(ParameterError, match=message):
         call()

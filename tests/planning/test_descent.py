@@ -97,9 +97,7 @@ def test_a_pocket_is_a_local_minimum_and_its_place_is_named():
     st.integers(0, 2**32 - 1), st.sampled_from([0.02, 0.1, 0.3]),
     st.sampled_from([1.0, 30.0, 1000.0]), st.booleans(),
 )  # fmt: skip
-def test_every_step_leads_down_and_nothing_is_lower_where_it_ends(
-    seed, density, gain, through_unknown
-):
+def test_steps_lead_down_and_nothing_is_lower_at_the_end(seed, density, gain, through_unknown):
     rng = np.random.default_rng(seed)
     height, width = rng.integers(3, 14, 2)
     occupancy = np.where(rng.random((height, width)) < density, 100, 0).astype(np.int8)
@@ -259,9 +257,7 @@ def test_ways_are_within_a_fiftieth_of_the_shortest_and_in_open_cells(case):
     assert all(is_line_clear(opens, *piece) for piece in pairwise(inner))
 
 
-@given(
-    places(), st.lists(st.sampled_from([0.0, 1e-9, 1e-6, 0.5, 1 - 1e-6]), min_size=4, max_size=4)
-)
+@given(places(), st.tuples(*[st.sampled_from([0.0, 1e-9, 1e-6, 0.5, 1 - 1e-6])] * 4))
 def test_ends_at_edges_belong_to_the_cells_that_reach_says(case, offsets):
     """As typed by people: most round coordinates lie on edges or corners of cells."""
     is_open, *ends = case
@@ -279,19 +275,13 @@ def test_ends_at_edges_belong_to_the_cells_that_reach_says(case, offsets):
 
 def test_the_largest_cost_multiplier_leads_to_the_border():
     costmap = mapdeal.Costmap(np.uint8([[0, 252, 0], [0, 0, 100]]), 0.25, (1.5, -2.0, 0.0))
+    ends = {"start": (1.6, -1.9), "goal": (9.0, 9.0)}
     with pytest.warns(mapdeal.MapdealWarning, match="is beyond the map"):
-        answer = mapdeal.route(
-            costmap, start=(1.6, -1.9), goal=(9.0, 9.0), method="astar", cost_travel_multiplier=1e6
-        )
-    assert answer.beyond_window
+        assert mapdeal.route(costmap, **ends, cost_travel_multiplier=1e6).beyond_window
 
 
 def test_a_way_bends_at_the_corner_of_a_wall():
-    grid = grid_from_text("""
-        .....
-        ####.
-        .....
-    """)
+    grid = grid_from_text(".....\n####.\n.....")
     costmap = mapdeal.Costmap(np.where(grid.occupancy == 100, 254, 0).astype(np.uint8), *FRAME)
     start, goal = costmap.frame.xy_from_continuous_rowcol([[0.5, 0.5], [2.5, 0.5]]).tolist()
     route = shortest_way(costmap, tuple(start), tuple(goal))

@@ -126,9 +126,7 @@ def test_ways_that_touch_obstacles_or_unknown_cells_are_counted_and_kept_away(gr
         except MalformedInputError:
             return  # the robot stands nowhere
         found = route_graph_of(reached, GraphOptions(spacing=1.5, hall=3.0, cover=2.0))
-        touching, near = (
-            np.array([*least_distances(grid, found.graph, value)]) for value in (100, -1)
-        )
+        touching, near = (np.array([*least_distances(grid, found.graph, k)]) for k in (100, -1))
         assert (touching < radius - 1e-5).sum() <= found.tight
         assert (near < radius - 1e-5).sum() <= found.near_unknown <= (near < radius + 1e-3).sum()
         assert keep is None or not found.near_unknown
@@ -153,9 +151,8 @@ def test_nothing_leads_where_a_robot_gets_only_sideways(one_way):
 def test_lengths_may_be_longer_than_any_way():
     grid, robot = cluttered(30, 0.03, 4), Footprint.circle(0.15)
     for longest in (1e6, 1e308):
-        result = route_graph_of(
-            reach(grid, footprint=robot), GraphOptions(longest, longest, longest)
-        )
+        options = GraphOptions(longest, longest, longest)
+        result = route_graph_of(reach(grid, footprint=robot), options)
         check_graph(grid, robot, result.graph, math.inf)
 
 
@@ -250,10 +247,8 @@ def test_a_door_has_a_node_in_its_middle_with_its_width_and_a_goal_has_its_own(r
     (door,) = [node for node in graph.nodes if node.metadata["kind"] == kind]
     assert door.metadata["width"] == 2 * resolution
     assert math.dist(frame.xy_from_continuous_rowcol([[5, 15]])[0], (door.x, door.y)) < 0.3
-    widths = [
-        edge.metadata.get("door_width") for edge in graph.edges if door.id in (edge.start, edge.end)
-    ]
-    assert set(widths) == {2 * resolution}
+    edges = [edge for edge in graph.edges if door.id in (edge.start, edge.end)]
+    assert {edge.metadata.get("door_width") for edge in edges} == {2 * resolution}
 
 
 def test_a_bottleneck_that_is_little_narrower_than_its_corridor_is_no_door():
@@ -298,9 +293,8 @@ def test_doors_of_a_real_floor_are_those_that_a_person_counts(real_maps):
 
 
 def test_a_crowded_graph_keeps_its_doors():
-    legs = [
-        (k, k + 2, m, m + 2) for k in range(5, 40, 5) for m in [*range(5, 28, 5), *range(54, 80, 5)]
-    ]
+    cols = [*range(5, 28, 5), *range(54, 80, 5)]
+    legs = [(k, k + 2, m, m + 2) for k in range(5, 40, 5) for m in cols]
     grid = drawn_in(40, 80, (0, 15, 40, 42), (25, 42, 40, 42), *legs)
     graph = route_graph_of(reach(grid, radius=0.12), GraphOptions(hall=20.0)).graph
     assert [node.metadata["kind"] for node in graph.nodes].count("door") == 1
@@ -385,9 +379,8 @@ def test_routes_on_graphs_are_the_cheapest_ones(seed, count):
         kind = rng.integers(0, 3)
         metadata = {"speed_limit": 50.0} if kind == 1 else {}
         edges.append(RouteEdge(number, a, b, float(rng.random()), kind != 2, metadata))
-    graph = RouteGraph(
-        tuple(RouteNode(k, *map(float, points[k])) for k in range(count)), tuple(edges)
-    )
+    nodes = (RouteNode(k, *map(float, points[k])) for k in range(count))
+    graph = RouteGraph(tuple(nodes), tuple(edges))
     weights = np.full((count, count), np.inf)
     for edge in edges:
         length = math.dist(points[edge.start], points[edge.end])
