@@ -516,7 +516,9 @@ def odd(tmp_path_factory):
 
 LAST = "convert maps.bag --topic /map -o o"
 CLOUDS, ONE_CLOUD = "local -o o --cloud clouds.bag", "local -o o --cloud c.csv --pose 0,0,0"
-REFUSED = [
+
+
+@pytest.mark.parametrize(("code", "line", "message"), [
     *((2, f"build a.log -o o.yaml {option}", f"{option.split()[0]}: needs a bag for LOG")
       for option in ("--topic /scan", "--deskew", "--mount 1,2,3", "--fixed-frame m")),
     (2, "build scans.bag -o o.yaml --flip-y", "--flip-y: does not apply to bags"),
@@ -546,10 +548,7 @@ REFUSED = [
     (2, f"{ONE_CLOUD} --all", "--all: needs a bag"),
     (2, f"{ONE_CLOUD} --topic /p", "--topic: needs a bag"),
     (2, "local -o o --cloud c.csv", "--pose or --poses is required"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("code", "line", "message"), REFUSED)
+])  # fmt: skip
 def test_what_is_refused_is_one_line(sh, odd, monkeypatch, code, line, message):
     monkeypatch.chdir(odd)
     err = sh.err(line, code)

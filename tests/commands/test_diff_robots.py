@@ -16,18 +16,12 @@ from strategies import examples
 RESOLUTION = 0.1
 ORIGIN = (1.5, -2.0, 0.4)
 PARAMETERS = """
-global_costmap:
-  global_costmap:
-    ros__parameters:
-      robot_radius: {radius}
-      footprint_padding: 0.0
-      track_unknown_space: true
-      plugins: ["static_layer", "inflation_layer"]
-      static_layer: {{plugin: "nav2_costmap_2d::StaticLayer"}}
-      inflation_layer:
-        plugin: "nav2_costmap_2d::InflationLayer"
-        inflation_radius: {inflation}
-        cost_scaling_factor: 3.0
+global_costmap: {{global_costmap: {{ros__parameters: {{
+  robot_radius: {radius}, footprint_padding: 0.0, track_unknown_space: true,
+  plugins: [static_layer, inflation_layer],
+  static_layer: {{plugin: "nav2_costmap_2d::StaticLayer"}},
+  inflation_layer: {{plugin: "nav2_costmap_2d::InflationLayer", inflation_radius: {inflation},
+    cost_scaling_factor: 3.0}}}}}}}}
 """
 
 
@@ -209,9 +203,10 @@ def test_a_mask_closes_a_door_to_the_robot_that_inflates_it(command, site):
     write_map("mask.yaml", OccupancyGrid(mask, RESOLUTION, ORIGIN))
     for name in ("slim", "wide"):
         text = Path(f"{name}.yaml").read_text()
-        filters = 'filters: ["keepout"]\n      keepout: {plugin: "nav2_costmap_2d::KeepoutFilter"'
+        filters = 'filters: [keepout], keepout: {plugin: "nav2_costmap_2d::KeepoutFilter", enabled'
         for is_on, on in (("true", name), ("false", f"{name}-off")):
-            Path(f"{on}.yaml").write_text(text + f"      {filters}, enabled: {is_on}}}\n")
+            filtered = text.replace("robot_radius", f"{filters}: {is_on}}}, robot_radius")
+            Path(f"{on}.yaml").write_text(filtered)
     line = words("slim-off.yaml", "slim.yaml", "--mask", "mask.yaml", *site)
     code, out, err = command(*line, "--json")
     assert (code, json.loads(out)["goals"]["lost"]) == (1, ["right"])

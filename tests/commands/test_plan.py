@@ -14,23 +14,15 @@ from mapdeal.commands.plan_changes import PlannerOnMap, _Query
 from mapdeal.planners.planner import no_plan
 
 PARAMETERS = """
-global_costmap:
-  global_costmap:
-    ros__parameters:
-      {shape}
-      footprint_padding: 0.02
-      track_unknown_space: true
-      plugins: ["static_layer", "inflation_layer"]
-      static_layer: {{plugin: "nav2_costmap_2d::StaticLayer"}}
-      inflation_layer:
-        plugin: "nav2_costmap_2d::InflationLayer"
-        inflation_radius: {inflation}
-        cost_scaling_factor: 3.0
-planner_server:
-  ros__parameters:
-    planner_plugins: ["GridBased", "Other"]
-    GridBased: {{plugin: "nav2_navfn_planner::NavfnPlanner", {planner}}}
-    Other: {{plugin: "my_planner::Planner"}}
+global_costmap: {{global_costmap: {{ros__parameters: {{
+  {shape}, footprint_padding: 0.02, track_unknown_space: true,
+  plugins: [static_layer, inflation_layer],
+  static_layer: {{plugin: "nav2_costmap_2d::StaticLayer"}},
+  inflation_layer: {{plugin: "nav2_costmap_2d::InflationLayer", inflation_radius: {inflation},
+    cost_scaling_factor: 3.0}}}}}}}}
+planner_server: {{ros__parameters: {{
+  planner_plugins: ["GridBased", "Other"], Other: {{plugin: "my_planner::Planner"}},
+  GridBased: {{plugin: "nav2_navfn_planner::NavfnPlanner", {planner}}}}}}}
 """
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 DEFAULTS = {
@@ -337,7 +329,7 @@ def test_parameters_of_a_wrong_type_are_refused_with_their_line(command, files, 
     robot_file(tmp_path, planner="tolerance: 1")
     code, _, error = command("plan", "map.yaml", *files, "--to", "5,2")
     assert code == 3
-    assert "GridBased.tolerance (line 17): must be a double" in error
+    assert "GridBased.tolerance (line 10): must be a double" in error
     assert "hint: write 1.0" in error
 
 

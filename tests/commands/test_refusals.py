@@ -54,7 +54,16 @@ def draw(picture=GRID, **arguments):
     return lambda: mapdeal.draw_picture(picture, **arguments)
 
 
-REFUSED = [
+@pytest.fixture(autouse=True)
+def folder(here):
+    """A folder with a map, a transform, and files of rules without rules."""
+    Path("s.json").write_text('{"x": 1, "y": 2, "yaw": 0}')
+    mapdeal.write_map("m.yaml", GRID)
+    Path("pyproject.toml").touch()
+    Path("m.toml").touch()
+
+
+@pytest.mark.parametrize(("call", "message"), [
     (build(truncation=3), "truncation: does not apply to method log-odds"),
     (build(threads=0), "threads: must be a whole number"),
     (lambda: mapdeal.diff(GRID, np.zeros((2, 2))), "takes files or grids"),
@@ -122,21 +131,7 @@ REFUSED = [
     *[(lambda odd=odd: OccupancyGrid([[0]], odd), "resolution must lie") for odd in (None, "x")],
     *[(lambda odd=odd: OccupancyGrid([[0]], 0.25, odd), "origin must be three numbers")
       for odd in (None, "abc", 3)],
-]  # fmt: skip
-
-
-@pytest.fixture(autouse=True)
-def folder(here):
-    """A folder with a map, a transform, and files of rules without rules."""
-    Path("s.json").write_text('{"x": 1, "y": 2, "yaw": 0}')
-    mapdeal.write_map("m.yaml", GRID)
-    Path("pyproject.toml").touch()
-    Path("m.toml").touch()
-
-
-@pytest.mark.parametrize(
-    ("call", "message"), REFUSED, ids=lambda value: value if isinstance(value, str) else ""
-)
+], ids=lambda value: value if isinstance(value, str) else "")  # fmt: skip
 def test_arguments_that_are_not_allowed(call, message):
     with pytest.raises(ParameterError, match=re.escape(message)):
         call()

@@ -70,17 +70,14 @@ BOM = "\ufeff"
 
 
 @pytest.mark.parametrize(("before", "after", "count"), [
-    (around(free_thresh="0.25"), around(), 1),
-    (around(resolution="0.05000000074505806"), around(), 1),
-    (around(resolution="5e-2"), around(), 1),
-    (around(origin="[-1.5, 2, -nan]"), around(), 1),
+    *((around(**{key: text}), around(), 1) for key, text in (
+        ("free_thresh", "0.25"), ("resolution", "0.05000000074505806"), ("resolution", "5e-2"),
+        ("origin", "[-1.5, 2, -nan]"), ("origin", "[-1.5, 2, 1e-9]"), ("mode", "Trinary"),
+        ("image", "/nowhere/m.pgm"), ("image", ">-\n  /nowhere/m.pgm"),
+        ("image", "C:\\maps\\m.pgm"),
+    )),
     (around(origin="\n- -1.5000000000000009\n- 2 # m\n- 0"),
      around(origin="\n- -1.5\n- 2.0 # m\n- 0.0"), 1),
-    (around(origin="[-1.5, 2, 1e-9]"), around(), 1),
-    (around(mode="Trinary"), around(), 1),
-    (around(image="/nowhere/m.pgm"), around(), 1),
-    (around(image=">-\n  /nowhere/m.pgm"), around(), 1),
-    (around(image="C:\\maps\\m.pgm"), around(), 1),
     (around(origin="[-1.5000000000000009, 2, .0]", free_thresh="2.5e-1"), around(), 2),
     (MISSING, MISSING + "negate: 0\nfree_thresh: 0.196\n", 2),
     (MISSING.removesuffix("\n"), MISSING + "negate: 0\nfree_thresh: 0.196\n", 2),

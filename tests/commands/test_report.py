@@ -168,8 +168,10 @@ def test_a_dry_run_says_where_the_page_goes(sh):
 
 FROM, LAB = "0.55,1.05", "2.45,1.05"  # on both sides of a door of 0.3 m
 BOX = "[[0.1, 0.1], [-0.1, 0.1], [-0.1, -0.1], [0.1, -0.1]]"
+
+
 # The reported run, and the command that the verdict proposes, with its exit code.
-NEXT = [
+@pytest.mark.parametrize(("line", "proposed", "code"), [
     ("run hall.yaml -o out",
      "run hall.yaml -o nav2 --recipe nav2 --robot-radius 0.22 --report", 0),
     ("run hall.yaml -o out --robot-radius 0.05", "reach hall.yaml --robot-radius 0.05", 0),
@@ -203,10 +205,7 @@ NEXT = [
      f"route hall.yaml --from {FROM} --to {LAB} --robot-radius 0.05", 0),
     ("report made/hall", "info made/hall", 0),
     ("report made/hall/cost.npz", "info made/hall/cost.npz", 0),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("line", "proposed", "code"), NEXT)
+])  # fmt: skip
 def test_the_command_that_a_verdict_proposes_can_be_typed(sh, line, proposed, code):
     cells = np.zeros((21, 30), dtype=np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = 100

@@ -191,7 +191,9 @@ def test_python_refuses_the_values_that_the_shell_refuses(name, value):
         mapdeal.scan(grid_from_text("..."), **{"poses": [[0.0, 0.0, 0.0]], name: value})
 
 
-REAL = [
+@pytest.mark.thorough
+@pytest.mark.usefixtures("mapdeal_warnings")
+@pytest.mark.parametrize("name", [
     "ROBOTIS-GIT__turtlebot3/turtlebot3_navigation2/map/map.yaml",
     "WPI-RAIL__rail_maps/maps/ilab.yaml",
     "at-wat__neonavigation/neonavigation_launch/map/demo_map.yaml",
@@ -202,12 +204,7 @@ REAL = [
     "ros-navigation__navigation2/nav2_bringup/maps/warehouse.yaml",
     "ryuichiueda__value_iteration/maps/house.yaml",
     "turtlebot__turtlebot_simulator/turtlebot_stdr/maps/frieburg.yaml",
-]
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("mapdeal_warnings")
-@pytest.mark.parametrize("name", REAL)
+])  # fmt: skip
 @pytest.mark.parametrize(("noise", "cells"), [(0.0, 1), (0.02, 2)])
 def test_build_finds_the_walls_of_real_maps(real_maps, name, noise, cells):
     grid = mapdeal.read_map(real_maps / name)

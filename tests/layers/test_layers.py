@@ -24,10 +24,7 @@ STATIC = 's: {plugin: "nav2_costmap_2d::StaticLayer"}'
 def nav2(plugins, *sections, costmap="global", **parameters):
     lines = [f"{costmap}_costmap:", f"  {costmap}_costmap:", "    ros__parameters:"]
     lines += [f"      {name}: {value}" for name, value in parameters.items()]
-    lines += [
-        f"      plugins: [{', '.join(plugins)}]",
-        *(f"      {section}" for section in sections),
-    ]
+    lines += [f"      {section}" for section in (f"plugins: [{', '.join(plugins)}]", *sections)]
     return "\n".join(lines) + "\n"
 
 
@@ -115,9 +112,7 @@ MASK_ALONE = [0, 0, 0, 254, 0, 0, 0]
     ("ksi", [], {}, [0] * 7),  # the static layer overwrites the mask
     ("ksi", [], {"use_maximum": "true"}, INFLATED),
 ])  # fmt: skip
-def test_a_keepout_filter_acts_where_it_is_listed(
-    cost, tmp_path, plugins, more, parameters, expected
-):
+def test_keepout_filters_act_where_they_are(cost, tmp_path, plugins, more, parameters, expected):
     mask = OccupancyGrid([[0, 0, 0, 100, 0, 0, 0]], 0.1, (1.0, -2.0, 0.0))
     mapdeal.write_map(tmp_path / "k.npz", mask)
     text = nav2(plugins, STATIC, KEEPOUT, INFLATION, *more, robot_radius=0.05,
@@ -206,27 +201,17 @@ def test_a_window_holds_the_cells_around_the_robot(cost):
     # the corner is at 0.8, -2.3, and has moved from 0 by whole cells
     assert found.origin == (0.75, -2.25, 0.0)
     # centres at 0.875, 1.125, 1.375, 1.625 and -2.125, -1.875, -1.625, -1.375
-    assert found.cost.tolist() == [
-        [255, 255, 255, 255],
-        [255, 0, 255, 255],
-        [255, 0, 0, 255],
-        [255, 255, 255, 255],
-    ]
+    assert found.cost.tolist() == [[255] * 4, [255, 0, 255, 255], [255, 0, 0, 255], [255] * 4]
 
 
 def test_sizes_of_older_windows_end_in_the_middle_of_the_last_cell(cost):
-    origins = {}
-    for dialect in ("nav2", "humble"):
-        text = window(global_frame="map")
-        found, _ = cost(text, *POSE, "1.6,-1.8,0", "--dialect", dialect, drawing=DRAWING)
-        origins[dialect] = found.origin[0]
-    assert origins == {"nav2": 1.0, "humble": 1.0}
-    found, _ = cost(window(), *POSE, "1.63,-1.8,0", "--dialect", "humble", drawing=DRAWING)
-    assert found.origin[0] == 1.0
-    found, _ = cost(window(), *POSE, "1.7,-1.8,0", "--dialect", "humble", drawing=DRAWING)
-    assert found.origin[0] == 1.25
-    found, _ = cost(window(), *POSE, "1.7,-1.8,0", drawing=DRAWING)
-    assert found.origin[0] == 1.0
+    of_map = window(global_frame="map")
+    for text, x, dialect, origin in (
+        (of_map, 1.6, "nav2", 1.0), (of_map, 1.6, "humble", 1.0), (window(), 1.63, "humble", 1.0),
+        (window(), 1.7, "humble", 1.25), (window(), 1.7, "nav2", 1.0),
+    ):  # fmt: skip
+        found, _ = cost(text, *POSE, f"{x},-1.8,0", "--dialect", dialect, drawing=DRAWING)
+        assert found.origin[0] == origin
 
 
 def test_windows_lie_in_the_frame_of_the_costmap(cost):

@@ -87,8 +87,8 @@ def test_the_field_in_the_heuristic_counts_as_estimate(problem, heuristic_weight
     cells, cost, expanded = oracles.best_first(
         weights.tolist(), surcharges.tolist(), start, goal, on_near_tie=reject
     )
-    weights = {"field_weight": field_weight, "heuristic_weight": heuristic_weight}
-    route = shortest_route(costmap, *ends, **weights)
+    options = {"field_weight": field_weight, "heuristic_weight": heuristic_weight}
+    route = shortest_route(costmap, *ends, **options)
     assert (route.reached, route.expanded, route.optimal) == (len(cells) > 0, expanded, False)
     if not route.reached:
         return
