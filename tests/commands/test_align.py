@@ -58,9 +58,7 @@ def test_an_uncertain_transform_is_warned_of_and_written_with_its_candidates(sh)
     code, out, _ = sh(f"{line} -o u.json --image u.png --candidate 2")
     taken = json.loads(Path("u.json").read_text())
     assert (code, taken["chosen_by"], taken["same_place"]) == (1, "user", False)
-    assert {key: taken[key] for key in second if key in taken} == {
-        key: value for key, value in second.items() if key in taken
-    }
+    assert all(taken[key] == second[key] for key in second.keys() & taken.keys())
     assert "candidate 2 (chosen)" in out
     with Image.open("t.png") as all_of_them, Image.open("u.png") as image:
         assert all_of_them.width > 1.5 * image.width

@@ -109,9 +109,8 @@ def test_items_of_reach_and_methods_have_their_places(read):
     assert (unreachable.tone, passage.place) == ("error", (-2.0, 1.0))
     assert passage.lines[0].tolist() == [[-2.0, 0.7], [-2.0, 1.3]]
     (tsdf,) = read(COMPARISON).parts
-    assert [(item.text, item.place) for item in tsdf.items] == [
-        ("tsdf: 4 cells with hits vanished", (1.25, 2.5))
-    ]
+    (item,) = tsdf.items
+    assert (item.text, item.place) == ("tsdf: 4 cells with hits vanished", (1.25, 2.5))
 
 
 @pytest.mark.parametrize(("document", "file"), [

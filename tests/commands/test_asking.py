@@ -173,9 +173,8 @@ def test_lost_answers_are_worse_than_a_finding(sh, room):
 
 
 def test_potential_is_a_stage_of_recipes_that_hands_its_map_on(sh, room):
-    Path("r.yaml").write_text(
-        "stages: [esdf, {potential: {goal: [1.6, -1.9]}}, {cost: {inflation_radius: 0.2}}]\n"
-    )
+    stages = "[esdf, {potential: {goal: [1.6, -1.9]}}, {cost: {inflation_radius: 0.2}}]"
+    Path("r.yaml").write_text(f"stages: {stages}\n")
     sh.ok("run room.yaml -o out --recipe r.yaml")
     folder = Path("out/room")
     assert {"potential.npz", "potential.png"} == {file.name for file in folder.glob("potential*")}
@@ -337,9 +336,8 @@ def test_pairs_get_a_line_for_each_method_and_their_means(sh, answers_to, pairs)
     line = "route hall.yaml --pairs p.csv"
     lines, means = answers_to(line), printed_means(sh.err(line))
     options = {"plain": "", "cost": "--field-weight 1", "heuristic": "--heuristic field"}
-    assert [(answer["pair"], answer["method"]) for answer in lines] == [
-        (p, m) for p in (1, 2) for m in options
-    ]
+    asked = [(pair, method) for pair in (1, 2) for method in options]
+    assert [(answer["pair"], answer["method"]) for answer in lines] == asked
     assert all(list(answer) == ["pair", "method", *ROUTE_KEYS] for answer in lines)
     for answer in lines:
         start, goal = (",".join(map(str, answer[end].values())) for end in ("start", "goal"))
@@ -352,8 +350,7 @@ def test_pairs_get_a_line_for_each_method_and_their_means(sh, answers_to, pairs)
     for method in options:
         of_method = [answer for answer in lines if answer["method"] == method]
         mean = [sum(answer[key] for answer in of_method) / 2 for key in keys]
-        figures = "{:.3f} m {:.3f} m {:.2f} m {:.2f} {:.0f}".format(*mean)
-        assert means[method] == figures.split()
+        assert means[method] == "{:.3f} m {:.3f} m {:.2f} m {:.2f} {:.0f}".format(*mean).split()
     assert sh(f"{line} -o new/r.jsonl -q")[:2] == (0, "")
     assert Path("new/r.jsonl").read_text() == sh(line)[1]
 

@@ -47,9 +47,8 @@ def test_the_picture_shows_what_has_changed_and_keys_are_kept(sh):
     with Image.open("c.png") as image:
         counts = {colour: count for count, colour in image.convert("RGB").getcolors(1 << 20)}
     # a wall added, a wall removed, an island, three filled cells; each colour also in the legend
-    added, removed, island, filled = (
-        counts[colour] for colour in [(0, 120, 220), (225, 30, 60), (250, 220, 130), (110, 200, 90)]
-    )
+    colours = [(0, 120, 220), (225, 30, 60), (250, 220, 130), (110, 200, 90)]
+    added, removed, island, filled = (counts[colour] for colour in colours)
     assert added == removed == island
     side = math.isqrt((filled - island) // 2)
     assert side > 1

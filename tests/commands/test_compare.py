@@ -112,10 +112,8 @@ def test_pairs_are_counted_cell_by_cell_and_drawn(sh, run):
     assert [(pair["first"], pair["second"]) for pair in pairs] == PAIRS
     for pair, names in zip(pairs, PAIRS, strict=True):
         first, second = (maps[name] for name in names)
-        cells = {
-            a: {b: int(((first == x) & (second == y)).sum()) for y, b in STATES.items()}
-            for x, a in STATES.items()
-        }
+        cells = {a: {b: int(((first == x) & (second == y)).sum()) for y, b in STATES.items()}
+                 for x, a in STATES.items()}  # fmt: skip
         assert pair["cells"] == cells
         assert pair["differing"] == (first != second).sum() > 0
         drawn = colours("_".join(names))

@@ -171,9 +171,8 @@ def test_a_passage_closes_if_it_is_between_as_wide_as_both_robots(tmp_path, door
         for shape in robots
     )
     closed, opened = sorted(first - second), sorted(second - first)
-    assert sorted(passage.width for passage in result.closed) == pytest.approx(
-        sorted(widths[int(k)] for k in closed)
-    )
+    found = sorted(passage.width for passage in result.closed)
+    assert found == pytest.approx(sorted(widths[int(k)] for k in closed))
     assert len(result.opened) == len(opened)
     assert [goal.goal.name for goal in result.lost] == closed
     assert [goal.goal.name for goal in result.gained] == opened

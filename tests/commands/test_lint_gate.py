@@ -232,9 +232,8 @@ def test_findings_name_their_costmap(sh, here):
     for name in ("global", "local"):
         Path(f"{name}.yaml").write_text(f"{name}_costmap: {{global_frame: map}}\n")
     out = sh("lint common.yaml global.yaml local.yaml --select params.no-inflation")[1]
-    assert [line.partition(" no ")[0] for line in out.splitlines()[:-1]] == [
-        "common.yaml:2: warning: params.no-inflation:"
-    ]
+    (line,) = out.splitlines()[:-1]
+    assert line.partition(" no ")[0] == "common.yaml:2: warning: params.no-inflation:"
 
 
 def test_explanations_are_printed_by_name_area_and_all(sh):
@@ -282,9 +281,8 @@ def test_statistics_count_findings_by_check(sh, maps):
     findings_code, findings_out, _ = sh(f"lint maps {EXAMPLES}/maps --select all")
     assert (code, totals) == (findings_code, findings_out.splitlines()[-1])
     document = json.loads(sh(f"lint maps {EXAMPLES}/maps --select all --statistics --json")[1])
-    assert [(e["check"], e["count"], e["severity"]) for e in document["statistics"]] == [
-        (name, count, CHECKS[name].severity) for name, count in ranked
-    ]
+    expected = [(name, count, CHECKS[name].severity) for name, count in ranked]
+    assert [(e["check"], e["count"], e["severity"]) for e in document["statistics"]] == expected
     assert list(document) == ["statistics", "errors", "warnings", "notes", "suppressed"]
 
 

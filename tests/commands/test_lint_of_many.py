@@ -74,8 +74,7 @@ def test_a_manifest_of_another_program_hides_no_map(maps):
         assert listed("maps") == [PLAIN, BROKEN, TURNED]
     (maps / "manifest.json").write_text("{damaged")
     assert "maps" in listed("maps")
-    report = next(part for part in lint(maps).maps if part.file == "maps")
-    (finding,) = report.findings
+    (finding,) = next(part for part in lint(maps).maps if part.file == "maps").findings
     assert finding.message == "its manifest.json is not that of a run"
 
 

@@ -149,10 +149,8 @@ def test_a_sequence_gets_numbered_folders_in_order(sh, points, sequence):
     assert folders == [f"{k:04}" for k in range(12)]
     entries = manifest_of(name="summary")["maps"]
     assert [(entry["cloud"], entry["folder"]) for entry in entries[9:]] == [
-        ("9.csv", "0009"),
-        ("10.csv", "0010"),
-        ("11.csv", "0011"),
-    ]
+        ("9.csv", "0009"), ("10.csv", "0010"), ("11.csv", "0011"),
+    ]  # fmt: skip
     no_point, uniform = entries[2]["warnings"]
     assert "no point marks a cell" in no_point
     assert uniform.endswith("100 % of the open cells cost 0: there is no obstacle")

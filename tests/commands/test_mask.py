@@ -56,8 +56,7 @@ def test_servers_and_filters_agree(folder):
         kinds = {name: (parameter.kind, parameter.value) for name, parameter in info.items()}
         assert kinds["type"] == ("integer", number)
         assert kinds["base"][0] == kinds["multiplier"][0] == "double"
-        topic = nodes[f"/{kind}_filter_mask_server"]["topic_name"].value
-        assert kinds["mask_topic"][1] == topic
+        assert kinds["mask_topic"][1] == nodes[f"/{kind}_filter_mask_server"]["topic_name"].value
         assert {f"{kind}_filter_mask_server", f"{kind}_costmap_filter_info_server"} < set(managed)
         costmap = nodes["/global_costmap/global_costmap"]
         assert f"{kind}_filter" in costmap["filters"].value

@@ -63,9 +63,8 @@ def costs_of(name, *, inflation=0.85, factor=2.5, lookup="nav2", inscribed=INSCR
         layer = {"trinary": True, "track_unknown": True, "inscribed": 99}
         table = np.array([static_layer_cost(v, 100, **layer) for v in range(256)], np.uint8)
         base = table[HALL.view(np.uint8)]
-    expected = exponential_cost(
-        base, 0.15, inscribed, inflation, factor, False, False, lookup=lookup, float32=True
-    )
+    figures = 0.15, inscribed, inflation, factor, False, False
+    expected = exponential_cost(base, *figures, lookup=lookup, float32=True)
     np.testing.assert_array_equal(np.load(name)["cost"], expected)
     return expected
 

@@ -223,9 +223,8 @@ def test_the_graph_its_figures_and_its_picture(sh, along):
     assert (found["parts"], found["kinds"]["goal"]) == (1, 1)
     assert found["covered_m2"] == found["reachable_m2"]
     assert found["min_clearance_m"] > 0.24
-    assert sh.ok("lint rooms.yaml --graph g.geojson --robot-radius 0.24 --select graph").endswith(
-        "1 map: 0 errors, 0 warnings, 0 notes\n"
-    )
+    out = sh.ok("lint rooms.yaml --graph g.geojson --robot-radius 0.24 --select graph")
+    assert out.endswith("1 map: 0 errors, 0 warnings, 0 notes\n")
 
 
 def test_a_goal_in_a_wall_ends_with_1_and_a_point_is_warned_of(sh, here, along):

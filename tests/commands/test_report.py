@@ -110,11 +110,9 @@ def test_the_verdict_as_json(sh, run):
 
 def test_results_about_another_map_robot_or_costmap_are_warned_of(sh):
     mapdeal.write_map("other.yaml", grid_from_text(ROOMS.replace("....#", "...##")))
-    Path("nav2.yaml").write_text(
-        "global_costmap:\n  global_costmap:\n    ros__parameters:\n      robot_radius: 0.1\n"
-        "      plugins: [static_layer]\n"
-        "      static_layer: {plugin: 'nav2_costmap_2d::StaticLayer'}\n"
-    )
+    layer = "static_layer: {plugin: 'nav2_costmap_2d::StaticLayer'}"
+    of_node = f"{{ros__parameters: {{robot_radius: 0.1, plugins: [static_layer], {layer}}}}}"
+    Path("nav2.yaml").write_text(f"global_costmap: {{global_costmap: {of_node}}}\n")
     Path("nav3.yaml").write_text(Path("nav2.yaml").read_text() + "# changed\n")
     sh("run rooms.yaml -o out --robot-radius 0.26")
     sh("run rooms.yaml -o own --params-file nav2.yaml")
@@ -229,9 +227,8 @@ def test_the_command_that_a_verdict_proposes_can_be_typed(sh, line, proposed, co
     page = "out/report.html" if is_run else "page.html"
     _, out, err = sh(f"{line} --report" if is_run else f"{line} -o {page}")
     assert f"Next: mapdeal {proposed}" in out.splitlines(), out + err
-    assert f"Next: mapdeal {proposed}" in html.unescape(
-        re.sub("<[^>]*>", "", Path(page).read_text())
-    )
+    shown = html.unescape(re.sub("<[^>]*>", "", Path(page).read_text()))
+    assert f"Next: mapdeal {proposed}" in shown
     if is_run:
         entries = json.loads(Path("out/report.json").read_text())["entries"]
         assert f"mapdeal {proposed}" in [entry["next"] for entry in entries]

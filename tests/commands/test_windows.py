@@ -13,8 +13,7 @@ OPEN, WALL = "." * 20, "." * 7 + "#" + "." * 12
 
 @pytest.fixture
 def world(here):
-    drawing = "\n".join([OPEN, *[WALL] * 4, OPEN, OPEN])
-    grid = grid_from_text(drawing, 0.5, (1.5, -2.0, 0.0))
+    grid = grid_from_text("\n".join([OPEN, *[WALL] * 4, OPEN, OPEN]), 0.5, (1.5, -2.0, 0.0))
     mapdeal.write_map(here / "world.yaml", grid)
     mapdeal.write_map(here / "window.npz", _costs_of(grid.occupancy[:, :10]))
     mapdeal.write_map(here / "costs.npz", _costs_of(grid.occupancy))
