@@ -99,6 +99,9 @@ def test_of_a_potential_field_the_map_is_read_with_a_warning(sh, room, words):
     code, _, err = sh(f"{words} 1.7,-1.8")
     assert code in (0, 2)
     assert err.startswith("warning: p.npz: is a potential field")
+    assert sh("esdf p.npz -o e.npz")[0] == 0
+    assert np.array_equal(read_map("e.npz").distance, mapdeal.esdf(room).distance)
+    assert "npz" in sh.err("convert p.npz -o p.yaml", 2)
 
 
 def test_query_of_points_has_a_status_for_every_line_and_is_strict_on_demand(sh, answers_to, room):
@@ -186,13 +189,6 @@ def test_potential_is_a_stage_of_recipes_that_hands_its_map_on(sh, room):
         assert read_map(folder / "potential.npz").goal == goal
 
 
-def test_maps_are_made_of_a_potential_field_s_map(sh, room):
-    sh("potential room.yaml -o p.npz")
-    assert sh("esdf p.npz -o e.npz")[0] == 0
-    assert np.array_equal(read_map("e.npz").distance, mapdeal.esdf(room).distance)
-    assert "npz" in sh.err("convert p.npz -o p.yaml", 2)
-
-
 def test_route_prints_its_answer_or_writes_it(sh, hall):
     line = f"route hall.yaml {ENDS}"
     out = sh.ok(line)
@@ -276,18 +272,15 @@ def test_potential_leaves_the_cost_to_go_out_where_memory_is_short(sh, room, mon
     assert read_map("few.npz").cost_to_go is None
 
 
-def test_route_warns_where_costs_look_like_a_map(sh, hall):
-    sh("cost hall.yaml -o c.yaml")
-    assert sh.err(f"route c.yaml {ENDS} -q") == ""
-    err = sh.err(f"route c.yaml {ENDS}")
-    assert (err.startswith("warning: "), "1..99" in err) == (True, True)
-
-
-def test_a_field_keeps_its_own_obstacles_on_a_route(sh, hall):
+def test_routes_keep_the_obstacles_of_fields_and_warn_of_costs_like_maps(sh, hall):
     sh("esdf hall.yaml -o e.npz")
     assert sh(f"route e.npz {ENDS}")[1] == sh(f"route hall.yaml {ENDS}")[1]
     sh("esdf hall.yaml -o short.npz --max-distance 0.3")
     assert "max_distance" in sh.err(f"route short.npz {ENDS}", 2)
+    sh("cost hall.yaml -o c.yaml")
+    assert sh.err(f"route c.yaml {ENDS} -q") == ""
+    err = sh.err(f"route c.yaml {ENDS}")
+    assert (err.startswith("warning: "), "1..99" in err) == (True, True)
 
 
 @pytest.mark.parametrize("method", ["astar", "descent"])

@@ -193,9 +193,7 @@ def test_what_reading_the_map_of_a_run_warns_of_is_on_its_page(rooms, run):
 
 
 def test_pages_show_no_absolute_path(tmp_path, rooms, command, save_output):
-    shifted, imageless, robot = (
-        tmp_path / f"{name}.yaml" for name in ("other", "imageless", "robot")
-    )
+    shifted, imageless, robot = (tmp_path / f"{name}.yaml" for name in ("other", "bare", "robot"))
     mapdeal.write_map(shifted, rooms_grid(walls=3))
     imageless.write_text(rooms.read_text().replace("rooms.pgm", "no.pgm"))
     robot.write_text("global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.2}}}\n")

@@ -84,9 +84,8 @@ def test_the_field_in_the_heuristic_counts_as_estimate(problem, heuristic_weight
     for cell in np.ndindex(costmap.shape):
         metres = heuristic_weight * max(0.0, 1 - np.float32(max(distance[cell], 0.0)) / 2.0)
         surcharges[cell] = metres / costmap.resolution
-    cells, cost, expanded = oracles.best_first(
-        weights.tolist(), surcharges.tolist(), start, goal, on_near_tie=reject
-    )
+    layers = weights.tolist(), surcharges.tolist()
+    cells, cost, expanded = oracles.best_first(*layers, start, goal, on_near_tie=reject)
     options = {"field_weight": field_weight, "heuristic_weight": heuristic_weight}
     route = shortest_route(costmap, *ends, **options)
     assert (route.reached, route.expanded, route.optimal) == (len(cells) > 0, expanded, False)
