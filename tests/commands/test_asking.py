@@ -254,6 +254,7 @@ def test_pairs_go_by_methods_other_than_astar(sh, hall):
         for answer, ends in zip(answers, ("5,3.6", "5.5,3.5"), strict=True):
             own = sh(f"route hall.yaml --from 2,3.5 --to {ends} --method {method} {options}")[1]
             keys = ("method", "reached", "start", "goal", "length_m", "cost")
+            assert answer["reached"]
             assert [answer[key] for key in keys] == [json.loads(own)[key] for key in keys]
     assert "attractive" in sh.err(f"{line} geodesic --attractive-gain 3", 2)
     assert "compare" in sh.err(f"{line} geodesic --compare plain", 2)
