@@ -321,9 +321,7 @@ def printed_means(err):
 
 @pytest.fixture
 def pairs(hall):
-    text = "from_x,from_y,to_x,to_y\n1.05,1.05,5.05,1.05\n[[1, 3.5], [5, 3.5]]\n"
-    Path("p.csv").write_text(text)
-    return text
+    Path("p.csv").write_text("from_x,from_y,to_x,to_y\n1.05,1.05,5.05,1.05\n[[1, 3.5], [5, 3.5]]\n")
 
 
 def test_pairs_get_a_line_for_each_method_and_their_means(sh, answers_to, pairs):

@@ -48,14 +48,12 @@ def test_what_is_selected_decides_the_exit_code(sh, maps, words, code):
     assert (out == "") == (code > 1)
 
 
-def test_the_command_line_comes_before_the_file(sh, maps):
+def test_the_command_line_comes_before_files_and_what_these_suppress_is_counted(sh, maps):
     rules = '[tool.mapdeal.lint]\nignore = ["yaml.origin-yaw"]\nstrict = true\n'
     Path("maps/pyproject.toml").write_text(rules)
     codes = [sh(f"lint maps {words}")[0] for words in ("", "--select yaml", "--no-config --strict")]
     assert codes == [0, 1, 1]
-
-
-def test_what_is_suppressed_is_counted(sh, maps):
+    Path("maps/pyproject.toml").unlink()
     Path("mapdeal.toml").write_text('[lint.per-file-ignores]\n"maps/old" = ["yaml"]\n')
     line = "2 maps: 0 errors, 0 warnings, 0 notes, 1 suppressed\n"
     assert sh("lint maps --strict")[:2] == (0, line)

@@ -149,25 +149,18 @@ def test_the_same_map_twice_needs_no_transform_of_its_own(sh, expected):
     assert first == second
 
 
-@pytest.fixture
-def aligned(monkeypatch):
-    """Replace the search; return a function that returns the list of pairs searched."""
+def replace_search(monkeypatch, *, same_place):
+    """Return the list of pairs of maps that the replaced search is asked to align."""
+    found = types.SimpleNamespace(same_place=same_place, transform=STEP, reason="another fits")
     pairs = []
-
-    def use(same_place):
-        def search(*pair):
-            pairs.append(pair)
-            fields = {"same_place": same_place, "reason": "another place fits as well"}
-            return types.SimpleNamespace(transform=STEP, **fields)
-
-        monkeypatch.setattr("mapdeal.commands.merge.placed_on", search)
-        return pairs
-
-    return use
+    monkeypatch.setattr(
+        "mapdeal.commands.merge.placed_on", lambda *pair: pairs.append(pair) or found
+    )
+    return pairs
 
 
-def test_maps_are_aligned_to_the_first(sh, expected, aligned):
-    pairs = aligned(True)
+def test_maps_are_aligned_to_the_first(sh, expected, monkeypatch):
+    pairs = replace_search(monkeypatch, same_place=True)
     document = sh.json("merge a.yaml b.yaml -o o.npz --by align --json")
     ((first, second),) = pairs
     np.testing.assert_array_equal(first.occupancy, cells(HALL))
@@ -176,10 +169,10 @@ def test_maps_are_aligned_to_the_first(sh, expected, aligned):
     same("o.npz", merge(maps("a", "b"), transforms=[STEP]))
 
 
-def test_a_map_that_is_perhaps_of_another_place_is_not_merged(sh, folder, aligned):
-    aligned(False)
+def test_a_map_that_is_perhaps_of_another_place_is_not_merged(sh, folder, monkeypatch):
+    replace_search(monkeypatch, same_place=False)
     before = tree(folder)
-    message = "b.yaml: its placement on a.yaml is uncertain: another place fits as well"
+    message = "b.yaml: its placement on a.yaml is uncertain: another fits"
     code, out, err = sh("merge a.yaml b.yaml -o o.yaml --by align")
     assert (code, out, err.splitlines()[0]) == (1, "", f"error: {message}")
     assert tree(folder) == before

@@ -138,16 +138,13 @@ def test_arguments_that_are_not_allowed(call, message):
     assert not Path("out").exists()
 
 
-@pytest.mark.parametrize(("call", "name"), [
-    (build(log="missing.log"), "missing.log"),
-    (lambda: mapdeal.diff("m.yaml", "missing.yaml"), "missing.yaml"),
-    (lambda: mapdeal.info("missing.yaml"), "missing.yaml"),
-    (lint(config="none.toml"), "none.toml: cannot be read"),
-    (recipe("missing.yaml"), "missing.yaml"),
-], ids=["build", "diff", "info", "lint", "recipe"])  # fmt: skip
-def test_files_that_are_not_there(call, name):
-    with pytest.raises(FileAccessError, match=re.escape(name)):
-        call()
+def test_files_that_are_not_there():
+    for call in (
+        build(log="none"), lambda: mapdeal.diff("m.yaml", "none"), lambda: mapdeal.info("none"),
+        lint(config="none"), recipe("none.yaml"),
+    ):  # fmt: skip
+        with pytest.raises(FileAccessError, match=r"none.*: cannot be read"):
+            call()
 
 
 def test_a_parameter_that_nav2_refuses():

@@ -43,6 +43,8 @@ def test_python_writes_the_bytes_of_the_command(sh, run):
 
 
 def test_a_run_writes_its_page_with_the_map_as_read(sh):
+    assert "and out/report.html and out/report.json" in sh(f"{RUN} --dry-run")[1]
+    assert not Path("out").exists()
     assert "out/report.html: 1 map, " in sh(RUN)[1]
     names = ("report.html", "report.json")
     first = [Path("out", name).read_bytes() for name in names]
@@ -157,11 +159,6 @@ def test_a_run_does_not_replace_what_is_no_page_of_ours(sh):
         err = sh.err(f"run rooms.yaml -o out{kind} --report", 4)
         assert f"exists, and is not a {kind} written by mapdeal" in err
         assert [*mine.parent.iterdir()] == [mine]  # nothing was made
-
-
-def test_a_dry_run_says_where_the_page_goes(sh):
-    assert "and out/report.html and out/report.json" in sh(f"{RUN} --dry-run")[1]
-    assert not Path("out").exists()
 
 
 FROM, LAB = "0.55,1.05", "2.45,1.05"  # on both sides of a door of 0.3 m
