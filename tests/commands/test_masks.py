@@ -31,7 +31,7 @@ def files(here):
 
 def test_a_run_lays_the_mask_over_costs_and_nothing_else(sh, files):
     room, mask = mapdeal.read_map("room.yaml"), mapdeal.read_map("mask.npz")
-    line = f"run room.yaml --recipe nav2 {PARAMS} -o"
+    line = f"run room.yaml --recipe nav2 --no-images {PARAMS} -o"
     with_mask = f"{line} masked --mask mask.npz"
     sh(f"{line} plain")
     sh(with_mask)

@@ -74,7 +74,7 @@ def manifest_of(folder):
 
 
 FILE = "--params-file nav2.yaml"
-COST, RUN = f"cost hall.npz -o c.npz {FILE}", f"run hall.npz -o out {FILE}"
+COST, RUN = f"cost hall.npz -o c.npz {FILE}", f"run hall.npz -o out {FILE} --no-images"
 OF_RUN = "out/hall/cost.npz"
 IGNORED = "nav2.yaml: ignored: obstacle_layer (no observations)\n"
 
@@ -104,7 +104,7 @@ def test_a_run_makes_field_and_costs_and_keeps_the_robot_in_its_manifest(sh):
 
 
 def test_the_same_run_is_unchanged_until_the_parameters_change(sh, here, nav2):
-    line = f"{RUN} --no-images -q"
+    line = f"{RUN} -q"
     assert sh(line)[0] == 0
     before = tree(here / "out")
     sh.ok(line)

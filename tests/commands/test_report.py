@@ -28,7 +28,7 @@ def rooms(here):
 
 @pytest.fixture
 def run(sh):
-    assert sh("run rooms.yaml -o out --set inflate.radius=0.25")[0] == 0
+    assert sh("run rooms.yaml -o out --no-images --set inflate.radius=0.25")[0] == 0
     sh("reach rooms.yaml --robot-radius 0.1 -o reach.json")
 
 
@@ -56,7 +56,7 @@ def test_a_run_writes_its_page_with_the_map_as_read(sh):
 def test_a_run_with_a_page_is_checked_by_lint_and_reach(sh):
     points = mapdeal.read_map("rooms.yaml").frame.xy_from_rowcol([(2, 4), (2, 10)])
     start, lab = (f"{x:g},{y:g}" for x, y in points.tolist())
-    ends = f"--from {start} --to lab={lab} here={start}"
+    ends = f"--from {start} --to lab={lab} here={start} --no-images"
     states = {}
     for radius in (0.1, 0.3):
         code = sh(f"run rooms.yaml -o r{radius} --robot-radius {radius} --report {ends}")[0]
@@ -75,7 +75,7 @@ def test_a_run_with_a_page_is_checked_by_lint_and_reach(sh):
     state = "error" if found.errors else "warning" if found.warnings else "good"
     assert states[0.3]["map"][0] == state
     # goals stay unchecked if there is no robot; this is no error
-    sh("run rooms.yaml -o none --report")
+    sh("run rooms.yaml -o none --report --no-images")
     (entry,) = json.loads(Path("none/report.json").read_text())["entries"]
     assert entry["claims"][-1]["state"] == "unknown"
 
@@ -116,8 +116,8 @@ def test_results_about_another_map_robot_or_costmap_are_warned_of(sh):
     of_node = f"{{ros__parameters: {{robot_radius: 0.1, plugins: [static_layer], {layer}}}}}"
     Path("nav2.yaml").write_text(f"global_costmap: {{global_costmap: {of_node}}}\n")
     Path("nav3.yaml").write_text(Path("nav2.yaml").read_text() + "# changed\n")
-    sh("run rooms.yaml -o out --robot-radius 0.26")
-    sh("run rooms.yaml -o own --params-file nav2.yaml")
+    sh("run rooms.yaml -o out --no-images --robot-radius 0.26")
+    sh("run rooms.yaml -o own --no-images --params-file nav2.yaml")
     for name, words in (
         ("same", "rooms.yaml --robot-radius 0.26"), ("robot", "rooms.yaml --robot-radius 0.1"),
         ("map", "other.yaml --robot-radius 0.26"), ("own", "rooms.yaml --params-file nav2.yaml"),
@@ -140,14 +140,14 @@ def test_results_about_another_map_robot_or_costmap_are_warned_of(sh):
 def test_a_batch_has_its_page_even_if_maps_fail(sh):
     mapdeal.write_map("maps/a/one.yaml", grid_from_text(ROOMS))
     Path("maps/bad.yaml").write_text("image: none.pgm\nresolution: x\n")
-    code, output, _ = sh("run maps -o out --report -j 1")
+    code, output, _ = sh("run maps -o out --report --no-images -j 1")
     assert (code, "out/report.html: 2 maps, " in output) == (5, True)
     page = Path("out/report.html").read_text()
     assert "a/<wbr>one" in page
     assert "failed" in page
     verdict = json.loads(Path("out/report.json").read_text())
     assert {entry["name"]: entry["state"] for entry in verdict["entries"]}["bad"] == "error"
-    assert sh("run maps -o out --report")[0] == 5
+    assert sh("run maps -o out --report --no-images")[0] == 5
     assert Path("out/report.html").read_text() == page  # though one is unchanged now
 
 
