@@ -328,8 +328,8 @@ def test_pairs_get_a_line_for_each_method_and_their_means(sh, answers_to, pairs)
     line = "route hall.yaml --pairs p.csv"
     lines, means = answers_to(line), printed_means(sh.err(line))
     options = {"plain": "", "cost": "--field-weight 1", "heuristic": "--heuristic field"}
-    asked = [(pair, method) for pair in (1, 2) for method in options]
-    assert [(answer["pair"], answer["method"]) for answer in lines] == asked
+    requested = [(pair, method) for pair in (1, 2) for method in options]
+    assert [(answer["pair"], answer["method"]) for answer in lines] == requested
     assert all(list(answer) == ["pair", "method", *ROUTE_KEYS] for answer in lines)
     for answer in lines:
         start, goal = (",".join(map(str, answer[end].values())) for end in ("start", "goal"))

@@ -144,8 +144,8 @@ def test_layers_of_one_file_may_be_read_in_turns(rooms, tmp_path):
 
 def test_a_run_that_asks_what_can_be_reached_shows_the_answer(rooms, tmp_path):
     x, y = rooms_grid().frame.xy_from_rowcol([(3, 5)])[0].tolist()
-    asked = f"{{radius: 0.2, start: [{x}, {y}], goals: {{lab: [{x}, {y}]}}}}"
-    (tmp_path / "asks.yaml").write_text(f"stages:\n- reach: {asked}\n")
+    parameters = f"{{radius: 0.2, start: [{x}, {y}], goals: {{lab: [{x}, {y}]}}}}"
+    (tmp_path / "asks.yaml").write_text(f"stages:\n- reach: {parameters}\n")
     (entry,) = entries_of(mapdeal.run(rooms, tmp_path / "asks", tmp_path / "asks.yaml").folder)
     assert layer_names(entry) == ["reach-clearance", "reach-widest", "reach"]
     assert [item.kind for item in entry.items] == ["start", "goal", "passage"]
