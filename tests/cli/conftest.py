@@ -9,9 +9,25 @@ import subprocess
 import sys
 
 import pytest
+import typer
 
 from drawn import grid_from_text
 from mapdeal import read_map, write_map
+from mapdeal.cli.main import app, command_names
+
+
+def every_command():
+    """Yield names and commands: each group, and those below it."""
+    group = typer.main.get_command(app)
+    for name in command_names():
+        command = group.get_command(None, name)
+        yield name, command
+        for word, own in getattr(command, "commands", {}).items():
+            yield f"{name} {word}", own
+
+
+def single_commands():
+    return {name: each for name, each in every_command() if not hasattr(each, "commands")}
 
 
 class Shell:

@@ -141,16 +141,10 @@ def shell_finds(command, here, monkeypatch):
 @pytest.mark.slow
 def test_fish_completes(shell_finds):
     shell_finds("fish")
-    code = "source ../script\n" + "".join(
-        f"complete -C 'mapdeal {line}'; echo ----\n" for line in TYPED
-    )
-    completed = subprocess.run(
-        ["fish", "-c", code], cwd="work", capture_output=True, text=True, check=True
-    )
-    completions = [
-        re.sub(r"\t.*", "", answer).strip() for answer in completed.stdout.split("----\n")[:-1]
-    ]
-    assert completions == list(TYPED.values())
+    lines = "".join(f"complete -C 'mapdeal {line}'; echo ----\n" for line in TYPED)
+    words = ["fish", "-c", f"source ../script\n{lines}"]
+    answers = subprocess.check_output(words, cwd="work", text=True).split("----\n")[:-1]
+    assert [re.sub(r"\t.*", "", text).strip() for text in answers] == list(TYPED.values())
 
 
 @pytest.mark.slow
@@ -164,9 +158,8 @@ def test_completes_at_tab(shell_finds, shell):
         os.chdir("work")
         os.execlp(shell, shell, *options, "-i")  # noqa: S606 - it needs a terminal of its own
     try:
-        os.write(
-            terminal, f"PS1=; stty -echo; {start}{PRINT}; source ../script; echo READ''Y\n".encode()
-        )
+        line = f"PS1=; stty -echo; {start}{PRINT}; source ../script; echo READ''Y\n"
+        os.write(terminal, line.encode())
         read_until(terminal, rb"READY")
         for line, expected in TYPED.items():
             os.write(terminal, f"mapdeal {line}\t\n".encode())

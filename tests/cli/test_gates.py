@@ -71,10 +71,6 @@ def files(here):
     }  # fmt: skip
     document = {"type": "FeatureCollection", "features": [zone]}
     Path("zones.geojson").write_text(json.dumps(document))
-    found = mapdeal.reach(
-        mapdeal.read_map("m.yaml"), start=(0.55, 1.05), radius=0.25, goals=[(2.45, 1.05)]
-    )
-    mapdeal.write_map("reach.npz", found)
 
 
 @pytest.mark.parametrize(

@@ -7,26 +7,14 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-import typer
 
+from cli.conftest import every_command
 from mapdeal.cli.help_pages import GROUPS
-from mapdeal.cli.main import app, command_names
+from mapdeal.cli.main import command_names
 from mapdeal.stages.catalogue import STAGE_NAMES
 from mapdeal.version import __version__
 
 EXAMPLE_FILES = Path(__file__).parents[2] / "examples"
-
-
-def every_command():
-    group = typer.main.get_command(app)
-    for name in command_names():
-        command = group.get_command(None, name)
-        yield name, command
-        yield from (
-            (f"{name} {word}", own) for word, own in getattr(command, "commands", {}).items()
-        )
-
-
 COMMANDS = dict(every_command())
 
 

@@ -1,6 +1,5 @@
 """How commands answer: on terminals, in pipes, to words that other programs use."""
 
-import json
 import re
 import sys
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 
 import mapdeal
+from conftest import documents_in
 from mapdeal import OccupancyGrid
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -52,9 +52,7 @@ def test_answers_are_lines_on_a_terminal_and_json_elsewhere(sh, room, terminal, 
     monkeypatch.setattr("mapdeal.cli.terminal.has_reader", lambda: False)
     piped = sh(line)[1]
     assert document == piped
-    assert [
-        json.loads(text) for text in ([piped] if piped.startswith("{\n") else piped.splitlines())
-    ]
+    assert documents_in(piped)
 
 
 @pytest.mark.parametrize(("line", "begins"), [
@@ -78,13 +76,9 @@ def test_words_that_lead_to_a_command(sh, here):
     out = sh("")[1]
     assert len(re.findall(r"\n  \w", out)) == 8
     assert "mapdeal --help lists all commands" in out
-    for word, meant in (
-        ("show", "view"),
-        ("crop", "window"),
-        ("compare", "diff"),
-        ("costmap", "cost"),
-    ):
-        assert sh.err(word, 2).endswith(f"hint: did you mean {meant}?\n")
+    for words in ("show view", "crop window", "compare diff", "costmap cost"):
+        word, command = words.split()
+        assert sh.err(word, 2).endswith(f"hint: did you mean {command}?\n")
 
 
 def test_view_writes_a_page_and_opens_it(sh, room, monkeypatch, tmp_path):
@@ -124,20 +118,13 @@ def test_info_describes_readable_files_and_reports_others(sh, room):
     Path("bad.txt").write_text("nothing")
     code, out, err = sh("info maps bad.txt room.yaml")
     assert code == 5
-    assert [line for line in out.splitlines() if line and line[0] != " "] == [
-        "maps/inner/a.yaml",
-        "room.yaml",
-    ]
+    titles = [line for line in out.splitlines() if line and line[0] != " "]
+    assert titles == ["maps/inner/a.yaml", "room.yaml"]
     assert "error: bad.txt: is not a kind of file" in err
     assert err.endswith("error: 1 file cannot be described\n")
-    documents = [
-        json.loads(line) for line in sh("info maps bad.txt room.yaml --json")[1].splitlines()
-    ]
-    assert [document["kind"] for document in documents] == [
-        "occupancy grid",
-        "error",
-        "occupancy grid",
-    ]
+    documents = documents_in(sh("info maps bad.txt room.yaml --json")[1])
+    kinds = [document["kind"] for document in documents]
+    assert kinds == ["occupancy grid", "error", "occupancy grid"]
     assert "is not a kind" in documents[1]["error"]
 
 
@@ -174,19 +161,15 @@ def test_the_geometry_of_a_bare_image_is_that_of_the_options(sh, room):
 
 def test_a_run_without_a_robot_names_the_radius_it_uses(sh, room):
     assert "no robot is given: walls are inflated by 0.3 m" in sh("run room.yaml -o out")[1]
-    for shape, hint in (
-        ("--robot-radius 0.2", "--recipe nav2 --robot-radius 0.2"),
-        (
-            "--footprint [[0.2,0.1],[0.2,-0.1],[-0.2,-0.1],[-0.2,0.1]]",
-            "--recipe nav2 --footprint F",
-        ),
-    ):
-        output = sh(f"run room.yaml -o out --force {shape}")[1]
+    run = "run room.yaml -o out --no-images --force"
+    corners = "[[0.2,0.1],[0.2,-0.1],[-0.2,-0.1],[-0.2,0.1]]"
+    for option, value, shown in (("robot-radius", "0.2", "0.2"), ("footprint", corners, "F")):
+        output = sh(f"{run} --{option} {value}")[1]
         assert "recipe default: walls are inflated by 0.2" in output
-        assert f"{hint}, makes the costmap of Nav2" in output
-        assert "recipe default" not in sh(f"run room.yaml -o nav2 --force --recipe nav2 {shape}")[1]
+        assert f"--recipe nav2 --{option} {shown}, makes the costmap of Nav2" in output
+        assert "recipe default" not in sh(f"{run} --recipe nav2 --{option} {value}")[1]
     for own in ("--recipe nav2", "--robot-radius 0.2", "--set inflate.radius=0.2"):
-        assert "no robot" not in sh(f"run room.yaml -o out --force {own}")[1]
+        assert "no robot" not in sh(f"{run} {own}")[1]
     assert "the costs are those of a point" in sh("cost room.yaml -o c.npz")[2]
     for own in ("--recipe nav2", "--robot-radius 0.2", "--inscribed-radius 0", "--model rings"):
         assert "no robot" not in sh(f"cost room.yaml -o c.npz --force {own}")[2]
@@ -199,9 +182,8 @@ def test_cost_takes_the_costs_of_a_recipe(sh, room):
     assert np.array_equal(*costs)
     more = "--robot-radius 0.4 --cost-scaling-factor 9"
     values = sh.json(f"cost room.yaml -o c.npz --force --recipe nav2 {more} --json")["parameters"]
-    assert [
-        values[key] for key in ("inscribed_radius", "inflation_radius", "cost_scaling_factor")
-    ] == [0.4, 0.7, 9.0]
+    names = "inscribed_radius", "inflation_radius", "cost_scaling_factor"
+    assert [values[name] for name in names] == [0.4, 0.7, 9.0]
 
 
 def test_maps_that_do_not_lie_in_one_frame_are_noticed_and_aligned(sh, here):

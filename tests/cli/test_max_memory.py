@@ -75,9 +75,8 @@ def twice(command, building, tmp_path):
 ])  # fmt: skip
 def test_run(twice, recipe, memory):
     warnings = twice(f"run --recipe {recipe}", memory=memory)
-    assert ["the open cells cost 99" in warning for warning in warnings] == [True] * (
-        recipe == "design-real"
-    )
+    is_uniform = ["the open cells cost 99" in warning for warning in warnings]
+    assert is_uniform == [True] * (recipe == "design-real")
 
 
 STAGES = [
@@ -97,13 +96,10 @@ def test_stages(twice, monkeypatch, stage, ending, options):
     twice(f"{stage} {options} --image FOLDER/out.png", f"out{ending}")
 
 
-@pytest.mark.parametrize("line", ["inflate -o FOLDER/in.npz --radius 0", "pack -o FOLDER/bits.pbm"])
-def test_maps_in_formats_besides_p5_are_processed_in_blocks_too(
-    twice, sh, building, tmp_path, line
-):
-    words = line.replace("FOLDER", str(tmp_path)).split()
-    assert sh.command(words[0], building, *words[1:])[0] == 0
-    twice("run", source=words[2])
+@pytest.mark.parametrize("line", ["inflate -o in.npz --radius 0", "pack -o bits.pbm"])
+def test_maps_in_formats_besides_p5_are_processed_in_blocks_too(twice, sh, building, line):
+    assert sh(f"{line} {building}")[0] == 0
+    twice("run", source=line.split()[2])
 
 
 def test_a_mask(twice, sh, building, tmp_path, monkeypatch):
@@ -189,11 +185,9 @@ def test_progress_of_a_run_ends_with_its_end(building, tmp_path, recipe, canvas,
 def test_progress_of_a_stage_ends_with_its_end(building, tmp_path, monkeypatch, name):
     monkeypatch.setattr(memory, "_READ", 50.0)
     watch = Watched()
-    options = Settings(
-        threads=2, image=tmp_path / "out.png", max_memory=size_of(LITTLE, ""), progress=watch
-    )
-    parameters = {"view": "per-map"} if name == "esdf.yaml" else {}
-    step = make_step(name.partition(".")[0], parameters)
+    limits = {"threads": 2, "max_memory": size_of(LITTLE, "")}
+    options = Settings(image=tmp_path / "out.png", progress=watch, **limits)
+    step = make_step(name.partition(".")[0], {"view": "per-map"} if name == "esdf.yaml" else {})
     apply_to_file(building, tmp_path / name, step, options)
     assert sum(watch.steps) == watch.total > 0
 

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 
 from bad_maps import check_failure, tree, write_map
+from cli.conftest import single_commands
 from cli.test_strict import LINES, bits_and_log, maps, usual_code  # noqa: F401 - fixtures
-from mapdeal.cli.main import app, command_names
 from mapdeal.cli.options import SHARED_OPTIONS
 from odd_names import private
 
@@ -178,18 +177,12 @@ SHARED = {option.replace("_", "-") for option in SHARED_OPTIONS}
 FOR_ALL_SHARED = ("run", "local", "potential")
 
 
-def commands():
-    group = typer.main.get_command(app)
-    for name in command_names():
-        command = group.get_command(None, name)
-        for below, subcommand in getattr(command, "commands", {"": command}).items():
-            options = [
-                p for p in subcommand.params if p.param_type_name == "option" and not p.is_flag
-            ]
-            yield f"{name} {below}".strip(), {max(p.opts, key=len): p for p in options}
+def options_of(command):
+    options = [p for p in command.params if p.param_type_name == "option" and not p.is_flag]
+    return {max(option.opts, key=len): option for option in options}
 
 
-OPTIONS = dict(commands())
+OPTIONS = {name: options_of(command) for name, command in single_commands().items()}
 
 
 def working_line(name):

@@ -72,10 +72,8 @@ def test_an_error_keeps_its_exit_code_without_stderr(redirection):
 @pytest.mark.parametrize("words", ["--version", "run a.yaml -o out --no-images"])
 def test_a_full_disk_behind_stdout_is_one_line(words):
     completed = shell(f"$mapdeal {words} > /dev/full")
-    assert completed.returncode == 4
-    assert (
-        completed.stderr == "error: standard output: cannot be written: No space left on device\n"
-    )
+    line = "error: standard output: cannot be written: No space left on device\n"
+    assert (completed.returncode, completed.stderr) == (4, line)
 
 
 @pytest.mark.parametrize("words", ["--help", "info a.yaml"])
@@ -84,10 +82,10 @@ def test_a_reader_that_has_seen_enough_is_no_error(words):
     assert (completed.returncode, completed.stderr) == (0, "")
 
 
-@pytest.mark.parametrize(
-    ("requested", "found"),
-    [("", "scipy" if engine.compiled_module() is None else "compiled"), ("scipy", "scipy")],
-)  # fmt: skip
+BUILT = "scipy" if engine.compiled_module() is None else "compiled"
+
+
+@pytest.mark.parametrize(("requested", "found"), [("", BUILT), ("scipy", "scipy")])
 def test_the_version_says_which_kernels_are_in_use(requested, found):
     assert f"(kernels: {found})" in process("--version", MAPDEAL_KERNELS=requested).stdout
 
@@ -103,28 +101,23 @@ def test_an_unknown_engine_is_an_error_on_one_line():
 OFFICE = EXAMPLES / "maps" / "office.yaml"
 AROUND = f"--map {OFFICE} --unknown free --pose 1,2,0.3"  # with beams, engines do the same
 BUILD = f"build {EXAMPLES}/logs/office.log -o"
-WRITERS = [
-    f"run {OFFICE} -o OUT",
-    *(
-        pytest.param(line, marks=pytest.mark.thorough)
-        for line in (
-            *(f"{BUILD} OUT/m.yaml --layers OUT/l.npz --method {name}" for name in METHODS),
-            f"{BUILD} OUT --compare",
-            f"local {AROUND} --cloud c.csv --frame map --offset 0.5,-2 -o OUT",
-        )
-    ),
+LARGER = [
+    *(f"{BUILD} OUT/m.yaml --layers OUT/l.npz --method {name}" for name in METHODS),
+    f"{BUILD} OUT --compare",
+    f"local {AROUND} --cloud c.csv --frame map --offset 0.5,-2 -o OUT",
 ]
+WRITERS = [f"run {OFFICE} -o OUT", *(pytest.param(x, marks=pytest.mark.thorough) for x in LARGER)]
 
 
 @needs_compiled
 @pytest.mark.parametrize("line", WRITERS)
-def test_bytes_do_not_depend_on_engine_or_threads(here, line):
+def test_bytes_do_not_depend_on_engine_or_threads(here, sh, monkeypatch, line):
     Path("c.csv").write_text("0.62,0.04\n-0.41,0.33\n1.2,0.7\n")
     written = []
     for kernels, threads in (("scipy", "1"), ("compiled", "2"), ("compiled", "1")):
-        words = line.replace("OUT", f"{kernels}{threads}").split()
-        completed = process(*words, "--threads", threads, MAPDEAL_KERNELS=kernels)
-        assert completed.returncode == 0, completed.stderr
+        monkeypatch.setenv(engine.VARIABLE, kernels)
+        code, _, err = sh(f"{line.replace('OUT', kernels + threads)} --threads {threads}")
+        assert code == 0, err
         written.append(tree(here / f"{kernels}{threads}"))
     assert written[0] == written[1] == written[2] != {}
 
@@ -152,32 +145,24 @@ run_process()
 def test_a_signal_during_the_start_is_one_line(which, sent):
     completed = process(which, sent, "inflate", "a.yaml", "-o", "o.yaml", code=SIGNALLED)
     ending = "interrupted" if sent == "SIGINT" else f"terminated by {sent}"
-    assert (completed.returncode, completed.stderr) == (
-        128 + signal.Signals[sent],
-        f"error: {ending}\n",
-    )
+    code = 128 + signal.Signals[sent]
+    assert (completed.returncode, completed.stderr) == (code, f"error: {ending}\n")
     assert not Path("o.yaml").exists()
 
 
 @pytest.mark.parametrize(("problem", "code", "line"), [
-    *(
-        (problem, 3, "error: not enough memory for a map of this size")
-        for problem in (
-            MemoryError(),
-            SystemError("error return without exception set"),
-            SystemError("initialization of _x raised unreported exception"),
-            SystemError("<function f> returned NULL without setting an exception"),
-        )
-    ),
+    *((problem, 3, "error: not enough memory for a map of this size") for problem in (
+        MemoryError(), SystemError("error return without exception set"),
+        SystemError("initialization of _x raised unreported exception"),
+        SystemError("<function f> returned NULL without setting an exception"),
+    )),
     (SystemError("bad argument to internal function"), 70, "error: internal error"),
     (KeyboardInterrupt(), 130, "error: interrupted"),
     (KeyboardInterrupt("one map is done"), 130, "error: interrupted; one map is done"),
     (RuntimeError("a bug"), 70, "error: internal error"),
     (PermissionError(13, "Permission denied"), 70, "error: internal error"),
-    *(
-        (OSError(number, "x"), 4, "error: a system resource is exhausted: x")
-        for number in (errno.EAGAIN, errno.ENOMEM, errno.ENFILE, errno.EMFILE)
-    ),
+    *((OSError(number, "x"), 4, "error: a system resource is exhausted: x")
+      for number in (errno.EAGAIN, errno.ENOMEM, errno.ENFILE, errno.EMFILE)),
 ])  # fmt: skip
 def test_what_else_may_end_a_command_has_its_code(command, monkeypatch, problem, code, line):
     def fail(*_, **__):

@@ -6,17 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import mapdeal
 from bad_maps import tree
 from drawn import grid_from_text
-from mapdeal import (
-    OccupancyGrid,
-    esdf,
-    exponential_cost,
-    potential,
-    ring_cost,
-    threshold_cost,
-    write_map as write,
-)
+from mapdeal import OccupancyGrid, write_map as write
 from mapdeal.maps.npz import write_npz
 
 ROBOT = "--footprint [[0.12,0.06],[0.12,-0.06],[-0.12,-0.06],[-0.12,0.06]]"
@@ -214,11 +207,7 @@ ROWS = [
     # outputs that are inputs
     *((4, f"{line} --force", "the output is the input") for line in REPLACED),
     (4, "run m.yaml -o made --params-file made/m/nav2.yaml", "where the outputs go"),
-    (
-        4,
-        "run m.yaml -o made --pose 0,0,0 --cloud made/m/local/c.csv",
-        "lies in made/m/local",
-    ),
+    (4, "run m.yaml -o made --pose 0,0,0 --cloud made/m/local/c.csv", "lies in made/m/local"),
     # standard input and output
     *((line, "-: can be used for one input only: standard input is one file") for line in TWICE),
     ("run - -o out", "-: standard input has no name for a folder of outputs"),
@@ -257,11 +246,12 @@ def place(tmp_path_factory):
     for name in ("m.yaml", "m2.yaml", "sub/m.yaml", "pair.png"):
         write(folder / name, room)
     small = grid_from_text("..#..\n.....", 0.1)
-    field = esdf(small)
-    products = {"field": field, "rings": ring_cost(small), "steps": threshold_cost(field),
-            "potential": potential(field)}  # fmt: skip
-    for name, product in {**products, "cost": exponential_cost(small)}.items():
-        write(folder / f"{name}.npz", product)
+    field = mapdeal.esdf(small)
+    write(folder / "field.npz", field)
+    write(folder / "rings.npz", mapdeal.ring_cost(small))
+    write(folder / "steps.npz", mapdeal.threshold_cost(field))
+    write(folder / "potential.npz", mapdeal.potential(field))
+    write(folder / "cost.npz", mapdeal.exponential_cost(small))
     write(folder / "far.yaml", grid_from_text("..#", 0.1, (1e7, 0.0, 0.0)))
     with (folder / "odd.npz").open("wb") as file:
         write_npz(file, room, more={"log_odds": np.zeros((2, 2))})

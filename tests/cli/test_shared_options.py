@@ -3,26 +3,15 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
-import typer
 
+from cli.conftest import single_commands
 from drawn import grid_from_text
 from mapdeal import write_map
-from mapdeal.cli.main import app, command_names
 from mapdeal.cli.options import OF_IMAGES, SHARED_OPTIONS
 from mapdeal.command import split_optional
 from mapdeal.kernels import threads
 
-
-def _commands(group, path=()):
-    for name in group.list_commands(None):
-        command = group.get_command(None, name)
-        if hasattr(command, "list_commands"):
-            yield from _commands(command, (*path, name))
-        else:
-            yield (*path, name), command
-
-
-ALL_COMMANDS = dict(_commands(typer.main.get_command(app)))
+COMMANDS = single_commands()
 
 
 @pytest.fixture
@@ -30,16 +19,11 @@ def room(here):
     write_map("room.yaml", grid_from_text("...#\n..?.\n....", 0.1, (1.5, -2.0, 0.4)))
 
 
-@pytest.mark.parametrize("path", ALL_COMMANDS, ids=" ".join)
-def test_every_command_ends_with_strict_quiet_and_verbose(path):
-    parameters = [parameter.name for parameter in ALL_COMMANDS[path].params]
-    assert [name for name in parameters if name != "help"][-3:] == ["strict", "quiet", "verbose"]
-    assert path[0] in command_names()
-
-
-@pytest.mark.parametrize("path", ALL_COMMANDS, ids=" ".join)
-def test_a_shared_option_is_the_same_in_all_commands(path):
-    for parameter in ALL_COMMANDS[path].params:
+@pytest.mark.parametrize("name", COMMANDS)
+def test_shared_options_are_the_same_in_all_commands_and_some_stand_last(name):
+    names = [parameter.name for parameter in COMMANDS[name].params if parameter.name != "help"]
+    assert names[-3:] == ["strict", "quiet", "verbose"]
+    for parameter in COMMANDS[name].params:
         if parameter.name in set(SHARED_OPTIONS) - set(OF_IMAGES):  # which some have of their own
             shared = SHARED_OPTIONS[parameter.name]
             assert parameter.opts[0] == f"--{parameter.name.replace('_', '-')}"
@@ -49,10 +33,9 @@ def test_a_shared_option_is_the_same_in_all_commands(path):
 
 
 def test_what_prints_json_and_what_writes_it_to_files():
-    without = {
-        " ".join(path) for path, command in ALL_COMMANDS.items() if not _has(command, "as_json")
-    }
-    assert without == {"completion"}  # a script for a shell
+    names = {name: {option.name for option in COMMANDS[name].params} for name in COMMANDS}
+    without = [name for name in COMMANDS if "as_json" not in names[name]]
+    assert without == ["completion"]  # a script for a shell
 
 
 def test_json_of_commands_that_write_a_map_counts_its_cells(command, room):
@@ -67,25 +50,21 @@ def test_json_of_commands_that_write_a_map_counts_its_cells(command, room):
         assert (document["width"], document["height"], document["occupied"]) == (4, 3, 1)
 
 
-def _has(command, name):
-    return any(parameter.name == name for parameter in command.params)
-
-
 FLAGS = [
-    (path, name)
-    for path, command in ALL_COMMANDS.items()
+    f"{name} {flag}"
+    for name, command in COMMANDS.items()
     for parameter in command.params
-    for name in parameter.opts
+    for flag in parameter.opts
     if parameter.secondary_opts
 ]
 
 
-@pytest.mark.parametrize(("path", "name"), FLAGS, ids=lambda part: str(part))
-def test_every_flag_with_two_names_takes_yes_and_no(command, path, name):
-    code, _, err = command(*path, f"{name}=perhaps")
-    assert (code, err) == (2, f"error: {name}: must be yes or no, got 'perhaps'\n")
-    for words in ([name, "no"], [f"{name}=Off"], [name], [name, "TRUE"], [f"--no-{name[2:]}"]):
-        code, _, err = command(*path, *words)
+@pytest.mark.parametrize("line", FLAGS)
+def test_every_flag_with_two_names_takes_yes_and_no(sh, line):
+    flag = line.split()[-1]
+    assert sh.err(f"{line}=perhaps", 2) == f"error: {flag}: must be yes or no, got 'perhaps'\n"
+    for words in (f"{line} no", f"{line}=Off", line, f"{line} TRUE", line.replace("--", "--no-")):
+        code, _, err = sh(words)
         # lint needs a map, or parameter files
         assert (code, "missing" in err or "needs" in err) == (2, True), err
 
@@ -109,7 +88,6 @@ def test_a_flag_with_one_name_takes_no_word(sh, room):
 
 
 def test_words_behind_two_dashes_are_no_options(sh, room):
-    assert "(--inflate-unknown=no)" in sh.err(
-        "inflate -o a.npz -- room.yaml --inflate-unknown=no", 2
-    )
+    line = "inflate -o a.npz -- room.yaml --inflate-unknown=no"
+    assert "(--inflate-unknown=no)" in sh.err(line, 2)
     assert not Path("a.npz").exists()

@@ -184,11 +184,8 @@ def test_manifests_name_files_as_they_would_anywhere(sh, maps):
 @pytest.mark.parametrize(("words", "count", "message"), [
     ("m.yaml", 1, FREED),
     ("u.yaml", 2, "cost: every cell is unknown"),
-    (
-        "good.yaml --set inflate.radius=0.05 --set cost.inflation_radius=0.06",
-        1,
-        "radius 0.05 m is below a cell",
-    ),
+    ("good.yaml --set inflate.radius=0.05 --set cost.inflation_radius=0.06", 1,
+     "radius 0.05 m is below a cell"),
     ("good.yaml --set cost.inscribed_radius=0.1", 1, "so the robot's radius counts twice"),
 ])  # fmt: skip
 def test_a_strict_run_leaves_what_an_earlier_one_has_written(sh, maps, words, count, message):
