@@ -78,14 +78,9 @@ def test_a_lazy_layer_can_be_had_whole_and_is_never_compared_by_accident():
     layer = lazy(keep=1)
     assert np.array_equal(np.asarray(layer), ALL_ROWS)
     assert np.asarray(layer, dtype=np.int64).dtype == np.int64
-    for wrong in (
-        lambda: layer == 3,
-        lambda: layer > 3,
-        lambda: layer + ALL_ROWS,
-        lambda: layer[3],
-    ):
+    for use in (lambda: layer == 3, lambda: layer > 3, lambda: layer + ALL_ROWS, lambda: layer[3]):
         with pytest.raises((TypeError, AttributeError)):
-            wrong()
+            use()
 
 
 @given(st.integers(1, 30), st.integers(0, 30))
@@ -152,9 +147,8 @@ def test_slerp_turns_at_constant_speed(axis, angle, share):
     end = start * Rotation.from_rotvec(axis * angle)
     expected = start * Rotation.from_rotvec(axis * angle * share)
     for sign in (1, -1):  # a quaternion and its negative are one rotation
-        found = rotations.slerp(
-            start.as_quat()[None], sign * end.as_quat()[None], np.array([share])
-        )[0]
+        quats = start.as_quat()[None], sign * end.as_quat()[None]
+        found = rotations.slerp(*quats, np.array([share]))[0]
         assert np.linalg.norm(found) == pytest.approx(1, abs=1e-15)
         error = (Rotation.from_quat(found) * expected.inv()).magnitude()
         assert error < 1e-11
@@ -177,9 +171,8 @@ def test_arrays_of_rotations_equal_single_rotations_of_scipy(shape):
         np.testing.assert_allclose(found.reshape(expected.shape), expected, atol=1e-14)
 
     assert_close(rotations.rotated(quats, vectors), first.apply(flat))
-    assert_close(
-        rotations.rotated(rotations.undone((vectors, quats))[1], vectors), first.inv().apply(flat)
-    )
+    inverse = rotations.undone((vectors, quats))[1]
+    assert_close(rotations.rotated(inverse, vectors), first.inv().apply(flat))
     product = Rotation.from_quat(rotations.multiplied(quats, second_quats).reshape(-1, 4))
     assert_close(product.as_matrix(), (first * second).as_matrix())
     move, turn = rotations.composed((moves, quats), (vectors, second_quats))
@@ -215,11 +208,10 @@ def energy_by_strips(points, angle, width):
     return sum(count**2 for count in counts.values())
 
 
-@given(
-    st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), min_size=1, max_size=12),
-    st.floats(-4, 4),
-    st.floats(0.3, 3),
-)
+POINTS = st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), min_size=1, max_size=12)
+
+
+@given(POINTS, st.floats(-4, 4), st.floats(0.3, 3))
 def test_the_spectrum_counts_points_in_strips(points, angle, width):
     found = rotations.hough_spectrum(np.array(points), np.array([angle, angle + math.pi]), width)
     assert found[0] == pytest.approx(energy_by_strips(np.array(points), angle, width))

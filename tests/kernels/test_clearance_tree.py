@@ -46,9 +46,7 @@ def metres_of(squared, resolution):
 
 
 @given(grids(), CHOICES, RESOLUTIONS, st.booleans())
-def test_widest_ways_are_those_of_floods_at_every_square(
-    each_engine, grid, choice, resolution, in_place
-):
+def test_widest_ways_are_those_of_floods(each_engine, grid, choice, resolution, in_place):
     squared, is_open = grid
     tree = paths.clearance_tree(squared, is_open)
     assert np.array_equal(tree.basins >= 0, is_open)
@@ -183,18 +181,11 @@ def test_both_engines_give_the_same_bytes(grid, choice, resolution):
 
 @pytest.mark.slow
 @needs_compiled
-@pytest.mark.parametrize(
-    ("shape", "density"), [((700, 600), 0.0005), ((30, 9000), 0.05), ((9000, 1), 0.05)]
-)
-def test_both_engines_agree_on_many_bands_of_rows(shape, density):
-    occupied = np.random.default_rng(7).random(shape) < density
-    check(squared_distance(occupied), ~occupied, choice=11)
-
-
-@pytest.mark.slow
-@needs_compiled
-def test_both_engines_agree_where_one_way_crosses_all_bands_many_times():
-    """It winds up and down through all columns, and pointers lead along it to its end."""
+def test_both_engines_agree_on_many_bands_of_rows():
+    """One way winds up and down through all columns; pointers lead along it to its end."""
+    for shape, density in (((700, 600), 0.0005), ((30, 9000), 0.05), ((9000, 1), 0.05)):
+        occupied = np.random.default_rng(7).random(shape) < density
+        check(squared_distance(occupied), ~occupied, choice=11)
     winding = np.zeros((600, 600), np.int32)
     for k in range(300):
         cells = np.arange(601 * k + 1, 601 * (k + 1))

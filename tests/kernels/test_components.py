@@ -48,12 +48,10 @@ def test_sizes_and_the_middles_of_the_longest_runs_are_those_of_flooding_however
         patch.setattr(components, "_CELLS_TOGETHER", together)
         found = added(marked[::-1] if from_last else marked, heights, last_row=last_row)
         sizes, counts = found.sizes()
-    assert list(zip(sizes.tolist(), counts.tolist(), strict=True)) == [
-        (size, len(middles[size])) for size in sorted(middles)
-    ]
-    assert list(found.places().items()) == [
-        (size, sorted(middles[size])[: components.MOST_PLACES]) for size in sorted(middles)
-    ]
+    assert sizes.tolist() == sorted(middles)
+    assert counts.tolist() == [len(middles[size]) for size in sorted(middles)]
+    places = {size: sorted(middles[size])[: components.MOST_PLACES] for size in sorted(middles)}
+    assert list(found.places().items()) == list(places.items())
 
 
 def test_memory_does_not_grow_with_the_rows():
@@ -80,20 +78,15 @@ def test_components_are_those_of_a_flood(marked, neighbours, corners, together):
         found = labelled(marked, corners=corners)
         chosen = np.arange(len(found.sizes)) % 2 == 1
         cells = found.cells_of(chosen)
-    expected = set(
-        map(frozenset, oracles.groups(marked, oracles.AROUND if corners else oracles.EDGES))
-    )
-    groups = {
-        frozenset(map(tuple, np.argwhere(found.cells == label).tolist())): label
-        for label in range(1, len(found.sizes))
-    }
-    assert set(groups) == expected
-    assert found.sizes[0] == 0
-    assert all(found.sizes[label] == len(group) for group, label in groups.items())
+    expected = oracles.groups(marked, oracles.AROUND if corners else oracles.EDGES)
+    labels = range(len(found.sizes))
+    groups = [frozenset(map(tuple, np.argwhere(found.cells == k).tolist())) for k in labels]
+    assert set(groups[1:]) == set(map(frozenset, expected))
+    assert found.sizes.tolist() == [0, *map(len, groups[1:])]
     assert np.array_equal(cells, found.cells % 2 == 1)
     touching = np.resize(neighbours, marked.shape)
-    touched = {label for g, label in groups.items() if any(touching[cell] for cell in g)}
-    assert set(np.flatnonzero(found.touched_by(touching)).tolist()) == touched
+    touched = [k for k in labels[1:] if any(touching[cell] for cell in groups[k])]
+    assert np.flatnonzero(found.touched_by(touching)).tolist() == touched
 
 
 @given(masks(), st.integers(0, 6))
@@ -127,11 +120,8 @@ def test_the_bar_lies_across_the_middle_of_the_door(gap, thickness, turned):
     saddles = np.argwhere(squared[door] == squared[door].max()) + np.array([9, 12])
     assert len(saddles) >= thickness
     for row, col in saddles.tolist():  # any of them may be the saddle
-        if turned:
-            ends = [end[::-1] for end in bar_at(occupied.T.copy(), (col, row))]
-        else:
-            ends = bar_at(occupied, (row, col))
-        (low, column), (high, end_column) = ends
+        ends = bar_at(occupied.T.copy(), (col, row)) if turned else bar_at(occupied, (row, col))
+        (low, column), (high, end_column) = (end[::-1] if turned else end for end in ends)
         assert (low, high) == (8, 9 + gap)
         assert column == end_column
         assert abs(column - (12 + (thickness - 1) / 2)) <= 0.5
@@ -154,17 +144,12 @@ def test_a_diagonal_gap_is_crossed_from_corner_to_corner():
     assert second in {(11.0, 11.0), (11.0, 12.0)}
 
 
-def test_without_an_opposite_obstacle_the_bar_ends_with_the_open_cells():
+def test_bars_end_with_open_cells_and_the_map():
     occupied = np.zeros((12, 20), dtype=bool)
     occupied[2] = True
     basins = np.where(occupied, -1, 0).astype(np.int32)
     basins[6:, 9:12] = -1  # unknown
     assert gap_at(squared_distance(occupied), basins, (5, 10)) == ((2.0, 10.0), (6.0, 10.0))
-
-
-def test_the_edge_is_an_obstacle():
-    occupied = np.zeros((12, 20), dtype=bool)
-    occupied[2] = True
     squared = squared_distance(np.pad(occupied, 1, constant_values=True))[1:-1, 1:-1]
     assert bar_at(occupied, (7, 8), squared) == ((2.0, 9.0), (12.0, 9.0))
     alone = np.ones((1, 1), dtype=np.int32)

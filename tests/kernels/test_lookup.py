@@ -111,10 +111,8 @@ def test_bytes_of_distances_are_those_of_their_squares(
 
 def test_a_distance_at_the_clip_has_the_last_entry_however_long_the_table(each_engine):
     distance = np.array([[0.5, 0.375, 0.625]], dtype=np.float32)
-    table = np.arange(30, dtype=np.uint8)
-    found = lookup.bytes_of_distances(
-        distance, np.zeros((1, 3), bool), table, scale=0.125, shift=0.0, gain=1.0, clip=0.5
-    )
+    table, measure = np.arange(30, dtype=np.uint8), {"scale": 0.125, "shift": 0.0, "gain": 1.0}
+    found = lookup.bytes_of_distances(distance, distance < 0, table, clip=0.5, **measure)
     assert found.tolist() == [[29, 9, 29]]
 
 
@@ -208,9 +206,7 @@ def test_larger_maps_too(shape, density):
     assert np.max(np.abs(found - expected) / np.maximum(expected, 1e-3)) < 1e-9
 
 
-def test_no_sum_is_negative_and_the_bytes_do_not_depend_on_threads_or_on_how_many_there_are(
-    monkeypatch,
-):
+def test_no_sum_is_negative_and_the_bytes_do_not_depend_on_threads(monkeypatch):
     marked = np.zeros((300, 301), bool)
     marked[3, 4] = True
     results = []
@@ -249,10 +245,8 @@ def test_lines_have_the_least_of_their_cells_and_are_open_where_all_of_these_are
             share = place / max(counts[line] - 1, 1)
             row, col = (starts[line] + share * (ends[line] - starts[line])).tolist()
             found.append(values[int(row), int(col)])
-            free += [
-                not closed[int(min(max(row + up, 0), size[0] - 1)),
-                           int(min(max(col + on, 0), size[1] - 1))]
-                for up in (-near, 0, near) for on in (-near, 0, near)
-            ]  # fmt: skip
+            around = np.add([row, col], np.indices((3, 3)).reshape(2, 9).T * near - near)
+            cells = np.clip(around, 0, size - 1).astype(int)
+            free += (~closed[tuple(cells.T)]).tolist()
         assert least[line] == min(found)
         assert is_open[line] == all(free)

@@ -161,11 +161,9 @@ def test_no_thread_is_started_that_would_have_no_memory_to_begin(monkeypatch):
 
 
 def test_a_thread_that_finds_no_memory_to_begin_with_is_not_waited_for(monkeypatch):
-    started = []
-    monkeypatch.setattr(
-        "mapdeal.kernels.threads.start_new_thread", lambda *_: started.append(threading.get_ident())
-    )
-    parts = []
+    started, parts = [], []
+    monkeypatch.setattr("mapdeal.kernels.threads.start_new_thread", lambda *_: started.append(1))
+    monkeypatch.setattr("mapdeal.kernels.threads._LONGEST_START", 0.2)
 
     def all_of_it():
         with use_threads(4):
@@ -193,11 +191,10 @@ def test_a_thread_that_begins_after_it_was_given_up_does_no_work(monkeypatch):
     assert parts == []
 
 
-@pytest.mark.parametrize(
-    ("requested", "is_built", "name"),
-    [("scipy", True, "scipy"), ("scipy", False, "scipy"), ("compiled", True, "compiled"),
-     ("", True, "compiled"), ("", False, "scipy"), (None, True, "compiled")],
-)  # fmt: skip
+@pytest.mark.parametrize(("requested", "is_built", "name"), [
+    ("scipy", True, "scipy"), ("scipy", False, "scipy"), ("compiled", True, "compiled"),
+    ("", True, "compiled"), ("", False, "scipy"), (None, True, "compiled"),
+])  # fmt: skip
 def test_the_engine_is_that_of_the_variable(monkeypatch, requested, is_built, name):
     monkeypatch.setattr(engine, "compiled_module", lambda: engine if is_built else None)
     if requested is None:
