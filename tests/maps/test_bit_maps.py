@@ -78,9 +78,7 @@ BROKEN = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("change", "code", "message"), BROKEN, ids=[message for *_, message in BROKEN]
-)
+@pytest.mark.parametrize(("change", "code", "message"), BROKEN, ids=[row[2] for row in BROKEN])
 def test_an_unreadable_bit_map_is_one_line(pair, command, tmp_path, change, code, message):
     (pair.parent / "c.pbm").write_bytes(pair.read_bytes())
     change(pair)

@@ -50,9 +50,7 @@ def every_path(tmp_path, request):
 @pytest.mark.parametrize("raised", RAISED, ids=lambda error: type(error).__name__)
 @pytest.mark.parametrize("at", ["open", "load"])
 @pytest.mark.parametrize("kind", ["tif", "interlaced png"])
-def test_whatever_pillow_raises_is_one_line_about_the_file(
-    path, monkeypatch, capfd, raised, at, kind
-):  # fmt: skip
+def test_whatever_pillow_raises_is_one_line(path, monkeypatch, capfd, raised, at, kind):
     if kind == "interlaced png":
         path.write_bytes(adam7(PIXELS))
     where = Image if at == "open" else Image.Image

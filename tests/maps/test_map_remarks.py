@@ -119,6 +119,5 @@ def test_all_strips_of_an_image_count(tmp_path, monkeypatch, end):
     (text,) = freed_of(path)
     assert ": 300 cells (12.5 %) of grey 205" in text
     path = write_pair(tmp_path, GREY_IMAGE, end, mode="raw")
-    assert f"{path.with_suffix('.' + end)}: 2340 pixels of mode raw hold 101..254, read as" in str(
-        warnings_of(lambda: read_map(path))
-    )
+    remarks = str(warnings_of(lambda: read_map(path)))
+    assert f"{path.with_suffix(f'.{end}')}: 2340 pixels of mode raw hold 101..254, read" in remarks

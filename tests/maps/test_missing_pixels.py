@@ -64,11 +64,9 @@ def cases():
     for height in (HEIGHT, 4):
         strips = {"tiffinfo": {ROWS_PER_STRIP: height}}
         kinds += [("bits", "TIFF", {"compression": fax, **strips}) for fax in FAXES]
-        for picture in ("bits", "colour"):
-            kinds += [
-                (picture, "TIFF", {"compression": compression, **strips})
-                for compression in COMPRESSIONS
-            ]
+        for name in COMPRESSIONS:
+            options = {"compression": name, **strips}
+            kinds += [(picture, "TIFF", options) for picture in ("bits", "colour")]
         kinds += [(picture, "TIFF", strips) for picture in ("bits", "grey", "colour")]
     return kinds
 
@@ -125,16 +123,13 @@ def with_last_size(data, size):
     return bytes(changed)
 
 
-WITH_EXACT_STRIPS = [
-    case for case in cases() if case[1] == "TIFF" and case[2].get("compression") not in NOT_EXACT
-]
+TIFFS = [(picture, options) for picture, name, options in cases() if name == "TIFF"]
+EXACT_TIFFS = [case for case in TIFFS if case[1].get("compression") not in NOT_EXACT]
 
 
-@pytest.mark.parametrize(("picture", "name", "options"), WITH_EXACT_STRIPS, ids=in_words)
-def test_a_tiff_whose_last_strip_ends_early_is_refused_though_its_tables_fit(
-    read, picture, name, options
-):
-    data = saved(picture, name, **options)
+@pytest.mark.parametrize(("picture", "options"), EXACT_TIFFS, ids=in_words)
+def test_a_tiff_whose_last_strip_ends_early_is_refused(read, picture, options):
+    data = saved(picture, "TIFF", **options)
     complete = read(data)
     tags = TiffImagePlugin.TiffImageFile(io.BytesIO(data)).tag_v2
     start, size = tags[STRIP_OFFSETS][-1], tags[STRIP_SIZES][-1]
@@ -186,19 +181,12 @@ STRIPS = [GREY[:10].tobytes(), GREY[10:20].tobytes(), GREY[20:].tobytes()]
 
 
 @pytest.mark.parametrize("tags", [
-    {STRIP_SIZES: [190, 190]},
-    {ROWS_PER_STRIP: 0},
-    {STRIP_OFFSETS: [8, 198]},
-    {STRIP_OFFSETS: 8, STRIP_SIZES: 190},
-    {257: HEIGHT + 1},
-    {257: HEIGHT + 10},
-    {256: WIDTH + 1},
-    {ROWS_PER_STRIP: 5},
-    {ROWS_PER_STRIP: 21},
+    {STRIP_SIZES: [190, 190]}, {STRIP_OFFSETS: [8, 198]}, {STRIP_OFFSETS: 8, STRIP_SIZES: 190},
+    *({ROWS_PER_STRIP: count} for count in (0, 5, 21)),
+    {257: HEIGHT + 1}, {257: HEIGHT + 10}, {256: WIDTH + 1},
     {258: 16},  # bits
     {277: 3},  # samples
-    {259: 6},  # old JPEG compression
-    {259: 50001},  # WebP compression
+    {259: 6}, {259: 50001},  # compressions: old JPEG, WebP
     {TILE_OFFSETS: 8, **TILED},
     {STRIP_OFFSETS: [8, 198, 1 << 20]},  # beyond the file
 ], ids=str)  # fmt: skip

@@ -59,9 +59,7 @@ def check_facts(found, expected):
 
 @pytest.mark.slow
 @examples(20, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    requests=st.lists(st.tuples(st.sampled_from([0, 1]), st.integers(0, 22), st.integers(1, 23)))
-)
+@given(st.lists(st.tuples(st.integers(0, 1), st.integers(0, 22), st.integers(1, 23))))
 def test_any_rows_are_what_was_written_in_whatever_order(written, requests):
     path, grid = written
     with open_npz(path, block_height=5) as lazy:
@@ -234,9 +232,8 @@ def test_it_is_read_as_it_was_written(tmp_path, more):
 
 
 def test_as_a_map_it_is_the_one_that_was_looked_at_with_one_warning(path):
-    with pytest.warns(
-        mapdeal.MapdealWarning, match="is a result of reach; only its map is used"
-    ) as caught:
+    rule = "is a result of reach; only its map is used"
+    with pytest.warns(mapdeal.MapdealWarning, match=rule) as caught:
         again = mapdeal.read_map(path)
     assert len(caught) == 1
     assert (type(again), again.frame) == (mapdeal.OccupancyGrid, MAP.frame)
@@ -265,10 +262,9 @@ def test_the_answers_are_summed_up_in_a_line():
         for k, name in enumerate(["kitchen", "hall", None, "lift", "stairs"])
     ]
     summary = summary_of(reach(goals=tuple(goals), passages=(passage,)).figures())
-    assert summary == (
-        "from 1.5, -2 the robot reaches 0.125 of 0.25 m2 open to it; "
-        "1 of 5 goals (not hall, 2,0.5, lift and 1 more); 1 passage, 1 closed"
-    )
+    area, *counts = summary.split("; ")
+    assert area == "from 1.5, -2 the robot reaches 0.125 of 0.25 m2 open to it"
+    assert counts == ["1 of 5 goals (not hall, 2,0.5, lift and 1 more)", "1 passage, 1 closed"]
 
 
 @pytest.mark.parametrize(("name", "value", "message"), [

@@ -57,9 +57,8 @@ def exact_polygons(converted, source, grid, of):
     exact = polygons_in(converted(source, "a.geojson", "--of", of, "--tolerance", "0"))
     cells = grid.occupancy == OF[of]
     assert np.array_equal(cells_in(exact, grid), cells)
-    assert sum(polygon.area for polygon in exact) == pytest.approx(
-        cells.sum() * grid.resolution**2, 1e-5
-    )
+    area = cells.sum() * grid.resolution**2
+    assert sum(polygon.area for polygon in exact) == pytest.approx(area, 1e-5)
     return exact
 
 
@@ -81,17 +80,12 @@ def test_polygons_of_real_maps(real_maps, converted, of, name, mapdeal_warnings)
 
 
 def test_of_a_robot_it_is_what_it_reaches(converted):
-    exact = polygons_in(converted(GRID, "a.geojson", "--tolerance", "0"))
     x, y = GRID.frame.xy_from_rowcol([[3, 5]])[0]
-    start = f"{x},{y}"
-    reached = polygons_in(converted(GRID, "b.geojson", "--tolerance", "0", "--from", start))
-    assert [polygon.area for polygon in reached] == pytest.approx(
-        [polygon.area for polygon in exact]
-    )
-    narrow = polygons_in(
-        converted(GRID, "c.geojson", "--tolerance", "0", "--from", start, "--robot-radius", "0.26")
-    )
-    assert sum(polygon.area for polygon in narrow) < sum(polygon.area for polygon in exact) / 2
+    robots = (), ("--from", f"{x},{y}"), ("--from", f"{x},{y}", "--robot-radius", "0.26")
+    found = [polygons_in(converted(GRID, "a.geojson", "--tolerance", "0", *w)) for w in robots]
+    exact, reached, narrow = ([polygon.area for polygon in polygons] for polygons in found)
+    assert reached == pytest.approx(exact)
+    assert sum(narrow) < sum(exact) / 2
 
 
 def test_shapes_of_polygons_are_drawn_again_by_edit(converted, tmp_path, command):

@@ -2,12 +2,14 @@
 
 import ctypes.util
 import math
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 
 import states
 from mapdeal import MalformedInputError, read_map, read_poses
+from mapdeal.maps.map_server import bare_images
 from mapdeal.maps.reading import open_map
 from mapdeal.maps.submaps import Slice, canvas_of, paint
 
@@ -91,13 +93,8 @@ def test_submaps_are_painted_as_an_independent_painting_has_them(
         layers.append((key, (known, placed, local, corner, 0.048)))
     graph = states.pose_graph({key: placed for key, placed, *_ in case})
     path = written(tmp_path, *messages, graph)
-    if resolution == 0.05:
+    with bare_images(resolution, (0, 0, 0)) if resolution != 0.05 else nullcontext():
         grey, frame = grey_of(path)
-    else:
-        from mapdeal.maps.map_server import bare_images
-
-        with bare_images(resolution, (0, 0, 0)):
-            grey, frame = grey_of(path)
     assert frame.resolution == resolution
     expected = painted([layer for _, layer in sorted(layers)], grey.shape, frame.origin, resolution)
     assert np.abs(grey - expected).max() < 2 * len(layers) + 1
@@ -178,9 +175,8 @@ def test_trajectories_become_files_of_poses(tmp_path, command):
     assert "trajectory  0: 2 poses, 2.5 m in 1.25 s" in out
     assert command("report", state, "-o", tmp_path / "r.html")[0] == 0
     page = (tmp_path / "r.html").read_text()
-    assert all(
-        f"trajectory {text}" in page for text in ("0: 2 poses, 2.5 m in 1.25 s", "3: 1 pose")
-    )
+    assert "trajectory 0: 2 poses, 2.5 m in 1.25 s" in page
+    assert "trajectory 3: 1 pose" in page
 
 
 def test_folders_have_states_as_maps_unless_their_map_lies_beside_them(tmp_path, command):
@@ -251,8 +247,8 @@ def test_unknown_fields_are_skipped(tmp_path):
 
 
 def test_a_state_stays_within_the_memory(tmp_path):
-    path = written(tmp_path, GOOD[0], states.submap(states.random_cells(700, 700)))
+    path = written(tmp_path, GOOD[0], states.submap(states.random_cells(300, 300)))
     with pytest.raises(MalformedInputError, match="of memory"):
-        read_map(path, max_memory=70_000_000)
+        read_map(path, max_memory=53_000_000)
     with pytest.raises(MalformedInputError, match="above the limit of 1000"):
         read_map(path, max_cells=1000)

@@ -205,10 +205,10 @@ def noise(size, levels=256):
 @pytest.mark.parametrize("size", SIZES)
 def test_the_stream_gives_the_data_back_and_is_the_same_by_any_number_of_threads(size):
     data, streams = noise(size, levels=4), []
-    for threads in (1, 2, 5):
+    for threads in (1, 5):
         with use_threads(threads):
             streams.append(b"".join(deflated(pieces(data))))
-    assert streams[0] == streams[1] == streams[2]
+    assert streams[0] == streams[1]
     reader = zlib.decompressobj(-15)
     assert reader.decompress(streams[0]) == data.tobytes()
     assert reader.eof

@@ -71,12 +71,9 @@ def test_the_server_s_rules_hold_for_files_and_they_are_read_back(tmp_path, opti
     (tmp_path / "g.geojson").write_text(text)
     again = read_route_graph(tmp_path / "g.geojson")
     assert list(map(vars, again.nodes)) == list(map(vars, route_graph.nodes))
-    assert [{**vars(edge)} for edge in again.edges] == [
-        {**vars(edge)} for edge in route_graph.edges
-    ]
-    assert text == "\n".join(
-        graph_text(graph(grid, footprint=Footprint.circle(0.2), **options).graph)
-    )
+    assert list(map(vars, again.edges)) == list(map(vars, route_graph.edges))
+    repeated = graph(grid, footprint=Footprint.circle(0.2), **options).graph
+    assert text == "\n".join(graph_text(repeated))
 
 
 GOOD = [node(0), node(1, 1.0), edge(2, 0, 1)]
@@ -122,12 +119,10 @@ def test_what_the_server_refuses_or_takes_otherwise_than_meant_is_found(tmp_path
         assert read_route_graph(path).edges
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["[]", "{}", "no JSON", json.dumps(collection()),
-     json.dumps(collection({"type": "Feature"}, GOOD[2])),
-     json.dumps(collection(node(0, "x"), GOOD[2]))],
-)  # fmt: skip
+@pytest.mark.parametrize("text", [
+    "[]", "{}", "no JSON", json.dumps(collection()),
+    *(json.dumps(collection(item, GOOD[2])) for item in ({"type": "Feature"}, node(0, "x"))),
+])  # fmt: skip
 def test_other_files_are_refused_with_one_line(tmp_path, text):
     (tmp_path / "g.geojson").write_text(text)
     with pytest.raises(MalformedInputError) as error:
@@ -143,12 +138,8 @@ HAND_MADE = {"depot": (34, 78, ["double-id"] * 6), "turtlebot3": (20, 65, []),
 def test_graphs_that_come_with_nav2(real_maps, name):
     folder = real_maps / "ros-navigation__navigation2/nav2_bringup/graphs"
     found = read_graph_file(folder / f"{name}_graph.geojson")
-    count = (
-        len(found.graph.nodes),
-        len(found.graph.edges),
-        [problem.check for problem in found.problems],
-    )
-    assert count == HAND_MADE[name]
+    checks = [problem.check for problem in found.problems]
+    assert (len(found.graph.nodes), len(found.graph.edges), checks) == HAND_MADE[name]
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")

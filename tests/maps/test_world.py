@@ -69,9 +69,8 @@ def seen_from_above(mesh, grid):
 @pytest.mark.parametrize("ending", [".stl", ".obj"])
 @pytest.mark.parametrize(("unknown", "walls"), [("free", [100]), ("occupied", [100, -1])])
 def test_meshes_are_closed_solids_of_the_walls_in_the_map_frame(converted, ending, unknown, walls):
-    mesh = trimesh.load_mesh(
-        converted(GRID, f"w{ending}", "--wall-height", "1.5", "--unknown", unknown)
-    )
+    options = "--wall-height", "1.5", "--unknown", unknown
+    mesh = trimesh.load_mesh(converted(GRID, f"w{ending}", *options))
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
     cells = np.isin(GRID.occupancy, walls).sum()
@@ -113,15 +112,13 @@ def test_maps_in_utm_coordinates_become_obj_but_not_stl(
     monkeypatch.chdir(tmp_path)
     grid = grid_from_text(TEXT, 0.05, (500000.0, 5400000.0, yaw))
     mesh = trimesh.load_mesh(converted(grid, "m.obj"))
-    assert mesh.bounds[0, :2] == pytest.approx(
-        np.min(grid.frame.xy_from_continuous_rowcol([[0, 0], [4, 0]]), axis=0), abs=1e-6
-    )
+    least = np.min(grid.frame.xy_from_continuous_rowcol([[0, 0], [4, 0]]), axis=0)
+    assert mesh.bounds[0, :2] == pytest.approx(least, abs=1e-6)
     code, out, err = command("convert", "map.yaml", "-o", "m.stl")
     assert (code, out) == (2, "")
-    assert err == (
-        "error: map.yaml: origin: is too far from 0 for .stl, whose float32 moves walls by up to "
-        f"{moved} m\nhint: mapdeal convert map.yaml -o map.obj keeps all digits\n"
-    )
+    rule = f"is too far from 0 for .stl, whose float32 moves walls by up to {moved} m"
+    hint = "mapdeal convert map.yaml -o map.obj keeps all digits"
+    assert err == f"error: map.yaml: origin: {rule}\nhint: {hint}\n"
     assert not (tmp_path / "m.stl").exists()
 
 
@@ -142,10 +139,8 @@ def test_boxes_are_the_walls_where_the_map_has_them(converted):
     places = GRID.frame.continuous_rowcol_from_xy(at[:, :2])
     covered = np.zeros(GRID.shape, int)
     for (row, col), (wide, deep, _) in zip(places, sizes / 0.25, strict=True):
-        rows, cols = (
-            slice(round(v - d / 2), round(v + d / 2)) for v, d in ((row, deep), (col, wide))
-        )
-        covered[rows, cols] += 1
+        sides = (row, deep), (col, wide)
+        covered[tuple(slice(round(v - d / 2), round(v + d / 2)) for v, d in sides)] += 1
     assert np.array_equal(covered, GRID.occupancy == 100)
     assert np.array_equal(boxes_in(path, "visual")[0], at)
 

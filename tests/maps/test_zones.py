@@ -112,9 +112,7 @@ def test_masks_have_zones_where_they_lie(zones):
     drawn_zones = zones(zone(3.1, -1.1), zone(4.1, 0.1, 3.0, kind="keepout"), kind="keepout")
     mask, info = filter_mask(GRID, "keepout", drawn_zones)
     assert (mask.frame, info.type) == (GRID.frame, 0)
-    area = shapely.union_all(
-        [shapely.Polygon(drawn_zone.shapes[0].points_xy) for drawn_zone in drawn_zones]
-    )
+    area = shapely.union_all([shapely.Polygon(zone.shapes[0].points_xy) for zone in drawn_zones])
     rows, cols = np.indices(mask.shape)
     centres = shapely.points(1.0 + (cols + 0.5) * 0.25, -2.0 + (rows + 0.5) * 0.25)
     inside, near = shapely.contains(area, centres), shapely.distance(area, centres) < 0.36
