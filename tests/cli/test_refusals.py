@@ -51,8 +51,7 @@ TWICE = (
 )  # fmt: skip
 ROWS = [
     # one map
-    ("inflate", "missing argument"),
-    ("inflate m.yaml", "missing option"),
+    ("inflate", "missing argument"), ("inflate m.yaml", "missing option"),
     ("inflate m.yaml -o o.yaml --radius wide", "'--radius': 'wide' is not a valid float"),
     ("inflate m.yaml -o o.yaml --nothing", "no such option"),
     ("inflate m.yaml -o o.txt", "must end in"),
@@ -91,8 +90,7 @@ ROWS = [
     ("run nothing/*.yaml -o out", "matches no"),
     ("run m.yaml sub/m.yaml -o out", "would write into out/m, as m.yaml does"),
     ("run sub m.yaml -o out", "would write into out/m"),
-    (4, "run @none.txt -o out", "cannot be read"),
-    ("run . -o out --jobs 0", "--jobs"),
+    (4, "run @none.txt -o out", "cannot be read"), ("run . -o out --jobs 0", "--jobs"),
     ("run m.yaml -o out --scheduler localhost", "must be tcp://HOST:PORT"),
     (4, "report sub/empty -o ok.html", "contains no run"),
     (4, "report none -o ok.html", "No such file or directory"),
@@ -101,8 +99,7 @@ ROWS = [
     ("report m.yaml -o ok.html --max-size 10", "must be at least"),
     ("report m.yaml -o ok.html --max-size lots", "must be a size"),
     (3, "report cloud.pcd -o ok.html", "a point cloud"),
-    (3, "report m.pgm -o ok.html", "an image"),
-    ("report -o ok.html", "missing argument"),
+    (3, "report m.pgm -o ok.html", "an image"), ("report -o ok.html", "missing argument"),
     # lint of parameters
     ("lint", "needs a MAP, or --params-file"),
     ("lint m.yaml --costmap local", "--costmap: needs --params-file"),
@@ -187,8 +184,7 @@ ROWS = [
     (f"{MASK} --kind other", "must be one of keepout, speed, binary"),
     (f"{MASK} --kind binary --base 1", "--base: applies to speed zones"),
     (f"{MASK} --kind speed --to 1,2", "--to: applies to keepout zones"),
-    (f"{MASK} --multiplier 0", "other than 0"),
-    (f"{MASK} --from 99,99", "start"),
+    (f"{MASK} --multiplier 0", "other than 0"), (f"{MASK} --from 99,99", "start"),
     (3, "mask m.yaml -o f --file m2.yaml", "not a file of zones"),
     (4, "mask m.yaml -o f --file none.geojson", "none.geojson"),
     # two maps
@@ -222,20 +218,14 @@ ROWS = [
 
 
 TEXTS = {
-    "p.csv": "1,1,5,1\n",
-    "p.txt": "0 0 0\n",
-    "c.csv": "1,1\n",
-    "move.json": '{"x": 10, "y": -4, "yaw": 0}',
-    "bad.json": '{"x": 1}',
+    "p.csv": "1,1,5,1\n", "p.txt": "0 0 0\n", "c.csv": "1,1\n",
+    "move.json": '{"x": 10, "y": -4, "yaw": 0}', "bad.json": '{"x": 1}',
     "only.yaml": "stages: [{inflate: {radius: 0.1}}]",
-    "page.html": "mine",
-    "p.jsonl": "1,1,5,1\n",
+    "page.html": "mine", "p.jsonl": "1,1,5,1\n",
     "shapes.yaml": "shapes:\n- {type: circle, center: [2, 1], radius: 0.1, value: 100}\n",
-    "made/m/local/c.csv": "1,1\n",
-    "made/nav2.yaml": NAV2,
-    "made/m/nav2.yaml": NAV2,
+    "made/m/local/c.csv": "1,1\n", "made/nav2.yaml": NAV2, "made/m/nav2.yaml": NAV2,
     "cloud.pcd": "VERSION .7\nFIELDS x y z\n",
-}
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

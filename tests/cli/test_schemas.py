@@ -90,17 +90,12 @@ def printed(sh, here):
 
 
 WRONG = {
-    "reach": ("goals.0.reachable", "yes"),
-    "plan": ("goals.1.reason", "Lost"),
-    "lint": ("maps.0.findings.0.severity", "fatal"),
-    "report": ("entries.0.claims.0.state", "fine"),
-    "run": ("maps.0.figures.cost.width", 1.5),
-    "esdf": ("parameters.convention", "inside"),
-    "align": ("transform.yaw", None),
-    "diff": ("walls.first_to_second.meanest", 0.1),
-    "route": ("start", [1.0, 1.0]),
-    "manifest": ("outputs.esdf~npz", "ab12"),
-}
+    "reach": ("goals.0.reachable", "yes"), "plan": ("goals.1.reason", "Lost"),
+    "lint": ("maps.0.findings.0.severity", "fatal"), "report": ("entries.0.claims.0.state", "fine"),
+    "run": ("maps.0.figures.cost.width", 1.5), "esdf": ("parameters.convention", "inside"),
+    "align": ("transform.yaw", None), "diff": ("walls.first_to_second.meanest", 0.1),
+    "route": ("start", [1.0, 1.0]), "manifest": ("outputs.esdf~npz", "ab12"),
+}  # fmt: skip
 """By command, a place in its first document, and a value that must not be there."""
 
 

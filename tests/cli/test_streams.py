@@ -122,9 +122,7 @@ def test_messages_about_a_pipe_are_those_about_the_file(sh, here, stdin, line):
     (b"", "is empty"),
     (b"image: m.pgm\nresolution: 1\n", "is a map, not an npz"),
     (b"P5\n3 2\n255\n123456", "is an image (PNM), not an npz"),
-    (b"hello", "is not an npz"),
-    (b"PK", "is not an npz"),
-    ("cut.npz", "is not an npz file"),
+    (b"hello", "is not an npz"), (b"PK", "is not an npz"), ("cut.npz", "is not an npz file"),
     ("other.npz", "format: missing key"),
 ], ids=["empty", "yaml", "pgm", "text", "begin", "cut", "other"])  # fmt: skip
 def test_what_is_no_npz_is_one_line(sh, stdin, data, error):

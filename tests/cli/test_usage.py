@@ -64,13 +64,10 @@ def test_a_mistyped_word_gets_what_was_meant(sh, line, error, hint):
 
 
 @pytest.mark.parametrize(("line", "near"), [
-    ("info mm.yaml", "m.yaml"),
-    ("run m -o out", "m.yaml"),
-    ("run M.yaml -o out", "m.yaml"),
+    ("info mm.yaml", "m.yaml"), ("run m -o out", "m.yaml"), ("run M.yaml -o out", "m.yaml"),
     ("esdf sub/mapp.yaml -o out.npz", "sub/map.yaml"),
     ("run m.yaml -o out --recipe recpe.yaml", "recipe.yaml"),
-    ("run other.yaml -o out", None),
-    ("run nowhere/m.yaml -o out", None),
+    ("run other.yaml -o out", None), ("run nowhere/m.yaml -o out", None),
 ])  # fmt: skip
 def test_a_mistyped_file_gets_the_one_that_was_meant(sh, line, near):
     error, *hints = sh.err(line, 4).splitlines()
@@ -91,10 +88,8 @@ def test_a_point_in_the_place_of_a_file_gets_its_option(sh, line, hint):
     ("convert m.yaml",
      ".yaml, .npz, .pgm, .png, .geojson, .svg, .sdf, .stl, .obj, .bag, .mcap or .db3"),
     ("edit reset m.yaml --size 1,1 --at 0,0", ".yaml, .npz, .pgm, .png or .pbm"),
-    ("clean m.yaml", ".yaml, .npz, .pgm or .png"),
-    ("esdf m.yaml", ".yaml, .npz or .npy"),
-    ("inflate m.yaml", ".yaml or .npz"),
-    ("potential m.yaml --goal 0,0", ".npz"),
+    ("clean m.yaml", ".yaml, .npz, .pgm or .png"), ("esdf m.yaml", ".yaml, .npz or .npy"),
+    ("inflate m.yaml", ".yaml or .npz"), ("potential m.yaml --goal 0,0", ".npz"),
 ])  # fmt: skip
 def test_an_unknown_ending_gets_those_that_the_command_writes(sh, line, endings):
     told = sh.err(f"{line} -o o.foo", 2)

@@ -209,11 +209,9 @@ def test_states_cut_behind_their_submaps_are_warned_of(tmp_path, command, count)
 
 
 @pytest.mark.parametrize(("data", "rule"), [
-    (b"PK" + WHOLE, "begins with other bytes"),
-    (WHOLE[:-1], "the file ends within it"),
+    (b"PK" + WHOLE, "begins with other bytes"), (WHOLE[:-1], "the file ends within it"),
     (WHOLE[:8] + b"\xff" * 8 + WHOLE[16:], "the file ends within it"),
-    (WHOLE[:-9] + bytes(9), "is damaged"),
-    (WHOLE + BOMB, "would expand to"),
+    (WHOLE[:-9] + bytes(9), "is damaged"), (WHOLE + BOMB, "would expand to"),
     (states.state(*GOOD, version=3), "version 1 or 2, got 3"),
     (states.state(GOOD[0]), "has no submaps"),
     (states.state(states.pose_graph({**TURNED, (0, 1): (0, 0, 0)}), GOOD[1]),

@@ -21,14 +21,10 @@ def decode(data, **options):
 
 
 @pytest.mark.parametrize("header", [
-    b"P5\n3 2\n255\n",
-    b"P5 3 2 255 ",
+    b"P5\n3 2\n255\n", b"P5 3 2 255 ",
     b"P5\n# CREATOR: map_saver.cpp 0.050 m/pix\n3 2\n255\n",
-    b"P5\n#\n3\n#a\n#b\n2 # rows\n255\n",
-    b"P5#glued\n3 2\n255\n",
-    b"P5\n3 2\n255# end\n",
-    b"P5\t3\r2\x0b255\x0c",
-    b"P5\n3 2\n255\r",
+    b"P5\n#\n3\n#a\n#b\n2 # rows\n255\n", b"P5#glued\n3 2\n255\n", b"P5\n3 2\n255# end\n",
+    b"P5\t3\r2\x0b255\x0c", b"P5\n3 2\n255\r",
 ])  # fmt: skip
 @pytest.mark.parametrize("pixels", [PIXELS, PIXELS[:, [1, 0, 2]]], ids=["0 first", "10 first"])
 def test_headers_with_comments_and_white_space_of_all_kinds(header, pixels):
@@ -36,13 +32,8 @@ def test_headers_with_comments_and_white_space_of_all_kinds(header, pixels):
 
 
 @pytest.mark.parametrize("header", [
-    b"P5\n" + b"#" * 60,
-    b"P5\n" + b"#\n" * 300,
-    b"P5\n" + b"# \n \r#" * 300,
-    b"P5\n3 2\n" + b"#25" * 200,
-    b"P5\n3 2\n#255",
-    b"P5\n3 #2\n",
-    b"P5 " + b" " * 70_000,
+    b"P5\n" + b"#" * 60, b"P5\n" + b"#\n" * 300, b"P5\n" + b"# \n \r#" * 300,
+    b"P5\n3 2\n" + b"#25" * 200, b"P5\n3 2\n#255", b"P5\n3 #2\n", b"P5 " + b" " * 70_000,
     b"P5 3 2 #" + b"x" * 70_000 + b"\n255 " + BODY,
 ], ids=lambda header: str(header[2:22]))  # fmt: skip
 def test_a_header_without_its_numbers_is_refused_at_once(header):
@@ -106,20 +97,14 @@ def test_what_is_read_right_with_a_warning(data, message):
     (b"P5\r\n3 2\r\n255\r" + b"\n" + BODY[1:], "CRLF-damaged"),
     (b"P5 3 2 255\n" + BODY[:-1], "expected 6 bytes, got 5"),
     (b"P5 3 2 255\n" + BODY + b"P5 3 2 255\n" + BODY, "more than one"),
-    (b"P5 0 2 255\n", "above 0"),
-    (b"P5 3 2 0\n" + BODY, "maxval"),
-    (b"P5 3", "ends early"),
+    (b"P5 0 2 255\n", "above 0"), (b"P5 3 2 0\n" + BODY, "maxval"), (b"P5 3", "ends early"),
     (b"P5\n3 2\n255", "the file ends after its header"),
-    (b"P5 " + b"9" * 5000 + b" 2 255\n", "width"),
-    (b"P5 3 2 100\n" + BODY, "maxval 100, got 255"),
+    (b"P5 " + b"9" * 5000 + b" 2 255\n", "width"), (b"P5 3 2 100\n" + BODY, "maxval 100, got 255"),
     *((b"P5 3 2 %d\n" % n + bytes([0, n, 0, 0, n + 1, 0]), f"got {n + 1}") for n in (1, 254)),
     (b"P2 3 2 255\n0 1 2 3 4", "6 pixel values, got 5"),
     (b"P2 3 2 255\n0 1 2 3 4 5 6", "6 pixel values, got 7"),
-    (b"P2 3 2 255\n0 1 x 3 4 5", "pixel 2"),
-    (b"P2 3 2 255\n0 1 2 3 256 5", "pixel 4"),
-    (b"P1 3 2\n10120 1", "pixel 3"),
-    (b"PF 3 2 -1.0\n" + BODY, "PFM"),
-    (b"P7\nWIDTH 3\n", "PAM"),
+    (b"P2 3 2 255\n0 1 x 3 4 5", "pixel 2"), (b"P2 3 2 255\n0 1 2 3 256 5", "pixel 4"),
+    (b"P1 3 2\n10120 1", "pixel 3"), (b"PF 3 2 -1.0\n" + BODY, "PFM"), (b"P7\nWIDTH 3\n", "PAM"),
 ])  # fmt: skip
 def test_damaged_files_are_refused_with_the_place(data, message):
     with pytest.raises(MalformedInputError, match=message):

@@ -93,15 +93,13 @@ def test_lines_are_not_read_and_other_geometries_are_passed_over(tmp_path):
 
 
 @pytest.mark.parametrize(("features", "check"), [
-    ([edge(2, 0, 1)], "missing-end"),
-    ([node(0), edge(2, 0, 1)], "missing-end"),
+    ([edge(2, 0, 1)], "missing-end"), ([node(0), edge(2, 0, 1)], "missing-end"),
     ([node(0), node(1), edge(2, 0, 7), edge(3, 0, 1)], "missing-end"),
     ([node(-1), node(1), edge(2, 1, 1)], "refused"),
     ([node("a"), node(1), edge(2, 1, 1)], "refused"),
     ([node(0), node(1), edge(1.5, 0, 1)], "refused"),
     ([node(0), node(1), edge(None, 0, 1)], "refused"),
-    ([*GOOD, edge(2, 1, 0)], "double-id"),
-    ([*GOOD, node(1, 3.0)], "double-id"),
+    ([*GOOD, edge(2, 1, 0)], "double-id"), ([*GOOD, node(1, 3.0)], "double-id"),
     ([*GOOD, edge(1, 1, 0)], "shared-id"),
     ([*GOOD[:2], edge(2, 0, 1, metadata={"speed_limit": 50})], "whole-number"),
     ([*GOOD[:2], edge(2, 0, 1, metadata={"penalty": 1})], "whole-number"),

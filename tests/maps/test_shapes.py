@@ -60,14 +60,10 @@ def test_geojson(tmp_path):
     triangle = ((0.0, 0.0), (4.0, 0.0), (4.0, 3.0))
     inner = ((1.0, 0.5), (2.0, 0.5), (2.0, 1.0))
     assert read(tmp_path, collection(*features)) == [
-        Polygon(triangle, (inner,), 100),
-        Polygon(triangle, value=50),
-        Polygon(inner, value=50),
-        Line(((0.0, 0.0), (1.0, 1.0)), thickness=0.3),
-        Circle((1.5, -2.0), 0.5, 0),
-        Circle((0.0, 0.0), 1.0),
-        Circle((1.0, 1.0), 1.0),
-    ]
+        Polygon(triangle, (inner,), 100), Polygon(triangle, value=50), Polygon(inner, value=50),
+        Line(((0.0, 0.0), (1.0, 1.0)), thickness=0.3), Circle((1.5, -2.0), 0.5, 0),
+        Circle((0.0, 0.0), 1.0), Circle((1.0, 1.0), 1.0),
+    ]  # fmt: skip
 
 
 def test_a_bare_geometry_and_one_without_place(tmp_path):
@@ -82,8 +78,7 @@ def ring(*points):
 
 
 @pytest.mark.parametrize(("text", "message"), [
-    ("", "no mapping"),
-    ("shapes: []", "no shape"),
+    ("", "no mapping"), ("shapes: []", "no shape"),
     (CIRCLE.replace("[0, 0]", "[0, 0, 0]"), "two numbers"),
     (CIRCLE.replace("[0, 0]", "[0, .nan]"), "must be a number"),
     (CIRCLE.replace("center: [0, 0], ", ""), "needs center"),
@@ -99,11 +94,9 @@ def ring(*points):
     ("shapes:\n- {type: polygon, points: [[0,0],[2,2],[2,0],[0,2]]}",
      r"shape 1 \(line 2\): polygon vertex 1"),
     ("shapes: [{type: polygon, points: [[0, 0], [1, 1], [1e999, 0]]}]", "polygon vertex 3"),
-    ("[1]", "must be an object"),
-    ('{"type": "FeatureCollection"}', "features"),
+    ("[1]", "must be an object"), ('{"type": "FeatureCollection"}', "features"),
     ('{"type": "FeatureCollection", "features": [3]}', "feature 1"),
-    ('{"type": "Topology"}', "type must be one of"),
-    ('{"type": "Polygon"}', "coordinates"),
+    ('{"type": "Topology"}', "type must be one of"), ('{"type": "Polygon"}', "coordinates"),
     ('{"type": "Polygon", "coordinates": []}', "ring"),
     (ring([0, 0], [1, True], [1, 0]), "position 2"),
     (ring([0, 0], [1, float("nan")], [1, 0]), "NaN"),
