@@ -146,19 +146,12 @@ def test_jobs_share_out_threads_and_memory(monkeypatch):
     assert chosen.sharing(3) == chosen
 
 
+# four a processor, but eight at least
 @pytest.mark.parametrize(("requested", "maps", "processors", "size", "most"), [
-    (None, 20, 3, 3, None),
-    (None, 2, 3, 2, None),
-    (1, 20, 3, 1, None),
-    (12, 20, 3, 12, None),  # four a processor
-    (13, 20, 3, 12, 12),
-    (8, 20, 1, 8, None),  # but eight at least
-    (9, 20, 1, 8, 8),
-    (99, 2, 3, 2, 12),
+    (None, 20, 3, 3, None), (None, 2, 3, 2, None), (1, 20, 3, 1, None), (12, 20, 3, 12, None),
+    (13, 20, 3, 12, 12), (8, 20, 1, 8, None), (9, 20, 1, 8, 8), (99, 2, 3, 2, 12),
 ])  # fmt: skip
-def test_jobs_are_bounded_by_maps_and_processors(
-    monkeypatch, capsys, requested, maps, processors, size, most
-):
+def test_jobs_are_bounded(monkeypatch, capsys, requested, maps, processors, size, most):
     terminal.configure(quiet=False, verbose=False)
     monkeypatch.setattr(batch, "available_threads", lambda: processors)
     assert batch.jobs_at_once(requested, maps, terminal) == size
@@ -209,9 +202,8 @@ def both_write(folder):
 def start(folder, *more, until=both_write):
     """Start a run in a session of its own; return when its workers are so far."""
     words = [*RUN, "maps", "-o", "o", "-j", "2", *more]
-    process = subprocess.Popen(
-        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    process = subprocess.Popen(words, start_new_session=True, **streams)
     end = time.monotonic() + 120
     while not until(folder):
         assert process.poll() is None, process.communicate()

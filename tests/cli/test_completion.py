@@ -95,10 +95,8 @@ def test_every_option_in_the_help_is_offered(offered, command):
 
 
 def test_every_parameter_recipe_and_check_is_offered(offered):
-    settings = offered("run", "--set", "")
-    assert {setting.partition("=")[0] for setting in settings} >= {
-        f"{stage.name}.{name}" for stage in STAGES for name in stage.parameters
-    }
+    settings = {setting.partition("=")[0] for setting in offered("run", "--set", "")}
+    assert settings >= {f"{stage.name}.{name}" for stage in STAGES for name in stage.parameters}
     assert offered("run", "--recipe", "") == set(BUILT_IN)
     assert offered("lint", "--ignore", "") == set(CHECKS)
 

@@ -73,9 +73,10 @@ def files(here):
     Path("zones.geojson").write_text(json.dumps(document))
 
 
-@pytest.mark.parametrize(
-    "more", ["", " --strict -q", pytest.param(" -q", marks=pytest.mark.thorough)]
-)
+QUIET = pytest.param(" -q", marks=pytest.mark.thorough)
+
+
+@pytest.mark.parametrize("more", ["", " --strict -q", QUIET])
 @pytest.mark.parametrize("line", LINES)
 def test_a_finding_of_severity_error_ends_with_1(sh, line, more):
     if line.startswith(("report", "view")):

@@ -94,9 +94,8 @@ def bombs(tmp_path_factory):
     write_map(folder / "far.yaml", OccupancyGrid(grid.occupancy, 0.05, (200.0, 200.0, 0.4)))
     scans(folder / "far-scans.npz", np.array([[0.0, 0, 0], [200, 200, 0]]))
     np.save(folder / "cloud.npy", np.ones((10, 3)))
-    (folder / "shapes.geojson").write_text(
-        '{"type": "Feature", "properties": [' + "{}," * 9_000_000
-    )
+    text = '{"type": "Feature", "properties": [' + "{}," * 9_000_000
+    (folder / "shapes.geojson").write_text(text)
     return folder
 
 
@@ -205,9 +204,8 @@ def site(folder, side):
     around = grid.frame.window(-1, -2, side + 3, side + 105)
     write_map(folder / "canvas.npz", on_canvas(esdf(grid), around))
     repulsive = np.random.default_rng(4).random(values.shape)
-    write_map(
-        folder / "potential.npz", mapdeal.PotentialField(repulsive, values, 0.05, goal=(1.0, 2.0))
-    )
+    potential = mapdeal.PotentialField(repulsive, values, 0.05, goal=(1.0, 2.0))
+    write_map(folder / "potential.npz", potential)
     scans(folder / "scans.npz", np.zeros((100, 3)))
     np.save(folder / "cloud.npy", np.ones((10, 3)))
     for name, radius in (("robot", 0.04), ("wide", 0.06)):

@@ -67,9 +67,7 @@ def _unshared_commands(monkeypatch):
 
 @pytest.fixture
 def listed(here, monkeypatch):
-    block = re.search(
-        r"^```python\n(\"\"\"Stage .*?)^```", PAGE.read_text(), re.MULTILINE | re.DOTALL
-    )
+    block = re.search(r"(?ms)^```python\n(\"\"\"Stage .*?)^```", PAGE.read_text())
     names = {"__name__": "mapdeal.stages.drop_lone"}
     exec(compile(block[1], PAGE.name, "exec"), names)  # noqa: S102
     stages = (stage_of(names["drop_lone"]), *catalogue.STAGES, stage_of(flat_cost))
@@ -134,10 +132,9 @@ def test_it_runs_in_recipes_whole_and_in_blocks(sh, listed, monkeypatch):
 
 def test_names_that_collide_are_refused(listed, monkeypatch):
     clone = replace(stage_of(flat_cost), model="flatter")
-    clone.__dict__["own_parameters"] = {
-        name: replace(parameter, default=9.0)
-        for name, parameter in stage_of(flat_cost).parameters.items()
-    }
+    parameters = stage_of(flat_cost).parameters
+    changed = {name: replace(parameters[name], default=9.0) for name in parameters}
+    clone.__dict__["own_parameters"] = changed
     monkeypatch.setattr(catalogue, "STAGES", (*catalogue.STAGES, clone))
     with pytest.raises(ValueError, match=r"flat, flatter of cost .* one name: beyond"):
         command_app("cost")
@@ -146,14 +143,13 @@ def test_names_that_collide_are_refused(listed, monkeypatch):
 # the command that is printed there
 
 
-ROOT = Path(__file__).parents[2]
-OFFICE = ROOT / "examples" / "maps" / "office.yaml"
+OFFICE = Path(__file__).parents[2] / "examples" / "maps" / "office.yaml"
 
 
 @pytest.fixture
 def stats(monkeypatch, tmp_path):
-    text = (ROOT / "docs" / "architecture.md").read_text()
-    code = next(c for c in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "stats" in c)
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    code = next(block for block in blocks if "stats" in block)
     (tmp_path / "stats.py").write_text(code)
     monkeypatch.setattr(commands, "__path__", [*commands.__path__, str(tmp_path)])
     yield import_module("mapdeal.commands.stats").stats

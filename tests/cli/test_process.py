@@ -50,10 +50,14 @@ def test_a_process_ends_with_all_of_its_output():
     assert len(completed.stdout.splitlines()) == 40
 
 
-@pytest.mark.parametrize("redirection", [
-    ">&- 2>&-", "2>&1 | true",
-    *(pytest.param(part, marks=pytest.mark.thorough) for part in (">&-", "2> >(true)")),
-])  # fmt: skip
+def thoroughly(*arguments):
+    return pytest.param(*arguments, marks=pytest.mark.thorough)
+
+
+REDIRECTIONS = [">&- 2>&-", "2>&1 | true", thoroughly(">&-"), thoroughly("2> >(true)")]
+
+
+@pytest.mark.parametrize("redirection", REDIRECTIONS)
 def test_closed_streams_and_readers_that_go_away_do_not_change_what_is_done(redirection):
     completed = shell(f"$mapdeal run -v a.yaml b.yaml -o out --no-images -j 1 {redirection}")
     assert completed.returncode == 0, completed.stderr
@@ -61,9 +65,7 @@ def test_closed_streams_and_readers_that_go_away_do_not_change_what_is_done(redi
     assert [entry["status"] for entry in summary["maps"]] == ["done", "done"]
 
 
-@pytest.mark.parametrize(
-    "redirection", [pytest.param("2>&-", marks=pytest.mark.thorough), "2>/dev/full"]
-)
+@pytest.mark.parametrize("redirection", ["2>/dev/full", thoroughly("2>&-")])
 def test_an_error_keeps_its_exit_code_without_stderr(redirection):
     completed = shell(f"$mapdeal inflate nope.yaml -o o.yaml {redirection}")
     assert (completed.returncode, completed.stdout) == (4, "")
@@ -106,7 +108,7 @@ LARGER = [
     f"{BUILD} OUT --compare",
     f"local {AROUND} --cloud c.csv --frame map --offset 0.5,-2 -o OUT",
 ]
-WRITERS = [f"run {OFFICE} -o OUT", *(pytest.param(x, marks=pytest.mark.thorough) for x in LARGER)]
+WRITERS = [f"run {OFFICE} -o OUT", *map(thoroughly, LARGER)]
 
 
 @needs_compiled
@@ -139,9 +141,10 @@ run_process()
 """
 
 
-@pytest.mark.parametrize(
-    ("which", "sent"), [("1", "SIGINT"), ("120", "SIGINT"), ("5", "SIGTERM"), ("60", "SIGHUP")]
-)
+SENT = [("1", "SIGINT"), ("120", "SIGINT"), ("5", "SIGTERM"), ("60", "SIGHUP")]
+
+
+@pytest.mark.parametrize(("which", "sent"), SENT)
 def test_a_signal_during_the_start_is_one_line(which, sent):
     completed = process(which, sent, "inflate", "a.yaml", "-o", "o.yaml", code=SIGNALLED)
     ending = "interrupted" if sent == "SIGINT" else f"terminated by {sent}"

@@ -195,13 +195,10 @@ def test_a_full_disk_is_one_line():
 def test_terminals_are_refused():
     main, terminal = pty.openpty()
     try:
-        for words, streams, name in (
-            ("convert m.yaml -o -", {"stdout": terminal}, b"-o -"),
-            ("info -", {"stdin": terminal}, b"-"),
-        ):
-            with program(words, **streams) as process:
-                line = process.stderr.read().splitlines()[0]
-            assert line == b"error: %s: is a terminal, and an npz is not text" % name
+        for words, end, stream in (("convert m.yaml", "-o -", "stdout"), ("info", "-", "stdin")):
+            with program(f"{words} {end}", **{stream: terminal}) as process:
+                line = process.stderr.read().decode().splitlines()[0]
+            assert line == f"error: {end}: is a terminal, and an npz is not text"
             assert process.returncode == 2
     finally:
         os.close(main)

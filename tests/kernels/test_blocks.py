@@ -25,9 +25,8 @@ def lazy(block_height=5, keep=0, requested=None, make=ALL_ROWS.__getitem__, **op
             requested.append((rows.start, rows.stop))
         return make(rows)
 
-    return blocks.LazyLayer(
-        ALL_ROWS.shape, np.uint8, listed, block_height=block_height, keep=keep, **options
-    )
+    options |= {"block_height": block_height, "keep": keep}
+    return blocks.LazyLayer(ALL_ROWS.shape, np.uint8, listed, **options)
 
 
 @given(st.integers(-30, 30), st.integers(-30, 30), st.integers(1, 30), st.integers(0, 3))

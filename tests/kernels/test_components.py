@@ -37,9 +37,7 @@ def middle_by_hand(group, width):
 
 
 @given(masks(20), HEIGHTS, st.booleans(), st.integers(1, 40))
-def test_sizes_and_the_middles_of_the_longest_runs_are_those_of_flooding_however_rows_come(
-    marked, heights, from_last, together
-):
+def test_sizes_and_middles_of_runs_are_those_of_flooding(marked, heights, from_last, together):
     middles = defaultdict(list)
     for group in oracles.groups(marked):
         middles[len(group)].append(middle_by_hand(group, marked.shape[1]))

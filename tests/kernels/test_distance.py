@@ -198,9 +198,10 @@ def test_blocks_equal_the_whole_bit_for_bit(cut, clip):
     assert by_blocks(marked, blocks, **measure).tobytes() == expected.tobytes()
 
 
-@pytest.mark.parametrize(
-    "shape", [(46_400, 2), pytest.param((3, 120_000), marks=pytest.mark.thorough)]
-)
+WIDE = pytest.param((3, 120_000), marks=pytest.mark.thorough)
+
+
+@pytest.mark.parametrize("shape", [(46_400, 2), WIDE])
 def test_squares_beyond_32_bits_are_exact(shape):
     marked = np.zeros(shape, dtype=bool)
     marked[0, 0] = True

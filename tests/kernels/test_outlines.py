@@ -31,10 +31,9 @@ def outlines(mask, tolerance=0.0):
     found = kernel.outlines(mask, tolerance)
     rings = np.split(found.corners, found.ring_ends[:-1])
     bounds = pairwise([*found.shells, len(found.ring_ends)])
-    return [
-        Outline(rings[start], rings[start + 1 : end], cells, area)
-        for (start, end), cells, area in zip(bounds, found.cells, found.areas, strict=True)
-    ]
+    parts = [(rings[start], rings[start + 1 : end]) for start, end in bounds]
+    sizes = zip(found.cells, found.areas, strict=True)
+    return [Outline(*part, *size) for part, size in zip(parts, sizes, strict=True)]
 
 
 def polygon(outline):

@@ -121,10 +121,10 @@ def test_a_capsule_holds_the_centres_within_its_radius(start, stop, radius):
                 assert (x, y) in found
 
 
-@given(
-    st.lists(st.tuples(st.integers(-5, 45), st.integers(0, 60)), min_size=1, max_size=30),
-    st.integers(1, 50),
-)
+RANGES = st.tuples(st.integers(-5, 45), st.integers(0, 60))
+
+
+@given(st.lists(RANGES, min_size=1, max_size=30), st.integers(1, 50))
 def test_bands_hold_all_rows_and_not_too_many_at_once(ranges, most):
     height = 40
     starts = np.array([first for first, _ in ranges])

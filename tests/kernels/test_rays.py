@@ -16,11 +16,11 @@ from oracles import beam_lengths
 FAR = st.tuples(st.integers(-9, 20) | st.integers(-(2**30), 2**30), st.integers(-9, 20))
 
 
+RAYS = st.lists(st.tuples(FAR, FAR, st.booleans()), min_size=1, max_size=25)
+
+
 @needs_compiled
-@given(
-    shape=st.tuples(st.integers(1, 11), st.integers(1, 13)),
-    rays=st.lists(st.tuples(FAR, FAR, st.booleans()), min_size=1, max_size=25),
-)
+@given(st.tuples(st.integers(1, 11), st.integers(1, 13)), RAYS)
 def test_rays_from_and_to_far_away_take_no_longer(shape, rays):
     """Lines of 2^31 cells are clipped before they are walked, on both engines alike."""
     starts, ends, is_hit = (np.array(some) for some in zip(*rays, strict=True))
@@ -34,14 +34,14 @@ def test_rays_from_and_to_far_away_take_no_longer(shape, rays):
     assert compiled == twin
 
 
+def thoroughly(number):
+    return pytest.param(number, marks=pytest.mark.thorough)
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("each_engine")
-@pytest.mark.parametrize(
-    "length", [pytest.param(65_534, marks=pytest.mark.thorough), 65_535, 65_536, 131_071]
-)
-@pytest.mark.parametrize("minor", [
-    7, 65_534, *(pytest.param(n, marks=pytest.mark.thorough) for n in (0, 1, 21_845, 32_767)),
-])  # fmt: skip
+@pytest.mark.parametrize("length", [thoroughly(65_534), 65_535, 65_536, 131_071])
+@pytest.mark.parametrize("minor", [7, 65_534, *map(thoroughly, (0, 1, 21_845, 32_767))])
 @pytest.mark.parametrize("is_upright", [False, True])
 def test_long_lines_move_where_their_equation_says(length, minor, is_upright):
     shape = (16, length)  # which holds the beginning of the line, or its end
@@ -85,9 +85,7 @@ def test_many_rays_give_the_same_bytes_on_both_engines_and_any_threads():
 
 @pytest.mark.usefixtures("each_engine")
 @pytest.mark.parametrize(("behind", "behind_cells"), [(0.5, 1), (1.0, 2), (2.0, 4)])
-def test_a_cell_so_many_truncations_behind_the_surface_is_measured_the_next_is_not(
-    behind, behind_cells
-):
+def test_cells_so_many_truncations_behind_the_surface_are_measured(behind, behind_cells):
     sums, weights = np.zeros((1, 10), np.int64), np.zeros((1, 10), np.int32)
     # from the centre of cell 0 to a surface 3 cells on; a truncation of 2 cells
     measure_rays(

@@ -94,11 +94,7 @@ def pixels_in(data):
 
 def adam7(pixels):
     """An interlaced PNG of grey pixels."""
-    rows = b"".join(
-        b"\0" + part.tobytes()
-        for col, row, across, down in PASSES
-        for part in pixels[row::down, col::across]
-        if part.size
-    )
+    parts = [part for col, row, *step in PASSES for part in pixels[row :: step[1], col :: step[0]]]
+    rows = b"".join(b"\0" + part.tobytes() for part in parts if part.size)
     height, width = pixels.shape
     return file_of(width, height, chunk(b"IDAT", zlib.compress(rows, 1)), interlaced=1)

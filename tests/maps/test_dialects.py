@@ -102,9 +102,7 @@ def _write_yaml(path, image, mode="trinary", occupied=0.65, free=0.196, negate=0
     return path
 
 
-@pytest.mark.parametrize(
-    "line", RECORDED.strip().splitlines(), ids=lambda line: "-".join(line.split()[:5])
-)
+@pytest.mark.parametrize("line", RECORDED.strip().splitlines())
 def test_constructed_pictures_read_as_the_real_readers_read_them(pictures, line):
     name, mode, occupied, free, negate, *sums = line.split()
     path = _write_yaml(pictures / "map.yaml", name, mode, occupied, free, negate)
