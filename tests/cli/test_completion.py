@@ -26,21 +26,17 @@ SHELLS = ["bash", "zsh", "fish", "powershell"]
 # are none, the shell offers files.
 CASES = [
     (["r"], {"run", "reach", "route", "rotate", "rescale", "report"}),
-    (["edit", "polygon", "--overlay", ""], {"seq", "max", "min"}),
-    (["--ver"], {"--version"}),
-    (["inflate", "--kernel=s"], {"square"}),
-    (["cost", "--model", "r"], {"rings"}),
+    (["edit", "polygon", "--overlay", ""], {"seq", "max", "min"}), (["--ver"], {"--version"}),
+    (["inflate", "--kernel=s"], {"square"}), (["cost", "--model", "r"], {"rings"}),
     (["convert", "--encoding", "a"], {"amcl"}),
     (["run", "map.yaml", "--recipe", "design-"], {"design-real", "design-sim", "design-local"}),
     (["run", "--set", "inflate.ker"], {"inflate.kernel=disc", "inflate.kernel=square"}),
     (["run", "--set", "cost.model=t"], {"threshold"}),  # bash replaces what follows =
     (["run", "--local-set", "inflate.inflate_unknown="], {"yes", "no"}),
     (["lint", "--select", "yaml.mode,map.spe"], {"yaml.mode,map.specks"}),
-    (["inflate", "m"], set()),
-    (["run", "-o", "m"], set()),
-    (["nonsense", "x"], set()),
+    (["inflate", "m"], set()), (["run", "-o", "m"], set()), (["nonsense", "x"], set()),
     (["inflate", "--radius", "not a number", "--nonsense", "--ker"], {"--kernel"}),
-]
+]  # fmt: skip
 
 
 @pytest.fixture
@@ -108,11 +104,9 @@ def test_help_names_all_built_in_recipes(function):
 
 # Lines that have one completion: the word that the shell makes of the last one.
 TYPED = {
-    "comp": "completion",
-    "inflate --ker": "--kernel",
-    "run --set cost.model=t": "cost.model=threshold",
-    "inflate map.y": "map.yaml",
-}
+    "comp": "completion", "inflate --ker": "--kernel",
+    "run --set cost.model=t": "cost.model=threshold", "inflate map.y": "map.yaml",
+}  # fmt: skip
 # The program is a function there that prints its arguments; the script starts the process.
 PRINT = "mapdeal() { local IFS='|'; printf 'GO''T<%s>\\n' \"$*\"; }"
 STARTS = {

@@ -1,6 +1,7 @@
 """Commands that print or write a finding of severity error end with exit code 1."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -43,8 +44,20 @@ WITHOUT_FINDINGS = {
 }  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp("gates"))
+        write_files()
+        return Path.cwd()
+
+
 @pytest.fixture(autouse=True)
-def files(here):
+def files(written, here):
+    shutil.copytree(written, here, dirs_exist_ok=True)
+
+
+def write_files():
     cells = np.zeros((21, 30), dtype=np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = 100
     cells[:9, 15] = cells[12:, 15] = 100
@@ -108,11 +121,8 @@ def test_a_batch_with_failures_still_ends_with_5(sh):
     assert sh(f"{line} --force -q")[0] == 5
 
 
-def test_a_page_without_an_error_is_viewed_with_0(sh):
+def test_pages_without_an_error_and_those_that_exist_are_viewed_with_0(sh):
     assert sh("view m.yaml --no-browser")[0] == 0
-
-
-def test_a_page_that_exists_is_viewed_without_judging_it(sh):
     assert sh(f"reach m.yaml {GOAL} -o reach.json")[0] == 1
     assert sh("report m.yaml reach.json -o page.html")[0] == 1
     assert sh("view page.html --no-browser")[0] == 0

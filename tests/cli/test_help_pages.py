@@ -12,7 +12,6 @@ from cli.conftest import every_command
 from mapdeal.cli.help_pages import GROUPS
 from mapdeal.cli.main import command_names
 from mapdeal.stages.catalogue import STAGE_NAMES
-from mapdeal.version import __version__
 
 EXAMPLE_FILES = Path(__file__).parents[2] / "examples"
 COMMANDS = dict(every_command())
@@ -32,10 +31,6 @@ def test_every_command_stands_in_one_group(sh):
 @pytest.mark.parametrize("line", ["--help", "edit --help"])
 def test_no_line_of_the_command_list_is_cut_off(sh, line):
     assert "..." not in sh.ok(line).split("Show this message and exit.")[1]
-
-
-def test_the_version_on_one_line(sh):
-    assert re.fullmatch(rf"mapdeal {re.escape(__version__)} \(.*\)\n", sh.ok("--version"))
 
 
 def test_a_stage_may_only_have_the_name_of_the_command_that_shows_it():

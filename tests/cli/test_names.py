@@ -64,24 +64,15 @@ OUTPUTS = [
     "build log.npz --compare -o X",
 ]  # fmt: skip
 NAMES = {
-    "long": lambda end: "n" * 300 + end,
-    "deep": lambda end: "d/" * 2100 + end,
-    "loop": lambda end: f"loop{end}",
-    "below-a-loop": lambda end: f"loop/x{end}",
-    "link-to-nothing": lambda end: f"dangling{end}",
-    "private": lambda end: f"closed/x{end}",
-    "link-into-private": lambda end: f"into{end}",
-    "below-a-file": lambda end: f"m.yaml/x{end}",
-    "full": lambda _: "/dev/full",
-    "memory": lambda _: "/proc/self/mem",
-    "zeros": lambda _: "/dev/zero",
-    "empty": lambda _: "",
-    "folder": lambda _: "closed",
-    "newline": lambda end: f"a\nb{end}",
-    "surrogate": lambda end: os.fsdecode(b"\xff") + end,
-    "user": lambda end: f"~nobody-of-this-name/x{end}",
-    "gone": lambda end: f"x{end}",
-}
+    "long": lambda end: "n" * 300 + end, "deep": lambda end: "d/" * 2100 + end,
+    "loop": lambda end: f"loop{end}", "below-a-loop": lambda end: f"loop/x{end}",
+    "link-to-nothing": lambda end: f"dangling{end}", "private": lambda end: f"closed/x{end}",
+    "link-into-private": lambda end: f"into{end}", "below-a-file": lambda end: f"m.yaml/x{end}",
+    "full": lambda _: "/dev/full", "memory": lambda _: "/proc/self/mem",
+    "zeros": lambda _: "/dev/zero", "empty": lambda _: "", "folder": lambda _: "closed",
+    "newline": lambda end: f"a\nb{end}", "surrogate": lambda end: os.fsdecode(b"\xff") + end,
+    "user": lambda end: f"~nobody-of-this-name/x{end}", "gone": lambda end: f"x{end}",
+}  # fmt: skip
 CLOSED = ("private", "link-into-private", "folder")
 BATCHES = {".", "@list.txt", "--poses"}
 ENDS = (".yaml", ".npz", ".pgm", ".pbm", ".pcd", ".ply", ".xyz", ".npy", ".log", ".png", ".json",
@@ -150,11 +141,11 @@ def share_of(lines, name, every):
 
 def test_lines_that_are_left_out_with_one_name_are_tried_with_others():
     for lines in (INPUTS, OUTPUTS):
-        assert {line for name in NAMES for line in share_of(lines, name, 8)} == set(lines)
+        assert {line for name in NAMES for line in share_of(lines, name, 16)} == set(lines)
 
 
 @pytest.mark.usefixtures("mapdeal_warnings", "one_core")
-@pytest.mark.parametrize("every", [8, pytest.param(1, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("every", [16, pytest.param(1, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("lines", [INPUTS, OUTPUTS], ids=["input", "output"])
 def test_what_the_system_refuses_is_one_line(command, folder, monkeypatch, lines, name, every):

@@ -15,6 +15,7 @@ from drawn import grid_from_text
 from engines import needs_compiled
 from mapdeal import write_map
 from mapdeal.kernels import engine
+from mapdeal.version import __version__
 
 pytestmark = pytest.mark.slow
 
@@ -89,7 +90,8 @@ BUILT = "scipy" if engine.compiled_module() is None else "compiled"
 
 @pytest.mark.parametrize(("requested", "found"), [("", BUILT), ("scipy", "scipy")])
 def test_the_version_says_which_kernels_are_in_use(requested, found):
-    assert f"(kernels: {found})" in process("--version", MAPDEAL_KERNELS=requested).stdout
+    line = f"mapdeal {__version__} (kernels: {found})\n"
+    assert process("--version", MAPDEAL_KERNELS=requested).stdout == line
 
 
 def test_an_unknown_engine_is_an_error_on_one_line():

@@ -251,17 +251,17 @@ def place(tmp_path_factory):
         (folder / name).mkdir(parents=True)
     for name, text in TEXTS.items():
         (folder / name).write_text(text)
-    return folder
+    return folder, tree(folder)
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row[-2])
 def test_it_is_refused_by_name_and_nothing_is_written(command, place, monkeypatch, row):
     code, line, message = row if len(row) == 3 else (2, *row)
-    monkeypatch.chdir(place)
-    before = tree(place)
+    folder, before = place
+    monkeypatch.chdir(folder)
     found, out, err = command(*line.split())
     assert (found, out) == (code, "")
     assert message in err
     lines = [text for text in err.splitlines() if not text.startswith("warning: ")]
     assert [text.split(": ")[0] for text in lines] in (["error"], ["error", "hint"])
-    assert tree(place) == before
+    assert tree(folder) == before

@@ -83,11 +83,8 @@ def test_so_many_threads_are_used(sh, room, monkeypatch, count):
     assert used == {count}
 
 
-def test_a_flag_with_one_name_takes_no_word(sh, room):
+def test_words_behind_flags_and_two_dashes_are_no_values_of_options(sh, room):
     assert "no: " in sh.err("info --json no room.yaml", 5)
-
-
-def test_words_behind_two_dashes_are_no_options(sh, room):
     line = "inflate -o a.npz -- room.yaml --inflate-unknown=no"
     assert "(--inflate-unknown=no)" in sh.err(line, 2)
     assert not Path("a.npz").exists()

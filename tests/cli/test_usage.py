@@ -105,13 +105,12 @@ def test_every_command_is_found_with_two_letters_swapped(sh, name):
     assert lines[-1] == f"hint: did you mean {name}?"
 
 
-@pytest.mark.parametrize(("line", "spelling", "counterpart"), [
-    ("esdf m.yaml --convention", "center", "centre"),
-    ("inflate m.yaml --radius 0.4 --kernel", "disc", "disk"),
+@pytest.mark.parametrize("line", [
+    "esdf m.yaml --convention center", "inflate m.yaml --radius 0.4 --kernel disc",
 ])  # fmt: skip
-def test_either_spelling_of_a_choice_is_taken(sh, line, spelling, counterpart):
-    assert sh(f"{line} {spelling} -o one.npz")[0] == 0
-    assert sh(f"{line} {counterpart} -o other.npz")[0] == 0
+def test_either_spelling_of_a_choice_is_taken(sh, line):
+    assert sh(f"{line} -o one.npz")[0] == 0
+    assert sh(f"{line.replace('center', 'centre').replace('disc', 'disk')} -o other.npz")[0] == 0
     assert Path("one.npz").read_bytes() == Path("other.npz").read_bytes()
 
 

@@ -33,13 +33,11 @@ def _grids():
     field = mapdeal.esdf(grid, convention="border", strength=1.5, max_distance=0.7)
     costs = np.arange(23 * 17, dtype=np.int64).reshape(23, 17) % 256
     return {
-        "map": grid,
-        "field": field,
+        "map": grid, "field": field,
         "costs": Costmap(costs.astype(np.uint8), 0.1, ORIGIN, circumscribed_cost=128),
         "published costs": Costmap((costs % 102 - 1).astype(np.int8), 0.1, ORIGIN, "occupancy"),
-        "view": mapdeal.field_view(field),
-        "potential": mapdeal.potential(grid),
-    }
+        "view": mapdeal.field_view(field), "potential": mapdeal.potential(grid),
+    }  # fmt: skip
 
 
 @pytest.fixture(scope="module", params=_grids())
@@ -257,10 +255,9 @@ def test_info_names_the_layers(command, path):
 
 def test_the_answers_are_summed_up_in_a_line():
     passage = mapdeal.Passage(1.5, -2.0, 0.8, 12.0, False, ((1.0, -2.0), (2.0, -2.0)))
-    goals = [
-        mapdeal.GoalReach(mapdeal.Goal(k, 0.5, name), k == 0, k == 0, 0.4)
-        for k, name in enumerate(["kitchen", "hall", None, "lift", "stairs"])
-    ]
+    names = ["kitchen", "hall", None, "lift", "stairs"]
+    goals = [mapdeal.Goal(k, 0.5, name) for k, name in enumerate(names)]
+    goals = [mapdeal.GoalReach(goal, goal.x == 0, goal.x == 0, 0.4) for goal in goals]
     summary = summary_of(reach(goals=tuple(goals), passages=(passage,)).figures())
     area, *counts = summary.split("; ")
     assert area == "from 1.5, -2 the robot reaches 0.125 of 0.25 m2 open to it"

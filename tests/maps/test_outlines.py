@@ -21,12 +21,11 @@ ROOMS = """\
 #########"""
 GRID = grid_from_text(ROOMS, resolution=0.25, origin=(1.5, -2.0, 0.4))
 OF = {"free": 0, "obstacles": 100}
+BASEMENT = "mit-racecar__racecar_simulator/maps/stata_basement.yaml"
 REAL = [
     "ros-navigation__navigation2/nav2_bringup/maps/depot.yaml",
     "turtlebot__turtlebot_simulator/turtlebot_stdr/maps/frieburg.yaml",
-    pytest.param(
-        "mit-racecar__racecar_simulator/maps/stata_basement.yaml", marks=pytest.mark.thorough
-    ),
+    pytest.param(BASEMENT, marks=pytest.mark.thorough),
 ]
 
 
@@ -107,13 +106,9 @@ def test_drawings_are_to_scale(converted, unit, scale):
     x, y = map(float, re.search(r"\(0, 0\) is (\S+), (\S+) m", text).groups())
     layers = {group.get("id"): group for group in root.iter("{http://www.w3.org/2000/svg}g")}
     for name, cells in (("known", GRID.occupancy >= 0), ("obstacles", GRID.occupancy == 100)):
-        rings = [
-            shapely.Polygon([tuple(map(float, point.split())) for point in part.split(" L")])
-            for path in layers[name]
-            for part in path.get("d")[1:-1].split("ZM")
-        ]
-        area = rings[0]
-        for ring in rings[1:]:
+        area = shapely.Polygon()
+        for part in (part for path in layers[name] for part in path.get("d")[1:-1].split("ZM")):
+            ring = shapely.Polygon([tuple(map(float, p.split())) for p in part.split(" L")])
             area = shapely.symmetric_difference(area, ring)
         in_map = shapely.transform(area, lambda p: p / scale * (1, -1) + (x, y))
         assert np.array_equal(cells_in([in_map], GRID), cells)

@@ -78,9 +78,7 @@ CASES = {
 @pytest.mark.parametrize("packed", [True, False])
 @pytest.mark.parametrize("resolution", [0.05, 0.04])
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
-def test_submaps_are_painted_as_an_independent_painting_has_them(
-    tmp_path, case, resolution, packed
-):
+def test_submaps_are_painted_as_by_an_independent_painter(tmp_path, case, resolution, packed):
     # cells of 0.048 m: cairo's borders would hide in whole pixels
     messages, layers = [], []
     for key, placed, local, size, box in case:

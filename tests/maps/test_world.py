@@ -26,11 +26,10 @@ TEXT = """\
 #..#.#.#
 ########"""
 GRID = grid_from_text(TEXT, resolution=0.25, origin=(1.5, -2.0, 0.4))
+BASEMENT = "mit-racecar__racecar_simulator/maps/stata_basement.yaml"
 REAL = [
     "ros-navigation__navigation2/nav2_bringup/maps/depot.yaml",
-    pytest.param(
-        "mit-racecar__racecar_simulator/maps/stata_basement.yaml", marks=pytest.mark.thorough
-    ),
+    pytest.param(BASEMENT, marks=pytest.mark.thorough),
     "avidbots__flatland/conestogo_office_test/map.yaml",
 ]
 
@@ -106,19 +105,17 @@ def test_stl_keeps_walls_of_distant_maps_or_is_refused(x_log, y_log, cell, yaw, 
 
 
 @pytest.mark.parametrize(("yaw", "moved"), [(0.0, "0.2"), (0.4, "0.23")])
-def test_maps_in_utm_coordinates_become_obj_but_not_stl(
-    tmp_path, monkeypatch, command, converted, yaw, moved
-):
-    monkeypatch.chdir(tmp_path)
+def test_maps_in_utm_coordinates_become_obj_but_not_stl(tmp_path, command, converted, yaw, moved):
     grid = grid_from_text(TEXT, 0.05, (500000.0, 5400000.0, yaw))
     mesh = trimesh.load_mesh(converted(grid, "m.obj"))
     least = np.min(grid.frame.xy_from_continuous_rowcol([[0, 0], [4, 0]]), axis=0)
     assert mesh.bounds[0, :2] == pytest.approx(least, abs=1e-6)
-    code, out, err = command("convert", "map.yaml", "-o", "m.stl")
+    path = tmp_path / "map.yaml"
+    code, out, err = command("convert", path, "-o", tmp_path / "m.stl")
     assert (code, out) == (2, "")
     rule = f"is too far from 0 for .stl, whose float32 moves walls by up to {moved} m"
-    hint = "mapdeal convert map.yaml -o map.obj keeps all digits"
-    assert err == f"error: map.yaml: origin: {rule}\nhint: {hint}\n"
+    hint = f"mapdeal convert {path} -o map.obj keeps all digits"
+    assert err == f"error: {path}: origin: {rule}\nhint: {hint}\n"
     assert not (tmp_path / "m.stl").exists()
 
 

@@ -118,6 +118,8 @@ def test_masks_have_zones_where_they_lie(zones):
     inside, near = shapely.contains(area, centres), shapely.distance(area, centres) < 0.36
     assert (mask.occupancy[inside] == 100).all()
     assert (mask.occupancy[~near] == -1).all()  # of 0 the filter would free unknown cells
+    mask, _ = filter_mask(GRID, "keepout", zones(zone(kind="keepout", value=40)))
+    assert sorted(set(mask.occupancy.ravel().tolist())) == [-1, 40]
 
 
 def test_of_overlapping_limits_the_lower_one_counts(zones):
@@ -130,11 +132,6 @@ def test_of_overlapping_limits_the_lower_one_counts(zones):
             slow, fast = (pytest.approx(float(v)) for v in speeds)
             assert limits == {3.5: slow, 4.5: slow, 5.5: fast, 7.5: None}
             assert mask.occupancy.min() == 0
-
-
-def test_a_keepout_zone_may_have_a_cost(zones):
-    mask, _ = filter_mask(GRID, "keepout", zones(zone(kind="keepout", value=40)))
-    assert sorted(set(mask.occupancy.ravel().tolist())) == [-1, 40]
 
 
 def test_what_is_rounded_or_no_limit_is_warned_of(zones):
