@@ -137,13 +137,10 @@ def test_info_gives_row_column_height_and_width_of_what_is_known(sh):
         assert sh.json("info m.npz --json")["known_box"] == box
 
 
-def test_quiet_says_nothing_and_verbose_more(sh, room):
+def test_quiet_says_nothing_verbose_more_and_costs_as_a_map_are_warned_of(sh, room):
     assert sh("inflate room.yaml -o a.yaml -q") == (0, "", "")
     code, out, err = sh("inflate room.yaml -o b.yaml -v")
     assert (code, "b.yaml" in out, "radius" in err) == (0, True, True)
-
-
-def test_costs_that_are_passed_as_a_map_are_warned_of(sh, room):
     sh("cost room.yaml -o c.npz")
     assert "contains costs" in sh.err("inflate c.npz -o i.npz")
 
@@ -154,9 +151,6 @@ def test_convert_prints_the_counts_of_its_output(sh):
     assert "3 values" in err
     assert "occupied 25.00 %, free 50.00 %, unknown 25.00 %" in out
     assert read_map("t.yaml").occupancy.tolist() == [[0, 0, -1, 100]]
-
-
-# cost --curve
 
 
 SHAPE = "[[0.3,0.2],[-0.3,0.2],[-0.3,-0.2],[0.3,-0.2]]"

@@ -140,9 +140,6 @@ def test_names_that_collide_are_refused(listed, monkeypatch):
         command_app("cost")
 
 
-# the command that is printed there
-
-
 OFFICE = Path(__file__).parents[2] / "examples" / "maps" / "office.yaml"
 
 

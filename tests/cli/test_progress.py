@@ -72,15 +72,12 @@ def ended(screen):
     return screen.lines()
 
 
-def test_the_line_names_what_is_done_and_is_erased(screen):
+def test_the_line_names_what_is_done_once_and_is_erased(screen):
     with screen.shows("run"):
         screen.wait_for(b"\r\x1b[Krun, 0 s")
         with activity("reading m.yaml"), activity("esdf"):
             screen.wait_for(b"\r\x1b[Krun: esdf, ")
     assert ended(screen) == ["end", ""]
-
-
-def test_a_command_of_one_stage_is_named_once(screen):
     with screen.shows("esdf"), activity("esdf"):
         screen.wait_for(b"\r\x1b[Kesdf, ")
     assert b"esdf: esdf" not in screen.shown

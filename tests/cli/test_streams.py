@@ -156,14 +156,11 @@ def test_a_file_of_that_name_is_named_with_its_folder(sh):
     assert sh("query m.npz --points ./-")[0] == 0
 
 
-def test_what_lint_writes_for_machines_names_standard_input(sh, stdin):
+def test_sarif_names_standard_input_and_a_failure_sends_nothing(sh, stdin, sent):
     stdin(Path("m.npz").read_bytes())
     places = re.findall(r'"uri": "([^"]*)"', sh("lint - --format sarif")[1])
     assert "standard%20input" in places
     assert not [place for place in places if "mapdeal-" in place]
-
-
-def test_a_failure_sends_nothing(sh, stdin, sent):
     assert sh("inflate none.yaml -o -")[0] == 4
     stdin(Path("m.npz").read_bytes())
     assert sh("cost - -o - --inflation-radius -1")[0] == 2

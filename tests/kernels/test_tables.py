@@ -20,20 +20,15 @@ def claims_of(work):
     return sizes
 
 
-def test_each_free_cell_of_a_checkerboard_is_a_basin():
-    rows, cols = np.indices((9, 14))
-    closed = (rows + cols) % 2 == 0
-    squared = squared_distance(closed)
-    (size,) = claims_of(lambda: clearance_tree(squared, ~closed))
-    assert size == BYTES_OF_BASIN * 9 * 7
+CHECKERBOARD = np.indices((9, 14)).sum(axis=0) % 2 == 0
+CORRIDOR = np.arange(3)[:, np.newaxis].repeat(40, axis=1) != 1
 
 
-def test_a_corridor_is_a_single_basin():
-    closed = np.ones((3, 40), np.bool_)
-    closed[1] = False
+@pytest.mark.parametrize(("closed", "count"), [(CHECKERBOARD, 9 * 7), (CORRIDOR, 1)])
+def test_each_free_cell_of_a_checkerboard_is_a_basin_and_a_corridor_is_one(closed, count):
     squared = squared_distance(closed)
     (size,) = claims_of(lambda: clearance_tree(squared, ~closed))
-    assert size < 2 * BYTES_OF_BASIN
+    assert size == BYTES_OF_BASIN * count
 
 
 @pytest.mark.skipif(engine_name() != "compiled", reason="scipy's planes are of bytes")

@@ -17,7 +17,7 @@ def pair(tmp_path):
     return tmp_path / "b.pbm"
 
 
-def test_a_p4_file_is_north_first_eight_cells_a_byte_in_padded_rows(pair):
+def test_a_p4_file_is_north_first_eight_cells_a_byte_in_padded_rows_and_may_be_negated(pair):
     head = b"P4\n10 3\n"
     assert pair.read_bytes() == head + bytes([0x80, 0x40, 0x40, 0x40, 0xA0, 0x00])
     plain = b"P1\n# drawn by hand\n10 3\n1000000001\n0100000001\n1010000000\n"
@@ -26,9 +26,6 @@ def test_a_p4_file_is_north_first_eight_cells_a_byte_in_padded_rows(pair):
         pair.write_bytes(data)
         assert np.array_equal(read_bit_map(pair).to_mask(), IS_OCCUPIED)
         assert read_bit_map(pair).count() == 6
-
-
-def test_a_negated_bit_map_is_turned_round(pair):
     _rewrite(pair, "negate: 0", "negate: 1")
     found = read_bit_map(pair)
     assert np.array_equal(found.to_mask(), ~IS_OCCUPIED)

@@ -61,23 +61,19 @@ def test_long_plain_pictures_are_read_piece_by_piece_as_if_at_once():
         decode(head + " ".join(words + words).encode())
 
 
-@pytest.mark.parametrize("data", [
-    b"P1\n9 2\n101000001\n0 1 0000000\n",
-    b"P4\n9 2\n" + bytes([0b10100000, 0b10000000, 0b01000000, 0b01111111]),
-])  # fmt: skip
-def test_bitmaps_are_black_where_they_are_1(data):
-    is_black = [[1, 0, 1, 0, 0, 0, 0, 0, 1], [0, 1, 0, 0, 0, 0, 0, 0, 0]]
-    assert decode(data).samples.tolist() == (255 - 255 * np.array(is_black)).tolist()
+# bitmaps are black where they are 1
+BITS = [[0, 255, 0, *[255] * 5, 0], [255, 0, *[255] * 7]]
 
 
 @pytest.mark.parametrize(("data", "samples", "maxval"), [
+    (b"P1\n9 2\n101000001\n0 1 0000000\n", BITS, 255), (b"P4\n9 2\n\xa0\x80\x40\x7f", BITS, 255),
     (b"P6 1 2 255\n\1\2\3\4\5\6", [[[1, 2, 3]], [[4, 5, 6]]], 255),
     (b"P3 1 2 9\n1 2 3 4 5 6\n", [[[1, 2, 3]], [[4, 5, 6]]], 9),
     (b"P5 2 1 1000\n\0\5\3\xe8", [[5, 1000]], 1000),
     (b"P5 2 1 254\n\0\xfe", [[0, 254]], 254),
     (b"P2 3 2 255\n0 10\n# a comment 7 7\n255 13 205 254", PIXELS.tolist(), 255),
 ])  # fmt: skip
-def test_colour_wide_samples_and_text(data, samples, maxval):
+def test_bits_colours_wide_samples_and_text(data, samples, maxval):
     picture = decode(data)
     assert (picture.samples.tolist(), picture.maxval) == (samples, maxval)
 

@@ -83,6 +83,9 @@ def test_zones_know_their_kind_name_and_speed(zones):
                     ("zone 3", "binary", None)]  # fmt: skip
     (keepout_zone,) = zones(zone(), zone(speed=30), kind="keepout")
     assert (keepout_zone.name, keepout_zone.kind) == ("zone 1", "keepout")
+    with pytest.raises(MalformedInputError, match="no binary zone") as error:
+        zones(zone(kind="keepout"), zone(speed=5), kind="binary")
+    assert error.value.hint == "its zones are of the kind keepout, speed"
 
 
 BAD = [
@@ -99,12 +102,6 @@ BAD = [
 def test_bad_zones_are_refused_with_their_place(zones, bad_zone, words):
     with pytest.raises(MalformedInputError, match=words):
         zones(bad_zone)
-
-
-def test_a_file_without_zones_of_the_kind_says_which_it_has(zones):
-    with pytest.raises(MalformedInputError, match="no binary zone") as error:
-        zones(zone(kind="keepout"), zone(speed=5), kind="binary")
-    assert error.value.hint == "its zones are of the kind keepout, speed"
 
 
 def test_masks_have_zones_where_they_lie(zones):
