@@ -80,14 +80,12 @@ def test_run(twice, recipe, memory):
 
 
 STAGES = [
-    ("active", ".yaml", ""),
-    ("inflate", ".npz", "--radius 0.5 --kernel square"),
+    ("active", ".yaml", ""), ("inflate", ".npz", "--radius 0.5 --kernel square"),
     ("esdf", ".npy", ""),
     ("esdf", ".npz", "--convention border --max-distance 2"),
-    ("esdf", ".yaml", "--view per-map"),
-    ("cost", ".npz", "--model rings"),
+    ("esdf", ".yaml", "--view per-map"), ("cost", ".npz", "--model rings"),
     ("cost", ".yaml", "--encoding costmap2d"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("stage", "ending", "options"), STAGES)

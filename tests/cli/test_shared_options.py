@@ -5,18 +5,11 @@ from typing import get_args
 import pytest
 
 from cli.conftest import single_commands
-from drawn import grid_from_text
-from mapdeal import write_map
 from mapdeal.cli.options import OF_IMAGES, SHARED_OPTIONS
 from mapdeal.command import split_optional
 from mapdeal.kernels import threads
 
 COMMANDS = single_commands()
-
-
-@pytest.fixture
-def room(here):
-    write_map("room.yaml", grid_from_text("...#\n..?.\n....", 0.1, (1.5, -2.0, 0.4)))
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -44,10 +37,10 @@ def test_json_of_commands_that_write_a_map_counts_its_cells(command, room):
         "active room.yaml -o c.yaml",
     ):  # fmt: skip
         figures = json.loads(command(*line.split(), "--json")[1])["figures"]
-        assert (figures["width"], figures["height"]) == (4, 3)
+        assert (figures["width"], figures["height"]) == (8, 4)
     for line in ("convert room.yaml -o d.png", "pack room.yaml -o e.pbm", "unpack e.pbm -o f.yaml"):
         document = json.loads(command(*line.split(), "--json")[1])
-        assert (document["width"], document["height"], document["occupied"]) == (4, 3, 1)
+        assert (document["width"], document["height"], document["occupied"]) == (8, 4, 3)
 
 
 FLAGS = [

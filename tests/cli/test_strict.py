@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import mapdeal
-from bad_maps import tree
+from bad_maps import tree, yaml_text
 from mapdeal.cli.main import command_names
 from robots import write_robot
 
@@ -67,10 +67,8 @@ def maps(here):
     for name, cells, free in (("m", greys, 0.25), ("u", unknown, 0.196), ("good", greys, 0.196)):
         head = b"P5\n%d %d\n255\n" % cells.shape[::-1]
         Path(f"{name}.pgm").write_bytes(head + cells.tobytes())
-        Path(f"{name}.yaml").write_text(
-            f"image: {name}.pgm\nresolution: 0.1\norigin: [1.5, -2.0, 0.4]\nnegate: 0\n"
-            f"occupied_thresh: 0.65\nfree_thresh: {free}\n"
-        )
+        text = yaml_text(image=f"{name}.pgm", resolution=0.1, free_thresh=free)
+        Path(f"{name}.yaml").write_text(text)
     write_robot("r.yaml", 0.1)
     point = {"type": "Point", "coordinates": [3, 0]}
     zone = {"type": "Feature", "properties": {"radius": 0.2}, "geometry": point}

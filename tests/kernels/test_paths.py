@@ -62,20 +62,6 @@ def test_closed_sources_and_weights_too_far_apart_are_refused(each_engine, weigh
         costs_to_go(cells, np.array(weights), np.array([source]), np.zeros(1))
 
 
-@st.composite
-def weighted_fields(draw, longest=9):
-    """Weights, some of them 0, with two open cells."""
-    height, width = draw(st.integers(1, longest)), draw(st.integers(1, longest))
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    choices = draw(st.sampled_from([[1.0], [1.0, 1.5, 3.0], [1.0, 1.01, 7.3, 100.0]]))
-    weights = rng.choice(choices, size=(height, width))
-    weights[rng.random((height, width)) < draw(st.sampled_from([0.0, 0.2, 0.4, 0.6]))] = 0.0
-    cells = [draw(st.tuples(st.integers(0, height - 1), st.integers(0, width - 1))) for _ in "ab"]
-    for cell in cells:
-        weights[cell] = max(weights[cell], 1.0)
-    return weights, *cells
-
-
 def _cost_of(weights, cells):
     total = 0.0
     for (row, col), (r, c) in pairwise(cells):
@@ -94,10 +80,17 @@ def _searched(weights, start, goal, surcharges=None):
 
 @st.composite
 def surcharged(draw, longest=9):
-    weights, start, goal = draw(weighted_fields(longest))
+    """Weights, some of them 0, with two open cells, and surcharges."""
+    shape = draw(st.integers(1, longest)), draw(st.integers(1, longest))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    choices = draw(st.sampled_from([[1.0], [1.0, 1.5, 3.0], [1.0, 1.01, 7.3, 100.0]]))
+    weights = rng.choice(choices, size=shape)
+    weights[rng.random(shape) < draw(st.sampled_from([0.0, 0.2, 0.4, 0.6]))] = 0.0
+    cells = [draw(st.tuples(*(st.integers(0, side - 1) for side in shape))) for _ in "ab"]
+    for cell in cells:
+        weights[cell] = max(weights[cell], 1.0)
     choices = draw(st.sampled_from([[0.0], [0.0, 0.5, 1.0], [0.0, 0.1, 7.0, 40.0]]))
-    return weights, start, goal, rng.choice(choices, size=weights.shape)
+    return weights, *cells, rng.choice(choices, size=shape)
 
 
 @given(surcharged())

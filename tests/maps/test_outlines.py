@@ -123,13 +123,11 @@ REFUSED = [
     ("x.yaml --of free", 2, "--of: applies to .geojson and .svg"),
     ("x.yaml --robot-radius 1", 2, "applies to .geojson and .svg"),
     *[(f"x.stl --wall-height {odd}", 2, "between 0.001 and 10000") for odd in (0, 1e-308, 1e308)],
-    ("x.stl --tolerance 0", 2, "--tolerance: applies to"),
-    ("x.kml", 2, "must end in"),
+    ("x.stl --tolerance 0", 2, "--tolerance: applies to"), ("x.kml", 2, "must end in"),
     ("x.geojson --from 99,99", 2, "--from: lies outside of the map"),
-    ("x.geojson", 3, "has no free cell"),
-    ("x.stl", 3, "has no occupied cell"),
+    ("x.geojson", 3, "has no free cell"), ("x.stl", 3, "has no occupied cell"),
     ("x.svg", 3, "has no known cell"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("words", "code", "text"), REFUSED)
