@@ -25,11 +25,13 @@ CELLS = {cell["id"]: cell for cell in json.loads(NOTEBOOK.read_text())["cells"]}
 CODE = {name: "".join(cell["source"]) for name, cell in CELLS.items() if "outputs" in cell}
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    shutil.copytree(ROOT / "examples", tmp_path / "examples")
-    monkeypatch.chdir(tmp_path / "examples" / "notebooks")
-    return tmp_path / "examples" / "notebooks"
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    examples = tmp_path_factory.mktemp("notebook") / "examples"
+    shutil.copytree(ROOT / "examples", examples)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(examples / "notebooks")
+        yield examples / "notebooks"
 
 
 def _executed(code, names):
@@ -46,7 +48,7 @@ def _untitled(png):
         return np.asarray(image.convert("RGB"))[60:]
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def shown(folder):
     """What each cell shows, as a notebook would ask for it: a picture, a line, printed text."""
     names, found = {}, {}

@@ -11,23 +11,23 @@ from test_documentation import PAGES
 pytestmark = pytest.mark.slow
 
 WORDS = {
-    r"\b(?:tells?|told)\b(?! (?:\w+ ){0,3}(?:apart|from))": "report, print, show, explain",
-    r"\bis no (?:key|line|name|option|part) of\b": "unknown, invalid, not in",
-    r"\bdear(?:er)?\b": "high-cost, expensive",
-    r"\bbe it\b": "whether",
-    r"\bwhose like\b": "a matching",
-    r"\bcompiled on the way\b": "during installation",
-    r"\bon upwards\b": "at or above",
-    r"\b(?:is|are) not at hand\b": "is missing",
-    r"\b(?:free|occupied|unknown) any ?more\b": "now",
-    r"\bbrings? (?:\w+ )?to (?:its|their) end\b": "finish",
-    r"\bcan be had\b": "is available",
-    r"\brear heading\b": "direction of the robot's back",
-    r"\bdown; B\b": "rows, columns",
-    r"\bof its own accord\b": "automatically",
+    r"(?:tells?|told)\b(?! (?:\w+ ){0,3}(?:apart|from))": "report, print, show, explain",
+    r"is no (?:key|line|name|option|part) of\b": "unknown, invalid, not in",
+    r"dear(?:er)?\b": "high-cost, expensive",
+    r"be it\b": "whether",
+    r"whose like\b": "a matching",
+    r"compiled on the way\b": "during installation",
+    r"on upwards\b": "at or above",
+    r"(?:is|are) not at hand\b": "is missing",
+    r"(?:free|occupied|unknown) any ?more\b": "now",
+    r"brings? (?:\w+ )?to (?:its|their) end\b": "finish",
+    r"can be had\b": "is available",
+    r"rear heading\b": "direction of the robot's back",
+    r"down; B\b": "rows, columns",
+    r"of its own accord\b": "automatically",
 }
 """Patterns, and what to write instead."""
-ANY = re.compile("|".join(WORDS), re.IGNORECASE)
+ANY = re.compile(rf"\b(?:{'|'.join(WORDS)})", re.IGNORECASE)
 
 
 def found(text):
