@@ -47,7 +47,7 @@ AROUND = [*EDGES, (1, 1), (1, -1), (-1, 1), (-1, -1)]
 
 def groups(marked, steps=AROUND):
     """Sets of cells that such steps connect, by flooding."""
-    remaining = {tuple(cell) for cell in np.argwhere(marked).tolist()}
+    remaining = set(map(tuple, np.argwhere(marked).tolist()))
     while remaining:
         group, edge = set(), {remaining.pop()}
         while edge:
@@ -75,12 +75,9 @@ def thickness(marked):
 
 def disc_inflation(occupied, radius, resolution):
     """Mask of cells whose centre is within the radius of an occupied cell's centre."""
-    squared = squared_distance(occupied)
-    reached = np.zeros(occupied.shape, dtype=bool)
-    for index in np.ndindex(occupied.shape):
-        s = squared[index]
-        reached[index] = s is not None and math.sqrt(s) * resolution <= radius + 1e-9
-    return reached
+    if not occupied.any():
+        return occupied
+    return squared_distance(occupied).astype(float) ** 0.5 * resolution <= radius + 1e-9
 
 
 def square_inflation(occupied, reach):
@@ -100,10 +97,8 @@ def signed_distance(occupied, resolution, convention):
         s = inside[index] if occupied[index] else outside[index]
         metres = math.inf if s is None else math.sqrt(s) * resolution
         if occupied[index]:
-            shift = {"fast-planner": resolution, "center": 0.0, "border": resolution / 2}[
-                convention
-            ]
-            result[index] = -metres + shift
+            shift = {"fast-planner": 1, "center": 0, "border": 1 / 2}[convention]
+            result[index] = -metres + shift * resolution
         else:
             result[index] = metres - (resolution / 2 if convention == "border" else 0.0)
     return result
@@ -398,10 +393,7 @@ def shared_area(first, second):
 def distance_to_segment(point, a, b):
     """Distance from a point to the segment between two others."""
     along = np.subtract(b, a)
-    length = float(along @ along)
-    share = (
-        0.0 if length == 0 else min(1.0, max(0.0, float(np.subtract(point, a) @ along) / length))
-    )
+    share = np.clip(np.subtract(point, a) @ along / max(along @ along, 1e-300), 0, 1)
     return math.dist(point, np.add(a, share * along))
 
 
@@ -446,20 +438,14 @@ def slopes_along_map_axes(values, resolution, yaw):
 
     One-sided at the border, 0 along an axis of a single cell.
     """
-    height, width = len(values), len(values[0])
-    along_x, along_y = np.zeros((height, width)), np.zeros((height, width))
-    for row in range(height):
-        for col in range(width):
-            south, north = max(row - 1, 0), min(row + 1, height - 1)
-            west, east = max(col - 1, 0), min(col + 1, width - 1)
-            up = right = 0.0
-            if north > south:
-                up = (values[north][col] - values[south][col]) / ((north - south) * resolution)
-            if east > west:
-                right = (values[row][east] - values[row][west]) / ((east - west) * resolution)
-            along_x[row, col] = right * math.cos(yaw) - up * math.sin(yaw)
-            along_y[row, col] = right * math.sin(yaw) + up * math.cos(yaw)
-    return along_x, along_y
+    up, right = np.zeros((2, *np.shape(values)))
+    for row, col in np.ndindex(up.shape):
+        south, north = max(row - 1, 0), min(row + 1, len(values) - 1)
+        west, east = max(col - 1, 0), min(col + 1, len(values[0]) - 1)
+        up[row, col] = (values[north][col] - values[south][col]) / max(north - south, 1)
+        right[row, col] = (values[row][east] - values[row][west]) / max(east - west, 1)
+    sin, cos = math.sin(yaw) / resolution, math.cos(yaw) / resolution
+    return right * cos - up * sin, right * sin + up * cos
 
 
 def best_first(weights, surcharges, start, goal, on_near_tie=lambda: None):
@@ -514,27 +500,8 @@ def best_first(weights, surcharges, start, goal, on_near_tie=lambda: None):
 
 
 def lowest_cost(weights, start, goal):
-    """Cost of the cheapest path over eight neighbours, by relaxing all steps until none helps.
-
-    A cell of weight 0 is closed; no diagonal step leads between two closed cells.
-    """
-    height, width = len(weights), len(weights[0])
-    cost = {start: 0.0}
-    changed = True
-    while changed:
-        changed = False
-        for (row, col), so_far in list(cost.items()):
-            for r in range(max(row - 1, 0), min(row + 2, height)):
-                for c in range(max(col - 1, 0), min(col + 2, width)):
-                    if weights[r][c] <= 0 or (r, c) == (row, col):
-                        continue
-                    if r != row and c != col and weights[r][col] <= 0 and weights[row][c] <= 0:
-                        continue
-                    total = so_far + math.hypot(r - row, c - col) * weights[r][c]
-                    if total < cost.get((r, c), math.inf) - 1e-12:
-                        cost[r, c] = total
-                        changed = True
-    return cost.get(goal)
+    """Cost of the cheapest path over eight neighbours; cells of weight 0 are closed."""
+    return lengths_from(np.maximum(weights, 0), [start]).get(goal)
 
 
 def flooded(is_open, start):
@@ -582,13 +549,11 @@ def merged_basins(squared, is_open):
 def open_poses(blocked, footprints):
     """Whether each footprint, a set of cells (row, column), touches nothing, (K, H, W)."""
     height, width = blocked.shape
-    opened = np.zeros((len(footprints), height, width), dtype=bool)
-    for heading, row, col in np.ndindex(opened.shape):
-        opened[heading, row, col] = all(
-            0 <= row + r < height and 0 <= col + c < width and not blocked[row + r, col + c]
-            for r, c in footprints[heading]
-        )
-    return opened
+    return np.array([[[
+        all(0 <= row + r < height and 0 <= col + c < width and not blocked[row + r, col + c]
+            for r, c in cells)
+        for col in range(width)] for row in range(height)] for cells in footprints
+    ])  # fmt: skip
 
 
 def reached_poses(opened, seeds):
@@ -603,7 +568,7 @@ def reached_poses(opened, seeds):
         reached[pose] = True
         k, row, col = pose
         steps = [((k + 1) % count, row, col), ((k - 1) % count, row, col)]
-        steps += [(k, row + r, col + c) for r, c in ((0, 1), (0, -1), (1, 0), (-1, 0))]
+        steps += [(k, row + r, col + c) for r, c in EDGES]
         waiting += [s for s in steps if 0 <= s[1] < height and 0 <= s[2] < width and opened[s]]
     return reached
 
@@ -612,14 +577,14 @@ def costs_to_go(weights, sources):
     """Costs over the eight triangles of each cell, updated until none falls, as a list of rows."""
     height, width = len(weights), len(weights[0])
     costs = {(r, c): math.inf for r in range(-1, height + 1) for c in range(-1, width + 1)}
-    open_cells = [(r, c) for r in range(height) for c in range(width) if weights[r][c] > 0]
+    open_cells = np.argwhere(np.array(weights) > 0).tolist()
     costs.update(sources)
     is_lower = True
     while is_lower:
         is_lower = False
         for row, col in open_cells:
             weight, found = weights[row][col], [costs[row, col]]
-            for r, c in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+            for r, c in EDGES:
                 beside = costs[row + r, col + c]
                 if math.isinf(beside):
                     continue
@@ -676,8 +641,11 @@ def shortest_way(is_open, start, goal):
     return lengths[1]
 
 
-def lengths_from(is_open, sources, limit=math.inf):
-    """The length in cells of the shortest way to each cell, by Dijkstra on a dict."""
+def lengths_from(weights, sources, limit=math.inf):
+    """The weighted length in cells of the shortest way to each cell, by Dijkstra on a dict.
+
+    No diagonal step leads between two cells of weight 0.
+    """
     best, heap = dict.fromkeys(sources, 0.0), [(0.0, cell) for cell in sources]
     heapq.heapify(heap)
     while heap:
@@ -687,12 +655,12 @@ def lengths_from(is_open, sources, limit=math.inf):
         for up in (-1, 0, 1):
             for on in (-1, 0, 1):
                 cell = row + up, col + on
-                inside = 0 <= cell[0] < is_open.shape[0] and 0 <= cell[1] < is_open.shape[1]
-                if not inside or not is_open[cell] or (up, on) == (0, 0):
+                inside = 0 <= cell[0] < len(weights) and 0 <= cell[1] < len(weights[0])
+                if not inside or not weights[cell] or (up, on) == (0, 0):
                     continue
-                if up and on and not (is_open[row + up, col] or is_open[row, col + on]):
+                if up and on and not (weights[row + up, col] or weights[row, col + on]):
                     continue
-                total = length + (math.sqrt(2) if up and on else 1.0)
+                total = length + math.hypot(up, on) * weights[cell]
                 if total < best.get(cell, math.inf) and total <= limit:
                     best[cell] = total
                     heapq.heappush(heap, (total, cell))
