@@ -3,15 +3,9 @@
 import numpy as np
 import pytest
 
-GOOD_KEYS = {
-    "image": "m.pgm",
-    "mode": "trinary",
-    "resolution": "0.05",
-    "origin": "[1.5, -2.0, 0.4]",
-    "negate": "0",
-    "occupied_thresh": "0.65",
-    "free_thresh": "0.196",
-}
+GOOD_KEYS = {"image": "m.pgm", "mode": "trinary", "resolution": "0.05",
+             "origin": "[1.5, -2.0, 0.4]", "negate": "0", "occupied_thresh": "0.65",
+             "free_thresh": "0.196"}  # fmt: skip
 PIXELS = bytes([0, 254, 205, 254, 254, 0])
 PGM = b"P5\n3 2\n255\n" + PIXELS
 DRAWING = "#.?\n..#"

@@ -28,9 +28,7 @@ def do(job):
     if name.startswith("memory"):
         raise MemoryError
     if name.startswith("odd"):
-        return RunReport(
-            job.folder, "done", {"f": lambda: None}, job.path
-        )  # which cannot be sent back
+        return RunReport(job.folder, "done", {"f": lambda: None}, job.path)  # cannot be sent back
     if name.startswith("warn"):
         emit_warning(f"{job.path}: beware\nof this")
     if name.startswith("slow"):

@@ -65,6 +65,10 @@ def pcd_header(fields, count, data, *, width=None):
     return "".join(f"{line}\n" for line in lines).encode()
 
 
+def _packed(code, values):
+    return struct.pack(f"<{len(values)}{code}", *values)
+
+
 def pcd(fields, rows, data="binary", *, padding=b""):
     """Return a PCD file; each row has a list of numbers for every field."""
     head = pcd_header(fields, len(rows), data)
@@ -73,17 +77,9 @@ def pcd(fields, rows, data="binary", *, padding=b""):
         return head + "".join(f"{line}\n" for line in lines).encode() + padding
     codes = [KINDS[kind][2] for _, kind, _ in fields]
     if data == "binary":
-        body = b"".join(
-            struct.pack(f"<{len(values)}{code}", *values)
-            for row in rows
-            for code, values in zip(codes, row, strict=True)
-        )
+        body = b"".join(b"".join(map(_packed, codes, row)) for row in rows)
         return head + body + padding
-    columns = b"".join(
-        struct.pack(f"<{len(row[k])}{code}", *row[k])
-        for k, code in enumerate(codes)
-        for row in rows
-    )
+    columns = b"".join(_packed(code, row[k]) for k, code in enumerate(codes) for row in rows)
     packed = lzf_compressed(columns)
     return head + struct.pack("<II", len(packed), len(columns)) + packed + padding
 
@@ -158,9 +154,8 @@ class SampledRoom:
         return np.concatenate([self.parts[name] for name in names or self.parts])
 
     def frame(self):
-        return Frame(
-            int(self.depth / 0.05) + 12, int(self.width / 0.05) + 12, 0.05, (-0.3, -0.3, 0)
-        )
+        height, width = int(self.depth / 0.05) + 12, int(self.width / 0.05) + 12
+        return Frame(height, width, 0.05, (-0.3, -0.3, 0))
 
     def truth(self, robot_height=1.0):
         rows, cols = np.indices(self.frame().shape)

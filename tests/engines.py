@@ -4,10 +4,7 @@ import pytest
 
 from mapdeal.kernels import engine
 
-needs_compiled = pytest.mark.skipif(
-    engine.compiled_module() is None, reason="the compiled kernels were not built"
-)
-ENGINES = [
-    pytest.param("compiled", marks=needs_compiled),
-    pytest.param("scipy", marks=pytest.mark.slow),
-]
+NO_KERNELS = "the compiled kernels were not built"
+needs_compiled = pytest.mark.skipif(engine.compiled_module() is None, reason=NO_KERNELS)
+ENGINES = [pytest.param("compiled", marks=needs_compiled),
+           pytest.param("scipy", marks=pytest.mark.slow)]  # fmt: skip

@@ -27,10 +27,8 @@ def flat(values, before=""):
 def agreement(values, recorded):
     """Return for each recorded value, by its dotted name, whether the found one agrees."""
     found = flat(values)
-    return {
-        name: name in found and _agrees(name, found[name], value)
-        for name, value in flat(recorded).items()
-    }
+    return {name: name in found and _agrees(name, found[name], value)
+            for name, value in flat(recorded).items()}  # fmt: skip
 
 
 def _agrees(name, found, value):

@@ -30,9 +30,8 @@ def masks(draw, longest=12):
 def occupancies(draw, longest=12):
     """Occupancy arrays that mix free, occupied, unknown and values in between."""
     height, width = draw(st.integers(1, longest)), draw(st.integers(1, longest))
-    weights = draw(
-        st.sampled_from([(6, 2, 2, 1), (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (9, 1, 0, 0)])
-    )
+    shares = [(6, 2, 2, 1), (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (9, 1, 0, 0)]
+    weights = draw(st.sampled_from(shares))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     share = np.array(weights) / sum(weights)
     return rng.choice([0, 100, -1, 50], size=(height, width), p=share).astype(np.int8)

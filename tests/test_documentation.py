@@ -22,11 +22,10 @@ PAGES = [
     # Translations hold the same blocks as the English pages, which a test of their own checks.
     *(page for page in sorted((ROOT / "docs").rglob("*.md")) if not page.name.endswith(".zh.md")),
 ]
-_BLOCKS = re.MULTILINE | re.DOTALL
 
 
 def _blocks(page, language):
-    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(), _BLOCKS)
+    return re.findall(rf"(?ms)^```{language}\n(.*?)^```", page.read_text())
 
 
 def _name(page):
@@ -80,7 +79,7 @@ def _run(line, command):
 @pytest.mark.parametrize("page", PAGES, ids=_name)
 def test_every_command_of_a_page_runs_and_prints_what_is_shown(page, project, command):
     printed: list[list[str]] = []
-    for kind, block in re.findall(r"^```(sh|text)\n(.*?)^```", page.read_text(), _BLOCKS):
+    for kind, block in _blocks(page, "(sh|text)"):
         if kind == "sh":
             lines = re.findall(r"(?m)^ *(?:\.venv/bin/)?(mapdeal .*)", block.replace("\\\n", " "))
             printed = [_run(line, command) for line in lines]

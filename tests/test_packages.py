@@ -51,9 +51,8 @@ def sources(script):
 
 def test_without_git_the_same_files_belong_to_the_project(sources, tmp_path):
     files = sources.project_files(ROOT)
-    assert {"README.md", ".ci/run", "tests/test_packages.py", "src/mapdeal/kernels/lanes.h"} <= {
-        *files
-    }
+    some = {"README.md", ".ci/run", "tests/test_packages.py", "src/mapdeal/kernels/lanes.h"}
+    assert some <= set(files)
     generated = [
         "PKG-INFO", "build/lib/a.py", "dist/a.whl", "out/a.pgm", ".venv/bin/python",
         "src/mapdeal.egg-info/SOURCES.txt", "src/mapdeal/kernels/_rays.so", "tests/.cache/x",
@@ -136,15 +135,13 @@ def test_colcon_installs_into_a_ros_2_workspace(sources, tmp_path, monkeypatch):
 def test_headers_of_a_kernel_are_named_where_it_is_built():
     modules = PROJECT["tool"]["setuptools"]["ext-modules"]
     folder = ROOT / "src/mapdeal/kernels"
-    assert {Path(module["sources"][0]).stem for module in modules} == {
-        path.stem for path in folder.glob("*.pyx")
-    }
+    sources = {ROOT / module["sources"][0] for module in modules}
+    assert sources == set(folder.glob("*.pyx"))
     assert all(module["optional"] for module in modules)
 
     def included(path):
-        found = set(
-            re.findall(r'^(?:#include|cdef extern from) "(\w+\.h)"', path.read_text(), re.MULTILINE)
-        )
+        line = r'(?m)^(?:#include|cdef extern from) "(\w+\.h)"'
+        found = set(re.findall(line, path.read_text()))
         return found.union(*(included(folder / name) for name in found)) if found else set()
 
     for module in modules:
@@ -154,10 +151,8 @@ def test_headers_of_a_kernel_are_named_where_it_is_built():
 
 COMPILER = shutil.which("cc")
 HEADERS = sorted((ROOT / "src/mapdeal/kernels").glob("*.h"))
-STANDARD = "".join(
-    f"#include <{name}.h>\n"
-    for name in ("float", "locale", "math", "stddef", "stdint", "stdlib", "string")
-)
+NAMES = "float", "locale", "math", "stddef", "stdint", "stdlib", "string"
+STANDARD = "".join(f"#include <{name}.h>\n" for name in NAMES)
 
 
 @pytest.mark.skipif(COMPILER is None, reason="needs a C compiler")
@@ -213,16 +208,12 @@ def test_ci_runs_the_two_commands_of_readme_on_every_python():
     workflow = yaml.safe_load((GITHUB / "workflows" / "test.yml").read_text("utf-8"))
     job = workflow["jobs"]["linux"]
     readme = (ROOT / "README.md").read_text("utf-8")
-    blocks = re.findall(r"^(python3 -m venv .*)$", readme, re.MULTILINE)
+    blocks = re.findall(r"(?m)^(python3 -m venv .*)$", readme)
     assert len(blocks) == 2
     script = (ROOT / ".ci" / "run").read_text("utf-8").splitlines()
     for runs in ([step.get("run") for step in job["steps"]], script):
         assert [block for block in blocks if block not in runs] == []
-    pythons = [
-        classifier.rpartition(" ")[2]
-        for classifier in PROJECT["project"]["classifiers"]
-        if ":: 3." in classifier
-    ]
+    pythons = re.findall(r":: (3\.\d+)", "\n".join(PROJECT["project"]["classifiers"]))
     assert job["strategy"]["matrix"]["python"] == pythons
     built = [name.removesuffix("-*") for name in PROJECT["tool"]["cibuildwheel"]["build"]]
     assert built == [f"cp{python.replace('.', '')}" for python in pythons]

@@ -49,9 +49,8 @@ def maps(tmp_path, monkeypatch):
 
 
 def run(*words, **more):
-    return subprocess.run(
-        words, env=environment(**more), capture_output=True, text=True, check=False
-    )
+    options = {"env": environment(**more), "capture_output": True, "text": True}
+    return subprocess.run(words, check=False, **options)
 
 
 @pytest.fixture
@@ -126,7 +125,7 @@ def test_the_hook_looks_at_files_of_maps():
 
 
 def blocks(first_line):
-    found = re.findall(r"^```yaml\n(.*?)^```", PAGE.read_text(), re.MULTILINE | re.DOTALL)
+    found = re.findall(r"(?ms)^```yaml\n(.*?)^```", PAGE.read_text())
     return [text for text in found if text.startswith(first_line)]
 
 

@@ -16,9 +16,7 @@ HEADING = re.compile(r"^(#+) (.*)$")
 SPAN = re.compile(r"`([^`\n]+)`")
 LINK = re.compile(r"(!?)\[((?:[^][]|\[[^]]*\])*)\]\(([^)\s]+)\)")
 LANGUAGE_LINK = re.compile(r"^\[(?:中文|English)\]\([^)]+\)$")
-ENGLISH_WORDS = re.compile(
-    r"\b(?:a|an|and|are|by|for|in|is|it|of|that|the|to|with)\b", re.IGNORECASE
-)
+ENGLISH_WORDS = re.compile(r"(?i)\b(?:a|an|and|are|by|for|in|is|it|of|that|the|to|with)\b")
 
 
 def english_of(page):

@@ -16,9 +16,7 @@ def test_examples_pass_mypy_strict(tmp_path):
     pytest.importorskip("mypy")
     names = []
     for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
-        blocks = re.findall(
-            r"^```python\n(.*?)^```", page.read_text("utf-8"), re.DOTALL | re.MULTILINE
-        )
+        blocks = re.findall(r"(?ms)^```python\n(.*?)^```", page.read_text("utf-8"))
         for number, block in enumerate(blocks):
             names.append(f"{page.stem.replace('.', '_')}_{number}.py")
             (tmp_path / names[-1]).write_text(block, "utf-8")
