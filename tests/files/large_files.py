@@ -19,8 +19,6 @@ def yaml_for(image):
 
 
 def pillow(mode, **options):
-    """What writes a picture of a mode."""
-
     def write(path):
         if mode == "I;16":
             image = Image.fromarray(GREYS.astype(np.uint16) * 257)
@@ -33,8 +31,6 @@ def pillow(mode, **options):
 
 
 def by_function(make):
-    """Return a function that writes a picture of the bytes of a function."""
-
     def write(path):
         path.write_bytes(make())
         yaml_for(path)
@@ -88,10 +84,9 @@ GRIDS = {
     "map.npz": npz(lambda grid: grid),
     "cost.npz": npz(lambda grid: Costmap(grid.occupancy.astype(np.uint8), 0.05)),
     "field.npz": npz(esdf),
-    "potential.npz": npz(
-        lambda grid: PotentialField(np.ones(SHAPE), grid.occupancy, 0.05, goal=(1.0, 2.0))
-    ),
-}
+    "potential.npz": npz(lambda grid: PotentialField(
+        np.ones(SHAPE), grid.occupancy, 0.05, goal=(1.0, 2.0))),
+}  # fmt: skip
 
 
 def compressed_pcd(path):

@@ -10,14 +10,7 @@ from files.large_files import GRIDS, IMAGES, OTHER_READERS
 from mapdeal import read_bit_map, read_cloud, read_map
 from mapdeal.errors import MalformedInputError
 from mapdeal.files import source as budget
-from mapdeal.files.source import (
-    check_expansion,
-    claim,
-    holding,
-    memory_limit,
-    similar_file_hint,
-    use_memory,
-)
+from mapdeal.files.source import check_expansion, claim, holding, memory_limit, use_memory
 
 MB = 1_000_000
 
@@ -38,7 +31,7 @@ def test_a_similar_file_is_suggested(tmp_path, name, expected):
     for file in ("office.yaml", "office.pgm"):
         (tmp_path / file).touch()
     hint = None if expected is None else f"did you mean {tmp_path / expected}?"
-    assert similar_file_hint(str(tmp_path / name), [".pcd", ".yaml"]) == hint
+    assert budget.similar_file_hint(str(tmp_path / name), [".pcd", ".yaml"]) == hint
 
 
 def test_claims_above_the_limit_are_refused_with_both_figures():
@@ -86,9 +79,7 @@ def is_allowed(stored, expanded):
     (1, 32 * MB, True), (1, 34 * MB, False), (30_000, 40 * MB, False),
     (10**6, 1000 * MB, True), (10**6, 1001 * MB, False),
 ])  # fmt: skip
-def test_what_expands_too_much_is_refused_unless_the_memory_was_chosen(
-    free, stored, expanded, expected
-):
+def test_what_expands_too_much_needs_a_chosen_memory(free, stored, expanded, expected):
     free(None)  # which allows any memory
     claim("a.npz", 10**15)
     assert is_allowed(stored, expanded) == expected
@@ -167,9 +158,7 @@ def test_readers_and_lint_take_what_they_say_before(tmp_path, name, codes):
     process = subprocess.run(words, capture_output=True, text=True, check=True)
     for line in process.stdout.splitlines():
         measured, claimed = map(int, line.split())
-        assert (
-            measured < 1.05 * claimed + 6 * MB
-        )  # for allocations besides the file's contents, such as pieces of it
+        assert measured < 1.05 * claimed + 6 * MB  # for pieces of the file
         assert claimed < 3 * measured + 8 * MB
 
 
