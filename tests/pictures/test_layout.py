@@ -48,11 +48,9 @@ def test_small_maps_grow_by_a_whole_factor_and_large_ones_fit(height, width, ima
 
 
 @given(
-    st.floats(-1e7, 1e7),
-    st.integers(1, 4000),
-    st.sampled_from([1e-6, 0.003, 0.05, 0.0504, 1.0, 20.0, 1e6]),
-    st.integers(14, 40),
-)
+    st.floats(-1e7, 1e7), st.integers(1, 4000),
+    st.sampled_from([1e-6, 0.003, 0.05, 0.0504, 1.0, 20.0, 1e6]), st.integers(14, 40),
+)  # fmt: skip
 def test_coordinates_stand_where_they_belong_and_apart(start, pixels, metres_per_pixel, size):
     ticks = ticks_between(start, pixels, metres_per_pixel, size)
     for pixel, label in ticks:
@@ -77,9 +75,8 @@ def test_no_text_of_a_sheet_covers_another(monkeypatch, shape, corner):
                   subtitle="and more", metres_per_pixel=0.01, corner_xy=corner,
                   swatches=[Swatch(1, "a rather long label")] * 5)  # fmt: skip
     assert {text for _, _, text, _ in texts} >= ({"x [m]", "y [m]"} if corner else {"Title"})
-    boxes = {
-        (x, y - capital_height(size), x + text_width(text, size), y) for x, y, text, size in texts
-    }
+    boxes = {(x, y - capital_height(size), x + text_width(text, size), y)
+             for x, y, text, size in texts}  # fmt: skip
     check_apart(boxes, image.indices.shape)
 
 
@@ -111,14 +108,11 @@ def test_texts_on_a_map_cover_neither_each_other_nor_a_door(monkeypatch, shape, 
     text = "\n".join(["." * shape[1]] * shape[0])
     reach = reach_of(text)
     places = (np.random.default_rng(3).random((40, 2)) * shape).astype(int).tolist()
-    doors = tuple(
-        passage_at(reach, (row, col), (row + 1, col + 2), cut_off=k)
-        for k, (row, col) in enumerate(places[:20])
-    )
+    doors = tuple(passage_at(reach, (row, col), (row + 1, col + 2), cut_off=k)
+                  for k, (row, col) in enumerate(places[:20]))  # fmt: skip
     ends = reach.frame.xy_from_rowcol(places[20:]).tolist()
-    goals = tuple(
-        GoalReach(Goal(*end, name="g" * k), bool(k % 2), 0, 0.0) for k, end in enumerate(ends)
-    )
+    goals = tuple(GoalReach(Goal(*end, name="g" * k), bool(k % 2), 0, 0.0)
+                  for k, end in enumerate(ends))  # fmt: skip
     reach = reach_of(text, passages=doors, goals=goals)
     reach_image(reach, title="t", image_max=image_max)
     assert len(boxes) == 40

@@ -9,10 +9,9 @@ from hypothesis import given, strategies as st
 from PIL import Image
 
 import mapdeal
-from mapdeal.grid.filters import FilterInfo
 from mapdeal.grid.frame import Frame, Region
 from mapdeal.kernels.blocks import lazy_layer
-from mapdeal.pictures.layers import ZonesOverlay, occupancy_image
+from mapdeal.pictures.layers import occupancy_image
 from mapdeal.pictures.overlay import (
     Brush,
     KeepoutOverlay,
@@ -110,19 +109,16 @@ def test_lazy_layers_are_pooled_without_more_than_a_block_of_rows(block_height):
     assert max(calls) <= max(3, block_height)  # a row of pixels has three of cells under it
 
 
-@given(
-    st.lists(st.integers(1, 52), max_size=9),
-    st.sampled_from([None, Region(4, 3, 30, 21), Region(0, 0, 1, 38), Region(52, 0, 1, 1)]),
-    st.integers(1, 9),
-)
+PARTS = [None, Region(4, 3, 30, 21), Region(0, 0, 1, 38), Region(52, 0, 1, 1)]
+
+
+@given(st.lists(st.integers(1, 52), max_size=9), st.sampled_from(PARTS), st.integers(1, 9))
 def test_rows_may_be_cut_anywhere_on_their_way_to_pixels(cuts, part, reduce):
     values = np.random.default_rng(4).integers(0, 99, (53, 38)).astype(np.int8)
     row, col, height, width = (0, 0, 53, 38) if part is None else part
     shown = values[row : row + height, col : col + width]
-    expected = [
-        [shown[y : y + reduce, x : x + reduce].max() for x in range(0, width, reduce)]
-        for y in range(0, height, reduce)
-    ]
+    expected = [[shown[y : y + reduce, x : x + reduce].max() for x in range(0, width, reduce)]
+                for y in range(0, height, reduce)]  # fmt: skip
     pooling = Pooling(Raster(reduce=reduce, part=part), values, np.fmax)
     for first, end in itertools.pairwise([0, *sorted(set(cuts)), 53]):
         pooling.take(slice(first, end))
@@ -270,16 +266,7 @@ def test_what_is_drawn_over_the_map_lies_in_the_picture():
 
 def test_lazy_maps_have_the_same_picture():
     grid = canvas()
-    lazy = grid.with_values(
-        lazy_layer(grid.shape, np.int8, grid.occupancy.__getitem__, block_height=7)
-    )
-    pictures = [occupancy_image(grid, title="a", image_extent="known") for grid in (grid, lazy)]
+    layer = lazy_layer(grid.shape, np.int8, grid.occupancy.__getitem__, block_height=7)
+    pictures = [occupancy_image(map_, title="a", image_extent="known")
+                for map_ in (grid, grid.with_values(layer))]  # fmt: skip
     assert np.array_equal(pictures[0].indices, pictures[1].indices)
-
-
-def test_zones_of_a_speed_mask_are_named_by_their_limits():
-    grid = mapdeal.OccupancyGrid([[0, 25, 100]], 0.25, (1.0, 2.0, 0.4))
-    zones = ZonesOverlay(grid, ((grid, FilterInfo("speed", "m/s", 1.0, -0.01)),))
-    surface = Surface(np.zeros((1, 3), np.uint8), grid.frame, Raster(enlarge=1))
-    labels = [swatch.label for swatch in zones.draw(surface, 9)]
-    assert labels == ["no limit", "0.75 m/s"]

@@ -111,9 +111,8 @@ PICTURES = {
     "map with a route": lambda: draw(STRAIGHT, route=ROUTE),
     "map with a pose": lambda: draw(ROOM, pose=POSE),
     "map with a robot": lambda: draw(ROOM, robot=ROBOT),
-    "map with rings": lambda: occupancy_image(
-        ROOM, title="t", overlay=RingOverlay(np.array([[2.0, -1.0], [2.6, -0.7]]), "lost", "2 lost")
-    ),
+    "map with rings": lambda: occupancy_image(ROOM, title="t", overlay=RingOverlay(
+        np.array([[2.0, -1.0], [2.6, -0.7]]), "lost", "2 lost")),
     "map without rings": lambda: occupancy_image(
         ROOM, title="t", overlay=RingOverlay(np.empty((0, 2)), "lost", "none")),
     "map with a graph": lambda: occupancy_image(EMPTY, title="t", overlay=GraphOverlay(GRAPH)),
@@ -141,8 +140,7 @@ PICTURES = {
     "costs with a keepout": lambda: cost_image(
         ALL_COSTS, title="t",
         overlay=KeepoutOverlay.of(ALL_COSTS, ALL_COSTS.with_values(np.maximum(
-            ALL_COSTS.cost, np.eye(8, 32, dtype=np.uint8) * 254))),
-    ),
+            ALL_COSTS.cost, np.eye(8, 32, dtype=np.uint8) * 254)))),
     "field": lambda: draw(mapdeal.esdf(STRAIGHT)),
     "field, unknown is occupied": lambda: draw(mapdeal.esdf(ROOM, unknown="occupied")),
     "field, all unknown beyond": lambda: draw(mapdeal.esdf(grid_from_text("##..." + "?" * 20))),
