@@ -52,12 +52,10 @@ BAD_IMAGES = [
 
 
 @pytest.fixture
-def image_refused(folder, refused):
-    """Return a function that writes a bad image and checks that two commands refuse it."""
+def image_refused(refused):
+    """Return a function that checks that two commands refuse the image of m.yaml."""
 
-    def check(exit_code, *named, image=None, hint="", options=()):
-        if image is not None:
-            write_map(folder, image=image)
+    def check(exit_code, *named, hint="", options=()):
         for words in (["info", "m.yaml"], ["run", "m.yaml", "-o", "out"]):
             refused([*words, *options], exit_code, *named, hint=hint)
 
@@ -75,8 +73,9 @@ def read_cells(folder, accepted):
 
 
 @pytest.mark.parametrize(("image", "place"), named(BAD_IMAGES))
-def test_a_bad_image_is_refused(image_refused, image, place):
-    image_refused(3, "m.pgm", place, image=image)
+def test_a_bad_image_is_refused(folder, image_refused, image, place):
+    write_map(folder, image=image)
+    image_refused(3, "m.pgm", place)
 
 
 @pytest.mark.parametrize(("image", "size", "options"), [
@@ -85,9 +84,7 @@ def test_a_bad_image_is_refused(image_refused, image, place):
     (HUGE_BMP, 99, []),
     (b"P5\n20000 10000\n255\n", 200_000_019, ["--max-cells", "1000"]),
 ], ids=["pgm", "png", "bmp", "large file"])  # fmt: skip
-def test_an_image_above_the_limit_is_refused_before_memory_is_taken(
-    folder, image_refused, image, size, options
-):
+def test_an_image_above_the_limit_is_refused_unread(folder, image_refused, image, size, options):
     write_map(folder, image=image)
     os.truncate(folder / "m.pgm", size)
     with memory_below(16_000_000):
@@ -124,9 +121,7 @@ READABLE = [
 
 @pytest.mark.parametrize(("image", "drawing"), named(READABLE))
 def test_odd_images_are_read_as_their_pixels(read_cells, image, drawing):
-    occupancy, warned = read_cells(image)
-    assert occupancy == cells(drawing).tolist()
-    assert image[:3] != b"P5\r" or "m.pgm" in warned[0]
+    assert read_cells(image)[0] == cells(drawing).tolist()
 
 
 def test_a_jpeg_named_pgm_is_warned_of(read_cells):
@@ -248,15 +243,12 @@ def test_an_npz_with_a_bad_array_is_refused(folder, refused, entries, name, valu
     refused(["info", "n.npz"], 3, "n.npz", name)
 
 
-BOMBS = [
+@pytest.mark.parametrize(("name", "head", "zeros"), [
     ("occupancy", layer_header((8192, 8192)), 1 << 26),
     ("resolution", layer_header((), "<U16777216"), 1 << 26),
     ("format", layer_header((), "<U16777216"), 1 << 26),
     ("occupancy", layer_header((30_000, 30_000)), 6),  # more than the entry has
-]
-
-
-@pytest.mark.parametrize(("name", "head", "zeros"), BOMBS, ids=["layer", "number", "text", "claim"])
+], ids=["layer", "number", "text", "claim"])  # fmt: skip
 def test_a_zip_bomb_is_refused_before_memory_is_taken(folder, refused, name, head, zeros):
     write_npz(folder / "n.npz", {**MAP, name: head + bytes(zeros)})
     with memory_below(16_000_000):

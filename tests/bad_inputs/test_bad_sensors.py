@@ -11,9 +11,7 @@ LOCAL = ["local", "--cloud", "c.xyz", "-o", "out", "--no-images", "--size", "4,4
 POSE = ["--pose", "0,0,0"]
 
 
-def test_outputs_that_exist_need_force_and_the_hint_tells_whether_anything_differs(
-    folder, refused, accepted
-):
+def test_outputs_that_exist_need_force_and_hints_name_changes(folder, refused, accepted):
     (folder / "c.xyz").write_text(GOOD)
     accepted(*LOCAL, *POSE)
     refused([*LOCAL, *POSE], 4, "exists", hint="the same already")
@@ -45,16 +43,10 @@ def test_millions_of_points_take_bounded_memory(folder, accepted):
         accepted("local", "--cloud", "c.npy", "-o", "out", "--no-images", *POSE)
 
 
-HALF = " ".join(["2.0"] * 180)
-
-SCAN_LINE = f"FLASER 180 {HALF} 1 2 0.5 0 0 0 7 host 7\n"
-
-BUILD = ["build", "a.log", "-o", "out.yaml"]
-
-
 def test_skipped_lines_are_reported_also_if_there_is_no_map(folder, command):
-    (folder / "a.log").write_text(SCAN_LINE.replace("2.0", "50") + SCAN_LINE[:300])
-    code, _, err = command(*BUILD)
+    line = f"FLASER 180 {'50 ' * 180}1 2 0.5 0 0 0 7 host 7\n"
+    (folder / "a.log").write_text(line + line[:300])
+    code, _, err = command("build", "a.log", "-o", "out.yaml")
     assert code == 3
     assert "1 malformed lines ignored: line 2" in err
     assert "no beam hits anything: of 180 readings 180 are without return" in err

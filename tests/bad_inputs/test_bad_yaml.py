@@ -133,8 +133,7 @@ READABLE = [
 @pytest.mark.parametrize(("text", "expected"), named(READABLE))
 def test_an_odd_value_with_a_plain_meaning_is_read(folder, info, text, expected):
     write_map(folder, text)
-    report, _ = info()
-    assert {key: report[key] for key in expected} == expected
+    assert info()[0].items() >= expected.items()
 
 
 def test_missing_thresholds_and_negate_take_their_defaults_with_a_warning(folder, info):
@@ -151,9 +150,7 @@ def test_missing_thresholds_and_negate_take_their_defaults_with_a_warning(folder
     ({"free_thresh": "0.7", "occupied_thresh": None}, "occupied_thresh",
      "is missing and its default 0.65 is below free_thresh 0.7"),
 ])  # fmt: skip
-def test_a_missing_threshold_whose_default_does_not_fit_is_refused(
-    folder, refused, changes, place, rule
-):
+def test_a_missing_threshold_needs_a_default_that_fits(folder, refused, changes, place, rule):
     write_map(folder, yaml_text(**changes))
     refused(["info", "m.yaml"], 3, f"m.yaml: {place}: {rule}", hint=f"write {place}")
 
@@ -161,9 +158,7 @@ def test_a_missing_threshold_whose_default_does_not_fit_is_refused(
 # Darkness of the pixels: 1 twice, 0.196 once, 0.004 thrice; thresholds both 1: only nav2 lets
 # free win. Grey 102 lies on a threshold of 0.6, which only nav2 includes.
 @pytest.mark.parametrize("dialect", ["nav2", "humble", "ros1"])
-def test_equal_thresholds_and_those_at_a_grey_level_are_read_as_the_dialect_does(
-    folder, info, dialect
-):
+def test_equal_thresholds_and_those_at_a_grey_level_go_by_the_dialect(folder, info, dialect):
     write_map(folder, yaml_text(occupied_thresh="1", free_thresh="1.0"))
     report, warned = info("--dialect", dialect)
     assert (report["occupied"], report["free"]) == ((0, 6) if dialect == "nav2" else (0, 4))
@@ -199,8 +194,7 @@ def test_an_image_path_that_no_file_can_have_is_refused(folder, refused, name):
 def test_an_image_named_like_another_kind_of_value_is_found(folder, info, name):
     write_map(folder, yaml_text(image=name))
     (folder / "m.pgm").rename(folder / name)
-    report, _ = info()
-    assert report["image"] == name
+    assert info()[0]["image"] == name
 
 
 def test_unknown_keys_are_kept_through_a_round_trip(folder, accepted):

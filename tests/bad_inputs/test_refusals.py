@@ -10,29 +10,21 @@ import pytest
 from bad_maps import PGM, write_map as write_pair, yaml_text
 from mapdeal import Costmap, esdf, read_map, write_map
 
-READINGS = " ".join(["2.0"] * 180)
-LOG = f"FLASER 180 {READINGS} 1 2 0.5 0 0 0 7 host 7\n"
+LOG = f"FLASER 180 {'2.0 ' * 180}1 2 0.5 0 0 0 7 host 7\n"
 SHAPE = "shapes:\n- {{type: circle, center: [1.5, -2], {}}}\n"
 FILES = {
-    "c.xyz": "1 0 0\n0 1 0\n",
-    "d.xyz": "1 0 0\n0 1 0\n",
-    "flat.xyz": "1 2\n",
-    "nan.xyz": "nan 1 2\n1 inf 2\n",
-    "one.txt": "0 0 0\n",
-    "three.txt": "0 0 0\n" * 3,
-    "two.txt": "0 0 0\n0 0 0\n",
-    "out.d/summary.json": "0 0 0\n0 0 0\n",
-    "out.d/0001/e.xyz": "1 0 0\n0 1 0\n",
-    "a.log": LOG,
-    "nan.log": LOG.replace("2.0", "nan"),
+    **dict.fromkeys(["c.xyz", "d.xyz", "out.d/0001/e.xyz"], "1 0 0\n0 1 0\n"),
+    "flat.xyz": "1 2\n", "nan.xyz": "nan 1 2\n1 inf 2\n",
+    "one.txt": "0 0 0\n", "three.txt": "0 0 0\n" * 3,
+    **dict.fromkeys(["two.txt", "out.d/summary.json"], "0 0 0\n0 0 0\n"),
+    "a.log": LOG, "nan.log": LOG.replace("2.0", "nan"),
     "z.yaml": SHAPE.format("radius: 1"),
     "z254.yaml": SHAPE.format("radius: 1, value: 254"),
     "zout.yaml": SHAPE.format("radius: 1, value: 1").replace("1.5", "99"),
-    "p.yaml": yaml_text(image="p.png"),
-    "summary.json.yaml": yaml_text(),
+    "p.yaml": yaml_text(image="p.png"), "summary.json.yaml": yaml_text(),
     "wrong.yaml": "stages: [{inflat: {radius: 0.3}}]\n",
     "broken.yaml": yaml_text(image="broken.pgm"),
-}
+}  # fmt: skip
 
 LOCAL = "local -o out --no-images --size 4,4 --cloud c.xyz "
 POSE = LOCAL + "--pose 0,0,0 "

@@ -31,11 +31,8 @@ CASES = {path.stem: yaml.load(path.read_text("utf-8"), LOADER)  # noqa: S506 - a
 def describe(problem):
     place = f"{problem.source.name}:{problem.line}" if problem.source else "-"
     text = f"{problem.level} {problem.check} {problem.parameter!r} at {place}: {problem.text}"
-    return (
-        text
-        + f", got {problem.got}" * (problem.got is not None)
-        + (f"; hint: {problem.hint}" * (problem.hint is not None))
-    )
+    text += f", got {problem.got}" * (problem.got is not None)
+    return text + f"; hint: {problem.hint}" * (problem.hint is not None)
 
 
 def describe_robot(robot, problems):
@@ -131,9 +128,8 @@ def test_files_give_the_recorded_result(files, kind, name):
     for before, after in case.get("replace", {}).items():
         assert before in good
         good = good.replace(before, after)
-    texts = [
-        text.replace("<good>\n", good) if isinstance(text, str) else text for text in case["files"]
-    ]
+    texts = [text.replace("<good>\n", good) if isinstance(text, str) else text
+             for text in case["files"]]  # fmt: skip
     options = case.get("options", {})
     found = [line.encode("unicode_escape").decode() if not line.isprintable() else line
              for line in read_case(kind, files(*texts), options)]  # fmt: skip

@@ -20,15 +20,11 @@ from mapdeal.ros.robot import (
 )
 
 
-def _robot(*layers, track=True):
-    listed = tuple(
-        layer if isinstance(layer, ListedLayer) else ListedLayer(layer.name, "a::B", layer)
-        for layer in layers
-    )
-    shape = Footprint.circle(0.3)
-    return RobotParameters(
-        "nav2", "global", "/a", shape, 0.0, 0.3, track, False, listed, (), 0.3, 0.4
-    )
+def _robot(*layers):
+    listed = tuple(layer if isinstance(layer, ListedLayer) else
+                   ListedLayer(layer.name, "a::B", layer) for layer in layers)  # fmt: skip
+    return RobotParameters("nav2", "global", "/a", Footprint.circle(0.3), 0.0, 0.3, True, False,
+                           listed, (), 0.3, 0.4)  # fmt: skip
 
 
 USUAL = "occupancy 100 is lethal, all else free, unknown stays unknown"
@@ -142,10 +138,9 @@ def test_texts_without_a_footprint_are_refused(text):
 
 @pytest.mark.slow
 def test_long_texts_take_no_long_time():
-    with pytest.raises(FootprintStringError):
-        corners_of_string("[[" + "1" * 300_000)
-    with pytest.raises(FootprintStringError):
-        corners_of_string("[[" + "1 " * 200_000)
+    for text in ("1" * 300_000, "1 " * 200_000):
+        with pytest.raises(FootprintStringError):
+            corners_of_string("[[" + text)
 
 
 def test_padding_moves_each_coordinate_by_its_own_sign():
