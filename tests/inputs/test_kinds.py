@@ -147,9 +147,7 @@ OTHER_KINDS = ("bag", "ROS parameters", "image", "Git LFS pointer")
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_is_what_it_is_by_its_bytes_whatever_its_name_and_info_tells(
-    command, tmp_path, name
-):
+def test_a_file_is_what_it_is_by_its_bytes_whatever_its_name(command, tmp_path, name):
     data, kind, description, figures, use = FILES[name]
     path = tmp_path / name
     path.write_bytes(data)
@@ -167,33 +165,28 @@ def test_a_file_is_what_it_is_by_its_bytes_whatever_its_name_and_info_tells(
         assert all(str(value) in of_figures[0] for value in figures.values())
         report = json.loads(command("info", path, "--json")[1])
         assert (report["kind"], report["figures"]) == (kind, figures)
-    kind_of_renamed = kind_of(path.rename(tmp_path / "braces {path} of nothing"))
+    renamed = kind_of(path.rename(tmp_path / "braces {path} of nothing"))
     if name == "a.db3":  # SQLite is used by others, too: its name counts
-        assert kind_of_renamed.what == "an SQLite database"
+        assert renamed.what == "an SQLite database"
     else:
-        assert (kind_of_renamed.name, kind_of_renamed.what, kind_of_renamed.figures()) == (
-            kind,
-            found.what,
-            figures,
-        )
+        assert (renamed.name, renamed.what, renamed.figures()) == (kind, found.what, figures)
 
 
-JSONS = [name for name in FILES if name.endswith("json")]
-MARKED = [*JSONS, *(name for name in FILES if name.endswith((".csv", ".txt", ".yaml", "s.log")))]
+CHANGES = {
+    "mark": ((".csv", ".txt", ".yaml", "s.log", "json"), lambda data: b"\xef\xbb\xbf" + data),
+    "large number and many bytes": (
+        "json", lambda data: data[:-1] + b', "more": 1e400}' + b" " * (5 << 20)),
+    "long comment": ("s.yaml", lambda data: data + b"#" + b" " * 900_000),
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("name", MARKED)
-def test_a_byte_order_mark_changes_no_kind(tmp_path, name):
+@pytest.mark.parametrize(("change", "name"), [
+    (change, name) for change, (endings, _) in CHANGES.items() for name in FILES
+    if name.endswith(endings)
+])  # fmt: skip
+def test_marks_large_numbers_and_many_bytes_change_no_kind(tmp_path, change, name):
     data, kind, _, figures, _ = FILES[name]
-    (tmp_path / name).write_bytes(b"\xef\xbb\xbf" + data)
-    found = kind_of(tmp_path / name)
-    assert (found.name, found.figures()) == (kind, figures)
-
-
-@pytest.mark.parametrize("name", JSONS)
-def test_documents_with_large_numbers_or_of_many_bytes_are_known(tmp_path, name):
-    data, kind, _, figures, _ = FILES[name]
-    (tmp_path / name).write_bytes(data[:-1] + b', "more": 1e400}' + b" " * (5 << 20))
+    (tmp_path / name).write_bytes(CHANGES[change][1](data))
     found = kind_of(tmp_path / name)
     assert (found.name, found.figures()) == (kind, figures)
 
@@ -205,18 +198,12 @@ def test_figures_too_large_for_a_number_are_shown_as_they_are(tmp_path, command)
     assert (code, json.loads(out)["figures"]["reachable_m2"]) == (0, "-1e400")
 
 
-def test_shapes_of_many_bytes_are_known(tmp_path):
-    (tmp_path / "s.yaml").write_bytes(FILES["s.yaml"][0] + b"#" + b" " * 900_000)
-    assert kind_of(tmp_path / "s.yaml").name == "shapes"
-
-
-@pytest.mark.parametrize("mark", ["", "\ufeff"])
-def test_info_describes_the_shapes_that_edit_draws(tmp_path, command, mark):
+def test_info_describes_the_shapes_that_edit_draws(tmp_path, command):
     ring = [[1.5, -2.0], [2.0, -2.0], [2.0, -1.5], [1.5, -2.0]]
     shape = {"type": "Polygon", "coordinates": [ring]}
     text = json.dumps({"type": "Feature", "properties": {"a": 0.0}, "geometry": shape})
     path = tmp_path / "s.geojson"
-    path.write_text(mark + text.replace("0.0}", "1e400}") + " " * (5 << 20), encoding="utf-8")
+    path.write_text("\ufeff" + text.replace("0.0}", "1e400}") + " " * (5 << 20), encoding="utf-8")
     write_map(tmp_path / "map.yaml", grid_from_text("..#\n.?."))
     edit = ["edit", "polygon", tmp_path / "map.yaml", "--value", "100", "--file", path]
     assert command(*edit, "-o", tmp_path / "o.yaml")[0] == 0
