@@ -23,8 +23,7 @@ def squared_distance(marked):
 def squared_distance_by_columns(marked):
     """The same as integers, column by column of offsets: slow, but not too slow for real sizes.
 
-    Rows first find their distance to the nearest marked cell of their own; every row is then
-    compared with every other.
+    Rows find their distance to their own marked cells; then every row is compared with every other.
     """
     height, width = marked.shape
     far = 2 * (height + width)
@@ -85,23 +84,16 @@ def square_inflation(occupied, reach):
     grown = np.zeros(occupied.shape, dtype=bool)
     rows, cols = np.indices(occupied.shape)
     for row, col in np.argwhere(occupied).tolist():
-        grown |= (abs(rows - row) <= reach) & (abs(cols - col) <= reach)
+        grown |= np.maximum(abs(rows - row), abs(cols - col)) <= reach
     return grown
 
 
 def signed_distance(occupied, resolution, convention):
     """Signed distance in metres by the rule of each convention."""
-    outside, inside = squared_distance(occupied), squared_distance(~occupied)
-    result = np.empty(occupied.shape)
-    for index in np.ndindex(occupied.shape):
-        s = inside[index] if occupied[index] else outside[index]
-        metres = math.inf if s is None else math.sqrt(s) * resolution
-        if occupied[index]:
-            shift = {"fast-planner": 1, "center": 0, "border": 1 / 2}[convention]
-            result[index] = -metres + shift * resolution
-        else:
-            result[index] = metres - (resolution / 2 if convention == "border" else 0.0)
-    return result
+    squared = np.where(occupied, squared_distance(~occupied), squared_distance(occupied))
+    metres = np.where(squared == None, np.inf, squared).astype(float) ** 0.5 * resolution  # noqa: E711
+    inner, outer = {"fast-planner": (1, 0), "center": (0, 0), "border": (0.5, 0.5)}[convention]
+    return np.where(occupied, inner * resolution - metres, metres - outer * resolution)
 
 
 def cost_of_distance(cells, resolution, inscribed_radius, factor):
@@ -277,17 +269,14 @@ def line(start, stop):
     dx, dy = abs(x1 - x), abs(y1 - y)
     step_x, step_y = (1 if x1 > x else -1), (1 if y1 > y else -1)
     n = max(dx, dy)
-    error = n // 2
+    error_x = error_y = n // 2
     cells = [(x, y)]
     for _ in range(n):
-        if dx >= dy:
-            x, error = x + step_x, error + dy
-            if error >= n:
-                y, error = y + step_y, error - n
-        else:
-            y, error = y + step_y, error + dx
-            if error >= n:
-                x, error = x + step_x, error - n
+        error_x, error_y = error_x + dx, error_y + dy
+        if error_x >= n:
+            x, error_x = x + step_x, error_x - n
+        if error_y >= n:
+            y, error_y = y + step_y, error_y - n
         cells.append((x, y))
     return cells
 
@@ -311,14 +300,10 @@ def ring_fill(rings, width, height):
     """Return the outlines, and the cells with an odd number of edges to their left."""
     cells = {c for ring in rings for c in outline(ring)}
     edges = [e for ring in rings for e in zip(ring, ring[1:] + ring[:1], strict=True)]
-    for x in range(width):
-        for y in range(height):
-            crossings = 0
-            for (x0, y0), (x1, y1) in edges:
-                if (y0 > y) != (y1 > y):
-                    crossings += x0 + Fraction((y - y0) * (x1 - x0), y1 - y0) < x
-            if crossings % 2:
-                cells.add((x, y))
+    for x, y in itertools.product(range(width), range(height)):
+        if sum((y0 > y) != (y1 > y) and x0 + Fraction((y - y0) * (x1 - x0), y1 - y0) < x
+               for (x0, y0), (x1, y1) in edges) % 2:  # fmt: skip
+            cells.add((x, y))
     return {(x, y) for x, y in cells if 0 <= x < width and 0 <= y < height}
 
 
@@ -426,10 +411,8 @@ def sum_of_inverse_distances(marked, scale, least):
     """The sum of 1 / distance over all marked cells, pair by pair."""
     result = np.zeros(marked.shape)
     for row, col in np.ndindex(marked.shape):
-        for r, c in np.argwhere(marked).tolist():
-            distance = math.hypot(row - r, col - c) * scale
-            if distance > least:
-                result[row, col] += 1 / distance
+        distances = [math.hypot(row - r, col - c) * scale for r, c in np.argwhere(marked).tolist()]
+        result[row, col] = sum(1 / distance for distance in distances if distance > least)
     return result
 
 
