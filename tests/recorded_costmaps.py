@@ -35,27 +35,22 @@ class Recorded:
             if settings is None or not settings["enabled"]:
                 continue
             if name in static:
+                keys = "track_unknown_space", "trinary_costmap", "use_maximum"
                 yield StaticLayer(
-                    name,
-                    track_unknown_space=settings["track_unknown_space"],
+                    name, **{key: settings[key] for key in keys},
                     lethal_cost_threshold=min(max(settings["lethal_cost_threshold"], 0), 100),
-                    trinary_costmap=settings["trinary_costmap"],
                     unknown_cost_value=settings["unknown_cost_value"] % 256,
                     inscribed_obstacle_cost_value=settings.get("inscribed_obstacle_cost_value"),
-                    use_maximum=settings["use_maximum"],
-                )
+                )  # fmt: skip
             else:
                 # Nav2's older layer does not know custom_inscribed_radius
                 radius = settings["inscribed_radius_used"]
+                keys = "inflation_radius", "cost_scaling_factor", "inflate_unknown"
                 yield InflationLayer(
-                    name,
+                    name, **{key: settings[key] for key in keys}, lookup=lookup,
                     inscribed_radius=radius if lookup == "nav2" else resolved["inscribed_radius"],
-                    inflation_radius=settings["inflation_radius"],
-                    cost_scaling_factor=settings["cost_scaling_factor"],
-                    inflate_unknown=settings["inflate_unknown"],
                     inflate_around_unknown=settings.get("inflate_around_unknown", False),
-                    lookup=lookup,
-                )
+                )  # fmt: skip
 
 
 def recorded_costmaps(data):

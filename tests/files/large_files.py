@@ -42,24 +42,17 @@ def text(per_row):
     return (H // 2) * (b" ".join(b"%d" % (k % 250) for k in range(per_row)) + b"\n")
 
 
+MODES = {
+    "grey.png": "L", "colours.png": "RGB", "opacity.png": "RGBA", "both.png": "LA",
+    "palette.png": "P", "bits.png": "1", "wide.png": "I;16", "raw.tif": "L", "grey.bmp": "L",
+    "colours.bmp": "RGB", "opacity.bmp": "RGBA", "grey.jpg": "L", "colours.jpg": "RGB",
+}  # fmt: skip
 IMAGES = {
-    "grey.png": pillow("L"),
-    "colours.png": pillow("RGB"),
-    "opacity.png": pillow("RGBA"),
-    "both.png": pillow("LA"),
-    "palette.png": pillow("P"),
-    "bits.png": pillow("1"),
-    "wide.png": pillow("I;16"),
+    **{name: pillow(mode) for name, mode in MODES.items()},
     "interlaced.png": by_function(lambda: adam7(GREYS)),
     "grey.tif": pillow("L", compression="tiff_adobe_deflate"),
-    "raw.tif": pillow("L"),
     "colours.tif": pillow("RGB", compression="tiff_lzw"),
     "fax.tif": pillow("1", compression="group4"),
-    "grey.bmp": pillow("L"),
-    "colours.bmp": pillow("RGB"),
-    "opacity.bmp": pillow("RGBA"),
-    "grey.jpg": pillow("L"),
-    "colours.jpg": pillow("RGB"),
     "progressive.jpg": pillow("RGB", progressive=True),
     "p1.pbm": by_function(lambda: b"P1\n%d %d\n" % (W, H) + b"0 1 " * (H * W // 2)),
     "p2.pgm": by_function(lambda: b"P2\n%d %d\n255\n" % (W, H // 2) + text(W)),

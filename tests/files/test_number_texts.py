@@ -61,8 +61,6 @@ def test_rows_have_the_form_that_is_chosen(rows):
     values = np.array([[x, n] for x, n, _ in rows], dtype=np.float64).reshape(-1, 2)
     chosen = np.array([k for *_, k in rows], dtype=np.uint8)
     text = row_texts(values, [Kind.EXACT, Kind.INTEGER], forms, chosen)
-    expected = [
-        ({"k": 0, "x": x}, {"k": 1, "n": n, "x": x}, {"k": 2, "%s": "{}", "n": n})[k]
-        for x, n, k in rows
-    ]
+    expected = [({"k": 0, "x": x}, {"k": 1, "n": n, "x": x}, {"k": 2, "%s": "{}", "n": n})[k]
+                for x, n, k in rows]  # fmt: skip
     assert text.splitlines() == [json.dumps(row) for row in expected]

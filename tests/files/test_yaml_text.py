@@ -30,13 +30,10 @@ WORDS = [
 ]  # fmt: skip
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml and PyYAML differ, as in "!,"
 STARTS = ["", "  ", "# x\n"]
-KEYS = [
-    "image", "a", "_b1", "yes", "null", "n", "1a", "a b", "", "a:", "- a", "?", "#", "<<", "\xe9",
-]  # fmt: skip
-ENDS = [
-    "\n", "\n\n", " \n", "\r\n", "\n# c\n", "\n \n", "\n  # c\n", "", " # c\n", "#c\n",
-    "\n---\n", "\n...\n",
-]  # fmt: skip
+KEYS = ["image", "a", "_b1", "yes", "null", "n", "1a", "a b", "", "a:", "- a", "?", "#", "<<",
+        "\xe9"]  # fmt: skip
+ENDS = ["\n", "\n\n", " \n", "\r\n", "\n# c\n", "\n \n", "\n  # c\n", "", " # c\n", "#c\n",
+        "\n---\n", "\n...\n"]  # fmt: skip
 
 
 def tree(node, text):

@@ -48,10 +48,8 @@ POLYGON = {
     "cost_scaling_factor": 5.0,
 }  # fmt: skip
 CURVES = {
-    "nav2": (0.05, {
-        "inscribed_radius": 0.22549849949589046, "circumscribed_radius": 0.2299,
-        "inflation_radius": 0.7, "cost_scaling_factor": 3.0, "lookup": "nav2",
-    }),
+    "nav2": (0.05, {"inscribed_radius": 0.22549849949589046, "circumscribed_radius": 0.2299,
+                    "inflation_radius": 0.7, "cost_scaling_factor": 3.0, "lookup": "nav2"}),
     "polygon": (0.05, POLYGON),
     "odd cells": (0.07, POLYGON),
     "cut off": (0.05, {**POLYGON, "inflation_radius": 0.3, "inscribed_radius": 0.6,

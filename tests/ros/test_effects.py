@@ -32,11 +32,9 @@ REPLACED = "no effect: a layer above it replaces all costs"
 BELOW = InflationLayer("below", 0.3, 0.7, 3.0)
 FAR = "cost 253 as far as 0.3 m from obstacles, then falling with cost_scaling_factor 3 "
 FAR += "as far as 0.7 m"
-IDLE_LAYERS = [
-    ListedLayer("off", "a::B", InflationLayer("off"), is_enabled=False),
-    ListedLayer("sonar", "a::C", None, why_ignored="needs sensor data"),
-    InflationLayer("zero", 0.3, 0.0),
-]
+IDLE_LAYERS = [ListedLayer("off", "a::B", InflationLayer("off"), is_enabled=False),
+               ListedLayer("sonar", "a::C", None, why_ignored="needs sensor data"),
+               InflationLayer("zero", 0.3, 0.0)]  # fmt: skip
 PLAIN = StaticLayer(trinary_costmap=False, lethal_cost_threshold=70, track_unknown_space=False,
                     inscribed_obstacle_cost_value=99)  # fmt: skip
 
@@ -88,10 +86,6 @@ def test_inflation_on_a_map_has_its_reach_and_circumscribed_cost():
     assert edge["circumscribed_cost"] == 196
 
 
-def f32(value):
-    return float(np.float32(value))
-
-
 READ = {
     "[[0.3,0.2],[0.3,-.2],[-3e-1,+0.2]]": ((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2)),
     "[[1 2][3\t4]  [5, 6]]": ((1, 2), (3, 4), (5, 6)),
@@ -105,8 +99,7 @@ READ = {
 
 @pytest.mark.parametrize("text", READ)
 def test_texts_are_read_as_a_stream_of_c_reads_them(text):
-    right = tuple((f32(x), f32(y)) for x, y in READ[text])
-    assert corners_of_string(text) == right
+    assert corners_of_string(text) == tuple(map(tuple, np.float32(READ[text]).tolist()))
 
 
 REFUSED = {
