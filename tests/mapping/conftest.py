@@ -1,5 +1,7 @@
 import math
 
+import pytest
+
 from kernels.conftest import each_engine  # noqa: F401 - a fixture
 
 
@@ -9,3 +11,10 @@ def cell_of(x, y, corner=(0.0, 0.0), resolution=0.25):
         math.floor((c - first) / resolution + 1e-9)
         for c, first in zip((y, x), corner[1::-1], strict=True)
     )
+
+
+@pytest.fixture
+def build(command, tmp_path):
+    """Return a function that builds map.yaml of a cloud: exit code, stdout and stderr."""
+    output = "-o", tmp_path / "map.yaml", "--force"
+    return lambda cloud, *words: command("build", "--cloud", cloud, *words, *output)

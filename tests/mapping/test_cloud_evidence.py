@@ -50,26 +50,23 @@ def layered(room, heights):
     return points
 
 
-NO_FLOOR = {
-    "two layers of walls": lambda room: layered(room, [0.09, 0.11]),
-    "layers far apart": lambda room: layered(room, [0.2, 0.6, 1.1]),
-    "a thin slice": lambda room: sliced(room, 0.3, 0.4),
-    "a thick slice": lambda room: sliced(room, 0.3, 1.2),
-    "walls and a ceiling": lambda room: sliced(room, 0.15, 9.0),
-    "z down": lambda room: room.points() * [1, -1, -1],
-    "y up": lambda room: room.points()[:, [0, 2, 1]] * [1, 1, -1],
-    "y up, another handedness": lambda room: room.points()[:, [0, 2, 1]],
-    "x up": lambda room: room.points()[:, [2, 0, 1]],
-}
-
-
-@pytest.mark.parametrize("name", NO_FLOOR)
+@pytest.mark.parametrize("points_of", [
+    lambda room: layered(room, [0.09, 0.11]),
+    lambda room: layered(room, [0.2, 0.6, 1.1]),
+    lambda room: sliced(room, 0.3, 0.4),
+    lambda room: sliced(room, 0.3, 1.2),
+    lambda room: sliced(room, 0.15, 9.0),  # walls and a ceiling
+    lambda room: room.points() * [1, -1, -1],
+    lambda room: room.points()[:, [0, 2, 1]] * [1, 1, -1],
+    lambda room: room.points()[:, [0, 2, 1]],  # another handedness
+    lambda room: room.points()[:, [2, 0, 1]],
+])  # fmt: skip
 @settings(max_examples=2)
 @given(seed=SEEDS)
-def test_clouds_without_a_floor_are_refused(name, seed):
+def test_clouds_without_a_floor_are_refused(points_of, seed):
     room = SampledRoom(seed, wall_height=2.0)
     with pytest.raises(MalformedInputError, match=r"no floor found|z does not seem to") as caught:
-        cloud_map(NO_FLOOR[name](room))
+        cloud_map(points_of(room))
     assert "--up" in caught.value.hint
     assert "m2" in caught.value.rule
 
@@ -117,7 +114,7 @@ def test_floors_of_hardly_any_points_are_refused():
 @settings(max_examples=4)
 @given(SEEDS, st.sampled_from(["z", "-z", "y", "-y", "x", "-x"]))
 def test_turned_clouds_make_the_map_of_upright_ones(seed, up):
-    points = SampledRoom(seed).points()
+    points = SampledRoom(seed, density=200).points()
     # the turn that takes z to the axis, from where that takes the axis to z
     turn = upright(np.eye(3), up)
     turned = points @ turn.T
@@ -128,43 +125,39 @@ def test_turned_clouds_make_the_map_of_upright_ones(seed, up):
     assert not expected.may_be_upside_down
 
 
-def test_upside_down_rooms_with_walls_up_to_the_ceiling_are_doubted(tmp_path, command):
-    room = SampledRoom(4)
-    np.save(tmp_path / "room.npy", room.points() * [1, -1, -1])
-    words = ["build", "--cloud", tmp_path / "room.npy", "-o", tmp_path / "map.yaml", "--force"]
-    assert "--up -z turns the cloud" in command(*words)[2]
+def test_upside_down_rooms_with_walls_up_to_the_ceiling_are_doubted(tmp_path, build):
+    np.save(tmp_path / "room.npy", SampledRoom(4).points() * [1, -1, -1])
+    assert "--up -z turns the cloud" in build(tmp_path / "room.npy")[2]
     for up in ("z", "-z"):
-        code, _, err = command(*words, "--up", up)
-        assert (code, err) == (0, "")
+        assert build(tmp_path / "room.npy", "--up", up)[::2] == (0, "")
 
 
-def car_park(storeys=2, height=2.8, is_open=True):
-    """Return points of storeys joined by ramps, with a car on each, and a gap in the scan."""
+def car_park(height=2.8, is_open=True):
+    """Return points of two storeys with a car on each, a ramp, and a gap in the scan below."""
     random, parts = np.random.default_rng(5), []
 
-    def surface(count, x, y, z):
-        return np.column_stack([random.uniform(*side, count) for side in (x, y, z)])
+    def level(count, z, x=(0, 24), y=(0, 12)):
+        return np.column_stack([random.uniform(*side, count) for side in (x, y, (z, z))])
 
-    for storey in range(storeys):
-        base = storey * height
-        floor = surface(90_000, (0, 24), (0, 12), (base, base))
-        on_ramp = (floor[:, 0] > 2) & (floor[:, 0] < 20) & (floor[:, 1] > 9)
-        car = (floor[:, 0] > 12) & (floor[:, 0] < 16) & (floor[:, 1] > 3) & (floor[:, 1] < 5)
-        if storey:
-            floor = floor[~on_ramp & ~car]
-        else:
-            hidden = (np.abs(floor[:, 0] - 6) < 1) & (np.abs(floor[:, 1] - 6) < 1)
-            floor = floor[~car & ~hidden & (is_open | ~on_ramp)]
-        parts += [floor, box_points(random, 300, (12, 16, 3, 5, base, base + 1.4))]
-        slab = surface(90_000, (0, 24), (0, 12), (base + height - 0.25, base + height - 0.25))
-        parts.append(slab[~((slab[:, 0] > 2) & (slab[:, 0] < 20) & (slab[:, 1] > 9))])
-        walls = box_points(random, 300, (0, 24, 0, 12, base, base + height - 0.3), has_top=False)
-        parts.append(walls)
-        if storey + 1 < storeys:
-            ramp = surface(16_000, (2, 20), (9, 12), (0, 0))
-            ramp[:, 2] = base + (ramp[:, 0] - 2) / 18 * height
-            parts.append(ramp)
-    points = np.concatenate(parts)
+    def within(points, x0, x1, y0, y1):
+        x, y = points[:, :2].T
+        return (x > x0) & (x < x1) & (y > y0) & (y < y1)
+
+    for base in (0, height):
+        floor, slab = level(60_000, base), level(60_000, base + height - 0.25)
+        floor = floor[~within(floor, 12, 16, 3, 5)]
+        if base or not is_open:
+            floor = floor[~within(floor, 2, 20, 9, 12)]
+        if not base:
+            floor = floor[~within(floor, 5, 7, 5, 7)]
+        parts += [
+            floor, slab[~within(slab, 2, 20, 9, 12)],
+            box_points(random, 200, (12, 16, 3, 5, base, base + 1.4)),
+            box_points(random, 200, (0, 24, 0, 12, base, base + height - 0.3), has_top=False),
+        ]  # fmt: skip
+    ramp = level(11_000, 0, (2, 20), (9, 12))
+    ramp[:, 2] = (ramp[:, 0] - 2) / 18 * height
+    points = np.concatenate([*parts, ramp])
     return points + random.normal(0, 0.01, points.shape)
 
 
@@ -172,13 +165,10 @@ def car_park(storeys=2, height=2.8, is_open=True):
 def test_one_storey_of_a_car_park_is_mapped(is_open):
     points = car_park(is_open=is_open)
     result = cloud_map(points)
-    heights = result.layers["floor_height"]
-    rows, cols = result.grid.frame.unbounded_rowcol_from_xy(
-        [[6, 6], [14, 3.01], [20, 2], [22, 10.5], [10, 7]]
-    ).T
-    values = result.grid.occupancy[rows, cols]
-    assert values.tolist() == [-1, 100, 0, 0, 0]
-    off_ramp = heights[: rows[0] + 40]
+    places = [[6, 6], [14, 3.01], [20, 2], [22, 10.5], [10, 7]]
+    assert result.grid.query(places).values.tolist() == [-1, 100, 0, 0, 0]
+    ((row, _),) = result.grid.frame.unbounded_rowcol_from_xy(places[:1])
+    off_ramp = result.layers["floor_height"][: row + 40]
     assert np.nanmax(np.abs(off_ramp[np.isfinite(off_ramp)])) < 0.1
     assert result.storeys == pytest.approx((2.8,), abs=0.05)
     assert result.overlaid_m2 > 200
@@ -220,17 +210,15 @@ def test_levels_lie_above_each_place_once(seed, room):
 
 @pytest.mark.parametrize(("leaf", "has_ceiling"), [(0.15, True), (0.5, False)])
 def test_cells_are_no_finer_than_a_voxel_filter(leaf, has_ceiling):
-    room = SampledRoom(7, ceiling=has_ceiling, density=1500, floor_density=1500)
+    room = SampledRoom(7, ceiling=has_ceiling, density=800, floor_density=800)
     sampled = room.points()
     keys, whose = np.unique(np.floor(sampled / leaf), axis=0, return_inverse=True)
     sums = np.stack([np.bincount(whose.ravel(), axis) for axis in sampled.T], axis=1)
     centroids = sums / np.bincount(whose.ravel())[:, np.newaxis]
     for points in (centroids, (keys + 0.5) * leaf):
         result = cloud_map(points)
-        assert (
-            result.grid.resolution > (0.45 if leaf < 0.2 else 0.8) * leaf
-        )  # a filter can leave pairs of points
-        assert result.grid.resolution < 1.5 * leaf + 1e-9
+        # a filter can leave pairs of points
+        assert (0.45 if leaf < 0.2 else 0.8) * leaf < result.grid.resolution < 1.5 * leaf + 1e-9
         assert (result.grid.occupancy == 0).mean() > 0.4
 
 
@@ -277,24 +265,22 @@ def test_table_tops_of_voxels_whose_centres_are_above_the_robot_are_obstacles():
     assert result.grid.occupancy[tuple(cell)] == 100
 
 
-def test_points_at_the_sensor_are_left_out_and_counted(tmp_path, command):
-    room = SampledRoom(2)
-    place, lines = np.array([1.0, 1.0, 0.4]), []
-    for k in range(8):
-        sensor = place + np.array([0.2 * k, 0, 0])
-        scan = np.concatenate([room.points() - sensor, np.zeros((50, 3))])
+def test_points_at_the_sensor_are_left_out_and_counted(tmp_path, build):
+    room, lines = SampledRoom(2).points(), []
+    for k in range(3):
+        sensor = np.array([1 + 0.2 * k, 1.0, 0.4])
         near_it = np.random.default_rng(k).normal(0, 0.1, (30, 3))
-        np.save(tmp_path / f"scan{k}.npy", np.concatenate([scan, near_it]))
+        scan = np.concatenate([room[k::2] - sensor, np.zeros((50, 3)), near_it])
+        np.save(tmp_path / f"scan{k}.npy", scan)
         lines.append(f"{k} {' '.join(map(str, sensor))} 0 0 0 1\n")
     (tmp_path / "poses.txt").write_text("".join(lines))
-    words = ["build", "--cloud", tmp_path, "--poses", tmp_path / "poses.txt",
-             "-o", tmp_path / "map.yaml", "--force", "--json"]  # fmt: skip
-    code, text, err = command(*words)
-    assert code == 0, err
-    assert json.loads(text)["at_sensor"] == 8 * 50
-    code, text, err = command(*words, "--range-min", "0.6")
-    assert code == 0, err
-    assert json.loads(text)["at_sensor"] >= 8 * 79
+    counts = []
+    for more in ((), ("--range-min", "0.6")):
+        code, text, err = build(tmp_path, "--poses", tmp_path / "poses.txt", "--json", *more)
+        assert code == 0, err
+        counts.append(json.loads(text)["at_sensor"])
+    assert counts[0] == 3 * 50
+    assert counts[1] >= 3 * 79
 
 
 @examples(20)
@@ -306,24 +292,15 @@ def test_points_away_from_the_sensor_are_those_of_a_loop(points, range_min):
     assert np.array_equal(found, np.array(expected).reshape(-1, 3), equal_nan=True)
 
 
-def test_one_pose_names_a_place_and_moves_nothing(tmp_path, command):
+def test_one_pose_names_a_place_and_moves_nothing(tmp_path, build):
     np.save(tmp_path / "room.npy", SampledRoom(2).points())
     (tmp_path / "pose.txt").write_text("1 1 0\n")
     maps = []
     for more in ((), ("--poses", tmp_path / "pose.txt")):
-        code, _, err = command("build", "--cloud", tmp_path / "room.npy", *more,
-                               "-o", tmp_path / "map.npz", "--force")  # fmt: skip
+        code, _, err = build(tmp_path / "room.npy", *more)
         assert code == 0, err
-        with np.load(tmp_path / "map.npz") as stored:
-            maps.append((stored["occupancy"], stored["origin"]))
-    assert all(np.array_equal(*pair) for pair in zip(*maps, strict=True))
-
-
-def test_huge_coordinates_are_refused_without_a_warning_of_python(tmp_path, command):
-    (tmp_path / "far.csv").write_text("x,y,z\n1e308,0,0\n1,1e308,2\n0,1,-1e308\n")
-    code, _, err = command("build", "--cloud", tmp_path / "far.csv", "-o", tmp_path / "m.yaml")
-    assert code == 3
-    assert "Warning" not in err
+        maps.append([(tmp_path / name).read_bytes() for name in ("map.yaml", "map.pgm")])
+    assert maps[0] == maps[1]
 
 
 @pytest.mark.parametrize("size", ["20000,0.05", "0.05,20000"])
@@ -340,17 +317,13 @@ def test_long_windows_take_no_more_memory_than_is_claimed(tmp_path, size):
     assert peak < max(claimed) + 30_000_000
 
 
-CASES = {
-    "ceiling-taken-as-floor/nofloor_ceiling.npy": "no floor found",
-    "lightning-upside-down/upside_down.npy": "no floor found",
-    "walls-slice-becomes-free/two_layers.npy": "no floor found",
-}
-
-
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [
+    "ceiling-taken-as-floor/nofloor_ceiling", "lightning-upside-down/upside_down",
+    "walls-slice-becomes-free/two_layers",
+])  # fmt: skip
 def test_reported_clouds_are_refused(real_maps, name):
-    with pytest.raises(MalformedInputError, match=CASES[name]):
-        cloud_map(np.load(real_maps / "cases" / name))
+    with pytest.raises(MalformedInputError, match="no floor found"):
+        cloud_map(np.load(real_maps / "cases" / f"{name}.npy"))
 
 
 def test_a_reported_voxel_cloud_is_mapped(real_maps):
