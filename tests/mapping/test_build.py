@@ -19,19 +19,14 @@ from mapdeal.mapping.build import frame_of
 from mapping.conftest import cell_of
 from oracles import line
 
-METHODS = ["log-odds", "counting", "tsdf"]
+METHODS, TSDF = ["log-odds", "counting", "tsdf"], {"method": "tsdf"}
 RES = 0.25
 GRID = {"resolution": RES, "size": (2.75, 2.0), "origin": (-0.5, 1.25)}
 SHAPE = (8, 11)
 LIMITS = st.sampled_from(
-    [
-        {},
-        {"range_min": 0.5},
-        {"clear_max": 3.0},
-        {"range_max": 5.0, "clear_max": 2},
-        {"range_max": 2.0, "clear_max": 80.0},
-    ]
-)
+    [{}, {"range_min": 0.5}, {"clear_max": 3.0}, {"range_max": 5.0, "clear_max": 2},
+     {"range_max": 2.0, "clear_max": 80.0}]
+)  # fmt: skip
 ODDS = st.sampled_from(
     [(-1, 2, 0, 100), (-30, 40, 10, 90), (-0.4, 0.85, 0, 100), (-50, 50, 0, 100)]
 )
@@ -88,11 +83,10 @@ def test_counting_is_counting(each_engine, run, limits, ratio):
 
 @given(run=runs(), limits=LIMITS, odds=ODDS)
 def test_log_odds_are_added_and_clamped_beam_by_beam(each_engine, run, limits, odds):
-    names = ("log_free", "log_occ", "log_min", "log_max")
-    options = dict(zip(names, odds, strict=True))
-    built = build_map(*run, **options, **GRID, **limits)
-    as_values = build_map(*run, **options, values=True, **GRID, **limits)
     free, occ, least, most = odds
+    options = {"log_free": free, "log_occ": occ, "log_min": least, "log_max": most, **limits}
+    built = build_map(*run, **options, **GRID)
+    as_values = build_map(*run, **options, values=True, **GRID)
     values, is_known = np.full(SHAPE, 50.0), np.zeros(SHAPE, bool)
     for cells, r, _ in walk(run, **limits):
         added = [(cell, free) for cell in cells[:-1]] + [(cells[-1], occ)] * (r is not None)
@@ -171,16 +165,14 @@ def test_the_grid_holds_all_that_beams_reach_with_a_margin_of_two_cells():
     assert built.grid.shape == (7 + 4, 5 + 4)
     # of a tsdf two cells more behind the hit, to 3.1, or 4.5 more, to 4.35
     for options, columns in (({}, 5), ({"truncation": 1.5, "truncation_behind": 3.0}, 7)):
-        scan = [[1.1, -2.3, 0.0]], [0.0], [[1.0]]
-        behind = build_map(*scan, resolution=0.5, method="tsdf", **options)
+        behind = build_map([[1.1, -2.3, 0.0]], [0.0], [[1.0]], resolution=0.5, **TSDF, **options)
         assert behind.grid.shape == (1 + 4, columns + 4)
 
 
 def strip(length, poses, ranges, resolution=1.0, **options):
     """What beams along a strip of cells from the origin on make of it."""
-    angles = np.zeros(len(ranges[0]))
-    built = build_map(poses, angles, ranges, resolution=resolution, origin=(0, 0),
-                      size=(length * resolution, resolution), **options)  # fmt: skip
+    options |= {"resolution": resolution, "size": (length * resolution, resolution)}
+    built = build_map(poses, np.zeros(len(ranges[0])), ranges, origin=(0, 0), **options)
     return built.grid.occupancy[0].tolist()
 
 
@@ -294,11 +286,11 @@ def test_groups_that_vanish_are_those_with_nothing_occupied_near_any_cell(drawn)
     often, occupied = drawn
     walls = np.argwhere(occupied).tolist()
     large = [group for group in oracles.groups(often) if len(group) >= 3]
-    lost = [
-        group
-        for group in large
-        if all(max(abs(r - y), abs(c - x)) > 2 for r, c in group for y, x in walls)
-    ]
+
+    def is_near_a_wall(group):
+        return any(max(abs(r - y), abs(c - x)) <= 2 for r, c in group for y, x in walls)
+
+    lost = [group for group in large if not is_near_a_wall(group)]
     assert as_sets(evidence.hit_groups(often)) == in_order(large)
     assert as_sets(evidence.vanished_groups(often, occupied)) == in_order(lost)
 
@@ -330,8 +322,8 @@ def test_a_pole_that_most_beams_pass_vanishes_with_a_warning(method):
     assert built.vanished.sizes.tolist() == [3]
     # x -0.25 + 2 m and y 1.5, 2 and 2.5
     assert built.vanished.cells.tolist() == [[2, 4], [3, 4], [4, 4]]
-    for few_hits_or_a_map_that_has_it in (pole(2, 9), pole(9, 3)):
-        built = build_map(*few_hits_or_a_map_that_has_it, method=method, **AROUND_POLE)
+    for hits, passes in ((2, 9), (9, 3)):  # few hits, and a map that has it
+        built = build_map(*pole(hits, passes), method=method, **AROUND_POLE)
         assert len(built.vanished) == 0
 
 
@@ -384,27 +376,23 @@ def listed(poses, angles, ranges, shape, origin):
     """The walls, the mean distances and their counts, beam by beam and cell by cell."""
     means, counts = np.zeros(shape), np.zeros(shape, int)
 
-    def cell_at(sensor, angle, reach):
-        return cell_of(
-            sensor[0] + reach * math.cos(angle), sensor[1] + reach * math.sin(angle), origin
-        )
+    def cell_at(x, y, angle, reach):
+        return cell_of(x + reach * math.cos(angle), y + reach * math.sin(angle), origin)
 
     def holds(cell):
         return 0 <= cell[0] < shape[0] and 0 <= cell[1] < shape[1]
 
     for (x, y, yaw), row in zip(poses, ranges, strict=True):
         for angle, r in zip(angles, row, strict=True):
-            if not 0 < r < 30 or not holds(hit := cell_at((x, y), yaw + angle, r)):
+            if not 0 < r < 30 or not holds(hit := cell_at(x, y, yaw + angle, r)):
                 continue
-            cut = 2 * RES
-            sensor = cell_at((x, y), 0.0, 0.0)
-            far = cell_at((x, y), yaw + angle, r + 3 * cut)
-            for cell in line(sensor, far if holds(far) else hit)[:-1]:
-                if holds(cell):
-                    away = math.sqrt((cell[1] - sensor[1]) ** 2 + (cell[0] - sensor[0]) ** 2)
-                    share = max(-1.0, min(1.0, (r - away * RES) / cut))
-                    means[cell] = (counts[cell] * means[cell] + share) / (counts[cell] + 1)
-                    counts[cell] += 1
+            cut, sensor = 2 * RES, cell_at(x, y, 0.0, 0.0)
+            far = cell_at(x, y, yaw + angle, r + 3 * cut)
+            for cell in filter(holds, line(sensor, far if holds(far) else hit)[:-1]):
+                away = math.sqrt((cell[1] - sensor[1]) ** 2 + (cell[0] - sensor[0]) ** 2)
+                share = max(-1.0, min(1.0, (r - away * RES) / cut))
+                means[cell] = (counts[cell] * means[cell] + share) / (counts[cell] + 1)
+                counts[cell] += 1
     return searched(means), means, counts
 
 
@@ -443,11 +431,9 @@ SHAPES = st.sampled_from([(8, 11), (11, 8), (1, 9), (9, 1), (1, 1), (6, 6)])
 
 @given(run=runs() | runs_along_axes(), shape=SHAPES)
 def test_maps_and_layers_are_those_of_the_listing(run, shape):
-    origin = (-0.5, 0.75)
-    size = (shape[1] * RES, shape[0] * RES)
-    built = build_map(*run, method="tsdf", as_written=True, resolution=RES, size=size,
-                      origin=origin)  # fmt: skip
-    walls, means, counts = listed(*run, shape, origin)
+    place = {"resolution": RES, "size": (shape[1] * RES, shape[0] * RES), "origin": (-0.5, 0.75)}
+    built = build_map(*run, as_written=True, **TSDF, **place)
+    walls, means, counts = listed(*run, shape, place["origin"])
     np.testing.assert_array_equal(built.layers["weight"], counts)
     expected = np.where(counts > 0, means, np.nan).astype(np.float32)
     np.testing.assert_array_equal(built.layers["tsdf"], expected)
@@ -474,7 +460,7 @@ def test_an_independent_implementation_of_the_listing_agrees(real_maps, run):
 @st.composite
 def fields(draw):
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    shape = draw(st.tuples(st.integers(1, 9), st.integers(1, 9)))
+    shape = draw(st.integers(1, 9)), draw(st.integers(1, 9))
     field = rng.uniform(-1, 1, shape).round(1)
     if draw(st.booleans()):  # smooth, as fields of scans are
         rows, cols = np.indices(shape)
@@ -485,14 +471,10 @@ def fields(draw):
 
 def pairs(field):
     """Neighbours of different sign, as pairs of cells."""
-    for (row, col), value in np.ndenumerate(field):
-        for neighbour in ((row + 1, col), (row, col + 1)):
-            if (
-                neighbour[0] < field.shape[0]
-                and neighbour[1] < field.shape[1]
-                and value * field[neighbour] < 0
-            ):
-                yield (row, col), neighbour
+    for down, right in DIRECTIONS[:2]:
+        first, second = field[: len(field) - down, : field.shape[1] - right], field[down:, right:]
+        for row, col in np.argwhere(first * second < 0).tolist():
+            yield (row, col), (row + down, col + right)
 
 
 @given(field=fields())
@@ -517,9 +499,8 @@ def test_a_surface_is_made_of_the_nearer_cells_and_has_no_gap(field):
         nearer[min((a, b), key=lambda cell: (abs(field[cell]), field[cell]))] = True
     found = evidence.thin_surface(field, evidence.crossings_of(field))
     assert not (found & ~nearer).any()
-    blocks = nearer[1:, 1:] & nearer[1:, :-1] & nearer[:-1, 1:] & nearer[:-1, :-1]
     in_block = np.zeros(field.shape, bool)
-    for row, col in np.argwhere(blocks).tolist():
+    for row, col in np.argwhere(blocks_of(nearer)).tolist():
         in_block[row : row + 2, col : col + 2] = True
     for a, b in pairs(field):  # no gap, but where blocks were thinned
         assert found[a] or found[b] or in_block[a] or in_block[b]
@@ -556,36 +537,30 @@ def test_a_spare_cell_is_left_out_on_any_side_of_its_partners():
 
 
 NAN, INF, HUGE = math.nan, math.inf, 10**400
-SCAN = [[0.0, 0.0, 0.0]], [0.0], [[1.0]]
-COUNTING, TSDF = {"method": "counting"}, {"method": "tsdf"}
+COUNTING = {"method": "counting"}
+
+
+def each(name, *values, **more):
+    """Return options with each of some values, which are refused with the option's name."""
+    return [({**more, name: value}, name) for value in values]
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({"method": "voting"}, "method"),
-    ({"ratio": 0.5}, "ratio"),
-    *[({**COUNTING, "ratio": bad}, "ratio") for bad in (1.0, NAN, "x")],
-    *[({"log_free": bad}, "log_free") for bad in (0.0, -1e308, HUGE)],
-    *[({"log_occ": bad}, "log_occ") for bad in (-1.0, 1e308, INF, "x")],
-    ({"log_min": 49.999999}, "log_min"),
-    ({"log_min": 80.0, "log_max": 20.0}, "log_min"),
-    *[({"log_max": bad}, "log_max") for bad in (101.0, 50.000001)],
-    *[({**TSDF, "truncation": bad}, "truncation") for bad in (None, 0.5, NAN)],
+    *each("method", "voting"), *each("ratio", 0.5), *each("ratio", 1.0, NAN, "x", **COUNTING),
+    *each("log_free", 0.0, -1e308, HUGE), *each("log_occ", -1.0, 1e308, INF, "x"),
+    *each("log_min", 49.999999), ({"log_min": 80.0, "log_max": 20.0}, "log_min"),
+    *each("log_max", 101.0, 50.000001), *each("truncation", None, 0.5, NAN, **TSDF),
     ({**TSDF, "truncation_behind": 0.4}, "truncation_behind: must be 0.5 to 500 trunc"),
-    *[({**TSDF, "truncation_behind": bad}, "truncation_behind") for bad in (501, NAN, "x")],
-    ({**COUNTING, "truncation_behind": 3}, "truncation_behind"),
+    *each("truncation_behind", 501, NAN, "x", **TSDF), *each("truncation_behind", 3, **COUNTING),
     ({**COUNTING, "as_written": True}, "as_written: does not apply to method counting"),
-    ({"range_min": -1.0}, "range_min"),
-    *[({"range_max": bad}, "range_max") for bad in (0.0, "x", HUGE)],
-    ({"range_min": 3.0, "range_max": 2.0}, "range_max"),
-    ({"clear_max": INF}, "clear_max"),
-    ({"resolution": 0.0}, "resolution"),
-    ({"size": (1.0, 1.0)}, "size"),
-    *[({"size": bad, "origin": (0, 0)}, "size") for bad in ((0.0, 1.0), (1.0, -1.0))],
+    *each("range_min", -1.0), *each("range_max", 0.0, "x", HUGE),
+    *each("range_max", 2.0, range_min=3.0), *each("clear_max", INF), *each("resolution", 0.0),
+    *each("size", (1.0, 1.0)), *each("size", (0.0, 1.0), (1.0, -1.0), origin=(0, 0)),
     ({"size": (1e5, 1e5), "origin": (0, 0)}, "cells"),
 ])  # fmt: skip
 def test_options_of_built_maps_that_cannot_be_are_refused(options, message):
     with pytest.raises(ParameterError, match=message):
-        mapdeal.build_map(*SCAN, **options)
+        build_map([[0.0, 0.0, 0.0]], [0.0], [[1.0]], **options)
 
 
 @pytest.mark.parametrize(("poses", "angles", "ranges", "error", "message"), [
@@ -601,22 +576,16 @@ def test_options_of_built_maps_that_cannot_be_are_refused(options, message):
 ])  # fmt: skip
 def test_scans_that_do_not_fit_or_make_no_map_are_refused(poses, angles, ranges, error, message):
     with pytest.raises(error, match=message):
-        mapdeal.build_map(poses, angles, ranges)
+        build_map(poses, angles, ranges)
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({"frame": "odom"}, "frame"),
-    ({"offset": (1.0, NAN)}, "offset"),
-    *[({"size": bad}, "size") for bad in ((0.0, 1.0), (1.0, INF), (1e6, 1e6))],
-    ({"resolution": 0.0}, "resolution"),
-    ({"min_range": -1.0}, "min_range"),
-    ({"max_range": NAN}, "max_range"),
-    ({"min_height": 2.0, "max_height": 1.0}, "min_height"),
-    ({"max_height": 1.0}, "heights"),
-    ({"unknown": "occupied"}, "unknown"),
-    ({"raytrace_range": -0.1}, "raytrace_range"),
-    *[({"pose": bad}, "pose") for bad in ((0, 0), (0, 0, NAN), (INF, 0, 0), (1e13, 0, 0), "abc")],
-    *[({"points": bad}, "points") for bad in ([1.0, 2.0], [[1.0]], np.zeros((2, 2, 2)))],
+    *each("frame", "odom"), *each("offset", (1.0, NAN)), *each("resolution", 0.0),
+    *each("size", (0.0, 1.0), (1.0, INF), (1e6, 1e6)), *each("min_range", -1.0),
+    *each("max_range", NAN), *each("min_height", 2.0, max_height=1.0),
+    ({"max_height": 1.0}, "heights"), *each("unknown", "occupied"), *each("raytrace_range", -0.1),
+    *each("pose", (0, 0), (0, 0, NAN), (INF, 0, 0), (1e13, 0, 0), "abc"),
+    *each("points", [1.0, 2.0], [[1.0]], np.zeros((2, 2, 2))),
 ])  # fmt: skip
 def test_options_of_local_maps_that_cannot_be_are_refused(options, message):
     arguments = {"points": [[1.0, 2.0]], "pose": (0.0, 0.0, 0.0), **options}

@@ -13,41 +13,29 @@ from mapdeal.mapping.scanner import Scanner, Surroundings, noisy_odometry
 from mapping.conftest import cell_of
 from oracles import beam_lengths, line
 
-NOTHING = np.empty((0, 2))
 
-
-def placed(points, pose):
-    """Points of the robot as points of the map."""
-    x, y, yaw = pose
-    return [
-        (px * math.cos(yaw) - py * math.sin(yaw) + x, px * math.sin(yaw) + py * math.cos(yaw) + y)
-        for px, py in points
-    ]
-
-
-def replayed(
-    clouds, poses, size, resolution, *, offset=(0, 0), least=0.0, most=math.inf, reach=math.inf
-):
+def replayed(clouds, poses, size, *, offset=(0, 0), least=0.0, most=math.inf, reach=math.inf):
     """What some clouds, each anew on a map of nothing, leave in the last one's window."""
+
+    def cell_at(place):
+        return cell_of(place.real, place.imag, resolution=0.3)
+
     state = {}
     for points, (x, y, yaw) in zip(clouds, poses, strict=True):
-        pose = (x - offset[0], y - offset[1], yaw)
-        start = cell_of(*pose[:2], resolution=resolution)
-        marks = set()
-        for (px, py), (x, y) in zip(points, placed(points, pose), strict=True):
+        sensor, marks = complex(x - offset[0], y - offset[1]), set()
+        for px, py in points:
             r = math.hypot(px, py)
             if r < least:
                 continue
+            beam = complex(px, py) * complex(math.cos(yaw), math.sin(yaw))
             share = min(1.0, reach / r) if r else 1.0
-            end = (pose[0] + (x - pose[0]) * share, pose[1] + (y - pose[1]) * share)
-            for cell in line(start, cell_of(*end, resolution=resolution))[:-1]:
+            for cell in line(cell_at(sensor), cell_at(sensor + share * beam))[:-1]:
                 state[cell] = 0
             if r <= most:
-                marks.add(cell_of(x, y, resolution=resolution))
-        for cell in marks:
-            state[cell] = 100
-    row, col = cell_of(*np.array(poses[-1][:2]) - np.array(size) / 2, resolution=resolution)
-    height, width = (math.ceil(length / resolution - 1e-9) for length in (size[1], size[0]))
+                marks.add(cell_at(sensor + beam))
+        state |= dict.fromkeys(marks, 100)
+    row, col = cell_of(*np.array(poses[-1][:2]) - np.array(size) / 2, resolution=0.3)
+    width, height = (math.ceil(length / 0.3 - 1e-9) for length in size)
     rows, cols = range(row, row + height), range(col, col + width)
     return np.array([[state.get((r, c), -1) for c in cols] for r in rows])
 
@@ -56,9 +44,7 @@ def replayed(
 def sequences(draw):
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     count = draw(st.integers(1, 6))
-    poses = np.column_stack(
-        [rng.uniform(-2, 3, count), rng.uniform(-1, 1, count), rng.uniform(-3, 3, count)]
-    )
+    poses = rng.uniform((-2, -1, -3), (3, 1, 3), (count, 3))
     clouds = [rng.uniform(-3, 3, (draw(st.integers(0, 8)), 2)) for _ in range(count)]
     return clouds, poses.tolist()
 
@@ -85,12 +71,12 @@ def test_each_map_is_a_replay_of_the_last_clouds(each_engine, run, keep, limits,
         mapper.add(points)
         first = 0 if keep is None else max(0, k + 1 - keep)
         result = mapper.result()
-        expected = replayed(clouds[first : k + 1], poses[first : k + 1], size, 0.3, **oracle)
+        expected = replayed(clouds[first : k + 1], poses[first : k + 1], size, **oracle)
         np.testing.assert_array_equal(result.grid.occupancy, expected)
         assert result.clouds == k + 1 - first
         corner = np.array(result.grid.origin[:2]) / 0.3  # of all windows on one lattice
         np.testing.assert_allclose(corner, np.round(corner), atol=1e-9)
-        alone = replayed([clouds[k]], [poses[k]], size, 0.3, **oracle)
+        alone = replayed([clouds[k]], [poses[k]], size, **oracle)
         assert result.from_earlier == np.count_nonzero((expected == 100) & (alone != 100))
 
 
@@ -138,7 +124,7 @@ def test_a_cloud_that_breaks_off_adds_nothing():
     with pytest.raises(ValueError, match="ends here"):
         mapper.add_in_parts(parts())
     mapper.skip()
-    mapper.add(NOTHING)
+    mapper.add(np.empty((0, 2)))
     assert (mapper.result().grid.occupancy == -1).all()
 
 

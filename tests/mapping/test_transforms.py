@@ -15,11 +15,9 @@ from traced_memory import memory_below
 
 T0, MS = 1_700_000_000_123_456_789, 1_000_000
 numbers = st.floats(-10, 10, allow_subnormal=False)
-quaternions = (
-    st.tuples(*[st.floats(-1, 1, allow_subnormal=False)] * 4)
-    .filter(lambda q: np.linalg.norm(q) > 0.1)
-    .map(lambda q: normalised(np.array(q)))
-)
+parts = st.tuples(*[st.floats(-1, 1, allow_subnormal=False)] * 4)
+turns = parts.filter(lambda q: np.linalg.norm(q) > 0.1)
+quaternions = turns.map(lambda q: normalised(np.array(q)))
 moves = st.tuples(numbers, numbers, numbers)
 
 
@@ -39,11 +37,8 @@ def test_each_transform_of_a_chain_is_interpolated_alone(data, lengths):
         frames = ["root", *(f"{name}{k}" for k in range(length))]
         for parent, child in pairwise(frames):
             is_static = data.draw(st.booleans())
-            times = (
-                [0]
-                if is_static
-                else sorted(data.draw(st.sets(st.integers(0, 1000), min_size=1, max_size=4)))
-            )
+            several = st.sets(st.integers(0, 1000), min_size=1, max_size=4)
+            times = [0] if is_static else sorted(data.draw(several))
             samples = [(t, data.draw(moves), data.draw(quaternions)) for t in times]
             for t, move, quaternion in data.draw(st.permutations(samples)):
                 tree.add(f"/{parent}", child, T0 + t * MS, move, quaternion, is_static=is_static)
@@ -126,9 +121,8 @@ def test_what_comes_static_and_moving_is_what_it_comes_as_most_often(moving, pla
     assert [(e.count, e.is_static) for e in tree.edges()] == [(moving, is_static)]
     assert tree.of_both_kinds == [("a", "b")]
     expected = [9, 9, 9] if is_static else [np.nan, 0, moving - 1]
-    np.testing.assert_array_equal(
-        xs(tree, "a", "b", T0 + MS * np.array([-5, 0, moving - 1])), expected
-    )
+    found = xs(tree, "a", "b", T0 + MS * np.array([-5, 0, moving - 1]))
+    np.testing.assert_array_equal(found, expected)
 
 
 @given(
@@ -144,9 +138,8 @@ def test_samples_may_come_in_any_order_and_after_a_look_at_those_before(before, 
         found = tree.lookup("a", "b", T0 + MS * np.array(sorted(known)))
         assert found.translations[:, 0].tolist() == [known[time] for time in sorted(known)]
     (edge,) = tree.edges()
-    assert (edge.count, edge.first, edge.last) == (
-        len(before) + len(after), T0 + MS * min(known), T0 + MS * max(known)
-    )  # fmt: skip
+    assert edge.count == len(before) + len(after)
+    assert (edge.first, edge.last) == (T0 + MS * min(known), T0 + MS * max(known))
 
 
 @pytest.mark.thorough
@@ -218,9 +211,9 @@ def test_a_span_is_what_all_transforms_of_a_chain_cover():
 LEVEL, UPSIDE_DOWN = (0.0, 0.0, 0.6, 0.8), (0.8, 0.6, 0.0, 0.0)
 
 
-@given(st.lists(st.tuples(*[st.floats(-1, 1)] * 4), max_size=5))
+@given(st.lists(turns, max_size=5))
 def test_how_a_sensor_stands_and_that_it_leans_beyond_10_degrees(turns):
-    turns = [LEVEL, UPSIDE_DOWN, *(turn for turn in turns if np.linalg.norm(turn) > 0.1)]
+    turns = [LEVEL, UPSIDE_DOWN, *turns]
     found = stances(np.full((len(turns), 3), (1.0, 2.0, 3.0)), normalised(np.array(turns)))
     ahead, up = (Rotation.from_quat(turns).apply(axis) for axis in ([1, 0, 0], [0, 0, 1]))
     tilt = np.arctan2(np.hypot(*up[:, :2].T), np.abs(up[:, 2]))

@@ -32,12 +32,10 @@ def differing(command, folder, grid, ending):
     world = folder / f"w{ending}"
     code, _, err = command("convert", folder / "a.npz", "-o", world, "--force")
     assert code == 0, err
-    found = build_map_from_world(
-        world, height=1.0, solid=True, resolution=grid.resolution, size=grid.frame.size_xy,
-        origin=grid.origin,
-    )  # fmt: skip
+    place = {"resolution": grid.resolution, "size": grid.frame.size_xy, "origin": grid.origin}
+    found = build_map_from_world(world, height=1.0, solid=True, **place)
     assert found.shape == grid.shape
-    return int(((np.asarray(found.occupancy) == 100) != (grid.occupancy == 100)).sum())
+    return np.count_nonzero((found.occupancy == 100) != (grid.occupancy == 100))
 
 
 @pytest.mark.parametrize("ending", [".sdf", ".stl", ".obj"])
@@ -90,14 +88,12 @@ def test_cells_of_the_storage_room(options, values):
 
 def test_origin_yaw_and_size_only_move_the_cells():
     whole = build_map_from_world(STORAGE, height=0.2)
-    turned = build_map_from_world(
-        STORAGE, height=0.2, size=(4.0, 3.0), origin=(5.0, 0.6, 0.4), resolution=0.05
-    )
+    place = {"size": (4.0, 3.0), "origin": (5.0, 0.6, 0.4), "resolution": 0.05}
+    turned = build_map_from_world(STORAGE, height=0.2, **place)
     assert turned.shape == (60, 80)
-    rows, cols = np.nonzero(turned.occupancy == OCCUPIED)
-    centres = turned.frame.xy_from_rowcol(np.stack([rows, cols], axis=1))
-    near = [whole.query(centres + step).values == OCCUPIED for step in
-            0.05 * (np.indices((3, 3)).reshape(2, -1).T - 1)]  # fmt: skip
+    centres = turned.frame.xy_from_rowcol(np.argwhere(turned.occupancy == OCCUPIED))
+    steps = 0.05 * (np.indices((3, 3)).reshape(2, -1).T - 1)
+    near = [whole.query(centres + step).values == OCCUPIED for step in steps]
     assert len(centres) > 40
     assert np.any(near, axis=0).all()
 
@@ -113,10 +109,8 @@ def rooms(folder, *widths):
             pose = f"<pose>{(x0 + x1) / 2} {(y0 + y1) / 2} 1 0 0 0</pose>"
             walls += f'<collision name="c{number}{k}">{pose}<geometry>{box}</geometry></collision>'
         x += width
-    path = folder / "rooms.sdf"
-    path.write_text(
-        f'<sdf version="1.7"><model name="m"><link name="l">{walls}</link></model></sdf>'
-    )
+    path, link = folder / "rooms.sdf", f'<link name="l">{walls}</link>'
+    path.write_text(f'<sdf version="1.7"><model name="m">{link}</model></sdf>')
     return path
 
 
@@ -157,7 +151,5 @@ def test_the_command_writes_the_map_and_gates_a_moved_world(command, tmp_path):
         assert (code, '"solids": 15' in out) == (0, True)
     assert command("diff", tmp_path / "0.yaml", tmp_path / "1.yaml")[0] == 0
     assert command("diff", tmp_path / "0.yaml", tmp_path / "2.yaml")[0] == 1
-    assert (
-        command("build", "--world", STORAGE, "--cloud", "c.pcd", "-o", tmp_path / "x.yaml")[0] == 2
-    )
-    assert command("build", "x.log", "--solid", "-o", tmp_path / "x.yaml")[0] == 2
+    for words in (("--world", STORAGE, "--cloud", "c.pcd"), ("x.log", "--solid")):
+        assert command("build", *words, "-o", tmp_path / "x.yaml")[0] == 2
