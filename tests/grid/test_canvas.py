@@ -107,9 +107,9 @@ def test_another_value_around_a_map():
 
 
 FIELD_STAGES = [stage for stage in STAGES if DistanceField in stage.takes]
+INFLATED = {"inflate_unknown": True, "inflate_around_unknown": True}
 CHOSEN = {
-    "exponential": {"inscribed_radius": 0.3, "inflate_unknown": True,
-                    "inflate_around_unknown": True},
+    "exponential": {"inscribed_radius": 0.3, **INFLATED},
     "threshold": {"view": "per-map", "down": 10, "up": 40},
     "rings": {"values": (90, 70, 50)},
     "layers": {"layers": ["static", {"inflation": {"inflation_radius": 0.8}}]},
@@ -121,16 +121,13 @@ CHOSEN = {
 @pytest.mark.slow
 @pytest.mark.parametrize("stage", FIELD_STAGES, ids=lambda stage: f"{stage.name} {stage.model}")
 @examples(20)
-@given(
-    occupancies(longest=8), MARGINS, st.sampled_from(["free", "occupied"]),
-    st.sampled_from(["fast-planner", "border"]),
-)  # fmt: skip
-def test_a_stage_makes_of_it_what_it_makes_of_the_box(
-    stage, occupancy, margins, unknown, convention
-):
+@given(occupancies(longest=8), MARGINS, st.fixed_dictionaries({
+    "unknown": st.sampled_from(["free", "occupied"]), "strength": st.just(2.0),
+    "convention": st.sampled_from(["fast-planner", "border"]),
+}))  # fmt: skip
+def test_a_stage_makes_of_it_what_it_makes_of_the_box(stage, occupancy, margins, about):
     frame = margins_of(Frame(*occupancy.shape, 0.25, (1.5, -2.0, 0.4)), margins)
     origin = frame.window(margins[0], margins[2], *occupancy.shape).origin
-    about = {"unknown": unknown, "convention": convention, "strength": 2.0}
     field = mapdeal.esdf(OccupancyGrid(occupancy, 0.25, origin), **about)
     extended = on_canvas(field, frame)
     # as a file has it: nothing but arrays
@@ -169,10 +166,8 @@ def test_points_in_the_box_are_answered_as_if_there_were_nothing_else(occupancy,
 def test_figures_are_of_the_cells_that_have_a_distance():
     field = mapdeal.esdf(WALL)
     extended = on_canvas(field, margins_of(WALL.frame, (1, 2, 3, 4)))
-    assert extended.figures() == {
-        **field.figures(), "width": 12, "height": 6, "origin": list(extended.origin),
-        "without_value": 6 * 12 - 3 * 5,
-    }  # fmt: skip
+    own = {"width": 12, "height": 6, "origin": list(extended.origin)}
+    assert extended.figures() == {**field.figures(), **own, "without_value": 6 * 12 - 3 * 5}
     free = mapdeal.esdf(grid_from_text("..\n..", 0.5))
     figures = on_canvas(free, margins_of(free.frame, (1, 0, 0, 0))).figures()
     assert (figures["lowest_distance"], figures["without_value"]) == (None, 2)

@@ -1,5 +1,6 @@
 """Drawing on maps and costmaps, against recordings of costmap_2d and by hand."""
 
+import cmath
 import json
 import math
 import re
@@ -17,9 +18,8 @@ from mapdeal import Circle, Costmap, Line, MapdealWarning, OccupancyGrid, Polygo
 def turned(grid, points):
     """Points given in cells (column, row) of a grid, in the map frame."""
     x, y, yaw = grid.origin
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    step = grid.resolution
-    return [(x + step * (u * cos - v * sin), y + step * (u * sin + v * cos)) for u, v in points]
+    moved = complex(x, y) + grid.resolution * cmath.exp(1j * yaw) * (np.array(points) @ [1, 1j])
+    return [(place.real, place.imag) for place in moved.tolist()]
 
 
 def cells_of(points):
@@ -30,12 +30,9 @@ def cells_of(points):
 def peers(real_maps):
     """Polygons that costmap_2d has drawn: the cells, or None where it refused."""
     about = json.loads((real_maps / "expected" / "peers.json").read_text())
+    polygons = {key: case for key, case in about.items() if key.startswith("polygon/")}
     with np.load(real_maps / "expected" / "peers.npz") as arrays:
-        return [
-            (case, arrays[f"{key}/out"] if case["ok"] else None)
-            for key, case in about.items()
-            if key.startswith("polygon/")
-        ]
+        return [(case, arrays[f"{k}/out"] if case["ok"] else None) for k, case in polygons.items()]
 
 
 def costs_of(case, margin, value):
@@ -68,9 +65,7 @@ def off_tolerance(coordinate):
     return abs(coordinate + 1e-9 - round(coordinate + 1e-9)) > 1e-12
 
 
-POINTS = st.tuples(
-    st.floats(-1, 8).filter(off_tolerance), st.floats(-1, 6).filter(off_tolerance)
-)  # fmt: skip
+POINTS = st.tuples(*(st.floats(-1, most).filter(off_tolerance) for most in (8, 6)))
 SIZES = st.floats(0.05, 4) | st.sampled_from([0.0, 0.3, 1.0])
 
 
@@ -136,8 +131,7 @@ def test_many_shapes_are_those_drawn_one_by_one(drawn, overlay, together, backgr
         patch.setattr("mapdeal.grid.shapes._ROWS_TOGETHER", together)
         at_once = draw(grid, shapes, overlay=overlay)
     texts = sorted(str(warning.message).split(": ", 1)[1] for warning in found)
-    expected = grid.occupancy.copy()
-    texts_alone = []
+    expected, texts_alone = grid.occupancy.copy(), []
     for shape in shapes:
         blank = OccupancyGrid(np.zeros_like(expected), 0.5, grid.origin)
         with warnings.catch_warnings(record=True) as found:

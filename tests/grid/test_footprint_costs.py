@@ -1,5 +1,6 @@
 """What a robot costs at poses, and its cells in each heading, drawn one by one; costmaps."""
 
+import cmath
 import json
 import math
 import warnings
@@ -44,11 +45,9 @@ def recorded(real_maps):
             else:
                 cells = costmaps[name.replace(" (distance_transform)", "|distance_transform")]
                 costs = Costmap(cells, grid.resolution, grid.origin)
-            arrays = [
-                poses[f"{case['key']}_{array_name}"]
-                for array_name in ("footprint", "poses", "cost")
-            ]
-            cases.append((case["key"], costs, *arrays))
+            key = case["key"]
+            arrays = (poses[f"{key}_{name}"] for name in ("footprint", "poses", "cost"))
+            cases.append((key, costs, *arrays))
     return cases
 
 
@@ -79,10 +78,8 @@ def test_the_yaw_of_a_map_turns_nothing_but_the_frame(yaw):
     # the side of a cell is a float32 in here, and corners may lie on edges up to rounding
     assert (footprint_costs(turned, ROBOT, moved) != expected).mean() < 0.001
     assert len(np.unique(expected)) == 5
-    circle, polygon = (
-        footprint_costs(level, robot, poses[:500])
-        for robot in (Footprint.circle(0.3), Footprint.sixteen_gon(0.3))
-    )
+    shapes = Footprint.circle(0.3), Footprint.sixteen_gon(0.3)
+    circle, polygon = (footprint_costs(level, shape, poses[:500]) for shape in shapes)
     assert circle.tolist() == polygon.tolist()
     assert Footprint.sixteen_gon(0.3).vertices[0] == (0.3, 0.0)
 
@@ -141,27 +138,17 @@ SHAPES = [
 
 def drawn(spans):
     """The cells (x, y) of runs, which must not overlap."""
-    cells = [
-        (col, row)
-        for row, start, stop in zip(*(column.tolist() for column in spans), strict=True)
-        for col in range(start, stop)
-    ]
+    runs = zip(*(column.tolist() for column in spans), strict=True)
+    cells = [(col, row) for row, start, stop in runs for col in range(start, stop)]
     assert len(cells) == len(set(cells))
     return set(cells)
 
 
 def cells_of(corners, turn, resolution):
     """The cells (x, y) of a polygon around the middle of cell (0, 0), one by one."""
-    cos, sin = math.cos(turn), math.sin(turn)
-    cells = [
-        (
-            math.floor(0.5 + (x * cos - y * sin) / resolution + 1e-9),
-            math.floor(0.5 + (x * sin + y * cos) / resolution + 1e-9),
-        )
-        for x, y in corners
-    ]
+    turned = [complex(*corner) * cmath.exp(1j * turn) / resolution for corner in corners]
     shift = 22
-    ring = [(x + shift, y + shift) for x, y in cells]
+    ring = [tuple(math.floor(0.5 + v + 1e-9) + shift for v in (p.real, p.imag)) for p in turned]
     return {(x - shift, y - shift) for x, y in oracles.ring_fill([ring], 2 * shift, 2 * shift)}
 
 
@@ -241,17 +228,15 @@ def test_costs_of_static_layers_are_those_of_interpret_value(
     costs = Costmap.from_static_layer(
         grid, lethal_threshold=threshold, inscribed_value=inscribed, **rules
     )
-    assert costs.cost[0].tolist() == [
-        oracles.static_layer_cost(value, threshold, inscribed=inscribed, **rules)
-        for value in range(-1, 101)
-    ]
+    for value, cost in enumerate(costs.cost[0].tolist(), -1):
+        assert cost == oracles.static_layer_cost(value, threshold, inscribed=inscribed, **rules)
+    assert costs.cost.shape == (1, 102)
     assert (costs.scale, costs.origin) == ("costmap2d", grid.origin)
 
 
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [("trinary", {}), ("scaled", {"trinary": False}), ("no_unknown", {"track_unknown": False})],
-)
+@pytest.mark.parametrize(("name", "options"), [
+    ("trinary", {}), ("scaled", {"trinary": False}), ("no_unknown", {"track_unknown": False}),
+])  # fmt: skip
 def test_the_static_layer_reads_every_byte_as_ros_does(peers, name, options):
     values = peers["occ_values"][0]
     assert sorted(values.tolist()) == list(range(-128, 128))

@@ -113,9 +113,8 @@ class Message(SimpleNamespace):
 
 
 def ros_grid():
-    pose = Message(
-        position=Message(x=0.0, y=0.0, z=0.0), orientation=Message(x=0.0, y=0.0, z=0.0, w=1.0)
-    )
+    place = {"x": 0.0, "y": 0.0, "z": 0.0}
+    pose = Message(position=Message(**place), orientation=Message(**place, w=1.0))
     info = Message(map_load_time=None, resolution=0.0, width=0, height=0, origin=pose)
     return Message(header=Message(stamp=None, frame_id=""), info=info, data=[])
 

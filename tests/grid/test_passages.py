@@ -37,18 +37,17 @@ def flooded(is_open, start):
     return is_open & (labels == labels[start])
 
 
+def holds(mask, cell):
+    return all(0 <= k < side for k, side in zip(cell, mask.shape, strict=True)) and mask[cell]
+
+
 def climbed(squared, is_traversable, cell):
     """Return the top of the hill that a cell lies on, by the steepest steps; ties by index."""
     while True:
         row, col = cell
-        around = [
-            (squared[place], place)
-            for place in (cell, (row - 1, col), (row, col - 1), (row, col + 1), (row + 1, col))
-            if 0 <= place[0] < squared.shape[0]
-            and 0 <= place[1] < squared.shape[1]
-            and is_traversable[place]
-        ]
-        _, highest = max(around)
+        places = cell, (row - 1, col), (row, col - 1), (row, col + 1), (row + 1, col)
+        traversable = (place for place in places if holds(is_traversable, place))
+        _, highest = max((squared[place], place) for place in traversable)
         if highest == cell:
             return cell
         cell = highest
@@ -89,32 +88,23 @@ HALF = 4 * RESOLUTION
 
 
 @pytest.mark.parametrize(("radius", "margin", "are_open"), [
-    (HALF + 1e-6, 0.1, [False]),
-    (HALF, 0.1, [False]),
-    (HALF - 1e-6, 0.1, [True]),
-    (HALF - 0.1, 0.1, [True]),
-    (HALF - 0.1 - 1e-6, 0.1, []),
-    (HALF - 0.1 - 1e-6, 0.11, [True]),
-    (0.0, 0.1, []),
+    (HALF + 1e-6, 0.1, [False]), (HALF, 0.1, [False]),
+    (HALF - 1e-6, 0.1, [True]), (HALF - 0.1, 0.1, [True]),
+    (HALF - 0.1 - 1e-6, 0.1, []), (HALF - 0.1 - 1e-6, 0.11, [True]), (0.0, 0.1, []),
 ])  # fmt: skip
 def test_a_door_is_open_below_half_its_width_and_tight_up_to_a_margin(radius, margin, are_open):
     grid = rooms(7)
-    doors = found(grid, (3, 3), radius, margin=margin, min_area=0.5)
-    assert [door.is_open for door in doors] == are_open
-    if radius < HALF:  # a robot that can turn everywhere gets the same result
-        everywhere = {
-            "is_reached": open_cells(clearances_of(grid), radius),
-            "circumscribed_radius": 0.5,
-        }
-        doors = found(grid, (3, 3), radius, margin=margin, min_area=0.5, **everywhere)
+    # a robot that can turn everywhere gets the same result
+    turning = {"is_reached": open_cells(clearances_of(grid), radius), "circumscribed_radius": 0.5}
+    for robot in ({}, turning)[: 1 + (radius < HALF)]:
+        doors = found(grid, (3, 3), radius, margin=margin, min_area=0.5, **robot)
         assert [door.is_open for door in doors] == are_open
 
 
 @pytest.mark.parametrize(("reached", "expected"), [
     (88, [(3, True)]),  # of passages that it can pass only those within the margin are reported,
     (66, [(3, False)]),  # and of passages that it cannot pass only those that it reaches
-    (44, [(4, False)]),
-    (22, [(4, False)]),
+    (44, [(4, False)]), (22, [(4, False)]),
 ])  # fmt: skip
 def test_a_robot_that_turns_is_stopped_where_it_does_not_get_through(reached, expected):
     grid = rooms(7, 7, 5)  # doors of 4, 4 and 3 cells to each side: 0.28, 0.28, 0.21 m
@@ -127,17 +117,14 @@ def test_a_robot_that_turns_is_through_with_half_of_what_lies_behind():
     grid = rooms(7)
     is_open = open_cells(clearances_of(grid), 0.2)
     behind = np.argwhere(is_open & (np.arange(grid.shape[1]) > 21))
-    count = len(behind)
+    half, many = len(behind) // 2, len(behind) - 25
     for reached, cells_needed, is_through in (
-        (count // 2 + 1, count - 25, True), (count // 2 - 1, count - 25, False),
-        (50, 50, True), (49, 50, False),
+        (half + 1, many, True), (half - 1, many, False), (50, 50, True), (49, 50, False)
     ):  # fmt: skip
         is_reached = is_open.copy()
         is_reached[tuple(behind[reached:].T)] = False
-        (door,) = found(
-            grid, (3, 3), 0.2, margin=0.1, is_reached=is_reached, circumscribed_radius=0.4,
-            min_area=cells_needed * RESOLUTION**2,
-        )  # fmt: skip
+        robot = {"is_reached": is_reached, "circumscribed_radius": 0.4, "margin": 0.1}
+        (door,) = found(grid, (3, 3), 0.2, min_area=cells_needed * RESOLUTION**2, **robot)
         assert door.is_open == is_through
 
 
@@ -219,12 +206,9 @@ def brute_open(squared, is_open, is_traversable, start, radius, margin, min_cell
     start = climbed(squared, is_traversable, start)
     hills = [climbed(squared, is_traversable, cell) for cell in cells_in(is_open)]
     wider = is_traversable & (np.sqrt(squared) > radius + margin)
-    areas = [flooded(wider, cell) for cell in cells_in(wider)]
-    large = {
-        frozenset(cells_in(area))
-        for area in areas
-        if sum(area[hill] for hill in hills) >= min_cells or area[start]
-    }
+    areas = {frozenset(cells_in(flooded(wider, cell))) for cell in cells_in(wider)}
+    large = [area for area in areas
+             if sum(hill in area for hill in hills) >= min_cells or start in area]  # fmt: skip
     group, links, is_certain = {}, [], True
     for cell, places in added(squared, is_traversable):
         group[cell] = {cell}
@@ -368,11 +352,10 @@ def test_passages_are_those_of_the_definition(drawn, radius, margin, min_cells, 
     frame = Frame(*squared.shape, 1.0)
     clearances = reaching.Ways(clearance_tree(squared, is_traversable), squared, frame)
     is_open = is_traversable & (np.sqrt(squared) > radius)
-    doors = passages(
-        clearances, is_open, start, radius=radius, margin=margin, min_area=float(min_cells)
-    )
+    limits = {"radius": radius, "margin": margin}
+    doors = passages(clearances, is_open, start, min_area=float(min_cells), **limits)
     expected, is_certain = brute_open(
-        squared, is_open, is_traversable, start, radius, margin, min_cells
+        squared, is_open, is_traversable, start, min_cells=min_cells, **limits
     )
     hill = climbed(squared, is_traversable, start)
     closed, other_doors = brute_closed(squared, is_traversable, hill, radius, min_cells)
@@ -400,11 +383,8 @@ def assert_split_by(grid, passage, start, radius):
     def sides_of(cell):
         narrower = flooded(is_traversable & (distance > half - 1e-6), cell)
         labels, count = ndimage.label(narrower & (distance > half + 1e-6))
-        hills = [
-            np.isin(clearances.tree.basins, clearances.tree.basins[labels == k + 1])
-            for k in range(count)
-        ]
-        is_open = distance > radius
+        basins, is_open = clearances.tree.basins, distance > radius
+        hills = [np.isin(basins, basins[labels == k + 1]) for k in range(count)]
         return sum((hill & is_open).any() or labels[start] == k for k, hill in enumerate(hills, 1))
 
     # A cell beside the passage may be as narrow as it is.
@@ -434,9 +414,8 @@ def test_a_robot_a_hair_narrower_passes_and_one_a_hair_wider_does_not(seed, radi
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "count", "closed"), [
-    pytest.param(
-        "mit-racecar__racecar_simulator/maps/building_31", 29, 26, marks=pytest.mark.thorough
-    ),
+    pytest.param("mit-racecar__racecar_simulator/maps/building_31", 29, 26,
+                 marks=pytest.mark.thorough),
     ("turtlebot__turtlebot_apps/turtlebot_navigation/maps/willow-2010-02-18-0.10", 10, 5),
 ])  # fmt: skip
 def test_doors_of_real_maps(real_maps, name, count, closed):
@@ -447,9 +426,8 @@ def test_doors_of_real_maps(real_maps, name, count, closed):
     doors = found(grid, start, 0.45)
     assert len(doors) == count
     assert [warning.is_open for warning in doors] == [False] * closed + [True] * (count - closed)
-    assert [door.width for door in disconnected(grid, 0.45)] == [
-        door.width for door in doors[:closed]
-    ]
+    widths = [door.width for door in doors]
+    assert [door.width for door in disconnected(grid, 0.45)] == widths[:closed]
     for passage in widest_doors(doors)[:2]:
         assert_split_by(grid, passage, start, 0.45)
 
@@ -488,9 +466,7 @@ def test_the_nearest_open_cell_is_that_of_a_search_through_all(height, width, co
     if not count:
         assert hint == "no cell of the map is open"
         return
-    distance, row, col = min(
-        (math.dist(marked_cell, cell), *marked_cell) for marked_cell in np.argwhere(marked).tolist()
-    )
+    distance, (row, col) = min((math.dist(place, cell), place) for place in cells_in(marked))
     place = f"{-3.0 + (col + 0.5) * 0.5:.10g},{2.0 + (row + 0.5) * 0.5:.10g}"
     assert hint == f"the nearest open cell is {distance * 0.5:.3g} m away, at {place}"
 

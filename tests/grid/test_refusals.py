@@ -49,8 +49,8 @@ UPRIGHT = Frame(5, 8, 0.5, (1.0, -2.0, 0.0))
             (mapdeal.esdf(MAP).query, "shape", [[1.0, 2.0, 3.0], [[1.0, 2.0, 3.0]], 1.0]),
             (lambda options: mapdeal.ViewScale(**options), None,
              [{"view": "polar"}, {"view_range": 0.0}, {"farthest": -1.0}, {"deepest": math.inf}]),
-            (MAP.frame.unbounded_rowcol_from_xy, "finite", [[(0, 0), (math.nan, 0)], [(1e13, 0)]]),
-            (MAP.frame.clamped_rowcol_from_xy, "finite", [[(0, 0), (math.nan, 0)], [(1e13, 0)]]),
+            *[(rowcol, "finite", [[(0, 0), (math.nan, 0)], [(1e13, 0)]])
+              for rowcol in (MAP.frame.unbounded_rowcol_from_xy, MAP.frame.clamped_rowcol_from_xy)],
             (lambda size: region_of(UPRIGHT, size, corner_xy=(1.0, 1.0)), None,
              [(0.0, 1.0), (1.0, 0.0)]),
             (lambda place: region_of(UPRIGHT, (1.0, 1.0), **place), None,
@@ -124,16 +124,13 @@ def test_vertices_of_all_holes_are_counted(monkeypatch):
     ("vertex 2", "[[0.1, 0.2], [nan, 0.4], [0.5, 0.1]]"),
     ("vertex 3", "[[0.1, 0.2], [0.3, 0.4], [1e9, 0.1]]"),
     ("vertex 1", "[[1,1],[-1,-1],[1,-1],[-1,1]]"),
-    *[
-        ("look like", text)
-        for text in [
-            "", "0.3", "[]", "[[]]", "[" * 500, "[[" + "1" * 300, "[[" + "1." * 200 + "]]",
-            "[[1,1]" + " " * 500, "[[1,1],[2,2],[3,1]", "[1,1],[2,2],[3,1]]",
-            "[[[1,1],[2,2],[3,1]]]", "[[1,1] [2,2],[3,1]]", "[[1,1],[2,2],[3,1],]",
-            "[[1,1],[2,2],[3,1]]x", "[[1,1],[2,2],[]]", "[[1,1],[2,2],[3,]]",
-            "[[1,1],[2,2],[3 1]]", "[[1,1],[2,2],[3,1_0]]", "[[1,1],[2,2],[3,\x1b[31m1]]",
-        ]
-    ],
+    *[("look like", text) for text in [
+        "", "0.3", "[]", "[[]]", "[" * 500, "[[" + "1" * 300, "[[" + "1." * 200 + "]]",
+        "[[1,1]" + " " * 500, "[[1,1],[2,2],[3,1]", "[1,1],[2,2],[3,1]]", "[[[1,1],[2,2],[3,1]]]",
+        "[[1,1] [2,2],[3,1]]", "[[1,1],[2,2],[3,1],]", "[[1,1],[2,2],[3,1]]x", "[[1,1],[2,2],[]]",
+        "[[1,1],[2,2],[3,]]", "[[1,1],[2,2],[3 1]]", "[[1,1],[2,2],[3,1_0]]",
+        "[[1,1],[2,2],[3,\x1b[31m1]]",
+    ]],
 ])  # fmt: skip
 def test_footprints_as_text_are_refused_at_once_in_printable_words(words, text):
     with pytest.raises(ParameterError, match=words) as caught:
