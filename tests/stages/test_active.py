@@ -44,8 +44,7 @@ def test_the_box_equals_a_search_cell_by_cell(occupancy, margin):
     assume(len(known))
     row, col = np.maximum(known.min(axis=0) - margin, 0).tolist()
     last_row, last_col = (known.max(axis=0) + margin).tolist()
-    grid = OccupancyGrid(occupancy, 0.1, (0.5, 0.25, 0.0))
-    region = active_region(grid, margin=margin * 0.1)
+    region = active_region(OccupancyGrid(occupancy, 0.1, (0.5, 0.25, 0.0)), margin=margin * 0.1)
     assert np.array_equal(region.occupancy, occupancy[row : last_row + 1, col : last_col + 1])
     assert region.origin == pytest.approx((0.5 + 0.1 * col, 0.25 + 0.1 * row, 0.0))
 

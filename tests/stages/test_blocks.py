@@ -17,9 +17,7 @@ SPREADS = {"inflation": {"inscribed_radius": 0.2, "inflate_around_unknown": True
 
 # The parameters that are drawn, for each stage and model.
 DRAWN = {
-    ("active", None): {
-        "margin": [0.0, 0.3], "canvas": ["crop", "full"], "min_component": [0, 3],
-    },
+    ("active", None): {"margin": [0.0, 0.3], "canvas": ["crop", "full"], "min_component": [0, 3]},
     ("clean", None): {"min_obstacle": [0, 3], "min_hole": [1, 10], "min_free": [0, 100]},
     ("window", None): {
         "size_xy": [(1.0, 0.5), (30.0, 2.0)], "corner_xy": [(1.5, -2.0), (0.3, 1.1), (99.0, 0.0)],
@@ -49,10 +47,8 @@ DRAWN = {
         "down": [20.0, 40.0], "up": [60.0], "down_factor": [0.5], "view": ["per-map", "metric"],
     },
     ("cost", "layers"): {
-        "layers": [
-            (), ("static", "inflation"), ("static", SPREADS, SPREADS),
-            (SPREADS, {"static": {"use_maximum": True}}, SPREADS),
-        ],
+        "layers": [(), ("static", "inflation"), ("static", SPREADS, SPREADS),
+                   (SPREADS, {"static": {"use_maximum": True}}, SPREADS)],
         "default_cost": [0, 255], "circumscribed_radius": [0.4],
     },
     ("reach", None): {

@@ -16,11 +16,9 @@ OFF = {"min_obstacle": 0, "min_hole": 0, "min_free": 0}
 
 def around(values, group, steps=AROUND):
     """The values of the cells around a component, -1 beyond the edges of the map."""
-    height, width = values.shape
-    cells_around = {(r + i, c + j) for r, c in group for i, j in steps} - group
-    return {
-        int(values[r, c]) if 0 <= r < height and 0 <= c < width else -1 for r, c in cells_around
-    }
+    walled = np.pad(values, 1, constant_values=-1).tolist()
+    return {walled[r + i + 1][c + j + 1] for r, c in group for i, j in steps
+            if (r + i, c + j) not in group}  # fmt: skip
 
 
 def cleaned_by_floods(values, min_obstacle, min_hole, min_free):
@@ -38,11 +36,8 @@ def cleaned_by_floods(values, min_obstacle, min_hole, min_free):
         return [g for g in small if around(values, g) == {ring}]
 
     change("free_holes", holes(0), 0)
-    areas = [
-        group
-        for group in sorted(groups(values == 0, EDGES), key=min)
-        if not any(0 < value < 100 for value in around(values, group, EDGES))
-    ]
+    free = sorted(groups(values == 0, EDGES), key=min)
+    areas = [group for group in free if around(values, group, EDGES) <= {-1, 100}]
     largest = max(areas, key=len, default=None)
     change("islands", [a for a in areas if a is not largest and len(a) < min_free], -1)
     change("wall_holes", holes(100), 100)

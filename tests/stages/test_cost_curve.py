@@ -12,18 +12,15 @@ from mapdeal.grid.costmap import MOST_LISTED
 ROWS, COLS, ROW, COL = 47, 63, 19, 24
 PLACE = (1.5, -2.0, 0.4)
 ROBOT = {"inscribed_radius": 0.2255, "inflation_radius": 0.7, "cost_scaling_factor": 3.0}
+SMALL = {"inscribed_radius": 0.15, "inflation_radius": 0.6}
 INFLATIONS = [
-    (0.05, ROBOT),
-    (0.05, {**ROBOT, "lookup": "nav2"}),
+    (0.05, ROBOT), (0.05, {**ROBOT, "lookup": "nav2"}), (1.0, ROBOT),
     (0.07, {**ROBOT, "float32_resolution": True}),
-    (0.05, {"inscribed_radius": 0.15, "inflation_radius": 0.6, "float32_resolution": True}),
-    (0.05, {"inscribed_radius": 0.15, "inflation_radius": 0.6}),
+    (0.05, SMALL), (0.05, {**SMALL, "float32_resolution": True}),
     (0.05, {"inscribed_radius": 0.265, "inflation_radius": 0.3, "lookup": "nav2"}),
-    (0.05, {"inscribed_radius": 0.5, "inflation_radius": 0.2}),
-    (0.05, {"inflation_radius": 0.0}),
+    (0.05, {"inscribed_radius": 0.5, "inflation_radius": 0.2}), (0.05, {"inflation_radius": 0.0}),
     (0.05, {"inflation_radius": 0.01, "cost_scaling_factor": 0.0}),
-    (1.0, ROBOT),
-]
+]  # fmt: skip
 
 
 def around_one_obstacle(resolution):
@@ -35,19 +32,15 @@ def around_one_obstacle(resolution):
 def table_of(costmap, distance=lambda row, col: row * row + col * col):
     """Return the cost of each distance that occurs, with plain whole numbers."""
     table = {}
-    for row in range(ROWS):
-        for col in range(COLS):
-            cost = int(costmap.cost[row, col])
-            assert table.setdefault(distance(abs(row - ROW), abs(col - COL)), cost) == cost
+    for (row, col), cost in np.ndenumerate(costmap.cost):
+        assert table.setdefault(distance(abs(row - ROW), abs(col - COL)), int(cost)) == cost
     return table
 
 
 def check(curve, table, reach):
     """Check a curve at all distances of a map: those up to the squared reach, and 0 beyond."""
-    listed = {
-        round(cells * cells): cost
-        for cells, cost in zip(curve.cells.tolist(), curve.cost.tolist(), strict=True)
-    }
+    squares = np.round(curve.cells**2).astype(int).tolist()
+    listed = dict(zip(squares, curve.cost.tolist(), strict=True))
     assert curve.cells.tolist() == [math.sqrt(square) for square in listed]
     assert list(listed) == sorted(listed)
     assert max(listed) == reach
@@ -86,13 +79,12 @@ MAXIMUM = {"static": {"use_maximum": True}}
 def test_layers_have_the_costs_of_the_map(layers, inflations):
     grid = around_one_obstacle(0.07)
     curve = mapdeal.cost_curve(grid, model="layers", layers=layers)
-    reach = max(
-        (math.ceil(inflation["inflation_radius"] / 0.07) for inflation in inflations), default=0
-    )
+    radii = sorted(inflation["inflation_radius"] for inflation in inflations)
+    reach = math.ceil(max(radii, default=0) / 0.07)
     check(curve, table_of(mapdeal.layered_cost(grid, layers=layers)), reach**2)
     if not inflations:
         return
-    *radii, largest = sorted(inflation["inflation_radius"] for inflation in inflations)
+    *radii, largest = radii
     assert (curve.inflation_radius, curve.inscribed_radius) == (largest, 0.2)
     assert [metres for _, metres in curve.marks] == radii
     near = curve.distance <= curve.reach
@@ -102,11 +94,10 @@ def test_layers_have_the_costs_of_the_map(layers, inflations):
 
 @pytest.mark.parametrize("view", ["metric", "per-map"])
 @pytest.mark.parametrize(("strength", "parameters"), [
-    (1.0, {}),
-    (1.0, {"down": 20, "up": 60, "down_factor": 0.5, "up_factor": 1.1}),
-    (2.5, {"down": 20, "up": 60, "down_factor": 0.5, "up_factor": 1.1}),
+    (1.0, {}), (2.5, {"down": 99, "up": 100}),
+    *[(strength, {"down": 20, "up": 60, "down_factor": 0.5, "up_factor": 1.1})
+      for strength in (1.0, 2.5)],
     (1.0, {"down": 30, "up": 70, "down_factor": 1.0, "up_factor": 0.0}),
-    (2.5, {"down": 99, "up": 100}),
 ])  # fmt: skip
 def test_thresholds_have_the_costs_of_the_map(view, parameters, strength):
     grid = around_one_obstacle(0.07)
@@ -178,16 +169,13 @@ def test_a_shape_sets_the_radii_and_no_warning_of_the_stage_is_repeated():
 
 
 def test_the_document_has_the_robot():
-    document = mapdeal.cost_curve(
-        0.05, inscribed_radius=0.2, circumscribed_radius=0.36, inflation_radius=0.53,
-        cost_scaling_factor=5.0,
-    ).document()  # fmt: skip
+    radii = {"inscribed_radius": 0.2, "circumscribed_radius": 0.36, "inflation_radius": 0.53}
+    document = mapdeal.cost_curve(0.05, cost_scaling_factor=5.0, **radii).document()
     curve = document.pop("curve")
     assert document == {
-        "cost_scale": "costmap2d", "metric": "euclidean", "inscribed_radius": 0.2,
-        "circumscribed_radius": 0.36, "circumscribed_cost": int(252 * math.exp(-5 * 0.16)),
-        "inflation_radius": 0.53, "marks": {}, "reach_cells": 11.0, "reach_m": 11 * 0.05,
-        "cost_at_reach": int(252 * math.exp(-5 * 0.35)), "distances": len(curve),
-        "every_distance": True,
+        **radii, "cost_scale": "costmap2d", "metric": "euclidean",
+        "circumscribed_cost": int(252 * math.exp(-5 * 0.16)), "marks": {}, "reach_cells": 11.0,
+        "reach_m": 11 * 0.05, "cost_at_reach": int(252 * math.exp(-5 * 0.35)),
+        "distances": len(curve), "every_distance": True,
     }  # fmt: skip
     assert curve[2] == {"cells": math.sqrt(2), "distance_m": math.sqrt(2) * 0.05, "cost": 253}

@@ -88,8 +88,7 @@ def test_the_rules_of_the_static_layer_and_of_nav2_s_lookup_equal_brute_force(
     assert np.array_equal(cost, expected(unknown_is_lethal=False))
     field = mapdeal.esdf(grid, lethal_threshold=about["lethal_threshold"], **of_field)
     cost = mapdeal.exponential_cost(field, **about).cost
-    is_lethal = of_field["unknown"] == "occupied"
-    assert np.array_equal(cost, expected(unknown_is_lethal=is_lethal))
+    assert np.array_equal(cost, expected(unknown_is_lethal=of_field["unknown"] == "occupied"))
 
 
 @pytest.mark.parametrize("convention", ["fast-planner", "border"])
@@ -129,18 +128,13 @@ def test_a_cell_at_exactly_the_inscribed_radius_is_inscribed(resolution):
         assert np.array_equal(inflated == 100, cost >= 253)
 
 
-@pytest.mark.parametrize(("inscribed", "circumscribed", "inflation", "cost", "warned"), [
-    (0.3, 0.3, 0.6, 253, 0),
-    (0.3, 0.2, 0.6, 253, 0),
-    (0.3, 0.6, 0.6, 12, 0),  # trunc(252 exp(-10 * 0.3))
-    (0.3, 0.601, 0.6, 0, 1),
-    (0.6, 0.6, 0.6, 253, 0),
-    (0.601, 0.6, 0.6, 253, 1),
+@pytest.mark.parametrize(("inscribed", "circumscribed", "cost", "warned"), [
+    (0.3, 0.6, 12, 0),  # trunc(252 exp(-10 * 0.3))
+    (0.3, 0.3, 253, 0), (0.3, 0.2, 253, 0), (0.3, 0.601, 0, 1), (0.6, 0.6, 253, 0),
+    (0.601, 0.6, 253, 1),
 ])  # fmt: skip
-def test_radii_that_are_equal_fit(recwarn, inscribed, circumscribed, inflation, cost, warned):
-    costmap = mapdeal.exponential_cost(
-        grid_from_text("#.."), inscribed_radius=inscribed, inflation_radius=inflation,
-        circumscribed_radius=circumscribed,
-    )  # fmt: skip
+def test_radii_that_are_equal_fit(recwarn, inscribed, circumscribed, cost, warned):
+    radii = {"inscribed_radius": inscribed, "circumscribed_radius": circumscribed}
+    costmap = mapdeal.exponential_cost(grid_from_text("#.."), inflation_radius=0.6, **radii)
     assert costmap.circumscribed_cost == cost
     assert len(recwarn) == warned

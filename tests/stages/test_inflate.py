@@ -14,9 +14,8 @@ pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
        st.sampled_from([50, 100]))  # fmt: skip
 def test_the_disc_equals_brute_force(occupancy, resolution, radius, threshold):
     reached = oracles.disc_inflation(occupancy >= threshold, radius, resolution)
-    inflated = inflate(
-        OccupancyGrid(occupancy, resolution), radius=radius, lethal_threshold=threshold
-    )
+    grid = OccupancyGrid(occupancy, resolution)
+    inflated = inflate(grid, radius=radius, lethal_threshold=threshold)
     assert np.array_equal(inflated.occupancy, np.where(reached, 100, occupancy))
 
 
@@ -24,10 +23,8 @@ def test_the_disc_equals_brute_force(occupancy, resolution, radius, threshold):
 def test_the_square_equals_brute_force(occupancy, reach, inflate_unknown):
     reached = oracles.square_inflation(occupancy >= 100, reach)
     expected = np.where(reached & (inflate_unknown | (occupancy != -1)), 100, occupancy)
-    inflated = inflate(
-        OccupancyGrid(occupancy, 0.1), radius=reach * 0.1, kernel="square",
-        inflate_unknown=inflate_unknown,
-    )  # fmt: skip
+    options = {"kernel": "square", "inflate_unknown": inflate_unknown}
+    inflated = inflate(OccupancyGrid(occupancy, 0.1), radius=reach * 0.1, **options)
     assert np.array_equal(inflated.occupancy, expected)
 
 

@@ -72,12 +72,8 @@ def test_small_groups_go_as_the_real_denoise_layer_takes_them(real_maps, tmp_pat
 
 @pytest.mark.slow
 @examples(80)
-@given(
-    occupancies(), st.sampled_from([0.04, 0.1, 0.25, 0.7]),
-    st.lists(LAYERS, max_size=5),
-    st.sampled_from([0, 255]),
-    st.integers(1, 13),
-)  # fmt: skip
+@given(occupancies(), st.sampled_from([0.04, 0.1, 0.25, 0.7]), st.lists(LAYERS, max_size=5),
+       st.sampled_from([0, 255]), st.integers(1, 13))  # fmt: skip
 def test_any_sequence_of_layers_equals_brute_force(
     occupancy, resolution, layers, default_cost, block_height
 ):
@@ -144,8 +140,7 @@ def test_layers_in_recipes_settings_and_manifests(tmp_path):
         "[{static: {name: map, track_unknown_space: no, lethal_cost_threshold: 65}}, "
         "{inflation: {inflation_radius: 7e-1, cost_scaling_factor: 3, lookup: nav2}}, static]"
     )
-    for more in ({}, {"default_cost": 255}):
-        changes = [f"cost.layers={text}", "cost.model=layers"]
-        changes += [f"cost.{name}={value}" for name, value in more.items()]
+    for more, values in (([], {}), (["cost.default_cost=255"], {"default_cost": 255})):
+        changes = [f"cost.layers={text}", "cost.model=layers", *more]
         described = load_recipe("default", changes=changes).described()[-1]
-        assert described == {"cost": {**document["cost"], **more}}
+        assert described == {"cost": {**document["cost"], **values}}

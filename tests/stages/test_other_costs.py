@@ -36,9 +36,8 @@ def test_threshold_costs_equal_brute_force_on_paper(
     more = {"view_range": 2.0} if view == "metric" else {}
     values = make(occupancy, occupied, resolution, strength=strength, **more)
     squared = oracles.squared_distance(occupied)
-    expected = oracles.threshold_cost(
-        values, squared, resolution, strength, down=down, up=up, factors=factors
-    )  # fmt: skip
+    limits = {"down": down, "up": up, "factors": factors}
+    expected = oracles.threshold_cost(values, squared, resolution, strength, **limits)
     assert np.array_equal(found, expected)
 
 
@@ -91,8 +90,7 @@ def test_a_field_may_be_clipped_where_costs_no_longer_fall(clip, strength, optio
 def test_rings_equal_brute_force(occupancy, values, is_field):
     grid = OccupancyGrid(occupancy, 0.3)
     inner = (occupancy == 100) | ((occupancy == -1) & is_field)
-    expected = np.where(inner, 100, occupancy)
-    obstacles = inner
+    expected, obstacles = np.where(inner, 100, occupancy), inner
     for reach, value in enumerate(values, 1):
         outer = oracles.square_inflation(obstacles, reach)
         expected[outer & ~inner] = value

@@ -22,16 +22,12 @@ def some_map(seed, height, width, yaw=0.4, resolution=0.07):
 
 
 def turned_by_hand(points, angle):
-    return [
-        (x * math.cos(angle) - y * math.sin(angle), x * math.sin(angle) + y * math.cos(angle))
-        for x, y in points
-    ]
+    turned = [complex(x, y) * complex(math.cos(angle), math.sin(angle)) for x, y in points]
+    return [(place.real, place.imag) for place in turned]
 
 
-@given(
-    seed=st.integers(0, 999), height=st.integers(1, 9), width=st.integers(1, 9),
-    yaw=ANGLES, angle=ANGLES,
-)  # fmt: skip
+@given(seed=st.integers(0, 999), height=st.integers(1, 9), width=st.integers(1, 9), yaw=ANGLES,
+       angle=ANGLES)  # fmt: skip
 def test_no_point_of_an_obstacle_is_lost(seed, height, width, yaw, angle):
     grid = some_map(seed, height, width, yaw)
     result = mapdeal.rotate(grid, angle)
@@ -129,10 +125,8 @@ def rescaled_by_hand(values, ratio, rule):
     height, width = (math.ceil(Fraction(size) / ratio) for size in values.shape)
     result = np.full((height, width), -1, np.int8)
     for row, col in np.ndindex(height, width):
-        under = values[
-            math.floor(row * ratio) : math.ceil((row + 1) * ratio),
-            math.floor(col * ratio) : math.ceil((col + 1) * ratio),
-        ]
+        rows, cols = (slice(math.floor(k * ratio), math.ceil((k + 1) * ratio)) for k in (row, col))
+        under = values[rows, cols]
         at = tuple(math.floor((k + Fraction(1, 2)) * ratio) for k in (row, col))
         if under.max() > 0 and rule == "area":
             result[row, col] = under.max()
@@ -141,11 +135,9 @@ def rescaled_by_hand(values, ratio, rule):
     return result
 
 
-@given(
-    seed=st.integers(0, 999), height=st.integers(1, 8), width=st.integers(1, 8),
-    old=st.sampled_from(["0.05", "0.1", "0.07", "0.25"]),
-    new=st.sampled_from(["0.05", "0.1", "0.2", "0.03", "0.15", "1", "0.35"]),
-)  # fmt: skip
+@given(seed=st.integers(0, 999), height=st.integers(1, 8), width=st.integers(1, 8),
+       old=st.sampled_from(["0.05", "0.1", "0.07", "0.25"]),
+       new=st.sampled_from(["0.05", "0.1", "0.2", "0.03", "0.15", "1", "0.35"]))  # fmt: skip
 def test_every_cell_is_as_by_hand(seed, height, width, old, new):
     grid = some_map(seed, height, width, resolution=float(old))
     for rule in ("area", "nearest"):
