@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import assume, given, strategies as st
 
 import mapdeal
 import oracles
@@ -28,10 +28,9 @@ def test_the_design_s_case_by_hand():
     assert (golden.normalised.min(), golden.normalised.max()) == (0.0, 10.0)
 
 
-@given(
-    occupancies(longest=8), RESOLUTIONS, st.sampled_from([0.0, 0.4, -3.0, 2.0]), st.booleans(),
-    st.sampled_from([(3.0, 0.5), (0.0, 2.0), (2.0, 0.0)]), st.sampled_from([1e5, 9.5]),
-)  # fmt: skip
+@given(occupancies(longest=8), RESOLUTIONS, st.sampled_from([0.0, 0.4, -3.0, 2.0]), st.booleans(),
+       st.sampled_from([(3.0, 0.5), (0.0, 2.0), (2.0, 0.0)]),
+       st.sampled_from([1e5, 9.5]))  # fmt: skip
 def test_the_parts_and_their_slopes_are_those_of_the_formulas(
     occupancy, resolution, yaw, has_goal, gains, cap
 ):
@@ -129,15 +128,12 @@ def test_a_file_holds_every_layer_and_gives_the_field_back(tmp_path, goal):
 @given(occupancies(longest=9), st.sampled_from([0.0, 0.4]), st.booleans(), st.sampled_from("prc"))
 def test_lengths_to_the_goal_are_finite_where_reach_gets_to(occupancy, yaw, through_unknown, shape):
     grid = mapdeal.OccupancyGrid(occupancy, 0.25, (1.5, -2.0, yaw))
-    robot = {
-        "p": {}, "r": {"radius": 0.3},
-        "c": {"footprint": mapdeal.Footprint([(0.3, 0.1), (0.3, -0.1), (-0.2, -0.1), (-0.2, 0.1)])},
-    }[shape]  # fmt: skip
-    cell = tuple((np.array(occupancy.shape) // 2).tolist())
-    if occupancy[cell] == 100:
-        return
-    goal = tuple((grid.frame.xy_from_rowcol([cell])[0] + 0.01).tolist())
+    corners = mapdeal.Footprint([(0.3, 0.1), (0.3, -0.1), (-0.2, -0.1), (-0.2, 0.1)])
+    robot = {"p": {}, "r": {"radius": 0.3}, "c": {"footprint": corners}}[shape]
     robot["through_unknown"] = through_unknown
+    cell = tuple((np.array(occupancy.shape) // 2).tolist())
+    assume(occupancy[cell] != 100)
+    goal = tuple((grid.frame.xy_from_rowcol([cell])[0] + 0.01).tolist())
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", mapdeal.MapdealWarning)
         field = mapdeal.potential(grid, goal=goal, **robot)
@@ -156,8 +152,7 @@ def test_gradients_of_lengths_lead_away_from_the_goal_in_the_map_frame():
     grid = mapdeal.OccupancyGrid(np.zeros((41, 31), np.int8), 0.25, (1.5, -2.0, 0.4))
     goal = tuple(grid.frame.xy_from_rowcol([[20, 15]])[0].tolist())
     field = mapdeal.potential(grid, goal=goal)
-    rows, cols = np.indices(grid.shape)
-    away = grid.frame.xy_from_rowcol(np.stack([rows, cols], axis=-1).reshape(-1, 2)) - goal
+    away = grid.frame.xy_from_rowcol(np.argwhere(np.ones(grid.shape))) - goal
     length = np.hypot(*away.T)
     is_far = length > 1.0
     expected = away[is_far] / length[is_far, np.newaxis]

@@ -55,9 +55,8 @@ def flood_fill(occupancy, resolution, radius, start, *, through_unknown=False):
         row, col = waiting.pop()
         reached[row, col] = True
         for r, c in itertools.product((row - 1, row, row + 1), (col - 1, col, col + 1)):
-            if not (0 <= r < len(reached) and 0 <= c < reached.shape[1]) or reached[r, c]:
-                continue
-            if is_open[r, c] and is_open[row, c] and is_open[r, col]:
+            is_inside = 0 <= r < len(reached) and 0 <= c < reached.shape[1]
+            if is_inside and not reached[r, c] and is_open[[r, row, r], [c, c, col]].all():
                 waiting.append((r, c))
     return is_open, reached
 
@@ -114,15 +113,12 @@ def test_a_micrometre_decides_at_the_widest_radius(occupancy, seed):
     assume(free)
     start, goal = (free[k] for k in np.random.default_rng(seed).integers(len(free), size=2))
     grid = mapdeal.OccupancyGrid(occupancy, 0.0504, (3.0, -1.0, 0.7))
-    found = mapdeal.reach(
-        grid, start=centre(grid, *start), goals=[centre(grid, *goal)], through_unknown=True
-    )
-    widest = found.goals[0].widest_radius
+    ends = {"start": centre(grid, *start), "goal": centre(grid, *goal)}
+    found = mapdeal.reach(grid, start=ends["start"], goals=[ends["goal"]], through_unknown=True)
+    widest, limit = found.goals[0].widest_radius, found.goals[0].limited_by
     assert np.float32(widest) == found.widest[goal]
-    limit = found.goals[0].limited_by
     if limit is not None:
         assert limit.width == pytest.approx(2 * widest)
-        ends = {"start": centre(grid, *start), "goal": centre(grid, *goal)}
         assert limit.at == "passage" or (limit.x, limit.y) == pytest.approx(ends[limit.at])
     for radius, expected in ((widest - 1e-6, True), (widest + 1e-6, False)):
         if 0 <= radius < math.inf:
@@ -186,24 +182,20 @@ def test_goals_that_are_not_reached_do_not_affect_the_others():
     grid = grid_from_text(ROOMS)
     places = [(3, 4), (2, 7), (1, 10), (1, 2), (3, -5), (10**12, -(10**12))]
     goals = [Goal(*centre(grid, *place)) for place in places]
-    found = mapdeal.reach(grid, start=centre(grid, 3, 2), goals=goals, radius=0.3)
-    assert [goal.reachable for goal in found.goals] == [True] + [False] * 5
-    assert [goal.reason for goal in found.goals] == [
-        None, "an obstacle", "unknown", "0.25 m from an obstacle, the robot's radius is 0.3 m",
-        "outside of the map", "outside of the map",
-    ]  # fmt: skip
+    corners = mapdeal.Footprint.polygon([[0.4, 0.1], [0.4, -0.1], [-0.4, -0.1], [-0.4, 0.1]])
+    for robot, reason in (
+        ({"footprint": corners}, "too narrow for the robot in every heading"),
+        ({"radius": 0.3}, "0.25 m from an obstacle, the robot's radius is 0.3 m"),
+    ):
+        found = mapdeal.reach(grid, start=centre(grid, 3, 2), goals=goals, **robot)
+        assert [goal.reachable for goal in found.goals] == [True] + [False] * 5
+        reasons = [None, "an obstacle", "unknown", reason, *["outside of the map"] * 2]
+        assert [goal.reason for goal in found.goals] == reasons
     is_open = grid.frame.xy_from_rowcol(np.argwhere(found.headings > 0))
     for goal in found.goals[1:]:
         place = goal.goal.x, goal.goal.y
         nearest = np.hypot(*(is_open - place).T).min()
         assert math.dist(goal.nearest_open, place) == pytest.approx(nearest)
-    robot = mapdeal.Footprint.polygon([[0.4, 0.1], [0.4, -0.1], [-0.4, -0.1], [-0.4, 0.1]])
-    found = mapdeal.reach(grid, start=centre(grid, 3, 2), goals=goals, footprint=robot)
-    assert [goal.reachable for goal in found.goals] == [True] + [False] * 5
-    assert [goal.reason for goal in found.goals] == [
-        None, "an obstacle", "unknown", "too narrow for the robot in every heading",
-        "outside of the map", "outside of the map",
-    ]  # fmt: skip
 
 
 def test_a_goal_in_an_unknown_keepout_cell_has_the_same_reason_for_every_shape():
@@ -237,9 +229,8 @@ def test_no_part_of_a_robot_is_outside_of_the_map():
         for name in ("reachable", "headings", "clearance", "widest"):
             layer = getattr(expected, name)[1:-1, 1:-1]
             assert np.array_equal(layer, getattr(found, name)), name
-    with pytest.raises(
-        mapdeal.ParameterError, match=r"0\.1 m from the map's edge, the robot's rad"
-    ):
+    rule = r"0\.1 m from the map's edge, the robot's rad"
+    with pytest.raises(mapdeal.ParameterError, match=rule):
         mapdeal.reach(cut, radius=0.4, start=centre(cut, 0, 12))
 
 
@@ -283,10 +274,9 @@ def test_reachable_cells_of_real_maps_equal_those_below_inscribed_cost(real_maps
     for grid in real_grids(real_maps, every):
         radius = 4.51 * grid.resolution
         walls = np.pad(grid.occupancy, 1, constant_values=100)
-        costs = mapdeal.exponential_cost(
-            mapdeal.OccupancyGrid(walls, grid.resolution), inscribed_radius=radius,
-            inflation_radius=2 * radius,
-        ).cost  # fmt: skip
+        walled = mapdeal.OccupancyGrid(walls, grid.resolution)
+        radii = {"inscribed_radius": radius, "inflation_radius": 2 * radius}
+        costs = mapdeal.exponential_cost(walled, **radii).cost
         groups, count = ndimage.label(costs[1:-1, 1:-1] < 253)  # four neighbours
         if count == 0:
             continue
@@ -307,16 +297,10 @@ UNNAMED = Goal(7.1, 3.2), Goal(1.5, -2.0)
 @pytest.mark.parametrize(("value", "goals"), [
     ({"kitchen": [7.1, 3.2], "hall": "1.5,-2"}, (KITCHEN, HALL)),
     ([{"kitchen": [7.1, 3.2]}, {"hall": (1.5, -2)}], (KITCHEN, HALL)),
-    ([KITCHEN, (1.5, -2)], (KITCHEN, UNNAMED[1])),
-    (HALL, (HALL,)),
-    (np.array([[7.1, 3.2], [1.5, -2]]), UNNAMED),
-    ([7.1, 3.2], UNNAMED[:1]),
-    ("7.1, 3.2", UNNAMED[:1]),
-    ("7.1,3.2 1.5, -2", UNNAMED),
-    (["7.1,3.2", "1.5,-2"], UNNAMED),
-    ({12: [7.1, 3.2]}, (Goal(7.1, 3.2, "12"),)),
-    ([], ()),
-    ({}, ()),
+    ([KITCHEN, (1.5, -2)], (KITCHEN, UNNAMED[1])), (HALL, (HALL,)),
+    (np.array([[7.1, 3.2], [1.5, -2]]), UNNAMED), (["7.1,3.2", "1.5,-2"], UNNAMED),
+    ("7.1,3.2 1.5, -2", UNNAMED), ("7.1, 3.2", UNNAMED[:1]), ([7.1, 3.2], UNNAMED[:1]),
+    ({12: [7.1, 3.2]}, (Goal(7.1, 3.2, "12"),)), ([], ()), ({}, ()),
 ], ids=repr)  # fmt: skip
 def test_goals_in_every_plan_blocks_writing(value, goals):
     assert accept_goals("goals", value) == goals
@@ -325,10 +309,8 @@ def test_goals_in_every_plan_blocks_writing(value, goals):
 numbers = st.floats(-1e6, 1e6)
 names = st.text(st.characters(min_codepoint=32, max_codepoint=0x2FF), min_size=1, max_size=8)
 names = st.none() | names.filter(lambda name: name.strip() and name.isprintable())
-GOALS = st.lists(
-    st.builds(Goal, numbers, numbers, names), max_size=4,
-    unique_by=lambda goal: goal.name or (goal.x, goal.y),
-)  # fmt: skip
+GOALS = st.lists(st.builds(Goal, numbers, numbers, names), max_size=4,
+                 unique_by=lambda goal: goal.name or (goal.x, goal.y))  # fmt: skip
 
 
 @given(GOALS)
