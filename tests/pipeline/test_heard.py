@@ -31,7 +31,7 @@ def make_map(folder, name, more=""):
 
 def test_runs_in_threads_hear_their_own_warnings_and_leave_the_filters_alone(tmp_path):
     recipe, settings = load_recipe("default"), Settings(images=False, threads=1)
-    names = [f"{kind}{index}" for index in range(3) for kind in ("odd", "good")]
+    names = [f"{kind}{index}" for index in range(2) for kind in ("odd", "good")]
     paths = {name: make_map(tmp_path, name, "negate: 0\n" * ("good" in name)) for name in names}
     start = threading.Barrier(len(names))
 

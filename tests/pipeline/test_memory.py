@@ -80,10 +80,9 @@ def test_the_memory_of_a_map_includes_its_steps_and_pictures():
 
 
 @pytest.mark.parametrize(("chosen", "free", "jobs", "budget"), [
-    (7, 10**9, 1, 7), (None, None, 1, 1 << 62), (None, 10**9, 1, 500_000_000),
-    (None, 300_000_000, 1, 256_000_000), (None, 200_000_000, 1, 200_000_000),
-    (None, 100_000_000, 1, 128_000_000), (None, 2 * 10**9, 4, 250_000_000),
-    (None, 10**9, 4, 128_000_000),
+    (7, 10**9, 1, 7), (None, None, 1, 1 << 62), (None, 10**9, 1, 5 * 10**8),
+    (None, 3 * 10**8, 1, 256 * 10**6), (None, 2 * 10**8, 1, 2 * 10**8),
+    (None, 10**8, 1, 128 * 10**6), (None, 2 * 10**9, 4, 25 * 10**7), (None, 10**9, 4, 128 * 10**6),
 ])  # fmt: skip
 def test_the_budget_is_half_of_what_is_free_shared_by_jobs(monkeypatch, chosen, free, jobs, budget):
     monkeypatch.setattr(budget_of_readers, "free_memory", lambda: free)

@@ -80,24 +80,30 @@ def test_processes_without_a_server_start_afresh(monkeypatch):
     assert done_by_a_worker().status == "done"
 
 
-def batch(tmp_path, folder="T", limit=None):
-    """Run two maps in two processes; return the process and the files in TMPDIR after it."""
+def started_batch(tmp_path, folder="T", second_map="b.yaml", limit=None):
+    """Start a batch of two maps in two processes, in a session and with a TMPDIR of its own."""
     for name in ("a", "b"):
         write_map(tmp_path / f"{name}.yaml", rooms_grid())
     (tmp_path / folder).mkdir()
-    words = ["-m", "mapdeal", "run", "a.yaml", "b.yaml", "-o", "o", "-j", "2", "--no-images"]
-    completed = subprocess.run(
-        [sys.executable, *words], capture_output=True, text=True, cwd=tmp_path,
+    words = ["-m", "mapdeal", "run", "a.yaml", second_map, "-o", "o", "-j", "2", "--no-images"]
+    return subprocess.Popen(
+        [sys.executable, *words], cwd=tmp_path, start_new_session=True, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         env={**os.environ, "TMPDIR": str(tmp_path / folder)},
         preexec_fn=limit and (lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit))),
     )  # fmt: skip
-    return completed, list((tmp_path / folder).iterdir())
 
 
+needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's /proc")
+
+
+@needs_proc
 @pytest.mark.parametrize("folder", [pytest.param("T", marks=pytest.mark.thorough), "T" * 120])
-def test_a_batch_leaves_nothing_among_temporary_files_however_long_their_folder(tmp_path, folder):
-    completed, remaining = batch(tmp_path, folder)
-    assert (completed.returncode, completed.stderr, remaining) == (0, "", [])
+def test_a_batch_leaves_no_process_and_no_temporary_files(tmp_path, folder):
+    command = started_batch(tmp_path, folder)
+    assert command.communicate(timeout=60)[1] == ""
+    assert command.returncode == 0
+    assert processes_of_session(command.pid) == list((tmp_path / folder).iterdir()) == []
 
 
 def processes_of_session(number):
@@ -110,35 +116,27 @@ def processes_of_session(number):
     return found
 
 
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's /proc")
-@pytest.mark.parametrize(
-    ("second_map", "stop", "code"),
-    [("b.yaml", None, 0), ("bad.yaml", None, 5), ("b.yaml", signal.SIGINT, 130)],
-)
-def test_no_process_outlives_its_command(tmp_path, second_map, stop, code):
-    for name in ("a", "b"):
-        write_map(tmp_path / f"{name}.yaml", rooms_grid())
+@needs_proc
+@pytest.mark.parametrize(("second_map", "code"), [("bad.yaml", 5), ("b.yaml", 130)])
+def test_no_process_outlives_a_batch_that_fails_or_is_interrupted(tmp_path, second_map, code):
     (tmp_path / "bad.yaml").write_text("image: none.pgm\n")
-    words = ["-m", "mapdeal", "run", "a.yaml", second_map, "-o", "o", "-j", "2", "--no-images"]
-    command = subprocess.Popen(
-        [sys.executable, *words], cwd=tmp_path, start_new_session=True,
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    end = time.monotonic() + 60
-    while stop is not None and len(processes_of_session(command.pid)) < 3:
+    command, end = started_batch(tmp_path, second_map=second_map), time.monotonic() + 60
+    while code == 130 and len(processes_of_session(command.pid)) < 3:
         assert command.poll() is None
         assert time.monotonic() < end
         time.sleep(0.01)
-    if stop is not None:
-        os.killpg(command.pid, stop)
-    assert command.wait(timeout=60) == code
+    if code == 130:
+        os.killpg(command.pid, signal.SIGINT)
+    command.communicate(timeout=60)
+    assert command.returncode == code
     assert processes_of_session(command.pid) == []
 
 
 @pytest.mark.parametrize("descriptors", [8, 12])
 def test_a_batch_without_descriptors_ends_with_one_line_and_leaves_nothing(tmp_path, descriptors):
-    completed, remaining = batch(tmp_path, limit=descriptors)
-    assert (completed.returncode, completed.stdout, remaining) == (4, "", [])
-    error, hint = completed.stderr.splitlines()
+    command = started_batch(tmp_path, limit=descriptors)
+    output, errors = command.communicate(timeout=60)
+    assert (command.returncode, output, list((tmp_path / "T").iterdir())) == (4, "", [])
+    error, hint = errors.splitlines()
     assert error.startswith(f"error: {CANNOT}")
     assert hint.startswith("hint: --jobs 1 ")

@@ -17,16 +17,10 @@ OFFICE = "examples/maps/office.yaml"
 FILES = {"reach.json", "reach.npz", "reach.png"}
 REACH_FIRST = "{start: [-8, 0], radius: 0.3}\n  - inflate:\n  - esdf:\n  - cost:"
 PARAMETERS = """
-global_costmap:
-  global_costmap:
-    ros__parameters:
-      {shape}
-      footprint_padding: 0.0
-      plugins: [static_layer]
-      static_layer:
-        plugin: "nav2_costmap_2d::StaticLayer"
-      lethal_cost_threshold: {threshold}
-      track_unknown_space: {track}
+global_costmap: {{global_costmap: {{ros__parameters: {{
+  {shape}, footprint_padding: 0.0, plugins: [static_layer],
+  static_layer: {{plugin: "nav2_costmap_2d::StaticLayer"}},
+  lethal_cost_threshold: {threshold}, track_unknown_space: {track}}}}}}}
 """
 
 pytestmark = pytest.mark.usefixtures("office")
@@ -55,8 +49,7 @@ def run(command, office):
 
 
 def robot(shape="robot_radius: 0.25", threshold=100, track="true"):
-    text = PARAMETERS.format(shape=shape, threshold=threshold, track=track)
-    Path("p.yaml").write_text(text)
+    Path("p.yaml").write_text(PARAMETERS.format(shape=shape, threshold=threshold, track=track))
     return mapdeal.read_robot_parameters("p.yaml")
 
 
@@ -94,10 +87,8 @@ def test_a_golden_run_fails_if_the_kitchen_is_no_longer_reachable(run, command):
     code, output, manifest = run(*golden, source="new/office.yaml", folder="changed")
     assert code == 1
     (line,) = (line for line in output.splitlines() if line.startswith("office: reach: "))
-    message = (
-        "office: reach: reach.json, reach.npz differ: kitchen no longer reachable, reachable_m2 "
-    )
-    assert line.startswith(message)
+    change = "reach.json, reach.npz differ: kitchen no longer reachable, reachable_m2 "
+    assert line.startswith(f"office: reach: {change}")
     assert manifest["figures"]["reach"]["goals"] == {"kitchen": False, "lab": True, "store": True}
 
 

@@ -214,10 +214,7 @@ def test_mappings_that_are_merged_give_way_to_what_stands_beside_them(file):
 
 @pytest.mark.parametrize("text", [
     "- inflate: {radius: 0.3}\n- esdf\n",  # the list without its key
-    "inflate: {radius: 0.3}\nesdf:\n",
-    "",
-    "stages:\n",
-    "stages: esdf\n",
+    "inflate: {radius: 0.3}\nesdf:\n", "", "stages:\n", "stages: esdf\n",
 ])  # fmt: skip
 def test_the_hint_for_a_malformed_recipe_shows_a_sound_one(file, text):
     path = file(text)
@@ -233,12 +230,10 @@ ROOM = "\n".join(
      *["#..#" + "." * 25 + "#"] * 4, "#" * 30]
 )  # fmt: skip
 STAGES = {
-    "clean": {"min_free": 0},
-    "window": {"size": [2.0, 0.8], "at": [3.0, -1.5]},
-    "rotate": {"yaw": 0.3},
-    "rescale": {"resolution": 0.2, "rule": "nearest"},
+    "clean": {"min_free": 0}, "window": {"size": [2.0, 0.8], "at": [3.0, -1.5]},
+    "rotate": {"yaw": 0.3}, "rescale": {"resolution": 0.2, "rule": "nearest"},
     "shift": {"origin": [2.5, -1.0], "default": 100},
-}
+}  # fmt: skip
 
 
 @pytest.fixture

@@ -13,15 +13,13 @@ MARK = "# here"
 
 WRONG = [
     ("# a recipe\nsteps: # here\n  - esdf\n", "no such key"),
-    ("# a recipe\n\nstages: esdf # here\n", "a list of stages"),
-    ("stages: [] # here\n", "a list of stages"),
+    *[(f"{text} # here\n", "a list of stages") for text in ("# a\n\nstages: esdf", "stages: []")],
     ("stages:\n  - esdf\n  - inflat: # here\n", "no such stage"),
     ("stages:\n  - esdf\n  - esdf: # here\n", "esdf: a stage can run once"),
     ("stages:\n  - cost\n  - esdf # here\n", "esdf: cannot follow cost"),
-    ("stages:\n  - esdf\n  - inflate: 3 # here\n", "must look like"),
-    ("stages:\n  - esdf\n  - # here\n", "must look like"),
-    ("stages:\n  - inflate: {radius: 1]} # here\n", "not valid YAML"),
-    ("stages:\n\t- inflate # here\n", "not valid YAML"),
+    *[(f"stages:\n  - esdf\n  - {text}# here\n", "must look like") for text in ("inflate: 3 ", "")],
+    *[(f"stages:\n{text} # here\n", "not valid YAML")
+      for text in ("  - inflate: {radius: 1]}", "\t- inflate")],
     ("stages:\n  - inflate: &a\n      radius: 0.3 # here\n  - esdf:\n      <<: *a\n",
      "esdf.radius: no such parameter"),
     *[(f"stages:\n  - active\n  - {stage}:\n      {line} # here\n", rule) for stage, line, rule in [
@@ -66,17 +64,16 @@ LIKE = "must look like stage.parameter=value"
 
 @pytest.mark.parametrize(("name", "setting", "message", "hint"), [
     ("default", "radius=0.3", LIKE, "did you mean inflate.radius?"),
-    ("default", "inflate.radius", LIKE, None),
+    ("default", "inflate.radius", LIKE, None), ("nav2", "nothing=1", LIKE, ""),
     ("default", "inflat.radius=1", "no such stage", "did you mean inflate?"),
     ("default", "esdf.lethal_threshold=101", "between 1 and 100", None),
     ("default", "cost.inscribed_radis=1", "inscribed_radis: no such", "inscribed_radius"),
     ("default", "cost.values=1", "is a parameter of model rings, not of exponential", None),
     ("r.yaml", "inflate.radius=-1", "error: --set: inflate.radius: must be", None),
-    ("nav2", "inflation_radius=1", LIKE, "did you mean cost.inflation_radius?"),
-    ("nav2", "inflation-radius = 1", LIKE, "did you mean cost.inflation_radius?"),
+    *[("nav2", setting, LIKE, "did you mean cost.inflation_radius?")
+      for setting in ("inflation_radius=1", "inflation-radius = 1")],
     ("nav2", "lethal_threshold=60", LIKE,
      "did you mean esdf.lethal_threshold or cost.lethal_threshold?"),
-    ("nav2", "nothing=1", LIKE, ""),
 ])  # fmt: skip
 def test_settings(command, here, name, setting, message, hint):
     code, out, err = command("run", "m.yaml", "-o", "out", "--recipe", name, "--set", setting)

@@ -39,9 +39,8 @@ def test_unknown_cells_that_a_second_map_takes_to_be_lethal_are_no_obstacles_of_
 def test_the_recipe_of_a_robot_makes_its_master_grid(layers, track, occupancy):
     robot = _robot(*layers, track=track)
     products = apply_recipe(OccupancyGrid(occupancy, 0.1, (1.5, -2.0, 0.4)), robot)
-    np.testing.assert_array_equal(
-        products["cost"].cost, master_grid(occupancy, 0.1, layers, 255 if track else 0)
-    )
+    expected = master_grid(occupancy, 0.1, layers, 255 if track else 0)
+    np.testing.assert_array_equal(products["cost"].cost, expected)
 
 
 def test_one_static_and_one_inflation_layer_become_model_exponential():
