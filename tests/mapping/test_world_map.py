@@ -13,17 +13,15 @@ from strategies import examples
 
 STORAGE = Path(__file__).parents[2] / "examples" / "worlds" / "storage.sdf"
 REAL = [
-    "ROBOTIS-GIT__turtlebot3/turtlebot3_navigation2/map/map.yaml",
-    "WPI-RAIL__rail_maps/maps/ilab.yaml",
-    "LihanChen2004__pb_rm_simulation/map/RMUC.yaml",
-    "mit-racecar__racecar_simulator/maps/building_31.yaml",
-    "mit-racecar__racecar_simulator/maps/stata_basement.yaml",
-    "husky__husky/husky_navigation/maps/playpen_map.yaml",
-    "at-wat__neonavigation/neonavigation_launch/map/demo_map.yaml",
-    "ryuichiueda__value_iteration/maps/house.yaml",
-    "turtlebot__turtlebot_simulator/turtlebot_stdr/maps/frieburg.yaml",
-    "chifongip__cartographer_ros/maps/office/central/mymap.yaml",
-]
+    "ROBOTIS-GIT__turtlebot3/turtlebot3_navigation2/map/map", "WPI-RAIL__rail_maps/maps/ilab",
+    "LihanChen2004__pb_rm_simulation/map/RMUC", "mit-racecar__racecar_simulator/maps/building_31",
+    "mit-racecar__racecar_simulator/maps/stata_basement",
+    "husky__husky/husky_navigation/maps/playpen_map",
+    "at-wat__neonavigation/neonavigation_launch/map/demo_map",
+    "ryuichiueda__value_iteration/maps/house",
+    "turtlebot__turtlebot_simulator/turtlebot_stdr/maps/frieburg",
+    "chifongip__cartographer_ros/maps/office/central/mymap",
+]  # fmt: skip
 
 
 def differing(command, folder, grid, ending):
@@ -52,7 +50,7 @@ def test_worlds_of_maps_give_back_their_cells(command, tmp_path_factory, ending,
 @pytest.mark.parametrize("name", REAL)
 @pytest.mark.parametrize("ending", [".sdf", ".stl", ".obj"])
 def test_worlds_of_real_maps_give_back_their_cells(command, tmp_path, real_maps, name, ending):
-    assert differing(command, tmp_path, read_map(real_maps / name), ending) == 0
+    assert differing(command, tmp_path, read_map(real_maps / f"{name}.yaml"), ending) == 0
 
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1

@@ -105,21 +105,14 @@ EMPTY = OccupancyGrid(np.zeros((3, 7), np.int8), 0.05, (1.5, -2.0, 0.4))
 
 
 @pytest.mark.slow
-@given(
-    st.sampled_from(["costmap2d", "occupancy"]).flatmap(
-        lambda scale: st.tuples(
-            st.just(scale),
-            arrays(
-                np.uint8 if scale == "costmap2d" else np.int8,
-                array_shapes(min_dims=2, max_dims=2, max_side=12),
-                elements=st.sampled_from([0, 1, 99, 100, 253, 254, 255] if scale == "costmap2d"
-                                         else [-1, 0, 1, 98, 99, 100]),
-            ),
-        )
-    )
-)  # fmt: skip
-def test_the_most_common_cost_equals_brute_force(case):
-    scale, cost = case
+@pytest.mark.parametrize(("scale", "dtype", "costs"), [
+    ("costmap2d", np.uint8, [0, 1, 99, 100, 253, 254, 255]),
+    ("occupancy", np.int8, [-1, 0, 1, 98, 99, 100]),
+])  # fmt: skip
+@given(data=st.data())
+def test_the_most_common_cost_equals_brute_force(scale, dtype, costs, data):
+    shapes = array_shapes(min_dims=2, max_dims=2, max_side=12)
+    cost = data.draw(arrays(dtype, shapes, elements=st.sampled_from(costs)))
     found = Costmap(cost, 0.3, (1.0, 2.0, 0.5), scale).figures()["most_common"]
     values = cost.ravel().tolist()
     if scale == "occupancy":
