@@ -69,6 +69,7 @@ POINTS = st.tuples(*(st.floats(-1, most).filter(off_tolerance) for most in (8, 6
 SIZES = st.floats(0.05, 4) | st.sampled_from([0.0, 0.3, 1.0])
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 @given(st.lists(POINTS, min_size=3, max_size=3), POINTS, st.floats(0.1, 3), st.floats(-3, 3))
 def test_polygons_by_the_cells_of_their_corners_on_the_turned_map(corners, hole_from, side, yaw):
     """Those without an area are lines; what of a hole lies outside means nothing."""
@@ -76,15 +77,14 @@ def test_polygons_by_the_cells_of_their_corners_on_the_turned_map(corners, hole_
     u, v = hole_from
     hole = [(u, v), (u + side, v), (u, v + side)]
     solid, hollow = (oracles.ring_fill([cells_of(ring)], 7, 5) for ring in (corners, hole))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MapdealWarning)
-        shape = Polygon(turned(grid, corners), [turned(grid, hole)])
-        drawn = draw(grid, shape, value=100)
+    shape = Polygon(turned(grid, corners), [turned(grid, hole)])
+    drawn = draw(grid, shape, value=100)
     assert (drawn.resolution, drawn.origin) == (grid.resolution, grid.origin)
     cells = {(x, y) for y, x in np.argwhere(drawn.occupancy).tolist()}
     assert cells == solid - (hollow - set(oracles.outline(cells_of(hole))))
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 @given(POINTS, st.none() | POINTS, SIZES, st.floats(-3, 3))
 def test_round_shapes_by_distance_in_the_map_frame(a, b, size, yaw):
     """Those too small for more are the cells that hold their points."""
@@ -94,22 +94,19 @@ def test_round_shapes_by_distance_in_the_map_frame(a, b, size, yaw):
     start, end = turned(grid, [a, b or a])
     size *= grid.resolution
     line_reach = size / 2 if size > grid.resolution else -1.0  # up to a cell: single cells
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MapdealWarning)
-        circle, line = Circle(start, size), Line([start, end], thickness=size)
-        cases = [
-            (circle, bits.circle(start, size), start, size, own[:1]),
-            (line, bits.line([start, end], thickness=size), end, line_reach, oracles.line(*own)),
-        ]
-        for shape, on_bits, far, reach, single in cases:
-            drawn = draw(grid, shape, value=100).occupancy == 100
-            assert np.array_equal(draw(bits, shape, value=1).to_mask(), drawn)
-            assert np.array_equal(on_bits.to_mask(), drawn)
-            for row, col in np.ndindex(grid.shape):
-                centre = grid.frame.xy_from_rowcol([[row, col]])[0]
-                distance = oracles.distance_to_segment(centre, start, far)
-                if abs(distance - reach) > 1e-9:
-                    assert drawn[row, col] == (distance < reach or (col, row) in single)
+    circle, line = Circle(start, size), Line([start, end], thickness=size)
+    for shape, on_bits, far, reach, single in (
+        (circle, bits.circle(start, size), start, size, own[:1]),
+        (line, bits.line([start, end], thickness=size), end, line_reach, oracles.line(*own)),
+    ):
+        drawn = draw(grid, shape, value=100).occupied()
+        assert np.array_equal(draw(bits, shape, value=1).to_mask(), drawn)
+        assert np.array_equal(on_bits.to_mask(), drawn)
+        for row, col in np.ndindex(grid.shape):
+            centre = grid.frame.xy_from_rowcol([[row, col]])[0]
+            distance = oracles.distance_to_segment(centre, start, far)
+            if abs(distance - reach) > 1e-9:
+                assert drawn[row, col] == (distance < reach or (col, row) in single)
 
 
 CORNERS = st.lists(st.tuples(st.integers(-9, 24), st.integers(-9, 24)), min_size=3, max_size=3)
@@ -126,27 +123,27 @@ def test_many_shapes_are_those_drawn_one_by_one(drawn, overlay, together, backgr
         else Polygon(turned(grid, np.add(points, 0.5)), value=value)
         for points, value, is_line in drawn
     ]  # fmt: skip
-    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings(record=True) as found:
-        warnings.simplefilter("always")
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mapdeal.grid.shapes._ROWS_TOGETHER", together)
-        at_once = draw(grid, shapes, overlay=overlay)
-    texts = sorted(str(warning.message).split(": ", 1)[1] for warning in found)
+        at_once, texts = drawn_with_warnings(grid, shapes, overlay=overlay)
     expected, texts_alone = grid.occupancy.copy(), []
     for shape in shapes:
         blank = OccupancyGrid(np.zeros_like(expected), 0.5, grid.origin)
-        with warnings.catch_warnings(record=True) as found:
-            warnings.simplefilter("always")
-            with_hole = draw(blank, replaced(shape), value=100, overlay="max").occupancy == 100
-        texts_alone += [str(warning.message).split(": ", 1)[1] for warning in found]
-        own, old = shape.value, expected[with_hole]
-        wins = {
-            "seq": np.full(old.shape, True),
-            "max": (own != -1) & ((old < own) | (old == -1)),
-            "min": (own != -1) & ((old > own) | (old == -1)),
-        }[overlay]
-        expected[with_hole] = np.where(wins, own, old)
+        drawn_alone, more = drawn_with_warnings(blank, replaced(shape), value=100, overlay="max")
+        texts_alone += more
+        own, old = shape.value, expected[drawn_alone.occupied()]
+        wins = own > old if overlay == "max" else own < old
+        wins = (own != -1) & (wins | (old == -1)) if overlay != "seq" else np.full(old.shape, True)
+        expected[drawn_alone.occupied()] = np.where(wins, own, old)
     assert np.array_equal(at_once.occupancy, expected)
-    assert texts == sorted(texts_alone)
+    assert sorted(texts) == sorted(texts_alone)
+
+
+def drawn_with_warnings(*arguments, **options):
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        drawn = draw(*arguments, **options)
+    return drawn, [str(warning.message).split(": ", 1)[1] for warning in found]
 
 
 def replaced(shape):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import example, given, strategies as st
 
 from mapdeal import Footprint, OccupancyGrid, RobotParameters, apply_recipe, load_recipe
 from mapdeal.errors import ParameterError
@@ -24,18 +24,18 @@ def _robot(*layers, track=True):
     )
 
 
-def test_unknown_cells_that_a_second_map_takes_to_be_lethal_are_no_obstacles_of_the_first():
-    first = StaticLayer(lethal_cost_threshold=0)
-    second = StaticLayer(
+LETHAL_IF_KNOWN, HIGHEST_IF_UNKNOWN = (
+    StaticLayer(lethal_cost_threshold=0),
+    StaticLayer(
         unknown_cost_value=0, use_maximum=True, unknown_is_highest=True, track_unknown_space=False
-    )
-    products = apply_recipe(OccupancyGrid([[-1]], 0.1), _robot(first, second))
-    assert products["cost"].cost.tolist() == [[255]]
+    ),
+)
 
 
 @pytest.mark.slow
 @examples(80)
 @given(st.lists(LAYERS, max_size=4), st.booleans(), occupancies())
+@example([LETHAL_IF_KNOWN, HIGHEST_IF_UNKNOWN], True, np.int8([[-1]]))
 def test_the_recipe_of_a_robot_makes_its_master_grid(layers, track, occupancy):
     robot = _robot(*layers, track=track)
     products = apply_recipe(OccupancyGrid(occupancy, 0.1, (1.5, -2.0, 0.4)), robot)

@@ -1,7 +1,6 @@
 """Windows, origins, regions and active parts, by hand and by the places of cells."""
 
 import math
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -75,6 +74,7 @@ KINDS = [
 """Grids, each with its value of unknown cells."""
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 @given(st.floats(-3, 3), COORDINATES, COORDINATES, SIZES, SIZES, st.sampled_from(KINDS))
 def test_every_cell_of_a_window_keeps_its_place_and_value(yaw, x, y, size_x, size_y, kind):
     source, unknown = replace(kind[0], origin=(1.0, 2.0, yaw)), kind[1]
@@ -85,28 +85,26 @@ def test_every_cell_of_a_window_keeps_its_place_and_value(yaw, x, y, size_x, siz
         values = np.where(inside, source.layer[tuple(np.maximum(at, 0).T)], default)
         return values.reshape(frame.shape)
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", mapdeal.MapdealWarning)
-        size = (size_x, size_y)
-        part = mapdeal.window(source, corner_xy=(x, y), size_xy=size)
-        shape = tuple(max(1, math.ceil(size / 0.5 - 1e-9)) for size in (size_y, size_x))
-        assert part.shape == shape
-        assert part.frame.bounded_rowcol_from_xy([[x, y]])[0].tolist() == [[0, 0]]
-        assert np.array_equal(part.layer, expected_on(part.frame, unknown))
-        # a shift is the window that is as large as the map
-        shifted = mapdeal.shift_origin(source, (x, y), default=7)
-        assert (shifted.shape, shifted.origin) == (source.shape, part.origin)
-        assert np.array_equal(shifted.layer, expected_on(shifted.frame, 7))
-        unset = mapdeal.shift_origin(source, (x, y)).layer
-        assert np.array_equal(unset, expected_on(shifted.frame, unknown))
-        # of the middle of a cell the window around it has that cell in its middle
-        middle = tuple(shifted.frame.xy_from_rowcol([[1, 1]])[0])
-        around = mapdeal.window(source, center_xy=middle, size_xy=(1.5, 1.5))
-        assert np.array_equal(around.layer, expected_on(shifted.frame, unknown)[:, :3])
-        # the reset is of the cells that the window shows
-        inside = part.frame.contains(source.frame.xy_from_rowcol(np.argwhere(source.layer >= 0)))
-        reset = mapdeal.reset_region(source, corner_xy=(x, y), size_xy=size, value=50).layer
-        assert np.array_equal(reset.ravel(), np.where(inside, 50, source.layer.ravel()))
+    size = (size_x, size_y)
+    part = mapdeal.window(source, corner_xy=(x, y), size_xy=size)
+    shape = tuple(max(1, math.ceil(size / 0.5 - 1e-9)) for size in (size_y, size_x))
+    assert part.shape == shape
+    assert part.frame.bounded_rowcol_from_xy([[x, y]])[0].tolist() == [[0, 0]]
+    assert np.array_equal(part.layer, expected_on(part.frame, unknown))
+    # a shift is the window that is as large as the map
+    shifted = mapdeal.shift_origin(source, (x, y), default=7)
+    assert (shifted.shape, shifted.origin) == (source.shape, part.origin)
+    assert np.array_equal(shifted.layer, expected_on(shifted.frame, 7))
+    unset = mapdeal.shift_origin(source, (x, y)).layer
+    assert np.array_equal(unset, expected_on(shifted.frame, unknown))
+    # of the middle of a cell the window around it has that cell in its middle
+    middle = tuple(shifted.frame.xy_from_rowcol([[1, 1]])[0])
+    around = mapdeal.window(source, center_xy=middle, size_xy=(1.5, 1.5))
+    assert np.array_equal(around.layer, expected_on(shifted.frame, unknown)[:, :3])
+    # the reset is of the cells that the window shows
+    inside = part.frame.contains(source.frame.xy_from_rowcol(np.argwhere(source.layer >= 0)))
+    reset = mapdeal.reset_region(source, corner_xy=(x, y), size_xy=size, value=50).layer
+    assert np.array_equal(reset.ravel(), np.where(inside, 50, source.layer.ravel()))
 
 
 def test_a_window_of_a_field_has_no_distance_beyond_it():

@@ -1,7 +1,5 @@
 """Cleaned maps, against floods in plain Python."""
 
-import warnings
-
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -46,12 +44,6 @@ def cleaned_by_floods(values, min_obstacle, min_hole, min_free):
     return values, counts
 
 
-def quietly(grid, **limits):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MapdealWarning)
-        return clean(grid, **limits)
-
-
 SIZES = st.sampled_from([0, 1, 2, 3, 6, 9, 200])
 limits_drawn = st.fixed_dictionaries(dict.fromkeys(("min_obstacle", "min_hole", "min_free"), SIZES))
 
@@ -71,11 +63,12 @@ def rooms(draw):
     return values
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 @given(st.one_of(rooms(), occupancies()), limits_drawn)
 @examples(120)
 def test_a_map_is_cleaned_as_floods_clean_it(values, limits):
     grid = OccupancyGrid(values, 0.05, (1.5, -2.0, 0.4))
-    cleaned = quietly(grid, **limits)
+    cleaned = clean(grid, **limits)
     expected, counts = cleaned_by_floods(values, **limits)
     assert np.array_equal(cleaned.grid.occupancy, expected)
     assert {name: tuple(step) for name, step in cleaned.counts.steps().items()} == counts
@@ -104,14 +97,13 @@ def test_any_whole_number_will_do():
     assert found.grid.occupancy.tolist() == [[0, 0, 0, 100, -1]]
 
 
-@pytest.mark.parametrize(
-    "name", ["WPI-RAIL__rail_maps/maps/ilab.yaml", "align/PRBonn__tmcl/GMap/GMap.yaml"]
-)
+@pytest.mark.usefixtures("mapdeal_warnings")
+@pytest.mark.parametrize("name", ["WPI-RAIL__rail_maps/maps/ilab", "align/PRBonn__tmcl/GMap/GMap"])
 def test_real_maps_are_cleaned_and_stay_so(real_maps, name):
-    grid = read_map(real_maps / name)
+    grid = read_map(real_maps / f"{name}.yaml")
     once = clean(grid)
     assert once.counts.changed
-    assert not quietly(once.grid).counts.changed
+    assert not clean(once.grid).counts.changed
     middle = grid.occupancy[grid.shape[0] // 2 :, grid.shape[1] // 2 :][:80, :80]
     expected, _ = cleaned_by_floods(middle, 3, 10, 100)
-    assert np.array_equal(quietly(OccupancyGrid(middle, 0.05)).grid.occupancy, expected)
+    assert np.array_equal(clean(OccupancyGrid(middle, 0.05)).grid.occupancy, expected)

@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import example, given, strategies as st
 
 import mapdeal
 import oracles
@@ -74,6 +74,7 @@ def test_small_groups_go_as_the_real_denoise_layer_takes_them(real_maps, tmp_pat
 @examples(80)
 @given(occupancies(), st.sampled_from([0.04, 0.1, 0.25, 0.7]), st.lists(LAYERS, max_size=5),
        st.sampled_from([0, 255]), st.integers(1, 13))  # fmt: skip
+@example(np.int8([[0, 100, -1]]), 0.1, [StaticLayer(unknown_cost_value=0), ObstacleLayer()], 0, 1)
 def test_any_sequence_of_layers_equals_brute_force(
     occupancy, resolution, layers, default_cost, block_height
 ):
@@ -87,12 +88,6 @@ def test_any_sequence_of_layers_equals_brute_force(
     if parameters is not None:
         for source in (grid, esdf(grid, lethal_threshold=parameters["lethal_threshold"])):
             assert np.array_equal(exponential_cost(source, **parameters).cost, expected)
-
-
-def test_a_value_that_counts_as_unknown_is_freed_by_an_obstacle_layer():
-    static = StaticLayer(unknown_cost_value=0)
-    found = layered_cost(OccupancyGrid([[0, 100, -1]], 0.1), layers=[static, ObstacleLayer()])
-    assert found.cost.tolist() == [[0, 254, 254]]
 
 
 def test_unknown_cells_that_a_field_counts_as_obstacles_are_lethal():

@@ -28,6 +28,7 @@ def test_the_design_s_case_by_hand():
     assert (golden.normalised.min(), golden.normalised.max()) == (0.0, 10.0)
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 @given(occupancies(longest=8), RESOLUTIONS, st.sampled_from([0.0, 0.4, -3.0, 2.0]), st.booleans(),
        st.sampled_from([(3.0, 0.5), (0.0, 2.0), (2.0, 0.0)]),
        st.sampled_from([1e5, 9.5]))  # fmt: skip
@@ -37,9 +38,7 @@ def test_the_parts_and_their_slopes_are_those_of_the_formulas(
     grid = mapdeal.OccupancyGrid(occupancy, resolution, (1.5, -2.0, yaw))
     goal = tuple(grid.frame.xy_from_rowcol([[-2, 1]])[0].tolist()) if has_goal else None
     options = {"attractive_gain": gains[0], "repulsive_gain": gains[1], "repulsive_cap": cap}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", mapdeal.MapdealWarning)
-        field = mapdeal.potential(grid, goal=goal, **options)
+    field = mapdeal.potential(grid, goal=goal, **options)
     direct = oracles.sum_of_inverse_distances(occupancy == 100, resolution, 0.001)
     values = repulsive = np.minimum(direct, cap)
     assert field.repulsive == pytest.approx(repulsive, rel=1e-9, abs=1e-12)
