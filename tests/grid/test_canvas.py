@@ -34,7 +34,6 @@ def arrays_of(grid):
 
 
 def assert_padded(extended, part, margins):
-    """Compare a grid with the hand-padded layers of another, all entries of its npz."""
     assert type(extended) is type(part)
     layers = arrays_of(part)
     assert arrays_of(extended).keys() == layers.keys()

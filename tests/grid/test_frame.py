@@ -154,7 +154,6 @@ PLACES = st.tuples(st.floats(-50, 50), st.floats(-50, 50))
 
 @given(TRANSFORMS, TRANSFORMS, PLACES, st.floats(-7, 7))
 def test_points_and_frames_are_turned_and_then_shifted(first, second, place, yaw):
-    """As a product and a sum of complex numbers."""
     moved = complex(*place) * complex(math.cos(first.yaw), math.sin(first.yaw))
     moved += complex(first.x, first.y)
     points = first.points([place])

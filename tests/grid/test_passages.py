@@ -370,7 +370,6 @@ def test_passages_are_those_of_the_definition(drawn, radius, margin, min_cells, 
 
 
 def assert_split_by(grid, passage, start, radius):
-    """A robot a hair narrower than a passage passes, and one a hair wider does not."""
     clearances = clearances_of(grid)
     distance = np.sqrt(clearances.squared.astype(float)) * grid.resolution
     is_traversable = clearances.tree.basins >= 0

@@ -96,17 +96,13 @@ def test_origin_yaw_and_size_only_move_the_cells():
     assert np.any(near, axis=0).all()
 
 
-def rooms(folder, *widths):
-    """Write closed rooms beside each other, each 2 m deep."""
-    walls, x = "", 0.0
-    for number, width in enumerate(widths):
-        outlines = [(x, 0, x + width, 0.1), (x, 2, x + width, 2.1), (x, 0, x + 0.1, 2),
-                    (x + width, 0, x + width + 0.1, 2.1)]  # fmt: skip
-        for k, (x0, y0, x1, y1) in enumerate(outlines):
-            box = f"<box><size>{x1 - x0} {y1 - y0} 2</size></box>"
-            pose = f"<pose>{(x0 + x1) / 2} {(y0 + y1) / 2} 1 0 0 0</pose>"
-            walls += f'<collision name="c{number}{k}">{pose}<geometry>{box}</geometry></collision>'
-        x += width
+def rooms(folder):
+    """Write a closed room, 3 m x 2 m, and beside it one of 2 m x 2 m."""
+    walls, across = "", [(x, 0, x + 0.1, 2) for x in (0, 3, 5)]
+    for k, (x0, y0, x1, y1) in enumerate([(0, 0, 5.1, 0.1), (0, 2, 5.1, 2.1), *across]):
+        box = f"<box><size>{x1 - x0} {y1 - y0} 2</size></box>"
+        pose = f"<pose>{(x0 + x1) / 2} {(y0 + y1) / 2} 1 0 0 0</pose>"
+        walls += f'<collision name="c{k}">{pose}<geometry>{box}</geometry></collision>'
     path, link = folder / "rooms.sdf", f'<link name="l">{walls}</link>'
     path.write_text(f'<sdf version="1.7"><model name="m">{link}</model></sdf>')
     return path
@@ -114,7 +110,7 @@ def rooms(folder, *widths):
 
 @pytest.mark.parametrize("rule", [{"height": 1.0}, {"robot_height": 1.0, "floor": 0.0}])
 def test_the_largest_room_or_that_at_a_place_is_known(tmp_path, rule):
-    path = rooms(tmp_path, 3.0, 2.0)
+    path = rooms(tmp_path)
     with pytest.warns(MapdealWarning, match=r"3\.\d+ m2 of free space behind walls are unknown"):
         grid = build_map_from_world(path, **rule)
     assert grid.query([(1.5, 1.0), (4.0, 1.0)]).values.tolist() == [FREE, UNKNOWN]

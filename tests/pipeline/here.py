@@ -30,7 +30,6 @@ class HereWorkers:
 
 
 def die_of(error):
-    """Return a fate."""
 
     def die():
         raise error

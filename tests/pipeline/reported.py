@@ -52,7 +52,6 @@ def document(path):
 
 
 def changed(path, change):
-    """Apply a function to a JSON document in its file."""
     parsed = document(path)
     change(parsed)
     path.write_text(json.dumps(parsed))

@@ -75,7 +75,6 @@ SETTINGS = Settings(images=False)
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """A folder with all documents."""
     grid = grid_from_text(ROOMS, origin=(1.5, -2.0, 0.0))
     cells = grid.occupancy.copy()
     cells[2, 11:13] = 100

@@ -28,7 +28,6 @@ pytestmark = pytest.mark.usefixtures("office")
 
 @pytest.fixture
 def office(tmp_path, monkeypatch):
-    """A folder with the example map and its recipe."""
     monkeypatch.chdir(tmp_path)
     for name in (RECIPE, OFFICE, OFFICE.replace(".yaml", ".pgm")):
         Path(name).parent.mkdir(parents=True, exist_ok=True)

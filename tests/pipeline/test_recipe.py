@@ -85,17 +85,16 @@ def test_thresholds_in_metres_take_the_place_of_values(name, changes, values):
 
 
 @pytest.mark.parametrize("name", [
-    "LihanChen2004__pb_rm_simulation/map/RMUC.yaml",
-    "LihanChen2004__pb_rm_simulation/map/RMUL.yaml",
-    "turtlebot__turtlebot_apps/turtlebot_navigation/maps/willow-2010-02-18-0.10.yaml",
-    "ros-navigation__navigation2/nav2_bringup/maps/depot.yaml",
-    "ros-navigation__navigation2/nav2_bringup/maps/warehouse.yaml",
+    "LihanChen2004__pb_rm_simulation/map/RMUC", "LihanChen2004__pb_rm_simulation/map/RMUL",
+    "turtlebot__turtlebot_apps/turtlebot_navigation/maps/willow-2010-02-18-0.10",
+    "ros-navigation__navigation2/nav2_bringup/maps/depot",
+    "ros-navigation__navigation2/nav2_bringup/maps/warehouse",
 ])  # fmt: skip
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_the_arena_recipe_grades_a_fifth_near_obstacles_on_real_maps(real_maps, name):
-    original = grid = read_map(real_maps / name)
+    original = grid = read_map(real_maps / f"{name}.yaml")
     for step in load_recipe("arena").steps:
-        grid = step.apply(grid, real_maps / name)
+        grid = step.apply(grid, Path("m"))
     near = (original.occupancy == 0) & (esdf(original, convention="center").distance <= 2)
     assert np.mean((grid.cost[near] > 0) & (grid.cost[near] < 99)) >= 0.2
 
@@ -244,8 +243,8 @@ def room(tmp_path, monkeypatch):
 
 
 def recipe_of(**stages):
-    with open("r.yaml", "w") as file:
-        json.dump({"stages": [{name: values} for name, values in stages.items()]}, file)
+    listed = [{name: values} for name, values in stages.items()]
+    Path("r.yaml").write_text(json.dumps({"stages": listed}))
     return "r.yaml"
 
 

@@ -98,17 +98,16 @@ def here(tmp_path, monkeypatch):
     ("run m.yaml -o new --golden nowhere", 4, "no golden run"),
     ("run m.yaml -o new --golden bad", 3, "not the manifest"),
     ("run m.yaml -o new --update-golden", 2, "--golden"),
-    ("lint m.yaml --in-place", 2, "error: --in-place: needs --fix"),
-    ("lint m.yaml --fix", 2, "error: --fix: needs -o OUT or --in-place"),
-    ("lint m.yaml --fix --in-place -o x.yaml", 2,
-     "error: --in-place: cannot be given together with -o"),
-    ("lint m.yaml -o x.yaml", 2, "error: --output: needs --fix"),
-    ("lint m.yaml n.yaml --fix -o x.yaml", 2, "error: -o: takes one map, got 2"),
+    ("lint m.yaml --in-place", 2, "--in-place: needs --fix"),
+    ("lint m.yaml --fix", 2, "--fix: needs -o OUT or --in-place"),
+    ("lint m.yaml --fix --in-place -o x.yaml", 2, "--in-place: cannot be given together with -o"),
+    ("lint m.yaml -o x.yaml", 2, "--output: needs --fix"),
+    ("lint m.yaml n.yaml --fix -o x.yaml", 2, "-o: takes one map, got 2"),
 ])  # fmt: skip
 def test_options(command, here, words, code, message):
     before = sorted(here.iterdir())
     found, _, err = command(*words.split())
-    assert (found, message in err) == (code, True), err
+    assert (found, message in err.splitlines()[0], err[:7]) == (code, True, "error: "), err
     assert "lint" not in words or sorted(here.iterdir()) == before
 
 

@@ -24,18 +24,16 @@ def _robot(*layers, track=True):
     )
 
 
-LETHAL_IF_KNOWN, HIGHEST_IF_UNKNOWN = (
-    StaticLayer(lethal_cost_threshold=0),
-    StaticLayer(
-        unknown_cost_value=0, use_maximum=True, unknown_is_highest=True, track_unknown_space=False
-    ),
-)
+TWO_MAPS = [StaticLayer(lethal_cost_threshold=0), StaticLayer(
+    unknown_cost_value=0, use_maximum=True, unknown_is_highest=True, track_unknown_space=False
+)]  # fmt: skip
+"""Unknown cells are lethal of the second one alone."""
 
 
 @pytest.mark.slow
 @examples(80)
 @given(st.lists(LAYERS, max_size=4), st.booleans(), occupancies())
-@example([LETHAL_IF_KNOWN, HIGHEST_IF_UNKNOWN], True, np.int8([[-1]]))
+@example(TWO_MAPS, True, np.int8([[-1]]))
 def test_the_recipe_of_a_robot_makes_its_master_grid(layers, track, occupancy):
     robot = _robot(*layers, track=track)
     products = apply_recipe(OccupancyGrid(occupancy, 0.1, (1.5, -2.0, 0.4)), robot)

@@ -32,7 +32,6 @@ def site(tmp_path_factory):
 
 
 def peak(*words):
-    """The most bytes that a command takes."""
     code, output, peak_bytes = measured(None, *words, "-q", "--threads", "2")
     assert (code, output) == (0, "")
     return peak_bytes
