@@ -108,11 +108,9 @@ def test_another_value_around_a_map():
 FIELD_STAGES = [stage for stage in STAGES if DistanceField in stage.takes]
 INFLATED = {"inflate_unknown": True, "inflate_around_unknown": True}
 CHOSEN = {
-    "exponential": {"inscribed_radius": 0.3, **INFLATED},
-    "threshold": {"view": "per-map", "down": 10, "up": 40},
-    "rings": {"values": (90, 70, 50)},
+    "exponential": {"inscribed_radius": 0.3, **INFLATED}, "rings": {"values": (90, 70, 50)},
+    "threshold": {"view": "per-map", "down": 10, "up": 40}, "potential": {"goal": (9.5, -7.0)},
     "layers": {"layers": ["static", {"inflation": {"inflation_radius": 0.8}}]},
-    "potential": {"goal": (9.5, -7.0)},
     "reach": {"radius": 0.2, "min_area": 0.1},
 }  # fmt: skip
 
@@ -174,10 +172,8 @@ def test_figures_are_of_the_cells_that_have_a_distance():
 
 @pytest.mark.parametrize(("distance", "occupancy", "message"), [
     ("nnn nnn", "??? ???", "nan everywhere"),
-    ("n12 123", "?.. ...", "around one box"),
-    ("1n2 123", ".?. ...", "around one box"),
-    ("nnn n12", "??. ?..", "where the map is unknown"),
-    ("nnn n12", "??# ?..", "where the map is unknown"),
+    ("n12 123", "?.. ...", "around one box"), ("1n2 123", ".?. ...", "around one box"),
+    *[("nnn n12", f"??{cell} ?..", "where the map is unknown") for cell in ".#"],
 ])  # fmt: skip
 def test_nan_anywhere_else_is_refused(distance, occupancy, message):
     values = [[np.nan if v == "n" else float(v) for v in row] for row in distance.split()]

@@ -151,14 +151,10 @@ def test_another_mode_or_layer_makes_it_a_map(files):
 
 
 @pytest.mark.parametrize(("key", "value", "rule"), [
-    ("view", None, "needs key view"),
-    ("view", "polar", "must be metric or per-map"),
-    ("view_range", None, "needs key view_range"),
-    ("view_range", "0", "above 0"),
-    ("view_range", ".inf", "must be"),
-    ("view", "per-map", "needs keys farthest, deepest"),
-    ("mode", "trinary", "needs mode raw"),
-    ("cost_scale", "costmap2d", "no cost_scale"),
+    ("view", None, "needs key view"), ("view", "polar", "must be metric or per-map"),
+    ("view", "per-map", "needs keys farthest, deepest"), ("mode", "trinary", "needs mode raw"),
+    ("view_range", None, "needs key view_range"), ("view_range", "0", "above 0"),
+    ("view_range", ".inf", "must be"), ("cost_scale", "costmap2d", "no cost_scale"),
 ])  # fmt: skip
 def test_a_view_that_is_described_wrongly_is_refused(files, key, value, rule):
     path = files / "v.yaml"

@@ -586,6 +586,7 @@ def test_scans_that_do_not_fit_or_make_no_map_are_refused(poses, angles, ranges,
     ({"max_height": 1.0}, "heights"), *each("unknown", "occupied"), *each("raytrace_range", -0.1),
     *each("pose", (0, 0), (0, 0, NAN), (INF, 0, 0), (1e13, 0, 0), "abc"),
     *each("points", [1.0, 2.0], [[1.0]], np.zeros((2, 2, 2))),
+    ({"angle_min": 0.3}, "must both be given, and differ"),
 ])  # fmt: skip
 def test_options_of_local_maps_that_cannot_be_are_refused(options, message):
     arguments = {"points": [[1.0, 2.0]], "pose": (0.0, 0.0, 0.0), **options}

@@ -115,9 +115,8 @@ PLACES = {
 }
 
 
-@pytest.mark.parametrize("name", PLACES)
-def test_obstacles_are_what_the_robot_meets(name):
-    solids, options, state = PLACES[name]
+@pytest.mark.parametrize(("solids", "options", "state"), PLACES.values(), ids=PLACES)
+def test_obstacles_are_what_the_robot_meets(solids, options, state):
     result = cloud_map(hall(*solids).cloud(), **options)
     assert state_at(result, 2.51 + 0.013, 2.01 + 0.021) == state
 

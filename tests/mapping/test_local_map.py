@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, strategies as st
 
-import mapdeal
 from kernels.conftest import by_each_engine
 from mapdeal import LocalMapper, LocalOptions, OccupancyGrid, local_map as make
 from mapdeal.mapping.transforms import CoveredAngles
@@ -242,8 +241,3 @@ def test_points_beyond_the_angles_are_left_out(first, last, frame, has_map):
     used = points[(headings - first) % (2 * math.pi) <= end]
     found = make(points, pose, angle_min=first, angle_max=last, **options)
     assert (found.occupancy == make(used, pose, **options).occupancy).all()
-
-
-def test_angles_come_in_pairs():
-    with pytest.raises(mapdeal.ParameterError, match="must both be given, and differ"):
-        mapdeal.LocalOptions(angle_min=0.3)

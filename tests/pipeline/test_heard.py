@@ -140,15 +140,13 @@ def remark_on(grid, parameters):
     (WALL, {"cost_scaling_factor": 90.0}, "cost 0: lower cost_scaling_factor (90)"),
     (WALL, {"cost_scaling_factor": 0.0, "inflation_radius": 20.0},
      "cost 252: raise cost_scaling_factor (0)"),
-    (EMPTY, {}, "cost 0: there is no obstacle"),
     (WALL, {"model": "rings"}, "cost 0: give more values; 90,70,50 reach 3 cells"),
-    (EMPTY, {"model": "rings"}, "cost 0: there is no obstacle"),
+    *[(EMPTY, model, "cost 0: there is no obstacle") for model in ({}, {"model": "rings"})],
     (grid_from_text("####"), {},
      "every known cell is lethal or inscribed: lower inscribed_radius, or the radius of inflate"),
     (grid_from_text("????"), {}, "every cell is unknown"),
     # graded ones
-    (NEAR, {}, None),
-    (NEAR, {"model": "threshold", "up_factor": 1.0}, None),
+    (NEAR, {}, None), (NEAR, {"model": "threshold", "up_factor": 1.0}, None),
     (NEAR, {"model": "rings", "values": (90, 70, 50, 30)}, None),
 ])  # fmt: skip
 def test_the_remark_says_which_parameter_to_change(grid, parameters, advice):

@@ -61,8 +61,7 @@ def edited(change):
     ("cost.pgm", lambda path: path.write_bytes(b"edited by hand")),
     ("manifest.json", lambda path: path.write_text("{")),
     ("manifest.json", edited({"version": "0.0.0"})),
-    (None, {"changes": ["inflate.radius=0.2"]}),
-    (None, {"image_max": 100}),
+    (None, {"changes": ["inflate.radius=0.2"]}), (None, {"image_max": 100}),
     (None, {"canvas": "full"}),
 ])  # fmt: skip
 def test_what_has_changed_is_not_overwritten_without_force(room, tmp_path, file, change):

@@ -1,3 +1,1 @@
-"""Fixtures of tests of stages."""
-
 from kernels.conftest import each_engine  # noqa: F401 - a fixture

@@ -136,7 +136,3 @@ def test_views_of_fields_and_keepout_masks(case, parameters, view, values):
         lambda source: mapdeal.apply_keepout_mask(mapdeal.ring_cost(source), mask),
     ):
         assert_same(*map(make, sources), step)
-
-
-def test_every_stage_has_its_parameters_drawn():
-    assert {(stage.name, stage.model) for stage in STAGES} == set(DRAWN)

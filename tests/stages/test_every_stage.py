@@ -20,11 +20,9 @@ from mapdeal.stages.structured import accept_goals
 
 STAGES = {" ".join(filter(None, (stage.name, stage.model))): stage for stage in catalogue.STAGES}
 NEEDED = {
-    "window": {"size": (1.0, 0.5), "corner": (0.0, 0.0)},
-    "shift": {"origin": (0.25, 0.0)},
-    "rotate": {"yaw": np.pi / 2},
-    "rescale": {"resolution": 0.125},
-}
+    "window": {"size": (1.0, 0.5), "corner": (0.0, 0.0)}, "shift": {"origin": (0.25, 0.0)},
+    "rotate": {"yaw": np.pi / 2}, "rescale": {"resolution": 0.125},
+}  # fmt: skip
 """Parameters of stages that cannot do without."""
 MAPS = [".", "#", "..#.?.+", ".\n#\n?\n.", "....\n....\n....", "####\n####", "???\n???",
         "...#\n...."]  # fmt: skip
@@ -148,24 +146,16 @@ REFUSED = {
         *[("goal", {"grid": PILLAR, "goal": value}) for value in ((0.3, 0.1), (0.26, 0.01))],
         *[("goal", {"goal": value}) for value in ((1.0,), (1.0, 2.0, 3.0), "1", (1e13, 0.0))],
     ],
-    "reach": [
-        ("start: lies outside of the map", {"start": (99.0, 0.0)}),
-        ("x,y or x,y,yaw", {"start": (1.0,)}),
-        ("between 4 and 255", {"headings": 256}),
-    ],
-    "rescale": [
-        *[("resolution", {"resolution": value}) for value in (math.nan, 0)],
-        (r"resolution: .*1000000000 cells", {"grid": KNOWN, "resolution": 1e-5}),
-    ],
-    "shift_origin": [
-        (None, {"origin_xy": (math.nan, 2.0)}),
-        ("-1 to 100", {"origin_xy": (1.5, -2.0), "default": 101}),
-    ],
+    "reach": [("start: lies outside of the map", {"start": (99.0, 0.0)}),
+              ("x,y or x,y,yaw", {"start": (1.0,)}), ("between 4 and 255", {"headings": 256})],
+    "rescale": [*[("resolution", {"resolution": value}) for value in (math.nan, 0)],
+                (r"resolution: .*1000000000 cells", {"grid": KNOWN, "resolution": 1e-5})],
+    "shift_origin": [(None, {"origin_xy": (math.nan, 2.0)}),
+                     ("-1 to 100", {"origin_xy": (1.5, -2.0), "default": 101})],
     "window": [
-        *[("frame", value)
-          for value in ({}, {"corner_xy": (1.0, 2.0)},
-                        {"corner_xy": (1.0, 2.0), "frame": ROW.frame},
-                      {"size_xy": (1.0, 1.0), "frame": ROW.frame})],
+        *[("frame", value) for value in (
+            {}, {"corner_xy": (1.0, 2.0)}, {"corner_xy": (1.0, 2.0), "frame": ROW.frame},
+            {"size_xy": (1.0, 1.0), "frame": ROW.frame})],
         ("frame: .*must have cells of 0.3 m as the grid has, not of 0.31 m",
          {"grid": KNOWN, "frame": Frame(4, 5, 0.31, (1.5, -2.0, 0.7))}),
         ("frame: .*must have the grid's yaw, 0.7 rad, not 0.8 rad",
@@ -263,8 +253,7 @@ def test_steps_of_costs_are_refused_with_their_place(message, parameters):
 @pytest.mark.parametrize(("name", "text", "message"), [
     ("cost.layers", "[{static: {use_maximum: yes, use_maximum: no}}]", "key appears twice"),
     ("cost.layers", "[{inflation: {inflation_radius: 010}}]", "must be a decimal number"),
-    ("cost.layers", "[" * 30, "nested deeper"),
-    ("cost.layers", "[{static: ", "not valid YAML"),
+    ("cost.layers", "[" * 30, "nested deeper"), ("cost.layers", "[{static: ", "not valid YAML"),
     ("reach.goals", "{kitchen: [7.1, 3.2}", None),
     ("reach.goals", "{kitchen: [7.1]}", "kitchen: must be (a list of )?2 numbers"),
     ("reach.goals", "{a: [1, 2], a: [3, 4]}", "appears twice"),

@@ -67,13 +67,10 @@ def test_what_of_a_field_or_a_view_does_not_count_is_warned_of():
 
 @pytest.mark.parametrize(("clip", "strength", "options", "is_refused"), [
     # the view is 46 at 1.07 m and 43 at 1.13 m
-    (1.07, 1.0, {}, True),
-    (1.13, 1.0, {}, False),
-    (1.13, 1.0, {"down": 42}, True),
+    (1.07, 1.0, {}, True), (1.13, 1.0, {}, False), (1.13, 1.0, {"down": 42}, True),
     (0.6, 2.0, {}, False),  # doubled, 1.2 m: the view there is 40, below down
     (1.2, 0.5, {}, True),  # halved, 0.6 m
-    (1.5, 1.0, {"view": "per-map"}, True),
-    (9.0, 1.0, {"view": "per-map"}, False),
+    (1.5, 1.0, {"view": "per-map"}, True), (9.0, 1.0, {"view": "per-map"}, False),
 ], ids=str)  # fmt: skip
 def test_a_field_may_be_clipped_where_costs_no_longer_fall(clip, strength, options, is_refused):
     cells = OccupancyGrid([[100] + [0] * 19], 0.1)
