@@ -67,10 +67,10 @@ def main():
         started = time.perf_counter()
         with tempfile.TemporaryDirectory() as name:
             found = fuzz(reader, round(each * reader.share), Path(name), options.seed, LONGEST)
-        seconds = time.perf_counter() - started
         problems += len(found.problems)
-        print(f"| {reader.name} | {found.read} | {found.refused} | {len(found.problems)} "
-              f"| {seconds:.1f} | {found.slowest:.2f} |", flush=True)  # fmt: skip
+        counts = f"{found.read} | {found.refused} | {len(found.problems)}"
+        seconds = f"{time.perf_counter() - started:.1f} | {found.slowest:.2f}"
+        print(f"| {reader.name} | {counts} | {seconds} |", flush=True)
         for problem in sorted(found.problems, key=len)[:5]:
             print(problem)
     return bool(problems)
@@ -110,8 +110,7 @@ def read_seeds(reader, folder):
     """Return what a reader makes of its good files."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MapdealWarning)
-        paths = _files_of(reader.seeds, folder)
-        return [reader.read(path, path.read_bytes()) for path in paths]
+        return [reader.read(path, path.read_bytes()) for path in _files_of(reader.seeds, folder)]
 
 
 def _problem_of(reader, path, data, found, longest):
@@ -144,8 +143,7 @@ def _problem_of_error(error, path, length):
     text = str(error)
     if not text.isprintable() or len(text) > _LONGEST_MESSAGE + 4 * length:
         return f"no clear line: {text!r}"
-    is_named = path is None or text.startswith(str(path.parent))
-    return None if is_named else f"names no file: {text}"
+    return None if path is None or text.startswith(str(path.parent)) else f"names no file: {text}"
 
 
 def _last_lines():
@@ -155,8 +153,7 @@ def _last_lines():
 def _files_of(seeds, folder):
     """Write each seed and its side files into a folder; return the paths."""
     for index, good in enumerate(seeds):
-        files = {**good.beside, good.name or "text": good.packed(good.data)}
-        for name, data in files.items():
+        for name, data in {**good.beside, good.name or "text": good.packed(good.data)}.items():
             path = folder / str(index) / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(data)

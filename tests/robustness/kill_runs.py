@@ -31,8 +31,7 @@ def main():
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        rng = np.random.default_rng(0)
-        occupancy = (rng.random((700, 900)) < 0.02).astype(np.int8) * 100
+        occupancy = (np.random.default_rng(0).random((700, 900)) < 0.02).astype(np.int8) * 100
         write_map(folder / "m.yaml", OccupancyGrid(occupancy, 0.05, (1.0, -2.0, 0.4)))
         found, problems = kill_all(folder, options.kills)
     counts = ", ".join(f"{count} {kind}" for kind, count in sorted(found.items()))
@@ -54,12 +53,10 @@ def kill_all(folder, kills):
     for kill in range(kills):
         shutil.rmtree(folder / "out", ignore_errors=True)
         shutil.copytree(folder / "old", folder / "out")
-        process = subprocess.Popen(
-            command(folder, "out", [*NEW, "--force"]), stdout=subprocess.DEVNULL
-        )
+        words = command(folder, "out", [*NEW, "--force"])
+        process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
         # files are renamed in a short moment at the end: half of the kills are sent around it
-        low = 0.0 if kill % 2 else 0.85
-        time.sleep(moments.uniform(low, 1.05) * duration)
+        time.sleep(moments.uniform(0.0 if kill % 2 else 0.85, 1.05) * duration)
         process.send_signal(signal.SIGKILL)
         process.wait()
         kind, problems_of_set = judge(folder, sums)

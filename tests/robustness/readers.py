@@ -93,9 +93,8 @@ def _scan_texts():
 
 
 def _dumped(folder):
-    return {
-        name: json.dumps(document).encode() for name, document in seeds.documents_of(folder).items()
-    }
+    documents = seeds.documents_of(folder)
+    return {name: json.dumps(document).encode() for name, document in documents.items()}
 
 
 def _documents(folder):

@@ -77,9 +77,7 @@ def read_picture(path, data):
     assert images.read_image_size(path) == (height, width)
     bits = {b"P1": 1, b"P4": 1, b"P2": 8, b"P3": 24, b"P5": 8, b"P6": 24}.get(data[:2], 0)
     assert height * width * bits <= 8 * len(data)  # no PNM stands for more than it holds
-    assert picture.samples.shape == (
-        (height, width, 3) if picture.colour == "rgb" else (height, width)
-    )
+    assert picture.samples.shape == (height, width, 3)[: 2 + (picture.colour == "rgb")]
     assert picture.samples.dtype in (np.uint8, np.uint16)
     if picture.colour == "palette":
         assert picture.palette is not None
@@ -197,15 +195,12 @@ def read_npz_by_rows(path, data):
     """Read a grid at once and by rows: both give the same values, or neither any."""
     with _refused_alike(read_npz, path), open_npz(path, block_height=4) as grid:
         rows = [slice(k, k + 4) for k in range(0, grid.shape[0], 4)]
-        layers = {
-            name: np.concatenate([getattr(grid, name)[some] for some in rows])
-            for name in grid.layer_names
-        }
+        by_rows = {name: [getattr(grid, name)[some] for some in rows] for name in grid.layer_names}
     in_memory = read_npz(path)
     assert type(grid) is type(in_memory)
     assert grid.frame == in_memory.frame
-    for name, values in layers.items():
-        assert np.array_equal(values, getattr(in_memory, name))
+    for name, parts in by_rows.items():
+        assert np.array_equal(np.concatenate(parts), getattr(in_memory, name))
 
 
 def read_reached(path, data):
@@ -249,13 +244,11 @@ def read_bag(path, data):
     with open_bag(path) as bag:
         has_scans, has_clouds = (bool(bag.of_types(kind)) for kind in kinds)
     if has_scans:
-        built = mapdeal.build_map_from_bag(
-            path, size=(8, 8), origin=(-4, -4), resolution=0.5, deskew=True
-        )
+        area = {"size": (8, 8), "origin": (-4, -4), "resolution": 0.5}
+        built = mapdeal.build_map_from_bag(path, **area, deskew=True)
         assert built.grid.shape == (16, 16)
     for has_poses in (False, True) if has_clouds else ():
-        options = {"has_poses": has_poses}
-        with clouds_of_bag(path, ["/points"], FrameOptions(), **options) as clouds:
+        with clouds_of_bag(path, ["/points"], FrameOptions(), has_poses=has_poses) as clouds:
             clouds.prepare()
             if not has_poses:
                 clouds.poses(range(len(clouds)))
@@ -305,8 +298,11 @@ def read_ros1_robot(path, data):
 
 def read_nav2_robot(path, data):
     """Resolve a file of Nav2 for both costmaps, and read it as commands do."""
-    costmap = _resolve(nav2_robot, path, data)
-    return mapdeal.read_robot_parameters(path, costmap=costmap)
+    return mapdeal.read_robot_parameters(path, costmap=_resolve(nav2_robot, path, data))
+
+
+def last_line_of(data):
+    return data.count(b"\n") + data.count(b"\r") + 3
 
 
 def lint_parameter_files(path, data):
@@ -315,9 +311,7 @@ def lint_parameter_files(path, data):
     assert report.file == str(path)
     for finding in report.findings:
         assert finding.check != "lint.not-checked"
-        assert (
-            finding.line is None or 1 <= finding.line <= data.count(b"\n") + data.count(b"\r") + 3
-        )
+        assert 1 <= (finding.line or 1) <= last_line_of(data)
         assert "\n" not in finding.message
 
 
@@ -327,10 +321,7 @@ def _resolve(resolve, path, data):
         robot, problems = resolve([path], costmap=costmap)
         for problem in problems:
             assert problem.text.isprintable() or "\n" not in problem.text
-            assert (
-                problem.line is None
-                or 1 <= problem.line <= data.count(b"\n") + data.count(b"\r") + 3
-            )
+            assert 1 <= (problem.line or 1) <= last_line_of(data)
         refused = [problem for problem in problems if problem.level == "refused"]
         assert robot is not None or refused
         if refused:
@@ -348,11 +339,10 @@ def read_ros2_parameters(path, data):
     """Read a file of ROS 2; each value has a place in it, and the type that it is said to have."""
     kinds = {"bool": bool, "integer": int, "double": float, "string": str, "byte_array": bytes}
     parameters = read_ros2([path])
-    last = data.count(b"\n") + data.count(b"\r") + 3
     for node in parameters.nodes:
         assert node.name.startswith("/")
         for _, entry in node.entries:
-            assert 1 <= entry.line <= last
+            assert 1 <= entry.line <= last_line_of(data)
             if entry.kind in kinds:
                 assert type(entry.value) is kinds[entry.kind]
             elif entry.kind != "not set":
@@ -436,10 +426,8 @@ def lines_of(kind):
 
     def read_lines(path, data):
         expected, third = list(read([data])), len(data) // 3
-        for parts in (
-            data.splitlines(keepends=True),
-            [data[:third], data[third : 2 * third], data[2 * third :]],
-        ):
+        thirds = [data[:third], data[third : 2 * third], data[2 * third :]]
+        for parts in (data.splitlines(keepends=True), thirds):
             assert repr(list(read(parts))) == repr(expected)
         assert [line for line, *_ in expected] == sorted({line for line, *_ in expected})
         for _, row, error in expected:
@@ -455,8 +443,7 @@ def lines_of(kind):
 def read_one_transform(path, data):
     found = read_transform(path)
     assert all(abs(value) <= FARTHEST for value in found.transform.pose)
-    sums = [*found.first.values(), *found.second.values()]
-    assert all(len(value) == 64 for value in sums)
+    assert all(len(value) == 64 for value in [*found.first.values(), *found.second.values()])
 
 
 def read_one_answer(path, data):
@@ -556,8 +543,7 @@ def list_all_maps(path, data):
 
 def within_folder(data):
     """Return a list of maps whose names do not lead out of their folder."""
-    text = data.replace(b"..", b"._").replace(b"~", b"-").replace(b"\\", b"_")
-    lines = text.split(b"\n")
+    lines = data.replace(b"..", b"._").replace(b"~", b"-").replace(b"\\", b"_").split(b"\n")
     return b"\n".join(line if line.strip()[:1].isalnum() else b"m" + line for line in lines)
 
 

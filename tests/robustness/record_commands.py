@@ -106,9 +106,8 @@ def commands(folders: list[Path]) -> Iterator[str]:
         of_it = ENDINGS.get(path.suffix, "")
         if path.suffix == ".yaml" and "image:" not in path.read_text("utf-8", "replace"):
             of_it = OF_PARAMETERS
-        yield from (
-            line.replace("{}", shlex.quote(str(path))) for line in of_it.split("\n") if line
-        )
+        quoted = shlex.quote(str(path))
+        yield from (line.replace("{}", quoted) for line in of_it.split("\n") if line)
 
 
 def recorded(command: str) -> dict[str, object]:
@@ -128,23 +127,17 @@ def recorded(command: str) -> dict[str, object]:
             if path.is_file()
         }
         out, err = (contents("", data, name) for data in (completed.stdout, completed.stderr))
-    return {
-        "command": command,
-        "code": completed.returncode,
-        "out": out,
-        "err": err,
-        "files": files,
-    }
+    streams = {"out": out, "err": err}
+    return {"command": command, "code": completed.returncode, **streams, "files": files}
 
 
 def contents(ending: str, data: bytes, folder: str) -> object:
     """Return what must be the same in both checkouts."""
     if data.startswith((b"PK", b"\x93NUMPY")):
         found = np.load(io.BytesIO(data))
-        arrays = {"": found} if isinstance(found, np.ndarray) else found
         return {
             name: [str(array.dtype), array.shape, hashlib.sha256(array.tobytes()).hexdigest()]
-            for name, array in arrays.items()
+            for name, array in ({"": found} if isinstance(found, np.ndarray) else found).items()
         }
     if ending == ".png":
         return Image.open(io.BytesIO(data)).size
@@ -166,9 +159,8 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=[], metavar="COMMAND")
     options = parser.parse_args()
     every = commands([path.absolute() for path in options.folders])
-    chosen = (
-        command for command in every if not options.only or command.split()[0] in options.only
-    )
+    names = options.only
+    chosen = (command for command in every if not names or command.split()[0] in names)
     with multiprocessing.Pool() as pool:
         for record in pool.imap(recorded, chosen, 4):
             print(json.dumps(record, indent=1), flush=True)

@@ -97,10 +97,9 @@ def as_state(text):
 def states_of_two():
     cells = states.random_cells(6, 5)
     graph = states.pose_graph({(0, 0): (1, 2, 0.3), (1, 0): (0, 0, -2)}, [(0, 1, 1, 1, 0)])
-    plain, packed = (
-        states.submap(cells, key=(key, 0), box=(1, 1, 3, 4), packed=bool(key)) for key in (0, 1)
-    )
-    return states.state(graph, plain, packed)
+    box = (1, 1, 3, 4)
+    submaps = (states.submap(cells, key=(k, 0), box=box, packed=bool(k)) for k in (0, 1))
+    return states.state(graph, *submaps)
 
 
 def gzipped(data):

@@ -27,8 +27,7 @@ RECIPE = """stages:
 
 @pytest.fixture
 def folder(tmp_path):
-    rng = np.random.default_rng(0)
-    occupancy = np.where(rng.random((90, 120)) < 0.03, 100, 0).astype(np.int8)
+    occupancy = np.where(np.random.default_rng(0).random((90, 120)) < 0.03, 100, 0).astype(np.int8)
     occupancy[:7], occupancy[:, :9] = -1, -1
     occupancy[38:52, 53:67] = 0  # around the goal
     write_map(tmp_path / "m.yaml", OccupancyGrid(occupancy, 0.05, (1.0, -2.0, 0.4)))

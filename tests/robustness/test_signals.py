@@ -1,5 +1,6 @@
 """Signals that end a command, at any moment: the old or the new outputs, and nothing else."""
 
+import contextlib
 import hashlib
 import os
 import random
@@ -31,12 +32,10 @@ COMMANDS = {
 
 def session(leader):
     for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
+        with contextlib.suppress(OSError):
             fields = stat.read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
-        if int(fields[3]) == leader and fields[0] != "Z":
-            yield stat.parent.name
+            if int(fields[3]) == leader and fields[0] != "Z":
+                yield stat.parent.name
 
 
 def sets(folder):
@@ -136,9 +135,8 @@ Transaction.__exit__ = interrupted
 sys.argv = ["mapdeal", "inflate", {str(OFFICE)!r}, "-o", {str(tmp_path / "new" / "o.yaml")!r}]
 run_process()
 """
-    completed = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False
-    )
+    words = [sys.executable, "-c", code]
+    completed = subprocess.run(words, capture_output=True, text=True, check=False)
     ending = "interrupted" if sent == signal.SIGINT else f"terminated by {sent.name}"
     assert (completed.returncode, completed.stderr) == (128 + sent, f"error: {ending}\n")
     assert not list(tmp_path.iterdir())

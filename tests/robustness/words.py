@@ -8,7 +8,5 @@ FOLDER = Path(__file__).with_name("words")
 
 def words_of(*formats):
     """Return the words of some formats: each is a line of its file, written as in Python."""
-    lines = [
-        line for name in formats for line in (FOLDER / f"{name}.dict").read_text().splitlines()
-    ]
-    return tuple(ast.literal_eval(f"b{line}") for line in lines)
+    lists = [(FOLDER / f"{name}.dict").read_text().splitlines() for name in formats]
+    return tuple(ast.literal_eval(f"b{line}") for lines in lists for line in lines)
