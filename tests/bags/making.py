@@ -23,11 +23,8 @@ ROS2 = {
     "mcap-message": (StoragePlugin.MCAP, CompressionMode.MESSAGE),
     "mcap-file": (StoragePlugin.MCAP, CompressionMode.FILE),
 }
-IN_MCAP = {
-    "mcap-lz4": CompressionType.LZ4,
-    "mcap-zstd": CompressionType.ZSTD,
-    "mcap-plain": CompressionType.NONE,
-}
+IN_MCAP = {"mcap-lz4": CompressionType.LZ4, "mcap-zstd": CompressionType.ZSTD}
+IN_MCAP["mcap-plain"] = CompressionType.NONE
 FORMATS = (*ROS1, *ROS2, *IN_MCAP)
 """All formats; those of the mcap package are single files."""
 
@@ -41,20 +38,15 @@ COSTMAP = {
         "geometry_msgs/Pose origin\n"
     ),
 }
-_POINT = (
-    "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\nuint8 reflectivity\nuint8 tag\nuint8 line"
-)
+_POINT = "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\n"
+_POINT += "uint8 reflectivity\nuint8 tag\nuint8 line"
 _CUSTOM = (
     "std_msgs/Header header\nuint64 timebase\nuint32 point_num\nuint8 lidar_id\nuint8[3] rsvd\n"
     "CustomPoint[] points\n"
 )
 LIVOX = {
-    f"{driver}/msg/{name}": text
-    for driver in ("livox_ros_driver", "livox_ros_driver2")
-    for name, text in (
-        ("CustomPoint", _POINT),
-        ("CustomMsg", _CUSTOM),
-    )
+    f"{driver}/msg/{name}": text for driver in ("livox_ros_driver", "livox_ros_driver2")
+    for name, text in (("CustomPoint", _POINT), ("CustomMsg", _CUSTOM))
 }  # fmt: skip
 OLD_TF = {"tf/msg/tfMessage": "geometry_msgs/TransformStamped[] transforms\n"}
 TF = {"tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n"}

@@ -45,9 +45,8 @@ def draw_text(draw, _kind, _store, _lines):
 
 def message_of(draw, kind, store, lines):
     of_kind = [line.split() for line in lines[kind].splitlines() if line[:1] not in ("", "#")]
-    values = {
-        name: value_of(draw, form, store, lines) for form, name, *_ in of_kind if "=" not in name
-    }
+    forms = {name: form for form, name, *_ in of_kind if "=" not in name}
+    values = {name: value_of(draw, form, store, lines) for name, form in forms.items()}
     return store.types[kind.replace("/", "/msg/")](**values)
 
 
@@ -76,8 +75,7 @@ def test_any_message_is_decoded_as_rosbags_does(data, is_ros1):
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(text, "pkg/msg/Root"))
     message = message_of(data.draw, "pkg/Root", store, lines)
-    serialize = store.serialize_ros1 if is_ros1 else store.serialize_cdr
-    raw = bytes(serialize(message, "pkg/msg/Root"))
+    raw = bytes((store.serialize_ros1 if is_ros1 else store.serialize_cdr)(message, "pkg/msg/Root"))
     decode = decoder_of("pkg/msg/Root", text, is_ros1=is_ros1)
     check(decode(raw), message)
     for damaged in (raw[: len(raw) // 2], raw + bytes(4)):
@@ -88,10 +86,8 @@ def test_any_message_is_decoded_as_rosbags_does(data, is_ros1):
 @pytest.mark.parametrize("name", [name for name in KNOWN if not name.startswith("nav2")])
 def test_the_known_types_are_those_of_the_latest_ros_2(name):
     store = get_typestore(Stores.LATEST)
-    types = get_types_from_msg(KNOWN[name].replace("; ", "\n"), name)
-    (own,) = types.values()
-    theirs = store.fielddefs[name.replace("/", "/msg/")]
-    assert own[1] == theirs[1]
+    (own,) = get_types_from_msg(KNOWN[name].replace("; ", "\n"), name).values()
+    assert own[1] == store.fielddefs[name.replace("/", "/msg/")][1]
 
 
 @pytest.mark.parametrize(("definition", "rule"), [
@@ -99,6 +95,9 @@ def test_the_known_types_are_those_of_the_latest_ros_2(name):
     ("uint8[0] x", "fixed lengths of arrays must be 1 or more, and 10000 together at most"),
     ("uint8[10001] x", "fixed lengths of arrays must be 1 or more"),
     ("uint8 x\n" * 12_501, "100008 characters, the limit is 100000"),
+    ("string[400000000] a", "fixed lengths of arrays"),
+    ("a/B[] a\n===\nMSG: a/B\nuint8[0] a", "fixed lengths of arrays"),
+    ("a/B[200] a\n===\nMSG: a/B\na/C[9000] a\n===\nMSG: a/C\nuint8[9000] a", "lengths of arrays"),
 ])  # fmt: skip
 def test_definitions_that_make_no_sense_are_refused(definition, rule):
     with pytest.raises(ValueError, match=rule):

@@ -40,8 +40,7 @@ def scans_of(bag):
 
 @pytest.mark.parametrize("form", FORMATS)
 def test_messages_come_as_they_were_written_in_the_order_of_time(maker, tmp_path, form):
-    path = maker.write(tmp_path, form)
-    with open_bag(path) as bag:
+    with open_bag(maker.write(tmp_path, form)) as bag:
         found = scans_of(bag)
         summary = {c.topic: bag.summary()[c.id] for c in bag.connections}
         (place,) = bag.index([c.id for c in bag.connections if c.topic == "/map"])
@@ -198,8 +197,7 @@ def test_the_intact_part_of_a_truncated_bag_is_read(maker, tmp_path, form):
             assert "\n" not in str(error)
             continue
         for _, message in found:
-            number = message.header.stamp.nanosec
-            np.testing.assert_array_equal(message.ranges, RANGES + number)
+            np.testing.assert_array_equal(message.ranges, RANGES + message.header.stamp.nanosec)
         counts.append(len(found))
     assert counts == sorted(counts)
     if form not in COMPRESSED_AS_A_WHOLE:
@@ -232,8 +230,7 @@ def test_files_that_are_not_bags_are_refused(tmp_path, name, data, rule):
 )
 def test_a_bag_that_ends_at_once_is_empty(tmp_path, name, data):
     (tmp_path / name).write_bytes(data)
-    warning = pytest.warns(MapdealWarning, match="ends too early")
-    with warning, open_bag(tmp_path / name) as bag:
+    with pytest.warns(MapdealWarning, match="ends too early"), open_bag(tmp_path / name) as bag:
         assert list(bag.connections) == []
 
 
@@ -264,8 +261,7 @@ def test_a_damaged_chunk_is_an_error(maker, tmp_path, form, change, rule):
     {"use_chunking": False},
 ], ids=["no summary", "messages between chunks"])  # fmt: skip
 def test_a_summary_and_chunks_are_not_needed(maker, tmp_path, compression, options):
-    path = maker._write_mcap(tmp_path / "bag.mcap", compression, **options)
-    with open_bag(path) as bag:
+    with open_bag(maker._write_mcap(tmp_path / "bag.mcap", compression, **options)) as bag:
         assert [time for time, _ in scans_of(bag)] == [START + k * 1000 for k in range(40)]
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from mapdeal import build_map_from_bag, build_map_from_log, read_map_from_bag
 from mapdeal.bags.bag import normalised_type
-from mapdeal.bags.messages import LASER_SCAN, TF_TYPES, Decoder, laser_scan_of, transforms_of
+from mapdeal.bags.messages import TF_TYPES, Decoder, laser_scan_of, transforms_of
 from mapdeal.bags.reader import open_bag
 
 SCANS = ["mcap", "mcap-zstd-message", "sqlite3", "ros1.bag", "ros1-bz2.bag", "ros1-lz4.bag"]
@@ -49,8 +49,7 @@ def test_topics_counts_and_times_are_those_recorded(bags, recorded):
 def test_readings_and_transforms_are_those_recorded(bags, recorded):
     topic_count = 0
     for entry in recorded["bags"]:
-        expected_topics = {**entry.get("scans", {}), **entry.get("tf", {})}
-        if not expected_topics:
+        if not {**entry.get("scans", {}), **entry.get("tf", {})}:
             continue
         with open_bag(bags / entry["path"]) as bag:
             decoder = Decoder(bag)
@@ -114,7 +113,3 @@ def test_costs_of_a_compressed_file(bags):
     found = read_map_from_bag(path)
     assert (found.scale, found.shape, found.resolution) == ("costmap2d", (100, 100), 0.05)
     assert read_map_from_bag(path, index=100).cost.max() > 0
-
-
-def test_laser_scans_are_named_as_ros_2_names_them():
-    assert normalised_type("sensor_msgs/LaserScan") == LASER_SCAN
