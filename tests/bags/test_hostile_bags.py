@@ -60,8 +60,7 @@ def read_all(path, limit=LIMIT):
     """Decode all messages of a bag, as commands do, and return their number."""
     with use_memory(limit), open_bag(path) as bag:
         summary = bag.summary()
-        decoder = Decoder(bag)
-        index = bag.index(summary)
+        decoder, index = Decoder(bag), bag.index(summary)
         for place in index:
             decoder.message(place)
         assert sum(recorded.count for recorded in summary.values()) == len(index)

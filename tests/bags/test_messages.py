@@ -161,8 +161,7 @@ POINTS = st.floats(width=32, allow_nan=False, allow_infinity=False)
 @examples(10)
 @given(points=st.lists(st.tuples(POINTS, POINTS, POINTS), max_size=20), frame=st.text("ab/"))
 def test_points_are_those_that_were_written(form, driver, points, frame):
-    name = f"{driver}/msg/CustomMsg"
-    is_ros1 = form == "ros1"
+    name, is_ros1 = f"{driver}/msg/CustomMsg", form == "ros1"
     store = making.ros1_store() if is_ros1 else ros2_store()
     message = custom(START, points, driver, frame)(store)
     data = bytes((store.serialize_ros1 if is_ros1 else store.serialize_cdr)(message, name))

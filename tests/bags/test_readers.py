@@ -186,8 +186,7 @@ def test_the_intact_part_of_a_truncated_bag_is_read(maker, tmp_path, form):
     """A file truncated anywhere gives a warning and fewer messages, or one error."""
     path = maker.write(tmp_path, form)
     file = path if path.is_file() else max(path.iterdir(), key=lambda path: path.stat().st_size)
-    data = file.read_bytes()
-    counts = []
+    data, counts = file.read_bytes(), []
     for length in np.linspace(1, len(data) - 1, 12).astype(int):
         file.write_bytes(data[:length])
         try:

@@ -31,8 +31,7 @@ def test_topics_counts_and_times_are_those_recorded(bags, recorded):
         if "error" in entry:
             continue
         with open_bag(bags / entry["path"]) as bag:
-            summary = bag.summary()
-            found = Counter()
+            summary, found = bag.summary(), Counter()
             for connection in bag.connections:
                 found[connection.topic] += summary[connection.id].count
             types = {connection.topic: connection.type for connection in bag.connections}
@@ -69,8 +68,7 @@ def test_readings_and_transforms_are_those_recorded(bags, recorded):
                     assert hits == expected["in_limits"]
             for topic, expected in entry["tf"].items():
                 of_tf = [c for c in bag.connections if c.type in TF_TYPES]
-                connections = [c.id for c in of_tf if c.topic == topic]
-                found = {}
+                connections, found = [c.id for c in of_tf if c.topic == topic], {}
                 for place in bag.index(connections):
                     for edge in transforms_of(decoder.message(place)):
                         name = f"{edge.parent} -> {edge.child}"
