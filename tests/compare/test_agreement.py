@@ -117,8 +117,7 @@ def test_normals_point_to_free_space():
 
 
 def test_large_maps_are_put_on_coarser_cells_without_losing_an_obstacle():
-    rng = np.random.default_rng(5)
-    values = rng.choice(np.array([-1, 0, 0, 0, 100], np.int8), (23, 41))
+    values = np.random.default_rng(5).choice(np.array([-1, 0, 0, 0, 100], np.int8), (23, 41))
     values[0, 0] = values[-1, -1] = 100
     walls = walls_of(OccupancyGrid(values, 0.1, (1.0, 2.0, 0.3)), most=11)
     assert walls.resolution == pytest.approx(0.4)

@@ -2,20 +2,33 @@
 
 import json
 import math
+from collections import deque
 
 import numpy as np
 import pytest
 from hypothesis import example, given, strategies as st
+from hypothesis.extra import numpy as arrays
 from PIL import Image
 
 from compare.buildings import WALLS, drawn
 from compare.test_bend import bent
 from drawn import grid_from_text
-from mapdeal import OccupancyGrid, diff, score, write_map
+from mapdeal import Costmap, OccupancyGrid, diff, score, write_map
 from mapdeal.compare import difference
-from mapdeal.compare.difference import ADDED, BOTH_FREE, COMMON, STATES, SYMMETRIES, compare
+from mapdeal.compare.difference import (
+    ADDED,
+    BOTH_FREE,
+    COMMON,
+    SIZES,
+    STATES,
+    SYMMETRIES,
+    compare,
+    compare_costmaps,
+)
 from mapdeal.compare.faults import NO_FAULT, faults_of, verdict
 from mapdeal.compare.score import states_of
+from mapdeal.grid.values import occupancy_from_cost
+from mapdeal.pictures.styles import cost_change_codes, cost_change_style
 from strategies import occupancies
 
 RES = 0.5
@@ -79,8 +92,7 @@ def test_cells_are_compared_where_both_maps_have_some(a, b, shift, tolerance, ya
         for cell, (x, y) in cells.items()
     )
     assert found.beyond_tolerance == beyond
-    same = a.shape == b.shape and shift == (0, 0) and beyond == 0
-    assert found.is_equal == same
+    assert found.is_equal == (a.shape == b.shape and shift == (0, 0) and beyond == 0)
     walls = [[cell for cell, pair in cells.items() if pair[which] == 100] for which in (0, 1)]
     obstacles = [
         [(r + shift[0], c + shift[1]) for r, c in np.argwhere(b == 100).tolist()],
@@ -99,14 +111,12 @@ def test_cells_are_compared_where_both_maps_have_some(a, b, shift, tolerance, ya
         assert shift_of.percentile_95 == pytest.approx(np.percentile(distances, 95), abs=1e-9)
         farthest.append(max(distances))
     # and the bounds that hold
-    assert found.not_compared == sum(
-        value >= 0 and cell not in cells for cell, value in np.ndenumerate(a)
-    )
+    known = {cell for cell, value in np.ndenumerate(a) if value >= 0}
+    assert found.not_compared == len(known - set(cells))
     share = 100 * beyond / len(cells) if cells else math.nan
     most = max(farthest) if cells else math.nan
-    for bound, allowed, expected in zip(
-        found.bounds_of(*bounds), bounds, (most, share), strict=True
-    ):
+    judged = zip(found.bounds_of(*bounds), bounds, (most, share), strict=True)
+    for bound, allowed, expected in judged:
         assert bound.found == pytest.approx(expected, nan_ok=True)
         if not abs(allowed - expected) <= 1e-6:
             assert bound.holds == (expected <= allowed)
@@ -117,8 +127,7 @@ def test_a_map_of_another_resolution_is_looked_up_at_the_centres():
     fine = OccupancyGrid(np.repeat(np.repeat(coarse.occupancy, 2, 0), 2, 1), 0.2, coarse.origin)
     for a, b, cells in ((fine, coarse, 12), (coarse, fine, 3)):
         found = compare(a, b)
-        counts = found.common_cells, found.differing, found.beyond_tolerance
-        assert counts == (cells, 0, 0)
+        assert (found.common_cells, found.differing, found.beyond_tolerance) == (cells, 0, 0)
         assert set(found.geometry) == {"width", "height", "resolution"}
         assert not found.is_equal
 
@@ -126,15 +135,13 @@ def test_a_map_of_another_resolution_is_looked_up_at_the_centres():
 @pytest.mark.parametrize("shape", [(12, 17), (14, 14)])
 @pytest.mark.parametrize("name", [None, *SYMMETRIES])
 def test_a_mirrored_or_turned_map_is_recognised(shape, name):
-    rng = np.random.default_rng(3)
-    first = OccupancyGrid(rng.choice([0, 100, -1], shape), 0.1)
+    first = OccupancyGrid(np.random.default_rng(3).choice([0, 100, -1], shape), 0.1)
     if name is None:
         assert compare(first, first).symmetry is None
         return
     undone = {"turned by 90 degrees": "turned by -90 degrees",
               "turned by -90 degrees": "turned by 90 degrees"}.get(name, name)  # fmt: skip
-    second = OccupancyGrid(SYMMETRIES[name](first.occupancy), 0.1)
-    assert compare(first, second).symmetry == undone
+    assert compare(first, OccupancyGrid(SYMMETRIES[name](first.occupancy), 0.1)).symmetry == undone
 
 
 @pytest.mark.parametrize(("cells", "symmetry"), [
@@ -296,3 +303,135 @@ def test_origins_are_equal_up_to_the_digits_of_an_alignment(axis):
     for cells, is_equal in ((5e-6, True), (2e-5, False)):
         moved = np.array(first.origin) + np.eye(3)[axis] * cells * RES
         assert compare(first, OccupancyGrid(first.occupancy, RES, moved)).is_equal == is_equal
+
+
+# Costmaps
+
+COSTS = st.sampled_from([0, 0, 1, 9, 10, 50, 59, 128, 252, 253, 254, 255, 255])
+
+
+def costs(longest=6):
+    sizes = st.integers(1, longest)
+    shapes = st.tuples(sizes, sizes)
+    return shapes.flatmap(lambda shape: arrays.arrays(np.uint8, shape, elements=COSTS))
+
+
+def kinds_of_change(a, b):
+    closed = [cost in (253, 254) for cost in (a, b)]
+    unknown = [cost == 255 for cost in (a, b)]
+    found = set()
+    found |= {"closed"} if closed[1] and not closed[0] else set()
+    found |= {"opened"} if closed[0] and not closed[1] else set()
+    found |= {"unknown"} if unknown[1] and not unknown[0] else set()
+    found |= {"known"} if unknown[0] and not unknown[1] else set()
+    if not any(unknown) and a != b:
+        found.add("rose" if b > a else "fell")
+    return found
+
+
+def regions_of(cells):
+    """Return groups of cells that touch, corners included, the largest first."""
+    remaining, groups = set(cells), []
+    while remaining:
+        group, queue = set(), deque([remaining.pop()])
+        while queue:
+            row, col = queue.popleft()
+            group.add((row, col))
+            near = {(row + i, col + j) for i in (-1, 0, 1) for j in (-1, 0, 1)} & remaining
+            remaining -= near
+            queue.extend(near)
+        groups.append(group)
+    return sorted(groups, key=len, reverse=True)
+
+
+@example(a=np.uint8([[0, 254, 255]]), b=np.uint8([[255, 0, 253]]), shift=(0, 0), yaw=0.7)
+@given(
+    a=costs(), b=costs(), shift=st.tuples(st.integers(-4, 4), st.integers(-4, 4)),
+    yaw=st.sampled_from([0.0, 0.7]),
+)  # fmt: skip
+def test_costs_are_compared_where_both_costmaps_have_some(a, b, shift, yaw):
+    """Costmaps on one lattice, `b` so many rows and columns away."""
+    first = Costmap(a, RES, (1.0, -2.0, yaw))
+    second = Costmap(b, RES, first.frame.window(*shift, *b.shape).origin)
+    result = compare_costmaps(first, second)
+    pairs = {
+        (r, c): (int(a[r, c]), int(b[r - shift[0], c - shift[1]]))
+        for r, c in np.ndindex(a.shape)
+        if 0 <= r - shift[0] < b.shape[0] and 0 <= c - shift[1] < b.shape[1]
+    }
+    assert result.common_cells == len(pairs)
+    assert result.differing == sum(x != y for x, y in pairs.values())
+    known = sum(a[cell] != 255 for cell in np.ndindex(a.shape) if cell not in pairs)
+    assert result.not_compared == known
+    for change in result.changes.values():
+        cells = {cell for cell, pair in pairs.items() if change.kind in kinds_of_change(*pair)}
+        assert (change.cells, change.area) == (len(cells), len(cells) * RES**2)
+        groups = regions_of(cells)
+        assert change.regions == len(groups)
+        assert [len(region.cells) for region in change.largest] == [len(group) for group in groups]
+        own = {tuple(cell) for region in change.largest for cell in region.cells.tolist()}
+        assert own == {(r - min(shift[0], 0), c - min(shift[1], 0)) for r, c in cells}
+        for region in change.largest:
+            place = result.frame.bounded_rowcol_from_xy([(region.x, region.y)])[0][0]
+            assert place.tolist() in region.cells.tolist()
+        if change.kind in ("rose", "fell"):
+            sizes = [abs(pairs[cell][0] - pairs[cell][1]) for cell in cells]
+            assert change.by_size == {
+                f"{low}-{high}": sum(low <= size <= high for size in sizes) for low, high in SIZES
+            }
+        else:
+            assert change.by_size == {}
+
+
+def test_every_pair_of_costs_has_the_colour_of_its_change():
+    first, second = np.indices((256, 256), dtype=np.uint8)
+    result = compare_costmaps(Costmap(first, RES), Costmap(second, RES))
+    codes = cost_change_codes(first, second, result.is_common, result.masks)
+    style = cost_change_style()
+    assert set(style.labels) == set(range(len(style.colours)))
+    states = {"closed": "now closed", "opened": "no longer closed", "unknown": "now unknown",
+              "known": "no longer unknown"}  # fmt: skip
+    for a, b in np.ndindex(256, 256):
+        label, found = style.labels[int(codes[a, b])], kinds_of_change(a, b)
+        expected = next((states[kind] for kind in states if kind in found), None)
+        if expected is None and found:
+            name, _, least, _, most = label.split()
+            assert {name} == found
+            assert int(least) <= abs(b - a) <= int(most)
+        else:
+            equal = "unknown in both" if a == 255 else "closed in both" if a > 252 else "equal"
+            assert label == (expected or equal)
+    # where cells share a pixel the larger change shows
+    assert (np.diff(codes[0, :253].astype(int)[2:]) >= 0).all()
+    assert codes[0, 0] < codes[0, 1] < codes[0, 252] < codes[0, 254]
+    nowhere = np.zeros((256, 256), np.bool_)
+    assert not cost_change_codes(first, second, nowhere, dict.fromkeys(states, nowhere)).any()
+
+
+def test_costs_on_two_scales_are_compared_as_ros_publishes_them():
+    costs = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    published = occupancy_from_cost()[costs]
+    first = Costmap(costs, RES)
+    second = Costmap(published, RES, scale="occupancy")
+    for pair in ((first, second), (second, first), (second, second)):
+        result = compare_costmaps(*pair)
+        assert result.is_equal
+        assert result.scale == "occupancy"
+    open_ = published.copy()
+    open_[published >= 99] = 98
+    result = compare_costmaps(second, Costmap(open_, RES, scale="occupancy"))
+    assert result.changes["opened"].cells == 2  # inscribed and lethal
+    assert result.changes["fell"].by_size["1-9"] == 2  # 98 is 249 on costmap_2d's scale
+
+
+@pytest.mark.parametrize("kind", ["closed", "fell"])
+def test_of_many_regions_the_largest_are_listed(kind):
+    before = np.zeros((60, 60), np.uint8)
+    before[1::3, 1::3] = 0 if kind == "closed" else 90
+    after = before.copy()
+    after[1::3, 1::3] = 254 if kind == "closed" else 3
+    after[1:4, 1] = after[2, 1]
+    after[1:3, 1] = 254 if kind == "closed" else 3
+    before[1:3, 1] = 0 if kind == "closed" else 90
+    change = compare_costmaps(Costmap(before, 0.1), Costmap(after, 0.1)).changes[kind]
+    assert (change.regions, len(change.largest), len(change.largest[0].cells)) == (400, 20, 2)

@@ -1,12 +1,16 @@
-"""Evidence of several maps, against the map that all beams make together."""
+"""Evidence of several maps, against the map that all beams make together; refusals of merge."""
 
+import math
 from fractions import Fraction
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from mapdeal import BeamLimits, MapBuilder, OccupancyGrid, Scans, Transform, merge
+import mapdeal
+from drawn import grid_from_text
+from mapdeal import BeamLimits, MapBuilder, OccupancyGrid, ParameterError, Scans, Transform, merge
+from mapdeal.compare.align import placed
 from mapdeal.grid.frame import Frame
 from strategies import examples
 
@@ -40,9 +44,8 @@ def test_maps_of_some_scans_each_merge_into_the_map_of_all(method, seeds):
     parts = [scans(seed) for seed in seeds]
     each = [built(method, part) for part in parts]
     together = built(method, *parts)
-    merged = merge(
-        [built.grid for built in each], rule="evidence", evidence=[built.layers for built in each]
-    )
+    maps, layers = [built.grid for built in each], [built.layers for built in each]
+    merged = merge(maps, rule="evidence", evidence=layers)
     sums = merged.log_odds
     # An even sum is a matter of taste: where the maps differ, an obstacle is kept.
     even = sums == 50
@@ -82,9 +85,8 @@ def test_evidence_moves_with_its_map():
     odds = np.array([[10.0, 20.0], [np.nan, 90.0], [30.0, 55.0]])
     second = OccupancyGrid([[0, 0], [-1, 100], [0, 100]], 0.5, (0.0, 0.0, 0.0))
     # the second map's x points to the first's y, and its corner lies at (2.5, 2)
-    transform = Transform(2.5, 2.0, np.pi / 2).inverse()
     merged = merge(
-        [first, second], transforms=[transform], rule="evidence",
+        [first, second], transforms=[Transform(2.5, 2.0, np.pi / 2).inverse()], rule="evidence",
         evidence=[{"log_odds": np.full((2, 3), 50.0)}, {"log_odds": odds}],
     )  # fmt: skip
     assert merged.grid.origin == first.origin
@@ -98,3 +100,44 @@ def test_layers_without_hits_are_votes():
     with pytest.warns(match="map 1: has no evidence layers"):
         merged = merge(grids, rule="evidence", evidence=evidence)
     assert merged.log_odds.tolist() == [[50.5, 48.5]]
+
+
+GRID = grid_from_text("..#\n...")
+COSTS = mapdeal.exponential_cost(GRID, inscribed_radius=0.1, inflation_radius=0.3)
+ROW = OccupancyGrid([[100, 0]], 0.5)
+EVIDENCE = np.array([[1, 2]])
+
+
+@pytest.mark.parametrize(("maps", "options", "message"), [
+    ([], {}, "^maps: takes two maps or more, got "),
+    ([GRID], {}, "^maps: takes two maps or more, got "),
+    *[([GRID, odd], {}, "^map 2: is not a map")
+      for odd in (COSTS, mapdeal.esdf(GRID), mapdeal.field_view(mapdeal.esdf(GRID)))],
+    ([GRID, np.zeros((2, 3))], {}, "takes files or grids"),
+    ([GRID, GRID], {"rule": "oldest"}, "^rule: must be one of occupied, newest, evidence"),
+    ([GRID, GRID], {"transforms": [None] * 2}, "^transforms: must be 1, one for each map except"),
+    ([GRID, GRID], {"transforms": [Transform(1e12, 1e12, 0.3)]}, "must be a finite number"),
+    ([GRID, GRID.with_values(GRID.occupancy, (1e9, 0.0, 0.0))], {},
+     "^map 1: origin: the maps lie too far apart: "),
+    ([ROW, ROW], {"evidence": [None, None]}, "^evidence: is for rule evidence alone"),
+    ([ROW, ROW], {"rule": "evidence", "evidence": [None]},
+     "^evidence: must be 2, one for each map, got 1"),
+    *[([ROW, ROW], {"rule": "evidence", "evidence": [None, layers]}, f"^map 2: {message}")
+      for layers, message in [
+          ({"log_odds": np.zeros((2, 1))}, "log_odds: must be of the map's 2 x 1 cells"),
+          ({"hits": EVIDENCE}, "misses: is missing"),
+          ({"hits": EVIDENCE, "misses": -EVIDENCE}, r"misses: must lie in 0..1e\+09, got -1"),
+          ({"hits": EVIDENCE * np.nan, "misses": EVIDENCE}, "hits: must lie in .*, got nan"),
+          ({"log_odds": EVIDENCE * np.inf}, "log_odds: must lie in .*, got inf"),
+          ({"log_odds": np.array([["a", "b"]])}, "log_odds: must be numbers, got '<U1'"),
+      ]],
+])  # fmt: skip
+def test_what_cannot_be_merged_is_refused(maps, options, message):
+    with pytest.raises(ParameterError, match=message):
+        merge(maps, **options)
+
+
+@pytest.mark.parametrize("rotations", [[], [math.nan], [math.inf]])
+def test_invalid_rotations_are_refused(rotations):
+    with pytest.raises(ParameterError, match="rotations"):
+        placed(GRID, GRID, rotations=rotations)
