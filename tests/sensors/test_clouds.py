@@ -208,18 +208,15 @@ def test_a_signalling_nan_is_a_nan_without_a_warning(read, name):
     np.testing.assert_array_equal(points, [[1.0, math.nan, 3.0]])
 
 
-@given(
-    points=st.lists(
-        st.tuples(*[st.floats(width=32, allow_nan=False, allow_infinity=False)] * 3), max_size=30
-    )
-)
+SINGLES = st.floats(width=32, allow_nan=False, allow_infinity=False)
+
+
+@given(points=st.lists(st.tuples(SINGLES, SINGLES, SINGLES), max_size=30))
 def test_all_formats_agree(tmp_path_factory, points):
     folder = tmp_path_factory.mktemp("clouds")
     rows = [[[v] for v in point] for point in points]
     files = {
-        "a.pcd": pcd(XYZ, rows, "ascii"),
-        "b.pcd": pcd(XYZ, rows, "binary"),
-        "c.pcd": pcd(XYZ, rows, "binary_compressed"),
+        **{f"{form}.pcd": pcd(XYZ, rows, form) for form in PCD},
         **{f"{e}.ply": ply([("x", "f4"), ("y", "f4"), ("z", "f4")], points, e) for e in ENCODINGS},
         "d.csv": "".join(f"{x!r},{y!r},{z!r}\n" for x, y, z in points).encode(),
         "d.pts": "\n".join([str(len(points)), *(" ".join(map(repr, p)) for p in points)]).encode(),
@@ -242,20 +239,15 @@ def ply_head(*lines):
 
 XY = ("property float x", "property float y")
 OBJECTS = saved(np.save, np.array([[None, 1]]), allow_pickle=True)
-
-
-OBJECT_FIELD = saved(
-    np.save, np.zeros(2, dtype=[("x", "f4"), ("y", "f4"), ("o", "O")]), allow_pickle=True
-)
+OBJECT_RECORDS = np.zeros(2, dtype=[("x", "f4"), ("y", "f4"), ("o", "O")])
+OBJECT_FIELD = saved(np.save, OBJECT_RECORDS, allow_pickle=True)
 
 
 def deflated(shape, size, dtype="<f8", order=False):
     """Return an npz that declares a shape but contains only a number of zeros."""
     file = io.BytesIO()
-    with (
-        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
-        archive.open("a.npy", "w") as entry,
-    ):
+    archive = zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED)
+    with archive, archive.open("a.npy", "w") as entry:
         header = {"descr": dtype, "fortran_order": order, "shape": shape}
         np.lib.format.write_array_header_1_0(entry, header)
         for start in range(0, size, 1 << 20):
@@ -275,8 +267,7 @@ def ascii_ply(*lines, body=b""):
     return ply_head("format ascii 1.0", *lines) + body
 
 
-TWELVE = bytes(12)
-BIG = "30000000"
+TWELVE, BIG = bytes(12), "30000000"
 CAMERA = "property int a", "element vertex 1", *XY
 BAD = [
     ("nothing.pcd", b"", "header"),
@@ -351,8 +342,7 @@ def test_real_clouds(real_maps):
         points = read_cloud(pcl / f"{name}.pcd")
         assert points.shape == (count, 3)
         assert np.isfinite(points).all()
-    car = read_cloud(pcl / "car6.pcd")
-    assert np.abs(car.mean(axis=0) - (-37, -65, -6)).max() < 1.5
+    assert np.abs(read_cloud(pcl / "car6.pcd").mean(axis=0) - (-37, -65, -6)).max() < 1.5
 
 
 FREE, OCCUPIED = "free", "occupied"
@@ -364,8 +354,7 @@ def trees(depth=3):
     leaf = st.sampled_from([FREE, OCCUPIED])
     if depth == 0:
         return leaf
-    slots = st.dictionaries(st.integers(0, 7), leaf | trees(depth - 1), min_size=1, max_size=4)
-    return slots
+    return st.dictionaries(st.integers(0, 7), leaf | trees(depth - 1), min_size=1, max_size=4)
 
 
 def deep(tree, path):
@@ -408,8 +397,7 @@ def file_of(tree, kind, name="OcTree"):
     else:
         body = full_nodes(tree, b"abc" if name == "ColorOcTree" else b"")
         first = "# Octomap OcTree file"
-    head = f"{first}\n# (a comment)\nid {name}\nsize 9\nres {RESOLUTION}\ndata\n"
-    return head.encode() + body
+    return f"{first}\n# (a comment)\nid {name}\nsize 9\nres {RESOLUTION}\ndata\n".encode() + body
 
 
 @given(

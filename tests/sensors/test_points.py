@@ -128,8 +128,7 @@ def test_plain_numbers_are_read_exactly(rows, has_crlf):
 
 
 GOOD_LINES = {"points": "5,6", "named": "a=5,6", "pairs": "5,6,7,8", "poses": "5,6,0"}
-NAME = 'with a "name" if it has one'
-POSE = "three numbers x,y,yaw"
+NAME, POSE = 'with a "name" if it has one', "three numbers x,y,yaw"
 BAD_LINES = [
     *[("points", line, "") for line in (
         "1;2", "1,2,", "1_0,2", "\u0661,2", '{"x": true, "y": 1}', "[null, 1]", "[" * 5000,
@@ -222,8 +221,7 @@ def read(tmp_path):
 
 @pytest.mark.parametrize("separator", [" ", ",", " ; ", "\t"])
 def test_x_y_and_yaw(read, separator):
-    lines = [["1", "-2.5", "0.25"], ["1e1", "0", "-3"]]
-    rows = [["x", "y", "yaw"], *lines]
+    rows = [["x", "y", "yaw"], ["1", "-2.5", "0.25"], ["1e1", "0", "-3"]]
     text = "# a comment\n\n" + "".join(separator.join(row) + "\n" for row in rows)
     assert read(text).tolist() == [[1.0, -2.5, 0.25], [10.0, 0.0, -3.0]]
 

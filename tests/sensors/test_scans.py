@@ -85,9 +85,8 @@ def test_robotlaser_has_its_own_angles_and_rawlaser_the_last_odometry(read):
 
 
 def test_scans_with_different_numbers_of_readings_are_separate_parts(read):
-    parts = read(
-        robotlaser([1.0] * 3), robotlaser([2.0] * 4, time=8), robotlaser([3.0] * 4, time=9)
-    )
+    lines = [robotlaser([1.0] * count, time=time) for count, time in ((3, 7), (4, 8), (4, 9))]
+    parts = read(*lines)
     assert [len(part[0]) for part in parts] == [1, 2]
     assert [len(part[1]) for part in parts] == [3, 4]
 
@@ -271,8 +270,7 @@ def test_an_invalid_npz_is_refused(tmp_path, changes, rule):
 
 def test_real_logs(real_maps):
     folder = real_maps / "acschaefer__ple"
-    sizes = {"intel-corrected.log": 910, "aces-corrected.log": 440}
-    for name, count in sizes.items():
+    for name, count in {"intel-corrected.log": 910, "aces-corrected.log": 440}.items():
         parts = list(open_log(folder / name).scans())
         assert sum(len(part.poses) for part in parts) == count
         packed = list(open_log(folder / f"{name}.gz").scans())
@@ -282,12 +280,8 @@ def test_real_logs(real_maps):
     assert (ranges == 81.83).mean() == pytest.approx(0.025, abs=0.001)
 
 
-ODD_WORDS = st.sampled_from(
-    ["nan", "inf", "-inf", "1_0", "x", "1e999", "2e11", "infinity", "0x1", "181", "-0.0",
-     "", "\x0b"]
-)  # fmt: skip
-
-
+ODD_WORDS = ["nan", "inf", "-inf", "1_0", "x", "1e999", "2e11", "infinity", "0x1", "181", "-0.0"]
+ODD_WORDS = st.sampled_from([*ODD_WORDS, "", "\x0b"])
 WRITERS = {
     "FLASER": lambda time: flaser(HALF, time=time),
     "ROBOTLASER1": lambda time: robotlaser([1.5, 90, 2], longest=81.9, time=time),
@@ -317,19 +311,14 @@ def test_lines_of_one_scanner_are_parsed_together(kind):
         assert scan.repeats(carmen._scan_of(line.split()))
 
 
-@given(
-    st.lists(
-        st.tuples(
-            st.sampled_from(list(WRITERS)),
-            st.sampled_from(["1", "2.5", "2.5", "3e0"]),
-            st.dictionaries(st.integers(0, 40) | st.integers(170, 192), ODD_WORDS, max_size=1),
-            st.sampled_from([" ", "\t", "  "]),
-            st.sampled_from(["", " ", "\r", " more"]),
-        ),
-        max_size=6,
-    ),
-    st.booleans(),
-)
+LINES = st.tuples(
+    st.sampled_from(list(WRITERS)), st.sampled_from(["1", "2.5", "2.5", "3e0"]),
+    st.dictionaries(st.integers(0, 40) | st.integers(170, 192), ODD_WORDS, max_size=1),
+    st.sampled_from([" ", "\t", "  "]), st.sampled_from(["", " ", "\r", " more"]),
+)  # fmt: skip
+
+
+@given(st.lists(LINES, max_size=6), st.booleans())
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_lines_parsed_together_equal_lines_parsed_word_by_word(tmp_path, lines, has_odometry):
     text = "ODOM 1 2 0.5 0 0 0 1 host 1\n" if has_odometry else ""
