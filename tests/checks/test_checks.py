@@ -21,10 +21,6 @@ from mapdeal.maps.map_server import yaml_of
 from maps.pictures import chunk
 
 
-def test_a_good_map_has_no_finding(tmp_path):
-    assert lint_file(write_pair(tmp_path)) == []
-
-
 def messages(check, path):
     findings = lint_file(path)
     ranks = [("error", "warning", "note").index(finding.severity) for finding in findings]
@@ -287,24 +283,14 @@ def test_a_view_of_a_field_is_named_and_not_taken_for_a_map(tmp_path, name, view
 
 
 def test_every_check_is_tried_here_or_elsewhere():
-    tables = [
-        test.pytestmark[0].args[1]
-        for test in (test_messages_of_checks_of_pairs, test_messages_of_checks_of_cells)
-    ]
-    tried = {row[0] for table in [CASES, *tables] for row in table}
+    tests = test_messages_of_checks_of_pairs, test_messages_of_checks_of_cells
+    tables = [CASES, MASK_CASES, *(test.pytestmark[0].args[1] for test in tests)]
+    tried = {row[0] for table in tables for row in table}
     tried |= {f"map.{name}" for name in tried}
-    tried |= {
-        "readers.differ",
-        "image.depth",
-        "image.gamma",
-        "map.view",
-        "map.ambiguous",
-        "map.disconnected",
-        "map.inside-out",
-        "image.yaml-not-read",
-    }
-    elsewhere = ("params.", "graph.", "mask.", "run.", "lint.")  # in files of their own
-    tried |= {name for name in CHECKS if name.startswith(elsewhere)}
+    of_tests = ("params.", "graph.", "run.", "lint.", "readers.differ", "map.disconnected",
+                "image.depth", "image.gamma", "image.yaml-not-read", "map.view", "map.ambiguous",
+                "map.inside-out")  # fmt: skip
+    tried |= {name for name in CHECKS if name.startswith(of_tests)}
     assert set(CHECKS) <= tried
     assert all(re.fullmatch(r"[a-z]+\.[a-z-]+", name) for name in CHECKS)
 
@@ -324,10 +310,8 @@ def test_readers_with_the_same_counts_share_a_finding(tmp_path):
 def test_readers_with_other_counts_have_findings_of_their_own(tmp_path):
     image = png(Image.fromarray(painted(5, 5, 102)).quantize(8))  # ROS 1 reads its indices
     path = write_pair(tmp_path, image, name="m.png", occupied_thresh="0.6")
-    found = messages("readers.differ", path)
-    assert [re.findall(r"nav2 and (\S+) \(", message) for message in found] == [
-        ["humble"], ["ros1"],
-    ]  # fmt: skip
+    found = [message.partition(" (nav2")[0] for message in messages("readers.differ", path)]
+    assert [text.rpartition("nav2 and ")[2] for text in found] == ["humble", "ros1"]
 
 
 @pytest.mark.parametrize(("name", "body", "message"), [
@@ -439,9 +423,6 @@ MASK_CASES = [
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "options", "message"), MASK_CASES)
 def test_a_check_of_masks_finds_its_fault(lint_mask, name, options, message):
-    options = dict(options)
-    if "mode" in (options.get("extra") or {}):
-        options["mode"] = "scale"
     finding = lint_mask(**options)[name]
     assert message in finding.message
     assert finding.severity == CHECKS[name].severity
@@ -451,14 +432,12 @@ def test_a_check_of_masks_finds_its_fault(lint_mask, name, options, message):
 @pytest.mark.slow
 def test_a_good_mask_has_no_finding(lint_mask):
     assert lint_mask(mask_of((5, 2)), goals=[Goal(6.25, 4.75, "dock")]) == {}
-    good = mask_of((3, 3), value=60, outside=0)
-    assert lint_mask(good, mode="scale", extra=SCALE) == {}
+    assert lint_mask(mask_of((3, 3), value=60, outside=0), mode="scale", extra=SCALE) == {}
 
 
 @pytest.mark.slow
 def test_places_too_narrow_without_the_mask_are_not_reported(lint_mask):
-    wide = mapdeal.Footprint.circle(0.6)
-    assert lint_mask(mask_of(DOOR), footprint=wide, start=(2.0, 3.5)) == {}
+    assert lint_mask(mask_of(DOOR), footprint=mapdeal.Footprint.circle(0.6), start=(2.0, 3.5)) == {}
 
 
 @pytest.mark.slow
@@ -469,11 +448,4 @@ def test_the_kind_comes_from_the_option_the_yaml_or_the_mode(lint_mask):
     values = door["values"]
     assert "mask.no-limit" in lint_mask(values, mode="scale")
     assert lint_mask(values, mask_kind="binary") == {}
-    binary = {"filter": "binary"}
-    assert lint_mask(values, extra={"extra": binary}) == {}
-
-
-def test_every_check_has_a_case():
-    assert {name for name, *_ in MASK_CASES} == {
-        name for name in CHECKS if name.startswith("mask.")
-    }
+    assert lint_mask(values, extra={"extra": {"filter": "binary"}}) == {}

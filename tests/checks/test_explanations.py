@@ -57,6 +57,10 @@ def merged(base, changes):
     return {key: value for key, value in result.items() if value is not None}
 
 
+def costmap_of(parameters):
+    return {"global_costmap": {"global_costmap": {"ros__parameters": parameters}}}
+
+
 PARAMETERS = [n for n in CHECKS if n.startswith("params.") and is_yaml(n) and n not in NOT_RUN]
 AREAS = ("file", "image", "thresholds", "yaml", "readers")
 MAPS = [name for name in CHECKS if name.partition(".")[0] in AREAS and is_yaml(name)]
@@ -97,8 +101,7 @@ def test_examples_of_map_checks_are_found(name, tmp_path):
     image = pgm(painted(5, 5, int(grey[1])) if grey else ROOM)
     folder = tmp_path / "maps"
     folder.mkdir()
-    names = {"m.pgm", "../m.pgm", value if name == "yaml.image-unquoted" else "m.pgm"}
-    for image_name in names:
+    for image_name in {"m.pgm", "../m.pgm", value if name == "yaml.image-unquoted" else "m.pgm"}:
         (folder / image_name).write_bytes(image)
     replaced = (key, "mode" if name == "yaml.legacy-mode" else key)
     lines = good_yaml(image="m.pgm").splitlines()
@@ -118,29 +121,21 @@ def test_examples_of_parameter_checks_are_found(name, tmp_path):
     is_ros1 = CHECKS[name].explanation.example.startswith("ROS 1")
     changes = yaml.safe_load(snippet)
     if is_ros1:
-        changed = merged(yaml.safe_load(ROS1), changes)
-        lines = yaml.safe_dump(changed, sort_keys=False)
-        path.write_text(f"{lines}{snippet}\n" if name == "params.empty" else lines)
+        document = merged(yaml.safe_load(ROS1), changes)
     elif next(iter(changes)) in ("global_costmap", "planner_server"):
-        nodes = {"global_costmap": {"global_costmap": {"ros__parameters": yaml.safe_load(NAV2)}}}
-        nodes.update(changes)
-        path.write_text(yaml.safe_dump(nodes, sort_keys=False))
+        document = {**costmap_of(yaml.safe_load(NAV2)), **changes}
     else:
-        node = {"ros__parameters": merged(yaml.safe_load(NAV2), changes)}
-        path.write_text(
-            yaml.safe_dump({"global_costmap": {"global_costmap": node}}, sort_keys=False)
-        )
-    found = [finding.check for finding in lint_parameters([path])[path]]
-    assert name in found
+        document = costmap_of(merged(yaml.safe_load(NAV2), changes))
+    lines = yaml.safe_dump(document, sort_keys=False)
+    path.write_text(f"{lines}{snippet}\n" if name == "params.empty" else lines)
+    assert name in [finding.check for finding in lint_parameters([path])[path]]
 
 
 def test_the_bases_of_the_examples_have_no_finding(tmp_path):
     path = tmp_path / "robot.yaml"
-    path.write_text(ROS1)
-    assert lint_parameters([path]) == {path: []}
-    node = {"ros__parameters": yaml.safe_load(NAV2)}
-    path.write_text(yaml.safe_dump({"global_costmap": {"global_costmap": node}}, sort_keys=False))
-    assert lint_parameters([path]) == {path: []}
+    for document in (yaml.safe_load(ROS1), costmap_of(yaml.safe_load(NAV2))):
+        path.write_text(yaml.safe_dump(document, sort_keys=False))
+        assert lint_parameters([path]) == {path: []}
 
 
 def test_most_examples_are_code_that_is_run():

@@ -71,8 +71,7 @@ def test_a_mistake_is_found_where_it_is(linted, check, cells, edges, options, te
     assert finding.check == check
     assert text in finding.message
     assert finding.file.endswith("g.geojson")
-    is_placed = check != "graph.other-frame"
-    assert bool(finding.places) is is_placed
+    assert bool(finding.places) is (check != "graph.other-frame")
 
 
 def test_a_good_graph_has_no_finding(linted):
@@ -86,8 +85,7 @@ def test_every_check_of_graphs_has_a_case():
 
 
 def test_many_findings_of_a_check_are_summarised(linted):
-    cells = {number: (0.5, 1 + number / 4) for number in range(60)}
-    found = list(linted(cells, both((0, 1))))
+    found = list(linted({number: (0.5, 1 + number / 4) for number in range(60)}, both((0, 1))))
     closed = [finding for finding in found if finding.check == "graph.node-closed"]
     assert len(closed) == 21
     assert closed[-1].message.startswith("40 more of the same")
@@ -104,8 +102,7 @@ def test_findings_of_a_graph_stand_in_the_map_s_entry(command, tmp_path, linted,
     code, out, _ = command("lint", "hall.yaml", "--graph", "g.geojson", "--format", "sarif")
     results = json.loads(out)["runs"][0]["results"]
     locations = [result["locations"][0]["physicalLocation"] for result in results]
-    uris = {location["artifactLocation"]["uri"] for location in locations}
-    assert "g.geojson" in uris
+    assert "g.geojson" in [location["artifactLocation"]["uri"] for location in locations]
     for words in (["--graph", "g.geojson"], ["hall.yaml", "no.yaml", "--graph", "g.geojson"],
                   ["hall.yaml", "--graph", "g.geojson", "--fix", "--in-place"]):  # fmt: skip
         assert command("lint", *words)[0] == 2

@@ -19,8 +19,7 @@ def test_a_runs_folder_is_compared_with_its_manifest(command, folder):
     assert lint_file(folder / "out" / "good") == []
     (folder / "out" / "good" / "cost.npz").write_bytes(b"of another run")
     (folder / "out" / "good" / "esdf.pgm").unlink()
-    found = lint_file(folder / "out" / "good")
-    assert [(f.check, f.message.split()[0]) for f in found] == [
+    assert [(f.check, f.message.split()[0]) for f in lint_file(folder / "out" / "good")] == [
         ("run.missing-file", "esdf.pgm"), ("run.other-file", "cost.npz"),
     ]  # fmt: skip
     assert command("lint", "out/good")[0] == 1

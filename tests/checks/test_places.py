@@ -89,8 +89,7 @@ def stretches(cells):
 @given(occupancies(longest=9))
 def test_open_borders_are_named_by_the_middles_of_their_stretches(cells):
     cells = np.where(cells == 50, 0, cells).astype(np.int8)
-    named = cells_of(open_border, cells)
-    expected = stretches(cells)
+    named, expected = cells_of(open_border, cells), stretches(cells)
     assert len(named) == min(len(expected), 20)
     lengths = []
     for cell in named:
@@ -156,12 +155,11 @@ def test_the_reports_for_machines_have_them(tmp_path, command, monkeypatch):
     assert properties == {name: {"places": points} for name, points in places.items()}
 
 
-def test_many_specks_have_twenty_places(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_many_specks_have_twenty_places(tmp_path):
     cells = np.full((40, 50), -1, np.int8)
     cells[1::2, 1::2] = 0
     cells[1, 1:4] = 0
-    write_map("a.yaml", OccupancyGrid(cells, RESOLUTION, ORIGIN))
+    write_map(tmp_path / "a.yaml", OccupancyGrid(cells, RESOLUTION, ORIGIN))
     _, facts, _ = gather(tmp_path / "a.yaml")
     (found,) = specks(facts)
     assert found.message.startswith("498 specks ")  # 500 cells, of which two became one area
@@ -206,9 +204,8 @@ def test_readers_differ_where_a_grey_differs(tmp_path):
     """In mode scale, readers round or truncate shades between the thresholds."""
     pixels = np.array([[0, 254, 102, 89], [89, 151, 254, 102]], np.uint8)
     path = write_pair(tmp_path, pixels, **TURNED, occupied_thresh=0.6, mode="scale")
-    readings = {
-        name: mapdeal.read_map(path, dialect=name).occupancy for name in ("nav2", "humble", "ros1")
-    }
+    dialects = ("nav2", "humble", "ros1")
+    readings = {name: mapdeal.read_map(path, dialect=name).occupancy for name in dialects}
     findings = [finding for finding in mapdeal.lint(str(path)) if finding.check == "readers.differ"]
     assert findings
     for finding in findings:

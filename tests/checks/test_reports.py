@@ -25,9 +25,8 @@ MESSAGE = "value '<&>\"]]>' \x00 \x1b[31m \ufffe \ud800 of 100 %"
 
 
 def map_report(file, *findings, **options):
-    return MapReport(
-        file, tuple(finding(check, file, *details) for check, *details in findings), **options
-    )
+    found = tuple(finding(check, file, *details) for check, *details in findings)
+    return MapReport(file, found, **options)
 
 
 REPORT = LintReport(
@@ -118,8 +117,7 @@ def test_sarif_has_relative_uris_below_the_working_directory(tmp_path, monkeypat
 
 @pytest.mark.slow
 def test_junit_is_valid():
-    xmlschema = pytest.importorskip("xmlschema")
-    schema = xmlschema.XMLSchema(str(SCHEMAS / "junit-10.xsd"))
+    schema = pytest.importorskip("xmlschema").XMLSchema(str(SCHEMAS / "junit-10.xsd"))
     for report in (REPORT, EMPTY):
         schema.validate(report_text("junit", report))
     assert not schema.is_valid("<testsuites><testsuite/></testsuites>")

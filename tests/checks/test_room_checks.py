@@ -129,8 +129,7 @@ def test_rooms_of_a_part_of_the_map_that_no_way_leads_to_are_found():
     cells = np.full((12, 42), 100, np.int8)
     cells[1:11, 1:16] = cells[1:11, 17:29] = cells[1:11, 30:41] = 0
     cells[5, 29] = 0
-    grid = OccupancyGrid(cells, 0.5, (1.5, -2.0, 0.4))
-    (text,) = messages(0.6, grid)
+    (text,) = messages(0.6, OccupancyGrid(cells, 0.5, (1.5, -2.0, 0.4)))
     assert "cut off by a passage of 1 m" in text
 
 
@@ -155,8 +154,7 @@ def test_every_kind_of_map(room, name):
         mapdeal.write_bit_map(name, mapdeal.BitMap.from_occupancy(TWO_ROOMS))
     else:
         write_map(name, TWO_ROOMS if name == "m.npz" else mapdeal.esdf(TWO_ROOMS))
-    found = [finding.message for finding in lint_file(Path(name), radius=0.5)]
-    assert messages(0.5)[0] in found
+    assert messages(0.5)[0] in [finding.message for finding in lint_file(Path(name), radius=0.5)]
 
 
 def test_a_map_that_takes_too_much_memory_is_left_out_with_one_note(room, monkeypatch):

@@ -116,9 +116,8 @@ def test_a_comment_that_ignores_nothing_is_a_finding(names, message):
 
 
 def test_a_comment_on_an_unselected_check_counts_as_used():
-    comments = [IgnoreComment(1, (YAW,))]
     remaining, suppressed = selection_of([], ["yaml"]).apply(
-        Path("m.yaml"), findings_of(YAW), comments
+        Path("m.yaml"), findings_of(YAW), [IgnoreComment(1, (YAW,))]
     )
     assert (remaining, suppressed) == ((), 0)
 
@@ -246,8 +245,7 @@ def test_the_nearest_file_with_a_table_is_found(tmp_path, monkeypatch):
 def test_names_stand_behind_the_words(tmp_path, line, names):
     path = tmp_path / "m.yaml"
     path.write_bytes(b"\xef\xbb\xbfimage: m.pgm\r\n" + line.encode() + b"\r\nmode: raw\n")
-    expected = [] if names is None else [IgnoreComment(2, tuple(names))]
-    assert read_ignore_comments(path) == expected
+    assert read_ignore_comments(path) == ([] if names is None else [IgnoreComment(2, tuple(names))])
 
 
 def test_a_file_that_cannot_be_read_has_none(tmp_path):

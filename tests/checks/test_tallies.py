@@ -52,21 +52,15 @@ def is_map_saver_unknown(pixel):
 def test_tallies_of_pixels_equal_a_count_pixel_by_pixel(name, mode, negate):
     picture = PICTURES[name]
     metadata = replace(METADATA, mode=mode, negate=negate)
-    states = {
-        name: dict.fromkeys(["occupied", "free", "unknown", "between"], 0) for name in DIALECTS
-    }
-    differing = {"humble": 0, "ros1": 0}
-    freed = dict.fromkeys(DIALECTS, 0)
+    kinds = ("occupied", "free", "unknown", "between")
+    states = {name: dict.fromkeys(kinds, 0) for name in DIALECTS}
+    differing, freed = {"humble": 0, "ros1": 0}, dict.fromkeys(DIALECTS, 0)
     coloured = see_through = lost = 0
-    greys, readings = {}, {}
-    for pixel in pixels_one_by_one(picture):
-        key = pixel.samples.tobytes(), None if pixel.alpha is None else pixel.alpha.tobytes()
-        if key not in readings:  # takes a millisecond
-            readings[key] = {n: int(cells_of(pixel, metadata, n)[0, 0]) for n in DIALECTS}
-        values = readings[key]
+    greys, readings = {}, {n: cells_of(picture, metadata, n)[::-1].flat for n in DIALECTS}
+    for pixel, *cells in zip(pixels_one_by_one(picture), *readings.values(), strict=True):
+        values = dict(zip(DIALECTS, map(int, cells), strict=True))
         for name, value in values.items():
-            state = {0: "free", 100: "occupied", -1: "unknown"}.get(value, "between")
-            states[name][state] += 1
+            states[name][{0: "free", 100: "occupied", -1: "unknown"}.get(value, "between")] += 1
             freed[name] += mode != "raw" and value == 0 and is_map_saver_unknown(pixel)
         for name in differing:
             differing[name] += values[name] != values["nav2"]
@@ -98,12 +92,11 @@ def by_hand(cells):
               if r in (0, height - 1) or c in (0, width - 1)]  # fmt: skip
     known = np.argwhere(cells >= 0)
     box = tuple((known.max(axis=0) - known.min(axis=0) + 1).tolist()) if len(known) else (0, 0)
-    sizes = sorted(len(group) for group in oracles.groups(cells == 0))
     return {
         "border": len(border),
         "free_on_border": sum(cells[place] == 0 for place in border),
         "known_box": box,
-        "sizes": sizes,
+        "sizes": sorted(len(group) for group in oracles.groups(cells == 0)),
         "counts": {
             "occupied": int((cells == 100).sum()), "free": int((cells == 0).sum()),
             "unknown": int((cells == -1).sum()),
