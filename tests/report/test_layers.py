@@ -109,8 +109,7 @@ def test_an_item_with_a_line_alone_can_be_gone_to():
 
 def test_two_maps_that_are_compared_are_chosen():
     layers = [page_layers(OccupancyGrid([[0, 100]], 0.25), name, name)[0] for name in "abc"]
-    entry = Entry("e", tuple(layers), compared=("c", "a"))
-    text = body_of(Report("t", (entry,), "1")).text
+    text = body_of(Report("t", (Entry("e", tuple(layers), compared=("c", "a")),), "1")).text
     first_choice, right = text.split("<select")[1:3]
     assert 'value="2" selected' in first_choice
     assert 'value="0" selected' in right
@@ -119,8 +118,7 @@ def test_two_maps_that_are_compared_are_chosen():
 
 
 def extent(cells, items=(), yaw=0.0):
-    layers = page_layers(OccupancyGrid(cells, 0.5, (2.0, -3.0, yaw)), "map", "Map")
-    return extent_of(layers, items)
+    return extent_of(page_layers(OccupancyGrid(cells, 0.5, (2.0, -3.0, yaw)), "map", "Map"), items)
 
 
 CELLS = arrays(np.int8, array_shapes(min_dims=2, max_dims=2, max_side=9),
@@ -185,8 +183,7 @@ def test_outlines_enclose_their_cells_alone(marked):
         return
     lines = outlines_of(np.argwhere(marked), FRAME)
     assert all((line[0] == line[-1]).all() for line in lines)
-    area = sum(map(area_of, lines))
-    assert area == pytest.approx(np.count_nonzero(marked) * FRAME.resolution**2)
+    assert sum(map(area_of, lines)) == pytest.approx(np.count_nonzero(marked) * FRAME.resolution**2)
     every = [(row, col) for row in range(FRAME.height) for col in range(FRAME.width)]
     for cell, (x, y) in zip(every, FRAME.xy_from_rowcol(every).tolist(), strict=True):
         assert encloses(lines, x, y) == marked[cell], cell
