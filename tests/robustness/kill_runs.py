@@ -48,8 +48,7 @@ def kill_all(folder, kills):
     run_process(command(folder, "old", OLD)).check_returncode()
     sums = {which: sums_of(folder / which / "m") for which in ("old", "new")}
     moments = random.Random(1)
-    found = Counter()
-    problems = []
+    found, problems = Counter(), []
     for kill in range(kills):
         shutil.rmtree(folder / "out", ignore_errors=True)
         shutil.copytree(folder / "old", folder / "out")

@@ -1,9 +1,18 @@
 """Damage to files: what makes a mutant of a good one, by the numbers of a ``random.Random``."""
 
+import ast
 import re
 import struct
+from pathlib import Path
 
-from robustness.words import words_of
+FOLDER = Path(__file__).with_name("words")
+
+
+def words_of(*formats):
+    """Return the words of some formats: each is a line of its file, written as in Python."""
+    lists = [(FOLDER / f"{name}.dict").read_text().splitlines() for name in formats]
+    return tuple(ast.literal_eval(f"b{line}") for lines in lists for line in lines)
+
 
 NUMBERS = words_of("numbers")
 """Replacements of a number in a text: limits of types, odd spellings, and other words."""

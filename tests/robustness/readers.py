@@ -11,8 +11,8 @@ from pathlib import Path
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError, ParameterError
 from mapdeal.maps.dialects import DIALECTS
 from robustness import reading, seeds
+from robustness.mutation import words_of
 from robustness.seeds import files_of
-from robustness.words import words_of
 
 BAG_WORDS, CLOUD_WORDS, IMAGE_WORDS, JSON_WORDS, NPY_WORDS, SCAN_WORDS, TEXT_WORDS = map(
     words_of, ("bag", "cloud", "image", "json", "npy", "scan", "text")

@@ -73,8 +73,7 @@ def test_a_signal_at_any_moment_leaves_one_set_and_nothing_else(tmp_path, words)
     old, new = COMMANDS[words]
     known = []
     for value in (old, new):
-        begun = time.monotonic()
-        process = start(tmp_path / value, value)
+        begun, process = time.monotonic(), start(tmp_path / value, value)
         _, err = process.communicate(timeout=300)
         assert process.returncode == 0, err
         duration = time.monotonic() - begun
