@@ -27,7 +27,6 @@ def png(pixels, **options):
 
 
 def painted(row, col, value):
-    """Return the room with one pixel changed."""
     pixels = ROOM.copy()
     pixels[row, col] = value
     return pixels

@@ -10,6 +10,7 @@ from PIL import Image
 
 import mapdeal
 from checks.pairs import ROOM, painted, pgm, png, write_pair
+from checks.test_explanations import MAPS
 from drawn import grid_from_text
 from mapdeal import Goal, OccupancyGrid, esdf, field_view, read_map, write_map
 from mapdeal.checks.facts import gather
@@ -60,21 +61,7 @@ occupied_thresh: 0.65
 free_thresh: 0.196
 """
 CASES = [
-    ("file.access", {"text": "image: gone.pgm\n" + BARE}),
-    ("file.malformed", {"resolution": "none"}),
     ("yaml.defaults", {"negate": None}),
-    ("yaml.number-as-text", {"resolution": "5e-2"}),
-    ("yaml.nan-yaw", {"origin": "[-1.5, 2.0, -nan]"}),
-    ("yaml.legacy-mode", {"mode": None, "trinary": "true"}),
-    ("yaml.unknown-key", {"ocupied_thresh": "0.5"}),
-    ("yaml.mode-case", {"mode": "Trinary"}),
-    ("yaml.image-unquoted", {"name": "2024-01-01"}),
-    ("yaml.resolution-noise", {"resolution": "0.05000000074505806"}),
-    ("yaml.origin-noise", {"origin": "[-1.5000000000000009, 2, 0]"}),
-    ("yaml.origin-yaw", {"origin": "[-1.5, 2, 0.1]"}),
-    ("thresholds.equal", {"free_thresh": "0.65"}),
-    ("image.foreign-path", {"text": "image: /nowhere/m.pgm\n" + BARE}),
-    ("image.outside-folder", {"name": "../m.pgm"}),
     ("image.lossy", {"image": LOSSY.getvalue(), "name": "m.jpg"}),
     ("image.orientation", {"image": png(Image.fromarray(ROOM), exif=EXIF), "name": "m.png"}),
     ("image.transparent-colour",
@@ -285,7 +272,7 @@ def test_a_view_of_a_field_is_named_and_not_taken_for_a_map(tmp_path, name, view
 def test_every_check_is_tried_here_or_elsewhere():
     tests = test_messages_of_checks_of_pairs, test_messages_of_checks_of_cells
     tables = [CASES, MASK_CASES, *(test.pytestmark[0].args[1] for test in tests)]
-    tried = {row[0] for table in tables for row in table}
+    tried = {row[0] for table in tables for row in table} | set(MAPS)
     tried |= {f"map.{name}" for name in tried}
     of_tests = ("params.", "graph.", "run.", "lint.", "readers.differ", "map.disconnected",
                 "image.depth", "image.gamma", "image.yaml-not-read", "map.view", "map.ambiguous",

@@ -72,7 +72,6 @@ def test_fixes_that_cannot_be(command, folder, words, code):
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """Write a good map, one with a warning, one with an error and a malformed one."""
     monkeypatch.chdir(tmp_path)
     write_pair(tmp_path)
     for name, change in (("good", {}), ("turned", {"origin": "[0, 0, 1]"}),
@@ -117,12 +116,10 @@ def test_real_maps_are_all_linted(command, real_maps):
     }
     for name, expected in [
         ("stata_basement.yaml", "yaml.origin-yaw"),
-        ("depot.yaml", "thresholds.unknown-becomes-free"),
-        ("frieburg.yaml", "readers.differ"),
-        ("mymap.yaml", "image.absolute-path"),
-        ("map.yaml", "map.mostly-unknown"),
+        ("depot.yaml", "thresholds.unknown-becomes-free"), ("frieburg.yaml", "readers.differ"),
+        ("mymap.yaml", "image.absolute-path"), ("map.yaml", "map.mostly-unknown"),
         ("invalid_image.yaml", "file.access"),
-    ]:
+    ]:  # fmt: skip
         assert (name, expected) in found
 
 

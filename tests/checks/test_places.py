@@ -172,7 +172,6 @@ GREYS = np.array([[0, 254, 205, 150, 90], [90, 90, 150, 205, 254], [7, 254, 90, 
 
 
 def first_of(grey):
-    """Return the cell of the first pixel of a grey, from the north-west."""
     row, col = np.argwhere(grey == GREYS)[0].tolist()
     return len(GREYS) - 1 - row, col
 

@@ -31,7 +31,6 @@ PICTURES = picture_of_each_kind([0, 90, 100, 101, 128, 200, 205, 206, 254, 255])
 
 
 def pixels_one_by_one(picture):
-    """Yield a picture of each single pixel, in order."""
     for row, col in np.ndindex(picture.shape):
         place = slice(row, row + 1), slice(col, col + 1)
         alpha = None if picture.alpha is None else picture.alpha[place]
@@ -50,8 +49,7 @@ def is_map_saver_unknown(pixel):
 )
 @pytest.mark.parametrize("name", PICTURES)
 def test_tallies_of_pixels_equal_a_count_pixel_by_pixel(name, mode, negate):
-    picture = PICTURES[name]
-    metadata = replace(METADATA, mode=mode, negate=negate)
+    picture, metadata = PICTURES[name], replace(METADATA, mode=mode, negate=negate)
     kinds = ("occupied", "free", "unknown", "between")
     states = {name: dict.fromkeys(kinds, 0) for name in DIALECTS}
     differing, freed = {"humble": 0, "ros1": 0}, dict.fromkeys(DIALECTS, 0)
@@ -86,7 +84,6 @@ def test_tallies_of_pixels_equal_a_count_pixel_by_pixel(name, mode, negate):
 
 
 def by_hand(cells):
-    """Return the facts of cells by a naive count."""
     height, width = cells.shape
     border = [(r, c) for r, c in np.ndindex(cells.shape)
               if r in (0, height - 1) or c in (0, width - 1)]  # fmt: skip
@@ -107,13 +104,8 @@ def by_hand(cells):
 
 def summary(found):
     sizes, counts = found.free_components
-    return {
-        "border": found.border,
-        "free_on_border": found.free_on_border,
-        "known_box": found.known_box,
-        "sizes": np.repeat(sizes, counts).tolist(),
-        "counts": found.counts,
-    }
+    figures = {name: getattr(found, name) for name in ("border", "free_on_border", "known_box")}
+    return {**figures, "sizes": np.repeat(sizes, counts).tolist(), "counts": found.counts}
 
 
 @given(occupancies(longest=14), st.integers(1, 5))
