@@ -70,15 +70,13 @@ class Maker:
         return self._write_mcap(Path(folder) / "bag.mcap", IN_MCAP[storage])
 
     def _write_ros1(self, path, compression):
-        store = ros1_store()
-        writer = Ros1Writer(path)
+        store, writer = ros1_store(), Ros1Writer(path)
         if compression:
             writer.set_compression(Ros1Writer.CompressionFormat[compression])
         return self._write_all(writer, store, store.serialize_ros1)
 
     def _write_ros2(self, path, plugin, mode):
-        store = ros2_store()
-        writer = Writer(path, version=9, storage_plugin=plugin)
+        store, writer = ros2_store(), Writer(path, version=9, storage_plugin=plugin)
         if mode != CompressionMode.NONE:
             writer.set_compression(mode, CompressionFormat.ZSTD)
         return self._write_all(writer, store, store.serialize_cdr)
@@ -227,7 +225,6 @@ def words(text):
 
 
 def custom(time, points, driver, frame="livox_frame"):
-    """Return a function that creates a message of a Livox lidar."""
     lidar_points = [
         {"offset_time": k, "x": x, "y": y, "z": z, "reflectivity": 9, "tag": 1, "line": k % 6}
         for k, (x, y, z) in enumerate(points)

@@ -31,7 +31,6 @@ NO_VIEWS = "contains a view, a trigger or a virtual table"
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """Return the file of a small ROS 2 bag in SQLite."""
     maker = Maker()
     for k in range(30):
         grid = occupancy(START, np.zeros((20, 30)), 0.05, (1.5, -2.25, 0.5))
@@ -160,8 +159,7 @@ def test_messages_that_expand_to_more_than_the_memory_are_refused(written, tmp_p
 
 def bomb(size):
     """Return `size` MB of zeros as a zstd stream without its size in the header."""
-    compressor = zstd_module(Path("a")).ZstdCompressor()
-    zeros = bytes(1_000_000)
+    compressor, zeros = zstd_module(Path("a")).ZstdCompressor(), bytes(1_000_000)
     return b"".join(compressor.compress(zeros) for _ in range(size)) + compressor.flush()
 
 
@@ -322,8 +320,7 @@ MEMORY = 200_000_000
 
 @pytest.mark.thorough
 def test_hostile_bags_take_no_more_than_the_limit(changed, tmp_path):
-    store = ros2_store()
-    name = "sensor_msgs/msg/LaserScan"
+    store, name = ros2_store(), "sensor_msgs/msg/LaserScan"
     text = store.generate_msgdef(name, ros_version=2)[0]
     message_object = scan(START, np.full(8_000_000, 2, np.float32), step=1e-7)(store)
     scans = message(1, bytes(store.serialize_cdr(message_object, name)))

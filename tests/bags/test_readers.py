@@ -80,8 +80,7 @@ def edit(path, old, new, count=1):
 
 
 def test_several_files_of_a_folder_are_one_bag(maker, tmp_path):
-    folder = maker.write(tmp_path, "mcap")
-    later = Maker()
+    folder, later = maker.write(tmp_path, "mcap"), Maker()
     later.messages = [(time + 10**9, *fields) for time, *fields in maker.messages]
     (tmp_path / "new").mkdir()
     (later.write(tmp_path / "new", "mcap") / "bag.mcap").rename(folder / "bag_1.mcap")

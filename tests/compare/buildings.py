@@ -28,8 +28,7 @@ HALL = [((0, 0), (20, 0)), ((20, 0), (20, 9)), ((20, 9), (0, 9)), ((0, 9), (0, 0
 
 def drawn(walls, resolution, place=None, origin_yaw=0.0, thickness=0.12, margin=0.7):
     """A map of a building at a place in the map frame; its inside is free, all else unknown."""
-    place = place or Transform()
-    ends = np.array(walls, dtype=float).reshape(-1, 2)
+    place, ends = place or Transform(), np.array(walls, dtype=float).reshape(-1, 2)
     corners = [[x, y] for x in (0, ends[:, 0].max()) for y in (0, ends[:, 1].max())]
     lattice = Transform(yaw=origin_yaw)
     inside = lattice.inverse().points(place.points(corners))

@@ -8,15 +8,8 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 
 from compare.buildings import HALL, OTHER_WALLS, WALLS, between, cut, drawn, errors
-from mapdeal.compare.align import (
-    SearchArea,
-    candidates_at,
-    moved,
-    placed as align,
-    refined,
-    walls_of,
-    yaws_by_walls,
-)
+from mapdeal.compare.align import SearchArea, candidates_at, placed as align, refined, yaws_by_walls
+from mapdeal.compare.walls import moved, walls_of
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.threads import use_threads
@@ -140,7 +133,6 @@ def pose_between(first, second, place):
 
 
 def off_by(pose, true, walls):
-    """How far the middle and the corners of a map come to lie apart."""
     width, height = walls.frame.size_xy
     corners = np.array([[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]])
     return np.hypot(*(moved(pose[None], corners)[0] - moved(true[None], corners)[0]).T).max()
@@ -150,7 +142,6 @@ PLACE = Transform(2.0, -7.0, TURN)
 
 
 def middles_of(poses, walls):
-    """Where poses bring the middle of a map."""
     return moved(np.atleast_2d(poses), walls.middle_xy[None])[:, 0]
 
 
@@ -181,8 +172,7 @@ def test_only_places_near_a_given_one_are_found(x, is_any):
 
 def test_turns_by_walls_are_the_right_one_and_its_quarters():
     first, second = two_maps(0.15, PLACE)
-    true = pose_between(first, second, PLACE)[0]
-    found = yaws_by_walls(first, second)
+    true, found = pose_between(first, second, PLACE)[0], yaws_by_walls(first, second)
     assert np.diff(found)[::2] == pytest.approx(math.pi)
     off = [math.degrees(abs(math.remainder(yaw - true, math.pi / 2))) for yaw in found]
     assert max(off[:4]) < 0.5  # the true turn and its quarters

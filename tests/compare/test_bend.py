@@ -42,8 +42,7 @@ def test_systems_are_solved_as_lapack_does(size, seed):
 @examples(20)
 @given(st.integers(0, 2**32 - 1))
 def test_points_moved_there_and_back_are_where_they_were(seed):
-    rng = np.random.default_rng(seed)
-    walls = walls_of(drawn(WALLS, 0.2))
+    rng, walls = np.random.default_rng(seed), walls_of(drawn(WALLS, 0.2))
     size = np.array(walls.frame.size_xy)
     bend = Bend(walls.middle_xy, math.hypot(*size) / 2, rng.normal(0, 0.05, (2, 2, 10)))
     poses = np.column_stack([rng.uniform(-3, 3, 2), rng.uniform(-9, 9, (2, 2))])

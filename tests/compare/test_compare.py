@@ -64,8 +64,6 @@ def test_distances_are_those_of_all_pairs_of_cells(shape, seed, without):
 
 
 def counted(estimate, truth):
-    """Return the counts and shares, each from the cells that it is about."""
-
     def part(few, many):
         return few.sum() / many.sum() if many.any() else None
 
@@ -122,8 +120,7 @@ def test_two_cells_of_5_cm_are_not_less_than_10_cm_and_four_of_25_mm_neither():
 def test_the_estimate_is_looked_up_at_the_centres_of_the_truth_and_values_between_are_unknown(
     seed, dx, dy, turn, cell, own_yaw, yaw
 ):
-    rng = np.random.default_rng(seed)
-    of_cells = [-1, 0, 0, 1, 50, 99, 100, 100]
+    rng, of_cells = np.random.default_rng(seed), [-1, 0, 0, 1, 50, 99, 100, 100]
     estimate = OccupancyGrid(rng.choice(of_cells, (7, 9)), cell, (0.4, -0.7, own_yaw))
     truth = OccupancyGrid(rng.choice(of_cells, (5, 8)), 0.37, (-0.3, 0.2, yaw))
     compared = score.compare_to_truth(estimate, truth, Transform(dx, dy, turn))
@@ -238,7 +235,6 @@ def test_a_wall_over_corners_is_closed_and_its_unknown_inside_is_no_area():
 
 
 def thick_line(shape, ends, thickness):
-    """Return the cells within half a thickness of a line."""
     (y0, x0), (y1, x1) = ends
     rows, cols = np.mgrid[: shape[0], : shape[1]]
     length = math.hypot(y1 - y0, x1 - x0)
@@ -308,8 +304,7 @@ def test_a_map_without_walls_has_no_thickness():
 
 
 def test_every_figure_has_a_name_but_the_map_s_size():
-    values = scored(rooms())
-    names = figures_named(with_truth=False)
+    values, names = scored(rooms()), figures_named(with_truth=False)
     assert all(figure_in(values, name) is not None for name in names)
     plain = {name for name, value in values.items() if not isinstance(value, dict)}
     assert plain - set(names) == {"cells", "resolution_m"}

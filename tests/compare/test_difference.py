@@ -15,16 +15,7 @@ from compare.test_bend import bent
 from drawn import grid_from_text
 from mapdeal import Costmap, OccupancyGrid, diff, score, write_map
 from mapdeal.compare import difference
-from mapdeal.compare.difference import (
-    ADDED,
-    BOTH_FREE,
-    COMMON,
-    SIZES,
-    STATES,
-    SYMMETRIES,
-    compare,
-    compare_costmaps,
-)
+from mapdeal.compare.difference import SIZES, STATES, SYMMETRIES, compare, compare_costmaps
 from mapdeal.compare.faults import NO_FAULT, faults_of, verdict
 from mapdeal.compare.score import states_of
 from mapdeal.grid.values import occupancy_from_cost
@@ -40,8 +31,15 @@ def state(value):
 
 def change_of(first, second):
     if first == second:
-        return (COMMON, BOTH_FREE, difference.BOTH_UNKNOWN, BOTH_FREE)[first]
-    return ADDED if second == 0 else difference.REMOVED if first == 0 else difference.CHANGED
+        free, unknown = difference.BOTH_FREE, difference.BOTH_UNKNOWN
+        return (difference.COMMON, free, unknown, free)[first]
+    return (
+        difference.ADDED
+        if second == 0
+        else difference.REMOVED
+        if first == 0
+        else difference.CHANGED
+    )
 
 
 def table_of(found):
@@ -79,7 +77,6 @@ def test_cells_are_compared_where_both_maps_have_some(a, b, shift, tolerance, ya
     np.testing.assert_array_equal(found.changes, changes)
 
     def like_near(cell, own, cells_of_other):
-        """Whether the other map has the state of a cell within the tolerance."""
         expected = state(cells[cell][own])
         return any(
             state(pair[cells_of_other]) == expected
@@ -174,16 +171,11 @@ def walls(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("words", "code"), [
-    ("a b --max-differing 20 --max-shift 0.49", 1),
-    ("a b --max-differing 19.9 --max-shift 0.5", 1),
-    ("a b --max-differing 20 --max-shift 0.5", 0),
-    ("a b --max-differing 0 --tolerance 2", 0),
-    ("a part", 1),
-    ("a part --max-shift 0 --max-differing 0", 0),
-    ("a far --max-shift 1000 --max-differing 100", 1),
-    ("a empty --max-shift 1000", 1),
-    ("empty a --max-shift 1000", 1),
-    ("empty empty --max-shift 0 --max-differing 0", 0),
+    ("a b --max-differing 20 --max-shift 0.49", 1), ("a b --max-differing 19.9 --max-shift 0.5", 1),
+    ("a b --max-differing 20 --max-shift 0.5", 0), ("a b --max-differing 0 --tolerance 2", 0),
+    ("a part", 1), ("a part --max-shift 0 --max-differing 0", 0),
+    ("a far --max-shift 1000 --max-differing 100", 1), ("a empty --max-shift 1000", 1),
+    ("empty a --max-shift 1000", 1), ("empty empty --max-shift 0 --max-differing 0", 0),
 ])  # fmt: skip
 def test_the_exit_code_is_that_of_the_bounds(command, walls, words, code):
     first, second, *options = words.split()
@@ -410,8 +402,7 @@ def test_every_pair_of_costs_has_the_colour_of_its_change():
 
 def test_costs_on_two_scales_are_compared_as_ros_publishes_them():
     costs = np.arange(256, dtype=np.uint8).reshape(16, 16)
-    published = occupancy_from_cost()[costs]
-    first = Costmap(costs, RES)
+    published, first = occupancy_from_cost()[costs], Costmap(costs, RES)
     second = Costmap(published, RES, scale="occupancy")
     for pair in ((first, second), (second, first), (second, second)):
         result = compare_costmaps(*pair)

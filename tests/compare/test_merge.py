@@ -26,7 +26,6 @@ def place_in(grid, point):
 
 
 def square(grid, row, col):
-    """The corners of a cell in the map frame."""
     corners = np.array([(col, row), (col + 1, row), (col + 1, row + 1), (col, row + 1)])
     return Transform(*grid.origin).points(corners * grid.resolution)
 
@@ -108,7 +107,6 @@ def test_the_first_maps_cells_stay_and_the_lattice_is_no_larger_than_needed(case
 
 
 def known_places(grid, lattice):
-    """The known values of a map by their cells of a lattice."""
     known = np.argwhere(grid.occupancy >= 0)
     at = lattice.unbounded_rowcol_from_xy(grid.frame.xy_from_rowcol(known))
     return dict(zip(map(tuple, at.tolist()), grid.occupancy[tuple(known.T)].tolist(), strict=True))

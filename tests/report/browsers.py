@@ -46,12 +46,10 @@ class Browser:
     """The words that are the same in both."""
 
     def settle(self):
-        """Wait until all is drawn."""
         drawn = "() => performance.getEntriesByName('mapdeal').length"
         assert in_time(lambda: self.evaluate(drawn)), "the page was never drawn"
 
     def show(self, path, **look):
-        """Open a page, and wait until all is drawn."""
         self.open(path, **look)
         self.settle()
 

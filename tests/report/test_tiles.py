@@ -123,8 +123,7 @@ SHAPES = st.one_of(
 @st.composite
 def _numbers(draw, scales=(1e-3, 0.05, 7.0, 3000.0)):
     shape, seed = draw(SHAPES), draw(st.integers(0, 2**32 - 1))
-    random = np.random.default_rng(seed)
-    scale = draw(st.sampled_from(scales))
+    random, scale = np.random.default_rng(seed), draw(st.sampled_from(scales))
     values = np.full(shape, random.normal() * scale)
     if draw(st.booleans()):
         values = random.normal(size=shape) * scale
@@ -148,13 +147,11 @@ def test_other_numbers_are_exact_to_four_digits_at_any_scale(values):
 
 @examples(15)
 @given(
-    shape=SHAPES,
-    seed=st.integers(0, 2**32 - 1),
+    shape=SHAPES, seed=st.integers(0, 2**32 - 1),
     share=st.sampled_from([0.0, 0.001, 0.02, 0.6, 1.0]),
     convention=st.sampled_from(["fast-planner", "center", "border"]),
-    strength=st.sampled_from([1.0, 1.7, 1e-3]),
-    max_distance=st.sampled_from([None, 0.13, 1.03]),
-)
+    strength=st.sampled_from([1.0, 1.7, 1e-3]), max_distance=st.sampled_from([None, 0.13, 1.03]),
+)  # fmt: skip
 def test_fields_are_stored_as_their_squares(shape, seed, share, convention, strength, max_distance):
     occupancy = np.where(np.random.default_rng(seed).random(shape) < share, 100, 0).astype(np.int8)
     if share == 0.02:
@@ -359,8 +356,7 @@ def test_the_page_reads_what_is_written(tmp_path):
         field = esdf(OccupancyGrid(strange[:50] > 1, 0.05), convention=convention, strength=3.0)
         more = {"convention": convention, "strength": 3.0}
         layers.append(_layer(field.distance, unit="m", **more))
-    result = encoded(layers, size=ROOM)
-    page = tmp_path / "page.json"
+    result, page = encoded(layers, size=ROOM), tmp_path / "page.json"
     page.write_text(json.dumps({"data": b"".join(result.data).decode(), "layers": result.layers}))
     script = Path(__file__).with_name("decode_page.mjs")
     out = subprocess.run([node, script, DECODER, page], capture_output=True, check=True)
@@ -368,8 +364,7 @@ def test_the_page_reads_what_is_written(tmp_path):
     for place, header in enumerate(result.layers):
         levels = _decoded(result, place)
         for level, rows, columns, _ in _tiles_of(header["levels"]):
-            expected = levels[level["reduce"]][rows, columns]
-            tile = next(tiles)
+            expected, tile = levels[level["reduce"]][rows, columns], next(tiles)
             assert (tile["height"], tile["width"]) == expected.shape
             assert tile["type"] == {"u": "Uint8Array", "f": "Float32Array"}[expected.dtype.kind]
             found = np.frombuffer(base64.b64decode(tile["values"]), dtype=expected.dtype)

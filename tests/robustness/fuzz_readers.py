@@ -60,8 +60,7 @@ def main():
     parser.add_argument("--reader", help="only those with this in their name")
     options = parser.parse_args()
     readers = [reader for reader in READERS if (options.reader or "") in reader.name]
-    each = options.inputs / sum(reader.share for reader in readers)
-    problems = 0
+    each, problems = options.inputs / sum(reader.share for reader in readers), 0
     print("| reader | read | refused | wrong | seconds | slowest |\n|---|---|---|---|---|---|")
     for reader in readers:
         started = time.perf_counter()
@@ -82,8 +81,7 @@ def fuzz(reader, mutants, folder, seed, longest):
     `seed` and the reader's name decide which. A mutant that takes more than `longest` seconds is
     a problem.
     """
-    rng = random.Random(f"{reader.name} {seed}")
-    found = Found()
+    rng, found = random.Random(f"{reader.name} {seed}"), Found()
     read_seeds(reader, folder / "good")  # late imports do not count as memory of the reader
     paths = _files_of(reader.seeds, folder)
     alike = {good.packed: [like.data for like in reader.seeds if like.packed == good.packed]
@@ -107,14 +105,12 @@ def fuzz(reader, mutants, folder, seed, longest):
 
 
 def read_seeds(reader, folder):
-    """Return what a reader makes of its good files."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MapdealWarning)
         return [reader.read(path, path.read_bytes()) for path in _files_of(reader.seeds, folder)]
 
 
 def _problem_of(reader, path, data, found, longest):
-    """Return the problem of a reader with some data, or None."""
     try:
         _read_within(reader, path, data, longest)
     except reader.refusals as error:

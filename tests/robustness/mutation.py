@@ -86,8 +86,7 @@ def _damage_parts(text, alike, words, rng):
     """Insert, leave out, repeat, move, or overwrite some bytes, or go on with another file."""
     start = rng.randrange(len(text) + 1)
     stop = start + 1 + rng.randrange(rng.choice((1, 4, 16, 60)))  # most parts are short
-    at = rng.randrange(len(text) + 1)
-    part = text[start:stop]
+    at, part = rng.randrange(len(text) + 1), text[start:stop]
     match rng.randrange(9):
         case 0:
             text[at:at] = rng.randbytes(1 + rng.randrange(8))

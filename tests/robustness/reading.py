@@ -57,7 +57,6 @@ _LARGEST_RATIO = 300
 
 
 def kind_of_file(path, data):
-    """Return the kind of a file and the figures of its header as JSON can hold them."""
     kind = kind_of(path)
     if kind is None:
         return None
@@ -204,7 +203,6 @@ def read_npz_by_rows(path, data):
 
 
 def read_reached(path, data):
-    """Read what an npz of a reach holds, and what commands take of it, its map."""
     map_ = mapdeal.read_map(path)
     _check_grid(map_)
     reached = read_reach(path)
@@ -216,7 +214,6 @@ def read_reached(path, data):
 
 
 def read_evidence_layers(path, data):
-    """Read what rule evidence of merge takes of an npz, and sum it."""
     grid = mapdeal.read_map(path)
     _check_grid(grid)
     found = read_evidence(path)
@@ -292,12 +289,10 @@ def lint(path, data):
 
 
 def read_ros1_robot(path, data):
-    """Resolve a file of ROS 1 for both costmaps; problems in it are no errors."""
     return _resolve(ros1_robot, path, data)
 
 
 def read_nav2_robot(path, data):
-    """Resolve a file of Nav2 for both costmaps, and read it as commands do."""
     return mapdeal.read_robot_parameters(path, costmap=_resolve(nav2_robot, path, data))
 
 
@@ -306,7 +301,6 @@ def last_line_of(data):
 
 
 def lint_parameter_files(path, data):
-    """Look at a file of parameters with all checks, whatever is wrong with it."""
     (report,) = mapdeal.lint(params_file=path, config=False).maps
     assert report.file == str(path)
     for finding in report.findings:
@@ -351,7 +345,6 @@ def read_ros2_parameters(path, data):
 
 
 def read_config(path, data):
-    """Read a file of configuration by the name that it seems to have; make a selection of it."""
     named = path.with_name("pyproject.toml" if b"tool" in data else "mapdeal.toml")
     named.write_bytes(data)
     config = read_lint_config(named)
@@ -528,7 +521,6 @@ def show_runs(path, data):
 
 
 def list_all_maps(path, data):
-    """List maps in a folder of few files: nothing outside of it is looked at."""
     before = Path.cwd()
     os.chdir(path.parent)
     try:

@@ -66,8 +66,7 @@ def npy_members(file):
 
 def zipped(text):
     """Return the zip file of such a text, whatever its names, of which two may be the same."""
-    words = re.split(rb"\n@@([^@]*)@@\n", text)
-    file = io.BytesIO()
+    words, file = re.split(rb"\n@@([^@]*)@@\n", text), io.BytesIO()
     with warnings.catch_warnings(), zipfile.ZipFile(file, "w") as archive:
         warnings.simplefilter("ignore")
         for name, body in zip(words[1::2], words[2::2], strict=True):
@@ -89,7 +88,6 @@ def messages_of(file):
 
 
 def as_state(text):
-    """Return the state with the messages in such a text."""
     blocks = map(gzipped, text.split(_BETWEEN))
     return states.MAGIC + b"".join(struct.pack("<Q", len(data)) + data for data in blocks)
 

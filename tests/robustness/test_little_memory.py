@@ -39,7 +39,6 @@ def run(words, folder, limit=None):
 
 
 def run_as_main(function):
-    """Run a process whose main function is the one of some code."""
     code = f"import mapdeal.cli.main, mapdeal.cli.process\n{function}\nmapdeal.cli.main.main = main"
     code += "\nmapdeal.cli.process.run_process()"
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -32,9 +32,7 @@ def grid(seed, shape=(41, 30)):
 
 
 def log(seed):
-    """Scans of two different rooms."""
-    pose = f"{seed} 2 0.3"
-    beams = " ".join(["FLASER 180", *[f"{seed + 3}.5"] * 180])
+    pose, beams = f"{seed} 2 0.3", " ".join(["FLASER 180", *[f"{seed + 3}.5"] * 180])
     return "".join(f"{beams} {pose} {pose} {k} host {k}\n" for k in range(100))
 
 

@@ -24,7 +24,6 @@ ODD = [("rgb", "u8", 1), ("z", "f4", 1), ("hist", "f4", 3), ("y", "f8", 1), ("_"
 
 
 def row(x, y, z):
-    """Return a point with the fields of `ODD`."""
     return [[2**40 + 1], [z], [0.5, 1.5, -9.0], [y], [7, 8], [x]]
 
 
@@ -365,8 +364,7 @@ def deep(tree, path):
 
 def points_of(tree, key=(0, 0, 0), height=DEPTH):
     if tree == OCCUPIED:
-        side = range(1 << height)
-        corner = np.array(key) - (1 << (DEPTH - 1))
+        side, corner = range(1 << height), np.array(key) - (1 << (DEPTH - 1))
         yield from ((corner + [x, y, z] + 0.5) * RESOLUTION
                     for x in side for y in side for z in side)  # fmt: skip
     elif tree != FREE:

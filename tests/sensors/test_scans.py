@@ -43,8 +43,7 @@ def read(tmp_path):
     """Return a function that reads a log from lines; its parts are poses, angles and ranges."""
 
     def read_lines(*lines, max_bad=0, name="a.log", packed=False):
-        data = ("\n".join(lines) + "\n").encode()
-        path = tmp_path / name
+        data, path = ("\n".join(lines) + "\n").encode(), tmp_path / name
         path.write_bytes(gzip.compress(data) if packed else data)
         log = open_log(path, max_bad=max_bad)
         parts = [[array.tolist() for array in part[:3]] for part in log.scans()]
@@ -191,8 +190,6 @@ def test_invalid_logs_are_refused(tmp_path, data, rule):
 
 @pytest.fixture
 def texts(tmp_path):
-    """Return a function that reads scans from the texts of three files."""
-
     def read_texts(poses, angles, ranges, **options):
         paths = [tmp_path / name for name in ("pose.txt", "angles.txt", "ranges.txt")]
         for path, text in zip(paths, (poses, angles, ranges), strict=True):
@@ -218,13 +215,10 @@ def test_three_texts(texts):
 
 
 @pytest.mark.parametrize(("poses", "angles", "ranges", "rule"), [
-    (POSES, ANGLES, "1,2,3\n", "after 1 scans"),
-    (POSES, ANGLES, RANGES + "1,2,3\n", "more lines"),
+    (POSES, ANGLES, "1,2,3\n", "after 1 scans"), (POSES, ANGLES, RANGES + "1,2,3\n", "more lines"),
     (POSES, ANGLES, "1,2,3\n1,2\n", "ranges.txt: line 2"),
-    (POSES, "0,1\n2,3\n", RANGES, "angles.txt"),
-    (POSES, "0,nan,1\n", RANGES, "angle 2"),
-    (POSES, "", RANGES, "no angles"),
-    (POSES, ANGLES, "1,2,3\n1,b,3\n", "ranges.txt: line 2"),
+    (POSES, "0,1\n2,3\n", RANGES, "angles.txt"), (POSES, "0,nan,1\n", RANGES, "angle 2"),
+    (POSES, "", RANGES, "no angles"), (POSES, ANGLES, "1,2,3\n1,b,3\n", "ranges.txt: line 2"),
 ])  # fmt: skip
 def test_texts_that_do_not_fit_together_are_refused(texts, poses, angles, ranges, rule):
     with pytest.raises(MalformedInputError, match=rule):
@@ -253,8 +247,7 @@ def test_an_npz_of_scans(tmp_path, order):
 
 
 @pytest.mark.parametrize(("changes", "rule"), [
-    ({"poses": None}, "poses: missing"),
-    ({"angles": np.zeros((4, 1))}, "angles"),
+    ({"poses": None}, "poses: missing"), ({"angles": np.zeros((4, 1))}, "angles"),
     ({"ranges": np.array([["a"] * 4] * 2)}, "ranges"),
     ({"ranges": np.zeros((2, 3))}, r"ranges.*\(2, 4\)"),
     ({"poses": np.full((2, 3), np.nan)}, "poses"),

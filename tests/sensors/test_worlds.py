@@ -153,8 +153,7 @@ def test_frames_nested_models_and_placement(tmp_path):
 def dae_of(mesh, unit, up):
     axes = {"Z_UP": np.eye(3), "Y_UP": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
             "X_UP": [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]}[up]  # fmt: skip
-    corners = (mesh.vertices @ np.transpose(axes) / unit - [1, 2, 3]) / 2
-    stride = ""
+    corners, stride = (mesh.vertices @ np.transpose(axes) / unit - [1, 2, 3]) / 2, ""
     if up == "Z_UP":
         stride = "<technique_common><accessor stride='4'/></technique_common>"
         corners = np.pad(corners, ((0, 0), (0, 1)), constant_values=7.0)
@@ -199,7 +198,6 @@ OBJ_LINES = ["v {0} {1} {2}", "\tv  {0} {1}\t{2} 0.5", "v {0} {1} {2} .1 .2 .3 #
 
 
 def obj_by_lines(text):
-    """Return the triangles of each name, read line by line."""
     corners, parts = [], [((), [])]
     for line in text.replace("\\\n", " ").split("\n"):
         key, *words = line.partition("#")[0].split() or [""]
@@ -216,8 +214,7 @@ def obj_by_lines(text):
 
 @given(st.randoms(use_true_random=False), st.integers(20, 60), st.sampled_from(["\n", "\r\n"]))
 def test_obj_in_pieces_equals_a_reader_of_lines(tmp_path_factory, random, length, eol):
-    lines = ["v 0 0 1"] * 4 + ["f 1 2 3"]
-    count = 4
+    lines, count = ["v 0 0 1"] * 4 + ["f 1 2 3"], 4
     for line in random.choices(OBJ_LINES, k=length):
         x, y, z = (f"{random.random():{form}}" for form in random.choices([".6f", "e"], k=3))
         corners = random.choices(range(1, count + 1), k=3)
