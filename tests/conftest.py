@@ -1,5 +1,3 @@
-"""Shared fixtures."""
-
 import contextlib
 import functools
 import gc

@@ -1,5 +1,3 @@
-"""The engines that a test can run on."""
-
 import pytest
 
 from mapdeal.kernels import engine

@@ -1,5 +1,3 @@
-"""Small parameter files of robots."""
-
 from pathlib import Path
 
 

@@ -1,5 +1,3 @@
-"""The source code of the package, for tests that read it."""
-
 import ast
 import functools
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Random grids and layers of costmaps for property tests."""
-
 import numpy as np
 from hypothesis import settings, strategies as st
 

@@ -30,7 +30,6 @@ FILE_SYSTEM_CALLS = re.compile(
 
 
 def test_only_two_modules_call_the_file_system_about_names():
-    """The errors of such calls depend on the name, the caller, and the version of Python."""
     asking = filter(lambda path: FILE_SYSTEM_CALLS.search(path.read_text("utf-8")), MODULES)
     assert set(map(place_of, asking)) == {"files/source.py", "files/transaction.py"}
 

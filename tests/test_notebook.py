@@ -1,5 +1,3 @@
-"""The example notebook, run cell by cell, and its output."""
-
 import ast
 import base64
 import contextlib
@@ -106,7 +104,6 @@ def test_its_pictures_and_files_are_those_of_the_commands(shown, folder, command
 @pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 def test_jupyter_runs_it_and_keeps_its_pictures(shown, folder):
-    """By a kernel of its own, where the packages for that are installed."""
     nbformat = pytest.importorskip("nbformat")
     nbclient = pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")

@@ -1,5 +1,3 @@
-"""What packages contain, and what builds and publishes them."""
-
 import importlib.util
 import io
 import re

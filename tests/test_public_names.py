@@ -1,5 +1,3 @@
-"""The names that `import mapdeal` provides, and how their errors are printed."""
-
 import pickle
 import pydoc
 import re

@@ -1,5 +1,3 @@
-"""Memory of Python objects."""
-
 import tracemalloc
 from contextlib import contextmanager
 

@@ -102,7 +102,6 @@ NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8
 
 @given(data=st.data(), is_big=st.booleans(), width=st.integers(1, 5), height=st.integers(1, 4))
 def test_points_of_any_layout(data, is_big, width, height):
-    """Fields of any type in any order, with gaps between fields, points and rows."""
     order = ">" if is_big else "<"
     fields, offset = [], data.draw(st.integers(0, 3))
     for name in data.draw(st.permutations(["x", "y", "z", "rgb"])):

@@ -1,5 +1,3 @@
-"""Lint through the command: kinds of files, folders of runs, lines, reports, repairs, refusals."""
-
 import json
 import math
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Formats of a report, against their schemas and as parsed again."""
-
 import importlib.resources
 import json
 import os

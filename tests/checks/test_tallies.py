@@ -126,7 +126,6 @@ def test_cells_are_counted_as_in_the_whole_whichever_side_comes_first(cells, row
 @pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["grey", "rgba"])
 def test_memory_does_not_grow_with_the_number_of_rows(kind, tmp_path, monkeypatch):
-    """All cells would take 15 MB or 3 MB; of the latter, nearly all colours differ."""
     strip = np.tile(np.repeat(np.array([0, 205, 254, 254], np.uint8), 256), (1 << 8, 1))
     picture = Picture("PNM", "grey", strip)
     if kind == "rgba":

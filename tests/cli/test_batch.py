@@ -1,5 +1,3 @@
-"""`mapdeal run` on many maps: through the command, and as processes that get signals."""
-
 import contextlib
 import json
 import os

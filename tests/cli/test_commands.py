@@ -1,5 +1,3 @@
-"""Commands of one map: the files they write, and the lines they print."""
-
 import json
 import re
 from pathlib import Path

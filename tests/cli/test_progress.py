@@ -1,5 +1,3 @@
-"""The line that shows on a terminal what a slow command is doing."""
-
 import contextlib
 import io
 import os

@@ -1,5 +1,3 @@
-"""What commands refuse: a line and an exit code each, and nothing is written."""
-
 import shutil
 from pathlib import Path
 

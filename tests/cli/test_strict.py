@@ -1,5 +1,3 @@
-"""What a map warns of reaches whoever asked, once; `--strict` makes findings of it."""
-
 import json
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""The command align: its output, its files, and its exit codes."""
-
 import json
 import math
 from pathlib import Path

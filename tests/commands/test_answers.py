@@ -1,5 +1,3 @@
-"""The JSON documents that mapdeal writes, read back; and what must not be believed."""
-
 import json
 import math
 import re

@@ -1,5 +1,3 @@
-"""The commands that ask a field: query, potential, route."""
-
 import json
 import math
 import subprocess

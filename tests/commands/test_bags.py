@@ -1,5 +1,3 @@
-"""Bags on the command line: maps and clouds read from bags, and maps written to bags."""
-
 import json
 import math
 import sqlite3

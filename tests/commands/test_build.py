@@ -1,5 +1,3 @@
-"""The command build: logs in, maps out."""
-
 from pathlib import Path
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""`mapdeal clean`: files in, a file out, counts as text and JSON, a picture."""
-
 import hashlib
 import math
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""build --compare: three methods on one log."""
-
 import json
 from pathlib import Path
 
@@ -185,7 +183,6 @@ def test_nothing_seen_has_no_thickness(sh):
     ("aces-corrected.log.gz", 10_724, [(53.61, 14), (48.19, 12), (96.49, 13)]),
 ])  # fmt: skip
 def test_walls_and_losses_of_real_logs_are_those_of_a_study(sh, real_maps, log, cells, expected):
-    """With scipy.ndimage, written apart from this code."""
     assert sh(f"build {real_maps}/acschaefer__ple/{log} --compare -o out")[0] == 0
     assert document()["cells_hit_three_times"] == cells
     assert tuple(document()["methods"]) == METHODS

@@ -1,5 +1,3 @@
-"""Comparisons from Python: what the command says, of files and of grids."""
-
 import json
 from pathlib import Path
 

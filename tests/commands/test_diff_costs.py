@@ -1,5 +1,3 @@
-"""``diff`` of two costmaps: text, JSON, exit codes, pictures and pages."""
-
 import json
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""The commands that change a map or the scale of costs, from file to file."""
-
 from pathlib import Path
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Findings from Python: those of the command, as values."""
-
 import dataclasses
 import json
 from pathlib import Path

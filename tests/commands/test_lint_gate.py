@@ -1,5 +1,3 @@
-"""``mapdeal lint`` as a gate, on the command line."""
-
 import json
 import re
 import sys
@@ -70,7 +68,6 @@ def test_the_command_line_comes_before_files_and_what_these_suppress_is_counted(
     ("github", "::warning file=", "cells\n"),
 ])  # fmt: skip
 def test_stdout_holds_the_report_alone(sh, maps, form, start, end):
-    """Standard output can then be redirected: `mapdeal lint ... > lint.sarif`."""
     code, out, err = sh(f"lint maps maps/good.yaml --strict --format {form}")
     assert (code, out.startswith(start), out.endswith(end)) == (1, True, True)
     if start == "{":
@@ -137,7 +134,6 @@ def robot(here):
 
 
 def test_a_file_that_nav2_refuses_ends_with_1(sh, here):
-    """Lint lists all mistakes; Nav2 itself stops at the first."""
     Path("nav2.yaml").write_text(
         'global_costmap: {global_costmap: {ros__parameters: {robot_radius: "0.3", plugins: [s],\n'
         's: {plugin: "nav2_costmap_2d::StaticLayr"}}}}\n'

@@ -1,5 +1,3 @@
-"""The command local: clouds and sequences, printed lines and written files."""
-
 import json
 import math
 import shutil

@@ -1,5 +1,3 @@
-"""Masks of costmap filters from the shell: what Nav2 is to start with."""
-
 import json
 import runpy
 import sys
@@ -46,7 +44,6 @@ def test_map_server_serves_the_values_that_the_filters_need(folder, dialect):
 
 
 def test_servers_and_filters_agree(folder):
-    """By the types that the nodes of Nav2 declare, and by the names that they look up."""
     path, _ = folder
     read = read_ros2([path / "filters.yaml"])
     nodes = {node.name: read.for_node(node.name) for node in read.nodes}

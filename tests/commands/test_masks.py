@@ -1,5 +1,3 @@
-"""Keepout masks on costs, runs, routes, reach and queries."""
-
 import json
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""``mapdeal merge``: files in, one map out."""
-
 import json
 import math
 import types

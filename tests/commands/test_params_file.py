@@ -1,5 +1,3 @@
-"""``--params-file``: the robot's own parameters in the commands that take its shape."""
-
 import hashlib
 import json
 import math

@@ -1,5 +1,3 @@
-"""Pictures from Python: the bytes that commands write, and what notebooks are given."""
-
 import io
 from pathlib import Path
 
@@ -66,7 +64,6 @@ def test_a_route_over_costs_is_the_commands_picture(office, drawn_by):
 
 
 def test_comparisons_and_merged_maps_are_the_commands_pictures(office, drawn_by, tmp_path):
-    """Of two maps of one name, which the command calls as Python does."""
     later = mapdeal.draw(office, [mapdeal.Circle((1.0, -2.0), 0.4)], value=100)
     later_path = str(tmp_path / "later" / "office.yaml")
     mapdeal.write_map(later_path, later)

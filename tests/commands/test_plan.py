@@ -1,5 +1,3 @@
-"""``mapdeal plan``: verdicts, and proposals that are tried again from the files."""
-
 import dataclasses
 import json
 from pathlib import Path

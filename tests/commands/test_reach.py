@@ -1,5 +1,3 @@
-"""``mapdeal reach``: its output, its files, and its exit codes."""
-
 import json
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,5 +1,3 @@
-"""Arguments that functions of Python refuse, and the messages of their errors."""
-
 import math
 import re
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""``mapdeal report`` and ``run --report``: their files, their messages, their exit codes."""
-
 import html
 import json
 import re

@@ -1,5 +1,3 @@
-"""Runs and recipes from Python: the folders of the command, and the same in memory."""
-
 import json
 from pathlib import Path
 

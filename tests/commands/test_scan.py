@@ -1,5 +1,3 @@
-"""Simulated laser logs from the shell: what `build` and other readers make of them."""
-
 import hashlib
 import json
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""`mapdeal score`: bounds and exit codes, transforms from files, warnings, JSON."""
-
 import hashlib
 import json
 import math

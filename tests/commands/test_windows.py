@@ -1,5 +1,3 @@
-"""Routes in windows of a map, to goals beyond them."""
-
 import json
 import math
 

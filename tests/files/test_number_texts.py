@@ -1,5 +1,3 @@
-"""Texts of numbers, beside those of Python and numpy."""
-
 import json
 import math
 

@@ -1,5 +1,3 @@
-"""Tables of numbers as text."""
-
 import io
 import struct
 from pathlib import Path

@@ -225,8 +225,6 @@ def test_a_folder_that_has_come_in_the_plan_blocks_a_file_leaves_the_others_as_t
 
 
 def test_an_old_file_that_cannot_be_kept_is_not_replaced(old, monkeypatch):
-    """Without links it is copied, and the disk may be full."""
-
     def half(_, target, **__):
         target.write_bytes(b"ha")
         raise FULL
@@ -349,7 +347,6 @@ def test_a_link_is_replaced_and_what_it_leads_to_stays(old, monkeypatch):
 
 
 def test_where_there_are_no_locks_old_files_that_are_kept_stay(tmp_path, monkeypatch):
-    """A live command may have kept them."""
     backup = tmp_path / ".mapdeal-0123456789ab.old"
     backup.write_bytes(b"old")
     for is_kept in (True, False):

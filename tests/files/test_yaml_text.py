@@ -1,5 +1,3 @@
-"""Nodes of YAML texts, beside those that PyYAML composes."""
-
 from pathlib import Path
 
 import pytest

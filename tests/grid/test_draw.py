@@ -72,7 +72,6 @@ SIZES = st.floats(0.05, 4) | st.sampled_from([0.0, 0.3, 1.0])
 @pytest.mark.usefixtures("mapdeal_warnings")
 @given(st.lists(POINTS, min_size=3, max_size=3), POINTS, st.floats(0.1, 3), st.floats(-3, 3))
 def test_polygons_by_the_cells_of_their_corners_on_the_turned_map(corners, hole_from, side, yaw):
-    """Those without an area are lines; what of a hole lies outside means nothing."""
     grid = OccupancyGrid(np.zeros((5, 7), np.int8), 0.25, (1.5, -2.0, yaw))
     u, v = hole_from
     hole = [(u, v), (u + side, v), (u, v + side)]
@@ -87,7 +86,6 @@ def test_polygons_by_the_cells_of_their_corners_on_the_turned_map(corners, hole_
 @pytest.mark.usefixtures("mapdeal_warnings")
 @given(POINTS, st.none() | POINTS, SIZES, st.floats(-3, 3))
 def test_round_shapes_by_distance_in_the_map_frame(a, b, size, yaw):
-    """Those too small for more are the cells that hold their points."""
     grid = OccupancyGrid(np.zeros((5, 7), np.int8), 0.25, (1.5, -2.0, yaw))
     bits = mapdeal.BitMap.from_occupancy(grid)
     own = cells_of([a, b or a])

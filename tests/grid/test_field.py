@@ -21,7 +21,6 @@ ROOM = esdf(grid_from_text("......#\n.#.....\n.....?.\n...#...", 0.25, (1.5, -2.
 def test_distances_and_gradients_are_those_of_the_interpolant_in_the_map_frame(
     seed, resolution, yaw
 ):
-    """Up to the edges, where the outermost cells go on."""
     rng = np.random.default_rng(seed)
     values = rng.uniform(-3, 3, (5, 7)).astype(np.float32)
     grid = OccupancyGrid(np.zeros((5, 7), np.int8), resolution, (1.5, -2.0, yaw))

@@ -1,5 +1,3 @@
-"""What a robot costs at poses, and its cells in each heading, drawn one by one; costmaps."""
-
 import cmath
 import json
 import math

@@ -1,5 +1,3 @@
-"""Frames, and bit maps against plain arrays."""
-
 import math
 
 import numpy as np

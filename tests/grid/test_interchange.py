@@ -1,5 +1,3 @@
-"""Grids as numpy, matplotlib, xarray and ROS messages know them."""
-
 import math
 import pickle
 import sys

@@ -1,5 +1,3 @@
-"""What grids, shapes and footprints refuse, and with which words."""
-
 import math
 
 import numpy as np

@@ -34,7 +34,6 @@ def lattices(draw):
 @pytest.mark.slow
 @given(lattices(), st.integers(0, 999))
 def test_cells_have_what_shares_area_with_them_or_what_is_at_their_centre(drawn, seed):
-    """By clipping polygons; cells with a negligible shared area may have either value."""
     frame, source, far = drawn
     choices = np.array([-1, 0, 0, 0, 1, 30, 99, 100], np.int8)
     values = np.random.default_rng(seed).choice(choices, source.shape)

@@ -1,5 +1,3 @@
-"""Kinds of files other than maps, and the commands that accept them."""
-
 import gzip
 import io
 import json
@@ -214,7 +212,6 @@ def test_info_describes_the_shapes_that_edit_draws(tmp_path, command):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", UNKNOWN)
 def test_what_is_not_known_is_nothing(tmp_path, name, command):
-    """A file without YAML is refused without errors about YAML."""
     (tmp_path / name).write_bytes(UNKNOWN[name])
     assert kind_of(tmp_path / name) is None
     if name.endswith((".md", ".bin", ".txt", ".xml", "long.json")):

@@ -1,5 +1,3 @@
-"""Maps that names stand for, and the folders of their outputs."""
-
 import itertools
 import os
 from pathlib import Path
@@ -125,7 +123,6 @@ def test_links_in_circles_end_and_give_each_map_once(folder):
 
 
 def test_what_cannot_be_followed_may_be_a_map_or_a_folder_of_maps(folder):
-    """In a folder beside good maps: whoever reads it says why it cannot be."""
     for name in ("gone.yaml", "site", "deep/gone.yml", "notes.txt", "lost.pgm", ".hidden2"):
         (folder / "maps" / name).symlink_to("nothing")
     (folder / "maps" / "a-folder").symlink_to(folder / "other", target_is_directory=True)

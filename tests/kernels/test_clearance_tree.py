@@ -133,7 +133,6 @@ def test_a_rooted_tree_leads_from_each_basin_to_the_root(each_engine, grid, choi
     "mit-racecar__racecar_simulator/maps/building_31.yaml",
 ])  # fmt: skip
 def test_widest_ways_through_real_buildings_are_those_of_labels(each_engine, real_maps, name):
-    """From the widest place: what robots reach that are as wide as some passages, or wider."""
     values = read_map(real_maps / name).occupancy
     is_free = values == 0
     squared = squared_distance(values == 100)
@@ -182,7 +181,6 @@ def test_both_engines_give_the_same_bytes(grid, choice, resolution):
 @pytest.mark.slow
 @needs_compiled
 def test_both_engines_agree_on_many_bands_of_rows():
-    """One way winds up and down through all columns; pointers lead along it to its end."""
     for shape, density in (((700, 600), 0.0005), ((30, 9000), 0.05), ((9000, 1), 0.05)):
         occupied = np.random.default_rng(7).random(shape) < density
         check(squared_distance(occupied), ~occupied, choice=11)

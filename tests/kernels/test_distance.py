@@ -265,7 +265,6 @@ METRIC = {"scale": 0.05, "outside_shift": -0.025, "inside_shift": 0.05, "clip": 
 @pytest.mark.parametrize("each_engine", ["compiled"], indirect=True)
 @pytest.mark.parametrize("density", [1e-4, 0.9, *MORE_DENSITIES])
 def test_both_engines_agree_on_1000_x_500_cells(each_engine, density):
-    """Use many bands of rows, and rows longer than one pass of the kernel."""
     from mapdeal.kernels import compiled
 
     rng = np.random.default_rng(7)

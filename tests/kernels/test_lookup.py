@@ -128,7 +128,6 @@ def test_values_and_slopes_are_those_of_the_formula(each_engine, values, shares)
 
 
 def test_near_an_infinite_value_the_nearest_cell_counts_without_a_slope(each_engine):
-    """Of two halfway the later one."""
     values = np.array([[np.inf, 2.0, 3.0]], dtype=np.float32)
     places = np.array([[0.5, 0.9], [0.5, 1.0], [0.5, 1.1], [0.5, 2.0]])
     between, slopes = lookup.interpolate(values, places)

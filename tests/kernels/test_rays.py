@@ -62,7 +62,6 @@ def test_long_lines_move_where_their_equation_says(length, minor, is_upright):
 @pytest.mark.thorough
 @needs_compiled
 def test_many_rays_give_the_same_bytes_on_both_engines_and_any_threads():
-    """More cells than the twin takes together."""
     rng = np.random.default_rng(4)
     count, shape = 60_000, (300, 260)
     starts = rng.integers(-20, 320, (count, 2))

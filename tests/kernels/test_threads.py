@@ -1,5 +1,3 @@
-"""The engine that is taken, and its threads."""
-
 import errno
 import threading
 from concurrent.futures import CancelledError

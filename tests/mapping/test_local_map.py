@@ -92,7 +92,6 @@ def test_without_a_map_cells_without_points_are_free():
 
 
 def test_a_cell_of_another_lattice_is_free_if_all_of_it_is():
-    """Cells of 0.4 m over those of 0.5 m."""
     known = OccupancyGrid([[0, 0, -1, 0, 0]], 0.5, (0.0, 0.0, 0.0))
     grid = make(NOTHING, (1.0, 0.2, 0), size=(2.8, 0.4), resolution=0.4, global_map=known)
     assert grid.origin[0] == pytest.approx(-0.4)

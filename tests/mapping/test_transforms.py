@@ -31,7 +31,6 @@ def matrix(move, quaternion):
 @pytest.mark.slow
 @given(data=st.data(), lengths=st.lists(st.integers(1, 4), min_size=2, max_size=3))
 def test_each_transform_of_a_chain_is_interpolated_alone(data, lengths):
-    """Chains of several branches, edges upside down: the product of matrices, one by one."""
     tree, known = TransformTree(), {}
     for name, length in zip("abc", lengths, strict=False):
         frames = ["root", *(f"{name}{k}" for k in range(length))]
@@ -113,7 +112,6 @@ def test_the_last_of_two_at_one_time_counts_and_a_static_one_replaces_what_was()
 
 @pytest.mark.parametrize(("moving", "place"), [(1, 0), (1, 1), (4, 0), (4, 2), (4, 4)])
 def test_what_comes_static_and_moving_is_what_it_comes_as_most_often(moving, place):
-    """Whenever the static one comes, none of the others is lost."""
     samples = [("a", "b", T0 + k * MS, k, False) for k in range(moving)]
     samples.insert(place, ("a", "b", 0, 9, True))
     tree = tree_of(*samples)
@@ -145,7 +143,6 @@ def test_samples_may_come_in_any_order_and_after_a_look_at_those_before(before, 
 @pytest.mark.thorough
 @pytest.mark.parametrize("is_mixed", [False, True])
 def test_samples_are_kept_once(is_mixed):
-    """72 bytes each and some slack, while they are read, sorted and asked for."""
     count = 50_000
     tree = tree_of(("a", "b", 0, 0, False))
     with memory_below(110 * count):

@@ -1,5 +1,3 @@
-"""Writing grids and reading them back, at once and by rows."""
-
 import hashlib
 import os
 import re
@@ -56,7 +54,6 @@ def test_a_pair_is_what_map_saver_writes_with_digits_kept_and_the_north_on_top(t
 
 
 def test_values_in_between_are_written_raw_by_default(tmp_path):
-    """Trinary keeps free up to 25 and occupied from 65."""
     grid = OccupancyGrid([[0, 1, 25, 26, 64, 65, 99, 100, -1]], 0.25)
     write_map(tmp_path / "raw.yaml", grid)
     assert yaml.safe_load((tmp_path / "raw.yaml").read_text())["mode"] == "raw"

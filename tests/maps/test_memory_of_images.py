@@ -27,7 +27,6 @@ NAMES = [
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("allowed", [125, 160])
 def test_a_run_keeps_to_the_memory(tmp_path, name, allowed):
-    """What must be decoded as a whole may be too much, which is said before."""
     IMAGES[name](tmp_path / name)
     path = (tmp_path / name).with_suffix(".yaml")
     with open_map(path) as file:

@@ -1,5 +1,3 @@
-"""Npz files: layers by rows, and what a robot can reach."""
-
 import json
 import zipfile
 

@@ -1,5 +1,3 @@
-"""States of Cartographer: the map painted of their submaps, and their trajectories."""
-
 import ctypes.util
 import math
 from contextlib import nullcontext

@@ -187,7 +187,6 @@ def test_a_chunk_of_more_bytes_than_the_memory_is_refused_unread(tmp_path, read)
 
 
 def test_files_may_give_fewer_bytes_than_requested(tmp_path, monkeypatch):
-    """As those of other machines do."""
     (tmp_path / "m.png").write_bytes(SOUND)
     pread = os.pread
     monkeypatch.setattr(os, "pread", lambda file, count, at: pread(file, min(count, 7), at))

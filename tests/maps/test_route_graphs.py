@@ -1,5 +1,3 @@
-"""Files of route graphs, against the rules of Nav2's loader written down once more."""
-
 import json
 import math
 

@@ -1,5 +1,3 @@
-"""Files of shapes, good ones and bad ones."""
-
 import json
 import re
 

@@ -1,5 +1,3 @@
-"""Zones of costmap filters, and the masks that they become."""
-
 import json
 import warnings
 

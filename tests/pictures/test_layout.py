@@ -1,5 +1,3 @@
-"""Where things stand in pictures, whatever is drawn."""
-
 import itertools
 import math
 

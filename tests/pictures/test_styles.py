@@ -1,5 +1,3 @@
-"""What styles say of values, and pens."""
-
 import itertools
 import math
 import string

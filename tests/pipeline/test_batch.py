@@ -1,5 +1,3 @@
-"""Batches: the outcome of each job, with any number of workers, after failures, and in place."""
-
 import json
 import threading
 from concurrent.futures import BrokenExecutor

@@ -1,5 +1,3 @@
-"""Warnings on their way, and those of costs without a gradient."""
-
 import json
 import threading
 import warnings

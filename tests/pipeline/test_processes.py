@@ -57,7 +57,6 @@ def test_a_pool_that_cannot_have_its_threads_is_one_error_and_does_not_wait_for_
 
 
 def test_a_process_that_a_lost_pool_forgets_to_end_is_not_waited_for(monkeypatch):
-    """As one is that is started at the moment in which another dies."""
     monkeypatch.setattr(process._ExecutorManagerThread, "shutdown_workers", lambda *_: None)
     monkeypatch.setattr(BaseProcess, "terminate", lambda *_: None)
 

@@ -1,5 +1,3 @@
-"""Recipes, runs and lint refused: the line or the option named, and the message."""
-
 import json
 
 import pytest

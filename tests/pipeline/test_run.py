@@ -1,5 +1,3 @@
-"""Runs of one map: the files written, the files left alone, and runs beside stored ones."""
-
 import hashlib
 import json
 from dataclasses import replace
@@ -140,7 +138,6 @@ def padded(array, shape, box):
     ("design-sim", BOX), ("default", BOX), ("nav2", BOX), ("own.yaml", WIDER),
 ])  # fmt: skip
 def test_a_run_on_the_whole_canvas_is_the_run_without_padded_by_hand(room, tmp_path, name, box):
-    """Each product of a plain run, padded with numpy; the origin is the map's, bit for bit."""
     (tmp_path / "own.yaml").write_text(OWN)
     recipe = load_recipe(str(tmp_path / name) if box is WIDER else name, sim=box is BOX)
     crop, full = tmp_path / "crop", tmp_path / "full"

@@ -1,5 +1,3 @@
-"""The cheapest route through a costmap, and what has no route."""
-
 import json
 import math
 from itertools import pairwise

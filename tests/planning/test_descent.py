@@ -206,7 +206,6 @@ def test_the_lowest_neighbour_is_that_of_the_steepest_way():
 
 @given(st.integers(0, 2**32 - 1))
 def test_values_and_gradients_are_blends_of_those_at_the_centres_around(seed):
-    """Of central differences, which are one-sided at the border."""
     rng = np.random.default_rng(seed)
     surface = rng.uniform(-9, 9, rng.integers(1, 8, 2))
     slope, place = _slope(surface), tuple(rng.random(2) * surface.shape)
@@ -259,7 +258,6 @@ def test_ways_are_within_a_fiftieth_of_the_shortest_and_in_open_cells(case):
 
 @given(places(), st.tuples(*[st.sampled_from([0.0, 1e-9, 1e-6, 0.5, 1 - 1e-6])] * 4))
 def test_ends_at_edges_belong_to_the_cells_that_reach_says(case, offsets):
-    """As typed by people: most round coordinates lie on edges or corners of cells."""
     is_open, *ends = case
     ends = np.floor(ends) + np.reshape(offsets, (2, 2))
     costmap = mapdeal.Costmap(np.where(is_open, 0, 254).astype(np.uint8), *FRAME)

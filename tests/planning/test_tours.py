@@ -1,5 +1,3 @@
-"""Tours along route graphs, and the poses of a robot that drives along a line."""
-
 import itertools
 import math
 

@@ -166,7 +166,6 @@ def colour_of(layer, point):
 
 
 def test_pixels_have_the_colour_of_the_cell_of_the_uppermost_layer(browser, pages):
-    """Of layers of different frames, each is where it belongs."""
     lower = scattered((20, 30), 4, (1.0, -2.0, 0.3), 0.5)
     upper = scattered((9, 13), 5, (5.0, 2.0, -0.5), 0.2)
     below, above = layers_of(lower)[0][0], layers_of(upper)[0][2]

@@ -1,5 +1,3 @@
-"""Layers of grids: outlines, colours, verdicts, and what a page shows at first."""
-
 import json
 
 import numpy as np

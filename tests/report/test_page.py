@@ -1,5 +1,3 @@
-"""Pages, and the markup and the curve of costs in them, as a parser reads them."""
-
 import base64
 import hashlib
 import json

@@ -55,7 +55,6 @@ def run_here(folder, out, *more):
 
 @pytest.mark.thorough
 def test_the_bytes_of_a_run_depend_on_its_input_alone(folder):
-    """Not on threads, the engine, the folder, the locale, the terminal, or when it is run."""
     (folder / "elsewhere").mkdir()
     for name in ("m.yaml", "m.pgm", "r.yaml"):
         shutil.copy(folder / name, folder / "elsewhere")

@@ -105,7 +105,6 @@ def test_a_signal_at_any_moment_leaves_one_set_and_nothing_else(tmp_path, words)
 
 
 def test_who_writes_in_a_thread_stops_when_the_outputs_are_dropped(tmp_path):
-    """Otherwise a signal would wait for a large file to be written to its end."""
     written = []
 
     def write_for_ever(file):
@@ -142,7 +141,6 @@ run_process()
 
 
 def test_signals_that_are_ignored_stay_ignored(tmp_path):
-    """As by nohup, and by shells for what runs behind."""
     words = [sys.executable, "-m", "mapdeal", "inflate", "-", "-o", str(tmp_path / "o.npz")]
     write_map(tmp_path / "in.npz", read_map(OFFICE))
     ignored = f"trap '' HUP TERM; exec {' '.join(words)}"

@@ -1,5 +1,3 @@
-"""Points, pairs, poses and transforms as lines of text."""
-
 import json
 import math
 

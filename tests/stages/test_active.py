@@ -1,5 +1,3 @@
-"""Windows, origins, regions and active parts, by hand and by the places of cells."""
-
 import math
 from dataclasses import replace
 

@@ -1,5 +1,3 @@
-"""Cleaned maps, against floods in plain Python."""
-
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st

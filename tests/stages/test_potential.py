@@ -17,7 +17,6 @@ FRAME = (0.25, (1.5, -2.0, 0.4))
 
 
 def test_the_design_s_case_by_hand():
-    """Design document 000's own case: ten by ten cells of 1 m, goal in the cell (5, 5)."""
     occupancy = np.diag([0, *[100] * 4, *[0] * 5]).astype(np.int8)
     golden = mapdeal.potential(mapdeal.OccupancyGrid(occupancy, 1.0), goal=(5.5, 5.5))
     near = sum(1 / (cells * math.sqrt(2)) for cells in range(1, 5))

@@ -215,7 +215,6 @@ def test_a_goal_in_an_unknown_keepout_cell_has_the_same_reason_for_every_shape()
 
 
 def test_no_part_of_a_robot_is_outside_of_the_map():
-    """A room without its walls gives the same result: the map's edge stops the robot."""
     walls = np.full((24, 31), 100, np.int8)
     walls[1:-1, 1:-1] = 0
     walls[8:12, 14] = 100

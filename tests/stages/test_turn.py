@@ -52,7 +52,6 @@ def test_no_point_of_an_obstacle_is_lost(seed, height, width, yaw, angle):
     *((k * math.pi / 2 - turn, turn) for k in (1, 2, 3) for turn in (0.0, 0.3)),
 ])  # fmt: skip
 def test_cells_that_end_up_along_the_axes_are_permuted(rule, yaw, turn):
-    """The corner moves to where the turned map's lowest x and y are, exactly."""
     grid = mapdeal.OccupancyGrid(NUMBERED, 0.5, (1.0, 2.0, yaw))
     result = mapdeal.rotate(grid, turn, rule=rule)
     quarters = round((yaw + turn) / (math.pi / 2))
