@@ -219,6 +219,9 @@ def test_pages_show_no_absolute_path(tmp_path, rooms, command, save_output):
     shutil.move(moved, rooms)
     (batch / "rooms/esdf.npz").write_bytes(b"torn")
     check_pages([rooms, *documents], [batch / "rooms"])
+    _, out, _ = command("report", EXAMPLES / "maps/office.yaml", "-o", tmp_path / "o.html")
+    assert Path(out.split()[-1]).samefile(EXAMPLES / "maps/office.yaml")  # the next command
+    assert str(EXAMPLES) not in (tmp_path / "o.html").read_text()
 
 
 def test_documents_of_another_system_show_no_folder_of_it(tmp_path, rooms, save_output):

@@ -45,7 +45,7 @@ from mapdeal.pipeline.settings import Settings, adding_warnings, is_whole
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.report.document import Claim, Report, State, Table, Verdict, page_layers, worst_of
 from mapdeal.report.page import page_of
-from mapdeal.report.verdict import most_urgent, verdicts_of
+from mapdeal.report.verdict import most_urgent, portable_command, verdicts_of
 from mapdeal.ros.planners import has_server, planners_of
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.ros.ros2_files import read_ros2
@@ -192,7 +192,8 @@ class RunChecks:
         draft.add(documents.results_of(JsonValue(path, reach_document(found))))
         if plans is not None:
             (table,) = plans.tables
-            rows = *table.rows, ("Next", draft.next_command(self.settings, plans.claims))
+            command = draft.next_command(self.settings, plans.claims)
+            rows = *table.rows, ("Next", portable_command(command))
             draft.add(replace(plans, tables=[replace(table, rows=rows)]))
         if with_layer:
             title = self._step.title
@@ -251,7 +252,7 @@ class WrittenReport(Result):
         for claim in (claim for entry in entries for claim in entry["claims"]):
             del claim["evidence"]  # a place on the page
         for entry in entries:
-            entry["next"] = entry.pop("next_command")
+            entry["next"] = portable_command(entry.pop("next_command"))
         return {
             "format": _VERDICT_FORMAT, "path": str(self.path), "maps": self.maps,
             "bytes": self.size, "state": self.state, "entries": entries,

@@ -835,12 +835,12 @@ def robot_words(footprint: Footprint | None) -> tuple[str, ...]:
 
 
 def typed_path(path: Path) -> str:
-    """Return the name of a file from the working folder; no page shows an absolute one."""
+    """Return the name of a file from the working folder, absolute if they share only the root."""
     text = str(path)
     if path.is_absolute():
         folder = absolute_path(Path())
         has_common_folder = len({*path.parents} & {folder, *folder.parents}) > 1
-        text = os.path.relpath(path) if has_common_folder else path.name
+        text = os.path.relpath(path) if has_common_folder else text
     return f"./{text}" if text.startswith("-") else text
 
 

@@ -27,6 +27,7 @@ from mapdeal.grid.values import count_text
 from mapdeal.maps.png import write_indexed_png
 from mapdeal.pictures.colours import ColourBar, LayerStyle
 from mapdeal.pictures.cost_curve import cost_curve_image, curve_text
+from mapdeal.report import verdict as verdicts
 from mapdeal.report.document import Claim, Entry, Item, PageLayer, Report, State, Table
 from mapdeal.report.tiles import TILE, encoded
 from mapdeal.report.verdict import MOST_CLAIMS, most_urgent, shared_by, state_of, verdicts_of
@@ -261,7 +262,8 @@ def _counts(entry: Entry) -> tuple[int, int]:
 def _verdict(claims: Iterable[Content], command: str) -> Markup:
     parts = [element("ul", *claims)]
     if command:
-        parts.append(element("p", "Next: ", element("code", command), class_="next"))
+        code = element("code", verdicts.portable_command(command))
+        parts.append(element("p", "Next: ", code, class_="next"))
     return element("section", *parts, class_="verdict", aria_label="Verdict")
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import PurePath
 from typing import Any, get_args
 
 from mapdeal.compare.difference import Change, CostDifference, Difference
@@ -252,6 +254,15 @@ def verdicts_of(entries: Sequence[Entry]) -> tuple[Verdict, ...]:
     return tuple(
         Verdict(entry.name, state_of(entry, shared), entry.claims, entry.next_command)
         for entry in entries
+    )
+
+
+def portable_command(command: str) -> str:
+    """Return a command as pages show it, without absolute paths of this machine."""
+    words = shlex.split(command)
+    return shlex.join(
+        PurePath(word).name if word.startswith("/") and option != "--namespace" else word
+        for option, word in zip(["", *words], words, strict=False)
     )
 
 
