@@ -79,6 +79,18 @@ def test_processes_without_a_server_start_afresh(monkeypatch):
     assert done_by_a_worker().status == "done"
 
 
+def test_a_server_that_dies_when_it_is_needed_is_started_again(monkeypatch):
+    connect, errors = forkserver.connect_to_new_process, [ConnectionRefusedError()]
+
+    def refuse_once(descriptors):
+        if errors:
+            raise errors.pop()
+        return connect(descriptors)
+
+    monkeypatch.setattr(forkserver, "connect_to_new_process", refuse_once)
+    assert done_by_a_worker().status == "done"
+
+
 def started_batch(tmp_path, folder="T", second_map="b.yaml", limit=None):
     """Start a batch of two maps in two processes, in a session and with a TMPDIR of its own.
 

@@ -130,7 +130,11 @@ def _wait_for_first(executor: ProcessPoolExecutor) -> None:
     failures: list[object] = []
     before, threading.excepthook = threading.excepthook, failures.append
     try:
-        first = _submit(executor, int)
+        try:
+            first = _submit(executor, int)
+        except ConnectionRefusedError:  # the server of workers has just died; this starts another
+            time.sleep(_POLL_INTERVAL)
+            first = _submit(executor, int)
         while not first.done():  # without its threads the pool would never run it
             if failures:
                 raise RuntimeError
