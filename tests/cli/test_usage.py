@@ -1,5 +1,3 @@
-"""What the command line says of words that it does not know."""
-
 import shutil
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""Lint of many maps: what names stand for, which rules hold, and who does the work."""
-
 import errno
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial

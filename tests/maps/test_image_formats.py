@@ -1,5 +1,3 @@
-"""What holds for every image format that maps may have."""
-
 import io
 import re
 import struct

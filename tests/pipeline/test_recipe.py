@@ -1,5 +1,3 @@
-"""Recipes: parameters of stages, robots' shapes, and stages that change or only look at a map."""
-
 import hashlib
 import json
 import pickle

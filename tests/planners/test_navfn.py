@@ -1,5 +1,3 @@
-"""NavFn against Nav2's own answers, and its rules at the edges of cells and of the map."""
-
 import numpy as np
 import pytest
 

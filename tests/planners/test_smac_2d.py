@@ -1,5 +1,3 @@
-"""Smac 2D against Nav2's own answers, and its rules on small maps."""
-
 import math
 from dataclasses import replace
 

@@ -1,5 +1,3 @@
-"""Theta* against Nav2's own answers, and its rules on small maps."""
-
 from dataclasses import replace
 
 import numpy as np
