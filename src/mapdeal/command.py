@@ -788,7 +788,8 @@ def _check_type(value: object, hint: Any, function: str, name: str) -> None:
         raise error("must not be None")
     if get_origin(kind) is AbcSequence and not (value is None or hasattr(value, "__len__")):
         raise error("must be a sequence", got=value)
-    is_list = value is not None and get_args(kind)[:1] in ((float,), (int,))
+    is_list = get_origin(kind) in (tuple, AbcSequence) and get_args(kind)[0] in (int, float)
+    is_list = is_list and value is not None
     if is_list or kind == ArrayLike:
         try:
             dimensions = np.asarray(value, dtype=np.float64).ndim
