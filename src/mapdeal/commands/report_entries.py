@@ -258,7 +258,7 @@ class Grids:
         return self._opened[path]
 
     def is_there(self, path: Path, draft: Draft, content: str, *, quietly: bool = False) -> bool:
-        """Open a file as `open` does; if it cannot be read, warn that `what` is not shown."""
+        """Open a file as `open` does; if it cannot be read, warn that `content` is not shown."""
         try:
             self.open(path, quietly=quietly)
         except errors.MapdealError as error:
