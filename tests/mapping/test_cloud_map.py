@@ -325,6 +325,16 @@ def test_the_resolution_is_that_of_a_voxel_filter_even_if_its_lattice_is_that_of
     assert cloud_map(points).grid.resolution == 0.05
 
 
+def test_low_pallets_remain_in_dense_clouds_and_in_those_of_one_centroid_per_voxel():
+    points = points_of("warehouse")
+    _, whose = np.unique(np.floor(points / 0.05), axis=0, return_inverse=True)
+    sums = np.stack([np.bincount(whose.ravel(), values) for values in points.T], axis=1)
+    for cloud in (points, sums / np.bincount(whose.ravel())[:, np.newaxis]):
+        result = cloud_map(cloud)
+        places = [(x / 20, y / 20) for x in range(245, 256) for y in range(25, 41)]
+        assert {state_at(result, *place) for place in places} <= {100, -1}
+
+
 def rows_of(line):
     return "".join(line(i, k) for i in range(99) for k in range(99))
 

@@ -135,7 +135,10 @@ def _ordered(*keys: Integers) -> Integers:
 def _thin_layers(columns: Columns, limits: Limits) -> tuple[Integers, Integers, Floats]:
     layers = [_open_layers(part, limits.robot_height) for _, part in columns.parts()]
     row, col, z, weights, variances = map(np.concatenate, zip(*layers, strict=True))
-    thin = _thin(np.sqrt(variances[weights >= _FEW]), limits.steps)
+    is_dense = weights >= _FEW
+    if np.mean(is_dense) < _SHARE_DENSE:  # only walls are: the cloud was thinned, or is sparse
+        is_dense[:] = True
+    thin = _thin(np.sqrt(variances[is_dense]), limits.steps)
     good = variances <= thin**2
     return row[good], col[good], z[good]
 
@@ -166,6 +169,7 @@ def _thin(spreads: Floats, steps: float) -> float:
     return max(0.6 * steps, min(_THIN, max(_LEAST_THIN, _TIMES_TYPICAL * typical)))
 
 
+_SHARE_DENSE = 0.1  # least share of layers with enough points for a typical spread
 _FEW = 5  # points or cells for a meaningful spread
 _LEAST_THIN, _TIMES_TYPICAL = 0.02, 2.5
 
@@ -190,8 +194,9 @@ def _links_of(patches: Patches, side: float, climb: float) -> tuple[Integers, In
         )
         rise = patches.z[second_patches] - patches.z[first_patches] - (first + second) / 2
         close = np.abs(rise) <= climb
-        if max(down, abs(across)) > 1:  # over a gap, both ends must have the same slope
-            close &= np.abs(first - second) <= climb
+        if max(down, abs(across)) > 1:  # over a gap, the slope of either end must explain the rise
+            bend = np.abs(first - second)
+            close &= (bend <= climb) & (np.abs(rise) + bend / 2 <= climb)
         return first_patches[close], second_patches[close]
 
     every = np.arange(len(key))
