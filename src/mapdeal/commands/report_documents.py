@@ -91,9 +91,9 @@ class Subject:
 _RADIUS_DIGITS = 4
 
 
-def robot_subject(text: str, inscribed: float, circumscribed: float | None) -> Subject:
-    outer = None if circumscribed is None else round(circumscribed, _RADIUS_DIGITS)
-    return Subject("robot", (round(inscribed, _RADIUS_DIGITS), outer), text)
+def robot_subject(text: str, *radii: float | None) -> Subject:
+    rounded = (None if radius is None else round(radius, _RADIUS_DIGITS) for radius in radii)
+    return Subject("robot", tuple(rounded), text)
 
 
 def costmap_subject(name: str, files: Iterable[tuple[str, str]]) -> Subject:
@@ -157,8 +157,7 @@ def results_of(document: JsonValue) -> Results:
 
 
 def _lint(document: JsonValue) -> Results:
-    files = document.get("parameter_files")
-    parts = [_part_of_lint(file, is_map=False) for file in ([] if files is None else files.items())]
+    parts = [_part_of_lint(file, is_map=False) for file in document.listed("parameter_files")]
     parts += [_part_of_lint(file, is_map=True) for file in document["maps"].items()]
     for key in ("errors", "warnings", "notes", "suppressed"):
         document[key].integer()
@@ -166,7 +165,7 @@ def _lint(document: JsonValue) -> Results:
 
 
 def _part_of_lint(document: JsonValue, *, is_map: bool) -> Part:
-    file, repairs = document["file"].text(), document.get("repairs")
+    file = document["file"].text()
     findings = [
         Finding(
             severity=cast("Severity", found["severity"].word(*SEVERITIES)), file=file,
@@ -182,7 +181,7 @@ def _part_of_lint(document: JsonValue, *, is_map: bool) -> Part:
     }
     rows = [(f"{severity}s", str(len(messages))) for severity, messages in texts.items()]
     rows.append(("suppressed", str(document["suppressed"].integer())))
-    for number, repair in enumerate([] if repairs is None else repairs.items(), start=1):
+    for number, repair in enumerate(document.listed("repairs"), start=1):
         rows.append((f"repair {number}", short(repair.text())))
     items = _shortened((item for found in findings for item in _items_of(found)), "finding")
     claims = (on_findings(texts),) if is_map else ()
@@ -194,9 +193,7 @@ def _items_of(finding: Finding) -> Iterator[Item]:
     # Findings of one check share a line of the list, and so do the places of one finding.
     group = short(f"{finding.severity} {finding.check}")
     for index, place in enumerate(finding.places or (None,), start=1):
-        words = f"{finding.message}{line}"
-        if index > 1:
-            words = f"place {index} of {len(finding.places)}"
+        words = f"place {index} of {len(finding.places)}" if index > 1 else finding.message + line
         text = short(f"{finding.check}: {words}")
         yield Item("finding", text, finding.severity, place, group=group)
 
@@ -228,7 +225,7 @@ def _reach(document: JsonValue) -> Results:
     if robot is not None:
         outer = robot.circumscribed_radius if robot.vertices else None
         subjects.append(robot_subject(text, robot.inscribed_radius, outer))
-    costmap, named = document.get("costmap"), document.get("map")
+    costmap = document.get("costmap")
     if costmap is not None and not costmap.is_null:
         files = _named_files(costmap, "name")
         subjects.append(costmap_subject(costmap["costmap"].text(), files))
@@ -239,15 +236,13 @@ def _reach(document: JsonValue) -> Results:
         [start, *goal_items(goals, robot, headings), *passage_items(passages)],
         [Table("What the robot can reach", rows)],
         claims=(on_goals(goals, passages, robot, share=share_of_open),),
-        maps=(None if named is None else json_values.named_map(named),), subjects=tuple(subjects),
+        maps=_maps(document, "map"), subjects=tuple(subjects),
         question=ReachQuestion(start_pose, tuple(goal.goal for goal in goals), tuple(words)),
     )  # fmt: skip
 
 
 def _named_files(document: JsonValue, key: str) -> tuple[tuple[str, str], ...]:
-    return tuple(
-        (file[key].text(), file["sha256"].sha256()) for file in document["files"].items()
-    )  # fmt: skip
+    return tuple((file[key].text(), file["sha256"].sha256()) for file in document["files"].items())
 
 
 def _robot(robot: JsonValue) -> Footprint | None:
@@ -255,19 +250,21 @@ def _robot(robot: JsonValue) -> Footprint | None:
     if corners is None:
         radius = robot["radius"].number(least=0, most=_WIDEST)
         return Footprint.circle(radius) if radius else None
-    points = [corner.point() for corner in corners.items()]
     try:
-        return Footprint(
-            checked_corners(points, "footprint", within=_WIDEST, least=3, most=_MOST_CORNERS)
-        )
+        return checked_shape([corner.point() for corner in corners.items()])
     except ParameterError as error:
         raise error.in_file(corners.source, corners.place) from None
 
 
+def checked_shape(corners: Sequence[Any]) -> Footprint:
+    """Return the shape with the corners in a document; refuse those of no robot."""
+    most = _MOST_CORNERS
+    return Footprint(checked_corners(corners, "footprint", within=_WIDEST, least=3, most=most))
+
+
 def goal_of(document: JsonValue) -> GoalReach:
-    name = document.get("name")
     return GoalReach(
-        Goal(*_place(document), None if name is None else name.text()),
+        Goal(*_place(document), document.given("name", JsonValue.text)),
         document["reachable"].flag(), document["heading_count"].integer(),
         document["widest_radius_m"].number_or(math.inf),
         document["limited_by"].or_none(_bottleneck), document["reason"].or_none(JsonValue.text),
@@ -314,9 +311,8 @@ def goal_items(
         if answer.reason is None and limit is not None and math.isfinite(limit.width):
             text += f": {limit.text}"
         tone: Tone = "good" if answer.reachable else "error"
-        items.append(
-            Item("goal", short(text), tone, place, label=short(answer.goal.name or "goal"))
-        )
+        label = short(answer.goal.name or "goal")
+        items.append(Item("goal", short(text), tone, place, label=label))
     return _shortened(items, "goal")
 
 
@@ -324,8 +320,7 @@ def passage_items(passages: Iterable[Passage]) -> list[Item]:
     items = []
     for passage in passages:
         width, area = _metres(passage.width), f"{decimal_text(passage.cut_off)} m2"
-        text = f"closed passage of {width}, cuts off {area}"
-        tone: Tone = "error"
+        text, tone = f"closed passage of {width}, cuts off {area}", cast("Tone", "error")
         if passage.is_open:
             text, tone = f"narrow passage of {width}, {area} behind it", "warning"
         line = np.array(passage.ends, dtype=np.float64)
@@ -352,14 +347,14 @@ def _route(document: JsonValue) -> Results:
 
 
 def route_of(document: JsonValue) -> Route:
-    points, minimum = document["points"].points(), document.get("local_minimum")
+    points = document["points"].points()
     nowhere = math.nan if not len(points) else math.inf
     return Route(
         cast("Method", document["method"].word(*get_args(Method))), document["reached"].flag(),
         document["start"].point(), document["goal"].point(), points,
         document["length_m"].number_or(nowhere), document["cost"].number_or(nowhere),
         document["min_clearance_m"].number_or(nowhere),
-        None if minimum is None else minimum.or_none(JsonValue.point),
+        document.given("local_minimum", JsonValue.point),
         document["mean_clearance_m"].number_or(nowhere),
         document["expanded"].or_none(JsonValue.integer), document["optimal"].flag(),
     )  # fmt: skip
@@ -372,8 +367,7 @@ def route_items(route: Route) -> list[Item]:
         Item("start", f"start at {_at(route.start)}", place=route.start, label="start"),
         Item("goal", f"{label}, at {_at(route.goal)}", tone, route.goal, label=label),
     ]
-    text = f"route by {route.method}"
-    points_xy = route.points_xy
+    text, points_xy = f"route by {route.method}", route.points_xy
     if not len(points_xy):
         return [*ends, Item("route", f"{text}: no way", tone)]
     text += f" of {_metres(route.length)}"
@@ -413,8 +407,8 @@ def _plan(document: JsonValue) -> Results:
     rows, missed = [], []
     for goal in document["goals"].items():
         place, is_found = _place(goal), goal["found"].or_none(JsonValue.flag)
-        name, changes = goal.get("name"), goal.get("changes")
-        label = _at(place) if name is None else name.text()
+        name = goal.given("name", JsonValue.text)
+        label = _at(place) if name is None else name
         text = f"no path, {goal['reason'].or_none(JsonValue.text) or 'not known'}"
         tone: Tone = "good" if is_found else "note" if is_found is None else "error"
         points_xy = np.array([_xy(pose) for pose in goal["points"].items()]).reshape(-1, 2)
@@ -424,20 +418,19 @@ def _plan(document: JsonValue) -> Results:
         items.append(Item("goal", short(f"goal {label}: {text}"), tone, place, label=short(label)))
         rows.append((label, text))
         missed += [] if is_found else [f"{label} ({text})"]
-        for change in () if changes is None or changes.is_null else changes.items():
+        for change in goal.listed("changes"):
             described = short(change["text"].text())
             rows.append((f"{label}: makes a path", described))
             if change.get("map") is not None:
                 items.append(Item("passage", described, "warning", _place(change)))
-    title, named = f"Plans of {document['planner']['plugin'].text()}", document["map"]
+    title = f"Plans of {document['planner']['plugin'].text()}"
     tones = [item.tone for item in items if item.kind == "goal"]
     state: State = "error" if "error" in tones else "unknown" if "note" in tones else "good"
     goals = count_text(len(tones), "goal")
     words = f"The robot's planner finds a path to {tones.count('good')} of {goals}"
     words += f". Not to: {'; '.join(missed[:MOST_CLAIMS])}" if missed else ""
-    claim = Claim("goals", state, words, title)
-    maps = (json_values.named_map(named),)
-    return Results(json_values.PLAN, items, [Table(title, tuple(rows))], maps=maps, claims=(claim,))
+    claims, maps = (Claim("goals", state, words, title),), _maps(document, "map")
+    return Results(json_values.PLAN, items, [Table(title, tuple(rows))], maps=maps, claims=claims)
 
 
 def _xy(numbers: JsonValue) -> Point:
@@ -464,8 +457,7 @@ def _route_graph(document: JsonValue) -> Results:
 def _node_item(node: RouteNode) -> Item:
     metadata = ", ".join(f"{key} {value}" for key, value in node.metadata.items())
     text = f"node {node.id} at {_at((node.x, node.y))}" + (f": {metadata}" if metadata else "")
-    name = node.metadata.get("name")
-    label = short(str(name)) if name else ""
+    label = short(str(node.metadata.get("name") or ""))
     return Item("graph", short(text), "note", (node.x, node.y), label=label)
 
 
@@ -478,9 +470,9 @@ def shape_items(shapes: Sequence[Shape], zones: Sequence[Zone] = ()) -> list[Ite
 
 def _zone_item(item: Item, zone: Zone) -> Item:
     speed = "" if zone.speed is None else f", speed {zone.speed:g} %"
-    kind = f"{zone.kind} zone{speed}"
-    text = f"{zone.name}: {kind}, {item.text}" if zone.name else f"{kind}, {item.text}"
-    return replace(item, text=short(text), label=zone.name or zone.kind, zone=zone)
+    name = f"{zone.name}: " if zone.name else ""
+    text = short(f"{name}{zone.kind} zone{speed}, {item.text}")
+    return replace(item, text=text, label=zone.name or zone.kind, zone=zone)
 
 
 def zones_in(document: object) -> list[Zone]:
@@ -514,8 +506,8 @@ def _shape_item(shape: Shape) -> Item:
         text = f"line through {len(shape.points_xy)} points"
         text += f", {_metres(shape.thickness)} thick" if shape.thickness else ""
     elif isinstance(shape, Circle):
-        angles = np.arange(_CORNERS_OF_CIRCLE + 1) % _CORNERS_OF_CIRCLE * (2 * np.pi)
-        angles /= _CORNERS_OF_CIRCLE
+        numbers = np.arange(_CORNERS_OF_CIRCLE + 1) % _CORNERS_OF_CIRCLE
+        angles = numbers * (2 * np.pi) / _CORNERS_OF_CIRCLE
         unit = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         lines = (np.array(shape.center_xy, dtype=np.float64) + shape.radius * unit,)
         text = f"circle of radius {_metres(shape.radius)}"
@@ -527,12 +519,11 @@ def _shape_item(shape: Shape) -> Item:
 
 
 def _maps(document: JsonValue, *keys: str) -> tuple[NamedMap | None, ...]:
-    return tuple(json_values.named_map(document[key]) for key in keys)
+    return tuple(document.given(key, json_values.named_map) for key in keys)
 
 
 def _alignment(document: JsonValue) -> Results:
-    transform, candidates = _transform(document["transform"]), document.get("candidates")
-    is_same = document["same_place"].flag()
+    transform, is_same = _transform(document["transform"]), document["same_place"].flag()
     reason = short(document["reason"].or_none(JsonValue.text) or "")
     shares = [document[key].number(least=0, most=1) for key in ("overlap", "agreement")]
     rows = (
@@ -542,7 +533,7 @@ def _alignment(document: JsonValue) -> Results:
         ("best score elsewhere", f"{document['runner_up'].number(least=0):.2f}"),
         ("overlap", f"{100 * shares[0]:.0f} %"),
         ("walls in common that agree", f"{100 * shares[1]:.0f} %"),
-        *map(_candidate_row, count(1), () if candidates is None else candidates.items()),
+        *map(_candidate_row, count(1), document.listed("candidates")),
     )
     table = Table("Alignment", rows)
     words = f"The two maps overlap by {100 * shares[0]:.0f} %, "
@@ -550,10 +541,10 @@ def _alignment(document: JsonValue) -> Results:
     if not is_same:
         words = f"It is uncertain whether the two maps show the same place: {reason}"
     claims = (Claim("geometry", "good" if is_same else "warning", words, table.title),)
-    maps = _maps(document, "first", "second")
     return Results(
-        json_values.ALIGNMENT, tables=[table], maps=maps, transform=transform, claims=claims
-    )
+        json_values.ALIGNMENT, tables=[table], maps=_maps(document, "first", "second"),
+        transform=transform, claims=claims,
+    )  # fmt: skip
 
 
 _COUNTS_OF_DIFF = {
@@ -622,8 +613,7 @@ def _robot_diff(document: JsonValue) -> Results:
     start = tuple(number.number() for number in document["start"].items())
     reaches = document["reach"].items()[:1]  # both have the same goals
     goals = tuple(goal_of(goal).goal for answer in reaches for goal in answer["goals"].items())
-    mask = document.get("mask")
-    maps = (*_maps(document, "map"), None if mask is None else json_values.named_map(mask))
+    maps = _maps(document, "map", "mask")
     return Results(json_values.ROBOT_DIFF, maps=maps, start=start, goals=goals, robots=robots)
 
 
@@ -683,8 +673,7 @@ def _pairs(document: JsonValue) -> dict[str, str]:
 
 
 def change_items(changes: Sequence[Change], unlisted: int, frame: Frame) -> list[Item]:
-    items = []
-    room = MOST_POINTS
+    items, room = [], MOST_POINTS
     for number, change in enumerate(changes, start=1):
         lines = outlines_of(change.cells, frame)
         count = sum(map(len, lines))
@@ -692,8 +681,8 @@ def change_items(changes: Sequence[Change], unlisted: int, frame: Frame) -> list
         room -= count if lines else 0
         place = change.x, change.y
         at = ", ".join(f"{round(part, 2) + 0.0:.6g}" for part in place)
-        text, label = f"{number}. {decimal_text(change.area, 3)} m2 at {at}", str(number)
-        items.append(Item(change.kind, text, "plain", place, tuple(lines), label))
+        text = f"{number}. {decimal_text(change.area, 3)} m2 at {at}"
+        items.append(Item(change.kind, text, "plain", place, tuple(lines), str(number)))
     if unlisted:
         items.append(Item(changes[-1].kind, f"{count_text(unlisted, 'smaller change')} not listed"))
     return items
@@ -707,15 +696,13 @@ def _comparison(document: JsonValue) -> Results:
     if len([number.number() for number in document["origin"].items()]) != 3:
         raise document["origin"].error("must be three numbers [x, y, yaw]")
     parts = [_method(name, method) for name, method in document["methods"].fields().items()]
-    rows = tuple(
-        (
-            short(f"{pair['first'].text()}, {pair['second'].text()}"),
-            str(pair["differing"].integer()),
-        )
-        for pair in document["pairs"].items()
-    )
-    tables = [table for part in parts for table in part.tables]
-    return Results(json_values.COMPARISON, [], [*tables, Table("Differing cells", rows)], parts)
+    rows = []
+    for pair in document["pairs"].items():
+        names = short(f"{pair['first'].text()}, {pair['second'].text()}")
+        rows.append((names, str(pair["differing"].integer())))
+    tables = [*(table for part in parts for table in part.tables)]
+    tables.append(Table("Differing cells", tuple(rows)))
+    return Results(json_values.COMPARISON, [], tables, parts)
 
 
 def _method(name: str, document: JsonValue) -> Part:
@@ -742,8 +729,7 @@ def _score(document: JsonValue) -> Results:
         x, y, yaw = _transform(moved).pose
         rows.append(("truth", short(truth_file or "no file")))
         if x or y or yaw:
-            pose = f"x {x:.6g} m, y {y:.6g} m, yaw {math.degrees(yaw):.6g} deg"
-            rows.append(("moved by", pose))
+            rows.append(("moved by", f"x {x:.6g} m, y {y:.6g} m, yaw {math.degrees(yaw):.6g} deg"))
     size = f"{lattice['width'].integer(1)} x {lattice['height'].integer(1)} cells of "
     size += f"{lattice['resolution'].number(least=1e-6):.6g} m"
     rows.append(("size" if moved.is_null else "compared on", size))
@@ -836,11 +822,9 @@ def robot_words(footprint: Footprint | None) -> tuple[str, ...]:
 
 def typed_path(path: Path) -> str:
     """Return the name of a file from the working folder, absolute if they share only the root."""
-    text = str(path)
-    if path.is_absolute():
-        folder = absolute_path(Path())
-        has_common_folder = len({*path.parents} & {folder, *folder.parents}) > 1
-        text = os.path.relpath(path) if has_common_folder else text
+    text, folder = str(path), absolute_path(Path())
+    if len({*path.parents} & {folder, *folder.parents}) > 1:
+        text = os.path.relpath(path)
     return f"./{text}" if text.startswith("-") else text
 
 
