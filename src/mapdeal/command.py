@@ -239,15 +239,11 @@ def parameters_of(
             rule = f"{function.__name__}: a parameter cannot be of this type"
             raise TypeError(f"{rule}: {name}: {hints[name]}")
         found[name] = Parameter(
-            name,
-            argument.default,
-            kind,
-            optional,
+            name, argument.default, kind, optional,
             tuple(mark for mark in marks if isinstance(mark, Condition)),
-            next((mark for mark in marks if isinstance(mark, Unit)), None),
-            FromRobot in marks,
+            next((mark for mark in marks if isinstance(mark, Unit)), None), FromRobot in marks,
             next((mark for mark in marks if isinstance(mark, Words)), None),
-        )
+        )  # fmt: skip
     return found
 
 

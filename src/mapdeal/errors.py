@@ -129,14 +129,9 @@ class MapdealError(Exception):
     exit_code: ClassVar[int] = 70
 
     def __init__(
-        self,
-        rule: str,
-        *,
-        source: Path | str | None = None,
-        place: str | None = None,
-        got: object = _MISSING,
-        hint: str | None = None,
-    ) -> None:
+        self, rule: str, *, source: Path | str | None = None, place: str | None = None,
+        got: object = _MISSING, hint: str | None = None,
+    ) -> None:  # fmt: skip
         self.rule = rule
         self.source = source
         self.place = place

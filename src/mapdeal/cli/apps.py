@@ -291,13 +291,10 @@ def _shell_function(definition: Command) -> Any:
         or (argument.default is not Argument.empty and argument.name not in opt.SHARED_OPTIONS)
     ]  # fmt: skip
     return opt.with_shared_options(
-        run,
-        own,
-        [*names, *definition.shared],
-        help_texts=definition.texts,
+        run, own, [*names, *definition.shared], help_texts=definition.texts,
         makes_costs=definition.makes_costs,
         ending=definition.output.ending if definition.output else ".npz",
-    )
+    )  # fmt: skip
 
 
 def _accept_values(

@@ -15,11 +15,9 @@ VARIABLE = "_MAPDEAL_COMPLETE"  # set by the scripts when they request words
 
 
 @command(
-    group="CI and reports",
-    shared=(),
-    json="never",
+    group="CI and reports", shared=(), json="never",
     example="mapdeal completion bash > mapdeal.bash",
-)
+)  # fmt: skip
 def completion(
     shell: Annotated[Literal["bash", "zsh", "fish", "powershell"], Words("SHELL")],
 ) -> None:

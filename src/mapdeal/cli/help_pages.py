@@ -9,14 +9,9 @@ from typing import Any
 from mapdeal.cli import terminal
 
 GROUPS = (
-    "Maps, distance fields, costmaps",
-    "Questions about a map",
-    "Changing a map",
-    "Two maps of one place",
-    "Laser scans and point clouds",
-    "Formats",
-    "CI and reports",
-)
+    "Maps, distance fields, costmaps", "Questions about a map", "Changing a map",
+    "Two maps of one place", "Laser scans and point clouds", "Formats", "CI and reports",
+)  # fmt: skip
 """Titles under which ``mapdeal --help`` lists commands, in its order."""
 
 _COMMON = "Common options"

@@ -49,12 +49,10 @@ def option_of(parameter: Parameter, help_text: str, *, is_flag: bool = False) ->
     is_shown = default not in (None, "") and "[default: " not in help_text
     shown = f"  [default: {default}]" if is_shown else ""
     return typer.Option(
-        *([name] if words.short is None else [name, f"-{words.short}"]),
-        metavar=metavar,
+        *([name] if words.short is None else [name, f"-{words.short}"]), metavar=metavar,
         autocompletion=words.completed or (lambda: parameter.choices or ()),
-        help=re.sub(r" +\[default: ", "  [default: ", help_text + shown),
-        show_default=False,
-    )
+        help=re.sub(r" +\[default: ", "  [default: ", help_text + shown), show_default=False,
+    )  # fmt: skip
 
 
 def option_name(parameter: Parameter) -> str:
@@ -110,12 +108,9 @@ def robot_parameters(
     from mapdeal.ros.load import read_robot  # few commands read one
 
     robot = read_robot(
-        params_file,
-        costmap=costmap or "global",
-        namespace=namespace,
-        older=dialect != "nav2",
+        params_file, costmap=costmap or "global", namespace=namespace, older=dialect != "nav2",
         is_shape=is_shape,
-    )
+    )  # fmt: skip
     terminal.detail(f"robot: {robot!r}")
     if is_shape or is_replay:
         return robot
@@ -304,13 +299,11 @@ def with_shared_options(
             if "params_file" in shared:
                 files: dict[str, Any] = {name: shared_values.get(name) for name in _OF_FILES}
                 read_parameters = partial(
-                    robot_parameters,
-                    dialect=settings.dialect,
-                    is_shape=not makes_costs(values),
+                    robot_parameters, dialect=settings.dialect, is_shape=not makes_costs(values),
                     has_mask=values.get("mask") is not None,
                     has_pose=values.get("pose") is not None,
                     is_replay=values.get("bag") is not None,
-                )
+                )  # fmt: skip
                 values["robot"] = read_parameters(**files)
                 if shared_values.get("against"):
                     files["params_file"] = shared_values["against"]

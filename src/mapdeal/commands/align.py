@@ -93,15 +93,13 @@ class Alignment(Placement, Result):
             "chosen_by": "score" if self.chosen is None else "user",
             "candidates": [
                 {
-                    **transform_document(candidate.transform),
-                    "score": candidate.score,
-                    "overlap": candidate.overlap,
-                    "agreement": candidate.agreement,
+                    **transform_document(candidate.transform), "score": candidate.score,
+                    "overlap": candidate.overlap, "agreement": candidate.agreement,
                     "contradicting_m": candidate.contradicting,
                 }
                 for candidate in self.candidates
             ],
-        }
+        }  # fmt: skip
 
     def lines(self) -> Iterator[str]:
         verdict = "the same place" if self.same_place else f"uncertain: {self.reason}"
@@ -176,16 +174,14 @@ def _rotations(text: str) -> list[float]:
 @command(
     group="Two maps of one place",
     output=Output(
-        "OUT.json",
-        "Write the transform and the figures as JSON.",
-        is_required=False,
+        "OUT.json", "Write the transform and the figures as JSON.", is_required=False,
         ending=".json",
     ),
     texts={"image": "Write a picture of the first map, placed on the second."},
     example="""\
 mapdeal align examples/maps/office_cartographer.yaml examples/maps/office.yaml \\
     -o out/transform.json""",
-)
+)  # fmt: skip
 def align(
     first: Annotated[inputs.Map, Words("A")],
     second: Annotated[inputs.Map, Words("B")],

@@ -294,12 +294,10 @@ def build_map_from_bag(
     limits = BeamLimits(range_min, range_max, clear_max)
     building = _Building({method: parameters}, limits, resolution, size, origin)
     frames = FrameOptions(
-        fixed_frame=fixed_frame,
-        base_frame=base_frame,
-        odometry=odometry,
+        fixed_frame=fixed_frame, base_frame=base_frame, odometry=odometry,
         mount=None if mount is None else check_pose(mount, "mount"),
         poses=None if poses is None else Path(poses),
-    )
+    )  # fmt: skip
     with (
         settings.reading(),
         use_threads(settings.threads),
@@ -491,9 +489,7 @@ def build_map_from_world(
     ),
     shared=("image", "force", "threads", "max_memory"),
     also={
-        "With a bag": FrameOptions,
-        **mapping.METHODS,
-        "With --cloud": CloudOptions,
+        "With a bag": FrameOptions, **mapping.METHODS, "With --cloud": CloudOptions,
         "With --world": WorldOptions,
     },
     example="""\
@@ -502,34 +498,24 @@ mapdeal build examples/logs/office.log --compare -o out/methods
 mapdeal build examples/bags/office.mcap -o out/corridor.yaml
 mapdeal build --cloud examples/clouds/ramp.pcd -o out/ramp.yaml
 mapdeal build --world examples/worlds/storage.sdf -o out/w.yaml --height 0.2""",
-)
+)  # fmt: skip
 def build(
-    log: Annotated[Path | None, Words("LOG")] = None,
-    *,
-    work: InShell,
-    output: Path,
+    log: Annotated[Path | None, Words("LOG")] = None, *, work: InShell, output: Path,
     clouds: Annotated[list[str] | None, Words("FILE", name="cloud")] = None,
     world: Annotated[Path | None, Words("FILE")] = None,
     model_path: Annotated[Sequence[Path], Words("DIR", typed=list[Path])] = (),
     poses: Annotated[Path | None, Words("FILE")] = None,
     angles: Annotated[Path | None, Words("FILE")] = None,
-    ranges: Annotated[Path | None, Words("FILE")] = None,
-    flip_y: bool = False,
-    topics: Topics = (),
-    deskew: bool = False,
-    method: mapping.Method | None = None,
-    compare: bool = False,
+    ranges: Annotated[Path | None, Words("FILE")] = None, flip_y: bool = False, topics: Topics = (),
+    deskew: bool = False, method: mapping.Method | None = None, compare: bool = False,
     resolution: Annotated[float | None, Words("R")] = None,
     size: Annotated[Point | None, Words("WX,WY")] = None,
     origin: Annotated[tuple[float, ...] | None, Words("X,Y[,YAW]")] = None,
-    range_min: Annotated[float, METRES] = 0.0,
-    range_max: Annotated[float, METRES] = 30.0,
-    clear_max: Annotated[float, METRES] = 0.0,
-    as_written: bool = False,
+    range_min: Annotated[float, METRES] = 0.0, range_max: Annotated[float, METRES] = 30.0,
+    clear_max: Annotated[float, METRES] = 0.0, as_written: bool = False,
     layers: Annotated[Path | None, Words("OUT.npz")] = None,
-    max_bad: Annotated[int, AT_LEAST_0, Words("N")] = DEFAULT_MAX_BAD,
-    **more: Any,
-) -> Build | Comparison | CloudBuild | WorldBuild:
+    max_bad: Annotated[int, AT_LEAST_0, Words("N")] = DEFAULT_MAX_BAD, **more: Any,
+) -> Build | Comparison | CloudBuild | WorldBuild:  # fmt: skip
     """Make a map from laser scans with known poses, from point clouds, or from a simulated world.
 
     With a bag, the poses come from its transforms or its odometry.

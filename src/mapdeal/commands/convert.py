@@ -266,22 +266,14 @@ mapdeal convert examples/maps/office.yaml -o out/area.geojson --robot-radius 0.2
 mapdeal convert examples/maps/office.yaml -o out/office.sdf --wall-height 2.5""",
 )
 def convert(
-    source: Annotated[Path, Words("MAP", streams=True)],
-    *,
-    work: InShell,
-    output: Path,
+    source: Annotated[Path, Words("MAP", streams=True)], *, work: InShell, output: Path,
     topic: Annotated[str | None, Words("TOPIC")] = None,
     index: Annotated[int | None, Words("N")] = None,
-    takes_all: Annotated[bool, Words(name="all")] = False,
-    read_as: ReadAs | None = None,
-    frame_id: Annotated[str | None, Words("FRAME")] = None,
-    encoding: Scale | None = None,
-    mode: Mode | None = None,
-    static_layer: bool = False,
-    footprint: Footprint | None = None,
-    robot: Annotated[RobotParameters | None, Words()] = None,
-    **more: Any,
-) -> GridResult | Conversions | Shapes:
+    takes_all: Annotated[bool, Words(name="all")] = False, read_as: ReadAs | None = None,
+    frame_id: Annotated[str | None, Words("FRAME")] = None, encoding: Scale | None = None,
+    mode: Mode | None = None, static_layer: bool = False, footprint: Footprint | None = None,
+    robot: Annotated[RobotParameters | None, Words()] = None, **more: Any,
+) -> GridResult | Conversions | Shapes:  # fmt: skip
     """Convert a map to another format or scale, from or to a bag, to polygons or to a world.
 
     Parameters

@@ -208,16 +208,13 @@ def _shift_text(name: str, shift: WallShift | None) -> str:
 
 
 def diff(
-    first: Annotated[inputs.Map, Words("A")],
-    second: Annotated[inputs.Map, Words("B")],
-    *,
+    first: Annotated[inputs.Map, Words("A")], second: Annotated[inputs.Map, Words("B")], *,
     tolerance: Annotated[float, AT_LEAST_0, CELLS] = 0.0,
     max_shift: Annotated[float | None, AT_LEAST_0, METRES] = None,
-    max_differing: Annotated[float | None, PERCENT, Words("PERCENT")] = None,
-    align: bool = False,
+    max_differing: Annotated[float | None, PERCENT, Words("PERCENT")] = None, align: bool = False,
     by: Annotated[File | Transform | Sequence[float] | None, Words("FILE", typed=Path)] = None,
     **reading: Unpack[inputs.Reading],
-) -> DiffReport:
+) -> DiffReport:  # fmt: skip
     """Compare two maps of one place.
 
     Size, origin, yaw and resolution may differ: cells are compared in the common area.
@@ -325,14 +322,12 @@ mapdeal diff examples/maps/office.yaml \\
 )
 def differences(
     first: Annotated[inputs.Map, Words("A")],
-    second: Annotated[inputs.Map | None, Words("[B]")] = None,
-    *,
+    second: Annotated[inputs.Map | None, Words("[B]")] = None, *,
     points: Annotated[Path | None, Words("FILE|-")] = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
     against: Annotated[RobotParameters | None, Words()] = None,
-    mask: Annotated[inputs.Map | None, Words()] = None,
-    **parameters: Any,
-) -> Result:
+    mask: Annotated[inputs.Map | None, Words()] = None, **parameters: Any,
+) -> Result:  # fmt: skip
     """Compare two maps, two costmaps, or a robot's parameters on a map.
 
     Size, origin, yaw and resolution may differ: cells are compared in the common area. Exit code 0

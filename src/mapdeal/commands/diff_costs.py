@@ -109,16 +109,14 @@ class CostmapDiff(Result):
 
     def document(self) -> dict[str, Any]:
         return {
-            "format": COST_DIFF_FORMAT,
-            "first": self.maps[0].document(),
-            "second": self.maps[1].document(),
-            "equal": self.costs.is_equal,
+            "format": COST_DIFF_FORMAT, "first": self.maps[0].document(),
+            "second": self.maps[1].document(), "equal": self.costs.is_equal,
             "geometry": {name: list(pair) for name, pair in self.costs.geometry.items()},
             **costs_document(self.costs),
             "transform": self.transform and transform_document(self.transform),
             "bounds": {bound.name.replace("-", "_"): bound.document() for bound in self.bounds},
             "passes": self.passes,
-        }
+        }  # fmt: skip
 
     def lines(self) -> Iterator[str]:
         verdict = "equal costs" if self.costs.is_equal else "different costs"
@@ -140,11 +138,9 @@ class CostmapDiff(Result):
 
 
 def costmaps_compared(
-    maps: Sequence[inputs.MapInput],
-    move: Transform | None,
-    max_differing: float | None,
+    maps: Sequence[inputs.MapInput], move: Transform | None, max_differing: float | None,
     **reading: Any,
-) -> CostmapDiff:
+) -> CostmapDiff:  # fmt: skip
     for source in maps:
         if not isinstance(source.grid, Costmap):
             raise ParameterError("holds no costs", source=source.name)

@@ -94,16 +94,11 @@ def _start(blank: bool, background: int | None) -> Callable[[Any], Any]:
 
 
 def _drawn(
-    source: Path,
-    shapes: Sequence[Shape],
-    *,
-    work: InShell,
+    source: Path, shapes: Sequence[Shape], *, work: InShell,
     file: Annotated[Path | None, Words("SHAPES")] = None,
-    value: Annotated[int, VALUE] | None = None,
-    overlay: OverlayType = "seq",
-    blank: bool = False,
+    value: Annotated[int, VALUE] | None = None, overlay: OverlayType = "seq", blank: bool = False,
     background: Annotated[int, VALUE] | None = None,
-) -> GridResult:
+) -> GridResult:  # fmt: skip
     """Draw the shapes of a file, then others.
 
     Parameters
@@ -136,12 +131,10 @@ def _drawn(
             raise ParameterError("is needed to draw with", place="value", hint=hint)
         work.terminal.detail(f"{name}: value {number}")
     return _edited(
-        source,
-        lambda grid: draw(start(grid), shapes, value=value, overlay=overlay),
-        f"{', '.join(dict.fromkeys(shape.kind for shape in shapes))} drawn",
-        work,
+        source, lambda grid: draw(start(grid), shapes, value=value, overlay=overlay),
+        f"{', '.join(dict.fromkeys(shape.kind for shape in shapes))} drawn", work,
         also=[] if file is None else [file],
-    )
+    )  # fmt: skip
 
 
 @_edits(
@@ -174,12 +167,9 @@ mapdeal edit line examples/maps/office.yaml -o out/door.yaml \\
     also={"": _drawn},
 )
 def line(
-    source: Source,
-    *,
-    point: Points = (),
-    thickness: Annotated[float, METRES] | None = None,
+    source: Source, *, point: Points = (), thickness: Annotated[float, METRES] | None = None,
     **drawing: Any,
-) -> GridResult:
+) -> GridResult:  # fmt: skip
     """Draw a line through points, or the shapes of a file.
 
     Parameters
@@ -203,12 +193,9 @@ mapdeal edit circle examples/maps/office.yaml -o out/ghost.yaml \\
     also={"": _drawn},
 )
 def circle(
-    source: Source,
-    *,
-    point: Points = (),
-    radius: Annotated[float, METRES] | None = None,
+    source: Source, *, point: Points = (), radius: Annotated[float, METRES] | None = None,
     **drawing: Any,
-) -> GridResult:
+) -> GridResult:  # fmt: skip
     """Draw filled circles around points, or the shapes of a file.
 
     Parameters
@@ -232,16 +219,11 @@ mapdeal edit reset examples/maps/office.yaml -o out/forgotten.yaml \\
     --corner -9.4,-5.7 --size 3.9,4.8""",
 )
 def reset(
-    source: Source,
-    *,
-    work: InShell,
-    size: Annotated[Point, Pair("WX,WY")],
+    source: Source, *, work: InShell, size: Annotated[Point, Pair("WX,WY")],
     at: Annotated[Point | None, Pair("X,Y")] = None,
-    corner: Annotated[Point | None, Pair("X,Y")] = None,
-    value: Annotated[int, VALUE] | None = None,
-    blank: bool = False,
-    background: Annotated[int, VALUE] | None = None,
-) -> GridResult:
+    corner: Annotated[Point | None, Pair("X,Y")] = None, value: Annotated[int, VALUE] | None = None,
+    blank: bool = False, background: Annotated[int, VALUE] | None = None,
+) -> GridResult:  # fmt: skip
     """Set all cells of a rectangle along the map's axes to one value.
 
     Parameters

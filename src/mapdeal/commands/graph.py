@@ -70,18 +70,13 @@ class PlannedGraph(Result):
     def document(self) -> dict[str, Any]:
         kinds = Counter(str(node.metadata["kind"]) for node in self.graph.nodes)
         return {
-            "nodes": len(self.graph.nodes),
-            "edges": len(self.graph.edges),
-            "kinds": dict(sorted(kinds.items())),
-            "reachable_m2": rounded(self.result.reachable),
-            "covered_m2": rounded(self.result.covered),
-            "cover_m": self.cover,
-            "parts": self.result.parts,
-            "min_clearance_m": rounded(self.min_clearance),
-            "length_m": rounded(float(self.graph.lengths.sum())),
-            "tight_ways": self.result.tight,
+            "nodes": len(self.graph.nodes), "edges": len(self.graph.edges),
+            "kinds": dict(sorted(kinds.items())), "reachable_m2": rounded(self.result.reachable),
+            "covered_m2": rounded(self.result.covered), "cover_m": self.cover,
+            "parts": self.result.parts, "min_clearance_m": rounded(self.min_clearance),
+            "length_m": rounded(float(self.graph.lengths.sum())), "tight_ways": self.result.tight,
             "near_unknown_ways": self.result.near_unknown,
-        }
+        }  # fmt: skip
 
     def lines(self) -> Iterator[str]:
         yield (

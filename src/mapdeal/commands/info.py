@@ -54,12 +54,9 @@ _STACKS = {"nav2": "Nav2", "ros1": "ROS 1"}
 
 
 def info(
-    path: str | PathLike[str],
-    *,
-    dialect: Dialect = "nav2",
-    max_cells: int | None = None,
+    path: str | PathLike[str], *, dialect: Dialect = "nav2", max_cells: int | None = None,
     max_memory: int | None = None,
-) -> dict[str, Any]:
+) -> dict[str, Any]:  # fmt: skip
     """Describe a map, distance field, costmap or run folder.
 
     Parameters
@@ -119,15 +116,11 @@ mapdeal info examples/robots/nav2_params.yaml --map examples/maps/office.yaml
 mapdeal info examples/bags/office.mcap""",
 )
 def describe(
-    sources: Annotated[Sequence[Path], Words("MAP...", typed=list[Path], streams=True)],
-    *,
-    work: InShell,
-    of_map: Annotated[Path | None, Words("MAP", name="map")] = None,
-    costmap: CostmapName | None = None,
-    namespace: Annotated[str | None, Words("NS")] = None,
-    dialect: Dialect = "nav2",
-    max_cells: int | None = None,
-) -> Descriptions:
+    sources: Annotated[Sequence[Path], Words("MAP...", typed=list[Path], streams=True)], *,
+    work: InShell, of_map: Annotated[Path | None, Words("MAP", name="map")] = None,
+    costmap: CostmapName | None = None, namespace: Annotated[str | None, Words("NS")] = None,
+    dialect: Dialect = "nav2", max_cells: int | None = None,
+) -> Descriptions:  # fmt: skip
     """Describe maps, runs, bags and a robot's parameter files.
 
     For maps: size, origin, cell counts, checksum, and the run that made them. For bags: topics and
@@ -251,15 +244,12 @@ def _describe_reach(path: Path, grid: Reach) -> Report:
     """Return what an npz contains of what a robot can reach; its results are in another file."""
     claim_work(path, grid, _OF_OTHERS)
     return {
-        "file": str(path),
-        "kind": grid.kind,
-        "layers": list(grid.layer_names),
+        "file": str(path), "kind": grid.kind, "layers": list(grid.layer_names),
         **{key: value for key, value in grid.figures().items() if key not in _ANSWERS},
-        "robot": robot_text(grid.robot),
-        "heading_count": grid.heading_count,
+        "robot": robot_text(grid.robot), "heading_count": grid.heading_count,
         "through_unknown": grid.through_unknown,
         **_origin_of(path, grid, {path.name: sha256_of(path)}),
-    }
+    }  # fmt: skip
 
 
 def _origin_of(path: Path, grid: Any, sums: Mapping[str, str]) -> Report:
@@ -406,14 +396,12 @@ def _rows_of_bag(report: Report) -> Iterator[Row]:
     digits = max((len(str(topic["count"])) for topic in topics), default=0)
     rows: list[tuple[str, ...]] = [
         (
-            topic["topic"],
-            topic["type"],
-            str(topic["count"]).rjust(digits),
+            topic["topic"], topic["type"], str(topic["count"]).rjust(digits),
             "" if topic["frame"] is None else f"in {topic['frame']}",
             f"for {', '.join(topic['commands'])}" if topic["commands"] else "",
         )
         for topic in topics
-    ]
+    ]  # fmt: skip
     yield from _under("topics", aligned(rows))
     digits = max((len(str(edge["count"])) for edge in edges), default=0)
     rows = [

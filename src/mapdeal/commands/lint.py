@@ -126,33 +126,22 @@ mapdeal lint examples/maps --format sarif > lint.sarif
 mapdeal lint examples/robots/nav2_params.yaml""",
 )  # fmt: skip
 def lint(
-    paths: Annotated[Names, Words("MAP...", typed=list[str], streams=True)] = (),
-    *,
+    paths: Annotated[Names, Words("MAP...", typed=list[str], streams=True)] = (), *,
     params_file: Annotated[Names, Words("FILE", typed=list[Path])] = (),
-    costmap: CostmapName | None = None,
-    namespace: Annotated[str | None, Words("NS")] = None,
+    costmap: CostmapName | None = None, namespace: Annotated[str | None, Words("NS")] = None,
     graph: Annotated[str | PathLike[str] | None, Words("GRAPH.geojson", typed=Path)] = None,
-    footprint: Footprint | None = None,
-    filter_mask: MaskFile | None = None,
+    footprint: Footprint | None = None, filter_mask: MaskFile | None = None,
     mask_kind: FilterKind | None = None,
     start: Annotated[tuple[float, ...] | None, Words("X,Y[,YAW]", start_of, "from")] = None,
     goals: Annotated[Sequence[Goal], Words("[NAME=]X,Y", goals_of, "to", is_repeated=True)] = (),
-    select: Checks = (),
-    ignore: Checks = (),
-    strict: bool = False,
+    select: Checks = (), ignore: Checks = (), strict: bool = False,
     config: Annotated[str | PathLike[str] | bool, Words("FILE", typed=Path)] = True,
-    no_config: bool = False,
-    form: Annotated[ReportForm, Words(name="format")] = "text",
-    statistics: bool = False,
-    explain: Checks = (),
-    jobs: Annotated[int | None, AT_LEAST_1, Words("N", short="j")] = None,
-    fix: bool = False,
-    output: Annotated[str | PathLike[str] | None, Words(typed=Path)] = None,
-    in_place: bool = False,
-    max_cells: int | None = None,
-    max_memory: int | None = None,
-    force: bool = False,
-) -> LintReport:
+    no_config: bool = False, form: Annotated[ReportForm, Words(name="format")] = "text",
+    statistics: bool = False, explain: Checks = (),
+    jobs: Annotated[int | None, AT_LEAST_1, Words("N", short="j")] = None, fix: bool = False,
+    output: Annotated[str | PathLike[str] | None, Words(typed=Path)] = None, in_place: bool = False,
+    max_cells: int | None = None, max_memory: int | None = None, force: bool = False,
+) -> LintReport:  # fmt: skip
     """Check maps, and a robot's parameter files, for errors and pitfalls.
 
     Errors are wrong or unsafe for some reader, and make the exit code 1. Warnings are pitfalls;
@@ -336,11 +325,9 @@ def lint(
             footprint, shape = robot.footprint, planned_shape(robot)
         lint_maps = _Lint(
             Selections(_as_names(select), _as_names(ignore), strict=strict, config=config_source),
-            settings,
-            None if footprint is None or not maps else reach_radius(footprint),
-            processes,
+            settings, None if footprint is None or not maps else reach_radius(footprint), processes,
             None if graph is None else (Path(graph), shape, robot),
-        )
+        )  # fmt: skip
         reports = [
             report
             for robot_files in robots
@@ -733,12 +720,9 @@ def _repaired_in_place(
             changes = [*cell_changes, *changes]
             new: dict[str, Any] = {
                 "mode": map_server.write_map_image(transaction, image, grid),
-                "resolution": grid.resolution,
-                "origin": tuple(grid.origin),
-                "negate": 0,
-                "occupied_thresh": 0.65,
-                "free_thresh": 0.196,
-            }
+                "resolution": grid.resolution, "origin": tuple(grid.origin), "negate": 0,
+                "occupied_thresh": 0.65, "free_thresh": 0.196,
+            }  # fmt: skip
             if image != source.real_path(pair.image_path):
                 new["image"] = image.name
             values |= {

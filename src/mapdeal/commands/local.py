@@ -187,29 +187,21 @@ mapdeal local --cloud 'examples/clouds/corridor*.pcd' \\
     --poses examples/clouds/corridor_poses.txt -o out/corridor""",
 )  # fmt: skip
 def local(
-    bag: Annotated[Path | None, Words("BAG")] = None,
-    *,
-    work: InShell,
-    output: Path,
+    bag: Annotated[Path | None, Words("BAG")] = None, *, work: InShell, output: Path,
     clouds: Annotated[list[str] | None, Words("FILE", name="cloud")] = None,
     pose: Annotated[tuple[float, float, float] | None, Words("X,Y,YAW")] = None,
-    poses: Annotated[Path | None, Words("FILE")] = None,
-    topics: Topics = (),
+    poses: Annotated[Path | None, Words("FILE")] = None, topics: Topics = (),
     index: Annotated[int | None, Words("N")] = None,
     takes_all: Annotated[bool, Words(name="all")] = False,
     global_map: Annotated[Path | None, Words("GLOBAL", name="map")] = None,
     keep: Annotated[local_maps.Keep | None, Words("N|all", _keep)] = None,
-    require_points: bool = False,
-    recipe: RecipeName = LOCAL_RECIPE,
-    changes: Changes = None,
+    require_points: bool = False, recipe: RecipeName = LOCAL_RECIPE, changes: Changes = None,
     route_to: Annotated[tuple[float, float] | None, POINT] = None,
     until: Annotated[int | None, Words("T", _nanoseconds)] = None,
     every: Annotated[int | None, Words("S", _nanoseconds)] = None,
-    why: Annotated[tuple[float, float] | None, POINT] = None,
-    footprint: Footprint | None = None,
-    robot: Annotated[RobotParameters | None, Words()] = None,
-    **more: Any,
-) -> RunReport | LocalMaps:
+    why: Annotated[tuple[float, float] | None, POINT] = None, footprint: Footprint | None = None,
+    robot: Annotated[RobotParameters | None, Words()] = None, **more: Any,
+) -> RunReport | LocalMaps:  # fmt: skip
     """Make maps around a robot from point clouds, a global map, or both, or replay its costmap.
 
     With --cloud BAG, the last cloud is used, or with --all each; points are transformed to the

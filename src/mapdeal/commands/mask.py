@@ -111,11 +111,9 @@ class FilterMasks(Result):
 
     def document(self) -> dict[str, Any]:
         return {
-            "map": self.map.name,
-            "masks": [mask.document() for mask in self.masks],
-            "parameters": _PARAMETERS,
-            "launch": _LAUNCH,
-        }
+            "map": self.map.name, "masks": [mask.document() for mask in self.masks],
+            "parameters": _PARAMETERS, "launch": _LAUNCH,
+        }  # fmt: skip
 
     def lines(self) -> Iterator[str]:
         yield f"{self.folder}:"
@@ -147,20 +145,13 @@ mapdeal mask examples/maps/office.yaml --kind keepout \\
     --from -8,0 --to dock=9,4 -o out/keepout""",
 )
 def mask(
-    source: Annotated[Path, Words("MAP", streams=True)],
-    *,
-    work: InShell,
-    output: Path,
-    file: Annotated[Path, Words("ZONES")],
-    kind: FilterKind | None = None,
-    speed_unit: SpeedUnit = "percent",
-    base: float | None = None,
-    multiplier: Annotated[float, _NOT_0] | None = None,
-    start: tuple[float, ...] | None = None,
+    source: Annotated[Path, Words("MAP", streams=True)], *, work: InShell, output: Path,
+    file: Annotated[Path, Words("ZONES")], kind: FilterKind | None = None,
+    speed_unit: SpeedUnit = "percent", base: float | None = None,
+    multiplier: Annotated[float, _NOT_0] | None = None, start: tuple[float, ...] | None = None,
     goals: Annotated[Sequence[Goal], Words("[NAME=]X,Y", goals_of, "to", is_repeated=True)] = (),
-    footprint: Footprint | None = None,
-    robot: Annotated[RobotParameters | None, Words()] = None,
-) -> FilterMasks:
+    footprint: Footprint | None = None, robot: Annotated[RobotParameters | None, Words()] = None,
+) -> FilterMasks:  # fmt: skip
     """Make masks for Nav2's costmap filters from zones in GeoJSON.
 
     Writes a mask for each kind of zone, as an image with its .yaml, and for all of them together
@@ -276,15 +267,6 @@ def mask_facts(
         inside = closed_by(mask.with_values(full), grid.frame)
     covered = int(np.count_nonzero(inside & known)) / max(int(np.count_nonzero(known)), 1)
     return MaskFacts(
-        pair,
-        mask,
-        info,
-        grid,
-        map_read.name,
-        closed,
-        covered,
-        robot,
-        start,
-        tuple(goals),
+        pair, mask, info, grid, map_read.name, closed, covered, robot, start, tuple(goals),
         name_of=lambda xy: name_at(zones, grid, xy),
-    )
+    )  # fmt: skip

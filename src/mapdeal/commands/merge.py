@@ -97,10 +97,8 @@ class Merged(Result):
             "merged": [
                 {
                     **(self.inputs[k].document() or {"file": None, "sha256": None}),
-                    "transform": transform_document(self.transforms[k]),
-                    **asdict(counts),
-                    "conflicts": counts.conflicts,
-                    "conflict_share": counts.conflict_share,
+                    "transform": transform_document(self.transforms[k]), **asdict(counts),
+                    "conflicts": counts.conflicts, "conflict_share": counts.conflict_share,
                 }
                 for k, counts in enumerate(self.maps)
             ],
@@ -109,7 +107,7 @@ class Merged(Result):
             "thickness": self.thickness,
             "kept": self.kept,
             "figures": self.grid.figures(),
-        }
+        }  # fmt: skip
 
     def summary(self, output: Path) -> Iterator[str]:
         yield written_line(output, self.grid.figures(), with_origin=True)

@@ -72,13 +72,11 @@ def read_bits(
 @command(
     group="Formats",
     output=Output(
-        "OUT.pbm",
-        "Bit map to write, with its .yaml.",
-        streams=False,
+        "OUT.pbm", "Bit map to write, with its .yaml.", streams=False,
         paths=lambda path: list(bit_map_paths(path)),
     ),
     example="mapdeal pack examples/maps/office.yaml -o out/office.pbm",
-)
+)  # fmt: skip
 def pack(source: Map, *, lethal_threshold: LethalThreshold | None = None) -> GridResult:
     """Write the obstacles of a map as a bit map (PBM P4).
 

@@ -92,11 +92,9 @@ class Answers(Result):
             text, is_inside = self.answer(some)
             turned = np.abs(some.numbers[:, 2:]) > 2 * math.pi  # only poses have a third column
             self.counts.update(
-                all=len(is_inside),
-                outside=int(np.count_nonzero(~is_inside)),
-                bad=len(some.errors),
+                all=len(is_inside), outside=int(np.count_nonzero(~is_inside)), bad=len(some.errors),
                 turned=int(np.count_nonzero(turned)),
-            )
+            )  # fmt: skip
             if text:
                 yield _with_errors(text, some).removesuffix("\n")
 

@@ -768,13 +768,9 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
         mask_path = None if named_mask is None else place_of(named_mask.file, path)
         mask = mask_of(mask_path, settings, source.grid)
         found = diff_costs.robots_compared(
-            map_input(source, place),
-            (robots[0], robots[1]),
-            results.start,
-            results.goals,
-            mask,
+            map_input(source, place), (robots[0], robots[1]), results.start, results.goals, mask,
             **reading,
-        )
+        )  # fmt: skip
     sums = grids.open(place).sums
     draft.compare_sums(place, dict(sums), dict(named.sha256), f"{path.name} names")
     if named_mask and mask and mask_path:
@@ -802,12 +798,9 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
     draft.items += report_documents.goal_items(after.goals, after.robot, after.heading_count)
     add_cost_changes(draft, found.costs)
     draft.claims += verdict.on_robots(
-        list(pairs),
-        found.verdict,
-        found.reach_text().replace("->", "→"),
-        found.costs,
+        list(pairs), found.verdict, found.reach_text().replace("->", "→"), found.costs,
         passes=found.passes,
-    )
+    )  # fmt: skip
     return draft
 
 

@@ -238,16 +238,12 @@ def route_document(route: Route) -> dict[str, Any]:
 
 def _entries(route: Route) -> dict[str, Any]:
     return {
-        "reached": route.reached,
-        "start": rounded_place(*route.start),
-        "goal": rounded_place(*route.goal),
-        "length_m": rounded(route.length),
+        "reached": route.reached, "start": rounded_place(*route.start),
+        "goal": rounded_place(*route.goal), "length_m": rounded(route.length),
         "min_clearance_m": rounded(route.min_clearance),
-        "mean_clearance_m": rounded(route.mean_clearance),
-        "cost": rounded(route.cost),
-        "expanded": route.expanded,
-        "optimal": route.optimal,
-    }
+        "mean_clearance_m": rounded(route.mean_clearance), "cost": rounded(route.cost),
+        "expanded": route.expanded, "optimal": route.optimal,
+    }  # fmt: skip
 
 
 def _point(text: str) -> tuple[float, ...]:

@@ -400,14 +400,11 @@ mapdeal scan examples/maps/office.yaml --tour --robot-radius 0.22 --rate 2 \\
     --noise 0.01 --odom-noise 0.02 -o out/scans.mcap""",
 )  # fmt: skip
 def scan_maps(
-    sources: Annotated[Sequence[Path], Words("MAP...", typed=list[Path], streams=True)],
-    *,
-    work: inputs.InShell,
-    output: Path,
+    sources: Annotated[Sequence[Path], Words("MAP...", typed=list[Path], streams=True)], *,
+    work: inputs.InShell, output: Path,
     log_format: Annotated[LogFormat | None, Words(name="format")] = None,
-    jobs: Annotated[int | None, AT_LEAST_1, Words("N", short="j")] = None,
-    **parameters: Any,
-) -> SimulatedScans | ScanLogs:
+    jobs: Annotated[int | None, AT_LEAST_1, Words("N", short="j")] = None, **parameters: Any,
+) -> SimulatedScans | ScanLogs:  # fmt: skip
     """Simulate the laser scans of a robot that drives through a map.
 
     Beams are exact: they end where they enter an obstacle. The poses come from a file, a route, or

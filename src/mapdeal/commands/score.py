@@ -104,17 +104,15 @@ class Score(Result):
             "truth": truth,
             "transform": transform,
             "lattice": {
-                "width": self.frame.width,
-                "height": self.frame.height,
-                "resolution": self.frame.resolution,
-                "origin": list(self.frame.origin),
+                "width": self.frame.width, "height": self.frame.height,
+                "resolution": self.frame.resolution, "origin": list(self.frame.origin),
             },
             "verdict": finding.verdict(self.faults) if self.is_drawn else None,
             "faults": finding.document_of(self.faults),
             "values": self.values,
             "bounds": [{**asdict(bound), "holds": bound.holds} for bound in self.bounds],
             "passes": self.passes,
-        }
+        }  # fmt: skip
 
     def lines(self) -> Iterator[str]:
         frame = self.frame

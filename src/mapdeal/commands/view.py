@@ -47,11 +47,9 @@ mapdeal run examples/maps/office.yaml -o out
 mapdeal view out/office --no-browser""",
 )
 def view(
-    sources: Annotated[Sequence[Path], Words("MAP|RUN|REPORT...", typed=list[Path])],
-    *,
-    browser: bool = True,
-    work: InShell,
-) -> Viewed:
+    sources: Annotated[Sequence[Path], Words("MAP|RUN|REPORT...", typed=list[Path])], *,
+    browser: bool = True, work: InShell,
+) -> Viewed:  # fmt: skip
     """Show maps, runs and results in the browser.
 
     Writes the page that `mapdeal report` writes to a temporary folder, and opens it. An existing

@@ -239,9 +239,7 @@ _KINDS: dict[type[Any], tuple[LayerKind, ...]] = {
         LayerKind("", "", lambda field: field.normalised.astype(np.float32), _potential),
     ),
     CloudLayers: (
-        _ITS_MAP,
-        _numbers("points", "points", "points"),
-        _numbers("slope", "slope", "m/m"),
+        _ITS_MAP, _numbers("points", "points", "points"), _numbers("slope", "slope", "m/m"),
         _numbers("obstacle_height", "highest obstacle"),
         _numbers("floor_height", "floor height", is_from_0=False),
     ),

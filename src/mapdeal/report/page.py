@@ -739,13 +739,11 @@ def _style(style: LayerStyle) -> dict[str, Any]:
         }  # fmt: skip
     return {
         "pixels": _bytes(pixels),
-        "byValue": None if style.by_value is None else _bytes(style.by_value),
-        "scale": of_scale,
+        "byValue": None if style.by_value is None else _bytes(style.by_value), "scale": of_scale,
         "nowhere": len(style.colours) if style.nowhere is None else style.nowhere,
-        "line": style.line,
-        "fadedBy": style.faded_by or 0,
+        "line": style.line, "fadedBy": style.faded_by or 0,
         "labels": {str(value): one_line(label) for value, label in sorted(style.labels.items())},
-    }
+    }  # fmt: skip
 
 
 def _page_layer(layer: PageLayer) -> dict[str, Any]:
@@ -791,11 +789,9 @@ def _page_item(item: Item) -> dict[str, Any]:
     places = [] if item.place is None else [np.array([item.place], dtype=np.float64)]
     points = [line for line in (*places, *item.lines) if len(line)]
     return {
-        "kind": item.kind,
-        "tone": item.tone,
+        "kind": item.kind, "tone": item.tone,
         "place": None if item.place is None else [float(part) for part in item.place],
-        "lines": [np.round(line, 4).tolist() for line in item.lines],
-        "label": one_line(item.label),
+        "lines": [np.round(line, 4).tolist() for line in item.lines], "label": one_line(item.label),
         **({} if item.zone is None else {"zone": asdict(item.zone)}),
         "box": _box(np.vstack(points)) if points else None,
-    }
+    }  # fmt: skip
