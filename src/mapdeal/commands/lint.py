@@ -34,7 +34,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal, reach_radius
-from mapdeal.grid.values import check_choice
+from mapdeal.grid.values import check_choice, count_text
 from mapdeal.inputs.listing import list_maps
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps import map_server
@@ -64,7 +64,6 @@ _CELLS_WORTH_WORKERS = 500_000_000
 
 
 _COSTS_RULE = "holds costs, which are not repaired"
-
 _NUMBERS = ("resolution", "origin", "occupied_thresh", "free_thresh")
 
 _PER_CELL_OF_GRAPH = 24  # bytes: distances, open cells, collisions of the robot
@@ -81,9 +80,8 @@ _COPY_HINT = "mapdeal lint MAP --fix -o OUT writes a repaired copy"
 
 
 def _as_names(argument: Names) -> tuple[str, ...]:
-    names: Iterable[object] = (argument,)
-    if isinstance(argument, Iterable) and not isinstance(argument, str | bytes):
-        names = tuple(argument)
+    is_one = isinstance(argument, str | bytes) or not isinstance(argument, Iterable)
+    names: tuple[Any, ...] = (argument,) if is_one else tuple(argument)
     for name in names:
         if not isinstance(name, str | PathLike):
             raise errors.ParameterError("takes names or paths", source="lint", got=name)
@@ -107,8 +105,7 @@ Checks = Annotated[Names, Words("IDS", _split_names, is_repeated=True, completed
 @command(
     group="CI and reports",
     output=Output(
-        "OUT", "Where to write the repaired copy: .yaml, .pgm, .png, .npz.",
-        is_required=False,
+        "OUT", "Where to write the repaired copy: .yaml, .pgm, .png, .npz.", is_required=False
     ),
     shared=(
         "footprint", "robot_radius", "footprint_padding", "robot_16_gon", "resolution", "origin",
@@ -145,8 +142,7 @@ def lint(
     """Check maps, and a robot's parameter files, for errors and pitfalls.
 
     Errors are wrong or unsafe for some reader, and make the exit code 1. Warnings are pitfalls;
-    notes are good to know. A file that cannot be read is a finding, and the other files are still
-    checked.
+    notes are good to know. If a file cannot be read, that is a finding, and the others are checked.
 
     A MAP is a map_server .yaml, a .pbm with its .yaml, or an .npz; a folder, for all maps and runs
     in it and below; a quoted pattern such as "maps/**/*.yaml"; or @LIST.txt, a file with one such
@@ -164,19 +160,16 @@ def lint(
     With --mask the mask of a costmap filter is checked against one MAP: its position, the effect of
     its mode and thresholds, and passages that a keepout zone closes.
 
-    A comment "# mapdeal: ignore ID, ID" in a map's .yaml or in a parameter file turns these checks
-    off for that file.
+    A comment "# mapdeal: ignore ID, ID" in a .yaml file turns these checks off for that file.
 
     Parameters
     ----------
     paths : path or str, or several
         Maps, folders of maps or runs, quoted patterns, @LIST.txt, or a robot's parameter files.
     params_file : path or str, or several
-        A robot's own parameters: a Nav2 file, or ROS 1's costmap files; can be repeated, later
-        files win.
+        A robot's own parameters: a Nav2 file, or ROS 1's costmap files; repeatable, later ones win.
     costmap : {'global', 'local'}, optional
-        Costmap of the parameter files  [default: both]. Only costmaps that the files define are
-        checked.
+        Costmap of the parameter files  [default: both]. Only those that they define are checked.
     namespace : str, optional
         Robot of the parameter files, if they contain several.
     graph : path or str, optional
@@ -211,8 +204,7 @@ def lint(
     statistics : bool
         Print the number of findings of each check, most frequent first, instead of findings.
     explain : str or several
-        Print what these checks find, why it matters, an example and what to do; an area of
-        checks, or all.
+        Print what these checks, an area of them or all find, why it matters, and what to do.
     jobs : int, optional
         Processes to use for many maps  [default: all cores]. In Python the default is one.
     fix : bool
@@ -252,11 +244,10 @@ def lint(
         rule = f"cannot be given together with {'--statistics' if statistics else '--explain'}"
         raise errors.ParameterError(rule, place="form", got=form)
     if explain:
+        rule = "cannot be given together with --explain"
         if paths:
-            raise errors.ParameterError(
-                "cannot be given together with --explain", source=_as_names(paths)[0]
-            )
-        inputs.refuse("cannot be given together with --explain", params_file=params_file)
+            raise errors.ParameterError(rule, source=_as_names(paths)[0])
+        inputs.refuse(rule, params_file=params_file)
         named = named_checks(_as_names(explain), "--explain")
         return LintReport((), __version__, form, explained=named)
     work = inputs.Work.current.get()
@@ -265,31 +256,29 @@ def lint(
         settings = work.settings
     names, robots = _maps_and_robots(_as_names(paths))
     files = tuple(map(Path, _as_names(params_file)))
-    if fix and robots:
-        hint = "--fix repairs maps only"
-        raise errors.ParameterError("is a parameter file", source=robots[0][0], hint=hint)
+    if fix:
+        rule, hint = "cannot be given together with --fix", "--fix repairs maps only"
+        if robots:
+            raise errors.ParameterError("is a parameter file", source=robots[0][0], hint=hint)
+        if files or footprint is not None:
+            place = "params_file" if files else "footprint"
+            raise errors.ParameterError(rule, place=place, hint=hint)
+        if output is None and not in_place:
+            raise errors.ParameterError("needs -o OUT or --in-place", place="fix")
+        inputs.refuse(rule, graph=graph, filter_mask=filter_mask)
+    else:
+        inputs.refuse("needs --fix", output=output, in_place=in_place)
     robots += [files] if files else []
     if not robots:
         inputs.refuse("needs --params-file", costmap=costmap, namespace=namespace)
     if costmap is not None:
         check_choice(costmap, CostmapName, "costmap")
-    if fix and (files or footprint is not None):
-        rule, hint = "cannot be given together with --fix", "--fix repairs maps only"
-        raise errors.ParameterError(rule, place="params_file" if files else "footprint", hint=hint)
-    if output is not None and in_place:
-        raise errors.ParameterError("cannot be given together with -o", place="in_place")
-    if fix and output is None and not in_place:
-        raise errors.ParameterError("needs -o OUT or --in-place", place="fix")
-    if not fix and (output is not None or in_place):
-        raise errors.ParameterError("needs --fix", place="in_place" if output is None else "output")
-    if fix:
-        inputs.refuse("cannot be given together with --fix", graph=graph)
-    if footprint is not None and not names:
-        raise errors.ParameterError("needs a MAP", place="footprint")
+    if output is not None:
+        inputs.refuse("cannot be given together with -o", in_place=in_place)
+    if not names:
+        inputs.refuse("needs a MAP", footprint=footprint)
     if filter_mask is None:
         inputs.refuse("needs --mask", mask_kind=mask_kind, start=start, goals=tuple(goals))
-    elif fix:
-        raise errors.ParameterError("cannot be given together with --fix", place="filter_mask")
     if not names and not robots:
         raise errors.ParameterError("names no map: needs a MAP, or --params-file", source="lint")
     if no_config and not isinstance(config, bool):
@@ -299,15 +288,12 @@ def lint(
         chunks = _no_standard_input if work is None else work.terminal.input_chunks
         listing = list_maps(names, None, chunks, exempt=RUN_FOLDERS)
         maps = [entry.path for entry in listing.maps]
-        if graph is not None and len(maps) != 1:
-            rule = f"needs one MAP, not {len(maps)}"
-            raise errors.ParameterError(rule, place="graph")
-        if filter_mask is not None and len(maps) != 1:
-            raise errors.ParameterError("needs one MAP, which the mask is for", place="filter_mask")
+        if len(maps) != 1:
+            inputs.refuse(f"needs one MAP, not {len(maps)}", graph=graph)
+            inputs.refuse("needs one MAP, which the mask is for", filter_mask=filter_mask)
         if in_place and any(map(map_server.is_bare_image, maps)):
-            raise errors.ParameterError(
-                "cannot repair an image alone", place="in_place", hint=_COPY_HINT
-            )
+            rule = "cannot repair an image alone"
+            raise errors.ParameterError(rule, place="in_place", hint=_COPY_HINT)
         if output is not None:
             return _repaired_copy(maps, Path(output), settings)
         processes = min(jobs or 1, len(maps))
@@ -317,10 +303,9 @@ def lint(
             processes = jobs_at_once(jobs, len(maps), work.terminal)
             if len(maps) > 1:
                 counted = partial(work.terminal.counted, noun="map")
-        robot = None
+        robot, shape = None, footprint  # with which planners check collisions
         if len(robots) == 1 and maps:
             robot = first_robot(robots[0], costmap=costmap, namespace=namespace)
-        shape = footprint  # with which planners check collisions
         if footprint is None and robot is not None:
             footprint, shape = robot.footprint, planned_shape(robot)
         lint_maps = _Lint(
@@ -338,8 +323,8 @@ def lint(
         if filter_mask is not None:
             with errors.capture_warnings():  # the findings include them
                 map_read = inputs.map_input(inputs.read_input(maps[0], settings), maps[0])
-            path = Path(filter_mask)
-            reports.append(lint_maps.mask(path, map_read, mask_kind, footprint, start, goals))
+            own: Any = map_read, mask_kind, footprint, start, goals
+            reports.append(lint_maps.mask(Path(filter_mask), *own))
         problems = _repair_in_place(maps, reports, lint_maps) if in_place else []
     report = LintReport(tuple(reports), __version__, form, tuple(problems), only_counts=statistics)
     if work is not None:
@@ -351,14 +336,10 @@ def lint(
 
 def _maps_and_robots(names: Sequence[str]) -> tuple[list[str], list[tuple[Path, ...]]]:
     """Return the names of maps, and the parameter files of each robot."""
-    maps: list[str] = []
-    robots = []
-    for flavour, group in groupby(names, lambda name: flavour_of_file(Path(name))):
-        if flavour is None:
-            maps += group
-        else:
-            robots.append(tuple(map(Path, group)))
-    return maps, robots
+    groups = groupby(names, lambda name: flavour_of_file(Path(name)))
+    listed = [(flavour, tuple(group)) for flavour, group in groups]
+    maps = [name for flavour, group in listed if flavour is None for name in group]
+    return maps, [tuple(map(Path, group)) for flavour, group in listed if flavour is not None]
 
 
 def _no_standard_input() -> Iterable[bytes]:
@@ -383,23 +364,18 @@ class _Lint:
         """Check a robot's parameter files, also against the frames of maps."""
         for path in maps:
             self.selections.of(path)  # errors in configurations come first
-        frames = [
-            (path.name, frame)
-            for path in maps
-            if (frame := _from_header(path, self.settings, lambda file: file.frame()))
-        ]
-        findings = checks.check_parameters(files, costmap, namespace, frames)
+        frames = {
+            path: _from_header(path, self.settings, lambda file: file.frame()) for path in maps
+        }
+        known = [(path.name, frame) for path, frame in frames.items() if frame is not None]
+        findings = checks.check_parameters(files, costmap, namespace, known)
         reports = [self._report(path, found) for path, found in findings.items()]
         return [replace(report, is_parameters=True) for report in reports]
 
     def __call__(self, paths: Sequence[Path], advance: Callable[[int], object]) -> list[MapReport]:
-        robot_checks = checks.checks_of(RoomFacts)
-        radii = {
-            path: self.radius
-            for path in paths
-            if not self.selections.of(path).checks.isdisjoint(robot_checks)
-            and self.radius is not None
-        }
+        robot_checks, radius = checks.checks_of(RoomFacts), self.radius
+        selected = [path for path in paths if self.selections.of(path).checks & {*robot_checks}]
+        radii = {} if radius is None else dict.fromkeys(selected, radius)
         found: dict[int, checks.Findings] = {}
 
         def collect(index: int, findings: checks.Findings) -> None:
@@ -429,14 +405,10 @@ class _Lint:
     ) -> MapReport:  # fmt: skip
         """Check the mask of a costmap filter against a map."""
         mask, pair = read_mask(path, self.settings, map_read)
-        info = info_of(pair.metadata, kind)
+        info, ends = info_of(pair.metadata, kind), {"start": start, "goals": tuple(goals)}
         if info.kind != "keepout":
-            inputs.refuse(
-                f"applies to keepout masks, not to {info.kind}", start=start, goals=tuple(goals)
-            )
-        facts = mask_facts(
-            map_read, mask.grid, info, pair=pair, robot=robot, start=start, goals=goals
-        )
+            inputs.refuse(f"applies to keepout masks, not to {info.kind}", **ends)
+        facts = mask_facts(map_read, mask.grid, info, pair=pair, robot=robot, **ends)
         findings = tuple(checks.lint_mask(path, facts))
         return self._report(path, checks.Findings(findings, tuple(read_ignore_comments(path))))
 
@@ -548,9 +520,11 @@ def repaired(
     """Return a repaired map, and a line on each change."""
     changes: list[str] = []
     with errors.capture_warnings():  # lint has reported these already
-        grid: Any = (
-            _cells_of(path, max_cells) if pair is None else _map_of_pair(pair, max_cells, changes)
-        )
+        if pair is not None:
+            grid: Any = _map_of_pair(pair, max_cells, changes)
+        else:
+            with open_map(path, max_cells=max_cells) as file:
+                grid = file.cells()
     if isinstance(grid, Costmap):
         raise errors.MalformedInputError(_COSTS_RULE, source=path)
     grid = grid if isinstance(grid, OccupancyGrid) else grid.grid
@@ -572,11 +546,6 @@ def repaired(
     return grid, changes
 
 
-def _cells_of(path: Path, max_cells: int | None) -> Any:
-    with open_map(path, max_cells=max_cells) as file:
-        return file.cells()
-
-
 def _map_of_pair(pair: PairFacts, max_cells: int | None, changes: list[str]) -> OccupancyGrid:
     """Read a map again, with a lower free_thresh if that frees map_saver's unknown cells."""
     if pair.metadata.cost_scale is not None:
@@ -595,7 +564,7 @@ def _map_of_pair(pair: PairFacts, max_cells: int | None, changes: list[str]) -> 
                 before = cells_of(picture, metadata, "nav2")
                 changed += int(np.count_nonzero(before != occupancy[rows]))
     if changed:
-        cells = "1 cell is" if changed == 1 else f"{changed} cells are"
+        cells = f"{count_text(changed, 'cell')} {'is' if changed == 1 else 'are'}"
         changes.append(f"{cells} now unknown instead of free: map_saver's grey for unknown")
     return OccupancyGrid(occupancy, metadata.resolution, metadata.origin)
 
@@ -607,26 +576,20 @@ def _yaml_repair(
     metadata, entries = pair.metadata, pair.entries
     values: dict[str, Any] = {}
     if "yaml.defaults" in checks_found:
-        filled_in = {
-            "negate": int(metadata.negate),
-            "occupied_thresh": metadata.occupied_thresh,
-            "free_thresh": metadata.free_thresh,
-        }
+        filled_in = {"negate": int(metadata.negate)}
+        filled_in |= {key: getattr(metadata, key) for key in ("occupied_thresh", "free_thresh")}
         values |= {key: value for key, value in filled_in.items() if key not in entries}
     if "yaml.number-as-text" in checks_found:
         for key in (name for name in _NUMBERS if name in entries):
             numbers = entries[key].items() if key == "origin" else [entries[key]]
             if any(number.is_yaml_1_1_text for number in numbers):
                 values[key] = getattr(metadata, key)
-    if (
-        "thresholds.unknown-becomes-free" in checks_found
-        and metadata.free_thresh > map_server.USUAL_FREE_THRESH
-    ):
-        values["free_thresh"] = map_server.USUAL_FREE_THRESH
+    usual = map_server.USUAL_FREE_THRESH
+    if "thresholds.unknown-becomes-free" in checks_found and metadata.free_thresh > usual:
+        values["free_thresh"] = usual
     if "yaml.resolution-noise" in checks_found:
         values["resolution"] = _plain(metadata.resolution)
-    needs_cells = False
-    x, y, yaw = metadata.origin
+    needs_cells, (x, y, yaw) = False, metadata.origin
     if "yaml.origin-noise" in checks_found:
         x, y, yaw = map(_plain, metadata.origin)
     if "yaml.origin-yaw" in checks_found and frame is not None:
@@ -636,8 +599,7 @@ def _yaml_repair(
         values["origin"] = (x, y, yaw)
     if {"yaml.mode-case", "yaml.legacy-mode"} & set(checks_found):
         values["mode"] = metadata.mode
-    image = _image_name(pair, checks_found)
-    if image is not None:
+    if (image := _image_name(pair, checks_found)) is not None:
         values["image"] = image
     return values, needs_cells
 
@@ -653,9 +615,7 @@ def _image_name(pair: PairFacts, checks_found: Collection[str]) -> str | None:
     if not {"image.absolute-path", "image.foreign-path"} & set(checks_found):
         return None
     folder = pair.path.parent
-    if folder not in pair.image_path.parents and folder != Path():
-        return None
-    if pair.image_path.is_absolute() and not folder.is_absolute():
+    if not pair.image_path.is_relative_to(folder):
         return None
     relative = pair.image_path.relative_to(folder)
     return None if ".." in relative.parts else relative.as_posix()
@@ -725,9 +685,7 @@ def _repaired_in_place(
             }  # fmt: skip
             if image != source.real_path(pair.image_path):
                 new["image"] = image.name
-            values |= {
-                key: value for key, value in new.items() if getattr(pair.metadata, key) != value
-            }
+            values |= {key: new[key] for key in new if getattr(pair.metadata, key) != new[key]}
         mark = source.head_of(pair.path, len(BOM_UTF8)) == BOM_UTF8
         data = (BOM_UTF8 if mark else b"") + with_values(pair.entries, values)
         if _metadata_in(data, pair.path) != replace(pair.metadata, **values):
@@ -751,9 +709,7 @@ def _image_for(pair: PairFacts, users: ImageUsers) -> tuple[Path, str]:
     if other_yaml is None and pair.image_path.suffix in _WRITABLE_IMAGES:
         return source.real_path(pair.image_path), f"{pair.image_path.name} written anew"
     new = source.real_path(pair.path).with_suffix(".pgm")
-    why = (
-        "whose format is only read" if other_yaml is None else f"which {other_yaml.name} also uses"
-    )
+    why = f"which {other_yaml.name} also uses" if other_yaml else "whose format is only read"
     if source.exists(new):
         rule = f"its image {pair.image_path.name}, {why}, would become {new.name}, which exists"
         raise errors.FileAccessError(rule, source=pair.path, hint=_COPY_HINT)
@@ -781,12 +737,7 @@ def _images_of(folder: Path) -> Iterator[tuple[tuple[int, int], Path]]:
     for path in (folder / name for name in names):
         if path.suffix.lower() not in source.YAML:
             continue
-        with suppress(errors.MapdealError):
-            entries = read_mapping(path)
-            places = (
-                map_server.image_places(folder, entries["image"].text())
-                if "image" in entries
-                else []
-            )
+        with suppress(errors.MapdealError, KeyError):  # without an image
+            places = map_server.image_places(folder, read_mapping(path)["image"].text())
             if identity := next(filter(None, map(source.identity_of, places)), None):
                 yield identity, path

@@ -52,10 +52,8 @@ class Reachability(Spread):
         return not self.missed
 
     def document(self) -> dict[str, Any]:
-        costmap = None
-        if self.robot is not None:
-            described = self.robot.described()
-            costmap = {key: described[key] for key in ("costmap", "files")}
+        described = {} if self.robot is None else self.robot.described()
+        costmap = {key: described[key] for key in ("costmap", "files") if described} or None
         return {"map": self.map.document(), "costmap": costmap, **reach_document(self.reach)}
 
     def parts(self) -> Iterator[str]:
@@ -67,13 +65,11 @@ class Reachability(Spread):
     def lines(self) -> Iterator[str]:
         yield f"{self.map.name}, {self.title}: {summary_of(self.reach.figures())}"
         for result in self.reach.goals:
-            goal = result.goal
+            goal, limit = result.goal, result.limited_by
             name = "goal" if goal.name is None else f"goal {goal.name}"
             text = f"  {name} {goal.x + 0.0:.10g},{goal.y + 0.0:.10g}: "
             text += "reached" if result.reachable else "not reached"
-            if result.limited_by is not None:
-                text += f"; {result.limited_by.text}"
-            yield text
+            yield text + ("" if limit is None else f"; {limit.text}")
         for door in self.reach.passages:
             state = "open" if door.is_open else "closed"
             text = f"  passage {door.x + 0.0:.4g},{door.y + 0.0:.4g}: {door.width:.4g} m wide, "
@@ -94,9 +90,7 @@ class Reachability(Spread):
         if more:
             verb = "is" if len(more) == 1 else "are"
             rule += f"; {len(more)} more of {len(self.reach.goals)} goals {verb} not reachable"
-        hint = None
-        if inputs.settings_of().image is None:
-            hint = "--image shows where the robot can go"
+        hint = None if inputs.settings_of().image else "--image shows where the robot can go"
         if first.nearest_open is not None:
             x, y = (round(value, 6) + 0.0 for value in first.nearest_open)
             hint = f"the nearest open cell is at {x:.10g},{y:.10g}"
@@ -121,9 +115,8 @@ def not_reachable_text(missed: GoalReach, found: Reach) -> str:
         closed = sum(not passage.is_open for passage in found.passages)
         more = f", one of {closed} closed passages" if closed > 1 else ""
         return f"{text}: {limit.text}{more}; the robot needs more than {needs:.4g} m"
-    return (
-        f"{text} with this footprint, though a round robot of up to {limit.width:.4g} m gets there"
-    )
+    text += " with this footprint, though a round robot of up to"
+    return f"{text} {limit.width:.4g} m gets there"
 
 
 def start_of(text: str) -> tuple[float, ...]:
@@ -153,30 +146,25 @@ def chosen_goals(goals: Sequence[Goal | str], points: Path | None) -> list[Goal]
     names = [goal for goal in goals if isinstance(goal, str)]
     by_name = {goal.name: goal for goal in listed if goal.name is not None}
     for name in names:
-        if points is None:
-            rule, hint = "must be [NAME=]X,Y", "a name alone is that of a point in --points FILE"
-            raise errors.ParameterError(rule, place="goals", got=name, hint=hint)
         if name not in by_name:
-            known = (
-                errors.nearest_hint(name, by_name) or f"it names {', '.join(by_name) or 'no point'}"
-            )
-            raise errors.ParameterError(
-                f"{points} has no such name", place="goals", got=name, hint=known
-            )
+            rule, hint = "must be [NAME=]X,Y", "a name alone is that of a point in --points FILE"
+            if points is not None:
+                rule, known = f"{points} has no such name", ", ".join(by_name) or "no point"
+                hint = errors.nearest_hint(name, by_name) or f"it names {known}"
+            raise errors.ParameterError(rule, place="goals", got=name, hint=hint)
     chosen = [by_name[goal] if isinstance(goal, str) else goal for goal in goals]
     return chosen if names else [*chosen, *listed]
 
 
 def _named_points(path: Path) -> Iterator[Goal]:
     for feature in read_document(path)["features"].items():
-        geometry, properties = feature["geometry"], feature.get("properties")
+        geometry = feature["geometry"]
         geometry["type"].word("Point")
         place = geometry["coordinates"]
         if len(place.items()) < 2:
             raise place.error("must be [x, y]")
         x, y = (number.number() for number in place.items()[:2])
-        name = None if properties is None or properties.is_null else properties.get("name")
-        yield Goal(x, y, None if name is None else name.or_none(JsonValue.text))
+        yield Goal(x, y, feature.given("properties", lambda own: own.given("name", JsonValue.text)))
 
 
 def goals_in(path: Path) -> list[Goal]:
@@ -184,9 +172,8 @@ def goals_in(path: Path) -> list[Goal]:
     chunks, name = ([], path) if path.suffix == ".geojson" else inputs.text_in(path)
     for point in read_named_points(chunks, name):
         if point.point is None:
-            raise errors.MalformedInputError(
-                point.error or "", source=name, place=f"line {point.line}"
-            )
+            rule, place = point.error or "", f"line {point.line}"
+            raise errors.MalformedInputError(rule, source=name, place=place)
         found.append(Goal(*point.point, point.name))
     if not found:
         raise errors.MalformedInputError("holds no points", source=name)
@@ -302,22 +289,21 @@ def lethal_costs(robot: RobotParameters, map_read: inputs.MapInput) -> Grid:
     grid = map_read.grid
     for step in load_recipe(None, robot=robot.without_inflation()).steps:
         grid = step.apply(grid, map_read.path)
-    if isinstance(grid, Costmap) and any(
-        layer.inflate_around_unknown and layer.inflation_radius > 0
-        for layer in robot.inflation_layers
-    ):
-        return grid.with_values(
-            np.where(grid.cost == grid.unknown_value, LETHAL_OBSTACLE, grid.cost).astype(np.uint8)
-        )
+    if not isinstance(grid, Costmap):
+        return grid
+    is_unknown = grid.cost == grid.unknown_value
+    layers = robot.inflation_layers
+    if any(layer.inflate_around_unknown and layer.inflation_radius > 0 for layer in layers):
+        lethal = np.where(is_unknown, LETHAL_OBSTACLE, grid.cost)
+        return grid.with_values(lethal.astype(np.uint8))
     occupancy = np.asarray(map_read.occupancy.occupancy)
     unknown = np.count_nonzero(occupancy == UNKNOWN)
-    if unknown and isinstance(grid, Costmap) and not (grid.cost == grid.unknown_value).any():
-        text = (
+    if unknown and not is_unknown.any():
+        errors.emit_warning(
             f"{map_read.name}: the robot's costmap treats unknown cells as free, "
             f"{100 * unknown / occupancy.size:.3g} % of the map: the robot drives through; "
             "track_unknown_space: true closes them"
         )
-        errors.emit_warning(text)
     return grid
 
 

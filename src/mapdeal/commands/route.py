@@ -21,7 +21,7 @@ from mapdeal.grid.frame import Point
 from mapdeal.grid.reach import Method, Route, reach_radius
 from mapdeal.grid.reaching import largest_closed_square, squares_to
 from mapdeal.grid.route_graph import RouteGraph
-from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE, OCCUPIED
+from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE, OCCUPIED, count_text
 from mapdeal.maps.route_graphs import read_route_graph
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.layers import cost_image
@@ -172,8 +172,7 @@ class PairedRoutes(Spread):
         if pair.start is None or pair.goal is None:
             return {}, {"error": pair.error}
         try:
-            found = {name: find(pair.start, pair.goal) for name, find in self.searches.items()}
-            return found, {}
+            return {name: find(pair.start, pair.goal) for name, find in self.searches.items()}, {}
         except errors.ParameterError as error:
             places = {"start": rounded_place(*pair.start), "goal": rounded_place(*pair.goal)}
             return {}, {**places, "error": str(error), **_without_none(hint=error.hint)}
@@ -193,23 +192,20 @@ class PairedRoutes(Spread):
             text = f"pair {entry['pair']}"
             if "error" in entry:
                 yield f"{text}: {entry['error']}"
-                continue
-            text += f", {entry['method']}: "
-            if entry["reached"]:
-                yield f"{text}{entry['length_m']:.2f} m, cost {entry['cost']:.2f}"
+            elif entry["reached"]:
+                length, cost = entry["length_m"], entry["cost"]
+                yield f"{text}, {entry['method']}: {length:.2f} m, cost {cost:.2f}"
             else:
-                yield f"{text}not reached"
+                yield f"{text}, {entry['method']}: not reached"
 
     def remarks(self) -> Iterator[str]:
         if not self.reached:
             return
-        plural = "s" if self.reached > 1 else ""
-        rows = [[f"means of {self.reached} pair{plural}", *_MEANS]]
+        rows = [[f"means of {count_text(self.reached, 'pair')}", *_MEANS]]
         for search in self.searches:
-            means = [
-                (self.sums[search, name] / self.reached, form) for name, form in _MEANS.values()
-            ]
-            texts = [form.format(mean) if math.isfinite(mean) else "-" for mean, form in means]
+            means = {name: self.sums[search, name] / self.reached for name, _ in _MEANS.values()}
+            texts = [form.format(means[name]) if math.isfinite(means[name]) else "-"
+                     for name, form in _MEANS.values()]  # fmt: skip
             rows.append([f"  {search}", *texts])
         first, *widths = (max(map(len, column)) for column in zip(*rows, strict=True))
         for head, *texts in rows:
@@ -218,9 +214,8 @@ class PairedRoutes(Spread):
     def check(self) -> None:
         count, failed, unreached = (self.counts[key] for key in ("pairs", "failed", "unreached"))
         if failed:
-            raise errors.BatchError(
-                f"{failed} of {count} pairs have no routes", source=self.pairs_in
-            )
+            rule = f"{failed} of {count} pairs have no routes"
+            raise errors.BatchError(rule, source=self.pairs_in)
         if unreached:
             rule = f"no route leads from start to goal in {unreached} of {count} pairs"
             raise errors.FindingError(rule, source=self.pairs_in)
@@ -390,9 +385,8 @@ def route(
         image = inputs.settings_of(**reading).image
         inputs.refuse("applies to one route, not to pairs", **of_one, image=image)
         if method == "graph":
-            raise errors.ParameterError(
-                "are for methods astar, descent and geodesic", place="pairs"
-            )
+            rule = "are for methods astar, descent and geodesic"
+            raise errors.ParameterError(rule, place="pairs")
         compared: tuple[str, ...] = (method,)
         if method == "astar":
             compared = tuple(dict.fromkeys(SEARCHES if compare is None else compare))
@@ -401,9 +395,8 @@ def route(
                 raise errors.ParameterError(rule, place="compare", got=",".join(compared))
         for name, search in (("field_weight", "cost"), ("heuristic_weight", "heuristic")):
             if name in of_field and search not in compared:
-                raise errors.ParameterError(
-                    f"needs {search} among the methods to compare", place=name
-                )
+                rule = f"needs {search} among the methods to compare"
+                raise errors.ParameterError(rule, place=name)
         if method != "astar":
             inputs.refuse("compares routes of method astar", compare=compare)
         if method != "descent":
@@ -419,9 +412,8 @@ def route(
         return PairedRoutes(read_pairs(chunks, pairs_in), pairs_in, searches)
     inputs.refuse("applies to pairs alone", compare=compare)
     if start is None or goal is None:
-        raise errors.ParameterError(
-            "both are required, unless pairs are given", place="start, goal"
-        )
+        rule = "both are required, unless pairs are given"
+        raise errors.ParameterError(rule, place="start, goal")
     if method != "descent":
         inputs.refuse(f"does not apply to method {method}", **gains)
     if method != "astar":
@@ -444,11 +436,9 @@ def route(
         if followed is not None:
             found = route_on_graph(terrain, followed, start, goal)
         else:
-            name = "heuristic" if method == "astar" and heuristic == "field" else method
-            find = _search_by(
-                name, terrain, gains, **_without_none(heuristic_weight=heuristic_weight)
-            )
-            by_length = method != "astar"
+            name = "heuristic" if heuristic == "field" else method
+            weight = _without_none(heuristic_weight=heuristic_weight)
+            find, by_length = _search_by(name, terrain, gains, **weight), method != "astar"
             found = route_in_window(terrain, find, start, goal, by_length=by_length, known=known)
             warn_of_border(found, costs)
     return PlannedRoute(**vars(found), map=source, costs=costs, graph=followed)

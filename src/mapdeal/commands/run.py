@@ -115,7 +115,7 @@ def run(
         if not isinstance(each, str | PathLike):
             hint = "apply_recipe takes a grid, write_map writes it to a file"
             raise errors.ParameterError("takes the path of a map", place="run", got=each, hint=hint)
-    sources = [Path(each) for each in paths]
+    sources = list(map(Path, paths))
     if len({source.stem for source in sources}) < len(sources):
         raise errors.ParameterError("must have different names", place="path")
     settings = Settings(
@@ -126,9 +126,8 @@ def run(
     reports = []
     for source in sources:
         with errors.strict_warnings(strict, source):
-            loaded = recipes.load_recipe(
-                recipe, changes, footprint=footprint, sim=sim, robot_radius=robot_radius
-            )
+            shape: Any = {"footprint": footprint, "robot_radius": robot_radius}
+            loaded = recipes.load_recipe(recipe, changes, sim=sim, **shape)
             settings = replace(settings, mask=pipeline.used_mask(loaded, settings.mask))
             if not loaded.is_smaller:
                 settings = replace(settings, canvas="crop")  # manifests contain this value
@@ -265,10 +264,9 @@ def run_maps(
         raise errors.ParameterError(rule, source="-", hint=hint)
     for text in changes or []:
         if text.strip().startswith(_OF_LOCAL):
+            rule = "is not a parameter of a stage"
             hint = f"with --pose, {_LOCAL_SET} takes what the local map is made with"
-            raise errors.ParameterError(
-                "is not a parameter of a stage", source=recipes.SET, got=text, hint=hint
-            )
+            raise errors.ParameterError(rule, source=recipes.SET, got=text, hint=hint)
     loaded = recipes.load_recipe(recipe, changes, footprint=footprint, sim=sim, robot=robot)
     pipeline.used_mask(loaded, work.settings.mask)
     for step in loaded.steps:
@@ -302,10 +300,8 @@ def run_maps(
     size = None
     if scheduler is not None:
         all_jobs = [replace(job, path=absolute_path(job.path)) for job in all_jobs]
-        if settings.mask is not None:
-            map_run = replace(
-                map_run, settings=replace(settings, mask=absolute_path(settings.mask))
-            )
+        mask = settings.mask and absolute_path(settings.mask)
+        map_run = replace(map_run, settings=replace(settings, mask=mask))
     else:
         size = batch.jobs_at_once(jobs, len(all_jobs), terminal)
         map_run = map_run.sharing(size)
@@ -346,11 +342,12 @@ def run_maps(
             )
             answer = RunAnswer(maps, assumed)
         else:
-            job = all_jobs[0]
-            outcome = (
-                map_run(job) if workers is None else _on_cluster(job, map_run, workers, terminal)
+            (job,) = all_jobs
+            report_of_map = (
+                _on_cluster(job, map_run, workers, terminal) if workers else map_run(job)
             )
-            answer = RunAnswer(outcome, assumed if outcome.status == "done" else [], job)
+            assumed = assumed if report_of_map.status == "done" else []
+            answer = RunAnswer(report_of_map, assumed, job)
     if page is not None and goal_check is not None:
         with_map = [job.path for job in all_jobs if job.error is None]
         folders = [output] if is_batch else [all_jobs[0].folder]
@@ -368,17 +365,13 @@ def run_maps(
         return answer
     runs = [(job.folder, job.place) for job in all_jobs]
     if around is not None:
-        runs += [
-            (pipeline.around_in(folder), f"{place}/{pipeline.LOCAL_RECIPE}")
-            for folder, place in runs
-        ]
+        local = pipeline.LOCAL_RECIPE
+        runs += [(pipeline.around_in(folder), f"{place}/{local}") for folder, place in runs]
     if update_golden:
         stored = [f"{store_golden(folder, golden, place)}: stored" for folder, place in runs]
         return replace(answer, stored=stored)
-    differing = [
-        line for folder, place in runs for line in differences_from_golden(folder, golden, place)
-    ]
-    return replace(answer, golden=golden, differing=differing)
+    found = (differences_from_golden(folder, golden, place) for folder, place in runs)
+    return replace(answer, golden=golden, differing=[line for lines in found for line in lines])
 
 
 @dataclass(frozen=True, repr=False)
@@ -404,9 +397,8 @@ class RunAnswer(Result):
         if self.page is not None:
             document["report"] = self.page.document()
         if self.goals:
-            document["reach"] = [
-                {"map": {"file": str(answer.path)}, **answer.document} for answer in self.goals
-            ]
+            named = ({"map": {"file": str(goal.path)}, **goal.document} for goal in self.goals)
+            document["reach"] = list(named)
         if self.golden is not None:
             document["differing"] = list(self.differing)
         return document
@@ -474,9 +466,8 @@ def _around(
     options = dict(map(_option_of, own))
     for name in options:
         if cloud is None and name not in OF_WINDOWS:
-            raise errors.ParameterError(
-                "needs --cloud", source=_LOCAL_SET, got=f"{_OF_LOCAL}{name}"
-            )
+            got = f"{_OF_LOCAL}{name}"
+            raise errors.ParameterError("needs --cloud", source=_LOCAL_SET, got=got)
     recipe_changes = [text for text in changes if text not in own]
     recipe = pipeline.LOCAL_RECIPE if recipe is None else recipe
     try:
@@ -502,9 +493,8 @@ def _option_of(text: str) -> tuple[str, Any]:
     name = target.strip().removeprefix(_OF_LOCAL).replace("-", "_")
     known = [field for field in parameters_of(LocalOptions) if field != "frame"]
     if not equals:
-        raise errors.ParameterError(
-            "must look like stage.parameter=value", source=_LOCAL_SET, got=text
-        )
+        rule = "must look like stage.parameter=value"
+        raise errors.ParameterError(rule, source=_LOCAL_SET, got=text)
     if name not in known:
         raise unknown_name("option", name, known, place=_LOCAL_SET)
     return name, value.strip()
@@ -515,10 +505,9 @@ def _on_cluster(
 ) -> pipeline.RunReport:  # fmt: skip
     outcomes: dict[int, batch.Outcome] = {}
     batch.dispatch(1, lambda _: job, partial(batch.attempt, run), workers, outcomes.__setitem__)
-    outcome = outcomes[0]
-    for text in outcome.warnings:
+    for text in outcomes[0].warnings:
         terminal.warn(text)
-    if isinstance(outcome.result, errors.MapdealError):
-        raise outcome.result
-    report: pipeline.RunReport = outcome.result
+    report: Any = outcomes[0].result
+    if isinstance(report, errors.MapdealError):
+        raise report
     return report
