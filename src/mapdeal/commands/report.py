@@ -16,7 +16,7 @@ from typing import Annotated, Any
 from mapdeal import errors
 from mapdeal.checks.lint import LintReport
 from mapdeal.command import Output, Result, Words, command
-from mapdeal.commands import report_documents as documents, report_entries
+from mapdeal.commands import report_documents as documents, report_entries as entries
 from mapdeal.commands.build import DOCUMENT
 from mapdeal.commands.lint import lint
 from mapdeal.commands.plan import PlanGoal, check_map, planner_of, pose_of, report_on
@@ -86,11 +86,8 @@ class RunChecks:
     def question(self) -> documents.ReachQuestion:
         robot, words = self.robot, [*documents.robot_words(self.footprint)]
         if robot is not None:
-            words += [
-                text
-                for path in robot.paths
-                for text in ("--params-file", documents.typed_path(path))
-            ]
+            for path in robot.paths:
+                words += ["--params-file", documents.typed_path(path)]
             words += [] if robot.costmap == "global" else ["--costmap", robot.costmap]
             namespace, _, node = robot.node.partition(f"/{robot.costmap}_costmap/")
             words += ["--namespace", namespace] if namespace and node else []
@@ -116,18 +113,14 @@ class RunChecks:
     @cached_property
     def _step(self) -> Step:
         start = {} if self.start is None else {"start": self.start}
-        return make_step(
-            "reach", {**start, "goals": tuple(self.goals), "footprint": self._shape}
-        )  # fmt: skip
+        robot = {"goals": tuple(self.goals), "footprint": self._shape}
+        return make_step("reach", {**start, **robot})
 
     def findings(self, paths: Sequence[Path]) -> documents.Results:
         def linted() -> LintReport:
             Work.current.set(None)  # lint runs as a function, not as the command
-            settings = self.settings
-            return lint(
-                paths, footprint=self._shape, max_cells=settings.max_cells,
-                max_memory=settings.max_memory,
-            )  # fmt: skip
+            limits: Any = {k: getattr(self.settings, k) for k in ("max_cells", "max_memory")}
+            return lint(paths, footprint=self._shape, **limits)
 
         document = json.loads(json_of(copy_context().run(linted).document()))
         return documents.results_of(JsonValue(Path("lint"), document))
@@ -155,14 +148,15 @@ class RunChecks:
     def answer(self, path: Path) -> GoalAnswer:
         lines: list[str] = []
         document: dict[str, Any] = {}
+        problem = None
         try:
             found = self.reachability(path)
             with_goals = islice(found.lines(), 1 + len(found.reach.goals))  # without passages
             lines, document = list(with_goals), found.document()
             found.check()
         except errors.MapdealError as error:
-            return GoalAnswer(path, lines, document, str(error.found_in(path)))
-        return GoalAnswer(path, lines, document)
+            problem = str(error.found_in(path))
+        return GoalAnswer(path, lines, document, problem)
 
     def add_reach(self, draft: Draft, path: Path, *, with_layer: bool, grid_bytes: int) -> None:
         """Add the reach of the robot on a map to its draft, unless its recipe computed it."""
@@ -196,10 +190,8 @@ class RunChecks:
             rows = *table.rows, ("Next", portable_command(command))
             draft.add(replace(plans, tables=[replace(table, rows=rows)]))
         if with_layer:
-            title = self._step.title
-            name = draft.free_name(
-                "reach"
-            )  # only reachable cells: distances would enlarge the page
+            title, name = self._step.title, draft.free_name("reach")
+            # only reachable cells: distances would enlarge the page
             draft.layers += page_layers(found, name, title[:1].upper() + title[1:])[-1:]
 
 
@@ -208,6 +200,7 @@ File = str | PathLike[str]
 LARGEST_PAGE = 25_000_000  # bytes: the limit of many e-mail servers
 _PAGE, VERDICT = "report.html", "report.json"
 _VERDICT_FORMAT = "mapdeal-report/1"
+_VERDICT_MARK = _VERDICT_FORMAT.encode()
 _SMALLEST_PAGE = 100_000
 ENDINGS = (".html", ".htm")
 _GENERATOR, _HEAD = b'<meta name="generator" content="mapdeal', 1 << 12
@@ -238,8 +231,9 @@ class WrittenReport(Result):
     @property
     def state(self) -> State:
         """The worst state of any map."""
-        claims = (claim.state for verdict in self.verdicts for claim in verdict.claims)
-        return worst_of([*claims, *(verdict.state for verdict in self.verdicts)]) or "unknown"
+        states = [verdict.state for verdict in self.verdicts]
+        states += [claim.state for verdict in self.verdicts for claim in verdict.claims]
+        return worst_of(states) or "unknown"
 
     def _repr_parts(self) -> Iterator[str]:
         yield str(self.path)
@@ -248,14 +242,14 @@ class WrittenReport(Result):
 
     def document(self) -> dict[str, Any]:
         """Return what ``--json`` prints: the page, and the verdict on each map."""
-        entries = [asdict(verdict) for verdict in self.verdicts]
-        for claim in (claim for entry in entries for claim in entry["claims"]):
-            del claim["evidence"]  # a place on the page
-        for entry in entries:
+        listed = [asdict(verdict) for verdict in self.verdicts]
+        for entry in listed:
             entry["next"] = portable_command(entry.pop("next_command"))
+            for claim in entry["claims"]:
+                del claim["evidence"]  # a place on the page
         return {
             "format": _VERDICT_FORMAT, "path": str(self.path), "maps": self.maps,
-            "bytes": self.size, "state": self.state, "entries": entries,
+            "bytes": self.size, "state": self.state, "entries": listed,
         }  # fmt: skip
 
     def lines(self) -> Iterator[str]:
@@ -349,11 +343,11 @@ def write_report(
     """
     if title is not None and not isinstance(title, str):
         raise errors.ParameterError("must be a text", place="title", got=title)
-    if not is_whole(max_size):
-        rule = "must be a whole number of bytes"
-        raise errors.ParameterError(rule, place="max_size", got=max_size)
-    if max_size < _SMALLEST_PAGE:
-        rule = f"must be at least {source.size_text(_SMALLEST_PAGE)}"
+    rule = "must be a whole number of bytes"
+    if not is_whole(max_size) or max_size < _SMALLEST_PAGE:
+        rule = (
+            f"must be at least {source.size_text(_SMALLEST_PAGE)}" if is_whole(max_size) else rule
+        )
         raise errors.ParameterError(rule, place="max_size", got=max_size)
     settings = Settings(
         dialect=dialect, max_cells=max_cells, force=force, threads=threads, max_memory=max_memory
@@ -393,14 +387,11 @@ def written(
 
 def page_in(folder: Path) -> Path:
     """Return where the page of runs goes; refuse to replace there what mapdeal has not made."""
-    page = folder / _PAGE
-    if exists(page) and _GENERATOR not in source.head_of(page, _HEAD):
-        rule = "exists, and is not a page written by mapdeal"
-        raise errors.FileAccessError(rule, source=page, hint="move it: --report writes there")
-    verdict = folder / VERDICT
-    if exists(verdict) and _VERDICT_FORMAT.encode() not in source.head_of(verdict, _HEAD):
-        rule = "exists, and is not a verdict written by mapdeal"
-        raise errors.FileAccessError(rule, source=verdict, hint="move it: --report writes there")
+    page, verdict = folder / _PAGE, folder / VERDICT
+    for path, noun, mark in ((page, "page", _GENERATOR), (verdict, "verdict", _VERDICT_MARK)):
+        if exists(path) and mark not in source.head_of(path, _HEAD):
+            rule = f"exists, and is not a {noun} written by mapdeal"
+            raise errors.FileAccessError(rule, source=path, hint="move it: --report writes there")
     return page
 
 
@@ -409,10 +400,8 @@ def gathered(
     checks: RunChecks | None = None,
 ) -> Report:  # fmt: skip
     gathering = _Gathering(grids)
-    first_names: dict[object, Path] = {}
-    for path in paths:
-        first_names.setdefault(source.identity_of(path) or path, path)
-    paths = list(first_names.values())
+    seen: set[object] = set()
+    paths = [path for path in paths if _is_first(path, seen)]
     known: set[object] = set()
     entries_of = {path: _entries_of(path, grids, known) for path in paths}
     gathering.runs = [draft for found in entries_of.values() for draft in found or ()]
@@ -432,19 +421,18 @@ def gathered(
         with suppress(errors.MapdealError):  # the run has reported this error
             for run in gathering.add_input(grids.open(path, quietly=True)):
                 if checks is not None:
-                    checks.add_reach(
-                        run, path, with_layer=len(inputs) == 1, grid_bytes=grids.bytes_in_memory
-                    )  # fmt: skip
+                    memory = grids.bytes_in_memory
+                    checks.add_reach(run, path, with_layer=len(inputs) == 1, grid_bytes=memory)
     if checks is not None:
         gathering.add_lint(inputs, checks)
     gathering.settle(paths[0])
     files = {*paths, *grids.files, *(place for draft in gathering.drafts for place in draft.places)}
     names = {*gathering.named, *map(str, files)}
-    folders = {folder for name in names if (folder := report_entries.folder_of(name)) is not None}
-    entries = tuple(draft.entry(grids.settings, folders) for draft in gathering.drafts)
+    folders = {folder for name in names if (folder := entries.folder_of(name)) is not None}
+    shown = tuple(draft.entry(grids.settings, folders) for draft in gathering.drafts)
     if title is None:
-        title = entries[0].name if len(entries) == 1 else count_text(len(entries), "map")
-    return Report(title, entries, __version__)
+        title = shown[0].name if len(shown) == 1 else count_text(len(shown), "map")
+    return Report(title, shown, __version__)
 
 
 def _entries_of(path: Path, grids: Grids, known: set[object]) -> list[Draft] | None:
@@ -453,20 +441,17 @@ def _entries_of(path: Path, grids: Grids, known: set[object]) -> list[Draft] | N
     if not source.is_folder(folder):
         return None
     if exists(folder / DOCUMENT):
-        return [report_entries.methods_in(folder, grids)] if _is_first(folder, known) else []
-    found = report_entries.runs_in(folder)
+        return [entries.methods_in(folder, grids)] if _is_first(folder, known) else []
+    found = entries.runs_in(folder)
     if found is None:
         rule = f"contains no run: no {MANIFEST} in it or below"
         hint = "mapdeal run MAP -o DIR makes one; maps in a folder are named one by one"
         raise errors.FileAccessError(rule, source=folder, hint=hint)
-    found = [
-        draft
-        for draft in found
-        if draft.status == report_entries.NOT_SHOWN or _is_first(draft.path, known)
-    ]
+    is_hidden = entries.NOT_SHOWN
+    found = [draft for draft in found if draft.status == is_hidden or _is_first(draft.path, known)]
     for draft in found:
         try:
-            report_entries.fill_from_run(draft, grids)
+            entries.fill_from_run(draft, grids)
         except errors.MapdealError as error:
             if len(found) == 1:
                 raise
@@ -518,31 +503,28 @@ class _Gathering:
         if opened.kind is OccupancyGrid and draft.map_path is None:
             draft.map_path = path
         name = draft.free_name(path.stem)
-        report_entries.add_layers(draft, self._grids.layers(path, name, grid.kind.capitalize()))
+        entries.add_layers(draft, self._grids.layers(path, name, grid.kind.capitalize()))
         draft.paths.append(path)
         draft.sums |= set(opened.sums.values())
         figures = grid.figures()
-        draft.figures |= {**report_entries.columns_of({name: figures}), **draft.figures}
+        draft.figures |= {**entries.columns_of({name: figures}), **draft.figures}
         info = _filter_of(path)
         if info is not None and isinstance(grid, OccupancyGrid):
             rows = tuple(mask_rows(mask_description(info, grid)))
             draft.tables.append(Table(f"{name}: zones", rows))
-        draft.tables += [
-            Table(f"{name}: figures", report_entries.rows_of(figures)),
-            Table(f"{name}: SHA-256", report_entries.rows_of(opened.sums)),
-        ]
+        draft.tables.append(Table(f"{name}: figures", entries.rows_of(figures)))
+        draft.tables.append(Table(f"{name}: SHA-256", entries.rows_of(opened.sums)))
         draft.items += documents.trajectory_items(opened.trajectories)
         draft.warn(opened.warnings, opened.files)
 
     def add_input(self, opened: Opened) -> list[Draft]:
         runs = [run for run in self.runs if opened.sums and run.sums >= {*opened.sums.values()}]
         for run in runs:
-            name = run.free_name(_INPUT)
-            above = run.layers
+            name, above = run.free_name(_INPUT), run.layers
             run.layers = self._grids.layers(opened.path, name, "Map as read")
-            report_entries.add_layers(run, above)
-            of_map = report_entries.columns_of({name: self._grids.grid(opened.path).figures()})
-            run.figures = {**of_map, **{k: v for k, v in run.figures.items() if k not in of_map}}
+            entries.add_layers(run, above)
+            of_map = entries.columns_of({name: self._grids.grid(opened.path).figures()})
+            run.figures = {**of_map, **run.figures, **of_map}
             run.paths.append(opened.path)
             run.map_path = opened.path
             run.items += documents.trajectory_items(opened.trajectories)
@@ -554,9 +536,9 @@ class _Gathering:
         results = documents.read_results(path)
         self.named |= set(results.files)
         if results.kind in (json_values.DIFF, json_values.COST_DIFF, json_values.ALIGNMENT):
-            self.drafts.append(report_entries.two_maps(path, results, self._grids))
+            self.drafts.append(entries.two_maps(path, results, self._grids))
         elif results.kind == json_values.ROBOT_DIFF:
-            self.drafts.append(report_entries.two_robots(path, results, self._grids))
+            self.drafts.append(entries.two_robots(path, results, self._grids))
         elif results.kind == json_values.COMPARISON:
             rule = "is what build --compare has written beside its maps"
             raise errors.ParameterError(rule, source=path, hint=f"name the folder, {path.parent}")
@@ -572,9 +554,8 @@ class _Gathering:
             for _, results in linted:
                 self._add_maps(Path(part.name) for part in results.parts if part.is_map)
             maps = [(own, path) for path, results in scored for own in results.maps]
-            self._add_maps(
-                report_entries.place_of(own.file, path) for own, path in maps if own is not None
-            )
+            places = (entries.place_of(own.file, path) for own, path in maps if own is not None)
+            self._add_maps(places)
         if not self.drafts:  # such as findings about parameter files alone
             rule = "belongs to a map or a run, and none is named"
             raise errors.ParameterError(rule, source=first, hint="name it before this file")
@@ -584,7 +565,7 @@ class _Gathering:
         for path, results in linted:
             self.add_findings(path, results)
         for path, results in scored:
-            report_entries.give_score(path, results, self.drafts, self._grids)
+            entries.give_score(path, results, self.drafts, self._grids)
 
     def _add_maps(self, paths: Iterable[Path]) -> None:
         for path in paths:
@@ -611,7 +592,7 @@ class _Gathering:
         self.named |= set(results.files)
         lost = []
         for part in results.parts:
-            drafts = report_entries.drafts_about(part.name, self.drafts)
+            drafts = entries.drafts_about(part.name, self.drafts)
             if not drafts and len(results.parts) == len(self.drafts) == 1:
                 drafts = self.drafts
             for draft in drafts:
@@ -620,6 +601,5 @@ class _Gathering:
                 lost.append(part.name)
         if lost:
             more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
-            which = f"{errors.one_line(lost[0])}{more}"
-            text = f"{path}: findings of {which} are left out: the map is not shown here"
-            errors.emit_warning(text)
+            rule = "are left out: the map is not shown here"
+            errors.emit_warning(f"{path}: findings of {errors.one_line(lost[0])}{more} {rule}")

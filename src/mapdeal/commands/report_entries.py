@@ -14,26 +14,16 @@ from typing import Any, TypeGuard, TypeVar
 import numpy as np
 
 from mapdeal import errors
-from mapdeal.commands import diff_costs, report_documents
+from mapdeal.commands import diff_costs, report_documents as documents
 from mapdeal.commands.build import DOCUMENT
 from mapdeal.commands.diff import compared
 from mapdeal.commands.report_documents import Part, ReachQuestion, Results, Subject, next_command
 from mapdeal.commands.two_maps import names_of_two
 from mapdeal.compare.difference import CostDifference
+from mapdeal.files import source as file_source
 from mapdeal.files.json_values import COMPARISON, COST_DIFF, DIFF, read_json
-from mapdeal.files.source import (
-    CHANGED,
-    bytes_of_lines,
-    claim,
-    contents_of,
-    exists,
-    holds,
-    is_same_file,
-    room,
-    sums_of_reads,
-)
+from mapdeal.files.source import claim, contents_of, exists, is_same_file, room, sums_of_reads
 from mapdeal.grid.costmap import CostCurve
-from mapdeal.grid.footprint import Footprint, checked_corners
 from mapdeal.grid.occupancy import CloudLayers, OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.inputs.listing import folders_below
@@ -120,9 +110,7 @@ class Draft:
         known = self.sums | self.outputs
         for named in results.maps:
             if named is not None and known and not set(named.sha256.values()) <= known:
-                self.miss(
-                    f"{path}: another map than here: {report_documents.short(named.file)}", path
-                )
+                self.miss(f"{path}: another map than here: {documents.short(named.file)}", path)
         self.add_subjects(path, results.subjects)
         self.add(results)
 
@@ -269,40 +257,36 @@ class Grids:
     def grid(self, path: Path) -> Grid:
         # A `FileAccessError` if it has changed since.
         if path not in self._grids:
-            with (
-                errors.capture_warnings(),
-                sums_of_reads() as read,
-            ):  # they were given when it was opened
+            # the warnings were given when it was opened
+            with errors.capture_warnings(), sums_of_reads() as read:
                 grid, file = self._read(path)
                 sums = file.sums_by_name(read)
             if sums != self._opened[path].sums:
-                raise errors.FileAccessError(CHANGED, source=path)
+                raise errors.FileAccessError(file_source.CHANGED, source=path)
             self._keep(path, grid)
         self._grids.move_to_end(path)
         return self._grids[path]
 
     def layers(self, path: Path, name: str, title: str) -> list[PageLayer]:
         grid = self.grid(path)
-        return [
-            self._reread(kind.of(grid, name, title), path, index)
-            for index, kind in enumerate(kinds_of(grid))
-        ]
+        kinds = enumerate(kinds_of(grid))
+        return [self._reread(kind.of(grid, name, title), path, index) for index, kind in kinds]
 
     def _read(self, path: Path) -> tuple[Grid, MapFile]:
         settings = self.settings
         with ExitStack() as stack:
-            file = stack.enter_context(
-                open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
-            )
-            claim(path, _OF_PAGE + bytes_of_lines(file.shape(), _PER_LINE))
+            opened = open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
+            file = stack.enter_context(opened)
+            on_page = _OF_PAGE + file_source.bytes_of_lines(file.shape(), _PER_LINE)
+            claim(path, on_page)
             for kind in (Reach, CloudLayers):
                 if (grid := file.layers_of(kind)) is not None:
                     return grid, file
             if file.memory_to_read() <= self._room or not file.has_lazy_rows:
                 return file.read().grid, file
             band = _OF_BAND * file.memory_to_read() * _ROWS // max(file.shape()[0], _ROWS)
-            count = _OF_PAGE + band + bytes_of_lines(file.shape(), _PER_LINE)
-            claim(path, count * _SHARE // (_SHARE - 1))  # beside the grids that are kept
+            # beside the grids that are kept
+            claim(path, (on_page + band) * _SHARE // (_SHARE - 1))
             self._stack.enter_context(stack.pop_all())
             return file.by_rows(block_height=_ROWS).grid, file
 
@@ -347,8 +331,7 @@ def runs_in(folder: Path) -> list[Draft] | None:
             Draft(folder.name or str(folder), folder),
             *(Draft(f"{folder.name}/{name}", folder / name) for name in local),
         ]
-    summary = read_json(folder / SUMMARY)
-    entries = summary.get("maps") if isinstance(summary, dict) else None
+    entries = _within(read_json(folder / SUMMARY), "maps")
     if isinstance(entries, list) and entries and all(isinstance(row, dict) for row in entries):
         drafts = [draft for record in entries for draft in _drafts_of_batch(folder, record)]
         paths = tuple(draft.path for draft in drafts)
@@ -375,21 +358,22 @@ def _drafts_of_batch(folder: Path, record: Mapping[str, Any]) -> Iterator[Draft]
         draft.tables.append(Table("Input", (("map", name),)))
         reason = str(record.get("error", status))
         draft.warn([reason])
-        draft.claims.append(
-            verdict.on_failure(
-                report_documents.short(reason).removeprefix(f"{errors.one_line(name)}: ")
-            )
-        )
+        shown = documents.short(reason).removeprefix(f"{errors.one_line(name)}: ")
+        draft.claims.append(verdict.on_failure(shown))
     yield draft
     if "local" in record:
         yield Draft(f"{place}/local", folder / place / "local", status=status)
 
 
+def _within(value: Any, *keys: str) -> Any:
+    """Return the value of nested keys in what anybody may have written; None if there is none."""
+    for key in keys:
+        value = value.get(key) if isinstance(value, dict) else None
+    return value
+
+
 def _time_of_replay(folder: Path) -> float | None:
-    manifest = read_json(folder / MANIFEST)
-    figures = manifest.get("figures") if isinstance(manifest, dict) else None
-    replay = figures.get("replay") if isinstance(figures, dict) else None
-    time = replay.get("time") if isinstance(replay, dict) else None
+    time = _within(read_json(folder / MANIFEST), "figures", "replay", "time")
     return time if isinstance(time, float) else None
 
 
@@ -424,12 +408,14 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
     for stage in manifest["stages"]:
         name, parameters = next(iter(stage.items()))
         _add_product(draft, name, parameters, manifest, grids)
-        _add_results(draft, f"{product_of(name)}.json", manifest)
+        if (document := f"{product_of(name)}.json") in manifest["outputs"]:
+            try:
+                draft.add(documents.read_results(draft.path / document))
+            except errors.MapdealError as error:
+                draft.miss(errors.one_line(str(error)), draft.path / document)
         figures = manifest["figures"].get(name)
-        draft.tables += [
-            Table(f"{name}: parameters", rows_of(parameters)),
-            Table(f"{name}: figures", rows_of(figures)),
-        ]
+        draft.tables.append(Table(f"{name}: parameters", rows_of(parameters)))
+        draft.tables.append(Table(f"{name}: figures", rows_of(figures)))
         draft.curve = _curve_of(name, parameters, figures) or draft.curve
     version = ("mapdeal", format_value(manifest.get("version")))
     draft.tables += [
@@ -445,42 +431,33 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
     warnings = manifest.get("warnings")
     draft.warn(map(str, warnings if isinstance(warnings, list) else ()))
     if (costs := verdict.on_costs(manifest)) is not None:
-        draft.claims.append(replace(costs, text=report_documents.short(costs.text)))
+        draft.claims.append(replace(costs, text=documents.short(costs.text)))
 
 
 def _subjects_of_run(manifest: Mapping[str, Any]) -> Iterator[Subject]:
     robot = manifest.get("robot")
     stages = {name: values for stage in manifest["stages"] for name, values in stage.items()}
-    shape = next((s["footprint"] for s in stages.values() if _is_shape(s)), None)
+    shapes = (_within(values, "footprint") for values in stages.values())
+    shape = next((shape for shape in shapes if isinstance(shape, dict) or shape), None)
+    inner, outer = _within(stages, "cost", "inscribed_radius"), None
     if isinstance(robot, dict):
-        radii = robot.get("inscribed_radius"), robot.get("circumscribed_radius")
         files = robot.get("files")
         if isinstance(files, list) and all(isinstance(file, dict) for file in files):
             named = [(str(file.get("name")), str(file.get("sha256"))) for file in files]
-            yield report_documents.costmap_subject(str(robot.get("costmap")), named)
-        if robot.get("robot_radius") is not None:
-            radii = radii[0], None
+            yield documents.costmap_subject(str(robot.get("costmap")), named)
+        inner = robot.get("inscribed_radius")
+        if robot.get("robot_radius") is None:
+            outer = robot.get("circumscribed_radius")
     elif shape is not None:
-        radii = shape.get("radius") if isinstance(shape, dict) else None, None
+        inner = _within(shape, "radius")
         if isinstance(shape, list):
-            with suppress(errors.MapdealError):  # anybody may have written the manifest
-                footprint = Footprint(
-                    checked_corners(shape, "footprint", within=1000.0, least=3, most=500)
-                )
-                radii = footprint.inscribed_radius, footprint.circumscribed_radius
-    else:
-        costs = stages.get("cost")
-        radii = costs.get("inscribed_radius") if isinstance(costs, dict) else None, None
-    if _is_figure(radii[0]) and radii[0] > 0:
-        outer = radii[1] if _is_figure(radii[1]) else None
-        text = f"a robot of radius {radii[0]:.4g} m"
-        text += "" if outer is None else f" to {outer:.4g} m"
-        yield report_documents.robot_subject(text, radii[0], outer)
-
-
-def _is_shape(parameters: object) -> bool:
-    shape = parameters.get("footprint") if isinstance(parameters, dict) else None
-    return isinstance(shape, dict) or (isinstance(shape, list) and bool(shape))
+            with suppress(errors.MapdealError):
+                footprint = documents.checked_shape(shape)
+                inner, outer = footprint.inscribed_radius, footprint.circumscribed_radius
+    if _is_figure(inner) and inner > 0:
+        outer = outer if _is_figure(outer) else None
+        text = f"a robot of radius {inner:.4g} m" + ("" if outer is None else f" to {outer:.4g} m")
+        yield documents.robot_subject(text, inner, outer)
 
 
 def _check_outputs(draft: Draft, manifest: Mapping[str, Any]) -> None:
@@ -489,7 +466,7 @@ def _check_outputs(draft: Draft, manifest: Mapping[str, Any]) -> None:
         path = draft.path / Path(name).name
         if not exists(path):
             wrong[path] = "is missing, though the manifest lists it"
-        elif not holds(path, digest):
+        elif not file_source.holds(path, digest):
             wrong[path] = "is not what the run wrote: its checksum differs"
     for path in islice(wrong, _MOST_WRONG):
         draft.miss(f"{path}: {wrong[path]}", path)
@@ -515,15 +492,6 @@ def _add_product(
         add_layers(draft, grids.layers(path, product, title[:1].upper() + title[1:]))
 
 
-def _add_results(draft: Draft, name: str, manifest: Mapping[str, Any]) -> None:
-    if name not in manifest["outputs"]:
-        return
-    try:
-        draft.add(report_documents.read_results(draft.path / name))
-    except errors.MapdealError as error:
-        draft.miss(errors.one_line(str(error)), draft.path / name)
-
-
 def add_layers(draft: Draft, layers: Iterable[PageLayer]) -> None:
     instead: dict[str | None, str] = {}
     for layer in layers:
@@ -536,10 +504,8 @@ def add_layers(draft: Draft, layers: Iterable[PageLayer]) -> None:
 
 
 def _are_equal(layer: PageLayer, earlier: PageLayer) -> bool:
-    colours = layer.style.by_value, earlier.style.by_value
-    if layer.frame != earlier.frame or colours[0] is None or colours[1] is None:
-        return False
-    if not np.array_equal(colours[0], colours[1]):
+    colours, known = layer.style.by_value, earlier.style.by_value
+    if layer.frame != earlier.frame or colours is None or not np.array_equal(colours, known):
         return False
     blocks = blocks_of(layer.values)
     return all(np.array_equal(layer.values[rows], earlier.values[rows]) for rows in blocks)
@@ -552,21 +518,18 @@ def _step_of(stage: str, parameters: Mapping[str, Any]) -> Step | None:
 
 
 def _curve_of(stage: str, parameters: Mapping[str, Any], figures: object) -> CostCurve | None:
-    resolution: Any = figures.get("resolution") if isinstance(figures, dict) else None
-    step = _step_of(stage, parameters)
-    if step is None or not _is_figure(resolution):
-        return None
+    resolution, step = _within(figures, "resolution"), _step_of(stage, parameters)
     with suppress(errors.MapdealError):
-        return step.curve_on(OccupancyGrid(_UNKNOWN_MAP, resolution))
+        if step is not None and _is_figure(resolution):
+            return step.curve_on(OccupancyGrid(_UNKNOWN_MAP, resolution))
     return None
 
 
 def columns_of(figures: Mapping[str, Any]) -> dict[str, str | float]:
     columns: dict[str, str | float] = {}
     for record in figures.values():
-        if isinstance(record, dict):
-            for name, value in _columns_of_grid(record).items():
-                columns.setdefault(name, value)
+        of_record = _columns_of_grid(record) if isinstance(record, dict) else {}
+        columns = {**columns, **of_record, **columns}  # the first record counts
     return columns
 
 
@@ -589,18 +552,14 @@ def _columns_of_grid(figures: Mapping[str, Any]) -> dict[str, str | float]:
 
 
 def _is_figure(value: object) -> TypeGuard[int | float]:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return False
-    return abs(value) <= _LARGEST_FIGURE
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and abs(value) <= _LARGEST_FIGURE
 
 
 def rows_of(values: object) -> tuple[tuple[str, str], ...]:
-    if not isinstance(values, dict):
-        return ()
-    return tuple(
-        (str(name), errors.one_line(format_value(_as_written(value))))
-        for name, value in values.items()
-    )
+    values = values if isinstance(values, dict) else {}
+    texts = {str(name): format_value(_as_written(value)) for name, value in values.items()}
+    return tuple((name, errors.one_line(text)) for name, text in texts.items())
 
 
 _DIGITS = 6  # of numbers as people write them: ROS's float32 has 0.19 as 0.19000000692903996
@@ -653,18 +612,16 @@ def give_score(document: Path, results: Results, drafts: list[Draft], grids: Gri
         draft.tables += results.tables
         for path in draft.paths:
             if own is not None and place is not None and is_same_file(place, path):
-                found, named = (
-                    sorted(sums.values()) for sums in (grids.open(path).sums, own.sha256)
-                )
+                found, named = sorted(grids.open(path).sums.values()), sorted(own.sha256.values())
                 draft.compare_sums(path, found, named, f"{document.name} scores")
     if not owners:
-        name = "a map that is not a file" if own is None else report_documents.short(own.file)
-        text = f"{document}: the score of {name} is left out: the map is not shown here"
-        errors.emit_warning(text)
+        name = "a map that is not a file" if own is None else documents.short(own.file)
+        rule = f"the score of {name} is left out: the map is not shown here"
+        errors.emit_warning(f"{document}: {rule}")
 
 
 def methods_in(folder: Path, grids: Grids) -> Draft:
-    results = report_documents.read_results(folder / DOCUMENT)
+    results = documents.read_results(folder / DOCUMENT)
     if results.kind != COMPARISON:
         raise errors.MalformedInputError("is not a comparison of methods", source=folder / DOCUMENT)
     draft = Draft(folder.name or str(folder), folder, tables=list(results.tables))
@@ -722,9 +679,7 @@ def two_maps(path: Path, results: Results, grids: Grids) -> Draft:
     return draft
 
 
-def _add_difference(
-    draft: Draft, paths: Sequence[Path], grids: Grids, results: Results
-) -> None:  # fmt: skip
+def _add_difference(draft: Draft, paths: Sequence[Path], grids: Grids, results: Results) -> None:
     settings = grids.settings
     with errors.capture_warnings():  # they were given when the maps were opened
         sources = zip(paths, read_together(paths, settings), strict=True)
@@ -736,15 +691,15 @@ def _add_difference(
         try:
             costs = diff_costs.costmaps_compared(maps, results.transform, None, **reading).costs
             add_cost_changes(draft, costs)
-            draft.items += report_documents.cost_change_items(costs.changes.values(), costs.frame)
+            draft.items += documents.cost_change_items(costs.changes.values(), costs.frame)
             draft.claims += verdict.on_cost_difference(costs)
         except errors.ParameterError as error:  # a file that was replaced by a map
             draft.lacks("what differs", Path(str(error.source)), error)
         return
     style, title = difference_style(), "What differs"
     draft.layers.append(PageLayer("difference", title, found.frame, found.changes, style))
-    changes, unlisted = found.largest_changes(report_documents.MOST_CHANGES)
-    draft.items += report_documents.change_items(changes, unlisted, found.frame)
+    changes, unlisted = found.largest_changes(documents.MOST_CHANGES)
+    draft.items += documents.change_items(changes, unlisted, found.frame)
     draft.claims += verdict.on_difference(found, changes, unlisted)
 
 
@@ -784,18 +739,15 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
     draft.layers += grids.layers(place, "map", f"Map: {place.name}")[-1:]
     for name, shown, costmap in zip(("first", "second"), found.names, found.costmaps, strict=True):
         draft.layers += page_layers(costmap, name, f"Costs of {shown}")
-    pairs = {
-        name: " → ".join(map(diff_costs.value_text, pair))
-        for name, pair in found.parameters.items()
-    }
+    pairs = {name: " → ".join(map(diff_costs.value_text, pair))
+             for name, pair in found.parameters.items()}  # fmt: skip
     draft.tables.append(Table("Parameters that differ", rows_of(pairs)))
     draft.tables.append(Table("Reach", (("reached", found.reach_text()), *found.goal_rows())))
-    draft.compared = "first", "second"
-    draft.opens_swiped = False
+    draft.compared, draft.opens_swiped = ("first", "second"), False
     after = found.reaches[1]
-    draft.items += report_documents.passage_change_items(found.closed, "closes", "error")
-    draft.items += report_documents.passage_change_items(found.opened, "opens", "good")
-    draft.items += report_documents.goal_items(after.goals, after.robot, after.heading_count)
+    draft.items += documents.passage_change_items(found.closed, "closes", "error")
+    draft.items += documents.passage_change_items(found.opened, "opens", "good")
+    draft.items += documents.goal_items(after.goals, after.robot, after.heading_count)
     add_cost_changes(draft, found.costs)
     draft.claims += verdict.on_robots(
         list(pairs), found.verdict, found.reach_text().replace("->", "→"), found.costs,
@@ -805,10 +757,8 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
 
 
 def add_cost_changes(draft: Draft, found: CostDifference) -> None:
-    style, title = cost_change_style(), "Change of the cost"
-    draft.layers.append(
-        PageLayer("difference", title, found.frame, diff_costs.change_codes(found), style)
-    )
+    codes, style = diff_costs.change_codes(found), cost_change_style()
+    draft.layers.append(PageLayer("difference", "Change of the cost", found.frame, codes, style))
     changes = [change for change in found.changes.values() if change.cells]
     rows = tuple((change.kind, diff_costs.change_text(change)) for change in changes)
     draft.tables.append(Table(verdict.COST_CHANGES, rows or (("changes", "none"),)))
