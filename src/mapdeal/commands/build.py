@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.command import AT_LEAST_0, METRES, Output, Result, Words, command, parameters_of
-from mapdeal.commands.build_cloud import CloudBuild, build_from_clouds
+from mapdeal.commands.build_cloud import build_from_clouds
 from mapdeal.commands.pack import GridResult
 from mapdeal.compare.difference import STATES, changes_of, confusion_of, states_of
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning, one_line
@@ -31,7 +31,7 @@ from mapdeal.kernels.components import thickness_of
 from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping import build as mapping
 from mapdeal.mapping.cloud_map import CloudOptions
-from mapdeal.mapping.evidence import NEAR, OFTEN, BeamCounts, BeamLimits, Beams, Scans, beams_of
+from mapdeal.mapping.evidence import NEAR, OFTEN, BeamLimits, Beams, Scans, beams_of
 from mapdeal.mapping.transforms import FrameOptions, Pose, Topics, check_pose
 from mapdeal.mapping.voxels import upright
 from mapdeal.mapping.world_map import WorldOptions, map_of_world
@@ -41,7 +41,7 @@ from mapdeal.maps.png import write_indexed_png
 from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.overlay import RingOverlay
-from mapdeal.pipeline.folder import write_picture, written_line
+from mapdeal.pipeline.folder import write_picture
 from mapdeal.pipeline.inputs import InShell, Work, errors_named, refuse
 from mapdeal.pipeline.settings import Settings
 from mapdeal.sensors.scans import DEFAULT_MAX_BAD, ScanSource, ScanTexts, open_log
@@ -87,11 +87,8 @@ class _Building:
 
     def reach_behind(self) -> float:
         """Return the largest distance behind hits that a method changes, metres."""
-        methods = self.methods.items()
-        return max(
-            mapping.reach_behind(method, self.resolution, parameters)
-            for method, parameters in methods
-        )
+        cell, methods = self.resolution, self.methods.items()
+        return max(mapping.reach_behind(method, cell, options) for method, options in methods)
 
 
 def _built(
@@ -169,11 +166,9 @@ def _extent(
 def _parts(source: ScanSource, limits: BeamLimits, *, is_reported: bool = False) -> Iterator[_Part]:
     """Yield the beams of scans in parts; warn once of angles beyond a turn."""
     for arrays in source.scans():
-        if not is_reported and np.abs(arrays.angles).max(initial=0.0) > 2 * math.pi:
+        if not is_reported and (largest := np.abs(arrays.angles).max(initial=0.0)) > 2 * math.pi:
             is_reported = True
-            largest = np.abs(arrays.angles).max()
-            text = f"{source.named}: angles of up to {largest:.6g} rad: are they in degrees?"
-            emit_warning(text)
+            emit_warning(f"{source.named}: angles of up to {largest:.6g} rad: are they in degrees?")
         for scans in Scans(*arrays).parts():
             yield beams_of(scans, limits), scans.count
 
@@ -228,8 +223,7 @@ def build_map_from_log(
     Warns
     -----
     MapdealWarning
-        If the map is unknown everywhere or lacks groups of cells that were hit often, or a
-        choice had to be made while reading the log.
+        If the map lacks groups of cells that were hit often, or a choice had to be made.
     """
     settings = Settings(max_memory=max_memory, threads=threads)
     limits = BeamLimits(range_min, range_max, clear_max)
@@ -306,19 +300,6 @@ def build_map_from_bag(
         return _built(scans, building)
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Build(GridResult):
-    counts: BeamCounts
-
-    def document(self) -> Figures:
-        return {**super().document(), **asdict(self.counts)}
-
-    def summary(self, output: Path) -> Iterator[str]:
-        figures = self.document()
-        yield written_line(output, figures, with_origin=True)
-        yield _beams_line(figures)
-
-
 def _beams_line(figures: Figures) -> str:
     text = f"  {figures['scans']} scans, {figures['beams']} beams: {figures['hits']} hits, "
     return text + f"{figures['no_return']} without return, {figures['bad']} bad"
@@ -364,25 +345,6 @@ class Comparison(Result):
             )
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class WorldBuild(GridResult):
-    """A map of a simulated world."""
-
-    world: World
-
-    def document(self) -> Figures:
-        world = self.world
-        own = {"solids": world.solid_count, "triangles": len(world.triangles)}
-        return {**super().document(), **own, "moving": world.moving, "files": len(world.files)}
-
-    def summary(self, output: Path) -> Iterator[str]:
-        figures = self.document()
-        yield written_line(output, figures, with_origin=True)
-        text = f"  {count_text(figures['solids'], 'solid')}, {figures['triangles']} triangles"
-        moving = self.world.moving
-        yield text + (f"; {count_text(moving, 'model')} that can move left out" if moving else "")
-
-
 def _map_of_world(
     path: Path, options: WorldOptions, robot_options: dict[str, Any], model_path: Sequence[Path],
     resolution: float, size: Point | None, origin: Sequence[float] | None,
@@ -404,10 +366,8 @@ def _map_of_world(
     with errors_named(path):
         floor = CloudOptions(floor=robot_options.get("floor")).floor
         robot = CloudOptions(**{**robot_options, "floor": None})
-        world = read_world(
-            path, model_path=model_path, visual=options.visual, static_only=options.static_only,
-            floor=floor,
-        )  # fmt: skip
+        parts = {"visual": options.visual, "static_only": options.static_only}
+        world = read_world(path, model_path=model_path, floor=floor, **parts)
         claim(path, 3 * world.triangles.nbytes, what=f"{len(world.triangles)} triangles")
         triangles = upright(world.triangles.reshape(-1, 3), robot.up).reshape(-1, 3, 3)
         grid, enclosed_m2 = map_of_world(
@@ -420,13 +380,17 @@ def _map_of_world(
     return world, grid
 
 
-def build_from_world(path: Path, output: Path, work: Work, **settings: Any) -> WorldBuild:
+def build_from_world(path: Path, output: Path, work: Work, **settings: Any) -> GridResult:
     """Write the map of a world for the command."""
     work.outputs += output_paths(output)
     transaction = work.begin([path])
     world, grid = _map_of_world(path, **settings)
     write_grid(transaction, output, grid)
-    return WorldBuild(grid, f"{output.stem}: map of a world", world=world)
+    own = {"solids": world.solid_count, "triangles": len(world.triangles)}
+    own |= {"moving": world.moving, "files": len(world.files)}
+    note = f"  {count_text(own['solids'], 'solid')}, {own['triangles']} triangles"
+    note += f"; {count_text(world.moving, 'model')} that can move left out" if world.moving else ""
+    return GridResult(grid, f"{output.stem}: map of a world", figures=own, notes=[note])
 
 
 def build_map_from_world(
@@ -447,8 +411,7 @@ def build_map_from_world(
     resolution : float
         Side of a cell, metres.
     size, origin : tuple of float, optional
-        Extent and lower left corner of the map, metres, and its yaw, radians; by default what
-        contains all solids.
+        Extent, metres, lower left corner and yaw of the map; by default what contains all solids.
     height, solid, visual, static_only
         As in `WorldOptions`.
     max_memory, threads
@@ -515,7 +478,7 @@ def build(
     clear_max: Annotated[float, METRES] = 0.0, as_written: bool = False,
     layers: Annotated[Path | None, Words("OUT.npz")] = None,
     max_bad: Annotated[int, AT_LEAST_0, Words("N")] = DEFAULT_MAX_BAD, **more: Any,
-) -> Build | Comparison | CloudBuild | WorldBuild:  # fmt: skip
+) -> GridResult | Comparison:  # fmt: skip
     """Make a map from laser scans with known poses, from point clouds, or from a simulated world.
 
     With a bag, the poses come from its transforms or its odometry.
@@ -556,11 +519,9 @@ def build(
     method : {'log-odds', 'counting', 'tsdf'}, optional
         How evidence becomes a map. [default: log-odds]
     compare : bool
-        Run all methods on one grid and compare them: maps, figures, and pictures of the
-        differences.
+        Run all methods on one grid, and compare maps and figures, with pictures.
     resolution : float, optional
-        Side of a cell, metres. [default: 0.05; with --cloud the distance between
-        points, if that is larger]
+        Side of a cell, metres. [default: 0.05; with --cloud the spacing of its points, if larger]
     size : tuple of float, optional
         Extent along x and y, metres. [default: what contains all scans]
     origin : tuple of float, optional
@@ -581,9 +542,10 @@ def build(
     **more
         Parameters of the method, and of `FrameOptions`, `CloudOptions` and `WorldOptions`.
     """
-    frames = {name: more.pop(name) for name in parameters_of(FrameOptions) if name in more}
-    cloud_options = {name: more.pop(name) for name in parameters_of(CloudOptions) if name in more}
-    world_options = {name: more.pop(name) for name in parameters_of(WorldOptions) if name in more}
+    frames, cloud_options, world_options = (
+        {name: more.pop(name) for name in parameters_of(kind) if name in more}
+        for kind in (FrameOptions, CloudOptions, WorldOptions)
+    )
     beam_options = {"range_max": (range_max, 30.0), "clear_max": (clear_max, 0.0),
                     "max_bad": (max_bad, DEFAULT_MAX_BAD)}  # fmt: skip
     changed = {name: value for name, (value, default) in beam_options.items() if value != default}
@@ -658,7 +620,8 @@ def build(
     if layers is not None:
         transaction.write(layers, lambda file: write_npz(file, built.grid, more=built.layers))
     (method,) = building.methods
-    return Build(built.grid, f"{output.stem}: map, {method}", counts=built.counts)
+    title, figures = f"{output.stem}: map, {method}", asdict(built.counts)
+    return GridResult(built.grid, title, figures=figures, notes=[_beams_line(figures)])
 
 
 def _compared(
@@ -668,17 +631,17 @@ def _compared(
     if folder.suffix in (*MAP_ENDINGS, ".pgm", ".png", ".json"):
         rule = "must be a folder: a comparison writes several maps"
         raise ParameterError(rule, place="output", got=str(folder))
-    pairs = {
-        pair: folder / f"{pair[0]}_{pair[1]}.png" for pair in combinations(building.methods, 2)
-    }
+    methods = combinations(building.methods, 2)
+    pairs = {(first, second): folder / f"{first}_{second}.png" for first, second in methods}
     maps = {method: folder / f"{method}.yaml" for method in building.methods}
     for path in maps.values():
         work.outputs += [*output_paths(path), path.with_suffix(".png")]
     work.outputs += [*pairs.values(), folder / DOCUMENT]
     transaction = work.begin(source.files)
     builders, seconds = _builders(source, building, _COMPARE_PER_CELL, advance)
-    counts = next(iter(builders.values())).counts
-    hit_cells, groups = next(iter(builders.values())).hit_groups()
+    first_builder = next(iter(builders.values()))
+    counts, (hit_cells, groups) = first_builder.counts, first_builder.hit_groups()
+    del first_builder  # `_results` frees its memory
     results, bytes_per_cell = _results(builders, seconds)
     grid = next(iter(results.values())).grid
     _warn_if_unknown(grid, source.named)
@@ -697,17 +660,10 @@ def _compared(
         look = {"title": title, "image_extent": extent, "only_in": pair}
         transaction.write(path, partial(_draw_difference, first, second, grid.frame, look))
     document = {
-        "format": _FORMAT,
-        "version": __version__,
-        "inputs": [file.name for file in source.files],
-        "limits": asdict(building.limits),
-        "width": grid.shape[1],
-        "height": grid.shape[0],
-        "resolution": grid.resolution,
-        "origin": list(grid.origin),
-        **asdict(counts),
-        "cells_hit_three_times": hit_cells,
-        "groups_hit_three_times": len(groups),
+        "format": _FORMAT, "version": __version__, "inputs": [file.name for file in source.files],
+        "limits": asdict(building.limits), "width": grid.shape[1], "height": grid.shape[0],
+        "resolution": grid.resolution, "origin": list(grid.origin), **asdict(counts),
+        "cells_hit_three_times": hit_cells, "groups_hit_three_times": len(groups),
         "methods": {
             method: {
                 "parameters": mapping.all_parameters(method, building.methods[method]),
@@ -716,13 +672,13 @@ def _compared(
             for method, built in results.items()
         },
         "pairs": pair_figures,
-    }
+    }  # fmt: skip
     transaction.write_bytes(folder / DOCUMENT, json_of(document))
     return Comparison(document, seconds, folder)
 
 
 def _draw_difference(
-    first: States, second: States, frame: Frame, look: dict[str, Any], file: BinaryIO
+    first: States, second: States, frame: Frame, look: Any, file: BinaryIO
 ) -> None:
     changes = changes_of(first, second, np.ones(first.shape, dtype=np.bool_))
     image = difference_image(changes, frame, **look)
@@ -769,12 +725,6 @@ def _pair_figures(
     pair: tuple[mapping.Method, mapping.Method], first: States, second: States
 ) -> Figures:
     table = confusion_of(first, second)[:3, :3]
-    return {
-        "first": pair[0],
-        "second": pair[1],
-        "differing": int(table.sum() - table.trace()),
-        "cells": {
-            state: dict(zip(_STATES, row, strict=True))
-            for state, row in zip(_STATES, table.tolist(), strict=True)
-        },
-    }
+    differing, rows = int(table.sum() - table.trace()), zip(_STATES, table.tolist(), strict=True)
+    cells = {state: dict(zip(_STATES, row, strict=True)) for state, row in rows}
+    return {"first": pair[0], "second": pair[1], "differing": differing, "cells": cells}

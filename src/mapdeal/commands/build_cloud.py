@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,8 +26,7 @@ from mapdeal.mapping.transforms import FrameOptions
 from mapdeal.mapping.voxels import FINEST, Tilt, away_from_sensor, upright
 from mapdeal.maps.npz import check_ends_in_npz, write_npz
 from mapdeal.maps.reading import output_paths, write_grid
-from mapdeal.pipeline.folder import written_line
-from mapdeal.pipeline.inputs import Work, errors_named
+from mapdeal.pipeline.inputs import Work, errors_named, refuse
 from mapdeal.pipeline.settings import Settings
 from mapdeal.sensors.clouds import CLOUD_SUFFIXES, cloud_chunks
 from mapdeal.sensors.points import has_times, read_poses, read_trajectory
@@ -126,12 +124,12 @@ def _poses_in(path: Path) -> tuple[Points, Points]:
 
 
 def _of_bag(
-    path: Path, topics: Sequence[str], frames: FrameOptions, stack: ExitStack, advance: Advance
-) -> _Clouds:
+    path: Path, topics: Sequence[str], frames: FrameOptions, stack: ExitStack
+) -> _Clouds:  # fmt: skip
     from mapdeal.pipeline.bag_maps import clouds_of_bag  # of use to bags alone
 
     bag = stack.enter_context(clouds_of_bag(path, topics, frames, has_poses=False, is_raw=True))
-    bag.prepare(advance)
+    bag.prepare(lambda _: None)
     posed = bag.sensors()
     numbers = np.flatnonzero(posed.known)
     if not len(numbers):
@@ -190,59 +188,48 @@ def _mapped(
 
 
 def _warn(cloud_map: CloudMap, options: CloudOptions, named: Path) -> None:
+    texts = []
     if cloud_map.tilt > _TILTED and not options.level:
         tilt = f"{cloud_map.tilt:.1f} degrees"
-        text = f"{named}: the floor is tilted by {tilt}: --level turns the cloud"
-        emit_warning(text)
+        texts.append(f"the floor is tilted by {tilt}: --level turns the cloud")
     if cloud_map.overlaid_m2 > 0:
+        text = f"floors lie above each other on {decimal_text(cloud_map.overlaid_m2, 3)} m2"
         heights = ", ".join(f"{height:.2f}" for height in cloud_map.storeys)
-        text = (
-            f"{named}: floors lie above each other on {decimal_text(cloud_map.overlaid_m2, 3)} m2"
-        )
         text += f": --at X,Y,Z shows another storey, at {heights} m" if heights else ""
-        emit_warning(text)
+        texts.append(text)
     if cloud_map.may_be_upside_down:
-        text = f"{named}: much hangs from the ceiling, for what stands on the floor: is z down?"
-        emit_warning(f"{text} --up -z turns the cloud, --up z keeps it")
+        text = "much hangs from the ceiling, for what stands on the floor: is z down?"
+        texts.append(f"{text} --up -z turns the cloud, --up z keeps it")
     if not (np.asarray(cloud_map.grid.occupancy) == OCCUPIED).any():
-        text = f"{named}: nothing stands on the floor: the map has no obstacles"
-        emit_warning(f"{text}; if walls were cut off, --floor Z states the floor")
+        text = "nothing stands on the floor: the map has no obstacles"
+        texts.append(f"{text}; if walls were cut off, --floor Z states the floor")
     if cloud_map.beyond:
-        text = f"{named}: {cloud_map.beyond} points are too far from the others, and are ignored"
-        emit_warning(text)
+        texts.append(f"{cloud_map.beyond} points are too far from the others, and are ignored")
+    for text in texts:
+        emit_warning(f"{named}: {text}")
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class CloudBuild(GridResult):
-    cloud_map: CloudMap
+def _notes_on(figures: Figures) -> Iterator[str]:
+    floor, obstacle = (f"{100 * figures[name]:.1f} %" for name in ("floor_share", "obstacle_share"))
+    yield (
+        f"  {figures['points']} points: floor {figures['floor_m2']:.5g} m2 ({floor}), "
+        f"obstacles {figures['obstacle_m2']:.5g} m2 ({obstacle})"
+    )
+    low, high = figures["floor_height_min"], figures["floor_height_max"]
+    if figures["at_sensor"]:
+        yield f"  {figures['at_sensor']} points at the sensor are left out"
+    yield (
+        f"  floor at {low:.2f} to {high:.2f} m, tilted by {figures['tilt_deg']:.2f} degrees; "
+        f"noise {figures['noise']:.3f} m, obstacles from {figures['clearance']:.2f} m above it"
+    )
 
-    def document(self) -> Figures:
-        return {**super().document(), **self.cloud_map.figures()}
 
-    def summary(self, output: Path) -> Iterator[str]:
-        figures = self.document()
-        yield written_line(output, figures, with_origin=True)
-        yield from self._about(figures)
-
-    def lines(self) -> Iterator[str]:
-        yield from super().lines()
-        yield from self._about(self.document())
-
-    def _about(self, figures: Figures) -> Iterator[str]:
-        floor, obstacle = (
-            f"{100 * figures[f'{part}_share']:.1f} %" for part in ("floor", "obstacle")
-        )
-        yield (
-            f"  {figures['points']} points: floor {figures['floor_m2']:.5g} m2 ({floor}), "
-            f"obstacles {figures['obstacle_m2']:.5g} m2 ({obstacle})"
-        )
-        low, high = figures["floor_height_min"], figures["floor_height_max"]
-        if figures["at_sensor"]:
-            yield f"  {figures['at_sensor']} points at the sensor are left out"
-        yield (
-            f"  floor at {low:.2f} to {high:.2f} m, tilted by {figures['tilt_deg']:.2f} degrees; "
-            f"noise {figures['noise']:.3f} m, obstacles from {figures['clearance']:.2f} m above it"
-        )
+def _clouds_of(
+    names: Sequence[str], topics: Sequence[str], frames: FrameOptions, stack: ExitStack
+) -> _Clouds:  # fmt: skip
+    if len(names) == 1 and is_bag(Path(names[0])):
+        return _of_bag(Path(names[0]), topics, frames, stack)
+    return _of_files(names, frames.poses)
 
 
 def build_from_clouds(
@@ -250,19 +237,14 @@ def build_from_clouds(
     resolution: float | None, size: Point | None, origin: Sequence[float] | None,
     layers: Path | None, range_min: float, poses: Path | None, topics: Sequence[str],
     frames: dict[str, Any],
-) -> CloudBuild:  # fmt: skip
+) -> GridResult:  # fmt: skip
     frame_of(size, origin, resolution or FINEST)  # checks the options before anything is read
     if layers is not None:
         check_ends_in_npz(layers)
+    if not (len(names) == 1 and is_bag(Path(names[0]))):
+        refuse("needs a bag for --cloud", topics=tuple(topics), **frames)
     with ExitStack() as stack:
-        if len(names) == 1 and is_bag(Path(names[0])):
-            options_of_bag = FrameOptions(poses=poses, **frames)
-            clouds = _of_bag(Path(names[0]), topics, options_of_bag, stack, lambda _: None)
-        else:
-            if topics or frames:
-                rule = "needs a bag for --cloud"
-                raise ParameterError(rule, place="topics" if topics else next(iter(frames)))
-            clouds = _of_files(names, poses)
+        clouds = _clouds_of(names, topics, FrameOptions(poses=poses, **frames), stack)
         passes = 1 + options.level + clouds.has_places
         work.outputs += [*output_paths(output), *([layers] if layers is not None else [])]
         transaction = work.begin(clouds.files)
@@ -272,7 +254,8 @@ def build_from_clouds(
     if layers is not None:
         more = cloud_map.layers
         transaction.write(layers, lambda file: write_npz(file, cloud_map.grid, more=more))
-    return CloudBuild(cloud_map.grid, f"{output.stem}: map of a cloud", cloud_map=cloud_map)
+    title, figures = f"{output.stem}: map of a cloud", cloud_map.figures()
+    return GridResult(cloud_map.grid, title, figures=figures, notes=[*_notes_on(figures)])
 
 
 def build_map_from_clouds(
@@ -328,9 +311,5 @@ def build_map_from_clouds(
     settings = Settings(max_memory=max_memory, threads=threads)
     pose_file = None if poses is None else Path(poses)
     with settings.reading(), use_threads(settings.threads), ExitStack() as stack:
-        if len(names) == 1 and is_bag(Path(names[0])):
-            frames = FrameOptions(poses=pose_file)
-            clouds = _of_bag(Path(names[0]), topics, frames, stack, lambda _: None)
-        else:
-            clouds = _of_files(names, pose_file)
+        clouds = _clouds_of(names, topics, FrameOptions(poses=pose_file), stack)
         return _mapped(clouds, cloud_options, resolution, size, origin, range_min, lambda _: None)

@@ -36,15 +36,18 @@ class GridResult(Result):
     extra: Mapping[str, Any] = field(default_factory=dict)
     encoding: Encoding = "occupancy"
     overlay: Overlay | None = None
+    figures: Mapping[str, Any] = field(default_factory=dict)  # besides those of the grid
+    notes: Sequence[str] = ()  # lines on what the grid was made of
 
     def document(self) -> Figures:
-        return self.grid.figures()
+        return {**self.grid.figures(), **self.figures}
 
     def lines(self) -> Iterator[str]:
-        yield summary_of(self.document())
+        yield from (summary_of(self.document()), *self.notes)
 
     def summary(self, output: Path) -> Iterator[str]:
-        yield written_line(output, self.document())
+        yield written_line(output, self.document(), with_origin=bool(self.notes))
+        yield from self.notes
 
     def drawn(self, **look: Any) -> Image:
         grid = self.grid.to_occupancy() if isinstance(self.grid, BitMap) else self.grid
