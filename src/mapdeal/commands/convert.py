@@ -64,31 +64,15 @@ _CELLS = {"free": "free", "obstacles": "occupied", "known": "known", "reachable"
 
 
 @dataclass(frozen=True, repr=False)
-class Conversions(Result):
-    """How many grids of a bag, or poses of a state, were written."""
-
-    count: int
-    source: Path
-    output: Path
-    noun: str = ""
-
-    def document(self) -> dict[str, Any]:
-        return {"count": self.count}
-
-    def lines(self) -> Iterator[str]:
-        yield f"{self.output}: {f'{self.count} {self.noun}'.strip()} of {self.source}"
-
-
-@dataclass(frozen=True, repr=False)
-class Shapes(Result):
-    """The file written for another program, in words and in numbers."""
+class Written(Result):
+    """What was written for another program, in words and in numbers."""
 
     output: Path
     figures: dict[str, Any]
     text: str
 
     def document(self) -> dict[str, Any]:
-        return {"file": str(self.output), **self.figures}
+        return self.figures
 
     def lines(self) -> Iterator[str]:
         yield f"{self.output}: {self.text}"
@@ -101,7 +85,7 @@ def convert_area(
     unit: outlines.DrawingUnit = "mm",
     start: Annotated[tuple[float, ...] | None, Words("X,Y[,YAW]", start_of, "from")] = None,
     footprint: Footprint | None = None,
-) -> Shapes:  # fmt: skip
+) -> Written:  # fmt: skip
     """Write the outlines of areas of a map.
 
     Parameters
@@ -126,10 +110,8 @@ def convert_area(
         The robot's shape.
     """
     grid = as_occupancy(read.grid, source)
-    cell = grid.resolution
-    most = MOST_TOLERANCE * cell
-    if tolerance is None:
-        tolerance = most
+    most = MOST_TOLERANCE * grid.resolution
+    tolerance = most if tolerance is None else tolerance
     if tolerance > most * (1 + 1e-9):
         rule = f"must be at most half a cell, {most:g} m, beyond which outlines might cross"
         hint = "mapdeal rescale makes a coarser map"
@@ -138,37 +120,33 @@ def convert_area(
     if not is_drawing and unit != "mm":
         raise ParameterError("applies to .svg; GeoJSON is in metres", place="unit")
     of_robot = start is not None or footprint is not None
-    if of == "obstacles" and of_robot:
-        place = "footprint" if footprint is not None else "start"
-        raise ParameterError("applies to free space", place=place)
+    if of == "obstacles":
+        refuse("applies to free space", footprint=footprint, start=start)
     values = np.asarray(grid.occupancy)
     areas: list[tuple[str, Mask, str]] = []
     has_all = is_drawing and of is None
     if has_all:  # known cells in the colour of free ones; walls are drawn over them
         areas.append(("known", values != UNKNOWN, outlines.FREE_FILL))
     if of_robot:
-        cells = _reached(source, grid, start, footprint)
-        areas.append(("reachable", cells, outlines.REACHABLE_FILL))
+        claim_work(source, grid, _REACH_PER_CELL)
+        reached = reach(grid, start=start, footprint=footprint).reachable
+        areas.append(("reachable", reached.view(np.bool_), outlines.REACHABLE_FILL))
     elif of != "obstacles" and not has_all:
         areas.append(("free", values == FREE, outlines.FREE_FILL))
     if has_all or of == "obstacles":
         areas.append(("obstacles", values == OCCUPIED, outlines.WALL_FILL))
-    corners = sum(corner_count(cells) for _, cells, _ in areas)
-    claim_work(source, grid, _PER_CELL, besides=_PER_CORNER * corners)
-    layers = [
-        (outlines.outlines_of(cells, grid.frame, tolerance, name), fill)
-        for name, cells, fill in areas
-    ]
+    claimed = _PER_CORNER * sum(corner_count(cells) for _, cells, _ in areas)
+    claim_work(source, grid, _PER_CELL, besides=claimed)
+    layers = [(outlines.outlines_of(cells, grid.frame, tolerance, name), fill)
+              for name, cells, fill in areas]  # fmt: skip
     shown = layers[0][0]
     if not len(shown.polygons):
         raise MalformedInputError(f"has no {_CELLS[shown.name]} cell", source=source)
+    parts = outlines.geojson_parts(shown)
     if is_drawing:
         background = outlines.UNKNOWN_FILL if of is None else None
-        parts = outlines.svg_parts(
-            layers, grid.frame, title=source.stem, unit=unit, background=background
-        )
-    else:
-        parts = outlines.geojson_parts(shown)
+        look: Any = {"title": source.stem, "unit": unit, "background": background}
+        parts = outlines.svg_parts(layers, grid.frame, **look)
     transaction.write_parts(output, parts)
     texts, figures = [], {}
     for layer, _ in layers:
@@ -176,23 +154,14 @@ def convert_area(
         figures[layer.name] = {"area_m2": area, "polygons": count, "corners": corners}
         text = f"{layer.name} {decimal_text(area)} m2 in {count_text(count, 'polygon')}"
         texts.append(f"{text}, {count_text(corners, 'corner')}")
-    return Shapes(output, figures, "; ".join(texts))
-
-
-def _reached(
-    source: Path, grid: OccupancyGrid, start: tuple[float, ...] | None, robot: Footprint | None
-) -> Mask:
-    claim_work(source, grid, _REACH_PER_CELL)
-    found = reach(grid, start=start, footprint=robot)
-    cells: Mask = found.reachable.view(np.bool_)
-    return cells
+    return Written(output, {"file": str(output), **figures}, "; ".join(texts))
 
 
 def convert_world(
     source: Path, read: Source, output: Path, transaction: Transaction, *,
     wall_height: Annotated[float, _HEIGHT, METRES] = 2.0,
     unknown: Literal["free", "occupied"] = "free",
-) -> Shapes:  # fmt: skip
+) -> Written:  # fmt: skip
     """Write the walls of a map as solids.
 
     Parameters
@@ -218,7 +187,8 @@ def convert_world(
         raise MalformedInputError("has no occupied cell: there are no walls", source=source)
     claim_work(source, grid, _PER_CELL, besides=_PER_RUN * run_count(walls))
     volume = count * grid.resolution**2 * wall_height
-    figures: dict[str, Any] = {"cells": count, "volume_m3": volume, "wall_height": wall_height}
+    figures: dict[str, Any] = {"file": str(output), "cells": count}
+    figures |= {"volume_m3": volume, "wall_height": wall_height}
     if output.suffix.lower() == ".sdf":
         boxes = rectangles(walls)
         figures["boxes"] = len(boxes.first_row)
@@ -229,13 +199,11 @@ def convert_world(
     else:
         mesh = mesh_of(surface(walls), grid.frame, wall_height)
         figures["triangles"] = len(mesh.triangles)
-        if output.suffix.lower() == ".stl":
-            parts = stl_parts(mesh, source, grid.resolution)
-        else:
-            parts = obj_parts(mesh, source.stem)
+        is_stl = output.suffix.lower() == ".stl"
+        parts = stl_parts(mesh, source, grid.resolution) if is_stl else obj_parts(mesh, source.stem)
         text = count_text(figures["triangles"], "triangle")
     transaction.write_parts(output, parts)
-    return Shapes(output, figures, f"walls of {volume:.6g} m3, {wall_height:g} m high, {text}")
+    return Written(output, figures, f"walls of {volume:.6g} m3, {wall_height:g} m high, {text}")
 
 
 @command(
@@ -273,7 +241,7 @@ def convert(
     frame_id: Annotated[str | None, Words("FRAME")] = None, encoding: Scale | None = None,
     mode: Mode | None = None, static_layer: bool = False, footprint: Footprint | None = None,
     robot: Annotated[RobotParameters | None, Words()] = None, **more: Any,
-) -> GridResult | Conversions | Shapes:  # fmt: skip
+) -> GridResult | Written:  # fmt: skip
     """Convert a map to another format or scale, from or to a bag, to polygons or to a world.
 
     Parameters
@@ -393,7 +361,7 @@ def convert(
     return GridResult(grid, source.stem, overlay=overlay)
 
 
-def _convert_poses(source: Path, output: Path, work: Work) -> Conversions:
+def _convert_poses(source: Path, output: Path, work: Work) -> Written:
     """Write each trajectory of a state to a file in TUM's format."""
     with opened_input(source, work.settings) as file:
         trajectories = file.trajectories()
@@ -408,13 +376,13 @@ def _convert_poses(source: Path, output: Path, work: Work) -> Conversions:
             transaction.write_bytes(paths[key], "".join(trajectory.tum_lines()).encode())
     count = sum(len(trajectory.ticks) for trajectory in trajectories.values())
     names = ", ".join(path.name for path in paths.values())
-    return Conversions(count, source, output.with_name(names), "poses")
+    return Written(output.with_name(names), {"count": count}, f"{count} poses of {source}")
 
 
 def _convert_all(
     path: Path, folder: Path, topic: str | None, read_as: ReadAs | None,
     encoding: Encoding | None, work: Work,
-) -> Conversions:  # fmt: skip
+) -> Written:  # fmt: skip
     """Write all maps or costmaps of a topic into a folder: 0000.yaml, 0001.yaml and so on."""
     from mapdeal.pipeline.bag_maps import grid_topic  # not loaded for maps
 
@@ -429,7 +397,7 @@ def _convert_all(
                 write_grid(transaction, name, grid, encoding=encoding or "occupancy")
                 transaction.wait()
                 advance(1)
-        return Conversions(len(found), path, folder)
+        return Written(folder, {"count": len(found)}, f"{len(found)} of {path}")
 
 
 def _read_bag(path: Path, topic: str | None, index: int, read_as: ReadAs | None) -> Source:
@@ -455,8 +423,7 @@ def _write_bag(
         rule = f"ROS has no message for a {grid.kind}"
         hint = "mapdeal cost makes costs of it, which ROS has"
         raise ParameterError(rule, source=output, hint=hint)
-    frame = FRAME if frame is None else frame
-    write_bag(transaction, output, grid, topic=topic, frame=frame)
+    write_bag(transaction, output, grid, topic=topic, frame=FRAME if frame is None else frame)
 
 
 def _converted(

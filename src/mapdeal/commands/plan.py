@@ -197,9 +197,10 @@ def change_text(change: Change) -> str:
     return text + ("" if change.get("monotonic", True) else "; some values beyond fail again")
 
 
-def _difference_error(differences: Sequence[str], source: str | None = None) -> FindingError:
-    rule = f"the plans differ from those expected: {differences[0]}"
-    return FindingError(rule, source=source)
+def _refuse_differences(differences: Sequence[str] | None, source: str | None = None) -> None:
+    if differences:
+        rule = f"the plans differ from those expected: {differences[0]}"
+        raise FindingError(rule, source=source)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -230,9 +231,7 @@ class PlanReport(Spread):
     @property
     def passes(self) -> bool:  # type: ignore[override]
         """Whether all goals have plans; with an expected result, whether it is met."""
-        if self.differences is not None:
-            return not self.differences
-        return not self.missed
+        return not (self.missed if self.differences is None else self.differences)
 
     def document(self) -> dict[str, Any]:
         listed, robot = self.work.listed, self.work.robot
@@ -257,16 +256,13 @@ class PlanReport(Spread):
     def rows(self) -> list[tuple[str, ...]]:
         """Rows of a table, one for each goal."""
         head = self.work.source.name, str(self.work.robot.paths[-1])
-        return [
-            (*head, goal.goal.label, goal.verdict, goal.best_change or "-") for goal in self.goals
-        ]
+        plans = ((plan.goal.label, plan.verdict, plan.best_change or "-") for plan in self.goals)
+        return [(*head, *row) for row in plans]
 
     def lines(self) -> Iterator[str]:
-        listed, robot = self.work.listed, self.work.robot
-        yield (
-            f"{self.work.source.name}, {robot.paths[-1]}: {listed.name}, {listed.plugin}, "
-            f"from {_at(self.start[:2])}"
-        )
+        listed, parameters = self.work.listed, self.work.robot.paths[-1]
+        head = f"{self.work.source.name}, {parameters}: {listed.name}, {listed.plugin}"
+        yield f"{head}, from {_at(self.start[:2])}"
         for goal in self.goals:
             yield from goal.lines()
         for text in self.differences or ():
@@ -282,22 +278,18 @@ class PlanReport(Spread):
         found = [goal for goal in self.goals if goal.plan.found]
         changes = [change for goal in self.missed for change in goal.changes or ()]
         overlay = PlanOverlay(
-            [goal.plan.poses[:, :2] for goal in found],
-            self.start[:2],
+            [goal.plan.poses[:, :2] for goal in found], self.start[:2],
             [(goal.goal.x, goal.goal.y) for goal in found],
             [(goal.goal.x, goal.goal.y) for goal in self.missed],
             [goal.stopped_at for goal in self.missed if goal.stopped_at is not None],
-            [
-                (change["x"], change["y"], change.get("width", 0.0) / 2)
-                for change in changes if "map" in change
-            ],
+            [(change["x"], change["y"], change.get("width", 0.0) / 2)
+             for change in changes if "map" in change],
         )  # fmt: skip
         title = title or f"{self.work.source.title}: {self.work.listed.name}"
         return cost_image(self.work.costmap, title=title, overlay=overlay, **look)
 
     def check(self) -> None:
-        if self.differences:
-            raise _difference_error(self.differences, self.work.source.name)
+        _refuse_differences(self.differences, self.work.source.name)
         if self.passes:
             return
         first, *more = self.missed
@@ -356,11 +348,9 @@ class PlanTable(Spread):
     def check(self) -> None:
         if self.failed:
             raise BatchError(f"{len(self.failed)} of {len(self.reports)} plans failed")
-        if self.differences:
-            raise _difference_error(self.differences)
-        missed = sum(
-            len(report.missed) for report in self.reports if isinstance(report, PlanReport)
-        )
+        _refuse_differences(self.differences)
+        reports = [report for report in self.reports if isinstance(report, PlanReport)]
+        missed = sum(len(report.missed) for report in reports)
         if missed and self.differences is None:
             raise FindingError(f"no path to {count_text(missed, 'goal')}")
 
@@ -377,9 +367,8 @@ class PairedPlans(Spread):
 
     def entries(self) -> Iterator[dict[str, Any]]:
         for block in self.pairs:
-            for row, (numbers, line) in enumerate(
-                zip(block.numbers.tolist(), block.lines, strict=True)
-            ):
+            rows = zip(block.numbers.tolist(), block.lines, strict=True)
+            for row, (numbers, line) in enumerate(rows):
                 self.counts["pairs"] += 1
                 number = {"pair": self.counts["pairs"]}
                 try:
@@ -416,8 +405,7 @@ class PairedPlans(Spread):
             yield f"pair {entry['pair']}: {text}"
 
     def check(self) -> None:
-        failed = self.counts["failed"]
-        if failed:
+        if failed := self.counts["failed"]:
             rule = f"{failed} of {self.counts['pairs']} lines are no pairs of poses"
             raise BatchError(rule, source=self.pairs_in)
 
@@ -490,8 +478,7 @@ def check_map(source: inputs.MapInput, **reading: Unpack[inputs.Reading]) -> Non
     inputs.warn_of_values(source)
     inputs.claim_cells(source, _PER_CELL, measures=True, **reading)
     if source.occupancy.origin[2]:
-        text = f"{source.name}: Nav2's planners ignore the yaw of the map, as plan does"
-        emit_warning(text)
+        emit_warning(f"{source.name}: Nav2's planners ignore the yaw of the map, as plan does")
 
 
 @command(
@@ -600,10 +587,8 @@ def plan(
     elif start is None or not goals:
         raise ParameterError("both are required, unless pairs are given", place="start, goals")
     first = pose_of((0.0, 0.0) if start is None else start, "start")
-    places = [
-        goal if isinstance(goal, PlanGoal) else PlanGoal(*pose_of(goal, "goals"))
-        for goal in goals
-    ]  # fmt: skip
+    places = [goal if isinstance(goal, PlanGoal) else PlanGoal(*pose_of(goal, "goals"))
+              for goal in goals]  # fmt: skip
     work = inputs.Work.current.get()
     maps: Sequence[Any] = [map] if isinstance(map, str | PathLike | Grid) else map
     if work is not None:
@@ -641,9 +626,7 @@ def plan(
         reports: list[PlanReport | MapdealError] = []
         for source in maps:
             try:
-                found = [
-                    report_on(work, first, places, not no_changes) for work in works_on(source)
-                ]
+                found = [report_on(own, first, places, not no_changes) for own in works_on(source)]
             except MapdealError as error:
                 reports.append(error)
             else:  # without their costmaps
@@ -671,14 +654,14 @@ def report_on(
             answer = plan_on(work, start, goal.pose)
             if answer.found:
                 margins = margins_of(work, start, goal.pose) if has_changes else []
-                clearance = work.least_clearance(answer)
-                plans.append(GoalPlan(goal, answer, None, margins, *clearance))
-            else:
-                changes = changes_for(work, start, goal.pose, answer) if has_changes else None
-                stop = None, answer.detail
-                stopped_at, detail = stop if answer.detail else work.stop_of(start, goal.pose)
+                plans.append(GoalPlan(goal, answer, None, margins, *work.least_clearance(answer)))
+                continue
+            changes = changes_for(work, start, goal.pose, answer) if has_changes else None
+            stopped_at = None
+            if not answer.detail:
+                stopped_at, detail = work.stop_of(start, goal.pose)
                 answer = replace(answer, detail=detail)
-                plans.append(GoalPlan(goal, answer, changes, stopped_at=stopped_at))
+            plans.append(GoalPlan(goal, answer, changes, stopped_at=stopped_at))
     return PlanReport(work, start, tuple(plans))
 
 
