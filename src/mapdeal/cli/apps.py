@@ -171,14 +171,11 @@ class _StageCommand(Command):
     def _owners(self) -> dict[str, dict[str | None, Stage]]:
         """Models by parameter; parameters that every one of several models has come last."""
         names = dict.fromkeys(name for stage in self.models.values() for name in stage.parameters)
-        owners = {
-            name: {model: stage for model, stage in self.models.items() if name in stage.parameters}
-            for name in names
-        }
+        owners = {name: {model: own for model, own in self.models.items() if name in own.parameters}
+                  for name in names}  # fmt: skip
         several = len(self.models) > 1
-        return dict(
-            sorted(owners.items(), key=lambda item: several and len(item[1]) == len(self.models))
-        )
+        last = [name for name, own in owners.items() if several and len(own) == len(self.models)]
+        return {name: owners[name] for name in sorted(owners, key=last.__contains__)}
 
 
 def _command_of_stage(name: str) -> Command:
@@ -240,9 +237,9 @@ _OF_ROBOT = {
 }  # fmt: skip
 """Parameters that options in common stand for, and which these are."""
 
-_OF_SETTINGS = opt.SHARED_OPTIONS.keys() & {setting.name for setting in fields(Settings)} - {
-    *opt.OF_IMAGES
-}
+_OF_SETTINGS = {setting.name for setting in fields(Settings)} & (
+    opt.SHARED_OPTIONS.keys() - {*opt.OF_IMAGES}
+)
 
 _TYPES = {Map: Path, Map | None: Path | None, Sequence[Map]: list[Path]}  # what typer reads maps as
 
@@ -297,9 +294,7 @@ def _shell_function(definition: Command) -> Any:
     )  # fmt: skip
 
 
-def _accept_values(
-    definition: Command, values: dict[str, Any], work: Work
-) -> dict[str, Any]:  # fmt: skip
+def _accept_values(definition: Command, values: dict[str, Any], work: Work) -> dict[str, Any]:
     parameters, inputs = definition.parameters, definition.inputs
     accepted = {name: getattr(work.settings, name) for name in parameters if name in _OF_SETTINGS}
     accepted |= {"work": work} if definition.takes_work else {}

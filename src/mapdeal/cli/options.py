@@ -116,22 +116,15 @@ def robot_parameters(
         return robot
     remarks = []
     if not has_pose and any(listed.name == INJECTED for listed in robot.layers):
-        remarks.append(
-            "the local costmap has no static layer; the map is put in front of its layers"
-        )
+        text = "the local costmap has no static layer; the map is put in front of its layers"
+        remarks.append(text)
     ignored = [listed for listed in robot.ignored if not (has_pose and listed.layer is not None)]
-    reasons = [
-        f"{listed.name} ({listed.why_ignored or f'no {listed.needs}'})"
-        for listed in ignored
-        if not (has_mask and listed.needs == "mask")
-    ]
+    reasons = [f"{listed.name} ({listed.why_ignored or f'no {listed.needs}'})"
+               for listed in ignored if not (has_mask and listed.needs == "mask")]  # fmt: skip
     if reasons:
         remarks.append(f"ignored: {', '.join(reasons)}")
-    remarks += [
-        f"{layer.name}: {layer.effect()}"
-        for layer in robot.costmap_layers.effective
-        if layer.needs == "observations"
-    ]
+    remarks += [f"{layer.name}: {layer.effect()}" for layer in robot.costmap_layers.effective
+                if layer.needs == "observations"]  # fmt: skip
     terminal.remark(f"{params_file[-1]}: {text}" for text in remarks)
     return robot
 
@@ -298,11 +291,12 @@ def with_shared_options(
                 values |= {"footprint": robot_shape(**shape)} if shape else {}
             if "params_file" in shared:
                 files: dict[str, Any] = {name: shared_values.get(name) for name in _OF_FILES}
+                is_given = {
+                    f"has_{name}": values.get(name) is not None for name in ("mask", "pose")
+                }
                 read_parameters = partial(
                     robot_parameters, dialect=settings.dialect, is_shape=not makes_costs(values),
-                    has_mask=values.get("mask") is not None,
-                    has_pose=values.get("pose") is not None,
-                    is_replay=values.get("bag") is not None,
+                    is_replay=values.get("bag") is not None, **is_given,
                 )  # fmt: skip
                 values["robot"] = read_parameters(**files)
                 if shared_values.get("against"):
@@ -343,9 +337,8 @@ def _names_image(values: Mapping[str, Any]) -> bool:
     named = [value for name, value in values.items() if name != "output"]
     texts = [item for value in named for item in (value if isinstance(value, list) else [value])]
     paths = [Path(item) for item in texts if isinstance(item, str | Path)]
-    return any(
-        path.suffix.lower() in IMAGE_SUFFIXES or format_of(path).takes_resolution for path in paths
-    )
+    has_image_suffix = any(path.suffix.lower() in IMAGE_SUFFIXES for path in paths)
+    return has_image_suffix or any(format_of(path).takes_resolution for path in paths)
 
 
 def _spliced(
@@ -362,9 +355,8 @@ def _spliced(
     texts = dict(help_texts or {})
     parameters = {name: argument for name, argument in own.items() if name not in ordered}
     for name in ordered:
-        parameters[name] = own.get(name) or SHARED_OPTIONS[name].parameter(
-            name, texts.pop(name, None)
-        )
+        text = None if name in own else texts.pop(name, None)
+        parameters[name] = own.get(name) or SHARED_OPTIONS[name].parameter(name, text)
     if texts:
         raise ValueError(f"{command}: no shared option {next(iter(texts))!r}")
     return [argument.replace(kind=Argument.KEYWORD_ONLY) for argument in parameters.values()]

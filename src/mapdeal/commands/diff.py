@@ -114,19 +114,15 @@ class DiffReport(Difference, Result):
         """Return what ``--json`` prints; ``first`` and ``second`` are None for grids."""
         shifts = {"first_to_second": self.first_to_second, "second_to_first": self.second_to_first}
         return {
-            "first": self.maps[0].document(),
-            "second": self.maps[1].document(),
+            "first": self.maps[0].document(), "second": self.maps[1].document(),
             "equal": self.is_equal,
             "geometry": {name: list(pair) for name, pair in self.geometry.items()},
             "metadata": {name: list(pair) for name, pair in self.metadata.items()},
-            "common_cells": self.common_cells,
-            "differing": self.differing,
-            "beyond_tolerance": self.beyond_tolerance,
-            "tolerance": self.tolerance,
+            "common_cells": self.common_cells, "differing": self.differing,
+            "beyond_tolerance": self.beyond_tolerance, "tolerance": self.tolerance,
             "known_only_in_first": self.not_compared,
             "confusion": {state: dict(row) for state, row in self.confusion.items()},
-            "symmetry": self.symmetry,
-            "faults": finding.document_of(self.faults),
+            "symmetry": self.symmetry, "faults": finding.document_of(self.faults),
             "transform": self.transform and transform_document(self.transform),
             "changes": [
                 {"kind": record.kind, "area_m2": record.area, "x": record.x, "y": record.y}
@@ -135,13 +131,13 @@ class DiffReport(Difference, Result):
             "walls": {name: shift and asdict(shift) for name, shift in shifts.items()},
             "bounds": {bound.name.replace("-", "_"): bound.document() for bound in self.bounds},
             "passes": self.passes,
-        }
+        }  # fmt: skip
 
     def lines(self) -> Iterator[str]:
         yield f"{self.maps[0].name}, {self.maps[1].name}: {', '.join(self._verdict())}"
-        for heading, pairs in (("geometry", self.geometry), ("metadata", self.metadata)):
-            for name, (a, b) in pairs.items():
-                yield f"  {heading:<9} {name} {a} -> {b}"
+        pairs = [("geometry", *item) for item in self.geometry.items()]
+        pairs += [("metadata", *item) for item in self.metadata.items()]
+        yield from (f"  {heading:<9} {name} {a} -> {b}" for heading, name, (a, b) in pairs)
         cells = f"  cells     {self.common_cells} in both, {self.differing} differ"
         if self.tolerance:
             cells += f", {self.beyond_tolerance} beyond a tolerance of {self.tolerance:g} cells"
@@ -223,14 +219,12 @@ def diff(
     ----------
     first : path, str or grid
         A map: .yaml, .pbm or .npz, or a grid. Fields are compared as their maps, and costs with a
-        map as the map that ROS would publish; `compare_costmaps` compares costs with
-        costs.
+        map as the map that ROS would publish; `compare_costmaps` compares costs with costs.
     second : path, str or grid
         Another map.
     tolerance : float
-        Ignore differences with a matching cell in the other map within this distance, cells of A.
-        A cell whose states differ is ignored if each map has a cell with the other map's state
-        there.
+        Ignore differences with a matching cell in the other map within this distance, cells of A:
+        cells whose states differ, if each map has a cell with the other map's state there.
     max_shift : float, optional
         Pass if the directed Hausdorff distances between the obstacles, both ways, are at most
         this, metres. They are the largest distances from an obstacle of either map in the common
@@ -255,8 +249,7 @@ def diff(
     FileAccessError, MalformedInputError
         If a file cannot be read.
     ParameterError
-        If the tolerance is not in 0..1000, a bound is invalid, the maps are too far apart, or both
-        are costs.
+        If a number is out of bounds, the maps are too far apart, or both are costs.
 
     Warns
     -----

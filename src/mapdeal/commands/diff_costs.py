@@ -43,21 +43,18 @@ _WORDS = {
 
 
 def change_text(change: difference.CostChange) -> str:
-    text = (
-        f"{count_text(change.cells, 'cell')} ({decimal_text(change.area)} m2) {_WORDS[change.kind]}"
-    )
+    text = f"{count_text(change.cells, 'cell')} ({decimal_text(change.area)} m2) "
+    text += _WORDS[change.kind]
     if change.by_size:
         sizes = (f"{count} by {size}" for size, count in change.by_size.items() if count)
         text += f": {', '.join(sizes)}"
-    text += f"; {count_text(change.regions, 'region')}, the largest "
-    return text + change.largest[0].place
+    return f"{text}; {count_text(change.regions, 'region')}, the largest {change.largest[0].place}"
 
 
 def costs_document(found: difference.CostDifference) -> dict[str, Any]:
     """Return the document of two costmaps' differences, without their names."""
     return {
-        "cost_scale": found.scale,
-        "common_cells": found.common_cells,
+        "cost_scale": found.scale, "common_cells": found.common_cells,
         "differing": found.differing,
         "differing_m2": rounded(found.differing * found.frame.resolution**2),
         "known_only_in_first": found.not_compared,
@@ -87,9 +84,8 @@ def costs_lines(found: difference.CostDifference) -> Iterator[str]:
 
 
 def costs_image(found: difference.CostDifference, *, title: str, **look: Any) -> Image:
-    return difference_image(
-        change_codes(found), found.frame, title=title, style=cost_change_style(), **look
-    )
+    style = cost_change_style()
+    return difference_image(change_codes(found), found.frame, title=title, style=style, **look)
 
 
 def change_codes(found: difference.CostDifference) -> Any:
@@ -233,26 +229,19 @@ class RobotDiff(Result):
             (self.lost, "goal", "is lost", "are lost"),
             (self.gained, "goal", "is gained", "are gained"),
         )  # fmt: skip
-        texts = [
-            f"{count_text(len(places), noun)} {singular if len(places) == 1 else plural}"
-            for places, noun, singular, plural in counts
-            if places
-        ]
+        texts = [f"{count_text(len(places), noun)} {singular if len(places) == 1 else plural}"
+                 for places, noun, singular, plural in counts if places]  # fmt: skip
         return ", ".join(texts) or "no passage closes or opens"
 
     def document(self) -> dict[str, Any]:
         """Return what ``--json`` prints."""
         first, second = self.reaches
         return {
-            "format": ROBOT_DIFF_FORMAT,
-            "map": self.map.document(),
+            "format": ROBOT_DIFF_FORMAT, "map": self.map.document(),
             "mask": self.mask and self.mask.document(),
             "robots": [
-                {
-                    "files": [{"file": str(file.path), "sha256": file.sha256}
-                              for file in robot.files],
-                    "costmap": robot.costmap, "namespace": robot.namespace,
-                }
+                {"files": [{"file": str(file.path), "sha256": file.sha256} for file in robot.files],
+                 "costmap": robot.costmap, "namespace": robot.namespace}
                 for robot in self.robots
             ],
             "parameters": {name: list(pair) for name, pair in self.parameters.items()},
@@ -260,8 +249,8 @@ class RobotDiff(Result):
             "start": list(first.start),
             "reachable_m2": [rounded(first.reachable_area), rounded(second.reachable_area)],
             "passages": {
-                "closed": [passage_document(passage) for passage in self.closed],
-                "opened": [passage_document(passage) for passage in self.opened],
+                "closed": [*map(passage_document, self.closed)],
+                "opened": [*map(passage_document, self.opened)],
             },
             "goals": {
                 "lost": [result.goal.label for result in self.lost],

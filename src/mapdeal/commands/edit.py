@@ -51,8 +51,7 @@ class _OccupancyBits(BitMap):
 
 
 _edits = partial(
-    command,
-    group="Changing a map",
+    command, group="Changing a map",
     output=Output(
         "OUT",
         "The result: .yaml or .pgm (a pgm pair), .png (a pair), .npz, or of a .pbm also .pbm.",
@@ -60,7 +59,7 @@ _edits = partial(
             bit_map_paths(path) if path.suffix == BIT_MAP else output_paths(path, (BIT_MAP,))
         ),
     ),
-)
+)  # fmt: skip
 
 
 def _edited(
@@ -108,16 +107,14 @@ def _drawn(
     file : path, optional
         Draw all shapes of a YAML or GeoJSON file, whatever their kind, in order.
     value : int, optional
-        Value to draw, on the map's own scale: -1..100, or 0..255 for costmap_2d's costs, or 0 or
-        100 for a .pbm.
+        Value to draw, on the map's own scale: -1..100, 0..255 for costs, or 0 or 100 for a .pbm.
     overlay : {'seq', 'max', 'min'}
         Which value wins in a cell: the later (seq), the larger (max) or the smaller one (min); any
         value replaces unknown.
     blank : bool
         Start from 0 everywhere, to draw a mask.
     background : int, optional
-        With --blank: start from V instead, such as -1 (unknown) for a mask without effect outside
-        its shapes.
+        With --blank: start from V instead; -1 (unknown) has no effect outside the shapes of a mask.
     """
     if not shapes and file is None:
         raise ParameterError("one of the two is required", place="point, file")

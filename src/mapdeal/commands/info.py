@@ -143,11 +143,9 @@ def describe(
         As for `read_map`.
     """
     settings = Settings(dialect=dialect, max_cells=max_cells)
-    groups: list[tuple[bool, list[Path]]] = []
-    if any(option is not None for option in (costmap, namespace, of_map)):
-        groups.append((True, list(sources)))
-    else:
-        named = [path for source in sources for path in maps_in(source, work)]
+    groups = [(True, list(sources))]
+    if costmap is None and namespace is None and of_map is None:
+        named, groups = [path for source in sources for path in maps_in(source, work)], []
         for flavour, files in groupby(named, flavour_of_file):
             group = list(files)
             groups += [(False, [path]) for path in group] if flavour is None else [(True, group)]
@@ -388,26 +386,23 @@ def _rows_of_bag(report: Report) -> Iterator[Row]:
         messages = f"{report['messages']} in {report['duration_s']:.6g} s"
         seconds = report["start_ns"] / 1e9
         if 0 < seconds <= _LATEST:
-            messages += (
-                f", from {datetime.fromtimestamp(seconds, timezone.utc):%Y-%m-%d %H:%M:%S} UTC"
-            )
+            start = datetime.fromtimestamp(seconds, timezone.utc)
+            messages += f", from {start:%Y-%m-%d %H:%M:%S} UTC"
     yield "messages", messages
     topics, edges = report["topics"], report["transforms"]
     digits = max((len(str(topic["count"])) for topic in topics), default=0)
     rows: list[tuple[str, ...]] = [
-        (
-            topic["topic"], topic["type"], str(topic["count"]).rjust(digits),
-            "" if topic["frame"] is None else f"in {topic['frame']}",
-            f"for {', '.join(topic['commands'])}" if topic["commands"] else "",
-        )
+        (topic["topic"], topic["type"], str(topic["count"]).rjust(digits),
+         "" if topic["frame"] is None else f"in {topic['frame']}",
+         f"for {', '.join(topic['commands'])}" if topic["commands"] else "")
         for topic in topics
     ]  # fmt: skip
     yield from _under("topics", aligned(rows))
     digits = max((len(str(edge["count"])) for edge in edges), default=0)
-    rows = [
-        (f"{edge['parent']} -> {edge['child']}", f"{edge['count']:>{digits}} on {edge['topic']}")
-        for edge in edges
-    ]
+    rows = []
+    for edge in edges:
+        name = f"{edge['parent']} -> {edge['child']}"
+        rows.append((name, f"{edge['count']:>{digits}} on {edge['topic']}"))
     yield from _under("transforms", aligned(rows))
     yield from _under("use", report["use"])
 
@@ -434,11 +429,9 @@ def _rows_of_robot(report: Report) -> Iterator[Row]:
         values = (f"{name} {format_value(value)}" for name, value in planner["parameters"].items())
         yield "planner", ", ".join([planner["name"], planner["plugin"], *values])
     for item in report.get("on_map", ()):
-        reach = (
-            f"{item['layer']} reaches {item['cell_inflation_radius']} cells, {item['reach']:.4g} m"
-        )
-        cost = f"cost at the circumscribed radius {item['circumscribed_cost']}"
-        yield "on the map", f"{Path(report['map']).name}: {reach}; {cost}"
+        reach = f"{item['cell_inflation_radius']} cells, {item['reach']:.4g} m"
+        text = f"{Path(report['map']).name}: {item['layer']} reaches {reach}; cost at the"
+        yield "on the map", f"{text} circumscribed radius {item['circumscribed_cost']}"
     for text in report["warnings"]:
         yield "warning", text
     for file in report["files"]:

@@ -9,25 +9,13 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from mapdeal import errors
 from mapdeal.checks.facts import MaskFacts, PairFacts, gather
 from mapdeal.checks.lint import lint_mask
 from mapdeal.command import Condition, Output, Result, Words, command
 from mapdeal.commands.reach import goals_of, start_of
-from mapdeal.errors import (
-    FileAccessError,
-    FindingError,
-    MalformedInputError,
-    capture_warnings,
-    emit_warning,
-)
-from mapdeal.grid.filters import (
-    KINDS,
-    FilterInfo,
-    FilterKind,
-    SpeedUnit,
-    info_for,
-    mask_description,
-)
+from mapdeal.grid import filters
+from mapdeal.grid.filters import FilterInfo, FilterKind, SpeedUnit
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
@@ -38,17 +26,8 @@ from mapdeal.maps.map_server import pair_paths
 from mapdeal.maps.reading import write_grid
 from mapdeal.maps.zones import Zone, filter_mask, name_at, read_zones
 from mapdeal.pictures.canvas import Image
-from mapdeal.pipeline.inputs import (
-    InShell,
-    KeepoutMask,
-    MapInput,
-    claim_cells,
-    claim_work,
-    errors_named,
-    mask_of,
-    opened,
-    refuse,
-)
+from mapdeal.pipeline import inputs
+from mapdeal.pipeline.inputs import InShell, KeepoutMask, MapInput, refuse
 from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.pipeline.settings import Settings
 from mapdeal.ros.filters import filter_launch, filter_parameters
@@ -57,8 +36,6 @@ from mapdeal.stages.cost import closed_by
 
 PER_CELL = 60.0
 """Bytes for each cell of the map: what a robot reaches, without a mask and with it."""
-
-
 _PARAMETERS, _LAUNCH = "filters.yaml", "filters.launch.py"
 _NOT_0 = Condition("other than 0", lambda value: value != 0)
 
@@ -78,8 +55,7 @@ class FilterMask:
     def mode(self) -> Mode:
         if self.kind == "speed":
             return "scale"  # greys that all readers take for 0..100, with thresholds 1 and 0
-        is_graded = histogram(self.grid.occupancy)[1:OCCUPIED].any()
-        return "raw" if is_graded else "trinary"
+        return "raw" if histogram(self.grid.occupancy)[1:OCCUPIED].any() else "trinary"
 
     def document(self) -> dict[str, Any]:
         zones = [
@@ -87,16 +63,15 @@ class FilterMask:
             for zone in self.zones
         ]
         named = {"file": self.path.name, "mode": self.mode, "zones": zones}
-        return mask_description(self.info, self.grid) | named
+        return filters.mask_description(self.info, self.grid) | named
 
     def line(self) -> str:
         document = self.document()
         text = f"{self.path.name}: {count_text(len(self.zones), f'{self.kind} zone')}, "
         text += f"{decimal_text(document['area_m2'])} m2"
         if self.kind == "speed":
-            limits = sorted(
-                limit["limit"] for limit in document["limits"] if limit["limit"] is not None
-            )
+            found = [limit["limit"] for limit in document["limits"]]
+            limits = sorted(limit for limit in found if limit is not None)
             listed = ", ".join(f"{limit:.4g} {self.info.sign}" for limit in limits)
             text += f", limited to {listed}" if listed else ""
         return text
@@ -107,7 +82,7 @@ class FilterMasks(Result):
     map: MapInput
     masks: tuple[FilterMask, ...]
     folder: Path
-    errors: tuple[str, ...] = ()  # findings about the masks, a line each
+    problems: tuple[str, ...] = ()  # findings about the masks, a line each
 
     def document(self) -> dict[str, Any]:
         return {
@@ -121,8 +96,8 @@ class FilterMasks(Result):
         yield f"  {_LAUNCH}: starts their servers, with the parameters in {_PARAMETERS}"
 
     def check(self) -> None:
-        if self.errors:
-            raise FindingError("; ".join(self.errors), source=self.folder)
+        if self.problems:
+            raise errors.FindingError("; ".join(self.problems), source=self.folder)
 
     def drawn(self, **look: Any) -> Image:
         from mapdeal.pictures.layers import zones_image
@@ -187,7 +162,7 @@ def mask(
         The robot's shape, instead of that of `robot`.
     """
     zones = read_zones(file, kind)
-    kinds = [kind for kind in KINDS if any(zone.kind == kind for zone in zones)]
+    kinds = [kind for kind in filters.KINDS if any(zone.kind == kind for zone in zones)]
     if "speed" not in kinds:
         refuse("applies to speed zones, and there are none", base=base, multiplier=multiplier)
     if "keepout" not in kinds:
@@ -195,33 +170,30 @@ def mask(
     paths = [output / f"{kind}_mask.yaml" for kind in kinds]
     work.outputs += [file for path in paths for file in pair_paths(path)]
     work.outputs += [output / _PARAMETERS, output / _LAUNCH]
-    (map_read,) = opened(source, names=("the map",), also=[file, *(robot.paths if robot else ())])
-    claim_cells(map_read, PER_CELL)
+    also = [file, *(robot.paths if robot else ())]
+    (map_read,) = inputs.opened(source, names=("the map",), also=also)
+    inputs.claim_cells(map_read, PER_CELL)
     shape = planned_shape(robot) if footprint is None and robot is not None else footprint
-    masks, errors = [], []
-    with errors_named(map_read.name):
+    options: Any = {"unit": speed_unit, "base": base, "multiplier": multiplier}
+    ends: Any = {"robot": shape, "start": start, "goals": goals}
+    masks, problems = [], []
+    with inputs.errors_named(map_read.name):
         for kind, path in zip(kinds, paths, strict=True):
             own = tuple(zone for zone in zones if zone.kind == kind)
-            grid, info = filter_mask(
-                map_read.occupancy, kind, own, unit=speed_unit, base=base, multiplier=multiplier
-            )
+            grid, info = filter_mask(map_read.occupancy, kind, own, **options)
             masks.append(FilterMask(grid, info, own, path))
-            facts = mask_facts(
-                map_read, grid, info, robot=shape, start=start, goals=goals, zones=own
-            )
-            for found in lint_mask(path, facts):
+            for found in lint_mask(path, mask_facts(map_read, grid, info, zones=own, **ends)):
                 if found.severity == "error":
-                    errors.append(f"{path.name}: {found.message}")
+                    problems.append(f"{path.name}: {found.message}")
                 else:
-                    emit_warning(f"{path}: {found.message}")
-    result = FilterMasks(map_read, tuple(masks), output, tuple(errors))
+                    errors.emit_warning(f"{path}: {found.message}")
+    result = FilterMasks(map_read, tuple(masks), output, tuple(problems))
     if work.settings.strict:
         result.check()  # before anything is written
     transaction = work.begin()
     for mask in masks:
         write_grid(transaction, mask.path, mask.grid, mode=mask.mode, extra=mask.info.entries())
-    infos = [mask.info for mask in masks]
-    names = [path.name for path in paths]
+    infos, names = [mask.info for mask in masks], [path.name for path in paths]
     transaction.write_bytes(output / _PARAMETERS, filter_parameters(infos).encode())
     transaction.write_bytes(output / _LAUNCH, filter_launch(kinds, _PARAMETERS, names).encode())
     return result
@@ -232,14 +204,13 @@ def read_mask(path: Path, settings: Settings, beside: MapInput) -> tuple[Keepout
         pair, _, findings = gather(path, max_cells=settings.max_cells)
     for found in findings:
         if found.severity == "error" and found.check.startswith("file."):
-            is_missing = found.check == "file.access"
-            kind = FileAccessError if is_missing else MalformedInputError
-            raise kind(found.message, source=path)
+            kinds = {"file.access": errors.FileAccessError}
+            raise kinds.get(found.check, errors.MalformedInputError)(found.message, source=path)
     if pair is None:
-        rule = "is no mask that Nav2 loads"
-        raise MalformedInputError(rule, source=path, hint="pass the .yaml of a mask")
-    with capture_warnings():  # warnings about maps do not apply to masks
-        mask = mask_of(path, settings, beside.grid)
+        rule, hint = "is no mask that Nav2 loads", "pass the .yaml of a mask"
+        raise errors.MalformedInputError(rule, source=path, hint=hint)
+    with errors.capture_warnings():  # warnings about maps do not apply to masks
+        mask = inputs.mask_of(path, settings, beside.grid)
     if mask is None:
         raise TypeError("there is a mask")
     return mask, pair
@@ -250,7 +221,7 @@ def info_of(metadata: MapMetadata, kind: FilterKind | None) -> FilterInfo:
     own = FilterInfo.of(metadata.extra)
     if own is not None and kind in (None, own.kind):
         return own
-    return info_for(kind or ("speed" if metadata.mode == "scale" else "keepout"), ())
+    return filters.info_for(kind or ("speed" if metadata.mode == "scale" else "keepout"), ())
 
 
 def mask_facts(
@@ -259,9 +230,9 @@ def mask_facts(
     goals: Sequence[Goal] = (), zones: Sequence[Zone] = (),
 ) -> MaskFacts:  # fmt: skip
     grid = map_read.occupancy
-    claim_work(map_read.name, grid, PER_CELL)
+    inputs.claim_work(map_read.name, grid, PER_CELL)
     known = np.asarray(grid.occupancy) != UNKNOWN
-    with capture_warnings():  # on costs, which do not exist here
+    with errors.capture_warnings():  # on costs, which do not exist here
         closed = closed_by(mask, grid.frame) if info.kind == "keepout" else np.zeros_like(known)
         full = np.full(mask.shape, OCCUPIED, dtype=np.int8)
         inside = closed_by(mask.with_values(full), grid.frame)

@@ -102,11 +102,8 @@ class Merged(Result):
                 }
                 for k, counts in enumerate(self.maps)
             ],
-            "common": self.common,
-            "conflicts": self.conflict_count,
-            "thickness": self.thickness,
-            "kept": self.kept,
-            "figures": self.grid.figures(),
+            "common": self.common, "conflicts": self.conflict_count, "thickness": self.thickness,
+            "kept": self.kept, "figures": self.grid.figures(),
         }  # fmt: skip
 
     def summary(self, output: Path) -> Iterator[str]:
@@ -116,9 +113,10 @@ class Merged(Result):
     def lines(self) -> Iterator[str]:
         line = f"  {self.common} cells are known in several maps"
         if self.common:
-            share = 100 * self.conflict_count / self.common
-            line += f"; {self.conflict_count} of them ({share:.2f} %) are occupied in one and free"
-            line += " in another"
+            share = (
+                f"{self.conflict_count} of them ({100 * self.conflict_count / self.common:.2f} %)"
+            )
+            line += f"; {share} are occupied in one and free in another"
         yield line
         for number, (source, counts) in enumerate(zip(self.inputs, self.maps, strict=True)):
             text = f"  {source.name}: {counts.known} cells known"
@@ -137,10 +135,8 @@ class Merged(Result):
             if counts.thickness is None or counts.within_cell is None:
                 continue
             thick = "none left" if self.thickness is None else f"{self.thickness:.3g} m"
-            text = (
-                f"  {source.name}: walls {counts.thickness:.3g} m thick on average, {thick} in the"
-            )
-            text += f" result, which has {100 * counts.within_cell:.1f} % of them within a cell"
+            text = f"  {source.name}: walls {counts.thickness:.3g} m thick on average, {thick} in "
+            text += f"the result, which has {100 * counts.within_cell:.1f} % of them within a cell"
             if counts.same_wall:
                 share = 100 * (counts.within_same_wall or 0.0)
                 text += f", {share:.1f} % within {counts.same_wall:.3g} m"
@@ -280,9 +276,7 @@ def merge(
     names = [f"map {number}" for number in range(1, len(maps) + 1)]
     files: list[Path] = []
     if transforms is not None and not isinstance(transforms, str):
-        files = [
-            Path(transform) for transform in transforms if isinstance(transform, str | PathLike)
-        ]
+        files = [Path(place) for place in transforms if isinstance(place, str | PathLike)]
         if 0 < len(files) < len(transforms):
             raise ParameterError("must be files, or transforms", place="transforms")
     sources = inputs.opened(*maps, names=names, also=files, **reading)
@@ -297,34 +291,29 @@ def merge(
             places = _by_walls(grids, sources)
         else:
             places = _checked_transforms(transforms, len(maps) - 1)
-    frames = [
-        grid.frame if place is None else place.inverse().frame(grid.frame)
-        for grid, place in zip(grids, places, strict=True)
-    ]
+    frames = [grid.frame if place is None else place.inverse().frame(grid.frame)
+              for grid, place in zip(grids, places, strict=True)]  # fmt: skip
     frames[1:] = [merging.snapped(frame, frames[0]) for frame in frames[1:]]
     with inputs.errors_named(sources[0].name):
         lattice = merging.lattice_around(grids, frames)
-    held_bytes = sum(map(inputs.bytes_of, grids)) + _bytes_in(layers)
+    needed = sum(map(inputs.bytes_of, grids)) + _bytes_in(layers)
+    needed += _PER_WALL * sum(int(np.count_nonzero(grid.occupied())) for grid in grids)
     per_cell = _PER_CELL + len(maps) + _OF_EVIDENCE * (rule == "evidence")
     per_cell += _OF_PICTURE * (settings.image is not None)
+    needed += per_cell * lattice.height * lattice.width
     with settings.reading():
         size = f"{lattice.width} x {lattice.height} cells around all maps"
-        walls = _PER_WALL * sum(int(np.count_nonzero(grid.occupied())) for grid in grids)
-        claim(
-            sources[0].name,
-            held_bytes + per_cell * lattice.height * lattice.width + walls,
-            what=size,
-        )
+        claim(sources[0].name, needed, what=size)
     parts = merging.merged_on(lattice, grids, frames, rule, layers, same_wall)
     placed = tuple(place or Transform() for place in places)
     merged = Merged(**vars(parts), inputs=tuple(sources), transforms=placed, rule=rule)
-    is_advised = transforms is None and inputs.Work.current.get() is not None
-    for second in sources[1:] if transforms is None else ():
-        is_warned = two_maps.warn_of_frames(
-            (sources[0], second), "--by align places maps by their walls"
-        )
-        is_advised = is_advised and not is_warned
-    advice = "; --by align places maps by their walls" if is_advised else ""
+    advice = ""
+    if transforms is None:
+        by_walls = "--by align places maps by their walls"
+        pairs = [(sources[0], second) for second in sources[1:]]
+        is_warned = [two_maps.warn_of_frames(pair, by_walls) for pair in pairs]
+        if inputs.Work.current.get() is not None and not any(is_warned):
+            advice = f"; {by_walls}"
     for text in _remarks_on(merged, [not layer for layer in layers], advice):
         emit_warning(text)
     return merged
