@@ -96,10 +96,9 @@ def legend_of(style: LayerStyle, key: str) -> Markup:
     if style.bar is not None:
         parts.append(_bar(style, style.bar, key))
     if style.swatches:
-        swatches = [
-            element("li", swatch(style.colours[swatch_style.index]), " ", swatch_style.label)
-            for swatch_style in style.swatches
-        ]
+        colours = style.colours
+        swatches = [element("li", swatch(colours[shown.index]), " ", shown.label)
+                    for shown in style.swatches]  # fmt: skip
         parts.append(element("ul", *swatches, class_="swatches"))
     return joined(parts)
 
@@ -116,23 +115,18 @@ def hex_of(colour: Iterable[int]) -> str:
 def _bar(style: LayerStyle, bar: ColourBar, key: str) -> Markup:
     colours = style.colours[np.asarray(bar.indices, dtype=np.intp)]
     last = len(colours) - 1
-    stops = [
-        element("stop", offset=round(k / max(last, 1), 4), stop_color=hex_of(colours[k]))
-        for k in _stops(colours.astype(np.float64))
-    ]
+    stops = [element("stop", offset=round(k / max(last, 1), 4), stop_color=hex_of(colours[k]))
+             for k in _stops(colours.astype(np.float64))]  # fmt: skip
     gradient = element("linearGradient", *stops, id=key)
     area = element(
         "rect", x=0.5, y=0.5, width=_BAR_WIDTH - 1, height=_BAR, fill=f"url(#{key})", class_="edge"
     )
     label = f"{bar.unit}: " + ", ".join(text for _, text in sorted(bar.ticks))
-    return element(
-        "figure",
-        element("figcaption", bar.unit),
-        element(
-            "svg", element("defs", gradient), area, *_ticks(bar.ticks),
-            viewBox=f"0 0 {_BAR_WIDTH} {_BAR + 22}", class_="bar", role="img", aria_label=label,
-        ),
+    bar_drawn = element(
+        "svg", element("defs", gradient), area, *_ticks(bar.ticks),
+        viewBox=f"0 0 {_BAR_WIDTH} {_BAR + 22}", class_="bar", role="img", aria_label=label,
     )  # fmt: skip
+    return element("figure", element("figcaption", bar.unit), bar_drawn)
 
 
 def _stops(colours: NDArray[np.float64]) -> list[int]:
@@ -174,11 +168,8 @@ def curve_figure(curve: CostCurve) -> Markup:
     write_indexed_png(file, image.indices, image.palette)
     source = f"{_PNG}{base64.b64encode(file.getvalue()).decode()}"
     picture = element("img", src=source, alt=curve_text(curve))
-    return element(
-        "figure",
-        element("div", picture, class_="wide", tabindex=0, role="group", aria_label="Plot"),
-        class_="curve",
-    )
+    plot = element("div", picture, class_="wide", tabindex=0, role="group", aria_label="Plot")
+    return element("figure", plot, class_="curve")
 
 
 _KINDS = {
@@ -209,19 +200,15 @@ def body_of(report: Report) -> Markup:
 
 def subtitle_of(report: Report) -> str:
     if len(report.entries) > 1:
-        counts = [_counts(entry) for entry in report.entries]
-        parts = [
-            count_text(sum(count[k] for count in counts), name)
-            for k, name in enumerate(("error", "warning"))
-        ]
-        failed = sum(entry.status == _FAILED for entry in report.entries)
-        bare = sum(not entry.layers for entry in report.entries if entry.status != _FAILED)
-        parts += [f"{failed} failed"] if failed else []
-        parts += [f"{bare} without layers"] if bare else []
-        shared = shared_by(report.entries)
-        sound = sum(state_of(entry, shared) == "good" for entry in report.entries)
-        parts += [f"{sound} sound"] if sound else []
-        return ", ".join([count_text(len(report.entries), "map"), *parts])
+        shared, entries = shared_by(report.entries), report.entries
+        errors, warnings = map(sum, zip(*map(_counts, entries), strict=True))
+        failed = sum(entry.status == _FAILED for entry in entries)
+        bare = sum(not entry.layers for entry in entries if entry.status != _FAILED)
+        sound = sum(state_of(entry, shared) == "good" for entry in entries)
+        parts = [count_text(errors, "error"), count_text(warnings, "warning")]
+        counts = {"failed": failed, "without layers": bare, "sound": sound}
+        parts += [f"{count} {words}" for words, count in counts.items() if count]
+        return ", ".join([count_text(len(entries), "map"), *parts])
     entry = report.entries[0]
     figures = [_figure(k, v) for k, v in entry.figures.items() if k not in _IN_SIZE_TEXT]
     return ", ".join([_size_text(entry), *figures])
@@ -238,11 +225,9 @@ def _size_text(entry: Entry) -> str:
     if not entry.layers:
         return "no layers"
     frame = entry.layers[-1].frame
-    across, along = frame.size_xy
-    return (
-        f"{frame.width} \u00d7 {frame.height} cells of {frame.resolution:.6g} m, "
-        f"{across:.4g} \u00d7 {along:.4g} m"
-    )
+    across, along = (f"{metres:.4g}" for metres in frame.size_xy)
+    cells = f"{frame.width} \u00d7 {frame.height} cells of {frame.resolution:.6g} m"
+    return f"{cells}, {across} \u00d7 {along} m"
 
 
 def _text(value: str | float) -> str:
@@ -282,11 +267,11 @@ def _verdict_on(entry: Entry, number: int) -> Markup:
     tables = {title: (f"table-{number}-{k}", title) for k, title in enumerate(titles)}
     claims: list[Content] = []
     for claim in sorted(entry.claims, key=lambda claim: get_args(State).index(claim.state)):
-        place, title = (tables | places).get(claim.evidence, ("", ""))
-        link: list[Content] = (
-            [" ", element("a", title, href=f"#{place}", class_="evidence")] if place else []
-        )
-        claims.append(_claim(claim.state, f"{claim.text}.", *link))
+        text: list[Content] = [f"{claim.text}."]
+        if (tables | places).get(claim.evidence):
+            place, title = (tables | places)[claim.evidence]
+            text += [" ", element("a", title, href=f"#{place}", class_="evidence")]
+        claims.append(_claim(claim.state, *text))
     return _verdict(claims, entry.next_command)
 
 
@@ -316,10 +301,7 @@ def _links(numbers: Sequence[int], entries: tuple[Entry, ...]) -> Iterator[Conte
     for place, k in enumerate(numbers[:_NAMED]):
         yield ", " if place else ""
         yield element("a", *_broken(entries[k].name), href=f"#entry-{k}")
-    if len(numbers) > _NAMED:
-        yield f" and {len(numbers) - _NAMED} more."
-    else:
-        yield "."
+    yield f" and {len(numbers) - _NAMED} more." if len(numbers) > _NAMED else "."
 
 
 def _broken(name: str) -> Iterator[Content]:
@@ -335,20 +317,17 @@ def _maps(entries: tuple[Entry, ...]) -> Markup:
     cells = [_head(name, entries) for name in ["Map", "Verdict", "Errors", "Warnings", *names]]
     shared = shared_by(entries)
     rows = [_row(entries[k], k, names, shared) for k in _by_urgency(entries)]
-    search = element(
-        "label", "Filter ", element("input", type="search", id="filter", autocomplete="off")
-    )
+    field = element("input", type="search", id="filter", autocomplete="off")
     count = element("span", f"{len(entries)} maps", id="count", role="status")
+    title = "maps-title"
+    table = element(
+        "div", _with_heads(cells, rows), class_="wide", tabindex=0, role="group",
+        aria_labelledby=title,
+    )  # fmt: skip
     return element(
-        "section",
-        _verdict_on_all(entries),
-        element("h2", "Maps", id="maps-title", tabindex=-1),
-        element("p", search, " ", count, class_="search"),
-        element(
-            "div", _with_heads(cells, rows), class_="wide", tabindex=0, role="group",
-            aria_labelledby="maps-title",
-        ),
-        id="maps", aria_labelledby="maps-title",
+        "section", _verdict_on_all(entries), element("h2", "Maps", id=title, tabindex=-1),
+        element("p", element("label", "Filter ", field), " ", count, class_="search"), table,
+        id="maps", aria_labelledby=title,
     )  # fmt: skip
 
 
@@ -377,8 +356,8 @@ def _with_heads(heads: list[Markup], rows: list[Markup]) -> Markup:
 
 
 def _section(heading: str, *content: Content, label: str = "", **attributes: Value) -> Markup:
-    label = label or heading
-    return element("section", element("h3", heading), *content, **attributes, aria_label=label)
+    attributes["aria_label"] = label or heading
+    return element("section", element("h3", heading), *content, **attributes)
 
 
 def _head(name: str, entries: tuple[Entry, ...]) -> Markup:
@@ -413,10 +392,9 @@ def _row(entry: Entry, number: int, names: list[str], shared: Sequence[Claim]) -
     reason = [element("span", reasons[0], class_="reason")] if reasons else []
     head = element("th", link, *reason, scope="row", data_value=entry.name)
     state = state_of(entry, shared)
-    words: Content = _sign(state)
-    if entry.status == _FAILED:
-        words = element("b", "Failed", class_=f"sign {state}")
-    rank = list(_STATES).index(state) - (entry.status == _FAILED)
+    is_failed = entry.status == _FAILED
+    words = element("b", "Failed", class_=f"sign {state}") if is_failed else _sign(state)
+    rank = list(_STATES).index(state) - is_failed
     cells = [element("td", thumb, class_="thumb"), head]
     cells.append(element("td", words, data_value=str(rank)))
     cells += [
@@ -502,9 +480,7 @@ def _layer(layer: PageLayer, k: int, number: int, is_on: bool) -> Markup:
     return element("li", head, legend, class_="layer", data_layer=k)
 
 
-_MODES = {
-    "layers": "Layers", "swipe": "Swipe", "beside": "Side by side", "blink": "Blink"
-}  # fmt: skip
+_MODES = {"layers": "Layers", "swipe": "Swipe", "beside": "Side by side", "blink": "Blink"}
 
 
 def _compare(entry: Entry, number: int) -> Markup:
@@ -512,35 +488,27 @@ def _compare(entry: Entry, number: int) -> Markup:
     pair = entry.compared or (names[-2], names[-1])
     selects = []
     for side, chosen in zip(("Left", "Right"), pair, strict=True):
-        options = [
-            element("option", layer.title, value=k, selected=k == names.index(chosen))
-            for k, layer in enumerate(entry.layers)
-        ]
-        select = element("select", *options, autocomplete="off")
-        selects.append(element("label", f"{side} ", select))
-    first = "swipe" if entry.compared is not None and entry.opens_swiped else "layers"
-    modes = [
-        element(
-            "label",
-            element(
-                "input", type="radio", name=f"view-{number}", value=mode, autocomplete="off",
-                checked=mode == first,
-            ),
-            f" {text}",
-            class_="toggle",
+        options = [element("option", layer.title, value=k, selected=k == names.index(chosen))
+                   for k, layer in enumerate(entry.layers)]  # fmt: skip
+        selects.append(
+            element("label", f"{side} ", element("select", *options, autocomplete="off"))
         )
-        for mode, text in _MODES.items()
-    ]  # fmt: skip
+    first = "swipe" if entry.compared is not None and entry.opens_swiped else "layers"
+    modes = []
+    for mode, text in _MODES.items():
+        button = element(
+            "input", type="radio", name=f"view-{number}", value=mode, autocomplete="off",
+            checked=mode == first,
+        )  # fmt: skip
+        modes.append(element("label", button, f" {text}", class_="toggle"))
     row = element("p", *modes, class_="toggles modes", role="group", aria_label="View")
     return _section("Compare", row, *selects, class_="compare scripted-only")
 
 
 def _readout(layers: tuple[PageLayer, ...]) -> Markup:
     names = ["x, y [m]", "row, column", *(layer.title for layer in layers)]
-    rows = [
-        element("tr", element("th", name, scope="row"), element("td"), element("td"))
-        for name in names
-    ]
+    cells = element("td"), element("td")
+    rows = [element("tr", element("th", name, scope="row"), *cells) for name in names]
     heads = [element("th", name, scope="col") for name in ("Pointer", "Pinned")]
     return _section("Values", _with_heads(heads, rows), class_="readout scripted-only")
 
@@ -557,15 +525,10 @@ def _items(entry: Entry, number: int) -> Markup:
     items = entry.items
     if not items:
         return joined([])
-    boxes = [
-        element(
-            "label",
-            element("input", type="checkbox", value=kind, checked=True, autocomplete="off"),
-            f" {_KINDS[kind]} ({_count(items, kind)})",
-        )
-        for _, kinds in _lists(entry)
-        for kind in kinds
-    ]
+    boxes = []
+    for kind in (kind for _, kinds in _lists(entry) for kind in kinds):
+        box = element("input", type="checkbox", value=kind, checked=True, autocomplete="off")
+        boxes.append(element("label", box, f" {_KINDS[kind]} ({_count(items, kind)})"))
     lists = []
     for index, (title, kinds) in enumerate(_lists(entry)):
         groups: dict[object, list[int]] = {}
@@ -610,9 +573,9 @@ def _group(items: Sequence[Item], group: Sequence[int]) -> Markup:
     rows = []
     for k, text in zip(group, words, strict=True):
         place = items[k].place
-        is_bare = place is not None and text.startswith(_PLACE)
-        shown = f"{text} at {_at(place)}" if place is not None and is_bare else text
-        rows.append(_item(items[k], k, shown, has_tone=False))
+        if place is not None and text.startswith(_PLACE):
+            text = f"{text} at {_at(place)}"
+        rows.append(_item(items[k], k, text, has_tone=False))
     head = element("summary", _with_tone(first, first.text), " ", element("i", f"({count})"))
     css = _css(notes=first.tone == "note")
     return element("li", element("details", head, element("ul", *rows), class_=css))
@@ -641,10 +604,8 @@ def _with_tone(item: Item, words: str) -> Content:
 
 
 def _table(table: Table, name: str) -> Markup:
-    rows = [
-        element("tr", element("th", name, scope="row"), element("td", value))
-        for name, value in table.rows
-    ]
+    rows = [element("tr", element("th", key, scope="row"), element("td", value))
+            for key, value in table.rows]  # fmt: skip
     body = element("table", element("tbody", *rows))
     return element("details", element("summary", table.title), body, id=name)
 
@@ -654,27 +615,19 @@ SCRIPTS = (
     "viewer.js", "zones.js", "main.js",
 )  # fmt: skip
 
-
-_HEADER = 0.02
-"""Of the room for tiles: what may go to the header, which has the place where each of them
-begins."""
+_HEADER = 0.02  # of the room for tiles: what the header takes with the places of the tiles
 
 
 def page_of(report: Report, *, size: int) -> Iterator[bytes]:
     """Yield a page in pieces, the same bytes for the same report."""
     script, style = script_text(), _part("page.css")
     before, between, after = _part("page.html").split("<!-- split -->\n")
+    policy = f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; "
     fields = {
-        "policy": (
-            f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; "
-            "img-src data:; base-uri 'none'; form-action 'none'"
-        ),
-        "title": escaped(report.title),
-        "subtitle": escaped(subtitle_of(report)),
-        "version": escaped(report.version),
-        "style": style,
-        "body": body_of(report).text,
-    }
+        "policy": f"{policy}img-src data:; base-uri 'none'; form-action 'none'",
+        "title": escaped(report.title), "subtitle": escaped(subtitle_of(report)),
+        "version": escaped(report.version), "style": style, "body": body_of(report).text,
+    }  # fmt: skip
     head = Template(before).substitute(fields).encode()
     yield head
     layers = [layer for entry in report.entries for layer in entry.layers]
@@ -734,9 +687,8 @@ def _style(style: LayerStyle) -> dict[str, Any]:
     scale, of_scale = style.scale, None
     if scale is not None:
         factor = scale.levels / ((scale.high - scale.low) or 1.0)
-        of_scale = {
-            "low": scale.low, "factor": factor, "first": scale.first, "levels": scale.levels
-        }  # fmt: skip
+        of_scale = {"low": scale.low, "factor": factor}
+        of_scale |= {"first": scale.first, "levels": scale.levels}
     return {
         "pixels": _bytes(pixels),
         "byValue": None if style.by_value is None else _bytes(style.by_value), "scale": of_scale,
@@ -750,35 +702,27 @@ def _page_layer(layer: PageLayer) -> dict[str, Any]:
     frame = layer.frame
     x, y, yaw = frame.origin
     return {
-        "name": one_line(layer.name),
-        "title": one_line(layer.title),
-        "unit": one_line(layer.unit),
+        "name": one_line(layer.name), "title": one_line(layer.title), "unit": one_line(layer.unit),
         "frame": {
             "width": frame.width, "height": frame.height, "resolution": frame.resolution,
             "x": x, "y": y, "yaw": yaw,
         },
-        "states": layer.states,
-        "convention": layer.convention,
-        "lethal": layer.lethal_threshold,
-        "pooled": layer.pooled,
-        "opaque": layer.is_bytes or layer.style.nowhere is not None,
+        "states": layer.states, "convention": layer.convention, "lethal": layer.lethal_threshold,
+        "pooled": layer.pooled, "opaque": layer.is_bytes or layer.style.nowhere is not None,
     }  # fmt: skip
 
 
 def _page_entry(entry: Entry) -> dict[str, Any]:
-    corners = [
-        layer.frame.xy_from_continuous_rowcol(
-            [(row, col) for row in (0, layer.frame.height) for col in (0, layer.frame.width)]
-        )
-        for layer in entry.layers
-    ]
+    corners = []
+    for frame in (layer.frame for layer in entry.layers):
+        ends = [(row, col) for row in (0, frame.height) for col in (0, frame.width)]
+        corners.append(frame.xy_from_continuous_rowcol(ends))
     full_box = _box(np.vstack(corners)) if corners else None
     return {
-        "name": one_line(entry.name),
-        "whole": full_box,
+        "name": one_line(entry.name), "whole": full_box,
         "extent": full_box if entry.extent is None else list(entry.extent),
         "items": [_page_item(item) for item in entry.items],
-    }
+    }  # fmt: skip
 
 
 def _box(points: NDArray[np.float64]) -> list[float]:

@@ -7,6 +7,7 @@ its error is 0 wherever those four cells have the same nearest obstacle, nearly 
 
 from __future__ import annotations
 
+import math
 import struct
 import zlib
 from base64 import b64encode
@@ -19,7 +20,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import Convention
 from mapdeal.kernels.lookup import look_up, pooled
 from mapdeal.kernels.threads import ThreadPool, thread_count
@@ -35,15 +35,13 @@ def extent_of(
 ) -> tuple[float, float, float, float] | None:
     """Return the box in the map frame of the known cells of all layers, and of all items."""
     points = []
-    frames: set[Frame] = set()
-    for layer in layers:
-        if layer.frame not in frames and layer.style.labels.get(_UNKNOWN) == "unknown":
-            frames.add(layer.frame)
-            box = known_box(layer.values, OtherThan(_UNKNOWN))
-            if box is not None:
-                rows, cols = (box.row, box.row + box.height), (box.col, box.col + box.width)
-                corners = [(row, col) for row in rows for col in cols]
-                points.append(layer.frame.xy_from_continuous_rowcol(corners))
+    own = (layer for layer in layers if layer.style.labels.get(_UNKNOWN) == "unknown")
+    by_frame = {layer.frame: layer for layer in reversed([*own])}  # the first of each
+    for frame, layer in by_frame.items():
+        if (box := known_box(layer.values, OtherThan(_UNKNOWN))) is not None:
+            rows, cols = (box.row, box.row + box.height), (box.col, box.col + box.width)
+            corners = [(row, col) for row in rows for col in cols]
+            points.append(frame.xy_from_continuous_rowcol(corners))
     if not points:
         return None
     for item in items:
@@ -86,19 +84,16 @@ class Squares:
         is_below = values < 0
         offset, unit = self._offset_and_unit(is_below)
         squares = np.rint((np.abs(values.astype(np.float64)) / unit + offset) ** 2)
-        signed: NDArray[np.float64] = np.where(is_below, -squares, squares)
-        return signed
+        return np.asarray(np.where(is_below, -squares, squares))
 
     def values_of(self, integers: NDArray[np.float64]) -> Numbers:
         is_below = integers < 0
         offset, unit = self._offset_and_unit(is_below)
         distances = (np.sqrt(np.abs(integers)) - offset) * unit
-        numbers: Numbers = np.where(is_below, -distances, distances).astype(np.float32)
-        return numbers
+        return np.where(is_below, -distances, distances).astype(np.float32)
 
     def is_near(self, found: Numbers, values: Numbers) -> NDArray[np.bool_]:
-        near: NDArray[np.bool_] = np.abs(found - values) <= SQUARE_ERROR
-        return near
+        return np.asarray(np.abs(found - values) <= SQUARE_ERROR)
 
     def header(self) -> dict[str, Any]:
         return {"kind": "squares", "above": list(self.above), "below": list(self.below)}
@@ -118,8 +113,7 @@ class Steps:
         return (integers * self.step).astype(np.float32)
 
     def is_near(self, found: Numbers, values: Numbers) -> NDArray[np.bool_]:
-        near: NDArray[np.bool_] = np.abs(found - values) <= _STEP_ERROR
-        return near
+        return np.asarray(np.abs(found - values) <= _STEP_ERROR)
 
     def header(self) -> dict[str, Any]:
         return {"kind": "steps", "step": self.step}
@@ -135,20 +129,18 @@ class Bits:
         """Return the bits of each number, those of negative ones turned round."""
         bits = values.view(np.int32)
         ordered = np.where(bits < 0, bits ^ 0x7FFFFFFF, bits).astype(np.float64)
-        integers: NDArray[np.float64] = np.rint(ordered / 2**self.hidden)
-        return integers
+        return np.asarray(np.rint(ordered / 2**self.hidden))
 
     def values_of(self, integers: NDArray[np.float64]) -> Numbers:
         ordered = np.clip(integers * 2**self.hidden, -(2.0**31), 2.0**31 - 1).astype(np.int32)
-        numbers: Numbers = np.where(ordered < 0, ordered ^ 0x7FFFFFFF, ordered).view(np.float32)
-        return numbers
+        return np.where(ordered < 0, ordered ^ 0x7FFFFFFF, ordered).view(np.float32)
 
     def is_near(self, found: Numbers, values: Numbers) -> NDArray[np.bool_]:
         """Return where both are the same to five digits; exactly, if no bits are left out."""
-        near: NDArray[np.bool_] = found == values
-        if self.hidden:
-            near = np.abs(found - values) <= _RELATIVE_ERROR * np.abs(values) + _SMALLEST_ERROR
-        return near
+        if not self.hidden:
+            return np.asarray(found == values)
+        error = _RELATIVE_ERROR * np.abs(values) + _SMALLEST_ERROR
+        return np.asarray(np.abs(found - values) <= error)
 
     def header(self) -> dict[str, Any]:
         return {"kind": "bits", "hidden": self.hidden}
@@ -173,8 +165,7 @@ def codings_of(
 
 def packed(values: Numbers, codings: Sequence[Coding]) -> bytes:
     for index, coding in enumerate(codings):
-        fit = _fit(values, coding)
-        if fit is not None:
+        if (fit := _fit(values, coding)) is not None:
             integers, top, exceptions = fit
             planes = _planes(_folded(integers))
             header = struct.pack("<4i", index, len(planes), top, len(exceptions))
@@ -288,11 +279,9 @@ def encoded(layers: Sequence[PageLayer], *, size: int) -> Encoded:
 
 def finest_reduce(shape: tuple[int, int]) -> int:
     """Return how many cells share a side of the finest cells, as far as the shape shows."""
-    height, width = shape
     reduce = 1
-    if max(shape) > ALL_CELLS_SIDE:
-        while -(-height // reduce) * -(-width // reduce) > MOST_CELLS:
-            reduce *= 2
+    while max(shape) > ALL_CELLS_SIDE and math.prod(-(-n // reduce) for n in shape) > MOST_CELLS:
+        reduce *= 2
     return reduce
 
 
@@ -354,10 +343,8 @@ def _encoded_layer(layer: PageLayer, compressor: _Compressor) -> EncodedLayer:
     codings: tuple[Coding, ...] = ()
     coding: dict[str, Any] = {"kind": "bytes"}
     if not layer.is_bytes:
-        are_metres = layer.unit == "m" or layer.convention is not None
-        codings = codings_of(
-            layer.frame.resolution, layer.convention, layer.strength, are_metres=are_metres
-        )
+        are_metres, cell = layer.unit == "m" or layer.convention is not None, layer.frame.resolution
+        codings = codings_of(cell, layer.convention, layer.strength, are_metres=are_metres)
         coding = {"kind": "numbers", "ways": [own.header() for own in codings]}
     pooling = _Pooling.of(layer)
     shape = layer.frame.shape

@@ -42,9 +42,8 @@ def settled(claims: Iterable[Claim]) -> tuple[Claim, ...]:
             chosen[claim.about] = claim
     if "run" in chosen and chosen["run"].state == "error":
         chosen = {"run": chosen["run"]}
-    return tuple(sorted(chosen.values(), key=lambda claim: get_args(About).index(claim.about)))[
-        :MOST_CLAIMS
-    ]
+    about = get_args(About)
+    return tuple(sorted(chosen.values(), key=lambda claim: about.index(claim.about))[:MOST_CLAIMS])
 
 
 def on_failure(reason: str) -> Claim:
@@ -90,16 +89,11 @@ def _on_robot(robot: Mapping[str, Any], *, has_mask: bool) -> Claim:
     text = f"The costmap is the robot's own: {robot.get('costmap')} costmap"
     text += f" of {', '.join(files)}" if files else ""
     layers = _dicts_in(robot.get("layers"))
-    left_out = [
-        f"{layer.get('name')} (not modelled)"
-        for layer in layers
-        if layer.get("ignored") == _NOT_MODELLED
-    ]
-    left_out += [
-        f"{layer.get('name')}, whose mask was not given (--mask)"
-        for layer in layers
-        if layer.get("needs") == "mask" and layer.get("enabled") and not has_mask
-    ]
+    left_out = [f"{layer.get('name')} (not modelled)" for layer in layers
+                if layer.get("ignored") == _NOT_MODELLED]  # fmt: skip
+    masked = [] if has_mask else [layer for layer in layers if layer.get("needs") == "mask"]
+    left_out += [f"{layer.get('name')}, whose mask was not given (--mask)"
+                 for layer in masked if layer.get("enabled")]  # fmt: skip
     if left_out:
         text += f", but lacks {', '.join(left_out)}"
         return Claim("costmap", "warning", text, "Robot")
@@ -123,9 +117,8 @@ def on_goals(
     who = "The robot" if robot is not None else "A point, as no robot was given,"
     missed = [answer for answer in goals if not answer.reachable]
     closed = [answer for answer in passages if not answer.is_open]
-    shut = (
-        f"{count_text(len(closed), 'passage')} {'is' if len(closed) == 1 else 'are'} closed to it"
-    )
+    verb = "is" if len(closed) == 1 else "are"
+    shut = f"{count_text(len(closed), 'passage')} {verb} closed to it"
     if missed:
         text = f"{who} reaches {len(goals) - len(missed)} of {count_text(len(goals), 'goal')}. "
         if len(closed) > 1:
@@ -166,13 +159,11 @@ def on_difference(found: Difference, changes: Sequence[Change], unlisted: int) -
     claims = []
     if changes:
         count = Counter(change.kind for change in changes)
-        areas = {
-            kind: sum(change.area for change in changes if change.kind == kind) for kind in count
-        }
-        parts = [
-            f"{decimal_text(areas[kind], 3)} m2 {kind} in {count_text(count[kind], 'place')}"
-            for kind in count
-        ]
+        parts = []
+        for kind in count:
+            area = sum(change.area for change in changes if change.kind == kind)
+            place = count_text(count[kind], "place")
+            parts.append(f"{decimal_text(area, 3)} m2 {kind} in {place}")
         more = f", and {count_text(unlisted, 'smaller change')}" if unlisted else ""
         text = f"Obstacles differ: {' and '.join(parts)}{more}"
         claims.append(Claim("obstacles", "warning", text, changes[0].kind))
@@ -181,9 +172,8 @@ def on_difference(found: Difference, changes: Sequence[Change], unlisted: int) -
     share = 100 * found.beyond_tolerance / found.common_cells
     alone = found.not_compared
     text = f"{share:.3g} % of the common cells differ" if share else "All common cells are equal"
-    text += (
-        f"; {decimal_text(alone * cell, 3)} m2 are known in the first map alone" if alone else ""
-    )
+    area = f"{decimal_text(alone * cell, 3)} m2"
+    text += f"; {area} are known in the first map alone" if alone else ""
     claims.append(Claim("cells", "warning" if share or alone else "good", text, "What differs"))
     if found.symmetry is not None:
         text = f"The second map would be much more like the first if {found.symmetry}"
@@ -213,21 +203,16 @@ def on_cost_difference(found: CostDifference) -> list[Claim]:
     closed, opened, _, _, rose, fell = found.changes.values()
     claims = [Claim("costmap", "good", "The same cells are closed in both costmaps")]
     if closed.cells or opened.cells:
-        parts = [
-            f"{decimal_text(change.area, 3)} m2 {words} closed"
-            for change, words in ((closed, "are now"), (opened, "are no longer"))
-            if change.cells
-        ]
+        words = ((closed, "are now"), (opened, "are no longer"))
+        parts = [f"{decimal_text(change.area, 3)} m2 {verb} closed"
+                 for change, verb in words if change.cells]  # fmt: skip
         text = f"The closed cells differ: {' and '.join(parts)}"
         claims = [Claim("costmap", "warning", text, COST_CHANGES)]
     share = 100 * found.differing / found.common_cells
     text = "All common cells have the same cost"
     if share:
-        parts = [
-            f"{change.kind} on {decimal_text(change.area, 3)} m2"
-            for change in (rose, fell)
-            if change.cells
-        ]
+        parts = [f"{change.kind} on {decimal_text(change.area, 3)} m2"
+                 for change in (rose, fell) if change.cells]  # fmt: skip
         text = f"{share:.3g} % of the common cells have another cost"
         text += f": it {' and '.join(parts)}" if parts else ""
     claims.append(Claim("cells", "warning" if share else "good", text, COST_CHANGES))
