@@ -18,6 +18,7 @@ import re
 import types
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence as AbcSequence
+from contextlib import suppress
 from dataclasses import dataclass, field, is_dataclass, replace
 from functools import partial
 from numbers import Real
@@ -189,18 +190,15 @@ class Parameter:
         raise self._error("yes or no", value)
 
     def _accept_number(self, kind: type, value: object) -> float:
-        number: float | None = None
+        number = math.nan
         if isinstance(value, (Real, str)) and not isinstance(value, bool):  # numpy's, too
-            try:
-                number = float(value) if is_plain(value) else None
-            except (ValueError, OverflowError):
-                number = None
-        number_kind = "a whole number" if kind is int else "a finite number"
-        rule = ", ".join([number_kind, *(condition.rule for condition in self.conditions)])
-        if number is None or not math.isfinite(number) or (kind is int and number % 1):
-            raise self._error(rule, value)
-        if not all(condition.holds(number) for condition in self.conditions):
-            raise self._error(rule, value)
+            with suppress(ValueError, OverflowError):
+                number = float(value) if is_plain(value) else math.nan
+        is_number = math.isfinite(number) and not (kind is int and number % 1)
+        if not is_number or not all(condition.holds(number) for condition in self.conditions):
+            number_kind = "a whole number" if kind is int else "a finite number"
+            rules = [number_kind, *(condition.rule for condition in self.conditions)]
+            raise self._error(", ".join(rules), value)
         return int(number) if kind is int else number
 
     def _error(self, rule: str, value: object) -> ParameterError:
@@ -214,14 +212,11 @@ def is_plain(value: object) -> bool:
 
 
 @functools.cache
-def parameters_of(
-    function: Callable[..., Any], *, of_stage: bool = False
-) -> dict[str, Parameter]:  # fmt: skip
+def parameters_of(function: Any, *, of_stage: bool = False) -> dict[str, Parameter]:
     """Return the keyword-only arguments of a function or class; of a stage all but the first."""
     function = inspect.unwrap(function)
-    typed: Any = function
-    is_class = isinstance(function, type)
-    hints = get_type_hints(typed.__init__ if is_class else typed, include_extras=True)
+    typed = function.__init__ if isinstance(function, type) else function
+    hints = get_type_hints(typed, include_extras=True)
     found: dict[str, Parameter] = {}
     for number, (name, argument) in enumerate(inspect.signature(function).parameters.items()):
         is_named = argument.kind is argument.POSITIONAL_OR_KEYWORD and (
@@ -235,16 +230,20 @@ def parameters_of(
         marks += inner_marks
         if OnlyInPython in marks:
             continue
-        if not _is_supported(kind) and not any(isinstance(mark, Words) for mark in marks):
+        words = _mark_in(marks, Words)
+        if words is None and not _is_supported(kind):
             rule = f"{function.__name__}: a parameter cannot be of this type"
             raise TypeError(f"{rule}: {name}: {hints[name]}")
+        conditions = tuple(mark for mark in marks if isinstance(mark, Condition))
+        of_robot, unit = FromRobot in marks, _mark_in(marks, Unit)
         found[name] = Parameter(
-            name, argument.default, kind, optional,
-            tuple(mark for mark in marks if isinstance(mark, Condition)),
-            next((mark for mark in marks if isinstance(mark, Unit)), None), FromRobot in marks,
-            next((mark for mark in marks if isinstance(mark, Words)), None),
+            name, argument.default, kind, optional, conditions, unit, of_robot, words
         )  # fmt: skip
     return found
+
+
+def _mark_in(marks: Iterable[Any], kind: type[Any]) -> Any:
+    return next((mark for mark in marks if isinstance(mark, kind)), None)
 
 
 def accept_parameters(
@@ -602,7 +601,7 @@ class Command:
         for name, argument in inspect.signature(self.function).parameters.items():
             if argument.kind is argument.POSITIONAL_OR_KEYWORD:
                 kind, marks = _split_annotated(hints[name])
-                words = next((mark for mark in marks if isinstance(mark, Words)), Words())
+                words = _mark_in(marks, Words) or Words()
                 found[name] = kind, words, argument.default is argument.empty
         return found
 
@@ -620,12 +619,8 @@ def command(*, group: str, example: str, **more: Any) -> Callable[[C], C]:
 
 def commands_named(name: str) -> dict[str, Command]:
     # Their module must have been imported.
-    found = {full_name.name: full_name for full_name in _COMMANDS.values()}
-    return {
-        full_name.removeprefix(name).strip(): own
-        for full_name, own in found.items()
-        if f"{full_name} ".startswith(f"{name} ")
-    }
+    found = {own.name: own for own in _COMMANDS.values() if f"{own.name} ".startswith(f"{name} ")}
+    return {full_name.removeprefix(name).strip(): own for full_name, own in found.items()}
 
 
 def stage(
@@ -673,21 +668,22 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
             name: known[name].accept(value) if name in known else value
             for name, value in kwargs.items()
         }
-        if args and isinstance(args[0], np.ndarray):
-            rule = "takes a grid: OccupancyGrid(array, resolution, origin)"
-            raise ParameterError(rule, source=function.__name__)
-        if args and isinstance(args[0], (str, PathLike)):
-            raise ParameterError("takes a grid: read_map(path)", source=function.__name__)
-        if is_cropped and args and not isinstance(args[0], accepted_types()):
+        if not args:
+            return function(*args, **accepted)
+        grid: Any = args[0]
+        error = partial(ParameterError, source=function.__name__)
+        if isinstance(grid, np.ndarray):
+            raise error("takes a grid: OccupancyGrid(array, resolution, origin)")
+        if isinstance(grid, (str, PathLike)):
+            raise error("takes a grid: read_map(path)")
+        if is_cropped and not isinstance(grid, accepted_types()):
             rule = f"takes a grid: {' or '.join(kind.__name__ for kind in accepted_types())}"
-            is_costs = getattr(args[0], "layer_names", ())[:1] == ("cost",)
+            is_costs = getattr(grid, "layer_names", ())[:1] == ("cost",)
             hint = "to_occupancy() makes a map of it" if is_costs else None
-            got = type(args[0]).__name__
-            raise ParameterError(rule, source=function.__name__, got=got, hint=hint)
-        field: Any = args[0] if args else None
-        if is_cropped and isinstance(field, FieldGrid) and field.region is not None:
+            raise error(rule, got=type(grid).__name__, hint=hint)
+        if is_cropped and isinstance(grid, FieldGrid) and grid.region is not None:
             make: Any = function
-            extended: R = on_canvas(make(field.cropped, *args[1:], **accepted), field.frame)
+            extended: R = on_canvas(make(grid.cropped, *args[1:], **accepted), grid.frame)
             return extended
         return function(*args, **accepted)
 
@@ -727,9 +723,8 @@ def _with_names_of_more(
     """Return a signature with the names of a typed dictionary of further keyword arguments."""
     parameters = []
     for parameter in signature.parameters.values():
-        if parameter.kind is not parameter.VAR_KEYWORD:
-            parameters.append(parameter)
-        elif get_origin(hint := hints.get(parameter.name)) is Unpack:
+        hint = hints.get(parameter.name)
+        if parameter.kind is parameter.VAR_KEYWORD and get_origin(hint) is Unpack:
             names = get_args(hint)[0].__annotations__
             parameters += [inspect.Parameter(name, parameter.KEYWORD_ONLY, default=None)
                            for name in names]  # fmt: skip
@@ -749,14 +744,12 @@ def _bound(
     parameters = signature.parameters
     by_name = [p.name for p in parameters.values() if p.kind is p.KEYWORD_ONLY]
     positional = [p for p in parameters.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
-    hint = None
-    if len(args) > len(positional) and by_name:
-        hint = f"further arguments are named, as {by_name[0]}=..."
-    unknown = [word for word in kwargs if word not in parameters]
+    unknown, hint = [word for word in kwargs if word not in parameters], None
     if unknown:
-        hint = nearest_hint(unknown[0], parameters)
-        if "radius" in unknown[0] and "footprint" in parameters:
-            hint = hint or _ROUND
+        is_radius = "radius" in unknown[0] and "footprint" in parameters
+        hint = nearest_hint(unknown[0], parameters) or (_ROUND if is_radius else None)
+    elif len(args) > len(positional) and by_name:
+        hint = f"further arguments are named, as {by_name[0]}=..."
     raise ParameterError(text, source=f"{name}()", hint=hint)
 
 

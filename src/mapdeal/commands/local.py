@@ -97,13 +97,12 @@ class WindowPlanner:
 
     def plan(self, job: LocalJob, number: int = 0, *, is_last: bool = True) -> Route:
         """Plan on the costs in the job's folder, and write the route and its picture there."""
-        folder, x, y = job.folder, job.pose[0], job.pose[1]
-        costs = self.costs_in(folder)
-        terrain, goal, known = Terrain.of(costs), self.goal, self.known
+        folder, costs = job.folder, self.costs_in(job.folder)
+        terrain, start, known = Terrain.of(costs), (job.pose[0], job.pose[1]), self.known
         find = partial(shortest_over, terrain)
-        route = route_in_window(terrain, find, (x, y), goal, by_length=True, known=known)
-        files = (folder / ROUTE, folder / PICTURE)
+        route = route_in_window(terrain, find, start, self.goal, by_length=True, known=known)
         title = f"route {number}: {'reached' if route.reached else 'to the border'}"
+        files = folder / ROUTE, folder / PICTURE
         self.write(files, route_document(route), costs, title, RouteOverlay(route))
         if is_last:
             warn_of_border(route, costs)
@@ -115,10 +114,8 @@ class WindowPlanner:
         routes = [self.plan(job, k, is_last=k == last) for k, job in enumerate(jobs)]
         driven = np.array([job.pose[:2] for job in jobs])
         length = float(np.hypot(*np.diff(driven, axis=0).T).sum())
-        steps = [
-            {"folder": job.folder.name, **route_document(route)}
-            for job, route in zip(jobs, routes, strict=True)
-        ]
+        steps = [{"folder": job.folder.name, **route_document(route)}
+                 for job, route in zip(jobs, routes, strict=True)]  # fmt: skip
         document: dict[str, Any] = {"goal": rounded_place(*self.goal), "driven_m": rounded(length)}
         document |= {"driven": driven.tolist(), "steps": steps}
         files, overlay = (output / STEPS, output / "routes.png"), StepsOverlay(routes, driven)
@@ -128,9 +125,8 @@ class WindowPlanner:
         if reached + beyond < len(routes):
             rule = f"no route leads on from {len(routes) - reached - beyond} of {len(routes)} poses"
             raise FindingError(rule, source=output / STEPS)
-        return (
-            f"{output / STEPS}: {len(routes)} routes, {reached} to the goal, driven {length:.2f} m"
-        )
+        text = f"{len(routes)} routes, {reached} to the goal, driven {length:.2f} m"
+        return f"{output / STEPS}: {text}"
 
     def _canvas(self, jobs: Sequence[LocalJob]) -> Costmap:
         """Return what all steps are drawn on: the costs of the global map, or of all windows."""
@@ -286,10 +282,8 @@ def local(
     if not clouds:
         if global_map is None:
             raise ParameterError("a cloud or --map is required", place="clouds")
-        changed = {
-            name: value for name, value in more.items()
-            if name not in local_maps.OF_WINDOWS and value != getattr(LocalOptions, name)
-        }  # fmt: skip
+        own = {name: value for name, value in more.items() if name not in local_maps.OF_WINDOWS}
+        changed = {name: own[name] for name in own if own[name] != getattr(LocalOptions, name)}
         rule = "applies to clouds: it needs --cloud"
         refuse(rule, keep=keep, **changed, require_points=require_points)
     if pose is not None:
@@ -299,9 +293,8 @@ def local(
     else:
         refuse("applies to a sequence: it needs --poses", keep=keep)
     if more.get("unknown") == "keep" and global_map is None and keep is None:
-        emit_warning(
-            "--unknown keep has no effect without --map or --keep: cells without points are free"
-        )
+        rule = "has no effect without --map or --keep: cells without points are free"
+        emit_warning(f"--unknown keep {rule}")
     known = None if global_map is None else local_maps.read_global_map(global_map, work.settings)
     if known is not None and not clouds:
         more.setdefault("resolution", known.grid.resolution)
@@ -322,8 +315,8 @@ def local(
     trajectory = poses if poses is not None and has_times(poses) else None
     frame_options, is_raw = FrameOptions(poses=trajectory, **frames), options.frame == "map"
     has_poses = pose is not None or (poses is not None and trajectory is None)
-    clouds_read = clouds_of_bag(bag, topics, frame_options, has_poses=has_poses, is_raw=is_raw)
-    with clouds_read as source:
+    poses_given: Any = {"has_poses": has_poses, "is_raw": is_raw}
+    with clouds_of_bag(bag, topics, frame_options, **poses_given) as source:
         with work.counted(source.preparation) as advance:
             source.prepare(advance)
         if is_sequence:
@@ -392,13 +385,10 @@ def _sequence(
                 return rolling(number)
             return local_maps.make_local(sequence[number], common, skip=True)
 
-    jobs = [
-        Job(
-            job.source(common), job.folder,
-            f"pose {number}" if job.cloud is None else job.cloud.name, job.folder.name,
-        )
-        for number, job in enumerate(sequence)
-    ]  # fmt: skip
+    jobs = []
+    for number, job in enumerate(sequence):
+        name = f"pose {number}" if job.cloud is None else job.cloud.name
+        jobs.append(Job(job.source(common), job.folder, name, job.folder.name))
     report = run_and_report(jobs, output, run_one, LocalMaps, work.terminal)
     if planner is not None:
         report.check()
