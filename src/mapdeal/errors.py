@@ -1,7 +1,6 @@
 """Errors and warnings of mapdeal.
 
-Each error class has the exit code of the command line. Any other exception is a bug, with exit
-code 70.
+Each class has the exit code of the command line. Other exceptions are bugs, with exit code 70.
 """
 
 from __future__ import annotations

@@ -76,19 +76,13 @@ class Alignment(Placement, Result):
     def document(self) -> dict[str, Any]:
         place, runner_up = transform_document(self.transform), self.runner_up_transform
         return {
-            "format": ALIGNMENT_FORMAT,
-            "first": self.maps[0].document(),
-            "second": self.maps[1].document(),
-            "same_place": self.same_place,
+            "format": ALIGNMENT_FORMAT, "first": self.maps[0].document(),
+            "second": self.maps[1].document(), "same_place": self.same_place,
             "reason": self.reason,
             **place,  # also at the top level, as in files written by hand
-            "transform": place,
-            "score": self.score,
-            "runner_up": self.runner_up,
+            "transform": place, "score": self.score, "runner_up": self.runner_up,
             "runner_up_transform": None if runner_up is None else transform_document(runner_up),
-            "overlap": self.overlap,
-            "agreement": self.agreement,
-            "bend": self.bend,
+            "overlap": self.overlap, "agreement": self.agreement, "bend": self.bend,
             "bend_xy": None if self.bend_xy is None else list(self.bend_xy),
             "chosen_by": "score" if self.chosen is None else "user",
             "candidates": [
@@ -120,11 +114,10 @@ class Alignment(Placement, Result):
         for number, candidate in enumerate(self.candidates, start=1):
             mark = " (chosen)" if number == self.chosen else ""
             yield f"  candidate {number}{mark}: {_text(candidate.transform)}"
-            shares = 100 * candidate.overlap, 100 * candidate.agreement
-            text = "{:.0f} % of the free space in common, {:.0f} % of the walls agree".format(
-                *shares
-            )
-            yield f"    score {candidate.score:.2f}, {text}, {candidate.contradicting:.1f} m do not"
+            common = f"{100 * candidate.overlap:.0f} % of the free space in common"
+            walls = f"{100 * candidate.agreement:.0f} % of the walls agree"
+            text = f"score {candidate.score:.2f}, {common}, {walls}"
+            yield f"    {text}, {candidate.contradicting:.1f} m do not"
         if self.candidates and self.chosen is None:
             yield "  --image draws the candidates; --candidate 1 selects the first"
 
@@ -183,16 +176,13 @@ mapdeal align examples/maps/office_cartographer.yaml examples/maps/office.yaml \
     -o out/transform.json""",
 )  # fmt: skip
 def align(
-    first: Annotated[inputs.Map, Words("A")],
-    second: Annotated[inputs.Map, Words("B")],
-    *,
+    first: Annotated[inputs.Map, Words("A")], second: Annotated[inputs.Map, Words("B")], *,
     prior: Annotated[
         Transform | Sequence[float] | None, Words("X,Y,YAW", inputs.transform_of)
     ] = None,
     rotations: Annotated[Sequence[float] | None, Words("DEG,...", _rotations, "rotation")] = None,
-    candidate: int | None = None,
-    **reading: Unpack[inputs.Reading],
-) -> Alignment:
+    candidate: int | None = None, **reading: Unpack[inputs.Reading],
+) -> Alignment:  # fmt: skip
     """Find where a map lies in the frame of another map of the same place.
 
     The transform brings points of A into the frame of B: p_b = R(yaw) p_a + (x, y). Size,
@@ -234,16 +224,15 @@ def align(
     -----
     Candidates are peaks of correlations over all shifts, at the rotations that make the walls
     parallel and, on coarser cells, at all others. Each is refined by minimising the distances
-    between walls. The best are bent, stiffly, to where walls lie on walls, as sensor maps drift,
-    and judged by wall faces: a face agrees if it lies on a wall of the other map with free space on
-    the same side, and contradicts if it lies in the other map's free space. The score is the
-    Kullback-Leibler divergence of the share that agrees from that where the map is shifted along
-    its walls, for each 2 m of wall (less in small maps), less what the bend costs: the length of a
-    corridor is no evidence, its doors and cross walls are. Of one straight line of walls four
-    metres count at most. An alignment is certain if its score is at least 4.5 and 4.5 above all
-    others, the maps overlap by a tenth, and no other one reaches 0.62 of the score. Where
-    two thirds of the space and 25 m of walls are compared and three quarters agree, 2.2 suffices.
-    With a prior, three quarters of the walls in common must agree, and all else does not count.
+    between walls, and the best are bent, stiffly, to where walls lie on walls. A wall face agrees
+    if it lies on a wall of the other map with free space on the same side, and contradicts if it
+    lies in the other map's free space. The score is the Kullback-Leibler divergence of the share
+    that agrees from that where the map is shifted along its walls, for each 2 m of wall, less what
+    the bend costs: the length of a corridor is no evidence, its doors and cross walls are. An
+    alignment is certain if its score is at least 4.5 and 4.5 above all others, the maps overlap by
+    a tenth, and no other one reaches 0.62 of the score; where two thirds of the space and 25 m of
+    walls are compared and three quarters agree, 2.2 suffices. With a prior, only three quarters of
+    the walls in common must agree.
 
     References
     ----------
@@ -263,10 +252,8 @@ def align(
     approximate = inputs.transform_of(prior, place="prior")
     a, b = inputs.opened(first, second, names=("map A", "map B"), **reading)
     sizes = [math.prod(source.occupancy.shape) for source in (a, b)]
-    text = f"maps of {sizes[0]} and {sizes[1]} cells"
-    inputs.claim_for(
-        [a, b], bytes_to_align(sizes), text, of_picture=_PER_CELL_OF_PICTURE * sum(sizes), **reading
-    )
+    text, of_picture = f"maps of {sizes[0]} and {sizes[1]} cells", _PER_CELL_OF_PICTURE * sum(sizes)
+    inputs.claim_for([a, b], bytes_to_align(sizes), text, of_picture=of_picture, **reading)
     with inputs.errors_named(b.name):
         found = placed(a.occupancy, b.occupancy, prior=approximate, rotations=rotations)
     if candidate is None:

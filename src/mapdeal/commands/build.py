@@ -417,8 +417,7 @@ def build_map_from_world(
     max_memory, threads
         As for `run`.
     **robot
-        ``robot_height``, ``climb``, ``max_slope``, ``drops``, ``floor``, ``at`` and ``up`` of
-        `CloudOptions`.
+        Of `CloudOptions`: robot_height, climb, max_slope, drops, floor, at and up.
 
     Returns
     -------

@@ -65,7 +65,7 @@ _CELLS = {"free": "free", "obstacles": "occupied", "known": "known", "reachable"
 
 @dataclass(frozen=True, repr=False)
 class Written(Result):
-    """What was written for another program, in words and in numbers."""
+    """The file written for another program, in words and in numbers."""
 
     output: Path
     figures: dict[str, Any]
@@ -250,15 +250,13 @@ def convert(
         A map_server .yaml, a .pbm with its .yaml, an .npz written by mapdeal, a .pbstream of
         Cartographer, or a bag.
     topic : str, optional
-        With a bag: topic to read, if there are several, or to write. [default: /map, or /costmap
-        for costs]
+        With a bag: topic to read, if there are several, or to write. [default: /map or /costmap]
     index : int, optional
         Reading a bag: index of the message, from 0, or from the end, -1. [default: the last]
     takes_all : bool
         Reading a bag: write all messages into a folder.
     read_as : {'map', 'costs'}, optional
-        Reading a bag: what an OccupancyGrid contains. [default: costs if the topic's name contains
-        costmap, else a map]
+        Reading a bag: what an OccupancyGrid contains. [default: costs in a topic named costmap]
     frame_id : str, optional
         Writing a bag: frame_id of the header. [default: map]
     encoding : {'occupancy', 'costmap2d', 'amcl'}, optional
@@ -267,8 +265,7 @@ def convert(
     mode : {'trinary', 'scale', 'raw'}, optional
         How values become pixels. [default: raw if there are values 1..99, else trinary]
     static_layer : bool
-        With --encoding costmap2d: compute costs as costmap_2d's static layer does, instead of
-        round(2.54 v).
+        With --encoding costmap2d: costs as of costmap_2d's static layer, not round(2.54 v).
     footprint : Footprint, optional
         The robot's shape, instead of that of `robot`.
     **more

@@ -56,8 +56,7 @@ class DiffReport(Difference, Result):
     geometry : dict
         Pairs of values for each of width, height, resolution and origin that differs.
     common_cells, differing, beyond_tolerance : int
-        Numbers of cells: covered by both maps, with different values, and different beyond the
-        tolerance.
+        Numbers of cells: covered by both maps, different, and different beyond the tolerance.
     not_compared : int
         Number of known cells of A that B does not cover.
     confusion : dict of dict of int
@@ -338,8 +337,7 @@ def differences(
     second : path, optional
         Another map, or other costs; omitted with --against.
     points : path, optional
-        With --against: file of goals, one [NAME=]x,y or JSON object per line; - reads standard
-        input.
+        With --against: file of goals, one [NAME=]x,y or JSON object per line; - reads stdin.
     robot, against : RobotParameters, optional
         Two versions of a robot's parameters.
     """

@@ -328,8 +328,7 @@ def compare_robots(
     first, second : RobotParameters
         Both versions, A and B, from `read_robot_parameters`.
     start : tuple of float, optional
-        Start, metres and radians. By default the widest place of the largest area that is free for
-        the wider robot.
+        Start, metres and radians; by default the widest place of the largest area of the wider one.
     goals : sequence of Goal, optional
         Goal, metres; more may follow.
     mask : path or grid, optional
@@ -353,8 +352,7 @@ def compare_robots(
     -----
     A passage closes if it stops the robot of B, and that of A reaches both of its sides, or if A
     passes it and B neither fits nor gets there. Passages behind one that closes are not listed if B
-    fits into them. Passages of the two are the same if their middles are closer than half their
-    width or two cells.
+    fits into them. Passages are the same if their middles are within half their width or two cells.
     """
     (source,) = inputs.opened(map, names=("the map",), **reading)
     keepout = inputs.mask_of(mask, inputs.settings_of(**reading), source.grid)

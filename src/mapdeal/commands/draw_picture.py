@@ -109,8 +109,7 @@ def draw_picture(
     Parameters
     ----------
     shown : grid, BitMap, LocalMap, BuiltMap, DiffReport, Merged, Score or CostCurve
-        Object to draw. A local map includes the robot; a map built from scans is drawn without
-        its evidence.
+        Object to draw. A local map includes the robot; a map built from scans lacks its evidence.
     title : str, optional
         Title above the map; by default the kind of object.
     route : Route, optional
@@ -199,15 +198,13 @@ def write_picture(
     output = Path(path)
     if output.suffix != PICTURE:
         raise ParameterError("a picture must end in .png", source=output)
+    drawn: Any = {"title": title, "route": route, "pose": pose, "robot": robot}
     if isinstance(shown, Picture):
-        if not (title is None and route is None and pose is None and robot is None):
+        if any(value is not None for value in drawn.values()):
             raise ParameterError("is drawn already", place="picture", got=shown)
         picture = shown
     else:
-        picture = draw_picture(
-            shown, title=title, route=route, pose=pose, robot=robot, image_max=image_max,
-            image_extent=image_extent,
-        )  # fmt: skip
+        picture = draw_picture(shown, **drawn, image_max=image_max, image_extent=image_extent)
     with Transaction([output], force=force) as transaction:
         transaction.write_bytes(output, picture.png())
 

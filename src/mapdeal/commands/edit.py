@@ -174,8 +174,7 @@ def line(
     point : list of points
         Point, metres; more may follow.
     thickness : float, optional
-        Thickness of the line, metres; up to the side of a cell the line is one cell wide.
-        [default: one cell]
+        Thickness of the line, metres; up to the side of a cell it is one cell. [default: one cell]
     """
     if not point:
         refuse(_FOR_POINTS, thickness=thickness)
@@ -232,15 +231,13 @@ def reset(
     at : tuple of float, optional
         Centre of the rectangle, map frame, metres.
     corner : tuple of float, optional
-        Or the corner at its first cell, map frame, metres: the lower left one if the map has no
-        yaw.
+        Or the corner at its first cell, map frame, metres: the lower left one of a map without yaw.
     value : int, optional
         Value of the cells. [default: unknown: -1 for a map, 255 for costs]
     blank : bool
         Start from 0 everywhere, to draw a mask.
     background : int, optional
-        With --blank: start from V instead, such as -1 (unknown) for a mask without effect outside
-        the rectangle.
+        With --blank: start from V instead, such as -1 (unknown) for a mask without effect outside.
     """
     start = _start(blank, background)
     if (at is None) == (corner is None):

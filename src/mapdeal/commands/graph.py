@@ -151,8 +151,7 @@ def graph(
         Clearance below which the speed_limit of an edge is less than 100 percent, metres. Without
         it edges have no speed_limit.
     one_way : {'right'}, optional
-        Lanes on the right side instead of lines for both directions, where there is room for two
-        robots.
+        Lanes on the right side, where there is room for two robots, not lines for both directions.
     keep_from_unknown : float, optional
         Least distance of edges from unknown cells, metres.
     through_unknown : bool

@@ -182,8 +182,7 @@ def lint(
     mask_kind : {'keepout', 'speed', 'binary'}, optional
         Kind of the mask. [default: as its .yaml says, else speed in mode scale, keepout otherwise]
     start : tuple of float, optional
-        With a keepout mask: start of the robot, metres and radians. [default: the widest place of
-        the largest free area]
+        With a keepout mask: start of the robot, metres and radians. [default: the widest place]
     goals : sequence of Goal
         With a keepout mask: place that must stay reachable, such as a dock; more may follow.
     select : str or several

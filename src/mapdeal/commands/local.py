@@ -206,17 +206,15 @@ def local(
 
     Cells with a point are occupied, others free; with --map, cells that neither the map nor a beam
     has seen stay unknown. The stages of the recipe follow: inflation, field, rings of costs. A
-    sequence, given by --poses, gets a numbered folder for each cloud; clouds whose manifest shows
-    no change are skipped.
+    sequence, given by --poses, gets a numbered folder for each cloud; unchanged ones are skipped.
 
     Parameters
     ----------
     bag : path, optional
         Bag from which to replay the costmap of --params-file; --map gives its static layer.
     clouds : list of str, optional
-        A cloud: .pcd, .ply, .xyz, .txt, .csv, .asc, .npy, .npz, or a bag of ROS 1 or ROS 2; with
-        --poses it can be repeated, or a folder, or a quoted pattern; without it the window of --map
-        is used.
+        A cloud: .pcd, .ply, .xyz, .txt, .csv, .asc, .npy, .npz, or a bag; with --poses it can be
+        repeated, or a folder, or a quoted pattern. [default: the window of --map]
     pose : tuple of float, optional
         Pose of the robot, metres and radians. [default: from a bag's transforms]
     poses : path, optional
@@ -232,11 +230,9 @@ def local(
     global_map : path, optional
         Global map, whose obstacles and free cells in the window are copied.
     unknown : {'keep', 'free'}, optional
-        With --map or --keep: whether cells that nothing has seen stay unknown (keep) or become
-        free.
+        With --map or --keep: whether cells that nothing has seen stay unknown or become free.
     keep : int or 'all', optional
-        With --poses, or a bag: number of clouds to remember; their obstacles stay until a beam
-        passes them.
+        With --poses, or a bag: clouds to remember; obstacles stay until a beam passes them.
     require_points : bool
         Exit with 3 if no point of a cloud marks a cell.
     recipe : str

@@ -146,16 +146,14 @@ def mask(
     file : path
         GeoJSON file of the zones, metres in the map frame.
     kind : {'keepout', 'speed', 'binary'}, optional
-        Make the mask of this kind only; zones without a kind count as this one. [default: all kinds
-        in the file]
+        Make the mask of this kind only; zones without a kind count as this one. [default: all]
     speed_unit : {'percent', 'm/s'}
         Unit of the zones' speeds: percent of the robot's maximum, or m/s.
     base, multiplier : float, optional
         Of a speed filter: the limit is base + v x multiplier for a mask value v of 1..100.
         [default: 100 and -1 for percent; 0 and the finest step that fits for m/s]
     start : tuple of float, optional
-        With keepout zones: start of the robot, metres and radians. [default: the widest place of
-        the largest free area]
+        With keepout zones: start of the robot, metres and radians. [default: the widest place]
     goals : sequence of Goal
         With keepout zones: place that must stay reachable, such as a dock; more may follow.
     footprint : Footprint, optional

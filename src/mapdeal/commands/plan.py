@@ -537,8 +537,7 @@ def plan(
     goals : sequence of PlanGoal or tuple of float
         Goal, metres and radians; more may follow.
     pairs : path, optional
-        File of starts and goals, one x,y,yaw,x,y,yaw per line; - reads standard input. Instead of a
-        start and goals.
+        File of starts and goals, one x,y,yaw,x,y,yaw per line, instead of both; - reads stdin.
     planner : str, optional
         Name of the planner in planner_plugins; the first by default.
     no_changes : bool

@@ -194,18 +194,15 @@ def query(
     Parameters
     ----------
     map : path, str or grid
-        A distance field (.npz), or a map to compute it from; with a footprint, costs (.npz) or a
-        map.
+        A distance field (.npz), or a map to compute it from; with a footprint, costs or a map.
     at : sequence, optional
         Point, metres, or with a footprint a pose; more may follow.
     points : path, optional
         File of points, one x,y or JSON object per line; - reads standard input.
     poses : path, optional
-        With a footprint: file of poses, one x,y,yaw, TUM line or JSON object per line; - reads
-        standard input.
+        With a footprint: file of poses, one x,y,yaw, TUM line or JSON object each; - reads stdin.
     rule : {'outline', 'full'}, optional
-        With a footprint: cells that count, the outline (the default, as in Nav2) or also those
-        inside (full).
+        With a footprint: cells that count, its outline (the default, as in Nav2) or all (full).
     unknown : {'free', 'occupied'}, optional
         With a map: what unknown cells count as; free by default for distances.
     convention : {'fast-planner', 'center', 'border'}, optional

@@ -164,7 +164,9 @@ def _named_points(path: Path) -> Iterator[Goal]:
         if len(place.items()) < 2:
             raise place.error("must be [x, y]")
         x, y = (number.number() for number in place.items()[:2])
-        yield Goal(x, y, feature.given("properties", lambda own: own.given("name", JsonValue.text)))
+        yield Goal(
+            x, y, feature.optional("properties", lambda own: own.optional("name", JsonValue.text))
+        )
 
 
 def goals_in(path: Path) -> list[Goal]:

@@ -307,8 +307,7 @@ def write_report(
     path : path or str
         Output path, ``.html``. Missing folders are created.
     sources : path or str, or a sequence of them
-        Folders of runs or batches; maps, fields and costs; JSON of lint, reach, route, diff, align
-        and score; shapes.
+        Folders of runs or batches; maps, fields and costs; shapes; JSON of other commands.
     title : str, optional
         Title of the page  [default: the map's name]. Of several maps it is their number.
     max_size : int
@@ -400,8 +399,8 @@ def gathered(
     checks: RunChecks | None = None,
 ) -> Report:  # fmt: skip
     gathering = _Gathering(grids)
-    seen: set[object] = set()
-    paths = [path for path in paths if _is_first(path, seen)]
+    known_paths: set[object] = set()
+    paths = [path for path in paths if _is_first(path, known_paths)]
     known: set[object] = set()
     entries_of = {path: _entries_of(path, grids, known) for path in paths}
     gathering.runs = [draft for found in entries_of.values() for draft in found or ()]

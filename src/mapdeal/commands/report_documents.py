@@ -264,7 +264,7 @@ def checked_shape(corners: Sequence[Any]) -> Footprint:
 
 def goal_of(document: JsonValue) -> GoalReach:
     return GoalReach(
-        Goal(*_place(document), document.given("name", JsonValue.text)),
+        Goal(*_place(document), document.optional("name", JsonValue.text)),
         document["reachable"].flag(), document["heading_count"].integer(),
         document["widest_radius_m"].number_or(math.inf),
         document["limited_by"].or_none(_bottleneck), document["reason"].or_none(JsonValue.text),
@@ -354,7 +354,7 @@ def route_of(document: JsonValue) -> Route:
         document["start"].point(), document["goal"].point(), points,
         document["length_m"].number_or(nowhere), document["cost"].number_or(nowhere),
         document["min_clearance_m"].number_or(nowhere),
-        document.given("local_minimum", JsonValue.point),
+        document.optional("local_minimum", JsonValue.point),
         document["mean_clearance_m"].number_or(nowhere),
         document["expanded"].or_none(JsonValue.integer), document["optimal"].flag(),
     )  # fmt: skip
@@ -407,7 +407,7 @@ def _plan(document: JsonValue) -> Results:
     rows, missed = [], []
     for goal in document["goals"].items():
         place, is_found = _place(goal), goal["found"].or_none(JsonValue.flag)
-        name = goal.given("name", JsonValue.text)
+        name = goal.optional("name", JsonValue.text)
         label = _at(place) if name is None else name
         text = f"no path, {goal['reason'].or_none(JsonValue.text) or 'not known'}"
         tone: Tone = "good" if is_found else "note" if is_found is None else "error"
@@ -519,7 +519,7 @@ def _shape_item(shape: Shape) -> Item:
 
 
 def _maps(document: JsonValue, *keys: str) -> tuple[NamedMap | None, ...]:
-    return tuple(document.given(key, json_values.named_map) for key in keys)
+    return tuple(document.optional(key, json_values.named_map) for key in keys)
 
 
 def _alignment(document: JsonValue) -> Results:

@@ -366,7 +366,7 @@ def _drafts_of_batch(folder: Path, record: Mapping[str, Any]) -> Iterator[Draft]
 
 
 def _within(value: Any, *keys: str) -> Any:
-    """Return the value of nested keys in what anybody may have written; None if there is none."""
+    """Return the value of nested keys in a document of unknown origin, or None."""
     for key in keys:
         value = value.get(key) if isinstance(value, dict) else None
     return value

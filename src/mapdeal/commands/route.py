@@ -307,8 +307,7 @@ def route(
         heuristic; by default all three.
     method : {'astar', 'descent', 'geodesic', 'graph'}, optional
         Cheapest route over cells (astar, the default), steepest descent of the potential (descent),
-        shortest route in any direction (geodesic), or the cheapest on a route graph (graph, the
-        default with one).
+        shortest route in any direction (geodesic), or the cheapest on a graph (the default there).
     graph : path, optional
         Route graph to follow: a GeoJSON file for Nav2's route server.
     global_map : path or grid, optional

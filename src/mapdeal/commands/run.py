@@ -80,9 +80,8 @@ def run(
     mask : path or str, optional
         Keepout mask, a map, over the costs, as for `apply_keepout_mask`.
     **reading
-        As for `read_map`: dialect and max_cells. With max_memory, bytes, a map that needs more is
-        processed in blocks of rows, with the same result, or refused; by default it is half of the
-        free memory.
+        As for `read_map`: dialect and max_cells. With max_memory, bytes, by default half of the
+        free memory, larger maps are processed in blocks of rows, with the same result, or refused.
 
     Returns
     -------
@@ -192,14 +191,12 @@ def run_maps(
 
     A MAP is a map_server .yaml, a .pbm with its .yaml, or an .npz; a folder, for all such .yaml
     files in it and below; a quoted pattern such as "maps/**/*.yaml"; or @LIST.txt, a file with one
-    such name per line (@- reads standard input). Maps of folders, patterns and lists keep their
-    path below DIR.
+    such name per line (@- reads standard input). Maps of several keep their path below DIR.
 
     With --params-file the maps get the costs of a robot, as its own Nav2 or ROS 1 parameters define
     them; options on the command line override the file. With --recipe, only its shape is used.
 
-    With --pose, a single map also gets the local map around a robot there, with or without a point
-    cloud (--cloud).
+    With --pose, a single map also gets the local map around a robot there, with or without --cloud.
 
     If a map fails, the others continue: the exit code is 5, and DIR/summary.json has the outcome
     of each. A map that --strict refuses counts as failed. If the robot does not reach a goal, or
@@ -213,8 +210,7 @@ def run_maps(
         One of default, nav2, local, arena, design-real, design-sim, design-local, or a file.
         [default: default; with --params-file the robot's costmap]
     sim : bool
-        Map of a simulated world: cut out its active region first, and treat unknown cells as
-        obstacles.
+        Map of a simulated world: use its active region, and treat unknown cells as obstacles.
     changes : list of str, optional
         Set a parameter of a stage; can be repeated.
     canvas : {'crop', 'full'}
@@ -224,8 +220,7 @@ def run_maps(
         Also make the local map around a robot at this pose, as `mapdeal local` does, in the
         subfolder local of the map's folder.
     cloud : str, optional
-        The point cloud that the robot at --pose sees; without it the local map is a window of the
-        map.
+        The point cloud that the robot at --pose sees. [default: a window of the map]
     frame : {'robot', 'map'}, optional
         The frame of the cloud's coordinates. [default: robot]
     local_recipe : str, optional
@@ -243,8 +238,7 @@ def run_maps(
         Run the maps on the workers of this dask scheduler. [needs the package distributed]
     report : bool
         Also write a page of all results, with a verdict on each map, to DIR/report.html, and the
-        verdicts to DIR/report.json. Maps are checked by lint, and if there is a robot or a goal by
-        reach.
+        verdicts to DIR/report.json. Lint checks the maps, and reach, if there is a robot or a goal.
     start : tuple of float, optional
         Where the robot starts, metres and radians, as for `mapdeal reach`.
     goals : sequence of Goal

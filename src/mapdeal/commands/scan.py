@@ -97,8 +97,7 @@ class SimulatedScans(Result):
     odom_noise : float
         Standard deviation of the odometry after one metre and after one radian.
     visible_count, seen_count : int, optional
-        For a tour: number of wall cells in sight of where the robot gets, each metre, and of those
-        that the scans hit.
+        For a tour: number of wall cells in sight of where the robot gets, and of those seen.
     """
 
     map: inputs.MapInput
@@ -200,8 +199,7 @@ def scan(
     map : path, str or grid
         The map.
     poses : path, str or array of shape (N, 3), optional
-        File of the robot's poses, one per scan: x y yaw, or t x y z qx qy qz qw, whose times are
-        not used.
+        File of the robot's poses, one per scan: x y yaw, or t x y z qx qy qz qw, t being unused.
     route : path, str or Route, optional
         Route to drive along, as the command route writes it.
     tour : bool
@@ -297,18 +295,16 @@ def scan(
         )  # fmt: skip
         cells = around.cells
         # walls that beams only graze can be lost in a map: viewpoints also cover all the faces
-        in_sight = [
-            np.concatenate([walls, faces + cells])
-            for walls, faces in around.sights(planned.graph.points_xy, range_max)
-        ]
+        sights = around.sights(planned.graph.points_xy, range_max)
+        in_sight = [np.concatenate([walls, faces + cells]) for walls, faces in sights]
         step = max(1, round(_BETWEEN / source.grid.resolution))
         reachable = np.argwhere(planned.reach.reachable[::step, ::step]) * step
         places = planned.reach.frame.xy_from_rowcol(reachable)
         for walls in (*in_sight, *(walls for walls, _ in around.sights(places, range_max))):
             is_visible[walls[walls < cells]] = True
         tour_line = tour_of(planned.graph, in_sight, 2 * cells)
-        turn = max(_TURN, 2 * math.pi - fov)
-        robot_poses = driven(*tour_line, speed=speed, rate=rate, turn=turn)
+        pace = {"speed": speed, "rate": rate, "turn": max(_TURN, 2 * math.pi - fov)}
+        robot_poses = driven(*tour_line, **pace)
     else:
         line = read_document(files[0])["points"].points() if files else route.points_xy
         if not len(line):
@@ -353,9 +349,8 @@ class _ScanRun(batch.BatchWork):
             strict_warnings(settings.strict, job.path),
             inputs.outputs_of([*_paths(output)], files, settings) as transaction,
         ):
-            scans = scan(
-                job.path, **self.parameters, dialect=settings.dialect, max_cells=settings.max_cells
-            )
+            limits: Any = {"dialect": settings.dialect, "max_cells": settings.max_cells}
+            scans = scan(job.path, **self.parameters, **limits)
             scans.write(transaction, output)
         return _Log(scans.document(), [*scans.summary(output)])
 
@@ -425,8 +420,7 @@ def scan_maps(
     **parameters
         As for `scan`.
     """
-    names = map(str, sources)
-    listing = list_maps(names, output, work.terminal.input_chunks, lists_empty=True)
+    listing = list_maps(map(str, sources), output, work.terminal.input_chunks, lists_empty=True)
     if not listing.is_set and len(listing.maps) == 1:
         inputs.refuse("applies to several maps", log_format=log_format, jobs=jobs)
         work.outputs += _paths(output)
@@ -446,6 +440,5 @@ def scan_maps(
         from mapdeal.pipeline.workers import ProcessWorkers  # slow to import
 
         workers = ProcessWorkers(size)
-    return batch.run_and_report(
-        scan_jobs, output, scan_run, ScanLogs, work.terminal, workers=workers
-    )
+    run = batch.run_and_report
+    return run(scan_jobs, output, scan_run, ScanLogs, work.terminal, workers=workers)

@@ -64,8 +64,7 @@ class Score(Result):
         x, y (metres) and yaw (radians) of the transform from the map's frame to the frame of the
         truth; None without a truth.
     way : {'frames', 'transform', 'align'}
-        How the maps were placed: as they lie in one frame, by a transform that was given, or by
-        aligning them.
+        How the maps were placed: by their frames, by a transform, or by aligning them.
     comparison : Comparison or None
         The cells of both maps, and the distances between their walls; None without a truth.
     faults : tuple of Fault
@@ -95,21 +94,17 @@ class Score(Result):
     def document(self) -> dict[str, Any]:
         """Return what ``--json`` prints; ``map`` and ``truth`` are None for grids."""
         named, truth, *_ = (*(source.document() for source in self.maps), None)
-        transform = None
+        transform, frame = None, self.frame
         if self.transform is not None:
             transform = {**transform_document(Transform(*self.transform)), "by": self.placement}
         return {
-            "format": SCORE_FORMAT,
-            "map": named,
-            "truth": truth,
-            "transform": transform,
+            "format": SCORE_FORMAT, "map": named, "truth": truth, "transform": transform,
             "lattice": {
-                "width": self.frame.width, "height": self.frame.height,
-                "resolution": self.frame.resolution, "origin": list(self.frame.origin),
+                "width": frame.width, "height": frame.height, "resolution": frame.resolution,
+                "origin": list(frame.origin),
             },
             "verdict": finding.verdict(self.faults) if self.is_drawn else None,
-            "faults": finding.document_of(self.faults),
-            "values": self.values,
+            "faults": finding.document_of(self.faults), "values": self.values,
             "bounds": [{**asdict(bound), "holds": bound.holds} for bound in self.bounds],
             "passes": self.passes,
         }  # fmt: skip
@@ -130,10 +125,8 @@ class Score(Result):
         found = self.comparison
         if found is None:
             raise ParameterError("of a map on its own has no picture", place="a score")
-        cell = found.frame.resolution
-        distances = [
-            scoring.metres_of(squares, cell) for squares in (found.wall_squares, found.missed)
-        ]
+        cell, squares = found.frame.resolution, (found.wall_squares, found.missed)
+        distances = [scoring.metres_of(own, cell) for own in squares]
         walls = ScoredWalls(found.frame, found.estimate, found.truth, *distances)
         named = " on ".join(source.title for source in self.maps)
         title = one_line(title or f"{named}: how far off its walls are")
@@ -252,8 +245,7 @@ def score(
         Pass if a figure is at least this value, such as coverage=0.9; can be repeated. In Python
         values by name; dots lead into groups: ``{"dist_est_to_truth_m.mean": 0.1}``.
     maximum : mapping of str to float, optional
-        Pass if a figure is at most this value, such as dist_est_to_truth_m.mean=0.1; can be
-        repeated.
+        Pass if a figure is at most this value, dist_est_to_truth_m.mean=0.1 for instance.
     **reading
         As for `read_map`; dialect, max_cells and max_memory apply to files.
 
@@ -292,8 +284,7 @@ def score(
     The verdict names the fault that exceeds its limit most: ghost walls (5 % of the map's walls in
     free space of the truth), missing area (5 % of its known cells unknown), faded walls (10 % of
     its walls that the map should show but does not), noise (3 % of the walls in components of
-    fewer than 5 cells in its free space), and a bend (0.1 m or two cells; walls that it displaces
-    are not ghosts).
+    fewer than 5 cells in its free space), and a bend (0.1 m or two cells).
 
     Without a truth: figures after Filatov et al., "2D SLAM quality evaluation methods" (2017).
 
@@ -309,11 +300,10 @@ def score(
     """
     if align and transform is not None:
         raise ParameterError("cannot be given together with a transform", place="align")
-    work = inputs.Work.current.get()
-    image = None if work is None else work.settings.image
-    for name, value in {"align": align or None, "transform": transform, "--image": image}.items():
-        if truth is None and value is not None:
-            raise ParameterError("needs --truth, a map to compare with", place=name)
+    if truth is None:
+        work, rule = inputs.Work.current.get(), "needs --truth, a map to compare with"
+        image = {} if work is None else {"--image": work.settings.image}
+        inputs.refuse(rule, align=align, transform=transform, **image)
     limits = score_bounds.checked_bounds(minimum or {}, maximum or {}, with_truth=truth is not None)
     known, files = two_maps.given_transform(transform, place="transform")
     named = {"the map": map} if truth is None else {"the map": map, "the truth": truth}
@@ -339,35 +329,30 @@ def score(
         _warn_of(found, maps)
     bounds = score_bounds.judged(limits, found.values)
     faults = finding.faults_of(found.estimate, found.truth, found.frame)
-    return Score(
-        found.values, bounds, found.frame, tuple(maps), move.pose, placement, found, faults
-    )
+    named_maps = found.frame, tuple(maps)
+    return Score(found.values, bounds, *named_maps, move.pose, placement, found, faults)
 
 
 def _claim(maps: Sequence[inputs.MapInput], reading: inputs.Reading, *, aligns: bool) -> None:
     grids = [source.occupancy for source in maps]
-    shape, of_picture = grids[-1].shape, 0
-    lines = bytes_of_lines(shape, _PER_LINE)
+    shape = grids[-1].shape
     walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
-    if len(grids) == 1:
-        needed = scoring.bytes_alone(shape, walls)
-    else:
+    needed, of_picture = scoring.bytes_alone(shape, walls), 0
+    if len(grids) > 1:
         needed = scoring.bytes_to_compare(shape, walls)
         of_picture = scoring.bytes_to_compare(shape, walls, is_drawn=True)
-    needed, of_picture = needed + lines, of_picture + lines
-    if aligns:
-        needed = max(needed, two_maps.bytes_to_place(maps))
+    lines = bytes_of_lines(shape, _PER_LINE)
+    needed = max(needed + lines, two_maps.bytes_to_place(maps) if aligns else 0)
     size = f"{shape[1]} x {shape[0]} cells"
-    inputs.claim_for(maps, needed, size, of_picture=of_picture, **reading)
+    inputs.claim_for(maps, needed, size, of_picture=of_picture + lines, **reading)
 
 
 def _warn_of_values(maps: Sequence[inputs.MapInput]) -> None:
     for source in maps:
         between = int(histogram(source.occupancy.occupancy)[FREE + 1 : OCCUPIED].sum())
         if between:
-            verb = "counts" if between == 1 else "count"
-            text = f"{source.name}: {count_text(between, 'cell')} of 1..99 {verb} as unknown"
-            emit_warning(text)
+            cells = f"{count_text(between, 'cell')} of 1..99 count{'s' * (between == 1)}"
+            emit_warning(f"{source.name}: {cells} as unknown")
 
 
 def _warn_of(found: scoring.Comparison, maps: Sequence[inputs.MapInput]) -> None:
@@ -385,9 +370,7 @@ def _warn_of(found: scoring.Comparison, maps: Sequence[inputs.MapInput]) -> None
                 texts.append(f"{name}: has no occupied cell there, so no distances can be measured")
     cell, true_cell = maps[0].occupancy.resolution, found.frame.resolution
     if not np.isclose(cell, true_cell, rtol=1e-6, atol=0):
-        texts.append(
-            f"{own}: has cells of {cell:g} m, {truth} of {true_cell:g} m; what counts is its cell "
-            "at the centre of each of theirs"
-        )
+        text = f"{own}: has cells of {cell:g} m, {truth} of {true_cell:g} m; what counts is its "
+        texts.append(f"{text}cell at the centre of each of theirs")
     for text in texts:
         emit_warning(text)

@@ -90,14 +90,14 @@ class JsonValue:
             return None
         return JsonValue(self.source, fields[key], f"{self.place}.{key}" if self.place else key)
 
-    def given(self, key: str, read: Callable[[JsonValue], T]) -> T | None:
-        """Return what is read of a key; None if it is missing or null."""
+    def optional(self, key: str, read: Callable[[JsonValue], T]) -> T | None:
+        """Read the value of a key; None if it is missing or null."""
         found = self.get(key)
         return None if found is None else found.or_none(read)
 
     def listed(self, key: str) -> list[JsonValue]:
         """Return the items of the list of a key; none if it is missing or null."""
-        return self.given(key, JsonValue.items) or []
+        return self.optional(key, JsonValue.items) or []
 
     def fields(self) -> dict[str, JsonValue]:
         return {key: self[key] for key in self._fields()}
