@@ -6,7 +6,7 @@ import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from inspect import Parameter as Argument
 from pathlib import Path
@@ -149,9 +149,7 @@ class _StageCommand(Command):
         if None not in self.models:
             names = [str(model) for model in self.models]
             words = Words("|".join(names), completed=lambda: names)
-            found["model"] = Parameter(
-                "model", None, str, optional=True, conditions=(), words=words
-            )
+            found["model"] = Parameter("model", None, str, True, (), words=words)
         for name, owners in self._owners.items():
             parameter = next(iter(owners.values())).parameters[name]
             if any(stage.parameters[name] != parameter for stage in owners.values()):
@@ -237,9 +235,7 @@ _OF_ROBOT = {
 }  # fmt: skip
 """Parameters that options in common stand for, and which these are."""
 
-_OF_SETTINGS = {setting.name for setting in fields(Settings)} & (
-    opt.SHARED_OPTIONS.keys() - {*opt.OF_IMAGES}
-)
+_OF_SETTINGS = opt.OF_SETTINGS & opt.SHARED_OPTIONS.keys() - {*opt.OF_IMAGES}
 
 _TYPES = {Map: Path, Map | None: Path | None, Sequence[Map]: list[Path]}  # what typer reads maps as
 

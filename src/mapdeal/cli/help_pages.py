@@ -43,10 +43,8 @@ def overview(group: Any, context: Any) -> str:
     formatter.write("Process robot map files without ROS.\n\n")
     formatter.write("Start with: mapdeal run MAP.yaml -o out\n")
     write_commands(group, context, formatter, names=FIRST)
-    formatter.write(
-        "\nmapdeal --help lists all commands, mapdeal help COMMAND shows one with examples.\n"
-    )
-    return str(formatter.getvalue()).removesuffix("\n")
+    text = "mapdeal --help lists all commands, mapdeal help COMMAND shows one with examples."
+    return f"{formatter.getvalue()}\n{text}"
 
 
 def write_commands(

@@ -156,9 +156,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _report(refusal)
         with contextlib.suppress(OSError):
             traceback.print_exc()
-        return _report(
-            MapdealError("internal error", hint="this is a bug in mapdeal; please report it")
-        )
+        hint = "this is a bug in mapdeal; please report it"
+        return _report(MapdealError("internal error", hint=hint))
     lost = terminal.lost()
     return code if lost is None else _report(lost)
 

@@ -139,7 +139,7 @@ _OF_FILES = ("params_file", "costmap", "namespace")
 OF_IMAGES = ("resolution", "origin")
 """The options for images without a YAML file; some commands have others of these names."""
 
-_OF_SETTINGS = {setting.name for setting in fields(Settings)}
+OF_SETTINGS = {setting.name for setting in fields(Settings)}
 
 
 class SharedOption(NamedTuple):
@@ -291,9 +291,7 @@ def with_shared_options(
                 values |= {"footprint": robot_shape(**shape)} if shape else {}
             if "params_file" in shared:
                 files: dict[str, Any] = {name: shared_values.get(name) for name in _OF_FILES}
-                is_given = {
-                    f"has_{name}": values.get(name) is not None for name in ("mask", "pose")
-                }
+                is_given = {f"has_{k}": values.get(k) is not None for k in ("mask", "pose")}
                 read_parameters = partial(
                     robot_parameters, dialect=settings.dialect, is_shape=not makes_costs(values),
                     is_replay=values.get("bag") is not None, **is_given,
@@ -363,7 +361,7 @@ def _spliced(
 
 
 def _settings_of(shared_values: Mapping[str, Any]) -> Settings:
-    values = {name: shared_values[name] for name in shared_values if name in _OF_SETTINGS}
+    values = {name: shared_values[name] for name in shared_values if name in OF_SETTINGS}
     if values.get("origin") is None:
         values.pop("origin", None)
     elif values.get("resolution") is None:

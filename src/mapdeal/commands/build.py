@@ -312,10 +312,8 @@ class Comparison(Result):
     folder: Path
 
     def document(self) -> Figures:
-        methods = {
-            method: {**figures, "seconds": round(self.seconds[method], 4)}
-            for method, figures in self.figures["methods"].items()
-        }
+        methods = {method: {**figures, "seconds": round(self.seconds[method], 4)}
+                   for method, figures in self.figures["methods"].items()}  # fmt: skip
         return {**self.figures, "methods": methods}
 
     def lines(self) -> Iterator[str]:
@@ -580,10 +578,8 @@ def build(
             "cannot be given together with --compare",
             method=method, values=more.get("values"), layers=layers, image=work.settings.image
         )  # fmt: skip
-        chosen = {
-            name: {name: more[name] for name in parameters_of(kind) if name in more}
-            for name, kind in mapping.METHODS.items()
-        }
+        chosen = {method: {name: more[name] for name in parameters_of(kind) if name in more}
+                  for method, kind in mapping.METHODS.items()}  # fmt: skip
     if as_written:
         chosen["tsdf" if compare else next(iter(chosen))]["as_written"] = True
     limits = BeamLimits(range_min, range_max, clear_max)

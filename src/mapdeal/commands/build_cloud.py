@@ -72,11 +72,9 @@ class _Clouds(NamedTuple):
 
 
 def _of_files(names: Sequence[str], poses: Path | None) -> _Clouds:
-    paths = [
-        path
-        for path in list_files(names, CLOUD_SUFFIXES, not_in_folders=(".txt",))
-        if poses is None or not is_same_file(path, poses)
-    ]
+    paths = list_files(names, CLOUD_SUFFIXES, not_in_folders=(".txt",))
+    if poses is not None:
+        paths = [path for path in paths if not is_same_file(path, poses)]
     if not paths:
         raise MalformedInputError("there are no clouds", source=names[0])
     moves = turns = places = None

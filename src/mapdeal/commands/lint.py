@@ -312,11 +312,9 @@ def lint(
             settings, None if footprint is None or not maps else reach_radius(footprint), processes,
             None if graph is None else (Path(graph), shape, robot),
         )  # fmt: skip
-        reports = [
-            report
-            for robot_files in robots
-            for report in lint_maps.parameters(robot_files, costmap, namespace, maps)
-        ]
+        reports: list[MapReport] = []
+        for robot_files in robots:
+            reports += lint_maps.parameters(robot_files, costmap, namespace, maps)
         with counted(len(maps)) as advance:
             reports += lint_maps(maps, advance)
         if filter_mask is not None:
@@ -363,11 +361,9 @@ class _Lint:
         """Check a robot's parameter files, also against the frames of maps."""
         for path in maps:
             self.selections.of(path)  # errors in configurations come first
-        frames = {
-            path: _from_header(path, self.settings, lambda file: file.frame()) for path in maps
-        }
-        known = [(path.name, frame) for path, frame in frames.items() if frame is not None]
-        findings = checks.check_parameters(files, costmap, namespace, known)
+        read: Any = partial(_from_header, settings=self.settings, read=lambda file: file.frame())
+        frames = [(path.name, frame) for path in maps if (frame := read(path)) is not None]
+        findings = checks.check_parameters(files, costmap, namespace, frames)
         reports = [self._report(path, found) for path, found in findings.items()]
         return [replace(report, is_parameters=True) for report in reports]
 

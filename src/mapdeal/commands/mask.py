@@ -58,10 +58,8 @@ class FilterMask:
         return "raw" if histogram(self.grid.occupancy)[1:OCCUPIED].any() else "trinary"
 
     def document(self) -> dict[str, Any]:
-        zones = [
-            {"name": zone.name, **({} if zone.speed is None else {"speed": zone.speed})}
-            for zone in self.zones
-        ]
+        zones = [{"name": zone.name, **({} if zone.speed is None else {"speed": zone.speed})}
+                 for zone in self.zones]  # fmt: skip
         named = {"file": self.path.name, "mode": self.mode, "zones": zones}
         return filters.mask_description(self.info, self.grid) | named
 

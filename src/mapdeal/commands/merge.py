@@ -113,10 +113,8 @@ class Merged(Result):
     def lines(self) -> Iterator[str]:
         line = f"  {self.common} cells are known in several maps"
         if self.common:
-            share = (
-                f"{self.conflict_count} of them ({100 * self.conflict_count / self.common:.2f} %)"
-            )
-            line += f"; {share} are occupied in one and free in another"
+            count, share = self.conflict_count, 100 * self.conflict_count / self.common
+            line += f"; {count} of them ({share:.2f} %) are occupied in one and free in another"
         yield line
         for number, (source, counts) in enumerate(zip(self.inputs, self.maps, strict=True)):
             text = f"  {source.name}: {counts.known} cells known"

@@ -12,13 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from mapdeal.command import POSE, Output, Words, command
-from mapdeal.commands.plan_changes import (
-    Change,
-    PlannerOnMap,
-    changes_for,
-    is_cut_off,
-    margins_of,
-)
+from mapdeal.commands.plan_changes import Change, PlannerOnMap, changes_for, is_cut_off, margins_of
 from mapdeal.commands.reach import start_of
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import (
@@ -616,10 +610,8 @@ def plan(
     def works_on(source: inputs.Map) -> list[PlannerOnMap]:
         (opened,) = inputs.opened(source, names=("map",), also=also, **reading)
         check_map(opened, **reading)
-        return [
-            PlannerOnMap(opened, own, *chosen, over, settings.dialect != "nav2")
-            for own, chosen in zip(robots, planners, strict=True)
-        ]
+        is_older, pairs = settings.dialect != "nav2", zip(robots, planners, strict=True)
+        return [PlannerOnMap(opened, own, *chosen, over, is_older) for own, chosen in pairs]
 
     if is_table:
         reports: list[PlanReport | MapdealError] = []

@@ -109,9 +109,8 @@ class PlannerOnMap:
         values = {name: ParameterValue(value, kind, self.robot.paths[-1], 0, str(value))}
         space, older = self.robot.namespace, self.is_older
         with capture_warnings():
-            robot, problems = robot_in(
-                self.parameters, namespace=space, older=older, overrides=values
-            )
+            where: Any = {"namespace": space, "older": older}
+            robot, problems = robot_in(self.parameters, overrides=values, **where)
             if robot is None or any(problem.level == "refused" for problem in problems):
                 return None
             return grid_of(self.costmap_on(robot, self.source.occupancy), robot)

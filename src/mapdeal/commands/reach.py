@@ -164,9 +164,8 @@ def _named_points(path: Path) -> Iterator[Goal]:
         if len(place.items()) < 2:
             raise place.error("must be [x, y]")
         x, y = (number.number() for number in place.items()[:2])
-        yield Goal(
-            x, y, feature.optional("properties", lambda own: own.optional("name", JsonValue.text))
-        )
+        name = feature.optional("properties", lambda own: own.optional("name", JsonValue.text))
+        yield Goal(x, y, name)
 
 
 def goals_in(path: Path) -> list[Goal]:

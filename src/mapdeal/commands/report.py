@@ -342,12 +342,10 @@ def write_report(
     """
     if title is not None and not isinstance(title, str):
         raise errors.ParameterError("must be a text", place="title", got=title)
-    rule = "must be a whole number of bytes"
     if not is_whole(max_size) or max_size < _SMALLEST_PAGE:
-        rule = (
-            f"must be at least {source.size_text(_SMALLEST_PAGE)}" if is_whole(max_size) else rule
-        )
-        raise errors.ParameterError(rule, place="max_size", got=max_size)
+        least = source.size_text(_SMALLEST_PAGE)
+        rule = f"at least {least}" if is_whole(max_size) else "a whole number of bytes"
+        raise errors.ParameterError(f"must be {rule}", place="max_size", got=max_size)
     settings = Settings(
         dialect=dialect, max_cells=max_cells, force=force, threads=threads, max_memory=max_memory
     )

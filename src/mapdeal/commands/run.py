@@ -331,17 +331,12 @@ def run_maps(
 
             workers = ProcessWorkers(size)
         if is_batch:
-            maps = batch.run_and_report(
-                all_jobs, output, map_run, batch.Batch, terminal, workers=workers
-            )
-            answer = RunAnswer(maps, assumed)
+            place: Any = all_jobs, output, map_run, batch.Batch, terminal
+            answer = RunAnswer(batch.run_and_report(*place, workers=workers), assumed)
         else:
             (job,) = all_jobs
-            report_of_map = (
-                _on_cluster(job, map_run, workers, terminal) if workers else map_run(job)
-            )
-            assumed = assumed if report_of_map.status == "done" else []
-            answer = RunAnswer(report_of_map, assumed, job)
+            done = _on_cluster(job, map_run, workers, terminal) if workers else map_run(job)
+            answer = RunAnswer(done, assumed if done.status == "done" else [], job)
     if page is not None and goal_check is not None:
         with_map = [job.path for job in all_jobs if job.error is None]
         folders = [output] if is_batch else [all_jobs[0].folder]

@@ -490,9 +490,8 @@ def _compare(entry: Entry, number: int) -> Markup:
     for side, chosen in zip(("Left", "Right"), pair, strict=True):
         options = [element("option", layer.title, value=k, selected=k == names.index(chosen))
                    for k, layer in enumerate(entry.layers)]  # fmt: skip
-        selects.append(
-            element("label", f"{side} ", element("select", *options, autocomplete="off"))
-        )
+        select = element("select", *options, autocomplete="off")
+        selects.append(element("label", f"{side} ", select))
     first = "swipe" if entry.compared is not None and entry.opens_swiped else "layers"
     modes = []
     for mode, text in _MODES.items():
