@@ -196,8 +196,7 @@ class FileAccessError(MapdealError):
     """A file cannot be read or written, or an output already exists."""
 
     exit_code = 4
-    is_missing = False
-    """Whether there is no such file."""
+    is_missing = False  # whether there is no such file
 
 
 class BatchError(MapdealError):

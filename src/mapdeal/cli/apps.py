@@ -261,7 +261,7 @@ def _shell_function(definition: Command) -> Any:
                 values["output"] = None
             as_json = as_json or (output is None and not terminal.has_reader())
         if as_json:
-            terminal.need_stdout("--json")
+            terminal.need_stdout()
         with ExitStack() as stack:
             outputs = []  # if the function takes the output, it writes the files
             if output is not None and definition.output and not definition.takes_output:

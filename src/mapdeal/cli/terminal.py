@@ -66,10 +66,10 @@ def leave_stdout_to_data(*, is_text: bool) -> None:
     _is_for_data = True
 
 
-def need_stdout(option: str) -> None:
+def need_stdout() -> None:
     if _is_for_data:
         rule = "cannot be given together with -o -: both go to standard output"
-        raise ParameterError(rule, source=option, hint="name a file with -o")
+        raise ParameterError(rule, source="--json", hint="name a file with -o")
 
 
 def refuse_keyboard() -> None:
@@ -78,16 +78,14 @@ def refuse_keyboard() -> None:
         raise ParameterError("is a terminal, and an npz is not text", source="-", hint=hint)
 
 
-def call_files(names: Mapping[Path, str]) -> None:
+def call_file(path: Path, name: str) -> None:
+    """Print `name` in place of the path of a file."""
     from urllib.parse import quote
 
-    for path, name in names.items():
-        text = str(path)
-        _called[path.as_uri()] = quote(name)
-        for written in (text, json.dumps(text)[1:-1]):
-            _called[written] = name
-        with contextlib.suppress(OSError):  # some reports use it from the working folder
-            _called[quote(os.path.relpath(path))] = quote(name)
+    _called[path.as_uri()] = quote(name)
+    _called[str(path)] = _called[json.dumps(str(path))[1:-1]] = name
+    with contextlib.suppress(OSError):  # some reports use it from the working folder
+        _called[quote(os.path.relpath(path))] = quote(name)
 
 
 def _write_bytes(chunk: bytes) -> None:
@@ -148,19 +146,17 @@ def few_warnings(hint: str) -> Iterator[Callable[[str], None]]:
     yield show
     if count > _FEW:
         more = count - _FEW
-        warn(f"{more} more warning{'s' if more > 1 else ''}; {hint}")
+        warn(f"{more} more warning{'s' * (more > 1)}; {hint}")
 
 
 def summary(lines: Iterable[str], *, is_asked_for: bool = False) -> None:
-    if is_asked_for or not _quiet:
-        for line in lines:
-            result(_coloured(one_line(line), sys.stdout))
+    for line in lines if is_asked_for or not _quiet else ():
+        result(_coloured(one_line(line), sys.stdout))
 
 
 def remark(lines: Iterable[str]) -> None:
-    if not _quiet:
-        for line in lines:
-            _print_message(one_line(line))
+    for line in () if _quiet else lines:
+        _print_message(one_line(line))
 
 
 def detail(text: str) -> None:
@@ -349,8 +345,7 @@ def _has_colours(stream: TextIO) -> bool:
     return stream.isatty() and not is_dumb
 
 
-DASH = Path("-")
-"""The word ``-``; the file of this name is ``./-``, which is made an absolute path."""
+DASH = Path("-")  # the word ``-``; the file of this name is ``./-``, which is made an absolute path
 
 
 class Streamed(Enum):
@@ -363,12 +358,9 @@ FROM_STDIN, TO_STDOUT = Streamed
 
 
 def streamed(parameters: Iterable[Any]) -> dict[str, bool]:
-    return {
-        parameter.name: mark.value
-        for parameter in parameters
-        for mark in getattr(parameter.annotation, "__metadata__", ())
-        if isinstance(mark, Streamed)
-    }
+    marks = [(parameter.name, mark) for parameter in parameters
+             for mark in getattr(parameter.annotation, "__metadata__", ())]  # fmt: skip
+    return {name: mark.value for name, mark in marks if isinstance(mark, Streamed)}
 
 
 @contextmanager
@@ -376,10 +368,8 @@ def piped(
     values: Mapping[str, Any], marked: Mapping[str, bool], *, ending: str = ".npz"
 ) -> Iterator[dict[str, Any]]:
     """Yield values with files in place of standard streams; at the end send the output's."""
-    inputs = [
-        name for name in values
-        if name != "output" and _dashes(values[name]) and not marked.get(name)
-    ]  # fmt: skip
+    dashed = [name for name in values if name != "output" and _dashes(values[name])]
+    inputs = [name for name in dashed if not marked.get(name)]
     streamed_inputs = [name for name in inputs if name in marked]
     output = next((n for n, is_output in marked.items() if is_output and values[n] == DASH), None)
     if not streamed_inputs and output is None:
@@ -400,11 +390,11 @@ def piped(
         refuse_keyboard()
     with ExitStack() as stack:
         folder = stack.enter_context(temporary_folder())
-        call_files({folder / f"{STDOUT}{ending}": STDOUT})
+        call_file(folder / f"{STDOUT}{ending}", STDOUT)
         files = dict(values)
         for name in streamed_inputs:
             npz_path = save_npz(input_chunks(), folder)
-            call_files({npz_path: "standard input"})
+            call_file(npz_path, "standard input")
             files[name] = _replaced(values[name], npz_path)
         if output is not None:
             files[output] = folder / f"{STDOUT}{ending}"

@@ -47,12 +47,9 @@ _POINT = re.compile(r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}")
 
 def accept_words(command: Any, name: str) -> None:
     parse = command.parse_args
-    flags = {
-        option[2:]
-        for parameter in command.params
-        for option in parameter.opts
-        if option.replace("--", "--no-", 1) in parameter.secondary_opts
-    }
+    options = [(option, own) for own in command.params for option in own.opts]
+    flags = {option[2:] for option, own in options
+             if option.replace("--", "--no-", 1) in own.secondary_opts}  # fmt: skip
 
     def parse_args(context: Any, words: Sequence[str]) -> Any:
         words = _spread(_joined(words, flags), _OF_POINTS.get(name))
@@ -147,10 +144,9 @@ def _suggested_options(command: Any, context: Any, words: Sequence[str]) -> str 
     suggested: list[str] = []
     for word in extra:
         before = words[len(words) - 2 - words[::-1].index(word)]
-        if _NUMBER.fullmatch(word) and _NUMBER.fullmatch(before):  # a point with a space
-            return None
+        is_split_point = _NUMBER.fullmatch(word) and _NUMBER.fullmatch(before)
         option = next((option for option in unused if _fits(word, option, suggested)), None)
-        if option is None:
+        if option is None or is_split_point:
             return None
         suggested.append(f"{'-o' if option.name == 'output' else option.opts[0]} {word}")
         if not option.multiple:
@@ -188,11 +184,8 @@ def usage_error(error: Any) -> ParameterError:
         hint = _nearest_hint(unknown["name"], command, context)
     elif no_choice is not None:
         hint = nearest_hint(no_choice["word"], map(str, getattr(error.param.type, "choices", ())))
-    if (
-        hint is None
-        and path.endswith(" local")
-        and ("--cloud" in message or message[:9] == "got unexp")
-    ):
+    is_about_clouds = "--cloud" in message or message.startswith("got unexp")
+    if hint is None and path.endswith(" local") and is_about_clouds:
         hint = "clouds are given with --cloud FILE, repeated, or as a pattern in quotes"
     elif hint is None and is_astray and any(map(_NUMBER.fullmatch, message.split())):
         hint = "points and sizes are written X,Y, without a space"

@@ -58,9 +58,7 @@ _COMPARE_PER_CELL = 60
 """Bytes for each cell: the evidence of all methods, and the map of one method."""
 
 _MOST_PLACES = 100
-_STATES = STATES[:3]
-"""States of a cell; values 1..99 have none because only states are compared."""
-
+_STATES = STATES[:3]  # states of a cell; values 1..99 have none because only states are compared
 _CLOUDS_ONLY = ("min_points", "fill", "level")
 _ROBOTS_ONLY = ("climb", "max_slope", "drops", "floor")
 _LEAST_ENCLOSED = 1.0  # m2 of free space behind walls that deserve a warning

@@ -185,9 +185,8 @@ def graph(
     """
     if robot is not None and not isinstance(robot, RobotParameters):
         raise ParameterError("must be RobotParameters", place="robot", got=robot)
-    options = graph_drafts.GraphOptions(
-        spacing, hall, cover, slow_below, one_way, keep_from_unknown
-    )  # fmt: skip
+    lanes = slow_below, one_way, keep_from_unknown
+    options = graph_drafts.GraphOptions(spacing, hall, cover, *lanes)
     if through_unknown:
         inputs.refuse("needs unknown cells to be closed", keep_from_unknown=keep_from_unknown)
     inputs.need_ending(".geojson")
@@ -219,8 +218,7 @@ def graph_of(
         )
     shape = planned_shape(robot) if footprint is None and robot is not None else footprint
     parameters: dict[str, Any] = {"footprint": shape, "through_unknown": through_unknown}
-    if start is not None:
-        parameters["start"] = start
+    parameters |= {} if start is None else {"start": start}
     step = make_step("reach", {**parameters, "goals": tuple(goals)})
     coarse = graph_drafts.coarse_step(reach_radius(shape), source.grid.resolution) ** 2
     per_cell = step.memory + _PER_CELL + _PER_COARSE_CELL / coarse
@@ -242,10 +240,9 @@ def graph_of(
         found = step.apply(grid, source.path, mask=mask)
         if not isinstance(found, Reach):
             raise TypeError("the stage reach must make a Reach")
-        for goal in found.goals:
-            if not goal.reachable:
-                why = goal.stopped_by or "no way leads there"
-                raise FindingError(f"goal {goal.goal.label} is not reachable: {why}")
+        if missed := next((goal for goal in found.goals if not goal.reachable), None):
+            why = missed.stopped_by or "no way leads there"
+            raise FindingError(f"goal {missed.goal.label} is not reachable: {why}")
         result = route_graph_of(found, options)
     has_corners = shape is not None and bool(shape.vertices)
     for text in _problems(result, options.cover, has_corners=has_corners):

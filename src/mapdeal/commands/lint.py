@@ -53,12 +53,8 @@ T = TypeVar("T")
 
 Names = str | PathLike[str] | Iterable[str | PathLike[str]]
 
-_CELLS_PER_FILE = 250_000
-"""Cells that can be checked in the time that opening a file takes."""
-
-_SAMPLED_MAPS = 16
-"""Maps whose sizes are read to estimate the number of all cells."""
-
+_CELLS_PER_FILE = 250_000  # cells that can be checked in the time that opening a file takes
+_SAMPLED_MAPS = 16  # maps whose sizes are read to estimate the number of all cells
 _CELLS_WORTH_WORKERS = 500_000_000
 """Cells checked in two or three seconds, about the time that two processes take to start."""
 

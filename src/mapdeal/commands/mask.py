@@ -34,8 +34,7 @@ from mapdeal.ros.filters import filter_launch, filter_parameters
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.cost import closed_by
 
-PER_CELL = 60.0
-"""Bytes for each cell of the map: what a robot reaches, without a mask and with it."""
+PER_CELL = 60.0  # bytes for each cell of the map: what a robot reaches, without a mask and with it
 _PARAMETERS, _LAUNCH = "filters.yaml", "filters.launch.py"
 _NOT_0 = Condition("other than 0", lambda value: value != 0)
 

@@ -10,7 +10,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,9 +54,7 @@ _CLOSED = {
 }  # fmt: skip
 _BYTES = 1 << 26  # of the costmaps that are kept
 
-Override = tuple[str, str, Any]
-"""Name, type and value of a costmap's parameter."""
-
+Override = tuple[str, str, Any]  # name, type and value of a costmap's parameter
 Change = dict[str, Any]
 Mask = NDArray[np.bool_]
 
@@ -74,9 +72,7 @@ class PlannerOnMap:
 
     @property
     def planner(self) -> Planner:
-        if self.listed.planner is None:
-            raise TypeError(f"{self.listed.plugin} is not modelled")
-        return self.listed.planner
+        return cast("Planner", self.listed.planner)
 
     @cached_property
     def costmap(self) -> Costmap:
@@ -149,10 +145,9 @@ class PlannerOnMap:
         nearest = int(np.argmin((x - goal[0]) ** 2 + (y - goal[1]) ** 2))
         is_unknown_open = self.listed.settings.get("allow_unknown", True)
         closed = _CLOSED.keys() - ({NO_INFORMATION} if is_unknown_open else set())
-        texts = [
-            f"the {end} lies {_CLOSED[cost]}" for end, cell in cells.items()
-            if (cost := int(self.grid.costs[cell])) in closed and (end == "goal" or len(rows) == 1)
-        ]  # fmt: skip
+        ends = {end: int(self.grid.costs[cell]) for end, cell in cells.items()
+                if end == "goal" or len(rows) == 1}  # fmt: skip
+        texts = [f"the {end} lies {_CLOSED[cost]}" for end, cost in ends.items() if cost in closed]
         place = round(float(x[nearest]), 6), round(float(y[nearest]), 6)
         return place, " and ".join(texts) or None
 
@@ -246,11 +241,11 @@ class Adjustment:
 
     def change(self, index: int, *, is_monotonic: bool = True) -> Change:
         """Return the change to a candidate; -1 stands for the value itself."""
-        value = self.value if index < 0 else self.candidates[index]
+        value, radius = self.value if index < 0 else self.candidates[index], self.inscribed_radius
         found: Change = {"parameter": self.name, "from": self.value, "to": value}
-        if self.inscribed_radius > 0 and value < self.inscribed_radius:
-            found["note"] = f"less than the inscribed radius {self.inscribed_radius:.4g} m, so "
-            found["note"] += "that the robot may touch obstacles"
+        if radius > 0 and value < radius:
+            note = f"less than the inscribed radius {radius:.4g} m, so that the robot"
+            found["note"] = f"{note} may touch obstacles"
         if self.scales:
             found["scale"] = 1.0 if index < 0 else self.scales[index]
         return found if is_monotonic else {**found, "monotonic": False}
@@ -289,11 +284,12 @@ def changes_for(work: PlannerOnMap, start: Pose, goal: Pose, plan: Plan) -> list
         return None
     if plan.reason in ("StartOutsideMapBounds", "GoalOutsideMapBounds"):
         return []
-    found = []
-    for adjustment in _Query(work, start, goal).adjustments(plan):
-        success = first_success(len(adjustment.candidates), adjustment.planned, now=plan)
-        if success is not None:
-            found.append(adjustment.change(success[0], is_monotonic=success[1]))
+    adjustments = _Query(work, start, goal).adjustments(plan)
+    found = [
+        adjusted.change(success[0], is_monotonic=success[1])
+        for adjusted in adjustments
+        if (success := first_success(len(adjusted.candidates), adjusted.planned, now=plan))
+    ]
     if not plan.is_reached:
         lethal = work.grid.costs == LETHAL_OBSTACLE
         occupied = lethal & (np.asarray(work.source.occupancy.occupancy) > FREE)
@@ -434,13 +430,9 @@ def _wider_passage(
         cleared = occupied & (squares <= (widths[index] / 2) ** 2)
         return work.plan_without(start, goal, cleared)
 
-    found = first_success(len(widths), plan_with, now=plan)
-    if found is not None:
-        yield {
-            "map": "passage", **place,
-            "from": round(limit.width, 6), "width": widths[found[0]],
-            **({} if found[1] else {"monotonic": False}),
-        }  # fmt: skip
+    if found := first_success(len(widths), plan_with, now=plan):
+        passage = {"map": "passage", **place, "from": round(limit.width, 6)}
+        yield {**passage, "width": widths[found[0]], **({} if found[1] else {"monotonic": False})}
 
 
 def _centres(work: PlannerOnMap, rows: Any, cols: Any) -> tuple[Any, Any]:

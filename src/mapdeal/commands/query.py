@@ -91,10 +91,10 @@ class Answers(Result):
         for some in self.questions:
             text, is_inside = self.answer(some)
             turned = np.abs(some.numbers[:, 2:]) > 2 * math.pi  # only poses have a third column
-            self.counts.update(
-                all=len(is_inside), outside=int(np.count_nonzero(~is_inside)), bad=len(some.errors),
-                turned=int(np.count_nonzero(turned)),
-            )  # fmt: skip
+            self.counts["all"] += len(is_inside)
+            self.counts["outside"] += int(np.count_nonzero(~is_inside))
+            self.counts["bad"] += len(some.errors)
+            self.counts["turned"] += int(np.count_nonzero(turned))
             if text:
                 yield _with_errors(text, some).removesuffix("\n")
 
@@ -273,9 +273,8 @@ def _answers_of(field: DistanceField, questions: NumberLines) -> tuple[str, NDAr
     cells, inside = field.frame.bounded_rowcol_from_xy(questions.numbers)
     samples = field.query(questions.numbers)
     at = cells[:, 0], cells[:, 1]
-    columns = np.column_stack(
-        [questions.numbers, cells, samples.distance, samples.gradient, field.distance[at]]
-    )
+    numbers = questions.numbers, cells, samples.distance, samples.gradient, field.distance[at]
+    columns = np.column_stack(numbers)
     occupancy = field.occupancy[at]
     states = np.where(occupancy >= field.lethal_threshold, _OCCUPIED, _FREE)
     states[occupancy == values.UNKNOWN] = _UNKNOWN  # whatever the field counts unknown cells as
@@ -311,9 +310,8 @@ def _costs_of(
                 return mask.costs_of(step, grid, source.path)[1]
             return cast("Costmap", step.apply(grid, source.path))
         threshold = options.get("lethal_threshold", values.DEFAULT_LETHAL_THRESHOLD)
-        table = values.static_layer_cost_from_occupancy(
-            lethal_threshold=threshold, inscribed_value=None
-        )
+        limits: Any = {"lethal_threshold": threshold, "inscribed_value": None}
+        table = values.static_layer_cost_from_occupancy(**limits)
         of_unknown = {"free": values.FREE_SPACE, "occupied": values.LETHAL_OBSTACLE}
         table[values.UNKNOWN] = of_unknown.get(options.get("unknown", ""), values.NO_INFORMATION)
         cost = look_up(source.occupancy.occupancy, table)
