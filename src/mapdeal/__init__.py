@@ -17,24 +17,19 @@ loaded on first use, so that ``import mapdeal`` costs nothing.
 from __future__ import annotations
 
 import sys
+from functools import cache
 
 from mapdeal.version import __version__ as __version__
 
 # Names are imported on demand, because every command imports this module.
-_known: dict[str, str] = {}
 
 
+@cache
 def _modules() -> dict[str, str]:
     """Return the module of each name that the stub beside this file imports.
 
     A module with a star import is listed under its own name.
     """
-    if not _known:
-        _known.update(_read_stub())
-    return _known
-
-
-def _read_stub() -> dict[str, str]:
     import ast
     from pathlib import Path
 
@@ -90,12 +85,12 @@ def _show_plain_types(function: object) -> None:
     known: typing.Any = function
     hints = typing.get_type_hints(inspect.unwrap(known))
     signature = inspect.signature(known)
-    parameters = [
-        item.replace(annotation=re.sub(r"\b[\w.]*\.", "", inspect.formatannotation(hints[name])))
-        if name in hints and item.kind is not item.VAR_KEYWORD
-        else item
-        for name, item in signature.parameters.items()
-    ]
+    parameters = []
+    for name, item in signature.parameters.items():
+        if name in hints and item.kind is not item.VAR_KEYWORD:
+            plain = re.sub(r"\b[\w.]*\.", "", inspect.formatannotation(hints[name]))
+            item = item.replace(annotation=plain)
+        parameters.append(item)
     known.__signature__ = signature.replace(parameters=parameters)
 
 

@@ -58,7 +58,6 @@ _SAMPLED_MAPS = 16  # maps whose sizes are read to estimate the number of all ce
 _CELLS_WORTH_WORKERS = 500_000_000
 """Cells checked in two or three seconds, about the time that two processes take to start."""
 
-
 _COSTS_RULE = "holds costs, which are not repaired"
 _NUMBERS = ("resolution", "origin", "occupied_thresh", "free_thresh")
 
@@ -66,7 +65,6 @@ _PER_CELL_OF_GRAPH = 24  # bytes: distances, open cells, collisions of the robot
 _PER_CELL_REPAIRED = 3  # bytes: the cells, and the pixels being written
 _PER_CELL_OF_TURNED, _PER_NEW_CELL = 5, 3
 """Bytes for each cell of a turned map and of its resampled copy."""
-
 
 ImageUsers = dict[Path, list[tuple[tuple[int, int], Path]]]
 """For each folder that was read, the identities of images and the YAML files that name them."""
@@ -245,9 +243,8 @@ def lint(
         inputs.refuse(rule, params_file=params_file)
         named = named_checks(_as_names(explain), "--explain")
         return LintReport((), __version__, form, explained=named)
-    work = inputs.Work.current.get()
     settings = Settings(max_cells=max_cells, max_memory=max_memory, force=force)
-    if work is not None:  # which also contain the resolution of images without a YAML file
+    if (work := inputs.Work.current.get()) is not None:  # also has the resolution of bare images
         settings = work.settings
     names, robots = _maps_and_robots(_as_names(paths))
     files = tuple(map(Path, _as_names(params_file)))
@@ -655,12 +652,10 @@ def _repaired_in_place(
     states[pair.image_path] = source.state_of(pair.image_path)
     geometry = {"resolution", "origin"} if needs_cells else set()  # reported with the cells
     changes = [f"{key} {_shown(value)}" for key, value in values.items() if key not in geometry]
-    target = source.real_path(pair.path)
-    outputs = [target]
+    outputs = [target := source.real_path(pair.path)]
     if needs_cells:
         image, image_change = _image_for(pair, users)
-        outputs.insert(0, image)
-        changes.append(image_change)
+        outputs, changes = [image, target], [*changes, image_change]
     with (
         use_threads(settings.threads),
         inputs.errors_named(pair.path),

@@ -168,17 +168,16 @@ def _part_of_lint(document: JsonValue, *, is_map: bool) -> Part:
     file = document["file"].text()
     findings = [
         Finding(
-            severity=cast("Severity", found["severity"].word(*SEVERITIES)), file=file,
-            check=found["check"].text(), message=found["message"].text(),
-            line=found["line"].or_none(JsonValue.integer),
-            places=tuple(place.point() for place in found["places"].items()),
+            severity=cast("Severity", entry["severity"].word(*SEVERITIES)), file=file,
+            check=entry["check"].text(), message=entry["message"].text(),
+            line=entry["line"].or_none(JsonValue.integer),
+            places=tuple(place.point() for place in entry["places"].items()),
         )
-        for found in document["findings"].items()
+        for entry in document["findings"].items()
     ]  # fmt: skip
-    texts: dict[str, list[str]] = {
-        severity: [short(found.message) for found in findings if found.severity == severity]
-        for severity in SEVERITIES
-    }
+    texts: dict[str, list[str]] = {severity: [] for severity in SEVERITIES}
+    for found in findings:
+        texts[found.severity].append(short(found.message))
     rows = [(f"{severity}s", str(len(messages))) for severity, messages in texts.items()]
     rows.append(("suppressed", str(document["suppressed"].integer())))
     for number, repair in enumerate(document.listed("repairs"), start=1):
@@ -300,15 +299,14 @@ def goal_items(
         text = f"goal {answer.goal.label}: {'reachable' if answer.reachable else 'not reachable'}"
         if answer.reachable and robot is not None and robot.vertices:
             text += f" in {answer.heading_count} of {count_text(heading_count, 'heading')}"
+        limit, widest = answer.limited_by, answer.widest_radius
         if answer.reason is not None:
-            text += f": {answer.stopped_by}"
-        elif answer.widest_radius == 0:
+            text, limit = f"{text}: {answer.stopped_by}", None
+        elif widest == 0:
             text += "; by no robot, however small"
-        elif math.isfinite(answer.widest_radius):
-            radius = _metres(answer.widest_radius)
-            text += f"; a round robot gets there with a radius below {radius}"
-        limit = answer.limited_by
-        if answer.reason is None and limit is not None and math.isfinite(limit.width):
+        elif math.isfinite(widest):
+            text += f"; a round robot gets there with a radius below {_metres(widest)}"
+        if limit is not None and math.isfinite(limit.width):
             text += f": {limit.text}"
         tone: Tone = "good" if answer.reachable else "error"
         label = short(answer.goal.name or "goal")
@@ -559,9 +557,9 @@ def _diff(document: JsonValue) -> Results:
     rows = [(key, "yes" if document[key].flag() else "no") for key in ("equal", "passes")]
     for title, named in zip(("first map", "second map"), maps, strict=True):
         rows += [] if named is None else [(title, short(named.file))]
-    for key, title in _COUNTS_OF_DIFF.items():
-        if key != "beyond_tolerance" or not is_of_costs:
-            rows.append((title, str(document[key].integer())))
+    counts = _COUNTS_OF_DIFF.keys() - ({"beyond_tolerance"} if is_of_costs else set())
+    rows += [(title, str(document[key].integer()))
+             for key, title in _COUNTS_OF_DIFF.items() if key in counts]  # fmt: skip
     pairs, tolerance = _pairs(document["geometry"]), None
     if is_of_costs:
         rows.append(("cost scale", document["cost_scale"].word(*get_args(CostScale))))
@@ -581,13 +579,11 @@ def _diff(document: JsonValue) -> Results:
     tables = [Table("What differs", tuple(rows))]
     tables += [Table(GEOMETRY, tuple(pairs.items()))] if pairs else []
     if not is_of_costs:
-        cells = [
-            (short(f"{state} → {second_state}"), count.integer())
-            for state, row in document["confusion"].fields().items()
-            for second_state, count in row.fields().items()
-        ]
-        counted = tuple((states, str(count)) for states, count in cells if count)
-        tables.append(Table("Cells, first → second", counted))
+        counted = []
+        for state, row in document["confusion"].fields().items():
+            counted += [(short(f"{state} → {second}"), str(count.value))
+                        for second, count in row.fields().items() if count.integer()]  # fmt: skip
+        tables.append(Table("Cells, first → second", tuple(counted)))
     missed = " and ".join(name for name, bound in bounds.items() if not bound["holds"].flag())
     about: About = "cells" if is_of_costs else "obstacles"
     words = f"The bound on {short(missed)} does not hold"
@@ -600,14 +596,7 @@ def _diff(document: JsonValue) -> Results:
 
 
 def _robot_diff(document: JsonValue) -> Results:
-    robots = tuple(
-        NamedRobot(
-            _named_files(robot, "file"),
-            cast("CostmapName", robot["costmap"].word(*get_args(CostmapName))),
-            robot["namespace"].or_none(JsonValue.text),
-        )
-        for robot in document["robots"].items()
-    )
+    robots = tuple(map(_named_robot, document["robots"].items()))
     if len(robots) != 2 or not all(robot.files for robot in robots):
         raise document["robots"].error("must be two robots with parameter files")
     start = tuple(number.number() for number in document["start"].items())
@@ -617,11 +606,17 @@ def _robot_diff(document: JsonValue) -> Results:
     return Results(json_values.ROBOT_DIFF, maps=maps, start=start, goals=goals, robots=robots)
 
 
+def _named_robot(robot: JsonValue) -> NamedRobot:
+    costmap = cast("CostmapName", robot["costmap"].word(*get_args(CostmapName)))
+    return NamedRobot(
+        _named_files(robot, "file"), costmap, robot["namespace"].or_none(JsonValue.text)
+    )  # fmt: skip
+
+
 def passage_change_items(passages: Iterable[Passage], word: str, tone: Tone) -> list[Item]:
-    return [
-        replace(item, tone=tone, text=f"passage that {word}: {passage_text(passage)}")
-        for item, passage in zip(passage_items(passages), passages, strict=False)
-    ]
+    pairs = zip(passage_items(passages), passages, strict=False)
+    return [replace(item, tone=tone, text=f"passage that {word}: {passage_text(passage)}")
+            for item, passage in pairs]  # fmt: skip
 
 
 def cost_change_items(changes: Iterable[CostChange], frame: Frame) -> list[Item]:
@@ -648,9 +643,8 @@ def _transform(document: JsonValue) -> Transform:
 
 
 def _shift(document: JsonValue) -> str:
-    largest, most, mean = (
-        _metres(document[name].number(least=0)) for name in ("largest", "percentile_95", "mean")
-    )
+    keys = "largest", "percentile_95", "mean"
+    largest, most, mean = (_metres(document[key].number(least=0)) for key in keys)
     return f"{largest}; 95 % within {most}, mean {mean}"
 
 
@@ -700,8 +694,7 @@ def _comparison(document: JsonValue) -> Results:
     for pair in document["pairs"].items():
         names = short(f"{pair['first'].text()}, {pair['second'].text()}")
         rows.append((names, str(pair["differing"].integer())))
-    tables = [*(table for part in parts for table in part.tables)]
-    tables.append(Table("Differing cells", tuple(rows)))
+    tables = [*(part.tables[0] for part in parts), Table("Differing cells", tuple(rows))]
     return Results(json_values.COMPARISON, [], tables, parts)
 
 
@@ -713,9 +706,8 @@ def _method(name: str, document: JsonValue) -> Part:
             rows.append((short(key.replace("_", " ")), text))
     items = []
     for place in document["vanished"].items():
-        count = count_text(place["cells"].integer(), "cell")
+        count, group = count_text(place["cells"].integer(), "cell"), short(f"{name}: hits vanished")
         text = short(f"{name}: {count} with hits vanished")
-        group = short(f"{name}: hits vanished")
         items.append(Item("finding", text, "note", _place(place), group=group))
     table = Table(short(f"Method {name}"), tuple(rows))
     return Part(name, _shortened(items, "group of hits"), [table])

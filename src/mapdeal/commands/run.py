@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 _LOCAL_SET = "--local-set"
 _OF_LOCAL = f"{pipeline.LOCAL_RECIPE}."
 
-
 File = str | PathLike[str]
 
 
@@ -271,10 +270,8 @@ def run_maps(
     settings = replace(work.settings, canvas=canvas, progress=None)
     around = None
     if pose is None:
-        refuse(
-            "needs --pose", cloud=cloud, frame=frame, local_recipe=local_recipe,
-            local_changes=local_changes or None
-        )  # fmt: skip
+        of_local = {"local_recipe": local_recipe, "local_changes": local_changes or None}
+        refuse("needs --pose", cloud=cloud, frame=frame, **of_local)
     else:
         shape = robot.footprint if footprint is None and robot is not None else footprint
         around = _around(pose, cloud, frame, local_recipe, local_changes or [], shape)
@@ -337,18 +334,18 @@ def run_maps(
             (job,) = all_jobs
             done = _on_cluster(job, map_run, workers, terminal) if workers else map_run(job)
             answer = RunAnswer(done, assumed if done.status == "done" else [], job)
-    if page is not None and goal_check is not None:
-        with_map = [job.path for job in all_jobs if job.error is None]
-        folders = [output] if is_batch else [all_jobs[0].folder]
-        settings = replace(settings, force=True)
-        shown = written(page, folders, settings, inputs=with_map, checks=goal_check)
-        answer = replace(answer, page=shown)
-    elif goal_check is not None:
-        done_paths = [job.path for job in all_jobs]
-        if isinstance(answer.outcome, batch.Batch):
-            done_paths = answer.outcome.done_paths()
-        answer = replace(answer, goals=[goal_check.answer(path) for path in done_paths])
     if goal_check is not None:
+        if page is not None:
+            with_map = [job.path for job in all_jobs if job.error is None]
+            folders = [output] if is_batch else [all_jobs[0].folder]
+            settings = replace(settings, force=True)
+            shown = written(page, folders, settings, inputs=with_map, checks=goal_check)
+            answer = replace(answer, page=shown)
+        else:
+            paths = [job.path for job in all_jobs]
+            if isinstance(answer.outcome, batch.Batch):
+                paths = answer.outcome.done_paths()
+            answer = replace(answer, goals=[goal_check.answer(path) for path in paths])
         errors.refuse_warnings("; the maps are written")
     if golden is None or answer.has_failed:
         return answer
