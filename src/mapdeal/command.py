@@ -215,8 +215,8 @@ def is_plain(value: object) -> bool:
 def parameters_of(function: Any, *, of_stage: bool = False) -> dict[str, Parameter]:
     """Return the keyword-only arguments of a function or class; of a stage all but the first."""
     function = inspect.unwrap(function)
-    typed = function.__init__ if isinstance(function, type) else function
-    hints = get_type_hints(typed, include_extras=True)
+    is_class = isinstance(function, type)
+    hints = get_type_hints(function.__init__ if is_class else function, include_extras=True)
     found: dict[str, Parameter] = {}
     for number, (name, argument) in enumerate(inspect.signature(function).parameters.items()):
         is_named = argument.kind is argument.POSITIONAL_OR_KEYWORD and (
@@ -289,13 +289,7 @@ def _is_supported(kind: Any) -> bool:
 
 
 def split_optional(hint: Any) -> tuple[Any, bool]:
-    """Return a type with None removed, and whether it was optional.
-
-    Examples
-    --------
-    >>> split_optional(float | None)
-    (<class 'float'>, True)
-    """
+    """Return a type with None removed, and whether it was optional."""
     if get_origin(hint) not in (Union, types.UnionType):
         return hint, False
     arms = [arm for arm in get_args(hint) if arm is not type(None)]

@@ -291,7 +291,7 @@ def with_shared_options(
                 values |= {"footprint": robot_shape(**shape)} if shape else {}
             if "params_file" in shared:
                 files: dict[str, Any] = {name: shared_values.get(name) for name in _OF_FILES}
-                is_given = {f"has_{k}": values.get(k) is not None for k in ("mask", "pose")}
+                is_given: Any = {f"has_{k}": values.get(k) is not None for k in ("mask", "pose")}
                 read_parameters = partial(
                     robot_parameters, dialect=settings.dialect, is_shape=not makes_costs(values),
                     is_replay=values.get("bag") is not None, **is_given,

@@ -74,8 +74,9 @@ _COPY_HINT = "mapdeal lint MAP --fix -o OUT writes a repaired copy"
 
 
 def _as_names(argument: Names) -> tuple[str, ...]:
-    is_one = isinstance(argument, str | bytes) or not isinstance(argument, Iterable)
-    names: tuple[Any, ...] = (argument,) if is_one else tuple(argument)
+    names: Any = argument
+    is_one = isinstance(names, str | bytes) or not isinstance(names, Iterable)
+    names = (names,) if is_one else tuple(names)
     for name in names:
         if not isinstance(name, str | PathLike):
             raise errors.ParameterError("takes names or paths", source="lint", got=name)
@@ -393,7 +394,8 @@ class _Lint:
     ) -> MapReport:  # fmt: skip
         """Check the mask of a costmap filter against a map."""
         mask, pair = read_mask(path, self.settings, map_read)
-        info, ends = info_of(pair.metadata, kind), {"start": start, "goals": tuple(goals)}
+        ends: Any = {"start": start, "goals": tuple(goals)}
+        info = info_of(pair.metadata, kind)
         if info.kind != "keepout":
             inputs.refuse(f"applies to keepout masks, not to {info.kind}", **ends)
         facts = mask_facts(map_read, mask.grid, info, pair=pair, robot=robot, **ends)

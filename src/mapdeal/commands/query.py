@@ -273,8 +273,9 @@ def _answers_of(field: DistanceField, questions: NumberLines) -> tuple[str, NDAr
     cells, inside = field.frame.bounded_rowcol_from_xy(questions.numbers)
     samples = field.query(questions.numbers)
     at = cells[:, 0], cells[:, 1]
-    numbers = questions.numbers, cells, samples.distance, samples.gradient, field.distance[at]
-    columns = np.column_stack(numbers)
+    columns = np.column_stack(
+        [questions.numbers, cells, samples.distance, samples.gradient, field.distance[at]]
+    )
     occupancy = field.occupancy[at]
     states = np.where(occupancy >= field.lethal_threshold, _OCCUPIED, _FREE)
     states[occupancy == values.UNKNOWN] = _UNKNOWN  # whatever the field counts unknown cells as

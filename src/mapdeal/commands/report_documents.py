@@ -318,9 +318,10 @@ def passage_items(passages: Iterable[Passage]) -> list[Item]:
     items = []
     for passage in passages:
         width, area = _metres(passage.width), f"{decimal_text(passage.cut_off)} m2"
-        text, tone = f"closed passage of {width}, cuts off {area}", cast("Tone", "error")
+        tone: Tone = "warning" if passage.is_open else "error"
+        text = f"closed passage of {width}, cuts off {area}"
         if passage.is_open:
-            text, tone = f"narrow passage of {width}, {area} behind it", "warning"
+            text = f"narrow passage of {width}, {area} behind it"
         line = np.array(passage.ends, dtype=np.float64)
         label = f"{100 * passage.width:.0f} cm" if passage.width < 1 else width
         items.append(Item("passage", text, tone, (passage.x, passage.y), (line,), label))

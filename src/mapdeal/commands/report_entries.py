@@ -505,7 +505,9 @@ def add_layers(draft: Draft, layers: Iterable[PageLayer]) -> None:
 
 def _are_equal(layer: PageLayer, earlier: PageLayer) -> bool:
     colours, known = layer.style.by_value, earlier.style.by_value
-    if layer.frame != earlier.frame or colours is None or not np.array_equal(colours, known):
+    if layer.frame != earlier.frame or colours is None or known is None:
+        return False
+    if not np.array_equal(colours, known):
         return False
     blocks = blocks_of(layer.values)
     return all(np.array_equal(layer.values[rows], earlier.values[rows]) for rows in blocks)
@@ -552,8 +554,9 @@ def _columns_of_grid(figures: Mapping[str, Any]) -> dict[str, str | float]:
 
 
 def _is_figure(value: object) -> TypeGuard[int | float]:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_number and abs(value) <= _LARGEST_FIGURE
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return abs(value) <= _LARGEST_FIGURE
 
 
 def rows_of(values: object) -> tuple[tuple[str, str], ...]:

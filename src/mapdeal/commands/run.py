@@ -493,7 +493,7 @@ def _on_cluster(
     batch.dispatch(1, lambda _: job, partial(batch.attempt, run), workers, outcomes.__setitem__)
     for text in outcomes[0].warnings:
         terminal.warn(text)
-    report: Any = outcomes[0].result
+    report: pipeline.RunReport | errors.MapdealError = outcomes[0].result
     if isinstance(report, errors.MapdealError):
         raise report
     return report

@@ -303,7 +303,7 @@ def scan(
         for walls in (*in_sight, *(walls for walls, _ in around.sights(places, range_max))):
             is_visible[walls[walls < cells]] = True
         tour_line = tour_of(planned.graph, in_sight, 2 * cells)
-        pace = {"speed": speed, "rate": rate, "turn": max(_TURN, 2 * math.pi - fov)}
+        pace: Any = {"speed": speed, "rate": rate, "turn": max(_TURN, 2 * math.pi - fov)}
         robot_poses = driven(*tour_line, **pace)
     else:
         line = read_document(files[0])["points"].points() if files else route.points_xy

@@ -90,7 +90,7 @@ class Squares:
         is_below = integers < 0
         offset, unit = self._offset_and_unit(is_below)
         distances = (np.sqrt(np.abs(integers)) - offset) * unit
-        return np.where(is_below, -distances, distances).astype(np.float32)
+        return np.asarray(np.where(is_below, -distances, distances), np.float32)
 
     def is_near(self, found: Numbers, values: Numbers) -> NDArray[np.bool_]:
         return np.asarray(np.abs(found - values) <= SQUARE_ERROR)
@@ -133,7 +133,7 @@ class Bits:
 
     def values_of(self, integers: NDArray[np.float64]) -> Numbers:
         ordered = np.clip(integers * 2**self.hidden, -(2.0**31), 2.0**31 - 1).astype(np.int32)
-        return np.where(ordered < 0, ordered ^ 0x7FFFFFFF, ordered).view(np.float32)
+        return np.asarray(np.where(ordered < 0, ordered ^ 0x7FFFFFFF, ordered).view(np.float32))
 
     def is_near(self, found: Numbers, values: Numbers) -> NDArray[np.bool_]:
         """Return where both are the same to five digits; exactly, if no bits are left out."""

@@ -172,8 +172,8 @@ def on_difference(found: Difference, changes: Sequence[Change], unlisted: int) -
     share = 100 * found.beyond_tolerance / found.common_cells
     alone = found.not_compared
     text = f"{share:.3g} % of the common cells differ" if share else "All common cells are equal"
-    area = f"{decimal_text(alone * cell, 3)} m2"
-    text += f"; {area} are known in the first map alone" if alone else ""
+    if alone:
+        text += f"; {decimal_text(alone * cell, 3)} m2 are known in the first map alone"
     claims.append(Claim("cells", "warning" if share or alone else "good", text, "What differs"))
     if found.symmetry is not None:
         text = f"The second map would be much more like the first if {found.symmetry}"
