@@ -100,12 +100,11 @@ def _joined(words: Sequence[str], flags: Iterable[str]) -> list[str]:
     joined: list[str] = []
     for before, word in pairwise(["", *words]):
         name, equals, value = word.removeprefix("--").partition("=")
-        if "--" in joined or not (equals and word.startswith("--") and name in flags):
-            is_value = before[:2] == "--" and before[2:] in flags and "--" not in joined
-            if is_value and word.lower() in _FLAGS:
-                joined[-1] = f"--{_FLAGS[word.lower()]}{before[2:]}"
-            else:
-                joined.append(word)
+        is_value = before[:2] == "--" and before[2:] in flags and word.lower() in _FLAGS
+        if "--" in joined or not (is_value or (equals and word[:2] == "--" and name in flags)):
+            joined.append(word)
+        elif is_value:
+            joined[-1] = f"--{_FLAGS[word.lower()]}{before[2:]}"
         elif value.lower() in _FLAGS:
             joined.append(f"--{_FLAGS[value.lower()]}{name}")
         else:

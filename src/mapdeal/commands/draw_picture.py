@@ -222,10 +222,8 @@ def png_of(shown: object) -> bytes | None:
 
 
 def _grid_in(shown: object) -> tuple[Grid, str]:
-    if isinstance(shown, LocalMap):
-        return shown.grid, "local map"
-    if isinstance(shown, BuiltMap):
-        return shown.grid, "map of scans"
+    if isinstance(shown, LocalMap | BuiltMap):
+        return shown.grid, "local map" if isinstance(shown, LocalMap) else "map of scans"
     if isinstance(shown, BitMap):
         return shown.to_occupancy(), shown.kind
     if isinstance(shown, _GRIDS):

@@ -366,8 +366,10 @@ def _by_files(files: Sequence[Path], maps: Sequence[inputs.MapInput]) -> list[Tr
     own = [k if (first := _number_of(source.sums, maps)) is None else first
            for k, source in enumerate(maps)]  # fmt: skip
     steps = [_step(path, number, maps) for number, path in enumerate(files, 1)]
+    ways = [way for a, b, step in steps
+            for way in ((own[a], own[b], step), (own[b], own[a], step.inverse()))]  # fmt: skip
     found = {0: Transform()}
-    while more := dict(_next_to(found, [(own[a], own[b], step) for a, b, step in steps])):
+    while more := {b: step.after(found[a]) for a, b, step in ways if a in found and b not in found}:
         found |= more
     for source, first in zip(maps, own, strict=True):
         if first not in found:
@@ -413,16 +415,6 @@ def _by_walls(
             hint = f"mapdeal align {first} {name} shows the result; --by FILE.json uses it"
             raise FindingError(rule, source=name, hint=hint)
     return [None, *(found[number] for number in range(1, len(grids)))]
-
-
-def _next_to(
-    found: Mapping[int, Transform], steps: Sequence[tuple[int, int, Transform]]
-) -> Iterator[tuple[int, Transform]]:
-    for first, second, step in steps:
-        if first in found and second not in found:
-            yield second, step.after(found[first])
-        elif second in found and first not in found:
-            yield first, step.inverse().after(found[second])
 
 
 def _step(path: Path, number: int, maps: Sequence[inputs.MapInput]) -> tuple[int, int, Transform]:

@@ -267,10 +267,9 @@ class WrittenReport(Result):
         if not problems:
             return
         first, *later = problems
-        texts = [claim.text for claim in first.claims if claim.state == "error"]
-        rule = f"{first.name}: {texts[0] if texts else 'has a problem, see the page'}"
-        if later:
-            rule += f"; {len(later)} more of {self.maps} maps have problems"
+        texts = (claim.text for claim in first.claims if claim.state == "error")
+        rule = f"{first.name}: {next(texts, 'has a problem, see the page')}"
+        rule += f"; {len(later)} more of {self.maps} maps have problems" if later else ""
         raise errors.FindingError(rule, source=self.path)
 
 
@@ -597,6 +596,6 @@ class _Gathering:
             if not drafts and not part.is_clean:
                 lost.append(part.name)
         if lost:
-            more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
-            rule = "are left out: the map is not shown here"
-            errors.emit_warning(f"{path}: findings of {errors.one_line(lost[0])}{more} {rule}")
+            names = errors.one_line(lost[0]) + (f" and {len(lost) - 1} more" if lost[1:] else "")
+            rule = f"findings of {names} are left out: the map is not shown here"
+            errors.emit_warning(f"{path}: {rule}")

@@ -470,8 +470,7 @@ def _check_outputs(draft: Draft, manifest: Mapping[str, Any]) -> None:
             wrong[path] = "is not what the run wrote: its checksum differs"
     for path in islice(wrong, _MOST_WRONG):
         draft.miss(f"{path}: {wrong[path]}", path)
-    if len(wrong) > _MOST_WRONG:
-        more = len(wrong) - _MOST_WRONG
+    if (more := len(wrong) - _MOST_WRONG) > 0:
         rule = f"{more} more of the files that it lists are missing, or are others"
         draft.miss(f"{draft.path / MANIFEST}: {rule}", draft.path / MANIFEST)
 
@@ -586,13 +585,9 @@ def drafts_about(file: str, drafts: Sequence[Draft]) -> list[Draft]:
     # of its name.
     path = Path(file)
     same = [draft for draft in drafts if any(is_same_file(path, place) for place in draft.places)]
-    if same:
-        return same
     ends = [draft for draft in drafts if any(_is_end(path, Path(name)) for name in draft.names)]
-    if ends:
-        return ends
     named = [draft for draft in drafts if path.name in draft.files]
-    return named if len(named) == 1 else []
+    return same or ends or (named if len(named) == 1 else [])
 
 
 def _is_end(path: Path, name: Path) -> bool:
@@ -629,17 +624,15 @@ def methods_in(folder: Path, grids: Grids) -> Draft:
         raise errors.MalformedInputError("is not a comparison of methods", source=folder / DOCUMENT)
     draft = Draft(folder.name or str(folder), folder, tables=list(results.tables))
     for method in results.parts:
-        path = folder / Path(f"{method.name}.yaml").name
+        name, path = method.name, folder / Path(f"{method.name}.yaml").name
         if path not in draft.paths:  # of no method of another name
             draft.paths.append(path)
-            if grids.is_there(path, draft, f"layer {method.name}"):
-                draft.layers += grids.layers(path, method.name, f"Map by {method.name}")
-                sums = rows_of(grids.open(path).sums)
-                draft.tables.append(Table(f"{method.name}: SHA-256", sums))
+            if grids.is_there(path, draft, f"layer {name}"):
+                draft.layers += grids.layers(path, name, f"Map by {name}")
+                draft.tables.append(Table(f"{name}: SHA-256", rows_of(grids.open(path).sums)))
         draft.items += method.items
-    names = [layer.name for layer in draft.layers]
-    if len(names) > 1:
-        draft.compared = names[0], names[1]
+    if len(draft.layers) > 1:
+        draft.compared = draft.layers[0].name, draft.layers[1].name
     return draft
 
 
