@@ -702,7 +702,7 @@ def with_plain_errors(function: Callable[P, R]) -> Callable[P, R]:
         except MapdealError:
             raise
         except (TypeError, AttributeError, ValueError):
-            _bound(function.__name__, _with_names_of_more(signature, hints()), args, kwargs)
+            _bound(function.__name__, _with_all_names(signature, hints()), args, kwargs)
             for name, value in bound.arguments.items():
                 if signature.parameters[name].kind in _NAMED:
                     _check_type(value, hints().get(name, Any), f"{function.__name__}()", name)
@@ -711,9 +711,7 @@ def with_plain_errors(function: Callable[P, R]) -> Callable[P, R]:
     return checked_call
 
 
-def _with_names_of_more(
-    signature: inspect.Signature, hints: Mapping[str, Any]
-) -> inspect.Signature:  # fmt: skip
+def _with_all_names(signature: inspect.Signature, hints: Mapping[str, Any]) -> inspect.Signature:
     """Return a signature with the names of a typed dictionary of further keyword arguments."""
     parameters = []
     for parameter in signature.parameters.values():

@@ -273,7 +273,7 @@ def _shell_function(definition: Command) -> Any:
                 return
             if not isinstance(definition, _StageCommand):
                 _write(result, work, None if definition.takes_output else output)
-        _print_result(result, definition, output, as_json=as_json)
+        _print(result, definition, output, as_json=as_json)
 
     run.__name__, run.__doc__ = definition.name, definition.help
     own = list(_arguments(definition))
@@ -351,9 +351,7 @@ def _write(result: Result, work: Work, output: Path | None) -> None:
         transaction.write(work.settings.image, write)
 
 
-def _print_result(
-    result: Result, definition: Command, output: Path | None, *, as_json: bool
-) -> None:  # fmt: skip
+def _print(result: Result, definition: Command, output: Path | None, *, as_json: bool) -> None:
     is_required = definition.output is not None and definition.output.is_required
     if as_json:
         terminal.stream(result.parts())

@@ -651,7 +651,7 @@ def _compared(
         pair_figures.append(_pair_figures(pair, first, second))
         title = one_line(f"{name}: {pair[0]} and {pair[1]}")
         look = {"title": title, "image_extent": extent, "only_in": pair}
-        transaction.write(path, partial(_draw_difference, first, second, grid.frame, look))
+        transaction.write(path, partial(_draw_changes, first, second, grid.frame, look))
     document = {
         "format": _FORMAT, "version": __version__, "inputs": [file.name for file in source.files],
         "limits": asdict(building.limits), "width": grid.shape[1], "height": grid.shape[0],
@@ -670,9 +670,7 @@ def _compared(
     return Comparison(document, seconds, folder)
 
 
-def _draw_difference(
-    first: States, second: States, frame: Frame, look: Any, file: BinaryIO
-) -> None:
+def _draw_changes(first: States, second: States, frame: Frame, look: Any, file: BinaryIO) -> None:
     changes = changes_of(first, second, np.ones(first.shape, dtype=np.bool_))
     image = difference_image(changes, frame, **look)
     write_indexed_png(file, image.indices, image.palette)

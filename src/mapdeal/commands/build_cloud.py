@@ -121,9 +121,7 @@ def _poses_in(path: Path) -> tuple[Points, Points]:
     return np.column_stack([planar[:, :2], np.zeros(len(planar))]), from_yaw(planar[:, 2])
 
 
-def _of_bag(
-    path: Path, topics: Sequence[str], frames: FrameOptions, stack: ExitStack
-) -> _Clouds:  # fmt: skip
+def _of_bag(path: Path, topics: Sequence[str], frames: FrameOptions, stack: ExitStack) -> _Clouds:
     from mapdeal.pipeline.bag_maps import clouds_of_bag  # of use to bags alone
 
     bag = stack.enter_context(clouds_of_bag(path, topics, frames, has_poses=False, is_raw=True))

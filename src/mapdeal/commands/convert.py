@@ -423,9 +423,7 @@ def _write_bag(
     write_bag(transaction, output, grid, topic=topic, frame=FRAME if frame is None else frame)
 
 
-def _converted(
-    grid: Grid, encoding: Scale | None, static_layer: Mapping[str, Any] | None
-) -> Grid:  # fmt: skip
+def _converted(grid: Grid, encoding: Scale | None, static_layer: Mapping[str, Any] | None) -> Grid:
     if encoding is None or (encoding == "occupancy" and not isinstance(grid, Costmap)):
         return grid
     if not isinstance(grid, (OccupancyGrid, Costmap)):

@@ -197,9 +197,7 @@ def _describe_robot(
     return report
 
 
-def _described(
-    path: Path, settings: Settings, progress: ProgressCallback | None = None
-) -> Report:  # fmt: skip
+def _described(path: Path, settings: Settings, progress: ProgressCallback | None = None) -> Report:
     if path.name == MANIFEST or exists(path / MANIFEST):
         return _describe_run(path)
     try:

@@ -366,10 +366,12 @@ def _by_files(files: Sequence[Path], maps: Sequence[inputs.MapInput]) -> list[Tr
     own = [k if (first := _number_of(source.sums, maps)) is None else first
            for k, source in enumerate(maps)]  # fmt: skip
     steps = [_step(path, number, maps) for number, path in enumerate(files, 1)]
-    ways = [way for a, b, step in steps
-            for way in ((own[a], own[b], step), (own[b], own[a], step.inverse()))]  # fmt: skip
+    edges = [edge for a, b, step in steps
+             for edge in ((own[a], own[b], step), (own[b], own[a], step.inverse()))]  # fmt: skip
     found = {0: Transform()}
-    while more := {b: step.after(found[a]) for a, b, step in ways if a in found and b not in found}:
+    while more := {
+        b: step.after(found[a]) for a, b, step in edges if a in found and b not in found
+    }:
         found |= more
     for source, first in zip(maps, own, strict=True):
         if first not in found:

@@ -437,9 +437,7 @@ def goals_of(texts: Sequence[str]) -> list[PlanGoal]:
     return goals
 
 
-def planner_of(
-    robot: RobotParameters, planner: str | None
-) -> tuple[Ros2Parameters, ListedPlanner]:  # fmt: skip
+def planner_of(robot: RobotParameters, planner: str | None) -> tuple[Ros2Parameters, ListedPlanner]:
     if robot.flavour != "nav2":
         rule = "contains no parameters of ROS 2, and only Nav2's planners are modelled"
         raise ParameterError(rule, source=robot.paths[-1])

@@ -290,15 +290,13 @@ def _place(document: JsonValue) -> Point:
     return document["x"].number(), document["y"].number()
 
 
-def goal_items(
-    goals: Iterable[GoalReach], robot: Footprint | None, heading_count: int
-) -> list[Item]:
+def goal_items(goals: Iterable[GoalReach], robot: Footprint | None, headings: int) -> list[Item]:
     items = []
     for answer in goals:
         place = answer.goal.x, answer.goal.y
         text = f"goal {answer.goal.label}: {'reachable' if answer.reachable else 'not reachable'}"
         if answer.reachable and robot is not None and robot.vertices:
-            text += f" in {answer.heading_count} of {count_text(heading_count, 'heading')}"
+            text += f" in {answer.heading_count} of {count_text(headings, 'heading')}"
         limit, widest = answer.limited_by, answer.widest_radius
         if answer.reason is not None:
             text, limit = f"{text}: {answer.stopped_by}", None

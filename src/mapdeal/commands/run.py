@@ -332,8 +332,8 @@ def run_maps(
             answer = RunAnswer(batch.run_and_report(*place, workers=workers), assumed)
         else:
             (job,) = all_jobs
-            done = _on_cluster(job, map_run, workers, terminal) if workers else map_run(job)
-            answer = RunAnswer(done, assumed if done.status == "done" else [], job)
+            outcome = _on_cluster(job, map_run, workers, terminal) if workers else map_run(job)
+            answer = RunAnswer(outcome, assumed if outcome.status == "done" else [], job)
     if goal_check is not None:
         if page is not None:
             with_map = [job.path for job in all_jobs if job.error is None]
