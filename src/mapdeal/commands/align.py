@@ -185,10 +185,9 @@ def align(
 ) -> Alignment:  # fmt: skip
     """Find where a map lies in the frame of another map of the same place.
 
-    The transform brings points of A into the frame of B: p_b = R(yaw) p_a + (x, y). Size,
-    resolution, origin and yaw of the maps may differ, the maps may overlap only in part, and
-    things may have moved. Exit code 0 if the match is certain; 1 if the walls agree too little, or
-    nearly as well elsewhere.
+    The transform brings points of A into the frame of B: p_b = R(yaw) p_a + (x, y). Their sizes,
+    resolutions, origins and yaws may differ, they may overlap only in part, and things may have
+    moved. Exit code 0 if the match is certain; 1 if the walls agree too little, or also elsewhere.
 
     Parameters
     ----------

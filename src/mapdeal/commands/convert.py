@@ -247,8 +247,7 @@ def convert(
     Parameters
     ----------
     source : path
-        A map_server .yaml, a .pbm with its .yaml, an .npz written by mapdeal, a .pbstream of
-        Cartographer, or a bag.
+        A map_server .yaml, a .pbm with its .yaml, an .npz of mapdeal, a .pbstream, or a bag.
     topic : str, optional
         With a bag: topic to read, if there are several, or to write. [default: /map or /costmap]
     index : int, optional

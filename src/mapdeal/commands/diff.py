@@ -233,8 +233,7 @@ def diff(
     align : bool
         Align A with B by their walls before comparing.
     by : path, Transform or tuple of float, optional
-        Or apply a transform from A's frame to B's, as align writes it. In Python also a
-        `Transform`, or x, y, yaw.
+        Or apply a transform from A's frame to B's, as align writes it; in Python also x, y, yaw.
     **reading
         As for `read_map`; dialect, max_cells and max_memory apply to files.
 

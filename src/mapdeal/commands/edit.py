@@ -109,8 +109,7 @@ def _drawn(
     value : int, optional
         Value to draw, on the map's own scale: -1..100, 0..255 for costs, or 0 or 100 for a .pbm.
     overlay : {'seq', 'max', 'min'}
-        Which value wins in a cell: the later (seq), the larger (max) or the smaller one (min); any
-        value replaces unknown.
+        Which value wins in a cell: the later, the larger or the smaller; any replaces unknown.
     blank : bool
         Start from 0 everywhere, to draw a mask.
     background : int, optional

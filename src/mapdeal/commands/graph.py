@@ -148,8 +148,7 @@ def graph(
     cover : float
         Longest free path from a reached cell to a node, metres.
     slow_below : float, optional
-        Clearance below which the speed_limit of an edge is less than 100 percent, metres. Without
-        it edges have no speed_limit.
+        Clearance below which edges have a speed_limit below 100 percent, metres. [default: none]
     one_way : {'right'}, optional
         Lanes on the right side, where there is room for two robots, not lines for both directions.
     keep_from_unknown : float, optional

@@ -38,8 +38,7 @@ Report = dict[str, Any]
 Row = tuple[str, str]
 
 _OF_POTENTIAL, _OF_OTHERS = 62.0, 2.0
-"""Bytes for each cell that figures take; those of a potential are of layers that it does not have
-until they are asked for."""
+"""Bytes for each cell that figures take; those of a potential are of layers made for them."""
 
 _ANSWERS = ("goals", "passages", "closed_passages")
 """Figures of what can be reached that an npz does not hold."""

@@ -209,8 +209,7 @@ def merge(
         of mapdeal align, one for each map except the first. In Python, a `Transform` from the first
         map's frame to that of the map, p_map = T p_first, serves as well; None is the same frame.
     rule : {'occupied', 'newest', 'evidence'}
-        Which value wins where maps differ: the largest, that of the last map that knows the cell,
-        or the sum of the evidence.
+        Which value wins: the largest, that of the last map that knows the cell, or the evidence.
     same_wall : float, optional
         Walls of two maps within this distance are one wall, metres. By default the
         distance that 85 % of their walls have and a cell, at most 0.3 m; 0 draws all of them.

@@ -300,8 +300,7 @@ def route(
     goal : tuple of float
         Goal, metres.
     pairs : path, optional
-        File of starts and goals, one x,y,x,y or JSON object per line; - reads standard input.
-        Instead of a start and a goal.
+        File of starts and goals, one x,y,x,y or JSON each, instead of both; - reads stdin.
     compare : sequence of {'plain', 'cost', 'heuristic'}, optional
         With pairs: search without the distance field (plain), with it in the cost, or in the
         heuristic; by default all three.

@@ -225,8 +225,7 @@ def run_maps(
     local_recipe : str, optional
         Recipe of the local map, as for --recipe. [default: local]
     local_changes : list of str, optional
-        Change a parameter of the local recipe, or an option of `mapdeal local`, such as
-        local.size=12,8; can be repeated.
+        Change the local recipe, or an option of `mapdeal local`: local.size=12,8; can be repeated.
     golden : path, optional
         Compare each stage with a stored run; exit with 1 if any differs.
     update_golden : bool
