@@ -62,8 +62,7 @@ def setting_words() -> Iterable[str]:
 
 RecipeName = Annotated[str | None, Words("NAME|FILE", completed=recipe_words)]
 Changes = Annotated[
-    list[str] | None,
-    Words("STAGE.PARAMETER=VALUE", name="set", completed=setting_words),
+    list[str] | None, Words("STAGE.PARAMETER=VALUE", name="set", completed=setting_words)
 ]
 
 

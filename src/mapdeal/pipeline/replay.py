@@ -605,9 +605,7 @@ def _listed(counter: Counter[str]) -> str:
     return ", ".join(f"{count} {reason}" for reason, count in counter.most_common() if count)
 
 
-def _beams(
-    delivery: Delivery,
-) -> tuple[Floats, Floats, Floats, tuple[float, float]]:
+def _beams(delivery: Delivery) -> tuple[Floats, Floats, Floats, tuple[float, float]]:
     """Return the sensor's place, directions and lengths of all readings, and their limits."""
     message, origin = delivery.message, np.array(delivery.rigid[0])
     matrix = np.array(_rotation_matrix(delivery.rigid[1]), dtype=np.float64)
