@@ -6,7 +6,7 @@ that publishes the mask's type and scale, and a lifecycle manager that activates
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from mapdeal.grid.filters import FilterInfo, FilterKind
@@ -70,13 +70,9 @@ def filter_parameters(infos: Sequence[FilterInfo]) -> str:
 
 
 def _costmap(costmap: str, kinds: Sequence[FilterKind]) -> str:
-    text = f"{costmap}_costmap:\n  {costmap}_costmap:\n    ros__parameters:\n"
-    return text + filters_block(kinds)
-
-
-def filters_block(kinds: Sequence[FilterKind]) -> str:
     listed = ", ".join(f'"{kind}_filter"' for kind in kinds)
-    text = f"      filters: [{listed}]\n"
+    text = f"{costmap}_costmap:\n  {costmap}_costmap:\n    ros__parameters:\n"
+    text += f"      filters: [{listed}]\n"
     for kind in kinds:
         text += f"""\
       {kind}_filter:
@@ -178,14 +174,9 @@ def filter_servers(parameters: Ros2Parameters) -> FilterServers:
             info.append(InfoServer(node.name, values))
         if "topic_name" in values:
             topics.append(str(values["topic_name"].value))
-        if "node_names" in values:
-            managed += _texts(values["node_names"].value)
+        names = values["node_names"].value if "node_names" in values else ()
+        managed += map(str, names if isinstance(names, tuple) else ())
     return FilterServers(tuple(info), tuple(topics), tuple(managed))
-
-
-def _texts(value: object) -> Iterator[str]:
-    if isinstance(value, list | tuple):
-        yield from map(str, value)
 
 
 def topic_of(text: object) -> str:

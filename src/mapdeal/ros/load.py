@@ -33,9 +33,10 @@ def read_robot(
             raise error_of(problem, paths)
     if robot is None:
         raise MalformedInputError("holds no robot", source=paths[-1])
-    warnings = [problem for problem in problems if problem.level == "warning"]
-    reported = [problem for problem in warnings if not (is_shape and problem.check in _ABOUT_COSTS)]
-    texts = tuple(_line_of(problem, paths) for problem in reported)
+    texts = tuple(
+        _line_of(problem, paths) for problem in problems
+        if problem.level == "warning" and not (is_shape and problem.check in _ABOUT_COSTS)
+    )  # fmt: skip
     for text in texts:
         emit_warning(text)
     return replace(robot, remarks=texts, namespace=namespace)
@@ -54,8 +55,7 @@ def load_robot(
         raise ParameterError(rule, source=ros1_path, hint="pass the files of one robot")
     if ros2_paths:
         return nav2_robot(paths, costmap=costmap, namespace=namespace, older=older)
-    unrelated = next(filter(None, map(_other_kind, paths)), None)
-    if unrelated is not None:
+    if unrelated := next(filter(None, map(_other_kind, paths)), None):
         return None, (unrelated,)
     return ros1_robot(paths, costmap=costmap, namespace=namespace)
 
@@ -70,8 +70,7 @@ def flavour_of_file(path: Path) -> Flavour | None:
 
     with suppress(MapdealError):
         kind = kind_of(path) if exists(path) and not is_folder(path) else None
-        if kind is not None and kind.name == PARAMETERS:
-            return "nav2" if is_ros2(path) else "ros1"
+        return None if kind is None or kind.name != PARAMETERS else flavour_of([path])
     return None
 
 

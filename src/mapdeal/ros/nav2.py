@@ -29,16 +29,18 @@ from mapdeal.ros.robot import (
     FootprintStringError,
     Level,
     ListedLayer,
-    ParameterFileError,
     ParameterValue,
     Problem,
     RobotParameters,
     corners_of_string,
     erasing_layers,
     most_alike,
+    other_maps,
     padded_corners,
+    repetition,
     shape_of,
     sixteen_corners,
+    syntax_problem,
 )
 from mapdeal.ros.ros2_files import Ros2Node, Ros2Parameters, matches, read_ros2
 
@@ -71,7 +73,8 @@ class Nav2Values:
         if parameter.ignored is not None and name not in self._known:
             self._report_hidden(name, parameter, parameter.ignored)
         if parameter.replaced is not None:
-            self._report_repeated(name, parameter, parameter.replaced)
+            earlier, is_equal = parameter.replaced, parameter.value == parameter.replaced.value
+            self.problem(*repetition(earlier.line, parameter.line, is_equal=is_equal), name)
         if parameter.kind == kind:
             return parameter.value
         if name not in self._known:
@@ -92,12 +95,11 @@ class Nav2Values:
     def number(self, name: str, default: float, *, least: float = -math.inf) -> float:
         """Return a double; report it and return the default if it is not finite or too small."""
         value = float(self.get(name, "double", default))
+        if math.isfinite(value) and value >= least:
+            return value
+        check, rule = "params.not-positive", f"must not be below {least:g}"
         if not math.isfinite(value):
             check, rule = "params.not-finite", "must be finite"
-        elif value < least:
-            check, rule = "params.not-positive", f"must not be below {least:g}"
-        else:
-            return value
         text = f"{rule}; the node accepts it, and the costs are meaningless"
         self.problem(check, "refused", text, name)
         return default
@@ -120,13 +122,6 @@ class Nav2Values:
             return
         text = f"{rule}, is {_ARTICLES[parameter.kind]}; Nav2 does not start"
         self.problem("params.type", level, text, name, _hint(kind, parameter))
-
-    def _report_repeated(self, name: str, later: ParameterValue, earlier: ParameterValue) -> None:
-        text = f"appears twice, on lines {earlier.line} and {later.line}"
-        if later.value == earlier.value:
-            self.problem("params.repeated", "note", f"{text}, with one value", name)
-        else:
-            self.problem("params.twice", "warning", f"{text}; the later one counts", name)
 
     def _report_hidden(self, name: str, used: ParameterValue, ignored: ParameterValue) -> None:
         self._known.add(name)
@@ -196,49 +191,38 @@ def _listed_layers(values: Nav2Values, inscribed: float) -> tuple[ListedLayer, .
         text = f"more than {_MOST_LAYERS} layers and filters"
         values.problem("params.plugins", "refused", text, "plugins")
         return None
-    classes = [_class_of(values, name, defaults.get(name)) for name in (*names, *filters)]
-    if None in classes:
+    found = [(name, _class_of(values, name, defaults.get(name))) for name in (*names, *filters)]
+    kinds = [(name, kind) for name, kind in found if kind is not None]
+    if len(kinds) < len(found):
         return None
-    kinds = [kind or "" for kind in classes]
-    layer_kinds = zip(names, kinds[: len(names)], strict=True)
-    filter_kinds = zip(filters, kinds[len(names) :], strict=True)
-    layers = [_layer(values, name, kind, inscribed) for name, kind in layer_kinds]
-    layers += [replace(_layer(values, name, kind, inscribed), is_filter=True)
-              for name, kind in filter_kinds]  # fmt: skip
-    _warn_of_other_maps(values, layers)
-    return tuple(layers)
-
-
-def _warn_of_other_maps(values: Nav2Values, layers: list[ListedLayer]) -> None:
-    """Warn if static layers read different topics: mapdeal has one map for all of them."""
+    layers = tuple(
+        replace(_layer(values, name, kind, inscribed), is_filter=index >= len(names))
+        for index, (name, kind) in enumerate(kinds)
+    )
     default_topic = values.get("map_topic", "string", "map")
-    first_topic: str | None = None
-    for listed in layers:
-        if listed.plugin != _STATIC or not listed.is_enabled:
-            continue
-        parameter = f"{listed.name}.map_topic"
-        topic = (values.get(parameter, "string", "") or default_topic).lstrip("/")
-        if first_topic is not None and topic != first_topic:
-            text = f"reads {topic}, another map than {first_topic}; here it gets the same map"
-            values.problem("params.other-map", "warning", text, parameter)
-        first_topic = first_topic or topic
+    statics = [entry.name for entry in layers if entry.plugin == _STATIC and entry.is_enabled]
+    parameters = [f"{name}.map_topic" for name in statics]
+    topics = [values.get(parameter, "string", "") or default_topic for parameter in parameters]
+    named = zip(parameters, (topic.lstrip("/") for topic in topics), strict=True)
+    for parameter, text in other_maps(named):
+        values.problem("params.other-map", "warning", text, parameter)
+    return layers
 
 
 def _class_of(values: Nav2Values, name: str, default: str | None) -> str | None:
     """Return a plugin's class, corrected if it is misspelt; None if it is missing."""
     parameter = f"{name}.plugin"
     kind: str | None = values.get(parameter, "string", default)
+    if kind is None and parameter not in values.parameters:
+        text = f"{name} is listed, but has no {parameter}; Nav2 does not start"
+        classes = {plugin.removeprefix(_PREFIX).lower(): plugin for plugin in _KNOWN_CLASSES}
+        plain_name = name.replace("_", "").lower()[:_LONGEST_CLASS_NAME]
+        guess = classes[most_alike(plain_name, list(classes), least=0.0) or ""]
+        hint = f'write {name}: {{plugin: "{guess}"}}, or take it out of the list'
+        is_filter = name in values.get("filters", "string_array", ())
+        place = "filters" if is_filter else "plugins"
+        values.problem("params.plugins", "refused", text, place, hint)
     if kind is None:
-        if parameter not in values.parameters:
-            text = f"{name} is listed, but has no {parameter}; Nav2 does not start"
-            plain_classes = [plugin.removeprefix(_PREFIX).lower() for plugin in _KNOWN_CLASSES]
-            plain_name = name.replace("_", "").lower()[:_LONGEST_CLASS_NAME]
-            nearest = most_alike(plain_name, plain_classes, least=0.0)
-            guess = _KNOWN_CLASSES[plain_classes.index(nearest or "")]
-            hint = f'write {name}: {{plugin: "{guess}"}}, or take it out of the list'
-            is_filter = name in values.get("filters", "string_array", ())
-            place = "filters" if is_filter else "plugins"
-            values.problem("params.plugins", "refused", text, place, hint)
         return None
     suggested = _suggested_class(kind)
     if suggested is not None:
@@ -260,8 +244,7 @@ def _suggested_class(kind: str) -> str | None:
 def _layer(values: Nav2Values, name: str, kind: str, inscribed: float) -> ListedLayer:
     layer_class = NAV2_PLUGINS.get(kind)
     # in nav2_bringup's file, "enabled" of a filter is a name that launch files substitute
-    is_known = layer_class is not None and kind not in _FILTERS
-    if is_known:
+    if layer_class is not None and kind not in _FILTERS:
         is_enabled = values.flag(f"{name}.enabled", True)
     else:
         found = values.parameters.get(f"{name}.enabled")
@@ -270,16 +253,15 @@ def _layer(values: Nav2Values, name: str, kind: str, inscribed: float) -> Listed
         layer = layer_class.from_nav2(values, PluginEntry(name, kind, inscribed))
         sensing = layer_class.sensing_from_nav2(values, name)
         return ListedLayer(name, kind, layer, is_enabled, sensing=sensing)
-    if kind in _COSTLESS_FILTERS:
-        return ListedLayer(name, kind, None, is_enabled, why_ignored=_COSTLESS_FILTERS[kind])
-    if is_enabled:
+    if is_enabled and kind not in _COSTLESS_FILTERS:
         consequence = "its costs are left out"
         if kind == _CONTAINER:
             consequence = "the layers that it contains are left out"
             _refuse_contents(values, name)
         text = f"{kind} is not modelled: {consequence}"
         values.problem("params.not-modelled", "warning", text, f"{name}.plugin")
-    return ListedLayer(name, kind, None, is_enabled, why_ignored=NOT_MODELLED)
+    why = _COSTLESS_FILTERS.get(kind, NOT_MODELLED)
+    return ListedLayer(name, kind, None, is_enabled, why_ignored=why)
 
 
 def _refuse_contents(values: Nav2Values, name: str) -> None:
@@ -312,7 +294,6 @@ _OF_ANY_NODE = frozenset(
 )
 """Parameters of costmaps that other nodes of Nav2 declare, too."""
 _LONGEST_NAMESPACE = 245  # characters of a node's namespace in ROS 2, including the slash
-_FOOTPRINT_HINT = 'write "[[x1, y1], [x2, y2], [x3, y3], ...]", metres'
 
 
 def nav2_robot(
@@ -322,7 +303,7 @@ def nav2_robot(
     try:
         parameters = read_ros2(paths)
     except MalformedInputError as error:
-        return None, (_error_problem(error),)
+        return None, (syntax_problem(error, Path(error.source or paths[0])),)
     return robot_in(parameters, costmap=costmap, namespace=namespace, older=older)
 
 
@@ -335,17 +316,21 @@ def robot_in(
     if node is None:
         return None, problems
     own_values = {**parameters.for_node(node), **(overrides or {})}
-    values = Nav2Values(own_values, node, parameters.files[-1][0], older=older)
+    values = Nav2Values(own_values, node, parameters.files[-1].path, older=older)
     values.problems += (*problems, *_single_level_nodes(parameters, node, "warning"))
-    values.problems += [_alias_problem(*alias) for alias in parameters.aliases]
+    text = (
+        "ROS 2 does not support aliases; nav2_bringup's launch files write the value in its place"
+    )
+    hint = "other launch files need the value itself"
+    values.problems += [
+        Problem("params.alias", "warning", text, "", *alias, hint) for alias in parameters.aliases
+    ]
     _warn_of_old_plugins(values)
     for name, value in parameters.unset_for(node):
         text = "has no value, and every node that it is for exits"
         hint = "an empty list has no type in ROS 2; take the parameter out"
-        values.problems.append(
-            Problem("params.empty", "refused", text, name, value.source, value.line, value.text,
-                    hint)
-        )  # fmt: skip
+        place = value.source, value.line, value.text
+        values.problems.append(Problem("params.empty", "refused", text, name, *place, hint))
     return _resolved(values, parameters, costmap), tuple(values.problems)
 
 
@@ -368,28 +353,20 @@ def _warn_of_old_plugins(values: Nav2Values) -> None:
         )
 
 
-def _alias_problem(path: Path, line: int, alias: str) -> Problem:
-    text = (
-        "ROS 2 does not support aliases; nav2_bringup's launch files write the value in its place"
-    )
-    hint = "other launch files need the value itself"
-    return Problem("params.alias", "warning", text, "", path, line, alias, hint)
-
-
-def _error_problem(error: MalformedInputError) -> Problem:
-    source = error.source if isinstance(error.source, Path) else None
-    if isinstance(error, ParameterFileError):
-        return Problem("params.syntax", "refused", error.rule, "", source, error.line, error.found,
-                       error.hint)  # fmt: skip
-    text = error.rule if error.place is None else f"{error.rule} ({error.place})"
-    return Problem("params.syntax", "refused", text, source=source, hint=error.hint)
-
-
 def _resolved(
     values: Nav2Values, parameters: Ros2Parameters, costmap: CostmapName
 ) -> RobotParameters | None:
     values.check_types(DECLARED)
-    _check_sizes(values)
+    # Sizes with which the node fails to configure are reported even if a map overrides them.
+    for name in ("width", "height"):
+        if values.get(name, "integer", 5) <= 0:
+            text = "must be above 0; Nav2 does not start"
+            values.problem("params.not-positive", "refused", text, name)
+    resolution = values.get("resolution", "double", 0.1)
+    has_cells = math.isfinite(resolution) and resolution > 0
+    if not (values.older or has_cells):
+        text = "must be a finite number above 0; Nav2 does not start"
+        values.problem("params.not-positive", "refused", text, "resolution")
     padding = as_float32(values.number("footprint_padding", 0.01))
     radius, corners = _outline(values)
     if not max(abs(v) for corner in padded_corners(corners, padding) for v in corner) <= _LARGEST:
@@ -408,17 +385,15 @@ def _resolved(
     for listed in erasing_layers(layers):
         values.problem("params.erases-map", "warning", ERASES, f"{listed.name}.combination_method")
     layers = _with_static(values, layers, costmap)
-    track, area = values.flag("track_unknown_space"), _area(values)
+    track, area = values.flag("track_unknown_space"), _area(values) if has_cells else None
     return shape.robot(
         "nav2", costmap, values.node, layers, parameters.files, track=track, area=area,
         base_frame=values.get("robot_base_frame", "string", "base_link"),
     )  # fmt: skip
 
 
-def _area(values: Nav2Values) -> CostmapArea | None:
+def _area(values: Nav2Values) -> CostmapArea:
     resolution = values.get("resolution", "double", 0.1)
-    if not (math.isfinite(resolution) and resolution > 0):
-        return None
     height, width = (
         int(values.get(side, "integer", 5) / resolution) for side in ("height", "width")
     )
@@ -431,27 +406,13 @@ def _area(values: Nav2Values) -> CostmapArea | None:
     )  # fmt: skip
 
 
-def _check_sizes(values: Nav2Values) -> None:
-    """Report sizes with which the node fails to configure, even if a map overrides them."""
-    for name in ("width", "height"):
-        if values.get(name, "integer", 5) <= 0:
-            text = "must be above 0; Nav2 does not start"
-            values.problem("params.not-positive", "refused", text, name)
-    resolution = values.get("resolution", "double", 0.1)
-    if not values.older and not (math.isfinite(resolution) and resolution > 0):
-        text = "must be a finite number above 0; Nav2 does not start"
-        values.problem("params.not-positive", "refused", text, "resolution")
-
-
 def _outline(values: Nav2Values) -> tuple[float | None, Corners]:
     text = values.get("footprint", "string", "[]")
     if text not in ("", "[]"):
         try:
-            corners = corners_of_string(text)
+            return None, corners_of_string(text)
         except FootprintStringError as error:
             _report_footprint(values, text, str(error))
-        else:
-            return None, corners
     elif "robot_radius" not in values.parameters:
         rule = "neither footprint nor robot_radius is set; Nav2 uses a radius of 0.1 m"
         values.problem("params.no-shape", "warning", rule, hint="set one of them")
@@ -464,14 +425,15 @@ def _outline(values: Nav2Values) -> tuple[float | None, Corners]:
 
 def _report_footprint(values: Nav2Values, text: str, reason: str) -> None:
     if "$(" in text or text.startswith("<"):
-        rule = "must be a list of points"
         hint = "launch files replace it; pass the file that the node gets, or write the points"
+        rule = "must be a list of points"
         values.problem("params.substitution", "refused", rule, "footprint", hint)
         return
     radius = values.get("robot_radius", "double", 0.1)
     radius_name = "robot_radius" if "robot_radius" in values.parameters else "a radius"
     rule = f"{reason}; Nav2 uses {radius_name} of {radius:g} m in its place"
-    values.problem("params.footprint-unused", "warning", rule, "footprint", _FOOTPRINT_HINT)
+    hint = 'write "[[x1, y1], [x2, y2], [x3, y3], ...]", metres'
+    values.problem("params.footprint-unused", "warning", rule, "footprint", hint)
 
 
 def _with_static(
@@ -495,7 +457,7 @@ def _node_of(
     parameters: Ros2Parameters, costmap: CostmapName, namespace: str | None
 ) -> tuple[str | None, tuple[Problem, ...]]:
     costmap_node = f"{costmap}_costmap/{costmap}_costmap"
-    source = parameters.files[-1][0]
+    source = parameters.files[-1].path
     spaces = _namespaces(parameters, costmap_node)
     requested = [part for part in (namespace or "").split("/") if part]
     node = "/".join(["", *requested, costmap_node])

@@ -92,11 +92,10 @@ def plugins_in(values: Mapping[str, ParameterValue]) -> dict[str, str]:
     """Return the class of each planner in the parameters of a server, empty if it has none."""
     listed = values.get("planner_plugins")
     names = tuple(DEFAULT_PLANNERS) if listed is None else listed.value
+    classes = {name: values.get(f"{name}.plugin") for name in names if isinstance(names, tuple)}
     return {
-        str(name): str(values[f"{name}.plugin"].value)
-        if f"{name}.plugin" in values
-        else DEFAULT_PLANNERS.get(name, "")
-        for name in (names if isinstance(names, list | tuple) else ())
+        str(name): DEFAULT_PLANNERS.get(name, "") if plugin is None else str(plugin.value)
+        for name, plugin in classes.items()
     }
 
 

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from difflib import SequenceMatcher
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from mapdeal.layers.static import StaticLayer
 Level = Literal["refused", "warning", "note"]
 Flavour = Literal["nav2", "ros1"]
 CostmapName = Literal["global", "local"]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,35 @@ class ParameterValue:
     text: str
     ignored: ParameterValue | None = None
     replaced: ParameterValue | None = None  # an earlier value of the same name in the same file
+
+
+def syntax_problem(error: MalformedInputError, path: Path) -> Problem:
+    """Return the problem of a file that cannot be read; its text names places other than lines."""
+    match = re.fullmatch(r"line (\d+)(?:, .*)?", error.place or "")
+    text = error.rule if match or not error.place else f"{error.rule} ({error.place})"
+    line, got = int(match[1]) if match else None, getattr(error, "found", None)
+    return Problem("params.syntax", "refused", text, "", path, line, got, error.hint)
+
+
+def repetition(line: int, later_line: int, *, is_equal: bool) -> tuple[str, Level, str]:
+    """Return check, level and text of a problem: a file sets a parameter twice."""
+    text = f"appears twice, on lines {line} and {later_line}"
+    if is_equal:
+        return "params.repeated", "note", f"{text}, with one value"
+    return "params.twice", "warning", f"{text}; the later one counts"
+
+
+def other_maps(topics: Iterable[tuple[T, str]]) -> Iterator[tuple[T, str]]:
+    """Yield the parameters of topics other than the first, with a warning of static layers."""
+    # mapdeal has one map for all of them
+    first_topic = ""
+    for parameter, topic in topics:
+        first_topic = first_topic or topic
+        if topic != first_topic:
+            yield (
+                parameter,
+                f"reads {topic}, another map than {first_topic}; here it gets the same map",
+            )
 
 
 Corners = tuple[tuple[float, float], ...]
@@ -147,27 +177,17 @@ def padded_corners(corners: Corners, padding: float) -> Corners:
 def radii_of(corners: Corners) -> tuple[float, float]:
     """Return inscribed and circumscribed radius, as ``calculateMinAndMaxDistances``."""
     least, most = math.inf, 0.0
-    for first, second in zip(corners, (*corners[1:], corners[0]), strict=True):
+    for (x0, y0), (x1, y1) in zip(corners, (*corners[1:], corners[0]), strict=True):
+        # the point of the edge that is nearest to (0, 0), as ``distanceToLine`` finds it
+        c, d = x1 - x0, y1 - y0
+        square = c * c + d * d
+        share = (-x0 * c + -y0 * d) / square if square else 0.0
+        nearest = (x1, y1) if share > 1 else (x0 + share * c, y0 + share * d)
         # numpy's hypot is C's, as in costmap_2d; Python's math.hypot rounds differently
-        edge = float(np.hypot(*_nearest_to_centre(first, second)))
-        corner = float(np.hypot(*first))
+        corner = float(np.hypot(x0, y0))
+        edge = corner if share < 0 else float(np.hypot(*nearest))
         least, most = min(least, edge, corner), max(most, edge, corner)
     return least, most
-
-
-def _nearest_to_centre(
-    first: tuple[float, float], second: tuple[float, float]
-) -> tuple[float, float]:
-    """Return the point of an edge that is nearest to (0, 0), as ``distanceToLine`` finds it."""
-    (x0, y0), (x1, y1) = first, second
-    c, d = x1 - x0, y1 - y0
-    square = c * c + d * d
-    share = (-x0 * c + -y0 * d) / square if square else 0.0
-    if share < 0:
-        return first
-    if share > 1:
-        return second
-    return x0 + share * c, y0 + share * d
 
 
 def oddities_of(corners: Corners) -> Iterator[str]:
@@ -279,15 +299,12 @@ class RobotParameters(OneLine):
     def costmap_layers(self) -> CostmapLayers:
         """Enabled layers for the whole map; the robot's pose is unknown."""
         layers = self._enabled_layers()
-        if self._has_own_size:
-            return replace(layers, area=self.area)
-        return layers.with_mask_last()
+        return replace(layers, area=self.area) if self._has_own_size else layers.with_mask_last()
 
     @property
     def _has_own_size(self) -> bool:
         # For Nav2, mapdeal computes a costmap without a static layer on the cells of the map.
-        has_map = bool(self._enabled_layers().static_layers)
-        return self.flavour == "ros1" and not self.rolling_window and not has_map
+        return self.flavour == "ros1" and not self.rolling_window and not self.static_layers
 
     @property
     def layers_around_robot(self) -> CostmapLayers:
@@ -307,11 +324,7 @@ class RobotParameters(OneLine):
 
     @property
     def _keepout_filters(self) -> list[ListedLayer]:
-        return [
-            listed
-            for listed in self.layers
-            if listed.layer and listed.layer.key == KeepoutFilter.key
-        ]
+        return [item for item in self.layers if isinstance(item.layer, KeepoutFilter)]
 
     @property
     def has_keepout_filter(self) -> bool:
@@ -356,9 +369,8 @@ class RobotParameters(OneLine):
 
     def without_inflation(self) -> RobotParameters:
         """Return the robot without its inflation layers."""
-        return replace(self, layers=tuple(
-            listed for listed in self.layers if listed.layer is None or not listed.layer.spreads
-        ))  # fmt: skip
+        layers = (item for item in self.layers if item.layer is None or not item.layer.spreads)
+        return replace(self, layers=tuple(layers))
 
     def with_shape(self, footprint: Footprint) -> RobotParameters:
         """Return the robot with another footprint, used as it is, without padding.
@@ -367,10 +379,10 @@ class RobotParameters(OneLine):
         """
         inscribed = self.inscribed_radius
         layers = tuple(
-            replace(listed, layer=listed.layer.with_inscribed_radius(inscribed, footprint))
-            if listed.layer is not None
-            else listed
-            for listed in self.layers
+            replace(
+                item, layer=item.layer and item.layer.with_inscribed_radius(inscribed, footprint)
+            )
+            for item in self.layers
         )
         return replace(
             self, footprint=footprint, footprint_padding=0.0,
@@ -382,7 +394,7 @@ class RobotParameters(OneLine):
     def described(self) -> dict[str, Any]:
         """Return everything that was resolved, as values that JSON can represent."""
         shape = [list(corner) for corner in self.footprint.vertices]
-        numbers = ("robot_radius", "footprint_padding", "inscribed_radius", "circumscribed_radius",
+        names = ("robot_radius", "footprint_padding", "inscribed_radius", "circumscribed_radius",
                  "track_unknown_space", "rolling_window")  # fmt: skip
         return {
             "flavour": self.flavour,
@@ -390,16 +402,15 @@ class RobotParameters(OneLine):
             "costmap": self.costmap,
             "node": self.node,
             "footprint": shape or {"radius": self.footprint.radius},
-            **{name: getattr(self, name) for name in numbers},
-            "layers": [_layer_document(listed) for listed in self.layers],
+            **{name: getattr(self, name) for name in names},
+            "layers": list(map(_layer_document, self.layers)),
         }
 
     def _repr_parts(self) -> Iterator[str]:
         yield self.node
         yield f"inscribed_radius {self.inscribed_radius:.6g} m"
         yield f"circumscribed_radius {self.circumscribed_radius:.6g} m"
-        for listed in self.layers:
-            yield listed.name
+        yield from (listed.name for listed in self.layers)
 
 
 @dataclass(frozen=True)
@@ -414,15 +425,13 @@ class Shape:
 
     def robot(
         self, flavour: Flavour, costmap: CostmapName, node: str, layers: tuple[ListedLayer, ...],
-        files: Iterable[tuple[Path, str]], *, track: bool, area: CostmapArea | None,
-        base_frame: str,
+        files: Iterable[ParameterFile], *, track: bool, area: CostmapArea | None, base_frame: str,
     ) -> RobotParameters:  # fmt: skip
         return RobotParameters(
             flavour=flavour, costmap=costmap, node=node, footprint=self.footprint,
             footprint_padding=self.padding, robot_radius=self.robot_radius,
             track_unknown_space=track, rolling_window=area is not None and area.is_rolling,
-            layers=layers, area=area, base_frame=base_frame.lstrip("/"),
-            files=tuple(ParameterFile(path, sha256) for path, sha256 in files),
+            layers=layers, area=area, base_frame=base_frame.lstrip("/"), files=tuple(files),
             inscribed_radius=self.inscribed_radius, circumscribed_radius=self.circumscribed_radius,
         )  # fmt: skip
 
@@ -448,15 +457,15 @@ def erasing_layers(layers: Sequence[ListedLayer]) -> Iterator[ListedLayer]:
     reads_map = False
     for listed in layers:
         if listed.layer is not None and listed.is_enabled:
-            if reads_map and listed.layer.needs and listed.layer.overwrites_all:
+            if reads_map and listed.needs and listed.layer.overwrites_all:
                 yield listed
             reads_map = reads_map or listed.layer.reads_map
 
 
-_MISSPELT = 0.95  # likeness from which a class counts as misspelt, not as a user's own class
+MISSPELT = 0.95  # likeness from which a class counts as misspelt, not as a user's own class
 
 
-def most_alike(word: str, names: Sequence[str], *, least: float = _MISSPELT) -> str | None:
+def most_alike(word: str, names: Sequence[str], *, least: float = MISSPELT) -> str | None:
     """Return the name most similar to a word; None if the similarity is below `least`."""
     likeness = {name: SequenceMatcher(None, name, word).ratio() for name in names}
     nearest = max(names, key=likeness.__getitem__)
@@ -482,13 +491,10 @@ def effect_of(listed: ListedLayer, robot: RobotParameters) -> str:
         return f"ignored: {listed.why_ignored}"
     if not listed.is_enabled:
         return "switched off"
-    layers = robot.costmap_layers
-    reason = layer.why_idle(True) or (
-        None
-        if layer.key == KeepoutFilter.key
-        or any(layer is effective_layer for effective_layer in layers.effective)
-        else layer.why_idle(False) or "a layer above it replaces all costs"
-    )
+    is_effective = any(layer is effective for effective in robot.costmap_layers.effective)
+    reason = layer.why_idle(True)
+    if not (reason or is_effective or isinstance(layer, KeepoutFilter)):
+        reason = layer.why_idle(False) or "a layer above it replaces all costs"
     if reason is not None:
         return f"no effect: {reason}"
     effect = layer.effect()

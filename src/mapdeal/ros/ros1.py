@@ -22,7 +22,7 @@ import operator
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import yaml
 
@@ -35,12 +35,14 @@ from mapdeal.layers.layer import PluginEntry
 from mapdeal.ros.robot import (
     ERASES,
     INJECTED,
+    MISSPELT,
     NOT_MODELLED,
     Corners,
     CostmapName,
     FootprintStringError,
     Level,
     ListedLayer,
+    ParameterFile,
     ParameterValue,
     Problem,
     RobotParameters,
@@ -48,8 +50,11 @@ from mapdeal.ros.robot import (
     corners_of_string,
     erasing_layers,
     most_alike,
+    other_maps,
+    repetition,
     shape_of,
     sixteen_corners,
+    syntax_problem,
 )
 
 _DEGREES, _RADIANS = "!degrees", "!radians"
@@ -185,6 +190,10 @@ _Path = tuple[str, ...]
 class Ros1Namespace:
     """Parameters and nested namespaces by name, in the order of loading."""
 
+    kind: ClassVar[str] = "struct"
+    value: ClassVar[Any] = None
+    text: ClassVar[str] = ""
+
     line: int = 0
     source: Path | None = None
     members: dict[str, ParameterValue | Ros1Namespace] = field(default_factory=dict)
@@ -312,11 +321,8 @@ class _Reader:
     def _twice(
         self, path: _Path, first: int, earlier: yaml.Node, line: int, value: yaml.Node
     ) -> None:
-        text, parameter = f"appears twice, on lines {first} and {line}", "/".join(path)
-        if _value_of(self.source, earlier) == _value_of(self.source, value):
-            self.fault("params.repeated", "note", f"{text}, with one value", line, parameter)
-        else:
-            self.fault("params.twice", "warning", f"{text}; the later one counts", line, parameter)
+        is_equal = _value_of(self.source, earlier) == _value_of(self.source, value)
+        self.fault(*repetition(first, line, is_equal=is_equal), line, "/".join(path))
 
     def _set(self, path: _Path, node: yaml.Node) -> None:
         value, text, line = _value_of(self.source, node), source_text(node), _line_of(node)
@@ -377,10 +383,9 @@ class Ros1Server:
     def search(self, name: str) -> tuple[_Path, ParameterValue | Ros1Namespace] | None:
         """Return what ``searchParam`` finds: in the costmap's namespace, or the nearest above."""
         for depth in range(len(self.path), -1, -1):
-            namespace = self.path[:depth]
-            member = self.root.get((*namespace, name))
+            member = self.root.get((*self.path[:depth], name))
             if member is not None:
-                return namespace, member
+                return self.path[:depth], member
         return None
 
     def place(self, layer: str, parameter: str) -> _Path:
@@ -400,6 +405,10 @@ class Ros1Server:
         """Return a number as ``param(name, double, default)``: integers are converted."""
         return self._typed(default, "double", below, unit)
 
+    def text(self, default: str, *below: str) -> str:
+        value = self.find(*below)
+        return value.value if value is not None and value.kind == "string" else default
+
     def integer(self, default: int, *below: str) -> int:
         """Return an integer as ``param(name, int, default)``: doubles are rounded."""
         value = self.find(*below)
@@ -415,7 +424,7 @@ class Ros1Server:
 
     def limited(
         self, number: float, most: float, component: str, below: _Path, unit: str = "",
-        value: ParameterValue | None = None,
+        value: ParameterValue | Ros1Namespace | None = None,
     ) -> float:  # fmt: skip
         """Return a number clamped to 0 .. most, and warn if it was outside."""
         clamped = max(min(number, most), 0.0)
@@ -444,9 +453,7 @@ class Ros1Server:
         replacement: str = "the value itself",
     ) -> bool:  # fmt: skip
         """Return whether a launch file replaces a text; record a problem if so."""
-        if not isinstance(value, ParameterValue) or value.kind != "string":
-            return False
-        if "$(" not in value.value:
+        if value.kind != "string" or "$(" not in str(value.value):
             return False
         text = f"must be {expected}, which a launch file would replace"
         hint = f"write {replacement}, in this file or in one that comes after it"
@@ -459,18 +466,15 @@ class Ros1Server:
     ) -> None:  # fmt: skip
         if value is None and below:
             value = self.find(*below)
-        got = value.text if isinstance(value, ParameterValue) else None
-        source, line = (None, None) if value is None else (value.source, value.line or None)
-        if source is None and self.files:
-            source = self.files[-1].source
+        value = value or Ros1Namespace()
+        source = value.source or (self.files[-1].source if self.files else None)
+        name, line = "/".join(below), value.line or None
         self.problems.append(
-            Problem(check, level, text, "/".join(below), source, line, got or None, hint)
+            Problem(check, level, text, name, source, line, value.text or None, hint)
         )
 
 
 def _type_hint(value: ParameterValue | Ros1Namespace, kind: str) -> str | None:
-    if not isinstance(value, ParameterValue):
-        return None
     if kind in ("int", "double") and value.kind == "string":
         try:
             number = float(value.value)
@@ -495,7 +499,7 @@ def load_server(
             files.append(read_ros1_parameters(path))
             problems += files[-1].faults
         except MalformedInputError as error:
-            problems.append(_error_problem(error, path))
+            problems.append(syntax_problem(error, path))
     owners = [_nodes_in(file.parameters) for file in files]
     node, why_not = _chosen_node([node for found in owners for node in found], namespace)
     server = Ros1Server(node, costmap, tuple(files), problems=problems)
@@ -582,14 +586,6 @@ def _place_of(nodes: Sequence[_Path], node: _Path, costmap: CostmapName) -> _Pat
     return ()  # the file names only other robots
 
 
-def _error_problem(error: MalformedInputError, path: Path) -> Problem:
-    place = error.place or ""
-    digits = place.removeprefix("line ").partition(",")[0]
-    line = int(digits) if place.startswith("line ") and digits.isdigit() else None
-    text = error.rule if line is not None or not place else f"{place}: {error.rule}"
-    return Problem("params.syntax", "refused", text, source=path, line=line, hint=error.hint)
-
-
 _FOOTPRINT, _RADIUS = "footprint", "robot_radius"
 _DEFAULT_RADIUS, _LARGEST_RADIUS = 0.46, 10.0
 _RADIUS_OF_WRONG_TYPE = 1.234
@@ -620,20 +616,21 @@ def _corners(
     def report(text: str, check: str = "params.footprint-unused", level: Level = "warning") -> None:
         server.problem(check, level, text, (_FOOTPRINT,), _POLYGON_HINT, value)
 
-    if isinstance(value, ParameterValue) and value.kind == _UNSENDABLE:
+    points = value.value
+    if value.kind == _UNSENDABLE:
         return None
-    if isinstance(value, ParameterValue) and value.kind == "list":
-        reason = _footprint_fault(value.value)
+    if value.kind == "list":
+        reason = _footprint_fault(points)
         if reason is None:
-            return _round_trip(value.value)
+            return _round_trip(points)
         report(f"{reason}; move_base exits", "params.footprint", "refused")
-    elif not isinstance(value, ParameterValue) or value.kind != "string":
+    elif value.kind != "string":
         report("must be a list of points or a string; it is ignored, and robot_radius is used")
-    elif value.value not in ("", "[]") and not server.refuse_substitution(
+    elif points not in ("", "[]") and not server.refuse_substitution(
         value, "a list of points", (_FOOTPRINT,), "the points themselves"
     ):
         try:
-            return _round_trip(corners_of_string(value.value))
+            return _round_trip(corners_of_string(points))
         except FootprintStringError as error:
             if place != server.path or server.search(_RADIUS) is not None:
                 report(f"{error}; it is ignored, and robot_radius is used")
@@ -669,9 +666,9 @@ def _radius(server: Ros1Server) -> float:
         server.problem("params.no-shape", "warning", f"{text} m", hint="set one of them")
         return _DEFAULT_RADIUS
     value = found[1]
-    if isinstance(value, ParameterValue) and value.kind == _UNSENDABLE:
+    if value.kind == _UNSENDABLE:
         return _DEFAULT_RADIUS
-    if not isinstance(value, ParameterValue) or value.kind not in ("int", "double"):
+    if value.kind not in ("int", "double"):
         if not server.refuse_substitution(value, "a number", (_RADIUS,)):
             text = f"must be a number; costmap_2d silently uses {_RADIUS_OF_WRONG_TYPE} m"
             hint = _type_hint(value, "double")
@@ -747,7 +744,11 @@ def _resolved(server: Ros1Server) -> RobotParameters | None:
     shape = _shape(server)
     inscribed = 0.0 if shape is None else shape.inscribed_radius
     layers = tuple(_layer(server, name, kind, inscribed) for name, kind in plugins or ())
-    _warn_of_other_maps(server, layers)
+    statics = [entry.name for entry in layers if entry.plugin == _STATIC and entry.is_enabled]
+    places = [server.place(name, "map_topic") for name in statics]
+    topics = ((place, server.text("map", *place).lstrip("/")) for place in places)
+    for place, text in other_maps(topics):
+        server.problem("params.other-map", "warning", text, place)
     if plugins is None or shape is None:  # after reading the layers, to report their problems
         return None
     for listed in erasing_layers(layers):
@@ -761,50 +762,37 @@ def _resolved(server: Ros1Server) -> RobotParameters | None:
             text += "255, unknown" if track else "0, free"
             hint = _PLUGIN_HINT if has_list else "set static_map: true"
             server.problem("params.no-static-layer", "warning", text, hint=hint)
-    files = [(file.source, file.sha256) for file in server.files]
+    files = [ParameterFile(file.source, file.sha256) for file in server.files]
     node = "/" + "/".join(server.path)
     area = _area(server, is_rolling=rolling)
-    base = server.find("robot_base_frame")
+    base_frame = server.text("base_link", "robot_base_frame")
     return shape.robot(
-        "ros1", server.costmap, node, layers, files, track=track, area=area,
-        base_frame=base.value if base is not None and base.kind == "string" else "base_link",
-    )  # fmt: skip
+        "ros1", server.costmap, node, layers, files, track=track, area=area, base_frame=base_frame
+    )
 
 
 def _area(server: Ros1Server, *, is_rolling: bool) -> CostmapArea | None:
-    count = len(server.problems)
-    area = _area_of_parameters(server, is_rolling=is_rolling)
+    earlier = len(server.problems)
+    number = server.double(0.05, "resolution")
+    resolution, area = server.limited(number, 50.0, _RECONFIGURE, ("resolution",)), None
+    if resolution > 0:
+        height, width = (
+            int(max(server.integer(10, side), 0) / resolution) for side in ("height", "width")
+        )
+        area = CostmapArea(
+            height, width, resolution,
+            (server.double(0.0, "origin_x"), server.double(0.0, "origin_y")),
+            is_rolling=is_rolling, size_margin=0.5, global_frame=server.text("map", "global_frame"),
+        )  # fmt: skip
     # If a map defines the size, these values have no effect: a note suffices.
-    server.problems[count:] = [
-        replace(problem, level="note") for problem in server.problems[count:]
-    ]
+    server.problems[earlier:] = [replace(p, level="note") for p in server.problems[earlier:]]
     return area
-
-
-def _area_of_parameters(server: Ros1Server, *, is_rolling: bool) -> CostmapArea | None:
-    resolution = server.limited(
-        server.double(0.05, "resolution"), 50.0, _RECONFIGURE, ("resolution",)
-    )
-    if resolution <= 0:
-        return None
-    frame = server.find("global_frame")
-    height, width = (
-        int(max(server.integer(10, side), 0) / resolution) for side in ("height", "width")
-    )
-    return CostmapArea(
-        height, width, resolution,
-        (server.double(0.0, "origin_x"), server.double(0.0, "origin_y")),
-        is_rolling=is_rolling,
-        size_margin=0.5,
-        global_frame=frame.value if frame is not None and frame.kind == "string" else "map",
-    )  # fmt: skip
 
 
 def _old_plugins(server: Ros1Server) -> list[tuple[str, str]]:
     """Return the layers of a costmap without a list of plugins, as ``loadOldParameters``."""
-    map_type = server.find("map_type")
-    is_voxel = map_type is not None and map_type.value == "voxel"
     static = [("static_layer", _STATIC)] if server.boolean(False, "static_map") else []
+    is_voxel = server.text("", "map_type") == "voxel"
     obstacle = ("obstacle_layer", _VOXEL if is_voxel else _OBSTACLE)
     return [*static, obstacle, ("inflation_layer", _INFLATION)]
 
@@ -813,21 +801,17 @@ def _plugins(server: Ros1Server) -> list[tuple[str, str]] | None:
     value = server.find("plugins")
     if value is not None and value.kind == _UNSENDABLE:
         return None
-    if value is None or value.kind != "list":
-        text = "must be a list of {name, type}; move_base exits"
-        server.problem("params.plugins", "refused", text, ("plugins",), _PLUGIN_HINT)
-        return None
-    reasons = [_plugin_fault(entry) for entry in value.value]
-    for index, (reason, hint) in enumerate(reasons, 1):
-        if reason is not None:
-            text = f"entry {index} {reason}; move_base exits"
-            server.problem("params.plugins", "refused", text, ("plugins",), hint)
-    if any(reason is not None for reason, _ in reasons):
-        return None
-    return [(entry["name"], entry["type"]) for entry in value.value]
+    faults = [("must be a list of {name, type}", _PLUGIN_HINT)]
+    if value is not None and value.kind == "list":
+        found = [(index, _plugin_fault(entry)) for index, entry in enumerate(value.value, 1)]
+        faults = [(f"entry {index} {fault[0]}", fault[1]) for index, fault in found if fault]
+    for rule, hint in faults:
+        text = f"{rule}; move_base exits"
+        server.problem("params.plugins", "refused", text, ("plugins",), hint)
+    return None if faults or value is None else [(e["name"], e["type"]) for e in value.value]
 
 
-def _plugin_fault(entry: object) -> tuple[str | None, str | None]:
+def _plugin_fault(entry: object) -> tuple[str, str] | None:
     if not isinstance(entry, dict):
         hint = f"plugins as bare names are Nav2's; {_PLUGIN_HINT}"
         return "must be a name and a type", hint if isinstance(entry, str) else _PLUGIN_HINT
@@ -835,11 +819,10 @@ def _plugin_fault(entry: object) -> tuple[str | None, str | None]:
         if not isinstance(entry.get(key), str) or not entry[key]:
             return f"has no {key}", _PLUGIN_HINT
     kind = entry["type"]
-    is_of_nav2 = kind.startswith("nav2_costmap_2d")
-    known = tuple(ROS1_PLUGINS)
-    nearest = most_alike(kind, known, least=0.0) if is_of_nav2 else most_alike(kind, known)
-    if kind in known or nearest is None:
-        return None, None
+    least = 0.0 if kind.startswith("nav2_costmap_2d") else MISSPELT
+    nearest = most_alike(kind, tuple(ROS1_PLUGINS), least=least)
+    if kind in ROS1_PLUGINS or nearest is None:
+        return None
     return f"has an unknown type, {kind}", f"did you mean {nearest}?"
 
 
@@ -866,19 +849,3 @@ def _report_overridden(server: Ros1Server, name: str, parameters: Sequence[str])
             if above.source != local.source:
                 hint += f" of {above.source.name}"
             server.problem("params.overridden", "warning", text, (name, parameter), hint)
-
-
-def _warn_of_other_maps(server: Ros1Server, layers: Sequence[ListedLayer]) -> None:
-    """Warn if static layers read different topics: mapdeal has one map for all of them."""
-    first_topic: str | None = None
-    for listed in layers:
-        if listed.plugin != _STATIC or not listed.is_enabled:
-            continue
-        place = server.place(listed.name, "map_topic")
-        found = server.find(*place)
-        is_text = found is not None and found.kind == "string"
-        topic = found.value.lstrip("/") if found is not None and is_text else "map"
-        first_topic = first_topic or topic
-        if topic != first_topic:
-            text = f"reads {topic}, another map than {first_topic}; here it gets the same map"
-            server.problem("params.other-map", "warning", text, place)

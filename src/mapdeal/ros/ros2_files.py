@@ -31,7 +31,7 @@ import yaml
 
 from mapdeal.files import yaml_text
 from mapdeal.files.source import read_file
-from mapdeal.ros.robot import ParameterFileError, ParameterValue
+from mapdeal.ros.robot import ParameterFile, ParameterFileError, ParameterValue
 
 _TRUE = ["Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"]
 _FALSE = ["N", "n", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"]
@@ -481,7 +481,7 @@ _DEEPEST = 40
 @dataclass(frozen=True)
 class Ros2Parameters:
     nodes: tuple[Ros2Node, ...]
-    files: tuple[tuple[Path, str], ...]
+    files: tuple[ParameterFile, ...]
     aliases: tuple[tuple[Path, int, str], ...] = ()
     """File, line and name of the first alias in each file with aliases."""
 
@@ -518,7 +518,7 @@ def read_ros2(paths: Sequence[Path]) -> Ros2Parameters:
     files, aliases = [], []
     for path in paths:
         data = read_file(path, limit=_LIMITS.bytes, inspect=partial(yaml_text.refuse_image, path))
-        files.append((path, hashlib.sha256(data).hexdigest()))
+        files.append(ParameterFile(path, hashlib.sha256(data).hexdigest()))
         reader = FileReader(path, nodes)
         for event in _events(path, yaml_text.decoded_text(path, data)):
             reader.handle(event)
