@@ -52,9 +52,9 @@ def test_nothing_appears_before_the_end(tmp_path):
     first, two = tmp_path / "one.txt", tmp_path / "two.txt"
     with Transaction([first, two], checksums=True) as transaction:
         transaction.write(first, lambda file: file.write(b"1"))
-        assert transaction.checksums() == {first: hashlib.sha256(b"1").hexdigest()}
+        assert transaction.wait() == {first: hashlib.sha256(b"1").hexdigest()}
         transaction.write_parts(two, iter([b"2", b"", b"34"]))
-        assert transaction.checksums()[two] == hashlib.sha256(b"234").hexdigest()
+        assert transaction.wait()[two] == hashlib.sha256(b"234").hexdigest()
         assert not first.exists()
         assert not two.exists()
     assert contents(tmp_path) == {"one.txt": b"1", "two.txt": b"234"}
@@ -85,7 +85,7 @@ def test_files_of_a_killed_run_are_removed_and_those_of_a_live_one_kept(tmp_path
     with Transaction([tmp_path / "live.txt"], checksums=True) as live:
         assert not stale.exists()
         live.write_bytes(tmp_path / "live.txt", b"x")
-        live.checksums()
+        live.wait()
         (mine,) = tmp_path.iterdir()
         with Transaction([tmp_path / "third.txt"]) as transaction:
             transaction.write_bytes(tmp_path / "third.txt", b"3")

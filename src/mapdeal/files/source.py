@@ -135,15 +135,13 @@ def contents_of(folder: Path) -> tuple[list[str], list[str]]:
     """Return the names of the subfolders and of the files in a folder, both sorted."""
     # A link counts as its target. A broken link counts as a file, so that reading it reports the
     # error.
-    folders: list[str] = []
-    files: list[str] = []
-    with access_to(folder), os.scandir(folder) as entries:
-        for entry in entries:
-            is_folder = False
-            with suppress(OSError):  # a cyclic link, or one into a private folder
-                is_folder = entry.is_dir()
-            (folders if is_folder else files).append(entry.name)
-    return sorted(folders), sorted(files)
+    folders: set[str] = set()
+    with access_to(folder), os.scandir(folder) as found:
+        entries = list(found)
+    for entry in entries:
+        with suppress(OSError):  # a cyclic link, or one into a private folder
+            folders |= {entry.name} if entry.is_dir() else set()
+    return sorted(folders), sorted({entry.name for entry in entries} - folders)
 
 
 def ignores_case(folder: Path) -> bool:
@@ -356,9 +354,7 @@ def default_limit(jobs: int = 1) -> int | None:
     free = free_memory()
     if free is None:
         return None
-    if jobs > 1:
-        return max(free // 2 // jobs, _LEAST)
-    return max(free // 2, min(free, _SMALL), _LEAST)
+    return max(free // 2 // jobs, _LEAST, min(free, _SMALL) if jobs == 1 else 0)
 
 
 def use_memory(
@@ -366,18 +362,13 @@ def use_memory(
 ) -> AbstractContextManager[None]:  # fmt: skip
     """Limit the memory of readers within a ``with`` block; None leaves the limit unchanged."""
     if limit is not None:
-        budget = _Budget(limit, "" if is_chosen else SHARE_OF_JOB)
-    else:
-        budget = _by_default() if anew else _budget()
-    return set_within(_current, budget)
+        return set_within(_current, _Budget(limit, "" if is_chosen else SHARE_OF_JOB))
+    return set_within(_current, _budget(anew=anew))
 
 
-def _budget() -> _Budget:
-    return _current.get() or _by_default()
-
-
-def _by_default() -> _Budget:
-    return _Budget(default_limit(), " (by default half of what is free now)")
+def _budget(*, anew: bool = False) -> _Budget:
+    current = None if anew else _current.get()
+    return current or _Budget(default_limit(), " (by default half of what is free now)")
 
 
 def holding(count: int) -> AbstractContextManager[None]:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from mapdeal.compatibility import file_digest
 from mapdeal.errors import FileAccessError, ParameterError, refuse_warnings
-from mapdeal.files.source import holds, is_same_file, real_path
+from mapdeal.files.source import access_to, holds, is_same_file, real_path
 from mapdeal.kernels.blocks import Layer, activity, swept
 from mapdeal.kernels.threads import ThreadPool, thread_count
 
@@ -43,16 +43,6 @@ _AT_ONCE = 1 << 18
 _ENDING_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 Writer = Callable[[BinaryIO], object]
-
-
-@contextmanager
-def refused(path: Path, problem: str = "cannot be written") -> Iterator[None]:
-    """Turn system errors within the block into one error about an output."""
-    try:
-        yield
-    except OSError as error:
-        rule = f"{problem}: {error.strerror or error}"
-        raise FileAccessError(rule, source=path) from None
 
 
 class _File(io.BufferedRandom):
@@ -86,7 +76,12 @@ class Temporary:
         # and remove it; then the loop creates another file.
         while True:
             self.path, self._is_ours = _name_beside(self.destination, _NEW_SUFFIX), True
-            descriptor = _locked_new_file(self.path, self.destination)
+            with access_to(self.destination, "written"):
+                descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+            if fcntl is not None:
+                # Some network file systems have no locks; then stale files are not removed.
+                with contextlib.suppress(OSError):
+                    fcntl.flock(descriptor, fcntl.LOCK_EX)
             if self.path.exists():
                 break
             os.close(descriptor)
@@ -101,9 +96,8 @@ class Temporary:
         file.flush()
         if not with_checksum:
             return ""
-        is_small = os.fstat(file.fileno()).st_size <= _AT_ONCE
         file.seek(0)
-        if is_small:  # allocating the buffer of file_digest takes longer than hashing the file
+        if os.fstat(file.fileno()).st_size <= _AT_ONCE:  # without the slow buffer of file_digest
             return hashlib.sha256(file.read()).hexdigest()
         return file_digest(file, "sha256").hexdigest()
 
@@ -140,16 +134,6 @@ class Temporary:
             with contextlib.suppress(OSError):  # a full disk has been reported before
                 self._file.close()
             self._file = None
-
-
-def _locked_new_file(path: Path, destination: Path) -> int:
-    with refused(destination):
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
-    if fcntl is not None:
-        # Some network file systems have no locks; then stale files are not removed.
-        with contextlib.suppress(OSError):
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
-    return descriptor
 
 
 def _name_beside(path: Path, suffix: str) -> Path:
@@ -251,27 +235,18 @@ def lasting_folder() -> Path:
     try:
         return Path(tempfile.mkdtemp(prefix="mapdeal-"))
     except OSError as error:
-        raise _no_folder(error) from None
-
-
-def _no_folder(error: OSError) -> FileAccessError:
-    rule = f"no temporary folder can be made: {error.strerror or error}"
-    return FileAccessError(rule, hint="set TMPDIR to a writable folder")
+        rule = f"no temporary folder can be made: {error.strerror or error}"
+        raise FileAccessError(rule, hint="set TMPDIR to a writable folder") from None
 
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    import tempfile
-
+    with signals_deferred():
+        folder = lasting_folder()
+        remove = partial(shutil.rmtree, folder, ignore_errors=True)
+        atexit.register(remove)
     try:
-        with signals_deferred():
-            folder = tempfile.mkdtemp(prefix="mapdeal-")
-            remove = partial(shutil.rmtree, folder, ignore_errors=True)
-            atexit.register(remove)
-    except OSError as error:
-        raise _no_folder(error) from None
-    try:
-        yield Path(folder)
+        yield folder
     finally:
         with signals_deferred():
             remove()
@@ -333,9 +308,8 @@ class Transaction:
 
     def __enter__(self) -> Transaction:
         atexit.register(self._discard)  # a signal may keep `__exit__` from being called
-        folders = dict.fromkeys(output.parent for output in self._outputs)
         try:
-            for folder in folders:
+            for folder in dict.fromkeys(output.parent for output in self._outputs):
                 self._prepare(folder)
         except BaseException:
             self._discard()
@@ -365,7 +339,7 @@ class Transaction:
     def write_parts(self, path: Path, parts: Iterable[bytes]) -> None:
         temporary = self._open_output(path)
         for part in parts:
-            with refused(path):
+            with access_to(path, "written"):
                 temporary.file.write(part)
         self._finish(temporary, lambda _: None)
 
@@ -378,8 +352,8 @@ class Transaction:
         return temporary
 
     def _finish(self, temporary: Temporary, writer: Writer) -> None:
-        fill, context = temporary.fill, copy_context()
-        future = self._pool.submit(context.run, fill, writer, self._with_checksums)
+        run = copy_context().run
+        future = self._pool.submit(run, temporary.fill, writer, self._with_checksums)
         self._pending.append((temporary, future))
 
     def write_bytes(self, path: Path, data: bytes) -> None:
@@ -391,10 +365,10 @@ class Transaction:
         self.write_bytes(path, json_of(document))
 
     def wait(self) -> dict[Path, str]:
-        """Wait until all files are written, so that their data can be released."""
+        """Wait until all files so far are written; return their sha256, if it is wanted."""
         sums = {}
         for temporary, future in self._pending:
-            with refused(temporary.destination):
+            with access_to(temporary.destination, "written"):
                 sums[temporary.destination] = future.result()
         return sums
 
@@ -402,12 +376,6 @@ class Transaction:
         """Mark a file for removal at the end if its sha256 is given and it is no input."""
         if not _is_input(path, self._inputs) and holds(path, sha256):
             self._removed.append(path)
-
-    def checksums(self) -> dict[Path, str]:
-        """Wait until the files so far are written; return the sha256 of each."""
-        if not self._with_checksums:
-            raise ValueError("the transaction was begun without checksums")
-        return self.wait()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None,
@@ -421,7 +389,7 @@ class Transaction:
                 # all at once after the last write: the first fsync flushes most of the data
                 syncs = [self._pool.submit(temporary.sync) for temporary in temporaries]
                 for temporary, future in zip(temporaries, syncs, strict=True):
-                    with refused(temporary.destination):
+                    with access_to(temporary.destination, "written"):
                         future.result()
                 _rename_all(temporaries, self._removed, replaces=self._replaces)
                 self._created_folders.clear()
@@ -453,7 +421,7 @@ class Transaction:
                 if isinstance(error, FileExistsError) and not os.path.lexists(new):
                     # another process removed it before mkdir checked that it is a folder
                     raise FileNotFoundError(new) from None
-                with refused(new, "the folder cannot be made"):
+                with access_to(new, "made"):
                     raise
 
     def _discard(self) -> None:
@@ -488,14 +456,14 @@ def _rename_all(
             raise FileAccessError("the output exists", source=existing[0], hint=hint)
         try:
             for path in existing if len(paths) > 1 else ():
-                with refused(path, "cannot be replaced"):
+                with access_to(path, "replaced"):
                     backups[path] = back_up_beside(path)
             for temporary in temporaries:
-                with refused(temporary.destination, "cannot be replaced"):
+                with access_to(temporary.destination, "replaced"):
                     temporary.rename()
                 changed.append(temporary.destination)
             for path in removed:
-                with refused(path, "cannot be removed"):
+                with access_to(path, "removed"):
                     path.unlink()
                 changed.append(path)
         except BaseException:
@@ -531,7 +499,7 @@ def _roll_back(changed: Sequence[Path], backups: dict[Path, Path]) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    with refused(folder, "the folder cannot be made"):
+    with access_to(folder, "made"):
         folder.mkdir(parents=True, exist_ok=True)
 
 

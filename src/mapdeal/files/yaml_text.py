@@ -94,22 +94,15 @@ class Entry:
 
     def merged_fields(self) -> dict[str, Entry]:
         """Return the entries of a mapping by key, with those of the mappings that ``<<`` names."""
-        if isinstance(self.node, yaml.MappingNode) and any(
-            key.tag == _MERGE for key, _ in self.node.value
-        ):
-            own = [pair for pair in self.node.value if pair[0].tag != _MERGE]
-            _entries_of(self.source, yaml.MappingNode(self.node.tag, own))  # refuses duplicate keys
-            merged = yaml.MappingNode(self.node.tag, list(self.node.value))
-            try:
-                yaml.SafeLoader("").flatten_mapping(merged)
-            except yaml.YAMLError as error:
-                raise self.error(f"cannot be read ({one_line_of(error)})") from None
-            # merged keys come first, so the mapping's own keys replace them
-            return {
-                str(key.value): Entry(self.source, str(key.value), value, key.start_mark.line + 1)
-                for key, value in merged.value
-            }
-        return self.fields()
+        if not isinstance(self.node, yaml.MappingNode):
+            raise self.error("must be a mapping of keys")
+        own = [pair for pair in self.node.value if pair[0].tag != _MERGE]
+        _entries_of(self.source, yaml.MappingNode(self.node.tag, own))  # refuses duplicate keys
+        # merged keys come first, so the mapping's own keys replace them
+        return {
+            str(key.value): Entry(self.source, str(key.value), value, key.start_mark.line + 1)
+            for key, value in flattened(self.source, self.node)
+        }
 
     def plain_value(self) -> Any:
         # YAML 1.1 reads ``010`` as 8, ``1:30`` as 90 and ``1_0`` as 10, and other readers do not,
@@ -145,6 +138,17 @@ class Entry:
         """Whether PyYAML reads the scalar as text although ROS reads a number."""
         is_quoted = getattr(self.node, "style", None)
         return bool(self.node.tag == "tag:yaml.org,2002:str" and not is_quoted)
+
+
+def flattened(path: Path, node: yaml.MappingNode) -> list[tuple[yaml.Node, yaml.Node]]:
+    """Return the pairs of a mapping, behind those of the mappings that ``<<`` names."""
+    merged = yaml.MappingNode(node.tag, list(node.value), node.start_mark, node.end_mark)
+    try:
+        yaml.SafeLoader("").flatten_mapping(merged)
+    except yaml.YAMLError:
+        place = f"line {node.start_mark.line + 1}"
+        raise MalformedInputError("<< must name mappings", source=path, place=place) from None
+    return list(merged.value)
 
 
 def read_mapping(path: Path, limits: YamlLimits = OF_MAPS) -> dict[str, Entry]:

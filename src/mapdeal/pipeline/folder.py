@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mapdeal import errors
 from mapdeal.command import Result
 from mapdeal.files.json_values import json_of, read_json
-from mapdeal.files.source import YAML, exists, holds, is_same_file, real_path, status_of
+from mapdeal.files.source import YAML, access_to, exists, holds, is_same_file, real_path, status_of
 from mapdeal.files.transaction import OpenOutput, PutRows, RowsWriter, Transaction
 from mapdeal.files.yaml_text import yaml_document
 from mapdeal.grid.costmap import Costmap
@@ -198,7 +198,7 @@ class _Pass:
         finishes = []
         row_writers_first = sorted(files, key=lambda item: not isinstance(item[2], RowsWriter))
         for path, file, writer in row_writers_first:
-            with _failing_at(path):
+            with access_to(path, "written"):
                 if isinstance(writer, RowsWriter):
                     put_rows, finish = writer.begin(file)
                     self._row_writers.append((path, put_rows))
@@ -209,7 +209,7 @@ class _Pass:
             if block.stop > self._next:
                 self._hand_on(slice(self._next, block.stop))
         for path, finish in finishes:
-            with _failing_at(path):
+            with access_to(path, "written"):
                 finish()
         self._row_writers.clear()  # they refer to this pass
 
@@ -217,20 +217,10 @@ class _Pass:
         if rows.start != self._next:  # a second request of the same rows
             return
         for path, put_rows in self._row_writers:
-            with _failing_at(path):
+            with access_to(path, "written"):
                 put_rows(rows)
         self._next = rows.stop
         report_rows(self._layer, rows)
-
-
-@contextmanager
-def _failing_at(path: Path) -> Iterator[None]:
-    """Name the file that cannot be written, for instance on a full disk."""
-    try:
-        yield
-    except OSError as error:
-        rule = f"cannot be written: {error.strerror or error}"
-        raise errors.FileAccessError(rule, source=path) from None
 
 
 _DECIMALS = 9  # of metres: further ones are rounding errors of binary fractions
@@ -576,8 +566,8 @@ class OutputFolder:
                     elif path.suffix != ".pgm":  # it is written with its YAML
                         write_product(transaction, path, grid, step, pass_grid=pass_grid)
         remarks = portable(texts, filling.named)
-        checksums = transaction.checksums()
-        sums = {path.name: digest for path, digest in checksums.items() if path.parent == self.path}
+        written = transaction.wait()
+        sums = {path.name: digest for path, digest in written.items() if path.parent == self.path}
         found = {"figures": figures, "warnings": remarks, "outputs": sums}
         transaction.write_bytes(self.path / MANIFEST, json_of({**self._manifest(), **found}))
         # remove unchanged outputs of an earlier run that this one does not write

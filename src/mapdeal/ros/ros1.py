@@ -28,7 +28,13 @@ import yaml
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.files.source import read_file
-from mapdeal.files.yaml_text import YamlLimits, compose_documents, one_line_of, source_text
+from mapdeal.files.yaml_text import (
+    YamlLimits,
+    compose_documents,
+    flattened,
+    one_line_of,
+    source_text,
+)
 from mapdeal.layers.area import CostmapArea
 from mapdeal.layers.catalogue import ROS1_PLUGINS
 from mapdeal.layers.layer import PluginEntry
@@ -181,7 +187,6 @@ _ROOT = ""
 
 _UNSENDABLE = "unsendable"  # kind of a value that roslaunch cannot send, reported as a fault
 _NAMESPACE_KEY = "_ns"
-_MERGE = "tag:yaml.org,2002:merge"
 
 _Path = tuple[str, ...]
 
@@ -304,7 +309,7 @@ class _Reader:
         """Yield names and nodes of a mapping; of a repeated name only the last node."""
         pairs: dict[str, tuple[int, yaml.Node]] = {}
         own_keys = {id(key) for key, _ in node.value}
-        for key, value in _flattened(self.source, node):
+        for key, value in flattened(self.source, node):
             name, line = _value_of(self.source, key), _line_of(key)
             if not isinstance(name, str):
                 parameter, got = "/".join((*path, str(key.value))), f"{_kind_of(name)} {key.value}"
@@ -338,17 +343,6 @@ def _joined(path: _Path, name: str) -> _Path:
     """Return path and name joined, as ``ns_join``; a leading slash starts at the root."""
     parts = tuple(part for part in name.split("/") if part)
     return (_ROOT, *parts) if name.startswith("/") else (*path, *parts)
-
-
-def _flattened(source: Path, node: yaml.MappingNode) -> list[tuple[yaml.Node, yaml.Node]]:
-    merged = yaml.MappingNode(node.tag, list(node.value), node.start_mark, node.end_mark)
-    if any(key.tag == _MERGE for key, _ in node.value):
-        try:
-            yaml.SafeLoader("").flatten_mapping(merged)
-        except yaml.YAMLError:
-            rule, place = "<< must name mappings", f"line {_line_of(node)}"
-            raise MalformedInputError(rule, source=source, place=place) from None
-    return list(merged.value)
 
 
 _NAMES: tuple[CostmapName, ...] = ("global", "local")
