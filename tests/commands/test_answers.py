@@ -16,7 +16,7 @@ from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.files.json_values import JsonValue, read_document
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage, Reach, Route, robot_text
-from mapdeal.pipeline.folder import reach_json
+from mapdeal.pipeline.folder import reach_document
 from pipeline.test_odd_documents import with_part
 from robustness.seeds import ANSWERS
 
@@ -232,7 +232,7 @@ def test_reach_comes_back(tmp_path_factory, start, robot, headings, through, goa
         goals, passages,
     )  # fmt: skip
     path = tmp_path_factory.getbasetemp() / "reach_again.json"
-    path.write_text(reach_json(reach))
+    path.write_text(json.dumps(reach_document(reach)))
     document = json.loads(path.read_text())
     assert tuple(values_in(document, "goals", goal_of)) == goals
     assert tuple(values_in(document, "passages", report_documents.passage_of)) == passages

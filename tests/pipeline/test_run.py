@@ -266,7 +266,7 @@ def test_differences_of_a_stage_are_given_in_words(tmp_path, figures, parameters
 
 def test_changes_are_counted_and_named_by_their_place():
     goals = {f"room {k}": True for k in range(5)}
-    (change, *_) = changes_between({"goals": goals}, {"goals": dict.fromkeys(goals, False)})
-    assert change == "room 0, room 1, room 2 and 2 more no longer reachable"
+    text = changes_between({"goals": goals}, {"goals": dict.fromkeys(goals, False)})
+    assert text == "room 0, room 1, room 2 and 2 more no longer reachable"
     deep, later = ({"a": {"b": {"c": {"d": {"e": k}}}}} for k in (1, 2))
-    assert changes_between(deep, later) == ["a.b.c.d {'e': 1} -> {'e': 2}"]
+    assert changes_between(deep, later) == "a.b.c.d {'e': 1} -> {'e': 2}"

@@ -64,8 +64,7 @@ def summary_of(figures: Figures) -> str:
     if "lowest_distance" in figures:
         least, most = figures["lowest_distance"], figures["highest_distance"]
         if least is None or most is None:
-            words = "no obstacle" if figures["obstacles"] == 0 else "nothing but obstacles"
-            return words + around
+            return ("nothing but obstacles" if figures["obstacles"] else "no obstacle") + around
         return f"{least + 0.0:.4g} .. {most:.4g} m, convention {figures['convention']}{around}"
     if "lowest_potential" in figures:
         least, most = figures["lowest_potential"], figures["highest_potential"]
@@ -78,14 +77,13 @@ def summary_of(figures: Figures) -> str:
         return text + around
     if "reachable_m2" in figures:
         return _summary_of_reach(figures)
+    names = [name for name in _OCCUPANCY_SHARES if figures.get(name) or name != "between"]
     if "lethal" in figures:
         names = [name for name in _COST_SHARES if name in figures]
-        text = ", ".join(share(name) for name in names)
-        if figures.get("circumscribed_cost") is not None:
-            text += f", circumscribed_cost {figures['circumscribed_cost']}"
-        return text
-    names = [name for name in _OCCUPANCY_SHARES if figures[name] or name != "between"]
-    return ", ".join(share(name) for name in names)
+    text = ", ".join(map(share, names))
+    if figures.get("circumscribed_cost") is not None:
+        text += f", circumscribed_cost {figures['circumscribed_cost']}"
+    return text
 
 
 def written_line(output: Path, figures: Figures, *, with_origin: bool = False) -> str:
@@ -119,41 +117,19 @@ def _named(names: Sequence[str]) -> str:
     return ", ".join(names[:_SHOWN_GOALS]) + f" and {more} more" * (more > 0)
 
 
-def changes_between(old: Figures, new: Figures) -> list[str]:
-    texts = []
-    before, after = old.get("goals"), new.get("goals")
-    if are_goals(before) and are_goals(after) and set(before) == set(after):
-        for is_reached, words in ((False, "no longer reachable"), (True, "reachable now")):
-            turned = [name for name in after if after[name] is is_reached is not before[name]]
-            if turned:
-                texts.append(f"{_named(turned)} {words}")
-        old, new = {**old, "goals": None}, {**new, "goals": None}
-    return [*texts, *_changed_entries(old, new, "", _DEEPEST)]
-
-
-def are_goals(value: object) -> TypeGuard[dict[str, bool]]:
+def _are_goals(value: object) -> TypeGuard[dict[str, bool]]:
     return isinstance(value, dict) and all(isinstance(item, bool) for item in value.values())
 
 
-def _changed_entries(old: Figures, new: Figures, place: str, depth: int) -> list[str]:
-    texts = []
+def _changed_entries(
+    old: Figures, new: Figures, place: str = "", depth: int = _DEEPEST
+) -> Iterator[str]:
     for name in {**old, **new}:
         before, after = old.get(name), new.get(name)
         if isinstance(before, dict) and isinstance(after, dict) and depth:
-            texts += _changed_entries(before, after, f"{place}{name}.", depth - 1)
+            yield from _changed_entries(before, after, f"{place}{name}.", depth - 1)
         elif before != after:
-            texts.append(f"{place}{name} {before} -> {after}")
-    return texts
-
-
-def are_figures_of(stored: object, stages: Sequence[str]) -> TypeGuard[dict[str, Figures]]:
-    """Return whether a manifest's figures are those of exactly these stages, with sizes."""
-    if not isinstance(stored, dict) or set(stored) != set(stages):
-        return False
-    if not all(isinstance(figures, dict) for figures in stored.values()):
-        return False
-    sizes = [figures.get(name) for figures in stored.values() for name in ("width", "height")]
-    return all(type(size) is int and size > 0 for size in sizes)
+            yield f"{place}{name} {before} -> {after}"
 
 
 def format_value(value: object) -> str:
@@ -185,8 +161,7 @@ def one_pass(transaction: Transaction, grid: Grid) -> Iterator[Grid]:
 
 class _Pass:
     def __init__(self, layer: Any) -> None:
-        self._layer = layer
-        self._next = 0
+        self._layer, self._next = layer, 0
         self._row_writers: list[tuple[Path, PutRows]] = []
 
     def handed_on(self, rows: slice) -> NDArray[np.generic]:
@@ -196,8 +171,8 @@ class _Pass:
 
     def write_all(self, files: Sequence[OpenOutput]) -> None:
         finishes = []
-        row_writers_first = sorted(files, key=lambda item: not isinstance(item[2], RowsWriter))
-        for path, file, writer in row_writers_first:
+        # those that take rows first
+        for path, file, writer in sorted(files, key=lambda f: not isinstance(f[2], RowsWriter)):
             with access_to(path, "written"):
                 if isinstance(writer, RowsWriter):
                     put_rows, finish = writer.begin(file)
@@ -250,10 +225,6 @@ class Spread(Result):
 
     def write(self, transaction: Any, output: Path) -> None:
         transaction.write_parts(output, (f"{part}\n".encode() for part in self.parts()))
-
-
-def reach_json(reach: Reach) -> str:
-    return spread_json(reach_document(reach), "goals", "passages")
 
 
 def reach_document(reach: Reach) -> dict[str, Any]:
@@ -407,7 +378,8 @@ def write_product(
         }
         transaction.write_bytes(output.with_suffix(".yaml"), yaml_document(document))
     elif isinstance(grid, Reach) and output.suffix == ".json":
-        transaction.write_bytes(output, f"{reach_json(grid)}\n".encode())
+        text = spread_json(reach_document(grid), "goals", "passages")
+        transaction.write_bytes(output, f"{text}\n".encode())
     elif isinstance(grid, DistanceField) and not output_format(output).can_hold(DistanceField):
         write_grid(transaction, output, step.view_of(grid), mode="raw")
     else:
@@ -419,20 +391,18 @@ def write_picture(
     transaction: Transaction, path: Path, grid: Grid, title: str, settings: Settings,
     overlay: Overlay | None = None,
 ) -> None:  # fmt: skip
-    files = files_of(type(grid))
+    files, title = files_of(type(grid)), errors.one_line(title)
     options: dict[str, Any] = {
         "image_max": settings.image_max, "image_extent": settings.image_extent, "overlay": overlay
     }  # fmt: skip
     make_drawing = files.drawing
     if make_drawing is None:
-        write_image(
-            transaction, path, lambda: files.draw(grid, title=errors.one_line(title), **options)
-        )
+        write_image(transaction, path, lambda: files.draw(grid, title=title, **options))
         return
 
     def begin(file: BinaryIO) -> tuple[PutRows, Callable[[], object]]:
         drawing = make_drawing(grid, **options)
-        return drawing.take, lambda: _encode(file, drawing.image(errors.one_line(title)))
+        return drawing.take, lambda: _encode(file, drawing.image(title))
 
     transaction.write(path, RowsWriter(grid.layer, begin))
 
@@ -498,24 +468,21 @@ class OutputFolder:
                 raise errors.FileAccessError(rule, source=file, hint=hint)
 
     def unchanged_figures(self) -> dict[str, Figures] | None:
-        old = self._stored()
-        if any(old.get(key) != value for key, value in self._manifest().items()):
+        old, own = stored_manifest(self.path), self._manifest()
+        results = ("figures", "warnings", "outputs")
+        if {key: value for key, value in old.items() if key not in results} != own:
             return None
-        if any(key in old and key not in self._manifest() for key in ("robot", "mask")):
+        outputs, figures = old["outputs"], old["figures"]
+        if set(outputs) != {path.name for path in self.outputs()} - {MANIFEST}:
             return None
-        outputs, figures = old.get("outputs"), old.get("figures")
-        names = {path.name for path in self.outputs()} - {MANIFEST}
-        if not isinstance(outputs, dict) or set(outputs) != names:
+        sizes = [entry.get(name) for entry in figures.values() for name in ("width", "height")]
+        if set(figures) != {step.name for step in self.steps} or not all(map(_is_size, sizes)):
             return None
-        if not are_figures_of(figures, [step.name for step in self.steps]):
-            return None
-        same = all(holds(self.path / Path(name).name, str(sum_)) for name, sum_ in outputs.items())
-        return figures if same else None
+        is_same = all(holds(self.path / Path(name).name, sum_) for name, sum_ in outputs.items())
+        return figures if is_same else None
 
     def repeat_warnings(self, filling: Filling) -> None:
-        remarks = self._stored().get("warnings")
-        texts = [str(remark) for remark in remarks] if isinstance(remarks, list) else []
-        for text in located(texts, filling.named):
+        for text in located(stored_manifest(self.path).get("warnings", ()), filling.named):
             if text not in filling.warnings:
                 errors.emit_warning(text)
 
@@ -526,16 +493,15 @@ class OutputFolder:
 
     def hint(self) -> str:
         hint = "--force replaces it"
-        if not self._stored():
+        if not stored_manifest(self.path):
             return hint
         if self.unchanged_figures() is not None:
             return f"{hint}; this folder holds the same already"
-        why = "the run in this folder had other inputs, parameters, or its files were changed"
-        return f"{hint}; {why}"
+        return f"{hint}; the run in this folder had other inputs or parameters, or was changed"
 
     def write(self, transaction: Transaction, filling: Filling) -> dict[str, Figures]:
         """Write all files within a transaction, the manifest last; return each step's figures."""
-        before = self._stored().get("outputs")
+        before = stored_manifest(self.path).get("outputs", {})
         figures: dict[str, Figures] = {}
         texts = list(filling.warnings)
         settings = self.settings
@@ -550,8 +516,7 @@ class OutputFolder:
                 # one pass finds the box of known cells and the counts of the figures
                 gathered(grid.layer, histogram, KnownLines(OtherThan(grid.unknown_value)))
             figures[step.name] = {**grid.figures(), **product.figures}
-            remark = step.remark_on(figures[step.name])
-            if remark is not None:
+            if remark := step.remark_on(figures[step.name]):
                 texts.append(f"{filling.subject}: {remark}")
                 errors.emit_warning(texts[-1])
             overlays = robot_overlays(step, filling.robot)
@@ -572,15 +537,10 @@ class OutputFolder:
         transaction.write_bytes(self.path / MANIFEST, json_of({**self._manifest(), **found}))
         # remove unchanged outputs of an earlier run that this one does not write
         current = {path.name for path in self.outputs()}
-        for name, digest in before.items() if isinstance(before, dict) else ():
-            path = self.path / Path(str(name)).name
+        for path, digest in ((self.path / Path(name).name, sum_) for name, sum_ in before.items()):
             if path.name not in current:
-                transaction.remove_if_unchanged(path, str(digest))
+                transaction.remove_if_unchanged(path, digest)
         return figures
-
-    def _stored(self) -> dict[str, Any]:
-        stored = read_json(self.path / MANIFEST)
-        return stored if isinstance(stored, dict) else {}
 
     def _manifest(self) -> dict[str, Any]:
         return {
@@ -645,16 +605,22 @@ def fill_together(fillings: Sequence[Filling]) -> list[dict[str, Figures]]:
         return [filling.folder.write(transaction, filling) for filling in fillings]
 
 
-def manifest_in(folder: Path) -> dict[str, Any]:
+def stored_manifest(folder: Path) -> dict[str, Any]:
+    """Return the manifest of a run, empty if there is none or it is damaged."""
     manifest = read_json(folder / MANIFEST)
-    if not _is_manifest(manifest):
+    return manifest if _is_manifest(manifest) else {}
+
+
+def manifest_in(folder: Path) -> dict[str, Any]:
+    manifest = stored_manifest(folder)
+    if not manifest:
         raise errors.MalformedInputError("is not the manifest of a run", source=folder / MANIFEST)
     return manifest
 
 
 def stages_behind(name: str, folder: Path, sums: Mapping[str, str]) -> list[dict[str, Any]] | None:
-    manifest = read_json(folder / MANIFEST)
-    if not _is_manifest(manifest) or not sums.items() <= manifest["outputs"].items():
+    manifest = stored_manifest(folder)
+    if not manifest or not sums.items() <= manifest["outputs"].items():
         return None
     stages: list[dict[str, Any]] = manifest["stages"]
     products = [product_of(next(iter(stage))) for stage in stages]
@@ -670,13 +636,20 @@ def product_of(stage: str) -> str:
     return next((stage_model.product for stage_model in models_of(stage).values()), own_name)
 
 
+def _is_size(value: object) -> bool:
+    return type(value) is int and value > 0
+
+
 def _is_manifest(value: object) -> TypeGuard[dict[str, Any]]:
     # No stage runs twice, see `Recipe`.
     if not isinstance(value, dict):
         return False
     figures, outputs, stages = (value.get(key) for key in ("figures", "outputs", "stages"))
+    texts = value.get("warnings", [])
     return (
-        isinstance(figures, dict)
+        isinstance(texts, list)
+        and all(isinstance(text, str) for text in texts)
+        and isinstance(figures, dict)
         and all(isinstance(entry, dict) for entry in figures.values())
         and isinstance(outputs, dict)
         and all(isinstance(digest, str) for digest in outputs.values())
@@ -698,19 +671,17 @@ def store_golden(folder: Path, golden: Path, place: str | None = None) -> Path:
 
 
 def differences_from_golden(folder: Path, golden: Path, place: str | None = None) -> list[str]:
-    stored = golden / (place or folder.name) / MANIFEST
+    name = place or folder.name
+    stored = golden / name / MANIFEST
     try:
         status_of(stored)
     except errors.FileAccessError as error:
         rule, hint = f"no golden run: {error.rule}", "--update-golden stores it"
         raise errors.FileAccessError(rule, source=stored, hint=hint) from None
     new, old = manifest_in(folder), manifest_in(stored.parent)
-    lines = []
-    for stage in dict.fromkeys([*old["figures"], *new["figures"]]):
-        difference = _difference(stage, old, new)
-        if difference is not None:
-            lines.append(f"{place or folder.name}: {stage}: {difference}")
-    return lines
+    stages = dict.fromkeys([*old["figures"], *new["figures"]])
+    found = ((stage, _difference(stage, old, new)) for stage in stages)
+    return [f"{name}: {stage}: {text}" for stage, text in found if text is not None]
 
 
 def _difference(stage: str, old: dict[str, Any], new: dict[str, Any]) -> str | None:
@@ -721,22 +692,25 @@ def _difference(stage: str, old: dict[str, Any], new: dict[str, Any]) -> str | N
         next((entry[stage] for entry in manifest["stages"] if stage in entry), {})
         for manifest in (old, new)
     ]
-    changed = _changes(*parameters)
-    if changed:
-        return f"other parameters: {changed}"
-    changed_files = {name for name, _ in old["outputs"].items() ^ new["outputs"].items()}
-    stem = product_of(stage)
-    differing = [
-        name for name in sorted(changed_files)
-        if Path(name).stem == stem and Path(name).suffix != PICTURE
-    ]  # fmt: skip
+    if changes := changes_between(*parameters):
+        return f"other parameters: {changes}"
+    changed = sorted({name for name, _ in old["outputs"].items() ^ new["outputs"].items()})
+    data = [Path(name) for name in changed if Path(name).suffix != PICTURE]
+    differing = [str(path) for path in data if path.stem == product_of(stage)]
     if not differing:
         return None
-    changes = _changes(old["figures"][stage], new["figures"][stage])
+    changes = changes_between(old["figures"][stage], new["figures"][stage])
     return f"{', '.join(differing)} differ" + (f": {changes}" if changes else "")
 
 
-def _changes(old: Figures, new: Figures) -> str:
-    texts = changes_between(old, new)
+def changes_between(old: Figures, new: Figures) -> str:
+    texts = []
+    before, after = old.get("goals"), new.get("goals")
+    if _are_goals(before) and _are_goals(after) and set(before) == set(after):
+        for is_reached, words in ((False, "no longer reachable"), (True, "reachable now")):
+            turned = [name for name in after if after[name] is is_reached is not before[name]]
+            texts += [f"{_named(turned)} {words}"] if turned else []
+        old, new = {**old, "goals": None}, {**new, "goals": None}
+    texts += _changed_entries(old, new)
     shown = errors.one_line(", ".join(texts[:_SHOWN]))
     return shown + (f" and {len(texts) - _SHOWN} more" if len(texts) > _SHOWN else "")

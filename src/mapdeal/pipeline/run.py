@@ -15,7 +15,7 @@ import numpy as np
 
 from mapdeal.command import Result
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
-from mapdeal.files.json_values import json_of, read_json
+from mapdeal.files.json_values import json_of
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.grid.costmap import CostCurve, Costmap
@@ -121,11 +121,10 @@ def _summary_of_local(local: Figures) -> str:
     parts = []
     if "points" in local:
         reasons = {
-            "not finite": local["not_finite"],
-            "by height": local["beyond_height"],
-            "by range": local["beyond_range"],
-        }
-        dropped = ", ".join(f"{count} {why}" for why, count in reasons.items() if count)
+            "not finite": "not_finite", "by height": "beyond_height", "by range": "beyond_range"
+        }  # fmt: skip
+        counts = ((local[key], why) for why, key in reasons.items())
+        dropped = ", ".join(f"{count} {why}" for count, why in counts if count)
         text = f"{local['marking']} of {local['points']} points in the window"
         parts.append(text + (f" (dropped: {dropped})" if dropped else ""))
     if "from_map" in local:
@@ -238,8 +237,7 @@ def apply_recipe(
     keepout = inputs.mask_of(used_mask(loaded, mask), DEFAULT_SETTINGS)
     for product in products_of(loaded, grid, None, canvas=full_frame, mask=keepout):
         products[product.step.name] = product.grid
-        remark = product.step.remark_on(product.grid.figures())
-        if remark is not None:
+        if remark := product.step.remark_on(product.grid.figures()):
             emit_warning(remark)
     return products
 
@@ -294,10 +292,8 @@ def costmap(
     if robot is None and robot_radius is None and footprint is None:
         hint = "robot_radius=0.2, or the robot's own parameter file"
         raise ParameterError("needs a robot", place="costmap", hint=hint)
-    recipe: Any = robot
-    if robot is None:
-        recipe = "nav2"
-    elif not isinstance(robot, RobotParameters):
+    recipe: Any = "nav2" if robot is None else robot
+    if not isinstance(robot, RobotParameters | None):
         recipe = recipes.read_robot_parameters(robot, costmap=costmap, namespace=namespace)
     shape: Any = footprint
     products = apply_recipe(
@@ -323,16 +319,15 @@ def run_map(
                 )
             )
             mask = inputs.mask_of(settings.mask, settings, source.grid)
-        remarks = [*recipe.remarks, *texts]
         target = output_folder(folder, source.sums, recipe, settings)
         canvas = source.grid.frame if settings.canvas == "full" else None
         products = products_of(recipe, source.grid, path, canvas=canvas, mask=mask)
-        also = () if mask is None else mask.files
-        robot = None if recipe.robot is None else recipe.robot.footprint
+        files = (*source.files, *recipe.files, *(() if mask is None else mask.files))
         fillings = [
             folders.Filling(
-                target, products, path.stem, (*source.files, *recipe.files, *also), path,
-                by_blocks=source.grid.is_lazy, warnings=remarks, read=source.grid, robot=robot,
+                target, products, path.stem, files, path, by_blocks=source.grid.is_lazy,
+                warnings=[*recipe.remarks, *texts], read=source.grid,
+                robot=None if recipe.robot is None else recipe.robot.footprint,
             )
         ]  # fmt: skip
         if around is not None:
@@ -366,19 +361,14 @@ def fill(
 
 
 def _warn_of_another(folder: Path) -> None:
-    manifest = read_json(folder / folders.MANIFEST)
-    stages = manifest.get("stages") if isinstance(manifest, dict) else None
-    if isinstance(stages, list) and stages and isinstance(stages[0], dict) and "local" in stages[0]:
-        text = f"{folder}: holds the local map of an earlier run, which is left as it is"
-        emit_warning(text)
+    if any("local" in stage for stage in folders.stored_manifest(folder).get("stages", ())):
+        emit_warning(f"{folder}: holds the local map of an earlier run, which is left as it is")
 
 
 def output_folder(
     folder: Path, sums: Mapping[str, str], recipe: recipes.Recipe, settings: Settings
 ) -> folders.OutputFolder:
-    options = {
-        "dialect": settings.dialect, **settings.picture_options, "canvas": settings.canvas
-    }  # fmt: skip
+    options = {"dialect": settings.dialect, **settings.picture_options, "canvas": settings.canvas}
     if settings.resolution is not None:
         options |= {"resolution": settings.resolution, "origin": list(settings.origin)}
     robot = None if recipe.robot is None else recipe.robot.described()
@@ -390,11 +380,11 @@ def output_folder(
 
 def used_mask(recipe: recipes.Recipe, mask: inputs.Mask) -> inputs.Mask | None:
     """Return a keepout mask, or None if the recipe's robot ignores it; refuse it without costs."""
-    if mask is not None and not any(
-        step.stage.product_type is Costmap or step.accepts_mask for step in recipe.steps
-    ):
-        rule = "the recipe makes no costs, which alone a mask applies to"
-        raise ParameterError(rule, place="mask")
+    makes_costs = (step.stage.product_type is Costmap or step.accepts_mask for step in recipe.steps)
+    if mask is not None and not any(makes_costs):
+        raise ParameterError(
+            "the recipe makes no costs, which alone a mask applies to", place="mask"
+        )
     return inputs.used_mask(mask, recipe.robot)
 
 
@@ -483,23 +473,21 @@ def apply_to_file(
                     folders.write_product(
                         transaction, output, grid, step, pass_grid=pass_grid, encoding=encoding
                     )
-                if stage.shows_changes:
-                    _add_changes(transaction, settings, accepted, grid, title)
-                elif settings.image is not None:
+                picture = settings.image
+                if picture is not None and stage.shows_changes:
+                    _add_changes(transaction, picture, settings, accepted, grid, title)
+                elif picture is not None:
                     overlay = folders.together(overlays)
-                    folders.write_picture(
-                        transaction, settings.image, grid, title, settings, overlay
-                    )
+                    folders.write_picture(transaction, picture, grid, title, settings, overlay)
             if curve is not None and costs is not None:
                 from mapdeal.pictures.cost_curve import cost_curve_image  # few ask
 
-                heading = one_line(f"{path.stem}: {step.title}")
-                folders.write_image(
-                    transaction, curve, partial(cost_curve_image, costs, title=heading)
+                draw = partial(
+                    cost_curve_image, costs, title=one_line(f"{path.stem}: {step.title}")
                 )
+                folders.write_image(transaction, curve, draw)
             figures = grid.figures()
-            remark = step.remark_on(figures)
-            if remark is not None:
+            if remark := step.remark_on(figures):
                 emit_warning(f"{path}: {remark}")
             return SingleResult(path, output, step, figures, result, source.sums, costs)
 
@@ -508,10 +496,8 @@ _FILLED = 7  # of the picture: unknown cells that are now free; see `cleaning_st
 
 
 def _add_changes(
-    transaction: Transaction, settings: Settings, before: Grid, after: Grid, title: str
+    transaction: Transaction, path: Path, settings: Settings, before: Grid, after: Grid, title: str
 ) -> None:
-    if settings.image is None:
-        return
     from mapdeal.compare.difference import STATES, changes_of, states_of
     from mapdeal.pictures.comparisons import difference_image
     from mapdeal.pictures.styles import cleaning_style
@@ -519,8 +505,6 @@ def _add_changes(
     was, now = (states_of(np.asarray(grid.layer)) for grid in (before, after))
     changes = changes_of(was, now, np.ones(before.shape, dtype=np.bool_))
     changes[(was == STATES.index("unknown")) & (now == STATES.index("free"))] = _FILLED
-    extent, style = settings.image_extent, cleaning_style()
-    image = difference_image(
-        changes, before.frame, title=one_line(title), image_extent=extent, style=style
-    )
-    folders.write_image(transaction, settings.image, lambda: image)
+    look: Any = {"image_extent": settings.image_extent, "style": cleaning_style()}
+    image = difference_image(changes, before.frame, title=one_line(title), **look)
+    folders.write_image(transaction, path, lambda: image)
