@@ -124,8 +124,8 @@ WORK = 1000 + int(5.5 * CELLS)
 ])  # fmt: skip
 def test_what_a_map_needs(most, shape, reading, by_rows, expected):
     file = File(reading * CELLS, by_rows=by_rows)
-    settings = Settings(max_memory=most, threads=1)
-    need = partial(memory.need_of, file, shape, [Step], settings, image_max=None)
+    settings = Settings(max_memory=most, threads=1, images=False)
+    need = partial(memory.need_of, file, shape, [Step], settings)
     if isinstance(expected, str):
         with pytest.raises(MalformedInputError, match=expected):
             need()

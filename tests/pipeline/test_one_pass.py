@@ -143,7 +143,7 @@ def test_layers_are_made_once_for_figures_and_once_for_all_files_and_then_releas
         monkeypatch.setattr(owner, name, counted)
 
     def in_blocks_of_40_rows(*_):
-        return memory._Blocks(is_by_rows=True, block_height=40, cache=CacheBudget(room))
+        return 0, (40, CacheBudget(room))
 
     count("distances", esdf_module, "signed_distance", len)
     count("costs", exponential.BaseCosts, "costs", lambda _, rows: rows.stop - rows.start)

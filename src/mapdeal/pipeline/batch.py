@@ -132,8 +132,8 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
     jobs: dict[Path, Job] = {}
     in_order: list[Job] = []
     for listed in maps:
+        name = listed.name
         if listed.error is not None:
-            name = listed.name
             in_order.append(Job(listed.path, output / name, name, name, error=listed.error))
             continue
         place = listed.place
@@ -142,16 +142,15 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
             rule = "the map's name cannot be the name of a folder"
             raise errors.ParameterError(rule, source=listed.path, got=odd[0] if odd else place.name)
         if len(maps) > 1 and place.parts[0] == SUMMARY:
-            raise errors.ParameterError(
-                f"would write into the place of {SUMMARY}", source=listed.path
-            )
+            rule = f"would write into the place of {SUMMARY}"
+            raise errors.ParameterError(rule, source=listed.path)
         if place in jobs:
             rule = f"would write into {output / place}, as {jobs[place].path} does"
             hint = (
                 "maps of a folder, a quoted pattern or @LIST.txt keep their path below the output"
             )
             raise errors.ParameterError(rule, source=listed.path, hint=hint)
-        jobs[place] = Job(listed.path, output / place, listed.name, place.as_posix())
+        jobs[place] = Job(listed.path, output / place, name, place.as_posix())
         in_order.append(jobs[place])
     for place, job in jobs.items():
         # the folder of one run may lie in that of another, but not in the place of its files
@@ -215,14 +214,12 @@ def plan_of(job: Job, run: MapRun) -> Plan:
         ):
             size, files = file.shape(), file.files
             named = {} if settings.force else file.sums_by_name(sums)
-            cells = 0.0
+            need = need_of(file, size, steps, settings)
+            folders = [output_folder(job.folder, named, run.recipe, settings)]
             if run.around is not None:
-                cells = file.frame().resolution
-            need = need_of(file, size, steps, settings, image_max=settings.picture_size)
-        folders = [output_folder(job.folder, named, run.recipe, settings)]
-        if run.around is not None:
-            folders.append(run.around.folder(job.folder, named, cells, settings))
-            files = (*files, *run.around.files)
+                cell_size = file.frame().resolution
+                folders.append(run.around.folder(job.folder, named, cell_size, settings))
+                files = (*files, *run.around.files)
         for target in folders:
             target.check_inputs(files)
         new = [folder for folder in folders if settings.force or folder.unchanged_figures() is None]
@@ -264,11 +261,9 @@ class Plans(Result):
         counts = Counter(plan.status for plan in self.plans)
         running, failing = counts["new"] + counts["replace"], counts["refused"] + counts["failed"]
         also = f", and {' and '.join(map(str, self.also_written))}" if self.also_written else ""
-        yield (
-            f"{count_text(len(self.plans), 'map')}: {running} to run, {counts['unchanged']} "
-            f"unchanged, {failing} that would fail; "
-            f"{sum(len(plan.writes) for plan in self.plans)} files to write{also}"
-        )
+        text = f"{count_text(len(self.plans), 'map')}: {running} to run, {counts['unchanged']} "
+        text += f"unchanged, {failing} that would fail; "
+        yield f"{text}{sum(len(plan.writes) for plan in self.plans)} files to write{also}"
         needed = sorted((plan.need.memory for plan in self.plans if plan.need), reverse=True)
         if needed:
             at_once = min(self.at_once or 1, len(needed))
@@ -496,8 +491,8 @@ def _failure(error: errors.MapdealError, job: Job) -> str:
     text = text_of(str(error), job)
     for source in (job.name, str(job.path)):
         text = text.removeprefix(f"{errors.one_line(source)}: ")
-    shown = text if len(text) <= _LONGEST_REASON else f"{text[: _LONGEST_REASON - 3]}..."
-    return f"{job.name}: {shown}"
+    is_short = len(text) <= _LONGEST_REASON
+    return f"{job.name}: {text if is_short else text[: _LONGEST_REASON - 3] + '...'}"
 
 
 def text_of(text: str, job: Job) -> str:

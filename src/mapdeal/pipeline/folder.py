@@ -497,7 +497,7 @@ class OutputFolder:
             return hint
         if self.unchanged_figures() is not None:
             return f"{hint}; this folder holds the same already"
-        return f"{hint}; the run in this folder had other inputs or parameters, or was changed"
+        return f"{hint}; the run in this folder had other inputs, parameters, or was changed"
 
     def write(self, transaction: Transaction, filling: Filling) -> dict[str, Figures]:
         """Write all files within a transaction, the manifest last; return each step's figures."""

@@ -110,18 +110,13 @@ def opened_map(
 ) -> Iterator[Source]:  # fmt: skip
     """Open a map for stages: in memory if it fits, else block by block."""
     with ExitStack() as stack:
-        stack.enter_context(settings.reading())
         with sources.sums_of_reads(is_wanted=with_sums) as sums:
-            file = stack.enter_context(
-                open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
-            )
+            file = stack.enter_context(opened_input(path, settings))
             source = _read(file, steps, image_max, settings.canvas)
         shape = source.grid.shape
         work = bytes_in_memory(shape, steps, image_max, canvas=settings.canvas) - bytes_to_read(0)
         cells = f"{shape[1]} x {shape[0]} cells"
-        stack.enter_context(
-            tables_claimed(lambda size: sources.claim(path, work + size, what=cells))
-        )
+        stack.enter_context(tables_claimed(lambda n: sources.claim(path, work + n, what=cells)))
         yield replace(source, sums=file.sums_by_name(sums) if with_sums else {})
 
 
@@ -130,9 +125,9 @@ def _read(
 ) -> Source:  # fmt: skip
     limit, _ = sources.memory_limit()
     budget = _NO_LIMIT if limit is None else limit
-    blocks = _plan_blocks(file, file.shape(), steps, budget, image_max, canvas)
-    if blocks is not None and blocks.is_by_rows:
-        return file.by_rows(block_height=blocks.block_height, budget=blocks.cache)
+    _, blocks = _plan_blocks(file, file.shape(), steps, budget, image_max, canvas)
+    if blocks is not None and file.shape_by_rows is not None:
+        return file.by_rows(block_height=blocks[0], budget=blocks[1])
     source = file.read()
     grid = source.grid
     crop = _bytes_of_crop(grid)
@@ -151,29 +146,22 @@ def _read(
     return replace(source, grid=grid.with_values(layer))
 
 
-@dataclass(frozen=True)
-class _Blocks:
-    is_by_rows: bool
-    block_height: int
-    cache: CacheBudget
-
-
 def _plan_blocks(
     file: MapFile, shape: tuple[int, int], steps: Sequence[Step], budget: int,
     image_max: int | None, canvas: Canvas,
-) -> _Blocks | None:  # fmt: skip
+) -> tuple[int, tuple[int, CacheBudget] | None]:  # fmt: skip
+    """Return the bytes that a map in memory needs, and blocks as `_cut` does if it does not fit."""
     # Cells of an image that is decoded as a whole are kept. Others are read again, row by row.
     reading = file.memory_to_read()
     needed = bytes_in_memory(shape, steps, image_max, canvas=canvas, reading=reading)
     if needed <= budget:
-        return None
+        return needed, None
     base = _base(shape, image_max)
-    is_by_rows = file.shape_by_rows is not None
-    if not is_by_rows:
+    if file.shape_by_rows is None:
         if bytes_to_read(reading) > budget:
             raise _too_large(file.path, shape, bytes_to_read(reading), budget)
         base += shape[0] * shape[1]
-    return _Blocks(is_by_rows, *_cut(file.path, shape, steps, budget, base, needed=needed))
+    return needed, _cut(file.path, shape, steps, budget, base, needed=needed)
 
 
 def check_fits(
@@ -188,21 +176,18 @@ def claim_work(path: Path | str, grid: Framed, per_cell: float, **more: Any) -> 
         pass
 
 
-@contextmanager
 def work_claimed(
     path: Path | str, grid: Framed, per_cell: float, *, cells: int | None = None,
     besides: int = 0, measures: bool = True,
-) -> Iterator[None]:  # fmt: skip
+) -> AbstractContextManager[None]:  # fmt: skip
     """Refuse work on a grid in memory that takes too much, and count the tables that it makes."""
     height, width = grid.shape
     more = int(per_cell * (height * width if cells is None else cells))
-    crop = _bytes_of_crop(grid)
-    if crop:  # stages work on the box, then extend the product
+    if crop := _bytes_of_crop(grid):  # stages work on the box, then extend the product
         more = 2 * more + crop
     more += sources.bytes_of_lines(grid.shape, _PER_LINE)
     more += _bytes_to_measure(grid.shape) if measures else 0
-    with sources.claimed(path, bytes_of(grid) + more + besides, what=f"{width} x {height} cells"):
-        yield
+    return sources.claimed(path, bytes_of(grid) + more + besides, what=f"{width} x {height} cells")
 
 
 def claim_step(path: Path, grid: Grid, step: Step) -> None:
@@ -234,16 +219,13 @@ class Need:
 
 
 def need_of(
-    file: MapFile, shape: tuple[int, int], steps: Sequence[Step], settings: Settings, *,
-    image_max: int | None,
-) -> Need:  # fmt: skip
-    budget = memory_budget(settings.max_memory)
+    file: MapFile, shape: tuple[int, int], steps: Sequence[Step], settings: Settings
+) -> Need:
+    budget, image_max = memory_budget(settings.max_memory), settings.picture_size
     with use_threads(settings.threads):
-        blocks = _plan_blocks(file, shape, steps, budget, image_max, settings.canvas)
+        needed, blocks = _plan_blocks(file, shape, steps, budget, image_max, settings.canvas)
     if blocks is not None:
         return Need(budget, by_blocks=True)  # layers are kept as long as there is room
-    reading = file.memory_to_read()
-    needed = bytes_in_memory(shape, steps, image_max, canvas=settings.canvas, reading=reading)
     return Need(needed, by_blocks=False)
 
 
@@ -272,10 +254,10 @@ def _cut(
 
     free_bytes = budget - base
     least, most = fitting(free_bytes)
-    if most < least:
-        while most < least:
-            free_bytes = max(free_bytes + free_bytes // 50, per_row)
-            least, most = fitting(free_bytes)
+    while most < least:
+        free_bytes = max(free_bytes + free_bytes // 50, per_row)
+        least, most = fitting(free_bytes)
+    if free_bytes > budget - base:
         raise _too_large(path, shape, min(needed, int(1.01 * (base + free_bytes))), budget)
     rows = int(min(max(_BLOCK_CELLS // width, least), most, height, (1 << 16) - 1))
     runs = _PER_COLUMN_OF_BLOCK * width * -(-height // rows)
@@ -308,16 +290,15 @@ def read_input(path: Path, settings: Settings, *, with_sums: bool = False) -> So
 
 def read_together(paths: Sequence[Path], settings: Settings) -> list[Source]:
     maps_read: list[Source] = []
-    with ExitStack() as stack:
-        stack.enter_context(settings.reading())
+    with settings.reading():
         for path in paths:
-            maps_read.append(read_input(path, settings, with_sums=True))
-            stack.enter_context(sources.holding(bytes_of(maps_read[-1].grid)))
+            with sources.holding(sum(bytes_of(source.grid) for source in maps_read)):
+                maps_read.append(read_input(path, settings, with_sums=True))
     return maps_read
 
 
 def frame_of_file(path: Path, settings: Settings) -> tuple[Frame, tuple[Path, ...]]:
-    with settings.reading(), open_map(path, max_cells=settings.max_cells) as file:
+    with opened_input(path, settings) as file:
         return file.frame(), file.files
 
 
@@ -420,24 +401,22 @@ def opened(
     *maps: Map, names: Sequence[str], also: Sequence[Path] = (), **reading: Unpack[Reading]
 ) -> list[MapInput]:
     work, settings = Work.current.get(), settings_of(**reading)
-    paths = [Path(source) for source in maps if isinstance(source, str | PathLike)]
     for source in maps:
         if not isinstance(source, str | PathLike | Grid):
             raise ParameterError("takes files or grids", got=source)
-    maps_read = iter(read_together(paths, settings))
-    found = []
-    for source, name in zip(maps, names, strict=True):
-        if isinstance(source, str | PathLike):
-            found.append(map_input(next(maps_read), Path(source)))
-        else:
-            found.append(MapInput(source, (), name=name))
+    paths = [Path(source) for source in maps if isinstance(source, str | PathLike)]
+    of_files = map(map_input, read_together(paths, settings), paths)
+    found = [
+        next(of_files) if isinstance(source, str | PathLike) else MapInput(source, (), name=name)
+        for source, name in zip(maps, names, strict=True)
+    ]
     if work is not None:
         work.begin([*(file for source in found for file in source.files), *also])
     return found
 
 
 def sums_of(path: Path, settings: Settings) -> dict[str, str]:
-    with settings.reading(), open_map(path, max_cells=settings.max_cells) as file:
+    with opened_input(path, settings) as file:
         return file.sums_by_name({})
 
 
@@ -462,19 +441,17 @@ class KeepoutMask:
         without = cast("Costmap", step.apply(grid, path))
         if not step.accepts_mask:
             return without, self.over(without)
-        with_mask = cast("Costmap", step.apply(grid, path, mask=self.grid))
-        rows_of_costs = swept(with_mask.cost)
-        if not any((with_mask.cost[rows] != without.cost[rows]).any() for rows in rows_of_costs):
+        masked = cast("Costmap", step.apply(grid, path, mask=self.grid))
+        if all((masked.cost[rows] == without.cost[rows]).all() for rows in swept(masked.cost)):
             emit_warning(f"{self.path}: the mask changes no cost")
-        return without, with_mask
+        return without, masked
 
 
 def used_mask(mask: Mask, robot: RobotParameters | None) -> Mask | None:
     """Return a keepout mask; warn and return None if a robot's layers ignore it."""
-    reason = None if robot is None or mask is None else robot.why_mask_unused
-    if reason is None:
+    if robot is None or mask is None or robot.why_mask_unused is None:
         return mask
-    emit_warning(f"the keepout mask has no effect: {reason} (params.mask-unused)")
+    emit_warning(f"the keepout mask has no effect: {robot.why_mask_unused} (params.mask-unused)")
     return None
 
 
@@ -501,27 +478,22 @@ def transform_of(value: object, *, place: str | None = None) -> Transform | None
     if value is None or isinstance(value, Transform):
         return value
     rule = "must be a transform, or three numbers x, y, yaw"
-    return Transform(*_numbers_in(value, 3, rule, place))
+    return Transform(*numbers_of(value, "X,Y,YAW", place=place, rule=rule))
 
 
-def numbers_of(value: object, form: str, *, place: str | None = None) -> tuple[float, ...]:
+def numbers_of(
+    value: Any, form: str, *, place: str | None = None, rule: str | None = None
+) -> tuple[float, ...]:
     """Return numbers that may be given as text, as many as a form such as ``X,Y`` has."""
     count = form.count(",") + 1
-    return _numbers_in(value, count, f"must be {_COUNTS[count]} numbers {form}", place)
-
-
-_COUNTS = {2: "two", 3: "three"}
-
-
-def _numbers_in(value: Any, count: int, rule: str, place: str | None) -> tuple[float, ...]:
     try:
         if isinstance(value, str) and not is_plain(value):
             raise ValueError
-        parts = value.split(",") if isinstance(value, str) else value
-        numbers = tuple(float(part) for part in parts)
+        numbers = tuple(map(float, value.split(",") if isinstance(value, str) else value))
         if len(numbers) != count:
             raise ValueError
     except (TypeError, ValueError):
+        rule = rule or f"must be {'three' if count > 2 else 'two'} numbers {form}"
         raise ParameterError(rule, place=place, got=value) from None
     return numbers
 

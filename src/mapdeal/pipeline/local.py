@@ -74,10 +74,8 @@ class FileCloud(Cloud):
         return cls(path, path.name, (path,))
 
     def summed(self) -> SummedCloud:
-        state = sources.state_of(self.path)  # of what its sum is of, and then its points
-        return SummedCloud(
-            self, {self.path.name: sources.sha256_of(self.path)}, {}, {self.path: state}
-        )
+        states = {self.path: sources.state_of(self.path)}  # of what its sum is of, then its points
+        return SummedCloud(self, {self.path.name: sources.sha256_of(self.path)}, {}, states)
 
     def chunks(self) -> Iterator[Points]:
         return cloud_chunks(self.path)
@@ -119,8 +117,7 @@ class LocalCommon:
     def lethal_threshold(self) -> int:
         """Least occupancy of an obstacle of the global map: that of the first stage with one."""
         thresholds = (step.parameters.get("lethal_threshold") for step in self.recipe.steps)
-        found = (int(value) for value in thresholds if value is not None)
-        return next(found, DEFAULT_LETHAL_THRESHOLD)
+        return next((int(v) for v in thresholds if v is not None), DEFAULT_LETHAL_THRESHOLD)
 
 
 @dataclass(frozen=True)
@@ -183,23 +180,18 @@ def filling_of(
     job: LocalJob, pose: Pose, summed: SummedCloud | None, common: LocalCommon,
     make: Callable[[], LocalMap], more_options: Mapping[str, str] | None = None,
 ) -> Filling:  # fmt: skip
-    known = common.global_map
-    sums = {} if summed is None else dict(summed.sums)
-    options = {**(more_options or {}), **({} if summed is None else summed.options)}
-    files = () if job.cloud is None else job.cloud.files
-    map_warnings: Sequence[str] = ()
-    if known is not None:
-        sums |= known.sums
-        files += known.files
-        map_warnings = known.warnings
+    known, cloud = common.global_map, job.cloud
+    sums = {**(summed.sums if summed else {}), **(known.sums if known else {})}
+    options = {**(more_options or {}), **(summed.options if summed else {})}
+    files = (*(cloud.files if cloud else ()), *(known.files if known else ()))
     folder = local_folder(job.folder, pose, sums, common, options, has_map=known is not None)
     return Filling(
         folder, _products(folder.steps[0], job, make, common), job.source(common).stem,
         (*files, *common.recipe.files),
         # not the map, which is another one's
-        job.folder if job.cloud is None else job.cloud.path,
+        job.folder if cloud is None else cloud.path,
         PoseOverlay(pose),
-        warnings=(*common.recipe.remarks, *map_warnings),
+        warnings=(*common.recipe.remarks, *(known.warnings if known else ())),
     )  # fmt: skip
 
 
@@ -231,9 +223,8 @@ def _products(
     if job.cloud is not None:
         _check_points(local, job.cloud.path, required=common.require_points)
     if known is not None and not frames_overlap(local.grid.frame, known.grid.frame):
-        x, y = local.pose[:2]
-        text = f"{known.files[0]}: the map does not reach into the window around {x:.10g}, {y:.10g}"
-        errors.emit_warning(text)
+        window = "the window around {:.10g}, {:.10g}".format(*local.pose[:2])
+        errors.emit_warning(f"{known.files[0]}: the map does not reach into {window}")
     yield Product(first, local.grid, _figures_of(local, job, common))
     for product in products_of(common.recipe, local.grid, source):
         if product.step.stage.robot is not None and isinstance(product.grid, OccupancyGrid):
@@ -292,12 +283,12 @@ def other_folders(sequence: Sequence[LocalJob], output: Path) -> list[Path]:
 def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[LocalJob]:
     # Without clouds, each pose has the window of the global map around it.
     if not names:
-        windows = [(x, y, yaw) for x, y, yaw in read_poses(poses_file).tolist()]
+        windows = read_poses(poses_file).tolist()
         return numbered_jobs([None] * len(windows), windows, output)
     clouds = [cloud for cloud in _clouds_of(names) if not sources.is_same_file(cloud, poses_file)]
     poses = poses_for(len(clouds), poses_file)
     jobs = numbered_jobs(list(map(FileCloud.of, clouds)), poses, output)
-    places = {sources.real_path(output), *(sources.real_path(job.folder) for job in jobs)}
+    places = set(map(sources.real_path, [output, *(job.folder for job in jobs)]))
     for path in (poses_file, *clouds):
         if sources.real_path(path).parent in places:
             rule = "lies where outputs go; they need a folder of their own"
@@ -331,10 +322,8 @@ def _clouds_of(names: Sequence[str]) -> list[Path]:
 def only_cloud(names: Sequence[str]) -> FileCloud:
     clouds = _clouds_of(names)
     if len(clouds) > 1:
-        rule = f"applies to one cloud, there are {len(clouds)}"
-        raise errors.ParameterError(
-            rule, source="--pose", hint="--poses FILE takes a pose for each"
-        )
+        rule, hint = f"applies to one cloud, there are {len(clouds)}", "--poses FILE gives one each"
+        raise errors.ParameterError(rule, source="--pose", hint=hint)
     return FileCloud.of(clouds[0])
 
 
@@ -349,8 +338,7 @@ class RollingRun:
         if common.keep is None:
             raise errors.ParameterError("must be given", place="keep")
         known = common.global_map
-        self._jobs = jobs
-        self._common = common
+        self._jobs, self._common = jobs, common
         self._keep = None if common.keep == "all" else common.keep
         self._mapper = RollingMapper(
             [job.pose for job in jobs], common.options, keep=self._keep,
@@ -362,9 +350,8 @@ class RollingRun:
             check_window(source, common)
             most = self._mapper.remembered
             cells = f"{most.width} x {most.height} cells to remember"
-            sources.claim(
-                source, _PER_CELL * most.cells, what=cells, hint="a smaller --keep takes less"
-            )
+            hint = "a smaller --keep takes less"
+            sources.claim(source, _PER_CELL * most.cells, what=cells, hint=hint)
         self._summed: list[SummedCloud | None] = []
 
     def __call__(self, index: int) -> RunReport:
@@ -382,8 +369,7 @@ class RollingRun:
             for cloud, pose in zip(before, self._mapper.poses[first:index], strict=True)
         ]
         before_it = {"clouds_before": sha256(json_of(parts)).hexdigest()}
-        make = partial(self._make_map, index, missing)
-        pose = self._mapper.poses[index]
+        make, pose = partial(self._make_map, index, missing), self._mapper.poses[index]
         filling = filling_of(job, pose, summed, self._common, make, before_it)
         self._summed[index] = summed
         return fill(self._cloud(index), [filling], self._common.settings)[0]

@@ -34,12 +34,8 @@ from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
 from mapdeal.stages.structured import layers_with
 
 _NO_STAGES = "a recipe needs stages: a list of stages"
-_LOOKS = (
-    'a recipe is the key stages: and below it a list, of items such as "- inflate: {radius: 0.3}"'
-)
-_LINE = re.compile(
-    r"(?:(?P<key>[^(]*) \()?line (?P<line>\d+)(?:, (?P<column>column \d+))?\)?"
-)  # fmt: skip
+_LOOKS = 'a recipe is the key stages: and below it a list of items like "- inflate: {radius: 0.3}"'
+_LINE = re.compile(r"(?:(?P<key>[^(]*) \()?line (?P<line>\d+)(?:, (?P<column>column \d+))?\)?")
 
 
 BUILT_IN = ("default", "nav2", "local", "arena", "design-real", "design-sim", "design-local")
@@ -150,9 +146,8 @@ def _stage_of(item: Entry, name: str) -> tuple[str, StageValues]:
         key: Entry(field.source, f"{stage}.{key}", field.node).plain_value()
         for key, field in fields.items()
     }
-    return stage, StageValues(
-        values, {key: f"{name}:{field.line}" for key, field in fields.items()}
-    )
+    lines = {key: f"{name}:{field.line}" for key, field in fields.items()}
+    return stage, StageValues(values, lines)
 
 
 def _check_place(item: Entry, added: str, before: Sequence[str], name: str) -> None:
@@ -383,9 +378,9 @@ def load_recipe(
         raise ParameterError("must not be empty", place="recipe")
     if robot is not None:
         robot = robot if footprint is None else robot.with_shape(footprint)
-        footprint = robot.footprint
+        footprint = None if recipe is None else robot.footprint
     if robot is not None and recipe is None:
-        draft, name, footprint = draft_for(robot.costmap_layers), "of the robot", None
+        draft, name = draft_for(robot.costmap_layers), "of the robot"
     else:
         name = DEFAULT if recipe is None else str(recipe)
         draft = _read_draft(name)
@@ -503,27 +498,26 @@ def _apply_changes(draft: Draft, changes: object, name: str, source: str | None)
     if not is_list or not all(isinstance(text, str) for text in texts):
         raise ParameterError("must be values by name", place="changes", got=changes)
     for setting in texts:
-        target, equals, value = setting.partition("=")
-        if not (equals and all(target.strip().partition("."))):
+        target, equals, value = map(str.strip, setting.partition("="))
+        if not (equals and all(target.partition("."))):
             rule = "must look like stage.parameter=value"
             hint = _hint_for(draft, target) if equals else None
             raise ParameterError(rule, source=SET, got=setting, hint=hint)
-        _apply_change(draft, target.strip(), _value_of(target, value), name, SET, setting)
+        _apply_change(draft, target, _value_of(target, value), name, SET, setting)
 
 
 def _value_of(target: str, text: str) -> object:
-    stage, _, parameter = target.strip().partition(".")
-    name = parameter.replace("-", "_")
-    known = [
-        model.parameters[name] for model in models_of(stage).values() if name in model.parameters
-    ]
-    if not any(parameter_of_model.is_yaml for parameter_of_model in known):
-        return text.strip()
+    stage, _, parameter = target.partition(".")
+    known = (
+        model.parameters.get(parameter.replace("-", "_")) for model in models_of(stage).values()
+    )
+    if not any(found.is_yaml for found in known if found is not None):
+        return text
     try:
         return parse_value(text, SET)
     except MalformedInputError as error:
         error.source = error.place = None
-        raise ParameterError(str(error), source=SET, place=target.strip()) from None
+        raise ParameterError(str(error), source=SET, place=target) from None
 
 
 def _apply_change(
@@ -531,8 +525,8 @@ def _apply_change(
     setting: str | None = None,
 ) -> None:  # fmt: skip
     setting = setting or target
-    stage, dot, parameter = str(target).partition(".")
-    if not (dot and stage and parameter):
+    stage, _, parameter = parts = str(target).partition(".")
+    if not all(parts):
         rule = "must look like {'stage.parameter': value}"
         raise ParameterError(rule, source=option, got=target, hint=_hint_for(draft, target))
     values = dict(draft).get(stage)
@@ -551,9 +545,8 @@ def _apply_change(
 
 
 def _hint_for(draft: Draft, target: object) -> str | None:
-    parameter = str(target).strip().replace("-", "_")
-    found = [f"{stage}.{parameter}" for stage, values in draft
-             if parameter in _stage_in(stage, values).parameters]  # fmt: skip
+    name = str(target).replace("-", "_")
+    found = [f"{stage}.{name}" for stage, own in draft if name in _stage_in(stage, own).parameters]
     return f"did you mean {' or '.join(found)}?" if found else None
 
 
@@ -561,19 +554,16 @@ def _remarks_on(steps: Sequence[Step]) -> Iterator[str]:
     """Yield a text where the robot's radius counts in a stage, and once more in one after it."""
     before: Step | None = None
     for step in steps:
-        found = _radius_in(step)
-        if found is None:
+        name, radius = _radius_in(step) or ("", None)
+        if radius is None:
             continue
-        name, radius = found
         if before is None:
             before = step if step.stage.passes_output_on else None
-        elif before.stage.product_type is Costmap and Costmap in step.stage.takes:
-            continue
-        elif radius > 0:
-            yield (
-                f"{step.name}: {name} {radius:g} m comes on top of stage {before.name} "
-                "before it, so the robot's radius counts twice"
-            )
+        elif radius > 0 and not (
+            before.stage.product_type is Costmap and Costmap in step.stage.takes
+        ):
+            text = f"{step.name}: {name} {radius:g} m comes on top of stage {before.name}"
+            yield f"{text} before it, so the robot's radius counts twice"
 
 
 def _radius_in(step: Step) -> tuple[str, float] | None:
@@ -639,17 +629,12 @@ def read_robot_parameters(
 
     check_choice(costmap, CostmapName, "costmap")
     check_choice(dialect, Dialect, "dialect")
-    listed = [paths] if isinstance(paths, str | PathLike) else paths
-    are_paths = isinstance(listed, Sequence) and all(isinstance(p, str | PathLike) for p in listed)
-    if not are_paths:
+    names = [paths] if isinstance(paths, str | PathLike) else paths
+    if not (isinstance(names, Sequence) and all(isinstance(n, str | PathLike) for n in names)):
         hint = "costmap(map, robot_radius=0.2) takes a radius"
         raise ParameterError("takes paths of parameter files", place="paths", got=paths, hint=hint)
-    return read_robot(
-        [Path(path) for path in listed],
-        costmap=costmap,
-        namespace=namespace,
-        older=dialect != "nav2",
-    )
+    older = dialect != "nav2"
+    return read_robot(list(map(Path, names)), costmap=costmap, namespace=namespace, older=older)
 
 
 def cost_curve(
@@ -704,13 +689,11 @@ def cost_curve(
         step = step_for("cost", robot if footprint is None else robot.with_shape(footprint), values)
     else:
         step = make_step("cost", values)
+    shaped = step.stage.robot
     if footprint is not None and robot is None:
-        shaped = step.stage.robot
-        if shaped is None:
-            rule = "costs of this model do not depend on the robot's shape"
-            raise ParameterError(rule, place="footprint")
-        if shaped.replaces in parameters:
-            rule = f"cannot be given together with {shaped.replaces}"
+        rule = "costs of this model do not depend on the robot's shape"
+        if shaped is None or shaped.replaces in parameters:
+            rule = f"cannot be given together with {shaped.replaces}" if shaped else rule
             raise ParameterError(rule, place="footprint")
         step = make_step("cost", {**values, **shaped.parameters(footprint)})
     curve = step.curve_on(cells)

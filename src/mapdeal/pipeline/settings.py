@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
@@ -66,12 +66,10 @@ class Settings:
     @contextmanager
     def reading(self, *, anew: bool = False) -> Iterator[None]:
         """Apply the memory limit and the resolution of images without a YAML file to readers."""
-        with ExitStack() as stack:
-            stack.enter_context(
-                use_memory(self.max_memory, is_chosen=self.memory_is_chosen, anew=anew)
-            )
-            if self.resolution is not None:
-                stack.enter_context(bare_images(self.resolution, self.origin))
+        images: AbstractContextManager[None] = nullcontext()
+        if self.resolution is not None:
+            images = bare_images(self.resolution, self.origin)
+        with use_memory(self.max_memory, is_chosen=self.memory_is_chosen, anew=anew), images:
             yield
 
     @property
