@@ -91,10 +91,8 @@ class CellTallies:
         self, shape: tuple[int, int], *, from_north: bool = False,
         byte_counts: NDArray[np.int64] | None = None,
     ) -> None:  # fmt: skip
-        height, width = shape
-        self.shape = shape
-        self.size = height * width
-        self._rows = 0
+        height, width = self.shape = shape
+        self.size, self._rows = height * width, 0
         self._counts_bytes = byte_counts is None
         self._byte_counts = np.zeros(256, dtype=np.int64) if byte_counts is None else byte_counts
         self._known_rows = np.zeros(height, dtype=np.bool_)
@@ -194,10 +192,9 @@ class CellTallies:
     @property
     def known_box(self) -> tuple[int, int]:
         """Rows and columns of the smallest box around all known cells; 0 and 0 if none is known."""
-        rows, cols = np.flatnonzero(self._known_rows), np.flatnonzero(self._known_cols)
-        if not rows.size:
-            return 0, 0
-        return int(np.ptp(rows)) + 1, int(np.ptp(cols)) + 1
+        sides = np.flatnonzero(self._known_rows), np.flatnonzero(self._known_cols)
+        rows, cols = (int(np.ptp(side)) + 1 if side.size else 0 for side in sides)
+        return rows, cols
 
     @property
     def middle_of_known(self) -> tuple[float, float]:
@@ -212,11 +209,11 @@ class CellTallies:
 
     def places_of_components(self, least: int, most: int) -> list[Place]:
         """Return one cell of each of the largest free components, except the very largest."""
-        groups = list(reversed(self._free.places().items()))
-        if groups:  # of several equally large components, the first counts as the largest
-            groups[0] = groups[0][0], groups[0][1][1:]
-        cells = [cell for size, members in groups if least <= size <= most for cell in members]
-        return [divmod(cell, self.shape[1]) for cell in cells[:MOST_PLACES]]
+        # of several equally large components, the first counts as the largest
+        groups = reversed(self._free.places().items())
+        _, *cells = [(size, cell) for size, members in groups for cell in members] or [(0, 0)]
+        fitting = [cell for size, cell in cells if least <= size <= most]
+        return [divmod(cell, self.shape[1]) for cell in fitting[:MOST_PLACES]]
 
 
 def _stretches(marked: NDArray[np.bool_], *, is_closed: bool) -> list[tuple[int, int]]:
@@ -260,7 +257,7 @@ class PixelTallies:
         self.freed_greys: list[int] = []
         """Map_saver's grey for unknown, if a reader reads it as free."""
         self.firsts: dict[int, int] = {}
-        """The first pixel of each opaque 8-bit grey, or index of a palette, by its number."""
+        """The first pixel of each opaque 8-bit grey, or index of a palette: a number from north."""
         self._pixel_count = 0
         self._greys = np.zeros(256, dtype=np.int64)  # pixels of each opaque grey or index
 
@@ -275,10 +272,9 @@ class PixelTallies:
             opaque = grey[~is_other][np.newaxis]
         if grey.dtype == np.uint8:
             counts = histogram(opaque)
-            for value in np.flatnonzero(counts).tolist():
-                if value not in self.firsts:
-                    is_first = ((grey == value) & ~is_other).argmax()
-                    self.firsts[value] = self._pixel_count + int(is_first)
+            for value in set(np.flatnonzero(counts).tolist()) - self.firsts.keys():
+                is_first = ((grey == value) & ~is_other).argmax()
+                self.firsts[value] = self._pixel_count + int(is_first)
         else:
             counts = np.bincount(opaque.reshape(-1), minlength=256)
         self._pixel_count += grey.size
@@ -289,15 +285,10 @@ class PixelTallies:
     def finish(self) -> None:
         """Complete the counts after the last row."""
         row = opaque_greys(self._kind)
-        used = np.flatnonzero(self._greys)
         is_used = np.zeros(row.shape, dtype=np.bool_)
-        is_used[0, used] = True
-        if used.size:
-            self._tally(row.only(is_used), self._greys[used])
-
-    def first_pixels(self, greys: Iterable[int]) -> list[int]:
-        """Return the indices of the first opaque pixels of greys, counted row by row from north."""
-        return [self.firsts[grey] for grey in greys if grey in self.firsts][:MOST_PLACES]
+        is_used[0, : len(self._greys)] = self._greys[: row.shape[1]] > 0
+        if is_used.any():
+            self._tally(row.only(is_used), self._greys[self._greys > 0])
 
     @cached_property
     def greys(self) -> dict[int, int]:
@@ -317,9 +308,8 @@ class PixelTallies:
         elif pixels.colour == "rgb":
             is_coloured = (pixels.samples[0] != pixels.samples[0, :, :1]).any(axis=1)
             self.coloured += int(counts[is_coloured].sum())
-        opacity = pixels.alpha
-        if pixels.palette is not None:
-            opacity = pixels.palette[:, 3][pixels.samples]
+        palette, opacity = pixels.palette, pixels.alpha
+        opacity = opacity if palette is None else palette[:, 3][pixels.samples]
         if opacity is not None:
             self.not_opaque += int(counts[opacity[0] < pixels.opaque].sum())
         is_raw = self._metadata.mode == "raw"
@@ -394,9 +384,8 @@ class RobotFacts:
 
     def of_layer(self, layer: str, parameter: str) -> ParameterValue | None:
         """Return a layer's parameter; in ROS 1 the costmap's own value has precedence."""
-        layer_value = self.value(layer, parameter)
         costmap_value = self.value(parameter) if self.robot.flavour == "ros1" else None
-        return costmap_value or layer_value
+        return costmap_value or self.value(layer, parameter)
 
 
 _HEAD = 1 << 16
@@ -432,9 +421,7 @@ class GridFacts:
     def other_components(self) -> tuple[Integers, Integers]:
         """Sizes of the free components and the number of each, without the largest component."""
         sizes, counts = self.cells.free_components
-        other_counts = counts.copy()
-        other_counts[-1:] -= 1
-        return sizes, other_counts
+        return sizes, np.append(counts[:-1], counts[-1:] - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -529,7 +516,8 @@ class PairFacts:
     def places_of_greys(self, greys: Iterable[int]) -> tuple[Point, ...]:
         """Return the positions of the first pixel of each grey in the map frame, metres."""
         height, width = self.frame.shape
-        pixels = [divmod(pixel, width) for pixel in self.pixels.first_pixels(greys)]
+        firsts = [self.pixels.firsts[grey] for grey in greys if grey in self.pixels.firsts]
+        pixels = [divmod(first, width) for first in firsts[:MOST_PLACES]]
         cells = [(height - 1 - row, col) for row, col in pixels]  # pixels come from the north
         return places_of(self.frame.xy_from_rowcol(cells).tolist())
 
@@ -574,11 +562,11 @@ def _gather_grid(path: Path, max_cells: int | None) -> GridFacts | None:
         grid = file.cells()
     if isinstance(grid, Costmap):
         warn_if_uniform(path, grid)
-        return None
-    if isinstance(grid, FieldView):
+    elif isinstance(grid, FieldView):
         _warn_of_view(path, grid.scale)
-        return None
-    return GridFacts.of(grid if isinstance(grid, OccupancyGrid) else grid.grid)
+    else:
+        return GridFacts.of(grid if isinstance(grid, OccupancyGrid) else grid.grid)
+    return None
 
 
 def _gather_pair(
@@ -602,11 +590,11 @@ def _gather_pair(
     pair = PairFacts(path, entries, metadata, image, kind, pixels, frame, comments)
     if cells is None:
         warn_of_cost_figures(path, figures_of_costs(pixels.grey_counts, "costmap2d"))
-        return pair, None
-    if metadata.view is not None:
+    elif metadata.view is not None:
         _warn_of_view(path, metadata.view)
-        return pair, None
-    return pair, GridFacts(frame, cells)
+    else:
+        return pair, GridFacts(frame, cells)
+    return pair, None
 
 
 def _warn_of_view(path: Path, scale: ViewScale) -> None:
@@ -645,11 +633,7 @@ def _warnings_as_findings(
         try:
             yield
         finally:
-            for warning in warnings:
-                name = warning.check
-                if name is None:
-                    raise TypeError(f"a warning of the readers has no check: {warning}")
-                findings.append(_finding(name, path, str(warning), entries))
+            findings += [_finding(str(w.check), path, str(w), entries) for w in warnings]
 
 
 def _finding(name: str, path: Path, text: str, entries: Mapping[str, Entry]) -> Finding:
@@ -686,9 +670,8 @@ def check(
         hints = get_type_hints(function)
         facts = [kind for parameter, kind in hints.items() if parameter != "return"]
         if len(facts) != 1 or facts[0] not in _FACTS:
-            known = " or ".join(facts_class.__name__ for facts_class in _FACTS)
-            rule = f"check {name} must have one parameter, annotated {known}"
-            raise TypeError(f"{rule}, got {facts}")
+            known = " or ".join(kind.__name__ for kind in _FACTS)
+            raise TypeError(f"check {name} must have one parameter, annotated {known}, got {facts}")
         explanation = parse_explanation(function.__doc__ or "")
         add_check(Check(name, severity, explanation, function, facts[0], on_request))
         return function

@@ -307,8 +307,11 @@ OWN_FILE, PYPROJECT = "mapdeal.toml", "pyproject.toml"
 
 _LARGEST = 1 << 20
 
-_IGNORE = re.compile(r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?")
-_NAME = re.compile(r"[ \t]*([\w.-]+)[ \t]*")
+_NAME = r"[\w.-]+"
+_IGNORE = re.compile(
+    r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?"
+    rf"((?:[ \t]*{_NAME}(?:[ \t]*,[ \t]*{_NAME})*)?)"
+)
 
 Names = tuple[str, ...]
 
@@ -346,18 +349,13 @@ def read_lint_config(path: Path) -> LintConfig | None:
         table, prefix = "tool.mapdeal.lint", "tool.mapdeal."
     else:
         own_table, table, prefix = document, "lint", ""
-    if not isinstance(own_table, dict):
-        raise ParameterError("must be a table", source=path, place="tool.mapdeal", got=own_table)
-    _check_keys(own_table, ("lint",), path, prefix)
+    _check_table(own_table, ("lint",), path, prefix)
     if "lint" not in own_table:
         return None
-    entries = own_table["lint"]
-    if not isinstance(entries, dict):
-        raise ParameterError("must be a table", source=path, place=table, got=entries)
-    _check_keys(entries, tuple(_KEYS), path, f"{table}.")
+    _check_table(own_table["lint"], tuple(_KEYS), path, f"{table}.")
     values = {
-        name: _KEYS[key](entries[key], path, f"{table}.{key}")
-        for key, name in ((key, key.replace("-", "_")) for key in entries)
+        key.replace("-", "_"): _KEYS[key](value, path, f"{table}.{key}")
+        for key, value in own_table["lint"].items()
     }
     return LintConfig(path, table, **values)
 
@@ -368,22 +366,20 @@ def _document_of(path: Path) -> dict[str, Any]:
         return parse_toml(data.decode("utf-8"))
     except UnicodeDecodeError as error:
         raise MalformedInputError("not UTF-8", source=path, place=f"byte {error.start}") from None
-    except RecursionError:
-        raise MalformedInputError("not valid TOML: nested too deeply", source=path) from None
-    except ValueError as error:  # errors of TOML, or numbers of many thousand digits
-        raise MalformedInputError(f"not valid TOML: {error}", source=path) from None
+    except (RecursionError, ValueError) as error:  # or numbers of many thousand digits
+        why = "nested too deeply" if isinstance(error, RecursionError) else error
+        raise MalformedInputError(f"not valid TOML: {why}", source=path) from None
 
 
-def _check_keys(
-    table: Mapping[str, Any], known: Iterable[str], path: Path, prefix: str
-) -> None:  # fmt: skip
-    for key in table:
-        if key not in known:
-            close = difflib.get_close_matches(key, known, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"known keys: {', '.join(known)}"
-            if key in _KEYS:  # a key of lint in the table above
-                hint = f"it belongs in the table [{prefix}lint]"
-            raise ParameterError("unknown key", source=path, place=f"{prefix}{key}", hint=hint)
+def _check_table(table: Any, known: Sequence[str], path: Path, prefix: str) -> None:
+    if not isinstance(table, dict):
+        raise ParameterError("must be a table", source=path, place=prefix[:-1], got=table)
+    for key in (key for key in table if key not in known):
+        close = difflib.get_close_matches(key, known, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"known keys: {', '.join(known)}"
+        if key in _KEYS:  # a key of lint in the table above
+            hint = f"it belongs in the table [{prefix}lint]"
+        raise ParameterError("unknown key", source=path, place=f"{prefix}{key}", hint=hint)
 
 
 def _names(value: Any, path: Path, place: str) -> Names:
@@ -440,19 +436,9 @@ def read_ignore_comments(path: Path, limit: int = OF_MAPS.bytes) -> list[IgnoreC
         data = read_file(path, limit=limit)
     except (FileAccessError, MalformedInputError):
         return []
-    lines = data.decode("utf-8-sig", "replace").splitlines()
-    matches = ((n, line, _IGNORE.search(line)) for n, line in enumerate(lines, start=1))
-    return [IgnoreComment(n, _names_in(line[m.end() :])) for n, line, m in matches if m]
-
-
-def _names_in(text: str) -> Names:
-    names = []
-    for part in text.split(","):
-        name = _NAME.match(part)
-        names += [name[1]] if name else []
-        if not name or name.end() < len(part):
-            break
-    return tuple(names)
+    lines = enumerate(data.decode("utf-8-sig", "replace").splitlines(), start=1)
+    found = ((number, _IGNORE.search(line)) for number, line in lines)
+    return [IgnoreComment(n, tuple(re.findall(_NAME, match[1]))) for n, match in found if match]
 
 
 UNUSED = "lint.unused-ignore"
@@ -477,18 +463,16 @@ class Selection:
         spared = self._ignored_in(file)
         selected = [found for found in findings if found.check in self.checks]
         texts = [text for comment in comments for text in comment.names]
-        ignored = {name for text in texts for name in _matches(text)}
-        ignored.discard(UNUSED)
+        ignored = {name for text in texts for name in _matches(text)} - {UNUSED}
         remaining = [found for found in selected if found.check not in ignored | spared]
-        unused = []
+        suppressed = len(selected) - len(remaining)
         if UNUSED in self.checks - spared:
-            unused = list(_unused(file, comments, {*skipped, *(found.check for found in findings)}))
-        ranked = [
+            remaining += _unused(file, comments, {*skipped, *(found.check for found in findings)})
+        ranked = (
             replace(found, severity=self.severity.get(found.check, found.severity))
-            for found in [*remaining, *unused]
-        ]
-        ranked.sort(key=lambda found: SEVERITIES.index(found.severity))
-        return tuple(ranked), len(selected) - len(remaining)
+            for found in remaining
+        )
+        return tuple(sorted(ranked, key=lambda found: SEVERITIES.index(found.severity))), suppressed
 
     def _ignored_in(self, file: Path) -> frozenset[str]:
         if not self.per_file or self.folder is None:
@@ -498,11 +482,11 @@ class Selection:
             return frozenset()
         below = PurePosixPath(path.relative_to(folder).as_posix())
         names = [path.name, *map(str, (below, *below.parents[:-1]))]
-        ignored: frozenset[str] = frozenset()
-        for pattern, checks in self.per_file:
-            if any(fnmatchcase(name, pattern.removesuffix("/")) for name in names):
-                ignored |= checks
-        return ignored
+        matching = (
+            checks for pattern, checks in self.per_file
+            if any(fnmatchcase(name, pattern.removesuffix("/")) for name in names)
+        )  # fmt: skip
+        return frozenset().union(*matching)
 
 
 def selection_of(

@@ -92,10 +92,8 @@ class _GraphFacts:
 
     def _outside_text(self, outside: int) -> str:
         low, high = self.graph.points_xy.min(axis=0), self.graph.points_xy.max(axis=0)
-        height, width = self.frame.shape
-        corners = self.frame.xy_from_continuous_rowcol(
-            [[0, 0], [0, width], [height, 0], [height, width]]
-        )
+        rows, cols = self.frame.shape
+        corners = self.frame.xy_from_continuous_rowcol([[0, 0], [0, cols], [rows, 0], [rows, cols]])
         first, last = corners.min(axis=0), corners.max(axis=0)
         extent = f"x {low[0]:.4g} .. {high[0]:.4g}, y {low[1]:.4g} .. {high[1]:.4g}"
         limits = f"x {first[0]:.4g} .. {last[0]:.4g}, y {first[1]:.4g} .. {last[1]:.4g}"
@@ -116,8 +114,7 @@ class _GraphFacts:
         elif self.unknown[row, col]:
             position = "in unknown space"
         else:
-            distance = float(np.sqrt(self.sweeps.squared[row, col])) * self.frame.resolution
-            radius = reach_radius(self.robot)
+            distance, radius = self._distance(row, col), reach_radius(self.robot)
             position = f"{distance:.3g} m from an obstacle, too near for a radius of {radius:.3g} m"
         nearest = nearest_marked(self.sweeps.is_open, (row, col))
         if nearest is None:
@@ -144,8 +141,7 @@ class _GraphFacts:
             worst = self.sweeps.worst_place(start, stop, touches=touches)
             x, y = (self.frame.xy_from_continuous_rowcol([worst])[0].round(3) + 0.0).tolist()
             names = " and ".join(str(graph.edges[index].id) for index in indices)
-            word = "edge" if len(indices) == 1 else "edges"
-            text = f"{word} {names} from node {edge.start} to {edge.end}: "
+            text = f"edge{'s' * (len(indices) > 1)} {names} from node {edge.start} to {edge.end}: "
             text += f"the robot cannot pass at {x:.10g},{y:.10g}{self._reason(worst)}; "
             text += "put a node beside it and lead the edge around, or remove it"
             yield self.finding("edge-blocked", text, [(x, y)])
@@ -156,8 +152,10 @@ class _GraphFacts:
             return " (an obstacle)"
         if self.unknown[row, col]:
             return " (unknown)"
-        distance = float(np.sqrt(self.sweeps.squared[row, col])) * self.frame.resolution
-        return f", {distance:.3g} m from an obstacle or unknown space"
+        return f", {self._distance(row, col):.3g} m from an obstacle or unknown space"
+
+    def _distance(self, row: int, col: int) -> float:
+        return float(np.sqrt(self.sweeps.squared[row, col])) * self.frame.resolution
 
     def _connections(self) -> Iterator[Finding]:
         from scipy.sparse import coo_array
@@ -171,8 +169,7 @@ class _GraphFacts:
         for part in np.flatnonzero(sizes).tolist():
             if part != largest:
                 nodes = np.flatnonzero(weak == part).tolist()
-                node_count = count_text(len(nodes), "node")
-                text = f"{node_count} ({self._ids(nodes)}) not connected with the rest"
+                text = f"{self._ids(nodes)} not connected with the rest"
                 yield self.finding("parts", text, map(self._point, nodes))
         links = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
         _, strong = connected_components(links.tocsr(), directed=True, connection="strong")
@@ -185,10 +182,9 @@ class _GraphFacts:
         for can_leave, nodes in trapped.items():
             if nodes:
                 word = "left, but not entered" if can_leave else "entered, but not left"
-                text = f"{count_text(len(nodes), 'node')} ({self._ids(nodes)}) can be {word}; "
-                text += "add the edges back: each leads one way"
+                text = f"{self._ids(nodes)} can be {word}; add the edges back: each leads one way"
                 yield self.finding("one-way", text, map(self._point, nodes))
 
     def _ids(self, nodes: Sequence[int]) -> str:
         ids = ", ".join(str(self.graph.nodes[node].id) for node in nodes[:5])
-        return f"{ids}, ..." if len(nodes) > 5 else ids
+        return f"{count_text(len(nodes), 'node')} ({ids}{', ...' * (len(nodes) > 5)})"

@@ -61,9 +61,7 @@ def lint_file(
         return lint_run(path)
     pair, cells, findings = gather(path, max_cells=max_cells)
     path = path if pair is None else pair.path
-    facts_by_type: dict[type, Any] = {
-        type(facts): facts for facts in (pair, cells) if facts is not None
-    }
+    facts_by_type: dict[type, Any] = {type(facts): facts for facts in (pair, cells) if facts}
     if radius is not None and cells is not None:
         try:
             facts_by_type[RoomFacts] = gather_rooms(path, radius, max_cells=max_cells)
@@ -114,10 +112,9 @@ def check_parameters(
     paths: Sequence[Path], costmap: CostmapName | None, namespace: str | None,
     map_frames: Sequence[tuple[str, Frame]],
 ) -> dict[Path, Findings]:  # fmt: skip
+    options: Any = {"costmap": costmap, "namespace": namespace, "map_frames": map_frames}
     try:
-        by_file = lint_parameters(
-            paths, costmap=costmap, namespace=namespace, map_frames=map_frames
-        )
+        by_file = lint_parameters(paths, **options)
     except FileAccessError as error:
         faulty = Path(error.source) if error.source is not None else paths[-1]
         finding = CHECKS["file.access"].finding(faulty, str(error).removeprefix(f"{faulty}: "))
@@ -299,21 +296,18 @@ class LintReport(Result, Sequence[Finding]):
                 for c in self.explained
             ]
             return {"checks": checks}
-        files = [report.document() for report in self.maps if report.is_parameters]
-        maps = [report.document() for report in self.maps if not report.is_parameters]
-        content: dict[str, Any] = {**({"parameter_files": files} if files else {}), "maps": maps}
+        content: dict[str, Any] = {}
         if self.only_counts:
-            content = {
-                "statistics": [
-                    {"check": name, "severity": CHECKS[name].severity, "count": count}
-                    for name, count in self.statistics.items()
-                ]
-            }
-        return {
-            **content,
-            **{f"{severity}s": count for severity, count in self.counts.items()},
-            "suppressed": self.suppressed,
-        }
+            content["statistics"] = [
+                {"check": name, "severity": CHECKS[name].severity, "count": count}
+                for name, count in self.statistics.items()
+            ]
+        else:
+            files = [report.document() for report in self.maps if report.is_parameters]
+            content |= {"parameter_files": files} if files else {}
+            content["maps"] = [r.document() for r in self.maps if not r.is_parameters]
+        content |= {f"{severity}s": count for severity, count in self.counts.items()}
+        return {**content, "suppressed": self.suppressed}
 
     def parts(self) -> Iterable[str]:
         if self.form not in ("text", "json"):
@@ -391,15 +385,17 @@ def _test_case(report: MapReport) -> list[str]:
         return [f"    <testcase {name}/>"]
     lines = [f"    <testcase {name}>"]
     if report.failures:
-        first = report.failures[0]
-        suffix = f" (and {len(report.failures) - 1} more)" if len(report.failures) > 1 else ""
-        message = _attribute(f"{first.message}{suffix}")
-        texts = "\n".join(escape(str(finding)) for finding in report.failures)
-        lines.append(f'      <failure type="{first.check}" message={message}>{texts}</failure>')
+        first, *others = report.failures
+        suffix = f" (and {len(others)} more)" if others else ""
+        message, text = _attribute(f"{first.message}{suffix}"), _joined(report.failures)
+        lines.append(f'      <failure type="{first.check}" message={message}>{text}</failure>')
     if passing:
-        texts = "\n".join(escape(str(finding)) for finding in passing)
-        lines.append(f"      <system-out>{texts}</system-out>")
+        lines.append(f"      <system-out>{_joined(passing)}</system-out>")
     return [*lines, "    </testcase>"]
+
+
+def _joined(findings: Iterable[Finding]) -> str:
+    return "\n".join(escape(str(finding)) for finding in findings)
 
 
 def _attribute(text: str) -> str:
@@ -417,11 +413,8 @@ def _sarif_lines(report: LintReport) -> list[str]:
     # of a repository; other files get absolute ones. A finding without a line gets line 1.
     indices = {name: index for index, name in enumerate(sorted(CHECKS))}
     results = [_result(found, indices[found.check], m) for m in report.maps for found in m.findings]
-    driver = {
-        "name": "mapdeal lint",
-        "semanticVersion": report.version,
-        "rules": [_rule(name) for name in sorted(CHECKS)],
-    }
+    rules = list(map(_rule, sorted(CHECKS)))
+    driver = {"name": "mapdeal lint", "semanticVersion": report.version, "rules": rules}
     run = {"tool": {"driver": driver}, "columnKind": "unicodeCodePoints", "results": results}
     document = {"$schema": _SCHEMA, "version": "2.1.0", "runs": [run]}
     return [json.dumps(document, indent=2)]

@@ -14,7 +14,7 @@ import numpy as np
 from mapdeal.checks.facts import GridFacts, PairFacts, RoomFacts, check, without_rounding_noise
 from mapdeal.checks.findings import CHECKS, Finding, Remark, declare_checks, places_of
 from mapdeal.errors import FileAccessError, one_line
-from mapdeal.files.json_values import read_json
+from mapdeal.files.json_values import SUMMARY as BATCH, document_kind, read_json
 from mapdeal.files.source import contents_of, exists, holds
 from mapdeal.grid.costmap import UNIFORM_SHARE
 from mapdeal.grid.filters import FILTER_KEYS
@@ -43,11 +43,10 @@ def unknown_becomes_free(facts: PairFacts) -> Iterator[Remark]:
     Example: `free_thresh: 0.25`, above the shade 0.196 of grey 205.
     Fix: Write free_thresh: 0.196, or run lint --fix.
     """
-    if facts.pixels.freed:
-        text = remark_on_freed(facts.pixels.freed, facts.pixels.size, facts.metadata)
-        if text is not None:
-            places = facts.places_of_greys(facts.pixels.freed_greys)
-            yield Remark(text, "free_thresh", places=places)
+    pixels = facts.pixels
+    text = remark_on_freed(pixels.freed, pixels.size, facts.metadata) if pixels.freed else None
+    if text is not None:
+        yield Remark(text, "free_thresh", places=facts.places_of_greys(pixels.freed_greys))
 
 
 @check("thresholds.on-grey", "warning")
@@ -66,9 +65,8 @@ def on_grey(facts: PairFacts) -> Iterator[Remark]:
         for grey, count in facts.pixels.greys.items():
             if abs(_shade(grey, facts) - threshold) < 1e-6:
                 text = f"{threshold:g} is the shade of grey {grey} ({count} pixels)"
-                places = facts.places_of_greys([grey])
                 text += ": readers disagree on it; move it by 0.01"
-                yield Remark(text, key, places=places)
+                yield Remark(text, key, places=facts.places_of_greys([grey]))
 
 
 @check("readers.differ", "warning")
@@ -126,11 +124,9 @@ def alpha(facts: PairFacts) -> Iterator[str]:
     Example: A PNG whose background was erased in an editor.
     Fix: Save the image without transparency.
     """
-    count = facts.pixels.not_opaque
-    if count:
-        share = percent(count, facts.pixels.size)
-        text = f"{count} pixels ({share}) are not opaque: unknown to Nav2, grey to ROS 1"
-        yield f"{text}; make them opaque"
+    if count := facts.pixels.not_opaque:
+        text = f"{count} pixels ({percent(count, facts.pixels.size)}) are not opaque: unknown to "
+        yield f"{text}Nav2, grey to ROS 1; make them opaque"
 
 
 @check("image.gamma", "note", on_request=True)
@@ -140,8 +136,7 @@ def gamma(facts: PairFacts) -> Iterator[str]:
     Example: A PNG saved by GIMP with its profile.
     Fix: Export without a colour profile.
     """
-    if facts.kind.display:
-        display = " and ".join(facts.kind.display)
+    if display := " and ".join(facts.kind.display):
         yield f"{display}: viewers may show other greys than map readers, which ignore it, take"
 
 
@@ -152,11 +147,9 @@ def colour(facts: PairFacts) -> Iterator[str]:
     Example: An orange note drawn on a map.
     Fix: Convert the image to greys.
     """
-    count = facts.pixels.coloured
-    if count:
-        share = percent(count, facts.pixels.size)
-        text = f"{count} pixels ({share}) are coloured; readers make grey of them differently"
-        yield f"{text}: save the image in grey"
+    if count := facts.pixels.coloured:
+        text = f"{count} pixels ({percent(count, facts.pixels.size)}) are coloured; readers make "
+        yield f"{text}grey of them differently: save the image in grey"
 
 
 @check("image.palette", "warning")
@@ -239,8 +232,7 @@ def cartographer(facts: PairFacts) -> Iterator[str]:
     Example: A map from cartographer_pbstream_to_ros_map.
     Fix: Nothing, with free_thresh below 0.49.
     """
-    count = _unknown_of_cartographer(facts)
-    if count:
+    if count := _unknown_of_cartographer(facts):
         yield f"{count} pixels have grey 128, Cartographer's unknown"
 
 
@@ -256,16 +248,12 @@ def comment_resolution(facts: PairFacts) -> Iterator[Remark]:
     Example: `0.050 m/pix` in the PGM and 0.1 in the YAML.
     Fix: Measure a known wall, and correct the YAML.
     """
-    for comment in facts.comments:
-        match = _PER_PIXEL.search(comment)
-        if match is None:
-            continue
-        noted, used = float(match[1]), facts.metadata.resolution
+    used = facts.metadata.resolution
+    for match in filter(None, map(_PER_PIXEL.search, facts.comments)):
+        noted = float(match[1])
         if abs(noted - used) > 0.51e-3 + 1e-6 * used:  # comments have 3 decimals
-            yield Remark(
-                f"the image says {noted:g} m per pixel, the YAML {used:g}; measure a wall",
-                "resolution",
-            )
+            text = f"the image says {noted:g} m per pixel, the YAML {used:g}; measure a wall"
+            yield Remark(text, "resolution")
 
 
 _MIN_ISLAND_AREA = 1.0
@@ -358,14 +346,10 @@ def islands(facts: GridFacts) -> Iterator[Remark]:
     if count:
         area = float((sizes * counts)[is_large].sum()) * facts.frame.resolution**2
         largest = facts.cells.free_components[0][-1] * facts.frame.resolution**2
-        parts = "area" if count == 1 else "areas"
-        text = (
-            f"{count} {parts} of free space, {decimal_text(area, 3)} m2, cannot be reached from"
-            f" the largest, {decimal_text(largest)} m2: goals there fail; is a doorway closed?"
-        )
-        least = int(sizes[is_large][0])
-        cells = facts.cells.places_of_components(least, facts.cells.size)
-        yield Remark(text, places=facts.places(cells))
+        text = f"{count_text(count, 'area')} of free space, {decimal_text(area, 3)} m2, cannot be "
+        text += f"reached from the largest, {decimal_text(largest)} m2: goals there fail; "
+        cells = facts.cells.places_of_components(int(sizes[is_large][0]), facts.cells.size)
+        yield Remark(f"{text}is a doorway closed?", places=facts.places(cells))
 
 
 @check("map.specks", "note")
@@ -392,7 +376,7 @@ _FEWEST_WALLS = 100  # blocks of cells: smaller maps are drawings
 
 
 @check("map.ambiguous", "note")
-def ambiguous(facts: GridFacts) -> Iterator[Remark]:
+def ambiguous(facts: GridFacts) -> Iterator[str]:
     """A map that looks the same when it is turned.
     AMCL confuses the two poses: without an initial pose, the robot may localise at the
     wrong end and drive to the wrong goals.
@@ -404,15 +388,12 @@ def ambiguous(facts: GridFacts) -> Iterator[Remark]:
         return
     tolerance = round(_TOLERANCE / facts.frame.resolution / facts.cells.pooling)
     turns = coincidences(walls, free, max(tolerance, 1))
-    same = [90 * k for k, shares in enumerate(turns, 1) if min(shares) >= _COINCIDING]
+    same = {90 * k: min(shares) for k, shares in enumerate(turns, 1)}
+    same = {degrees: share for degrees, share in same.items() if share >= _COINCIDING}
     if same:
-        least = 100 * min(min(turns[degrees // 90 - 1]) for degrees in same)
-        angles = " or ".join(map(str, same))
-        text = (
-            f"turned by {angles} degrees, the map looks the same ({least:.0f} % of it coincides):"
-            " localisation may take one pose for another; set the initial pose"
-        )
-        yield Remark(text)
+        text = f"turned by {' or '.join(map(str, same))} degrees, the map looks the same "
+        text += f"({100 * min(same.values()):.0f} % of it coincides): localisation may take one "
+        yield f"{text}pose for another; set the initial pose"
 
 
 @check("map.open-border", "note")
@@ -422,11 +403,10 @@ def open_border(facts: GridFacts) -> Iterator[Remark]:
     Example: A hall cut off by a crop.
     Fix: Map further, or close the border with mapdeal edit.
     """
-    count = facts.cells.free_on_border
-    if count:
+    if count := facts.cells.free_on_border:
         text = f"{count} of {facts.cells.border} cells on the border are free: paths can lead off "
-        text += "the map; is it cut off?"
-        yield Remark(text, places=facts.places(facts.cells.free_stretches))
+        places = facts.places(facts.cells.free_stretches)
+        yield Remark(f"{text}the map; is it cut off?", places=places)
 
 
 _MOST_PASSAGES, _MOST_PLACES = 10, 20
@@ -439,14 +419,11 @@ def disconnected(facts: RoomFacts) -> Iterator[Remark]:
     Example: A door of 0.8 m for a radius of 0.4 m.
     Fix: Correct the doorway in the map, or exclude the area.
     """
-    needed = 2 * facts.radius
     passages = sorted(facts.passages, key=lambda p: -p.cut_off)
     for p in passages[:_MOST_PASSAGES]:
         x, y = round(p.x, 2) + 0.0, round(p.y, 2) + 0.0
-        text = (
-            f"{decimal_text(p.cut_off)} m2 are cut off by a passage of {p.width:.3g} m at "
-            f"{x:.10g}, {y:.10g}; the robot needs more than {needed:.3g} m"
-        )
+        text = f"{decimal_text(p.cut_off)} m2 are cut off by a passage of {p.width:.3g} m at "
+        text += f"{x:.10g}, {y:.10g}; the robot needs more than {2 * facts.radius:.3g} m"
         yield Remark(text, places=places_of([(p.x, p.y)]))
     omitted = passages[_MOST_PASSAGES:]
     if omitted:
@@ -509,9 +486,8 @@ def resolution_noise(facts: PairFacts) -> Iterator[Remark]:
     value = facts.metadata.resolution
     plain = without_rounding_noise(value)
     if plain is not None:
-        yield Remark(
-            f"{value!r} is {plain!r} stored as a 32-bit float; write {plain!r}", "resolution"
-        )
+        text = f"{value!r} is {plain!r} stored as a 32-bit float; write {plain!r}"
+        yield Remark(text, "resolution")
 
 
 @check("yaml.resolution-unusual", "warning")
@@ -536,10 +512,8 @@ def origin_noise(facts: PairFacts) -> Iterator[Remark]:
     for name, value in zip(("x", "y", "yaw"), facts.metadata.origin, strict=True):
         plain = without_rounding_noise(value)
         if plain is not None:
-            yield Remark(
-                f"{name} {value!r} is {plain!r} with the noise of rounding; write {plain!r}",
-                "origin",
-            )
+            text = f"{name} {value!r} is {plain!r} with the noise of rounding; write {plain!r}"
+            yield Remark(text, "origin")
 
 
 @check("yaml.origin-yaw", "warning")
@@ -577,9 +551,8 @@ def origin_far(facts: PairFacts) -> Iterator[Remark]:
     """
     step = max(float(np.spacing(np.float32(abs(v)))) for v in facts.metadata.origin[:2])
     if step > facts.metadata.resolution / 10:
-        yield Remark(
-            f"32-bit floats have steps of {step:g} m there; move the origin near 0", "origin"
-        )
+        text = f"32-bit floats have steps of {step:g} m there; move the origin near 0"
+        yield Remark(text, "origin")
 
 
 @check("image.absolute-path", "warning")
@@ -620,11 +593,8 @@ def is_run(folder: Path) -> bool:
 def _failed_maps(folder: Path) -> list[str]:
     """Return a line for each map that a batch lists as failed."""
     summary = read_json(folder / SUMMARY)
-    maps = summary.get("maps") if isinstance(summary, dict) else None
-    failed = [
-        entry for entry in (maps if isinstance(maps, list) else [])
-        if isinstance(entry, dict) and entry.get("status") == "failed"
-    ]  # fmt: skip
+    maps = summary["maps"] if document_kind(summary) == BATCH else ()
+    failed = [entry for entry in maps if entry["status"] == "failed"]
     return [one_line(str(entry.get("error") or entry.get("map") or "a map")) for entry in failed]
 
 
@@ -703,14 +673,11 @@ def _check_outputs(folder: Path, outputs: dict[str, Any]) -> Iterator[Finding]:
 
 def _check_costs(folder: Path, figures: object) -> Iterator[Finding]:
     for stage, costs in figures.items() if isinstance(figures, dict) else ():
-        if not isinstance(costs, dict) or "most_common" not in costs:
-            continue
-        common = costs["most_common"]
+        common = costs.get("most_common", {}) if isinstance(costs, dict) else {}
+        share = common.get("share") if isinstance(common, dict) else None
         if common is None:
             yield CHECKS["run.uniform-cost"].finding(folder, f"{stage}: no cell is open")
-        elif isinstance(common, dict):
-            share, cost = common.get("share"), common.get("cost")
-            if isinstance(share, float) and share > UNIFORM_SHARE:
-                text = f"{stage}: {100 * share:.4g} % of the open cells cost {cost}; "
-                text += "check the inflation radius"
-                yield CHECKS["run.uniform-cost"].finding(folder, text)
+        elif isinstance(share, float) and share > UNIFORM_SHARE:
+            text = f"{stage}: {100 * share:.4g} % of the open cells cost {common.get('cost')}; "
+            text += "check the inflation radius"
+            yield CHECKS["run.uniform-cost"].finding(folder, text)

@@ -93,9 +93,8 @@ def nothing(facts: MaskFacts) -> Iterator[Remark]:
     if len(greys) < 2:
         yield Remark(f"the {facts.info.kind} mask has no zone: all pixels are alike", "image")
         return
-    cause = f"mode {metadata.mode}"
-    if metadata.mode != "raw":
-        cause += f" with occupied_thresh {metadata.occupied_thresh:g}"
+    threshold = f" with occupied_thresh {metadata.occupied_thresh:g}"
+    cause = f"mode {metadata.mode}{'' if metadata.mode == 'raw' else threshold}"
     text = f"its image has {len(greys)} greys, but {cause} makes no cell of them more than 0"
     yield Remark(text, "occupied_thresh", places=facts.pair.places_of_greys(list(greys)[:_MOST]))
 
@@ -160,11 +159,9 @@ def frees_unknown(facts: MaskFacts) -> Iterator[Remark]:
     freed &= np.asarray(facts.grid.occupancy) == UNKNOWN
     count = int(np.count_nonzero(freed))
     if count:
-        text = (
-            f"{count_text(count, 'cell')} of 0 are unknown in the map: the filter makes them free"
-        )
+        text = f"{count_text(count, 'cell')} of 0 are unknown in the map: the filter makes them "
         places = _places(facts.grid.frame, freed)
-        yield Remark(f"{text}; unknown cells of a mask change nothing", places=places)
+        yield Remark(f"{text}free; unknown cells of a mask change nothing", places=places)
 
 
 @check("mask.start", "error")
@@ -264,9 +261,7 @@ def filter_topic(facts: FilterFacts) -> Iterator[Remark]:
     Fix: Write the same topic in both places.
     """
     servers = facts.servers
-    published = {
-        topic_of(server.get("filter_info_topic", "costmap_filter_info")) for server in servers.info
-    }
+    published = {topic_of(server.info_topic) for server in servers.info}
     for listed in _filters(facts):
         value = facts.robot.value(listed.name, "filter_info_topic")
         if value is None:
@@ -294,8 +289,7 @@ def filter_type(facts: FilterFacts) -> Iterator[Remark]:
     pairs = [(listed, server) for listed in _filters(facts) for server in facts.servers.info]
     for listed, server in pairs:
         value = facts.robot.value(listed.name, "filter_info_topic")
-        topic = server.get("filter_info_topic", "costmap_filter_info")
-        if value is None or topic_of(value.value) != topic_of(topic):
+        if value is None or topic_of(value.value) != topic_of(server.info_topic):
             continue
         plugin = listed.plugin.rpartition(":")[2]
         types, kind = TYPES_OF_PLUGIN.get(plugin), server.get("type", 0)

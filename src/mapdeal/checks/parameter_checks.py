@@ -17,8 +17,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mapdeal.checks.facts import FilterFacts, ParameterFacts, PlannerFacts, RobotFacts, check
-from mapdeal.checks.findings import CHECKS, Finding, Remark, Severity, declare_checks, findings_on
+from mapdeal.checks.findings import CHECKS, Finding, Remark, declare_checks, findings_on
 from mapdeal.checks.plugin_checks import MOST_NAMES, closest_name, planner_facts
 from mapdeal.errors import MalformedInputError, MapdealError
 from mapdeal.grid.frame import Frame
@@ -233,9 +235,7 @@ def misspelt(facts: ParameterFacts) -> Iterator[Remark]:
 
 
 def _scopes(facts: ParameterFacts) -> Iterator[tuple[dict[Name, ParameterValue], frozenset[str]]]:
-    own: dict[Name, ParameterValue] = {
-        path: value for path, value in facts.values.items() if len(path) == 1
-    }
+    own: dict[Name, ParameterValue] = {p: v for p, v in facts.values.items() if len(p) == 1}
     yield own, known_names(facts.flavour, "")
     for name, plugin in dict(facts.plugins).items():
         known = known_names(facts.flavour, class_name(plugin))
@@ -277,8 +277,6 @@ def without_effect(facts: ParameterFacts) -> Iterator[Remark]:
         if value is not None:
             yield Remark(f"{name} has no effect: the layers are those of plugins", at=value)
 
-
-_SEVERITIES: dict[str, Severity] = {"refused": "error", "warning": "warning", "note": "note"}
 
 declare_checks(
     """
@@ -475,10 +473,7 @@ def finding_of(problem: Problem, file: str) -> Finding:
         message += f", got {got if len(got) <= 60 else got[:57] + '...'}"
     if problem.hint is not None:
         message += f"; {problem.hint}"
-    source = file if problem.source is None else str(problem.source)
-    known = CHECKS.get(problem.check)
-    severity = _SEVERITIES[problem.level] if known is None else known.severity
-    return Finding(problem.check, severity, source, message, problem.line)
+    return CHECKS[problem.check].finding(problem.source or file, message, problem.line)
 
 
 _INSCRIBED_COST = 252
@@ -487,6 +482,11 @@ _LEAST_CLIFF_COST = 128
 _SAME_RADIUS = 1e-6
 _SUFFIXES = ("", "_left", "_right")
 """Suffixes of cost_scaling_factor: an AsymmetricInflationLayer has one factor for each side."""
+
+
+def _scaling_of(facts: RobotFacts, layer: InflationLayer) -> ParameterValue | None:
+    names = ("cost_scaling_factor", "inflation_radius")
+    return next(filter(None, (facts.of_layer(layer.name, name) for name in names)), None)
 
 
 def _widest_inflation(facts: RobotFacts) -> InflationLayer | None:
@@ -505,13 +505,11 @@ def inflation_below_circumscribed(facts: RobotFacts) -> Iterator[Remark]:
     layer, robot = _widest_inflation(facts), facts.robot
     if layer is None or robot.robot_radius is not None:
         return  # a round robot fits in all headings or in none
-    if robot.inscribed_radius <= layer.inflation_radius < robot.circumscribed_radius:
-        yield Remark(
-            f"{_reach(layer)} is below the circumscribed radius, "
-            f"{robot.circumscribed_radius:.4g} m: cost 0 does not mean that every heading is free; "
-            f"write {_rounded_up(robot.circumscribed_radius):g}",
-            at=facts.of_layer(layer.name, "inflation_radius"),
-        )
+    outer = robot.circumscribed_radius
+    if robot.inscribed_radius <= layer.inflation_radius < outer:
+        text = f"{_reach(layer)} is below the circumscribed radius, {outer:.4g} m: cost 0 does not "
+        text += f"mean that every heading is free; write {_rounded_up(outer):g}"
+        yield Remark(text, at=facts.of_layer(layer.name, "inflation_radius"))
 
 
 @check("params.no-inflation", "warning")
@@ -526,19 +524,16 @@ def no_inflation(facts: RobotFacts) -> Iterator[Remark]:
         return
     if robot.flavour == "nav2" and robot.inflation_layers:
         return  # params.inflation-radius reports radius 0
-    layers = [entry for entry in robot.layers if entry.layer is not None and entry.layer.spreads]
-    why = "no inflation layer is listed" if not layers else f"{layers[0].name} is switched off"
-    at = facts.value("plugins")
-    if layers and layers[0].is_enabled:
-        why = f"{layers[0].name}'s inflation_radius is 0"
-        at = facts.of_layer(layers[0].name, "inflation_radius")
-    elif layers:
-        at = facts.value(layers[0].name, "enabled")
-    yield Remark(
-        f"{why}: cells beside obstacles cost 0, although the robot collides there "
-        f"(inscribed radius {robot.inscribed_radius:.4g} m); write an inflation radius above it",
-        at=at,
-    )
+    why, at = "no inflation layer is listed", facts.value("plugins")
+    for listed in (entry for entry in robot.layers if entry.layer and entry.layer.spreads):
+        why, at = f"{listed.name} is switched off", facts.value(listed.name, "enabled")
+        if listed.is_enabled:
+            why = f"{listed.name}'s inflation_radius is 0"
+            at = facts.of_layer(listed.name, "inflation_radius")
+        break
+    text = f"{why}: cells beside obstacles cost 0, although the robot collides there (inscribed "
+    text += f"radius {robot.inscribed_radius:.4g} m); write an inflation radius above it"
+    yield Remark(text, at=at)
 
 
 @check("params.cost-cliff", "note")
@@ -559,12 +554,8 @@ def cost_cliff(facts: RobotFacts) -> Iterator[Remark]:
         if layer.cost_scaling_factor > 0:
             radius = layer.inscribed_radius + decay / layer.cost_scaling_factor
             advice += f" or inflation_radius to {_rounded_up(radius):g} m"
-        yield Remark(
-            f"costs drop from {cost} to 0 at {_reach(layer)}, and paths run along that line; "
-            f"raise {advice}",
-            at=facts.of_layer(layer.name, "cost_scaling_factor")
-            or facts.of_layer(layer.name, "inflation_radius"),
-        )
+        text = f"costs drop from {cost} to 0 at {_reach(layer)}, and paths run along that line"
+        yield Remark(f"{text}; raise {advice}", at=_scaling_of(facts, layer))
 
 
 @check("params.cost-ends-early", "note")
@@ -580,12 +571,11 @@ def cost_ends_early(facts: RobotFacts) -> Iterator[Remark]:
     beyond = layer.inflation_radius - layer.inscribed_radius
     width = math.log(_INSCRIBED_COST) / layer.cost_scaling_factor
     if width < _LEAST_FADING_SHARE * beyond:
-        yield Remark(
-            f"costs are 0 from {layer.inscribed_radius + width:.3g} m on: with cost_scaling_factor "
-            f"{layer.cost_scaling_factor:g} the rest of {_reach(layer)} has none; lower one",
-            at=facts.of_layer(layer.name, "cost_scaling_factor")
-            or facts.of_layer(layer.name, "inflation_radius"),
+        text = f"costs are 0 from {layer.inscribed_radius + width:.3g} m on: with "
+        text += (
+            f"cost_scaling_factor {layer.cost_scaling_factor:g} the rest of {_reach(layer)} has "
         )
+        yield Remark(f"{text}none; lower one", at=_scaling_of(facts, layer))
 
 
 @check("params.inflation-defaults", "note", on_request=True)
@@ -618,13 +608,11 @@ def radius_and_footprint(facts: RobotFacts) -> Iterator[Remark]:
     robot_radius.
     Fix: Remove the one that is not meant.
     """
-    radius = facts.value("robot_radius")
+    radius, footprint = facts.value("robot_radius"), facts.value("footprint")
     if facts.robot.robot_radius is None and radius is not None:
-        footprint = facts.value("footprint")
         where = f", on line {footprint.line}" if footprint is not None else ""
-        yield Remark(
-            f"robot_radius has no effect: the footprint counts{where}; remove one", at=radius
-        )
+        text = f"robot_radius has no effect: the footprint counts{where}; remove one"
+        yield Remark(text, at=radius)
 
 
 @check("params.unknown-is-free", "warning")
@@ -638,8 +626,7 @@ def unknown_is_free(facts: RobotFacts) -> Iterator[Remark]:
     free = [layer for layer in layers if not layer.track_unknown_space]
     name = "track_unknown_space"
     if free and not facts.value(name) and not facts.of_layer(free[0].name, name):
-        text = "track_unknown_space is not set, so false: the map's unknown cells cost 0; "
-        text += "set it to true"
+        text = f"{name} is not set, so false: the map's unknown cells cost 0; set it to true"
         yield Remark(text, at=facts.value("plugins"))
 
 
@@ -656,11 +643,8 @@ def unknown_cost_value(facts: RobotFacts) -> Iterator[Remark]:
             continue
         cells = {0: "free cells", 100: "occupied cells"}.get(value, f"cells of occupancy {value}")
         becomes = "unknown" if layer.track_unknown_space else "free"
-        text = (
-            f"{cells} become {becomes}, and unknown ones lethal"
-            if value <= 100
-            else ("unknown cells become lethal")
-        )
+        text = f"{cells} become {becomes}, and unknown ones lethal"
+        text = text if value <= 100 else "unknown cells become lethal"
         at = facts.value("unknown_cost_value") or facts.of_layer(layer.name, "unknown_cost_value")
         yield Remark(f"unknown_cost_value {value}: {text}; write 255", at=at)
 
@@ -672,21 +656,16 @@ def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
     Example: A radius of 0.2 m in one and 0.3 m in the other.
     Fix: Set the same shape in both.
     """
-    robot, sibling = facts.robot, facts.sibling
-    if sibling is None:
-        return
-    radii = [(r.inscribed_radius, r.circumscribed_radius) for r in (robot, sibling)]
-    if all(abs(a - b) <= _SAME_RADIUS for a, b in zip(*radii, strict=True)):
-        return
-    shapes = " and ".join(
-        f"in the {r.costmap} one {r.inscribed_radius:.4g} m and {r.circumscribed_radius:.4g} m"
-        for r in (robot, sibling)
-    )
-    yield Remark(
-        f"the robot differs between the costmaps: inscribed and circumscribed radius are {shapes}; "
-        "plans may not be drivable: write one shape in both",
-        at=facts.value("footprint") or facts.value("robot_radius"),
-    )
+    robots = [robot for robot in (facts.robot, facts.sibling) if robot is not None]
+    radii = [(robot.inscribed_radius, robot.circumscribed_radius) for robot in robots]
+    if np.ptp(radii, axis=0).max() > _SAME_RADIUS:
+        shapes = " and ".join(
+            f"in the {robot.costmap} one {inner:.4g} m and {outer:.4g} m"
+            for robot, (inner, outer) in zip(robots, radii, strict=True)
+        )
+        text = "the robot differs between the costmaps: inscribed and circumscribed radius are "
+        text += f"{shapes}; plans may not be drivable: write one shape in both"
+        yield Remark(text, at=facts.value("footprint") or facts.value("robot_radius"))
 
 
 @check("params.resolution", "note")
@@ -704,12 +683,11 @@ def resolution(facts: RobotFacts) -> Iterator[Remark]:
     maps: dict[float, list[str]] = {}
     for name, frame in facts.map_frames:
         maps.setdefault(frame.resolution, []).append(name)
-    for cell, names in maps.items():
+    for cell, (first, *others) in maps.items():
         if not math.isclose(value.value, cell, rel_tol=1e-6):
-            map_names = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
-            text = f"has no effect: the static layer takes the map's, {cell:g} m ({map_names})"
-            text += "; remove it"
-            yield Remark(f"resolution {value.value:g} m {text}", at=value)
+            names = f"{first} and {len(others)} more" if others else first
+            text = f"has no effect: the static layer takes the map's, {cell:g} m ({names})"
+            yield Remark(f"resolution {value.value:g} m {text}; remove it", at=value)
 
 
 def _rounded_up(value: float) -> float:
@@ -794,7 +772,7 @@ def _with_costmap(by_costmap: Mapping[CostmapName, Sequence[Finding]]) -> Iterat
 def first_robot(
     paths: Sequence[Path], *, costmap: CostmapName | None = None, namespace: str | None = None
 ) -> RobotParameters | None:
-    names: tuple[CostmapName, ...] = ("global", "local") if costmap is None else (costmap,)
+    names: Sequence[CostmapName] = ("global", "local") if costmap is None else (costmap,)
     for name in names:
         with suppress(MapdealError):
             candidate = _Costmap(name, *load_robot(paths, costmap=name, namespace=namespace))
@@ -838,17 +816,14 @@ def _plugins(
     if robot is not None:
         return tuple((listed.name, listed.plugin) for listed in robot.layers)
 
-    def entries(key: str) -> Sequence[Any]:
-        parameter = values.get((key,))
-        is_list = parameter is not None and isinstance(parameter.value, list | tuple)
-        return parameter.value if parameter is not None and is_list else ()
-
+    lists = [values[key,].value for key in ("plugins", "filters") if (key,) in values]
+    entries = [entry for found in lists if isinstance(found, list | tuple) for entry in found]
     if flavour == "ros1":
-        mappings = [entry for entry in entries("plugins") if isinstance(entry, dict)]
+        mappings = [entry for entry in entries if isinstance(entry, dict)]
         return tuple((str(m.get("name", "")), str(m.get("type", ""))) for m in mappings)
-    names = [n for n in (*entries("plugins"), *entries("filters")) if isinstance(n, str)]
-    classes = [values.get((name, "plugin")) for name in names]
+    names = [entry for entry in entries if isinstance(entry, str)]
+    classes = [values[name, "plugin"].value if (name, "plugin") in values else "" for name in names]
     return tuple(
-        (name, kind.value if kind is not None and isinstance(kind.value, str) else "")
+        (name, kind if isinstance(kind, str) else "")
         for name, kind in zip(names, classes, strict=True)
     )

@@ -56,12 +56,11 @@ def _setting_of(
     facts: RobotFacts, listed: ListedLayer, source: str, *names: str
 ) -> ParameterValue | None:
     """Return the parameter that sets a source's value, or the list of sources."""
-    paths = (
-        path for name in names
-        for path in ((listed.name, source, name), (source, name), (listed.name, name), (name,))
-    )  # fmt: skip
-    found = next((path for path in paths if facts.value(*path) is not None), None)
-    return facts.value(*found) if found else facts.of_layer(listed.name, "observation_sources")
+    for name in names:
+        for path in ((listed.name, source, name), (source, name), (listed.name, name), (name,)):
+            if facts.value(*path) is not None:
+                return facts.value(*path)
+    return facts.of_layer(listed.name, "observation_sources")
 
 
 def _has_section(facts: RobotFacts, listed: ListedLayer, source: ObservationSource) -> bool:
@@ -115,10 +114,9 @@ def source_height(facts: RobotFacts) -> Iterator[Remark]:
     for listed, source in _sources(facts):
         low, high = source.min_obstacle_height, source.max_obstacle_height
         if high <= max(low, 0.0) and _has_section(facts, listed, source):
-            text = f"{source.name} takes heights of {low:g} to {high:g} m only; "
-            text += "raise its max_obstacle_height"
+            text = f"{source.name} takes heights of {low:g} to {high:g} m only"
             at = _setting_of(facts, listed, source.name, "max_obstacle_height")
-            yield Remark(text, at=at)
+            yield Remark(f"{text}; raise its max_obstacle_height", at=at)
 
 
 @check("params.voxel-ceiling", "note")
@@ -134,10 +132,8 @@ def voxel_ceiling(facts: RobotFacts) -> Iterator[Remark]:
         if listed.layer is None or listed.layer.key != VoxelLayer.key:
             continue
         ceiling = sensing.origin_z + sensing.z_voxels * sensing.z_resolution
-        heights = (
-            source.max_obstacle_height
-            for source in sensing.sources if source.marking and source.data_type != "LaserScan"
-        )  # fmt: skip
+        clouds = (s for s in sensing.sources if s.marking and s.data_type != "LaserScan")
+        heights = (source.max_obstacle_height for source in clouds)
         highest = min(sensing.max_obstacle_height, max(heights, default=-math.inf))
         if ceiling < highest - 1e-6:  # metres
             text = f"the voxels of {listed.name} end at {ceiling:g} m, and obstacles up to "

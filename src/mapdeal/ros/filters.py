@@ -147,6 +147,10 @@ class InfoServer:
         return default if parameter is None else parameter.value
 
     @property
+    def info_topic(self) -> object:
+        return self.get("filter_info_topic", "costmap_filter_info")
+
+    @property
     def first(self) -> ParameterValue:
         """The value whose line stands for the whole node in findings."""
         return next(iter(self.values.values()))
