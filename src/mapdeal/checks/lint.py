@@ -385,8 +385,8 @@ def _test_case(report: MapReport) -> list[str]:
         return [f"    <testcase {name}/>"]
     lines = [f"    <testcase {name}>"]
     if report.failures:
-        first, *others = report.failures
-        suffix = f" (and {len(others)} more)" if others else ""
+        first, count = report.failures[0], len(report.failures)
+        suffix = f" (and {count - 1} more)" if count > 1 else ""
         message, text = _attribute(f"{first.message}{suffix}"), _joined(report.failures)
         lines.append(f'      <failure type="{first.check}" message={message}>{text}</failure>')
     if passing:

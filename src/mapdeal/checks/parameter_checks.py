@@ -683,10 +683,10 @@ def resolution(facts: RobotFacts) -> Iterator[Remark]:
     maps: dict[float, list[str]] = {}
     for name, frame in facts.map_frames:
         maps.setdefault(frame.resolution, []).append(name)
-    for cell, (first, *others) in maps.items():
+    for cell, names in maps.items():
         if not math.isclose(value.value, cell, rel_tol=1e-6):
-            names = f"{first} and {len(others)} more" if others else first
-            text = f"has no effect: the static layer takes the map's, {cell:g} m ({names})"
+            map_names = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
+            text = f"has no effect: the static layer takes the map's, {cell:g} m ({map_names})"
             yield Remark(f"resolution {value.value:g} m {text}; remove it", at=value)
 
 

@@ -62,24 +62,18 @@ _MAPS_ARE = f"a map is {listed(entry.name for entry in FORMATS)}"
 
 _MAP_USE = "mapdeal info {path} describes it, mapdeal run {path} -o DIR processes it"
 _CLOUD_USE = (
-    "mapdeal build --cloud {path} -o MAP.yaml makes a map of it, mapdeal local the map around a "
-    "robot"
+    "mapdeal build --cloud {path} -o MAP.yaml makes a map of it, mapdeal local one around a robot"
 )
 _SCANS_USE = "mapdeal build {path} -o OUT.yaml makes a map of it"
 _POSES_USE = "--poses {path} gives it to mapdeal build and mapdeal local"
-_BAG_USE = (
-    "mapdeal info {path} lists its topics; convert, build, build --cloud and local --cloud take "
-    "them"
-)
+_BAG_USE = "mapdeal info {path} lists its topics; convert, build and local --cloud take them"
 _PARAMETERS_USE = (
     "mapdeal run MAP -o DIR --params-file {path} takes it, mapdeal lint --params-file {path} "
     "checks it; in Python mapdeal.read_robot_parameters reads it"
 )
 _WORLD_USE = "mapdeal build --world {path} --height 0.2 -o MAP.yaml makes a map of it"
 _REPORT_USE = "mapdeal report {path} -o OUT.html shows it"
-_GRAPH_USE = (
-    "mapdeal lint MAP --graph {path} checks it, mapdeal route MAP --graph {path} goes by it"
-)
+_GRAPH_USE = "mapdeal lint MAP --graph {path} checks it, mapdeal route MAP --graph {path} uses it"
 _OF_A_MAP_USE = "mapdeal report MAP {path} -o OUT.html shows it on its map"
 
 
@@ -101,13 +95,18 @@ def kind_of(path: Path) -> FileKind | None:
     return None if kind is None else replace(kind, use=kind.use.format(path=as_typed))
 
 
+def readable_kind(path: Path) -> FileKind | None:
+    """Return the kind of a file, None also if it cannot be read."""
+    with suppress(MapdealError):
+        return kind_of(path)
+    return None
+
+
 def is_bag(path: Path) -> bool:
     if path.suffix.lower() in MAP_ENDINGS and path.name != _METADATA:
         return False
-    with suppress(MapdealError):
-        kind = kind_of(path)
-        return kind is not None and kind.name == BAG
-    return False
+    kind = readable_kind(path)
+    return kind is not None and kind.name == BAG
 
 
 @contextmanager
@@ -118,9 +117,7 @@ def recognised(path: Path, expected: str, *kinds: str) -> Iterator[None]:
     except (MalformedInputError, FileAccessError) as error:
         if str(error.source) != str(path):
             raise
-        kind = None
-        with suppress(MapdealError):
-            kind = kind_of(path)
+        kind = readable_kind(path)
         if kind is None and MAP in kinds and path.suffix.lower() not in MAP_ENDINGS:
             error.hint = error.hint or _MAPS_ARE
             if isinstance(error, MalformedInputError):
@@ -135,10 +132,8 @@ def other_kind(path: Path, kind: FileKind, expected: str) -> MalformedInputError
 
 
 def _kind_of_folder(path: Path) -> FileKind | None:
-    metadata = path / _METADATA
-    if source.exists(metadata) and b"rosbag2_bagfile_information" in source.head_of(
-        metadata, _HEAD
-    ):
+    metadata, key = path / _METADATA, b"rosbag2_bagfile_information"
+    if source.exists(metadata) and key in source.head_of(metadata, _HEAD):
         return FileKind(BAG, "a folder with a ROS 2 bag", _BAG_USE)
     if source.exists(path / "summary.json"):
         return _kind_of_json(path / "summary.json", b"{")
@@ -169,10 +164,12 @@ def _kind_by_magic(path: Path, head: bytes) -> FileKind | None:
     suffixes = {suffix.lower() for suffix in path.suffixes}
     for magic, endings, description in _MAGIC:
         if head.startswith(magic) and (not endings or suffixes.intersection(endings)):
-            return FileKind(
-                BAG, description, _BAG_USE, lambda: {"bytes": source.status_of(path).st_size}
-            )
+            return FileKind(BAG, description, _BAG_USE, lambda: {"bytes": _size_of(path)})
     return None
+
+
+def _size_of(path: Path) -> int:
+    return source.status_of(path).st_size
 
 
 def _kind_of_map(_: Path, head: bytes) -> FileKind | None:
@@ -207,8 +204,8 @@ def _kind_of_cloud(path: Path, head: bytes) -> FileKind | None:
     if path.suffix.lower() == ".bin":
         from mapdeal.sensors.kitti import looks_like_kitti
 
-        if looks_like_kitti(head, source.status_of(path).st_size):
-            points = {"points": source.status_of(path).st_size // _KITTI_POINT}
+        if looks_like_kitti(head, _size_of(path)):
+            points = {"points": _size_of(path) // _KITTI_POINT}
             return FileKind(CLOUD, "a point cloud (KITTI)", _CLOUD_USE, lambda: points)
     if head.startswith(b"\x93NUMPY"):
         from mapdeal.sensors.clouds import npy_figures
@@ -358,12 +355,9 @@ def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
         use = "mapdeal run MAP -o DIR --recipe {path} takes it"
         stages: list[str] = []
         with suppress(MalformedInputError):
-            stages = [
-                stage.text()
-                if isinstance(stage.node, yaml.ScalarNode)
-                else next(iter(stage.fields()), "")
-                for stage in entries["stages"].items()
-            ]
+            for stage in entries["stages"].items():
+                is_name = isinstance(stage.node, yaml.ScalarNode)
+                stages.append(stage.text() if is_name else next(iter(stage.fields()), ""))
         return FileKind(RECIPE, "a recipe", use, lambda: {"stages": ", ".join(stages)})
     if "shapes" in entries:
         with suppress(MalformedInputError):
@@ -400,8 +394,8 @@ def _kind_of_numbers(path: Path, head: bytes) -> FileKind | None:
             return None
 
     def figures() -> dict[str, Any]:
-        if source.status_of(path).st_size > _MOST_COUNTED:
-            return {"bytes": source.status_of(path).st_size}
+        if _size_of(path) > _MOST_COUNTED:
+            return {"bytes": _size_of(path)}
         count, last = 0, b"\n"
         for chunk in source.chunks_of(path):
             count, last = count + chunk.count(b"\n"), chunk[-1:]
@@ -456,9 +450,7 @@ def save_npz(chunks: Iterable[bytes], folder: Path) -> Path:
         hint = "the command before it in the pipe has written nothing"
         raise MalformedInputError("is empty", source=STDIN, hint=hint)
     if not head.startswith(_ZIP):
-        kind = None
-        with suppress(MapdealError):
-            kind = kind_of(path)
+        kind = readable_kind(path)
         rule = "is not an npz" if kind is None else f"is {kind.what}, not an npz"
         raise MalformedInputError(rule, source=STDIN, hint=_HINT)
     return path

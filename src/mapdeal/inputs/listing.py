@@ -43,11 +43,11 @@ def _files_of(name: str, suffixes: Sequence[str], not_in_folders: Sequence[str])
         return [path]
     files = [file for file in inside if file.suffix.lower() in suffixes]
     if not files:
-        endings = ", ".join(suffixes)
+        rule = f"no file that ends in {', '.join(suffixes)}"
         if sources.exists(path):
-            raise FileAccessError(f"the folder holds no file that ends in {endings}", source=name)
+            raise FileAccessError(f"the folder holds {rule}", source=name)
         # a pattern is an argument, not a file: exit code 2
-        raise ParameterError(f"matches no file that ends in {endings}", source=name)
+        raise ParameterError(f"matches {rule}", source=name)
     return sorted_naturally(files)
 
 
@@ -232,9 +232,8 @@ def list_maps(
     repeated: dict[tuple[Path, str], Path] = {}
     for expansion in expansions:
         for path in expansion.files:
-            file = (
-                sources.yaml_at(path) if path.suffix.lower() == sources.BIT_MAP else None
-            ) or path
+            is_bits = path.suffix.lower() == sources.BIT_MAP
+            file = (sources.yaml_at(path) if is_bits else None) or path
             key = (sources.real_path(file.parent), file.name)
             name = path.name or str(path)
             if expansion.root is not None:
@@ -305,15 +304,13 @@ def _expand(
     else:
         return _Expansion(path.parent if is_listed else None, [path], [])
     known = set(maps)
-    is_yaml = {file.with_suffix("") for file in maps if format_of(file).is_yaml}
+    left_out = [f for f in candidates if f not in known and f.suffix.lower() in sources.YAML]
+    yamls = {file.with_suffix("") for file in maps if format_of(file).is_yaml}
     maps = [
         file for file in maps
-        if not (format_of(file).yields_to_yaml and file.with_suffix("") in is_yaml)
+        if not (format_of(file).yields_to_yaml and file.with_suffix("") in yamls)
     ]  # fmt: skip
-    left_out = (file for file in candidates if file not in known)
-    return _Expansion(
-        root, maps, [file for file in left_out if file.suffix.lower() in sources.YAML]
-    )
+    return _Expansion(root, maps, left_out)
 
 
 def _without_images(files: list[Path], *, keep_all: bool) -> list[Path]:
@@ -366,9 +363,9 @@ def _below_folder(
     walk = folders_below([folder], look_into, leave_out=lambda path: _lies_in(path, output))
     files = [subfolder / name for subfolder, names in walk for name in names]
     # a broken link may have been a folder
-    maps = (
+    maps = [
         f for f in files if f.suffix.lower() in _IN_FOLDERS or not (f.suffix or sources.exists(f))
-    )
+    ]
     return sorted_naturally(maps), sorted(listed, key=lambda path: natural_key(str(path)))
 
 
@@ -379,8 +376,6 @@ def _common_root(expansions: Iterable[_Expansion]) -> Path:
     if not folders:
         return Path()
     try:
-        return Path(
-            os.path.commonpath([sources.normal_path(folder) for folder in folders if folder])
-        )
+        return Path(os.path.commonpath([sources.normal_path(f) for f in folders if f]))
     except ValueError:  # only on Windows
         raise ParameterError("folders on several drives have no common root") from None

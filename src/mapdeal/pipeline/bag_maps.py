@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from itertools import compress, groupby
+from itertools import compress, groupby, islice
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -199,11 +199,10 @@ def _topics(bag: Bag, counts: dict[int, Recorded], decoder: Decoder) -> Iterator
 
 
 def _frame(bag: Bag, connections: list[Connection], decoder: Decoder) -> str | None:
-    for connection in connections:
-        for places in bag.pieces([connection.id]):
-            if len(places):
-                with suppress(MalformedInputError, ParameterError):
-                    return decoder.header(places[0])[1]
+    pieces = (places for connection in connections for places in bag.pieces([connection.id]))
+    for places in filter(len, pieces):
+        with suppress(MalformedInputError, ParameterError):
+            return decoder.header(places[0])[1]
     return None
 
 
@@ -220,8 +219,7 @@ def _edges(bag: Bag, decoder: Decoder, progress: ProgressCallback) -> list[dict[
                 stamped = [decoder.read(place, messages.odometry_of)]
             else:
                 stamped = decoder.read(place, messages.transforms_of)
-            topic = connection.topic
-            found.update((topic, transform.parent, transform.child) for transform in stamped)
+            found.update((connection.topic, item.parent, item.child) for item in stamped)
             advance(1)
     return [
         {"topic": topic, "parent": parent, "child": child, "count": count}
@@ -237,12 +235,10 @@ def _uses(path: Path, topics: list[dict[str, Any]]) -> Iterator[str]:
         (messages.CLOUD_TYPES, f"mapdeal build --cloud {name} --topic {{}} -o OUT.yaml"),
         (messages.CLOUD_TYPES, f"mapdeal local --cloud {name} --topic {{}} -o DIR"),
     )
+    recorded = [row for row in topics if row["count"]]
     for names, line in lines:
-        fitting = [
-            row["topic"] for row in topics if row["count"] and normalised_type(row["type"]) in names
-        ]
-        if fitting:
-            yield line.format(shlex.quote(fitting[0]))
+        fitting = (row["topic"] for row in recorded if normalised_type(row["type"]) in names)
+        yield from (line.format(shlex.quote(topic)) for topic in islice(fitting, 1))
 
 
 FIXED_FRAMES = ("map", "odom")  # frames that maps are made in, the best first
@@ -255,9 +251,7 @@ _SEVERAL = 3
 
 class SensorFrames:
     def __init__(self, bag: Bag, options: FrameOptions, *, is_exact: bool = False) -> None:
-        self._bag = bag
-        self._options = options
-        self._decoder = Decoder(bag)
+        self._bag, self._options, self._decoder = bag, options, Decoder(bag)
         self.tree = TransformTree(is_exact=is_exact)
         self._fixed = FIXED_FRAMES[0]
         # A robot with a namespace may have its own topics in place of /tf and /tf_static.
@@ -301,21 +295,21 @@ class SensorFrames:
     def at_each(self, frames: Sequence[str], times: Sequence[NDArray[np.int64]]) -> Posed:
         """Return where each frame was at its own times, one frame behind the other."""
         counts, every = [len(own) for own in times], np.concatenate(times)
-        translations, quaternions = np.empty((len(every), 3)), np.empty((len(every), 4))
-        known = np.empty(len(every), np.bool_)
+        found = Posed(np.empty((len(every), 3)), np.empty((len(every), 4)), every < 0)
         for frame in dict.fromkeys(frames):  # each asked for its poses once
             ours = np.repeat([own == frame for own in frames], counts)
             with errors_named(self._bag.path):
                 posed = self.at(frame, every[ours])
-            translations[ours], quaternions[ours] = posed.translations, posed.quaternions
-            known[ours] = posed.known
-        return Posed(translations, quaternions, known)
+            found.translations[ours], found.quaternions[ours] = (
+                posed.translations,
+                posed.quaternions,
+            )
+            found.known[ours] = posed.known
+        return found
 
     def span_text(self, frame: str) -> str:
         span = self.tree.span(self._fixed, frame)
-        if span is None:
-            return "at no time"
-        return f"from {span[0] / 1e9:.3f} to {span[1] / 1e9:.3f} s"
+        return f"from {span[0] / 1e9:.3f} to {span[1] / 1e9:.3f} s" if span else "at no time"
 
     def base_frame(self) -> str | None:
         named = self._options.base_frame
@@ -362,10 +356,9 @@ class SensorFrames:
         if base is None:
             text = f"{path} is taken for the poses of {sensors[0]}: no transform leads there from"
             self._bag.remark(f"{text} {base_name}; --mount gives the pose of a sensor on the robot")
-        rows = zip(*(part.tolist() for part in read_trajectory(path)), strict=True)
-        for time, translation, quaternion in rows:
+        for pose in zip(*(part.tolist() for part in read_trajectory(path)), strict=True):
             for frame in frames:
-                self.tree.add(fixed, frame, time, translation, quaternion, is_static=False)
+                self.tree.add(fixed, frame, *pose, is_static=False)
         if not self._leads(fixed, sensors):
             raise self._no_way(fixed, sensors)
 
@@ -396,10 +389,8 @@ class SensorFrames:
         error = self.tree.no_chain(fixed, sensor).found_in(self._bag.path)
         error.hint = "--poses FILE gives the robot's poses, t x y z qx qy qz qw a line"
         if len(self.tree.frames) > 1:
-            error.hint = (
-                "--fixed-frame names another frame, --mount gives the pose of a sensor on the "
-                "robot, --poses FILE gives its poses"
-            )
+            error.hint = "--fixed-frame names another frame, --mount gives the pose of a sensor on "
+            error.hint += "the robot, --poses FILE gives its poses"
         return error
 
     def _take_odometry(self, sensors: list[str]) -> None:
@@ -427,14 +418,10 @@ class BagClouds:
         connections = chosen_connections(bag, topics, _TYPES, "points and laser scans")
         if len({connection.topic for connection in connections}) > 1:
             raise ParameterError("one topic of clouds is taken", source="--topic")
-        self.bag = bag
-        self.topic = connections[0].topic
+        self.bag, self.topic = bag, connections[0].topic
         self._connections = {connection.id: connection for connection in connections}
-        self._index = _index_of(bag, connections)
-        self._decoder = Decoder(bag)
-        self._options = options
-        self._has_poses = has_poses
-        self._is_raw = is_raw
+        self._index, self._decoder = _index_of(bag, connections), Decoder(bag)
+        self._options, self._has_poses, self._is_raw = options, has_poses, is_raw
         self._frames = SensorFrames(bag, options)
         self._base: str | None = None
         self.preparation = self._frames.count
@@ -542,8 +529,8 @@ class BagClouds:
 
     @property
     def topic_and_mount(self) -> dict[str, str]:
-        mount = self._options.mount
         options = {"topic": self.topic, "base_frame": self._base or "none"}
+        mount = self._options.mount
         return options if mount is None else options | {"mount": ",".join(map(repr, mount))}
 
     def _header(self, number: int) -> tuple[int, str]:
@@ -616,10 +603,8 @@ class BagScans(ScanSource):
         self, bag: Bag, topics: Sequence[str], options: FrameOptions, *, deskew: bool = False
     ) -> None:
         connections = chosen_connections(bag, topics, (messages.LASER_SCAN,), "laser scans")
-        self._index = _index_of(bag, connections)
-        self._bag = bag
-        self._decoder = Decoder(bag)
-        self._deskew = deskew
+        self._index, self._decoder = _index_of(bag, connections), Decoder(bag)
+        self._bag, self._deskew = bag, deskew
         self._frames = SensorFrames(bag, options)
         self._is_prepared = False
         self._outside: dict[str, int] = {}

@@ -31,6 +31,7 @@ from mapdeal.layers.layer import Bounds, LiveLayer, LivePlace, MasterGrid, Updat
 from mapdeal.mapping.transforms import FrameOptions, Pose, Quaternion, Rigid
 from mapdeal.pipeline.bag_maps import SensorFrames
 from mapdeal.pipeline.folder import Filling, OutputFolder, Product
+from mapdeal.pipeline.inputs import errors_named
 from mapdeal.pipeline.local import GlobalMap
 from mapdeal.pipeline.run import RunReport, fill
 from mapdeal.pipeline.settings import Settings
@@ -143,10 +144,6 @@ class LiveCostmap:
         self.costs = np.full(self.frame.shape, default_cost, dtype=np.uint8)
         self.master: MasterGrid | None = None
         """The grid of the last update."""
-
-    @property
-    def under_robot(self) -> NDArray[np.bool_] | None:
-        return None if self.master is None else self.master.under_robot
 
     def update(self, pose: Pose, time: int, map_to_costmap: Pose | None = None) -> None:
         """Update the costmap around the robot's pose; observations were added to its layers."""
@@ -364,14 +361,13 @@ class BagReplay:
 
     def warn(self) -> None:
         if self._without_transform:
-            text = f"{self._without_transform} observations of {len(self._index)} messages are "
-            text += "left out: transforms at their times are not known"
-            emit_warning(f"{self.bag.path}: {text}")
-        for (name, source), readings in self._readings.items():
-            if readings and not self._within[name, source]:
-                text = f"{name}.{source.name}: all {readings} readings are outside of its heights, "
-                text += f"{source.min_obstacle_height:g} to {source.max_obstacle_height:g} m"
-                emit_warning(text)
+            text = f"{self._without_transform} observations of {len(self._index)} messages are left"
+            emit_warning(f"{self.bag.path}: {text} out: transforms at their times are not known")
+        for (name, source), count in self._readings.items():
+            if count and not self._within[name, source]:
+                heights = f"{source.min_obstacle_height:g} to {source.max_obstacle_height:g} m"
+                text = f"{name}.{source.name}: all {count} readings are outside of its heights"
+                emit_warning(f"{text}, {heights}")
 
     def advance_to(self, messages: int) -> None:
         while self._updates < messages:
@@ -384,10 +380,8 @@ class BagReplay:
     def _delivered(self, topic: str, message: RawScan | RawCloud) -> Iterator[Delivery]:
         rigid = self._lookup(message.frame, message.time)
         for name, source in self._sources[topic]:
-            sensor = rigid
-            if source.sensor_frame:
-                sensor = self._lookup(source.sensor_frame, message.time)
-            grid = self.layers[name]
+            frame, grid = source.sensor_frame, self.layers[name]
+            sensor = self._lookup(frame, message.time) if frame else rigid
             if rigid is None or sensor is None or not isinstance(grid, obstacle.ObstacleGrid):
                 self._without_transform += 1
                 continue
@@ -395,23 +389,19 @@ class BagReplay:
                 points = self._projectors[name].points(message, inf_is_valid=source.inf_is_valid)
             else:
                 points = message.points
-            in_costmap = transformed(points, rigid)
-            z = in_costmap[:, 2]
+            points_xyz = transformed(points, rigid)
+            z = points_xyz[:, 2]
             is_within = (z <= source.max_obstacle_height) & (z >= source.min_obstacle_height)
             self._readings[name, source] += int(np.isfinite(z).sum())
             self._within[name, source] += int(is_within.sum())
-            observation = obstacle.Observation(
-                source, message.time, sensor[0], in_costmap[is_within]
-            )
+            place, points_xyz = sensor[0], points_xyz[is_within]
+            observation = obstacle.Observation(source, message.time, place, points_xyz)
             yield Delivery(grid, name, observation, message, rigid)
 
     def _lookup(self, frame: str, time: int, fixed: str | None = None) -> Rigid | None:
-        try:
-            return self._frames.tree.tf2_lookup(
-                fixed or self.area.global_frame, frame, time, in_seconds=self.place.is_ros1
-            )
-        except MalformedInputError as error:
-            raise error.found_in(self.bag.path) from None
+        fixed = fixed or self.area.global_frame
+        with errors_named(self.bag.path):
+            return self._frames.tree.tf2_lookup(fixed, frame, time, in_seconds=self.place.is_ros1)
 
     def _map_to_costmap(self, time: int) -> Pose | None:
         """Return the pose of a rolling costmap's frame on the map, if they differ."""
@@ -465,7 +455,8 @@ class CellWatch:
 
     def observe(self, step: ReplayStep) -> None:
         cell, self._time = self._cell(), step.time
-        under_robot = self._replay.costmap.under_robot
+        master = self._replay.costmap.master
+        under_robot = None if master is None else master.under_robot
         for delivery in step.deliveries:
             if cell is None:
                 return
@@ -575,21 +566,19 @@ class CellWatch:
 
     def _history(self, name: str, cost: int) -> str:
         time, text = self._marked.get(name, (0, ""))
+        counts = self._passed[name] if text else self._dropped[name]
+        readings = count_text(counts.total(), "reading")
+        listed = ", ".join(f"{count} {reason}" for reason, count in counts.most_common() if count)
         if not text:
-            dropped = self._dropped[name]
-            if not dropped.total():
-                return "no reading ended in it"
-            readings = count_text(dropped.total(), "reading")
-            return f"{readings} ended in it, and none marked it: {_listed(dropped)}"
+            dropped = f"{readings} ended in it, and none marked it: {listed}"
+            return dropped if counts.total() else "no reading ended in it"
         if cost != LETHAL_OBSTACLE:
             return f"{text}; {self._freed.get(name, 'moved out of the costmap')}"
-        passed = self._passed[name]
         if time == self._time:
             return f"{text}; no observation since"
-        if not passed.total():
+        if not counts.total():
             return f"{text}; no ray has pointed at it since"
-        readings = count_text(passed.total(), "reading")
-        return f"{text}; {readings} pointed at it since, and none cleared it: {_listed(passed)}"
+        return f"{text}; {readings} pointed at it since, and none cleared it: {listed}"
 
 
 def _count(
@@ -599,10 +588,6 @@ def _count(
         counter[reason] += int(np.count_nonzero(selected & applies))
         selected = selected & np.logical_not(applies)
     counter[no_reason] += int(np.count_nonzero(selected))
-
-
-def _listed(counter: Counter[str]) -> str:
-    return ", ".join(f"{count} {reason}" for reason, count in counter.most_common() if count)
 
 
 def _beams(delivery: Delivery) -> tuple[Floats, Floats, Floats, tuple[float, float]]:
@@ -630,10 +615,10 @@ def message_counts(replay: BagReplay, *, until: int | None, every: int | None) -
     """Return the numbers of messages after which costmaps are written, one each `every` ns."""
     times = replay.times()
     if until is not None:
-        if until < times[0]:
-            rule = f"is before the first message, at {seconds_text(times[0])} s"
+        first, times = times[0], list(takewhile(lambda time: time <= until, times))
+        if not times:
+            rule = f"is before the first message, at {seconds_text(first)} s"
             raise ParameterError(rule, source="--until", got=seconds_text(until))
-        times = list(takewhile(lambda time: time <= until, times))
     turns = [(time - times[0]) // (every or 1) for time in times]
     last = [k for k, (turn, following) in enumerate(pairwise(turns), start=1) if following > turn]
     return [*(last if every else ()), len(times)]

@@ -255,14 +255,12 @@ _MOST_SUBMITTED = 1000
 """Jobs submitted to the scheduler at the same time: enough for a growing cluster."""
 
 _ADDRESS = re.compile(r"(tcp|tls|ucx|ws|wss)://(?:\[[^/\s\[\]]+\]|[^/:\s\[\]]+):([0-9]{1,5})")
-_UNENCRYPTED = ("tcp", "ws")
 _TLS = (
     "export DASK_DISTRIBUTED__COMM__TLS__CA_FILE=ca.pem"
     " DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT=cert.pem"
     " DASK_DISTRIBUTED__COMM__TLS__CLIENT__KEY=key.pem"
 )
 _SET_UPS = {"tls": _TLS, "wss": _TLS, "ucx": "pip install distributed-ucxx-cu12"}
-_VERSION = "mapdeal.version.__version__"
 
 
 class ClusterWorkers:
@@ -275,9 +273,8 @@ class ClusterWorkers:
         self._address = address
 
     def memory_of_each(self) -> int | None:
-        limits_by_worker = _answers(self._client, self._address, _memory_limit)
-        limits = [limit for _, limit in limits_by_worker if limit]
-        return min(limits) // 2 if limits else None
+        answers = _answers(self._client, self._address, _memory_limit)
+        return min((limit // 2 for _, limit in answers if limit), default=None)
 
     @contextmanager
     def started(self, size: int, work: Work) -> Iterator[Submit]:  # noqa: ARG002 - they run already
@@ -352,14 +349,13 @@ def _client(address: str) -> Any:
         # event loop until a timeout, and with it the next client.
         with suppress(Exception):
             client.close(timeout=_TIMEOUT)
-        scheme = address.partition(":")[0]
-        if isinstance(error, OSError | distributed.TimeoutError):  # not an OSError in Python 3.10
-            rule = f"the scheduler does not answer: {_first_line(error)}"
-            raise FileAccessError(rule, source=address) from None
-        if scheme in _UNENCRYPTED:
-            rule = f"does not answer as a dask scheduler of this version: {_first_line(error)}"
-            raise FileAccessError(rule, source=address) from None
-        rule = f"{scheme} is not set up on this machine: {_first_line(error)}"
+        scheme, why = address.partition(":")[0], _first_line(error)
+        is_silent = isinstance(error, OSError | distributed.TimeoutError)  # two in Python 3.10
+        if is_silent or scheme not in _SET_UPS:
+            rule = "the scheduler does not answer"
+            rule = rule if is_silent else "does not answer as a dask scheduler of this version"
+            raise FileAccessError(f"{rule}: {why}", source=address) from None
+        rule = f"{scheme} is not set up on this machine: {why}"
         raise ParameterError(rule, source="--scheduler", hint=_SET_UPS[scheme]) from None
 
 
@@ -385,11 +381,9 @@ def _check_workers(client: Any, address: str, shared: Sequence[Path]) -> None:
         raise FileAccessError(rule, source=address, hint=hint) from None
     # Only functions of the standard library: mapdeal may be missing on a worker.
     hint = f"install mapdeal {__version__} on the workers"
-    for worker, found in _answers(client, address, pydoc.locate, _VERSION):
-        if found is None:
-            raise ParameterError("has no mapdeal", source=f"worker {worker}", hint=hint)
+    for worker, found in _answers(client, address, pydoc.locate, "mapdeal.version.__version__"):
         if found != __version__:
-            rule = f"has mapdeal {found}, here it is {__version__}"
+            rule = f"has mapdeal {found}, here it is {__version__}" if found else "has no mapdeal"
             raise ParameterError(rule, source=f"worker {worker}", hint=hint)
     for path in shared:
         for worker, found in _answers(client, address, os.path.exists, str(path)):

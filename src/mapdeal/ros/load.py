@@ -76,11 +76,9 @@ def flavour_of_file(path: Path) -> Flavour | None:
 
 def _other_kind(path: Path) -> Problem | None:
     """Return a problem if the file is a map, recipe etc.; ROS 1 would load its keys, too."""
-    from mapdeal.inputs.kinds import PARAMETERS, kind_of, other_kind  # only needed for ROS 1
+    from mapdeal.inputs.kinds import PARAMETERS, other_kind, readable_kind  # only needed for ROS 1
 
-    kind = None
-    with suppress(MapdealError):
-        kind = kind_of(path)
+    kind = readable_kind(path)
     if kind is None or kind.name == PARAMETERS:
         return None
     error = other_kind(path, kind, "a file of ROS parameters")
