@@ -86,10 +86,8 @@ class JsonValue:
         return found
 
     def get(self, key: str) -> JsonValue | None:
-        fields = self._fields()
-        if key not in fields:
-            return None
-        return JsonValue(self.source, fields[key], f"{self.place}.{key}" if self.place else key)
+        fields, place = self._fields(), f"{self.place}.{key}" if self.place else key
+        return JsonValue(self.source, fields[key], place) if key in fields else None
 
     def optional(self, key: str, read: Callable[[JsonValue], T]) -> T | None:
         """Read the value of a key; None if it is missing or null."""
@@ -223,12 +221,9 @@ COST_DIFF, ROBOT_DIFF = "difference of costs", "difference of robots"
 PLAN = "plan"
 ROUTE_GRAPH = "route graph"
 
-COMPARISON_FORMAT = "mapdeal-comparison/1"
-SCORE_FORMAT = "mapdeal-score/1"
-ALIGNMENT_FORMAT = "mapdeal-alignment/1"
-COST_DIFF_FORMAT = "mapdeal-cost-difference/1"
-ROBOT_DIFF_FORMAT = "mapdeal-robot-difference/1"
-PLAN_FORMAT = "mapdeal-plan/1"
+COMPARISON_FORMAT, SCORE_FORMAT = "mapdeal-comparison/1", "mapdeal-score/1"
+ALIGNMENT_FORMAT, COST_DIFF_FORMAT = "mapdeal-alignment/1", "mapdeal-cost-difference/1"
+ROBOT_DIFF_FORMAT, PLAN_FORMAT = "mapdeal-robot-difference/1", "mapdeal-plan/1"
 _BY_FORMAT = {
     COMPARISON_FORMAT: COMPARISON, SCORE_FORMAT: SCORE, ALIGNMENT_FORMAT: ALIGNMENT,
     COST_DIFF_FORMAT: COST_DIFF, ROBOT_DIFF_FORMAT: ROBOT_DIFF, PLAN_FORMAT: PLAN,

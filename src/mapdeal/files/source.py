@@ -86,7 +86,7 @@ def exists(path: Path) -> bool:
 
 def yaml_at(path: Path) -> Path | None:
     """Return the YAML file beside a file with the same stem, if it exists."""
-    return next((p for p in map(path.with_suffix, YAML) if exists(p)), None)
+    return next(filter(exists, map(path.with_suffix, YAML)), None)
 
 
 def is_folder(path: Path) -> bool:
@@ -424,11 +424,10 @@ def claimed(path: Path | str, count: int, *, what: str = "") -> Iterator[None]:
 
 def most_expanded(stored: int) -> int:
     """Return the limit for expanding compressed data whose expanded size is unknown, in bytes."""
-    available, budget = room(), _budget()
-    by_rule = max(_HARMLESS, MOST_EXPANSION * stored)
+    available, by_rule = room(), max(_HARMLESS, MOST_EXPANSION * stored)
     if available is None:
         return by_rule
-    return available // 2 if not budget.origin else min(by_rule, available // 2)
+    return min(by_rule, available // 2) if _budget().origin else available // 2
 
 
 def check_expansion(
@@ -457,13 +456,11 @@ def size_text(count: int) -> str:
 
 def size_of(text: str, name: str | None = None) -> int:
     """Return the bytes of a size: ``500M`` and ``4GiB`` use powers of 1024, ``4GB`` of 1000."""
-    match = re.fullmatch(
-        r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?", text.strip(), re.IGNORECASE
-    )
+    match = re.fullmatch(r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?", text.strip().lower())
     if match is None:
         raise ParameterError("must be a size such as 4G or 500M", place=name, got=text)
-    number, unit, ending = float(match[1]), match[2].lower(), (match[3] or "").lower()
-    size = int(number * (1000 if ending == "b" else 1024) ** " kmgt".index(unit or " "))
+    base = 1000 if match[3] == "b" else 1024
+    size = int(float(match[1]) * base ** " kmgt".index(match[2] or " "))
     if size < 1:
         raise ParameterError("must be above 0", place=name, got=text)
     return size

@@ -121,9 +121,7 @@ def _rows_at_once(text: bytes, count: int, table: _Table) -> NDArray[np.float64]
     columns, width = list(table.columns), table.width
     first_row = text.partition(b"\n")[0].split(table.mark)
     has_all_columns = columns == list(range(width or len(first_row)))
-    rows = None
-    if width is not None or has_all_columns:
-        rows = _parsed(text, table, None)
+    rows = _parsed(text, table, None) if width is not None or has_all_columns else None
     if rows is None and width is None:
         rows = _parsed(text, table, columns)  # a fifth slower than all columns
     if rows is None or rows.shape != (count, width or len(columns)):

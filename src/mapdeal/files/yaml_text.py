@@ -109,9 +109,9 @@ class Entry:
         # so such numbers are refused. `_scalars_of` refuses duplicate keys.
         for node in list(_scalars_of(self.source, self.node)):
             text = str(node.value).lower()
-            if node.tag not in _NUMBER_TAGS or text.lstrip("+-") in (".inf", ".nan"):
-                continue
-            if not _NUMBER.fullmatch(text) or re.match(r"[-+]?0\d", text):
+            is_plain = _NUMBER.fullmatch(text) and not re.match(r"[-+]?0\d", text)
+            is_special = text.lstrip("+-") in (".inf", ".nan")
+            if node.tag in _NUMBER_TAGS and not (is_plain or is_special):
                 hint = "YAML readers disagree on it; write digits, a point and an e alone"
                 number = Entry(self.source, self.key, node)
                 raise number.error("must be a decimal number", hint=hint)
@@ -231,8 +231,7 @@ def compose_documents(
 ) -> list[yaml.Node]:
     text = decoded_text(path, data)
     with _as_malformed(path, text):
-        composer = _PYYAML(text).read(path, text, limits, tags)
-        documents: list[yaml.Node] = []
+        composer, documents = _PYYAML(text).read(path, text, limits, tags), []
         while composer.check_node():
             documents.append(composer.get_node())
         return documents
@@ -366,18 +365,17 @@ def with_values(entries: Mapping[str, Entry], changes: Mapping[str, Any]) -> byt
     # result again.
     first = next(iter(entries.values()))
     text = first.node.start_mark.buffer or ""
-    spans: list[tuple[int, int, str]] = []
+    replacements: dict[int, tuple[int, str]] = {}
     for key in changes.keys() & entries.keys():
         entry, value = entries[key], changes[key]
-        parts, values = [entry], [value]
-        if isinstance(value, (list, tuple)):
-            parts, values = entry.items(), list(value)
-            if len(parts) != len(values):
-                raise entry.error(f"must be a list of {len(values)}")
+        is_list = isinstance(value, list | tuple)
+        parts, values = (entry.items(), value) if is_list else ([entry], [value])
+        if len(parts) != len(values):
+            raise entry.error(f"must be a list of {len(values)}")
         for part, new_value in zip(parts, values, strict=True):
             start = part.node.start_mark.index
-            spans.append((start, start + len(source_text(part.node)), _flow_text(new_value)))
-    for start, end, new in sorted(spans, reverse=True):
+            replacements[start] = start + len(source_text(part.node)), _flow_text(new_value)
+    for start, (end, new) in sorted(replacements.items(), reverse=True):
         text = f"{text[:start]}{new}{text[end:]}"
     newline = "\r\n" if "\r\n" in text else "\n"
     missing = [f"{key}: {_flow_text(changes[key])}" for key in changes if key not in entries]

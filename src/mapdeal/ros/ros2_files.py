@@ -39,16 +39,13 @@ _BOOLS = {word: word in _TRUE for word in (*_TRUE, *_FALSE)}
 _TAG = "tag:yaml.org,2002:"
 
 _SPACES = " \t\n\v\f\r"  # what C's functions skip in front of a number
-_INTEGER = re.compile(r"([-+]?)(?:0[xX]([0-9a-fA-F]+)|(0[0-7]*)|([1-9][0-9]*))", re.ASCII)
+_INTEGER = re.compile(r"([-+]?)(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)", re.ASCII)
 _DECIMAL = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?", re.ASCII)
 _HEXADECIMAL = re.compile(
     r"[-+]?0[xX](?:[0-9a-fA-F]+(?:\.[0-9a-fA-F]*)?|\.[0-9a-fA-F]+)(?:[pP][-+]?[0-9]+)?", re.ASCII
 )
 _SPECIAL = re.compile(r"[-+]?(?:inf(?:inity)?|nan(?:\([0-9a-z_]*\))?)", re.ASCII | re.IGNORECASE)
-_YAML_SPECIAL = frozenset(
-    [f".{word}" for word in ("nan", "NaN", "NAN")]
-    + [f"{sign}.{word}" for sign in ("", "+", "-") for word in ("inf", "Inf", "INF")]
-)
+_YAML_SPECIAL = re.compile(r"\.(nan|NaN|NAN)|[-+]?\.(inf|Inf|INF)")
 _MOST_DIGITS = 400  # of a hexadecimal number that may fit a double
 
 
@@ -91,20 +88,15 @@ def _tagged(text: str, tag: str) -> tuple[str, Any]:
 def _integer(text: str) -> int | None:
     """Parse a text with the syntax of ``strtoll`` with base 0; None if invalid or too large."""
     match = _INTEGER.fullmatch(text.lstrip(_SPACES))
-    if not match:
+    if not match or len(match[2].lstrip("0xX")) > 25:  # 2^63 has 22 digits in octal
         return None
-    sign, hexadecimal, octal, decimal = match.groups()
-    digits = hexadecimal or octal or decimal
-    if len(digits.lstrip("0")) > 25:  # 2^63 has 22 digits in octal
-        return None
-    value = int(digits, 16 if hexadecimal else 8 if octal else 10)
-    value = -value if sign == "-" else value
+    value = int(match[1] + re.sub("^0(?=[0-7])", "0o", match[2]), 0)
     return value if -(1 << 63) <= value < 1 << 63 else None
 
 
 def _double(text: str) -> float | None:
     """Parse a text with the syntax of ``strtod``; None if invalid or out of range."""
-    if text in _YAML_SPECIAL:
+    if _YAML_SPECIAL.fullmatch(text):
         return float(text.replace(".", ""))
     text = text.lstrip(_SPACES)
     if _SPECIAL.fullmatch(text):
@@ -114,8 +106,7 @@ def _double(text: str) -> float | None:
     if not _DECIMAL.fullmatch(text):
         return None
     value = float(text)
-    mantissa = re.split("[eE]", text)[0]
-    is_zero = not mantissa.strip("+-0.")
+    is_zero = not re.split("[eE]", text)[0].strip("+-0.")
     return value if is_zero or _is_normal(value) else None
 
 
@@ -267,9 +258,9 @@ class FileReader:
         self._depth -= 1
 
     def _start_sequence(self, event: yaml.SequenceStartEvent) -> None:
+        if self._is_key and self._in_parameters:
+            raise self._error("a list within a list", event, hint=_NO_LISTS_OF_LISTS)
         if self._is_key:
-            if self._in_parameters:
-                raise self._error("a list within a list", event, hint=_NO_LISTS_OF_LISTS)
             raise self._error("a list stands where a key should be", event)
         if not self._in_parameters:
             rule = f"a list stands outside of {PARAMETERS_KEY}"
@@ -320,10 +311,8 @@ class FileReader:
             self._parameter_names.replace(slot.name)
             self._starts_mapping = False
         space = self._parameter_names.text
-        if space is None:
-            self._index = node.find(key, unset)
-        else:
-            self._index = node.find(space, unset)
+        self._index = node.find(key if space is None else space, unset)
+        if space is not None:
             node.rename(self._index, f"{space}.{key}")
         slot = node.slots[self._index]
         self._key = slot.name
@@ -369,11 +358,10 @@ class FileReader:
         if self._items_kind is None:
             self._items_kind, self._items = kind, []
         if kind != self._items_kind:
-            kinds, hint = {kind, self._items_kind}, None
+            kinds = {kind, self._items_kind}
+            hint = "put texts into quotes" if "string" in kinds else None
             if kinds == {"integer", "double"}:
                 hint = "write all of them with a decimal point"
-            elif "string" in kinds:
-                hint = "put texts into quotes"
             rule = f"the values of a list must be of one type, here {self._items_kind}"
             raise self._error(rule, event, got=f"{_short(event.value)} ({kind})", hint=hint)
         self._items.append(value)
@@ -444,10 +432,8 @@ def refusal(
 
 def name_fault(name: str) -> str | None:
     """Return why a node's full name is invalid; None if it is valid."""
-    if name in ("/**", "/*"):
-        return None
     *spaces, last = name.removeprefix("/").split("/")
-    if any(not space for space in spaces):
+    if not all(spaces):
         return "it has two slashes in a row"
     if not last:
         return "it ends with a slash"
