@@ -391,8 +391,7 @@ class RobotFacts:
 _HEAD = 1 << 16
 
 _LEAST_CUT_OFF = 4.0
-"""Least area for a warning, square metres of positions of the robot's centre. Smaller areas are
-niches, shafts, or the floor between the legs of a desk."""
+"""Least area for a warning, m2 of positions of the robot's centre; smaller ones are niches."""
 
 _LINE_BYTES = 120  # of runs, per row and column: a band has at least one row
 _BAND_BYTES = 10_000_000  # of runs in a band, and of the checks' modules

@@ -104,6 +104,12 @@ class Check:
         return Finding(self.name, self.severity, str(file), message, line, places)
 
 
+def error_finding(error: FileAccessError | MalformedInputError, path: Path) -> Finding:
+    """Return the finding about a file that cannot be read, or is malformed."""
+    name = "file.access" if isinstance(error, FileAccessError) else "file.malformed"
+    return CHECKS[name].finding(path, str(error).removeprefix(f"{path}: "))
+
+
 def places_of(points_xy: Iterable[Sequence[float]]) -> tuple[Point, ...]:
     return tuple((round(x, _DECIMALS) + 0.0, round(y, _DECIMALS) + 0.0) for x, y in points_xy)
 

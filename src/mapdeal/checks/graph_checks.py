@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.checks.findings import CHECKS, Finding, places_of
+from mapdeal.checks.findings import CHECKS, Finding, error_finding, places_of
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Point
@@ -27,8 +27,7 @@ def check_graph(path: Path, grid: OccupancyGrid, robot: Footprint | None) -> lis
     try:
         file = read_graph_file(path)
     except (MalformedInputError, FileAccessError) as error:
-        name = "file.access" if isinstance(error, FileAccessError) else "file.malformed"
-        return [CHECKS[name].finding(path, str(error).removeprefix(f"{path}: "))]
+        return [error_finding(error, path)]
     findings = [
         CHECKS[f"graph.{problem.check}"].finding(
             path, problem.text, places=places_of([problem.point] if problem.point else [])

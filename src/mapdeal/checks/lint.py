@@ -27,6 +27,7 @@ from mapdeal.checks.findings import (
     Finding,
     IgnoreComment,
     Severity,
+    error_finding,
     findings_on,
     read_ignore_comments,
 )
@@ -117,8 +118,7 @@ def check_parameters(
         by_file = lint_parameters(paths, **options)
     except FileAccessError as error:
         faulty = Path(error.source) if error.source is not None else paths[-1]
-        finding = CHECKS["file.access"].finding(faulty, str(error).removeprefix(f"{faulty}: "))
-        by_file = {path: [finding] if path == faulty else [] for path in paths}
+        by_file = {path: [error_finding(error, faulty)] if path == faulty else [] for path in paths}
     return {
         path: Findings(tuple(findings), tuple(read_ignore_comments(path, _LARGEST_PARAMETERS)))
         for path, findings in by_file.items()

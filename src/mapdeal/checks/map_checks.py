@@ -12,7 +12,14 @@ from typing import Any
 import numpy as np
 
 from mapdeal.checks.facts import GridFacts, PairFacts, RoomFacts, check, without_rounding_noise
-from mapdeal.checks.findings import CHECKS, Finding, Remark, declare_checks, places_of
+from mapdeal.checks.findings import (
+    CHECKS,
+    Finding,
+    Remark,
+    declare_checks,
+    error_finding,
+    places_of,
+)
 from mapdeal.errors import FileAccessError, one_line
 from mapdeal.files.json_values import SUMMARY as BATCH, document_kind, read_json
 from mapdeal.files.source import contents_of, exists, holds
@@ -640,7 +647,7 @@ def lint_run(folder: Path) -> list[Finding]:
     try:
         _, files = contents_of(folder)
     except FileAccessError as error:
-        return [CHECKS["file.access"].finding(folder, str(error).removeprefix(f"{folder}: "))]
+        return [error_finding(error, folder)]
     manifest = read_json(folder / MANIFEST)
     outputs = manifest.get("outputs") if isinstance(manifest, dict) else None
     if not isinstance(outputs, dict) or not outputs:

@@ -61,19 +61,15 @@ _COSTMAP: dict[Flavour, frozenset[str]] = {
 }  # fmt: skip
 """Parameters of costmaps, and of nodes beside them, that some release reads."""
 
-LAYER_PARAMETERS = frozenset(
-    {"enabled", "plugin", "inflation_radius", "cost_scaling_factor", "observation_sources",
-     "map_subscribe_transient_local", "map_topic", "inflate_unknown"}
-)  # fmt: skip
+INFLATION_PARAMETERS = {"inflation_radius", "cost_scaling_factor", "inflate_unknown"}
+"""Parameters of inflation layers; Nav2's layers do not inherit them from the costmap."""
+
+_OF_MAP_LAYERS = {"enabled", "plugin", "map_subscribe_transient_local", "map_topic"}
+LAYER_PARAMETERS = INFLATION_PARAMETERS | _OF_MAP_LAYERS | {"observation_sources"}
 """Parameters that identify a section as a layer."""
 
-IDLE_LAYER_PARAMETERS = frozenset(
-    {"enabled", "plugin", "map_subscribe_transient_local", "map_topic", "subscribe_to_updates"}
-)
+IDLE_LAYER_PARAMETERS = _OF_MAP_LAYERS | {"subscribe_to_updates"}
 """Parameters of a layer that may be unlisted without a finding, because it would do nothing."""
-
-INFLATION_PARAMETERS = frozenset({"inflation_radius", "cost_scaling_factor", "inflate_unknown"})
-"""Parameters of inflation layers; Nav2's layers do not inherit them from the costmap."""
 
 _CLASSES = tuple(map(class_name, NAV2_PLUGINS))
 _MODELLED = tuple(name for name in _CLASSES if name.endswith(("StaticLayer", "InflationLayer")))
@@ -111,16 +107,13 @@ def layer_after_inflation(facts: RobotFacts) -> Iterator[Remark]:
     Fix: List the inflation layer last.
     """
     inflation = None
-    for listed in facts.robot.layers:
-        if not listed.is_enabled or listed.is_filter:
-            continue
+    for listed in (item for item in facts.robot.layers if item.is_enabled and not item.is_filter):
         name = class_name(listed.plugin)
         layer_class = layer_named(name)
+        marks = layer_class.marks_obstacles if layer_class else name in _OTHER_MARKING
         if layer_class is not None and layer_class.spreads:
             inflation = listed.name
-        elif inflation is not None and (
-            name in _OTHER_MARKING or (layer_class is not None and layer_class.marks_obstacles)
-        ):
+        elif inflation is not None and marks:
             overwrites = listed.layer is not None and listed.layer.overwrites_all
             effect = "it overwrites the costs" if overwrites else "its obstacles are not inflated"
             text = f"{listed.name} comes after {inflation}: {effect}; list {inflation} last"
@@ -270,11 +263,9 @@ def without_effect(facts: ParameterFacts) -> Iterator[Remark]:
     Example: ROS 1: `static_map: true`.
     Fix: Remove it, and list the layer in plugins.
     """
-    if facts.flavour != "ros1" or ("plugins",) not in facts.values:
-        return
-    for name in OLD_PARAMETERS:
-        value = facts.values.get((name,))
-        if value is not None:
+    has_list = facts.flavour == "ros1" and ("plugins",) in facts.values
+    for name in OLD_PARAMETERS if has_list else ():
+        if value := facts.values.get((name,)):
             yield Remark(f"{name} has no effect: the layers are those of plugins", at=value)
 
 
@@ -720,6 +711,9 @@ class _Costmap:
     def is_absent(self) -> bool:
         return any(p.check in _ABSENT and p.level == "refused" for p in self.problems)
 
+    def has(self, check: str) -> bool:
+        return any(problem.check == check for problem in self.problems)
+
 
 def lint_parameters(
     paths: Sequence[Path], *, costmap: CostmapName | None = None, namespace: str | None = None,
@@ -728,10 +722,7 @@ def lint_parameters(
     flavour = flavour_of(paths)
     names = costmaps_in(paths, flavour, namespace) if costmap is None else (costmap,)
     costmaps = [_Costmap(n, *load_robot(paths, costmap=n, namespace=namespace)) for n in names]
-    present = [
-        item for item in costmaps
-        if not item.is_absent or any(problem.check == _ONE_LEVEL for problem in item.problems)
-    ]  # fmt: skip
+    present = [item for item in costmaps if not item.is_absent or item.has(_ONE_LEVEL)]
     present = present or costmaps[:1]
     by_costmap: dict[CostmapName, list[Finding]] = {}
     last = str(paths[-1])
@@ -761,12 +752,11 @@ def _with_costmap(by_costmap: Mapping[CostmapName, Sequence[Finding]]) -> Iterat
         for found in findings:
             is_twice = (found.check, found.message) in texts
             is_placed = found.line is not None or len(by_costmap) == 1
-            if found.check in _ABOUT_FILES or (found in twins and is_placed):
+            is_clear = found.check in _ABOUT_FILES or (found in twins and is_placed)
+            if is_clear or not (name == "local" or is_twice or not is_placed):
                 yield found
-            elif name == "local" or is_twice or not is_placed:
-                yield replace(found, message=f"{name} costmap: {found.message}")
             else:
-                yield found
+                yield replace(found, message=f"{name} costmap: {found.message}")
 
 
 def first_robot(
@@ -785,21 +775,15 @@ def _check(
     paths: Sequence[Path], costmap: _Costmap, flavour: Flavour, namespace: str | None,
     sibling: RobotParameters | None, map_frames: Sequence[tuple[str, Frame]],
 ) -> Iterator[Finding]:  # fmt: skip
-    if any(problem.check == _OTHER_KIND for problem in costmap.problems):
+    if costmap.has(_OTHER_KIND):
         return
     values = costmap_values(paths, flavour, costmap.name, _node_of(costmap, namespace), namespace)
-    facts: dict[type, Any] = {
-        ParameterFacts: ParameterFacts(
-            flavour, costmap.name, values, _plugins(flavour, values, costmap.robot)
-        )
-    }
+    own = ParameterFacts(flavour, costmap.name, values, _plugins(flavour, values, costmap.robot))
+    facts: dict[type, Any] = {ParameterFacts: own}
     if costmap.robot is not None and not costmap.is_absent:
-        facts[RobotFacts] = RobotFacts(
-            costmap.robot, facts[ParameterFacts], sibling, tuple(map_frames)
-        )
+        robot = facts[RobotFacts] = RobotFacts(costmap.robot, own, sibling, tuple(map_frames))
         if flavour == "nav2":
-            servers = filter_servers(read_ros2(paths))
-            facts[FilterFacts] = FilterFacts(facts[RobotFacts], servers)
+            facts[FilterFacts] = FilterFacts(robot, filter_servers(read_ros2(paths)))
     yield from findings_on(facts, str(paths[-1]))
 
 

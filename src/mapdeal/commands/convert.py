@@ -389,7 +389,7 @@ def _convert_all(
         transaction = work.begin(found.files)
         with work.counted(len(found)) as advance:
             for number, name in enumerate(names):
-                grid = _converted(found.read(number).grid, encoding, None)
+                grid = _converted(found.read(number), encoding, None)
                 write_grid(transaction, name, grid, encoding=encoding or "occupancy")
                 transaction.wait()
                 advance(1)
@@ -400,7 +400,7 @@ def _read_bag(path: Path, topic: str | None, index: int, read_as: ReadAs | None)
     from mapdeal.pipeline.bag_maps import grid_topic  # not loaded for maps
 
     with grid_topic(path, topic, read_as=read_as) as found:
-        grid, files = found.read(index).grid, found.files
+        grid, files = found.read(index), found.files
     if isinstance(grid, Costmap):
         warn_if_uniform(path, grid)
     else:

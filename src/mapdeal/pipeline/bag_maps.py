@@ -54,39 +54,22 @@ def _number_in(index: MessageIndex, number: int, topic: str, **where: str) -> in
     return number % count
 
 
-@dataclass(frozen=True)
-class RecordedGrid:
-    grid: OccupancyGrid | Costmap
-    number: int
-    time: int
-    frame: str
-
-
 class GridTopic:
     def __init__(self, bag: Bag, topic: str | None, read_as: ReadAs | None = None) -> None:
         named = [] if topic is None else [topic]
         connections = chosen_connections(bag, named, messages.GRID_TYPES, "maps and costmaps")
         self._types = {connection.id: connection.type for connection in connections}
-        self._index = _index_of(bag, connections)
-        self._decoder = Decoder(bag)
-        self.files = bag.files
-        self.topic = connections[0].topic
-        self.is_costs = _OF_COSTS in self.topic.lower() if read_as is None else read_as == "costs"
+        self._index, self._decoder = _index_of(bag, connections), Decoder(bag)
+        self.files, self.topic = bag.files, connections[0].topic
+        self._is_costs = _OF_COSTS in self.topic.lower() if read_as is None else read_as == "costs"
 
     def __len__(self) -> int:
         return len(self._index)
 
-    def read(self, number: int) -> RecordedGrid:
-        number = _number_in(self._index, number, self.topic, place="index")
-        place = self._index[number]
-        name = self._types[place.connection]
-
-        def recorded(message: Any) -> RecordedGrid:
-            grid = messages.grid_of(message, name, is_costs=self.is_costs)
-            stamp = messages.time_of(message.header.stamp)
-            return RecordedGrid(grid, number, stamp, messages.frame_of(message.header))
-
-        return self._decoder.read(place, recorded)
+    def read(self, number: int) -> OccupancyGrid | Costmap:
+        place = self._index[_number_in(self._index, number, self.topic, place="index")]
+        name, is_costs = self._types[place.connection], self._is_costs
+        return self._decoder.read(place, lambda m: messages.grid_of(m, name, is_costs=is_costs))
 
 
 @contextmanager
@@ -137,7 +120,7 @@ def read_map_from_bag(
     """
     settings = Settings(max_memory=max_memory)
     with settings.reading(), grid_topic(Path(path), topic, read_as=read_as) as found:
-        return found.read(index).grid
+        return found.read(index)
 
 
 _SECONDS = 1e-9

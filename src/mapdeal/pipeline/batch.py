@@ -391,8 +391,7 @@ class Batch(Result):
 
     def lines(self) -> Iterator[str]:
         rows, failed = [("status", "cells", "map")], []
-        for job, outcome in zip(self.jobs, self.outcomes, strict=True):
-            result = outcome.result
+        for job, result in zip(self.jobs, (found.result for found in self.outcomes), strict=True):
             if isinstance(result, errors.MapdealError):
                 failed.append((f"failed ({result.exit_code})", "-", _failure(result, job)))
             elif result is not None:

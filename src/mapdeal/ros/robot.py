@@ -418,7 +418,7 @@ class Shape:
     """Padded polygon, its radii, and the radius from which the polygon was made."""
 
     footprint: Footprint
-    padding: float
+    footprint_padding: float
     robot_radius: float | None
     inscribed_radius: float
     circumscribed_radius: float
@@ -428,11 +428,9 @@ class Shape:
         files: Iterable[ParameterFile], *, track: bool, area: CostmapArea | None, base_frame: str,
     ) -> RobotParameters:  # fmt: skip
         return RobotParameters(
-            flavour=flavour, costmap=costmap, node=node, footprint=self.footprint,
-            footprint_padding=self.padding, robot_radius=self.robot_radius,
-            track_unknown_space=track, rolling_window=area is not None and area.is_rolling,
-            layers=layers, area=area, base_frame=base_frame.lstrip("/"), files=tuple(files),
-            inscribed_radius=self.inscribed_radius, circumscribed_radius=self.circumscribed_radius,
+            **vars(self), flavour=flavour, costmap=costmap, node=node, layers=layers,
+            files=tuple(files), track_unknown_space=track, area=area,
+            rolling_window=area is not None and area.is_rolling, base_frame=base_frame.lstrip("/"),
         )  # fmt: skip
 
 
