@@ -34,7 +34,7 @@ from mapdeal.maps.npz import npz_frame, open_npz, read_evidence, read_npz, read_
 from mapdeal.maps.picture import opened
 from mapdeal.maps.reading import open_map
 from mapdeal.maps.zones import read_zones
-from mapdeal.pipeline.bag_maps import clouds_of_bag, describe_bag
+from mapdeal.pipeline.bag_maps import BagClouds, describe_bag, from_bag
 from mapdeal.pipeline.folder import differences_from_golden
 from mapdeal.pipeline.inputs import numbers_of
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS
@@ -245,7 +245,7 @@ def read_bag(path, data):
         built = mapdeal.build_map_from_bag(path, **area, deskew=True)
         assert built.grid.shape == (16, 16)
     for has_poses in (False, True) if has_clouds else ():
-        with clouds_of_bag(path, ["/points"], FrameOptions(), has_poses=has_poses) as clouds:
+        with from_bag(path, BagClouds, ["/points"], FrameOptions(), has_poses=has_poses) as clouds:
             clouds.prepare()
             if not has_poses:
                 clouds.poses(range(len(clouds)))

@@ -24,7 +24,7 @@ from mapdeal.checks.findings import CHECKS, Finding, Remark, declare_checks, fin
 from mapdeal.checks.plugin_checks import MOST_NAMES, closest_name, planner_facts
 from mapdeal.errors import MalformedInputError, MapdealError
 from mapdeal.grid.frame import Frame
-from mapdeal.grid.values import NO_INFORMATION
+from mapdeal.grid.values import NO_INFORMATION, few_text
 from mapdeal.layers.catalogue import NAV2_PLUGINS, class_name, layer_named
 from mapdeal.layers.inflation import InflationLayer
 from mapdeal.ros.filters import filter_servers
@@ -676,7 +676,7 @@ def resolution(facts: RobotFacts) -> Iterator[Remark]:
         maps.setdefault(frame.resolution, []).append(name)
     for cell, names in maps.items():
         if not math.isclose(value.value, cell, rel_tol=1e-6):
-            map_names = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
+            map_names = few_text(names, 1)
             text = f"has no effect: the static layer takes the map's, {cell:g} m ({map_names})"
             yield Remark(f"resolution {value.value:g} m {text}; remove it", at=value)
 

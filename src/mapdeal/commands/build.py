@@ -280,7 +280,7 @@ def build_map_from_bag(
     MapdealWarning
         If scans were skipped or a choice had to be made, and as for `build_map_from_log`.
     """
-    from mapdeal.pipeline.bag_maps import scans_of_bag  # only for bags
+    from mapdeal.pipeline.bag_maps import BagScans, from_bag  # only for bags
 
     settings = Settings(max_memory=max_memory, threads=threads)
     limits = BeamLimits(range_min, range_max, clear_max)
@@ -293,7 +293,7 @@ def build_map_from_bag(
     with (
         settings.reading(),
         use_threads(settings.threads),
-        scans_of_bag(Path(path), topics, frames, deskew=deskew) as scans,
+        from_bag(Path(path), BagScans, topics, frames, deskew=deskew) as scans,
     ):
         return _built(scans, building)
 
@@ -584,10 +584,11 @@ def build(
     building = _Building(chosen, limits, resolution, size, origin)
     with ExitStack() as stack:
         if log is not None and is_bag(log):
-            from mapdeal.pipeline.bag_maps import scans_of_bag  # only for bags
+            from mapdeal.pipeline.bag_maps import BagScans, from_bag  # only for bags
 
             refuse("does not apply to bags", angles=angles, ranges=ranges, flip_y=flip_y)
-            bag = scans_of_bag(log, topics, FrameOptions(poses=poses, **frames), deskew=deskew)
+            options = FrameOptions(poses=poses, **frames)
+            bag = from_bag(log, BagScans, topics, options, deskew=deskew)
             source: ScanSource = stack.enter_context(bag)
         else:
             refuse("needs a bag for LOG", topics=topics, **frames, deskew=deskew)

@@ -122,9 +122,10 @@ def _poses_in(path: Path) -> tuple[Points, Points]:
 
 
 def _of_bag(path: Path, topics: Sequence[str], frames: FrameOptions, stack: ExitStack) -> _Clouds:
-    from mapdeal.pipeline.bag_maps import clouds_of_bag  # of use to bags alone
+    from mapdeal.pipeline.bag_maps import BagClouds, from_bag  # of use to bags alone
 
-    bag = stack.enter_context(clouds_of_bag(path, topics, frames, has_poses=False, is_raw=True))
+    opened = from_bag(path, BagClouds, topics, frames, has_poses=False, is_raw=True)
+    bag = stack.enter_context(opened)
     bag.prepare(lambda _: None)
     posed = bag.sensors()
     numbers = np.flatnonzero(posed.known)

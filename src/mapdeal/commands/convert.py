@@ -380,9 +380,9 @@ def _convert_all(
     encoding: Encoding | None, work: Work,
 ) -> Written:  # fmt: skip
     """Write all maps or costmaps of a topic into a folder: 0000.yaml, 0001.yaml and so on."""
-    from mapdeal.pipeline.bag_maps import grid_topic  # not loaded for maps
+    from mapdeal.pipeline.bag_maps import GridTopic, from_bag  # not loaded for maps
 
-    with grid_topic(path, topic, read_as=read_as) as found:
+    with from_bag(path, GridTopic, topic, read_as) as found:
         digits = max(4, len(str(len(found) - 1)))
         names = [folder / f"{number:0{digits}}.yaml" for number in range(len(found))]
         work.outputs += [path for name in names for path in output_paths(name)]
@@ -397,9 +397,9 @@ def _convert_all(
 
 
 def _read_bag(path: Path, topic: str | None, index: int, read_as: ReadAs | None) -> Source:
-    from mapdeal.pipeline.bag_maps import grid_topic  # not loaded for maps
+    from mapdeal.pipeline.bag_maps import GridTopic, from_bag  # not loaded for maps
 
-    with grid_topic(path, topic, read_as=read_as) as found:
+    with from_bag(path, GridTopic, topic, read_as) as found:
         grid, files = found.read(index), found.files
     if isinstance(grid, Costmap):
         warn_if_uniform(path, grid)

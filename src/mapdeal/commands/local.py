@@ -306,17 +306,17 @@ def local(
     if bag is None:
         cloud = local_maps.only_cloud(clouds) if clouds else None
         return _single(local_maps.LocalJob(cloud, pose or (), output), common, work, planner)
-    from mapdeal.pipeline.bag_maps import clouds_of_bag, sequence_of_bag  # few commands read bags
+    from mapdeal.pipeline import bag_maps  # few commands read bags
 
     trajectory = poses if poses is not None and has_times(poses) else None
     frame_options, is_raw = FrameOptions(poses=trajectory, **frames), options.frame == "map"
     has_poses = pose is not None or (poses is not None and trajectory is None)
-    poses_given: Any = {"has_poses": has_poses, "is_raw": is_raw}
-    with clouds_of_bag(bag, topics, frame_options, **poses_given) as source:
+    reader = partial(bag_maps.BagClouds, has_poses=has_poses, is_raw=is_raw)
+    with bag_maps.from_bag(bag, reader, topics, frame_options) as source:
         with work.counted(source.preparation) as advance:
             source.prepare(advance)
         if is_sequence:
-            jobs = sequence_of_bag(source, None if trajectory else poses, output)
+            jobs = bag_maps.sequence_of_bag(source, None if trajectory else poses, output)
             return _sequence(jobs, output, common, work, planner)
         number = source.number(index)
         place = source.pose(number) if pose is None else pose

@@ -155,6 +155,12 @@ def count_text(count: int, noun: str) -> str:
     return f"{count} {noun}{'s' * (count != 1)}"
 
 
+def few_text(names: Sequence[str], most: int) -> str:
+    """Return names as one text: at most so many, and how many more there are."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + f" and {more} more" * (more > 0)
+
+
 def decimal_text(number: float, digits: int = 4) -> str:
     """Return a number with a few digits and without an exponent, such as 275,800 or 0.00125."""
     return f"{Decimal(f'{number:.{digits}g}'):,f}" if math.isfinite(number) else f"{number}"

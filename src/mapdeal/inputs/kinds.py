@@ -210,8 +210,8 @@ def _kind_of_cloud(path: Path, head: bytes) -> FileKind | None:
     if head.startswith(b"\x93NUMPY"):
         from mapdeal.sensors.clouds import npy_figures
 
-        description = "an array of numpy (npy)"
-        return FileKind(CLOUD, description, f"of points, {_CLOUD_USE}", lambda: npy_figures(path))
+        use = f"of points, {_CLOUD_USE}"
+        return FileKind(CLOUD, "an array of numpy (npy)", use, lambda: npy_figures(path))
     return None
 
 
@@ -230,9 +230,8 @@ def _kind_of_npz(path: Path, head: bytes) -> FileKind | None:
             return FileKind(SCANS, "laser scans (npz)", _SCANS_USE, lambda: figures)
         if "points" in names or len(names) == 1:
             shape = reader.header("points" if "points" in names else next(iter(names))).shape
-            text = " x ".join(map(str, shape))
-            description = "an array of numpy (npz)"
-            return FileKind(CLOUD, description, f"of points, {_CLOUD_USE}", lambda: {"shape": text})
+            text, use = " x ".join(map(str, shape)), f"of points, {_CLOUD_USE}"
+            return FileKind(CLOUD, "an array of numpy (npz)", use, lambda: {"shape": text})
     return None
 
 
@@ -366,29 +365,23 @@ def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
         return FileKind(BAG, "the description of a ROS 2 bag", _BAG_USE)
     names = {key.decode().rpartition("/")[2] for key in _KEY.findall(head)}
     if names & _COSTMAP_KEYS or len(names & _COMMON_KEYS) > 1 or b"costmap_2d::" in head:
-        description = "a file of ROS parameters"
-        figures = {"nodes": ", ".join(entries)} if entries else {}
-        return FileKind(PARAMETERS, description, _PARAMETERS_USE, lambda: figures)
+        nodes = {"nodes": ", ".join(entries)} if entries else {}
+        return FileKind(PARAMETERS, "a file of ROS parameters", _PARAMETERS_USE, lambda: nodes)
     return None
 
 
 def _kind_of_numbers(path: Path, head: bytes) -> FileKind | None:
-    rows = [line.strip().decode("latin-1") for line in head.split(b"\n")[:-1] or [head]]
-    rows = [row for row in rows if row and not row.startswith("#")]
+    lines = [line.strip().decode("latin-1") for line in head.split(b"\n")[:-1] or [head]]
+    rows = [line for line in lines if line and not line.startswith("#")]
     if not rows or b"\0" in head:
         return None
     if len(rows) > 2 and rows[0].isdigit() and len(rows[1].split()) > 1:
         del rows[0]  # the number of points, as in .pts
     delimiter = delimiter_of(rows[-1])
     names = [coordinate_name(word) for word in rows[0].removeprefix("//").split(delimiter)]
-    if not names:
-        return None
-    if is_number(names[0]):
-        names = []
-    elif not {"x", "y"} <= set(names) or len(rows) == 1:
-        return None
+    has_names = {"x", "y"} <= set(names) and len(rows) > 1
     width = len(rows[-1].split(delimiter))
-    for row in rows[bool(names) :]:
+    for row in rows[has_names:]:
         words = row.split(delimiter)
         if len(words) != width or not all(map(is_number, words)):
             return None
@@ -401,7 +394,7 @@ def _kind_of_numbers(path: Path, head: bytes) -> FileKind | None:
             count, last = count + chunk.count(b"\n"), chunk[-1:]
         return {"lines": count + (last != b"\n")}
 
-    if names or (2 <= width <= _MOST_OF_A_POINT and width not in (_PLANAR, _TUM)):
+    if has_names or (2 <= width <= _MOST_OF_A_POINT and width not in (_PLANAR, _TUM)):
         description = f"a point cloud (text with {width} numbers a line)"
         return FileKind(NUMBERS, description, _CLOUD_USE, figures)
     if width == _TUM:
@@ -431,16 +424,14 @@ _HINT = "a map comes by a pipe as an npz: mapdeal convert MAP -o - makes one of 
 def save_npz(chunks: Iterable[bytes], folder: Path) -> Path:
     # Readers need a file: they seek, and compare its size and state.
     path = folder / f"{STDIN}.npz"
-    length = 0
-    head = b""
+    length, head = 0, b""
     with source.access_to(path, "written"), path.open("wb") as file:
         for chunk in chunks:
             length += len(chunk)
             file.write(chunk)
-            if len(head) < _HEAD_OF_STREAM:
-                head += chunk[:_HEAD_OF_STREAM]
-                if not head.startswith(_ZIP[: len(head)]) and len(head) >= _HEAD_OF_STREAM:
-                    break
+            head += chunk[: max(_HEAD_OF_STREAM - len(head), 0)]
+            if len(head) >= _HEAD_OF_STREAM and not head.startswith(_ZIP):
+                break
             if source.memory_limit()[0] is not None:
                 source.claim(STDIN, length)
             elif length > source.LONGEST_STREAM:

@@ -11,7 +11,7 @@ from functools import cached_property, reduce
 from itertools import compress, groupby, islice
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,8 @@ from mapdeal.sensors.points import read_trajectory
 from mapdeal.sensors.scans import ScanArrays, ScanSource
 
 ReadAs = Literal["map", "costs"]
+P = ParamSpec("P")
+T = TypeVar("T")
 
 _OF_COSTS = "costmap"  # word in the names of topics on which Nav2 and move_base publish costs
 
@@ -73,11 +75,12 @@ class GridTopic:
 
 
 @contextmanager
-def grid_topic(
-    path: Path, topic: str | None = None, *, read_as: ReadAs | None = None
-) -> Iterator[GridTopic]:
+def from_bag(
+    path: Path, reader: Callable[Concatenate[Bag, P], T], *args: P.args, **options: P.kwargs
+) -> Iterator[T]:
+    """Open a bag for a reader, such as `GridTopic`, within a ``with`` block."""
     with open_bag(path) as bag:
-        yield GridTopic(bag, topic, read_as)
+        yield reader(bag, *args, **options)
 
 
 def read_map_from_bag(
@@ -119,7 +122,7 @@ def read_map_from_bag(
         If the bag is damaged; the intact part is read.
     """
     settings = Settings(max_memory=max_memory)
-    with settings.reading(), grid_topic(Path(path), topic, read_as=read_as) as found:
+    with settings.reading(), from_bag(Path(path), GridTopic, topic, read_as) as found:
         return found.read(index)
 
 
@@ -551,15 +554,6 @@ class BagCloud(local.Cloud):
             yield points[first : first + _POINTS_TOGETHER]
 
 
-@contextmanager
-def clouds_of_bag(
-    path: Path, topics: Sequence[str], options: FrameOptions, *,
-    has_poses: bool, is_raw: bool = False,
-) -> Iterator[BagClouds]:  # fmt: skip
-    with open_bag(path) as bag:
-        yield BagClouds(bag, topics, options, has_poses=has_poses, is_raw=is_raw)
-
-
 def sequence_of_bag(
     source: BagClouds, poses_file: Path | None, output: Path
 ) -> list[local.LocalJob]:
@@ -713,11 +707,3 @@ def _as_arrays(scans: list[LaserScan], posed: Posed, stance: Stances) -> Iterato
         headings, shares = beams_in_plane(quaternions, angles)
         pose = np.array([[*posed.translations[k, :2], 0.0]])
         yield ScanArrays(pose, headings, (scan.ranges * shares)[np.newaxis])
-
-
-@contextmanager
-def scans_of_bag(
-    path: Path, topics: Sequence[str], options: FrameOptions, *, deskew: bool = False
-) -> Iterator[BagScans]:
-    with open_bag(path) as bag:
-        yield BagScans(bag, topics, options, deskew=deskew)

@@ -28,7 +28,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import GoalReach, Passage, Reach
-from mapdeal.grid.values import count_text, decimal_text
+from mapdeal.grid.values import count_text, decimal_text, few_text
 from mapdeal.kernels.blocks import blocks_of, gathered, made_by_rows, report_rows
 from mapdeal.kernels.lookup import histogram
 from mapdeal.maps.formats import listed, named, output_format, written_endings
@@ -44,7 +44,7 @@ from mapdeal.pipeline.step import Step
 from mapdeal.stages.catalogue import models_of
 from mapdeal.version import __version__
 
-_SHOWN_GOALS = 3
+_SHOWN = 3  # names and changes in a text
 _DEEPEST = 3  # mappings in mappings whose entries are listed one by one
 _COST_SHARES = ["lethal", "inscribed", "graded", "free", "unknown"]
 _OCCUPANCY_SHARES = ["occupied", "between", "free", "unknown"]
@@ -103,18 +103,13 @@ def _summary_of_reach(figures: Figures) -> str:
     if goals:
         parts.append(f"{len(goals) - len(missed)} of {count_text(len(goals), 'goal')}")
     if missed:
-        parts[-1] += f" (not {_named(missed)})"
+        parts[-1] += f" (not {few_text(missed, _SHOWN)})"
     if figures.get("passages"):
         text = count_text(figures["passages"], "passage")
         parts.append(f"{text}, {figures['closed_passages']} closed")
     elif "passages" in figures:
         parts.append("no narrow passages")
     return "; ".join(parts)
-
-
-def _named(names: Sequence[str]) -> str:
-    more = len(names) - _SHOWN_GOALS
-    return ", ".join(names[:_SHOWN_GOALS]) + f" and {more} more" * (more > 0)
 
 
 def _are_goals(value: object) -> TypeGuard[dict[str, bool]]:
@@ -660,9 +655,6 @@ def _is_manifest(value: object) -> TypeGuard[dict[str, Any]]:
     )
 
 
-_SHOWN = 3
-
-
 def store_golden(folder: Path, golden: Path, place: str | None = None) -> Path:
     target = golden / (place or folder.name) / MANIFEST
     with Transaction([target], force=True) as transaction:
@@ -709,8 +701,7 @@ def changes_between(old: Figures, new: Figures) -> str:
     if _are_goals(before) and _are_goals(after) and set(before) == set(after):
         for is_reached, words in ((False, "no longer reachable"), (True, "reachable now")):
             turned = [name for name in after if after[name] is is_reached is not before[name]]
-            texts += [f"{_named(turned)} {words}"] if turned else []
+            texts += [f"{few_text(turned, _SHOWN)} {words}"] if turned else []
         old, new = {**old, "goals": None}, {**new, "goals": None}
     texts += _changed_entries(old, new)
-    shown = errors.one_line(", ".join(texts[:_SHOWN]))
-    return shown + (f" and {len(texts) - _SHOWN} more" if len(texts) > _SHOWN else "")
+    return errors.one_line(few_text(texts, _SHOWN))

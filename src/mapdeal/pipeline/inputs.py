@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Protocol, TypedDict, TypeVar, cast
+from typing import Annotated, Any, NamedTuple, Protocol, TypedDict, TypeVar, cast
 
 import numpy as np
 
@@ -49,16 +49,13 @@ _ON_CANVAS = 0.9
 _READ = 1.0  # bytes of each cell of a map in memory; reading releases the rest before stages begin
 
 
-@dataclass(frozen=True)
-class _Demand:
+class _Demand(NamedTuple):
     base: int
     more: float
     block: int
 
 
-_DEMANDS = {
-    "compiled": _Demand(50_000_000, 0.0, 40), "scipy": _Demand(100_000_000, 12.0, 90)
-}  # fmt: skip
+_DEMANDS = {"compiled": _Demand(50_000_000, 0.0, 40), "scipy": _Demand(100_000_000, 12.0, 90)}
 
 _PER_COLUMN_OF_BLOCK = 20
 """Bytes for each column of each block, for its halo: `mapdeal.kernels.distance`."""

@@ -236,14 +236,13 @@ def _check_points(local: LocalMap, cloud: Path, *, required: bool) -> None:
     counts = local.counts
     if counts.marking:
         return
-    named = {
-        "are not finite": counts.not_finite,
-        "are beyond the height limits": counts.beyond_height,
-        "are beyond the range limits": counts.beyond_range,
-        "are beyond the angles": counts.beyond_angle,
-        "lie outside of the window": counts.outside,
-    }
-    parts = [f"{count} {reason}" for reason, count in named.items() if count]
+    named = (
+        (counts.not_finite, "are not finite"), (counts.beyond_angle, "are beyond the angles"),
+        (counts.beyond_height, "are beyond the height limits"),
+        (counts.beyond_range, "are beyond the range limits"),
+        (counts.outside, "lie outside of the window"),
+    )  # fmt: skip
+    parts = [f"{count} {reason}" for count, reason in named if count]
     why = f"of {counts.points} points {', '.join(parts)}" if parts else "it holds no points"
     if required:
         raise errors.MalformedInputError(f"no point marks a cell: {why}", source=cloud)
@@ -253,12 +252,9 @@ def _check_points(local: LocalMap, cloud: Path, *, required: bool) -> None:
 def _check_robot(inflated: OccupancyGrid, local: LocalMap, cloud: Path) -> None:
     """Warn if the robot's own cell is an obstacle: all of its routes are closed then."""
     (cell,), (inside,) = inflated.frame.bounded_rowcol_from_xy([local.pose[:2]])
-    if not inside or not inflated.occupied()[tuple(cell)]:
-        return
-    text = "the robot's own cell is an obstacle once inflated"
-    if local.counts.marking:
-        text += "; a larger min_range drops points of the robot itself"
-    errors.emit_warning(f"{cloud}: {text}")
+    if inside and inflated.occupied()[tuple(cell)]:
+        hint = "; a larger min_range drops points of the robot itself" * bool(local.counts.marking)
+        errors.emit_warning(f"{cloud}: the robot's own cell is an obstacle once inflated{hint}")
 
 
 def _figures_of(local: LocalMap, job: LocalJob, common: LocalCommon) -> Figures:
@@ -363,7 +359,7 @@ class RollingRun:
         summed = job.cloud.summed()
         first = 0 if self._keep is None else max(0, index + 1 - self._keep)
         before = self._summed[first:index]
-        missing = sum(cloud is None for cloud in before)
+        missing = before.count(None)
         parts = [
             [*([None] if cloud is None else (*cloud.sums.values(), *cloud.options.values())), *pose]
             for cloud, pose in zip(before, self._mapper.poses[first:index], strict=True)

@@ -10,18 +10,18 @@ rclcpp's declaration of parameters, which refuses values of another type.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.grid.frame import as_float32
+from mapdeal.grid.values import few_text
 from mapdeal.layers.area import CostmapArea
 from mapdeal.layers.catalogue import NAV2_PLUGINS
 from mapdeal.layers.layer import PluginEntry
 from mapdeal.ros.robot import (
-    ERASES,
     INJECTED,
     NOT_MODELLED,
     Corners,
@@ -167,7 +167,7 @@ _COSTLESS_FILTERS = {
 _FILTERS = (_PREFIX + "KeepoutFilter", *_COSTLESS_FILTERS)
 _KNOWN_CLASSES = (*NAV2_PLUGINS, *_COSTLESS_FILTERS, _CONTAINER)
 _LONGEST_CLASS_NAME = 100  # characters of a name that are compared with names of classes
-_MOST_LAYERS = 200
+_MOST_LAYERS, _MOST_LISTED = 200, 8
 
 _DEFAULTS = {
     "static_layer": _STATIC,
@@ -382,8 +382,8 @@ def _resolved(
     layers = None if shape is None else _listed_layers(values, shape.inscribed_radius)
     if shape is None or layers is None:
         return None
-    for listed in erasing_layers(layers):
-        values.problem("params.erases-map", "warning", ERASES, f"{listed.name}.combination_method")
+    for name, text in erasing_layers(layers):
+        values.problem("params.erases-map", "warning", text, f"{name}.combination_method")
     layers = _with_static(values, layers, costmap)
     track, area = values.flag("track_unknown_space"), _area(values) if has_cells else None
     return shape.robot(
@@ -480,7 +480,8 @@ def _node_of(
         hint = f"--namespace {robots[0]} takes a robot of the file" if robots else None
         return node, (Problem("params.defaults", "warning", text, source=source, hint=hint),)
     if namespace is not None:
-        text = f"no parameters of {node}; namespaces with such a node: {_listed(spaces) or 'none'}"
+        known = few_text([space or "none" for space in spaces], _MOST_LISTED) or "none"
+        text = f"no parameters of {node}; namespaces with such a node: {known}"
         hint = f"--namespace {spaces[0]}" if spaces and spaces[0] else None
         if spaces == [""]:
             hint = "omit --namespace: the file's nodes have none"
@@ -490,14 +491,14 @@ def _node_of(
         problem = Problem("params.only-namespace", "warning", text, source=source, hint=hint)
         return f"/{robots[0]}/{costmap_node}", (problem,)
     elif robots:
-        text = f"holds several robots, in the namespaces {_listed(robots)}"
+        text = f"holds several robots, in the namespaces {few_text(robots, _MOST_LISTED)}"
         hint = f"choose one with --namespace {robots[0]}"
     else:
         single_level = tuple(_single_level_nodes(parameters, node, "refused"))
         if single_level:
             return None, single_level
         check = "params.no-node"
-        names = _listed(entry.name for entry in parameters.nodes)
+        names = few_text([entry.name for entry in parameters.nodes], _MOST_LISTED)
         text = f"holds no parameter of {node}; it has {names}"
         hint = f"pass the file that has {costmap}_costmap: {costmap}_costmap: ros__parameters:"
         if sibling_spaces:
@@ -542,9 +543,3 @@ def _namespaces(parameters: Ros2Parameters, costmap_node: str) -> list[str]:
             if len(space) < _LONGEST_NAMESPACE and _is_meant_for(entry, node):
                 found[space] = None
     return list(found)
-
-
-def _listed(names: Iterable[str], most: int = 8) -> str:
-    names = [name or "none" for name in names]
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more

@@ -447,16 +447,14 @@ def shape_of(
     return Shape(Footprint(vertices=padded), padding, radius, *radii_of(padded))
 
 
-ERASES = "replaces all costs of the layers below, by free ones until there are observations"
-
-
-def erasing_layers(layers: Sequence[ListedLayer]) -> Iterator[ListedLayer]:
-    """Yield layers that overwrite the costs of a map without reading a map themselves."""
+def erasing_layers(layers: Sequence[ListedLayer]) -> Iterator[tuple[str, str]]:
+    """Yield the names of layers that overwrite the costs of a map without reading one, and why."""
     reads_map = False
+    text = "replaces all costs of the layers below, by free ones until there are observations"
     for listed in layers:
         if listed.layer is not None and listed.is_enabled:
             if reads_map and listed.needs and listed.layer.overwrites_all:
-                yield listed
+                yield listed.name, text
             reads_map = reads_map or listed.layer.reads_map
 
 

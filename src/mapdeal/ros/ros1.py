@@ -39,7 +39,6 @@ from mapdeal.layers.area import CostmapArea
 from mapdeal.layers.catalogue import ROS1_PLUGINS
 from mapdeal.layers.layer import PluginEntry
 from mapdeal.ros.robot import (
-    ERASES,
     INJECTED,
     MISSPELT,
     NOT_MODELLED,
@@ -745,8 +744,8 @@ def _resolved(server: Ros1Server) -> RobotParameters | None:
         server.problem("params.other-map", "warning", text, place)
     if plugins is None or shape is None:  # after reading the layers, to report their problems
         return None
-    for listed in erasing_layers(layers):
-        server.problem("params.erases-map", "warning", ERASES, (listed.name, "combination_method"))
+    for name, text in erasing_layers(layers):
+        server.problem("params.erases-map", "warning", text, (name, "combination_method"))
     if not any(listed.plugin == _STATIC for listed in layers):
         if server.costmap == "local":
             static = ROS1_PLUGINS[_STATIC](INJECTED)
