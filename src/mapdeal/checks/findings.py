@@ -329,8 +329,8 @@ class LintConfig:
     select: Names | None = None
     ignore: Names | None = None
     strict: bool = False
-    per_file_ignores: tuple[tuple[str, Names], ...] = field(default=())
-    severity: tuple[tuple[str, str], ...] = field(default=())
+    per_file_ignores: tuple[tuple[str, Names], ...] = ()
+    severity: tuple[tuple[str, Severity], ...] = ()
 
 
 def find_lint_config(folder: Path) -> LintConfig | None:
@@ -340,10 +340,8 @@ def find_lint_config(folder: Path) -> LintConfig | None:
     for place in (start, *start.parents):
         if exists(place / OWN_FILE):
             return read_lint_config(place / OWN_FILE) or LintConfig(place / OWN_FILE, "lint")
-        if exists(place / PYPROJECT):
-            config = read_lint_config(place / PYPROJECT)
-            if config is not None:
-                return config
+        if exists(place / PYPROJECT) and (config := read_lint_config(place / PYPROJECT)):
+            return config
     return None
 
 
@@ -455,7 +453,7 @@ EVERYTHING = "all"
 class Selection:
     checks: frozenset[str]
     strict: bool = False
-    folder: Path | None = None
+    folder: Path = Path()
     per_file: tuple[tuple[str, frozenset[str]], ...] = ()
     severity: Mapping[str, Severity] = field(default_factory=dict)
 
@@ -481,7 +479,7 @@ class Selection:
         return tuple(sorted(ranked, key=lambda found: SEVERITIES.index(found.severity))), suppressed
 
     def _ignored_in(self, file: Path) -> frozenset[str]:
-        if not self.per_file or self.folder is None:
+        if not self.per_file:
             return frozenset()
         path, folder = normal_path(file), normal_path(self.folder)
         if folder not in path.parents:
@@ -500,34 +498,26 @@ def selection_of(
     config: LintConfig | None = None,
 ) -> Selection:  # fmt: skip
     checks = frozenset(name for name, check in CHECKS.items() if not check.on_request)
-    per_file: tuple[tuple[str, frozenset[str]], ...] = ()
-    severity: dict[str, Severity] = {}
-    if config is not None:
-        source, table = config.source, config.table
-        checks = _refine(
-            checks,
-            _ranks(config.select or (), source, f"{table}.select"),
-            _ranks(config.ignore or (), source, f"{table}.ignore"),
-            selects=config.select is not None,
-        )
-        per_file = tuple(
-            (pattern, frozenset(_ranks(names, source, f'{table}.per-file-ignores."{pattern}"')))
-            for pattern, names in config.per_file_ignores
-        )
-        ranks: dict[str, int] = {}
-        for text, level in config.severity:
-            for name, rank in _ranks([text], source, f"{table}.severity").items():
-                if rank >= ranks.get(name, 0):
-                    ranks[name] = rank
-                    severity[name] = level  # type: ignore[assignment]
-    checks = _refine(
-        checks, _ranks(select, "--select"), _ranks(ignore, "--ignore"), selects=bool(select)
+    config = config or LintConfig(Path(), "")
+    source, table = config.source, config.table
+    selected, ignored = (
+        _ranks(names or (), source, f"{table}.{key}")
+        for key, names in (("select", config.select), ("ignore", config.ignore))
     )
-    return Selection(
-        checks, strict=strict or (config is not None and config.strict),
-        folder=None if config is None else config.source.parent, per_file=per_file,
-        severity=severity,
-    )  # fmt: skip
+    checks = _refine(checks, selected, ignored, selects=config.select is not None)
+    per_file = tuple(
+        (pattern, frozenset(_ranks(names, source, f'{table}.per-file-ignores."{pattern}"')))
+        for pattern, names in config.per_file_ignores
+    )
+    severity: dict[str, Severity] = {}
+    ranks: dict[str, int] = {}
+    for text, level in config.severity:
+        for name, rank in _ranks([text], source, f"{table}.severity").items():
+            if rank >= ranks.get(name, 0):
+                ranks[name], severity[name] = rank, level
+    selected, ignored = _ranks(select, "--select"), _ranks(ignore, "--ignore")
+    checks = _refine(checks, selected, ignored, selects=bool(select))
+    return Selection(checks, strict or config.strict, source.parent, per_file, severity)
 
 
 class Selections:
@@ -572,9 +562,8 @@ def _ranks(names: Iterable[str], source: Path | str, place: str | None = None) -
     for text in names:
         matching = _matches(text)
         if not matching:
-            raise ParameterError(
-                "unknown check", source=source, place=place, got=text, hint=hint_for(text)
-            )
+            where: Any = {"source": source, "place": place, "hint": hint_for(text)}
+            raise ParameterError("unknown check", got=text, **where)
         for name, rank in matching.items():
             ranks[name] = max(rank, ranks.get(name, 0))
     return ranks

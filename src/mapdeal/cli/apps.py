@@ -28,7 +28,7 @@ from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.png import write_indexed_png
 from mapdeal.pipeline.folder import files_of, step_line
 from mapdeal.pipeline.inputs import InShell, Map, Work, frame_of_file
-from mapdeal.pipeline.recipe import load_recipe, recipe_words, step_for, step_of_recipe
+from mapdeal.pipeline.recipe import RecipeName, load_recipe, step_for, step_of_recipe
 from mapdeal.pipeline.run import SingleResult, apply_to_file
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step, make_step
@@ -55,7 +55,7 @@ _EDITED = "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz."
 def _apply_stage(
     models: Mapping[str | None, Stage], *, source: Path, output: Path, work: InShell,
     footprint: Footprint | None = None, robot: Annotated[RobotParameters | None, Words()] = None,
-    recipe: Annotated[str | None, Words("NAME|FILE", completed=recipe_words)] = None,
+    recipe: RecipeName = None,
     encoding: Encoding = "occupancy", curve: Annotated[Path | None, Words("FILE.png")] = None,
     **values: Any,
 ) -> SingleResult:  # fmt: skip

@@ -164,7 +164,7 @@ def run_maps(
     pose: Annotated[tuple[float, float, float] | None, Words("X,Y,YAW")] = None,
     cloud: Annotated[str | None, Words("FILE")] = None,
     frame: CloudFrame | None = None,
-    local_recipe: Annotated[str | None, Words("NAME|FILE", completed=recipes.recipe_words)] = None,
+    local_recipe: recipes.RecipeName = None,
     local_changes: Annotated[
         list[str] | None,
         Words("STAGE.PARAMETER=VALUE", name="local-set", completed=recipes.setting_words),

@@ -187,11 +187,8 @@ def read_document(path: Path) -> JsonValue:
     data = read_file(path, limit=LARGEST_DOCUMENT)
     claim(path, OF_JSON * len(data))
     try:
-        value = json.loads(
-            data.decode("utf-8-sig"),
-            parse_constant=_refuse_constant,
-            object_pairs_hook=_without_duplicates,
-        )
+        text, hook = data.decode("utf-8-sig"), _without_duplicates
+        value = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=hook)
     except UnicodeDecodeError as error:
         place = f"byte {error.start}"
         raise MalformedInputError("not UTF-8", source=path, place=place) from None

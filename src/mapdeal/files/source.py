@@ -359,7 +359,7 @@ def default_limit(jobs: int = 1) -> int | None:
 
 def use_memory(
     limit: int | None, *, is_chosen: bool = True, anew: bool = False
-) -> AbstractContextManager[None]:  # fmt: skip
+) -> AbstractContextManager[None]:
     """Limit the memory of readers within a ``with`` block; None leaves the limit unchanged."""
     if limit is not None:
         return set_within(_current, _Budget(limit, "" if is_chosen else SHARE_OF_JOB))

@@ -278,19 +278,13 @@ _DOCUMENTS = {
         "the summary of a batch", "#maps", "mapdeal info describes the folder of each of its maps"
     ),
     "route": ("a route (JSON)", "#points length_m", _OF_A_MAP_USE),
-    "reach": (
-        "what a robot can reach (JSON)", "reachable_m2 #passages #goals", _OF_A_MAP_USE
-    ),
+    "reach": ("what a robot can reach (JSON)", "reachable_m2 #passages #goals", _OF_A_MAP_USE),
     "lint": ("what lint has found (JSON)", "#maps errors warnings notes", _REPORT_USE),
-    "diff": (
-        "what differs between two maps (JSON)", "cells=common_cells differing", _REPORT_USE
-    ),
+    "diff": ("what differs between two maps (JSON)", "cells=common_cells differing", _REPORT_USE),
     "difference of costs": (
         "what differs between two costmaps (JSON)", "cells=common_cells differing", _REPORT_USE
     ),
-    "difference of robots": (
-        "what a change of a robot's parameters means (JSON)", "", _REPORT_USE
-    ),
+    "difference of robots": ("what a change of a robot's parameters means (JSON)", "", _REPORT_USE),
     "plan": ("plans of a robot's planner (JSON)", "#goals", "mapdeal plan --expect compares it"),
     "alignment": (
         "where one map lies in the frame of another (JSON)", "same_place",

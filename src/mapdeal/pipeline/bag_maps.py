@@ -422,22 +422,21 @@ class BagClouds:
             self._frames.read_alone(sensor, advance)
         else:
             self._frames.read({sensor}, advance)
-        self._base = self._frames.base_frame()
+        self._base = base = self._frames.base_frame()
+        if base is not None and self._frames.tree.leads(base, sensor):
+            return
+        text = f"no transforms lead from {BASE_FRAMES[0]} to {sensor}"
         if not self._has_poses:
-            if self._base is None or not self._frames.tree.leads(self._base, sensor):
-                self._base = None
-                text = f"no transforms lead from {BASE_FRAMES[0]} to {sensor}: the robot's pose is "
-                self.bag.remark(f"{text}that of {sensor}")
+            self.bag.remark(f"{text}: the robot's pose is that of {sensor}")
+        elif self._is_raw:
             return
-        if self._is_raw or (self._base is not None and self._frames.tree.leads(self._base, sensor)):
-            return
-        self._base = None
-        if sensor in FIXED_FRAMES:
+        elif sensor in FIXED_FRAMES:
             rule = f"the points of {self.topic} are in frame {sensor}"
             raise ParameterError(rule, source="--frame", hint="--frame map takes them so")
-        if sensor not in BASE_FRAMES:
-            text = f"no transforms lead from {BASE_FRAMES[0]} to {sensor}: its points are taken for"
-            self.bag.remark(f"{text} the robot's own; --mount gives the pose of the sensor")
+        elif sensor not in BASE_FRAMES:
+            text += ": its points are taken for the robot's own"
+            self.bag.remark(f"{text}; --mount gives the pose of the sensor")
+        self._base = None
 
     def number(self, index: int | None) -> int:
         return _number_in(self._index, -1 if index is None else index, self.topic, source="--index")
@@ -617,10 +616,8 @@ class BagScans(ScanSource):
         readings = 0
         for place in self._index:
             scan = self._decoder.read(place, messages.laser_scan_of)
-            if scan.time == 0:
-                self._unstamped += 1
-                scan = scan.at(place.time)
-            together.append(scan)
+            self._unstamped += scan.time == 0
+            together.append(scan if scan.time else scan.at(place.time))
             count = len(scan.ranges)
             claim(self._bag.path, _OF_READING * count, what=f"the {count} readings of a scan")
             readings += count
@@ -679,11 +676,9 @@ class BagScans(ScanSource):
         for _, group in groupby(placed, kind):
             run, parts = zip(*group, strict=True)
             rows = np.concatenate(parts)
-            yield (
-                list(run),
-                Posed(posed.translations[rows], posed.quaternions[rows], posed.known[rows]),
-                Stances(*(getattr(stance, name)[rows] for name in Stances.__annotations__)),
-            )
+            own = Posed(posed.translations[rows], posed.quaternions[rows], posed.known[rows])
+            fields = (getattr(stance, name)[rows] for name in Stances.__annotations__)
+            yield list(run), own, Stances(*fields)
 
     def _deskewed(self, scans: list[LaserScan]) -> Iterator[ScanArrays]:
         for run, posed, stance in self._runs(scans, [scan.beam_times() for scan in scans]):

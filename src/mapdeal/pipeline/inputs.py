@@ -117,9 +117,7 @@ def opened_map(
         yield replace(source, sums=file.sums_by_name(sums) if with_sums else {})
 
 
-def _read(
-    file: MapFile, steps: Sequence[Step], image_max: int | None, canvas: Canvas
-) -> Source:  # fmt: skip
+def _read(file: MapFile, steps: Sequence[Step], image_max: int | None, canvas: Canvas) -> Source:
     limit, _ = sources.memory_limit()
     budget = _NO_LIMIT if limit is None else limit
     _, blocks = _plan_blocks(file, file.shape(), steps, budget, image_max, canvas)
@@ -163,7 +161,7 @@ def _plan_blocks(
 
 def check_fits(
     path: Path | str, shape: tuple[int, int], steps: Sequence[Step], image_max: int | None
-) -> None:  # fmt: skip
+) -> None:
     count = bytes_in_memory(shape, steps, image_max) - _DEMANDS[engine_name()].base
     sources.claim(path, count, what=f"{shape[1]} x {shape[0]} cells")
 
@@ -497,7 +495,7 @@ def numbers_of(
 
 def claim_cells(
     map_read: MapInput, per_cell: float, *, measures: bool = False, **reading: Unpack[Reading]
-) -> None:  # fmt: skip
+) -> None:
     with settings_of(**reading).reading():
         claim_work(map_read.name, map_read.grid, per_cell, measures=measures)
 

@@ -41,10 +41,6 @@ _LINE = re.compile(r"(?:(?P<key>[^(]*) \()?line (?P<line>\d+)(?:, (?P<column>col
 BUILT_IN = ("default", "nav2", "local", "arena", "design-real", "design-sim", "design-local")
 
 
-def recipe_words() -> Iterable[str]:
-    return BUILT_IN
-
-
 def setting_words() -> Iterable[str]:
     words: dict[str, None] = {}  # models of a stage share parameters
     for stage in STAGES:
@@ -56,7 +52,7 @@ def setting_words() -> Iterable[str]:
     return words
 
 
-RecipeName = Annotated[str | None, Words("NAME|FILE", completed=recipe_words)]
+RecipeName = Annotated[str | None, Words("NAME|FILE", completed=lambda: BUILT_IN)]
 Changes = Annotated[
     list[str] | None, Words("STAGE.PARAMETER=VALUE", name="set", completed=setting_words)
 ]
@@ -247,7 +243,7 @@ def put_map_rules(draft: Draft, robot: RobotParameters) -> None:
 
 def put_value(
     name: str, own: StageValues, key: str, value: object, source: str | None = None
-) -> None:  # fmt: skip
+) -> None:
     stage = _model_of(name, own.get("model"))
     layers: Any = own.get("layers")
     if stage is not None and key not in stage.parameters and isinstance(layers, tuple):

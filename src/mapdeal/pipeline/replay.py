@@ -583,7 +583,7 @@ class CellWatch:
 
 def _count(
     counter: Counter[str], selected: NDArray[np.bool_], reasons: Reasons, no_reason: str
-) -> None:  # fmt: skip
+) -> None:
     for applies, reason in reasons:
         counter[reason] += int(np.count_nonzero(selected & applies))
         selected = selected & np.logical_not(applies)

@@ -300,7 +300,7 @@ class ClusterWorkers:
         """Wait while the client reconnects to a lost scheduler."""
         end = time.monotonic() + 2 * _TIMEOUT
         while self._client.status == "connecting" and time.monotonic() < end:
-            time.sleep(0.1)
+            time.sleep(_POLL_INTERVAL)
         if self._client.status != "running":
             rule = f"was not started: the scheduler {self._address} is gone"
             raise WorkerDiedError(rule, source=job.path)

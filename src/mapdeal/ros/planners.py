@@ -105,7 +105,7 @@ def has_server(parameters: Ros2Parameters) -> bool:
 
 def planners_of(
     robot: RobotParameters, parameters: Ros2Parameters | None = None
-) -> tuple[tuple[ListedPlanner, ...], tuple[Problem, ...]]:  # fmt: skip
+) -> tuple[tuple[ListedPlanner, ...], tuple[Problem, ...]]:
     """Return the planners of a robot's planner server in order, and the problems found."""
     parameters = parameters or read_ros2(robot.paths)
     node = f"{robot.node.removesuffix(_COSTMAP_NODE)}/{PLANNER_SERVER}"

@@ -347,9 +347,7 @@ def _joined(path: _Path, name: str) -> _Path:
 _NAMES: tuple[CostmapName, ...] = ("global", "local")
 _COSTMAPS = tuple(f"{name}_costmap" for name in _NAMES)
 _NODE, _RECONFIGURE = "move_base", "dynamic_reconfigure"
-_KINDS = {
-    "bool": "true or false", "int": "a whole number", "double": "a number", "string": "text",
-}  # fmt: skip
+_KINDS = {"bool": "true or false", "int": "a whole number", "double": "a number", "string": "text"}
 
 _Value = TypeVar("_Value", bool, int, float, str)
 
