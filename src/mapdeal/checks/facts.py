@@ -462,9 +462,8 @@ class MaskFacts:
     def start_is_closed(self) -> bool:
         if self.start is None or self.info.kind != "keepout":
             return False
-        cells, inside = self.grid.frame.bounded_rowcol_from_xy([self.start[:2]])
-        row, col = cells[0].tolist()
-        return bool(inside[0] and self.closed[row, col])
+        (cell,), (inside,) = self.grid.frame.bounded_rowcol_from_xy([self.start[:2]])
+        return bool(inside and self.closed[tuple(cell)])
 
     @cached_property
     def reaches(self) -> tuple[Reach, Reach] | None:
@@ -476,10 +475,8 @@ class MaskFacts:
 
         def reach(start: Sequence[float] | None, keepout: NDArray[np.bool_] | None) -> Reach:
             ground = Ground(np.asarray(self.grid.occupancy), self.grid.frame, False, keepout)
-            return reach_on(
-                ground, self.robot, start=start, goals=self.goals, headings=72, margin=0.0,
-                min_area=1.0,
-            )  # fmt: skip
+            numbers: Any = {"headings": 72, "margin": 0.0, "min_area": 1.0}
+            return reach_on(ground, self.robot, start=start, goals=self.goals, **numbers)
 
         after = reach(self.start, self.closed)  # a default start lies outside of all zones
         return reach(after.start if self.start is None else self.start, None), after

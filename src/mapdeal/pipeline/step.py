@@ -78,9 +78,11 @@ class Step:
             cells, available = grid.shape[0] * grid.shape[1], room()
             values[argument] = available is None or per_cell * cells <= available
             if not values[argument]:
-                size = size_text(int(per_cell * cells))
-                text = f"{products} are left out: with them it would take {size} of memory"
-                emit_warning(f"{self.name}: {text}, which --max-memory can allow")
+                text = f"{self.name}: {products} are left out: with them it would take "
+                text += (
+                    f"{size_text(int(per_cell * cells))} of memory, which --max-memory can allow"
+                )
+                emit_warning(text)
         try:
             with activity(self.name):
                 return self.stage.function(grid, **values)
@@ -93,9 +95,8 @@ class Step:
         return self.stage.curve(box, self.parameters)
 
     def no_curve(self) -> ParameterError:
-        words = " ".join(filter(None, [self.name, self.stage.model]))
         rule = "no cost depends on the distance from an obstacle, so it has no curve"
-        return ParameterError(rule, source=words)
+        return ParameterError(rule, source=" ".join(filter(None, [self.name, self.stage.model])))
 
     def input_of(self, grid: Grid, source: Path | None = None) -> Grid:
         """Return the grid, or the map in it if the stage does not accept the grid itself."""

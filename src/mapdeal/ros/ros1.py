@@ -20,6 +20,7 @@ import hashlib
 import math
 import operator
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -467,14 +468,12 @@ class Ros1Server:
 
 def _type_hint(value: ParameterValue | Ros1Namespace, kind: str) -> str | None:
     if kind in ("int", "double") and value.kind == "string":
-        try:
+        with suppress(ValueError):
             number = float(value.value)
-        except ValueError:
-            return None
-        is_quoted = value.text[:1] in ("'", '"')
-        why = ", without quotes" if is_quoted else "; YAML 1.1 takes this for text"
-        shown = repr(number) if "." in repr(number) else repr(number).replace("e", ".0e")
-        return f"write {shown}{why}" if math.isfinite(number) else None  # 1e-05 is text, too
+            is_quoted = value.text[:1] in ("'", '"')
+            why = ", without quotes" if is_quoted else "; YAML 1.1 takes this for text"
+            shown = repr(number) if "." in repr(number) else repr(number).replace("e", ".0e")
+            return f"write {shown}{why}" if math.isfinite(number) else None  # 1e-05 is text, too
     if kind == "bool" and value.value in (0, 1, "true", "false", "True", "False"):
         return f"write {'true' if value.value in (1, 'true', 'True') else 'false'}"
     return None
@@ -499,12 +498,14 @@ def load_server(
         return server, False
     for file, found in zip(files, owners, strict=True):
         if not found and len(files) > 1 and _costmap_of_name(file.source) not in (None, costmap):
-            text = "is ignored: by its name it belongs to the other costmap; "
-            text += f"{costmap} was requested"
-            hint = "pass it with the files of its own costmap only, or rename it"
-            server.problems.append(
-                Problem("params.other-costmap", "warning", text, source=file.source, hint=hint)
+            text = (
+                f"is ignored: by its name it belongs to the other costmap; {costmap} was requested"
             )
+            hint = "pass it with the files of its own costmap only, or rename it"
+            problem = Problem(
+                "params.other-costmap", "warning", text, source=file.source, hint=hint
+            )
+            server.problems.append(problem)
             continue
         members = dict(file.parameters.members)
         absolute = members.pop(_ROOT, None)
@@ -530,11 +531,8 @@ def costmaps_named(files: Sequence[Ros1File]) -> tuple[CostmapName, ...]:
 
 def _nodes_in(namespace: Ros1Namespace) -> list[_Path]:
     """Return the paths of the nodes above a file's costmaps, only those of the least depth."""
-    found = [
-        path[:-1]
-        for path, value in (*namespace.namespaces(), *namespace.values())
-        if path[-1] in _COSTMAPS
-    ]
+    members = (*namespace.namespaces(), *namespace.values())
+    found = [path[:-1] for path, _ in members if path[-1] in _COSTMAPS]
     nearest = min(map(len, found), default=0)
     return list(dict.fromkeys(path for path in found if len(path) == nearest))
 
@@ -559,10 +557,8 @@ def _chosen_node(paths: Sequence[_Path], namespace: str | None) -> tuple[_Path, 
         nodes = [(*requested, *path) for path in nodes]
     if len(nodes) > 1:
         text = f"costmaps have several parent nodes: {', '.join(map('/'.join, nodes))}"
-        hint = f"choose one with --namespace {'/'.join(nodes[0][:-1])}"
-        return nodes[0], Problem(
-            "params.namespace", "refused", text, hint=hint if spaces - {()} else None
-        )
+        choice = f"choose one with --namespace {'/'.join(nodes[0][:-1])}" if spaces - {()} else None
+        return nodes[0], Problem("params.namespace", "refused", text, hint=choice)
     return (nodes[0] if nodes else (*requested, _NODE)), None
 
 
@@ -719,9 +715,8 @@ def _has_costmap(server: Ros1Server) -> bool:
     spaces = [path for file in server.files for path, _ in file.parameters.namespaces()]
     if any(path[-1] in _COSTMAPS for path in spaces):
         return True  # a file that names a costmap is a costmap file, whatever its parameters
-    names = list(found.members)
-    text = f"holds no parameter of a costmap; it has {', '.join(names[:3])}"
-    text += ", ..." if len(names) > 3 else ""
+    names = ", ".join([*found.members][:3]) + ", ..." * (len(found.members) > 3)
+    text = f"holds no parameter of a costmap; it has {names}"
     hint = "give Nav2's parameters, with ros__parameters, or the costmap files of ROS 1"
     server.problem("params.namespace", "refused", text, hint=hint)
     return False
