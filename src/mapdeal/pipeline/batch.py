@@ -107,8 +107,9 @@ def jobs_at_once(requested: int | None, maps: int, terminal: Terminal) -> int:
     processors = available_threads()
     most = max(_LEAST_CAP, _MOST_PER_PROCESSOR * processors)
     if requested is not None and requested > most:
-        text = f"note: --jobs {requested}: using {most}, as there are {processors} cores"
-        terminal.remark([text])
+        terminal.remark(
+            [f"note: --jobs {requested}: using {most}, as there are {processors} cores"]
+        )
     return min(requested or processors, maps, most)
 
 
@@ -188,7 +189,7 @@ class Plan:
         if self.need is not None:
             memory = size_text(self.need.memory) + " in blocks" * self.need.by_blocks
         where = f"{self.job.name} -> {self.job.folder}"
-        return self.status, str(len(self.writes)) if self.writes else "-", size, memory, where
+        return self.status, str(len(self.writes) or "-"), size, memory, where
 
     def document(self) -> dict[str, Any]:
         document: dict[str, Any] = {"map": self.job.name, "folder": self.job.place}

@@ -39,7 +39,7 @@ from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pictures import layers
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.overlay import KnownLines, OtherThan, Overlay, Overlays, RobotOverlay
-from mapdeal.pipeline.settings import Settings, collected_from, located, passes_reported, portable
+from mapdeal.pipeline.settings import Settings, collected_from, passes_reported, portable, renamed
 from mapdeal.pipeline.step import Step
 from mapdeal.stages.catalogue import models_of
 from mapdeal.version import __version__
@@ -477,7 +477,8 @@ class OutputFolder:
         return figures if is_same else None
 
     def repeat_warnings(self, filling: Filling) -> None:
-        for text in located(stored_manifest(self.path).get("warnings", ()), filling.named):
+        paths = {file.name: str(file) for file in filling.named}
+        for text in renamed(stored_manifest(self.path).get("warnings", ()), paths):
             if text not in filling.warnings:
                 errors.emit_warning(text)
 

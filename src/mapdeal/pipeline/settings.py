@@ -145,14 +145,10 @@ def collected_from(items: Iterable[Item], texts: list[str]) -> Iterator[Item]:
 
 def portable(texts: Iterable[str], files: Iterable[Path]) -> list[str]:
     """Return each warning once, with names of files instead of their paths."""
-    return _renamed(texts, {str(file): file.name for file in files})
+    return renamed(texts, {str(file): file.name for file in files})
 
 
-def located(texts: Iterable[str], files: Iterable[Path]) -> list[str]:
-    return _renamed(texts, {file.name: str(file) for file in files})
-
-
-def _renamed(texts: Iterable[str], names: dict[str, str]) -> list[str]:
+def renamed(texts: Iterable[str], names: dict[str, str]) -> list[str]:
     """Return each text once, on one line; rename the file that it begins with."""
     # A colon follows the name, perhaps a line number.
     renamed: dict[str, None] = {}
