@@ -66,7 +66,7 @@ _CLOUD_USE = (
 )
 _SCANS_USE = "mapdeal build {path} -o OUT.yaml makes a map of it"
 _POSES_USE = "--poses {path} gives it to mapdeal build and mapdeal local"
-_BAG_USE = "mapdeal info {path} lists its topics; convert, build and local --cloud take them"
+_BAG_USE = "mapdeal info {path} lists its topics; convert, build [--cloud], local --cloud take them"
 _PARAMETERS_USE = (
     "mapdeal run MAP -o DIR --params-file {path} takes it, mapdeal lint --params-file {path} "
     "checks it; in Python mapdeal.read_robot_parameters reads it"
