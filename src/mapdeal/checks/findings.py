@@ -313,11 +313,8 @@ OWN_FILE, PYPROJECT = "mapdeal.toml", "pyproject.toml"
 
 _LARGEST = 1 << 20
 
-_NAME = r"[\w.-]+"
-_IGNORE = re.compile(
-    r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?"
-    rf"((?:[ \t]*{_NAME}(?:[ \t]*,[ \t]*{_NAME})*)?)"
-)
+_IGNORE = re.compile(r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?")
+_NAME = re.compile(r"[ \t]*([\w.-]+)[ \t]*")
 
 Names = tuple[str, ...]
 
@@ -441,8 +438,18 @@ def read_ignore_comments(path: Path, limit: int = OF_MAPS.bytes) -> list[IgnoreC
     except (FileAccessError, MalformedInputError):
         return []
     lines = enumerate(data.decode("utf-8-sig", "replace").splitlines(), start=1)
-    found = ((number, _IGNORE.search(line)) for number, line in lines)
-    return [IgnoreComment(n, tuple(re.findall(_NAME, match[1]))) for n, match in found if match]
+    found = ((number, line, _IGNORE.search(line)) for number, line in lines)
+    return [IgnoreComment(n, _names_in(line[m.end() :])) for n, line, m in found if m]
+
+
+def _names_in(text: str) -> Names:
+    names = []
+    for part in text.split(","):
+        name = _NAME.match(part)
+        names += [name[1]] if name else []
+        if not name or name.end() < len(part):
+            break
+    return tuple(names)
 
 
 UNUSED = "lint.unused-ignore"
