@@ -14,10 +14,7 @@ def grid(
     moves: NDArray[np.uint8],
 ) -> tuple[int, int]: ...
 def smooth(
-    raw: NDArray[np.float64],
-    path: NDArray[np.float64],
-    data_weight: float,
-    smooth_weight: float,
+    raw: NDArray[np.float64], path: NDArray[np.float64], data_weight: float, smooth_weight: float
 ) -> float: ...
 def theta(
     costs: NDArray[np.uint8],

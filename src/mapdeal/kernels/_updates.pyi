@@ -12,9 +12,5 @@ def clear(
     unknown_threshold: int,
 ) -> None: ...
 def spread(
-    seeds: NDArray[Any],
-    squares: NDArray[Any],
-    queue: NDArray[Any],
-    ends: NDArray[Any],
-    most: int,
+    seeds: NDArray[Any], squares: NDArray[Any], queue: NDArray[Any], ends: NDArray[Any], most: int
 ) -> None: ...

@@ -15,11 +15,7 @@ from mapdeal.grid.costmap import UNIFORM_SHARE, Costmap
 from mapdeal.grid.field import DistanceField, FieldView
 from mapdeal.grid.frame import Figures, Frame
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import (
-    DEFAULT_LETHAL_THRESHOLD,
-    INSCRIBED_PUBLISHED,
-    LETHAL_OBSTACLE,
-)
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, INSCRIBED_PUBLISHED, LETHAL_OBSTACLE
 from mapdeal.kernels.blocks import made_by_rows, swept
 from mapdeal.layers.keepout import MaskCosts, cells_at_centres
 
