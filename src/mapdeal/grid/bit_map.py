@@ -93,8 +93,7 @@ class BitMap(Framed):
         """Create a bit map from an array, shape (H, W); every value above 0 is a 1."""
         values = np.asarray(mask)
         if values.ndim != 2 or 0 in values.shape:
-            rule = "a mask must be two-dimensional and not empty"
-            raise ParameterError(rule, got=values.shape)
+            raise ParameterError("a mask must be two-dimensional and not empty", got=values.shape)
         is_set = values if values.dtype == np.bool_ else values > 0
         return cls(np.packbits(is_set, axis=1), values.shape[1], resolution, origin)
 
@@ -289,8 +288,7 @@ def draw(
                 raise FindingError(f"{text}; nothing was drawn", source=source, place=name)
             where = ": ".join(part for part in (shape.source, name) if part)
             emit_warning(f"{where}: {text}; {consequence}")
-    painted = grid.painted(_together(plain, strokes, overlay), overlay)
-    return cast("G", painted)
+    return cast("G", grid.painted(_together(plain, strokes, overlay), overlay))
 
 
 def _together(
@@ -403,14 +401,12 @@ def reset_region(
     rows, cols = region.shared_with(grid.shape)
     if (rows.stop - rows.start, cols.stop - cols.start) != region[2:]:
         if strict:
-            rule = "reaches beyond the map; nothing was changed"
-            raise FindingError(rule, place="region")
+            raise FindingError("reaches beyond the map; nothing was changed", place="region")
         outside = rows.start == rows.stop or cols.start == cols.stop
         text = "lies outside of the map" if outside else "reaches beyond the map, it is clipped"
         emit_warning(f"region: {text}")
     ends = np.broadcast_to([[cols.start], [cols.stop]], (2, rows.stop - rows.start))
-    painted = grid.painted([(Spans(np.arange(rows.start, rows.stop), *ends), number)])
-    return cast("G", painted)
+    return cast("G", grid.painted([(Spans(np.arange(rows.start, rows.stop), *ends), number)]))
 
 
 def blank(grid: G, value: int = 0) -> G:

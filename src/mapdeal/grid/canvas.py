@@ -21,9 +21,7 @@ from mapdeal.kernels.blocks import Layer, is_lazy, made_by_rows
 from mapdeal.kernels.lookup import TOUCHING, Lattice, largest_under, nearest_under
 from mapdeal.kernels.threads import for_rows
 
-ResamplingRule = Literal["area", "nearest"]
-"""Value of a resampled cell: the largest under its area, or the one at its centre."""
-
+ResamplingRule = Literal["area", "nearest"]  # largest under the cell's area, or at its centre
 Mask = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
 V = TypeVar("V", bound=ValueGrid)

@@ -18,8 +18,7 @@ from mapdeal.kernels.blocks import counts_of, is_lazy
 from mapdeal.kernels.distance import squares_between_cells
 from mapdeal.kernels.lookup import look_up
 
-UNIFORM_SHARE = 0.98
-"""Share of the open cells with one cost above which a costmap counts as uniform."""
+UNIFORM_SHARE = 0.98  # of the open cells with one cost, above which a costmap is uniform
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,8 +56,7 @@ class Costmap(ValueGrid):
 
     def __post_init__(self) -> None:
         if self.scale not in ("costmap2d", "occupancy"):
-            rule = "cost scale must be costmap2d or occupancy"
-            raise ParameterError(rule, got=self.scale)
+            raise ParameterError("cost scale must be costmap2d or occupancy", got=self.scale)
         cost = as_layer(self.cost, np.uint8 if self.scale == "costmap2d" else np.int8, "cost")
         self._freeze(cost=cost)
         if is_lazy(cost):
@@ -238,12 +236,8 @@ def _most_common(counts: NDArray[np.int64], scale: map_values.CostScale) -> Figu
     return {"cost": int(open_.argmax()), "share": int(open_.max()) / int(open_.sum())}
 
 
-Metric = Literal["euclidean", "chebyshev"]
-"""Distance between cells: straight, or along the longer axis."""
-
-Formula = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Function from distances in metres to costs before truncation."""
-
+Metric = Literal["euclidean", "chebyshev"]  # straight, or along the longer axis
+Formula = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # metres to costs
 FARTHEST_CELLS = 2048  # up to here, in cells, a curve has every distance between cells
 MOST_LISTED = 1000  # most distances of which a document lists every one
 _MOST_FAR = 1001

@@ -158,13 +158,12 @@ class DistanceField(FieldGrid):
         yield count_text(figures["obstacles"], "obstacle cell")
 
     def entries(self) -> dict[str, Any]:
-        limit = np.inf if self.max_distance is None else self.max_distance
         return {
             "distance": self.distance,
             "occupancy": self.occupancy,
             "convention": self.convention,
             "strength": np.float64(self.strength),
-            "max_distance": np.float64(limit),
+            "max_distance": np.float64(np.inf if self.max_distance is None else self.max_distance),
             "lethal_threshold": np.int64(self.lethal_threshold),
             "unknown": self.unknown,
         }
@@ -437,8 +436,7 @@ class PotentialField(FieldGrid):
             np.fmin.reduce(repulsive, axis=None) < 0
             or np.fmax.reduce(repulsive, axis=None) > LARGEST_REPULSION
         ):
-            rule = f"repulsive must lie between 0 and {LARGEST_REPULSION:g}"
-            raise ParameterError(rule)
+            raise ParameterError(f"repulsive must lie between 0 and {LARGEST_REPULSION:g}")
         for name in ("attractive_gain", "repulsive_gain"):
             value = getattr(self, name)
             if not 0 <= value <= LARGEST_GAIN:

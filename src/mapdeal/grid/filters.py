@@ -29,9 +29,7 @@ KINDS: tuple[FilterKind, ...] = get_args(FilterKind)
 _TYPES = {("keepout", None): 0, ("speed", "percent"): 1, ("speed", "m/s"): 2, ("binary", None): 3}
 _KEY, _UNIT, _BASE, _MULTIPLIER = "filter", "speed_unit", "filter_base", "filter_multiplier"
 
-FILTER_KEYS = (_KEY, _UNIT, _BASE, _MULTIPLIER)
-"""Keys that mapdeal adds to the YAML file of a mask; map_server ignores them."""
-
+FILTER_KEYS = (_KEY, _UNIT, _BASE, _MULTIPLIER)  # keys that mapdeal adds to a mask's YAML file
 _STEPS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.25, 0.5, 1.0)  # multipliers in m/s
 _SLACK = 1e-6
 

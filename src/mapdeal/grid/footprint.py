@@ -329,8 +329,7 @@ def _polygon_cells(polygons: list[NDArray[np.int64]]) -> list[Spans]:
     ]
 
 
-FootprintRule = Literal["outline", "full"]
-"""Cells that count: those of the outline, as in Nav2, or all cells of the footprint."""
+FootprintRule = Literal["outline", "full"]  # cells that count: Nav2's, or all of the footprint
 
 
 def footprint_costs(
@@ -397,8 +396,7 @@ def sample_poses(
     if places.shape == (3,):
         places = places.reshape(1, 3)
     if places.ndim != 2 or places.shape[1] != 3:
-        text = "poses must be an array of x, y, yaw, shape (N, 3)"
-        raise ParameterError(text, got=places.shape)
+        raise ParameterError("poses must be an array of x, y, yaw, shape (N, 3)", got=places.shape)
     shape = footprint if footprint.vertices else Footprint.sixteen_gon(footprint.radius)
     resolution = as_float32(costmap.resolution)
     costs = np.asarray(costmap.cost).view(np.uint8)

@@ -246,8 +246,7 @@ class Frame:
         costmap_2d's ``worldToMap``, whose return value is the second array.
         """
         places, inside, tolerance = self._bounded(points_xy)
-        cells = cells_at(places, tolerance)
-        return np.where(inside[:, np.newaxis], cells, -1), inside
+        return np.where(inside[:, np.newaxis], cells_at(places, tolerance), -1), inside
 
     def bounded_continuous_rowcol_from_xy(
         self, points_xy: ArrayLike
@@ -419,8 +418,7 @@ class Transform(OneLine):
 
     def points(self, points_xy: ArrayLike) -> NDArray[np.float64]:
         """Transform points, shape (N, 2), metres."""
-        points = np.asarray(points_xy, dtype=np.float64).reshape(-1, 2)
-        moved = turned(points, self.yaw)
+        moved = turned(np.asarray(points_xy, dtype=np.float64).reshape(-1, 2), self.yaw)
         moved += (self.x, self.y)
         return moved
 

@@ -589,8 +589,7 @@ class _RoundPoses:
     def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell]) -> Reached:
         """Return what can be reached from a cell, and in which headings some cells are."""
         reachable = self._ways.begun_at(seeds[0][1:]).reachable(self._closed_up_to)
-        shape = (len(cells), self._heading_count)
-        headings = np.zeros(shape, dtype=np.bool_)
+        headings = np.zeros((len(cells), self._heading_count), dtype=np.bool_)
         for index, cell in enumerate(cells):
             headings[index] = reachable[cell]
         return Reached(reachable, headings)

@@ -100,8 +100,7 @@ class RouteGraph(OneLine):
     @cached_property
     def points_xy(self) -> NDArray[np.float64]:
         """Positions of the nodes, metres, shape (N, 2)."""
-        points = [(node.x, node.y) for node in self.nodes]
-        return np.array(points, dtype=np.float64).reshape(-1, 2)
+        return np.array([(node.x, node.y) for node in self.nodes], dtype=np.float64).reshape(-1, 2)
 
     @cached_property
     def ends(self) -> NDArray[np.int64]:

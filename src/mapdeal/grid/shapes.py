@@ -19,8 +19,7 @@ from mapdeal.kernels.arrays import Integers
 
 _MOST_VERTICES = 10_000
 _ROWS_TOGETHER = 1 << 14  # of polygons: larger arrays leave the cache
-_FLAT = 1e-12
-"""Largest area that counts as none, relative to the square of the polygon's extent."""
+_FLAT = 1e-12  # largest area that is none, relative to the square of the extent
 
 
 @dataclass(frozen=True, repr=False)
@@ -95,8 +94,7 @@ class Polygon(OneLine):
 
     def has_extent(self) -> bool:
         """Return whether the corners do not all lie on one line."""
-        corners = np.array(self.points_xy)
-        extent = float(np.ptp(corners, axis=0).max())
+        extent = float(np.ptp(np.array(self.points_xy), axis=0).max())
         return area_of(self.points_xy) > _FLAT * extent**2
 
 

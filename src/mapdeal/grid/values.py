@@ -30,9 +30,7 @@ INSCRIBED_INFLATED_OBSTACLE: Final = 253
 LETHAL_OBSTACLE: Final = 254
 NO_INFORMATION: Final = 255
 
-INSCRIBED_PUBLISHED: Final = 99
-"""Occupancy value that ROS publishes for inscribed: planners enter only cells below it."""
-
+INSCRIBED_PUBLISHED: Final = 99  # of inscribed, as occupancy; planners enter cells below it
 DEFAULT_LETHAL_THRESHOLD: Final = 100
 
 CostScale = Literal["costmap2d", "occupancy"]
@@ -93,12 +91,8 @@ def static_layer_cost_from_occupancy(
     return table
 
 
-Drawer = Callable[[object], bytes | None]
-"""Function from an object to its picture, if it has one, as PNG bytes."""
-
-MOST_COUNTED = 100_000_000
-"""Largest grid, cells, whose values a repr counts: that takes some tenths of a second."""
-
+Drawer = Callable[[object], bytes | None]  # from an object to its PNG, if it has a picture
+MOST_COUNTED = 100_000_000  # cells whose values a repr counts, in tenths of a second
 _MOST_LISTED = 6
 
 _drawers: list[Drawer] = []

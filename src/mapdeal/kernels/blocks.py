@@ -38,9 +38,7 @@ class Halo:
 
 MakeRows = Callable[[slice], NDArray[Any]]
 
-ReportRows = Callable[[int, int], object]
-"""Called with the number of rows just processed, and the number of rows of the layer."""
-
+ReportRows = Callable[[int, int], object]  # rows processed, rows of the layer
 _reported_to: ContextVar[ReportRows | None] = ContextVar("reported_to", default=None)
 
 activities: ContextVar[list[str] | None] = ContextVar("activities", default=None)
@@ -155,8 +153,7 @@ def lazy_layer(
     shape: tuple[int, int], dtype: Any, make: MakeRows,
     *, block_height: int, budget: CacheBudget | None = None,
 ) -> Layer:  # fmt: skip
-    layer = LazyLayer(shape, dtype, make, block_height=block_height, budget=budget)
-    return cast("Layer", layer)
+    return cast("Layer", LazyLayer(shape, dtype, make, block_height=block_height, budget=budget))
 
 
 def blocks_of(layer: Layer) -> Iterator[slice]:

@@ -199,9 +199,7 @@ def basin_areas(basins: Basins, squared: SquaredDistances, above: int, count: in
 Words = NDArray[np.uint64]
 
 _WORD, _SHIFTS, _WIDE = 64, 8, 16
-_BAND_ROWS = 32
-"""Rows of poses computed together: more save work at band edges, fewer stay in the cache."""
-
+_BAND_ROWS = 32  # of poses at a time: more save work at edges, fewer stay in the cache
 _SHARE_WAITING = 64  # the share of tiles that may wait at a time is 1 / 64
 _FEWEST_WAITING = 1024
 

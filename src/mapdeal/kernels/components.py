@@ -152,8 +152,7 @@ class Components:
 
     def sizes(self) -> tuple[Integers, Integers]:
         found = self._closed + Counter(self._front.sizes.tolist())
-        listed = sorted(found.items())
-        sizes, counts = np.array(listed, dtype=np.int64).reshape(-1, 2).T
+        sizes, counts = np.array(sorted(found.items()), dtype=np.int64).reshape(-1, 2).T
         return sizes, counts
 
     def places(self) -> dict[int, list[int]]:
@@ -182,8 +181,7 @@ class Components:
         cells = np.concatenate([front.sizes, lengths])
         sizes = np.zeros(len(cells), dtype=np.int64)
         np.add.at(sizes, least, cells)
-        own_middles = self._middles_of(starts, lengths, marked.shape)
-        middles_of_runs = np.append(front.middles, own_middles)
+        middles_of_runs = np.append(front.middles, self._middles_of(starts, lengths, marked.shape))
         runs = np.append(front.longest, lengths)
         longest = np.zeros(len(cells), dtype=np.int64)
         np.maximum.at(longest, least, runs)
@@ -241,9 +239,7 @@ def _runs(marked: Mask) -> tuple[Integers, Integers]:
 _STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0))
 _MOST_CELLS = 20_000  # of a ridge; the others are ignored
 _MOST_ENDS = 400
-_OPPOSITE, _ROUGHLY_OPPOSITE = -0.7, -0.3
-"""Cosines of the angle between the directions from a gap's middle to its two sides."""
-
+_OPPOSITE, _ROUGHLY_OPPOSITE = -0.7, -0.3  # cosines of the angle between both sides of a gap
 RowCol = tuple[float, float]
 
 
@@ -458,8 +454,7 @@ def _borders(basins: NDArray[np.int32], labels: NDArray[np.int32]) -> tuple[Inte
     return pairs[0], pairs[1]
 
 
-BYTES_OF_BASIN, BYTES_OF_EDGE = 100, 16
-"""Bytes of all tables of a clearance tree, for each basin and each edge."""
+BYTES_OF_BASIN, BYTES_OF_EDGE = 100, 16  # in all tables of a clearance tree
 
 
 @dataclass(frozen=True, eq=False)

@@ -74,8 +74,7 @@ def _run(marked: Mask) -> Runs:
 
 def halos_of(blocks: Sequence[BlockRuns]) -> list[Halo]:
     height = sum(block.rows for block in blocks)
-    width = len(blocks[0].first)
-    endless = np.full(width, np.iinfo(np.uint32).max - height - 1, dtype=np.uint32)
+    endless = np.full(len(blocks[0].first), np.iinfo(np.uint32).max - height - 1, dtype=np.uint32)
     before = _reaching([(b.rows, b.first, b.last, b.down) for b in blocks], endless)
     after = _reaching([(b.rows, b.last, b.first, b.up) for b in reversed(blocks)], endless)
     return [Halo(height, *pair) for pair in zip(before, reversed(after), strict=True)]
@@ -151,8 +150,7 @@ def _engine(marked: Mask, height: int = 0) -> ModuleType:
 
 _LARGEST_TABLE = 1 << 20
 _BAND_ROWS = 64
-_HALOS_OF_A_BAND = 2
-"""Rows of a band, in reaches: the rows around it are read again for the next band."""
+_HALOS_OF_A_BAND = 2  # rows of a band in reaches: those around it are read twice
 
 
 def dilate_square(marked: Mask, reach: int) -> Mask:

@@ -57,9 +57,7 @@ def version_text() -> str:
     return f"mapdeal {__version__} (kernels: {engine_name()})"
 
 
-_OPENBLAS = 80 << 20
-"""Bytes that numpy and scipy each map to load OpenBLAS, with its buffer of 32 MB."""
-
+_OPENBLAS = 80 << 20  # bytes that numpy and scipy each map for it, with its buffer of 32 MB
 _LOADERS = {"scipy.linalg._fblas", "scipy.special._ufuncs"}  # scipy's first users of OpenBLAS
 _EPOCH_DIGITS = 11  # up to the year 5138
 

@@ -282,12 +282,8 @@ def sum_of_inverse_distances(marked: Mask, *, scale: float = 1.0, least: float =
     return np.maximum(total[:height, :width], 0.0)
 
 
-TOUCHING = 1e-6
-"""In sides of the larger cell. Cells that overlap by less only touch: exact borders coincide."""
-
-_LARGEST_GATHERED = 2.0
-"""Up to this side, neighbours are few: each cell checks every cell that it may overlap."""
-
+TOUCHING = 1e-6  # in sides of the larger cell: exact borders coincide
+_LARGEST_GATHERED = 2.0  # up to this side each cell checks all that it may overlap
 _CELLS_TOGETHER = 1 << 16
 
 

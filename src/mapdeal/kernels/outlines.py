@@ -28,9 +28,7 @@ _TURNS = {
 }  # fmt: skip
 _CROSSINGS = {9: (1, 8), 6: (2, 4)}
 
-MOST_TOLERANCE = 0.5
-"""Largest tolerance, cells: lattice lines are 1 apart, so that moved outlines cannot meet."""
-
+MOST_TOLERANCE = 0.5  # cells: lattice lines are 1 apart, so moved outlines cannot meet
 _BELOW = 1 - 1e-6
 _LONG_EDGE = 2  # cells: steps of slanted walls are shorter on at least one side
 _MOST_CHANGE = 0.01  # share of a polygon's area that simplification may change
@@ -296,8 +294,7 @@ def _simplify_rings(rings: _Rings, chosen: Integers, tolerances: Floats) -> tupl
     before, after = _neighbours(np.cumsum(np.bincount(ring_of)))
     behind, ahead = corners - corners[before], corners[after] - corners
     is_turn = behind[:, 0] * ahead[:, 1] != behind[:, 1] * ahead[:, 0]
-    counts = np.bincount(ring_of[is_turn], minlength=len(sizes))
-    return corners[is_turn], np.cumsum(counts)
+    return corners[is_turn], np.cumsum(np.bincount(ring_of[is_turn], minlength=len(sizes)))
 
 
 def _firsts_of(ring_of: Integers, chosen: Mask) -> Integers:

@@ -19,11 +19,8 @@ from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.threads import for_rows
 
-_SHORT = 8
-"""Runs of up to so many cells are painted together, cell by cell; longer runs one by one."""
-
-MOST_TOGETHER = 1 << 20
-"""Runs held at a time, so that a shape needs no more memory than its map."""
+_SHORT = 8  # runs up to this length are painted together, longer ones one by one
+MOST_TOGETHER = 1 << 20  # at a time, so that a shape needs no more memory than its map
 
 
 class Spans(NamedTuple):
@@ -111,12 +108,8 @@ def bands(starts: Integers, stops: Integers, height: int) -> Iterator[tuple[int,
     yield from zip(edges.tolist(), [*edges[1:].tolist(), top], strict=True)
 
 
-_TOLERANCE = 1e-9
-"""In cells: centres exactly on the rim belong to the shape, whatever the rounding."""
-
-_LEVEL = 1e-12
-"""In cells: a side that rises less is level and crosses at most one row of centres."""
-
+_TOLERANCE = 1e-9  # cells: centres exactly on the rim belong to the shape
+_LEVEL = 1e-12  # cells: a side that rises less is level and crosses at most one row of centres
 Position = tuple[float, float]
 
 
@@ -227,8 +220,7 @@ def runs(edges: Edges, bottom: int, top: int) -> tuple[Integers, Spans]:
     return which, Spans(rows, lowest, highest + 1)
 
 
-_COUNT_BITS = 20
-"""Bits of the count of runs of a kind that cover a cell; three such counts share 64 bits."""
+_COUNT_BITS = 20  # of the count of runs of a kind that cover a cell; three share 64 bits
 _SOLID, _HOLLOW, _RIM = (1 << (_COUNT_BITS * k) for k in range(3))
 _ONE_COUNT = (1 << _COUNT_BITS) - 1
 
@@ -309,9 +301,7 @@ def _covered(spans: Spans, kinds: Integers, width: int) -> Spans:
 
 
 LETHAL, UNKNOWN = 254, 255
-_CELLS_TOGETHER = 1 << 18
-"""Cells of outlines that a thread looks up together: few enough to stay small in memory."""
-
+_CELLS_TOGETHER = 1 << 18  # of outlines that a thread looks up at a time, small in memory
 _POSES_TOGETHER = 1 << 14
 
 # Severity of a cost, and cost of a severity: 254 is the worst cost of a line, before 255.
@@ -425,5 +415,4 @@ def _add_inside(worst: Bytes, costs: Bytes, rows: Integers, cols: Integers) -> N
         if len(run):
             severity = _SEVERITY[costs[spans.rows[chunk][run], at_col]]
             begins = np.flatnonzero(np.diff(run, prepend=-1))
-            of_runs = np.maximum.reduceat(severity, begins)
-            np.maximum.at(worst, poses[chunk][run[begins]], of_runs)
+            np.maximum.at(worst, poses[chunk][run[begins]], np.maximum.reduceat(severity, begins))

@@ -16,8 +16,7 @@ from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.distance import beside
 from mapdeal.kernels.threads import in_parallel
 
-_NEARLY_EQUAL = 1.0 - 1e-9
-"""Cosine of half an angle above which slerp interpolates along a straight line."""
+_NEARLY_EQUAL = 1.0 - 1e-9  # cosine of half an angle; above, slerp takes a straight line
 
 
 def normalised(quaternions: ArrayLike) -> Floats:
@@ -72,8 +71,7 @@ def slerp(first: Floats, second: Floats, share: Floats) -> Floats:
     safe = np.where(is_line, 1.0, sine)
     of_first = np.where(is_line, 1 - share, np.sin((1 - share) * angle) / safe)
     of_second = np.where(is_line, share, np.sin(share * angle) / safe)
-    mixed = of_first[..., np.newaxis] * first + of_second[..., np.newaxis] * second
-    return normalised(mixed)
+    return normalised(of_first[..., np.newaxis] * first + of_second[..., np.newaxis] * second)
 
 
 def composed(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
@@ -91,12 +89,9 @@ _STEPS = (math.radians(0.5), math.radians(0.1), math.radians(0.02))
 """Steps of the search for the main direction, radians: each refines the previous result."""
 
 _MOST_POINTS = 20_000
-_SPREAD = (0.7548776662466927, 0.5698402909980532)
-"""The fractional parts of multiples fill a square evenly: Roberts' R2 sequence."""
-
+_SPREAD = (0.7548776662466927, 0.5698402909980532)  # Roberts' R2 sequence fills a square evenly
 _WIDTH = 2.0  # of the strips in the Hough spectrum for the main direction, cells
-_DISTINCT = 1.1
-"""Least ratio of the spectrum in the main direction to its median; 1.08 in noise and circles."""
+_DISTINCT = 1.1  # least ratio of the best direction to the median; 1.08 in noise
 
 
 def hough_spectrum(points_xy: Floats, angles: Floats, width: float) -> Floats:

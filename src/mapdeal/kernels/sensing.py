@@ -86,8 +86,7 @@ def cells_of_points(
     return cells if is_near else None
 
 
-MOST_EXPANSION = 132
-"""Largest expansion ratio of LZF: two bytes of data copy at most 264 bytes."""
+MOST_EXPANSION = 132  # of LZF: two bytes of data copy at most 264 bytes
 
 
 def lzf_expanded(data: bytes, size: int) -> Bytes | None:
@@ -134,9 +133,7 @@ def _expand(data: bytes, to: memoryview) -> bool:
 
 Counts = NDArray[np.int32]
 
-DISTANCE_UNIT = 1 << 20
-"""Integer that `measure_rays` adds for one truncation distance: integer sums are exact."""
-
+DISTANCE_UNIT = 1 << 20  # one truncation in `measure_rays`: integer sums are exact
 OBSERVED, A_HIT, MOST_HITS = 1, 2, 3
 """Marks of `weigh_rays`: an observed cell, one hit, and the number up to which hits count."""
 
@@ -215,8 +212,7 @@ def measure_rays(
         np.add.at(weights.reshape(-1), at[near], 1)
 
 
-_MOST_ROOM = 253
-"""Largest jump of a ray, cells: bytes hold it above the two marks, see rays.h."""
+_MOST_ROOM = 253  # cells that a ray may jump: bytes hold it above two marks, see rays.h
 
 
 def room_around(obstacles: Mask, opaque: Mask) -> Bytes:

@@ -19,8 +19,7 @@ from mapdeal.kernels.polygons import enumerated
 
 
 def run_count(marked: Mask) -> int:
-    starts = marked[:, 1:] & ~marked[:, :-1]
-    return int(np.count_nonzero(marked[:, 0]) + np.count_nonzero(starts))
+    return int(np.count_nonzero(marked[:, 0]) + np.count_nonzero(marked[:, 1:] & ~marked[:, :-1]))
 
 
 class Rectangles(NamedTuple):

@@ -19,15 +19,9 @@ from mapdeal.kernels.engine import check_room
 
 _PARTS_PER_THREAD = 8  # so that parts of uneven cost even out
 CELLS_WORTH_A_THREAD = 1 << 18  # below, starting a thread takes longer than it saves
-_ROWS_CELLS = 1 << 16
-"""Cells of a part: temporary arrays of this size stay in the cache."""
-
-_MOST_THREADS = 1024
-"""More threads never help, and libraries refuse counts above the range of C integers."""
-
-_STACK = 16 << 20
-"""Bytes that must be free before a thread starts: its stack, and some more."""
-
+_ROWS_CELLS = 1 << 16  # of a part: temporary arrays of this size stay in the cache
+_MOST_THREADS = 1024  # more never help, and libraries refuse counts above C integers
+_STACK = 16 << 20  # bytes free before a thread starts: its stack, and some more
 _LONGEST_START = 2.0  # seconds
 
 _T = TypeVar("_T")
@@ -103,8 +97,7 @@ def in_parallel(work: Callable[[int, int], object], count: int) -> None:
             work(0, count)
         return
     parts = min(count, _PARTS_PER_THREAD * threads)
-    edges = [count * k // parts for k in range(parts + 1)]
-    waiting = deque(pairwise(edges))
+    waiting = deque(pairwise([count * k // parts for k in range(parts + 1)]))
     errors: list[BaseException] = []
 
     def take_parts() -> None:

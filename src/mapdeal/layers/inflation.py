@@ -40,8 +40,7 @@ from mapdeal.layers.layer import (
 
 HIGHEST_GRADED = INSCRIBED_INFLATED_OBSTACLE - 1
 
-CostLookup = Literal["exact", "nav2"]
-"""How a distance becomes a cost: as it is, or rounded to 1/100 cell, as Nav2 does."""
+CostLookup = Literal["exact", "nav2"]  # as it is, or rounded to 1/100 cell as in Nav2
 
 
 @dataclass(frozen=True, repr=False)
@@ -389,21 +388,19 @@ def circumscribed_cost(radius: float | None, layer: InflationLayer) -> int | Non
     if radius is None:
         return None
     if radius > layer.inflation_radius:
-        text = (
+        emit_warning(
             f"cost: inflation_radius {layer.inflation_radius:g} m is smaller than the robot's "
             f"circumscribed radius {radius:g} m: cost 0 does not mean that every heading is free"
         )
-        emit_warning(text)
     return layer.cost_at(radius)
 
 
 def warn_of_radii(layer: InflationLayer) -> None:
     if layer.inscribed_radius > layer.inflation_radius:
-        text = (
+        emit_warning(
             f"cost: inscribed_radius {layer.inscribed_radius:g} m is larger than inflation_radius "
             f"{layer.inflation_radius:g} m, which cuts it off"
         )
-        emit_warning(text)
 
 
 def advice_on(cost: int, layer: InflationLayer) -> str:

@@ -76,8 +76,7 @@ class MaskCosts:
         """Raise the costs of some rows of the frame, in place; unknown costs are replaced."""
 
         def lay_over_part(part: slice) -> None:
-            in_frame = slice(rows.start + part.start, rows.start + part.stop)
-            row, col = self._cells_at(in_frame)
+            row, col = self._cells_at(slice(rows.start + part.start, rows.start + part.stop))
             height, width = self._shape
             is_inside = (row >= 0) & (row < height) & (col >= 0) & (col < width)
             values = self._values[np.clip(row, 0, height - 1), np.clip(col, 0, width - 1)]
@@ -93,8 +92,7 @@ class MaskCosts:
     def warn(self) -> None:
         """Warn if the mask covered no cell, or freed unknown cells."""
         if not sum(self._covered):
-            text = "the mask covers no cell of the costs: it has no known cell there"
-            emit_warning(text)
+            emit_warning("the mask covers no cell of the costs: it has no known cell there")
         if sum(self._freed):
             text = f"{sum(self._freed)} unknown cells became free where the mask is 0, as in Nav2"
             emit_warning(text)

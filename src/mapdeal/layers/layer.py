@@ -22,8 +22,7 @@ from mapdeal.kernels.threads import for_rows
 
 Costs = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
-Window = tuple[slice, slice]
-"""Rows and columns of a grid."""
+Window = tuple[slice, slice]  # rows and columns of a grid
 
 
 def grown(window: Window, cells: int) -> Window:
@@ -206,40 +205,21 @@ class CostmapLayer(OneLine):
 
     name: str = ""
 
-    key: ClassVar[str] = ""
-    """Kind of layer in recipes."""
-
+    key: ClassVar[str] = ""  # kind of layer in recipes
     nav2_plugins: ClassVar[tuple[str, ...]] = ()
     ros1_plugins: ClassVar[tuple[str, ...]] = ()
 
-    about: ClassVar[str] = ""
-    """One line for tables: what the layer does to the costs."""
-
+    about: ClassVar[str] = ""  # for tables: what the layer does to the costs
     reads_map: ClassVar[bool] = False
 
-    spreads: ClassVar[bool] = False
-    """Whether it spreads costs around lethal cells."""
-
-    marks_obstacles: ClassVar[bool] = False
-    """Whether it writes lethal costs that a later inflation layer has to see."""
-
-    needs: ClassVar[str] = ""
-    """Input besides the map without which the layer is idle, such as observations."""
-
-    memory: ClassVar[float] = 0.0
-    """Bytes for each cell that it takes while it is applied."""
-
-    nav2_parameters: ClassVar[Mapping[str, str]] = {}
-    """Types of parameters that Nav2 declares below the layer, besides the fields."""
-
-    other_parameters: ClassVar[frozenset[str]] = frozenset()
-    """Names without effect on a map that some release reads, here or at another level."""
-
-    costmap_parameters: ClassVar[tuple[str, ...]] = ()
-    """Parameters that Nav2 reads from the costmap: below the layer they have no effect."""
-
-    ros1_costmap_parameters: ClassVar[tuple[str, ...]] = ()
-    """Parameters of a costmap that override those of the layer in ROS 1."""
+    spreads: ClassVar[bool] = False  # costs around lethal cells
+    marks_obstacles: ClassVar[bool] = False  # lethal costs that a later inflation sees
+    needs: ClassVar[str] = ""  # input besides the map without which it is idle
+    memory: ClassVar[float] = 0.0  # bytes per cell while it is applied
+    nav2_parameters: ClassVar[Mapping[str, str]] = {}  # types, besides those of fields
+    other_parameters: ClassVar[frozenset[str]] = frozenset()  # names without effect
+    costmap_parameters: ClassVar[tuple[str, ...]] = ()  # that Nav2 reads from the costmap
+    ros1_costmap_parameters: ClassVar[tuple[str, ...]] = ()  # of a costmap, before the layer's
 
     @property
     def overwrites_all(self) -> bool:

@@ -37,8 +37,7 @@ from mapdeal.layers.layer import (
     Window,
 )
 
-OVERWRITE, MAXIMUM, KEEP_UNKNOWN = range(3)
-"""Combination methods."""
+OVERWRITE, MAXIMUM, KEEP_UNKNOWN = range(3)  # combination methods
 
 
 @dataclass(frozen=True)

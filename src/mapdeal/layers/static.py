@@ -118,8 +118,7 @@ class StaticLayer(CostmapLayer):
         if self.footprint_clearing_enabled and master.under_robot is not None:
             set_where(costs, master.under_robot, FREE_SPACE)
         if self.use_maximum:
-            highest = self.unknown_is_highest
-            master.raise_to(costs, within=master.in_map, unknown_is_highest=highest)
+            master.raise_to(costs, within=master.in_map, unknown_is_highest=self.unknown_is_highest)
         else:
             master.overwrite(costs, within=master.in_map)
 

@@ -20,9 +20,7 @@ from mapdeal.pictures.overlay import Overlay, Raster, Surface
 
 _SHADES = 16
 
-MOST_COLOURS = 256 - _SHADES
-"""Palette entries for a picture; the remaining ones are the greys of the text."""
-
+MOST_COLOURS = 256 - _SHADES  # of a picture; the others are the greys of the text
 BLACK, WHITE = MOST_COLOURS, 255
 GREY = MOST_COLOURS + _SHADES // 3
 

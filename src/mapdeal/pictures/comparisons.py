@@ -94,9 +94,7 @@ _COLOURS = [
 _ANCHORS = [(12, 12, 30), (95, 20, 115), (190, 35, 85), (240, 95, 30), (255, 170, 0)]
 
 _NEAR = 0.1
-_TOP, _LEAST_CELLS = 0.5, 5
-"""End of the scale in metres, and its least in cells: equal for all maps, to compare pictures."""
-
+_TOP, _LEAST_CELLS = 0.5, 5  # end of the scale, metres, and its least in cells
 _TICKS = 5
 _ROUNDING = 1e-9
 

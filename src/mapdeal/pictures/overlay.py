@@ -64,8 +64,7 @@ class Raster:
             return cls(part=part)
         if side > image_max:
             return cls(reduce=math.ceil(side / image_max), part=part)
-        enlarge = max(1, min(math.ceil(small_side / side), image_max // side))
-        return cls(enlarge=enlarge, part=part)
+        return cls(enlarge=max(1, min(math.ceil(small_side / side), image_max // side)), part=part)
 
     def frame_of(self, frame: Frame) -> Frame:
         return frame if self.part is None else self.part.frame_in(frame)
@@ -144,8 +143,7 @@ def inner_outline(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 _FARTHEST = 2.0**20  # pixels; beyond, Pillow's coordinates overflow
-_MOST_PIXELS = 1 << 24
-"""Most pixels of a picture that are copied for drawing, unless a single shape needs more."""
+_MOST_PIXELS = 1 << 24  # that are copied for drawing, unless one shape needs more
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,8 +333,7 @@ class PoseOverlay(Overlay):
     def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         centre, tip = on.places([self.pose[:2], xy_ahead(self.pose, on.frame.resolution)])
         direction = (tip - centre) / np.hypot(*(tip - centre))
-        length = max(10.0, on.side / 25)
-        Brush(on.pixels).dart(centre, direction, first_index, length=length)
+        Brush(on.pixels).dart(centre, direction, first_index, length=max(10.0, on.side / 25))
         return [Swatch(first_index, "robot")]
 
 
@@ -367,8 +364,7 @@ class RouteOverlay(Overlay):
         line, start, goal, minimum = (first_index + k for k in range(4))
         swatches = [Swatch(start, "start"), Swatch(goal, "goal")]
         if len(route.points_xy):
-            thickness = max(3, round(on.side / 250))
-            brush.polyline(on.places(route.points_xy), line, thickness=thickness)
+            brush.polyline(on.places(route.points_xy), line, thickness=max(3, round(on.side / 250)))
             swatches.insert(0, Swatch(line, "route"))
         ends = [(route.goal, goal), (route.start, start)]
         if route.local_minimum is not None:
@@ -547,9 +543,7 @@ ImageExtent = Literal["known", "all"]
 DEFAULT_EXTENT: ImageExtent = "known"
 
 _MARGIN, _LEAST_MARGIN = 0.05, 10  # around the known cells: share of their longer side, and cells
-_LARGEST_CROP = 0.95
-"""A picture shows only the known part if that is below this share of the map along one side."""
-
+_LARGEST_CROP = 0.95  # largest share of a side of the map to which a picture is cut
 IsKnown = Callable[[NDArray[Any]], NDArray[np.bool_]]
 
 

@@ -179,8 +179,7 @@ class _Marks:
             (self._brush, is_open, styles.TIGHT, 0),
             (self._brush, ~is_open, styles.CLOSED, 0),
         ):
-            thickness = self._thickness + extra
-            brush.segments(starts[mask], stops[mask], index, thickness=thickness)
+            brush.segments(starts[mask], stops[mask], index, thickness=self._thickness + extra)
 
     def _width(self, passage: Passage) -> None:
         ends = self._on.places(passage.ends)

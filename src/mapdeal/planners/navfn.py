@@ -23,8 +23,7 @@ from mapdeal.kernels.arrays import Metres
 from mapdeal.kernels.navfn import UNREACHED, Cell, potentials, traced_path
 from mapdeal.planners.planner import Default, Plan, Planner, PlannerGrid, Pose, no_plan
 
-_MOST_CYCLES = 1000
-"""Largest max_cycles_factor that counts: by then the trace goes in circles."""
+_MOST_CYCLES = 1000  # max_cycles_factor: by then the trace goes in circles
 _MOST_STEPS = 100_000  # of a tolerance
 _SAME = 1e-4  # metres between two last poses that count as equal
 _NEAR = 1e-6  # square metres between the path's end and the goal

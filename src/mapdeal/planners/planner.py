@@ -22,9 +22,7 @@ from mapdeal import planners
 Default = bool | int | float | str | tuple[str, ...]
 """Default value of a parameter. It gives the type, too: ROS 2 refuses values of another type."""
 
-Pose = tuple[float, float, float]
-"""x and y, metres, and yaw, radians, in the map's frame."""
-
+Pose = tuple[float, float, float]  # x and y, metres, and yaw, radians, in the map's frame
 Reason = Literal[
     "StartOccupied", "GoalOccupied", "StartOutsideMapBounds", "GoalOutsideMapBounds",
     "NoValidPathCouldBeFound", "PlannerTimedOut", "PlannerException",
@@ -121,9 +119,7 @@ def with_last_yaw(points: NDArray[np.float64], yaw: float | None) -> NDArray[np.
 class Planner(ABC):
     """A planner with the values of its parameters; those that are not set have their defaults."""
 
-    plugin_names: ClassVar[tuple[str, ...]] = ()
-    """Names in parameter files, with ``::`` and with ``/``."""
-
+    plugin_names: ClassVar[tuple[str, ...]] = ()  # in parameter files, with :: and with /
     parameters: ClassVar[Mapping[str, Default]] = {}
     """Names and defaults of all parameters that Nav2 declares below the planner's name."""
 

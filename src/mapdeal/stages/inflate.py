@@ -99,6 +99,5 @@ def inflate(
     occupancy = made_by_windows(grid.occupancy, np.int8, inflated_rows, halo=halo)
     is_full = holds_everywhere(occupancy, lambda values: values == OCCUPIED)
     if is_full and not holds_everywhere(grid.occupancy, lambda v: v >= lethal_threshold):
-        text = f"inflate: radius {radius:g} m leaves no cell of the map free"
-        emit_warning(text)
+        emit_warning(f"inflate: radius {radius:g} m leaves no cell of the map free")
     return OccupancyGrid(occupancy, side, grid.origin)

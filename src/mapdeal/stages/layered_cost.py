@@ -242,8 +242,7 @@ def _check_transform(
     area = stack.area
     is_in_map_frame = area is None or not area.is_rolling or area.is_in_map_frame
     if map_to_odom is not None and is_in_map_frame:
-        text = "cost: map_to_odom has no effect: the costmap's global_frame is the map's"
-        emit_warning(text)
+        emit_warning("cost: map_to_odom has no effect: the costmap's global_frame is the map's")
     reads_map = bool(stack.static_layers) or stack.has_keepout
     if map_to_odom is None and not is_in_map_frame and reads_map and area is not None:
         text = f"cost: the costmap's global_frame is {area.global_frame}, and map_to_odom is not "

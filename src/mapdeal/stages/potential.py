@@ -31,8 +31,7 @@ CAP = command.Condition(
 
 MULTIPLIER = command.Condition("between 0 and 1e6", lambda value: 0 <= value <= 1e6)
 
-LEAST_DISTANCE = 0.001
-"""Metres up to which terms are omitted: the distance of a cell to itself is 0."""
+LEAST_DISTANCE = 0.001  # metres; nearer terms are omitted, as that of the cell itself
 
 
 @command.stage(

@@ -21,8 +21,7 @@ from mapdeal.stages.structured import Goals, accept_goals
 
 _MOST_SHOWN = 3
 
-_MEMORY = 15.0
-"""Bytes per cell: squares and basins need four each; 14.3 were measured with Python 3.14."""
+_MEMORY = 15.0  # bytes per cell: four each for squares and basins; 14.3 were measured
 
 
 def _shape_of(parameters: command.Parameters) -> Footprint | None:
@@ -173,6 +172,5 @@ def _occupancy_of(
     threshold = check_lethal_threshold(source, lethal_threshold)
     occupancy = np.asarray(source.occupancy)
     if isinstance(source, DistanceField) or threshold < OCCUPIED:
-        obstacles = np.asarray(obstacles_of(source, threshold))
-        return np.where(obstacles, np.int8(OCCUPIED), occupancy)
+        return np.where(np.asarray(obstacles_of(source, threshold)), np.int8(OCCUPIED), occupancy)
     return occupancy

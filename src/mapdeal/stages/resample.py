@@ -104,8 +104,7 @@ def turned(
     if straighten:
         yaw = yaw_to_straighten(grid)
     if yaw is None:
-        text = "rotate: no direction of walls stands out, the map is not turned"
-        emit_warning(text)
+        emit_warning("rotate: no direction of walls stands out, the map is not turned")
         return Turned(grid, None)
     return Turned(rotate(grid, yaw, rule=rule), turn_of(yaw))
 

@@ -148,8 +148,7 @@ def layers_with(
     owners = [layer for layer in layers if layer.key == kind.key]
     if kind.spreads and name != "lookup" and len(owners) != 1:
         names = ", ".join(layer.name for layer in owners) or "none"
-        rule = f"needs exactly one inflation layer, found: {names}"
-        raise ParameterError(rule, place=name)
+        raise ParameterError(f"needs exactly one inflation layer, found: {names}", place=name)
     accepted: Any = {name: _parameters_of(kind)[name].accept(value)}
     return tuple(replace(layer, **accepted) if layer.key == kind.key else layer for layer in layers)
 
