@@ -186,6 +186,12 @@ class ParameterError(MapdealError, ValueError):
         return MalformedInputError(str(self), source=source, hint=self.hint)
 
 
+def require(holds: bool, rule: str, place: str | None = None, *, got: object) -> None:
+    """Raise a `ParameterError` unless a condition holds."""
+    if not holds:
+        raise ParameterError(rule, place=place, got=got)
+
+
 class MalformedInputError(MapdealError):
     """The contents of an input file violate its format."""
 

@@ -14,19 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from mapdeal.compatibility import Self
-from mapdeal.errors import ParameterError
+from mapdeal.errors import ParameterError, require
 from mapdeal.grid.values import MOST_COUNTED, Drawn, OneLine, OverlayType, count_text, numbers_text
 from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
 from mapdeal.kernels.polygons import Spans, paint
 from mapdeal.kernels.sensing import cells_of_points
 
-CELL_TOLERANCE = 1e-9
-"""Cells. The division of a length by the resolution may be off by one part in 1e16; with this
-tolerance exact multiples stay on their cell."""
-
-RADIUS_TOLERANCE = 1e-9
-"""Metres. Products such as 6 * 0.05 and 0.3 differ in their last bits; with this tolerance a cell
-whose centre lies exactly at the radius is within it."""
+CELL_TOLERANCE = 1e-9  # cells: a length divided by the resolution may be off by 1e-16 of itself
+RADIUS_TOLERANCE = 1e-9  # metres: 6 * 0.05 and 0.3 differ in their last bits
 
 Origin = tuple[float, float, float]
 Point = tuple[float, float]
@@ -59,38 +54,38 @@ def largest_square_within(radius: float, resolution: float) -> int:
     return square
 
 
-def check_resolution(resolution: float) -> float:
+def as_numbers(values: Iterable[float]) -> tuple[float, ...]:
+    """Return values as floats, or no values if one is not a number."""
     try:
-        value = float(resolution)
+        return tuple(float(value) for value in values)
     except (TypeError, ValueError, OverflowError):
-        value = math.nan
-    if not _SMALLEST_CELL <= value <= _LARGEST_CELL:  # refuses nan too
-        rule = f"resolution must lie between {_SMALLEST_CELL:g} and {_LARGEST_CELL:g} m"
-        raise ParameterError(rule, got=resolution)
+        return ()
+
+
+def are_near(values: Iterable[float], limit: float = FARTHEST) -> bool:
+    return all(abs(value) <= limit for value in values)  # refuses nan too
+
+
+def check_resolution(resolution: float) -> float:
+    value = next(iter(as_numbers([resolution])), math.nan)
+    rule = f"resolution must lie between {_SMALLEST_CELL:g} and {_LARGEST_CELL:g} m"
+    require(_SMALLEST_CELL <= value <= _LARGEST_CELL, rule, got=resolution)
     return value
 
 
 def check_origin(origin: Sequence[float]) -> Origin:
-    try:
-        values = tuple(float(v) for v in origin)
-    except (TypeError, ValueError, OverflowError):
-        values = ()
-    if len(values) != 3 or not all(abs(value) <= FARTHEST for value in values):
-        rule = f"origin must be three numbers x, y, yaw within {FARTHEST:g}"
-        raise ParameterError(rule, got=origin)
+    values = as_numbers(origin)
+    rule = f"origin must be three numbers x, y, yaw within {FARTHEST:g}"
+    require(len(values) == 3 and are_near(values), rule, got=origin)
     return values[0], values[1], values[2]
 
 
 def check_point(point: Sequence[float], name: str) -> Point:
     """Return `point` as two finite floats x, y; errors refer to it as `name`."""
-    try:
-        x, y = (float(value) for value in point)
-    except (TypeError, ValueError):
-        raise ParameterError("must be two numbers x, y", place=name, got=point) from None
-    if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST):  # refuses nan too
-        rule = f"must be two numbers x, y within {FARTHEST:g} m"
-        raise ParameterError(rule, place=name, got=(x, y))
-    return x, y
+    values = as_numbers(point)
+    require(len(values) == 2, "must be two numbers x, y", name, got=point)
+    require(are_near(values), f"must be two numbers x, y within {FARTHEST:g} m", name, got=values)
+    return values[0], values[1]
 
 
 def turned(vectors_xy: NDArray[_Real], angle: float) -> NDArray[_Real]:
@@ -104,15 +99,11 @@ def turned(vectors_xy: NDArray[_Real], angle: float) -> NDArray[_Real]:
     return result
 
 
-def cells_at(
-    places_rowcol: ArrayLike, tolerance: ArrayLike = CELL_TOLERANCE
-) -> NDArray[np.int64]:  # fmt: skip
+def cells_at(places_rowcol: ArrayLike, tolerance: ArrayLike) -> NDArray[np.int64]:
     return np.floor(np.asarray(places_rowcol) + tolerance).astype(np.int64)
 
 
-ROUNDING = 4 * float(np.finfo(np.float64).eps)
-"""Relative error of a coordinate after storing it, subtracting the origin and turning."""
-
+ROUNDING = 4 * float(np.finfo(np.float64).eps)  # relative, of a coordinate less the origin, turned
 _PRECISION = (ROUNDING, CELL_TOLERANCE, FARTHEST)
 
 
@@ -186,7 +177,7 @@ class Frame:
         near = np.abs(points) <= FARTHEST  # refuses nan too
         if not near.all():
             rule = f"coordinates must be finite and within {FARTHEST:g} m"
-            first = points[int(np.argmin(near.all(axis=1)))]
+            first = points[near.all(axis=1).argmin()]
             raise ParameterError(rule, place="point", got=tuple(first.tolist()))
         x, y, yaw = self.origin
         cells_xy = turned(points - np.array([x, y]), -yaw) / self.resolution
@@ -269,9 +260,8 @@ class Frame:
         places, inside = self.bounded_continuous_rowcol_from_xy([point_xy])
         if not inside[0]:
             return None
-        cells, _ = self.bounded_rowcol_from_xy([point_xy])
-        inner = cells[0] + CELL_TOLERANCE, cells[0] + 1 - CELL_TOLERANCE
-        row, col = np.clip(places[0], *inner).tolist()
+        cell = self.bounded_rowcol_from_xy([point_xy])[0][0]
+        row, col = np.clip(places[0], cell + CELL_TOLERANCE, cell + 1 - CELL_TOLERANCE).tolist()
         return row, col
 
     def _bounded(
@@ -301,29 +291,25 @@ class Frame:
         >>> Frame.centred(20, 20, 0.1).rowcol_ahead((0.05, 0.05, math.pi / 2), 0.4)
         (14, 10)
         """
-        point = xy_ahead(pose, distance)
-        row, col = self.unbounded_rowcol_from_xy([point])[0].tolist()
+        row, col = self.unbounded_rowcol_from_xy([xy_ahead(pose, distance)])[0].tolist()
         return row, col
 
     def xy_from_rowcol(self, cells_rowcol: ArrayLike) -> NDArray[np.float64]:
         """Return the centres of cells, inside the grid or not, as points, float64."""
-        cells = np.asarray(cells_rowcol, dtype=np.float64).reshape(-1, 2)
-        return self._xy_from_cells(cells[:, ::-1] + 0.5)
+        return self.xy_from_continuous_rowcol(np.asarray(cells_rowcol, dtype=np.float64) + 0.5)
 
     def xy_from_continuous_rowcol(self, places_rowcol: ArrayLike) -> NDArray[np.float64]:
         """Convert places to points, float64: the inverse of `continuous_rowcol_from_xy`."""
+        x, y, yaw = self.origin
         places = np.asarray(places_rowcol, dtype=np.float64).reshape(-1, 2)
-        return self._xy_from_cells(places[:, ::-1])
+        points: NDArray[np.float64] = turned(places[:, ::-1] * self.resolution, yaw)
+        points += (x, y)
+        return points
 
     def xy_vectors_from_rowcol(self, vectors_rowcol: ArrayLike) -> NDArray[np.float64]:
         """Rotate vectors along rows and columns into the map frame, float64, same length."""
         vectors = np.asarray(vectors_rowcol, dtype=np.float64).reshape(-1, 2)
         return turned(vectors[:, ::-1], self.origin[2])
-
-    def _xy_from_cells(self, cells_xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        x, y, yaw = self.origin
-        points: NDArray[np.float64] = turned(cells_xy * self.resolution, yaw) + np.array([x, y])
-        return points
 
     def holds(self, cell: tuple[int, int]) -> bool:
         """Return whether a cell (row, column) lies in the grid."""
@@ -341,11 +327,10 @@ class Frame:
         """
         x, y, yaw = self.origin
         if yaw == 0.0:
-            origin = (_stepped(x, col, self.resolution), _stepped(y, row, self.resolution), yaw)
+            x, y = _stepped(x, col, self.resolution), _stepped(y, row, self.resolution)
         else:
-            corner = self._xy_from_cells(np.array([[col, row]], dtype=np.float64))[0]
-            origin = (float(corner[0]), float(corner[1]), yaw)
-        return Frame(height, width, self.resolution, origin)
+            x, y = self.xy_from_continuous_rowcol([[row, col]])[0].tolist()
+        return Frame(height, width, self.resolution, (x, y, yaw))
 
 
 def xy_ahead(pose: Sequence[float], distance: float) -> tuple[float, float]:
@@ -362,8 +347,7 @@ def xy_ahead(pose: Sequence[float], distance: float) -> tuple[float, float]:
 
 def _stepped(start: float, steps: int, step: float) -> float:
     """Return start + steps * step in decimals: -50 + 789 * 0.05 is -10.55, with no noise."""
-    # Origins and resolutions are decimal numbers in files. A sum of floats would write the digits
-    # of binary rounding into the next file.
+    # a sum of floats would write the digits of binary rounding into files
     from decimal import Decimal  # slow to import
 
     return float(Decimal(repr(start)) + steps * Decimal(repr(step)))
@@ -401,8 +385,7 @@ class Transform(OneLine):
     def __post_init__(self) -> None:
         for name in ("x", "y", "yaw"):
             value = float(getattr(self, name))
-            if not abs(value) <= FARTHEST:  # refuses nan too
-                raise ParameterError("must be a finite number", place=name, got=value)
+            require(are_near([value]), "must be a finite number", name, got=value)
             object.__setattr__(self, name, value)
         object.__setattr__(self, "yaw", math.remainder(self.yaw, 2 * math.pi))
 
@@ -442,8 +425,6 @@ class Transform(OneLine):
 
 
 MOST_CELLS = 1_000_000_000  # of a new window
-
-
 _TOUCHING = 1e-6  # cells; borders that differ by less coincide
 
 
@@ -460,8 +441,7 @@ class Region(NamedTuple):
         return self.height * self.width
 
     def shared_with(self, shape: tuple[int, int]) -> tuple[slice, slice]:
-        rows = _overlap(self.row, self.height, shape[0])
-        return rows, _overlap(self.col, self.width, shape[1])
+        return _overlap(self.row, self.height, shape[0]), _overlap(self.col, self.width, shape[1])
 
     def holds(self, cells_rowcol: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return whether each cell, shape (N, 2), lies in the region."""
@@ -477,29 +457,24 @@ class Region(NamedTuple):
         )
 
     def frame_in(self, frame: Frame) -> Frame:
-        if self.height * self.width > MOST_CELLS:
-            rule = f"a window must not have more than {MOST_CELLS} cells"
-            raise ParameterError(rule, place="size", got=(self.width, self.height))
+        rule = f"a window must not have more than {MOST_CELLS} cells"
+        require(self.cells <= MOST_CELLS, rule, "size", got=(self.width, self.height))
         return frame.window(self.row, self.col, self.height, self.width)
 
 
 def region_of(
     frame: Frame, size_xy: Point, *, corner_xy: Point | None = None, center_xy: Point | None = None
 ) -> Region:
-    size_x, size_y = check_point(size_xy, "size")
-    corner_xy, center_xy = (
-        None if point is None else check_point(point, name)
-        for point, name in ((corner_xy, "corner"), (center_xy, "center"))
-    )
-    if not (size_x > 0 and size_y > 0):
-        rule = "must be two numbers of metres above 0"
-        raise ParameterError(rule, place="size", got=(size_x, size_y))
+    size = size_x, size_y = check_point(size_xy, "size")
+    require(min(size) > 0, "must be two numbers of metres above 0", "size", got=size)
     if corner_xy is not None and center_xy is None:
-        row, col = frame.unbounded_rowcol_from_xy([corner_xy])[0].tolist()
+        row, col = frame.unbounded_rowcol_from_xy([check_point(corner_xy, "corner")])[0].tolist()
     elif center_xy is not None and corner_xy is None:
-        middle = frame.continuous_rowcol_from_xy([center_xy])[0]
-        half = np.array([size_y, size_x]) / frame.resolution / 2
-        row, col = cells_at(middle - half, frame.tolerance_at([center_xy])[0]).tolist()
+        center = [check_point(center_xy, "center")]
+        first = (
+            frame.continuous_rowcol_from_xy(center)[0] - np.divide(size[::-1], frame.resolution) / 2
+        )
+        row, col = cells_at(first, frame.tolerance_at(center)[0]).tolist()
     else:
         raise ParameterError("needs either a corner or a center", place="region")
     height, width = (cells_to_cover(size, frame.resolution) for size in (size_y, size_x))
@@ -576,12 +551,9 @@ class Framed(Drawn, ABC):
 
     def frame_figures(self) -> Figures:
         """Return the grid's size and place as a JSON-serialisable dict."""
-        return {
-            "width": self.shape[1],
-            "height": self.shape[0],
-            "resolution": self.resolution,
-            "origin": list(self.origin),
-        }
+        height, width = self.shape
+        place = {"resolution": self.resolution, "origin": list(self.origin)}
+        return {"width": width, "height": height, **place}
 
     @abstractmethod
     def _own_figures(self) -> Figures:
@@ -616,8 +588,7 @@ class Framed(Drawn, ABC):
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         """Return the main layer, shape (H, W), row 0 in the south."""
-        layer = getattr(self, self.layer_names[0])
-        array: NDArray[Any] = np.asarray(layer[0 : layer.shape[0]], dtype=dtype)
+        array: NDArray[Any] = np.asarray(self.layer[0 : self.shape[0]], dtype=dtype)
         return array.copy() if copy else array
 
     @property
@@ -635,9 +606,8 @@ class Framed(Drawn, ABC):
         """Smallest x, smallest y, largest x and largest y of the grid's corners, metres."""
         height, width = self.frame.shape
         corners = [(0, 0), (height, 0), (0, width), (height, width)]
-        xs, ys, _ = zip(
-            *(self.frame.window(*corner, 1, 1).origin for corner in corners), strict=True
-        )
+        corners_xy = [self.frame.window(*corner, 1, 1).origin for corner in corners]
+        xs, ys, _ = zip(*corners_xy, strict=True)
         return min(xs), min(ys), max(xs), max(ys)
 
     @property
@@ -709,22 +679,19 @@ class Framed(Drawn, ABC):
         """
         height, width = self.frame.shape
         rows, cols = np.arange(height), np.arange(width)
-        name = self.layer_names[0]
-        attributes = {
-            "resolution": self.frame.resolution, "origin": self.frame.origin, "units": "m",
-        }  # fmt: skip
+        place = {"resolution": self.frame.resolution, "origin": self.frame.origin, "units": "m"}
         coordinates: dict[str, Any]
         if self.frame.origin[2] == 0:
             x = self.frame.xy_from_rowcol(np.stack([0 * cols, cols], axis=1))[:, 0]
             y = self.frame.xy_from_rowcol(np.stack([rows, 0 * rows], axis=1))[:, 1]
             dimensions, coordinates = ("y", "x"), {"y": y, "x": x}
         else:
-            cells = np.stack(np.meshgrid(rows, cols, indexing="ij"), axis=-1).reshape(-1, 2)
+            cells = np.indices((height, width)).reshape(2, -1).T
             xy = self.frame.xy_from_rowcol(cells).reshape(height, width, 2)
             dimensions = ("row", "col")
             coordinates = {"x": (dimensions, xy[..., 0]), "y": (dimensions, xy[..., 1])}
         array = _library("xarray").DataArray
-        return array(np.asarray(self), coordinates, dimensions, name, attributes)
+        return array(np.asarray(self), coordinates, dimensions, self.layer_names[0], place)
 
     def _drawn_values(self) -> NDArray[Any]:
         return np.asarray(self)
@@ -735,17 +702,15 @@ class Framed(Drawn, ABC):
     def _freeze(self, **layers: Layer) -> None:
         object.__setattr__(self, "resolution", check_resolution(self.resolution))
         object.__setattr__(self, "origin", check_origin(self.origin))
-        shapes = {array.shape for array in layers.values()}
-        if len(shapes) != 1 or len(next(iter(shapes))) != 2 or 0 in next(iter(shapes)):
-            rule = "layers must be two-dimensional, of one shape and not empty"
-            raise ParameterError(rule, got=sorted(shapes))
+        shape, *others = {array.shape for array in layers.values()}
+        rule = "layers must be two-dimensional, of one shape and not empty"
+        is_grid = not others and len(shape) == 2 and 0 not in shape
+        require(is_grid, rule, got=sorted([shape, *others]))
         for name, layer in layers.items():
-            if is_lazy(layer):
-                object.__setattr__(self, name, layer)
-                continue
-            view = np.ascontiguousarray(layer).view()
-            view.flags.writeable = False
-            object.__setattr__(self, name, view)
+            if not is_lazy(layer):
+                layer = np.ascontiguousarray(layer).view()
+                layer.flags.writeable = False
+            object.__setattr__(self, name, layer)
 
 
 class CellSamples(NamedTuple):
@@ -844,7 +809,24 @@ class ValueGrid(Framed):
         >>> message["data"], message["info"]["width"]
         ([0, 100, -1], 3)
         """
-        return _message_of(self.frame, np.asarray(self.to_occupancy()), frame_id, message_type)
+        x, y, yaw = self.origin
+        half = {"x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
+        document = {
+            "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame_id},
+            "info": {
+                "map_load_time": {"sec": 0, "nanosec": 0},
+                "resolution": float(np.float32(self.resolution)),
+                "width": self.shape[1],
+                "height": self.shape[0],
+                "origin": {"position": {"x": x, "y": y, "z": 0.0}, "orientation": half},
+            },
+            "data": np.asarray(self.to_occupancy()).ravel().tolist(),
+        }
+        if message_type is None:
+            return document
+        message = message_type()
+        _fill(message, document)
+        return message
 
     def _drawn_values(self) -> NDArray[Any]:
         return np.ma.masked_equal(np.asarray(self), self.unknown_value)
@@ -876,9 +858,9 @@ class ValueGrid(Framed):
     def accept_value(self, value: float, name: str = "value") -> int:
         """Return `value`, a whole number on the grid's scale."""
         lowest, highest = self.value_range
-        if isinstance(value, bool) or not lowest <= value <= highest or value % 1:
-            rule = f"must be a whole number from {lowest} to {highest}, the scale of this grid"
-            raise ParameterError(rule, place=name, got=value)
+        is_value = not isinstance(value, bool) and value in range(lowest, highest + 1)
+        rule = f"must be a whole number from {lowest} to {highest}, the scale of this grid"
+        require(is_value, rule, name, got=value)
         return int(value)
 
 
@@ -890,8 +872,7 @@ def as_points(points_xy: ArrayLike) -> NDArray[np.float64]:
         raise ParameterError(rule, got=points_xy) from None
     if points.shape == (2,):
         points = points.reshape(1, 2)
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise ParameterError(rule, got=points.shape)
+    require(points.ndim == 2 and points.shape[1] == 2, rule, got=points.shape)
     return points
 
 
@@ -913,32 +894,6 @@ def as_layer(values: ArrayLike, dtype: type[np.generic], name: str) -> Layer:
     return converted
 
 
-def _message_of(
-    frame: Frame, values: NDArray[Any], frame_id: str, message_type: Callable[[], Any] | None
-) -> Any:
-    x, y, yaw = frame.origin
-    stamp = {"sec": 0, "nanosec": 0}
-    document = {
-        "header": {"stamp": dict(stamp), "frame_id": frame_id},
-        "info": {
-            "map_load_time": dict(stamp), "resolution": float(np.float32(frame.resolution)),
-            "width": frame.width, "height": frame.height,
-            "origin": {
-                "position": {"x": x, "y": y, "z": 0.0},
-                "orientation": {
-                    "x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2),
-                },
-            },
-        },
-        "data": np.ascontiguousarray(values).reshape(-1).tolist(),
-    }  # fmt: skip
-    if message_type is None:
-        return document
-    message = message_type()
-    _fill(message, document)
-    return message
-
-
 def _fill(message: Any, document: Mapping[str, Any]) -> None:
     for name, value in document.items():
         if not isinstance(value, Mapping):
@@ -951,6 +906,5 @@ def _library(name: str) -> Any:
     try:
         return import_module(name)
     except ImportError:
-        package = name.partition(".")[0]
-        hint = f"pip install {package}"
-        raise ParameterError("is not installed", source=package, hint=hint) from None
+        package, rule = name.partition(".")[0], "is not installed"
+        raise ParameterError(rule, source=package, hint=f"pip install {package}") from None

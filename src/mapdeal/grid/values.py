@@ -19,7 +19,7 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import ParameterError
+from mapdeal.errors import require
 
 UNKNOWN: Final = -1
 FREE: Final = 0
@@ -41,8 +41,7 @@ Convention = Literal["fast-planner", "center", "border"]
 
 def check_choice(value: object, choices: Any, name: str) -> None:
     known = get_args(choices)
-    if value not in known:
-        raise ParameterError(f"must be one of {', '.join(known)}", place=name, got=value)
+    require(value in known, f"must be one of {', '.join(known)}", name, got=value)
 
 
 def occupancy_from_cost() -> NDArray[np.int8]:
@@ -73,17 +72,12 @@ def static_layer_cost_from_occupancy(
 ) -> NDArray[np.uint8]:
     """Return the cost that costmap_2d's static layer assigns to each value."""
     # As ``interpretValue`` in ``static_layer.cpp``, which first casts the value to unsigned char.
-    if not 0 <= lethal_threshold <= OCCUPIED or lethal_threshold % 1:
-        rule = "must be a whole number from 0 to 100"
-        raise ParameterError(rule, place="lethal_threshold", got=lethal_threshold)
-    if inscribed_value is not None and (
-        not 0 <= inscribed_value <= OCCUPIED or inscribed_value % 1
-    ):
-        rule = "must be a whole number from 0 to 100, or none"
-        raise ParameterError(rule, place="inscribed_value", got=inscribed_value)
+    values, rule = range(OCCUPIED + 1), "must be a whole number from 0 to 100"
+    require(lethal_threshold in values, rule, "lethal_threshold", got=lethal_threshold)
+    is_value = inscribed_value is None or inscribed_value in values
+    require(is_value, f"{rule}, or none", "inscribed_value", got=inscribed_value)
     table = np.full(256, LETHAL_OBSTACLE, dtype=np.uint8)
-    below = np.arange(lethal_threshold)
-    shares = below * LETHAL_OBSTACLE // max(lethal_threshold, 1)
+    shares = np.arange(lethal_threshold) * LETHAL_OBSTACLE // max(lethal_threshold, 1)
     table[:lethal_threshold] = FREE_SPACE if trinary else shares
     if inscribed_value is not None:
         table[inscribed_value] = INSCRIBED_INFLATED_OBSTACLE
@@ -131,7 +125,7 @@ def numbers_text(numbers: Iterable[float]) -> str:
 
 
 def points_text(points: Sequence[Sequence[float]]) -> str:
-    """Return points in brackets; for many points their number and the first one."""
+    """Return a few points in brackets, or the number of many and the first one."""
     if len(points) > _MOST_LISTED:
         return f"{len(points)} points from {numbers_text(points[0])}"
     return f"[{', '.join(map(numbers_text, points))}]"
