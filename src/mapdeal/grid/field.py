@@ -10,19 +10,12 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mapdeal.errors import ParameterError, as_known
+from mapdeal.errors import ParameterError, as_known, require
+from mapdeal.grid import values as map_values
 from mapdeal.grid.canvas import FieldGrid, embedded, layer_of_box, padded
 from mapdeal.grid.frame import Figures, Origin, Point, Region, as_layer, as_points, check_point
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
-from mapdeal.grid.values import (
-    DEFAULT_LETHAL_THRESHOLD,
-    OCCUPIED,
-    UNKNOWN,
-    Convention,
-    UnknownPolicy,
-    count_text,
-    numbers_text,
-)
+from mapdeal.grid.values import OCCUPIED, UNKNOWN, count_text, numbers_text
 from mapdeal.kernels.blocks import mapped, swept
 from mapdeal.kernels.lookup import interpolate
 from mapdeal.kernels.threads import in_parallel
@@ -51,15 +44,14 @@ class FieldSamples(NamedTuple):
 
     def __repr__(self) -> str:
         """Return one line: the sample of a single point, or the range of many."""
-        parts = [
-            f"{count_text(len(self.distance), 'point')}, {np.count_nonzero(self.inside)} inside"
-        ]
+        points = count_text(len(self.distance), "point")
+        text = f"{points}, {np.count_nonzero(self.inside)} inside"
         known = self.distance[~np.isnan(self.distance)]
         if len(self.distance) == 1 and len(known):
-            parts.append(f"distance {known[0]:.6g} m, gradient {numbers_text(self.gradient[0])}")
+            text += f", distance {known[0]:.6g} m, gradient {numbers_text(self.gradient[0])}"
         elif len(known):
-            parts.append(f"distance {known.min():.6g} .. {known.max():.6g} m")
-        return f"{type(self).__name__}({', '.join(parts)})"
+            text += f", distance {known.min():.6g} .. {known.max():.6g} m"
+        return f"{type(self).__name__}({text})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -98,27 +90,25 @@ class DistanceField(FieldGrid):
     occupancy: NDArray[np.int8]
     resolution: float
     origin: Origin = (0.0, 0.0, 0.0)
-    convention: Convention = "fast-planner"
+    convention: map_values.Convention = "fast-planner"
     strength: float = 1.0
     max_distance: float | None = None
-    lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD
-    unknown: UnknownPolicy = "free"
+    lethal_threshold: int = map_values.DEFAULT_LETHAL_THRESHOLD
+    unknown: map_values.UnknownPolicy = "free"
     region: Region | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "convention", as_known(self.convention, get_args(Convention)))
-        if self.convention not in get_args(Convention):
-            rule = "convention must be fast-planner, center or border"
-            raise ParameterError(rule, got=self.convention)
-        if self.unknown not in ("free", "occupied"):
-            raise ParameterError("unknown must be free or occupied", got=self.unknown)
-        if not 1e-6 <= self.strength <= 1e6:
-            raise ParameterError("strength must lie between 1e-6 and 1e6", got=self.strength)
-        if self.max_distance is not None and not 0 < self.max_distance < math.inf:
-            raise ParameterError("max_distance must be finite and above 0", got=self.max_distance)
-        if not 1 <= self.lethal_threshold <= 100:
-            rule = "lethal_threshold must lie between 1 and 100"
-            raise ParameterError(rule, got=self.lethal_threshold)
+        conventions = get_args(map_values.Convention)
+        object.__setattr__(self, "convention", as_known(self.convention, conventions))
+        limit = 1.0 if self.max_distance is None else self.max_distance
+        for name, holds, rule in (
+            ("convention", self.convention in conventions, "be fast-planner, center or border"),
+            ("unknown", self.unknown in ("free", "occupied"), "be free or occupied"),
+            ("strength", 1e-6 <= self.strength <= 1e6, "lie between 1e-6 and 1e6"),
+            ("max_distance", 0 < limit < math.inf, "be finite and above 0"),
+            ("lethal_threshold", 1 <= self.lethal_threshold <= 100, "lie between 1 and 100"),
+        ):
+            require(holds, f"{name} must {rule}", got=getattr(self, name))
         self._freeze(
             distance=as_layer(self.distance, np.float32, "distance"),
             occupancy=as_occupancy_layer(self.occupancy),
@@ -133,13 +123,11 @@ class DistanceField(FieldGrid):
             obstacles += int(np.count_nonzero(mask[rows]))
             lowest = min(lowest, float(distance.min()))
             highest = max(highest, float(distance.max()))
-        finite = math.isfinite(lowest) and math.isfinite(highest)
-        return {
-            "convention": self.convention,
-            "obstacles": obstacles,
-            "lowest_distance": lowest if finite else None,
-            "highest_distance": highest if finite else None,
-        }
+        ends = (
+            (lowest, highest) if math.isfinite(lowest) and math.isfinite(highest) else (None,) * 2
+        )
+        named_ends = zip(("lowest_distance", "highest_distance"), ends, strict=True)
+        return {"convention": self.convention, "obstacles": obstacles, **dict(named_ends)}
 
     def _repr_parameters(self) -> Iterator[str]:
         yield f"convention {self.convention}"
@@ -171,8 +159,7 @@ class DistanceField(FieldGrid):
     def obstacles(self) -> NDArray[np.bool_]:
         """Return the mask of cells that the field counts as obstacles."""
         if self.region is not None and self.unknown == "occupied":  # around the box is no obstacle
-            inner, (height, width) = self.cropped.obstacles(), self.shape
-            return padded(inner, (height, width), self.region, fill=False)
+            return padded(self.cropped.obstacles(), self.shape, self.region, fill=False)
         return obstacles_in(self.occupancy, self.lethal_threshold, self.unknown)
 
     def query(self, points_xy: ArrayLike) -> FieldSamples:
@@ -214,20 +201,18 @@ class DistanceField(FieldGrid):
         """
         points = as_points(points_xy)
         count = len(points)
-        distance, gradient = np.empty(count), np.empty((count, 2))
-        inside = np.empty(count, dtype=np.bool_)
+        samples = FieldSamples(np.empty(count), np.empty((count, 2)), np.empty(count, np.bool_))
 
         def sample(first: int, end: int) -> None:
             for start in range(first * _POINTS_AT_ONCE, end * _POINTS_AT_ONCE, _POINTS_AT_ONCE):
                 part = slice(start, start + _POINTS_AT_ONCE)
-                distance[part], gradient[part], inside[part] = self._query(points[part])
+                for array, values in zip(samples, self._query(points[part]), strict=True):
+                    array[part] = values
 
         in_parallel(sample, -(-count // _POINTS_AT_ONCE))
-        return FieldSamples(distance, gradient, inside)
+        return samples
 
-    def _query(
-        self, points: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    def _query(self, points: NDArray[np.float64]) -> FieldSamples:
         frame, region = self.frame, self.region
         places, inside = frame.bounded_continuous_rowcol_from_xy(points)
         if region is not None:
@@ -240,13 +225,12 @@ class DistanceField(FieldGrid):
         if outside.any():
             distance[outside] = np.nan
             gradient[outside] = np.nan
-        return distance, gradient, inside
+        return FieldSamples(distance, gradient, inside)
 
 
 def obstacles_in(
-    occupancy: NDArray[np.int8], lethal_threshold: int, unknown: UnknownPolicy
+    occupancy: NDArray[np.int8], lethal_threshold: int, unknown: map_values.UnknownPolicy
 ) -> NDArray[np.bool_]:
-
     def are_obstacles(values: NDArray[np.int8]) -> NDArray[np.bool_]:
         occupied: NDArray[np.bool_] = values >= lethal_threshold
         if unknown == "occupied":
@@ -293,15 +277,12 @@ class ViewScale:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "view", as_known(self.view, get_args(View)))
-        if self.view not in get_args(View):
-            raise ParameterError("must be metric or per-map", place="view", got=self.view)
-        if not 0 < self.view_range < math.inf:
-            rule = "must be a finite number, above 0"
-            raise ParameterError(rule, place="view_range", got=self.view_range)
+        require(self.view in get_args(View), "must be metric or per-map", "view", got=self.view)
+        is_length, rule = 0 < self.view_range < math.inf, "must be a finite number"
+        require(is_length, f"{rule}, above 0", "view_range", got=self.view_range)
         for name in ("farthest", "deepest"):
-            if not 0 <= getattr(self, name) < math.inf:  # nan is refused, too
-                rule = "must be a finite number, at least 0"
-                raise ParameterError(rule, place=name, got=getattr(self, name))
+            value = getattr(self, name)
+            require(0 <= value < math.inf, f"{rule}, at least 0", name, got=value)
 
     @property
     def end(self) -> float:
@@ -373,8 +354,6 @@ class FieldView(OccupancyGrid):
         return {**super()._own_figures(), **self.scale.entries()}
 
 
-_TOP_OF_NORMALISED = 10.0
-
 LARGEST_GAIN = 1e9
 LARGEST_REPULSION = 1e15  # more than any map has; up to here no layer overflows
 
@@ -438,13 +417,10 @@ class PotentialField(FieldGrid):
         ):
             raise ParameterError(f"repulsive must lie between 0 and {LARGEST_REPULSION:g}")
         for name in ("attractive_gain", "repulsive_gain"):
-            value = getattr(self, name)
-            if not 0 <= value <= LARGEST_GAIN:
-                rule = f"must lie between 0 and {LARGEST_GAIN:g}"
-                raise ParameterError(rule, place=name, got=value)
-        if not 0 < self.repulsive_cap <= LARGEST_REPULSION:
-            rule = f"must be above 0, at most {LARGEST_REPULSION:g}"
-            raise ParameterError(rule, place="repulsive_cap", got=self.repulsive_cap)
+            gain, rule = getattr(self, name), f"must lie between 0 and {LARGEST_GAIN:g}"
+            require(0 <= gain <= LARGEST_GAIN, rule, name, got=gain)
+        cap, rule = self.repulsive_cap, f"must be above 0, at most {LARGEST_REPULSION:g}"
+        require(0 < cap <= LARGEST_REPULSION, rule, "repulsive_cap", got=cap)
         if self.goal is not None:
             object.__setattr__(self, "goal", check_point(self.goal, "goal"))
         layers = {"repulsive": repulsive, "occupancy": as_occupancy_layer(self.occupancy)}
@@ -506,8 +482,7 @@ class PotentialField(FieldGrid):
 
     def obstacles(self) -> NDArray[np.bool_]:
         """Return the mask of obstacle cells."""
-        obstacles: NDArray[np.bool_] = self.occupancy == OCCUPIED
-        return obstacles
+        return np.equal(self.occupancy, OCCUPIED)
 
     @layer_of_box
     def attractive(self) -> NDArray[np.float64] | None:
@@ -516,17 +491,15 @@ class PotentialField(FieldGrid):
             return None
         row, col = self.frame.continuous_rowcol_from_xy([self.goal])[0]
         rows = np.arange(self.shape[0])[:, np.newaxis] + 0.5 - row
-        distance: NDArray[np.float64] = np.hypot(rows, np.arange(self.shape[1]) + 0.5 - col)
-        distance *= self.resolution
-        return distance
+        distance = np.hypot(rows, np.arange(self.shape[1]) + 0.5 - col)
+        return np.asarray(distance * self.resolution)
 
     @layer_of_box
     def potential(self) -> NDArray[np.float64]:
         """Sum of both parts times their gains, shape (H, W); `repulsive` if there is no goal."""
         if self.attractive is None:
             return self.repulsive
-        total = self.attractive_gain * self.attractive + self.repulsive_gain * self.repulsive
-        return total
+        return self.attractive_gain * self.attractive + self.repulsive_gain * self.repulsive
 
     @layer_of_box
     def normalised(self) -> NDArray[np.float64]:
@@ -534,7 +507,7 @@ class PotentialField(FieldGrid):
         low, high = float(self.potential.min()), float(self.potential.max())
         if high == low:
             return np.zeros(self.shape)
-        return _TOP_OF_NORMALISED * (self.potential - low) / (high - low)
+        return 10 * (self.potential - low) / (high - low)
 
     @layer_of_box
     def gradient(self) -> NDArray[np.float64]:
@@ -549,8 +522,7 @@ class PotentialField(FieldGrid):
     @layer_of_box
     def gradient_magnitude(self) -> NDArray[np.float64]:
         """Magnitude of the gradient, per metre, shape (H, W)."""
-        magnitude: NDArray[np.float64] = np.hypot(*self.gradient)
-        return magnitude
+        return np.asarray(np.hypot(*self.gradient))
 
     @layer_of_box
     def cost_to_go_gradient(self) -> NDArray[np.float64] | None:
@@ -598,8 +570,7 @@ class PotentialField(FieldGrid):
     def _along_map_axes(
         self, along_rows: NDArray[np.float64], along_cols: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        yaw = self.origin[2]
-        cos, sin = math.cos(yaw), math.sin(yaw)
+        cos, sin = math.cos(self.origin[2]), math.sin(self.origin[2])
         slopes = np.empty((2, *self.shape))
         np.subtract(along_cols * cos, along_rows * sin, out=slopes[0])
         np.add(along_cols * sin, along_rows * cos, out=slopes[1])
@@ -615,7 +586,7 @@ def _rises(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
     steps[~is_known] = 0
     total, count = np.zeros_like(values), np.zeros(values.shape, np.uint8)
     for side in (np.s_[1:], np.s_[:-1]):
-        cells = (side, np.s_[:]) if axis == 0 else (np.s_[:], side)
+        cells = side if axis == 0 else (np.s_[:], side)
         total[cells] += steps
         count[cells] += is_known
     total /= np.maximum(count, 1)

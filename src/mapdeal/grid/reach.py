@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import ParameterError
+from mapdeal.errors import require
 from mapdeal.grid.footprint import Footprint, contains_centre
 from mapdeal.grid.frame import Figures, Framed, Origin, Point, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
@@ -19,9 +19,7 @@ from mapdeal.grid.values import UNKNOWN, OneLine, count_text, decimal_text, numb
 PlaceOfLimit = Literal["passage", "start", "goal"]
 Method = Literal["astar", "descent", "geodesic", "graph"]
 
-_ROUNDING = 12
-"""Decimals of widths, so that twice six cells of 0.05 m are 0.6 m and not wider by a last bit."""
-
+_ROUNDING = 12  # decimals of widths: twice six cells of 0.05 m are 0.6 m, not a last bit more
 _DECIMALS = 9  # of figures; further digits are rounding errors
 MOST_HEADINGS = 255  # as many as a byte of the layer `Reach.headings` can count
 
@@ -45,8 +43,7 @@ class Goal(OneLine):
     @property
     def label(self) -> str:
         """Name of the goal, or its position if it has no name."""
-        place = f"{self.x + 0.0:.10g},{self.y + 0.0:.10g}"
-        return place if self.name is None else self.name
+        return f"{self.x + 0.0:.10g},{self.y + 0.0:.10g}" if self.name is None else self.name
 
     def _repr_parts(self) -> Iterator[str]:
         if self.name is not None:
@@ -221,9 +218,8 @@ class Reach(Framed):
     passages: tuple[Passage, ...] = ()
 
     def __post_init__(self) -> None:
-        if not 1 <= self.heading_count <= MOST_HEADINGS:
-            rule = f"must be from 1 to {MOST_HEADINGS}"
-            raise ParameterError(rule, place="heading_count", got=self.heading_count)
+        count, rule = self.heading_count, f"must be from 1 to {MOST_HEADINGS}"
+        require(1 <= count <= MOST_HEADINGS, rule, "heading_count", got=count)
         self._freeze(
             reachable=as_layer(self.reachable, np.uint8, "reachable"),
             headings=as_layer(self.headings, np.uint8, "headings"),
