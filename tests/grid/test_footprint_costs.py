@@ -18,7 +18,7 @@ from mapdeal.grid.values import (
     static_layer_cost_from_occupancy,
 )
 from mapdeal.kernels import engine
-from mapdeal.kernels.paths import ConfigurationSpace
+from mapdeal.kernels.paths import open_poses
 
 ROBOT = Footprint.polygon([[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]])
 
@@ -177,16 +177,16 @@ def test_ways_on_a_large_map_are_those_of_a_search_in_all_72_headings(seed):
     blocked[20, 9:17] = blocked[40, 30:38] = False
     corners = [(0.45, 0.16), (0.45, -0.16), (-0.35, -0.16), (-0.35, 0.16)]
     frame = Frame(*blocked.shape, 0.1, (1.5, -2.0, 0.4))
-    space = ConfigurationSpace(blocked, footprint_spans(Footprint.polygon(corners), frame, 72))
+    space = open_poses(blocked, footprint_spans(Footprint.polygon(corners), frame, 72))
     turns = [2 * math.pi * k / 72 - 0.4 for k in range(72)]
     covered = [{(y, x) for x, y in cells_of(corners, turn, 0.1)} for turn in turns]
     opened = oracles.open_poses(blocked, covered)
     seeds = [(heading, 9, 9) for heading in range(0, 72, 5)]
     reached = oracles.reached_poses(opened, seeds)
-    found = space.reach(seeds, [(9, 9)])
+    reachable, headings = space.reach(seeds, [(9, 9)])
     np.testing.assert_array_equal(space.headings, opened.sum(axis=0))
-    np.testing.assert_array_equal(found.reachable, reached.any(axis=0))
-    np.testing.assert_array_equal(found.headings[0], reached[:, 9, 9])
+    np.testing.assert_array_equal(reachable, reached.any(axis=0))
+    np.testing.assert_array_equal(headings[0], reached[:, 9, 9])
     assert reached[:, 21:].any()  # it gets through the first door
 
 

@@ -53,7 +53,8 @@ def test_widest_ways_are_those_of_floods(each_engine, grid, choice, resolution, 
     if is_open.any():
         start = some_cell(is_open, choice)
         expected = oracles.widest_by_flooding(squared, is_open, start).astype(squared.dtype)
-        metres = paths.widest_metres(tree, squared, start, resolution, in_place=in_place)
+        rooted = paths.rooted(tree, int(tree.basins[start]))
+        metres = paths.widest_metres(tree, rooted, squared, start, resolution, in_place=in_place)
         assert metres.dtype == np.float32
         assert np.array_equal(metres, metres_of(expected, resolution))
         assert np.shares_memory(metres, tree.basins) == in_place
@@ -138,7 +139,8 @@ def test_widest_ways_through_real_buildings_are_those_of_labels(each_engine, rea
     squared = squared_distance(values == 100)
     tree = paths.clearance_tree(squared, is_free)
     start = divmod(int(tree.peak_cells[np.argmax(tree.peaks)]), squared.shape[1])
-    widest = np.rint(paths.widest_metres(tree, squared, start, 1.0).astype(float) ** 2)
+    rooted = paths.rooted(tree, int(tree.basins[start]))
+    widest = np.rint(paths.widest_metres(tree, rooted, squared, start, 1.0).astype(float) ** 2)
     some = tree.squares[:: max(1, len(tree.squares) // 12)].tolist()
     for square in {limit for peak in some for limit in (peak, peak + 1)}:
         labels, _ = ndimage.label(is_free & (squared >= square))

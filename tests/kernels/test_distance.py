@@ -133,17 +133,6 @@ def test_a_grid_without_cells_gives_none(shape):
     assert bytes_by_distance(empty, np.zeros(3, np.uint8)).shape == shape
 
 
-def test_masks_limits_and_tables_that_cannot_be_are_refused():
-    mask = np.ones((2, 2), dtype=bool)
-    for no_mask in (np.zeros((3, 3), np.uint8), np.zeros(3, bool)):
-        with pytest.raises(ValueError, match="must be a bool array with two axes"):
-            squared_distance(no_mask)
-    with pytest.raises(ValueError, match="at least 0"):
-        squared_distance(mask, limit=-1)
-    with pytest.raises(ValueError, match="two entries"):
-        bytes_by_distance(mask, np.zeros(1, np.uint8))
-
-
 @pytest.mark.parametrize("shape", [(1, 46_400), (2, 32_767), (32_768, 2), (1, 1_600_000)])
 def test_squares_beyond_32_bits_do_not_overflow(shape):
     marked = np.zeros(shape, dtype=bool)
@@ -212,12 +201,6 @@ def test_squares_beyond_32_bits_are_exact(shape):
     expected[0, 0] = -1
     for distance in (by_blocks(marked, blocks, **measure), signed_distance(marked, **measure)):
         assert np.array_equal(distance, expected.astype(np.float32))
-
-
-@pytest.mark.parametrize("rows", [0, 1 << 16])
-def test_blocks_whose_runs_cannot_be_counted_are_refused(rows):
-    with pytest.raises(ValueError, match="between 1 and 65535"):
-        runs_of(np.zeros((rows, 1), dtype=bool))
 
 
 @given(masks(), st.integers(0, 2**32 - 1))

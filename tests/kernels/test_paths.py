@@ -55,13 +55,6 @@ def test_far_away_costs_are_lengths_and_exact_along_eight_directions(each_engine
     assert ((found >= away * (1 - 1e-12)) & (found <= away * 1.01 + 0.25)).all()
 
 
-@pytest.mark.parametrize(("weights", "source"), [([0.0, 1.0], (0, 0)), ([1.0, 1e7], (0, 1))])
-def test_closed_sources_and_weights_too_far_apart_are_refused(each_engine, weights, source):
-    cells = np.array([[0, 1]], np.uint8)
-    with pytest.raises(ValueError, match=r"open cells|factor"):
-        costs_to_go(cells, np.array(weights), np.array([source]), np.zeros(1))
-
-
 def _cost_of(weights, cells):
     total = 0.0
     for (row, col), (r, c) in pairwise(cells):
@@ -114,13 +107,5 @@ def test_both_engines_find_the_same_path(field, is_plain):
     assert compiled == twin
 
 
-def test_tiny_weights_stay_open_and_huge_ones_are_refused(each_engine):
+def test_tiny_weights_stay_open(each_engine):
     assert len(cheapest_path(np.full((1, 3), 1e-30), (0, 0), (0, 2)).cells) == 3
-    with pytest.raises(ValueError, match=r"2\^27"):
-        cheapest_path(np.full((1, 3), 1e30), (0, 0), (0, 2))
-
-
-@pytest.mark.parametrize("goal", [(0, 3), (-1, 0), (0, 1)])
-def test_start_and_goal_must_be_open_cells(each_engine, goal):
-    with pytest.raises(ValueError, match="open cells"):
-        cheapest_path(np.array([[1.0, 0.0, 1.0]]), (0, 0), goal)

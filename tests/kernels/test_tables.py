@@ -8,7 +8,7 @@ from mapdeal.files.source import claimed, use_memory
 from mapdeal.kernels.components import BYTES_OF_BASIN
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.engine import engine_name
-from mapdeal.kernels.paths import ConfigurationSpace, clearance_tree
+from mapdeal.kernels.paths import clearance_tree, open_poses
 from mapdeal.kernels.polygons import Spans
 from mapdeal.kernels.threads import claim_tables, tables_claimed
 
@@ -34,7 +34,7 @@ def test_each_free_cell_of_a_checkerboard_is_a_basin_and_a_corridor_is_one(close
 @pytest.mark.skipif(engine_name() != "compiled", reason="scipy's planes are of bytes")
 def test_poses_of_narrow_maps_are_claimed_in_words():
     point = Spans(np.array([0]), np.array([0]), np.array([1]))
-    sizes = claims_of(lambda: ConfigurationSpace(np.zeros((50, 4), np.bool_), [point] * 8))
+    sizes = claims_of(lambda: open_poses(np.zeros((50, 4), np.bool_), [point] * 8))
     assert sizes == [50 * 8 * 8 - 8 * 50 * 4 // 8]  # words of 64 cells, less a bit for each cell
 
 

@@ -25,7 +25,8 @@ from mapdeal.grid.reach import (
     width_of,
 )
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
-from mapdeal.kernels.arrays import SquaredDistances
+from mapdeal.kernels import paths
+from mapdeal.kernels.arrays import Bytes, Mask, SquaredDistances
 from mapdeal.kernels.components import (
     ClearanceTree,
     RootedTree,
@@ -35,15 +36,6 @@ from mapdeal.kernels.components import (
     sums_behind,
 )
 from mapdeal.kernels.distance import squared_distance
-from mapdeal.kernels.paths import (
-    ConfigurationSpace,
-    Reached,
-    basin_areas,
-    clearance_metres,
-    clearance_tree,
-    rooted,
-    widest_metres,
-)
 from mapdeal.kernels.polygons import Pose
 from mapdeal.kernels.threads import for_rows
 
@@ -146,14 +138,14 @@ class Ways:
     def clearance(self, *, in_place: bool = False) -> NDArray[np.float32]:
         """Return the distance of each cell to what `squared` measures to, metres, shape (H, W)."""
         # With `in_place` it reuses the memory of the squares, which are then lost.
-        return clearance_metres(self.squared, self.frame.resolution, in_place=in_place)
+        return paths.clearance_metres(self.squared, self.frame.resolution, in_place=in_place)
 
     def in_largest_area(self, closed_up_to: int) -> NDArray[np.bool_] | None:
         """Return the cells of the largest area above a square, shape (H, W), if there is one."""
         # Areas are connected by the four straight neighbours. Of areas of equal size, the one whose
         # first basin comes first is returned.
         tree = self.tree
-        areas = basin_areas(tree, self.squared, closed_up_to)
+        areas = paths.basin_areas(tree, self.squared, closed_up_to)
         if not areas.any():
             return None
         is_wider = tree.squares > closed_up_to
@@ -175,7 +167,7 @@ class Ways:
 
     def begun_at(self, start: Cell) -> WaysFrom:
         basin = int(self.tree.basins[start])
-        return WaysFrom(self, start, None if basin < 0 else rooted(self.tree, basin))
+        return WaysFrom(self, start, None if basin < 0 else paths.rooted(self.tree, basin))
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +211,7 @@ class Ground:
         squared = squares_to(self.obstacles)
         traversable = self.blocked
         np.logical_not(traversable, out=traversable)
-        return Ways(clearance_tree(squared, traversable), squared, self.frame)
+        return Ways(paths.clearance_tree(squared, traversable), squared, self.frame)
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,16 +239,13 @@ class WaysFrom:
     def widest(self, *, in_place: bool = False) -> NDArray[np.float32]:
         """Return the least clearance on the widest way to each cell, metres, 0 if there is none."""
         # With `in_place` it reuses the memory of the basins, which are then lost.
+        ways = self.ways
         if self.rooted is None:
-            return np.zeros(self.ways.squared.shape, dtype=np.float32)
-        return widest_metres(
-            self.ways.tree,
-            self.ways.squared,
-            self.start,
-            self.ways.frame.resolution,
-            rooted_tree=self.rooted,
+            return np.zeros(ways.squared.shape, dtype=np.float32)
+        return paths.widest_metres(
+            ways.tree, self.rooted, ways.squared, self.start, ways.frame.resolution,
             in_place=in_place,
-        )
+        )  # fmt: skip
 
 
 def squares_to(marked: NDArray[np.bool_]) -> SquaredDistances:
@@ -524,40 +513,26 @@ def reach_on(
     ways = ground.ways() if stood.ways is None else stood.ways
     from_start = ways.begun_at(stood.first)
     is_open = stood.headings > 0
-    counts = dict(zip(inside, stood.reached.headings.sum(axis=1).tolist(), strict=True))
+    counts = dict(zip(inside, stood.goal_headings.sum(axis=1).tolist(), strict=True))
     answers = [
         _answer(goal, cell, counts.get(cell, 0), from_start, ground, robot, is_open)
         for goal, cell in zip(goals, cells, strict=True)
     ]
     has_corners = robot is not None and bool(robot.vertices)
     found = passages(
-        ways,
-        is_open,
-        stood.first,
-        radius=reach_radius(robot),
-        margin=margin,
-        min_area=min_area,
+        ways, is_open, stood.first, radius=reach_radius(robot), margin=margin, min_area=min_area,
         circumscribed_radius=robot.circumscribed_radius if robot is not None else None,
-        is_reached=stood.reached.reachable.view(np.bool_) if has_corners else None,
-    )
+        is_reached=stood.reachable.view(np.bool_) if has_corners else None,
+    )  # fmt: skip
     del is_open
     widest = from_start.widest(in_place=True)  # the basins are of no more use, nor the squares
     clearance = ways.clearance(in_place=True)
     return Reach(
-        stood.reached.reachable,
-        stood.headings,
-        clearance,
-        widest,
-        ground.occupancy,
-        ground.frame.resolution,
-        ground.frame.origin,
-        start=stood.start,
-        robot=robot,
-        heading_count=headings,
-        through_unknown=ground.through_unknown,
-        goals=tuple(answers),
+        stood.reachable, stood.headings, clearance, widest, ground.occupancy,
+        ground.frame.resolution, ground.frame.origin, start=stood.start, robot=robot,
+        heading_count=headings, through_unknown=ground.through_unknown, goals=tuple(answers),
         passages=found,
-    )
+    )  # fmt: skip
 
 
 def cells_open_to(ground: Ground, robot: Footprint | None, start: Cell) -> NDArray[np.bool_]:
@@ -569,13 +544,13 @@ def cells_open_to(ground: Ground, robot: Footprint | None, start: Cell) -> NDArr
         is_open &= ~ground.blocked
         return is_open
     footprints = footprint_spans(robot, ground.frame, DEFAULT_HEADINGS)
-    poses = ConfigurationSpace(ground.untouchable, footprints, closed=ground.keepout)
-    seeds = [(int(heading), *start) for heading in np.flatnonzero(poses.open_headings(*start))]
-    return poses.reach(seeds).reachable.view(np.bool_)
+    poses = paths.open_poses(ground.untouchable, footprints, ground.keepout)
+    seeds = [(int(heading), *start) for heading in np.flatnonzero(poses.at(*start))]
+    return poses.reach(seeds, [])[0].view(np.bool_)
 
 
-class _RoundPoses:
-    """The poses of a round robot, which fits in all headings or none; as `ConfigurationSpace`."""
+class _RoundPoses(paths.OpenPoses):
+    """The poses of a round robot, which fits in all headings or none."""
 
     def __init__(self, ways: Ways, closed_up_to: int, heading_count: int) -> None:
         self._ways, self._closed_up_to = ways, closed_up_to
@@ -583,26 +558,24 @@ class _RoundPoses:
         self.headings = ways.is_open(closed_up_to).view(np.uint8)
         self.headings *= np.uint8(heading_count)
 
-    def open_headings(self, row: int, col: int) -> NDArray[np.bool_]:
+    def at(self, row: int, col: int) -> Mask:
         return np.full(self._heading_count, self.headings[row, col] > 0)
 
-    def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell]) -> Reached:
-        """Return what can be reached from a cell, and in which headings some cells are."""
+    def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell]) -> tuple[Bytes, Mask]:
         reachable = self._ways.begun_at(seeds[0][1:]).reachable(self._closed_up_to)
-        headings = np.zeros((len(cells), self._heading_count), dtype=np.bool_)
-        for index, cell in enumerate(cells):
-            headings[index] = reachable[cell]
-        return Reached(reachable, headings)
+        is_reached = np.array([reachable[cell] > 0 for cell in cells], dtype=np.bool_)
+        return reachable, np.repeat(is_reached[:, np.newaxis], self._heading_count, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class _Stood:
     """Where a robot can stand, and where it gets to from its start."""
 
-    headings: NDArray[np.uint8]
+    headings: Bytes
     start: tuple[float, ...]
     first: Cell
-    reached: Reached
+    reachable: Bytes
+    goal_headings: Mask
     ways: Ways | None
 
 
@@ -616,17 +589,18 @@ def _stood(
 ) -> _Stood:
     ways = None
     closed_up_to = largest_closed_square(reach_radius(robot), ground.frame)
-    poses: _RoundPoses | ConfigurationSpace
+    poses: paths.OpenPoses
+    widest = None
     if robot is None or not robot.vertices:
         ways = ground.ways()
-        widest = _widest_place(ground, ways, closed_up_to) if start is None else None
+        if start is None:
+            widest = _widest_place(ground, ways, closed_up_to)
         poses = _RoundPoses(ways, closed_up_to, heading_count)
     else:
-        widest = None
         if start is None:
             widest = _widest_place(ground, ground.ways(), closed_up_to)
         footprints = footprint_spans(robot, ground.frame, heading_count)
-        poses = ConfigurationSpace(ground.untouchable, footprints, closed=ground.keepout)
+        poses = paths.open_poses(ground.untouchable, footprints, ground.keepout)
     if not poses.headings.any():
         raise MalformedInputError(f"no cell is open to {robot_text(robot)}")
     if first is None or start is None:
@@ -634,7 +608,7 @@ def _stood(
         first = nearest_marked(poses.headings > 0, widest or (0, 0)) or (0, 0)
         start = tuple(ground.frame.xy_from_rowcol([first])[0].round(_DECIMALS).tolist())
     seeds = [(heading, *first) for heading in _headings_at(poses, first, start, ground, robot)]
-    return _Stood(poses.headings, start, first, poses.reach(seeds, cells), ways)
+    return _Stood(poses.headings, start, first, *poses.reach(seeds, cells), ways)
 
 
 def _widest_place(ground: Ground, ways: Ways, closed_up_to: int) -> Cell | None:
@@ -653,13 +627,13 @@ def _widest_place(ground: Ground, ways: Ways, closed_up_to: int) -> Cell | None:
 
 
 def _headings_at(
-    poses: _RoundPoses | ConfigurationSpace,
+    poses: paths.OpenPoses,
     first: Cell,
     start: Sequence[float],
     ground: Ground,
     robot: Footprint | None,
 ) -> list[int]:
-    is_open = poses.open_headings(*first)
+    is_open = poses.at(*first)
     if not is_open.any():
         square = int(squares_to(ground.obstacles)[first])
         rule = f"lies in a closed cell ({_closed_text(ground, first, square, robot)})"

@@ -9,8 +9,8 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from types import ModuleType
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -20,17 +20,15 @@ from mapdeal.kernels.components import ClearanceTree, RootedTree
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.polygons import Cell, Pose, Spans
 
+# Weight 1 on the scale of path sums. Weights and diagonals are rounded to whole numbers on this
+# scale, so that sums are exact and paths of equal cost compare equal.
 UNIT = float(1 << 24)
-"""Weight 1 on the scale of path sums. Weights and diagonals are rounded to whole numbers on this
-scale, so that sums are exact and paths of equal cost compare equal."""
-
 ROOT_OF_2 = math.sqrt(2.0)
 _ROUNDING = float(1 << 52)
 _STEPS = tuple((row, col) for row in (-1, 0, 1) for col in (-1, 0, 1) if row or col)
 
 
-@dataclass(frozen=True, eq=False)
-class FoundPath:
+class FoundPath(NamedTuple):
     cells: Integers
     cost: float
     expanded: int
@@ -45,28 +43,18 @@ def cheapest_path(
     # one of several optimal paths.
     # Surcharges make the estimate inconsistent: a cell may be expanded before the cheapest path to
     # it is known. It is not opened again, as a correction would undo the effect of the surcharges
-    # and could expand cells many times. Each cell is expanded at most once, and a path is found if
-    # one exists.
-    ends = np.array([start, goal])
-    is_inside = ((ends >= 0) & (ends < weights.shape)).all()
-    if not (is_inside and (weights[tuple(ends.T)] > 0).all()):
-        raise ValueError("start and goal must be open cells")
+    # and could expand cells many times. Start and goal must be open, and weights at most 2^27.
     scaled = np.rint(np.multiply(weights, UNIT, dtype=np.float64))
     np.maximum(scaled, 1.0, out=scaled)
     scaled[weights <= 0] = 0.0
-    if surcharges is not None and surcharges.shape != weights.shape:
-        raise ValueError("surcharges must have the shape of the weights")
-    if scaled.max() > UNIT * (1 << 27):
-        raise ValueError("weights must not be above 2^27")
     least = float(scaled.min(where=scaled > 0, initial=math.inf))
     more = None if surcharges is None else np.rint(np.multiply(surcharges, UNIT, dtype=np.float64))
     if engine_name() == "compiled":
         from mapdeal.kernels import _compiled
 
-        found = _compiled.cheapest_path(scaled, start, goal, least, more)
+        cells, cost, expanded = _compiled.cheapest_path(scaled, start, goal, least, more)
     else:
-        found = _cheapest_path(scaled, start, goal, least, more)
-    cells, cost, expanded = found
+        cells, cost, expanded = _cheapest_path(scaled, start, goal, least, more)
     return FoundPath(np.stack(np.divmod(cells, weights.shape[1]), axis=1), cost / UNIT, expanded)
 
 
@@ -130,29 +118,17 @@ def _diagonal(weight: float) -> float:
 
 
 def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> ClearanceTree:
-    if squared.ndim != 2 or squared.dtype not in (np.int32, np.int64):
-        rule = f"squares must be an integer array with two axes, not {squared.ndim} of"
-        raise ValueError(f"{rule} {squared.dtype}")
-    if is_traversable.dtype != np.bool_ or is_traversable.shape != squared.shape:
-        raise ValueError("the mask of traversable cells must be bool, of the shape of the squares")
     return _engine(squared).clearance_tree(squared, is_traversable)  # type: ignore[no-any-return]
 
 
 def rooted(tree: ClearanceTree, root: int) -> RootedTree:
-    if not 0 <= root < len(tree.peaks):
-        raise IndexError(f"the tree has no basin {root}")
     return _engine(tree.basins).rooted(tree, root)  # type: ignore[no-any-return]
 
 
 def widest_metres(
-    tree: ClearanceTree, squared: SquaredDistances, start: Cell, resolution: float,
-    *, rooted_tree: RootedTree | None = None, in_place: bool = False,
+    tree: ClearanceTree, rooted_tree: RootedTree, squared: SquaredDistances, start: Cell,
+    resolution: float, *, in_place: bool = False,
 ) -> Metres:  # fmt: skip
-    basin = int(tree.basins[start])
-    if basin < 0:
-        raise ValueError("the start must be a traversable cell")
-    if rooted_tree is None:
-        rooted_tree = rooted(tree, basin)
     # The bottleneck from each basin's peak to the start, 0 without a path. The entry before them is
     # for cells outside of all basins (-1).
     limits = np.zeros(len(tree.peaks) + 1, dtype=np.int64)
@@ -192,50 +168,24 @@ def _engine(squared: SquaredDistances | None = None) -> ModuleType:
     return scipy_twins
 
 
-MOST_HEADINGS = 255  # a byte counts them
-
-
-@dataclass(frozen=True, eq=False)
-class Reached:
-    reachable: Bytes
-    headings: Mask
-
-
-class ConfigurationSpace:
+class OpenPoses(Protocol):
     """The open poses of a footprint: inside the grid and clear of blocked cells."""
 
     # An open pose connects to the open poses of the previous and the next heading at the same cell,
     # headings being a circle, and to those of the same heading at the four adjacent cells.
-    # Each pose is one bit in the plane of its heading. A flood clears the bits of reached poses
-    # instead of storing a second set; the planes are computed again for the next call.
 
-    def __init__(
-        self, blocked: Layer, footprints: Sequence[Spans], *, closed: Mask | None = None
-    ) -> None:
-        # poses centred on `closed` cells are closed
-        if not 1 <= len(footprints) <= MOST_HEADINGS:
-            raise ValueError(f"there must be 1 to {MOST_HEADINGS} headings")
-        if not all(len(spans.rows) and (spans.starts < spans.stops).all() for spans in footprints):
-            raise ValueError("a footprint without cells, or with an empty run")
-        self.shape = blocked.shape
-        self._count = len(footprints)
-        self._poses = _engine().OpenPoses(blocked, footprints, closed)
-        self.headings: Bytes = self._poses.headings
-        """Number of open headings of each cell, shape (H, W)."""
+    headings: Bytes  # number of open headings of each cell, shape (H, W)
 
-    def open_headings(self, row: int, col: int) -> Mask:
-        self._check(row, col)
-        return self._poses.at(row, col)  # type: ignore[no-any-return]
+    def at(self, row: int, col: int) -> Mask:
+        """Return which headings are open at a cell."""
 
-    def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell] = ()) -> Reached:
+    def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell]) -> tuple[Bytes, Mask]:
         """Return the cells reachable from poses, and the reachable headings of some cells."""
-        for heading, row, col in seeds:
-            self._check(row, col, heading)
-        for row, col in cells:
-            self._check(row, col)
-        return Reached(*self._poses.reach(seeds, cells))
 
-    def _check(self, row: int, col: int, heading: int = 0) -> None:
-        height, width = self.shape
-        if not (0 <= row < height and 0 <= col < width and 0 <= heading < self._count):
-            raise IndexError("no such cell, or no such heading")
+
+def open_poses(
+    blocked: Layer, footprints: Sequence[Spans], closed: Mask | None = None
+) -> OpenPoses:
+    """Return the poses of a footprint in up to 255 headings, none centred on a closed cell."""
+    poses: OpenPoses = _engine().OpenPoses(blocked, footprints, closed)
+    return poses
