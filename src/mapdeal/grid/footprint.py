@@ -401,12 +401,9 @@ def sample_poses(
     resolution = as_float32(costmap.resolution)
     costs = np.asarray(costmap.cost).view(np.uint8)
     return costs_at_poses(
-        costs,
-        Lattice(resolution, *costmap.origin),
-        np.array(shape.vertices),
-        places,
+        costs, Lattice(resolution, *costmap.origin), np.array(shape.vertices), places,
         filled=rule == "full",
-    )
+    )  # fmt: skip
 
 
 def shape_of(footprint: Footprint | None, robot_radius: float | None) -> Footprint | None:

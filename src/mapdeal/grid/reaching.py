@@ -276,16 +276,10 @@ DEFAULT_MIN_AREA = 1.0  # square metres on each side of a passage
 
 
 def passages(
-    ways: Ways,
-    is_open: NDArray[np.bool_],
-    start: Cell,
-    *,
-    radius: float,
-    margin: float = DEFAULT_MARGIN,
-    min_area: float = DEFAULT_MIN_AREA,
-    circumscribed_radius: float | None = None,
-    is_reached: NDArray[np.bool_] | None = None,
-) -> tuple[Passage, ...]:
+    ways: Ways, is_open: NDArray[np.bool_], start: Cell, *, radius: float,
+    margin: float = DEFAULT_MARGIN, min_area: float = DEFAULT_MIN_AREA,
+    circumscribed_radius: float | None = None, is_reached: NDArray[np.bool_] | None = None,
+) -> tuple[Passage, ...]:  # fmt: skip
     tree = ways.tree
     root = int(tree.basins[start])
     if root < 0 or not len(tree.squares):
@@ -386,13 +380,9 @@ def _first_edge(tree: ClearanceTree, rooted: RootedTree, basin: int, square: int
 
 
 def _meetings(
-    tree: ClearanceTree,
-    counts: NDArray[np.float64],
-    root: int,
-    wide: int,
-    narrow: int,
+    tree: ClearanceTree, counts: NDArray[np.float64], root: int, wide: int, narrow: int,
     least: float,
-) -> NDArray[np.intp]:
+) -> NDArray[np.intp]:  # fmt: skip
     """Return the edges at which large regions meet, of squares above `narrow` and up to `wide`."""
     # A region is a set of basins connected by wider edges; that of the root may be small. If the
     # robot is stopped, consecutive small regions count together as a large one.
@@ -488,15 +478,9 @@ _DECIMALS = 9
 
 
 def reach_on(
-    ground: Ground,
-    robot: Footprint | None,
-    *,
-    start: Sequence[float] | None,
-    goals: Sequence[Goal],
-    headings: int,
-    margin: float,
-    min_area: float,
-) -> Reach:
+    ground: Ground, robot: Footprint | None, *, start: Sequence[float] | None,
+    goals: Sequence[Goal], headings: int, margin: float, min_area: float,
+) -> Reach:  # fmt: skip
     """Compute where a robot can go; see the stage ``reach``."""
     if start is not None and len(start) not in (2, 3):
         raise ParameterError("must be x,y or x,y,yaw", place="start", got=tuple(start))
@@ -580,13 +564,9 @@ class _Stood:
 
 
 def _stood(
-    ground: Ground,
-    robot: Footprint | None,
-    heading_count: int,
-    first: Cell | None,
-    start: tuple[float, ...] | None,
-    cells: Sequence[Cell],
-) -> _Stood:
+    ground: Ground, robot: Footprint | None, heading_count: int, first: Cell | None,
+    start: tuple[float, ...] | None, cells: Sequence[Cell],
+) -> _Stood:  # fmt: skip
     ways = None
     closed_up_to = largest_closed_square(reach_radius(robot), ground.frame)
     poses: paths.OpenPoses
@@ -627,12 +607,9 @@ def _widest_place(ground: Ground, ways: Ways, closed_up_to: int) -> Cell | None:
 
 
 def _headings_at(
-    poses: paths.OpenPoses,
-    first: Cell,
-    start: Sequence[float],
-    ground: Ground,
+    poses: paths.OpenPoses, first: Cell, start: Sequence[float], ground: Ground,
     robot: Footprint | None,
-) -> list[int]:
+) -> list[int]:  # fmt: skip
     is_open = poses.at(*first)
     if not is_open.any():
         square = int(squares_to(ground.obstacles)[first])
@@ -673,14 +650,9 @@ def _closed_text(ground: Ground, cell: Cell, square: int, robot: Footprint | Non
 
 
 def _answer(
-    goal: Goal,
-    cell: Cell,
-    heading_count: int,
-    from_start: WaysFrom,
-    ground: Ground,
-    robot: Footprint | None,
-    is_open: NDArray[np.bool_],
-) -> GoalReach:
+    goal: Goal, cell: Cell, heading_count: int, from_start: WaysFrom, ground: Ground,
+    robot: Footprint | None, is_open: NDArray[np.bool_],
+) -> GoalReach:  # fmt: skip
     frame = ground.frame
     widest, limited_by, square = 0.0, None, 0
     if frame.holds(cell):

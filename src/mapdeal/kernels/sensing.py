@@ -272,12 +272,9 @@ def _cast(room: Bytes, starts: Floats, directions: Floats, limit: float, distanc
 
 
 def _by_rows(
-    work: Callable[..., None],
-    layer: NDArray[Any],
-    starts: Integers,
-    ends: Integers,
+    work: Callable[..., None], layer: NDArray[Any], starts: Integers, ends: Integers,
     *arguments: Any,
-) -> None:
+) -> None:  # fmt: skip
     # Each thread follows all rays, but only through its own rows. So every cell receives the beams
     # in order, and results do not depend on the number of threads.
     starts, ends = np.ascontiguousarray(starts), np.ascontiguousarray(ends)

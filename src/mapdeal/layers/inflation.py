@@ -156,14 +156,11 @@ class InflationLayer(CostmapLayer):
             text, hint = inflation_too_small(radius, inscribed_radius)
             values.problem("params.inflation-radius", "warning", text, parameter, hint)
         return cls(
-            name=name,
-            inscribed_radius=inscribed_radius,
-            inflation_radius=max(radius, 0.0),
-            cost_scaling_factor=factor,
-            inflate_unknown=values.flag(f"{name}.inflate_unknown"),
+            name=name, inscribed_radius=inscribed_radius, inflation_radius=max(radius, 0.0),
+            cost_scaling_factor=factor, inflate_unknown=values.flag(f"{name}.inflate_unknown"),
             inflate_around_unknown=values.flag(f"{name}.inflate_around_unknown"),
             lookup="exact" if older else "nav2",
-        )
+        )  # fmt: skip
 
     @classmethod
     def from_ros1(cls, server: Ros1Values, entry: PluginEntry) -> InflationLayer:
@@ -180,13 +177,10 @@ class InflationLayer(CostmapLayer):
             place = server.place(name, "inflation_radius")
             server.problem("params.inflation-radius", "warning", text, place, hint)
         return cls(
-            name=name,
-            inscribed_radius=inscribed_radius,
-            inflation_radius=radius,
+            name=name, inscribed_radius=inscribed_radius, inflation_radius=radius,
             cost_scaling_factor=number("cost_scaling_factor", 10.0, 100.0),
-            inflate_unknown=server.boolean(False, name, "inflate_unknown"),
-            lookup="exact",
-        )
+            inflate_unknown=server.boolean(False, name, "inflate_unknown"), lookup="exact",
+        )  # fmt: skip
 
     def _repr_parts(self) -> Iterator[str]:
         yield self.name
@@ -350,12 +344,9 @@ def cost_table(
 
 
 def _costs_of_squares(
-    squares: NDArray[np.int64] | NDArray[np.float64],
-    layer: InflationLayer,
-    cell_size: float,
-    *,
+    squares: NDArray[np.int64] | NDArray[np.float64], layer: InflationLayer, cell_size: float, *,
     is_tolerant: bool,
-) -> NDArray[np.uint8]:
+) -> NDArray[np.uint8]:  # fmt: skip
     if layer.lookup == "nav2":
         # in float32 and rounded as Nav2's inflation layer does
         cells = np.sqrt(squares.astype(np.float32))
@@ -413,12 +404,9 @@ def advice_on(cost: int, layer: InflationLayer) -> str:
 
 
 def inflation_curve(
-    layers: Sequence[InflationLayer],
-    resolution: float,
-    *,
-    circumscribed_radius: float | None = None,
-    float32_resolution: bool = True,
-) -> CostCurve:
+    layers: Sequence[InflationLayer], resolution: float, *,
+    circumscribed_radius: float | None = None, float32_resolution: bool = True,
+) -> CostCurve:  # fmt: skip
     cell_size = as_float32(resolution) if float32_resolution else resolution
     is_tolerant = not float32_resolution
     reaches = [

@@ -172,16 +172,13 @@ class StaticLayer(CostmapLayer):
             inscribed = values.get("inscribed_obstacle_cost_value", "integer", 99) % 256
         use_maximum = values.flag("use_maximum")
         return cls(
-            name=name,
-            track_unknown_space=values.flag("track_unknown_space"),
-            lethal_cost_threshold=clamped,
-            trinary_costmap=values.flag("trinary_costmap", True),
+            name=name, track_unknown_space=values.flag("track_unknown_space"),
+            lethal_cost_threshold=clamped, trinary_costmap=values.flag("trinary_costmap", True),
             unknown_cost_value=values.get("unknown_cost_value", "integer", 255) % 256,
-            inscribed_obstacle_cost_value=inscribed,
-            use_maximum=use_maximum,
+            inscribed_obstacle_cost_value=inscribed, use_maximum=use_maximum,
             unknown_is_highest=use_maximum and values.older and values.flag("rolling_window"),
             footprint_clearing_enabled=clears,
-        )
+        )  # fmt: skip
 
     @classmethod
     def from_ros1(cls, server: Ros1Values, entry: PluginEntry) -> StaticLayer:

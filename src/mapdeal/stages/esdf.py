@@ -275,23 +275,13 @@ def esdf(
 
     def distances(rows: slice) -> NDArray[np.float32]:
         return signed_distance(
-            obstacles[rows],
-            scale=grid.resolution,
-            outside_shift=outside_shift,
-            inside_shift=inside_shift,
-            clip=math.inf if max_distance is None else max_distance,
-            gain=strength,
-            halo=by_start[rows.start],
-        )
+            obstacles[rows], scale=grid.resolution, outside_shift=outside_shift,
+            inside_shift=inside_shift, clip=math.inf if max_distance is None else max_distance,
+            gain=strength, halo=by_start[rows.start],
+        )  # fmt: skip
 
     return DistanceField(
-        made_by_rows(obstacles, np.float32, distances, is_cached=True),
-        grid.occupancy,
-        grid.resolution,
-        grid.origin,
-        convention=convention,
-        strength=strength,
-        max_distance=max_distance,
-        lethal_threshold=lethal_threshold,
-        unknown=unknown,
-    )
+        made_by_rows(obstacles, np.float32, distances, is_cached=True), grid.occupancy,
+        grid.resolution, grid.origin, convention=convention, strength=strength,
+        max_distance=max_distance, lethal_threshold=lethal_threshold, unknown=unknown,
+    )  # fmt: skip

@@ -189,13 +189,10 @@ def exponential_cost(
     """
     warn_of_strength(source, "exponential")
     layer = inflation_layer.InflationLayer(
-        inscribed_radius=inscribed_radius,
-        inflation_radius=inflation_radius,
-        cost_scaling_factor=cost_scaling_factor,
-        inflate_unknown=inflate_unknown,
-        inflate_around_unknown=inflate_around_unknown,
-        lookup=lookup,
-    )
+        inscribed_radius=inscribed_radius, inflation_radius=inflation_radius,
+        cost_scaling_factor=cost_scaling_factor, inflate_unknown=inflate_unknown,
+        inflate_around_unknown=inflate_around_unknown, lookup=lookup,
+    )  # fmt: skip
     inflation_layer.warn_of_radii(layer)
     is_float32 = _resolution_is_float32(lookup, float32_resolution)
     cell_size = as_float32(source.resolution) if is_float32 else source.resolution

@@ -170,18 +170,11 @@ def potential(
         obstacles, scale=source.resolution, least=LEAST_DISTANCE * (1 + 1e-9)
     )
     return PotentialField(
-        np.minimum(repulsive, repulsive_cap),
-        occupancy,
-        source.resolution,
-        source.origin,
-        goal=goal,
-        attractive_gain=attractive_gain,
-        repulsive_gain=repulsive_gain,
-        repulsive_cap=repulsive_cap,
-        cost_to_go=cost_to_go,
-        cost_to_go_of=cost_to_go_of,
+        np.minimum(repulsive, repulsive_cap), occupancy, source.resolution, source.origin,
+        goal=goal, attractive_gain=attractive_gain, repulsive_gain=repulsive_gain,
+        repulsive_cap=repulsive_cap, cost_to_go=cost_to_go, cost_to_go_of=cost_to_go_of,
         cost_travel_multiplier=0.0 if cost_to_go is None else cost_travel_multiplier,
-    )
+    )  # fmt: skip
 
 
 def _costs_to(
