@@ -96,13 +96,16 @@ def region_on_lattice(lattice: Frame, frame: Frame) -> Region | None:
 
 def is_turned(frame: Frame, yaw: float = 0.0) -> bool:
     """Return whether a grid's axes differ from a yaw by enough to displace cells."""
-    turn = math.remainder(frame.origin[2] - yaw, 2 * math.pi)
-    return abs(turn) * max(frame.shape) > TOUCHING
+    return abs(_turn(frame, yaw)) * max(frame.shape) > TOUCHING
+
+
+def _turn(frame: Frame, yaw: float) -> float:
+    return math.remainder(yaw - frame.origin[2], 2 * math.pi)
 
 
 def frames_overlap(first: Frame, second: Frame) -> bool:
     for frame, source in ((first, second), (second, first)):
-        places = source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(_corners(frame)))
+        places = _corners_on(source, frame)
         beyond = places.min(axis=0) >= np.subtract(source.shape, TOUCHING)
         if (places.max(axis=0) <= TOUCHING).any() or beyond.any():
             return False
@@ -111,32 +114,28 @@ def frames_overlap(first: Frame, second: Frame) -> bool:
 
 def rows_and_cols_under(frame: Frame, source: Frame) -> tuple[slice, slice]:
     """Return the rows and columns of a grid that contain all its cells under a frame."""
-    places = source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(_corners(frame)))
+    places = _corners_on(source, frame)
     first = np.clip(np.floor(places.min(axis=0)) - 1, 0, source.shape).astype(int)
     last = np.clip(np.ceil(places.max(axis=0)) + 1, 0, source.shape).astype(int)
     return slice(first[0], last[0]), slice(first[1], last[1])
 
 
-def _under(
-    frame: Frame, values: NDArray[Any], source: Frame
-) -> tuple[Bytes, Lattice] | None:  # fmt: skip
+def _under(frame: Frame, values: NDArray[Any], source: Frame) -> tuple[Bytes, Lattice] | None:
     """Return the cells under a frame, if any, turned by quarter turns towards its axes."""
     rows, cols = rows_and_cols_under(frame, source)
     if rows.start >= rows.stop or cols.start >= cols.stop:
         return None
     cells = np.asarray(values[rows])[:, cols].view(np.uint8)
     part = source.window(rows.start, cols.start, *cells.shape)
-    turn = math.remainder(frame.origin[2] - part.origin[2], 2 * math.pi)
-    quarters = round(turn / (math.pi / 2))
+    quarters = round(_turn(part, frame.origin[2]) / (math.pi / 2))
     part, cells = _quartered(part, quarters), np.rot90(cells, quarters)
-    turn = math.remainder(frame.origin[2] - part.origin[2], 2 * math.pi)
+    turn = _turn(part, frame.origin[2])
     side = frame.resolution / part.resolution
     if abs(turn) * max(*part.shape, *(side * count for count in frame.shape)) <= TOUCHING:
         turn = 0.0
     corner = [frame.origin[:2]]
     row, col = part.continuous_rowcol_from_xy(corner)[0].tolist()
-    slack = float(part.tolerance_at(corner)[0, 0])
-    return cells, Lattice(row, col, side, turn, slack)
+    return cells, Lattice(row, col, side, turn, float(part.tolerance_at(corner)[0, 0]))
 
 
 def _quartered(frame: Frame, quarters: int) -> Frame:
@@ -156,19 +155,20 @@ def _inside(frame: Frame, source: Frame) -> Mask:
     result = np.zeros(frame.shape, dtype=np.bool_)
 
     def test_rows(part: slice) -> None:
-        rows, cols = np.arange(part.start, part.stop + 1), np.arange(frame.width + 1)
-        corners = np.stack(np.meshgrid(rows, cols, indexing="ij"), axis=-1).reshape(-1, 2)
+        corners = np.indices((part.stop - part.start + 1, frame.width + 1)).reshape(2, -1).T
+        corners[:, 0] += part.start
         places = source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(corners))
         is_inside = ((places >= -TOUCHING) & (places <= np.add(source.shape, TOUCHING))).all(axis=1)
-        corner = is_inside.reshape(len(rows), -1)
+        corner = is_inside.reshape(-1, frame.width + 1)
         result[part] = corner[:-1, :-1] & corner[1:, :-1] & corner[:-1, 1:] & corner[1:, 1:]
 
     for_rows(test_rows, frame.shape)
     return result
 
 
-def _corners(frame: Frame) -> list[list[int]]:
-    return [[row, col] for row in (0, frame.height) for col in (0, frame.width)]
+def _corners_on(source: Frame, frame: Frame) -> NDArray[np.float64]:
+    corners = [[row, col] for row in (0, frame.height) for col in (0, frame.width)]
+    return source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(corners))
 
 
 _CELLS_AT_ONCE = 1 << 20
@@ -262,9 +262,7 @@ def on_canvas(grid: G, frame: Frame, *, fill: int | None = None) -> G:
     rows, cols = place.shared_with(frame.shape)
     if (rows.stop - rows.start, cols.stop - cols.start) != grid.shape:
         raise ParameterError("does not contain the whole grid", place="canvas")
-    values = grid.outside_values
-    if fill is not None:
-        values = {**values, grid.layer_names[0]: fill}
+    values = grid.outside_values | ({} if fill is None else {grid.layer_names[0]: fill})
     layers = {
         name: padded(getattr(grid, name), frame.shape, place, value)
         for name, value in values.items()
@@ -305,16 +303,14 @@ def replaced(grid: G, **changes: Any) -> G:
 
 
 def padded(layer: Layer, shape: tuple[int, int], place: Region, fill: float) -> Layer:
-    top = place.row + place.height
+    cols = slice(place.col, place.col + place.width)
 
     def make(rows: slice) -> NDArray[Any]:
         values = np.full((rows.stop - rows.start, shape[1]), fill, dtype=layer.dtype)
-        low, high = max(rows.start, place.row), min(rows.stop, top)
+        low, high = max(rows.start, place.row), min(rows.stop, place.row + place.height)
         if low < high:
             inner = layer[low - place.row : high - place.row]
-            values[low - rows.start : high - rows.start, place.col : place.col + place.width] = (
-                inner
-            )
+            values[low - rows.start : high - rows.start, cols] = inner
         return values
 
     return made_by_rows(layer, layer.dtype, make, shape=shape)
@@ -323,14 +319,14 @@ def padded(layer: Layer, shape: tuple[int, int], place: Region, fill: float) -> 
 def _box_of_numbers(layer: NDArray[Any], occupancy: NDArray[np.int8], name: str) -> Region | None:
     if not np.isnan(layer.min()):  # the minimum of values with a nan is nan
         return None
-    has_number = (np.zeros(layer.shape[0], dtype=bool), np.zeros(layer.shape[1], dtype=bool))
+    has_number = [np.zeros(length, dtype=bool) for length in layer.shape]
     count = known = 0
     step = max(1, _CELLS_AT_ONCE // layer.shape[1])
     for first in range(0, layer.shape[0], step):
         band = slice(first, first + step)
         numbers = ~np.isnan(layer[band])
         has_number[0][band] = numbers.any(axis=1)
-        has_number[1][:] |= numbers.any(axis=0)
+        has_number[1] |= numbers.any(axis=0)
         count += int(np.count_nonzero(numbers))
         known += int(np.count_nonzero((occupancy[band] != UNKNOWN) & ~numbers))
     if count == 0:

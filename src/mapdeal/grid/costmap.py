@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import ParameterError
+from mapdeal.errors import ParameterError, require
 from mapdeal.grid import values as map_values
 from mapdeal.grid.frame import Figures, Origin, ValueGrid, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -57,15 +57,13 @@ class Costmap(ValueGrid):
     def __post_init__(self) -> None:
         if self.scale not in ("costmap2d", "occupancy"):
             raise ParameterError("cost scale must be costmap2d or occupancy", got=self.scale)
-        cost = as_layer(self.cost, np.uint8 if self.scale == "costmap2d" else np.int8, "cost")
+        is_bytes = self.scale == "costmap2d"
+        cost = as_layer(self.cost, np.uint8 if is_bytes else np.int8, "cost")
         self._freeze(cost=cost)
-        if is_lazy(cost):
-            return
-        if self.scale == "occupancy" and (
-            cost.min() < map_values.UNKNOWN or cost.max() > map_values.OCCUPIED
-        ):
-            rule = "costs on the occupancy scale must lie in -1..100"
-            raise ParameterError(rule, got=(int(cost.min()), int(cost.max())))
+        if not is_lazy(cost) and not is_bytes:
+            lowest, highest = ends = int(cost.min()), int(cost.max())
+            is_on_scale = lowest >= map_values.UNKNOWN and highest <= map_values.OCCUPIED
+            require(is_on_scale, "costs on the occupancy scale must lie in -1..100", got=ends)
 
     def _own_figures(self) -> Figures:
         figures = figures_of_costs(counts_of(self.cost), self.scale)
@@ -80,9 +78,9 @@ class Costmap(ValueGrid):
 
     def _repr_values(self) -> Iterator[str]:
         figures = self._own_figures()
-        names = ("lethal", "inscribed", "graded", "free", "unknown")
-        label = {"graded": "intermediate"}
-        yield from (f"{figures[name]} {label.get(name, name)}" for name in names if name in figures)
+        figures["intermediate"] = figures["graded"]
+        names = ("lethal", "inscribed", "intermediate", "free", "unknown")
+        yield from (f"{figures[name]} {name}" for name in names if name in figures)
 
     def entries(self) -> dict[str, Any]:
         entries: dict[str, Any] = {"cost": self.cost, "cost_scale": self.scale}
@@ -92,9 +90,10 @@ class Costmap(ValueGrid):
 
     @property
     def value_range(self) -> tuple[int, int]:
+        is_bytes = self.scale == "costmap2d"
         return (
             (0, map_values.NO_INFORMATION)
-            if self.scale == "costmap2d"
+            if is_bytes
             else (map_values.UNKNOWN, map_values.OCCUPIED)
         )
 
@@ -114,9 +113,8 @@ class Costmap(ValueGrid):
         >>> Costmap([[0, 1, 128, 253, 254, 255]], 0.05).to_occupancy().occupancy.tolist()
         [[0, 1, 50, 99, 100, -1]]
         """
-        if self.scale == "occupancy":
-            published: NDArray[Any] = self.cost
-        else:
+        published: NDArray[Any] = self.cost
+        if self.scale == "costmap2d":
             published = look_up(self.cost, map_values.occupancy_from_cost())
         return OccupancyGrid(published, self.resolution, self.origin)
 
@@ -174,18 +172,15 @@ class Costmap(ValueGrid):
         [[0, 127, 248, 251, 254, 255]]
         """
         table = map_values.static_layer_cost_from_occupancy(
-            lethal_threshold=lethal_threshold,
-            trinary=trinary,
-            track_unknown=track_unknown,
+            lethal_threshold=lethal_threshold, trinary=trinary, track_unknown=track_unknown,
             inscribed_value=inscribed_value,
-        )
+        )  # fmt: skip
         return cls._of_map(grid, table)
 
     @classmethod
     def _of_map(cls, grid: OccupancyGrid, table: NDArray[np.uint8]) -> Costmap:
-        if not isinstance(grid, OccupancyGrid):
-            rule = "must be an OccupancyGrid, as read_map returns"
-            raise ParameterError(rule, place="grid", got=grid)
+        is_map = isinstance(grid, OccupancyGrid)
+        require(is_map, "must be an OccupancyGrid, as read_map returns", "grid", got=grid)
         return cls(look_up(grid.occupancy, table), grid.resolution, grid.origin)
 
 
@@ -196,8 +191,8 @@ def travel_weights(
     # ``getTraversalCost`` of Nav2's Smac 2D planner. NavFn gives unknown cells the highest cost
     # that is open, too.
     is_bytes = costmap.scale == "costmap2d"
-    highest = map_values.INSCRIBED_INFLATED_OBSTACLE if is_bytes else map_values.OCCUPIED - 1
-    highest -= 1
+    closed = map_values.INSCRIBED_INFLATED_OBSTACLE if is_bytes else map_values.INSCRIBED_PUBLISHED
+    highest = closed - 1
     weights = np.zeros(256)
     weights[: highest + 1] = 1 + multiplier * np.arange(highest + 1) / highest
     if through_unknown:
@@ -332,10 +327,7 @@ class CostCurve(map_values.Drawn):
         return costs[np.searchsorted((known[1:] + known[:-1]) / 2, cells)]
 
     def listed(self) -> NDArray[np.intp]:
-        """Return the indices into `cells` that `document` lists.
-
-        If there are more than `MOST_LISTED`, only the first and last distance of each cost.
-        """
+        """Return the indices into `cells` that `document` lists."""
         if len(self.cells) <= MOST_LISTED:
             return np.arange(len(self.cells))
         changes = np.flatnonzero(np.diff(self.cost.astype(np.int64)))
@@ -344,10 +336,7 @@ class CostCurve(map_values.Drawn):
     def document(self) -> dict[str, Any]:
         """Return the curve as the JSON-serialisable dict that ``mapdeal cost --json`` prints."""
         listed = self.listed()
-        entries = zip(
-            self.cells[listed].tolist(), self.distance[listed].tolist(), self.cost[listed].tolist(),
-            strict=True,
-        )  # fmt: skip
+        columns = (column[listed].tolist() for column in (self.cells, self.distance, self.cost))
         return {
             "cost_scale": self.scale,
             "metric": self.metric,
@@ -363,7 +352,7 @@ class CostCurve(map_values.Drawn):
             "every_distance": len(listed) == len(self.cells),
             "curve": [
                 {"cells": cells, "distance_m": metres, "cost": cost}
-                for cells, metres, cost in entries
+                for cells, metres, cost in zip(*columns, strict=True)
             ],
         }
 

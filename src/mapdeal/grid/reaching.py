@@ -45,18 +45,13 @@ Cell = tuple[int, int]
 def cell_of_point(frame: Frame, point: Point, name: str) -> Cell:
     cells, inside = frame.bounded_rowcol_from_xy([check_point(point, name)])
     if not inside[0]:
-        rule = "lies outside of the map"
-        raise ParameterError(rule, place=name, got=point, hint=extent_text(frame))
-    return int(cells[0, 0]), int(cells[0, 1])
-
-
-def extent_text(frame: Frame) -> str:
-    """Return where a grid lies in the map frame, as a hint."""
-    height, width = frame.shape
-    corners = [[0, 0], [0, width], [height, 0], [height, width]]
-    corners_xy = frame.xy_from_continuous_rowcol(corners).round(6) + 0.0
-    (x, y), (right, top) = corners_xy.min(axis=0).tolist(), corners_xy.max(axis=0).tolist()
-    return f"the map lies within x {x:.10g} .. {right:.10g}, y {y:.10g} .. {top:.10g}"
+        corners = [[row, col] for row in (0, frame.height) for col in (0, frame.width)]
+        corners_xy = frame.xy_from_continuous_rowcol(corners).round(6) + 0.0
+        (x, y), (right, top) = corners_xy.min(axis=0).tolist(), corners_xy.max(axis=0).tolist()
+        hint = f"the map lies within x {x:.10g} .. {right:.10g}, y {y:.10g} .. {top:.10g}"
+        raise ParameterError("lies outside of the map", place=name, got=point, hint=hint)
+    row, col = cells[0].tolist()
+    return row, col
 
 
 def nearest_open_text(frame: Frame, is_open: NDArray[np.bool_], cell: Cell) -> str:
@@ -72,17 +67,16 @@ def nearest_marked(marked: NDArray[np.bool_], cell: Cell) -> Cell | None:
     """Return the marked cell nearest to a cell, if there is one; of several the first by rows."""
     # The cell may lie outside. Rows are searched from it on: a list of all marked cells would take
     # much memory.
-    best = None
+    best: tuple[float, int, int] = (math.inf, -1, -1)
     for row in sorted(range(len(marked)), key=lambda row: abs(row - cell[0])):
         away = (row - cell[0]) ** 2
-        if best is not None and away > best[0]:
+        if away > best[0]:
             break
         cols = np.flatnonzero(marked[row])
         if len(cols):
             col = int(cols[np.argmin(np.abs(cols - cell[1]))])
-            found = (away + (col - cell[1]) ** 2, row, col)
-            best = found if best is None else min(best, found)
-    return None if best is None else best[1:]
+            best = min(best, (away + (col - cell[1]) ** 2, row, col))
+    return None if best[0] == math.inf else best[1:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,8 +177,7 @@ class Ground:
     @property
     def obstacles(self) -> NDArray[np.bool_]:
         """Mask of obstacles, computed on each access to save memory."""
-        obstacles: NDArray[np.bool_] = self.occupancy == OCCUPIED
-        return obstacles
+        return np.equal(self.occupancy, OCCUPIED)
 
     @property
     def blocked(self) -> NDArray[np.bool_]:
@@ -199,12 +192,11 @@ class Ground:
         """Mask of cells that no part of the robot may touch, computed on each access."""
         blocked = self.obstacles
         if not self.through_unknown:
-            for_rows(
-                lambda rows: np.logical_or(
-                    blocked[rows], self.occupancy[rows] == UNKNOWN, out=blocked[rows]
-                ),
-                blocked.shape,
-            )
+
+            def close_unknown(rows: slice) -> None:
+                blocked[rows] |= self.occupancy[rows] == UNKNOWN
+
+            for_rows(close_unknown, blocked.shape)
         return blocked
 
     def ways(self) -> Ways:
@@ -219,14 +211,6 @@ class WaysFrom:
     ways: Ways
     start: Cell
     rooted: RootedTree | None
-
-    def widest_square_at(self, cell: Cell) -> int:
-        """Return the least square on the widest way to a cell, 0 if there is no way."""
-        basin = int(self.ways.tree.basins[cell])
-        if self.rooted is None or basin < 0 or self.rooted.bottlenecks[basin] < 0:
-            return 0
-        ends = min(int(self.ways.squared[self.start]), int(self.ways.squared[cell]))
-        return min(ends, int(self.rooted.bottlenecks[basin]))
 
     def reachable(self, closed_up_to: int) -> NDArray[np.uint8]:
         """Return 1 for cells that a way staying above a square leads to, else 0, shape (H, W)."""
@@ -284,18 +268,13 @@ def passages(
     root = int(tree.basins[start])
     if root < 0 or not len(tree.squares):
         return ()
-    closed, tight = (
-        largest_closed_square(limit, ways.frame) for limit in (radius, radius + margin)
-    )  # fmt: skip
+    closed, tight = (largest_closed_square(r, ways.frame) for r in (radius, radius + margin))
     levels = [(closed, -1), (tight, closed)]
     if is_reached is not None and circumscribed_radius is not None:
         levels.append((largest_closed_square(circumscribed_radius, ways.frame), tight))
     counts, least = ways.counts(is_open), ways.least_count(min_area)
-    meetings = [
-        _meetings(tree, counts, root, wide, narrow, least)
-        for wide, narrow in levels
-        if wide > narrow
-    ]
+    rising = [(wide, narrow) for wide, narrow in levels if wide > narrow]
+    meetings = [_meetings(tree, counts, root, wide, narrow, least) for wide, narrow in rising]
     edges = np.concatenate(meetings)
     if not len(edges):
         return ()
@@ -321,9 +300,8 @@ def passages(
     found = []
     for cell, which in cells:
         width = width_of(int(ways.squared.flat[cell]), ways.frame.resolution)
-        area = float(behind[which, 0]) * ways.cell_area
-        is_open_to = bool(is_passed[which])
-        found.append(Passage(*ways.middle(cell), width, area, is_open_to, ways.gap(cell)))
+        area, passes = float(behind[which, 0]) * ways.cell_area, bool(is_passed[which])
+        found.append(Passage(*ways.middle(cell), width, area, passes, ways.gap(cell)))
     return tuple(sorted(found, key=_order))
 
 
@@ -356,10 +334,8 @@ def bottleneck_on_way(from_start: WaysFrom, goal: Cell) -> Bottleneck | None:
     basin = int(tree.basins[goal])
     if rooted is None or basin < 0 or rooted.bottlenecks[basin] < 0:
         return None
-    at_start, at_goal, on_way = (
-        int(square) for square in (squared[start], squared[goal], rooted.bottlenecks[basin])
-    )
-    square = min(at_start, at_goal, on_way)
+    at_start = int(squared[start])
+    square = min(at_start, int(squared[goal]), int(rooted.bottlenecks[basin]))
     width = width_of(square, ways.frame.resolution)
     edge = _first_edge(tree, rooted, basin, square)
     if edge is not None:
@@ -439,11 +415,8 @@ def _other_doors(
     # Each is the flat index of its narrowest cell, and which of the edges leads to the same area.
     # Doors less than half as wide as that edge are skipped: walls seen by lasers are full of holes.
     labels = _parted(ways.tree, edges)
-    leading_to = {
-        label: which
-        for which, label in enumerate(np.where(far < 0, -1, labels[far]).tolist())
-        if label >= 0
-    }
+    labels_beyond = enumerate(np.where(far < 0, -1, labels[far]).tolist())
+    leading_to = {label: which for which, label in labels_beyond if label >= 0}
     cells, squares = ways.tree.cells[edges].tolist(), ways.tree.squares[edges].tolist()
     for cell, *ends in saddles_between(ways.squared, ways.tree.basins, labels).tolist():
         found = [leading_to[label] for label in ends if label in leading_to]
@@ -522,11 +495,8 @@ def reach_on(
 def cells_open_to(ground: Ground, robot: Footprint | None, start: Cell) -> NDArray[np.bool_]:
     # Those that are open to a round robot need not all be connected.
     if robot is None or not robot.vertices:
-        is_open = squares_to(ground.obstacles) > largest_closed_square(
-            reach_radius(robot), ground.frame
-        )
-        is_open &= ~ground.blocked
-        return is_open
+        closed_up_to = largest_closed_square(reach_radius(robot), ground.frame)
+        return np.asarray((squares_to(ground.obstacles) > closed_up_to) & ~ground.blocked)
     footprints = footprint_spans(robot, ground.frame, DEFAULT_HEADINGS)
     poses = paths.open_poses(ground.untouchable, footprints, ground.keepout)
     seeds = [(int(heading), *start) for heading in np.flatnonzero(poses.at(*start))]
@@ -611,14 +581,14 @@ def _headings_at(
     robot: Footprint | None,
 ) -> list[int]:  # fmt: skip
     is_open = poses.at(*first)
-    if not is_open.any():
+    turns = np.flatnonzero(is_open)
+    if not len(turns):
         square = int(squares_to(ground.obstacles)[first])
         rule = f"lies in a closed cell ({_closed_text(ground, first, square, robot)})"
         hint = nearest_open_text(ground.frame, poses.headings > 0, first)
         raise ParameterError(rule, place="start", got=tuple(start[:2]), hint=hint)
-    turns = np.flatnonzero(is_open)
     if len(start) == 2:
-        return [int(heading) for heading in turns]
+        return list(map(int, turns))
     count = len(is_open)
     heading = round(start[2] / _TURN * count) % count
     if not is_open[heading]:
@@ -657,8 +627,8 @@ def _answer(
     widest, limited_by, square = 0.0, None, 0
     if frame.holds(cell):
         square = int(from_start.ways.squared[cell])
-        widest = width_of(from_start.widest_square_at(cell), frame.resolution) / 2
         limited_by = bottleneck_on_way(from_start, cell)
+        widest = 0.0 if limited_by is None else limited_by.width / 2
         if is_open[cell]:
             return GoalReach(goal, heading_count > 0, heading_count, widest, limited_by)
     reason = _closed_text(ground, cell, square, robot)
