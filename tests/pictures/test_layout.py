@@ -156,7 +156,7 @@ def test_no_colour_hinges_on_how_a_library_rounds(monkeypatch):
 def test_zones_say_what_a_distance_means_for_the_robot(name, between, last):
     curve = curve_of(name)
     *zones, beyond = zones_of(curve, end_of(curve))[1:]
-    assert [(zone.kind.value, round(zone.end, 4), zone.costs) for zone in zones] == between
+    assert [(zone.kind.text, round(zone.end, 4), zone.costs) for zone in zones] == between
     assert beyond.kind == last
 
 

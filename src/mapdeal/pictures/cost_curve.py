@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,19 +24,23 @@ _FARTHEST = 1e9  # metres; largest distance in a picture
 
 
 class ZoneKind(Enum):
-    OBSTACLE = "obstacle"
-    COLLISION = "collision at any heading"
-    HEADING = "collision at some headings"
-    CLEAR = "no collision, with a cost"
-    FREE = "no collision, no cost"
-    COST = "with a cost"
-    NO_COST = "no cost"
-    UNSEEN_COLLISION = "collision at any heading, no cost"
-    UNSEEN_HEADING = "collision at some headings, no cost"
+    """Meaning of a range of distances, and its colour."""
+
+    OBSTACLE = "obstacle", colours.LETHAL
+    COLLISION = "collision at any heading", colours.INSCRIBED
+    HEADING = "collision at some headings", (249, 190, 110)
+    CLEAR = "no collision, with a cost", (255, 238, 170)
+    COST = "with a cost", (255, 238, 170)
+    FREE = "no collision, no cost", colours.RVIZ_FREE
+    NO_COST = "no cost", colours.RVIZ_FREE
+    UNSEEN_COLLISION = "collision at any heading, no cost", colours.REMOVED
+    UNSEEN_HEADING = "collision at some headings, no cost", (255, 130, 150)
+
+    def __init__(self, text: str, colour: colours.Colour) -> None:
+        self.text, self.colour = text, colour
 
 
-@dataclass(frozen=True)
-class Zone:
+class Zone(NamedTuple):
     kind: ZoneKind
     start: float
     end: float
@@ -79,8 +84,7 @@ def _costs_between(curve: CostCurve, start: float, end: float) -> tuple[int, int
     return (int(inside.max()), int(inside.min())) if len(inside) else None
 
 
-@dataclass(frozen=True)
-class Mark:
+class Mark(NamedTuple):
     distance: float
     label: str
 
@@ -135,17 +139,6 @@ _WIDTH = 960  # pixels of the plot
 _PER_COST = {"costmap2d": 2, "occupancy": 5}  # pixels of its height
 _LINE, _ROW = int(1.45 * _SIZE), int(1.6 * _SIZE)
 _BAND = 10
-ZONE_COLOURS = {
-    ZoneKind.OBSTACLE: colours.LETHAL,
-    ZoneKind.COLLISION: colours.INSCRIBED,
-    ZoneKind.HEADING: (249, 190, 110),
-    ZoneKind.CLEAR: (255, 238, 170),
-    ZoneKind.COST: (255, 238, 170),
-    ZoneKind.FREE: colours.RVIZ_FREE,
-    ZoneKind.NO_COST: colours.RVIZ_FREE,
-    ZoneKind.UNSEEN_COLLISION: colours.REMOVED,
-    ZoneKind.UNSEEN_HEADING: (255, 130, 150),
-}
 _TINT = (255, 228, 232)
 
 
@@ -160,8 +153,6 @@ class _Dot:
 
 _ALONG_ROW = _Dot("distances along a row", 4.0, 7.0)
 _OFF_ROW = _Dot("other distances between cells", 2.5, 24.0)
-
-
 _TICKS = {"costmap2d": (0, 50, 100, 150, 200, 254), "occupancy": (0, 20, 40, 60, 80, 100)}
 _AXES = {
     "euclidean": "distance from the nearest obstacle, centre to centre",
@@ -203,7 +194,11 @@ class _Drawing:
         pen.open(self.right + 2 * _SIZE + legend_width + _SIZE, height)
         limit = pen.sheet.shape[1] - 2 * _SIZE
         pen.text(_SIZE, _SIZE, title, limit=limit, large=True)
-        pen.text(_SIZE, _SIZE + int(1.55 * _SIZE), _subtitle(self.curve), limit=limit)
+        text = "cost over the distance from the nearest obstacle, on cells of "
+        text += f"{self.curve.resolution:.6g} m" + (
+            f"; {self.curve.note}" if self.curve.note else ""
+        )
+        pen.text(_SIZE, _SIZE + int(1.55 * _SIZE), text, limit=limit)
         self._bars()
         self._unseen()
         self._grid_lines()
@@ -214,7 +209,8 @@ class _Drawing:
         self._draw_band()
         self._ribbon(ribbon_top)
         self._legend(self.right + 2 * _SIZE, legend)
-        return pen.image(np.vstack([self.palette.colours, list(ZONE_COLOURS.values()), [_TINT]]))
+        zones = [kind.colour for kind in ZoneKind]
+        return pen.image(np.vstack([self.palette.colours, zones, [_TINT]]))
 
     @property
     def _metres(self) -> NDArray[np.float64]:
@@ -255,7 +251,7 @@ class _Drawing:
             if zone.kind in (ZoneKind.UNSEEN_COLLISION, ZoneKind.UNSEEN_HEADING):
                 a, b = (self._column(x) for x in (zone.start, zone.end))
                 under = self.pen.sheet[self.top : self.bottom, a:b]
-                under[under == canvas.WHITE] = len(self.palette.colours) + len(ZONE_COLOURS)
+                under[under == canvas.WHITE] = len(self.palette.colours) + len(ZoneKind)
 
     def _formula(self) -> None:
         line = self.formula(2 * _WIDTH)
@@ -315,9 +311,8 @@ class _Drawing:
             y = self.bottom - cost * self.per_cost
             pen.fill(self.left_x - 6, y, self.left_x - 2, y)
             pen.label(self.left_x - 10 - canvas.text_width(str(cost), _SIZE), y, str(cost))
-        pen.label(
-            self.left_x - 10 - canvas.text_width("cost", _SIZE), self.top - int(1.4 * _SIZE), "cost"
-        )
+        x = self.left_x - 10 - canvas.text_width("cost", _SIZE)
+        pen.label(x, self.top - int(1.4 * _SIZE), "cost")
         scale = (self.end + self.half) / _WIDTH
         ticks = canvas.ticks_between(-self.half, _WIDTH, scale, _SIZE)
         self._ticks(self.bottom, [tick for tick in ticks if not tick[1].startswith("-")])
@@ -327,28 +322,28 @@ class _Drawing:
         for pixel, label in ticks:
             x = self.left_x + pixel
             self.pen.fill(x, bottom + 1, x, bottom + 6)
-            self.pen.label(
-                x - canvas.text_width(label, _SIZE) // 2, bottom + 6 + int(0.8 * _SIZE), label
-            )
+            x -= canvas.text_width(label, _SIZE) // 2
+            self.pen.label(x, bottom + 6 + int(0.8 * _SIZE), label)
 
     def _centred(self, middle: int, text: str) -> None:
         x = self.left_x + (_WIDTH - canvas.text_width(text, _SIZE)) // 2
         self.pen.label(x, middle, text)
 
     def _draw_band(self) -> None:
-        first = len(self.palette.colours)
-        indices = {kind: first + k for k, kind in enumerate(ZONE_COLOURS)}
+        band = self.pen.sheet[self.band_top : self.band_top + _BAND]
         for zone in self.zones:
             a, b = (self._column(x) for x in (zone.start, zone.end))
-            self.pen.sheet[self.band_top : self.band_top + _BAND, a:b] = indices[zone.kind]
+            band[:, a:b] = self._index_of(zone)
             if b < self.right:
-                self.pen.sheet[self.band_top : self.band_top + _BAND, b] = canvas.WHITE
-            width = canvas.text_width(zone.kind.value, _SIZE)
+                band[:, b] = canvas.WHITE
+            text = zone.kind.text
+            width = canvas.text_width(text, _SIZE)
             if width <= b - a - 4:
-                self.pen.label(
-                    (a + b - width) // 2, self.band_top - int(0.8 * _SIZE), zone.kind.value
-                )
+                self.pen.label((a + b - width) // 2, self.band_top - int(0.8 * _SIZE), text)
         self.pen.frame(self.left_x, self.band_top, _WIDTH, _BAND)
+
+    def _index_of(self, zone: Zone) -> int:
+        return len(self.palette.colours) + list(ZoneKind).index(zone.kind)
 
     def _ribbon(self, top: int) -> None:
         sheet, resolution = self.pen.sheet, self.curve.resolution
@@ -361,16 +356,13 @@ class _Drawing:
             sheet[top:bottom, self.left_x + edges] = canvas.GREY
         self.pen.frame(self.left_x, top, _WIDTH, bottom - top)
         self._ticks(bottom, _cell_ticks(self._per_cell))
-        self._centred(
-            bottom + int(2.8 * _SIZE), f"cells of {resolution:.6g} m, along a row or a column"
-        )
+        text = f"cells of {resolution:.6g} m, along a row or a column"
+        self._centred(bottom + int(2.8 * _SIZE), text)
 
     def _legend_lines(self) -> list[tuple[int | str | _Dot | None, str]]:
-        first = len(self.palette.colours)
-        kinds = list(ZONE_COLOURS)
         lines: list[tuple[int | str | _Dot | None, str]] = []
         for zone in self.zones:
-            lines.append((first + kinds.index(zone.kind), zone.kind.value))
+            lines.append((self._index_of(zone), zone.kind.text))
             lines.append((None, described(zone, self.end)))
         lines.append((None, ""))
         lines += [(dot, dot.label) for dot in self._dots_shown()]
@@ -410,15 +402,10 @@ def _cell_ticks(per_cell: float) -> list[tuple[int, str]]:
 
 def curve_text(curve: CostCurve) -> str:
     end = end_of(curve)
-    zones = "; ".join(f"{zone.kind.value} {described(zone, end)}" for zone in zones_of(curve, end))
+    zones = "; ".join(f"{zone.kind.text} {described(zone, end)}" for zone in zones_of(curve, end))
     marks = "; ".join(mark.label for mark in marks_of(curve))
     return f"Cost over the distance from the nearest obstacle. {zones}. {marks}."
 
 
 def cost_curve_image(curve: CostCurve, *, title: str) -> Image:
     return _Drawing(curve).image(title)
-
-
-def _subtitle(curve: CostCurve) -> str:
-    text = f"cost over the distance from the nearest obstacle, on cells of {curve.resolution:.6g} m"
-    return f"{text}; {curve.note}" if curve.note else text

@@ -23,21 +23,8 @@ from mapdeal.kernels.blocks import Layer, blocks_of, gathered, made_by_rows
 from mapdeal.kernels.distance import beside
 from mapdeal.kernels.lookup import histogram, pooled
 from mapdeal.kernels.threads import for_rows
-from mapdeal.pictures.colours import (
-    CLOSED_IN_BOTH,
-    GOAL,
-    KEEPOUT,
-    MINIMUM,
-    NOW_CLOSED,
-    REMOVED,
-    ROBOT,
-    ROBOT_OUTLINE,
-    ROUTE,
-    RVIZ_FREE,
-    START,
-    Colour,
-    Swatch,
-)
+from mapdeal.pictures import colours as palette
+from mapdeal.pictures.colours import Colour, Swatch
 
 _SMALL_SIDE = 600  # approximate long side of enlarged small maps, pixels
 DEFAULT_IMAGE_MAX = 2048
@@ -304,7 +291,7 @@ class RingOverlay:
     label: str
     text: str
 
-    colours = (REMOVED,)
+    colours = (palette.REMOVED,)
 
     def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         if not len(self.places_xy):
@@ -319,7 +306,7 @@ class RingOverlay:
 class PoseOverlay(Overlay):
     pose: tuple[float, float, float]
 
-    colours = (ROBOT,)
+    colours = (palette.ROBOT,)
 
     @property
     def text(self) -> str:
@@ -343,7 +330,7 @@ class RouteOverlay(Overlay):
 
     route: Route
 
-    colours = (ROUTE, START, GOAL, MINIMUM)
+    colours = (palette.ROUTE, palette.START, palette.GOAL, palette.MINIMUM)
 
     @property
     def text(self) -> str:
@@ -386,7 +373,10 @@ class PlanOverlay(Overlay):
     stops: Sequence[tuple[float, float]]
     cleared: Sequence[tuple[float, float, float]]  # x, y and radius
 
-    colours = (ROUTE, START, NOW_CLOSED, GOAL, MINIMUM, CLOSED_IN_BOTH)
+    colours = (
+        palette.ROUTE, palette.START, palette.NOW_CLOSED, palette.GOAL, palette.MINIMUM,
+        palette.CLOSED_IN_BOTH,
+    )  # fmt: skip
 
     @property
     def text(self) -> str:
@@ -425,7 +415,7 @@ class PlanOverlay(Overlay):
 class TrajectoriesOverlay(Overlay):
     lines_xy: Sequence[NDArray[np.float64]]
 
-    colours = (ROUTE,)
+    colours = (palette.ROUTE,)
 
     @property
     def places_xy(self) -> NDArray[np.float64]:
@@ -444,7 +434,7 @@ class StepsOverlay(Overlay):
     routes: Sequence[Route]
     driven_xy: NDArray[np.float64]
 
-    colours = (ROUTE, ROBOT, START, GOAL)
+    colours = (palette.ROUTE, palette.ROBOT, palette.START, palette.GOAL)
 
     @property
     def places_xy(self) -> NDArray[np.float64]:
@@ -463,21 +453,16 @@ class StepsOverlay(Overlay):
 
 
 _EDGE_DISTANCE = 10  # pixels between the shape and the edges
-_LEAST_SIZE, _LARGEST_SHARE = 4, 0.4
-"""Least size of a drawn shape in pixels, and its largest share of the picture's sides."""
+_LEAST_SIZE, _LARGEST_SHARE = 4, 0.4  # pixels of a drawn shape, and of the picture's sides
 
 
 def outline_of(
     robot: Footprint, pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> NDArray[np.float64]:
     """Return the closed outline of a robot at a pose, shape (N, 2), in the frame of the pose."""
-    if robot.vertices:
-        corners = np.array([*robot.vertices, robot.vertices[0]])
-    else:
-        corners = circle(robot.radius, 48)
-    x, y, yaw = pose
-    outline: NDArray[np.float64] = turned(corners, yaw) + np.array([x, y])
-    return outline
+    closed = [*robot.vertices, *robot.vertices[:1]]
+    corners = np.array(closed) if closed else circle(robot.radius, 48)
+    return np.asarray(turned(corners, pose[2]) + np.array(pose[:2]))
 
 
 @dataclass(frozen=True)
@@ -487,7 +472,7 @@ class RobotOverlay(Overlay):
     robot: Footprint
     label: str = "robot, to scale"
 
-    colours = (ROBOT_OUTLINE, RVIZ_FREE)
+    colours = (palette.ROBOT_OUTLINE, palette.RVIZ_FREE)
 
     def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         outline = outline_of(self.robot) / on.raster.metres_per_pixel(on.frame.resolution)
@@ -498,18 +483,17 @@ class RobotOverlay(Overlay):
             return []
         cols, rows = size.astype(int).tolist()
         corners = [(left_x, low) for low in (0, height - rows) for left_x in (width - cols, 0)]
-        left_x, low = max(corners, key=lambda corner: _evenness(on.pixels, corner, (cols, rows)))
+
+        def evenness(corner: tuple[int, int]) -> int:
+            left_x, low = corner
+            under = on.pixels[low : low + rows, left_x : left_x + cols]
+            return int(histogram(np.ascontiguousarray(under)).max())
+
+        left_x, low = max(corners, key=evenness)
         outline += np.array([left_x, low]) + _EDGE_DISTANCE
         for index, thickness in ((first_index + 1, 4), (first_index, 2)):
             Brush(on.pixels).polyline(outline, index, thickness=thickness)
         return [Swatch(first_index, self.label)]
-
-
-def _evenness(pixels: NDArray[np.uint8], corner: tuple[int, int], size: tuple[int, int]) -> int:
-    """Return the number of pixels of a box that have its most common colour."""
-    (left_x, low), (width, height) = corner, size
-    part = np.ascontiguousarray(pixels[low : low + height, left_x : left_x + width])
-    return int(histogram(part).max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -524,13 +508,11 @@ class KeepoutOverlay(Overlay):
         lethal = LETHAL_OBSTACLE if after.scale == "costmap2d" else OCCUPIED
 
         def closed(rows: slice) -> NDArray[np.bool_]:
-            found: NDArray[np.bool_] = after.cost[rows] == lethal
-            found &= before.cost[rows] != lethal
-            return found
+            return np.asarray((after.cost[rows] == lethal) & (before.cost[rows] != lethal))
 
         return cls(made_by_rows(after.cost, bool, closed))
 
-    colours = (KEEPOUT,)
+    colours = (palette.KEEPOUT,)
 
     def draw(self, on: Surface, first_index: int) -> list[Swatch]:
         closed = on.raster.enlarged(on.raster.largest(self.closed))
@@ -554,8 +536,7 @@ class OtherThan:
     value: int
 
     def __call__(self, values: NDArray[Any]) -> NDArray[np.bool_]:
-        known: NDArray[np.bool_] = values != self.value
-        return known
+        return np.asarray(values != self.value)
 
 
 _IS_KNOWN = OtherThan(UNKNOWN)  # of occupancy
@@ -575,12 +556,11 @@ class KnownLines:
 def known_box(layer: Layer, is_known: IsKnown) -> Region | None:
     # Each row of a lazy layer is computed once, in order.
     (parts,) = gathered(layer, KnownLines(is_known))
-    with_known = np.flatnonzero(np.concatenate([rows for rows, _ in parts]))
-    columns = np.flatnonzero(np.logical_or.reduce([cols for _, cols in parts]))
-    if not len(with_known):
+    rows = np.flatnonzero(np.concatenate([in_rows for in_rows, _ in parts])).tolist()
+    cols = np.flatnonzero(np.logical_or.reduce([in_cols for _, in_cols in parts])).tolist()
+    if not rows:
         return None
-    row, col = int(with_known[0]), int(columns[0])
-    return Region(row, col, int(with_known[-1]) - row + 1, int(columns[-1]) - col + 1)
+    return Region(rows[0], cols[0], rows[-1] - rows[0] + 1, cols[-1] - cols[0] + 1)
 
 
 def shown_part(
@@ -606,4 +586,4 @@ def shown_part(
     size = np.clip(high + margin, 0, frame.shape).astype(int) - first
     if (size <= 0).any() or (size > _LARGEST_CROP * np.array(frame.shape)).all():
         return None
-    return Region(int(first[0]), int(first[1]), int(size[0]), int(size[1]))
+    return Region(*first.tolist(), *size.tolist())

@@ -1,7 +1,4 @@
-"""Legends and palettes of each type of grid.
-
-Pictures and report pages share them.
-"""
+"""Legends and palettes of each type of grid, for pictures and report pages."""
 
 from __future__ import annotations
 
@@ -24,15 +21,7 @@ from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import for_rows
 from mapdeal.pictures import colours
 from mapdeal.pictures.canvas import round_length
-from mapdeal.pictures.colours import (
-    Colour,
-    ColourBar,
-    Colours,
-    LayerStyle,
-    Scale,
-    Swatch,
-    palette_of,
-)
+from mapdeal.pictures.colours import Colour, ColourBar, Colours, LayerStyle, Scale, Swatch
 
 COST_LEVELS = 200  # colours of graded costs, the first of a palette
 
@@ -59,13 +48,11 @@ class CostPalette:
         if on_byte_scale:
             by_value[values.INSCRIBED_INFLATED_OBSTACLE] = cls.inscribed
         by_value[values.NO_INFORMATION] = cls.unknown  # -1 on the occupancy scale
-        palette = np.vstack([
-            colours.interpolated(colours.COST_ANCHORS, COST_LEVELS),
-            [colours.RVIZ_FREE, colours.INSCRIBED, colours.LETHAL, colours.RVIZ_UNKNOWN,
-             colours.CONTOUR],
-        ])  # fmt: skip
+        special = [colours.RVIZ_FREE, colours.INSCRIBED, colours.LETHAL, colours.RVIZ_UNKNOWN]
+        graded = colours.interpolated(colours.COST_ANCHORS, COST_LEVELS)
+        palette = colours.palette_of(graded, [*special, colours.CONTOUR])
         lethal_cost = values.LETHAL_OBSTACLE if on_byte_scale else values.OCCUPIED
-        return cls(by_value, palette.astype(np.uint8), top, lethal_cost)
+        return cls(by_value, palette, top, lethal_cost)
 
 
 _NUMBER_LEVELS = 200
@@ -73,10 +60,10 @@ _NUMBER_LEVELS = 200
 POTENTIAL_LEVELS = 100
 _ABOUT_LINES = 20  # of equal length to the goal
 _HIGHEST_NORMALISED = 10.0
+# palette indices after those of the scale of a potential, and of its faded scale
 POTENTIAL_OBSTACLE, POTENTIAL_ARROW, POTENTIAL_GOAL, POTENTIAL_NOWHERE, POTENTIAL_LINE = range(
     2 * POTENTIAL_LEVELS, 2 * POTENTIAL_LEVELS + 5
 )
-"""Palette indices of a potential after those of its scale and its faded scale."""
 
 _KINDS_OF_DIFFERENCE = (
     ("only in one map", colours.OUTSIDE), ("unknown", colours.RVIZ_UNKNOWN),
@@ -94,13 +81,9 @@ def occupancy_style() -> LayerStyle:
     by_value[: values.OCCUPIED + 1] = np.arange(values.OCCUPIED + 1)
     ticks = [(value / values.OCCUPIED, str(value)) for value in (0, 25, 50, 75, values.OCCUPIED)]
     return LayerStyle(
-        palette_of(np.repeat(ramp[:, np.newaxis], 3, axis=1), [colours.RVIZ_UNKNOWN]),
+        colours.palette_of(np.repeat(ramp[:, np.newaxis], 3, axis=1), [colours.RVIZ_UNKNOWN]),
         by_value=by_value,
-        swatches=(
-            Swatch(values.OCCUPIED, "occupied"),
-            Swatch(0, "free"),
-            Swatch(unknown, "unknown"),
-        ),
+        swatches=tuple(map(Swatch, (values.OCCUPIED, 0, unknown), ("occupied", "free", "unknown"))),
         bar=ColourBar(range(values.OCCUPIED + 1), ticks, "occupancy"),
         labels={0: "free", values.OCCUPIED: "occupied", 255: "unknown"},
     )
@@ -112,18 +95,18 @@ def cost_style(costmap: Costmap) -> LayerStyle:
     swatches = [Swatch(palette.lethal, f"lethal {palette.lethal_cost}")]
     labels = {0: "free", palette.lethal_cost: "lethal", values.NO_INFORMATION: "unknown"}
     if costmap.scale == "costmap2d":
-        swatches.append(
-            Swatch(palette.inscribed, f"inscribed {values.INSCRIBED_INFLATED_OBSTACLE}")
-        )
-        labels[values.INSCRIBED_INFLATED_OBSTACLE] = "inscribed"
+        inscribed = values.INSCRIBED_INFLATED_OBSTACLE
+        swatches.append(Swatch(palette.inscribed, f"inscribed {inscribed}"))
+        labels[inscribed] = "inscribed"
     swatches += [Swatch(palette.free, "free 0"), Swatch(palette.unknown, "unknown")]
     if bounds_circumscribed(costmap):
         swatches.append(Swatch(palette.contour, f"circumscribed {costmap.circumscribed_cost}"))
     top = palette.highest_graded
     ticks = [(value / top, f"{value:g}") for value in (1, *round_values(top, 5), top)]
-    bar = ColourBar(range(COST_LEVELS), ticks, "cost")
-    entries = tuple(swatches)
-    return LayerStyle(palette.colours, palette.by_value, swatches=entries, bar=bar, labels=labels)
+    return LayerStyle(
+        palette.colours, palette.by_value, swatches=tuple(swatches),
+        bar=ColourBar(range(COST_LEVELS), ticks, "cost"), labels=labels,
+    )  # fmt: skip
 
 
 def bounds_circumscribed(costmap: Costmap) -> bool:
@@ -150,7 +133,7 @@ def potential_style(field: PotentialField) -> LayerStyle:
         swatches.append(Swatch(POTENTIAL_LINE, f"every {spacing:g} {unit} to go"))
     ticks = [(value / _HIGHEST_NORMALISED, f"{value}") for value in range(0, 11, 2)]
     return LayerStyle(
-        palette_of(scale, colours.mixed(scale, colours.RVIZ_UNKNOWN, 0.6), special),
+        colours.palette_of(scale, colours.mixed(scale, colours.RVIZ_UNKNOWN, 0.6), special),
         scale=Scale(0.0, _HIGHEST_NORMALISED, 0, POTENTIAL_LEVELS),
         swatches=tuple(swatches), bar=ColourBar(range(POTENTIAL_LEVELS), ticks, "normalised"),
         nowhere=POTENTIAL_NOWHERE, faded_by=POTENTIAL_LEVELS,
@@ -164,12 +147,17 @@ def length_between_lines(lengths: NDArray[np.float64]) -> float:
 
 
 def difference_style(only_in: tuple[str, str] | None = None) -> LayerStyle:
+    if only_in is None:
+        return _style_of_kinds(_KINDS_OF_DIFFERENCE)
+    names = ["free by one of them, unknown by the other", "wall"]
+    return _style_of_kinds(_differences(*names, *(f"wall only by {name}" for name in only_in)))
+
+
+def _differences(*names: str) -> list[tuple[str, Colour]]:
+    """Return the kinds of a difference with other names for all but the first three."""
     kinds = list(_KINDS_OF_DIFFERENCE)
-    if only_in is not None:
-        names = ["free by one of them, unknown by the other", "wall"]
-        names += [f"wall only by {name}" for name in only_in]
-        kinds[3:] = [(name, colour) for name, (_, colour) in zip(names, kinds[3:], strict=True)]
-    return _style_of_kinds(kinds)
+    kinds[3:] = [(name, colour) for name, (_, colour) in zip(names, kinds[3:], strict=True)]
+    return kinds
 
 
 _CHANGE_LEVELS = 100  # colours for lower costs, and as many for higher costs
@@ -217,7 +205,7 @@ def cost_change_style() -> LayerStyle:
     graded = np.stack([fell, rose], axis=1).reshape(-1, 3)
     groups = (_KINDS_OF_COSTS, _KINDS_OF_COST_CHANGES)
     equal, changed = ([colour for _, colour in group] for group in groups)
-    palette = palette_of(equal, graded, changed)
+    palette = colours.palette_of(equal, graded, changed)
     return LayerStyle(
         palette, by_value=np.minimum(np.arange(256), len(palette) - 1).astype(np.uint8),
         swatches=tuple(Swatch(code, name) for code, (name, _) in reversed(kinds)),
@@ -227,9 +215,7 @@ def cost_change_style() -> LayerStyle:
 
 def cleaning_style() -> LayerStyle:
     # The kinds are those of a difference, and 7 for unknown cells that became free.
-    kinds = list(_KINDS_OF_DIFFERENCE)
-    names = ["free, now unknown", "wall", "wall, now free", "unknown, now wall"]
-    kinds[3:] = [(name, colour) for name, (_, colour) in zip(names, kinds[3:], strict=True)]
+    kinds = _differences("free, now unknown", "wall", "wall, now free", "unknown, now wall")
     return _style_of_kinds([*kinds, ("unknown, now free", colours.FILLED)])
 
 
@@ -241,16 +227,17 @@ def alignment_style(names: tuple[str, str]) -> LayerStyle:
 
 
 def _style_of_kinds(kinds: Sequence[tuple[str, Colour]]) -> LayerStyle:
-    count = len(kinds)
-    by_value = np.zeros(256, dtype=np.uint8)
-    by_value[:count] = np.arange(count)
     names = [name for name, _ in kinds]
+    swatches = [Swatch(kind, name) for kind, name in enumerate(names)]
     return LayerStyle(
-        np.array([colour for _, colour in kinds], dtype=np.uint8),
-        by_value=by_value,
-        swatches=tuple(Swatch(kind, names[kind]) for kind in reversed(range(count))),
-        labels=dict(enumerate(names)),
-    )
+        colours.palette_of([colour for _, colour in kinds]), by_value=_codes_below(len(kinds)),
+        swatches=tuple(reversed(swatches)), labels=dict(enumerate(names)),
+    )  # fmt: skip
+
+
+def _codes_below(count: int) -> NDArray[np.uint8]:
+    """Return each byte below a count as its own palette index, and 0 for all others."""
+    return np.where(np.arange(256) < count, np.arange(256), 0).astype(np.uint8)
 
 
 def number_style(low: float, high: float, unit: str) -> LayerStyle:
@@ -259,8 +246,9 @@ def number_style(low: float, high: float, unit: str) -> LayerStyle:
     ticks = [((value - low) / (high - low), f"{value:g}") for value in ticks_of(low, high, 6)]
     blues = colours.interpolated(colours.FREE_ANCHORS, _NUMBER_LEVELS)
     return LayerStyle(
-        palette_of(blues, [colours.RVIZ_UNKNOWN]), scale=Scale(low, high, 0, _NUMBER_LEVELS),
-        swatches=(Swatch(_NUMBER_LEVELS, "no value"),), nowhere=_NUMBER_LEVELS,
+        colours.palette_of(blues, [colours.RVIZ_UNKNOWN]),
+        scale=Scale(low, high, 0, _NUMBER_LEVELS), nowhere=_NUMBER_LEVELS,
+        swatches=(Swatch(_NUMBER_LEVELS, "no value"),),
         bar=ColourBar(range(_NUMBER_LEVELS), ticks, unit),
     )  # fmt: skip
 
@@ -354,7 +342,7 @@ def field_style(field: DistanceField, ends: FieldEnds) -> LayerStyle:
     if field.region is not None:
         swatches.append(Swatch(NOWHERE, "no distance"))
     return LayerStyle(
-        palette_of(known, colours.mixed(known, colours.RVIZ_UNKNOWN, 0.6), special),
+        colours.palette_of(known, colours.mixed(known, colours.RVIZ_UNKNOWN, 0.6), special),
         scale=scale, swatches=tuple(swatches), bar=bar, nowhere=NOWHERE, line=LINE,
         faded_by=FIELD_LEVELS,
     )  # fmt: skip
@@ -421,15 +409,13 @@ def reach_codes(reach: Reach) -> tuple[NDArray[np.uint8], LayerStyle]:
     codes = _codes(reach)
     areas = _colour_areas(codes)
     counts = histogram(codes)
-    by_value = np.zeros(256, dtype=np.uint8)
-    by_value[: len(_COLOURS)] = np.arange(len(_COLOURS))
     swatches, labels = [], {}
     for code, name, is_area in _names(areas, turns=bool(counts[_NO_TURN])):
         if counts[code]:
             labels[code] = name
             area = f" {area_text(int(counts[code]) * reach.cell_area)}" if is_area else ""
             swatches.append(Swatch(code, f"{name}{area}"))
-    palette = np.array(_COLOURS, dtype=np.uint8)
+    palette, by_value = colours.palette_of(_COLOURS), _codes_below(len(_COLOURS))
     return codes, LayerStyle(palette, by_value, swatches=tuple(swatches), labels=labels)
 
 
