@@ -25,16 +25,9 @@ from mapdeal.grid.reach import (
     width_of,
 )
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
-from mapdeal.kernels import paths
+from mapdeal.kernels import components, paths
 from mapdeal.kernels.arrays import Bytes, Mask, SquaredDistances
-from mapdeal.kernels.components import (
-    ClearanceTree,
-    RootedTree,
-    gap_at,
-    joined,
-    saddles_between,
-    sums_behind,
-)
+from mapdeal.kernels.components import ClearanceTree, RootedTree, joined
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.polygons import Pose
 from mapdeal.kernels.threads import for_rows
@@ -116,7 +109,7 @@ class Ways:
         """Return the ends of the gap that a cell, by its flat index, lies in; computed once."""
         if saddle not in self._gaps:
             row, col = divmod(saddle, self.frame.width)
-            ends = gap_at(self.squared, self.tree.basins, (row, col))
+            ends = components.gap_at(self.squared, self.tree.basins, (row, col))
             first, second = self.frame.xy_from_rowcol(ends).tolist()
             self._gaps[saddle] = (first[0], first[1]), (second[0], second[1])
         return self._gaps[saddle]
@@ -397,7 +390,7 @@ def _behind(
     sums = np.column_stack(
         [np.bincount(labels, column, minlength=len(values))[used] for column in values.T]
     )
-    behind, near, far = sums_behind(ends[0], ends[1], int(ends[2, 0]), sums)
+    behind, near, far = components.sums_behind(ends[0], ends[1], int(ends[2, 0]), sums)
     return behind, sums[near], np.where(far < 0, -1, used[far])
 
 
@@ -418,7 +411,7 @@ def _other_doors(
     labels_beyond = enumerate(np.where(far < 0, -1, labels[far]).tolist())
     leading_to = {label: which for which, label in labels_beyond if label >= 0}
     cells, squares = ways.tree.cells[edges].tolist(), ways.tree.squares[edges].tolist()
-    for cell, *ends in saddles_between(ways.squared, ways.tree.basins, labels).tolist():
+    for cell, *ends in components.saddles_between(ways.squared, ways.tree.basins, labels).tolist():
         found = [leading_to[label] for label in ends if label in leading_to]
         if found and cell not in cells:
             # of two that lead to the same cells, as nobody fits between them, the wider one

@@ -13,18 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels import _clearance_tree, _compiled
+from mapdeal.kernels import _clearance_tree, _compiled, arrays
 from mapdeal.kernels._configuration_space import PoseMaker, flood
-from mapdeal.kernels.arrays import (
-    Basins,
-    Bytes,
-    Integers,
-    Mask,
-    Metres,
-    SquaredDistances,
-    dtype_of_squares,
-    unreachable,
-)
+from mapdeal.kernels.arrays import Basins, Bytes, Integers, Mask, Metres, SquaredDistances
 from mapdeal.kernels.blocks import Halo, Layer, Runs
 from mapdeal.kernels.components import BYTES_OF_BASIN, BYTES_OF_EDGE, ClearanceTree, RootedTree
 from mapdeal.kernels.polygons import Cell, Pose, Spans, halves
@@ -39,7 +30,7 @@ LONGEST_SIDE = _compiled.longest_side  # cells; the scipy twin handles longer on
 
 def squares(marked: Mask, both_kinds: bool, limit: int | None) -> SquaredDistances:
     """Return squared distances; on marked cells negative with `both_kinds`, else 0."""
-    squared = np.empty(marked.shape, dtype_of_squares(marked.shape))
+    squared = np.empty(marked.shape, arrays.dtype_of_squares(marked.shape))
     transform = _transform(marked, squared, limit)
     transform.to_squares(both_kinds)
     _run(transform, squared.size)
@@ -86,7 +77,7 @@ def _run(transform: Transform, cells: int) -> None:
     in_bands(transform.solve, transform.bands, cells)
 
 
-_MOST = unreachable(np.zeros(0, dtype=np.int32))
+_MOST = arrays.unreachable(np.zeros(0, dtype=np.int32))
 
 
 def fits(squared: SquaredDistances) -> bool:
@@ -95,7 +86,7 @@ def fits(squared: SquaredDistances) -> bool:
         return False
     if squared.dtype == np.int32:
         return True
-    return int(squared.max(where=squared != unreachable(squared), initial=0)) < _MOST
+    return int(squared.max(where=squared != arrays.unreachable(squared), initial=0)) < _MOST
 
 
 def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> ClearanceTree:
@@ -120,7 +111,7 @@ def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> Clearance
     sets = np.arange(peak_count, dtype=np.int32)
     count = _clearance_tree.span_basins(basins, in_order, sets, firsts, seconds, squares, cells)
     for values in (peaks, squares):
-        values[values == _MOST] = unreachable(squared)
+        values[values == _MOST] = arrays.unreachable(squared)
     return ClearanceTree(
         basins, peaks, peak_cells, firsts[:count], seconds[:count], squares[:count], cells[:count]
     )

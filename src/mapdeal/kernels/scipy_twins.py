@@ -9,17 +9,8 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.arrays import (
-    Basins,
-    Bytes,
-    Floats,
-    Integers,
-    Mask,
-    Metres,
-    SquaredDistances,
-    dtype_of_squares,
-    unreachable,
-)
+from mapdeal.kernels import arrays
+from mapdeal.kernels.arrays import Basins, Bytes, Floats, Integers, Mask, Metres, SquaredDistances
 from mapdeal.kernels.blocks import Halo, Layer, Runs
 from mapdeal.kernels.components import BYTES_OF_BASIN, ClearanceTree, RootedTree, least_joined
 from mapdeal.kernels.polygons import Cell, Pose, Spans, enumerated, halves
@@ -31,7 +22,7 @@ def squares(marked: Mask, both_kinds: bool, limit: int | None) -> SquaredDistanc
     if both_kinds:
         np.negative(_squares_to(~marked), out=squared, where=marked)
     if limit is not None:
-        endless = unreachable(squared)
+        endless = arrays.unreachable(squared)
         squared[squared > limit] = endless
         squared[squared < -limit] = -endless
     return squared
@@ -50,7 +41,7 @@ def metres(
         squared = np.abs(squares(marked, True, None))
     else:
         squared = squares_of_block(marked, halo)
-    endless = squared == unreachable(squared)
+    endless = squared == arrays.unreachable(squared)
     distance = np.sqrt(squared, dtype=np.float64)
     distance *= scale
     distance[endless] = math.inf
@@ -145,7 +136,7 @@ def _squares_to(marked: Mask) -> SquaredDistances:
     from scipy import ndimage
 
     height, width = marked.shape
-    dtype = dtype_of_squares(marked.shape)
+    dtype = arrays.dtype_of_squares(marked.shape)
     if not marked.any():  # scipy would measure to a cell outside of the grid
         return np.full(marked.shape, np.iinfo(dtype).max, dtype=dtype)
     # The indices of the nearest cells are exact, unlike scipy's distances, float64 square roots.
@@ -261,7 +252,7 @@ def rooted(tree: ClearanceTree, root: int) -> RootedTree:
 def widest_metres(
     basins: Basins, squared: SquaredDistances, limits: Integers, resolution: float, metres: Metres
 ) -> None:
-    endless = unreachable(squared)
+    endless = arrays.unreachable(squared)
 
     def fill(rows: slice) -> None:  # metres may share the memory of the basins
         widest = np.minimum(squared[rows], limits[basins[rows] + 1])
@@ -271,7 +262,7 @@ def widest_metres(
 
 
 def clearance_metres(squared: SquaredDistances, resolution: float, metres: Metres) -> None:
-    endless = unreachable(squared)
+    endless = arrays.unreachable(squared)
 
     def fill(rows: slice) -> None:
         metres[rows] = _metres(squared[rows], resolution, endless)

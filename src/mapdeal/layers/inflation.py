@@ -24,19 +24,8 @@ from mapdeal.grid.values import (
 )
 from mapdeal.kernels.distance import bytes_by_distance, queued_squares
 from mapdeal.kernels.lookup import raise_bytes
-from mapdeal.layers.layer import (
-    CostmapLayer,
-    LiveLayer,
-    LivePlace,
-    MasterGrid,
-    Nav2Values,
-    PluginEntry,
-    Ros1Values,
-    Update,
-    Window,
-    grown,
-    within,
-)
+from mapdeal.layers import layer as base
+from mapdeal.layers.layer import CostmapLayer
 
 HIGHEST_GRADED = INSCRIBED_INFLATED_OBSTACLE - 1
 
@@ -103,7 +92,7 @@ class InflationLayer(CostmapLayer):
     def halo(self, shape: tuple[int, int], cell_size: float) -> int:
         return profile_of(self, shape, cell_size).cells
 
-    def apply(self, master: MasterGrid) -> None:
+    def apply(self, master: base.MasterGrid) -> None:
         profile_of(self, master.shape, master.cell_size).raise_around_seeds(master.costs)
 
     def reach_cells(self, cell_size: float) -> int:
@@ -119,7 +108,7 @@ class InflationLayer(CostmapLayer):
             return self
         return replace(self, inscribed_radius=footprint.inscribed_radius)
 
-    def live(self, place: LivePlace, sensing: None) -> LiveInflation:
+    def live(self, place: base.LivePlace, sensing: None) -> LiveInflation:
         return LiveInflation(self, place)
 
     def effect(self) -> str:
@@ -138,7 +127,7 @@ class InflationLayer(CostmapLayer):
         return known - {"cost_scaling_factor", "custom_inscribed_radius"} | _ASYMMETRIC_PARAMETERS
 
     @classmethod
-    def from_nav2(cls, values: Nav2Values, entry: PluginEntry) -> InflationLayer:
+    def from_nav2(cls, values: base.Nav2Values, entry: base.PluginEntry) -> InflationLayer:
         name, inscribed_radius = entry.name, entry.inscribed_radius
         is_asymmetric = _is_asymmetric(entry.plugin)
         older = values.older or "Legacy" in entry.plugin
@@ -163,7 +152,7 @@ class InflationLayer(CostmapLayer):
         )  # fmt: skip
 
     @classmethod
-    def from_ros1(cls, server: Ros1Values, entry: PluginEntry) -> InflationLayer:
+    def from_ros1(cls, server: base.Ros1Values, entry: base.PluginEntry) -> InflationLayer:
         name, inscribed_radius = entry.name, entry.inscribed_radius
 
         def number(parameter: str, default: float, largest: float, unit: str = "") -> float:
@@ -189,15 +178,15 @@ class InflationLayer(CostmapLayer):
         yield f"cost_scaling_factor {self.cost_scaling_factor:.6g}"
 
 
-class LiveInflation(LiveLayer):
+class LiveInflation(base.LiveLayer):
     """Inflation around the cells that changed in this update and the one before."""
 
-    def __init__(self, layer: InflationLayer, place: LivePlace) -> None:
+    def __init__(self, layer: InflationLayer, place: base.LivePlace) -> None:
         super().__init__(layer, place)
         self._settings = layer
         self._last: tuple[list[float], list[float]] | None = None
 
-    def update_bounds(self, update: Update) -> None:
+    def update_bounds(self, update: base.Update) -> None:
         bounds, last, radius = update.bounds, self._last, self._settings.inflation_radius
         self._last = bounds.low, bounds.high
         if last is None:
@@ -206,23 +195,23 @@ class LiveInflation(LiveLayer):
         bounds.low = [min(pair) - radius for pair in zip(last[0], bounds.low, strict=True)]
         bounds.high = [max(pair) + radius for pair in zip(last[1], bounds.high, strict=True)]
 
-    def update_costs(self, master: MasterGrid, window: Window) -> None:
+    def update_costs(self, master: base.MasterGrid, window: base.Window) -> None:
         reach = self._settings.reach_cells(master.cell_size)
         # Seeds lie within `reach` of the window. The queue goes on beyond, as in the real code.
         is_queued = self._settings.lookup == "exact"
-        around = grown(window, reach * (1 + is_queued))
+        around = base.grown(window, reach * (1 + is_queued))
         part = master.part(around)
         part.costs = part.costs.copy()
         if is_queued and reach:
             costs, profile = part.costs, profile_of(self._settings, master.shape, master.cell_size)
             seeds = np.zeros(costs.shape, dtype=np.bool_)
-            near = within(grown(window, reach), around)
+            near = base.within(base.grown(window, reach), around)
             seeds[near] = costs[near] == LETHAL_OBSTACLE
             profile.raise_costs(costs, profile.costs_of(queued_squares(seeds, profile.reach)))
         else:
             self.layer.apply(part)
         if not self.place.is_ros1:
-            master.costs[window] = part.costs[within(window, around)]
+            master.costs[window] = part.costs[base.within(window, around)]
         else:  # ROS 1 also raises the cells around the window
             master.costs[around] = part.costs
 
@@ -237,7 +226,7 @@ def _is_asymmetric(plugin: str) -> bool:
     return "Asymmetric" in plugin
 
 
-def _custom_inscribed_radius(values: Nav2Values, name: str, inscribed_radius: float) -> float:
+def _custom_inscribed_radius(values: base.Nav2Values, name: str, inscribed_radius: float) -> float:
     """Return the radius that the layer uses instead of the footprint's, with a warning if any."""
     parameter = f"{name}.custom_inscribed_radius"
     custom = values.number(parameter, -1.0)
@@ -249,7 +238,7 @@ def _custom_inscribed_radius(values: Nav2Values, name: str, inscribed_radius: fl
     return custom
 
 
-def _factor_without_path(values: Nav2Values, name: str) -> float:
+def _factor_without_path(values: base.Nav2Values, name: str) -> float:
     """Return the larger of both sides' factors, which applies if there is no path."""
     for parameter, kind, least in (
         (f"{name}.inflation_radius", "double", 0), (f"{name}.num_threads", "integer", -1),
@@ -295,12 +284,12 @@ class CostProfile:
         self.layer = layer
         reach = reach_in_cells(layer.inflation_radius, cell_size, is_tolerant=is_tolerant)
         self.reach = min(reach, math.ceil(math.hypot(*shape)))
-        within = self.reach
+        farthest = self.reach
         if layer.cost_scaling_factor > 0:  # from some distance on, costs are truncated to 0
             decay = math.log(HIGHEST_GRADED) / layer.cost_scaling_factor
             cells = min((layer.inscribed_radius + decay) / cell_size, self.reach)
-            within = min(self.reach, math.ceil(cells) + 1)
-        self.table = cost_table(within, layer, cell_size, is_tolerant=is_tolerant)
+            farthest = min(self.reach, math.ceil(cells) + 1)
+        self.table = cost_table(farthest, layer, cell_size, is_tolerant=is_tolerant)
 
     @property
     def cells(self) -> int:

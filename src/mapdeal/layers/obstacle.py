@@ -21,21 +21,8 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION
 from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.sensing import VOXEL, CellRays, clear_cells, clear_voxels
-from mapdeal.layers.layer import (
-    TYPES,
-    Bounds,
-    CostmapLayer,
-    Costs,
-    LiveLayer,
-    LivePlace,
-    Mask,
-    MasterGrid,
-    Nav2Values,
-    PluginEntry,
-    Ros1Values,
-    Update,
-    Window,
-)
+from mapdeal.layers import layer as base
+from mapdeal.layers.layer import CostmapLayer, Costs, Mask
 
 OVERWRITE, MAXIMUM, KEEP_UNKNOWN = range(3)  # combination methods
 
@@ -130,7 +117,7 @@ def cells_to(distance: float, resolution: float) -> float:
 
 
 def _typed(declared: Any) -> dict[str, str]:
-    return {field.name: TYPES[type(field.default)] for field in fields(declared)[1:]}
+    return {field.name: base.TYPES[type(field.default)] for field in fields(declared)[1:]}
 
 
 @dataclass(frozen=True, repr=False)
@@ -202,7 +189,7 @@ class ObstacleLayer(CostmapLayer):
     def unknown_after(self, is_unknown: bool) -> bool:
         return is_unknown and self.why_idle(is_unknown) is not None
 
-    def apply(self, master: MasterGrid) -> None:
+    def apply(self, master: base.MasterGrid) -> None:
         if self.combination_method == KEEP_UNKNOWN:
             return
         free: Mask | None = np.ones((1, 1), dtype=np.bool_)  # broadcasts to all cells
@@ -218,7 +205,7 @@ class ObstacleLayer(CostmapLayer):
         return f"no observations: {cells} become free"
 
     @classmethod
-    def from_nav2(cls, values: Nav2Values, entry: PluginEntry) -> ObstacleLayer:
+    def from_nav2(cls, values: base.Nav2Values, entry: base.PluginEntry) -> ObstacleLayer:
         name = entry.name
         values.check_types(cls.nav2_parameters, f"{name}.")
         method = values.get(f"{name}.combination_method", "integer", MAXIMUM)
@@ -230,7 +217,7 @@ class ObstacleLayer(CostmapLayer):
         )
 
     @classmethod
-    def from_ros1(cls, server: Ros1Values, entry: PluginEntry) -> ObstacleLayer:
+    def from_ros1(cls, server: base.Ros1Values, entry: base.PluginEntry) -> ObstacleLayer:
         name = entry.name
         costmap_tracks = server.boolean(False, "track_unknown_space")
         path = (name, "track_unknown_space")
@@ -248,11 +235,11 @@ class ObstacleLayer(CostmapLayer):
     def _ros1_method(method: int) -> int:
         return method
 
-    def live(self, place: LivePlace, sensing: Sensing) -> ObstacleGrid:
+    def live(self, place: base.LivePlace, sensing: Sensing) -> ObstacleGrid:
         return ObstacleGrid(self, place, sensing)
 
     @classmethod
-    def sensing_from_nav2(cls, values: Nav2Values, name: str) -> Sensing:
+    def sensing_from_nav2(cls, values: base.Nav2Values, name: str) -> Sensing:
         def read(declared: Any, below: str) -> dict[str, Any]:
             return {
                 field: values.get(f"{name}.{below}{field}", kind, getattr(declared, field))
@@ -267,7 +254,7 @@ class ObstacleLayer(CostmapLayer):
         return Sensing(tuple(sources), **read(Sensing, ""))
 
     @classmethod
-    def sensing_from_ros1(cls, server: Ros1Values, name: str) -> Sensing:
+    def sensing_from_ros1(cls, server: base.Ros1Values, name: str) -> Sensing:
         # Without a list of plugins, the sources stand beside the costmap's own parameters.
         listed = server.find(name, "observation_sources")
         below = () if listed is None else (name,)
@@ -286,7 +273,7 @@ class ObstacleLayer(CostmapLayer):
 
     @classmethod
     def _ros1_source(
-        cls, server: Ros1Values, source: str, below: tuple[str, ...]
+        cls, server: base.Ros1Values, source: str, below: tuple[str, ...]
     ) -> ObservationSource:
         place = (*below, source)
 
@@ -330,7 +317,7 @@ class VoxelLayer(ObstacleLayer):
         "publish_voxel_map",
     )  # fmt: skip
 
-    def live(self, place: LivePlace, sensing: Sensing) -> VoxelGrid:
+    def live(self, place: base.LivePlace, sensing: Sensing) -> VoxelGrid:
         return VoxelGrid(self, place, sensing)
 
     @staticmethod
@@ -352,8 +339,8 @@ def cells_at(frame: Frame, x: Floats, y: Floats) -> tuple[Integers, Integers, Ma
     return row.astype(np.int64), col.astype(np.int64), inside
 
 
-class ObstacleGrid(LiveLayer):
-    def __init__(self, layer: ObstacleLayer, place: LivePlace, sensing: Sensing) -> None:
+class ObstacleGrid(base.LiveLayer):
+    def __init__(self, layer: ObstacleLayer, place: base.LivePlace, sensing: Sensing) -> None:
         super().__init__(layer, place)
         self.settings, self.sensing = layer, sensing
         self._default = NO_INFORMATION if layer.track_unknown_space else FREE_SPACE
@@ -369,7 +356,7 @@ class ObstacleGrid(LiveLayer):
         super().move(frame, rows, cols)
         self.costs = shifted(self.costs, rows, cols, self._default)
 
-    def update_bounds(self, update: Update) -> None:
+    def update_bounds(self, update: base.Update) -> None:
         buffered = [(buffer.source, buffer.read(update.time)) for buffer in self._buffers]
         with np.errstate(divide="ignore", invalid="ignore"):
             for source, observations in buffered:
@@ -381,7 +368,7 @@ class ObstacleGrid(LiveLayer):
         if self.settings.footprint_clearing_enabled:
             update.bounds.touch(*update.footprint)
 
-    def update_costs(self, master: MasterGrid, window: Window) -> None:
+    def update_costs(self, master: base.MasterGrid, window: base.Window) -> None:
         if self.settings.footprint_clearing_enabled and master.under_robot is not None:
             self.costs[master.under_robot] = FREE_SPACE
         below, own = master.costs[window], self.costs[window]
@@ -414,7 +401,7 @@ class ObstacleGrid(LiveLayer):
             marks &= (z >= sensing.min_obstacle_height) & (squares >= least * least)
         return np.flatnonzero(marks), col[marks], row[marks]
 
-    def _mark(self, observation: Observation, bounds: Bounds) -> None:
+    def _mark(self, observation: Observation, bounds: base.Bounds) -> None:
         points, col, row = self.marks(observation)
         self.costs[row, col] = LETHAL_OBSTACLE
         bounds.touch(observation.points[points, 0], observation.points[points, 1])
@@ -465,13 +452,13 @@ class ObstacleGrid(LiveLayer):
     def _least_range(self, source: ObservationSource) -> float:
         return 0.0 if self.place.is_ros1 else source.raytrace_min_range
 
-    def _clear(self, observation: Observation, bounds: Bounds) -> None:
+    def _clear(self, observation: Observation, bounds: base.Bounds) -> None:
         if (found := self._rays(observation)) is not None:
             bounds.touch(*np.array(observation.origin[:2])[:, np.newaxis])
             clear_cells(found[0], self.costs)
             self._touch_rays(observation, found[1], bounds)
 
-    def _touch_rays(self, observation: Observation, ends: Floats, bounds: Bounds) -> None:
+    def _touch_rays(self, observation: Observation, ends: Floats, bounds: base.Bounds) -> None:
         start = np.array(observation.origin[:2])[:, np.newaxis]
         away = ends - start
         distance = np.hypot(*away)
@@ -486,7 +473,7 @@ class VoxelGrid(ObstacleGrid):
     Bits 16 to 31 of a column are its marked voxels, bits 0 to 15 those that are marked or unknown.
     """
 
-    def __init__(self, layer: ObstacleLayer, place: LivePlace, sensing: Sensing) -> None:
+    def __init__(self, layer: ObstacleLayer, place: base.LivePlace, sensing: Sensing) -> None:
         super().__init__(layer, place, sensing)
         self.columns = np.full(self.frame.shape, _UNKNOWN_COLUMN, dtype=np.uint32)
         self._unknown_threshold = sensing.unknown_threshold + (_MOST_VOXELS - sensing.z_voxels)
@@ -505,7 +492,7 @@ class VoxelGrid(ObstacleGrid):
         _, is_level = self._levels(z)
         return points[is_level], col[is_level], row[is_level]
 
-    def _mark(self, observation: Observation, bounds: Bounds) -> None:
+    def _mark(self, observation: Observation, bounds: base.Bounds) -> None:
         points, col, row = self.marks(observation)
         z = np.maximum(observation.points[points, 2], self.sensing.origin_z)
         level = self._levels(z)[0].astype(np.uint32)
@@ -575,7 +562,7 @@ class VoxelGrid(ObstacleGrid):
         level, is_between = self._levels(points[2])
         return np.array([col, row, level]), inside & is_between
 
-    def _clear(self, observation: Observation, bounds: Bounds) -> None:
+    def _clear(self, observation: Observation, bounds: base.Bounds) -> None:
         if (found := self._rays(observation)) is not None:
             clear_voxels(
                 found[0], self.costs, self.columns, mark_threshold=self.sensing.mark_threshold,

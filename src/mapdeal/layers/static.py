@@ -18,16 +18,8 @@ from mapdeal.grid.values import (
     static_layer_cost_from_occupancy,
 )
 from mapdeal.kernels.lookup import look_up, set_where
-from mapdeal.layers.layer import (
-    CostmapLayer,
-    LiveLayer,
-    LivePlace,
-    MasterGrid,
-    Nav2Values,
-    PluginEntry,
-    Ros1Values,
-    Update,
-)
+from mapdeal.layers import layer as base
+from mapdeal.layers.layer import CostmapLayer
 
 _BYTE = Condition("a byte, 0 to 255, or -1 for 255", lambda value: -1 <= value <= 255)
 
@@ -113,7 +105,7 @@ class StaticLayer(CostmapLayer):
             return tracks
         return tracks or may_be_unknown if self.unknown_is_highest else tracks and may_be_unknown
 
-    def apply(self, master: MasterGrid) -> None:
+    def apply(self, master: base.MasterGrid) -> None:
         costs: NDArray[np.uint8] = look_up(master.occupancy, self._costs_of_values())
         if self.footprint_clearing_enabled and master.under_robot is not None:
             set_where(costs, master.under_robot, FREE_SPACE)
@@ -135,7 +127,7 @@ class StaticLayer(CostmapLayer):
             table[inscribed] = INSCRIBED_INFLATED_OBSTACLE
         return table
 
-    def live(self, place: LivePlace, sensing: None) -> LiveStatic:
+    def live(self, place: base.LivePlace, sensing: None) -> LiveStatic:
         return LiveStatic(self, place)
 
     def effect(self) -> str:
@@ -154,7 +146,7 @@ class StaticLayer(CostmapLayer):
         return text + rule + (", unknown above lethal" if self.unknown_is_highest else "")
 
     @classmethod
-    def from_nav2(cls, values: Nav2Values, entry: PluginEntry) -> StaticLayer:
+    def from_nav2(cls, values: base.Nav2Values, entry: base.PluginEntry) -> StaticLayer:
         name = entry.name
         values.check_types(cls.nav2_parameters, f"{name}.")
         parameter = f"{name}.footprint_clearing_enabled"
@@ -181,7 +173,7 @@ class StaticLayer(CostmapLayer):
         )  # fmt: skip
 
     @classmethod
-    def from_ros1(cls, server: Ros1Values, entry: PluginEntry) -> StaticLayer:
+    def from_ros1(cls, server: base.Ros1Values, entry: base.PluginEntry) -> StaticLayer:
         name = entry.name
         threshold = server.place(name, "lethal_cost_threshold")
         lethal = server.limited(server.integer(100, *threshold), 100, "the static layer", threshold)
@@ -203,12 +195,12 @@ class StaticLayer(CostmapLayer):
         yield "unknown tracked" if self.track_unknown_space else "unknown free"
 
 
-class LiveStatic(LiveLayer):
+class LiveStatic(base.LiveLayer):
     """A map that is new in the first update, or lies below a rolling costmap."""
 
     _is_new = True
 
-    def update_bounds(self, update: Update) -> None:
+    def update_bounds(self, update: base.Update) -> None:
         rolls = self.place.is_rolling
         frame = self.place.map_frame
         if rolls and not self.place.size_margin:  # Nav2 newer than Kilted

@@ -19,37 +19,23 @@ from numpy.typing import NDArray
 
 from mapdeal import planners
 
+# of a parameter, and its type: ROS 2 refuses values of another one
 Default = bool | int | float | str | tuple[str, ...]
-"""Default value of a parameter. It gives the type, too: ROS 2 refuses values of another type."""
-
 Pose = tuple[float, float, float]  # x and y, metres, and yaw, radians, in the map's frame
-Reason = Literal[
+Reason = Literal[  # the exceptions with which Nav2's planners fail
     "StartOccupied", "GoalOccupied", "StartOutsideMapBounds", "GoalOutsideMapBounds",
     "NoValidPathCouldBeFound", "PlannerTimedOut", "PlannerException",
 ]  # fmt: skip
-"""Names of the exceptions with which Nav2's planners fail."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlannerGrid:
-    """A costmap as Nav2's planners see it. The yaw of its origin is ignored, as there.
+    """A costmap as Nav2's planners see it. The yaw of its origin is ignored, as there."""
 
-    Parameters
-    ----------
-    costs : numpy.ndarray of uint8, shape (H, W)
-        Nav2's costs: 253 inscribed, 254 lethal, 255 unknown. Row 0 is the south.
-    resolution : float
-        Side of a cell, metres, rounded to float32 as in the map's message.
-    origin : tuple of float
-        x and y of the outer corner of cell (0, 0), metres.
-    footprint : numpy.ndarray of float64, shape (N, 2), optional
-        The robot's padded outline, metres; None for a round robot.
-    """
-
-    costs: NDArray[np.uint8]
-    resolution: float
-    origin: tuple[float, float]
-    footprint: NDArray[np.float64] | None = None
+    costs: NDArray[np.uint8]  # Nav2's: 253 inscribed, 254 lethal, 255 unknown
+    resolution: float  # metres, rounded to float32 as in the map's message
+    origin: tuple[float, float]  # metres
+    footprint: NDArray[np.float64] | None = None  # padded outline, metres; None for round robots
 
     def cell_of(self, pose: Pose) -> tuple[int, int] | None:
         """Return row and column as ``worldToMap`` does; None outside of the costmap."""
@@ -66,30 +52,14 @@ _NO_POSES = np.empty((0, 3))
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A planner's answer for one start and goal.
-
-    Parameters
-    ----------
-    found : bool
-        Whether there is a plan.
-    reason : str, optional
-        Name of Nav2's exception if there is none.
-    poses : numpy.ndarray of float64, shape (N, 3)
-        x, y and yaw of each pose.
-    cost : float, optional
-        Cost of the path before it was smoothed, of planners that compute one.
-    detail : str, optional
-        Why the planner failed, where the exception's name alone leaves that open.
-    is_reached : bool
-        Whether the search reached the goal, though no plan came of it.
-    """
+    """A planner's answer for one start and goal."""
 
     found: bool
-    reason: Reason | None = None
-    poses: NDArray[np.float64] = field(default_factory=lambda: _NO_POSES)
-    cost: float | None = None
-    detail: str | None = None
-    is_reached: bool = False
+    reason: Reason | None = None  # name of Nav2's exception if there is no plan
+    poses: NDArray[np.float64] = field(default_factory=lambda: _NO_POSES)  # x, y, yaw: (N, 3)
+    cost: float | None = None  # of the path before it was smoothed, where a planner computes it
+    detail: str | None = None  # why the planner failed, where the name leaves that open
+    is_reached: bool = False  # by the search, though no plan came of it
 
     @property
     def is_known(self) -> bool:
@@ -107,7 +77,7 @@ def no_plan(reason: Reason, detail: str | None = None) -> Plan:
     return Plan(found=False, reason=reason, detail=detail)
 
 
-def with_last_yaw(points: NDArray[np.float64], yaw: float | None) -> NDArray[np.float64]:
+def poses_of(points: NDArray[np.float64], yaw: float | None) -> NDArray[np.float64]:
     """Return poses of points whose last one has a yaw, that of the last step if it is None."""
     poses = np.zeros((len(points), 3))
     poses[:, : points.shape[1]] = points
@@ -120,11 +90,8 @@ class Planner(ABC):
     """A planner with the values of its parameters; those that are not set have their defaults."""
 
     plugin_names: ClassVar[tuple[str, ...]] = ()  # in parameter files, with :: and with /
-    parameters: ClassVar[Mapping[str, Default]] = {}
-    """Names and defaults of all parameters that Nav2 declares below the planner's name."""
-
-    moves_diagonally: ClassVar[bool] = True
-    """Whether it moves from a cell to all eight neighbours, or to the four beside it only."""
+    parameters: ClassVar[Mapping[str, Default]] = {}  # all that Nav2 declares below its name
+    moves_diagonally: ClassVar[bool] = True  # to all eight neighbours, not just to four
 
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         self.values: dict[str, Any] = {**self.parameters, **(values or {})}

@@ -18,15 +18,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.polygons import Lattice, costs_at_poses
 from mapdeal.kernels.smac import grid_path, grid_step_costs, smooth_once
-from mapdeal.planners.planner import (
-    Default,
-    Plan,
-    Planner,
-    PlannerGrid,
-    Pose,
-    no_plan,
-    with_last_yaw,
-)
+from mapdeal.planners.planner import Default, Plan, Planner, PlannerGrid, Pose, no_plan, poses_of
 
 _ENDLESS = 2**31 - 1  # iterations without a limit
 _FEWEST = 12  # poses of a path that is smoothed
@@ -92,7 +84,7 @@ class Smac2DPlanner(Planner):
             poses[-1, :2] = goal[:2]
         return Plan(
             True,
-            poses=with_last_yaw(poses, None if approaches else goal[2]),
+            poses=poses_of(poses, None if approaches else goal[2]),
             cost=float((np.where(is_diagonal, math.sqrt(2), 1) * costs).sum()),
         )
 

@@ -21,15 +21,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.values import LETHAL_OBSTACLE
 from mapdeal.kernels.arrays import Floats
 from mapdeal.kernels.smac import theta_costs, theta_path
-from mapdeal.planners.planner import (
-    Default,
-    Plan,
-    Planner,
-    PlannerGrid,
-    Pose,
-    no_plan,
-    with_last_yaw,
-)
+from mapdeal.planners.planner import Default, Plan, Planner, PlannerGrid, Pose, no_plan, poses_of
 
 
 class ThetaStarPlanner(Planner):
@@ -72,7 +64,7 @@ class ThetaStarPlanner(Planner):
             return no_plan("NoValidPathCouldBeFound")
         corners = np.stack([np.array(cells) % width, np.array(cells) // width], axis=1) + 0.5
         points = _interpolated(np.array(grid.origin) + corners * grid.resolution, grid.resolution)
-        return Plan(True, poses=with_last_yaw(points, None if approaches else goal[2]))
+        return Plan(True, poses=poses_of(points, None if approaches else goal[2]))
 
 
 def _interpolated(corners: Floats, step: float) -> Floats:

@@ -21,6 +21,7 @@ from mapdeal.layers.stack import CostmapLayers
 
 Mask = NDArray[np.bool_]
 
+LARGER_MAX_DISTANCE = "make the field with a larger max_distance, or none"  # a hint
 _LARGEST_TABLE = 1 << 22
 _CLIP_TOLERANCE = 2.0**-23  # relative: distances are float32, the clip is not
 
@@ -97,15 +98,13 @@ def _measure(field: DistanceField) -> dict[str, Any]:
 
 def _shifts(convention: map_values.Convention, resolution: float) -> tuple[float, float]:
     """Return the offsets of a convention for distances outside and inside of obstacles, metres."""
-    return {
-        "fast-planner": (0.0, resolution),
-        "center": (0.0, 0.0),
-        "border": (-0.5 * resolution, 0.5 * resolution),
-    }[convention]
+    shifts = {"fast-planner": (0.0, 1.0), "center": (0.0, 0.0), "border": (-0.5, 0.5)}
+    outside, inside = shifts[convention]
+    return outside * resolution, inside * resolution
 
 
+# from view values and their distances in metres to costs
 CostOfView = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
-"""Function from view values and their distances in metres to costs."""
 
 
 @command.checked
@@ -174,9 +173,8 @@ class Viewer:
     ) -> NDArray[np.int8]:
         def value_of(metres: NDArray[np.float64]) -> NDArray[np.float64]:
             metres = field.strength * metres
-            view = np.minimum(
-                self.scale.values_of(metres, field.resolution), map_values.OCCUPIED - 1
-            )
+            view = self.scale.values_of(metres, field.resolution)
+            np.minimum(view, map_values.OCCUPIED - 1, out=view)
             return view if cost_of is None else cost_of(view, metres)
 
         if self._is_free:
@@ -189,9 +187,8 @@ class Viewer:
             values = _bytes_of_metres(field, obstacles, value_of, farthest)
 
         def set_rows(rows: slice) -> None:
-            np.copyto(
-                values[rows], map_values.UNKNOWN, where=field.occupancy[rows] == map_values.UNKNOWN
-            )
+            is_unknown = field.occupancy[rows] == map_values.UNKNOWN
+            np.copyto(values[rows], map_values.UNKNOWN, where=is_unknown)
             np.copyto(values[rows], map_values.OCCUPIED, where=obstacles[rows])
 
         for_rows(set_rows, values.shape)
@@ -270,7 +267,6 @@ def esdf(
     if len(blocks) > 1:
         halos = [*halos_of([runs_of(obstacles[block]) for block in swept(obstacles)])]
     by_start = {block.start: halo for block, halo in zip(blocks, halos, strict=True)}
-
     outside_shift, inside_shift = _shifts(convention, grid.resolution)
 
     def distances(rows: slice) -> NDArray[np.float32]:

@@ -19,7 +19,7 @@ from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.layers import inflation as inflation_layer
 from mapdeal.layers.stack import CostmapLayers
 from mapdeal.stages.cost import ObstacleSource, check_lethal_threshold, cost_model, warn_of_strength
-from mapdeal.stages.esdf import bytes_in, furthest_kept
+from mapdeal.stages.esdf import LARGER_MAX_DISTANCE, bytes_in, furthest_kept
 
 _CELLS_AT_ONCE = 1 << 22  # bounds the memory
 _RADII = ("inscribed_radius", "circumscribed_radius")
@@ -27,9 +27,8 @@ _RADII = ("inscribed_radius", "circumscribed_radius")
 
 def layer_of(parameters: command.Parameters) -> inflation_layer.InflationLayer:
     names = (field.name for field in fields(inflation_layer.InflationLayer))
-    return inflation_layer.InflationLayer(
-        **{name: parameters[name] for name in names if name in parameters}
-    )
+    settings = {name: parameters[name] for name in names if name in parameters}
+    return inflation_layer.InflationLayer(**settings)
 
 
 def _parameters_from_layers(layers: CostmapLayers) -> dict[str, object] | None:
@@ -38,10 +37,10 @@ def _parameters_from_layers(layers: CostmapLayers) -> dict[str, object] | None:
         return None
     static, inflation = found
     threshold, inscribed = static.lethal_cost_threshold, static.inscribed_obstacle_cost_value
-    if (
-        static.unknown_cost_value != map_values.NO_INFORMATION
-        or not 1 <= threshold <= map_values.OCCUPIED
-    ):
+    if inscribed is not None and not 0 <= inscribed <= map_values.OCCUPIED:
+        inscribed = None
+    has_special_unknown = static.unknown_cost_value != map_values.NO_INFORMATION
+    if has_special_unknown or not 1 <= threshold <= map_values.OCCUPIED:
         return None
     if static.use_maximum and static.unknown_is_highest:
         return None
@@ -51,9 +50,7 @@ def _parameters_from_layers(layers: CostmapLayers) -> dict[str, object] | None:
         "lethal_threshold": threshold,
         "trinary_costmap": static.trinary_costmap,
         "track_unknown_space": static.track_unknown_space and not keeps_free,
-        "inscribed_obstacle_cost_value": (
-            inscribed if inscribed is not None and 0 <= inscribed <= map_values.OCCUPIED else None
-        ),
+        "inscribed_obstacle_cost_value": inscribed,
         "float32_resolution": True,
     }
     if inflation is None or inflation.inflation_radius <= 0:
@@ -69,12 +66,11 @@ def _derived(parameters: command.Parameters) -> dict[str, Any]:
 
 
 def _curve(source: Framed, parameters: command.Parameters) -> CostCurve:
+    radius = parameters["circumscribed_radius"]
     return inflation_layer.inflation_curve(
-        [layer_of(parameters)],
-        source.resolution,
-        circumscribed_radius=parameters["circumscribed_radius"],
+        [layer_of(parameters)], source.resolution, circumscribed_radius=radius,
         **_derived(parameters),
-    )
+    )  # fmt: skip
 
 
 @cost_model(
@@ -196,9 +192,8 @@ def exponential_cost(
     inflation_layer.warn_of_radii(layer)
     is_float32 = _resolution_is_float32(lookup, float32_resolution)
     cell_size = as_float32(source.resolution) if is_float32 else source.resolution
-    profile = inflation_layer.CostProfile(
-        layer, source.shape, cell_size, is_tolerant=not is_float32
-    )
+    is_tolerant = not is_float32
+    profile = inflation_layer.CostProfile(layer, source.shape, cell_size, is_tolerant=is_tolerant)
     base = BaseCosts(
         source, lethal_threshold=lethal_threshold, trinary_costmap=trinary_costmap,
         track_unknown_space=track_unknown_space,
@@ -245,17 +240,15 @@ class BaseCosts:
         return cost
 
     def spread_from_obstacles(self, field: DistanceField, *, around_unknown: bool) -> bool:
-        differs = np.zeros(256, dtype=np.uint8)
-        differs[: field.lethal_threshold] = (
-            self.table[: field.lethal_threshold] == map_values.LETHAL_OBSTACLE
-        )
-        lethal = slice(field.lethal_threshold, map_values.OCCUPIED + 1)
-        differs[lethal] = self.table[lethal] != map_values.LETHAL_OBSTACLE
-        if field.unknown == "free":
+        is_lethal = self.table == map_values.LETHAL_OBSTACLE
+        differs = np.zeros(256, dtype=np.bool_)
+        obstacles = np.arange(map_values.OCCUPIED + 1) >= field.lethal_threshold
+        differs[: map_values.OCCUPIED + 1] = is_lethal[: map_values.OCCUPIED + 1] != obstacles
+        if field.unknown == "free" and around_unknown:
             differs[map_values.UNKNOWN] = (
-                around_unknown and self.table[map_values.UNKNOWN] == map_values.NO_INFORMATION
+                self.table[map_values.UNKNOWN] == map_values.NO_INFORMATION
             )
-        return not differs.any() or not counts_of(field.occupancy)[differs.view(np.bool_)].any()
+        return not differs.any() or not counts_of(field.occupancy)[differs].any()
 
 
 def _distinguishes(field: DistanceField, profile: inflation_layer.CostProfile) -> bool:
@@ -265,8 +258,8 @@ def _distinguishes(field: DistanceField, profile: inflation_layer.CostProfile) -
         return True
     if field.max_distance < metres * (1 - 1e-6):
         rule = f"the field is clipped below the range of the costs, {metres:g} m"
-        hint = "make the field with a larger max_distance, or none"
-        raise ParameterError(rule, place="max_distance", got=field.max_distance, hint=hint)
+        got, hint = field.max_distance, LARGER_MAX_DISTANCE
+        raise ParameterError(rule, place="max_distance", got=got, hint=hint)
     return False
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,28 +15,21 @@ from mapdeal.grid.frame import Framed
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import looked_up, made_by_windows, swept
 from mapdeal.kernels.distance import ringed
-from mapdeal.stages.cost import (
-    ObstacleSource,
-    check_lethal_threshold,
-    cost_model,
-    obstacles_of,
-    warn_of_strength,
-)
-from mapdeal.stages.esdf import Viewer, esdf, furthest_kept
+from mapdeal.stages import cost as models
+from mapdeal.stages.cost import ObstacleSource, cost_model
+from mapdeal.stages.esdf import LARGER_MAX_DISTANCE, Viewer, esdf, furthest_kept
 
 Floats = NDArray[np.float64]
 
 _HIGHEST_BELOW_OBSTACLE = 99
-
 _TOLERANCE = 1e-9  # metres; rounding may put a cell this far below a threshold
 
 
 def _title(parameters: command.Parameters) -> str:
-    named = []
-    for name in ("down", "up"):
-        distance = parameters[f"{name}_distance"]
-        named.append(f"{parameters[name]:g}" if distance is None else f"{distance:g} m")
-    return f"cost, thresholds {' and '.join(named)}, {parameters['view']}"
+    distances = {name: parameters[f"{name}_distance"] for name in ("down", "up")}
+    down, up = (f"{parameters[name]:g}" if distance is None else f"{distance:g} m"
+                for name, distance in distances.items())  # fmt: skip
+    return f"cost, thresholds {down} and {up}, {parameters['view']}"
 
 
 def _advice(parameters: command.Parameters, cost: int) -> str:
@@ -72,14 +65,14 @@ def _curve_of_thresholds(
     source: ObstacleSource | FieldView, parameters: command.Parameters
 ) -> CostCurve:
     view, view_range = parameters["view"], parameters["view_range"]
+    strength = source.strength if isinstance(source, DistanceField) else 1.0
     if isinstance(source, FieldView):
-        scale, strength = source.scale, 1.0
+        scale = source.scale
     elif view == "metric":
         scale = ViewScale(view, view_range)
-        strength = source.strength if isinstance(source, DistanceField) else 1.0
     else:
         field = _field_of(source, parameters["lethal_threshold"])
-        scale, strength = Viewer(field, view, view_range).scale, field.strength
+        scale = Viewer(field, view, view_range).scale
     return _Rule(source, scale, **parameters).curve(scale, strength, source.resolution)
 
 
@@ -188,7 +181,7 @@ def threshold_cost(
 
 
 def _field_of(source: ObstacleSource, lethal_threshold: int | None) -> DistanceField:
-    threshold = check_lethal_threshold(source, lethal_threshold)
+    threshold = models.check_lethal_threshold(source, lethal_threshold)
     return source if isinstance(source, DistanceField) else esdf(source, lethal_threshold=threshold)
 
 
@@ -204,7 +197,7 @@ class _Rule:
         self.down = _value_at("down", limits, scale, source.resolution)
         self.up = _value_at("up", limits, scale, source.resolution)
         if self.down > self.up:
-            raise _contradiction(self.down, self.up, down_distance, up_distance)
+            _refuse_order(self.down, self.up, down_distance, up_distance)
         if isinstance(source, FieldView):  # a view has no metres: distances are now values
             down_distance = up_distance = None
         self.down_distance, self.up_distance = down_distance, up_distance
@@ -257,18 +250,16 @@ class _Rule:
         return CostCurve(resolution, cells[:end], cost[:end], "occupancy", marks=tuple(marks))
 
 
-def _contradiction(
+def _refuse_order(
     lower: float, upper: float, down_distance: float | None, up_distance: float | None
-) -> ParameterError:
-    if down_distance is None and up_distance is None:
-        return ParameterError(f"must not be larger than up ({upper:g})", place="down", got=lower)
-    if up_distance is None:
-        rule = f"the view is {lower:g} there, above up ({upper:g})"
-        place, got, second_name = "down_distance", down_distance, "up_distance"
-    else:
-        rule = f"the view is {upper:g} there, below down ({lower:g})"
-        place, got, second_name = "up_distance", up_distance, "down_distance"
-    return ParameterError(rule, place=place, got=got, hint=f"give {second_name} as well")
+) -> NoReturn:
+    if up_distance is not None:
+        rule, hint = f"the view is {upper:g} there, below down ({lower:g})", "give down_distance"
+        raise ParameterError(rule, place="up_distance", got=up_distance, hint=f"{hint} as well")
+    if down_distance is not None:
+        rule, hint = f"the view is {lower:g} there, above up ({upper:g})", "give up_distance"
+        raise ParameterError(rule, place="down_distance", got=down_distance, hint=f"{hint} as well")
+    raise ParameterError(f"must not be larger than up ({upper:g})", place="down", got=lower)
 
 
 def _value_at(
@@ -302,8 +293,7 @@ def _check_clip(field: DistanceField, rule: _Rule, scale: ViewScale) -> None:
         is_clipped = ((distance >= highest) | (distance <= lowest)).any()
         if is_clipped and not (scale.view == "metric" and is_free):
             text = f"the field is clipped where the {scale.view} view still falls"
-            hint = "make the field with a larger max_distance, or none"
-            raise ParameterError(text, place="max_distance", got=limit, hint=hint)
+            raise ParameterError(text, place="max_distance", got=limit, hint=LARGER_MAX_DISTANCE)
 
 
 def _curve_of_rings(source: Framed, parameters: command.Parameters) -> CostCurve:
@@ -366,8 +356,8 @@ def ring_cost(
     """
     if not values:
         raise ParameterError("needs at least one number", place="values", got=values)
-    obstacles = obstacles_of(source, lethal_threshold)
-    warn_of_strength(source, "rings")
+    obstacles = models.obstacles_of(source, lethal_threshold)
+    models.warn_of_strength(source, "rings")
     costs = (OCCUPIED, *values)
 
     def rings(rows: slice) -> NDArray[np.int8]:

@@ -10,26 +10,22 @@ settings below::
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from mapdeal.command import (
-    ABOVE_0,
-    Parameter,
-    accept_parameters,
-    parameters_of,
-    structured,
-    unknown_name,
-)
-from mapdeal.errors import ParameterError
+from mapdeal import command
+from mapdeal.command import Parameter
+from mapdeal.errors import ParameterError, require
+from mapdeal.grid.footprint import is_number
 from mapdeal.grid.frame import MOST_CELLS, Frame, check_origin, check_resolution
 from mapdeal.grid.reach import Goal
 from mapdeal.layers.catalogue import KINDS
 from mapdeal.layers.layer import CostmapLayer
 
 _FRAME = {
-    name: Parameter(name, None, kind, optional=False, conditions=(ABOVE_0,))
+    name: Parameter(name, None, kind, optional=False, conditions=(command.ABOVE_0,))
     for name, kind in {"height": int, "width": int, "resolution": float}.items()
 }
 _FRAME["origin"] = Parameter("origin", None, tuple[float, float, float], False, ())
@@ -41,25 +37,23 @@ def accept_frame(name: str, value: object) -> Frame:
         return value
     if not isinstance(value, Mapping) or set(value) != set(_FRAME):
         raise ParameterError(f"must look like {_FRAME_EXAMPLE}", place=name, got=value)
-    found = accept_parameters(_FRAME, value, name)
+    found = command.accept_parameters(_FRAME, value, name)
     if found["height"] * found["width"] > MOST_CELLS:
         raise ParameterError(f"must not have more than {MOST_CELLS} cells", place=name, got=value)
     check_resolution(found["resolution"])
     return Frame(**{**found, "origin": check_origin(found["origin"])})
 
 
-structured(Frame, accept_frame)
+command.structured(Frame, accept_frame)
 
 _GOALS_EXAMPLE = "{kitchen: [7.1, 3.2], ...} or [[7.1, 3.2], ...]"
 
 
 def accept_goals(name: str, value: object) -> tuple[Goal, ...]:
     goals = tuple(_goals(name, value))
-    names: set[str | None] = set()
-    for goal in goals:
-        if goal.name is not None and goal.name in names:
-            raise ParameterError("two goals have this name", place=name, got=goal.name)
-        names.add(goal.name)
+    names = Counter(goal.name for goal in goals if goal.name is not None)
+    for goal_name, count in names.items():
+        require(count == 1, "two goals have this name", name, got=goal_name)
     return goals
 
 
@@ -84,9 +78,8 @@ def _goals(name: str, value: object) -> Iterator[Goal]:
     for number, item in enumerate(value, start=1):
         place = f"{name} {number}"
         if isinstance(item, Mapping):
-            if len(item) != 1:
-                rule = "must be a place, or one name and its place"
-                raise ParameterError(rule, place=place, got=dict(item))
+            rule = "must be a place, or one name and its place"
+            require(len(item) == 1, rule, place, got=item)
             ((key, xy),) = item.items()
             yield _goal(f"{name} {key}", xy, _goal_name(name, key))
         elif isinstance(item, Goal):
@@ -112,25 +105,21 @@ def _goal_name(place: str, value: object) -> str:
 
 def _is_pair(value: object) -> bool:
     """Return whether a value is one place as two numbers, not a list of places."""
-    return (
-        isinstance(value, (list, tuple))
-        and bool(value)
-        and all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in value)
-    )
+    return isinstance(value, list | tuple) and bool(value) and all(is_number(x) for x in value)
 
 
 if TYPE_CHECKING:  # what callers pass; a stage gets the goals made of it
     Goals = Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | tuple[Goal, ...]
 else:
     Goals = tuple[Goal, ...]
-    structured(Goals, accept_goals)
+    command.structured(Goals, accept_goals)
 
 
 _LAYERS_EXAMPLE = "[{static: {}}, {inflation: {inflation_radius: 0.55}}]"
 
 
 def accept_layers(name: str, value: object) -> tuple[CostmapLayer, ...]:
-    if not isinstance(value, (list, tuple)):
+    if not isinstance(value, list | tuple):
         rule = f"must be a list of layers such as {_LAYERS_EXAMPLE}"
         raise ParameterError(rule, place=name, got=value)
     return tuple(_layer(f"{name} {number}", item) for number, item in enumerate(value, start=1))
@@ -164,13 +153,13 @@ def _layer(place: str, item: object) -> CostmapLayer:
     if not isinstance(item, str):
         raise ParameterError(f"must look like one of {_LAYERS_EXAMPLE}", place=place, got=item)
     if item not in KINDS:
-        raise unknown_name("kind of layer", item, KINDS, place=place)
+        raise command.unknown_name("kind of layer", item, KINDS, place=place)
     known = _parameters_of(KINDS[item])
     values: dict[str, Any] = {}
     for key, value in (settings or {}).items():
         if key == "name":
-            if not isinstance(value, str) or not value.isprintable() or not value:
-                raise ParameterError("must be a word", place=f"{place} {item}.{key}", got=value)
+            is_word = isinstance(value, str) and value.isprintable() and value != ""
+            require(is_word, "must be a word", f"{place} {item}.{key}", got=value)
             values[key] = value
         elif key in known:
             try:
@@ -179,15 +168,17 @@ def _layer(place: str, item: object) -> CostmapLayer:
                 error.place = f"{place} {item}.{error.place}"
                 raise
         else:
-            raise unknown_name("parameter", key, known, place=f"{place} {item}")
+            raise command.unknown_name("parameter", key, known, place=f"{place} {item}")
     return KINDS[item](**values)
 
 
 def _parameters_of(kind: type[CostmapLayer]) -> dict[str, Parameter]:
     fields: Any = kind
-    return {name: parameter for name, parameter in parameters_of(fields).items() if name != "name"}
+    parameters = dict(command.parameters_of(fields))
+    parameters.pop("name")
+    return parameters
 
 
 LayerList = tuple[CostmapLayer, ...]  # layers of a costmap as a parameter of a stage
 
-structured(LayerList, accept_layers)
+command.structured(LayerList, accept_layers)
