@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.compatibility import Self
-from mapdeal.errors import FindingError, ParameterError, emit_warning
+from mapdeal.errors import FindingError, ParameterError, emit_warning, require
 from mapdeal.grid.frame import Figures, Framed, Origin, Point, ValueGrid, as_layer, region_of
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.shapes import Circle, Line, PlainPolygons, Shape
@@ -66,9 +66,9 @@ class BitMap(Framed):
 
     def __post_init__(self) -> None:
         packed = as_layer(self.packed, np.uint8, "packed")
-        if packed.ndim != 2 or self.width < 1 or packed.shape[1] != (self.width + 7) // 8:
-            rule = "packed must have two axes, the second as long as the width divided by 8"
-            raise ParameterError(rule, got=(packed.shape, self.width))
+        is_grid = packed.ndim == 2 and self.width > 0 and packed.shape[1] == (self.width + 7) // 8
+        rule = "packed must have two axes, the second as long as the width divided by 8"
+        require(is_grid, rule, got=(packed.shape, self.width))
         padding = 0xFF >> (self.width % 8) if self.width % 8 else 0
         if padding and (packed[:, -1] & padding).any():
             packed = packed.copy()
@@ -92,8 +92,8 @@ class BitMap(Framed):
     ) -> BitMap:
         """Create a bit map from an array, shape (H, W); every value above 0 is a 1."""
         values = np.asarray(mask)
-        if values.ndim != 2 or 0 in values.shape:
-            raise ParameterError("a mask must be two-dimensional and not empty", got=values.shape)
+        is_grid = values.ndim == 2 and 0 not in values.shape
+        require(is_grid, "a mask must be two-dimensional and not empty", got=values.shape)
         is_set = values if values.dtype == np.bool_ else values > 0
         return cls(np.packbits(is_set, axis=1), values.shape[1], resolution, origin)
 
@@ -190,17 +190,16 @@ class BitMap(Framed):
 
     def accept_value(self, value: float, name: str = "value") -> int:
         """Return `value`, which must be 0 or 1."""
-        if value not in (0, 1):
-            raise ParameterError("must be 0 or 1, the values of a bit map", place=name, got=value)
+        require(value in (0, 1), "must be 0 or 1, the values of a bit map", name, got=value)
         return int(value)
 
     def _checked(self, cells_rowcol: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         cells = np.asarray(cells_rowcol)
-        if cells.size and cells.dtype.kind not in "iu":
-            raise ParameterError("cells must be whole numbers", got=cells.dtype.name)
-        if cells.size and (cells.ndim != 2 or cells.shape[1] != 2):
+        if cells.size:
+            is_whole, is_list = cells.dtype.kind in "iu", cells.ndim == 2 and cells.shape[1] == 2
+            require(is_whole, "cells must be whole numbers", got=cells.dtype.name)
             rule = "cells must be pairs of row and column, shape (N, 2)"
-            raise ParameterError(rule, got=cells.shape)
+            require(is_list, rule, got=cells.shape)
         cells = cells.reshape(-1, 2).astype(np.int64, copy=False)
         inside = self.contains(cells)
         if not inside.all():
@@ -272,9 +271,8 @@ def draw(
     check_choice(overlay, OverlayType, "overlay")
     shape_list = list(shapes) if isinstance(shapes, Iterable) else [shapes]
     for shape in shape_list:
-        if not hasattr(shape, "spans"):
-            rule = "must be Polygon, Line or Circle, or a sequence of them"
-            raise ParameterError(rule, place="shapes", got=shape)
+        rule = "must be Polygon, Line or Circle, or a sequence of them"
+        require(isinstance(shape, Shape), rule, "shapes", got=shape)
     plain = PlainPolygons(grid.frame, shape_list)
     strokes: list[tuple[Iterable[Spans] | None, int]] = []
     for index, (shape, name) in enumerate(_numbered(shape_list)):

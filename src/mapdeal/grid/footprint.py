@@ -13,9 +13,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.errors import ParameterError, emit_warning, require
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.frame import Frame, Point, as_float32, turned
+from mapdeal.grid.frame import Frame, Point, are_near, as_float32, as_numbers, turned
 from mapdeal.grid.values import OneLine, check_choice, points_text
 from mapdeal.kernels.polygons import Lattice, Spans, costs_at_poses, edges_of_rings, stacked_spans
 
@@ -23,26 +23,20 @@ from mapdeal.kernels.polygons import Lattice, Spans, costs_at_poses, edges_of_ri
 def checked_corners(
     points: Sequence[Sequence[float]], shape: str, *, within: float, least: int, most: int
 ) -> tuple[Point, ...]:
-    if not isinstance(points, Iterable) or isinstance(points, (str, bytes)):
-        raise ParameterError(f"a {shape} takes a list of vertices [x, y]", place=shape, got=points)
+    is_list = isinstance(points, Iterable) and not isinstance(points, (str, bytes))
+    require(is_list, f"a {shape} takes a list of vertices [x, y]", shape, got=points)
     points = list(points)
-    if len(points) > most:
-        raise ParameterError(f"a {shape} has at most {most} vertices", place=shape, got=len(points))
+    count = len(points)
+    require(count <= most, f"a {shape} has at most {most} vertices", shape, got=count)
     corners: list[Point] = []
-    for index, vertex in enumerate(points):
-        place = f"{shape} vertex {index + 1}"
-        try:
-            x, y = (float(v) for v in vertex)
-        except (TypeError, ValueError, OverflowError):
-            rule = "a vertex must be a pair of numbers [x, y]"
-            raise ParameterError(rule, place=place, got=vertex) from None
-        if not all(abs(v) <= within for v in (x, y)):  # refuses nan too
-            rule = f"coordinates must be finite and within {within:g} m"
-            raise ParameterError(rule, place=place, got=(x, y))
-        corners.append((x, y))
-    if len(corners) < least:
-        words = {1: "one vertex", 2: "two vertices", 3: "three vertices"}[least]
-        raise ParameterError(f"a {shape} needs at least {words}", place=shape, got=len(corners))
+    for number, vertex in enumerate(points, start=1):
+        place, numbers = f"{shape} vertex {number}", as_numbers(vertex)
+        require(len(numbers) == 2, "a vertex must be a pair of numbers [x, y]", place, got=vertex)
+        rule = f"coordinates must be finite and within {within:g} m"
+        require(are_near(numbers, within), rule, place, got=numbers)
+        corners.append((numbers[0], numbers[1]))
+    words = {1: "one vertex", 2: "two vertices", 3: "three vertices"}[least]
+    require(count >= least, f"a {shape} needs at least {words}", shape, got=count)
     return tuple(corners)
 
 
@@ -182,10 +176,9 @@ class Footprint(OneLine):
     @classmethod
     def circle(cls, radius: float) -> Footprint:
         """Create the footprint of a round robot of `radius` metres."""
-        if not (isinstance(radius, Real) and 0 < radius <= _LARGEST_COORDINATE):
-            most = f"{_LARGEST_COORDINATE:g} at most"
-            rule = f"robot radius must be a finite number of metres above 0, {most}"
-            raise ParameterError(rule, got=radius)
+        rule = "robot radius must be a finite number of metres above 0, "
+        is_radius = isinstance(radius, Real) and 0 < radius <= _LARGEST_COORDINATE
+        require(is_radius, f"{rule}{_LARGEST_COORDINATE:g} at most", got=radius)
         return cls(radius=radius)
 
     @classmethod
@@ -194,11 +187,9 @@ class Footprint(OneLine):
 
         It has 16 corners on the circle; its inscribed radius is cos(pi / 16) = 0.981 of `radius`.
         """
-        circle = cls.circle(radius)
+        radius = cls.circle(radius).radius
         angles = [index * 2 * math.pi / 16 for index in range(16)]
-        return cls(
-            tuple((circle.radius * math.cos(a), circle.radius * math.sin(a)) for a in angles)
-        )
+        return cls(tuple((radius * math.cos(a), radius * math.sin(a)) for a in angles))
 
     @classmethod
     def polygon(cls, vertices: Sequence[Sequence[float]]) -> Footprint:
@@ -208,8 +199,9 @@ class Footprint(OneLine):
         )
         check_simple(points, "footprint")
         if not contains_centre(points):
-            text = "footprint: the robot's centre (0, 0) lies outside; its radii are meaningless"
-            emit_warning(text)
+            emit_warning(
+                "footprint: the robot's centre (0, 0) lies outside; its radii are meaningless"
+            )
         return cls(vertices=points)
 
     @classmethod
@@ -229,9 +221,8 @@ class Footprint(OneLine):
 
         As in costmap_2d's ``padFootprint``, each coordinate moves away from 0, and 0 stays 0.
         """
-        if not (isinstance(padding, Real) and 0 <= padding < math.inf):
-            rule = "footprint padding must be a finite number of metres of at least 0"
-            raise ParameterError(rule, got=padding)
+        rule = "footprint padding must be a finite number of metres of at least 0"
+        require(isinstance(padding, Real) and 0 <= padding < math.inf, rule, got=padding)
         if not self.vertices:
             return Footprint.circle(self.radius + padding)
 
@@ -239,6 +230,12 @@ class Footprint(OneLine):
             return value + math.copysign(padding, value) if value else value
 
         return Footprint(vertices=tuple((pad(x), pad(y)) for x, y in self.vertices))
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """Corners in the robot's frame, shape (N, 2), metres; of a circle those of ROS's 16-gon."""
+        shape = self if self.vertices else Footprint.sixteen_gon(self.radius)
+        return np.array(shape.vertices, dtype=np.float64)
 
     def _repr_parts(self) -> Iterator[str]:
         if not self.vertices:
@@ -251,16 +248,13 @@ class Footprint(OneLine):
     @property
     def inscribed_radius(self) -> float:
         """Radius of the largest circle around the centre that the robot covers, metres."""
-        if not self.vertices:
-            return self.radius
-        return min(distance_to_edge(a, b) for a, b in edges_of(self.vertices))
+        edges = edges_of(self.vertices) if self.vertices else ()
+        return min((distance_to_edge(a, b) for a, b in edges), default=self.radius)
 
     @property
     def circumscribed_radius(self) -> float:
         """Radius of the smallest circle around the centre that covers the robot, metres."""
-        if not self.vertices:
-            return self.radius
-        return max(math.hypot(x, y) for x, y in self.vertices)
+        return max((math.hypot(x, y) for x, y in self.vertices), default=self.radius)
 
 
 def _pairs(text: str) -> list[str]:
@@ -279,10 +273,7 @@ def _pairs(text: str) -> list[str]:
     return [] if pieces[-1].strip() else pairs
 
 
-_ROUNDING = 1e-9
-"""Tolerance in cells: a corner this close below the edge between two cells is in the upper cell,
-so rounding in the cosine and the division has no effect."""
-
+_ROUNDING = 1e-9  # cells: a corner this close below an edge is in the upper cell
 _FARTHEST = float(1 << 40)  # cells; more than any grid has, and whole numbers still convert
 
 
@@ -291,9 +282,7 @@ def footprint_spans(footprint: Footprint, frame: Frame, heading_count: int) -> t
     # The robot's centre is the middle of its cell, so a corner lies in cell ``floor(0.5 +
     # coordinate / resolution)``. Between the corners the cells are those that costmap_2d draws: its
     # lines and their inside (`mapdeal.kernels.polygons`).
-    shape = footprint if footprint.vertices else Footprint.sixteen_gon(footprint.radius)
-    vertices = np.array(shape.vertices, dtype=np.float64)
-    yaw = frame.origin[2]
+    yaw, vertices = frame.origin[2], footprint.corners
     turns = [2 * math.pi * k / heading_count - yaw for k in range(heading_count)]
     corners = [_corner_cells(vertices, turn, frame.resolution) for turn in turns]
     # a footprint larger than the grid fits nowhere
@@ -388,22 +377,17 @@ def sample_poses(
     check_choice(rule, FootprintRule, "rule")
     if costmap.scale != "costmap2d":
         text = "footprints are checked against costs on scale costmap2d"
-        hint = (
-            "published costs, and those of rings and thresholds, do not show what a footprint hits"
-        )
+        hint = "published costs, and those of rings and thresholds, do not show what a footprint "
+        hint += "hits"
         raise ParameterError(text, place="cost scale", got=costmap.scale, hint=hint)
     places = np.asarray(poses, dtype=np.float64)
     if places.shape == (3,):
         places = places.reshape(1, 3)
-    if places.ndim != 2 or places.shape[1] != 3:
-        raise ParameterError("poses must be an array of x, y, yaw, shape (N, 3)", got=places.shape)
-    shape = footprint if footprint.vertices else Footprint.sixteen_gon(footprint.radius)
-    resolution = as_float32(costmap.resolution)
-    costs = np.asarray(costmap.cost).view(np.uint8)
-    return costs_at_poses(
-        costs, Lattice(resolution, *costmap.origin), np.array(shape.vertices), places,
-        filled=rule == "full",
-    )  # fmt: skip
+    is_list = places.ndim == 2 and places.shape[1] == 3
+    require(is_list, "poses must be an array of x, y, yaw, shape (N, 3)", got=places.shape)
+    lattice = Lattice(as_float32(costmap.resolution), *costmap.origin)
+    costs, corners = np.asarray(costmap.cost).view(np.uint8), footprint.corners
+    return costs_at_poses(costs, lattice, corners, places, filled=rule == "full")
 
 
 def shape_of(footprint: Footprint | None, robot_radius: float | None) -> Footprint | None:

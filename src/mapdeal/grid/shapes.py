@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import ParameterError
+from mapdeal.errors import ParameterError, require
 from mapdeal.grid.footprint import area_of, check_simple, checked_corners, is_number
 from mapdeal.grid.frame import CELL_TOLERANCE, FARTHEST, Frame, Point
 from mapdeal.grid.values import OneLine, count_text, points_text
@@ -144,9 +144,7 @@ class Line(OneLine):
             self.points_xy, "line", within=FARTHEST, least=2, most=_MOST_VERTICES
         )
         object.__setattr__(self, "points_xy", points)
-        if not (is_number(self.thickness) and 0 <= self.thickness <= FARTHEST):
-            rule = "must be a finite number of metres of at least 0"
-            raise ParameterError(rule, place="line thickness", got=self.thickness)
+        _check_length(self.thickness, "line thickness")
 
     def _repr_parts(self) -> Iterator[str]:
         yield points_text(self.points_xy)
@@ -155,9 +153,8 @@ class Line(OneLine):
             yield f"value {self.value}"
 
     def spans(self, frame: Frame) -> Iterator[polygons.Spans]:
-        thin = polygons.line_spans(
-            polygons.edges_through(_cells(frame, self.points_xy, self.kind)), frame.shape
-        )
+        edges = polygons.edges_through(_cells(frame, self.points_xy, self.kind))
+        thin = polygons.line_spans(edges, frame.shape)
         if self._reach(frame) == 0:
             return thin
         radius = _checked_cells(frame, self.thickness, "line thickness") / 2
@@ -168,7 +165,7 @@ class Line(OneLine):
         """Return a description of the first point, or the thickness, outside a grid."""
         if vertex := _outside_vertex(frame, self.points_xy):
             return vertex
-        beyond = _disc_reaches_beyond(frame, self.points_xy, self._reach(frame))
+        beyond = _reaches_beyond(frame, self.points_xy, self._reach(frame))
         return "its thickness" if beyond else None
 
     def _reach(self, frame: Frame) -> float:
@@ -223,9 +220,7 @@ class Circle:
     def __post_init__(self) -> None:
         (center,) = checked_corners([self.center_xy], "circle", within=FARTHEST, least=1, most=1)
         object.__setattr__(self, "center_xy", center)
-        if not (is_number(self.radius) and 0 <= self.radius <= FARTHEST):
-            rule = "must be a finite number of metres of at least 0"
-            raise ParameterError(rule, place="circle radius", got=self.radius)
+        _check_length(self.radius, "circle radius")
 
     def spans(self, frame: Frame) -> Iterator[polygons.Spans]:
         (cell,) = _cells(frame, [self.center_xy], self.kind)
@@ -243,10 +238,9 @@ class Circle:
 
     def outside_part(self, frame: Frame) -> str | None:
         """Return a description of the center, or else the rim, if outside a grid."""
-        if not bool(frame.contains([self.center_xy]).all()):
+        if not frame.contains([self.center_xy])[0]:
             return "its center"
-        beyond = _disc_reaches_beyond(frame, [self.center_xy], self.radius)
-        return "its rim" if beyond else None
+        return "its rim" if _reaches_beyond(frame, [self.center_xy], self.radius) else None
 
     def has_extent(self) -> bool:
         """Return True: a circle covers at least its own cell."""
@@ -261,11 +255,11 @@ class PlainPolygons:
 
     def __init__(self, frame: Frame, shapes: Sequence[Shape]) -> None:
         self._shape = frame.shape
-        chosen = [
-            index for index, shape in enumerate(shapes)
+        plain = {
+            index: shape.points_xy for index, shape in enumerate(shapes)
             if isinstance(shape, Polygon) and not shape.holes_xy
-        ]  # fmt: skip
-        rings = [shapes[index].points_xy for index in chosen]  # type: ignore[union-attr]
+        }  # fmt: skip
+        chosen, rings = list(plain), list(plain.values())
         sizes = np.array([*map(len, rings)], dtype=np.int64)
         points = np.array([*chain.from_iterable(rings)], dtype=np.float64).reshape(-1, 2)
         self._ends = np.cumsum(sizes)
@@ -314,17 +308,19 @@ class PlainPolygons:
                 polygon_of_run = np.searchsorted(offsets, spans.rows, side="right") - 1
                 rows_of_runs = spans.rows - shifts[polygon_of_run]
                 inside = (rows_of_runs >= 0) & (rows_of_runs < self._shape[0])
-                runs = polygons.Spans(rows_of_runs, spans.starts, spans.stops)
-                yield (
-                    polygons.Spans(*(column[inside] for column in runs)),
-                    some[polygon_of_run[inside]],
-                )
+                columns = (column[inside] for column in (rows_of_runs, *spans[1:]))
+                yield polygons.Spans(*columns), some[polygon_of_run[inside]]
 
 
 def _ring(points: Sequence[Point], name: str, most: int = _MOST_VERTICES) -> tuple[Point, ...]:
     corners = checked_corners(points, name, within=FARTHEST, least=3, most=most)
     check_simple(corners, name)
     return corners
+
+
+def _check_length(length: float, place: str) -> None:
+    is_length = is_number(length) and 0 <= length <= FARTHEST
+    require(is_length, "must be a finite number of metres of at least 0", place, got=length)
 
 
 def _cells(frame: Frame, points: Sequence[Point], kind: str) -> list[polygons.Cell]:
@@ -343,10 +339,8 @@ def _positions(frame: Frame, points: Sequence[Point]) -> list[tuple[float, float
 
 
 def _checked_cells(frame: Frame, length: float, place: str) -> float:
-    cells = length / frame.resolution
-    if cells > polygons.FARTHEST_CELL:  # larger numbers would overflow
-        rule = f"must not be more than {polygons.FARTHEST_CELL} cells"
-        raise ParameterError(rule, place=place, got=length)
+    cells, rule = length / frame.resolution, f"must not be more than {polygons.FARTHEST_CELL} cells"
+    require(cells <= polygons.FARTHEST_CELL, rule, place, got=length)  # larger ones would overflow
     return cells
 
 
@@ -362,7 +356,7 @@ def _outside_vertex(frame: Frame, points: Sequence[Point]) -> str | None:
     return f"vertex {index + 1}, ({x:.10g}, {y:.10g}){edge}"
 
 
-def _disc_reaches_beyond(frame: Frame, points: Sequence[Point], radius: float) -> bool:
+def _reaches_beyond(frame: Frame, points: Sequence[Point], radius: float) -> bool:
     reach = radius / frame.resolution - float(frame.tolerance_at(points).max())
     places = np.array(_positions(frame, points))
     below, above = places.min() - reach, (places - np.array(frame.shape)).max() + reach

@@ -70,14 +70,11 @@ class CostmapArea:
 
 
 _FIELDS = {
-    name: Parameter(name, None, kind, optional=False, conditions=(ABOVE_0,))
-    for name, kind in {"height": int, "width": int, "resolution": float}.items()
-}
-_FIELDS |= {
-    name: Parameter(name, default, kind, optional=False, conditions=())
-    for name, kind, default in (
-        ("origin", tuple[float, float], (0.0, 0.0)), ("is_rolling", bool, True),
-        ("size_margin", float, 0.0),
+    name: Parameter(name, default, kind, optional=False, conditions=conditions)
+    for name, kind, default, conditions in (
+        ("height", int, None, (ABOVE_0,)), ("width", int, None, (ABOVE_0,)),
+        ("resolution", float, None, (ABOVE_0,)), ("origin", tuple[float, float], (0.0, 0.0), ()),
+        ("is_rolling", bool, True, ()), ("size_margin", float, 0.0, ()),
     )
 }  # fmt: skip
 _EXAMPLE = "{height: 60, width: 60, resolution: 0.05, is_rolling: yes, global_frame: odom}"
@@ -141,18 +138,14 @@ def covered_cells(
     """Return the cells of a costmap that a footprint covers; None if a corner lies outside."""
     # As transformFootprint in footprint.cpp, and setConvexPolygonCost in costmap_2d.cpp, which
     # fills each column from the lowest to the highest cell of the outline.
-    shape = footprint if footprint.vertices else Footprint.sixteen_gon(footprint.radius)
-    corners = turned(np.array(shape.vertices, dtype=np.float64), pose[2])
-    row, col = _cells_of(
-        corners[:, 0] + pose[0], corners[:, 1] + pose[1], area.origin, cell_size
-    )  # fmt: skip
+    x, y = (turned(footprint.corners, pose[2]) + pose[:2]).T
+    row, col = _cells_of(x, y, area.origin, cell_size)
     if not ((row >= 0) & (row < area.height) & (col >= 0) & (col < area.width)).all():
         return None
     starts = np.array([col, row])
     deltas = np.roll(starts, -1, axis=1) - starts
-    across, along = np.concatenate(
-        list(CellRays(starts, deltas, np.abs(deltas).max(axis=0)).cells()), axis=1
-    )
+    outline = CellRays(starts, deltas, np.abs(deltas).max(axis=0))
+    across, along = np.concatenate(list(outline.cells()), axis=1)
     first, bottom = int(col.min()), int(row.min())
     box = slice(bottom, int(row.max()) + 1), slice(first, int(col.max()) + 1)
     covered = np.zeros(area.shape, dtype=np.bool_)
