@@ -28,7 +28,8 @@ def open_cells(clearances, radius):
 
 def found(grid, start, radius, **options):
     clearances = clearances_of(grid)
-    return passages(clearances, open_cells(clearances, radius), start, radius=radius, **options)
+    limits = {"radius": radius, "margin": 0.1, "min_area": 1.0, **options}
+    return passages(clearances, open_cells(clearances, radius), start, **limits)
 
 
 def flooded(is_open, start):
@@ -426,7 +427,7 @@ def test_doors_of_real_maps(real_maps, name, count, closed):
     assert len(doors) == count
     assert [warning.is_open for warning in doors] == [False] * closed + [True] * (count - closed)
     widths = [door.width for door in doors]
-    assert [door.width for door in disconnected(grid, 0.45)] == widths[:closed]
+    assert [door.width for door in disconnected(grid, 0.45, 1.0)] == widths[:closed]
     for passage in widest_doors(doors)[:2]:
         assert_split_by(grid, passage, start, 0.45)
 

@@ -122,11 +122,6 @@ class Ways:
         """Return the cells that ways may use above a square, shape (H, W)."""
         return self.cells_of(np.ones(len(self.tree.peaks), dtype=np.bool_), closed_up_to)
 
-    def clearance(self, *, in_place: bool = False) -> NDArray[np.float32]:
-        """Return the distance of each cell to what `squared` measures to, metres, shape (H, W)."""
-        # With `in_place` it reuses the memory of the squares, which are then lost.
-        return paths.clearance_metres(self.squared, self.frame.resolution, in_place=in_place)
-
     def in_largest_area(self, closed_up_to: int) -> NDArray[np.bool_] | None:
         """Return the cells of the largest area above a square, shape (H, W), if there is one."""
         # Areas are connected by the four straight neighbours. Of areas of equal size, the one whose
@@ -213,16 +208,14 @@ class WaysFrom:
         is_reached = self.rooted.bottlenecks > closed_up_to
         return self.ways.cells_of(is_reached, closed_up_to).view(np.uint8)
 
-    def widest(self, *, in_place: bool = False) -> NDArray[np.float32]:
+    def widest(self) -> NDArray[np.float32]:
         """Return the least clearance on the widest way to each cell, metres, 0 if there is none."""
-        # With `in_place` it reuses the memory of the basins, which are then lost.
         ways = self.ways
         if self.rooted is None:
             return np.zeros(ways.squared.shape, dtype=np.float32)
         return paths.widest_metres(
-            ways.tree, self.rooted, ways.squared, self.start, ways.frame.resolution,
-            in_place=in_place,
-        )  # fmt: skip
+            ways.tree, self.rooted, ways.squared, self.start, ways.frame.resolution, in_place=True
+        )
 
 
 def squares_to(marked: NDArray[np.bool_]) -> SquaredDistances:
@@ -248,15 +241,14 @@ def largest_closed_square(radius: float, frame: Frame) -> int:
 
 
 DEFAULT_HEADINGS = 72
-DEFAULT_MARGIN = 0.1  # of radius, metres: a robot that is larger by as much would be stopped
-DEFAULT_MIN_AREA = 1.0  # square metres on each side of a passage
 
 
 def passages(
-    ways: Ways, is_open: NDArray[np.bool_], start: Cell, *, radius: float,
-    margin: float = DEFAULT_MARGIN, min_area: float = DEFAULT_MIN_AREA,
-    circumscribed_radius: float | None = None, is_reached: NDArray[np.bool_] | None = None,
+    ways: Ways, is_open: NDArray[np.bool_], start: Cell, *, radius: float, margin: float,
+    min_area: float, circumscribed_radius: float | None = None,
+    is_reached: NDArray[np.bool_] | None = None,
 ) -> tuple[Passage, ...]:  # fmt: skip
+    """Return the passages that stop a robot, or a robot larger by a margin, and cut off an area."""
     tree = ways.tree
     root = int(tree.basins[start])
     if root < 0 or not len(tree.squares):
@@ -302,9 +294,7 @@ def _order(passage: Passage) -> tuple[object, ...]:
     return passage.width, -passage.cut_off, passage.ends
 
 
-def disconnected(
-    grid: OccupancyGrid, radius: float, min_area: float = DEFAULT_MIN_AREA
-) -> list[Passage]:
+def disconnected(grid: OccupancyGrid, radius: float, min_area: float) -> list[Passage]:
     # If no way at all connects some parts of the map, each part is seen from its own largest area.
     ways = Ground(grid.occupancy, grid.frame, through_unknown=False).ways()
     is_open = ways.is_open(largest_closed_square(radius, grid.frame))
@@ -475,8 +465,8 @@ def reach_on(
         is_reached=stood.reachable.view(np.bool_) if has_corners else None,
     )  # fmt: skip
     del is_open
-    widest = from_start.widest(in_place=True)  # the basins are of no more use, nor the squares
-    clearance = ways.clearance(in_place=True)
+    widest = from_start.widest()  # in the memory of the basins, which are of no more use
+    clearance = paths.clearance_metres(ways.squared, ground.frame.resolution, in_place=True)
     return Reach(
         stood.reachable, stood.headings, clearance, widest, ground.occupancy,
         ground.frame.resolution, ground.frame.origin, start=stood.start, robot=robot,

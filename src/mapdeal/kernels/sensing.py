@@ -57,10 +57,7 @@ def cover_angles(angles: Floats, first: Floats, last: Floats) -> None:
 
 
 def decimals_in(text: bytes, *, with_slashes: bool = False) -> Floats:
-    """Return the decimals between spaces, optionally each up to a slash; a v becomes nan.
-
-    Raises ValueError if there is anything else.
-    """
+    """Return decimals between spaces, each up to a slash if wanted; nan for v, else ValueError."""
     if engine_name() == "compiled":
         numbers = np.empty(len(text) // 2 + 1)
         return numbers[: _clouds.parse(text, with_slashes, numbers)]
@@ -134,8 +131,8 @@ def _expand(data: bytes, to: memoryview) -> bool:
 Counts = NDArray[np.int32]
 
 DISTANCE_UNIT = 1 << 20  # one truncation in `measure_rays`: integer sums are exact
+# marks of `weigh_rays`: an observed cell, one hit, and the number up to which hits count
 OBSERVED, A_HIT, MOST_HITS = 1, 2, 3
-"""Marks of `weigh_rays`: an observed cell, one hit, and the number up to which hits count."""
 
 _PARTS_PER_THREAD = 2  # each part of the rows reads every beam once more
 _CELLS_TOGETHER = 1 << 20
@@ -272,9 +269,8 @@ def _cast(room: Bytes, starts: Floats, directions: Floats, limit: float, distanc
 
 
 def _by_rows(
-    work: Callable[..., None], layer: NDArray[Any], starts: Integers, ends: Integers,
-    *arguments: Any,
-) -> None:  # fmt: skip
+    work: Callable[..., None], layer: NDArray[Any], starts: Integers, ends: Integers, *more: Any
+) -> None:
     # Each thread follows all rays, but only through its own rows. So every cell receives the beams
     # in order, and results do not depend on the number of threads.
     starts, ends = np.ascontiguousarray(starts), np.ascontiguousarray(ends)
@@ -283,7 +279,7 @@ def _by_rows(
 
     def work_on(first: int, end: int) -> None:
         for k in range(first, end):
-            work(starts, ends, *arguments, height * k // parts, height * (k + 1) // parts)
+            work(starts, ends, *more, height * k // parts, height * (k + 1) // parts)
 
     in_parallel(work_on, parts)
 
@@ -358,47 +354,40 @@ _MOST_STEPS = 1 << 20  # cells of rays that are computed together
 
 
 class CellRays(NamedTuple):
-    """Rays in whole cells, which end `steps` cells from their start along the longer axis.
+    """Rays in whole cells, which end `steps` cells from their start along the longer axis."""
 
-    `starts` and `deltas` have one row per axis: x, y and for voxels z.
-    """
-
-    starts: Integers
+    starts: Integers  # one row per axis: x, y and for voxels z
     deltas: Integers
     steps: Integers
 
     def cells(self) -> Iterator[Integers]:
         """Yield the cells of all rays, one row per axis, some rays at a time."""
+        # After i steps, bresenham2D and bresenham3D have moved (n / 2 + i * delta) / n cells along
+        # an axis, where n is the largest difference. Along that axis this is i.
         together = max(1, _MOST_STEPS // (int(self.steps.max(initial=0)) + 1))
         for first in range(0, len(self.steps), together):
             part = slice(first, first + together)
-            yield _cells_of_rays(self.starts[:, part], self.deltas[:, part], self.steps[part])
+            deltas, steps = self.deltas[:, part], self.steps[part]
+            lengths = np.abs(deltas).astype(np.int32)
+            longest = np.maximum(lengths.max(axis=0), 1)
+            count = np.arange(int(steps.max(initial=0)) + 1, dtype=np.int32)[:, np.newaxis]
+            is_reached, cells = count <= steps, []
+            for start, delta, length in zip(self.starts[:, part], deltas, lengths, strict=True):
+                moved = (longest // 2 + count * length) // longest
+                cells.append((start + np.where(delta > 0, moved, -moved))[is_reached])
+            yield np.array(cells)
 
 
-def _cells_of_rays(starts: Integers, deltas: Integers, steps: Integers) -> Integers:
-    # After i steps, bresenham2D and bresenham3D have moved (n / 2 + i * delta) / n cells along an
-    # axis, where n is the largest difference. Along that axis this is i.
-    lengths = np.abs(deltas).astype(np.int32)
-    longest = np.maximum(lengths.max(axis=0), 1)
-    count = np.arange(int(steps.max(initial=0)) + 1, dtype=np.int32)[:, np.newaxis]
-    is_reached = count <= steps
-    cells = []
-    for start, delta, length in zip(starts, deltas, lengths, strict=True):
-        moved = (longest // 2 + count * length) // longest
-        cells.append((start + np.where(delta > 0, moved, -moved))[is_reached])
-    return np.array(cells)
-
-
+# the lowest voxel of a column: bits 16 to 31 are marked, bits 0 to 15 marked or unknown
 VOXEL = np.uint32(1 << 16 | 1)
-"""The lowest voxel of a column: bits 16 to 31 are marked, bits 0 to 15 marked or unknown."""
-
 _BITS = np.array([byte.bit_count() for byte in range(256)], dtype=np.uint8)
 _NO_COLUMNS = np.empty((0, 0), dtype=np.uint32)
 
 
 def clear_cells(rays: CellRays, costs: Bytes) -> None:
     if engine_name() == "compiled":
-        _clear(rays, costs, _NO_COLUMNS, 0, 0)
+        starts, deltas, steps = map(np.ascontiguousarray, rays)
+        _updates.clear(starts, deltas, steps, costs, _NO_COLUMNS, 0, 0)
         return
     for col, row in rays.cells():
         costs[row, col] = 0
@@ -411,7 +400,8 @@ def clear_voxels(
     """Clear the voxels of rays, and cells whose columns have few marks left."""
     # Those become free, or 255 if more voxels than `unknown_threshold` are unknown.
     if engine_name() == "compiled":
-        _clear(rays, costs, columns, mark_threshold, unknown_threshold)
+        starts, deltas, steps = map(np.ascontiguousarray, rays)
+        _updates.clear(starts, deltas, steps, costs, columns, mark_threshold, unknown_threshold)
         return
     for col, row, level in rays.cells():
         for height in np.unique(level).tolist():  # equal assignments may repeat
@@ -423,14 +413,5 @@ def clear_voxels(
         costs[row[has_few], col[has_few]] = np.where(is_known, 0, 255)[has_few]
 
 
-def _clear(
-    rays: CellRays, costs: Bytes, columns: NDArray[np.uint32], mark_threshold: int,
-    unknown_threshold: int,
-) -> None:  # fmt: skip
-    starts, deltas, steps = map(np.ascontiguousarray, rays)
-    _updates.clear(starts, deltas, steps, costs, columns, mark_threshold, unknown_threshold)
-
-
 def _bits_of(values: NDArray[np.uint32]) -> Bytes:
-    counts: Bytes = _BITS[values & 0xFF] + _BITS[values >> 8]
-    return counts
+    return np.asarray(_BITS[values & 0xFF] + _BITS[values >> 8])

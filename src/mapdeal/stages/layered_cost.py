@@ -226,9 +226,9 @@ def layered_cost(
             halo=halo,
         )  # fmt: skip
     inflations = replace(stack, layers=applied).inflation_layers
-    at_circumscribed = (
-        circumscribed_cost(circumscribed_radius, inflations[-1]) if inflations else None
-    )
+    at_circumscribed = None
+    if inflations:
+        at_circumscribed = circumscribed_cost(circumscribed_radius, inflations[-1])
     return Costmap(cost, frame.resolution, frame.origin, circumscribed_cost=at_circumscribed)
 
 

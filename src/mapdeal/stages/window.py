@@ -89,13 +89,10 @@ def active_region(
     # a larger margin than the map has no further effect
     margin = min(margin, max(grid.shape) * grid.resolution)
     grow = frames.cells_to_cover(margin, grid.resolution)
-    rows, cols = _known_span(in_rows, grow), _known_span(in_cols, grow)
-    region = frames.Region(rows.start, cols.start, rows.stop - rows.start, cols.stop - cols.start)
-    box = OccupancyGrid(
-        canvases.cut_out(grid.occupancy, region),
-        grid.resolution,
-        region.frame_in(grid.frame).origin,
-    )
+    (row, height), (col, width) = _known_span(in_rows, grow), _known_span(in_cols, grow)
+    region = frames.Region(row, col, height, width)
+    origin = region.frame_in(grid.frame).origin
+    box = OccupancyGrid(canvases.cut_out(grid.occupancy, region), grid.resolution, origin)
     return canvases.on_canvas(box, grid.frame) if canvas == "full" else box
 
 
@@ -115,18 +112,18 @@ def _known_lines(grid: OccupancyGrid, min_component: int) -> tuple[Mask, Mask]:
     return in_rows, in_cols
 
 
-def _known_span(has_known: Mask, grow: int) -> slice:
-    indices = np.flatnonzero(has_known)
-    return slice(max(int(indices[0]) - grow, 0), min(int(indices[-1]) + 1 + grow, len(has_known)))
+def _known_span(has_known: Mask, grow: int) -> tuple[int, int]:
+    """Return the first and the number of lines from the first known one to the last, grown."""
+    indices = np.flatnonzero(has_known).tolist()
+    first = max(indices[0] - grow, 0)
+    return first, min(indices[-1] + 1 + grow, len(has_known)) - first
 
 
 def _cells(grid: Any, parameters: command.Parameters) -> Iterator[int]:
     frame: frames.Frame | None = parameters["like"]
     if frame is None:
-        corner, center = parameters["corner"], parameters["at"]
-        region = frames.region_of(
-            grid.frame, parameters["size"], corner_xy=corner, center_xy=center
-        )
+        size, corner, center = (parameters[name] for name in ("size", "corner", "at"))
+        region = frames.region_of(grid.frame, size, corner_xy=corner, center_xy=center)
         frame = region.frame_in(grid.frame)
     count = math.prod(frame.shape)
     if count <= frames.MOST_CELLS:  # the window refuses more
@@ -238,9 +235,9 @@ def window(
 
 
 def _mismatch_text(lattice: frames.Frame, frame: frames.Frame) -> str:
-    if frame.resolution != lattice.resolution:
-        lattice_side, frame_side = lattice.resolution, frame.resolution
-        return f"must have cells of {lattice_side:g} m as the grid has, not of {frame_side:g} m"
+    side, other_side = lattice.resolution, frame.resolution
+    if side != other_side:
+        return f"must have cells of {side:g} m as the grid has, not of {other_side:g} m"
     if canvases.is_turned(lattice, frame.origin[2]):
         return f"must have the grid's yaw, {lattice.origin[2]:g} rad, not {frame.origin[2]:g} rad"
     return "the edges of the cells must coincide: the origins are not whole cells apart"
@@ -264,12 +261,9 @@ def copied(
     if isinstance(grid, DistanceField) and grid.region is not None:
         known = grid.region
     row, col = max(region.row, known.row), max(region.col, known.col)
-    shared = frames.Region(
-        row,
-        col,
-        min(region.row + region.height, known.row + known.height) - row,
-        min(region.col + region.width, known.col + known.width) - col,
-    )
+    top = min(region.row + region.height, known.row + known.height)
+    right = min(region.col + region.width, known.col + known.width)
+    shared = frames.Region(row, col, top - row, right - col)
     if shared.height <= 0 or shared.width <= 0:
         if not isinstance(grid, frames.ValueGrid):
             raise ParameterError("no cell of it has a distance", place=stage_name)
@@ -337,8 +331,7 @@ def shift_origin(
     """
     canvases.check_values(grid)
     fill = default_of(grid, default)
-    region = frames.region_of(
-        grid.frame, grid.frame.size_xy, corner_xy=frames.check_point(origin_xy, "origin")
-    )
+    corner = frames.check_point(origin_xy, "origin")
+    region = frames.region_of(grid.frame, grid.frame.size_xy, corner_xy=corner)
     region = region._replace(height=grid.shape[0], width=grid.shape[1])
     return copied(grid, region, region.frame_in(grid.frame), fill=fill, stage_name="origin")
