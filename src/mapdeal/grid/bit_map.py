@@ -36,16 +36,9 @@ class BitMap(Framed):
     resolution, origin
         As for `OccupancyGrid`.
 
-    Raises
-    ------
-    ParameterError
-        If the bytes do not fit the width, or the geometry is infinite or nan.
-
     Notes
     -----
-    Like all grids, a bit map is immutable: methods that change cells return a new one. It is
-    cheapest to make many changes at once, by ``set`` with many cells or `mapdeal.draw` with many
-    shapes.
+    Like all grids, a bit map is immutable: methods that change cells return a new one.
 
     Examples
     --------
@@ -121,25 +114,13 @@ class BitMap(Framed):
         return (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
 
     def get(self, cells_rowcol: ArrayLike) -> NDArray[np.bool_]:
-        """Return the bits of cells (row, column), shape (N, 2), as bool, shape (N,).
-
-        Raises
-        ------
-        ParameterError
-            If a cell lies outside the grid.
-        """
+        """Return the bits of cells (row, column) of the grid, shape (N, 2), as bool, shape (N,)."""
         rows, cols = self._checked(cells_rowcol)
         bits: NDArray[np.bool_] = (self.packed[rows, cols >> 3] << (cols & 7) & 0x80) != 0
         return bits
 
     def set(self, cells_rowcol: ArrayLike, value: bool = True) -> BitMap:
-        """Return a bit map with cells (row, column), shape (N, 2), set to a value.
-
-        Raises
-        ------
-        ParameterError
-            If a cell lies outside the grid.
-        """
+        """Return a bit map with cells (row, column) of the grid, shape (N, 2), set to a value."""
         rows, cols = self._checked(cells_rowcol)
         mask = self.to_mask()
         mask[rows, cols] = value
@@ -178,10 +159,7 @@ class BitMap(Framed):
     def painted(
         self, strokes: Iterable[tuple[Spans, int | NDArray[np.int64]]], overlay: OverlayType = "seq"
     ) -> Self:
-        """Return a bit map with the cells of spans set to their values, one span after the other.
-
-        With overlay ``max`` only ones are painted, with ``min`` only zeros.
-        """
+        """Return a bit map with spans painted; with ``max`` only ones, with ``min`` only zeros."""
         mask = self.to_mask()
         for spans, value in strokes:
             if overlay == "seq" or (overlay == "max") == bool(value):
@@ -408,10 +386,7 @@ def reset_region(
 
 
 def blank(grid: G, value: int = 0) -> G:
-    """Return a grid of the same kind and geometry with the same value in every cell.
-
-    A mask that is unknown outside of the shapes drawn into it changes nothing there.
-    """
+    """Return a grid of the same kind and geometry with the same value in every cell."""
     if isinstance(grid, BitMap):
         return grid.fill(bool(grid.accept_value(value, "background")))
     return grid.with_values(np.full_like(grid.values, grid.accept_value(value, "background")))

@@ -263,10 +263,8 @@ def on_canvas(grid: G, frame: Frame, *, fill: int | None = None) -> G:
     if (rows.stop - rows.start, cols.stop - cols.start) != grid.shape:
         raise ParameterError("does not contain the whole grid", place="canvas")
     values = grid.outside_values | ({} if fill is None else {grid.layer_names[0]: fill})
-    layers = {
-        name: padded(getattr(grid, name), frame.shape, place, value)
-        for name, value in values.items()
-    }
+    layers = {name: padded(getattr(grid, name), frame.shape, place, value)
+              for name, value in values.items()}  # fmt: skip
     if not isinstance(grid, FieldGrid):
         return replaced(grid, origin=frame.origin, **layers)
     inner = grid.region or Region(0, 0, *grid.shape)
@@ -331,10 +329,8 @@ def _box_of_numbers(layer: NDArray[Any], occupancy: NDArray[np.int8], name: str)
         known += int(np.count_nonzero((occupancy[band] != UNKNOWN) & ~numbers))
     if count == 0:
         raise ParameterError(f"{name} must not hold nan everywhere")
-    (row, top), (col, right) = (
-        (int(i[0]), int(i[-1]) + 1) for i in map(np.flatnonzero, has_number)
-    )
-    region = Region(row, col, top - row, right - col)
+    rows, cols = (np.flatnonzero(lines).tolist() for lines in has_number)
+    region = Region(rows[0], cols[0], rows[-1] - rows[0] + 1, cols[-1] - cols[0] + 1)
     if count != region.cells or known:
         rule = f"{name} may hold nan only around one box of numbers, where the map is unknown"
         raise ParameterError(rule)

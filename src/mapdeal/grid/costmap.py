@@ -38,11 +38,6 @@ class Costmap(ValueGrid):
     circumscribed_cost : int, optional
         Cost at the robot's circumscribed radius, if its shape is known. At or above this cost, a
         collision depends on the heading.
-
-    Raises
-    ------
-    ParameterError
-        If the costs do not fit the scale.
     """
 
     kind = "costmap"
@@ -90,12 +85,9 @@ class Costmap(ValueGrid):
 
     @property
     def value_range(self) -> tuple[int, int]:
-        is_bytes = self.scale == "costmap2d"
-        return (
-            (0, map_values.NO_INFORMATION)
-            if is_bytes
-            else (map_values.UNKNOWN, map_values.OCCUPIED)
-        )
+        if self.scale == "costmap2d":
+            return 0, map_values.NO_INFORMATION
+        return map_values.UNKNOWN, map_values.OCCUPIED
 
     @property
     def unknown_value(self) -> int:
@@ -157,11 +149,6 @@ class Costmap(ValueGrid):
         inscribed_value : int, optional
             ``inscribed_obstacle_cost_value`` of Nav2 lyrical and newer: value that becomes 253;
             None for older releases and ROS 1, which lack this rule.
-
-        Raises
-        ------
-        ParameterError
-            If a threshold or value is out of range.
 
         Examples
         --------
@@ -315,12 +302,8 @@ class CostCurve(map_values.Drawn):
         return float(self.cells[positive[-1]] * self.resolution) if len(positive) else 0.0
 
     def cost_near(self, cells: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the cost at the nearest distance that occurs, given distances in cells.
-
-        Beyond the range, the next one is the hypotenuse of the range and one cell, or for the
-        chebyshev metric one cell more.
-        """
-        reach = self.reach_cells
+        """Return the cost at the nearest distance that occurs, given distances in cells."""
+        reach = self.reach_cells  # the next distance beyond it has cost 0
         beyond = math.hypot(reach, 1.0) if self.metric == "euclidean" else reach + 1.0
         known = np.append(self.cells, beyond)
         costs = np.append(self.cost.astype(np.int64), 0)

@@ -109,10 +109,8 @@ class DistanceField(FieldGrid):
             ("lethal_threshold", 1 <= self.lethal_threshold <= 100, "lie between 1 and 100"),
         ):
             require(holds, f"{name} must {rule}", got=getattr(self, name))
-        self._freeze(
-            distance=as_layer(self.distance, np.float32, "distance"),
-            occupancy=as_occupancy_layer(self.occupancy),
-        )
+        distance = as_layer(self.distance, np.float32, "distance")
+        self._freeze(distance=distance, occupancy=as_occupancy_layer(self.occupancy))
         self._find_region()
 
     def _own_figures(self) -> Figures:
@@ -123,11 +121,10 @@ class DistanceField(FieldGrid):
             obstacles += int(np.count_nonzero(mask[rows]))
             lowest = min(lowest, float(distance.min()))
             highest = max(highest, float(distance.max()))
-        ends = (
-            (lowest, highest) if math.isfinite(lowest) and math.isfinite(highest) else (None,) * 2
-        )
-        named_ends = zip(("lowest_distance", "highest_distance"), ends, strict=True)
-        return {"convention": self.convention, "obstacles": obstacles, **dict(named_ends)}
+        figures = {"convention": self.convention, "obstacles": obstacles}
+        is_finite = math.isfinite(lowest) and math.isfinite(highest)
+        low, high = (lowest, highest) if is_finite else (None, None)
+        return {**figures, "lowest_distance": low, "highest_distance": high}
 
     def _repr_parameters(self) -> Iterator[str]:
         yield f"convention {self.convention}"
@@ -170,21 +167,11 @@ class DistanceField(FieldGrid):
         points_xy : array_like of float, shape (N, 2)
             Points in the map frame, or a single point, metres.
 
-        Raises
-        ------
-        ParameterError
-            If `points_xy` has another shape.
-
         Notes
         -----
-        Interpolation is bilinear between the four nearest cells, and constant from the outermost
-        centres to the border. The gradient is that of the interpolant; it is discontinuous across
-        lines of cell centres. Distances are those of the field: clipped to its `max_distance` and
-        scaled by its `strength`.
-
-        References
-        ----------
-        ``evaluateEDTWithGrad`` in ``edt_environment.cpp`` of Fast-Planner.
+        Interpolation is bilinear, as in ``evaluateEDTWithGrad`` of Fast-Planner, and constant from
+        the outermost centres to the border. The gradient is that of the interpolant; it jumps at
+        lines of cell centres. Distances are clipped and scaled as the field is.
 
         Examples
         --------
@@ -263,11 +250,6 @@ class ViewScale:
     farthest, deepest : float
         Extremes for the per-map view: the largest distance outside obstacles, times the field's
         strength, and the largest distance inside obstacles, metres.
-
-    Raises
-    ------
-    ParameterError
-        If the view is unknown, or a length is invalid.
     """
 
     view: View = "metric"
@@ -385,11 +367,6 @@ class PotentialField(FieldGrid):
         The robot whose ways these are, in words.
     cost_travel_multiplier : float
         Weight of costs against length in `cost_to_go`.
-
-    Raises
-    ------
-    ParameterError
-        If a value is negative or too large, or an occupancy is outside -1..100.
     """
 
     kind = "potential field"
@@ -513,9 +490,8 @@ class PotentialField(FieldGrid):
     def gradient(self) -> NDArray[np.float64]:
         """Gradient of the potential along x and y of the map frame, per metre, shape (2, H, W).
 
-        It points uphill. It is computed by central differences, one-sided at the border, and is 0
-        along an axis of a single cell. Next to an obstacle, the differences include the obstacle
-        cell, whose own term is missing from the sum; `downhill_surface` adds it.
+        It points uphill: central differences, one-sided at the border. Those next to an obstacle
+        include its cell, whose own term is missing from the sum; `downhill_surface` adds it.
         """
         return self._slopes(self.potential)
 
@@ -526,19 +502,15 @@ class PotentialField(FieldGrid):
 
     @layer_of_box
     def cost_to_go_gradient(self) -> NDArray[np.float64] | None:
-        """Gradient of `cost_to_go`, as `gradient`, shape (2, H, W); nan where that is infinite.
-
-        Beside cells without a way to the goal, the differences are one-sided.
-        """
+        """Gradient of `cost_to_go`, as `gradient`, shape (2, H, W); nan where that is infinite."""
         if self.cost_to_go is None:
             return None
         return self._along_map_axes(*(_rises(self.cost_to_go, axis) for axis in (0, 1)))
 
     def downhill_surface(self) -> NDArray[np.float64]:
-        """Return the potential with obstacle cells raised, shape (H, W), for descending it.
+        """Return the potential with 2 / resolution added in obstacle cells, shape (H, W).
 
-        The sum in an obstacle cell has no term for the cell itself, which is at distance 0, so that
-        a lone obstacle cell would be a pit. Here the term of its edge is added, 2 / resolution.
+        The sum has no term for the cell itself, so that a lone obstacle would be a pit.
         """
         if self.region is not None:
             return embedded(self.cropped.downhill_surface(), self.shape, self.region)
@@ -548,10 +520,7 @@ class PotentialField(FieldGrid):
         return surface
 
     def downhill(self) -> NDArray[np.float64]:
-        """Return the direction of steepest descent on the `downhill_surface`, shape (2, H, W).
-
-        Unit vectors along x and y of the map frame; 0 where it is level or there is no potential.
-        """
+        """Return unit vectors down the `downhill_surface`, shape (2, H, W), 0 where it is level."""
         if self.region is not None:
             return embedded(self.cropped.downhill(), self.shape, self.region, fill=0.0)
         slopes = self._slopes(self.downhill_surface())

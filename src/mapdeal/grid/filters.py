@@ -105,10 +105,11 @@ def info_for(
     fitting = [step for step in _STEPS if most / step <= OCCUPIED + _SLACK]
     if not fitting:
         return FilterInfo(kind, unit, 0.0, float(math.ceil(most / OCCUPIED)))
-    exact = (
-        step for step in fitting if all(abs(v / step - round(v / step)) <= _SLACK for v in speeds)
-    )
-    return FilterInfo(kind, unit, 0.0, next(exact, fitting[0]))
+
+    def is_exact(step: float) -> bool:
+        return all(abs(speed / step - round(speed / step)) <= _SLACK for speed in speeds)
+
+    return FilterInfo(kind, unit, 0.0, next(filter(is_exact, fitting), fitting[0]))
 
 
 def mask_description(info: FilterInfo, grid: OccupancyGrid) -> dict[str, Any]:

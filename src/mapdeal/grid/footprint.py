@@ -74,10 +74,8 @@ def _near_edges(
 
 def _near_edges_of_few(points: Sequence[Point]) -> Iterator[tuple[int, NDArray[np.int64]]]:
     """Yield what `_near_edges` does, without edges that share a corner, which cannot cross."""
-    boxes = [
-        (min(ax, bx), max(ax, bx), min(ay, by), max(ay, by))
-        for (ax, ay), (bx, by) in edges_of(points)
-    ]
+    edges = edges_of(points)
+    boxes = [(min(ax, bx), max(ax, bx), min(ay, by), max(ay, by)) for (ax, ay), (bx, by) in edges]
     for i, (low_x, high_x, low_y, high_y) in enumerate(boxes):
         end = len(boxes) - (i == 0)
         later = [
@@ -159,10 +157,8 @@ class Footprint(OneLine):
 
     Notes
     -----
-    The radii are those of costmap_2d's ``calculateMinAndMaxDistances``: the inscribed radius is
-    the smallest distance from the centre to an edge, the circumscribed radius the largest distance
-    to a corner. A circle is an exact circle, not the 16-gon of ``makeFootprintFromRadius``, whose
-    inscribed radius is 1.9 % smaller; use `sixteen_gon` for that.
+    The radii are those of costmap_2d's ``calculateMinAndMaxDistances``: from the centre to the
+    nearest edge and to the farthest corner. A circle is exact; ROS's 16-gon is `sixteen_gon`.
 
     Examples
     --------
@@ -183,10 +179,7 @@ class Footprint(OneLine):
 
     @classmethod
     def sixteen_gon(cls, radius: float) -> Footprint:
-        """Create the footprint of a round robot of costmap_2d's ``makeFootprintFromRadius``.
-
-        It has 16 corners on the circle; its inscribed radius is cos(pi / 16) = 0.981 of `radius`.
-        """
+        """Create the 16 corners of costmap_2d's ``makeFootprintFromRadius`` for a round robot."""
         radius = cls.circle(radius).radius
         angles = [index * 2 * math.pi / 16 for index in range(16)]
         return cls(tuple((radius * math.cos(a), radius * math.sin(a)) for a in angles))
@@ -199,9 +192,8 @@ class Footprint(OneLine):
         )
         check_simple(points, "footprint")
         if not contains_centre(points):
-            emit_warning(
-                "footprint: the robot's centre (0, 0) lies outside; its radii are meaningless"
-            )
+            text = "the robot's centre (0, 0) lies outside; its radii are meaningless"
+            emit_warning(f"footprint: {text}")
         return cls(vertices=points)
 
     @classmethod
@@ -217,10 +209,7 @@ class Footprint(OneLine):
                              for part in pair] for pair in corners])  # fmt: skip
 
     def padded(self, padding: float) -> Footprint:
-        """Return the footprint with every coordinate moved outwards by `padding` metres.
-
-        As in costmap_2d's ``padFootprint``, each coordinate moves away from 0, and 0 stays 0.
-        """
+        """Return the footprint with all coordinates moved away from 0, as ``padFootprint`` does."""
         rule = "footprint padding must be a finite number of metres of at least 0"
         require(isinstance(padding, Real) and 0 <= padding < math.inf, rule, got=padding)
         if not self.vertices:
@@ -352,12 +341,9 @@ def footprint_costs(
     Notes
     -----
     This is ``FootprintCollisionChecker::footprintCostAtPose``. With ``outline``, 255 may hide 254,
-    as in Nav2: the edges are traced from corner to corner, and the first one that meets 254 ends
-    the search, unless an earlier one has met 255. With ``full``, 254 in any cell gives 254.
-
-    The resolution is rounded to float32, as in every ROS costmap: 0.05 becomes 0.0500000007. This
-    matters if a corner lies nominally on the edge between two cells. ROS costmaps have no yaw; the
-    yaw of this one is taken into account.
+    as in Nav2: an edge that meets 254 ends the search, unless an earlier one has met 255. With
+    ``full``, 254 in any cell gives 254. The resolution is rounded to float32, as in every ROS
+    costmap, and the yaw of the costmap is taken into account.
 
     Examples
     --------

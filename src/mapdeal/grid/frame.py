@@ -154,11 +154,7 @@ class Frame:
 
     @classmethod
     def centred(cls, height: int, width: int, resolution: float, yaw: float = 0.0) -> Frame:
-        """Create a frame centred on (0, 0) of the map frame.
-
-        (0, 0) is the lower corner of cell (height // 2, width // 2), so that without a yaw the
-        cell of a point is floor(y / resolution) + height // 2, floor(x / resolution) + width // 2,
-        even for negative coordinates. Row 0 is the south, not the top of a picture.
+        """Create a frame centred on (0, 0), the lower corner of cell (height // 2, width // 2).
 
         Examples
         --------
@@ -184,11 +180,7 @@ class Frame:
         return cells_xy[:, ::-1]
 
     def tolerance_at(self, points_xy: ArrayLike) -> NDArray[np.float64]:
-        """Return the rounding error of the coordinates of points in cells, shape (N, 1).
-
-        It is at least `CELL_TOLERANCE`, and more far from the map frame's origin, where the
-        coordinates themselves are coarser.
-        """
+        """Return the rounding error of coordinates in cells, shape (N, 1), larger far away."""
         points = np.abs(np.asarray(points_xy, dtype=np.float64).reshape(-1, 2))
         x, y, _ = self.origin
         largest = np.maximum(points[:, :1], points[:, 1:])  # faster than max along short rows
@@ -199,10 +191,7 @@ class Frame:
     def unbounded_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.int64]:
         """Convert points to cells, as if the grid were unbounded.
 
-        References
-        ----------
-        costmap_2d's ``worldToMapNoBounds``, but with floor: costmap_2d truncates towards zero and
-        assigns points just below the lower edges to row or column 0.
+        As costmap_2d's ``worldToMapNoBounds``, which truncates towards zero instead of down.
 
         Examples
         --------
@@ -219,10 +208,7 @@ class Frame:
     def clamped_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.int64]:
         """Convert points to cells; points outside the grid go to the nearest border cell.
 
-        References
-        ----------
-        costmap_2d's ``worldToMapEnforceBounds``. Nav2's version returns a cell beyond the last
-        one for a point exactly on an upper edge; this method does not.
+        As costmap_2d's ``worldToMapEnforceBounds``; Nav2's goes one cell beyond on an upper edge.
         """
         last = np.array([self.height - 1, self.width - 1])
         return np.clip(self.unbounded_rowcol_from_xy(points_xy), 0, last)
@@ -232,9 +218,7 @@ class Frame:
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Convert points to cells, (-1, -1) outside, and return which are inside, bool (N,).
 
-        References
-        ----------
-        costmap_2d's ``worldToMap``, whose return value is the second array.
+        As costmap_2d's ``worldToMap``, whose return value is the second array.
         """
         places, inside, tolerance = self._bounded(points_xy)
         return np.where(inside[:, np.newaxis], cells_at(places, tolerance), -1), inside
@@ -244,8 +228,7 @@ class Frame:
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Convert points to places, and return which are inside the grid, bool (N,).
 
-        Points that are off a centre line of cells only by rounding are moved onto it. The places
-        of points that are not finite are meaningless.
+        Places are moved by rounding errors onto centre lines; those of nan and inf mean nothing.
         """
         places, inside, tolerance = self._bounded(points_xy)
         nearest = np.rint(places - 0.5) + 0.5
@@ -283,9 +266,6 @@ class Frame:
     def rowcol_ahead(self, pose: Sequence[float], distance: float) -> tuple[int, int]:
         """Return the cell of a point `distance` metres ahead of a pose, inside the grid or not.
 
-        The pose is x, y (metres) and yaw (radians, 0 along x, anticlockwise). Behind it, the
-        distance is negative.
-
         Examples
         --------
         >>> Frame.centred(20, 20, 0.1).rowcol_ahead((0.05, 0.05, math.pi / 2), 0.4)
@@ -320,11 +300,7 @@ class Frame:
         return self.bounded_rowcol_from_xy(points_xy)[1]
 
     def window(self, row: int, col: int, height: int, width: int) -> Frame:
-        """Return the frame of `height` x `width` cells, starting at cell (`row`, `col`).
-
-        Its origin is the corner of that cell, so that every cell keeps its place in the map frame
-        whatever the yaw.
-        """
+        """Return the frame of `height` x `width` cells from cell (`row`, `col`) on, in place."""
         x, y, yaw = self.origin
         if yaw == 0.0:
             x, y = _stepped(x, col, self.resolution), _stepped(y, row, self.resolution)
@@ -451,10 +427,8 @@ class Region(NamedTuple):
 
     def place_of(self, rows: slice, cols: slice) -> tuple[slice, slice]:
         """Return the rows and columns of the grid as slices of an array of the region."""
-        return (
-            slice(rows.start - self.row, rows.stop - self.row),
-            slice(cols.start - self.col, cols.stop - self.col),
-        )
+        from_first = slice(rows.start - self.row, rows.stop - self.row)
+        return from_first, slice(cols.start - self.col, cols.stop - self.col)
 
     def frame_in(self, frame: Frame) -> Frame:
         rule = f"a window must not have more than {MOST_CELLS} cells"
@@ -470,10 +444,11 @@ def region_of(
     if corner_xy is not None and center_xy is None:
         row, col = frame.unbounded_rowcol_from_xy([check_point(corner_xy, "corner")])[0].tolist()
     elif center_xy is not None and corner_xy is None:
-        center = [check_point(center_xy, "center")]
-        first = (
-            frame.continuous_rowcol_from_xy(center)[0] - np.divide(size[::-1], frame.resolution) / 2
+        center, half = (
+            [check_point(center_xy, "center")],
+            np.divide(size[::-1], frame.resolution) / 2,
         )
+        first = frame.continuous_rowcol_from_xy(center)[0] - half
         row, col = cells_at(first, frame.tolerance_at(center)[0]).tolist()
     else:
         raise ParameterError("needs either a corner or a center", place="region")
@@ -498,11 +473,7 @@ Figures = dict[str, Any]  # the figures of a grid, as JSON can hold them
 
 
 class Framed(Drawn, ABC):
-    """Base class of all grids, with layers, a resolution, an origin, and a frame.
-
-    Layers are arrays, or lazy layers (`mapdeal.kernels.blocks`) of a map that is processed block
-    by block; `layer[rows]` works for both.
-    """
+    """Base class of all grids; layers are arrays or lazy: `layer[rows]` works for both."""
 
     kind: ClassVar[str]  # name of the type in messages
     layer_names: ClassVar[tuple[str, ...]]  # attributes with layers, the main one first
@@ -593,10 +564,7 @@ class Framed(Drawn, ABC):
 
     @property
     def transform(self) -> NDArray[np.float64]:
-        """Matrix from column, row, 1 (cells, whole at edges) to x, y, 1 (metres), shape (3, 3).
-
-        ``rasterio.Affine(*grid.transform[:2].ravel())`` is the same in rasterio's words.
-        """
+        """Matrix from column, row, 1 (cells, whole at edges) to x, y, 1 (metres), shape (3, 3)."""
         x, y, yaw = self.frame.origin
         cos, sin = (self.frame.resolution * f(yaw) for f in (math.cos, math.sin))
         return np.array([[cos, -sin, x], [sin, cos, y], [0.0, 0.0, 1.0]])
@@ -614,10 +582,7 @@ class Framed(Drawn, ABC):
     def extent(self) -> tuple[float, float, float, float]:
         """Left, right, bottom and top, metres: what ``plt.imshow(grid, extent=...)`` takes.
 
-        Raises
-        ------
-        ParameterError
-            If the grid is rotated: `plot` draws it, `straighten` turns it back.
+        A rotated grid has none, which raises `ParameterError`; `plot` draws it.
         """
         if self.frame.origin[2] != 0:
             rule = "has no meaning for a rotated grid"
@@ -640,11 +605,6 @@ class Framed(Drawn, ABC):
         -------
         matplotlib.axes.Axes
             The axes drawn on.
-
-        Raises
-        ------
-        ParameterError
-            If matplotlib is not installed.
         """
         axes = _library("matplotlib.pyplot").gca() if ax is None else ax
         height, width = (count * self.frame.resolution for count in self.frame.shape)
@@ -671,11 +631,6 @@ class Framed(Drawn, ABC):
             Dimensions ``y`` and ``x`` with coordinates in metres; of a rotated grid ``row`` and
             ``col``, with coordinates ``x`` and ``y`` of shape (H, W). Its attributes are
             ``resolution``, ``origin`` and ``units`` of the coordinates.
-
-        Raises
-        ------
-        ParameterError
-            If xarray is not installed.
         """
         height, width = self.frame.shape
         rows, cols = np.arange(height), np.arange(width)
@@ -763,11 +718,6 @@ class ValueGrid(Framed):
         points_xy : array_like of float, shape (N, 2)
             Points in the map frame, or a single point, metres.
 
-        Raises
-        ------
-        ParameterError
-            If `points_xy` has another shape.
-
         Examples
         --------
         >>> from mapdeal import OccupancyGrid
@@ -796,11 +746,7 @@ class ValueGrid(Framed):
         message_type : type, optional
             ``nav_msgs.msg.OccupancyGrid`` of ROS 1 or 2; by default a plain dict is returned.
         frame_id : str
-            Frame of the header.
-
-        Notes
-        -----
-        Costs are converted as ROS publishes them. The time stamps are 0.
+            Frame of the header. Costs are as ROS publishes them, and time stamps are 0.
 
         Examples
         --------
@@ -840,9 +786,7 @@ class ValueGrid(Framed):
     ) -> Self:
         """Return a grid with the cells of spans set to their values, one span after the other.
 
-        A cell's value is replaced by any value (``seq``), only by a larger one (``max``) or only
-        by a smaller one (``min``). Unknown is replaced by any value, and replaces others only
-        with ``seq``, where each run may have a value of its own.
+        For `overlay` see `mapdeal.draw`; with ``seq`` each run may have a value of its own.
         """
         values = self.values.copy()
         old = np.arange(256, dtype=np.uint8).view(values.dtype)

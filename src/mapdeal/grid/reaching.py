@@ -221,10 +221,8 @@ class WaysFrom:
 def squares_to(marked: NDArray[np.bool_]) -> SquaredDistances:
     """Return the squared distance of each cell to the nearest cell that is marked or outside."""
     squared = squared_distance(marked)
-    up, right = (
-        np.minimum(np.arange(1, n + 1), np.arange(n, 0, -1), dtype=squared.dtype) ** 2
-        for n in squared.shape
-    )
+    up, right = (np.minimum(np.arange(1, n + 1), np.arange(n, 0, -1), dtype=squared.dtype) ** 2
+                 for n in squared.shape)  # fmt: skip
 
     def lower(rows: slice) -> None:
         np.minimum(squared[rows], right, out=squared[rows])
@@ -377,9 +375,8 @@ def _behind(
     ends = labels[np.array([tree.firsts[edges], tree.seconds[edges], np.full(len(edges), root)])]
     used, ends = np.unique(ends, return_inverse=True)
     ends = ends.reshape(3, -1)
-    sums = np.column_stack(
-        [np.bincount(labels, column, minlength=len(values))[used] for column in values.T]
-    )
+    columns = [np.bincount(labels, column, minlength=len(values)) for column in values.T]
+    sums = np.column_stack(columns)[used]
     behind, near, far = components.sums_behind(ends[0], ends[1], int(ends[2, 0]), sums)
     return behind, sums[near], np.where(far < 0, -1, used[far])
 
@@ -442,10 +439,8 @@ def reach_on(
         raise ParameterError("must be x,y or x,y,yaw", place="start", got=tuple(start))
     pose = None if start is None else tuple(start)
     first = None if pose is None else cell_of_point(ground.frame, (pose[0], pose[1]), "start")
-    points = [
-        check_point((goal.x, goal.y), f"goal {goal.name}" if goal.name is not None else "goal")
-        for goal in goals
-    ]
+    names = ["goal" if goal.name is None else f"goal {goal.name}" for goal in goals]
+    points = [check_point((goal.x, goal.y), name) for goal, name in zip(goals, names, strict=True)]
     cells = [(row, col) for row, col in ground.frame.unbounded_rowcol_from_xy(points).tolist()]
     inside = [cell for cell in cells if ground.frame.holds(cell)]
     # robots with corners first: what both need at once would take twice the memory
@@ -454,10 +449,8 @@ def reach_on(
     from_start = ways.begun_at(stood.first)
     is_open = stood.headings > 0
     counts = dict(zip(inside, stood.goal_headings.sum(axis=1).tolist(), strict=True))
-    answers = [
-        _answer(goal, cell, counts.get(cell, 0), from_start, ground, robot, is_open)
-        for goal, cell in zip(goals, cells, strict=True)
-    ]
+    answers = [_answer(goal, cell, counts.get(cell, 0), from_start, ground, robot, is_open)
+               for goal, cell in zip(goals, cells, strict=True)]  # fmt: skip
     has_corners = robot is not None and bool(robot.vertices)
     found = passages(
         ways, is_open, stood.first, radius=reach_radius(robot), margin=margin, min_area=min_area,

@@ -169,9 +169,8 @@ class Sweeps:
         squares = np.argwhere(self.closed[low[0] : high[0], low[1] : high[1]] == cost) + low
         along = end - start
         corners = (squares[:, np.newaxis] + _CORNERS).reshape(-1, 2)
-        shares = np.clip(
-            np.sum((corners - start) * along, axis=-1) / max(np.sum(along**2), _ROUNDING), 0, 1
-        )
+        shares = np.sum((corners - start) * along, axis=-1) / max(np.sum(along**2), _ROUNDING)
+        shares = np.clip(shares, 0, 1)
         gaps = [corners - start - shares[:, np.newaxis] * along]
         tips = np.array([[start], [end]])
         gaps += [*np.maximum(np.maximum(squares - tips, tips - squares - 1), 0)]

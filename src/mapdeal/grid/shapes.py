@@ -46,9 +46,8 @@ class Polygon(OneLine):
 
     Notes
     -----
-    Corners are moved to the centres of their cells, the edges between them are costmap_2d's lines
-    of cells, and the cells in between are filled. For a convex polygon, these are the cells that
-    ``setConvexPolygonCost`` sets; for a concave one, it also fills bays, which stay empty here.
+    The edges are costmap_2d's lines between the corners' cells, and the cells in between are
+    filled, as ``setConvexPolygonCost`` does; bays of concave polygons stay empty.
 
     Examples
     --------
@@ -116,14 +115,12 @@ class Line(OneLine):
     Raises
     ------
     ParameterError
-        If there are fewer than two or more than 10,000 points, a coordinate is not finite, or the
-        thickness is negative or not finite.
+        If there are fewer than two or more than 10,000 points, or a number is not finite.
 
     Notes
     -----
-    The line consists of the cells of costmap_2d's ``raytraceLine`` from the cell of each point to
-    that of the next. If it is thicker than a cell, it also includes every cell whose centre lies
-    within half the thickness of the line. The ends are round.
+    The line consists of the cells of costmap_2d's ``raytraceLine``. If it is thicker than a cell,
+    every cell whose centre lies within half the thickness is added. The ends are round.
 
     Examples
     --------
@@ -192,15 +189,10 @@ class Circle:
     source : str
         File and place that the shape was read from, for messages.
 
-    Raises
-    ------
-    ParameterError
-        If a number is not finite, or the radius is negative.
-
     Notes
     -----
     The circle covers every cell whose centre lies within the radius, as in `mapdeal.inflate`, and
-    the cell that contains its own center. With radius 0, the latter is the only one.
+    the cell that contains its own center.
 
     Examples
     --------
@@ -232,9 +224,7 @@ class Circle:
             center.append(polygons.Spans(row, col, col + 1))
         if radius == 0:
             return iter(center)
-        return chain(
-            center, (polygons.capsule_spans(place, place, radius, frame.shape) for _ in range(1))
-        )
+        return chain(center, [polygons.capsule_spans(place, place, radius, frame.shape)])
 
     def outside_part(self, frame: Frame) -> str | None:
         """Return a description of the center, or else the rim, if outside a grid."""

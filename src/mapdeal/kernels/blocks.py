@@ -194,9 +194,8 @@ def swept(layer: Layer) -> Iterator[slice]:
 def gathered(layer: Layer, *looks: Callable[[NDArray[Any]], Any]) -> list[list[Any]]:
     if not isinstance(layer, LazyLayer):
         return [[look(layer)] for look in looks]
-    new: dict[Callable[[NDArray[Any]], Any], list[Any]] = {
-        look: [] for look in looks if look not in layer.found
-    }
+    new: dict[Callable[[NDArray[Any]], Any], list[Any]]
+    new = {look: [] for look in looks if look not in layer.found}
     for rows in swept(cast("Layer", layer)) if new else ():
         values = layer[rows]
         for look, parts in new.items():

@@ -273,10 +273,9 @@ def _ridge(squared: SquaredDistances, basins: NDArray[np.int32], cell: tuple[int
     waiting = [cell]
     while waiting and len(ridge) < _MOST_CELLS:
         row, col = waiting.pop()
-        beside = [(row + down, col + along) for down, along in _STEPS]
-        beside = [
-            (r, c) for r, c in beside if 0 <= r < height and 0 <= c < width and basins[r, c] >= 0
-        ]
+        around = [(row + down, col + along) for down, along in _STEPS]
+        inside = [(r, c) for r, c in around if 0 <= r < height and 0 <= c < width]
+        beside = [place for place in inside if basins[place] >= 0]
         is_end = any(squared[place] > square for place in beside)
         if is_end and (row, col) != cell:
             continue

@@ -53,9 +53,8 @@ class BlockRuns:
 
 def runs_of(marked: Mask) -> BlockRuns:
     """Return the runs at both borders of a block of cells, shape (rows, W)."""
-    return BlockRuns(
-        len(marked), marked[0].copy(), marked[-1].copy(), _run(marked), _run(marked[::-1])
-    )
+    first, last = marked[0].copy(), marked[-1].copy()
+    return BlockRuns(len(marked), first, last, _run(marked), _run(marked[::-1]))
 
 
 def _run(marked: Mask) -> Runs:
@@ -280,9 +279,8 @@ def queued_squares(seeds: Mask, reach: int) -> NDArray[np.int32]:
         is_new[cells], squares[cells] = False, square
         col = cells % width
         nearby = np.stack([cells - 1, cells - width, cells + 1, cells + width], axis=1)
-        inside = np.stack(
-            [col > 0, cells >= width, col < width - 1, cells < seeds.size - width], axis=1
-        )
+        below, above = cells >= width, cells < seeds.size - width
+        inside = np.stack([col > 0, below, col < width - 1, above], axis=1)
         nearby, origins = nearby[inside], np.repeat(sources[:, np.newaxis], 4, axis=1)[inside]
         rows, cols = nearby // width - origins // width, nearby % width - origins % width
         reached = rows * rows + cols * cols

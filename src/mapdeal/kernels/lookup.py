@@ -170,9 +170,8 @@ def interpolate(values: Metres, places_rowcol: Floats) -> tuple[Floats, Floats]:
     between = np.empty(len(places_rowcol))
     slopes = np.empty((len(places_rowcol), 2))
     if engine_name() == "compiled":
-        _compiled.interpolate(
-            np.ascontiguousarray(values), np.ascontiguousarray(places_rowcol), between, slopes
-        )
+        values, places_rowcol = map(np.ascontiguousarray, (values, places_rowcol))
+        _compiled.interpolate(values, places_rowcol, between, slopes)
         return between, slopes
     height, width = values.shape
     with np.errstate(invalid="ignore"):
@@ -180,9 +179,8 @@ def interpolate(values: Metres, places_rowcol: Floats) -> tuple[Floats, Floats]:
     places = np.where(near[:, np.newaxis], places_rowcol, 0.5)
     south, north, v = _corners(places[:, 0], height - 1)
     west, east, u = _corners(places[:, 1], width - 1)
-    a, b, c, d = corners = np.stack(
-        [values[row, col].astype(np.float64) for row in (south, north) for col in (west, east)]
-    )
+    around = [values[row, col] for row in (south, north) for col in (west, east)]
+    a, b, c, d = corners = np.stack(around).astype(np.float64)
     finite = np.isfinite(corners).all(axis=0)
     with np.errstate(invalid="ignore"):
         between[:] = (1.0 - v) * ((1.0 - u) * a + u * b) + v * ((1.0 - u) * c + u * d)
@@ -222,9 +220,8 @@ def least_along(
     # only if the cell beyond that edge is open, too.
     if engine_name() == "compiled" and values.dtype == np.int32:
         least, found = np.empty(len(counts), np.int64), np.empty(len(counts), np.uint8)
-        _compiled.look_along_lines(
-            values, is_open.view(np.uint8), starts, ends, counts, near, least, found
-        )
+        opened = is_open.view(np.uint8)
+        _compiled.look_along_lines(values, opened, starts, ends, counts, near, least, found)
         return least, found.view(np.bool_)
     places, _, firsts = places_along(starts, ends, counts)
     rows, cols = places.astype(np.int64).T
@@ -235,10 +232,8 @@ def least_along(
                  for by in (-near, near))  # fmt: skip
     for by_row, by_col in product((low, high), repeat=2):
         free[edges] &= is_open[by_row[:, 0], by_col[:, 1]]
-    return (
-        np.minimum.reduceat(values[rows, cols], firsts).astype(np.int64),
-        np.logical_and.reduceat(free, firsts),
-    )
+    least = np.minimum.reduceat(values[rows, cols], firsts).astype(np.int64)
+    return least, np.logical_and.reduceat(free, firsts)
 
 
 def sum_of_inverse_distances(marked: Mask, *, scale: float = 1.0, least: float = 0.0) -> Floats:
@@ -267,15 +262,12 @@ def sum_of_inverse_distances(marked: Mask, *, scale: float = 1.0, least: float =
         workers = 1
         response = fft.dctn(inverse, type=1, overwrite_x=True, workers=workers)
     del inverse, far
-    spectrum = fft.rfft2(
-        marked.astype(np.float64), s=(2 * half_height, 2 * half_width), workers=workers
-    )
+    periods = (2 * half_height, 2 * half_width)
+    spectrum = fft.rfft2(marked.astype(np.float64), s=periods, workers=workers)
     spectrum[: half_height + 1] *= response
     spectrum[half_height + 1 :] *= response[half_height - 1 : 0 : -1]
     del response  # the next call uses the most memory
-    total: Floats = fft.irfft2(
-        spectrum, s=(2 * half_height, 2 * half_width), overwrite_x=True, workers=workers
-    )
+    total: Floats = fft.irfft2(spectrum, s=periods, overwrite_x=True, workers=workers)
     # far from marked cells rounding may make sums negative
     return np.maximum(total[:height, :width], 0.0)
 

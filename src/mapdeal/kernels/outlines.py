@@ -96,9 +96,8 @@ def outlines(marked: Mask, tolerance: float = 0.0) -> Polygons:
     ring_order = np.lexsort([~is_shell, places[rings.owners]])
     starts, stops = starts[ring_order], stops[ring_order]
     corners = corners[enumerated(starts, stops)[1]]
-    return Polygons(
-        corners, np.cumsum(stops - starts), np.flatnonzero(is_shell[ring_order]), cells[order]
-    )
+    shells = np.flatnonzero(is_shell[ring_order])
+    return Polygons(corners, np.cumsum(stops - starts), shells, cells[order])
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,9 +253,8 @@ def _simplify(
         is_off = np.abs(np.bincount(rings.owners, areas) - cells) > _MOST_CHANGE * cells
         change = np.abs(areas - rings.areas)
         is_wrong = is_off[rings.owners] & (change > 0)
-        wrong = np.flatnonzero(
-            can_move & (is_wrong | (change > _MOST_RING_CHANGE * abs(rings.areas)))
-        )
+        is_wrong |= change > _MOST_RING_CHANGE * abs(rings.areas)
+        wrong = np.flatnonzero(can_move & is_wrong)
     stops[wrong] = rings.ends[wrong]
     starts[wrong] = np.concatenate([[0], rings.ends])[wrong]
     return np.concatenate(parts), starts, stops

@@ -254,11 +254,8 @@ def _drawn(edges: Edges, ring_of: Integers, shape: tuple[int, int]) -> Iterator[
         rim = ring_of[line_of]
         inside_of, inside = _inside(edges, ring_of, bottom, top, shape[1])
         spans = Spans(*map(np.concatenate, zip(outline, inside, strict=True)))
-        kinds = np.where(
-            np.concatenate([rim, inside_of]) == 0,
-            _SOLID,
-            np.repeat([_RIM, _HOLLOW], [len(rim), len(inside_of)]),
-        )
+        kinds = np.repeat([_RIM, _HOLLOW], [len(rim), len(inside_of)])
+        kinds[np.concatenate([rim, inside_of]) == 0] = _SOLID
         yield _covered(spans, kinds, shape[1])
 
 

@@ -110,9 +110,8 @@ def row_minima(values: Integers, exists: Mask) -> Integers:
             np.copyto(low, best[:, np.maximum(cells - step, 0)], where=cells >= step)
             inner = cells + step < width
             np.copyto(high, best[:, np.minimum(cells + step, width - 1)], where=inner)
-        found, lowest = _lowest_in(
-            np.broadcast_to(cells, low.shape).ravel(), low.ravel(), high.ravel(), sites, added
-        )
+        of_rows = np.broadcast_to(cells, low.shape).ravel()
+        found, lowest = _lowest_in(of_rows, low.ravel(), high.ravel(), sites, added)
         best[:, cells] = found.reshape(height, -1)
         minima[:, cells] = lowest.reshape(height, -1)
         step //= 2
@@ -358,10 +357,8 @@ class _Dilations:
         if inner.size:
             runs = (column.tolist() for column in halves(spans))
             for row, start, exponent in zip(*runs, strict=True):
-                touched = self._dilated(exponent)[
-                    rows.start + row : rows.stop + row, cols.start + start : cols.stop + start
-                ]
-                inner &= ~touched
+                touched = self._dilated(exponent)[rows.start + row : rows.stop + row]
+                inner &= ~touched[:, cols.start + start : cols.stop + start]
         return opened
 
     def _dilated(self, exponent: int) -> Mask:

@@ -41,10 +41,8 @@ def rectangles(marked: Mask) -> Rectangles:
     owners = [components.cells[found.first_row, found.first_col] for found in (across, along)]
     few = np.bincount(owners[0], minlength=count) <= np.bincount(owners[1], minlength=count)
     is_across, is_along = few[owners[0]], ~few[owners[1]]
-    columns = [
-        np.concatenate([from_across[is_across], from_along[is_along]])
-        for from_across, from_along in zip(across, along, strict=True)
-    ]
+    both = zip(across, along, strict=True)
+    columns = [np.concatenate([rows[is_across], cols[is_along]]) for rows, cols in both]
     order = np.lexsort(columns[2::-2])
     return Rectangles(*(column[order] for column in columns))
 

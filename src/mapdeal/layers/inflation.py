@@ -70,10 +70,9 @@ class InflationLayer(CostmapLayer):
 
     key: ClassVar[str] = "inflation"
     nav2_plugins: ClassVar[tuple[str, ...]] = (
-        "nav2_costmap_2d::InflationLayer",
-        "nav2_costmap_2d::LegacyInflationLayer",
+        "nav2_costmap_2d::InflationLayer", "nav2_costmap_2d::LegacyInflationLayer",
         "nav2_costmap_2d::AsymmetricInflationLayer",
-    )
+    )  # fmt: skip
     ros1_plugins: ClassVar[tuple[str, ...]] = ("costmap_2d::InflationLayer",)
     about: ClassVar[str] = "spreads costs around lethal cells"
     spreads: ClassVar[bool] = True
@@ -122,14 +121,14 @@ class InflationLayer(CostmapLayer):
     @classmethod
     def known_parameters(cls, plugin: str) -> frozenset[str]:
         known = super().known_parameters(plugin) - {"inscribed_radius", "lookup"}
-        if not _is_asymmetric(plugin):
+        if "Asymmetric" not in plugin:
             return known
         return known - {"cost_scaling_factor", "custom_inscribed_radius"} | _ASYMMETRIC_PARAMETERS
 
     @classmethod
     def from_nav2(cls, values: base.Nav2Values, entry: base.PluginEntry) -> InflationLayer:
         name, inscribed_radius = entry.name, entry.inscribed_radius
-        is_asymmetric = _is_asymmetric(entry.plugin)
+        is_asymmetric = "Asymmetric" in entry.plugin
         older = values.older or "Legacy" in entry.plugin
         radius = values.number(f"{name}.inflation_radius", 2.0 if is_asymmetric else 0.55)
         if is_asymmetric:
@@ -220,10 +219,6 @@ _ASYMMETRIC_PARAMETERS = {
     "cost_scaling_factor_left", "cost_scaling_factor_right", "goal_distance_threshold",
     "plan_topic",
 }  # fmt: skip
-
-
-def _is_asymmetric(plugin: str) -> bool:
-    return "Asymmetric" in plugin
 
 
 def _custom_inscribed_radius(values: base.Nav2Values, name: str, inscribed_radius: float) -> float:
@@ -341,11 +336,9 @@ def _costs_of_squares(
         cells = np.sqrt(squares.astype(np.float32))
         hundredths = (cells * np.float32(100) + np.float32(0.5)).astype(np.int64)
         starts = np.flatnonzero(np.diff(hundredths, prepend=-1))
-        of_hundredths = [
-            _cost_of(index / 100.0 * cell_size, layer) for index in hundredths[starts].tolist()
-        ]
-        lengths = np.diff(starts, append=len(squares))
-        costs = np.repeat(np.array(of_hundredths, dtype=np.uint8), lengths)
+        places = [index / 100.0 * cell_size for index in hundredths[starts].tolist()]
+        steps = np.array([_cost_of(metres, layer) for metres in places], dtype=np.uint8)
+        costs = np.repeat(steps, np.diff(starts, append=len(squares)))
     else:
         metres = np.sqrt(squares.astype(np.float64)) * cell_size
         beyond = np.maximum(metres - layer.inscribed_radius, 0.0)
@@ -398,10 +391,8 @@ def inflation_curve(
 ) -> CostCurve:  # fmt: skip
     cell_size = as_float32(resolution) if float32_resolution else resolution
     is_tolerant = not float32_resolution
-    reaches = [
-        reach_in_cells(layer.inflation_radius, cell_size, is_tolerant=is_tolerant)
-        for layer in layers
-    ]
+    radii = [layer.inflation_radius for layer in layers]
+    reaches = [reach_in_cells(radius, cell_size, is_tolerant=is_tolerant) for radius in radii]
     squares = squares_up_to(max(reaches, default=0))
     cost = np.where(squares == 0, LETHAL_OBSTACLE, FREE_SPACE).astype(np.uint8)
     for layer, reach in zip(layers, reaches, strict=True):

@@ -111,9 +111,8 @@ def cells_at_centres(
     turn = target.origin[2] - source.origin[2]
     if turn == 0.0:
         row, col = row + target_row * step, col + target_col * step
-        return cells_at(row, tolerance), cells_at(col, tolerance)
-    cos, sin = step * math.cos(turn), step * math.sin(turn)
-    return (
-        cells_at(row + target_row * cos + target_col * sin, tolerance),
-        cells_at(col - target_row * sin + target_col * cos, tolerance),
-    )
+    else:
+        cos, sin = step * math.cos(turn), step * math.sin(turn)
+        row = row + target_row * cos + target_col * sin
+        col = col - target_row * sin + target_col * cos
+    return cells_at(row, tolerance), cells_at(col, tolerance)

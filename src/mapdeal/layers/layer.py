@@ -60,9 +60,8 @@ class MasterGrid:
 
     def part(self, window: Window) -> MasterGrid:
         """Return a part of the grid, whose costs are a view."""
-        in_map, under_robot = (
-            None if mask is None else mask[window] for mask in (self.in_map, self.under_robot)
-        )
+        masks = (self.in_map, self.under_robot)
+        in_map, under_robot = (None if mask is None else mask[window] for mask in masks)
         return replace(
             self, costs=self.costs[window], rows=window[0], occupancy=self.occupancy[window],
             in_map=in_map, under_robot=under_robot,
@@ -280,9 +279,8 @@ class CostmapLayer(OneLine):
 
     @classmethod
     def from_ros1(cls, server: Ros1Values, entry: PluginEntry) -> CostmapLayer:
-        readers: dict[type, Any] = {
-            bool: server.boolean, int: server.integer, float: server.double
-        }  # fmt: skip
+        readers: dict[type, Any]
+        readers = {bool: server.boolean, int: server.integer, float: server.double}
         settings = {
             field: readers[kind](default, entry.name, field)
             for field, (kind, default) in cls._plain_fields().items()
@@ -298,11 +296,8 @@ class CostmapLayer(OneLine):
     @classmethod
     def _plain_fields(cls) -> dict[str, tuple[type, Any]]:
         hints = get_type_hints(cls)
-        return {
-            field.name: (split_optional(hints[field.name])[0], field.default)
-            for field in fields(cls)
-            if field.name != "name"
-        }
+        own = [field for field in fields(cls) if field.name != "name"]
+        return {field.name: (split_optional(hints[field.name])[0], field.default) for field in own}
 
     def with_inscribed_radius(self, before: float, footprint: Footprint) -> CostmapLayer:
         """Return the layer for a footprint, if its inscribed radius was that of the old one."""

@@ -96,9 +96,8 @@ class ObservationBuffer:
             return self._observations
         reference = self._last_time if self._is_ros1 else now
         select = takewhile if self._is_ros1 else filter  # ROS 1 forgets all behind an old one
-        self._observations = list(
-            select(lambda entry: reference - entry.time <= self._persistence, self._observations)
-        )
+        oldest = reference - self._persistence
+        self._observations = list(select(lambda entry: entry.time >= oldest, self._observations))
         return self._observations
 
 
@@ -262,10 +261,8 @@ class ObstacleLayer(CostmapLayer):
         names = str(listed.value).split() if listed is not None else []
         sources = tuple(cls._ros1_source(server, source, below) for source in names)
         height = server.double(2.0, *server.place(name, "max_obstacle_height"))
-        counts = [
-            server.integer(getattr(Sensing, field), *server.place(name, field))
-            for field in ("z_voxels", "unknown_threshold", "mark_threshold")
-        ]
+        counts = [server.integer(getattr(Sensing, field), *server.place(name, field))
+                  for field in ("z_voxels", "unknown_threshold", "mark_threshold")]  # fmt: skip
         return Sensing(
             sources, 0.0, height, server.double(0.0, *server.place(name, "origin_z")),
             server.double(0.2, *server.place(name, "z_resolution")), *counts,
@@ -286,9 +283,8 @@ class ObstacleLayer(CostmapLayer):
                 if server.find(*place[:depth], parameter) is not None:
                     return server.double(default, *place[:depth], parameter)
             found: Any = (server.search(parameter) or (None, None))[1]
-            return (
-                float(found.value) if getattr(found, "kind", "") in ("int", "double") else default
-            )
+            is_number = getattr(found, "kind", "") in ("int", "double")
+            return float(found.value) if is_number else default
 
         return ObservationSource(
             source, text("topic", source), text("data_type", "PointCloud"),
@@ -435,10 +431,8 @@ class ObstacleGrid(base.LiveLayer):
         self, start: NDArray[Any], ends: NDArray[Any], source: ObservationSource
     ) -> CellRays:
         """Return rays without the part that is too near, cut to the length of rays in cells."""
-        most, least = (
-            cells_to(length, self.frame.resolution)
-            for length in (source.raytrace_max_range, self._least_range(source))
-        )
+        most = cells_to(source.raytrace_max_range, self.frame.resolution)
+        least = cells_to(self._least_range(source), self.frame.resolution)
         away = (ends - start).astype(np.float64)
         lengths = np.sqrt(sum(away * away)) if len(away) > 2 else np.hypot(*away)
         begin = np.where(lengths > 0, start + away / lengths * least, start).astype(np.int64)
@@ -468,10 +462,7 @@ class ObstacleGrid(base.LiveLayer):
 
 
 class VoxelGrid(ObstacleGrid):
-    """Grid of a voxel layer: a column of up to 16 voxels for each cell.
-
-    Bits 16 to 31 of a column are its marked voxels, bits 0 to 15 those that are marked or unknown.
-    """
+    """Grid of a voxel layer: a column of up to 16 voxels for each cell, see `VOXEL`."""
 
     def __init__(self, layer: ObstacleLayer, place: base.LivePlace, sensing: Sensing) -> None:
         super().__init__(layer, place, sensing)

@@ -55,10 +55,8 @@ class RangeSensorLayer(CostmapLayer):
 
     def _cost(self) -> int | None:
         """Return the cost that the layer writes to all cells, if it has an effect."""
-        prior, clear, mark = (
-            int(probability * LETHAL_OBSTACLE)
-            for probability in (_PRIOR, self.clear_threshold, self.mark_threshold)
-        )
+        probabilities = (_PRIOR, self.clear_threshold, self.mark_threshold)
+        prior, clear, mark = (int(share * LETHAL_OBSTACLE) for share in probabilities)
         return LETHAL_OBSTACLE if prior > mark else FREE_SPACE if prior < clear else None
 
     def why_idle(self, has_unknown: bool) -> str | None:

@@ -55,7 +55,7 @@ class CostmapLayers:
 
     @property
     def has_keepout(self) -> bool:
-        return any(isinstance(layer, KeepoutFilter) for layer in self.layers)
+        return any(map(_is_keepout, self.layers))
 
     @property
     def inflates_keepout(self) -> bool:
@@ -95,9 +95,8 @@ class CostmapLayers:
         statics = [k for k, layer in enumerate(effective) if isinstance(layer, StaticLayer)]
         if not statics:
             return None
-        return tuple(
-            layer for layer in effective[statics[0] :] if isinstance(layer, InflationLayer)
-        )
+        above = effective[statics[0] :]
+        return tuple(layer for layer in above if isinstance(layer, InflationLayer))
 
     @property
     def obstacle_rule(self) -> tuple[int, UnknownPolicy] | None:

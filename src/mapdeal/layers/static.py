@@ -142,8 +142,8 @@ class StaticLayer(CostmapLayer):
         text += ", unknown " + ("stays unknown" if self.track_unknown_space else "becomes free")
         if not self.use_maximum:
             return text
-        rule = "; costs are only raised"
-        return text + rule + (", unknown above lethal" if self.unknown_is_highest else "")
+        text += "; costs are only raised"
+        return f"{text}, unknown above lethal" if self.unknown_is_highest else text
 
     @classmethod
     def from_nav2(cls, values: base.Nav2Values, entry: base.PluginEntry) -> StaticLayer:
@@ -206,11 +206,9 @@ class LiveStatic(base.LiveLayer):
         if rolls and not self.place.size_margin:  # Nav2 newer than Kilted
             frame = self.frame
         if frame is not None and (rolls or self._is_new):
-            shift = frame.resolution / 2
-            ends = [
-                np.array([corner, corner + cells * frame.resolution]) + shift
-                for corner, cells in zip(frame.origin[:2], frame.shape[::-1], strict=True)
-            ]
+            x, y, _ = frame.origin
+            width, height = frame.size_xy
+            ends = np.array([[x, x + width], [y, y + height]]) + frame.resolution / 2
             update.bounds.touch(*ends)
         self._is_new = False
         if isinstance(self.layer, StaticLayer) and self.layer.footprint_clearing_enabled:

@@ -304,11 +304,9 @@ def swatches_in(pixels: NDArray[np.uint8], swatches: Sequence[Swatch]) -> list[S
 
 def frame_text(frame: Frame, part: Region | None = None) -> str:
     # If the picture shows only a part of the map, the part's size is added.
-    width, height = frame.width * frame.resolution, frame.height * frame.resolution
-    text = (
-        f"{frame.width} x {frame.height} cells, {frame.resolution:.6g} m each, "
-        f"{width:.6g} x {height:.6g} m"
-    )
+    width, height = frame.size_xy
+    text = f"{frame.width} x {frame.height} cells, {frame.resolution:.6g} m each, "
+    text += f"{width:.6g} x {height:.6g} m"
     x, y, yaw = frame.origin
     if yaw:
         text += f", from {x:.10g}, {y:.10g} at yaw {yaw:.4g} (not turned here)"

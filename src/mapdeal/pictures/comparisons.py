@@ -70,9 +70,8 @@ def merge_image(
         swatches=tuple(Swatch(kind, text) for kind, text in legend.items()),
     )
     title = title or f"{', '.join(names[:-1])} and {names[-1]}, merged"
-    return canvas.on_sheet(
-        raster.enlarged(raster.largest(kinds)), style, frame, raster, title=title
-    )
+    pixels = raster.enlarged(raster.largest(kinds))
+    return canvas.on_sheet(pixels, style, frame, raster, title=title)
 
 
 # Codes of cells; of several cells in a pixel the largest code shows.

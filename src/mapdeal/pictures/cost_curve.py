@@ -195,9 +195,8 @@ class _Drawing:
         limit = pen.sheet.shape[1] - 2 * _SIZE
         pen.text(_SIZE, _SIZE, title, limit=limit, large=True)
         text = "cost over the distance from the nearest obstacle, on cells of "
-        text += f"{self.curve.resolution:.6g} m" + (
-            f"; {self.curve.note}" if self.curve.note else ""
-        )
+        text += f"{self.curve.resolution:.6g} m"
+        text += f"; {self.curve.note}" if self.curve.note else ""
         pen.text(_SIZE, _SIZE + int(1.55 * _SIZE), text, limit=limit)
         self._bars()
         self._unseen()

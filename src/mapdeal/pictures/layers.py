@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypedDict, cast
+from typing import Any, NamedTuple, TypedDict, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -261,9 +261,8 @@ def _draw_isolines(
     bands = raster.enlarged(raster.smallest(np.where(np.isfinite(bands), bands, -1)))
     lines = np.zeros(bands.shape, np.bool_)
     for nearer, farther in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
-        lines[farther] |= (
-            (bands[nearer] != bands[farther]) & (bands[nearer] >= 0) & (bands[farther] >= 0)
-        )
+        differs = bands[nearer] != bands[farther]
+        lines[farther] |= differs & (np.minimum(bands[nearer], bands[farther]) >= 0)
     pixels[lines] = styles.POTENTIAL_LINE
     return bool(lines.any())
 
@@ -273,10 +272,8 @@ def _range_text(field: PotentialField) -> str:
     low, high = float(potential.min()), float(potential.max())
     if field.goal is None:
         return f"repulsion {low:.4g} .. {high:.4g}"
-    return (
-        f"potential {low:.4g} .. {high:.4g}, gains {field.attractive_gain:g} and "
-        f"{field.repulsive_gain:g}"
-    )
+    gains = f"gains {field.attractive_gain:g} and {field.repulsive_gain:g}"
+    return f"potential {low:.4g} .. {high:.4g}, {gains}"
 
 
 def _draw_arrows(on: overlays.Surface, field: PotentialField) -> int:
@@ -284,8 +281,8 @@ def _draw_arrows(on: overlays.Surface, field: PotentialField) -> int:
     step = max(1, math.ceil(max(_ARROW_SPACING, on.side / 36) / scale))
     row, col, *size = on.raster.part or (0, 0, *field.shape)
     rows, cols = (
-        first + np.arange(step // 2, length, step)
-        for first, length in zip((row, col), size, strict=True)
+        row + np.arange(step // 2, size[0], step),
+        col + np.arange(step // 2, size[1], step),
     )
     # turned to columns and rows, the axes of the picture
     x, y = field.downhill()
@@ -308,8 +305,7 @@ _SLOW_TO_FAST = [palette.CLOSED_PASSAGE, palette.TIGHT_PASSAGE, palette.CHANGED]
 _MOST_LIMITS = 12  # colours of limits; further limits share them
 
 
-@dataclass(frozen=True, eq=False)
-class _ColouredCells:
+class _ColouredCells(NamedTuple):
     """The cells of a speed limit or of another filter, with their colour."""
 
     cells: NDArray[np.bool_]
@@ -331,10 +327,8 @@ class ZonesOverlay(overlays.Overlay):
         colours: list[palette.Colour] = []
         for zone in self._coloured_cells:
             colour = np.array([zone.colour])
-            free, unknown = (
-                palette.mixed(colour, (255, 255, 255), 0.55),
-                palette.mixed(colour, palette.RVIZ_UNKNOWN, 0.6),
-            )
+            free = palette.mixed(colour, (255, 255, 255), 0.55)
+            unknown = palette.mixed(colour, palette.RVIZ_UNKNOWN, 0.6)
             colours += [tuple(map(int, each[0])) for each in (free, unknown, colour)]  # type: ignore[misc]
         return colours
 

@@ -118,11 +118,8 @@ def bounds_circumscribed(costmap: Costmap) -> bool:
 def potential_style(field: PotentialField) -> LayerStyle:
     scale = colours.interpolated(colours.POTENTIAL_ANCHORS, POTENTIAL_LEVELS)
     special = [colours.LETHAL, colours.ARROW, colours.GOAL, colours.RVIZ_UNKNOWN, colours.ROUTE]
-    swatches = [
-        Swatch(POTENTIAL_OBSTACLE, "obstacle"),
-        Swatch(POTENTIAL_LEVELS + POTENTIAL_LEVELS // 4, "unknown: faded"),
-        Swatch(POTENTIAL_ARROW, "downhill"),
-    ]
+    faded = Swatch(POTENTIAL_LEVELS + POTENTIAL_LEVELS // 4, "unknown: faded")
+    swatches = [Swatch(POTENTIAL_OBSTACLE, "obstacle"), faded, Swatch(POTENTIAL_ARROW, "downhill")]
     if field.goal is not None:
         swatches.append(Swatch(POTENTIAL_GOAL, "goal"))
     if field.region is not None:

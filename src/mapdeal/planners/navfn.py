@@ -59,9 +59,8 @@ class NavfnPlanner(Planner):
         if turns < 1:
             plan = no_plan("NoValidPathCouldBeFound", "max_cycles_factor leaves no turns")
             return replace(plan, is_reached=True)
-        points, outcome = traced_path(
-            potential, _rounded(grid, start[:2]), _rounded(grid, end), turns=turns
-        )
+        ends = _rounded(grid, start[:2]), _rounded(grid, end)
+        points, outcome = traced_path(potential, *ends, turns=turns)
         if outcome != "found":
             detail = _failure(grid, points, outcome, turns)
             return replace(no_plan("NoValidPathCouldBeFound", detail), is_reached=True)
@@ -121,20 +120,16 @@ class NavfnPlanner(Planner):
 
 def _rounded(grid: PlannerGrid, point: Point) -> Cell:
     """Return column and row of the nearest corner of cells; halves are rounded up."""
-    column, row = (
-        math.floor((at - first) / grid.resolution + 0.5)
-        for at, first in zip(point, grid.origin, strict=True)
-    )
-    return column, row
+    x, y = grid.place_of(point)
+    return math.floor(x + 0.5), math.floor(y + 0.5)
 
 
 def _with_end(path_xy: NDArray[np.float64], end: Point) -> NDArray[np.float64]:
     """Return the path to the goal: its last point is replaced if the goal is nearer, or near it."""
     if len(path_xy) >= 2:
         last, before = path_xy[-2:][::-1]
-        from_last, from_before, step = (
-            float((gap**2).sum()) for gap in (last - end, before - end, last - before)
-        )
+        gaps = (last - end, before - end, last - before)
+        from_last, from_before, step = (float((gap**2).sum()) for gap in gaps)
         if step > from_before or from_last < _NEAR:
             return np.vstack([path_xy[:-1], end])
     return np.vstack([path_xy, end])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
@@ -40,11 +40,13 @@ class PlannerGrid:
     def cell_of(self, pose: Pose) -> tuple[int, int] | None:
         """Return row and column as ``worldToMap`` does; None outside of the costmap."""
         rows, columns = self.costs.shape
-        column, row = (
-            math.floor((at - start) / self.resolution)
-            for at, start in zip(pose[:2], self.origin, strict=True)
-        )
+        column, row = map(math.floor, self.place_of(pose))
         return (row, column) if 0 <= row < rows and 0 <= column < columns else None
+
+    def place_of(self, point: Sequence[float]) -> tuple[float, float]:
+        """Return x and y in cells."""
+        west, south = self.origin
+        return (point[0] - west) / self.resolution, (point[1] - south) / self.resolution
 
 
 _NO_POSES = np.empty((0, 3))

@@ -63,10 +63,8 @@ class Smac2DPlanner(Planner):
         tolerance = float(np.float32(self.number("tolerance")) / np.float32(grid.resolution))
         if not _is_zone_open(np.isfinite(step_costs[0]), grid, goal_xy, tolerance):
             return no_plan("GoalOccupied")
-        limit, most_near_goal = (
-            iterations if (iterations := self.integer(name)) > 0 else _ENDLESS
-            for name in ("max_iterations", "max_on_approach_iterations")
-        )
+        limit, most_near_goal = map(self.integer, ("max_iterations", "max_on_approach_iterations"))
+        limit, most_near_goal = (n if n > 0 else _ENDLESS for n in (limit, most_near_goal))
         cells, iterations = grid_path(
             grid.costs, step_costs, first, last, goal_xy, tolerance=tolerance,
             most_iterations=limit, most_near_goal=most_near_goal,
@@ -82,11 +80,9 @@ class Smac2DPlanner(Planner):
         poses = self._smoothed(grid, np.array(grid.origin, np.float32).astype(np.float64) + corners)
         if cells[-1] == last:
             poses[-1, :2] = goal[:2]
-        return Plan(
-            True,
-            poses=poses_of(poses, None if approaches else goal[2]),
-            cost=float((np.where(is_diagonal, math.sqrt(2), 1) * costs).sum()),
-        )
+        poses = poses_of(poses, None if approaches else goal[2])
+        cost = float((np.where(is_diagonal, math.sqrt(2), 1) * costs).sum())
+        return Plan(True, poses=poses, cost=cost)
 
     def _smoothed(self, grid: PlannerGrid, path: Floats) -> Floats:
         """Return the smoothed poses, with the directions of their steps."""
@@ -116,10 +112,7 @@ class Smac2DPlanner(Planner):
 
 def _continuous_cell(grid: PlannerGrid, pose: Pose) -> tuple[float, float] | None:
     """Return a place in cells, x and y rounded to float32; None outside of the costmap."""
-    x, y = (
-        float(np.float32((at - first) / grid.resolution))
-        for at, first in zip(pose[:2], grid.origin, strict=True)
-    )
+    x, y = (float(np.float32(at)) for at in grid.place_of(pose))
     rows, columns = grid.costs.shape
     is_inside = pose[0] >= grid.origin[0] and pose[1] >= grid.origin[1] and x < columns and y < rows
     return (x, y) if is_inside else None
@@ -146,9 +139,8 @@ def _with_directions(path: Floats) -> Floats:
     """Return poses that look to the next one; those at one place with it do not turn."""
     poses, steps = np.zeros((len(path), 3)), np.diff(path, axis=0)
     poses[:, :2] = path
-    poses[:-1, 2] = np.where(
-        (np.abs(steps) < _SAME).all(axis=1), 0.0, np.arctan2(steps[:, 1], steps[:, 0])
-    )
+    is_same = (np.abs(steps) < _SAME).all(axis=1)
+    poses[:-1, 2] = np.where(is_same, 0.0, np.arctan2(steps[:, 1], steps[:, 0]))
     return poses
 
 

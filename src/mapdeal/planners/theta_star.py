@@ -48,9 +48,8 @@ class ThetaStarPlanner(Planner):
         approaches = self.flag("use_final_approach_orientation")
         if start_cell == goal_cell:
             return Plan(True, poses=np.array([[*start[:2], (start if approaches else goal)[2]]]))
-        steps, sights = theta_costs(
-            self.number("w_traversal_cost"), allow_unknown=self.flag("allow_unknown")
-        )
+        weight, allow_unknown = self.number("w_traversal_cost"), self.flag("allow_unknown")
+        steps, sights = theta_costs(weight, allow_unknown=allow_unknown)
         if np.isinf([steps[grid.costs[cell]] for cell in (start_cell, goal_cell)]).any():
             return no_plan("PlannerException")
         width = grid.costs.shape[1]

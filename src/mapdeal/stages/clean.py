@@ -134,12 +134,6 @@ def clean(
     Cleaned
         Cleaned map and counts of the changes.
 
-    Raises
-    ------
-    ParameterError
-        If `grid` is not a map of free, occupied and unknown cells, or a number of cells is
-        negative or not an integer.
-
     Warns
     -----
     MapdealWarning
@@ -147,11 +141,9 @@ def clean(
 
     Notes
     -----
-    Cells beyond the edges of the map count as unknown: a component at an edge touches them. Holes
-    in free space are filled first, because this joins areas separated by gaps between beams;
-    islands, holes in walls, and obstacles follow. In this order a second pass changes nothing. No
-    wall is opened: free and unknown cells share an edge only where they did before, and obstacles
-    of at least `min_obstacle` cells keep all of their cells.
+    Cells beyond the edges of the map count as unknown. Holes in free space are filled first, which
+    joins areas separated by gaps between beams; islands, holes in walls, and obstacles follow. In
+    this order a second pass changes nothing. No wall is opened.
 
     Examples
     --------

@@ -116,12 +116,9 @@ def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
 
     Notes
     -----
-    Cells outside the mask, or where it is unknown, keep their cost. Elsewhere the larger of the two
-    costs is used; an unknown cost is always replaced by the mask's.
-
-    References
-    ----------
-    Nav2's ``KeepoutFilter`` with base 0 and multiplier 1, but with the mask's yaw applied.
+    As Nav2's ``KeepoutFilter`` with base 0 and multiplier 1, but with the mask's yaw applied. Cells
+    outside the mask, or where it is unknown, keep their cost. Elsewhere the larger of the two costs
+    is used; an unknown cost is always replaced by the mask's.
 
     Examples
     --------

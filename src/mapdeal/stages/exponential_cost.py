@@ -165,11 +165,10 @@ def exponential_cost(
 
     Notes
     -----
-    The range is closed and counted in cells, d <= ceil(inflation_radius / resolution), so costs
-    extend up to almost one cell beyond the radius. The brushfire of costmap_2d, up to Nav2 Kilted,
-    overestimates the distance of a few cells; the exact costs here are never lower. With lookup
-    ``nav2`` they equal those of newer releases byte for byte. Unknown cells that a field counts as
-    obstacles are lethal, regardless of `track_unknown_space`.
+    The range is closed and counted in cells, d <= ceil(inflation_radius / resolution). Costs are
+    never below those of the brushfire of costmap_2d up to Nav2 Kilted, and with lookup ``nav2``
+    equal those of newer releases byte for byte. Unknown cells that a field counts as obstacles are
+    lethal.
 
     References
     ----------
@@ -245,9 +244,8 @@ class BaseCosts:
         obstacles = np.arange(map_values.OCCUPIED + 1) >= field.lethal_threshold
         differs[: map_values.OCCUPIED + 1] = is_lethal[: map_values.OCCUPIED + 1] != obstacles
         if field.unknown == "free" and around_unknown:
-            differs[map_values.UNKNOWN] = (
-                self.table[map_values.UNKNOWN] == map_values.NO_INFORMATION
-            )
+            is_tracked = self.table[map_values.UNKNOWN] == map_values.NO_INFORMATION
+            differs[map_values.UNKNOWN] = is_tracked
         return not differs.any() or not counts_of(field.occupancy)[differs].any()
 
 

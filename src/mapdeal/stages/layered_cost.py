@@ -158,13 +158,11 @@ def layered_cost(
 
     Notes
     -----
-    A static layer replaces all costs below it. With ``use_maximum`` it only raises them: its own
-    unknown cells have no effect, and unknown costs below it are replaced. An inflation layer
-    spreads costs, in place, around the cells that are 254 after the layers below it. Lengths are
-    counted in cells of the float32 resolution of a map message, or of a rolling costmap's own
-    resolution, without a tolerance. A denoise layer frees the groups of fewer than
-    ``minimal_group_size`` cells that are 253 or 254; unknown cells belong to them where
-    `default_cost` is not 255.
+    A static layer replaces all costs below it, or with ``use_maximum`` raises them. An inflation
+    layer spreads costs around the cells that are 254 after the layers below it. Lengths are counted
+    in cells of the float32 resolution of a map message, or of a rolling costmap's own resolution,
+    without a tolerance. A denoise layer frees groups of fewer than ``minimal_group_size`` cells
+    that are 253 or 254, or unknown where `default_cost` is not 255.
 
     Unknown cells that a field counts as obstacles have value 100 for the layers; the field's
     distances are not used.

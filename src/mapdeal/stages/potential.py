@@ -166,9 +166,8 @@ def potential(
             if inside[0] and np.isinf(cost_to_go[tuple(cells[0])]):
                 text = f"the goal {goal[0]:.10g}, {goal[1]:.10g} is closed to {cost_to_go_of}"
                 emit_warning(f"potential: {text}: cost_to_go is inf everywhere")
-    repulsive = sum_of_inverse_distances(
-        obstacles, scale=source.resolution, least=LEAST_DISTANCE * (1 + 1e-9)
-    )
+    least = LEAST_DISTANCE * (1 + 1e-9)
+    repulsive = sum_of_inverse_distances(obstacles, scale=source.resolution, least=least)
     return PotentialField(
         np.minimum(repulsive, repulsive_cap), occupancy, source.resolution, source.origin,
         goal=goal, attractive_gain=attractive_gain, repulsive_gain=repulsive_gain,

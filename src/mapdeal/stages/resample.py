@@ -130,17 +130,11 @@ def rotate(grid: V, yaw: float = 0.0, *, rule: ResamplingRule = "area") -> V:
         quarter turns, which copy every cell. Angles within 2e-5 rad of a quarter turn, such as
         1.5708, count as one.
 
-    Raises
-    ------
-    ParameterError
-        If the angle is not finite, the rule is unknown, or the result would have too many cells.
-
     Notes
     -----
-    With ``area``, a cell gets the largest value above 0 that it overlaps. No obstacle is lost and
-    no wall opens, but walls get thicker on each side, by less than the diagonal of a cell. A cell
-    that overlaps no such value is free or unknown, as the grid is at its centre. With ``nearest``,
-    a cell gets the value at its centre, and thin walls may get gaps.
+    With ``area``, a cell gets the largest value above 0 that it overlaps, or else the free or
+    unknown one at its centre. No wall opens, but walls get thicker by less than a cell's diagonal.
+    With ``nearest``, a cell gets the value at its centre, and thin walls may get gaps.
 
     Examples
     --------
@@ -173,14 +167,9 @@ def straighten(grid: V, *, rule: ResamplingRule = "area") -> V:
     Parameters
     ----------
     grid : OccupancyGrid or Costmap
-        Grid to rotate.
+        Grid to rotate, by the result of `yaw_to_straighten`.
     rule : {'area', 'nearest'}
         As in `rotate`.
-
-    Returns
-    -------
-    OccupancyGrid or Costmap
-        Grid rotated by the result of `yaw_to_straighten`.
 
     Warns
     -----
@@ -326,12 +315,6 @@ def rescale(
         Grid of the same kind, origin and yaw. Its cells cover all of `grid`; cells that extend
         beyond it are unknown unless they overlap an obstacle or have their centre in `grid`. If
         an old cell is a whole number of new ones, these are copies of it.
-
-    Raises
-    ------
-    ParameterError
-        If the resolution is not allowed, the rule is unknown, or the result would have too many
-        cells.
 
     Examples
     --------

@@ -141,11 +141,9 @@ def threshold_cost(
 
     Notes
     -----
-    Distances are those between cell centres times the field's strength. A view that is given in
-    place of a field has whole numbers only: a threshold in metres then is the view at this
-    distance, and takes effect up to one view value closer to obstacles. Products are rounded to
-    1e-9 before they are truncated: 0.58 of 50 is 29. The rule is that of robot_costmap, where the
-    product overflows 8 bits; here 100 is reserved for obstacles.
+    Distances are those between cell centres times the field's strength. On a view, a threshold in
+    metres becomes the whole view value there. Products are rounded to 1e-9 before they are
+    truncated: 0.58 of 50 is 29. In robot_costmap the product overflows 8 bits.
 
     Examples
     --------
@@ -342,10 +340,6 @@ def ring_cost(
     -----
     MapdealWarning
         If the field has a strength other than 1: rings count cells.
-
-    References
-    ----------
-    ``Set_Cost_Map`` of the ROS package robot_costmap.
 
     Examples
     --------

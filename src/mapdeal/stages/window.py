@@ -209,9 +209,7 @@ def window(
 
     References
     ----------
-    ``copyCostmapWindow`` of costmap_2d, which fails if the window touches an upper edge, after
-    discarding the destination's cells, and moves the cells by up to one cell to the requested
-    corner.
+    ``copyCostmapWindow`` of costmap_2d, which fails at upper edges and moves cells by up to one.
 
     Examples
     --------
@@ -307,11 +305,6 @@ def shift_origin(
     default : int, optional
         Value of new cells, on the grid's scale; unknown if not given.
 
-    Raises
-    ------
-    ParameterError
-        If a coordinate is infinite or nan, or `default` is off the scale.
-
     Warns
     -----
     MapdealWarning
@@ -319,8 +312,7 @@ def shift_origin(
 
     References
     ----------
-    ``updateOrigin`` of costmap_2d, which truncates toward zero instead, so that 0.3 / 0.1 becomes
-    two cells.
+    ``updateOrigin`` of costmap_2d, which truncates: 0.3 / 0.1 becomes two cells there.
 
     Examples
     --------
