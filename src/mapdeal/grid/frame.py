@@ -55,7 +55,7 @@ def largest_square_within(radius: float, resolution: float) -> int:
 
 
 def as_numbers(values: Iterable[float]) -> tuple[float, ...]:
-    """Return values as floats, or no values if one is not a number."""
+    """Return values as floats; empty unless all are numbers."""
     try:
         return tuple(float(value) for value in values)
     except (TypeError, ValueError, OverflowError):
@@ -657,10 +657,10 @@ class Framed(Drawn, ABC):
     def _freeze(self, **layers: Layer) -> None:
         object.__setattr__(self, "resolution", check_resolution(self.resolution))
         object.__setattr__(self, "origin", check_origin(self.origin))
-        shape, *others = {array.shape for array in layers.values()}
+        shape, *more_shapes = {array.shape for array in layers.values()}
         rule = "layers must be two-dimensional, of one shape and not empty"
-        is_grid = not others and len(shape) == 2 and 0 not in shape
-        require(is_grid, rule, got=sorted([shape, *others]))
+        is_grid = not more_shapes and len(shape) == 2 and 0 not in shape
+        require(is_grid, rule, got=sorted([shape, *more_shapes]))
         for name, layer in layers.items():
             if not is_lazy(layer):
                 layer = np.ascontiguousarray(layer).view()

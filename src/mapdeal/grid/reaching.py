@@ -210,11 +210,11 @@ class WaysFrom:
 
     def widest(self) -> NDArray[np.float32]:
         """Return the least clearance on the widest way to each cell, metres, 0 if there is none."""
-        ways = self.ways
+        tree, squared, resolution = self.ways.tree, self.ways.squared, self.ways.frame.resolution
         if self.rooted is None:
-            return np.zeros(ways.squared.shape, dtype=np.float32)
+            return np.zeros(squared.shape, dtype=np.float32)
         return paths.widest_metres(
-            ways.tree, self.rooted, ways.squared, self.start, ways.frame.resolution, in_place=True
+            tree, self.rooted, squared, self.start, resolution, in_place=True
         )
 
 
@@ -242,20 +242,20 @@ DEFAULT_HEADINGS = 72
 
 
 def passages(
-    ways: Ways, is_open: NDArray[np.bool_], start: Cell, *, radius: float, margin: float,
+    clearances: Ways, is_open: NDArray[np.bool_], start: Cell, *, radius: float, margin: float,
     min_area: float, circumscribed_radius: float | None = None,
     is_reached: NDArray[np.bool_] | None = None,
 ) -> tuple[Passage, ...]:  # fmt: skip
     """Return the passages that stop a robot, or a robot larger by a margin, and cut off an area."""
-    tree = ways.tree
+    tree = clearances.tree
     root = int(tree.basins[start])
     if root < 0 or not len(tree.squares):
         return ()
-    closed, tight = (largest_closed_square(r, ways.frame) for r in (radius, radius + margin))
+    closed, tight = (largest_closed_square(r, clearances.frame) for r in (radius, radius + margin))
     levels = [(closed, -1), (tight, closed)]
     if is_reached is not None and circumscribed_radius is not None:
-        levels.append((largest_closed_square(circumscribed_radius, ways.frame), tight))
-    counts, least = ways.counts(is_open), ways.least_count(min_area)
+        levels.append((largest_closed_square(circumscribed_radius, clearances.frame), tight))
+    counts, least = clearances.counts(is_open), clearances.least_count(min_area)
     rising = [(wide, narrow) for wide, narrow in levels if wide > narrow]
     meetings = [_meetings(tree, counts, root, wide, narrow, least) for wide, narrow in rising]
     edges = np.concatenate(meetings)
@@ -263,7 +263,7 @@ def passages(
         return ()
     values = counts[:, np.newaxis]
     if is_reached is not None:
-        values = np.column_stack([counts, ways.counts(is_reached)])
+        values = np.column_stack([counts, clearances.counts(is_reached)])
     behind, near, far = _behind(tree, edges, root, values)
     is_passed = tree.squares[edges] > closed
     is_kept = behind[:, 0] > 0  # nan: there is no way
@@ -278,13 +278,13 @@ def passages(
     for level in meetings:
         of_level = slice(begin, begin := begin + len(level))
         if stops[of_level].any():
-            doors = _other_doors(ways, level, far[of_level], behind[of_level, 0])
+            doors = _other_doors(clearances, level, far[of_level], behind[of_level, 0])
             cells += [(cell, of_level.start + i) for cell, i in doors if stops[of_level][i]]
     found = []
     for cell, which in cells:
-        width = width_of(int(ways.squared.flat[cell]), ways.frame.resolution)
-        area, passes = float(behind[which, 0]) * ways.cell_area, bool(is_passed[which])
-        found.append(Passage(*ways.middle(cell), width, area, passes, ways.gap(cell)))
+        width = width_of(int(clearances.squared.flat[cell]), clearances.frame.resolution)
+        area, passes = float(behind[which, 0]) * clearances.cell_area, bool(is_passed[which])
+        found.append(Passage(*clearances.middle(cell), width, area, passes, clearances.gap(cell)))
     return tuple(sorted(found, key=_order))
 
 

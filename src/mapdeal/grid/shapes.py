@@ -19,7 +19,7 @@ from mapdeal.kernels.arrays import Integers
 
 _MOST_VERTICES = 10_000
 _ROWS_TOGETHER = 1 << 14  # of polygons: larger arrays leave the cache
-_FLAT = 1e-12  # largest area that is none, relative to the square of the extent
+_FLAT = 1e-12  # largest area that counts as none, relative to the extent squared
 
 
 @dataclass(frozen=True, repr=False)

@@ -183,8 +183,8 @@ def coincidences(walls: Mask, free: Mask, tolerance: int) -> list[tuple[float, f
         corner = np.maximum(-shift, 0)  # of the map on the cells of both
         size = np.maximum(corner + walls.shape, corner + shift + turned_walls.shape)
         own, turned_own = _placed(walls, corner, size), _placed(turned_walls, corner + shift, size)
-        both = ((own, turned_own), (turned_own, own))
-        agreeing = min(float((one & _enlarged(other, tolerance)).sum()) for one, other in both)
+        pairs = ((own, turned_own), (turned_own, own))
+        agreeing = min(float((cells & _enlarged(near, tolerance)).sum()) for cells, near in pairs)
         clear = _placed(free, corner, size) & _placed(turned_free, corner + shift, size)
         found.append((agreeing / max(walls.sum(), 1), float(clear.sum()) / max(free.sum(), 1)))
     return found
