@@ -19,7 +19,6 @@ from mapdeal.kernels.distance import (
     ringed,
     runs_of,
     signed_distance,
-    signed_squared_distance,
     squared_distance,
     within_distance,
 )
@@ -39,24 +38,21 @@ def maps(side, density, seed=0):
 
 
 @given(masks())
-def test_squares_equal_brute_force_and_are_negative_inside(occupied):
+def test_squares_and_signed_distances_equal_brute_force(occupied):
     outside, inside = oracles.squared_distance(occupied), oracles.squared_distance(~occupied)
-    squared, signed = squared_distance(occupied), signed_squared_distance(occupied)
-    far = unreachable(signed)
+    squared, signed = squared_distance(occupied), signed_distance(occupied)
     for cell in np.ndindex(occupied.shape):
-        side = inside[cell] if occupied[cell] else outside[cell]
-        expected = far if side is None else side
-        assert signed[cell] == (-expected if occupied[cell] else expected)
-        assert squared[cell] == (0 if occupied[cell] else expected)
+        assert squared[cell] == (unreachable(squared) if outside[cell] is None else outside[cell])
+        square = inside[cell] if occupied[cell] else outside[cell]
+        metres = np.float32(math.inf if square is None else math.sqrt(square))
+        assert signed[cell] == (-metres if occupied[cell] else metres)
 
 
 @given(masks(), st.integers(0, 300))
 def test_a_limit_makes_what_lies_beyond_unreachable(marked, limit):
-    endless = np.iinfo(np.int32).max
-    for squares in (squared_distance, signed_squared_distance):
-        unlimited = squares(marked)
-        expected = np.where(abs(unlimited) > limit, np.sign(unlimited) * endless, unlimited)
-        assert np.array_equal(squares(marked, limit=limit), expected)
+    unlimited = squared_distance(marked)
+    expected = np.where(unlimited > limit, np.iinfo(np.int32).max, unlimited)
+    assert np.array_equal(squared_distance(marked, limit=limit), expected)
 
 
 @pytest.mark.slow
@@ -89,12 +85,12 @@ def test_within_a_distance_is_a_threshold_on_squares(marked, square):
 def test_shifts_clip_and_gain_act_in_this_order(occupied, scale, outside, inside, clip, gain):
     shifts = {"outside_shift": outside, "inside_shift": inside}
     found = signed_distance(occupied, scale=scale, clip=clip, gain=gain, **shifts)
-    squares = signed_squared_distance(occupied)
-    metres = np.sqrt(np.abs(squares).astype(np.float64)) * scale
-    metres[np.abs(squares) == unreachable(squares)] = math.inf
+    squares = np.where(occupied, squared_distance(~occupied), squared_distance(occupied))
+    metres = np.sqrt(squares.astype(np.float64)) * scale
+    metres[squares == unreachable(squares)] = math.inf
     free = gain * np.clip(metres + outside, -clip, clip)
     within = np.clip(inside - metres, -clip, clip)
-    assert np.array_equal(found, np.where(squares > 0, free, within).astype(np.float32))
+    assert np.array_equal(found, np.where(occupied, within, free).astype(np.float32))
 
 
 FAR_COLUMNS = np.zeros((300, 900), dtype=bool)  # stretches beside columns without an obstacle
@@ -112,7 +108,9 @@ def test_long_distances_equal_an_independent_transform(marked):
     for threads in (1, 5):
         with use_threads(threads):
             assert np.array_equal(squared_distance(marked), expected)
-            assert np.array_equal(np.maximum(signed_squared_distance(marked), 0), expected)
+            metres = np.sqrt(np.where(expected == unreachable(expected), math.inf, expected))
+            found = np.maximum(signed_distance(marked), 0)
+            assert np.array_equal(found, metres.astype(np.float32))
 
 
 @pytest.mark.parametrize("width", [31, 32, 33, 63, 64, 65, 95, 97, 127, 129, 193])
@@ -121,8 +119,8 @@ def test_rows_that_end_within_a_block(width):
     marked[3, width - 1] = True
     expected = oracles.squared_distance_by_columns(marked)
     assert np.array_equal(squared_distance(marked), expected)
-    inside = signed_squared_distance(~marked)
-    assert np.array_equal(-inside[~marked], expected[~marked])
+    inside = signed_distance(~marked)
+    assert np.array_equal(-inside[~marked], np.sqrt(expected[~marked], dtype=np.float32))
 
 
 @pytest.mark.parametrize("shape", [(0, 0), (0, 5), (5, 0)])
@@ -150,7 +148,7 @@ def test_the_input_is_not_touched_and_may_be_any_view():
     squared_distance(marked)
     signed_distance(marked)
     bytes_by_distance(marked, np.zeros(5, dtype=np.uint8))
-    assert np.array_equal(signed_squared_distance(marked), signed_squared_distance(before))
+    assert np.array_equal(squared_distance(marked), squared_distance(before))
     assert np.array_equal(marked, before)
 
 
@@ -254,9 +252,8 @@ def test_both_engines_agree_on_1000_x_500_cells(each_engine, density):
     marked = rng.random((1000, 500)) < density
     marked[:500, 50:325] = density > 0.5
     for name, arguments in [
-        ("squares", {"both_kinds": True, "limit": None}),
-        ("squares", {"both_kinds": False, "limit": None}),
-        ("squares", {"both_kinds": True, "limit": 40_000}),
+        ("squares", {"limit": None}),
+        ("squares", {"limit": 40_000}),
         ("metres", METRIC),
         ("metres", METRIC | {"clip": math.inf, "gain": 1.0}),
         ("bytes_of_squares", {"table": rng.integers(0, 256, 40_002, dtype=np.uint8)}),

@@ -28,11 +28,10 @@ if TYPE_CHECKING:
 LONGEST_SIDE = _compiled.longest_side  # cells; the scipy twin handles longer ones
 
 
-def squares(marked: Mask, both_kinds: bool, limit: int | None) -> SquaredDistances:
-    """Return squared distances; on marked cells negative with `both_kinds`, else 0."""
+def squares(marked: Mask, limit: int | None) -> SquaredDistances:
     squared = np.empty(marked.shape, arrays.dtype_of_squares(marked.shape))
     transform = _transform(marked, squared, limit)
-    transform.to_squares(both_kinds)
+    transform.to_squares(both_kinds=False)
     _run(transform, squared.size)
     return squared
 

@@ -90,15 +90,8 @@ def _reaching(
 
 
 def squared_distance(marked: Mask, *, limit: int | None = None) -> SquaredDistances:
-    return _squares(marked, limit, both_kinds=False)
-
-
-def signed_squared_distance(occupied: Mask, *, limit: int | None = None) -> SquaredDistances:
-    return _squares(occupied, limit, both_kinds=True)
-
-
-def _squares(marked: Mask, limit: int | None, *, both_kinds: bool) -> SquaredDistances:
-    return _engine(marked).squares(marked, both_kinds, limit)  # type: ignore[no-any-return]
+    """Return squared distances to marked cells; those above the limit are `unreachable`."""
+    return _engine(marked).squares(marked, limit)  # type: ignore[no-any-return]
 
 
 def signed_distance(

@@ -17,14 +17,10 @@ from mapdeal.kernels.polygons import Cell, Pose, Spans, enumerated, halves
 from mapdeal.kernels.threads import claim_tables, for_rows
 
 
-def squares(marked: Mask, both_kinds: bool, limit: int | None) -> SquaredDistances:
+def squares(marked: Mask, limit: int | None) -> SquaredDistances:
     squared = _squares_to(marked)
-    if both_kinds:
-        np.negative(_squares_to(~marked), out=squared, where=marked)
     if limit is not None:
-        endless = arrays.unreachable(squared)
-        squared[squared > limit] = endless
-        squared[squared < -limit] = -endless
+        squared[squared > limit] = arrays.unreachable(squared)
     return squared
 
 
@@ -38,7 +34,7 @@ def metres(
 ) -> Metres:  # fmt: skip
     # the steps are those of `metres_of` in distance_columns.h
     if halo is None:
-        squared = np.abs(squares(marked, True, None))
+        squared = np.where(marked, _squares_to(~marked), _squares_to(marked))
     else:
         squared = squares_of_block(marked, halo)
     endless = squared == arrays.unreachable(squared)
