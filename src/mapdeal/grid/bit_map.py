@@ -116,8 +116,7 @@ class BitMap(Framed):
     def get(self, cells_rowcol: ArrayLike) -> NDArray[np.bool_]:
         """Return the bits of cells (row, column) of the grid, shape (N, 2), as bool, shape (N,)."""
         rows, cols = self._checked(cells_rowcol)
-        bits: NDArray[np.bool_] = (self.packed[rows, cols >> 3] << (cols & 7) & 0x80) != 0
-        return bits
+        return np.asarray((self.packed[rows, cols >> 3] << (cols & 7) & 0x80) != 0)
 
     def set(self, cells_rowcol: ArrayLike, value: bool = True) -> BitMap:
         """Return a bit map with cells (row, column) of the grid, shape (N, 2), set to a value."""

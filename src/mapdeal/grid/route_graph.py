@@ -184,8 +184,7 @@ class Sweeps:
         places = start + np.linspace(0, 1, count)[:, np.newaxis] * (end - start)
         # short pieces, so that the robot looks along the line in each
         is_free, least = self.along(places[:-1], places[1:], touches=touches)
-        worst: NDArray[np.float64] = places[np.where(is_free, np.inf, least).argmin()]
-        return worst
+        return np.asarray(places[np.where(is_free, np.inf, least).argmin()])
 
     def _fits(
         self, starts: NDArray[np.float64], ends: NDArray[np.float64], counts: NDArray[np.int64],

@@ -319,8 +319,7 @@ class OpenPoses:
         """Return the component, from 1, of each open cell, 0 elsewhere; repeatable."""
         from scipy import ndimage
 
-        labels: NDArray[np.int32] = ndimage.label(self._plane(heading))[0]
-        return labels
+        return np.asarray(ndimage.label(self._plane(heading))[0])
 
     def _joined(self) -> tuple[list[int], Integers]:
         """Return the component count of each heading, and pairs that touch in the next heading."""

@@ -69,7 +69,7 @@ class CostmapArea:
         return corner
 
 
-_FIELDS = {
+AREA_FIELDS = {
     name: Parameter(name, default, kind, optional=False, conditions=conditions)
     for name, kind, default, conditions in (
         ("height", int, None, (ABOVE_0,)), ("width", int, None, (ABOVE_0,)),
@@ -89,7 +89,7 @@ def accept_area(name: str, value: object) -> CostmapArea:
     global_frame = values.pop("global_frame", "map")
     if not isinstance(global_frame, str):
         raise ParameterError("must be text", place=f"{name}.global_frame", got=global_frame)
-    accepted: dict[str, Any] = accept_parameters(_FIELDS, values, name)
+    accepted: dict[str, Any] = accept_parameters(AREA_FIELDS, values, name)
     if accepted["height"] * accepted["width"] > MOST_CELLS:
         raise ParameterError(f"must not have more than {MOST_CELLS} cells", place=name, got=value)
     return CostmapArea(**accepted, global_frame=global_frame)

@@ -113,8 +113,7 @@ def _rgb_from_oklab(lab: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _product(matrix: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    product: NDArray[np.float64] = (vectors[:, np.newaxis] * matrix).sum(axis=-1)
-    return product
+    return np.asarray((vectors[:, np.newaxis] * matrix).sum(axis=-1))
 
 
 @dataclass(frozen=True)

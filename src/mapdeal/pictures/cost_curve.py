@@ -198,12 +198,9 @@ class _Drawing:
         text += f"{self.curve.resolution:.6g} m"
         text += f"; {self.curve.note}" if self.curve.note else ""
         pen.text(_SIZE, _SIZE + int(1.55 * _SIZE), text, limit=limit)
-        self._bars()
-        self._unseen()
-        self._grid_lines()
+        self._draw_costs()
         self._draw_marks()
-        self._formula()
-        self._dots()
+        self._draw_curve()
         self._axes()
         self._draw_band()
         self._ribbon(ribbon_top)
@@ -227,42 +224,30 @@ class _Drawing:
     def _column(self, metres: float) -> int:
         return round(float(self._places(metres, 0)[0]))
 
-    def _costs_of_columns(self) -> NDArray[np.int64]:
-        curve = self.curve
+    def _draw_costs(self) -> None:
+        """Draw bars of costs, and tint distances at which the robot may collide at no cost."""
+        curve, sheet = self.curve, self.pen.sheet
         costs = curve.cost_near(np.maximum(self._metres / curve.resolution, 0.0))
         if curve.metric == "euclidean":
             costs[self._metres > max(curve.reach, self.half)] = 0
-        return costs
-
-    def _bars(self) -> None:
-        for column, cost in enumerate(self._costs_of_columns().tolist()):
+        for column, cost in enumerate(costs.tolist()):
             top = self.bottom - cost * self.per_cost
-            self.pen.sheet[top : self.bottom, self.left_x + column] = self.palette.by_value[cost]
-
-    def _grid_lines(self) -> None:
-        for cost in self.ticks[1:]:
-            row = self.pen.sheet[self.bottom - cost * self.per_cost, self.left_x : self.right]
-            row[row == canvas.WHITE] = canvas.WHITE - 2
-
-    def _unseen(self) -> None:
-        """Tint the distances at which the robot may collide although there is no cost."""
+            sheet[top : self.bottom, self.left_x + column] = self.palette.by_value[cost]
         for zone in self.zones:
             if zone.kind in (ZoneKind.UNSEEN_COLLISION, ZoneKind.UNSEEN_HEADING):
                 a, b = (self._column(x) for x in (zone.start, zone.end))
-                under = self.pen.sheet[self.top : self.bottom, a:b]
+                under = sheet[self.top : self.bottom, a:b]
                 under[under == canvas.WHITE] = len(self.palette.colours) + len(ZoneKind)
+        for cost in self.ticks[1:]:  # grid lines
+            row = sheet[self.bottom - cost * self.per_cost, self.left_x : self.right]
+            row[row == canvas.WHITE] = canvas.WHITE - 2
 
-    def _formula(self) -> None:
+    def _draw_curve(self) -> None:
+        """Draw the formula, and dots for the costs of distances between cells."""
+        brush = Brush(self.pen.sheet)
         line = self.formula(2 * _WIDTH)
         if line is not None:
-            Brush(self.pen.sheet).polyline(self._places(*line), canvas.BLACK, thickness=2)
-
-    def _dots_shown(self) -> list[_Dot]:
-        kinds = [_ALONG_ROW, _OFF_ROW] if self.curve.metric == "euclidean" else [_ALONG_ROW]
-        return [kind for kind in kinds if self._per_cell >= kind.room]
-
-    def _dots(self) -> None:
-        brush = Brush(self.pen.sheet)
+            brush.polyline(self._places(*line), canvas.BLACK, thickness=2)
         curve = self.curve
         if curve.circumscribed_radius is not None and curve.circumscribed_cost:
             place = self._places(curve.circumscribed_radius, curve.circumscribed_cost)
@@ -273,6 +258,10 @@ class _Drawing:
             for place in self._places(curve.distance[mask], curve.cost[mask]):
                 brush.dot(place, canvas.WHITE, radius=dot.radius + 1.2)
                 brush.dot(place, canvas.BLACK, radius=dot.radius)
+
+    def _dots_shown(self) -> list[_Dot]:
+        kinds = [_ALONG_ROW, _OFF_ROW] if self.curve.metric == "euclidean" else [_ALONG_ROW]
+        return [kind for kind in kinds if self._per_cell >= kind.room]
 
     def _draw_contour_dot(self, place: NDArray[np.float64]) -> None:
         brush = Brush(self.pen.sheet)

@@ -16,7 +16,6 @@ from mapdeal.compatibility import Unpack
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField, PotentialField
 from mapdeal.grid.filters import FilterInfo
-from mapdeal.grid.frame import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import Layer, looked_up, swept
@@ -68,6 +67,11 @@ class Drawing(ABC):
     def image(self, title: str) -> Image:
         """Return the picture, after all rows were collected."""
 
+    def draw(self, title: str) -> Image:
+        for rows in swept(self._grid.layer):
+            self.take(rows)
+        return self.image(title)
+
     def _on_sheet(
         self, pixels: NDArray[np.uint8], style: LayerStyle, title: str, *, more: str = "",
         swatches: Sequence[Swatch] | None = None,
@@ -94,7 +98,7 @@ class OccupancyDrawing(Drawing):
 
 def occupancy_image(grid: OccupancyGrid, *, title: str, **options: Unpack[PictureOptions]) -> Image:
     # Of several cells in a pixel the most occupied one shows.
-    return _draw_by_rows(OccupancyDrawing(grid, **options), grid, title)
+    return OccupancyDrawing(grid, **options).draw(title)
 
 
 class FieldDrawing(Drawing):
@@ -148,7 +152,7 @@ def field_image(field: DistanceField, *, title: str, **options: Unpack[PictureOp
     # The outermost obstacle cells, which are 0 in the Fast-Planner convention, are black. Unknown
     # cells are faded, cells without a distance grey. Of several cells in a pixel the smallest
     # distance shows. The scale ends at the largest distances of known cells.
-    return _draw_by_rows(FieldDrawing(field, **options), field, title)
+    return FieldDrawing(field, **options).draw(title)
 
 
 def _field_swatches(
@@ -195,13 +199,7 @@ class CostDrawing(Drawing):
 def cost_image(costmap: Costmap, *, title: str, **options: Unpack[PictureOptions]) -> Image:
     # Of several cells in a pixel the highest cost shows. If the circumscribed cost is known, a line
     # encloses the cells at or above it.
-    return _draw_by_rows(CostDrawing(costmap, **options), costmap, title)
-
-
-def _draw_by_rows(drawing: Drawing, grid: Framed, title: str) -> Image:
-    for rows in swept(grid.layer):
-        drawing.take(rows)
-    return drawing.image(title)
+    return CostDrawing(costmap, **options).draw(title)
 
 
 _ARROW_SPACING = 34.0  # pixels

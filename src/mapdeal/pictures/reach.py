@@ -160,8 +160,7 @@ class _Marks:
         return swatches + [Swatch(index, label) for is_there, index, label in legend if is_there]
 
     def _place(self, point: Sequence[float]) -> NDArray[np.float64]:
-        place: NDArray[np.float64] = self._on.places([point])[0]
-        return place
+        return np.asarray(self._on.places([point])[0])
 
     def _bars(self, passages: Sequence[Passage]) -> None:
         if not passages:

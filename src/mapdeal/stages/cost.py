@@ -145,5 +145,4 @@ def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
 def closed_by(mask: OccupancyGrid, frame: Frame) -> NDArray[np.bool_]:
     """Return the cells of a frame in which a keepout mask is 100, shape (H, W)."""
     nothing = Costmap(np.zeros(frame.shape, dtype=np.uint8), frame.resolution, frame.origin)
-    closed: NDArray[np.bool_] = apply_keepout_mask(nothing, mask).cost == LETHAL_OBSTACLE
-    return closed
+    return np.asarray(apply_keepout_mask(nothing, mask).cost == LETHAL_OBSTACLE)

@@ -21,13 +21,11 @@ from mapdeal.errors import ParameterError, require
 from mapdeal.grid.footprint import is_number
 from mapdeal.grid.frame import MOST_CELLS, Frame, check_origin, check_resolution
 from mapdeal.grid.reach import Goal
+from mapdeal.layers.area import AREA_FIELDS
 from mapdeal.layers.catalogue import KINDS
 from mapdeal.layers.layer import CostmapLayer
 
-_FRAME = {
-    name: Parameter(name, None, kind, optional=False, conditions=(command.ABOVE_0,))
-    for name, kind in {"height": int, "width": int, "resolution": float}.items()
-}
+_FRAME = {name: AREA_FIELDS[name] for name in ("height", "width", "resolution")}
 _FRAME["origin"] = Parameter("origin", None, tuple[float, float, float], False, ())
 _FRAME_EXAMPLE = "{height: 60, width: 80, resolution: 0.05, origin: [-2, -1.5, 0]}"
 
