@@ -268,9 +268,7 @@ _FARTHEST = float(1 << 40)  # cells; more than any grid has, and whole numbers s
 
 def footprint_spans(footprint: Footprint, frame: Frame, heading_count: int) -> tuple[Spans, ...]:
     """Return the cells that a footprint covers in each heading, relative to the robot's cell."""
-    # The robot's centre is the middle of its cell, so a corner lies in cell ``floor(0.5 +
-    # coordinate / resolution)``. Between the corners the cells are those that costmap_2d draws: its
-    # lines and their inside (`mapdeal.kernels.polygons`).
+    # The robot's centre is the middle of its cell. The cells are those that costmap_2d draws.
     yaw, vertices = frame.origin[2], footprint.corners
     turns = [2 * math.pi * k / heading_count - yaw for k in range(heading_count)]
     corners = [_corner_cells(vertices, turn, frame.resolution) for turn in turns]

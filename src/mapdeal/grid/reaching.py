@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from threading import Lock
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -497,8 +498,7 @@ class _RoundPoses(paths.OpenPoses):
         return reachable, np.repeat(is_reached[:, np.newaxis], self._heading_count, axis=1)
 
 
-@dataclass(frozen=True, eq=False)
-class _Stood:
+class _Stood(NamedTuple):
     """Where a robot can stand, and where it gets to from its start."""
 
     headings: Bytes

@@ -247,8 +247,7 @@ def gap_at(
     squared: SquaredDistances, basins: NDArray[np.int32], cell: tuple[int, int]
 ) -> tuple[RowCol, RowCol]:
     # In a thick wall all cells in the middle of a door are equally narrow, and any of them may be
-    # the saddle. From there the ridge continues over cells of equal width up to cells with a wider
-    # neighbour, where the rooms begin.
+    # the saddle. They are the ridge, up to cells with a wider neighbour, where the rooms begin.
     square = int(squared[cell])
     ridge = _ridge(squared, basins, cell)
     away = ((ridge - ridge.mean(axis=0)) ** 2).sum(axis=1)

@@ -36,10 +36,8 @@ def cost_table(allow_unknown: bool) -> Bytes:
 def potentials(
     costs: Bytes, start: Cell, target: Cell, *, allow_unknown: bool, is_astar: bool
 ) -> Metres:
-    """Return the potentials of all cells when the search ends, `UNREACHED` where it did not come.
-
-    Cells are x and y. A target beyond the last column stands for the first cell of the next row.
-    """
+    """Return the potentials of all cells when the search ends, elsewhere `UNREACHED`."""
+    # Cells are x, y. A target beyond the last column stands for the first cell of the next row.
     table, costs = cost_table(allow_unknown), np.ascontiguousarray(costs)
     potential = np.empty(costs.shape, np.float32)
     if engine_name() == "compiled":
@@ -125,11 +123,9 @@ def _potentials(costs: Bytes, start: Cell, target: Cell, is_astar: bool) -> arra
 
 
 def traced_path(potential: Metres, start: Cell, goal: Cell, *, turns: int) -> tuple[Metres, str]:
-    """Return the points of the path from goal to start, x and y in cells, and how the trace ended.
-
-    Each turn makes a step of half a cell down the gradient, or to the lowest neighbour near cells
-    that were not reached.
-    """
+    """Return the path from goal to start, x and y in cells, and how the trace ended."""
+    # Each turn makes a step of half a cell down the gradient, or to the lowest neighbour near cells
+    # that were not reached.
     if engine_name() == "compiled":
         from mapdeal.kernels import _planners
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,11 +78,8 @@ def corner_count(marked: Mask) -> int:
 
 
 def outlines(marked: Mask, tolerance: float = 0.0) -> Polygons:
-    """Return the outlines of marked cells, the largest first, moved by at most `tolerance` cells.
-
-    Rings do not cross, and touch only at corners of cells. The area of each polygon changes by at
-    most 1 %. With tolerance 0 the rings follow the cells.
-    """
+    """Return outlines of marked cells, the largest first, moved by at most `tolerance` cells."""
+    # Rings do not cross, and touch only at corners of cells. Areas change by at most 1 %.
     components = labelled(marked, corners=False)
     cells = components.sizes[1:]
     rings = _rings(marked, components.cells)
@@ -100,8 +98,7 @@ def outlines(marked: Mask, tolerance: float = 0.0) -> Polygons:
     return Polygons(corners, np.cumsum(stops - starts), shells, cells[order])
 
 
-@dataclass(frozen=True, eq=False)
-class _Rings:
+class _Rings(NamedTuple):
     corners: Floats  # (row, col), shape (N, 2)
     stays: Mask  # corners that must not move, shape (N,)
     ends: Integers
@@ -166,12 +163,8 @@ def _traced(follows: Integers, partner: Integers) -> tuple[Integers, Integers]:
     return order, ends[:count]
 
 
-@dataclass(frozen=True, eq=False)
-class _Corners:
-    """Turns of rings: lattice points, directions before and after, and an adjacent marked cell.
-
-    `partner` is the index of the other turn at the same lattice point, -1 without one.
-    """
+class _Corners(NamedTuple):
+    """Turns of rings: lattice points, directions before and after, and an adjacent marked cell."""
 
     row: Integers
     col: Integers
@@ -179,7 +172,7 @@ class _Corners:
     leaves: Integers
     inside_row: Integers
     inside_col: Integers
-    partner: Integers
+    partner: Integers  # the other turn at the same lattice point, -1 without one
 
 
 def _codes(marked: Mask) -> NDArray[np.uint8]:

@@ -230,9 +230,8 @@ def polygon_spans(rings: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> It
     # whose centre lies inside by the even-odd rule on the corners' centres. Cells inside a hole but
     # not on its outline are left out. A polygon that reaches beyond the grid is cut off exactly.
     # For a convex polygon these are the cells of costmap_2d's ``convexFillCells``, which fills each
-    # column from its lowest to its highest cell. Moving the corners to their cells keeps their
-    # order along both axes, so a column still meets just two edges, and the cells between the two
-    # lines of cells lie between these edges.
+    # column from its lowest to its highest cell: also with the corners moved to their cells, a
+    # column meets just two edges.
     ring_of = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
     yield from _drawn(edges_of_rings(rings), ring_of, shape)
 

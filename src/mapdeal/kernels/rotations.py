@@ -168,9 +168,8 @@ def _placed(layer: Mask, corner: Integers, size: Integers) -> Mask:
 
 def coincidences(walls: Mask, free: Mask, tolerance: int) -> list[tuple[float, float]]:
     """Return how far a map coincides with itself turned by 90, 180 and 270 degrees."""
-    # Each turn is placed where the walls correlate best. The shares are those of the walls that lie
-    # within a tolerance, in cells, of a wall of the other, and of the free cells that are free in
-    # it.
+    # Each turn is placed where the walls correlate best. The shares are of walls within a
+    # tolerance, in cells, of a wall of the other, and of free cells that are free in it.
     found = []
     for turns in (1, 2, 3):
         turned_walls, turned_free = np.rot90(walls, turns), np.rot90(free, turns)

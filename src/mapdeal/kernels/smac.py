@@ -34,10 +34,7 @@ class _Entry(float):
 
 
 def grid_step_costs(multiplier: float, *, allow_unknown: bool) -> Metres:
-    """Return costs of straight and diagonal steps by the cost of the entered cell, shape (2, 256).
-
-    They are infinite for closed cells.
-    """
+    """Return costs of straight and diagonal steps by the entered cell's, shape (2, 256); or inf."""
     single = np.float32
     straight = single(1) + single(multiplier) * (np.arange(256, dtype=single) / single(252))
     straight[253 : 255 + (not allow_unknown)] = np.inf
@@ -152,10 +149,7 @@ def theta_path(
     costs: Bytes, tables: tuple[Floats, Floats], start: int, goal: int, *, corners: int,
     distance_weight: float,
 ) -> list[int]:  # fmt: skip
-    """Return the cells where Theta*'s path turns, start and goal included; empty if there is none.
-
-    `corners` is the number of neighbours, 4 or 8.
-    """
+    """Return the cells where Theta*'s path turns, with start and goal; `corners` is 4 or 8."""
     costs = np.ascontiguousarray(costs)
     parents = np.zeros(costs.size, np.int64)
     weights = (distance_weight, min(1.0, distance_weight))

@@ -7,7 +7,6 @@ is closed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -64,16 +63,12 @@ def _rectangles_by_rows(marked: Mask) -> Rectangles:
     return Rectangles(row[is_first], row[is_last] + 1, start[is_first], stop[is_first])
 
 
-@dataclass(frozen=True, eq=False)
-class Surface:
-    """A closed surface: corners (row, col) in cells, the level of each, and triangles.
+class Surface(NamedTuple):
+    """A closed surface of triangles between corners."""
 
-    Level 0 is the floor, 2 the top, 1 half-way; triangles run anticlockwise seen from outside.
-    """
-
-    corners: Integers  # shape (N, 2)
-    levels: NDArray[np.uint8]  # shape (N,)
-    triangles: Integers  # shape (M, 3)
+    corners: Integers  # row and column in cells, shape (N, 2)
+    levels: NDArray[np.uint8]  # of corners, shape (N,): 0 is the floor, 2 the top, 1 half-way
+    triangles: Integers  # shape (M, 3), anticlockwise seen from outside
 
 
 def surface(marked: Mask) -> Surface:

@@ -266,11 +266,10 @@ def inflation_too_small(radius: float, inscribed: float) -> tuple[str, str]:
 
 
 class CostProfile:
-    """The costs of an inflation layer by distance, and how far they reach on a grid.
+    """The costs of an inflation layer by distance, and how far they reach on a grid."""
 
-    `cell_size` is the side of a cell, metres. ROS counts cells without a tolerance for radii that
-    are multiples of it on paper; `is_tolerant` allows for rounding.
-    """
+    # ROS counts cells without a tolerance for radii that are multiples of them on paper;
+    # `is_tolerant` allows for rounding.
 
     def __init__(
         self, layer: InflationLayer, shape: tuple[int, int], cell_size: float, *,

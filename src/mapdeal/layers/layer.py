@@ -74,10 +74,8 @@ class MasterGrid:
     def raise_to(
         self, costs: Costs, *, within: Mask | None = None, unknown_is_highest: bool = False
     ) -> None:
-        """Raise costs, as ``updateWithMax`` does: unknown never wins, and any cost replaces it.
-
-        Rolling static layers of older releases compare bytes instead, of which 255 is the highest.
-        """
+        """Raise costs, as ``updateWithMax`` does: unknown never wins, and any cost replaces it."""
+        # rolling static layers of older releases compare bytes instead, of which 255 is the highest
         if within is not None:
             lowest = FREE_SPACE if unknown_is_highest else NO_INFORMATION
             costs = np.where(within, costs, np.uint8(lowest))
@@ -230,17 +228,11 @@ class CostmapLayer(OneLine):
         return None
 
     def unknown_after(self, is_unknown: bool) -> bool:
-        """Return whether a cell unknown in the map is unknown after this layer is applied.
-
-        `is_unknown` is whether the cell was unknown before.
-        """
+        """Return whether a cell unknown in the map stays unknown, given whether it was before."""
         return is_unknown
 
     def may_leave_unknown(self, may_be_unknown: bool) -> bool:
-        """Return whether any cell may be unknown after this layer is applied.
-
-        `may_be_unknown` is whether any cell may be unknown before.
-        """
+        """Return whether any cell may be unknown afterwards, given whether one may be before."""
         return self.unknown_after(may_be_unknown)
 
     def halo(self, shape: tuple[int, int], cell_size: float) -> int:

@@ -273,10 +273,7 @@ def on_sheet(
     swatches: Sequence[Swatch] | None = None, before: str = "", more: str = "",
     overlay: Overlay | None = None,
 ) -> Image:  # fmt: skip
-    """Return the picture of a layer of a frame, with an overlay over it, on a sheet.
-
-    Without `swatches` the legend has the swatches of the style that occur in the picture.
-    """
+    """Return the picture of a layer on a sheet; by default with the swatches that occur."""
     texts = [before, frame_text(frame, raster.part), more]
     shown, palette = raster.frame_of(frame), style.colours
     legend = list(swatches_in(pixels, style.swatches) if swatches is None else swatches)

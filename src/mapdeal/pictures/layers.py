@@ -149,9 +149,7 @@ class FieldDrawing(Drawing):
 
 
 def field_image(field: DistanceField, *, title: str, **options: Unpack[PictureOptions]) -> Image:
-    # The outermost obstacle cells, which are 0 in the Fast-Planner convention, are black. Unknown
-    # cells are faded, cells without a distance grey. Of several cells in a pixel the smallest
-    # distance shows. The scale ends at the largest distances of known cells.
+    # Of several cells in a pixel the smallest distance shows.
     return FieldDrawing(field, **options).draw(title)
 
 
@@ -197,8 +195,7 @@ class CostDrawing(Drawing):
 
 
 def cost_image(costmap: Costmap, *, title: str, **options: Unpack[PictureOptions]) -> Image:
-    # Of several cells in a pixel the highest cost shows. If the circumscribed cost is known, a line
-    # encloses the cells at or above it.
+    # Of several cells in a pixel the highest cost shows.
     return CostDrawing(costmap, **options).draw(title)
 
 
@@ -209,9 +206,7 @@ def potential_image(
     field: PotentialField, *, title: str, image_max: int = overlays.DEFAULT_IMAGE_MAX,
     image_extent: overlays.ImageExtent = "all", overlay: overlays.Overlay | None = None,
 ) -> Image:  # fmt: skip
-    # Obstacles are black, unknown cells faded, cells without a potential grey. Of several cells in
-    # a pixel an obstacle shows, or else the highest potential. The arrows are on a coarse lattice
-    # and have one length.
+    # Of several cells in a pixel an obstacle shows, or else the highest potential.
     goal = () if field.goal is None else field.goal
     part = overlays.shown_part(
         field.occupancy, field.frame, image_extent, overlay=overlay, places_xy=goal

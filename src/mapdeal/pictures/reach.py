@@ -93,10 +93,7 @@ def reach_image(
     reach: Reach, *, title: str, image_max: int = overlays.DEFAULT_IMAGE_MAX,
     image_extent: overlays.ImageExtent = "all", overlay: overlays.Overlay | None = None,
 ) -> canvas.Image:  # fmt: skip
-    # The largest cut-off areas have a colour each. Passages are bars across the door with their
-    # width beside them, red if they are closed. The robot's outline at the start is true to scale.
-    # Of several cells in a pixel an obstacle shows first, then a cut-off area, then the reachable
-    # one.
+    # Of several cells in a pixel an obstacle shows first, then a cut-off area, then reached cells.
     codes, style = styles.reach_codes(reach)
     goals = [answer.goal for answer in _goals_on(reach)]
     places = [reach.start[:2], *((goal.x, goal.y) for goal in goals)]

@@ -84,9 +84,8 @@ class Cleaned(OneLine):
             yield f"{patches.components} {name}"
 
 
-# In maps of real robots at 5 cm, most specks of noise have one or two cells, but a table's leg has
-# more. Most holes between beams have fewer than ten cells, and most islands behind walls and
-# windows fewer than a hundred, 0.25 m2.
+# In maps of real robots at 5 cm, most specks of noise have one or two cells, most holes between
+# beams fewer than ten, and most islands behind walls and windows fewer than a hundred.
 @stage(
     name="clean",
     group="Changing a map",
