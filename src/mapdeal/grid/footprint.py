@@ -30,10 +30,12 @@ def checked_corners(
     require(count <= most, f"a {shape} has at most {most} vertices", shape, got=count)
     corners: list[Point] = []
     for number, vertex in enumerate(points, start=1):
-        place, numbers = f"{shape} vertex {number}", as_numbers(vertex)
-        require(len(numbers) == 2, "a vertex must be a pair of numbers [x, y]", place, got=vertex)
-        rule = f"coordinates must be finite and within {within:g} m"
-        require(are_near(numbers, within), rule, place, got=numbers)
+        numbers = as_numbers(vertex)
+        if len(numbers) != 2 or not are_near(numbers, within):
+            place, rule = f"{shape} vertex {number}", "a vertex must be a pair of numbers [x, y]"
+            require(len(numbers) == 2, rule, place, got=vertex)
+            rule = f"coordinates must be finite and within {within:g} m"
+            raise ParameterError(rule, place=place, got=numbers)
         corners.append((numbers[0], numbers[1]))
     words = {1: "one vertex", 2: "two vertices", 3: "three vertices"}[least]
     require(count >= least, f"a {shape} needs at least {words}", shape, got=count)

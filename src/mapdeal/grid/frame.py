@@ -30,6 +30,9 @@ _Real = TypeVar("_Real", bound=np.floating[Any])
 # Far beyond any robot; within these limits no product of lengths and cells overflows.
 _SMALLEST_CELL, _LARGEST_CELL = 1e-6, 1e6
 FARTHEST = 1e12  # largest coordinate and length, metres
+_RESOLUTION_RULE = f"resolution must lie between {_SMALLEST_CELL:g} and {_LARGEST_CELL:g} m"
+_ORIGIN_RULE = f"origin must be three numbers x, y, yaw within {FARTHEST:g}"
+_POINT_RULE = f"must be two numbers x, y within {FARTHEST:g} m"
 
 
 def as_float32(value: float) -> float:
@@ -67,16 +70,14 @@ def are_near(values: Iterable[float], limit: float = FARTHEST) -> bool:
 
 
 def check_resolution(resolution: float) -> float:
-    value = next(iter(as_numbers([resolution])), math.nan)
-    rule = f"resolution must lie between {_SMALLEST_CELL:g} and {_LARGEST_CELL:g} m"
-    require(_SMALLEST_CELL <= value <= _LARGEST_CELL, rule, got=resolution)
+    (value,) = as_numbers([resolution]) or (math.nan,)
+    require(_SMALLEST_CELL <= value <= _LARGEST_CELL, _RESOLUTION_RULE, got=resolution)
     return value
 
 
 def check_origin(origin: Sequence[float]) -> Origin:
     values = as_numbers(origin)
-    rule = f"origin must be three numbers x, y, yaw within {FARTHEST:g}"
-    require(len(values) == 3 and are_near(values), rule, got=origin)
+    require(len(values) == 3 and are_near(values), _ORIGIN_RULE, got=origin)
     return values[0], values[1], values[2]
 
 
@@ -84,7 +85,7 @@ def check_point(point: Sequence[float], name: str) -> Point:
     """Return `point` as two finite floats x, y; errors refer to it as `name`."""
     values = as_numbers(point)
     require(len(values) == 2, "must be two numbers x, y", name, got=point)
-    require(are_near(values), f"must be two numbers x, y within {FARTHEST:g} m", name, got=values)
+    require(are_near(values), _POINT_RULE, name, got=values)
     return values[0], values[1]
 
 
@@ -431,8 +432,9 @@ class Region(NamedTuple):
         return from_first, slice(cols.start - self.col, cols.stop - self.col)
 
     def frame_in(self, frame: Frame) -> Frame:
-        rule = f"a window must not have more than {MOST_CELLS} cells"
-        require(self.cells <= MOST_CELLS, rule, "size", got=(self.width, self.height))
+        if self.cells > MOST_CELLS:
+            rule = f"a window must not have more than {MOST_CELLS} cells"
+            raise ParameterError(rule, place="size", got=(self.width, self.height))
         return frame.window(self.row, self.col, self.height, self.width)
 
 
@@ -659,8 +661,8 @@ class Framed(Drawn, ABC):
         object.__setattr__(self, "origin", check_origin(self.origin))
         shape, *more_shapes = {array.shape for array in layers.values()}
         rule = "layers must be two-dimensional, of one shape and not empty"
-        is_grid = not more_shapes and len(shape) == 2 and 0 not in shape
-        require(is_grid, rule, got=sorted([shape, *more_shapes]))
+        if more_shapes or len(shape) != 2 or 0 in shape:
+            raise ParameterError(rule, got=sorted([shape, *more_shapes]))
         for name, layer in layers.items():
             if not is_lazy(layer):
                 layer = np.ascontiguousarray(layer).view()

@@ -114,9 +114,9 @@ def _known_lines(grid: OccupancyGrid, min_component: int) -> tuple[Mask, Mask]:
 
 def _known_span(has_known: Mask, grow: int) -> tuple[int, int]:
     """Return the first and the number of lines from the first known one to the last, grown."""
-    indices = np.flatnonzero(has_known).tolist()
-    first = max(indices[0] - grow, 0)
-    return first, min(indices[-1] + 1 + grow, len(has_known)) - first
+    indices = np.flatnonzero(has_known)
+    first = max(int(indices[0]) - grow, 0)
+    return first, min(int(indices[-1]) + 1 + grow, len(has_known)) - first
 
 
 def _cells(grid: Any, parameters: command.Parameters) -> Iterator[int]:
