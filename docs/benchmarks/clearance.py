@@ -51,14 +51,16 @@ def contenders(pixels: np.ndarray) -> dict[str, Contender]:
     squared = squared_distance(occupied)
 
     def tree_and_widths() -> np.ndarray:
-        return paths.widest_metres(paths.clearance_tree(squared, is_free), squared, start, 1.0)
+        tree = paths.clearance_tree(squared, is_free)
+        rooted = paths.rooted(tree, int(tree.basins[start]))
+        return paths.widest_metres(tree, rooted, squared, start, 1.0)
 
     def all_of_it() -> object:
         squared = squared_distance(occupied)
         tree = paths.clearance_tree(squared, is_free)
-        seen = paths.rooted(tree, int(tree.basins[start]))
+        rooted = paths.rooted(tree, int(tree.basins[start]))
         areas = paths.basin_areas(tree, squared, 36)
-        widest = paths.widest_metres(tree, squared, start, RESOLUTION, seen=seen, in_place=True)
+        widest = paths.widest_metres(tree, rooted, squared, start, RESOLUTION, in_place=True)
         return areas, widest, paths.clearance_metres(squared, RESOLUTION, in_place=True)
 
     listed: dict[str, Contender] = {

@@ -17,7 +17,7 @@ from turns import Contender, head, in_turns, options, ratio, row
 from mapdeal import Footprint
 from mapdeal.grid.footprint import footprint_spans
 from mapdeal.grid.frame import Frame
-from mapdeal.kernels.paths import ConfigurationSpace
+from mapdeal.kernels.paths import open_poses
 from mapdeal.kernels.polygons import Spans, paint
 from mapdeal.kernels.threads import use_threads
 
@@ -27,14 +27,14 @@ LARGEST_OF_PEER = 1000
 
 
 def contenders(blocked: np.ndarray, spans: tuple[Spans, ...]) -> dict[str, Contender]:
-    space = ConfigurationSpace(blocked, spans)
+    space = open_poses(blocked, spans)
     widest = np.argwhere(space.headings == space.headings.max())
     cell = tuple(widest[len(widest) // 2].tolist())
-    seed = (int(space.open_headings(*cell).argmax()), *cell)
+    seed = (int(space.at(*cell).argmax()), *cell)
     kernels = [kernel_of(one) for one in spans]
 
     def ours() -> np.ndarray:
-        return ConfigurationSpace(blocked, spans).reach([seed]).reachable
+        return open_poses(blocked, spans).reach([seed], [])[0]
 
     def peer() -> np.ndarray:
         free = 1 - blocked.view(np.uint8)
@@ -43,8 +43,8 @@ def contenders(blocked: np.ndarray, spans: tuple[Spans, ...]) -> dict[str, Conte
 
     listed: dict[str, Contender] = {
         "both": ours,
-        "poses": lambda: ConfigurationSpace(blocked, spans),
-        "ways": lambda: space.reach([seed]).reachable,
+        "poses": lambda: open_poses(blocked, spans),
+        "ways": lambda: space.reach([seed], [])[0],
     }
     if len(blocked) <= LARGEST_OF_PEER:
         assert np.array_equal(ours(), peer())
