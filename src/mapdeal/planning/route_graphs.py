@@ -10,17 +10,19 @@ import math
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.reaching import nearest_marked
-from mapdeal.grid.values import FREE_SPACE
+from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE
 from mapdeal.kernels.components import labelled
-from mapdeal.kernels.distance import squared_distance
+from mapdeal.kernels.distance import dilate_square, squared_distance
 from mapdeal.kernels.paths import cheapest_path
 from mapdeal.kernels.rotations import main_direction
 from mapdeal.kernels.skeleton import STRAIGHT, lengths_from, nearest_from, neighbouring, skeleton
@@ -30,20 +32,26 @@ from mapdeal.planning.skeleton_lines import Cells, Tracing
 
 MOST_EDGES = 8  # of a node, both directions counted once
 AREA_PER_NODE = 1.5  # square metres of reachable area, at least
-_NARROWEST_DOOR, _WIDEST_DOOR = 0.65, 2.1  # metres
+_NARROWEST_DOOR, _WIDEST_DOOR, _DOORS_APART = 0.6, 2.1, 1.0  # metres
 _PROMINENCE = 1.3
-"""Least ratio of the clearance on both sides of a door to that in the door."""
+"""Least ratio of the clearance on both sides of a door, and of the widths, to that in the door."""
 
-_JAMB, _NEAR_JAMB = 1.5, 1.3
-"""Extent of the smallest obstacle beside a door, metres, and how far it may be off the middle, as a
-share of the nearer side's distance."""
-
-_OPPOSITE = 150  # degrees between the directions of both jambs
-_ISLAND, _AROUND = 2.0, 12.0  # metres: extent of furniture that a path of this length leads around
-_AHEAD, _SIGHT, _FINEST = 1.2, 3.0, 0.01
-"""Metres in front of a door up to which the spaces on both sides are seen, how far aside, and the
-least distance of the places that are looked at."""
-_WIDER, _MUCH_WIDER = 1.8, 2.5  # ratios of the widths seen on both sides to that of the door
+_NEAR_JAMB = 1.3  # farthest jamb of a door, as a share of the distance of the nearest obstacle
+_OPPOSITE = -0.7  # cosine between the directions of both jambs
+_WALL = 2.0  # metres: least extent of an obstacle that is a wall by itself
+_LINE, _TURNS = 4.0, np.radians([-10, -5, 0, 5, 10])
+"""Metres beside a jamb in which pieces of a wall lie in line, and directions of that line."""
+_PIECE, _PIECES = 0.8, 3.75
+"""Metres of wall in line on each side and in total that make short obstacles a wall."""
+_AHEAD, _EVERY, _SIGHT, _FINEST = 2.4, 0.1, 3.0, 0.01
+"""Metres in front of a door up to which the spaces on both sides are seen, from places how far
+apart, how far aside, and the least distance of the places that are looked at."""
+_STRETCH, _HIDDEN = 14, 2
+"""Number of places that must see a width, which is more than see through a door aside, and how many
+of them furniture may hide."""
+_STUB, _WIDER = 0.3, 2.0
+"""Metres of wall in line with a door: with less beside a jamb, which may be the side of a passage,
+both spaces must be so many times as wide as the door, otherwise one."""
 _WIDE_DOOR, _WIDE_RATIO, _WIDE_SPACE = 1.0, 3.0, 5.5
 """From this width of a door on, metres, one space is so many times as wide, or has this width."""
 
@@ -75,7 +83,6 @@ def route_graph_of(reach: Reach, options: graph_drafts.GraphOptions) -> graph_dr
     if draft.has_corners:
         draft.mend_blocked()  # before thinning out, which would otherwise keep blocked edges
     draft.cover_all()
-    draft.name_narrow_places()  # before thinning out, which removes these first
     if draft.is_crowded:
         draft.thin_out()
     draft.limit_edges()
@@ -89,8 +96,6 @@ def route_graph_of(reach: Reach, options: graph_drafts.GraphOptions) -> graph_dr
 
 @dataclass(eq=False)
 class _CompleteDraft(graph_drafts.Draft):
-    are_doors_named: bool = False
-
     # halls
 
     def add_halls(self) -> None:
@@ -208,6 +213,7 @@ class _CompleteDraft(graph_drafts.Draft):
     def add_paths(self, paths: Sequence[_Path], *, with_doors: bool = False) -> None:
         """Add nodes and edges along paths of neighbouring cells that the robot can follow."""
         pieces: list[_Piece] = []
+        bottlenecks: list[int] = []
         places = np.concatenate([np.zeros((0, 2)), *(path.places for path in paths)])
         of_cells = self.clearance_at(np.floor(places).astype(np.int64))
         bounds = np.cumsum([0, *(len(path.places) for path in paths)]).tolist()
@@ -216,14 +222,16 @@ class _CompleteDraft(graph_drafts.Draft):
             marks = [(0, path.start), (len(clearances) - 1, path.end)]
             for door in self._doors(clearances, path) if with_doors else ():
                 row, col = path.places[door].tolist()
-                node = self.add_node((row, col), "door")
+                node = self.add_node((row, col), "narrow")
                 self.widths[node] = 2 * float(clearances[door]) * self.cell
+                bottlenecks.append(node)
                 marks.append((door, node))
             marks.sort()
             pieces += [
                 _Piece(path.places, clearances, first, start, last, end)
                 for (first, start), (last, end) in pairwise(marks)
             ]
+        self._name_doors(bottlenecks)
         while pieces:
             pieces = self._add_lines_of(pieces)
 
@@ -390,7 +398,7 @@ class _CompleteDraft(graph_drafts.Draft):
                 row, col = cells[-1].tolist()
                 self.places[end] = (row + 0.5, col + 0.5)
             paths.append(_Path(np.asarray(cells + 0.5), start, end))
-        self.add_paths(paths, with_doors=bool(len(shorts)) and not self.are_doors_named)
+        self.add_paths(paths, with_doors=bool(len(shorts)))
 
     def _cells_between(self, *nodes: int) -> Cells:
         start, end = np.floor(self.at(nodes)).astype(np.int64)
@@ -472,10 +480,13 @@ class _CompleteDraft(graph_drafts.Draft):
 
     def tidy(self) -> None:
         self._merge(_MERGED * self.spacing, len(self.places))
+        detour = 2.5 * self.spacing
         for node in self.nodes():
-            if self.kinds[node] == "door" and self._leads_around(node, 2.5 * self.spacing):
-                self.kinds[node] = "way"
-                del self.widths[node]
+            if self.kinds[node] == "narrow" and len(self.beside[node]) == 2:
+                start, end = self.beside[node]
+                if self.length_on_graph(start, end, detour, without=node) <= detour:
+                    self.kinds[node] = "way"
+                    del self.widths[node]
         lengths = ((self.beside[start][end], start, end) for start, end in self.edges)
         for length, start, end in sorted(lengths, key=lambda edge: (-edge[0], *edge[1:])):
             if self.has_short_detour(start, end, _SLIVER * length):
@@ -599,79 +610,97 @@ class _CompleteDraft(graph_drafts.Draft):
                 return
             self._straighten(node)
 
-    def name_narrow_places(self) -> None:
-        """Change doors to narrow places if they are no gap in a wall between wider spaces."""
-        from scipy import ndimage
+    def _name_doors(self, bottlenecks: Sequence[int]) -> None:
+        """Change narrow places to doors if they are gaps in walls between wider spaces."""
+        doors = [node for node in self.nodes() if self.kinds[node] == "door"]
+        for node in sorted(bottlenecks, key=lambda node: (self.widths[node], node)):
+            is_apart = all(self.length(door, node) * self.cell >= _DOORS_APART for door in doors)
+            if is_apart and self.widths[node] >= _NARROWEST_DOOR and self._is_door(node):
+                self.kinds[node] = "door"
+                doors.append(node)
 
-        self.are_doors_named = True
-        doors, found = [node for node in self.nodes() if self.kinds[node] == "door"], list[int]()
-        if not doors:
-            return
-        closed, around = self.area.sweeps.closed != FREE_SPACE, np.ones((3, 3))
-        labels, _ = ndimage.label(ndimage.binary_dilation(closed, around, iterations=2), around)
-        labels[~closed] = 0  # pieces of a wall up to four cells apart have one label
-        boxes = ndimage.find_objects(labels)
-        sides = self.cell * np.array([0, *(max(s.stop - s.start for s in box) for box in boxes)])
-        for node in sorted(doors, key=lambda node: (self.widths[node], node)):
-            width = self.widths[node]
-            if width >= _NARROWEST_DOOR and self._is_door(node, labels, sides):
-                near = [door for door in found if self.length(door, node) * self.cell < width]
-                found += [] if near else [node]
-        for node in set(doors).difference(found):
-            self.kinds[node] = "narrow"
-
-    def _is_door(self, node: int, labels: NDArray[Any], sides: NDArray[np.float64]) -> bool:
+    def _is_door(self, node: int) -> bool:
         """Return whether walls, no furniture, stand on opposite sides of wider spaces."""
-        place = np.array(self.places[node])
-        reach = _NEAR_JAMB * self.widths[node] / 2 / self.cell + 2
+        place, width = np.array(self.places[node]), self.widths[node]
+        jambs, is_beside_walls = self._jambs(place, width / self.cell)
+        if not len(jambs):
+            return False
+        gap = math.dist(*jambs)
+        across = (jambs[0] - jambs[1]) / gap
+        runs = [self._wall_beside(place + jamb, side * across)
+                for jamb, side in zip(jambs, (1, -1), strict=True)]  # fmt: skip
+        if not is_beside_walls and (min(runs) < _PIECE or sum(runs) < _PIECES):
+            return False
+        widths = sorted(self._width_seen(place, across, turn) for turn in (1, -1))
+        wider = _PROMINENCE if min(runs) >= _STUB else _WIDER
+        widest = _WIDER * gap
+        if width > _WIDE_DOOR:
+            widest = min(_WIDE_RATIO * gap, _WIDE_SPACE / self.cell)
+        return widths[0] >= wider * gap and widths[1] >= widest
+
+    def _jambs(self, place: graph_drafts.Places, width: float) -> tuple[graph_drafts.Places, bool]:
+        """Return the nearest obstacles on opposite sides, and whether both are walls."""
+        labels, extents = self._pieces
+        reach = _NEAR_JAMB * width / 2 + 2
         low = np.maximum((place - reach).astype(int), 0)
         high = (place + reach).astype(int) + 1
-        near = labels[low[0] : high[0], low[1] : high[1]]
-        arms = np.argwhere(sides[near] >= _JAMB) + low + 0.5 - place
-        arms = arms[np.argsort(np.hypot(*arms.T), kind="stable")]
-        degrees = np.degrees(np.arctan2(*arms.T)).astype(int)
-        arms = arms[np.unique(degrees, return_index=True)[1]]  # the nearest in each direction
-        lengths = np.hypot(*arms.T)
-        arms, lengths = arms[lengths <= reach], lengths[lengths <= reach]
-        units = arms / lengths[:, np.newaxis]
-        cosines = np.sum(units[:, np.newaxis] * units, axis=-1)
-        sums = np.where(cosines < -0.5, lengths[:, np.newaxis] + lengths, np.inf)
-        if not np.isfinite(sums).any():
-            return False
-        pair = [*np.unravel_index(sums.argmin(), sums.shape)]
-        (row, col), (other_row, other_col) = units[pair]
-        if row * other_row + col * other_col > math.cos(math.radians(_OPPOSITE)):
-            return False
-        walls = labels[tuple((place + arms[pair]).astype(int).T)]
-        # furniture is short, and a short path leads around it
-        is_parting = walls[0] == walls[1] or sides[walls].min() >= _ISLAND
-        if not is_parting and self._leads_around(node, _AROUND / self.cell):
-            return False
-        across = (units[pair[0]] - units[pair[1]]) / 2
-        widths = sorted(self._width_seen(place, across, turn, labels) for turn in (1, -1))
-        width = self.widths[node]
-        much = _MUCH_WIDER * width if width <= _WIDE_DOOR else min(_WIDE_RATIO * width, _WIDE_SPACE)
-        return bool((np.multiply(widths, self.cell) >= [_WIDER * width, much]).all())
+        near = extents[labels[low[0] : high[0], low[1] : high[1]]]
+        is_wall = near >= _WALL
+        for is_jamb in (is_wall, near > 0) if is_wall.any() else ():
+            arms = np.argwhere(is_jamb) + low + 0.5 - place
+            lengths = np.hypot(*arms.T)
+            order = np.argsort(lengths, kind="stable")[: np.count_nonzero(lengths <= reach)]
+            degrees = np.degrees(np.arctan2(*arms[order].T)).astype(int)
+            order = order[np.unique(degrees, return_index=True)[1]]  # the nearest each
+            arms, lengths = arms[order], lengths[order]
+            cosines = (arms[:, np.newaxis] * arms).sum(axis=-1) / np.outer(lengths, lengths)
+            sums = np.where(cosines < _OPPOSITE, np.add.outer(lengths, lengths), np.inf)
+            if np.isfinite(sums).any():
+                return arms[[*np.unravel_index(sums.argmin(), sums.shape)]], is_jamb is is_wall
+        return np.zeros((0, 2)), False
+
+    @cached_property
+    def _pieces(self) -> tuple[NDArray[Any], NDArray[np.float64]]:
+        """Return labels of pieces of walls up to four cells apart, and their extents in metres."""
+        from scipy import ndimage
+
+        closed = self.area.sweeps.closed != FREE_SPACE
+        labels, _ = ndimage.label(dilate_square(closed, 2), np.ones((3, 3)))
+        labels[~closed] = 0
+        boxes = ndimage.find_objects(labels)
+        sides = [max(side.stop - side.start for side in box) for box in boxes]
+        return labels, self.cell * np.array([0, *sides])
+
+    def _wall_beside(self, jamb: graph_drafts.Places, along: graph_drafts.Places) -> float:
+        """Return the length of the walls in line with a door on one side, in metres."""
+        closed = self.area.sweeps.closed
+        directions = complex(*along) * np.exp(1j * _TURNS)
+        step = max(1.0, _FINEST / self.cell)
+        steps = np.arange(0, _LINE / self.cell, step)[:, np.newaxis, np.newaxis]
+        aside = 1j * np.arange(-1, 2)[:, np.newaxis]
+        lines = complex(*jamb) + (steps + aside) * directions
+        rows, cols = np.floor(lines.real).astype(int), np.floor(lines.imag).astype(int)
+        height, width = closed.shape
+        is_inside = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
+        values = closed[np.where(is_inside, rows, 0), np.where(is_inside, cols, 0)]
+        is_wall = ((values == LETHAL_OBSTACLE) & is_inside).any(axis=1)
+        return float(is_wall.sum(axis=0).max()) * step * self.cell
 
     def _width_seen(
-        self, place: NDArray[Any], across: NDArray[Any], turn: int, labels: NDArray[Any]
+        self, place: graph_drafts.Places, across: graph_drafts.Places, turn: int
     ) -> float:
-        """Return the largest free width across a path within a short way ahead, in cells."""
+        """Return the free width across a path over some length within a short way, in cells."""
+        labels, _ = self._pieces
         ahead = turn * np.array([across[1], -across[0]])
         step = max(_HALF_CELL, _FINEST / self.cell)
         steps = np.arange(0, _SIGHT / self.cell, step)[:, np.newaxis]
-        starts = place + ahead * np.arange(0, _AHEAD / self.cell, step)[:, np.newaxis]
+        starts = place + ahead * np.arange(0, _AHEAD, _EVERY)[:, np.newaxis] / self.cell
         rays = np.stack([starts[:, np.newaxis] + side * steps * across for side in (1, -1)])
         rows, cols = np.clip(rays.astype(int), 0, np.array(labels.shape) - 1).transpose(3, 0, 1, 2)
         free = np.logical_and.accumulate(labels[rows, cols] == 0, axis=2).sum(axis=(0, 2))
-        return float((free * np.logical_and.accumulate(free > 0)).max()) * step
-
-    def _leads_around(self, node: int, longest: float) -> bool:
-        """Return whether a path of at most a length leads around a node between two others."""
-        if len(self.beside[node]) != 2:
-            return False
-        start, end = self.beside[node]
-        return self.length_on_graph(start, end, longest, without=node) <= longest
+        free *= np.logical_and.accumulate(free > 0)
+        stretches = np.sort(sliding_window_view(free, _STRETCH), axis=1)
+        return float(stretches[:, _HIDDEN].max()) * step
 
     def limit_edges(self) -> None:
         for node in list(self.beside):
