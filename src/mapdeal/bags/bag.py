@@ -258,15 +258,13 @@ def decompress(
     except Exception as error:  # noqa: BLE001 - each library has errors of its own
         if partly:
             return b""
-        rule = f"a chunk is damaged: {error}"
-        raise MalformedInputError(rule, source=path) from None
+        raise MalformedInputError(f"a chunk is damaged: {error}", source=path) from None
     if size is None and len(content) > most:
         rule = f"{len(data)} bytes of a message would expand to more than {most}"
         hint = "--max-memory SIZE allows more, if that much is available"
         raise MalformedInputError(rule, source=path, hint=hint)
     if size is not None and len(content) != size and not (partly and len(content) < size):
-        rule = f"a chunk must expand to {size} bytes, and does not"
-        raise MalformedInputError(rule, source=path)
+        raise MalformedInputError(f"a chunk must expand to {size} bytes, and does not", source=path)
     return content
 
 

@@ -237,8 +237,7 @@ def _open_file(path: Path, file: Path) -> Bag:
     for magic, kind in _KINDS.items():
         if head.startswith(magic):
             return kind(file)
-    rule = "is not a bag of ROS 1 or ROS 2" if head else "is empty"
-    raise MalformedInputError(rule, source=path)
+    raise MalformedInputError("is not a bag of ROS 1 or ROS 2" if head else "is empty", source=path)
 
 
 def chosen_connections(

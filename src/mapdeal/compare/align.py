@@ -631,7 +631,11 @@ def _judged(
     scores = np.maximum(found.evidence(chance) - costs, 0)
     best = int(scores.argmax())
     elsewhere = np.flatnonzero(_are_elsewhere(first, poses, bend, best))
-    runner_up = int(elsewhere[scores[elsewhere].argmax()]) if len(elsewhere) else None
+    runner_up, runner_up_transform = 0.0, None
+    if len(elsewhere):
+        second_best = int(elsewhere[scores[elsewhere].argmax()])
+        runner_up = float(scores[second_best])
+        runner_up_transform = _transform_of(first, second, poses[second_best])
     score, overlap = float(scores[best]), float(found.overlap[best])
     shown = float(found.shares[best, _SHOWN])
     if area is not None:
@@ -644,11 +648,8 @@ def _judged(
         is_mostly_shared = overlap >= _SHARED_OVERLAP and shown >= _SHARED_AGREEMENT
         is_mostly_shared &= compared >= max(_SHARED_LENGTH, _SHARED_WALLS * walls)
         least_score = LEAST_SCORE_IF_SHARED if is_mostly_shared else LEAST_SCORE
-        scores_elsewhere = scores[elsewhere]
-        rivals = scores_elsewhere[
-            (scores_elsewhere > MOST_RUNNER_UP * score) | (score - scores_elsewhere < least_score)
-        ]
-        rival = float(rivals.max()) if len(rivals) else None
+        is_rival = runner_up > MOST_RUNNER_UP * score or score - runner_up < least_score
+        rival = runner_up if len(elsewhere) and is_rival else None
         reason = _reason(score, rival, overlap, least_score)
     polished, bent, bent_xy = _polished(first, second, poses[best : best + 1], found.piece)
     transform = _transform_of(first, second, polished)
@@ -659,19 +660,9 @@ def _judged(
         shares = (found.overlap[k], found.shares[k, _SHOWN], found.contradicting[k, _SHOWN])
         candidates.append(Candidate(at, float(scores[k]), *map(float, shares)))
     return Placement(
-        transform=transform,
-        reason=reason,
-        score=score,
-        runner_up=0.0 if runner_up is None else float(scores[runner_up]),
-        runner_up_transform=(
-            None if runner_up is None else _transform_of(first, second, poses[runner_up])
-        ),
-        overlap=overlap,
-        agreement=shown,
-        bend=bent,
-        bend_xy=bent_xy,
-        candidates=tuple(candidates),
-    )
+        transform, reason, score, runner_up, runner_up_transform, overlap, shown, bent, bent_xy,
+        tuple(candidates),
+    )  # fmt: skip
 
 
 def _best_places(scores: Floats, most: int, elsewhere: Callable[[int], Mask]) -> list[int]:

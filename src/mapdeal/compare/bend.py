@@ -90,12 +90,7 @@ class Bend:
 
 
 def fitted(
-    first: WallMap,
-    second: WallMap,
-    poses: Poses,
-    *,
-    scales: Sequence[float],
-    piece: float,
+    first: WallMap, second: WallMap, poses: Poses, *, scales: Sequence[float], piece: float,
     most: int,
 ) -> Bend:  # fmt: skip
     """Return the likeliest bends at some poses, given distances of walls and the stiffness."""

@@ -137,15 +137,7 @@ class ScoreBound:
 
     @property
     def holds(self) -> bool:
-        """Whether the figure is within the bound, allowing for floating-point rounding.
-
-        Examples
-        --------
-        >>> ScoreBound("coverage", "min", 0.9, 0.91).holds
-        True
-        >>> ScoreBound("coverage", "min", 0.9, None).holds
-        False
-        """
+        """Whether there is a figure, and it is within the bound but for rounding."""
         if self.found is None:
             return False
         beyond = self.found - self.allowed if self.side == "max" else self.allowed - self.found

@@ -119,12 +119,6 @@ class Change:
     cells: NDArray[np.int64] = field(repr=False, compare=False)
 
     @classmethod
-    def of(cls, kind: ChangeKind, cells: NDArray[np.int64], frame: Frame) -> Change:
-        away = np.square(cells - cells.mean(axis=0)).sum(axis=1)
-        x, y = frame.xy_from_rowcol([cells[int(np.argmin(away))].tolist()])[0].tolist()
-        return cls(kind, len(cells) * frame.resolution**2, x, y, cells)
-
-    @classmethod
     def largest(
         cls, kind: ChangeKind, marked: NDArray[np.bool_], frame: Frame, most: int
     ) -> tuple[list[Change], int]:
@@ -134,8 +128,10 @@ class Change:
         regions, sizes = labels.cells.ravel()[cells], labels.sizes[1:]
         changes = []
         for region in np.argsort(-sizes, kind="stable")[:most] + 1:
-            places = np.divmod(cells[regions == region], marked.shape[1])
-            changes.append(cls.of(kind, np.stack(places, axis=1), frame))
+            own = np.stack(np.divmod(cells[regions == region], marked.shape[1]), axis=1)
+            away = np.square(own - own.mean(axis=0)).sum(axis=1)
+            x, y = frame.xy_from_rowcol(own[[away.argmin()]])[0].tolist()
+            changes.append(cls(kind, len(own) * frame.resolution**2, x, y, own))
         return changes, len(sizes)
 
     @property
@@ -176,10 +172,7 @@ class Difference:
 
     @property
     def largest_shift(self) -> float:
-        """Largest distance of an obstacle of either map from those of the other, metres.
-
-        Infinite if only one of the maps has obstacles, nan if they have no common cell.
-        """
+        """Largest distance of an obstacle from those of the other map, metres; nan if unknown."""
         if not self.common_cells:
             return math.nan
         in_first = sum(self.confusion["occupied"].values())
@@ -222,24 +215,16 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
         ~in_both[1 - k][in_both[k]] if are_same_cells else np.ones(len(in_common[k]), np.bool_)
         for k in (0, 1)
     ]
+    rows = [dict(zip(STATES, row, strict=True)) for row in counts]
     return Difference(
-        geometry=geometry_pairs(first.frame, second.frame),
-        common_cells=int(np.count_nonzero(both)),
-        differing=int(np.count_nonzero(differs)),
-        beyond_tolerance=int(np.count_nonzero(beyond)),
-        not_compared=int(known),
-        confusion={
-            state: dict(zip(STATES, row, strict=True))
-            for state, row in zip(STATES, counts, strict=True)
-        },
+        geometry=geometry_pairs(first.frame, second.frame), common_cells=int(both.sum()),
+        differing=int(differs.sum()), beyond_tolerance=int(beyond.sum()), not_compared=int(known),
+        confusion=dict(zip(STATES, rows, strict=True)),
         first_to_second=_shift(in_common[0], walls[1], apart[0]),
         second_to_first=_shift(in_common[1], walls[0], apart[1]),
-        symmetry=_better_symmetry(first.occupancy, second.occupancy),
-        tolerance=tolerance,
-        frame=frame,
-        changes=changes_of(state_a, state_b, both),
-        beyond=beyond,
-    )
+        symmetry=_better_symmetry(first.occupancy, second.occupancy), tolerance=tolerance,
+        frame=frame, changes=changes_of(state_a, state_b, both), beyond=beyond,
+    )  # fmt: skip
 
 
 _SAME_ORIGIN = 1e-5  # cells: the digits of files, and of an alignment, end before

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.compare.align import bend_between
 from mapdeal.compare.score import FREE, LEAST_PIECE, OCCUPIED, UNKNOWN, States
+from mapdeal.compare.walls import Mask, pooled
 from mapdeal.grid import values as map_values
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -38,8 +38,6 @@ def place_text(grid: OccupancyGrid, point_xy: tuple[float, float]) -> str:
     part = "-".join(word for word in (north, east) if word) or "middle"
     return f"in the {part}, {at}"
 
-
-_Mask = NDArray[np.bool_]
 
 NO_FAULT = "no fault found"
 
@@ -91,8 +89,7 @@ def faults_of(estimate: States, truth: States, frame: Frame) -> tuple[Fault, ...
     """Return the faults of a map on the lattice of a true one, the worst first."""
     if not (estimate == OCCUPIED).any() or not (truth == OCCUPIED).any():
         return ()
-    faults = _faults_in(estimate, truth, frame)
-    return tuple(sorted(faults, key=lambda fault: -fault.severity))
+    return tuple(sorted(_faults_in(estimate, truth, frame), key=lambda fault: -fault.severity))
 
 
 def verdict(faults: tuple[Fault, ...]) -> str:
@@ -100,16 +97,19 @@ def verdict(faults: tuple[Fault, ...]) -> str:
 
 
 def _faults_in(estimate: States, truth: States, frame: Frame) -> Iterator[Fault]:
-    maps = [_grid_of(states, frame) for states in (estimate, truth)]
+    table = np.array([map_values.UNKNOWN, map_values.FREE, map_values.OCCUPIED], dtype=np.int8)
+    maps = [
+        OccupancyGrid(table[states], frame.resolution, frame.origin) for states in (estimate, truth)
+    ]
     cell = frame.resolution
     near = max(_NEAR, _NEAR_CELLS * cell)
 
-    def fault(kind: str, cells: _Mask, amount: float, unit: str, total: int) -> Iterator[Fault]:
-        share = float(np.count_nonzero(cells) / total) if total else 0.0
+    def fault(kind: str, cells: Mask, amount: float, unit: str, total: Mask) -> Iterator[Fault]:
+        share = float(cells.sum() / max(1, total.sum()))
         if share >= _LEAST[kind]:
-            x, y = _most_of(cells, frame)
-            place = place_text(maps[1], (x, y))
-            yield Fault(kind, amount, unit, share, x, y, place, share / _LEAST[kind])
+            place = _most_of(cells, frame)
+            severity = share / _LEAST[kind]
+            yield Fault(kind, amount, unit, share, *place, place_text(maps[1], place), severity)
 
     bend = bend_between(*maps)
     least = max(_LEAST_BEND, 2 * cell)
@@ -123,45 +123,33 @@ def _faults_in(estimate: States, truth: States, frame: Frame) -> Iterator[Fault]
     astray = walls & (truth == FREE) & ~within_distance(true_walls, square)
     specks = astray & ~drop_small_groups(walls, LEAST_PIECE)
     ghosts = astray & ~specks
-    count = int(np.count_nonzero(walls))
-    yield from fault("ghost walls", ghosts, float(np.count_nonzero(ghosts)) * cell, "m", count)
+    yield from fault("ghost walls", ghosts, float(ghosts.sum()) * cell, "m", walls)
     pieces = float(touching_groups(specks)[1].max() + 1) if specks.any() else 0.0
-    yield from fault("noisy", specks, pieces, "", count)
-    missing = (truth != UNKNOWN) & (estimate == UNKNOWN) & ~true_walls
-    area = float(np.count_nonzero(missing)) * cell**2
-    known = int(np.count_nonzero((truth != UNKNOWN) & ~true_walls))
-    yield from fault("missing area", missing, area, "m2", known)
+    yield from fault("noisy", specks, pieces, "", walls)
+    known = (truth != UNKNOWN) & ~true_walls
+    missing = known & (estimate == UNKNOWN)
+    yield from fault("missing area", missing, float(missing.sum()) * cell**2, "m2", known)
     mapped = true_walls & within_distance(estimate == FREE, int(_MAPPED**2))
     faded = mapped & ~within_distance(walls, square)
-    metres = float(np.count_nonzero(faded)) * cell
-    yield from fault("faded walls", faded, metres, "m", int(np.count_nonzero(mapped)))
-
-
-def _grid_of(states: States, frame: Frame) -> OccupancyGrid:
-    table = np.array([map_values.UNKNOWN, map_values.FREE, map_values.OCCUPIED], dtype=np.int8)
-    return OccupancyGrid(table[states], frame.resolution, frame.origin)
+    yield from fault("faded walls", faded, float(faded.sum()) * cell, "m", mapped)
 
 
 _BLOCK = 1.0  # metres: cells in touching blocks of this side are at one place
 
 
-def _most_of(cells: _Mask, frame: Frame) -> tuple[float, float]:
+def _most_of(cells: Mask, frame: Frame) -> tuple[float, float]:
     """Return the cell in the middle of the largest cluster of cells, metres."""
     factor = max(1, round(_BLOCK / frame.resolution))
-    height, width = (-(-side // factor) for side in cells.shape)
-    padded = np.zeros((height * factor, width * factor), dtype=np.bool_)
-    padded[: cells.shape[0], : cells.shape[1]] = cells
-    counts = padded.reshape(height, factor, width, factor).sum(axis=(1, 3))
+    counts = pooled(cells, factor)
     blocks, groups = touching_groups(counts > 0)
     sizes = np.bincount(groups, counts[tuple(blocks.T)])
-    own = blocks[groups == sizes.argmax()]
-    in_part = np.zeros((height, width), dtype=np.bool_)
-    in_part[tuple(own.T)] = True
-    cluster = np.argwhere(padded & np.repeat(np.repeat(in_part, factor, 0), factor, 1))
+    in_part = np.zeros(counts.shape, dtype=np.bool_)
+    in_part[tuple(blocks[groups == sizes.argmax()].T)] = True
+    cluster = np.argwhere(cells)
+    cluster = cluster[in_part[tuple(cluster.T // factor)]]
     away = np.square(cluster - cluster.mean(axis=0)).sum(axis=1)
-    nearest = cluster[away.argmin()]
-    point = frame.xy_from_rowcol(nearest[None])[0]
-    return float(point[0]), float(point[1])
+    x, y = frame.xy_from_rowcol(cluster[[away.argmin()]])[0].tolist()
+    return x, y
 
 
 def document_of(faults: tuple[Fault, ...]) -> list[dict[str, Any]]:

@@ -126,8 +126,7 @@ def compared(
     conflicts = np.where(differ, np.uint8(AMONG_OTHERS), np.uint8(NO_CONFLICT))
     conflicts[differ & (states[0] == _IS_OCCUPIED)] = BY_FIRST
     conflicts[differ & (states[0] == _IS_FREE)] = BY_OTHERS
-    counts = tuple(_counts(states, reach, occupied, free, known))
-    return conflicts, counts, _count(known > 1)
+    return conflicts, tuple(_counts(states, reach, occupied, free, known)), _count(known > 1)
 
 
 def _clear(states: States, reach: float) -> Mask:
@@ -209,11 +208,9 @@ def chosen_layers(layers: Layers, shape: tuple[int, int]) -> ChosenLayers:
 
 
 def evidence_of(
-    lattice: Frame,
-    states: Sequence[States],
-    frames: Sequence[Frame],
+    lattice: Frame, states: Sequence[States], frames: Sequence[Frame],
     layers: Sequence[ChosenLayers],
-) -> NDArray[np.int64]:
+) -> NDArray[np.int64]:  # fmt: skip
     total = np.zeros(lattice.shape, dtype=np.int64)
     for state, frame, own in zip(states, frames, layers, strict=True):
         if own:
@@ -307,13 +304,9 @@ class OneMap:
 
 
 def merged_on(
-    lattice: Frame,
-    maps: Sequence[OccupancyGrid],
-    frames: Sequence[Frame],
-    rule: Rule,
-    evidence: Sequence[ChosenLayers],
-    same_wall: float | None,
-) -> OneMap:
+    lattice: Frame, maps: Sequence[OccupancyGrid], frames: Sequence[Frame], rule: Rule,
+    evidence: Sequence[ChosenLayers], same_wall: float | None,
+) -> OneMap:  # fmt: skip
     """Merge maps, placed by frames, on a lattice, and compare them; see `merge`."""
     values = np.full(lattice.shape, UNKNOWN, dtype=np.int8)
     states: list[States] = []
@@ -349,19 +342,12 @@ def merged_on(
     for source, count, state, reach in zip(maps, counts, states, [widest, *apart[1:]], strict=True):
         own = state == _IS_OCCUPIED
         near, nearest = (_share_within(own, walls, cells) for cells in (math.sqrt(2), reach))
-        compared_counts.append(
-            replace(
-                count,
-                same_wall=reach * lattice.resolution,
-                within_cell=near,
-                within_same_wall=nearest,
-                thickness=thickness(source),
-            )
-        )
-    kept_cells = _count((states[-1] == NOTHING) & (values != UNKNOWN))
-    return OneMap(
-        grid, conflicts, tuple(compared_counts), common, log_odds, thickness(grid), kept_cells
-    )
+        compared_counts.append(replace(
+            count, same_wall=reach * lattice.resolution, within_cell=near, within_same_wall=nearest,
+            thickness=thickness(source),
+        ))  # fmt: skip
+    kept = _count((states[-1] == NOTHING) & (values != UNKNOWN))
+    return OneMap(grid, conflicts, tuple(compared_counts), common, log_odds, thickness(grid), kept)
 
 
 def _same_wall_cells(

@@ -42,26 +42,28 @@ _ROUNDING = 1e-9
 
 
 def _wall_distances(squares: NDArray[np.signedinteger], resolution: float) -> Values:
-    # The median and the percentile are numpy's (linear). Squares are compared with
-    # (0.1 / resolution) squared, so that two cells of 0.05 m are exactly 0.1 m.
+    # Squares are compared with (0.1 / resolution) squared, so that two cells of 0.05 m are exactly
+    # 0.1 m.
     count = len(squares)
-    if not count or int(squares[0]) == unreachable(squares):
-        names = ("mean", "median", "p95", "max", "share_lt_0p1", "share_le_0p1")
-        return {"n": count, **dict.fromkeys(names)}
-    metres = metres_of(squares, resolution)
+    if count and int(squares[0]) == unreachable(squares):
+        squares = squares[:0]
     limit = (_NEAR / resolution) ** 2
     if math.isclose(limit, round(limit), rel_tol=_ROUNDING):
         limit = round(limit)
-    median, p95 = np.percentile(metres, [50, 95])
     return {
         "n": count,
-        "mean": float(metres.mean()),
-        "median": float(median),
-        "p95": float(p95),
-        "max": float(metres.max()),
-        "share_lt_0p1": float(np.count_nonzero(squares < limit) / count),
-        "share_le_0p1": float(np.count_nonzero(squares <= limit) / count),
+        **_statistics(metres_of(squares, resolution), 1.0),
+        "share_lt_0p1": share(int((squares < limit).sum()), len(squares)),
+        "share_le_0p1": share(int((squares <= limit).sum()), len(squares)),
     }
+
+
+def _statistics(values: NDArray[Any], unit: float) -> Values:
+    names = ("mean", "median", "p95", "max")
+    if not len(values):
+        return dict.fromkeys(names)
+    figures = (values.mean(), *np.percentile(values, [50, 95]), values.max())
+    return {name: float(figure * unit) for name, figure in zip(names, figures, strict=True)}
 
 
 def metres_of(squares: NDArray[np.signedinteger], resolution: float) -> NDArray[np.float64]:
@@ -125,8 +127,7 @@ _PER_WALL_DRAWN = 40
 def bytes_to_compare(shape: tuple[int, int], walls: int, *, is_drawn: bool = False) -> int:
     """Return about how many bytes it takes to compare a map with the truth, and to draw that."""
     per_wall = _PER_WALL_DRAWN if is_drawn else _PER_WALL
-    band = _OF_BAND, _AROUND, 1, _ACROSS
-    return _bytes(shape, _PER_CELL, per_wall * walls, *band)
+    return _bytes(shape, _PER_CELL, per_wall * walls, _OF_BAND, _AROUND, 1, _ACROSS)
 
 
 def bytes_alone(shape: tuple[int, int], walls: int) -> int:
@@ -281,19 +282,17 @@ def compare_states(estimate: States, truth: States, frame: Frame) -> Comparison:
     walls, true_walls = estimate == OCCUPIED, truth == OCCUPIED
     to_truth = squared_distance(true_walls)[walls]
     to_estimate = squared_distance(walls)[true_walls]
-    cell = frame.resolution
+    distances = {
+        "dist_est_to_truth_m": to_truth,
+        "dist_truth_to_est_m": to_estimate,
+        "dist_est_to_truth_where_truth_known_m": to_truth[truth[walls] != UNKNOWN],
+        "dist_truth_to_est_where_est_known_m": to_estimate[estimate[true_walls] != UNKNOWN],
+    }
     values = {
         "cells": list(frame.shape),
         "ssim_uniform7": uniform_similarity(truth, estimate),
         "ssim_gauss": gaussian_similarity(truth, estimate),
-        "dist_est_to_truth_m": _wall_distances(to_truth, cell),
-        "dist_truth_to_est_m": _wall_distances(to_estimate, cell),
-        "dist_est_to_truth_where_truth_known_m": _wall_distances(
-            to_truth[truth[walls] != UNKNOWN], cell
-        ),
-        "dist_truth_to_est_where_est_known_m": _wall_distances(
-            to_estimate[estimate[true_walls] != UNKNOWN], cell
-        ),
+        **{name: _wall_distances(found, frame.resolution) for name, found in distances.items()},
         **_agreement(estimate, truth),
     }
     return Comparison(frame, estimate, truth, values, to_truth, to_estimate)
@@ -302,7 +301,7 @@ def compare_states(estimate: States, truth: States, frame: Frame) -> Comparison:
 LEAST_AREA = 0.25
 """Square metres of free cells below which an enclosed space is a pocket instead of an area."""
 
-_TOGETHER = 1 << 20
+_TOGETHER = 1 << 20  # cells that numpy converts to 64 bits at once
 
 
 def enclosed_areas(states: States, resolution: float) -> tuple[int, int, float]:
@@ -317,27 +316,21 @@ def enclosed_areas(states: States, resolution: float) -> tuple[int, int, float]:
     from scipy.ndimage import label
 
     labels, count = label(states != OCCUPIED)
+    cells = labels.ravel()
     is_outside = np.zeros(count + 1, dtype=np.bool_)
+    is_outside[0] = True
     for border in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
         for start in range(0, len(border), _TOGETHER):
             is_outside[border[start : start + _TOGETHER]] = True
     labels *= states == FREE
-    free = label_sizes(labels, count)
-    free[is_outside] = 0
-    free[0] = 0
-    sizes = free[free > 0] * resolution**2
+    free = np.zeros(count + 1, dtype=np.int64)
+    for start in range(0, len(cells), _TOGETHER):
+        found = np.bincount(cells[start : start + _TOGETHER])
+        free[: len(found)] += found
+    sizes = free[(free > 0) & ~is_outside] * resolution**2
     is_area = sizes >= LEAST_AREA * (1 - _ROUNDING)
     areas = int(np.count_nonzero(is_area))
     return areas, len(sizes) - areas, float(sizes[is_area].sum())
-
-
-def label_sizes(labels: NDArray[np.integer[Any]], count: int) -> NDArray[np.int64]:
-    sizes = np.zeros(count + 1, dtype=np.int64)
-    cells = labels.ravel()
-    for first in range(0, len(cells), _TOGETHER):
-        found = np.bincount(cells[first : first + _TOGETHER])
-        sizes[: len(found)] += found
-    return sizes
 
 
 _SMOOTHING, _ALONE_AROUND = 1.5, 2.5
@@ -445,19 +438,10 @@ def score_alone(states: States, frame: Frame) -> Values:
         "wall_cells": occupied,
         "wall_pieces": int(np.count_nonzero(sizes >= LEAST_PIECE)),
         "specks": int(np.count_nonzero(sizes < LEAST_PIECE)),
-        "wall_thickness_m": _thickness(thick, frame.resolution),
+        "wall_thickness_m": _statistics(thick, frame.resolution),
         "share_one_cell_thick": share(int(np.count_nonzero(thick == 1)), len(thick)),
         "corners": int(corners.max() + 1) if len(corners) else 0,
         "enclosed_areas": areas,
         "enclosed_pockets": pockets,
         "enclosed_m2": square_metres,
     }
-
-
-def _thickness(cells: NDArray[np.int64], resolution: float) -> Values:
-    names = ("mean", "median", "p95", "max")
-    if not len(cells):
-        return dict.fromkeys(names)
-    median, p95 = np.percentile(cells, [50, 95])
-    figures = (cells.mean(), median, p95, cells.max())  # of whole numbers, in whatever order
-    return {name: float(figure * resolution) for name, figure in zip(names, figures, strict=True)}

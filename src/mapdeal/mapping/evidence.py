@@ -90,8 +90,7 @@ class Scans(OneLine):
             _floats(getattr(self, name), name) for name in ("poses", "angles", "ranges")
         )
         if poses.ndim != 2 or poses.shape[1] != 3:
-            rule = "must be an array of shape (N, 3)"
-            raise ParameterError(rule, place="poses", got=poses.shape)
+            raise ParameterError("must be an array of shape (N, 3)", place="poses", got=poses.shape)
         if angles.ndim != 1:
             raise ParameterError("must be an array of shape (M,)", place="angles", got=angles.shape)
         if ranges.shape != (len(poses), len(angles)):
@@ -156,8 +155,7 @@ class BeamLimits:
             except (TypeError, ValueError, OverflowError):
                 raise ParameterError("must be a number", place=name, got=value) from None
             if not 0 <= value <= FARTHEST_POSE:  # refuses nan too
-                rule = "must be a finite number, at least 0"
-                raise ParameterError(rule, place=name, got=value)
+                raise ParameterError("must be a finite number, at least 0", place=name, got=value)
         if self.range_max <= self.range_min:
             rule = f"must be above range_min, {self.range_min:g}"
             raise ParameterError(rule, place="range_max", got=self.range_max)

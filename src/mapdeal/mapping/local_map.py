@@ -93,8 +93,7 @@ class LocalOptions:
         if (self.angle_min is None) != (self.angle_max is None) or (
             self.angle_min is not None and self.angle_min == self.angle_max
         ):
-            rule = "must both be given, and differ"
-            raise ParameterError(rule, place="angle_min, angle_max")
+            raise ParameterError("must both be given, and differ", place="angle_min, angle_max")
 
     @property
     def asks_for_heights(self) -> bool:
@@ -151,8 +150,7 @@ class SeenCloud:
             rule = "must be an array of shape (N, 2) or wider"
             raise ParameterError(rule, place="points", got=points.shape)
         if self._options.asks_for_heights and points.shape[1] < 3:
-            rule = "the cloud has no heights"
-            raise ParameterError(rule, place="min_height, max_height")
+            raise ParameterError("the cloud has no heights", place="min_height, max_height")
         points = self._in_fan(points)
         if engine_name() == "compiled" and not self._with_beams:
             counts, from_robot = mark_cloud(

@@ -35,14 +35,12 @@ def check_pose(pose: Sequence[float], name: str = "pose") -> Pose:
     try:
         x, y, yaw = (float(value) for value in pose)
     except (TypeError, ValueError):
-        rule = "must be three numbers x, y, yaw"
-        raise ParameterError(rule, place=name, got=pose) from None
+        raise ParameterError("must be three numbers x, y, yaw", place=name, got=pose) from None
     if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(yaw) <= FARTHEST):  # nan too
         rule = f"must be three numbers x, y, yaw within {FARTHEST:g}"
         raise ParameterError(rule, place=name, got=(x, y, yaw))
     if abs(yaw) > _TURN:
-        text = f"{name}: a yaw of {yaw:.6g} rad is more than a turn; is it in degrees?"
-        emit_warning(text)
+        emit_warning(f"{name}: a yaw of {yaw:.6g} rad is more than a turn; is it in degrees?")
     return x, y, wrapped(yaw)
 
 

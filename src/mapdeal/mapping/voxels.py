@@ -101,8 +101,7 @@ class Voxels:
         with np.errstate(over="ignore", invalid="ignore"):
             middle = np.array([median(coordinates) for coordinates in points[:, :3].T])
             place = np.floor((middle - low) / sizes)
-        place = place.clip(-_FARTHEST_ANCHOR, _FARTHEST_ANCHOR)
-        return np.asarray(place, dtype=np.int64)
+        return np.asarray(place.clip(-_FARTHEST_ANCHOR, _FARTHEST_ANCHOR), dtype=np.int64)
 
     def _sort(self) -> None:
         keys = np.sort(np.concatenate(self._waiting))
@@ -246,8 +245,7 @@ def check_extent(columns: Columns) -> None:
         rule = f"extends over {size}: are its coordinates in millimetres?"
         raise MalformedInputError(rule, hint="they must be metres")
     if max(sides) < _SMALLEST:
-        rule = f"extends over {size} only: are its coordinates in metres?"
-        raise MalformedInputError(rule)
+        raise MalformedInputError(f"extends over {size} only: are its coordinates in metres?")
 
 
 _SAMPLED, _COARSE = 1 << 17, 0.25  # most voxels that are tested, and their side in metres

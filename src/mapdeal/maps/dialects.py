@@ -308,8 +308,7 @@ def _as_humble(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
         return by_sample(by_index, picture.samples)
     if picture.alpha is None:
         if picture.colour == "grey":
-            by_grey = _humble_occupancy(3 * wide, None, metadata)
-            return by_sample(by_grey, picture.samples)
+            return by_sample(_humble_occupancy(3 * wide, None, metadata), picture.samples)
         return _humble_occupancy(_sum(wide, picture.samples), None, metadata)
     opacity = wide[picture.alpha]
     if picture.colour == "rgb":

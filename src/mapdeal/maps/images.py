@@ -584,11 +584,9 @@ def _warn_of_loss(
     name: str, image: Any, raw_mode: str, info: Mapping[str, Any], path: Path
 ) -> None:
     if name == "JPEG":
-        text = "JPEG is lossy: greys may have moved across the thresholds"
-        warn_of(path, text, "image.lossy")
+        warn_of(path, "JPEG is lossy: greys may have moved across the thresholds", "image.lossy")
     if name == "PNG" and raw_mode.endswith(";16B") and not raw_mode.startswith("I"):
-        text = "16-bit colour was reduced to 8 bits; ROS 2 reads all 16"
-        warn_of(path, text, "image.depth")
+        warn_of(path, "16-bit colour was reduced to 8 bits; ROS 2 reads all 16", "image.depth")
     if name == "PNG" and image.mode == "RGB" and isinstance(info.get("transparency"), tuple):
         text = "one colour is transparent; read as ROS 2 does, where only black matches"
         warn_of(path, text, "image.transparent-colour")
@@ -685,8 +683,7 @@ def damage_refused(path: Path) -> Iterator[None]:
                 Image.MAX_IMAGE_PIXELS = limit
     except (*_DAMAGE, Image.DecompressionBombError) as error:  # others may reset the limit
         if isinstance(error, OSError) and error.errno is not None:
-            rule = f"cannot be read: {error.strerror}"
-            raise FileAccessError(rule, source=path) from None
+            raise FileAccessError(f"cannot be read: {error.strerror}", source=path) from None
         reason = str(error) or type(error).__name__
         if isinstance(error, UnidentifiedImageError):  # its text contains a memory address
             reason = "an embedded part is not an image"

@@ -198,8 +198,7 @@ class PixelRemarks:
 
     def warn(self, yaml_path: Path, image: Path) -> None:
         if self._reads_indices:
-            text = "ROS 1 reads indices of the palette, not colours"
-            warn_of(image, text, "image.palette")
+            warn_of(image, "ROS 1 reads indices of the palette, not colours", "image.palette")
         if self._lost:
             warn_of(image, remark_on_lost(self._lost), "image.raw-values")
         remark = remark_on_freed({self._dialect: self._freed}, self._cells, self._metadata)
@@ -528,8 +527,7 @@ def write_pair(
                 rule = "these costs are on the occupancy scale and have no costmap2d bytes"
                 raise ParameterError(rule, place="encoding", got=encoding)
             cost_scale = "costmap2d"
-            text = f"{yaml_path}: holds costmap_2d's bytes, which map_server would misread"
-            emit_warning(text)
+            emit_warning(f"{yaml_path}: holds costmap_2d's bytes, which map_server would misread")
             pixels = grid.cost
         elif grid.scale == "occupancy":  # already the values that ROS publishes
             pixels = _raw_pixels(grid.cost)
@@ -579,8 +577,7 @@ def in_trinary(grid: OccupancyGrid) -> OccupancyGrid:
     lost = int(blocks.counts_of(grid.occupancy)[FREE + 1 : OCCUPIED].sum())
     if not lost:
         return grid
-    text = f"{lost} values between 1 and 99 are lost in mode trinary"
-    emit_warning(text)
+    emit_warning(f"{lost} values between 1 and 99 are lost in mode trinary")
     table = np.full(256, UNKNOWN, dtype=np.int8)
     table[FREE : _TRINARY_FREE + 1] = FREE
     table[_TRINARY_OCCUPIED : OCCUPIED + 1] = OCCUPIED

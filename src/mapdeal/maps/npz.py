@@ -128,8 +128,7 @@ class NpzReader:
         except (zipfile.BadZipFile, NotImplementedError, ValueError):
             raise MalformedInputError("is not an npz file", source=path) from None
         except OSError as error:
-            rule = f"cannot be read: {error.strerror}"
-            raise FileAccessError(rule, source=path) from None
+            raise FileAccessError(f"cannot be read: {error.strerror}", source=path) from None
 
     def __enter__(self) -> NpzReader:
         return self
@@ -201,8 +200,7 @@ class NpzReader:
         if header.dtype.kind not in "iuf" or len(header.shape) != axes:
             found = f"{header.dtype} of shape {header.shape}"
             raise self._error(name, f"must be numbers with {axes} axes, is {found}")
-        wide = 16 * header.elements
-        return self._values(name, header.nbytes + wide).astype(np.float64)
+        return self._values(name, header.nbytes + 16 * header.elements).astype(np.float64)
 
     def rows(
         self, name: str, columns: int, *, shape: tuple[int, int] | None = None

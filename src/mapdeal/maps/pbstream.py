@@ -104,8 +104,7 @@ class Message:
         values = self._values(field, bytes, _FORMATS)
         value = struct.unpack(_FORMATS[len(values[-1])], values[-1])[0] if values else default
         if not abs(value) < _LARGEST_NUMBER:
-            rule = f"field {field} must be a number below {_LARGEST_NUMBER:g}"
-            raise self.error(rule, got=value)
+            raise self.error(f"field {field} must be a number below {_LARGEST_NUMBER:g}", got=value)
         return float(value)
 
     def numbers(self, *fields: int) -> list[float]:
@@ -237,8 +236,7 @@ class Submap:
             rule = f"a grid of {height} x {width} cells must have {height * width}"
             raise message.error(rule, got=len(cells))
         if cells.max() >= 2 * _UPDATED:
-            rule = f"cells must be 0..{2 * _UPDATED - 1}"
-            raise message.error(rule, got=int(cells.max()))
+            raise message.error(f"cells must be 0..{2 * _UPDATED - 1}", got=int(cells.max()))
         texels = _texels(grid.number(6, 0.1), grid.number(7, 0.9))
         texture: NDArray[np.uint32] = texels[cells.reshape(self.size)[self.known] % _UPDATED]
         return texture

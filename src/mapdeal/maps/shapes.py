@@ -190,8 +190,7 @@ def _shape_of(entry: Entry) -> Shape:
     fields = entry.fields()
     kind = fields["type"].text() if "type" in fields else None
     if kind not in _KEYS:
-        rule = f"type must be one of {', '.join(_KEYS)}"
-        raise (fields["type"] if kind else entry).error(rule)
+        raise (fields["type"] if kind else entry).error(f"type must be one of {', '.join(_KEYS)}")
     fields = _with_known_keys(fields, kind)
 
     def required(key: str) -> Entry:

@@ -382,8 +382,7 @@ def _ply_points(file: BinaryIO, path: Path) -> Iterator[Points]:
         if element.name == "vertex":
             axes = record.axes(place)
             if encoding == "ascii":
-                width = len(record.names)
-                yield from _ascii_points(file, path, axes, lines, count, width)
+                yield from _ascii_points(file, path, axes, lines, count, len(record.names))
             else:
                 yield from _binary_points(file, record, axes, count)
             return

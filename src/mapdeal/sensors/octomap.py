@@ -53,8 +53,7 @@ def read_octree_header(file: BinaryIO) -> OctreeHeader:
         raise MalformedInputError("the header of an OctoMap file does not end")
     tree, side = entries["id"], entries["res"]
     if tree not in _RECORDS:
-        rule = f"must be one of {', '.join(_RECORDS)}"
-        raise MalformedInputError(rule, place="id", got=tree)
+        raise MalformedInputError(f"must be one of {', '.join(_RECORDS)}", place="id", got=tree)
     if not is_number(side) or not 1e-4 <= float(side) <= 1e3:
         raise MalformedInputError("must be the side of a voxel, metres", place="res", got=side)
     return OctreeHeader(b"binary" in first, tree, float(side))

@@ -43,8 +43,7 @@ def read_transform(path: Path) -> TransformFile:
     same_place, chosen_by = (document.get(key) for key in ("same_place", "chosen_by"))
     is_chosen = chosen_by is not None and chosen_by.value == "user"
     if same_place is not None and not same_place.flag() and not is_chosen:
-        text = f"{path}: align was uncertain about this transform; it is used as it is"
-        emit_warning(text)
+        emit_warning(f"{path}: align was uncertain about this transform; it is used as it is")
     transform = Transform(*(entries[key].number() for key in ("x", "y", "yaw")))
     return TransformFile(transform, *(_checksums(document.get(key)) for key in ("first", "second")))
 
