@@ -25,16 +25,7 @@ from mapdeal.bags.bag import (
 from mapdeal.bags.chunked import MCAP_MAGIC, McapBag, Ros1Bag
 from mapdeal.bags.sqlite import SQLITE_MAGIC, SqliteBag
 from mapdeal.errors import MalformedInputError
-from mapdeal.files.source import (
-    access_to,
-    check_expansion,
-    check_readable,
-    contents_of,
-    exists,
-    head_of,
-    is_folder,
-    status_of,
-)
+from mapdeal.files import source as sources
 from mapdeal.files.transaction import temporary_folder
 from mapdeal.files.yaml_text import Entry, YamlLimits, read_mapping
 from mapdeal.inputs.listing import natural_key
@@ -91,8 +82,8 @@ class FolderBag(Bag):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        metadata = self.path / METADATA
-        return (*((metadata,) if exists(metadata) else ()), *(part.path for part in self._parts))
+        metadata, parts = self.path / METADATA, tuple(part.path for part in self._parts)
+        return (metadata, *parts) if sources.exists(metadata) else parts
 
     @property
     def connections(self) -> Sequence[Connection]:
@@ -122,7 +113,7 @@ class FolderBag(Bag):
 
     def _metadata(self) -> _Metadata:
         path = self.path / METADATA
-        if not exists(path):
+        if not sources.exists(path):
             return self._guess(f"has no {METADATA}, as left by a recorder that was killed")
         top = read_mapping(path, _LIMITS).get(_TOP_KEY)
         fields = {} if top is None else top.fields()
@@ -146,17 +137,20 @@ class FolderBag(Bag):
 
     def _present_files(self, entry: Entry) -> tuple[str, ...]:
         paths = [PurePosixPath(PureWindowsPath(item.text()).as_posix()) for item in entry.items()]
-        names, present = dict.fromkeys(path.name for path in paths), set(contents_of(self.path)[1])
+        names, present = (
+            dict.fromkeys(path.name for path in paths),
+            sources.contents_of(self.path)[1],
+        )
         missing = [name for name in names if name not in present]
         if names and len(missing) == len(names):
-            check_readable(self.path / missing[0])  # raises the error
+            sources.check_readable(self.path / missing[0])  # raises the error
         if missing:
             more = f" and {len(missing) - 1} more are" if len(missing) > 1 else " is"
             self.remark(f"its file {missing[0]}{more} missing; the others are read")
         return tuple(name for name in names if name in present)
 
     def _guess(self, remark: str) -> _Metadata:
-        names = sorted(contents_of(self.path)[1], key=natural_key)
+        names = sorted(sources.contents_of(self.path)[1], key=natural_key)
         for suffix, storage in _SUFFIXES.items():
             files = [name for name in names if _plain(name).endswith(suffix)]
             if files:
@@ -178,16 +172,16 @@ def _plain_file(path: Path) -> Iterator[Path]:
         yield path
         return
     zstd = zstd_module(path)
-    stored = status_of(path).st_size
+    stored = sources.status_of(path).st_size
     with temporary_folder() as folder:
         file = folder / path.stem
-        with access_to(path), path.open("rb") as raw, file.open("wb") as out:
+        with sources.access_to(path), path.open("rb") as raw, file.open("wb") as out:
             try:
                 with zstd.open(raw, "rb") as source:
                     length = 0
                     while piece := source.read(_PIECE):
                         length += len(piece)
-                        check_expansion(path, stored, length, on_disk=True)
+                        sources.check_expansion(path, stored, length, on_disk=True)
                         out.write(piece)
             except (zstd.ZstdError, EOFError) as error:
                 rule = f"its compressed data are damaged: {error}"
@@ -220,7 +214,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
     if path.name == METADATA:
         path = path.parent
     with ExitStack() as stack:
-        if is_folder(path):
+        if sources.is_folder(path):
             bag: Bag = stack.enter_context(FolderBag(path))
         else:
             bag = stack.enter_context(_open_file(path, stack.enter_context(_plain_file(path))))
@@ -233,7 +227,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
 
 
 def _open_file(path: Path, file: Path) -> Bag:
-    head = head_of(file, 16)
+    head = sources.head_of(file, 16)
     for magic, kind in _KINDS.items():
         if head.startswith(magic):
             return kind(file)

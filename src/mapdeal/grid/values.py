@@ -135,6 +135,11 @@ def aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
         yield "  ".join(map(str.ljust, row, widths)).rstrip()
 
 
+def listed(words: Iterable[str], conjunction: str = "or") -> str:
+    *first, last = words
+    return f" {conjunction} ".join(filter(None, [", ".join(first), last]))
+
+
 def count_text(count: int, noun: str) -> str:
     """Return a count with its noun, in the plural unless the count is 1."""
     return f"{count} {noun}{'s' * (count != 1)}"

@@ -22,7 +22,8 @@ from mapdeal.files import source
 from mapdeal.files.json_values import LARGEST_DOCUMENT, document_kind, finite_or_text, read_json
 from mapdeal.files.text import BYTE_ORDER_MARK, coordinate_name, delimiter_of, is_number
 from mapdeal.files.yaml_text import OF_SHAPES, read_mapping
-from mapdeal.maps.formats import FORMATS, MAP_ENDINGS, listed
+from mapdeal.grid.values import listed
+from mapdeal.maps.formats import FORMATS, MAP_ENDINGS
 from mapdeal.maps.images import read_image_size, recognised_format
 from mapdeal.maps.npz import NPZ
 

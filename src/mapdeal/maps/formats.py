@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mapdeal.errors import ParameterError
 from mapdeal.files.source import BIT_MAP
+from mapdeal.grid.values import listed
 from mapdeal.maps.map_file import MapFormat
 from mapdeal.maps.map_server import BITS, PAIR
 from mapdeal.maps.npz import NPZ
@@ -18,8 +19,7 @@ MAP_ENDINGS = tuple(ending for entry in FORMATS for ending in entry.endings)
 
 def format_of(path: Path) -> MapFormat:
     """Return the format of a map by its ending; files without a known one are read as YAML."""
-    suffix = path.suffix.lower()
-    return next((entry for entry in FORMATS if suffix in entry.endings), PAIR)
+    return next((entry for entry in FORMATS if path.suffix.lower() in entry.endings), PAIR)
 
 
 def output_format(output: Path, more: Sequence[str] = ()) -> MapFormat:
@@ -43,8 +43,3 @@ def written_endings(kind: type) -> tuple[str, ...]:
 def named(endings: Iterable[str]) -> Iterable[str]:
     """Return the endings that texts list."""
     return (ending for ending in endings if ending != ".yml")
-
-
-def listed(words: Iterable[str], conjunction: str = "or") -> str:
-    *first, last = words
-    return f" {conjunction} ".join(filter(None, [", ".join(first), last]))

@@ -19,7 +19,7 @@ import threading
 import warnings
 import zlib
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -29,16 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError
-from mapdeal.files.source import (
-    BLANK_EXPANSION,
-    CHANGED,
-    LFS_POINTER,
-    PIECES,
-    check_expansion,
-    claim,
-    holding,
-    note_sum,
-)
+from mapdeal.files import source as sources
 from mapdeal.kernels.blocks import Layer
 from mapdeal.maps.picture import (
     HEAD,
@@ -100,8 +91,8 @@ class _Header:
         """Return the picture of some rows; of bits `samples` are their brightness."""
         maxval = 255 if self.is_bits else self.maxval
         if self.channels == 3:
-            return Picture("PNM", "rgb", samples.reshape(-1, self.width, 3), maxval=maxval)
-        return Picture("PNM", "grey", samples.reshape(-1, self.width), maxval=maxval)
+            return Picture("PNM", "rgb", samples.reshape(-1, self.width, 3), maxval)
+        return Picture("PNM", "grey", samples.reshape(-1, self.width), maxval)
 
 
 def is_pnm(data: bytes) -> bool:
@@ -120,16 +111,14 @@ class PnmImage(OpenImage):
         if header.is_text:
             return self._memory_of_text()
         per_row = max(header.width, header.row_bytes)
-        return header.width * header.height + min(PIECES, 8 * per_row * header.height)
+        return header.width * header.height + min(sources.PIECES, 8 * per_row * header.height)
 
     def _memory_of_text(self) -> int:
         header = self._header
-        copies, per_cell = 2, 0
+        per_cell = 1 + header.channels * (1 + (header.maxval > 255)) if header.is_text else 0
         if header.magic == 1:  # copies of the text, and samples, digits and a mask of digits
-            copies, per_cell = 5, 3
-        elif header.is_text:
-            per_cell = 1 + header.channels * (1 + (header.maxval > 255))
-        return (1 + copies) * self.file.size + per_cell * header.width * header.height
+            return 6 * self.file.size + 3 * header.width * header.height
+        return 3 * self.file.size + per_cell * header.width * header.height
 
     def _decoded(self) -> Strips:
         rows = self.rows()
@@ -147,7 +136,7 @@ class PnmImage(OpenImage):
         """Return the bits of a P1 or P4 file, packed, row 0 in the north."""
         header, path = self._header, self.file.path
         data = self.file.read_all()
-        note_sum(path, self.file.sha256)
+        sources.note_sum(path, self.file.sha256)
         if not header.is_bits:
             rule = "must be a bit map, P1 or P4"
             raise MalformedInputError(rule, source=path, place="header", got=f"P{header.magic}")
@@ -160,7 +149,7 @@ class PnmImage(OpenImage):
         return packed.reshape(self.height, -1)
 
     def _claim(self, count: int) -> None:
-        claim(self.file.path, count, what=f"{self.width} x {self.height} cells")
+        sources.claim(self.file.path, count, what=f"{self.width} x {self.height} cells")
 
     def rows(self) -> BinaryRows | None:
         """Return the rows of a P4, P5 or P6 file; None for a text, whose rows vary in length."""
@@ -213,7 +202,7 @@ class BinaryRows:
         count = (end - first) * header.row_bytes
         data = self.file.read(self.start + first * header.row_bytes, count)
         if len(data) < count:
-            raise FileAccessError(CHANGED, source=self.file.path)
+            raise FileAccessError(sources.CHANGED, source=self.file.path)
         samples: Samples = np.frombuffer(data, dtype=np.uint8)
         if header.is_bits:
             bits = np.unpackbits(samples.reshape(-1, header.row_bytes), axis=1, count=header.width)
@@ -425,24 +414,13 @@ _STRIPS, _TILES, _TILE = (273, 279), (324, 325), (322, 323)
 
 # Pillow's limit, the warning filters and standard error, to which libtiff writes, belong to the
 # process: two threads that replace and restore them at once would leave them replaced.
-_LOCK = threading.RLock()
+PROCESS_WIDE_LOCK = threading.RLock()
 
 _DAMAGE = (
-    OSError,  # Pillow's own exception for data that end early or cannot be decoded
-    SyntaxError,  # Pillow's own exception for invalid headers
-    EOFError,  # a header without the frame that it announces
-    LookupError,  # tables that are too short, tags that are absent
-    TypeError,  # tags of a wrong type, None in place of a missing tag
-    AttributeError,  # None in place of a missing object
-    ValueError,  # numbers out of range; invalid text (UnicodeDecodeError)
-    ArithmeticError,  # numbers too large for C; rationals over 0; images 0 bytes wide
-    AssertionError,  # broken assumptions of Pillow
-    RuntimeError,  # decoders that cannot be set up; endless directories
-    MemoryError,  # absurd lengths that a file claims
-    struct.error,  # records that end early
-    zlib.error,  # compressed text and profiles
-)
-"""All exceptions that Pillow's readers raise on damaged images."""
+    OSError, SyntaxError, EOFError, LookupError, TypeError, AttributeError, ValueError,
+    ArithmeticError, AssertionError, RuntimeError, MemoryError, struct.error, zlib.error,
+)  # fmt: skip
+"""All exceptions that Pillow's readers raise on damaged images, such as SyntaxError for headers."""
 
 
 class PillowImage(OpenImage):
@@ -467,8 +445,8 @@ class PillowImage(OpenImage):
             ):
                 work = 4 * cells
             decoded = _IN_MEMORY.get(image.mode, _MOST_IN_MEMORY) * cells
-            needed = file_bytes + decoded + max(work, cells)
-            return max(needed + min(PIECES, 16 * cells), 2 * size if self._name == "PNG" else 0)
+            needed = file_bytes + decoded + max(work, cells) + min(sources.PIECES, 16 * cells)
+            return max(needed, 2 * size if self._name == "PNG" else 0)
 
     def _decoded(self) -> Strips:
         name, file, path = self._name, self.file, self.file.path
@@ -506,15 +484,15 @@ class PillowImage(OpenImage):
 
     def _check_room(self) -> None:
         """Refuse more pixels than the file can expand to or than fit into memory."""
-        path, cells = self.file.path, self.width * self.height
+        path, cells, most = self.file.path, self.width * self.height, sources.BLANK_EXPANSION
         with damage_refused(path):
             across, down = self._part() if self._name == "TIFF" else (0, 0)
             tile = across * down
             expanded = -(-max(tile, cells) * self._bits() // 8)
         needed = self.memory()
-        check_expansion(path, self.file.size, expanded, most=BLANK_EXPANSION, place="image size")
+        sources.check_expansion(path, self.file.size, expanded, most=most, place="image size")
         size = f"{self.width} x {self.height} cells"
-        claim(path, needed, what=f"{size}, in tiles of {tile}," if tile > cells else size)
+        sources.claim(path, needed, what=f"{size}, in tiles of {tile}," if tile > cells else size)
 
     def _check_parts(self) -> None:
         """Refuse a TIFF that lacks strips or tiles: decoders leave their cells black."""
@@ -564,8 +542,8 @@ def _opened(name: str, file: OpenFile, data: BinaryIO | None = None) -> Any:
     from PIL import Image, UnidentifiedImageError
 
     path = file.path
-    if name == "PNG":
-        claim(path, file.size)  # Pillow reads at once a chunk that may be as long as the file
+    if name == "PNG":  # Pillow reads at once a chunk that may be as long as the file
+        sources.claim(path, file.size)
     with damage_refused(path):
         try:
             image = Image.open(data or file.stream(), formats=(name,))
@@ -656,10 +634,6 @@ def _with_png_facts(picture: Picture, raw_mode: str, info: Mapping[str, Any]) ->
     return replace(picture, alpha=alpha, alpha_from="key")
 
 
-def process_wide_lock() -> AbstractContextManager[Any]:
-    return _LOCK
-
-
 @contextmanager
 def damage_refused(path: Path) -> Iterator[None]:
     """Turn the exceptions that Pillow raises on damaged files into one clear error."""
@@ -673,7 +647,7 @@ def damage_refused(path: Path) -> Iterator[None]:
     if not log.handlers:
         log.addHandler(logging.NullHandler())
     try:
-        with process_wide_lock(), warnings.catch_warnings():
+        with PROCESS_WIDE_LOCK, warnings.catch_warnings():
             # by module: warnings of other threads must pass
             warnings.filterwarnings("ignore", module=r"PIL\.")
             limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # `check_size` has ours
@@ -693,23 +667,16 @@ def damage_refused(path: Path) -> Iterator[None]:
 @contextmanager
 def _silent_stderr() -> Iterator[None]:
     """Discard what libtiff writes to standard error."""
-    with process_wide_lock():
-        try:
-            saved = os.dup(2)
-        except OSError:  # the caller has closed it
-            saved = None
-        nowhere = os.open(os.devnull, os.O_WRONLY)
+    with PROCESS_WIDE_LOCK:
+        nowhere = os.open(os.devnull, os.O_WRONLY)  # 2 itself, if the caller has closed that
+        saved = os.dup(2)
         try:
             os.dup2(nowhere, 2)
             yield
         finally:
-            if saved is not None:
-                os.dup2(saved, 2)
-                os.close(saved)
-            else:
-                os.close(2)
-            if nowhere != 2:
-                os.close(nowhere)
+            os.dup2(saved, 2)
+            os.close(saved)
+            os.close(nowhere)
 
 
 def _format(name: str, suffixes: tuple[str, ...], *signatures: bytes) -> ImageFormat:
@@ -749,7 +716,7 @@ def open_image(path: Path, *, max_cells: int | None = None) -> Iterator[OpenImag
             return
     if not head:
         raise MalformedInputError("the image file is empty", source=path)
-    if head.startswith(LFS_POINTER):
+    if head.startswith(sources.LFS_POINTER):
         hint = "fetch it with: git lfs pull"
         raise MalformedInputError("is a Git LFS pointer, not the image", source=path, hint=hint)
     raise MalformedInputError(_NOT_AN_IMAGE, source=path)
@@ -768,7 +735,7 @@ def open_for_one_pass(
     """Open an image file; yield its strips, of which no cells stay in memory, and its head."""
     with open_image(path, max_cells=max_cells) as image:
         height, width = image.shape
-        with holding(-height * width), image.strips() as strips:
+        with sources.holding(-height * width), image.strips() as strips:
             yield strips, image.file.read(0, HEAD)
 
 

@@ -7,11 +7,11 @@ pairs of a ``.pbm`` and a YAML file whose bits stay packed in memory.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path, PureWindowsPath
 from typing import Any, Literal
 from urllib.parse import unquote
@@ -28,19 +28,7 @@ from mapdeal.errors import (
     capture_warnings,
     emit_warning,
 )
-from mapdeal.files.source import (
-    BIT_MAP,
-    IMAGE_KEY,
-    YAML,
-    contents_of,
-    exists,
-    head_of,
-    is_same_file,
-    state_of,
-    status_of,
-    use_memory,
-    yaml_at,
-)
+from mapdeal.files import source as sources
 from mapdeal.files.transaction import RowsWriter, Transaction, Writer
 from mapdeal.files.yaml_text import read_mapping
 from mapdeal.grid.bit_map import BitMap
@@ -48,7 +36,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import FieldView
 from mapdeal.grid.frame import Frame, Framed, Origin
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale, occupancy_from_cost
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale, listed, occupancy_from_cost
 from mapdeal.kernels import blocks
 from mapdeal.kernels.lookup import look_up
 from mapdeal.maps.dialects import Dialect, MapMetadata, Mode, cells_of, read_metadata, yaml_of
@@ -81,9 +69,8 @@ class FreedCells:
         self.count = 0
         self.stay_free = False
         """Whether some of them stay free with the usual free_thresh."""
-        self._metadata = metadata
-        usual = min(USUAL_FREE_THRESH, metadata.free_thresh)
-        self._usual = replace(metadata, free_thresh=usual)
+        usual_thresh = min(USUAL_FREE_THRESH, metadata.free_thresh)
+        self._metadata, self._usual = metadata, replace(metadata, free_thresh=usual_thresh)
         self._dialect: Dialect = dialect
         self._byte_is_free: bool | None = None
 
@@ -115,17 +102,11 @@ def map_saver_grey_mask(picture: Picture) -> NDArray[np.bool_]:
     # Only its exact brightness counts, 205 / 255 at any maxval: a neighbouring grey may be free
     # with the usual thresholds on purpose.
     if picture.palette is not None:
-        index_has_grey = (picture.palette[:, :3] == MAP_SAVER_UNKNOWN).all(axis=1)
-        mask: NDArray[np.bool_] = by_sample(index_has_grey, picture.samples)
-        return mask
-    if picture.maxval == 255:
-        mask = picture.samples == MAP_SAVER_UNKNOWN
+        has_grey = (picture.palette[:, :3] == MAP_SAVER_UNKNOWN).all(axis=1)
     else:
-        sample_has_grey = np.arange(picture.maxval + 1) * 255 == MAP_SAVER_UNKNOWN * picture.maxval
-        mask = by_sample(sample_has_grey, picture.samples)
-    if picture.colour == "rgb":
-        mask = mask[..., 0] & mask[..., 1] & mask[..., 2]
-    return mask
+        has_grey = np.arange(picture.maxval + 1) * 255 == MAP_SAVER_UNKNOWN * picture.maxval
+    mask: NDArray[np.bool_] = by_sample(has_grey, picture.samples)
+    return mask[..., 0] & mask[..., 1] & mask[..., 2] if picture.colour == "rgb" else mask
 
 
 def remark_on_freed(
@@ -138,11 +119,10 @@ def remark_on_freed(
         return None
     cells_of_grey = f"{most} cells ({percent(most, cells)}) of grey {MAP_SAVER_UNKNOWN}"
     text = f"{cells_of_grey}, which map_saver writes for unknown, are read as free"
-    if len(freed) > 1:
-        text += f" by {_listed([name for name, count in counts.items() if count == most])}"
-    for fewer in sorted(set(counts.values()) - {most}, reverse=True):
-        names = _listed([name for name, count in counts.items() if count == fewer])
-        text += f", {fewer} ({percent(fewer, cells)}) by {names}"
+    for number in sorted(set(counts.values()), reverse=True) if len(freed) > 1 else ():
+        text += "" if number == most else f", {number} ({percent(number, cells)})"
+        names = [name for name, count in counts.items() if count == number]
+        text += f" by {listed(names, 'and')}"
     return f"{text}; {_advice(freed, metadata)}"
 
 
@@ -155,14 +135,9 @@ def _advice(freed: Mapping[Dialect, FreedCells], metadata: MapMetadata) -> str:
     if metadata.free_thresh > USUAL_FREE_THRESH:
         parts.append(f"lower free_thresh from {metadata.free_thresh!r} to {USUAL_FREE_THRESH}")
     if by_opacity:
-        verb = "averages" if len(by_opacity) == 1 else "average"
-        readers = f"{_listed(by_opacity)} {verb} the opacity into the grey"
-        parts.append(f"save the image as a PGM, since {readers}")
+        readers = f"{listed(by_opacity, 'and')} average{'s' * (len(by_opacity) == 1)}"
+        parts.append(f"save the image as a PGM, since {readers} the opacity into the grey")
     return ", and ".join(parts)
-
-
-def _listed(names: Sequence[str]) -> str:
-    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def percent(count: int, total: int) -> str:
@@ -250,7 +225,7 @@ def bare_image(path: Path) -> MapMetadata | None:
     plain_image = _bare_images.get()
     if plain_image is None or not is_bare_image(path):
         return None
-    if yaml_at(path):
+    if sources.yaml_at(path):
         text = "is read with --resolution; the .yaml beside it is ignored"
         emit_warning(MapdealWarning(f"{path}: {text}", "image.yaml-not-read"))
     return MapMetadata(path.name, *plain_image)
@@ -259,21 +234,21 @@ def bare_image(path: Path) -> MapMetadata | None:
 def _header(path: Path) -> Path:
     """Return the YAML file; refuse an image in its place, unless it is read without one."""
     if path.suffix.lower() in IMAGE_SUFFIXES:
-        status_of(path)
+        sources.status_of(path)
         if not is_bare_image(path):
             sibling = path.with_suffix(".yaml")
             hint = "pass its .yaml, or --resolution R to read the image without one"
-            hint = f"pass {sibling}" if exists(sibling) else hint
-            raise MalformedInputError(
-                "looks like an image, not a map's YAML", source=path, hint=hint
-            )
+            hint = f"pass {sibling}" if sources.exists(sibling) else hint
+            rule = "looks like an image, not a map's YAML"
+            raise MalformedInputError(rule, source=path, hint=hint)
     return path
 
 
 def _is_yaml_of_map(path: Path) -> bool:
     """Return whether a YAML file is that of a map, possibly a broken one: it has the key image."""
     try:
-        return bool(IMAGE_KEY.search(head_of(path, _HEAD))) or "image" in read_mapping(path)
+        head = sources.head_of(path, _HEAD)
+        return sources.IMAGE_KEY.search(head) is not None or "image" in read_mapping(path)
     except FileAccessError:
         return True  # reading it as a map reports the error
     except MapdealError:
@@ -289,12 +264,12 @@ class PairFile(MapFile):
         self, path: Path, opened: ExitStack, dialect: Dialect, max_cells: int | None,
         bits: Path | None = None,
     ) -> None:  # fmt: skip
-        states = {path: state_of(path)}
+        states = {path: sources.state_of(path)}
         metadata = None if bits is not None else bare_image(path)
         if metadata is None:
             metadata = read_metadata(path, dialect=dialect)
             image = image_of(path, metadata, bits)
-            states[image] = state_of(image)
+            states[image] = sources.state_of(image)
         super().__init__(path, states)
         self.metadata = metadata
         self._opened, self._dialect, self._max_cells = opened, dialect, max_cells
@@ -336,10 +311,7 @@ class PairFile(MapFile):
         self._image.check_limit()
         for remark in self._remarks:
             emit_warning(remark)
-        grid = lazy_cells(
-            self.metadata, self._rows, block_height=block_height, budget=budget,
-            dialect=self._dialect,
-        )  # fmt: skip
+        grid = lazy_cells(self.metadata, self._rows, block_height, budget, self._dialect)
         remarks = PixelRemarks(self.metadata, self._dialect)
         for _, picture in self._rows.strips().placed():
             if not remarks.are_possible(picture):
@@ -376,8 +348,8 @@ def read_cells(
 
 
 def lazy_cells(
-    metadata: MapMetadata, pixels: BinaryRows, *, block_height: int,
-    budget: blocks.CacheBudget | None = None, dialect: Dialect = "nav2",
+    metadata: MapMetadata, pixels: BinaryRows, block_height: int,
+    budget: blocks.CacheBudget | None, dialect: Dialect,
 ) -> OccupancyGrid:  # fmt: skip
     """Return the map in an image whose rows are read on demand."""
 
@@ -407,12 +379,12 @@ def find_image(yaml_path: Path, image: str) -> Path:
     if _expanded(image) != image:
         text = f"image: {image} was expanded; map_server does not"
         warn_of(yaml_path, text, "image.foreign-path")
-    path, *fallbacks = image_places(yaml_path.parent, image)
-    if exists(path):
+    folder = yaml_path.parent
+    path, *fallbacks = image_places(folder, image)
+    if sources.exists(path):
         return path
     for fallback in fallbacks:
-        if exists(fallback):
-            folder = yaml_path.parent
+        if sources.exists(fallback):
             name = fallback.relative_to(folder) if folder in fallback.parents else fallback
             text = f"image: {image} does not exist here; using {name} beside the YAML file"
             warn_of(yaml_path, text, "image.foreign-path")
@@ -424,9 +396,9 @@ def find_image(yaml_path: Path, image: str) -> Path:
 
 
 def yaml_beside(path: Path) -> Path:
-    if found := yaml_at(path):
+    if found := sources.yaml_at(path):
         return found
-    status_of(path)
+    sources.status_of(path)
     rule = f"has no {path.with_suffix('.yaml').name} beside it, which holds its origin"
     hint = "a bit map is two files, as mapdeal pack writes them"
     raise FileAccessError(rule, source=path, hint=hint)
@@ -434,9 +406,9 @@ def yaml_beside(path: Path) -> Path:
 
 def find_bits(path: Path, yaml_path: Path, metadata: MapMetadata) -> Path:
     """Return the image that the YAML file beside a ``.pbm`` names; refuse any other image."""
-    status_of(path)
+    sources.status_of(path)
     image = find_image(yaml_path, metadata.image)
-    if not is_same_file(image, path):
+    if not sources.is_same_file(image, path):
         rule = f"names another image than {path.name}"
         raise MalformedInputError(rule, source=yaml_path, place="image", got=metadata.image)
     return image
@@ -466,12 +438,12 @@ def _expanded(image: str) -> str:
 def _nearest_name(path: Path) -> str | None:
     """Return a hint that lists files with similar names, whatever their case or ending."""
     try:
-        names = contents_of(path.parent)[1]
+        names = sources.contents_of(path.parent)[1]
     except FileAccessError:
         return None
     import difflib
 
-    images = [n for n in names if n != path.name and not n.endswith(YAML)]
+    images = [n for n in names if n != path.name and not n.endswith(sources.YAML)]
     lower = {n.lower(): n for n in images}
     similar = [n for n in images if Path(n).stem.lower() == path.stem.lower()]
     close = difflib.get_close_matches(path.name.lower(), lower, n=3, cutoff=0.75)
@@ -521,18 +493,17 @@ def write_pair(
     if isinstance(grid, Costmap):
         if mode not in (None, "raw"):
             raise ParameterError("costs are written in mode raw", place="mode", got=mode)
-        mode = "raw"
-        if encoding == "costmap2d":
-            if grid.scale != "costmap2d":
+        mode, pixels = "raw", grid.cost
+        if grid.scale == "occupancy":  # already the values that ROS publishes
+            if encoding == "costmap2d":
                 rule = "these costs are on the occupancy scale and have no costmap2d bytes"
                 raise ParameterError(rule, place="encoding", got=encoding)
+            pixels = _raw_pixels(pixels)
+        elif encoding == "costmap2d":
             cost_scale = "costmap2d"
             emit_warning(f"{yaml_path}: holds costmap_2d's bytes, which map_server would misread")
-            pixels = grid.cost
-        elif grid.scale == "occupancy":  # already the values that ROS publishes
-            pixels = _raw_pixels(grid.cost)
         else:
-            pixels = _pixels_of(grid.cost, occupancy_from_cost().view(np.uint8))
+            pixels = _pixels_of(pixels, occupancy_from_cost().view(np.uint8))
         write_image = _pixel_writer(image, pixels, grid)
     elif painted is not None:
         mode, write_image = "trinary", _pixel_writer(image, painted.pixels, grid, painted.comment)
@@ -555,11 +526,12 @@ def write_pair(
 
 
 PAIR = MapFormat(
-    "a map_server .yaml", YAML, PairFile, is_yaml=True, is_map=_is_yaml_of_map, header=_header,
-    grids=(OccupancyGrid, Costmap), write=write_pair, paths=pair_paths, images=(".pgm", ".png"),
+    "a map_server .yaml", sources.YAML, PairFile, is_yaml=True, is_map=_is_yaml_of_map,
+    header=_header, grids=(OccupancyGrid, Costmap), write=write_pair, paths=pair_paths,
+    images=(".pgm", ".png"),
 )  # fmt: skip
 BITS = MapFormat(
-    "a .pbm with its .yaml", (BIT_MAP,),
+    "a .pbm with its .yaml", (sources.BIT_MAP,),
     lambda path, opened, dialect, most: PairFile(yaml_beside(path), opened, dialect, most, path),
     header=yaml_beside, in_folders=False,
 )  # fmt: skip
@@ -663,26 +635,25 @@ def read_bit_map(
     MalformedInputError
         If one of the files is malformed, or they do not belong together.
     """
-    with use_memory(max_memory):
+    with sources.use_memory(max_memory):
         return read_bit_map_pair(Path(path), max_cells=max_cells)[0]
 
 
 def read_bit_map_pair(
     path: Path, *, max_cells: int | None = None
 ) -> tuple[BitMap, MapMetadata, tuple[Path, Path]]:
-    if path.suffix.lower() != BIT_MAP:
+    if path.suffix.lower() != sources.BIT_MAP:
         rule = "a bit map must be a .pbm"
-        hint = "pass the .pbm that the YAML names" if path.suffix in YAML else None
+        hint = "pass the .pbm that the YAML names" if path.suffix in sources.YAML else None
         raise ParameterError(rule, source=path, got=path.suffix, hint=hint)
     yaml_path = yaml_beside(path)
     metadata = read_metadata(yaml_path)
     find_bits(path, yaml_path, metadata)
+    refused = partial(MalformedInputError, source=yaml_path)
     if metadata.cost_scale is not None:
-        rule = "a bit map cannot hold costs"
-        raise MalformedInputError(rule, source=yaml_path, place="cost_scale")
+        raise refused("a bit map cannot hold costs", place="cost_scale")
     if metadata.mode == "raw":
-        rule = "must be trinary for a bit map"
-        raise MalformedInputError(rule, source=yaml_path, place="mode", got=metadata.mode)
+        raise refused("must be trinary for a bit map", place="mode", got=metadata.mode)
     with opened(path) as file:
         image = PnmImage(file, LARGEST_CELLS if max_cells is None else max_cells)
         packed = image.bits()[::-1]  # image rows run from the north, grid rows from the south
@@ -692,7 +663,7 @@ def read_bit_map_pair(
 
 
 def bit_map_paths(output: Path) -> tuple[Path, Path]:
-    if output.suffix != BIT_MAP:
+    if output.suffix != sources.BIT_MAP:
         raise ParameterError("a bit map must end in .pbm", source=output, got=output.suffix)
     return _checked_image_name(output), output.with_suffix(".yaml")
 
@@ -702,9 +673,7 @@ def write_bit_map_pair(
 ) -> None:
     """Write a bit map as PBM P4 and its YAML, which any map_server reads as a trinary map."""
     picture, yaml_path = bit_map_paths(output)
-    metadata = MapMetadata(
-        image=picture.name, resolution=bits.resolution, origin=bits.origin, extra=extra or {}
-    )
+    metadata = MapMetadata(picture.name, bits.resolution, bits.origin, extra=extra or {})
     transaction.write(picture, lambda file: write_pbm(file, bits.packed[::-1], bits.width))
     transaction.write_bytes(yaml_path, yaml_of(metadata))
 

@@ -35,7 +35,7 @@ from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import OCCUPIED, UNKNOWN, Convention
 from mapdeal.kernels.blocks import CacheBudget, Layer, LazyLayer, is_lazy
 from mapdeal.maps.dialects import Dialect
-from mapdeal.maps.images import process_wide_lock
+from mapdeal.maps.images import PROCESS_WIDE_LOCK
 from mapdeal.maps.map_file import Grid as Grid, MapFile, MapFormat
 from mapdeal.maps.picture import LARGEST_CELLS
 from mapdeal.maps.png import Buffer, deflated, pieces
@@ -73,7 +73,7 @@ def read_npy_header(file: IO[bytes]) -> NpyHeader:
         version = npy_format.read_magic(head)
         if version not in _READERS:
             raise ValueError(f"version {version} is not supported")
-        with process_wide_lock(), warnings.catch_warnings():
+        with PROCESS_WIDE_LOCK, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # numpy warns of headers that Python 2 wrote
             header = _READERS[version](head)
     # numpy and Python's parser raise all these on damaged headers, some with several lines.

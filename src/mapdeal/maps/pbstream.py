@@ -20,15 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
-from mapdeal.files.source import (
-    PIECES,
-    access_to,
-    check_readable,
-    claim,
-    most_expanded,
-    note_sum,
-    sha256_of,
-)
+from mapdeal.files import source as sources
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.arrays import Floats, Integers
@@ -145,7 +137,7 @@ def _planar(pose: Message) -> Floats:
 def _opened(path: Path) -> Iterator[BinaryIO]:
     """Yield an open file; errors about its contents get its name."""
     try:
-        with access_to(path), path.open("rb") as file:
+        with sources.access_to(path), path.open("rb") as file:
             yield file
     except MalformedInputError as error:
         raise error.found_in(path) from None
@@ -159,10 +151,10 @@ class Block(NamedTuple):
 
     def read(self, file: BinaryIO) -> Message:
         place = f"message at byte {self.offset}"
-        claim(file.name, self.length)
+        sources.claim(file.name, self.length)
         file.seek(self.offset)
         data = file.read(self.length)
-        most, stream = most_expanded(len(data)), zlib.decompressobj(wbits=31)
+        most, stream = sources.most_expanded(len(data)), zlib.decompressobj(wbits=31)
         try:
             content = stream.decompress(data, most + 1)
         except zlib.error as error:
@@ -173,7 +165,7 @@ class Block(NamedTuple):
             raise MalformedInputError(rule, place=place, hint=hint)
         if not stream.eof:
             raise MalformedInputError("its compressed data end early", place=place)
-        claim(file.name, _PER_BYTE * len(content))
+        sources.claim(file.name, _PER_BYTE * len(content))
         return Message(content, place)
 
 
@@ -300,7 +292,7 @@ class StateFile(MapFile):
         self._graph = Block(0, 0)
         self._version = self._largest = self._nodes = self._nodes_of_graph = 0
         with _opened(path) as file:
-            for block in _blocks(file, check_readable(path).st_size):
+            for block in _blocks(file, sources.check_readable(path).st_size):
                 self._add(block.read(file), block)
             self._slices = self._placed()
             self._canvas = canvas_of(self._slices)
@@ -357,7 +349,7 @@ class StateFile(MapFile):
 
     def memory_to_read(self) -> int:
         height, width = self.shape()
-        return 3 * height * width + _PER_BYTE * self._largest + PIECES
+        return 3 * height * width + _PER_BYTE * self._largest + sources.PIECES
 
     def painting(self) -> Painting:
         return Painting(self._pixels, f"Cartographer map; {self._resolution:g} m/pixel")
@@ -365,12 +357,12 @@ class StateFile(MapFile):
     @cached_property
     def _pixels(self) -> NDArray[np.uint8]:
         height, width = self.shape()
-        claim(self.path, self.memory_to_read(), what=f"{width} x {height} cells")
+        sources.claim(self.path, self.memory_to_read(), what=f"{width} x {height} cells")
         pixels = np.full((height, width), UNKNOWN_GREY, dtype=np.uint8)
         with _opened(self.path) as file:
             for submap, place in self._slices:
                 paint(pixels, submap.texture(file), place.moved_by(self._canvas.origin))
-        note_sum(self.path, lambda: sha256_of(self.path))
+        sources.note_sum(self.path, lambda: sources.sha256_of(self.path))
         return pixels[::-1]
 
     def cells(self) -> OccupancyGrid:

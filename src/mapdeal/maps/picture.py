@@ -17,15 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, emit_warning
-from mapdeal.files.source import (
-    CHANGED,
-    LARGEST_FILE,
-    FileState,
-    access_to,
-    check_readable,
-    claim,
-    note_sum,
-)
+from mapdeal.files import source as sources
 from mapdeal.kernels.lookup import look_up
 
 Samples = NDArray[np.unsignedinteger[Any]]
@@ -144,7 +136,7 @@ class OpenFile:
     path: Path
     size: int
     _descriptor: int
-    _state: FileState
+    _state: sources.FileState
     _head: list[bytes] = field(default_factory=list)
 
     def read(self, offset: int, count: int) -> bytes:
@@ -162,16 +154,16 @@ class OpenFile:
         return data
 
     def _check_state(self) -> None:
-        with access_to(self.path):
+        with sources.access_to(self.path):
             after = os.fstat(self._descriptor)
-        if FileState.of_status(after) != self._state:
-            raise FileAccessError(CHANGED, source=self.path)
+        if sources.FileState.of_status(after) != self._state:
+            raise FileAccessError(sources.CHANGED, source=self.path)
 
     def _parts(self, offset: int, count: int) -> list[bytes]:
         parts = []
         # no larger than the file: allocating a buffer takes longer than reading few bytes
         count = min(count, self.size - offset)
-        with access_to(self.path):
+        with sources.access_to(self.path):
             while count > 0 and (part := os.pread(self._descriptor, count, offset)):
                 parts.append(part)
                 offset, count = offset + len(part), count - len(part)
@@ -180,13 +172,13 @@ class OpenFile:
 
     def check_length(self) -> None:
         """Refuse implausible lengths: sparse files can claim any size."""
-        if self.size > LARGEST_FILE:
-            rule = f"cannot be read: larger than {LARGEST_FILE} bytes"
+        if self.size > sources.LARGEST_FILE:
+            rule = f"cannot be read: larger than {sources.LARGEST_FILE} bytes"
             raise FileAccessError(rule, source=self.path, got=self.size)
 
     def read_all(self) -> bytes:
         self.check_length()
-        claim(self.path, self.size)
+        sources.claim(self.path, self.size)
         try:
             return self.read(0, self.size)
         except MemoryError:
@@ -231,13 +223,13 @@ class _Stream(io.RawIOBase):
 
 @contextmanager
 def opened(path: Path) -> Iterator[OpenFile]:
-    check_readable(path)
-    with access_to(path):
+    sources.check_readable(path)
+    with sources.access_to(path):
         descriptor = os.open(path, os.O_RDONLY)
     try:
-        with access_to(path):
+        with sources.access_to(path):
             status = os.fstat(descriptor)
-        yield OpenFile(path, status.st_size, descriptor, FileState.of_status(status))
+        yield OpenFile(path, status.st_size, descriptor, sources.FileState.of_status(status))
     finally:
         os.close(descriptor)
 
@@ -296,7 +288,7 @@ class OpenImage(ABC):
         self.file.check_length()  # the checksum below reads all of it
         self.check_limit()
         yield self._decoded()
-        note_sum(self.file.path, self.file.sha256)
+        sources.note_sum(self.file.path, self.file.sha256)
 
 
 @dataclass(frozen=True)

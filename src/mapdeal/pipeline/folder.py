@@ -28,10 +28,10 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import GoalReach, Passage, Reach
-from mapdeal.grid.values import count_text, decimal_text, few_text
+from mapdeal.grid.values import count_text, decimal_text, few_text, listed
 from mapdeal.kernels.blocks import blocks_of, gathered, made_by_rows, report_rows
 from mapdeal.kernels.lookup import histogram
-from mapdeal.maps.formats import listed, named, output_format, written_endings
+from mapdeal.maps.formats import named, output_format, written_endings
 from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import NPZ, Grid, write_npy
 from mapdeal.maps.png import write_indexed_png
