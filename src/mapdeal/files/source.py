@@ -19,7 +19,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 from mapdeal.compatibility import file_digest
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
@@ -251,7 +251,18 @@ def joined(chunks: Iterable[bytes], *, limit: int, source: Path | str) -> bytes:
         length += len(chunk)
         if length > limit:
             raise MalformedInputError(f"must not be larger than {limit} bytes", source=source)
+        claim(source, 2 * length)
     return b"".join(parts)
+
+
+@contextmanager
+def binary_file(path: Path) -> Iterator[BinaryIO]:
+    """Yield an open file; errors about its contents get its name."""
+    try:
+        with access_to(path), path.open("rb") as file:
+            yield file
+    except MalformedInputError as error:
+        raise error.found_in(path) from None
 
 
 def sha256_of(path: Path) -> str:

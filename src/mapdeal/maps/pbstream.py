@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Container, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -131,16 +131,6 @@ def _planar(pose: Message) -> Floats:
     if not abs(a * d - b * c - 1) < _MOST_TILT:
         raise pose.error("the rotation of a submap must be a unit quaternion about z")
     return np.array([(a, b, x), (c, d, y), (0, 0, 1)])
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[BinaryIO]:
-    """Yield an open file; errors about its contents get its name."""
-    try:
-        with sources.access_to(path), path.open("rb") as file:
-            yield file
-    except MalformedInputError as error:
-        raise error.found_in(path) from None
 
 
 class Block(NamedTuple):
@@ -291,7 +281,7 @@ class StateFile(MapFile):
         self._poses: dict[tuple[int, int], Floats] = {}
         self._graph = Block(0, 0)
         self._version = self._largest = self._nodes = self._nodes_of_graph = 0
-        with _opened(path) as file:
+        with sources.binary_file(path) as file:
             for block in _blocks(file, sources.check_readable(path).st_size):
                 self._add(block.read(file), block)
             self._slices = self._placed()
@@ -359,7 +349,7 @@ class StateFile(MapFile):
         height, width = self.shape()
         sources.claim(self.path, self.memory_to_read(), what=f"{width} x {height} cells")
         pixels = np.full((height, width), UNKNOWN_GREY, dtype=np.uint8)
-        with _opened(self.path) as file:
+        with sources.binary_file(self.path) as file:
             for submap, place in self._slices:
                 paint(pixels, submap.texture(file), place.moved_by(self._canvas.origin))
         sources.note_sum(self.path, lambda: sources.sha256_of(self.path))
@@ -372,13 +362,10 @@ class StateFile(MapFile):
         return OccupancyGrid(cells, frame.resolution, frame.origin)
 
     def trajectories(self) -> dict[int, Trajectory]:
-        with _opened(self.path) as file:
-            return {
-                trajectory.integer(3): Trajectory.of(trajectory)
-                for graph in self._graph.read(file).messages(1)
-                for trajectory in graph.messages(4)
-                if 1 in trajectory
-            }
+        with sources.binary_file(self.path) as file:
+            graphs = list(self._graph.read(file).messages(1))
+        found = [trajectory for graph in graphs for trajectory in graph.messages(4)]
+        return {path.integer(3): Trajectory.of(path) for path in found if 1 in path}
 
     def remark(self, grid: Grid) -> None:
         super().remark(grid)

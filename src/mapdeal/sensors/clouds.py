@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError, emit_warning
-from mapdeal.files.source import PIECES, access_to, check_readable, claim, use_memory
+from mapdeal.files.source import PIECES, access_to, binary_file, check_readable, claim, use_memory
 from mapdeal.files.text import coordinate_name, delimiter_of, first_line, is_number, read_rows
 from mapdeal.inputs.kinds import CLOUD, NUMBERS, recognised
 from mapdeal.kernels.sensing import lzf_expanded
@@ -67,16 +66,6 @@ class Record:
 def _binary_points(
     file: BinaryIO, record: Record, axes: tuple[int, ...], count: int
 ) -> Iterator[Points]:
-    types = [record.types[column] for column in axes]
-    offsets = [record.offset(column) for column in axes]
-    are_neighbours = all(
-        kind == types[0] and offset == offsets[0] + k * kind.itemsize
-        for k, (kind, offset) in enumerate(zip(types, offsets, strict=True))
-    )
-    names = [str(k) for k in range(len(axes))]
-    layout = np.dtype(
-        {"names": names, "formats": types, "offsets": offsets, "itemsize": record.size}
-    )
     part_size = max(1, _BYTES_TOGETHER // max(record.size, 8 * len(axes)))
     for start in range(0, count, part_size):
         size = min(part_size, count - start)
@@ -86,23 +75,18 @@ def _binary_points(
             raise MalformedInputError(f"ends after {found} of {count} points")
         points = np.empty((size, len(axes)))
         with np.errstate(invalid="ignore"):  # conversion of a signalling nan
-            if are_neighbours:
-                first = (size, len(axes)), types[0], data, offsets[0]
-                points[:] = np.ndarray(*first, (record.size, types[0].itemsize))
-            else:
-                rows = np.frombuffer(data, dtype=layout)
-                for k in range(len(axes)):
-                    points[:, k] = rows[str(k)]
+            for k, column in enumerate(axes):
+                place = record.types[column], data, record.offset(column), (record.size,)
+                points[:, k] = np.ndarray(size, *place)
         yield points
 
 
-def _ascii_points(
-    file: BinaryIO, path: Path, columns: Sequence[int], lines: int, count: int, width: int
+def _counted_points(
+    file: BinaryIO, path: Path, columns: Sequence[int], lines: int, count: int, **form: Any
 ) -> Iterator[Points]:
+    """Yield so many points behind the first lines; refuse a file that ends before."""
     found = 0
-    for rows in read_rows(
-        file, columns, path=path, first_line=lines + 1, most=count, width=width
-    ):  # fmt: skip
+    for rows in read_rows(file, columns, path=path, first_line=lines + 1, most=count, **form):
         found += len(rows)
         yield rows
     if found < count:
@@ -150,13 +134,13 @@ def _npy_points(file: BinaryIO, path: Path) -> Iterator[Points]:
 
 
 def npy_figures(path: Path) -> dict[str, Any]:
-    with _open(path) as file:
+    with binary_file(path) as file:
         shape, _, dtype, _ = _npy_header(file)
     return {"shape": " x ".join(map(str, shape)), "type": str(dtype)}
 
 
 def octree_figures(path: Path) -> dict[str, Any]:
-    with _open(path) as file:
+    with binary_file(path) as file:
         header = read_octree_header(file)
     return {"tree": header.tree, "voxel_m": header.resolution}
 
@@ -188,11 +172,11 @@ class _Table:
         if not 0 <= expected <= found:
             rule = f"the numbers end early: expected {expected} bytes"
             raise MalformedInputError(rule, got=found)
-        if dtype.names is None and shape[0] in (2, 3) and width > _MOST_LIKELY:
-            text = f"{path}: {shape[0]} points of {width} numbers each; is the array transposed?"
-            emit_warning(text)
-        self.file, self.path, self.dtype = file, path, dtype
         self.height, self.width = shape[0], width
+        if dtype.names is None and self.height in (2, 3) and width > _MOST_LIKELY:
+            numbers = f"{self.height} points of {width} numbers each"
+            emit_warning(f"{path}: {numbers}; is the array transposed?")
+        self.file, self.path, self.dtype = file, path, dtype
         self.row_size = dtype.itemsize * (1 if self.is_fortran else width)
         """Approximate number of bytes read for each point."""
 
@@ -238,8 +222,8 @@ def _pcd_points(file: BinaryIO, path: Path) -> Iterator[Points]:
     record, count = header.record, header.points
     axes = record.axes("FIELDS")
     if header.encoding == "ascii":
-        columns = [sum(record.counts[:column]) for column in axes]
-        yield from _ascii_points(file, path, columns, header.lines, count, sum(record.counts))
+        columns, width = [sum(record.counts[:column]) for column in axes], sum(record.counts)
+        yield from _counted_points(file, path, columns, header.lines, count, width=width)
     elif header.encoding == "binary":
         yield from _binary_points(file, record, axes, count)
     else:
@@ -250,7 +234,7 @@ def _pcd_points(file: BinaryIO, path: Path) -> Iterator[Points]:
 
 
 def pcd_figures(path: Path) -> dict[str, Any]:
-    with _open(path) as file:
+    with binary_file(path) as file:
         header = _read_pcd_header(file)
     fields = " ".join(header.record.names)
     return {"encoding": header.encoding, "points": header.points, "fields": fields}
@@ -281,11 +265,10 @@ def _record_of(entries: dict[str, list[str]]) -> Record:
     names = entries.get("FIELDS", entries.get("COLUMNS"))
     if not names:
         raise MalformedInputError("missing", place="FIELDS")
-    for key in ("SIZE", "TYPE"):
-        if key not in entries:
-            raise MalformedInputError("missing", place=key)
     lists = {"COUNT": ["1"] * len(names), **entries}
-    for key in ("COUNT", "SIZE", "TYPE"):
+    for key in ("SIZE", "TYPE", "COUNT"):
+        if key not in lists:
+            raise MalformedInputError("missing", place=key)
         if len(lists[key]) != len(names):
             rule = f"must have {len(names)} entries, as FIELDS has"
             raise MalformedInputError(rule, place=key, got=" ".join(lists[key]))
@@ -382,7 +365,8 @@ def _ply_points(file: BinaryIO, path: Path) -> Iterator[Points]:
         if element.name == "vertex":
             axes = record.axes(place)
             if encoding == "ascii":
-                yield from _ascii_points(file, path, axes, lines, count, len(record.names))
+                width = len(record.names)
+                yield from _counted_points(file, path, axes, lines, count, width=width)
             else:
                 yield from _binary_points(file, record, axes, count)
             return
@@ -399,7 +383,7 @@ def _ply_points(file: BinaryIO, path: Path) -> Iterator[Points]:
 
 
 def ply_figures(path: Path) -> dict[str, Any]:
-    with _open(path) as file:
+    with binary_file(path) as file:
         encoding, elements, _ = _read_ply_header(file)
     vertices = [element for element in elements if element.name == "vertex"]
     count = sum(vertex.count for vertex in vertices)
@@ -458,7 +442,13 @@ def _text_points(file: BinaryIO, path: Path) -> Iterator[Points]:
     if not line:
         return
     if line.isascii() and line.isdigit():
-        yield from _counted_points(file, path, number, line)
+        while line:
+            count, start = _whole_number(line, f"line {number}"), file.tell()
+            delimiter = delimiter_of(first_line(file)[2])
+            file.seek(start)
+            yield from _counted_points(file, path, range(3), number, count, delimiter=delimiter)
+            number += count + 1
+            _, _, line = first_line(file)
         return
     delimiter = delimiter_of(line)
     # CloudCompare writes two slashes before column names
@@ -479,22 +469,6 @@ def _text_points(file: BinaryIO, path: Path) -> Iterator[Points]:
     yield from read_rows(file, columns, path=path, first_line=number, delimiter=delimiter)
 
 
-def _counted_points(file: BinaryIO, path: Path, number: int, line: str) -> Iterator[Points]:
-    while line:
-        count, start, found = _whole_number(line, f"line {number}"), file.tell(), 0
-        delimiter = delimiter_of(first_line(file)[2])
-        file.seek(start)
-        for rows in read_rows(
-            file, range(3), path=path, first_line=number + 1, delimiter=delimiter, most=count
-        ):
-            found += len(rows)
-            yield rows
-        if found < count:
-            raise MalformedInputError(f"ends after {found} of {count} points")
-        number += count + 1
-        _, _, line = first_line(file)
-
-
 _READERS: dict[str, Callable[[BinaryIO, Path], Iterator[Points]]] = {
     ".pcd": _pcd_points, ".ply": _ply_points, ".xyz": _text_points, ".txt": _text_points,
     ".csv": _text_points, ".asc": _text_points, ".pts": _text_points, ".npy": _npy_points,
@@ -502,17 +476,6 @@ _READERS: dict[str, Callable[[BinaryIO, Path], Iterator[Points]]] = {
 }  # fmt: skip
 
 CLOUD_SUFFIXES = (*_READERS, ".npz")  # suffixes of point clouds
-
-
-@contextmanager
-def _open(path: Path) -> Iterator[BinaryIO]:
-    """Yield an open file; errors raised in the block get its name."""
-    try:
-        with access_to(path), path.open("rb") as file:
-            yield file
-    except MalformedInputError as error:
-        error.found_in(path)
-        raise
 
 
 def cloud_chunks(path: Path) -> Iterator[Points]:
@@ -526,7 +489,7 @@ def cloud_chunks(path: Path) -> Iterator[Points]:
             with access_to(path):
                 yield from _npz_points(path)
         else:
-            with _open(path) as file:
+            with binary_file(path) as file:
                 yield from _READERS[suffix](file, path)
 
 

@@ -295,9 +295,8 @@ class _Collada:
         unit = self.root.find("asset/unit")
         metre = "1" if unit is None else unit.get("meter", "1")
         scale = numbers_in(metre, self.path, "asset: unit: meter", 1)[0]
-        matrix = np.eye(4)
-        matrix[:3, :3] = _UP.get((self.root.findtext("asset/up_axis") or "").strip(), np.eye(3))
-        matrix[:3, :3] *= scale
+        up = (self.root.findtext("asset/up_axis") or "").strip()
+        matrix = matrix_of(np.array(_UP.get(up, np.eye(3))) * scale, 0.0)
         scene = self.root.find("scene/instance_visual_scene")
         if scene is not None:
             self._add_nodes(self._target(scene, "visual_scene"), matrix, ())
@@ -340,12 +339,9 @@ class _Collada:
         if geometry.find("convex_mesh") is not None:
             raise malformed(self.path, "is not supported", f"geometry {key}: convex_mesh")
         if key not in self._geometries:
-            shapes = [
-                shape for shape in geometry.iterfind("mesh/*") if shape.tag not in _NO_SURFACE
-            ]
-            self._geometries[key] = [
-                self._part(f"geometry {key}: {shape.tag}", shape) for shape in shapes
-            ]
+            shapes = geometry.iterfind("mesh/*")
+            surfaces = [shape for shape in shapes if shape.tag not in _NO_SURFACE]
+            self._geometries[key] = [self._part(f"geometry {key}: {s.tag}", s) for s in surfaces]
         names = (*names, key, geometry.get("name", ""))
         for part in self._geometries[key]:
             self._count()
@@ -401,22 +397,21 @@ class _Collada:
         return values
 
 
-def _translation(move: Floats) -> Floats:
+def matrix_of(turn: Floats, move: Floats | float) -> Floats:
     matrix = np.eye(4)
-    matrix[:3, 3] = move
+    matrix[:3, :3], matrix[:3, 3] = turn, move
     return matrix
 
 
 def _axis_rotation(numbers: Floats) -> Floats:
     axis, half = numbers[:3] / (np.linalg.norm(numbers[:3]) or 1.0), math.radians(numbers[3]) / 2
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotated(np.append(math.sin(half) * axis, math.cos(half)), np.eye(3)).T
-    return matrix
+    quaternion = np.append(math.sin(half) * axis, math.cos(half))
+    return matrix_of(rotated(quaternion, np.eye(3)).T, 0.0)
 
 
 _TRANSFORMS: dict[str, tuple[int, Callable[[Floats], Floats]]] = {
     "matrix": (16, lambda numbers: numbers.reshape(4, 4)),
-    "translate": (3, _translation),
+    "translate": (3, lambda numbers: matrix_of(np.eye(3), numbers)),
     "rotate": (4, _axis_rotation),
     "scale": (3, lambda numbers: np.diag([*numbers, 1.0])),
 }

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, TypeVar
 
@@ -16,7 +17,15 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealError, emit_warning, shown
 from mapdeal.files.json_values import JsonValue, read_document
-from mapdeal.files.source import LARGEST_FILE, LONGEST_STREAM, PIECES, chunks_of, claim, is_regular
+from mapdeal.files.source import (
+    LARGEST_FILE,
+    LONGEST_STREAM,
+    PIECES,
+    chunks_of,
+    claim,
+    is_regular,
+    joined,
+)
 from mapdeal.files.text import delimiter_of, first_line, is_number, read_rows
 from mapdeal.grid.frame import FARTHEST, Point, Transform
 from mapdeal.inputs.kinds import NUMBERS, POSES, recognised
@@ -146,7 +155,8 @@ def planar_pose(numbers: Sequence[float]) -> tuple[float, float, float]:
 
 
 def _rows_in(path: Path) -> Poses:
-    file = io.BytesIO(_contents_of(path))
+    most = LARGEST_FILE if is_regular(path) else LONGEST_STREAM  # a pipe may be endless
+    file = io.BytesIO(joined(chunks_of(path), limit=most, source=path))
     number, start, line = first_line(file)
     delimiter = delimiter_of(line)
     width = len(line.split(delimiter))
@@ -196,19 +206,6 @@ def _planar_poses(rows: Poses, path: Path) -> Poses:
         is_late = np.concatenate([[False], times[1:] <= times[:-1]])
         _warn_of(is_late, "a time that is not after the last", path)
     return np.column_stack([rows[:, 1:3], headings])
-
-
-def _contents_of(path: Path) -> bytes:
-    """Return the contents of a file, limited because it may be an endless pipe."""
-    most = LARGEST_FILE if is_regular(path) else LONGEST_STREAM
-    chunks, length = [], 0
-    for chunk in chunks_of(path):
-        length += len(chunk)
-        if length > most:
-            raise MalformedInputError(f"must not be larger than {most} bytes", source=path)
-        claim(path, 2 * length)
-        chunks.append(chunk)
-    return b"".join(chunks)
 
 
 def _headings(quaternions: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
@@ -302,30 +299,26 @@ _POSE_PAIR = _LineFormat(
     "[x, y, yaw, x, y, yaw]",
 )  # fmt: skip
 _NAMED_POINT = _LineFormat(
-    ("x", "y"),
-    "x,y, NAME,x,y or NAME=x,y",
+    ("x", "y"), "x,y, NAME,x,y or NAME=x,y",
     '{"x": x, "y": y}, with a "name" if it has one, or [x, y]',
-)
+)  # fmt: skip
 
 
-def read_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NumberLines]:
+def _read_numbers(
+    form: _LineFormat, chunks: Iterable[bytes], source: Path | str
+) -> Iterator[NumberLines]:
+    """Yield the numbers in a text, for each chunk those of the lines that it completes."""
     for text, first in _complete_lines(chunks, source):
-        yield _parse_lines(text, first, _POINT)
+        yield _parse_lines(text, first, form)
 
 
-def read_pose_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[NumberLines]:
-    for text, first in _complete_lines(chunks, source):
-        yield _parse_lines(text, first, _POSE)
+read_points = partial(_read_numbers, _POINT)
+read_pose_lines = partial(_read_numbers, _POSE)
+read_pose_pairs = partial(_read_numbers, _POSE_PAIR)
 
 
 def read_pairs(chunks: Iterable[bytes], source: Path | str) -> Iterator[PairLine]:
     return _read_lines(chunks, source, _PAIR, _pair_of, PairLine)
-
-
-def read_pose_pairs(chunks: Iterable[bytes], source: Path | str) -> Iterator[NumberLines]:
-    """Yield the pairs of poses in a text, for each chunk those of the lines that it completes."""
-    for text, first in _complete_lines(chunks, source):
-        yield _parse_lines(text, first, _POSE_PAIR)
 
 
 def read_named_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NamedPointLine]:

@@ -372,11 +372,8 @@ class CarmenLog(ScanSource):
 
 
 def _arrays(scans: list[_Scan]) -> ScanArrays:
-    return ScanArrays(
-        np.array([scan.pose for scan in scans]),
-        np.array(scans[0].laser.angles()),
-        np.array([scan.ranges for scan in scans]),
-    )
+    poses, ranges = [scan.pose for scan in scans], [scan.ranges for scan in scans]
+    return ScanArrays(np.array(poses), np.array(scans[0].laser.angles()), np.array(ranges))
 
 
 def _layout_of(words: list[bytes]) -> _Layout:
@@ -526,6 +523,4 @@ class ScanNpz(ScanSource):
 def open_log(path: Path, *, max_bad: int = DEFAULT_MAX_BAD) -> ScanSource:
     """Return the scans of an ``.npz``, or of a CARMEN log under any other name."""
     with recognised(path, "a log of laser scans", SCANS):
-        if path.suffix.lower() == ".npz":
-            return ScanNpz(path)
-        return CarmenLog(path, max_bad=max_bad)
+        return ScanNpz(path) if path.suffix.lower() == ".npz" else CarmenLog(path, max_bad=max_bad)

@@ -30,6 +30,7 @@ from mapdeal.sensors.meshes import (
     MOST_INSTANCES,
     Part,
     malformed,
+    matrix_of,
     moved,
     numbers_in,
     read_mesh,
@@ -369,12 +370,11 @@ class _Reader:
             x, y, after = *ring[:, :2].T, np.roll(ring, -1, axis=0)
             runs_left = (x * after[:, 1] - y * after[:, 0]).sum() > 0
             begin, end = (ring, after) if runs_left == (depth % 2 == 0) else (after, ring)
-            low, low_end = (corners * [1, 1, 0] for corners in (begin, end))
-            triangles += [
-                np.stack(sides, axis=1) for sides in ((low, low_end, end), (low, end, begin))
-            ]
-        upper = strips_of(rings, path)
-        return np.concatenate([*triangles, upper, upper[:, ::-1] * [1, 1, 0]])
+            low, low_end = (upper * [1, 1, 0] for upper in (begin, end))
+            sides = (low, low_end, end), (low, end, begin)
+            triangles += [np.stack(corners, axis=1) for corners in sides]
+        cap = strips_of(rings, path)
+        return np.concatenate([*triangles, cap, cap[:, ::-1] * [1, 1, 0]])
 
     def _mesh(self, mesh: Element, path: Path, place: str) -> Floats:
         uri = (mesh.get("filename") or mesh.findtext("uri") or "").strip()
@@ -465,17 +465,12 @@ def _placed(move: Floats, angles: Floats) -> Floats:
         (sr, sp, sy), (cr, cp, cy) = np.sin(angles / 2).tolist(), np.cos(angles / 2).tolist()
         x, y = sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy
         angles = np.array([x, y, cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy])
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotated(angles / (np.linalg.norm(angles) or 1.0), np.eye(3)).T
-    matrix[:3, 3] = move
-    return matrix
+    return matrix_of(rotated(angles / (np.linalg.norm(angles) or 1.0), np.eye(3)).T, move)
 
 
 def _inverse(pose: Floats) -> Floats:
-    matrix = np.eye(4)
-    matrix[:3, :3] = pose[:3, :3].T
-    matrix[:3, 3] = -(matrix[:3, :3] * pose[:3, 3]).sum(axis=1)
-    return matrix
+    turn = pose[:3, :3].T
+    return matrix_of(turn, -(turn * pose[:3, 3]).sum(axis=1))
 
 
 def _patch(point: Floats, normal: Floats, low: Floats, high: Floats) -> Floats:
