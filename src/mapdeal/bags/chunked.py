@@ -18,6 +18,7 @@ from abc import abstractmethod
 from array import array
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,7 +26,7 @@ from zlib import crc32
 
 import numpy as np
 
-from mapdeal.bags.bag import Bag, Connection, Encoding, MessageIndex, Place, decompress
+from mapdeal.bags.bag import Bag, Connection, Encoding, Integers, MessageIndex, Place, decompress
 from mapdeal.files.source import access_to, claim, status_of
 
 _MOST_CACHED_BYTES = 1 << 25
@@ -159,8 +160,8 @@ class ChunkedBag(Bag):
         """Return the place of a record in a chunk; None unless it is a message."""
 
     @abstractmethod
-    def _entries(self, data: bytes, number: int, connection: int) -> MessageIndex:
-        """Return the places in the entries of an index record."""
+    def _entries(self, data: bytes) -> tuple[Integers, Integers]:
+        """Return the times and offsets in the entries of an index record."""
 
     def _records_of(self, number: int) -> Iterator[_Record]:
         data, position = self._chunk_data(number), 0
@@ -180,7 +181,9 @@ class ChunkedBag(Bag):
                 with access_to(self.path):
                     self._file.seek(start + self._ENTRY * first)
                     data = self._read(self._ENTRY * min(count - first, _TOGETHER))
-                yield self._entries(data, number, connection)
+                times, offsets = self._entries(data)
+                connections = np.full(len(times), connection)
+                yield MessageIndex(connections, times, np.full(len(times), number), offsets)
 
     def _chunk_data(self, number: int) -> bytes:
         chunk = self._chunks[number]
@@ -236,8 +239,6 @@ _Fields = Mapping[bytes, bytes]
 
 
 class Ros1Bag(ChunkedBag):
-    # The field ``count`` gives the length of an index record, because some writers declare a wrong
-    # length.
     _ENTRY = 12
 
     def __init__(self, path: Path) -> None:
@@ -251,17 +252,15 @@ class Ros1Bag(ChunkedBag):
                 _, length = self._header_at(place.offset)
                 return self._read(length)
         chunk = self._cache[place.block]
-        try:
+        with suppress(_CutError):
             record = self._record(chunk, place.offset)
             for _ in range(_MOST_DESCRIPTIONS):
                 if record.head.get(b"op") != _ROS1_CONNECTION:
                     break
                 record = self._record(chunk, record.end)
-        except _CutError:
-            raise self.malformed("an index record points to no message") from None
-        if record.head.get(b"op") != _ROS1_MESSAGE:
-            raise self.malformed("an index record points to no message")
-        return record.data
+            if record.head.get(b"op") == _ROS1_MESSAGE:
+                return record.data
+        raise self.malformed("an index record points to no message")
 
     def _walk(self) -> None:
         magic = self._file.readline(64)
@@ -288,7 +287,7 @@ class Ros1Bag(ChunkedBag):
         fields, length = self._header_at(position)
         start = self._file.tell()
         op, end = fields.get(b"op", b"")[:1], start + length
-        if op == _ROS1_INDEX:
+        if op == _ROS1_INDEX:  # some writers declare a wrong length
             count = _number(fields, b"count")
             end = start + self._ENTRY * count
             if end > self._size or not self._chunks:
@@ -332,11 +331,9 @@ class Ros1Bag(ChunkedBag):
             except _CutError:
                 self.remark("the description of a connection is damaged")
 
-    def _entries(self, data: bytes, number: int, connection: int) -> MessageIndex:
+    def _entries(self, data: bytes) -> tuple[Integers, Integers]:
         rows = np.frombuffer(data, "<u4").reshape(-1, 3).astype(np.int64)
-        times = rows[:, 0] * 10**9 + rows[:, 1]
-        count = len(rows)
-        return MessageIndex(np.full(count, connection), times, np.full(count, number), rows[:, 2])
+        return rows[:, 0] * 10**9 + rows[:, 1], rows[:, 2]
 
     def _place_of(self, record: _Record, number: int) -> Place | None:
         fields = record.head
@@ -348,16 +345,14 @@ class Ros1Bag(ChunkedBag):
         return None
 
     def _record(self, data: bytes, position: int) -> _Record:
-        if position + 4 > len(data):
-            raise _CutError("a chunk")
-        start = position + 4 + _U32.unpack_from(data, position)[0]
-        if start + 4 > len(data):
-            raise _CutError("a chunk")
-        fields = _fields_in(data[position + 4 : start])
-        end = start + 4 + _U32.unpack_from(data, start)[0]
+        try:
+            start = position + 4 + _U32.unpack_from(data, position)[0]
+            end = start + 4 + _U32.unpack_from(data, start)[0]
+        except struct.error:
+            raise _CutError("a chunk") from None
         if end > len(data):
             raise _CutError("a chunk")
-        return _Record(data, position, fields, start + 4, end)
+        return _Record(data, position, _fields_in(data[position + 4 : start]), start + 4, end)
 
     def _header_at(self, position: int) -> tuple[_Fields, int]:
         place = f"a record at byte {position}"
@@ -434,14 +429,11 @@ class McapBag(ChunkedBag):
                 (length,) = struct.unpack("<Q", self._read(8))
                 self._file.seek(_BEFORE_DATA, os.SEEK_CUR)
                 return self._read(length - _BEFORE_DATA)
-        chunk = self._cache[place.block]
-        try:
-            _, _, opcode, start, end = self._record(chunk, place.offset)
-        except _CutError:
-            opcode, start, end = 0, 0, 0
-        if opcode != _MESSAGE or end - start < _BEFORE_DATA:
-            raise self.malformed("an index record points to no message")
-        return chunk[start + _BEFORE_DATA : end]
+        with suppress(_CutError):
+            record = self._record(self._cache[place.block], place.offset)
+            if record.head == _MESSAGE and len(record.data) >= _BEFORE_DATA:
+                return record.data[_BEFORE_DATA:]
+        raise self.malformed("an index record points to no message")
 
     def _walk(self) -> None:
         if self._file.read(8) != MCAP_MAGIC:
@@ -536,12 +528,9 @@ class McapBag(ChunkedBag):
         channel, _, time = struct.unpack_from("<HIQ", record.chunk, record.start)
         return Place(channel, _signed(time), number, record.position)
 
-    def _entries(self, data: bytes, number: int, connection: int) -> MessageIndex:
-        rows = np.frombuffer(data, "<i8").reshape(-1, 2)
-        count = len(rows)
-        return MessageIndex(
-            np.full(count, connection), rows[:, 0], np.full(count, number), rows[:, 1]
-        )
+    def _entries(self, data: bytes) -> tuple[Integers, Integers]:
+        times, offsets = np.frombuffer(data, "<i8").reshape(-1, 2).T
+        return times, offsets
 
     def _record(self, data: bytes, position: int) -> _Record:
         if position < 0 or position + 9 > len(data):

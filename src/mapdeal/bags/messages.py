@@ -428,7 +428,6 @@ _COPIES = 5  # peak memory, bytes per cell
 _Types = Mapping[str, Callable[..., Any]]
 _Record = tuple[str, str, int, Any]  # topic, type, time in nanoseconds, message
 
-
 _MODULES = ("rosbags.typesys", "rosbags.rosbag1", "rosbags.rosbag2")
 
 
@@ -446,18 +445,16 @@ def write_bag(
         emit_warning(text)
         grid = grid.to_occupancy()
     topic, frame = check_topic(topic), check_frame(frame)
-    with _scratch(output) as folder:
+    name = NAV2_COSTMAP if _is_nav2_costmap(grid) else OCCUPANCY_GRID
+
+    def records(types: _Types) -> Iterator[_Record]:
+        yield topic, name, _NANOSECONDS, _message(types, grid, frame, is_ros1=False)
+
+    with _scratch(transaction, output) as bag:
         if is_ros1:
-            files = _write_ros1(folder / "bag", grid, topic, frame)
+            _write_ros1(bag, grid, topic, frame)
         else:
-            name = NAV2_COSTMAP if _is_nav2_costmap(grid) else OCCUPANCY_GRID
-
-            def records(types: _Types) -> Iterator[_Record]:
-                yield topic, name, _NANOSECONDS, _message(types, grid, frame, is_ros1=False)
-
-            files = _write_ros2(folder / name_inside(output), output.suffix, records, {topic})
-        for path, file in zip(bag_paths(output), files, strict=True):
-            transaction.write_parts(path, chunks_of(file))
+            _write_ros2(bag, output.suffix, records, {topic})
 
 
 @dataclass(frozen=True)
@@ -484,38 +481,27 @@ class SimulatedRun:
         moves = np.diff(self.odometry, axis=0, prepend=self.odometry[:1]) * self.rate
         speeds = np.cos(yaws) * moves[:, 0] + np.sin(yaws) * moves[:, 1]
         last = self.start + self.step * (self.ranges.shape[1] - 1)
-        nothing = np.zeros(36)
-        vector = types["geometry_msgs/msg/Vector3"]
+        nothing, make = np.zeros(36), partial(_geometry, types)
         for k, time in enumerate(times.astype(np.int64).tolist()):
             stamp = types["builtin_interfaces/msg/Time"](*divmod(time, _SECOND))
 
             def header(frame: str, stamp: Any = stamp) -> Any:
                 return types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)
 
-            poses = {
-                FRAME: ("odom", self.odometry_frames[k]), "odom": ("base_link", self.odometry[k]),
-                "base_link": ("laser", self.mount),
-            }  # fmt: skip
-            transforms = [
-                types["geometry_msgs/msg/TransformStamped"](
-                    header(parent), child, types["geometry_msgs/msg/Transform"](
-                        vector(float(pose[0]), float(pose[1]), 0.0), _upright(types, pose[2])
-                    )
-                )
-                for parent, (child, pose) in poses.items()
-            ]  # fmt: skip
+            transforms = []
+            for parent, child, (x, y, yaw) in (
+                (FRAME, "odom", self.odometry_frames[k]), ("odom", "base_link", self.odometry[k]),
+                ("base_link", "laser", self.mount),
+            ):  # fmt: skip
+                move = make("Vector3", float(x), float(y), 0.0)
+                transform = make("Transform", move, _upright(types, yaw))
+                transforms.append(make("TransformStamped", header(parent), child, transform))
             yield "/tf", TF_TYPES[0], time, types[TF_TYPES[0]](transforms)
-            twist = types["geometry_msgs/msg/Twist"](
-                vector(float(speeds[k]), 0.0, 0.0), vector(0.0, 0.0, float(moves[k, 2]))
-            )
-            odometry = types[ODOMETRY](
-                header("odom"), "base_link",
-                types["geometry_msgs/msg/PoseWithCovariance"](
-                    _pose(types, *self.odometry[k].tolist()), nothing
-                ),
-                types["geometry_msgs/msg/TwistWithCovariance"](twist, nothing),
-            )  # fmt: skip
-            yield "/odom", ODOMETRY, time, odometry
+            pose = make("PoseWithCovariance", _pose(types, *self.odometry[k].tolist()), nothing)
+            linear = make("Vector3", float(speeds[k]), 0.0, 0.0)
+            angular = make("Vector3", 0.0, 0.0, float(moves[k, 2]))
+            twist = make("TwistWithCovariance", make("Twist", linear, angular), nothing)
+            yield "/odom", ODOMETRY, time, types[ODOMETRY](header("odom"), "base_link", pose, twist)
             # rounded up: beams end inside of the cell that they hit
             ranges = self.ranges[k].astype(np.float32)
             ranges[ranges < self.ranges[k]] *= np.float32(1 + 2**-23)
@@ -528,16 +514,11 @@ class SimulatedRun:
 
 def write_run(transaction: Transaction, output: Path, run: SimulatedRun) -> None:
     """Write a bag of ROS 2 with the map, transforms, odometry and scans of a run."""
-    with _scratch(output) as folder:
-        inner = folder / name_inside(output)
-        files = _write_ros2(inner, output.suffix, run.records, {MAP_TOPIC})
-        for path, file in zip(bag_paths(output), files, strict=True):
-            transaction.write_parts(path, chunks_of(file))
+    with _scratch(transaction, output) as bag:
+        _write_ros2(bag, output.suffix, run.records, {MAP_TOPIC})
 
 
-def _write_ros1(
-    file: Path, grid: OccupancyGrid | Costmap, topic: str, frame: str
-) -> tuple[Path, ...]:
+def _write_ros1(file: Path, grid: OccupancyGrid | Costmap, topic: str, frame: str) -> None:
     from rosbags.rosbag1 import Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -548,32 +529,24 @@ def _write_ros1(
         )
         message = _message(store.types, grid, frame, is_ros1=True)
         writer.write(connection, _NANOSECONDS, store.serialize_ros1(message, OCCUPANCY_GRID))
-    return (file,)
 
 
 def _write_ros2(
     bag: Path, suffix: str, records: Callable[[_Types], Iterator[_Record]], latched: set[str]
-) -> tuple[Path, ...]:
-    from rosbags.interfaces import (
-        Qos,
-        QosDurability,
-        QosHistory,
-        QosLiveliness,
-        QosReliability,
-        QosTime as Time,
-    )
+) -> None:
+    from rosbags import interfaces as qos
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     store.register(costmap_types())
     plugin = StoragePlugin.MCAP if suffix == ".mcap" else StoragePlugin.SQLITE3
-    unset = Time(sec=0, nsec=0)
+    unset = qos.QosTime(sec=0, nsec=0)
     # as map_server publishes: later subscribers get the last message, too
-    as_latched = Qos(
-        history=QosHistory.KEEP_LAST, depth=1, reliability=QosReliability.RELIABLE,
-        durability=QosDurability.TRANSIENT_LOCAL, deadline=unset, lifespan=unset,
-        liveliness=QosLiveliness.AUTOMATIC, liveliness_lease_duration=unset,
+    as_latched = qos.Qos(
+        history=qos.QosHistory.KEEP_LAST, depth=1, reliability=qos.QosReliability.RELIABLE,
+        durability=qos.QosDurability.TRANSIENT_LOCAL, deadline=unset, lifespan=unset,
+        liveliness=qos.QosLiveliness.AUTOMATIC, liveliness_lease_duration=unset,
         avoid_ros_namespace_conventions=False,
     )  # fmt: skip
     connections: dict[str, Any] = {}
@@ -585,10 +558,8 @@ def _write_ros2(
                     topic, name, typestore=store, offered_qos_profiles=profiles
                 )
             writer.write(connections[topic], time, store.serialize_cdr(message, name))
-    file = bag / f"{bag.name}{suffix}"
     if plugin is StoragePlugin.MCAP:
-        add_checksums(file)
-    return (file,) if suffix == ".mcap" else (file, bag / METADATA)
+        add_checksums(bag / f"{bag.name}{suffix}")
 
 
 def _is_nav2_costmap(grid: OccupancyGrid | Costmap) -> bool:
@@ -596,23 +567,30 @@ def _is_nav2_costmap(grid: OccupancyGrid | Costmap) -> bool:
 
 
 @contextmanager
-def _scratch(output: Path) -> Iterator[Path]:
-    """Yield a temporary folder, because rosbags writes to paths, not to open files."""
+def _scratch(transaction: Transaction, output: Path) -> Iterator[Path]:
+    """Yield a temporary path for a bag, because rosbags writes to paths; then write the output."""
     with access_to(output, "written"), temporary_folder() as folder:
+        bag = folder / name_inside(output)
         try:
-            yield folder
+            yield bag
         except sqlite3.Error as error:  # such as a full disk, or a map beyond its largest blob
             raise FileAccessError(f"cannot be written: {error}", source=output) from None
+        is_file = output.suffix == ".bag"
+        files = [bag] if is_file else [bag / f"{bag.name}{output.suffix}", bag / METADATA]
+        for path, file in zip(bag_paths(output), files, strict=False):
+            transaction.write_parts(path, chunks_of(file))
+
+
+def _geometry(types: _Types, kind: str, *values: Any) -> Any:
+    return types[f"geometry_msgs/msg/{kind}"](*values)
 
 
 def _upright(types: _Types, yaw: float) -> Any:
-    quaternion = 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)
-    return types["geometry_msgs/msg/Quaternion"](*quaternion)
+    return _geometry(types, "Quaternion", 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
 
 
 def _pose(types: _Types, x: float, y: float, yaw: float) -> Any:
-    point = types["geometry_msgs/msg/Point"](x, y, 0.0)
-    return types["geometry_msgs/msg/Pose"](point, _upright(types, yaw))
+    return _geometry(types, "Pose", _geometry(types, "Point", x, y, 0.0), _upright(types, yaw))
 
 
 def _message(
