@@ -108,15 +108,9 @@ class Candidates(NamedTuple):
 
 
 def candidates_at(
-    first: WallMap,
-    second: WallMap,
-    yaws: Floats,
-    *,
-    side: int,
-    most_per_yaw: int,
-    most: int,
+    first: WallMap, second: WallMap, yaws: Floats, *, side: int, most_per_yaw: int, most: int,
     area: SearchArea | None = None,
-) -> Candidates:
+) -> Candidates:  # fmt: skip
     # A shift's score is a sum over cells: walls on walls raise it, walls of one map in free space
     # of the other lower it. So it is the correlation of the first map's walls, plus that of its
     # free space, with weighted sums of the second map's. Both use FFT.
@@ -534,12 +528,9 @@ class Placement(OneLine):
 
 
 def placed(
-    first: OccupancyGrid,
-    second: OccupancyGrid,
-    *,
-    prior: Transform | None = None,
+    first: OccupancyGrid, second: OccupancyGrid, *, prior: Transform | None = None,
     rotations: Sequence[float] | None = None,
-) -> Placement:
+) -> Placement:  # fmt: skip
     if rotations is not None:
         if len(rotations) == 0:
             raise ParameterError("must have at least one turn", place="rotations", got=rotations)

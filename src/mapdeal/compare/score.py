@@ -176,12 +176,9 @@ def gaussian_similarity(first: States, second: States) -> float | None:
 
 
 def _mean_similarity(
-    first: States,
-    second: States,
-    window: int,
-    moments_of: Callable[[States, States], _Moments],
+    first: States, second: States, window: int, moments_of: Callable[[States, States], _Moments],
     correction: float,
-) -> float | None:
+) -> float | None:  # fmt: skip
     height, width = first.shape
     rows, cols = height - window + 1, width - window + 1
     if rows < 1 or cols < 1:

@@ -164,12 +164,9 @@ class MapBuilder:
     """
 
     def __init__(
-        self,
-        frame: Frame,
-        method: Method = "log-odds",
-        limits: BeamLimits | None = None,
+        self, frame: Frame, method: Method = "log-odds", limits: BeamLimits | None = None,
         **parameters: Any,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._evidence = _evidence(frame, method, parameters)
         self._limits = limits or BeamLimits()
         self.counts = BeamCounts()
@@ -238,19 +235,10 @@ def reach_behind(method: Method, resolution: float, parameters: Mapping[str, Any
 
 
 def build_map(
-    poses: ArrayLike,
-    angles: ArrayLike,
-    ranges: ArrayLike,
-    *,
-    method: Method = "log-odds",
-    resolution: float = 0.05,
-    size: Point | None = None,
-    origin: Point | None = None,
-    range_min: float = 0.0,
-    range_max: float = 30.0,
-    clear_max: float = 0.0,
-    **parameters: Any,
-) -> BuiltMap:
+    poses: ArrayLike, angles: ArrayLike, ranges: ArrayLike, *, method: Method = "log-odds",
+    resolution: float = 0.05, size: Point | None = None, origin: Point | None = None,
+    range_min: float = 0.0, range_max: float = 30.0, clear_max: float = 0.0, **parameters: Any,
+) -> BuiltMap:  # fmt: skip
     """Build a map from laser scans with known poses.
 
     Parameters

@@ -386,15 +386,11 @@ class LogOdds(Evidence):
     """
 
     def __init__(
-        self,
-        frame: Frame,
-        *,
-        log_free: Annotated[float, _PASSED, Words("V")] = -1.0,
+        self, frame: Frame, *, log_free: Annotated[float, _PASSED, Words("V")] = -1.0,
         log_occ: Annotated[float, _HIT, Words("V")] = 2.0,
         log_min: Annotated[float, _LEAST, Words("V")] = 0.0,
-        log_max: Annotated[float, _MOST, Words("V")] = 100.0,
-        values: bool = False,
-    ) -> None:
+        log_max: Annotated[float, _MOST, Words("V")] = 100.0, values: bool = False,
+    ) -> None:  # fmt: skip
         super().__init__(frame)
         self._odds = sensing.Odds(*map(_fixed_point, (log_free, log_occ, log_min, log_max)))
         self._publish_values = values
@@ -629,12 +625,9 @@ class Tsdf(Counting):
     """
 
     def __init__(
-        self,
-        frame: Frame,
-        *,
-        truncation: _Truncation = 2.0,
+        self, frame: Frame, *, truncation: _Truncation = 2.0,
         truncation_behind: Annotated[float, Words("N")] = 1.0,
-    ) -> None:
+    ) -> None:  # fmt: skip
         super().__init__(frame)
         self._truncation, self._behind = truncation, truncation_behind
         self.reach_behind = truncation * truncation_behind

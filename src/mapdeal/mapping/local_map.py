@@ -127,14 +127,9 @@ class SeenCloud:
     """The cells of a cloud whose points come some at a time."""
 
     def __init__(
-        self,
-        pose: Pose,
-        options: LocalOptions,
-        lattice: frames.Frame,
-        window: frames.Region,
-        *,
+        self, pose: Pose, options: LocalOptions, lattice: frames.Frame, window: frames.Region, *,
         with_beams: bool,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._pose, self._options, self._lattice = pose, options, lattice
         self._frame = window.frame_in(lattice)
         self._with_beams = with_beams
@@ -462,13 +457,9 @@ class _KnownMap:
 
 
 def local_map(
-    points: ArrayLike,
-    pose: Sequence[float],
-    *,
-    global_map: OccupancyGrid | None = None,
-    lethal_threshold: int = map_values.DEFAULT_LETHAL_THRESHOLD,
-    **options: Any,
-) -> OccupancyGrid:
+    points: ArrayLike, pose: Sequence[float], *, global_map: OccupancyGrid | None = None,
+    lethal_threshold: int = map_values.DEFAULT_LETHAL_THRESHOLD, **options: Any,
+) -> OccupancyGrid:  # fmt: skip
     """Return a map of a robot's surroundings from a point cloud.
 
     Parameters
@@ -538,13 +529,9 @@ class LocalMapper:
     """
 
     def __init__(
-        self,
-        pose: Sequence[float],
-        options: LocalOptions,
-        global_map: OccupancyGrid | None = None,
-        *,
-        lethal_threshold: int = map_values.DEFAULT_LETHAL_THRESHOLD,
-    ) -> None:
+        self, pose: Sequence[float], options: LocalOptions, global_map: OccupancyGrid | None = None,
+        *, lethal_threshold: int = map_values.DEFAULT_LETHAL_THRESHOLD,
+    ) -> None:  # fmt: skip
         self._pose = check_pose(pose)
         self._known = _KnownMap(global_map, lethal_threshold)
         lattice = lattice_of(options, global_map)
@@ -628,14 +615,10 @@ class RollingMapper:
     """
 
     def __init__(
-        self,
-        poses: Iterable[Sequence[float]],
-        options: LocalOptions,
-        *,
-        keep: int | None = None,
+        self, poses: Iterable[Sequence[float]], options: LocalOptions, *, keep: int | None = None,
         global_map: OccupancyGrid | None = None,
         lethal_threshold: int = map_values.DEFAULT_LETHAL_THRESHOLD,
-    ) -> None:
+    ) -> None:  # fmt: skip
         if keep is not None and keep < 1:
             raise ParameterError("must be at least 1", place="keep", got=keep)
         self.poses: list[Pose] = [check_pose(pose) for pose in poses]
