@@ -28,6 +28,7 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.files import source as sources
 from mapdeal.files.transaction import temporary_folder
 from mapdeal.files.yaml_text import Entry, YamlLimits, read_mapping
+from mapdeal.grid.values import shortened
 from mapdeal.inputs.listing import natural_key
 
 _TOP_KEY = "rosbag2_bagfile_information"
@@ -266,6 +267,5 @@ def chosen_connections(
 
 def _error(bag: Bag, rule: str, connections: Sequence[Connection], label: str) -> Exception:
     named = sorted({f"{c.topic} ({c.spelled})" for c in connections})
-    text = ", ".join(named[:_MOST_NAMED])
-    text += f" and {len(named) - _MOST_NAMED} more" if named[_MOST_NAMED:] else ""
-    return MalformedInputError(rule, source=bag.path, hint=f"{label} {text}" if named else None)
+    hint = f"{label} {shortened(named, _MOST_NAMED)}" if named else None
+    return MalformedInputError(rule, source=bag.path, hint=hint)

@@ -140,6 +140,12 @@ def listed(words: Iterable[str], conjunction: str = "or") -> str:
     return f" {conjunction} ".join(filter(None, [", ".join(first), last]))
 
 
+def shortened(words: Sequence[str], most: int) -> str:
+    """Return the first words of a list, and how many more there are."""
+    more = f" and {len(words) - most} more" if len(words) > most else ""
+    return ", ".join(words[:most]) + more
+
+
 def count_text(count: int, noun: str) -> str:
     """Return a count with its noun, in the plural unless the count is 1."""
     return f"{count} {noun}{'s' * (count != 1)}"

@@ -53,10 +53,8 @@ class Extent:
     """The bounding box of sensors, hits, and ends of clearing beams."""
 
     def __init__(self, limits: BeamLimits, beyond: float = 0.0) -> None:
-        self._limits = limits
-        self._beyond = beyond
-        self._least = np.full(2, np.inf)
-        self._most = np.full(2, -np.inf)
+        self._limits, self._beyond = limits, beyond
+        self._least, self._most = np.full(2, np.inf), np.full(2, -np.inf)
         self._counts = BeamCounts()
 
     def add(self, scans: Scans) -> None:
@@ -82,9 +80,7 @@ class Extent:
             hint = f"readings are hits below range_max, {self._limits.range_max:g} m"
             raise MalformedInputError(rule, hint=hint)
         lattice = Frame(1, 1, checked)
-        first, last = (
-            lattice.unbounded_rowcol_from_xy([corner])[0] for corner in (self._least, self._most)
-        )
+        first, last = lattice.unbounded_rowcol_from_xy([self._least, self._most])
         height, width = (last - first + 1 + 2 * MARGIN).tolist()
         if height * width > MOST_CELLS:
             x, y, u, v = (*self._least, *self._most)
@@ -207,7 +203,7 @@ def _evidence(frame: Frame, method: Method, parameters: Mapping[str, Any]) -> Ev
     if method not in METHODS:
         rule = f"must be one of {', '.join(get_args(Method))}"
         raise ParameterError(rule, place="method", got=method)
-    kind, chosen = _kind_of(method, parameters)
+    kind, chosen = _kind_of(method, dict(parameters))
     known = parameters_of(kind)
     for name in chosen:
         if name not in known:
@@ -216,16 +212,15 @@ def _evidence(frame: Frame, method: Method, parameters: Mapping[str, Any]) -> Ev
 
 
 def _kind_of(
-    method: Method, parameters: Mapping[str, Any]
+    method: Method, chosen: dict[str, Any]
 ) -> tuple[Callable[..., Evidence], dict[str, Any]]:
-    method_parameters = dict(parameters)
-    if method == "tsdf" and method_parameters.pop("as_written", False):
-        return TsdfAsWritten, method_parameters
-    return METHODS[method], method_parameters
+    is_as_written = method == "tsdf" and chosen.pop("as_written", False)
+    return TsdfAsWritten if is_as_written else METHODS[method], chosen
 
 
 def all_parameters(method: Method, parameters: Mapping[str, Any]) -> dict[str, Any]:
-    return {**(_kind_of(method, parameters)[0].__init__.__kwdefaults__ or {}), **parameters}
+    kind, _ = _kind_of(method, dict(parameters))
+    return {**(kind.__init__.__kwdefaults__ or {}), **parameters}
 
 
 def reach_behind(method: Method, resolution: float, parameters: Mapping[str, Any]) -> float:

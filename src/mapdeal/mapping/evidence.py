@@ -86,9 +86,8 @@ class Scans(OneLine):
     sweeps: int | None = None
 
     def __post_init__(self) -> None:
-        poses, angles, ranges = (
-            _floats(getattr(self, name), name) for name in ("poses", "angles", "ranges")
-        )
+        names = ("poses", "angles", "ranges")
+        poses, angles, ranges = (_floats(getattr(self, name), name) for name in names)
         if poses.ndim != 2 or poses.shape[1] != 3:
             raise ParameterError("must be an array of shape (N, 3)", place="poses", got=poses.shape)
         if angles.ndim != 1:
@@ -189,10 +188,8 @@ class Beams:
         return sum(array.nbytes for array in arrays)
 
     def chosen(self, mask: Mask) -> Beams:
-        return Beams(
-            self.sensors_xy[mask], self.directions_xy[mask], self.ranges[mask],
-            self.is_hit[mask], self.counts,
-        )  # fmt: skip
+        places = self.sensors_xy[mask], self.directions_xy[mask], self.ranges[mask]
+        return Beams(*places, self.is_hit[mask], self.counts)
 
     def ends_xy(self, beyond: float = 0.0) -> Floats:
         reach = self.ranges + np.where(self.is_hit, beyond, 0.0)
@@ -215,16 +212,11 @@ def beams_of(scans: Scans, limits: BeamLimits) -> Beams:
     angle = (scans.poses[:, 2:] + scans.angles)[used]
     hits, no_return = int(np.count_nonzero(is_hit)), int(np.count_nonzero(is_open))
     counts = BeamCounts(scans.count, ranges.size, hits, no_return, ranges.size - hits - no_return)
-    hit = is_hit[used]
-    directions = np.empty((len(hit), 2))
+    hit, directions = is_hit[used], np.empty((len(angle), 2))
     directions[:, 0], directions[:, 1] = np.cos(angle), np.sin(angle)
-    return Beams(
-        np.repeat(scans.poses[:, :2], np.count_nonzero(used, axis=1), axis=0),
-        directions,
-        np.where(hit, ranges[used], min(limits.clear_max, limits.range_max)),
-        hit,
-        counts,
-    )
+    sensors = np.repeat(scans.poses[:, :2], np.count_nonzero(used, axis=1), axis=0)
+    reach = np.where(hit, ranges[used], min(limits.clear_max, limits.range_max))
+    return Beams(sensors, directions, reach, hit, counts)
 
 
 OFTEN = sensing.MOST_HITS  # least hits of a cell that count: fewer may be noise
@@ -494,10 +486,8 @@ class Crossings(NamedTuple):
 
     def sides(self) -> list[tuple[Mask, _Slices, _Slices]]:
         """Return the sign changes along both axes, with slices of their first and second cells."""
-        return [
-            (self.along_rows, np.s_[:, :-1], np.s_[:, 1:]),
-            (self.along_cols, np.s_[:-1, :], np.s_[1:, :]),
-        ]
+        along_cols = self.along_cols, np.s_[:-1, :], np.s_[1:, :]
+        return [(self.along_rows, np.s_[:, :-1], np.s_[:, 1:]), along_cols]
 
     def places(self) -> Floats:
         """Return the zeros of the field, linear between centres, as rows and columns, (N, 2)."""

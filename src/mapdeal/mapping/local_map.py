@@ -90,9 +90,8 @@ class LocalOptions:
             low, high = getattr(self, least), getattr(self, most)
             if low is not None and high is not None and low > high:
                 raise ParameterError(f"must not be above {most}, {high:g}", place=least, got=low)
-        if (self.angle_min is None) != (self.angle_max is None) or (
-            self.angle_min is not None and self.angle_min == self.angle_max
-        ):
+        angles = {self.angle_min, self.angle_max}
+        if angles != {None} and (None in angles or len(angles) == 1):
             raise ParameterError("must both be given, and differ", place="angle_min, angle_max")
 
     @property
@@ -185,9 +184,8 @@ class SeenCloud:
             return points
         with np.errstate(over="ignore", invalid="ignore"):
             from_robot, _ = self._from_robot(points[:, :2])
-            behind = (np.arctan2(from_robot[:, 1], from_robot[:, 0]) - first + frames.ROUNDING) % (
-                2 * math.pi
-            )
+            angles = np.arctan2(from_robot[:, 1], from_robot[:, 0])
+            behind = (angles - first + frames.ROUNDING) % (2 * math.pi)
         width = last - first if last > first else last - first + 2 * math.pi
         is_beyond = behind > width + 2 * frames.ROUNDING
         self._beyond_angle += int(np.count_nonzero(is_beyond))
@@ -233,13 +231,11 @@ class SeenCloud:
         )  # fmt: skip
 
     def _from_robot(self, points_xy: Floats) -> tuple[Floats, Floats]:
-        x, y, yaw = self._pose
+        here, yaw, offset = np.array(self._pose[:2]), self._pose[2], np.array(self._options.offset)
         if self._options.frame == "map":
-            placed = points_xy - np.array(self._options.offset)
-            return frames.turned(placed - np.array([x, y]), -yaw), placed
-        return points_xy, frames.turned(points_xy, yaw) + np.array([x, y]) - np.array(
-            self._options.offset
-        )
+            placed = points_xy - offset
+            return frames.turned(placed - here, -yaw), placed
+        return points_xy, frames.turned(points_xy, yaw) + here - offset
 
     def _sensor_xy(self) -> Floats:
         here = np.array([self._pose[:2]])
@@ -346,9 +342,7 @@ class Sightings:
     # number: the cloud, and its evidence.
 
     def __init__(self, region: frames.Region, keep: int | None = None) -> None:
-        self._region = region
-        self._keep = keep
-        self._count = 0
+        self._region, self._keep, self._count = region, keep, 0
         # 2 k if the k-th cloud was the last with evidence, 2 k + 1 if that was an obstacle
         self._words = np.zeros((region.height, region.width), dtype=np.int32)
 
@@ -445,10 +439,8 @@ class _KnownMap:
                 known = np.asarray(self.grid.occupancy[rows])[:, cols]
                 part = source.window(rows.start, cols.start, *known.shape)
                 obstacles = obstacles_in(frame, known >= self.lethal_threshold, part)
-                values[
-                    contained_in(frame, known != map_values.UNKNOWN, part)
-                    & (values == map_values.UNKNOWN)
-                ] = map_values.FREE
+                is_known = contained_in(frame, known != map_values.UNKNOWN, part)
+                values[is_known & (values == map_values.UNKNOWN)] = map_values.FREE
                 values[obstacles] = map_values.OCCUPIED
                 from_map = int(np.count_nonzero(obstacles))
         if not keeps_unknown:
@@ -501,9 +493,8 @@ def local_map(
     >>> grid.occupancy.tolist(), grid.origin  # the point lies at -1.1, 2.3
     ([[0, 0], [100, 0]], (-1.5, 1.5, 0.0))
     """
-    mapper = LocalMapper(
-        pose, LocalOptions(**options), global_map, lethal_threshold=lethal_threshold
-    )
+    threshold = lethal_threshold
+    mapper = LocalMapper(pose, LocalOptions(**options), global_map, lethal_threshold=threshold)
     mapper.add(points)
     return mapper.result().grid
 
@@ -623,8 +614,7 @@ class RollingMapper:
             raise ParameterError("must be at least 1", place="keep", got=keep)
         self.poses: list[Pose] = [check_pose(pose) for pose in poses]
         """x, y (metres) and yaw (radians) of the robot for each cloud, -pi < yaw <= pi."""
-        self._options = options
-        self._keep = keep
+        self._options, self._keep = options, keep
         self._known = _KnownMap(global_map, lethal_threshold)
         self._lattice = lattice_of(options, global_map)
         self._windows = [window_around(pose, options, self._lattice) for pose in self.poses]
@@ -670,7 +660,8 @@ class RollingMapper:
             cloud.add(points)
         self._sightings.move(self._canvas(turn))
         self._sightings.add(cloud.sensor, cloud.ends, cloud.marks)
-        self._newest, self.turn, self._was_added[turn] = cloud, turn + 1, True
+        self._was_added[turn] = True
+        self._newest, self.turn = cloud, turn + 1
 
     def skip(self) -> None:
         """Skip the next cloud, which adds nothing but still counts towards `keep`."""
@@ -689,18 +680,15 @@ class RollingMapper:
         """
         if self._newest is None:
             raise ParameterError("no cloud has been added", place="result")
-        turn = self.turn - 1
+        newest, turn = self._newest, self.turn - 1
         window = self._windows[turn]
         evidence, keeps = self._sightings.evidence(window), self._options.unknown == "keep"
         frame = window.frame_in(self._lattice)
         grid, from_map = self._known.joined_with(evidence, frame, keeps_unknown=keeps)
         first = 0 if self._keep is None else max(0, self.turn - self._keep)
         clouds = int(np.count_nonzero(self._was_added[first : self.turn]))
-        earlier = self._sightings.count_earlier(window)
-        newest = self._newest
-        return LocalMap(
-            grid, self.poses[turn], newest.counts, from_map, newest.angles, clouds, earlier
-        )
+        earlier, pose = self._sightings.count_earlier(window), self.poses[turn]
+        return LocalMap(grid, pose, newest.counts, from_map, newest.angles, clouds, earlier)
 
     def _next(self) -> int:
         if self.turn >= len(self.poses):

@@ -16,6 +16,7 @@ import numpy as np
 from mapdeal.command import Words
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.grid.frame import FARTHEST
+from mapdeal.grid.values import shortened
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.rotations import composed, normalised, slerp, undone
 from mapdeal.kernels.sensing import cover_angles
@@ -103,7 +104,7 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Rigid = tuple[Vector, Quaternion]
 _Link = tuple[str, str]  # parent and child
-_MOST_FRAMES_NAMED = 12
+_MOST_NAMED = 12
 _TIME_TOLERANCE = 1000
 """Nanoseconds: times converted from float64 seconds are off by up to 250."""
 
@@ -152,8 +153,7 @@ class _Samples:
     def in_time(self) -> tuple[Integers, Floats]:
         """Return increasing times and their values; of equal times the last sample counts."""
         # These are views: `add` fails while one exists.
-        if not self._is_in_time:
-            self._sort()
+        self._sort()
         return self._views()
 
     def _views(self) -> tuple[Integers, Floats]:
@@ -162,6 +162,8 @@ class _Samples:
 
     def _sort(self) -> None:
         """Sort in place, column by column, because a recording may have millions of samples."""
+        if self._is_in_time:
+            return
         times, numbers = self._views()
         order = np.argsort(times, kind="stable")
         in_order = times[order]
@@ -176,8 +178,7 @@ class _Samples:
 
     def tf2_at(self, time: int, in_seconds: bool) -> Rigid | None:
         """Return the sample that ``TimeCache::getData`` finds or interpolates."""
-        if not self._is_in_time:
-            self._sort()
+        self._sort()
         times, after = self._times, bisect_right(self._times, time)
         if self.is_static or (after and times[after - 1] == time and after in (1, len(times))):
             return self._rigid(len(times) - 1 if self.is_static else after - 1)
@@ -309,9 +310,8 @@ class TransformTree:
         if chosen.is_static == is_static:
             chosen.add(time, numbers)
             return
-        minority = self._minority.get(edge)  # samples of the less frequent kind
-        if minority is None:
-            minority = self._minority[edge] = _Samples(is_static=is_static)
+        # samples of the less frequent kind
+        minority = self._minority.setdefault(edge, _Samples(is_static=is_static))
         minority.add(time, numbers)
         if (minority.count, minority.is_static) > (chosen.count, chosen.is_static):
             self._samples[edge], self._minority[edge] = minority, chosen
@@ -331,12 +331,11 @@ class TransformTree:
     @property
     def several_parents(self) -> dict[str, list[str]]:
         """Frames with several parents: the parent that is used, then the others."""
-        parents: dict[str, list[str]] = {}
-        for child, parent in self._chosen_parents().items():
-            unused = sorted(p for p, c in self._samples if c == child and p != parent)
-            if unused:
-                parents[child] = [parent, *unused]
-        return parents
+        parents = {
+            child: [parent, *sorted(p for p, c in self._samples if c == child and p != parent)]
+            for child, parent in self._chosen_parents().items()
+        }
+        return {child: names for child, names in parents.items() if len(names) > 1}
 
     @property
     def of_both_kinds(self) -> list[_Link]:
@@ -397,13 +396,7 @@ class TransformTree:
 
     def no_chain(self, fixed: str, frame: str) -> MalformedInputError:
         names = self.frames
-        rest_text = (
-            f" and {len(names) - _MOST_FRAMES_NAMED} more"
-            if len(names) > _MOST_FRAMES_NAMED
-            else ""
-        )
-        shown = ", ".join(names[:_MOST_FRAMES_NAMED])
-        frames = f"frames are {shown}{rest_text}" if names else "there are none"
+        frames = f"frames are {shortened(names, _MOST_NAMED)}" if names else "there are none"
         return MalformedInputError(f"no transforms lead from {fixed!r} to {frame!r}: {frames}")
 
     def span(self, fixed: str, frame: str) -> tuple[int, int] | None:
