@@ -156,8 +156,6 @@ class MessageIndex:
 
 
 class Bag(ABC):
-    """A recording of messages that is open for reading."""
-
     # Only an index of the requested messages is in memory. Messages are read one by one, with a
     # few chunks in memory at most.
     def __init__(self, path: Path, form: str) -> None:

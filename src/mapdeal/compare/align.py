@@ -657,7 +657,6 @@ def _judged(
 
 
 def _best_places(scores: Floats, most: int, elsewhere: Callable[[int], Mask]) -> list[int]:
-    """Return the indices of the best poses that are distinct."""
     chosen: list[int] = []
     is_free = np.ones(len(scores), dtype=np.bool_)
     for k in np.argsort(-scores, kind="stable").tolist():
@@ -668,7 +667,6 @@ def _best_places(scores: Floats, most: int, elsewhere: Callable[[int], Mask]) ->
 
 
 def _axes(second: WallMap) -> Floats:
-    """Return the two main directions of a map's walls, shape (2, 2)."""
     direction = main_direction(second.known & ~second.free) or 0.0
     along = np.array([math.cos(direction), math.sin(direction)])
     return np.stack([along, (-along[1], along[0])])

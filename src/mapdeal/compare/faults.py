@@ -86,7 +86,6 @@ class Fault:
 
 
 def faults_of(estimate: States, truth: States, frame: Frame) -> tuple[Fault, ...]:
-    """Return the faults of a map on the lattice of a true one, the worst first."""
     if not (estimate == OCCUPIED).any() or not (truth == OCCUPIED).any():
         return ()
     return tuple(sorted(_faults_in(estimate, truth, frame), key=lambda fault: -fault.severity))

@@ -307,7 +307,6 @@ def merged_on(
     lattice: Frame, maps: Sequence[OccupancyGrid], frames: Sequence[Frame], rule: Rule,
     evidence: Sequence[ChosenLayers], same_wall: float | None,
 ) -> OneMap:  # fmt: skip
-    """Merge maps, placed by frames, on a lattice, and compare them; see `merge`."""
     values = np.full(lattice.shape, UNKNOWN, dtype=np.int8)
     states: list[States] = []
     apart = [0.0]  # cells within which walls of a map and of earlier ones count as one

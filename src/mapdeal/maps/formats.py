@@ -36,7 +36,6 @@ def output_format(output: Path, more: Sequence[str] = ()) -> MapFormat:
 
 
 def written_endings(kind: type) -> tuple[str, ...]:
-    """Return the endings of files that can hold a kind of grid."""
     return tuple(e for entry in FORMATS if entry.can_hold(kind) for e in entry.endings)
 
 

@@ -700,13 +700,11 @@ IMAGE_SUFFIXES = tuple(suffix for entry in _FORMATS for suffix in entry.suffixes
 
 
 def recognised_format(head: bytes) -> ImageFormat | None:
-    """Return the image format that recognises the first bytes of a file, if any."""
     return next((entry for entry in IMAGE_FORMATS.values() if entry.recognises(head)), None)
 
 
 @contextmanager
 def open_image(path: Path, *, max_cells: int | None = None) -> Iterator[OpenImage]:
-    """Open an image file, whose contents decide the format; its pixels are read on demand."""
     with opened(path) as file:
         head = file.read(0, HEAD)
         image_format = recognised_format(head)
@@ -740,6 +738,5 @@ def open_for_one_pass(
 
 
 def read_image_size(path: Path, *, max_cells: int | None = None) -> tuple[int, int]:
-    """Return the height and width of the picture in an image file; only its header is read."""
     with open_image(path, max_cells=max_cells) as image:
         return image.shape

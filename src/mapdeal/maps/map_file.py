@@ -33,8 +33,6 @@ NOTHING_KNOWN = "every cell is unknown; are the thresholds, mode and negate righ
 
 @dataclass(frozen=True)
 class Source:
-    """A grid that was read, and where it came from."""
-
     grid: Grid
     files: tuple[Path, ...]
     metadata: MapMetadata | None = None
@@ -49,8 +47,6 @@ class Painting(NamedTuple):
 
 
 class MapFile(ABC):
-    """An open map, whose cells can be read all at once or by rows."""
-
     metadata: MapMetadata | None = None
     """The YAML of a pair."""
     shape_by_rows: tuple[int, int] | None = None
@@ -86,7 +82,6 @@ class MapFile(ABC):
         return None
 
     def trajectories(self) -> Mapping[int, Any]:
-        """Return the trajectories of the robot, by their numbers."""
         return {}
 
     def described(self) -> dict[str, Any]:
@@ -115,7 +110,6 @@ class MapFile(ABC):
             return Source(grid, self.files, self.metadata)
 
     def by_rows(self, *, block_height: int, budget: blocks.CacheBudget | None = None) -> Source:
-        """Return the map with rows that are read on demand."""
         self.check_unchanged()
         grid = self.rows(block_height, budget)
         self.remark(grid)

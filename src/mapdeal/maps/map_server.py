@@ -127,7 +127,6 @@ def remark_on_freed(
 
 
 def _advice(freed: Mapping[Dialect, FreedCells], metadata: MapMetadata) -> str:
-    """Return the advice that makes such cells unknown again."""
     # Readers that average the opacity into the grey see a lighter one, which is free even with the
     # usual free_thresh. Digits are not rounded: 0.1960785 must not look like 0.196.
     by_opacity = [dialect for dialect, counter in freed.items() if counter.stay_free]
@@ -151,8 +150,6 @@ def percent(count: int, total: int) -> str:
 
 
 class PixelRemarks:
-    """Warnings about the pixels of a map, found strip by strip."""
-
     def __init__(self, metadata: MapMetadata, dialect: Dialect) -> None:
         self._metadata = metadata
         self._dialect: Dialect = dialect
@@ -211,12 +208,10 @@ def bare_images(resolution: float, origin: Origin) -> Iterator[None]:
 
 
 def chosen_geometry() -> tuple[float, Origin] | None:
-    """Return the resolution and origin for maps that have none."""
     return _bare_images.get()
 
 
 def is_bare_image(path: Path) -> bool:
-    """Return whether a file is an image that is read as a map without a YAML file."""
     return _bare_images.get() is not None and path.suffix.lower() in IMAGE_SUFFIXES
 
 
@@ -351,7 +346,6 @@ def lazy_cells(
     metadata: MapMetadata, pixels: BinaryRows, block_height: int,
     budget: blocks.CacheBudget | None, dialect: Dialect,
 ) -> OccupancyGrid:  # fmt: skip
-    """Return the map in an image whose rows are read on demand."""
 
     def occupancy(rows: slice) -> NDArray[np.int8]:
         part = pixels.part(rows)

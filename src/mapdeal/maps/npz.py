@@ -282,7 +282,6 @@ class NpzReader:
 
     @contextmanager
     def _damage_refused(self, name: str) -> Iterator[None]:
-        """Turn the exceptions of zipfile and zlib on damaged entries into one error."""
         try:
             yield
         except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError,
@@ -438,7 +437,6 @@ def read_cloud_layers(path: Path, *, max_cells: int | None = None) -> CloudLayer
 
 
 def read_evidence(path: Path, *, max_cells: int | None = None) -> dict[str, NDArray[Any]]:
-    """Return the evidence layers of an ``.npz`` file, such as hits and misses, by name."""
     with NpzReader(path, max_cells) as reader:
         names = reader.names()
         return {

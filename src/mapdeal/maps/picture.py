@@ -284,7 +284,6 @@ class OpenImage(ABC):
 
     @contextmanager
     def strips(self) -> Iterator[Strips]:
-        """Yield the picture in strips of rows."""
         self.file.check_length()  # the checksum below reads all of it
         self.check_limit()
         yield self._decoded()

@@ -46,7 +46,6 @@ def open_map(
 def read_source(
     path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None
 ) -> Source:  # fmt: skip
-    """Return the grid in a file, with the files it came from."""
     with open_map(path, dialect=dialect, max_cells=max_cells) as file:
         return file.read()
 

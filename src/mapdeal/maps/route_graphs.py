@@ -84,7 +84,6 @@ REFUSED = ("refused", "missing-end")
 
 
 def read_graph_file(path: Path) -> GraphFile:
-    """Return the readable part of a route graph, and its problems."""
     with recognised(path, _DESCRIPTION, ROUTE_GRAPH):
         return parsed_graph(read_document(path))
 

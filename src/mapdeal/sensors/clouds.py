@@ -37,8 +37,6 @@ _LONGEST_RECORD = 1 << 16  # bytes of a point, at most
 
 @dataclass(frozen=True)
 class Record:
-    """Layout of a point's numbers in a file."""
-
     names: tuple[str, ...]
     types: tuple[np.dtype[Any], ...]
     counts: tuple[int, ...]
@@ -343,8 +341,6 @@ _MOST_PROPERTIES = 1 << 12
 
 @dataclass
 class _Element:
-    """An element of a PLY file, such as vertex: its name, count and properties."""
-
     name: str
     count: int
     names: list[str] = field(default_factory=list)

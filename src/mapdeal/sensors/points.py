@@ -246,8 +246,6 @@ class NumberLines:
 
 @dataclass(frozen=True)
 class PairLine:
-    """A start and a goal, or the error of their line."""
-
     line: int
     start: Point | None = None
     goal: Point | None = None
@@ -274,7 +272,6 @@ class _LineFormat(NamedTuple):
         return delimiter_of(text) if self.allows_tum else ","
 
     def is_header(self, text: str) -> bool:
-        """Return whether a line has the names of its columns."""
         words = [word.strip(' "') for word in text.lower().split(self.delimiter(text))]
         if self.allows_tum:  # any names count, such as theta for yaw
             return len(words) in (len(self.names), len(TUM)) and not any(map(is_number, words))

@@ -78,7 +78,6 @@ class _Scope:
     models: dict[str, _Scope] = field(default_factory=dict)
 
     def pose_of(self, name: str) -> Floats:
-        """Return the pose of a frame relative to the model or world."""
         pose, passed = np.eye(4), set()
         while name not in ("", "__model__", "world", "__root__"):
             head, _, tail = name.partition("::")
