@@ -280,20 +280,18 @@ def needs_bags(source: Path | str, *modules: str) -> None:
         raise ParameterError(f"needs the extra 'bags'{reason}", source=source, hint=hint) from None
 
 
-def zstd_module(path: Path) -> Any:
-    """Return the module that reads zstd: Python's since 3.14, before that rosbags' dependency."""
-    name = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
+def _module(path: Path, name: str) -> Any:
     needs_bags(path, name)
     return import_module(name)
 
 
-def _lz4_module(path: Path) -> Any:
-    needs_bags(path, "lz4.frame")
-    return import_module("lz4.frame")
+def zstd_module(path: Path) -> Any:
+    """Return the module that reads zstd: Python's since 3.14, before that rosbags' dependency."""
+    return _module(path, "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
 
 
 _EXPANDERS: dict[str, Callable[[Path], Any]] = {
     "bz2": lambda _: bz2.BZ2Decompressor(),
-    "lz4": lambda path: _lz4_module(path).LZ4FrameDecompressor(),
+    "lz4": lambda path: _module(path, "lz4.frame").LZ4FrameDecompressor(),
     "zstd": lambda path: zstd_module(path).ZstdDecompressor(),
 }

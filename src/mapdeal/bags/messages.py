@@ -383,22 +383,18 @@ class Decoder:
 
 @lru_cache(maxsize=32)  # for all bags: to compile a store takes longer than to decode messages
 def _idl_store(definition: str) -> Any:
+    from rosbags.interfaces import Nodetype
     from rosbags.typesys import Stores, get_types_from_idl, get_typestore
 
     check_length(definition)
     store = get_typestore(Stores.EMPTY)
-    for types in map(get_types_from_idl, _idl_parts(definition)):
-        _check_arrays(types)
+    parts: Iterator[Any] = map(get_types_from_idl, _idl_parts(definition))
+    for types in parts:
+        kinds = [kind for _, fields in types.values() for _, kind in fields]
+        # rosbags would generate code as long as all arrays of fixed length together
+        check_array_lengths([item[1] for kind, item in kinds if kind == Nodetype.ARRAY])
         store.register(types)
     return store
-
-
-def _check_arrays(types: Any) -> None:
-    """Refuse fixed lengths of arrays below 1 or so large that rosbags would generate huge code."""
-    from rosbags.interfaces import Nodetype
-
-    kinds = [kind for _, fields in types.values() for _, kind in fields]
-    check_array_lengths([item[1] for kind, item in kinds if kind == Nodetype.ARRAY])
 
 
 def costmap_types() -> Any:
@@ -407,9 +403,8 @@ def costmap_types() -> Any:
 
     names = ("nav2_msgs/Costmap", "nav2_msgs/CostmapMetaData")
     texts = {normalised_type(name): KNOWN[name].replace("; ", "\n") for name in names}
-    return {
-        key: value for name in texts for key, value in get_types_from_msg(texts[name], name).items()
-    }
+    found = [get_types_from_msg(text, name) for name, text in texts.items()]
+    return {**found[0], **found[1]}
 
 
 def _idl_parts(text: str) -> list[str]:

@@ -62,7 +62,9 @@ def yaws_by_walls(first: WallMap, second: WallMap) -> Floats:
     is_peak = (smooth >= np.roll(smooth, 1)) & (smooth > np.roll(smooth, -1))
     peaks = np.flatnonzero(is_peak)
     peaks = peaks[np.argsort(-smooth[peaks], kind="stable")][:_MOST_PEAKS]
-    yaws = np.array([_vertex_at(smooth, int(peak)) for peak in peaks]) * math.pi / _DIRECTIONS
+    # each place of a peak is that of the vertex of a parabola through its neighbours
+    before, at, after = (smooth[(peaks + step) % _DIRECTIONS] for step in (-1, 0, 1))
+    yaws = (peaks + (before - after) / (2 * (before - 2 * at + after))) * math.pi / _DIRECTIONS
     widened = yaws[:_WIDENED_PEAKS]
     yaws = np.concatenate([yaws, widened - _PEAK_ERROR, widened + _PEAK_ERROR])
     return np.stack([yaws, yaws + math.pi], axis=-1).ravel()
@@ -76,13 +78,6 @@ def _spectrum(walls: WallMap, width: float) -> Floats:
     above: Floats = np.maximum(spectrum - np.median(spectrum), 0)
     above -= above.mean()
     return above
-
-
-def _vertex_at(values: Floats, peak: int) -> float:
-    """Return the place of the vertex of the parabola through a peak and its neighbours."""
-    before, at, after = (values[(peak + step) % len(values)] for step in (-1, 0, 1))
-    curvature = before - 2 * at + after
-    return peak + float((before - after) / (2 * curvature) if curvature < 0 else 0)
 
 
 _SCORINGS = ((0.5, 0.12), (2.0, 0.05))

@@ -85,9 +85,7 @@ class WallMap:
 
 
 def some_of(values: NDArray[Scalar], most: int) -> NDArray[Scalar]:
-    if len(values) <= most:
-        return values
-    return values[np.arange(most) * len(values) // most]
+    return values if len(values) <= most else values[np.arange(most) * len(values) // most]
 
 
 def walls_of(grid: OccupancyGrid, most: int = MOST_CELLS_A_SIDE) -> WallMap | None:

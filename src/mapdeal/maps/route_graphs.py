@@ -117,29 +117,27 @@ class _Reader:
             self._edge(feature)
         for kind_name, found in (("node", self.nodes), ("edge", self.edges)):
             if not found:
-                self.problems.append(GraphProblem("refused", f"the graph has no {kind_name}"))
+                self._report("refused", f"the graph has no {kind_name}")
         self._keys()
         graph = RouteGraph(tuple(self.nodes.values()), tuple(self.edges))
         return GraphFile(graph, tuple(self.problems))
 
+    def _report(self, check: str, text: str, point: tuple[float, float] | None = None) -> None:
+        self.problems.append(GraphProblem(check, text, point))
+
     def _properties(self, feature: JsonValue) -> JsonValue:
-        found = feature.get("properties")
-        return (
-            JsonValue(feature.source, {}, f"{feature.place}.properties") if found is None else found
-        )
+        place = f"{feature.place}.properties"
+        return feature.get("properties") or JsonValue(feature.source, {}, place)
 
     def _id(self, properties: JsonValue, key: str, owner: str) -> int | None:
         found = properties.get(key)
         if found is None:
-            self.problems.append(
-                GraphProblem("refused", f"{owner} ({properties.place}) has no {key}")
-            )
+            self._report("refused", f"{owner} ({properties.place}) has no {key}")
             return None
         value = found.value
         if type(value) is not int or not 0 <= value <= _MOST_ID:
             rule = f"{key} must be a whole number from 0 on, got {found.shown()}"
-            text = f"{owner} ({found.place}): {rule}"
-            self.problems.append(GraphProblem("refused", text))
+            self._report("refused", f"{owner} ({found.place}): {rule}")
             return None
         return int(value)
 
@@ -147,12 +145,9 @@ class _Reader:
         """Record an id; report one that is used twice."""
         kinds = self._kinds_by_id.setdefault(number, set())
         if kind in kinds:
-            self.problems.append(
-                GraphProblem("double-id", f"two {kind}s have the id {number}", point)
-            )
+            self._report("double-id", f"two {kind}s have the id {number}", point)
         elif kinds:
-            text = f"a node and an edge have the id {number}"
-            self.problems.append(GraphProblem("shared-id", text, point))
+            self._report("shared-id", f"a node and an edge have the id {number}", point)
         kinds.add(kind)
 
     def _node(self, feature: JsonValue) -> None:
@@ -179,13 +174,11 @@ class _Reader:
         ends = [self.nodes[node_id] for node_id in (start, end) if node_id in self.nodes]
         at = (ends[0].x, ends[0].y) if ends else None
         self._note_id(number, "edge", at)
-        has_ends = True
         for verb, node_id in (("starts", start), ("ends", end)):
             if node_id not in self.nodes:
                 text = f"edge {number} {verb} at node {node_id}, which does not exist"
-                self.problems.append(GraphProblem("missing-end", text, at))
-                has_ends = False
-        if not has_ends:
+                self._report("missing-end", text, at)
+        if len(ends) < 2:
             return
         cost, overridable = properties.get("cost"), properties.get("overridable")
         self.edges.append(RouteEdge(
@@ -202,13 +195,13 @@ class _Reader:
                 if type(value) is int:
                     text = (f"edge {edge.id}: {key} {value} is a whole number, on which the scorer "
                             f"throws; write {value}.0")  # fmt: skip
-                    self.problems.append(GraphProblem("whole-number", text, index[edge.start]))
+                    self._report("whole-number", text, index[edge.start])
         with_limit = [edge for edge in self.edges if "speed_limit" in edge.metadata]
         if 0 < len(with_limit) < len(self.edges):
             text = (f"{len(with_limit)} of {len(self.edges)} edges have a speed_limit: "
                     "DistanceScorer divides their lengths by it, so it must stand on all or none; "
                     "100.0 is no limit")  # fmt: skip
-            self.problems.append(GraphProblem("mixed-limits", text, index[with_limit[0].start]))
+            self._report("mixed-limits", text, index[with_limit[0].start])
 
 
 FLOATS = ("speed_limit", "abs_speed_limit", "penalty")

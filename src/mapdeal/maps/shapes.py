@@ -102,8 +102,7 @@ class _Reader:
 
     def _ring(self, ring: Any, place: str) -> list[Any]:
         points = self._points(ring, place)
-        closed = len(points) > 1 and points[0] == points[-1]
-        return points[:-1] if closed else points
+        return points[:-1] if len(points) > 1 and points[0] == points[-1] else points
 
     def _points(self, points: Any, place: str) -> list[Any]:
         found = []

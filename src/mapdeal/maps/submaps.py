@@ -84,18 +84,14 @@ def paint(pixels: NDArray[np.uint8], texture: NDArray[np.uint32], place: Slice) 
         rows = np.arange(first, min(first + step, south))
         starts = ((west + offset[0]) * _UNIT + _HALF, (rows + offset[1]) * _UNIT + _HALF)
         firsts = [value - (1 if is_exact else _HALF) for value in _applied(matrix, *starts)]
-        cols = np.arange(east - west)
-        x, y = (
-            (start[:, np.newaxis] + slope * cols).astype(dtype)
-            for start, slope in zip(firsts, matrix[:, 0].tolist(), strict=True)
-        )
+        steps = matrix[:, :1] * np.arange(east - west)
+        x, y = (np.stack(firsts)[:, :, np.newaxis] + steps[:, np.newaxis]).astype(dtype)
         if is_exact:
             x, y = x >> 16 << 16, y >> 16 << 16
-        texels = (
-            _interpolated(wide, x, y)
-            if filters is None
-            else _averaged(texture, x + _HALF, y + _HALF, *filters)
-        )
+        if filters is None:
+            texels = _interpolated(wide, x, y)
+        else:
+            texels = _averaged(texture, x + _HALF, y + _HALF, *filters)
         _over(pixels[first : rows[-1] + 1, west:east], texels)
 
 

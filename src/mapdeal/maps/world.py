@@ -107,10 +107,8 @@ def sdf_parts(
     )
     middle, height = _number(wall_height / 2), _number(wall_height)
     for first in range(0, len(table), _ROWS_AT_ONCE):
-        text = ""
-        for number, (at_x, at_y, wide, deep) in enumerate(
-            table[first : first + _ROWS_AT_ONCE].tolist(), first
-        ):
+        text, walls = "", table[first : first + _ROWS_AT_ONCE].tolist()
+        for number, (at_x, at_y, wide, deep) in enumerate(walls, first):
             box = (
                 f"<pose>{_number(at_x)} {_number(at_y)} {middle} 0 0 0</pose><geometry><box><size>"
                 f"{_number(wide)} {_number(deep)} {height}</size></box></geometry>"
