@@ -181,8 +181,7 @@ def from_msg(message: Any, onto: OccupancyGrid | None = None) -> OccupancyGrid |
     Parameters
     ----------
     message : object or dict
-        ``nav_msgs/OccupancyGrid``, ``nav2_msgs/Costmap`` or ``map_msgs/OccupancyGridUpdate``, of
-        ROS 1 or 2, or a dict with its fields.
+        OccupancyGrid, OccupancyGridUpdate or nav2_msgs/Costmap of ROS 1 or 2, or its fields.
     onto : OccupancyGrid, optional
         Map that an update changes.
 
@@ -194,8 +193,7 @@ def from_msg(message: Any, onto: OccupancyGrid | None = None) -> OccupancyGrid |
     Raises
     ------
     MalformedInputError
-        If the message lacks a field, has another number of values than cells, or is rotated out
-        of the plane.
+        If the message lacks a field or values, or is rotated out of the plane.
     ParameterError
         If `onto` is missing for an update, or does not contain it.
 

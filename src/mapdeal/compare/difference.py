@@ -69,8 +69,7 @@ class Bound:
     allowed : float
         Largest value allowed.
     found : float
-        Value found; infinite if one map has obstacles to compare and the other has none, nan if
-        the maps have no common cell.
+        Value found; infinite if only one map has obstacles, nan without a common cell.
     """
 
     name: str
@@ -342,17 +341,14 @@ class CostChange(codes.OneLine):
         Higher or lower cost in cells known in both costmaps; cells that became closed (253 or 254),
         ceased to be closed, became unknown, ceased to be unknown. A cell that became closed has
         risen, too, unless it was unknown.
-    cells : int
-        Number of cells.
-    area : float
-        Their area, square metres.
+    cells, area : int, float
+        Number of cells, and their area, square metres.
     regions : int
         Number of connected regions that they form, corners included.
     largest : tuple of Change
         The largest of these, at most 20, each with its area and a place in its middle.
     by_size : dict of int
-        For 'rose' and 'fell', number of cells by the size of the change: 1-9, 10-49, 50-127 and
-        128-254.
+        For 'rose' and 'fell', number of cells by the change: 1-9, 10-49, 50-127 and 128-254.
     """
 
     kind: ChangeKind
@@ -377,8 +373,7 @@ class CostDifference(codes.OneLine):
     geometry : dict
         Pairs of values for each of width, height, resolution and origin that differs.
     scale : {'costmap2d', 'occupancy'}
-        ``occupancy`` if either costmap has this scale: then both are taken as ROS publishes them,
-        99 as inscribed and other values times 2.54.
+        ``occupancy`` if either costmap has it: both then as ROS publishes them, 99 as inscribed.
     common_cells, differing : int
         Number of cells that both costmaps cover, and of those with different costs.
     not_compared : int

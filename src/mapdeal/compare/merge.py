@@ -337,16 +337,16 @@ def merged_on(
     conflicts, counts, common = compared(states, widest if widest > _LEAST_APART else 0.0)
     grid = OccupancyGrid(values, lattice.resolution, lattice.origin)
     walls = values >= OCCUPIED_FROM
-    compared_counts = []
+    map_counts = []
     for source, count, state, reach in zip(maps, counts, states, [widest, *apart[1:]], strict=True):
         own = state == _IS_OCCUPIED
         near, nearest = (_share_within(own, walls, cells) for cells in (math.sqrt(2), reach))
-        compared_counts.append(replace(
+        map_counts.append(replace(
             count, same_wall=reach * lattice.resolution, within_cell=near, within_same_wall=nearest,
             thickness=thickness(source),
         ))  # fmt: skip
-    kept = _count((states[-1] == NOTHING) & (values != UNKNOWN))
-    return OneMap(grid, conflicts, tuple(compared_counts), common, log_odds, thickness(grid), kept)
+    kept_count = _count((states[-1] == NOTHING) & (values != UNKNOWN))
+    return OneMap(grid, conflicts, tuple(map_counts), common, log_odds, thickness(grid), kept_count)
 
 
 def _same_wall_cells(

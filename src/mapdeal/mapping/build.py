@@ -118,8 +118,7 @@ class BuiltMap(Drawn):
     grid : OccupancyGrid
         The map.
     layers : dict of str to numpy.ndarray
-        Layers of evidence: ``log_odds``; or ``hits`` and ``misses``; or ``tsdf``, ``weight`` and
-        ``surface``.
+        Evidence: ``log_odds``; ``hits`` and ``misses``; or ``tsdf``, ``weight`` and ``surface``.
     counts : BeamCounts
         Number of beams of each kind.
     vanished : HitGroups
@@ -150,8 +149,7 @@ class MapBuilder:
     limits : BeamLimits
         Limits that decide which ranges are hits.
     **parameters
-        Parameters of the method: those of `LogOdds`, `Counting` or `Tsdf`; for the last one also
-        ``as_written=True``, for the rules of `TsdfAsWritten`.
+        Parameters of `LogOdds`, `Counting` or `Tsdf`; ``as_written=True`` for `TsdfAsWritten`.
 
     Raises
     ------
@@ -249,8 +247,7 @@ def build_map(
     resolution : float
         Side of a cell, metres.
     size, origin : tuple of float, optional
-        Width and height of the map, and the corner of cell (0, 0), metres; both or neither. By
-        default, the map covers everything that the beams reach.
+        Width and height of the map, and its corner, metres; by default all that beams reach.
     range_min, range_max, clear_max : float
         As in `BeamLimits`, metres.
     **parameters
@@ -270,9 +267,8 @@ def build_map(
 
     Notes
     -----
-    A beam passes the cells on costmap_2d's line from the sensor's cell, inclusive, to the cell of
-    its end, exclusive: a cell is never hit and passed by the same beam. Beams that leave the grid
-    count inside it.
+    A beam passes the cells of costmap_2d's line from the sensor's cell to that of its end, which it
+    hits instead. Beams that leave the grid count inside it.
 
     Examples
     --------

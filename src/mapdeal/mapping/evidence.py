@@ -128,8 +128,7 @@ class BeamLimits:
         A beam is a hit if its range is positive and range_min <= range < range_max, metres. A
         beam of range_max or more, or inf, has no return; all others are invalid.
     clear_max : float
-        Distance up to which a beam without return clears cells, at most range_max, metres; 0 to
-        ignore such beams.
+        Distance, at most range_max, up to which a beam without return clears cells, metres.
 
     Raises
     ------
@@ -138,8 +137,7 @@ class BeamLimits:
 
     References
     ----------
-    gmapping's ``maxRange`` (range_max) and ``maxUrange`` (clear_max); there, too, readings at the
-    sensor's limit are not obstacles.
+    gmapping's ``maxRange`` (range_max), at which nothing is hit, and ``maxUrange`` (clear_max).
     """
 
     range_min: float = 0.0

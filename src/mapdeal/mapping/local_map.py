@@ -303,9 +303,8 @@ class LocalMap(map_values.Drawn):
     from_map : int
         Number of cells covered by obstacles of the global map.
     angles : tuple of float, optional
-        First and last direction of the points within the limits, from the robot's heading,
-        anticlockwise, radians: -pi < first <= pi, first <= last < first + 2 pi. All points lie
-        between them, and the rest of the circle is the largest gap. None if there are no points.
+        First and last direction of the points within the limits, anticlockwise from the robot's
+        heading, radians: -pi < first <= pi, first <= last < first + 2 pi. Unset without points.
     clouds : int
         Number of clouds in the map; `counts` and `angles` are those of the last one.
     from_earlier : int
@@ -482,11 +481,6 @@ def local_map(
     ParameterError
         If a number is not allowed, or heights are limited but the points have no z.
 
-    Notes
-    -----
-    Each point belongs to the cell that contains it. Coordinates are not truncated toward zero, so
-    points just outside the window do not end up in its first cells.
-
     Examples
     --------
     >>> grid = local_map([[0.3, 0.1, 0.5]], (-1.0, 2.0, math.pi / 2), size=(1, 1), resolution=0.5)
@@ -539,13 +533,7 @@ class LocalMapper:
         return self._pose
 
     def add(self, points: ArrayLike) -> None:
-        """Add points, shape (N, 2) or (N, 3 or more), metres.
-
-        Raises
-        ------
-        ParameterError
-            If the points have another shape, or no z although heights are limited.
-        """
+        """Add points, shape (N, 2) or (N, 3 or more), metres; limits of height need z."""
         self._cloud.add(points)
 
     def result(self) -> LocalMap:
@@ -564,9 +552,6 @@ class LocalMapper:
 
 class RollingMapper:
     """Builder of a local map from the most recent clouds of a sequence, after each cloud.
-
-    A cloud marks the cells of its points, and clears the cells that its beams pass, from the robot
-    to each point. Cells marked by recent clouds stay marked until a later beam clears them.
 
     Parameters
     ----------
@@ -588,10 +573,9 @@ class RollingMapper:
 
     Notes
     -----
-    All maps lie on one lattice, so that cells never blur, and each map depends on its clouds and
-    poses alone. In costmap_2d's rolling obstacle layer, a cell that leaves the window for a moment
-    is forgotten, and beams have no effect outside the window; here, the cells of later windows are
-    remembered as well.
+    A cloud marks the cells of its points, after it has cleared those that its beams pass from the
+    robot. All maps lie on one lattice, so that cells never blur, and each map depends on its clouds
+    and poses alone; costmap_2d's rolling obstacle layer forgets cells that leave the window.
 
     Examples
     --------
@@ -640,14 +624,7 @@ class RollingMapper:
         return frames.Region(row, col, top - row, right - col)
 
     def add(self, points: ArrayLike) -> None:
-        """Add the next cloud, shape (N, 2) or (N, 3 or more), metres.
-
-        Raises
-        ------
-        ParameterError
-            If the cloud has no pose, or the points have another shape or no z although heights
-            are limited; nothing is added then.
-        """
+        """Add the next cloud, shape (N, 2) or (N, 3 or more), metres, if it has a pose."""
         self.add_in_parts([points])
 
     def add_in_parts(self, parts: Iterable[ArrayLike]) -> None:
@@ -671,13 +648,7 @@ class RollingMapper:
         self._newest, self.turn = None, turn + 1
 
     def result(self) -> LocalMap:
-        """Return the local map at the cloud that was added last.
-
-        Raises
-        ------
-        ParameterError
-            If no cloud has been added, or the last one was skipped.
-        """
+        """Return the local map at the cloud that was added last, unless that was skipped."""
         if self._newest is None:
             raise ParameterError("no cloud has been added", place="result")
         newest, turn = self._newest, self.turn - 1

@@ -64,12 +64,7 @@ def read_route_graph(path: Path | str) -> RouteGraph:
     FileAccessError
         If the file cannot be read.
     MalformedInputError
-        If the file is malformed or the server refuses it: nodes, edges or an id are missing, or an
-        edge begins or ends at an unknown node.
-
-    Notes
-    -----
-    Of several nodes with one id the last one counts, as for the server's edges.
+        If the file is malformed or the server refuses it, as where the end of an edge is missing.
     """
     path = Path(path)
     found = read_graph_file(path)

@@ -87,8 +87,7 @@ def read_poses(path: Path | str) -> Poses:
     Returns
     -------
     numpy.ndarray of float64, shape (N, 3)
-        x, y (metres) and yaw (radians); the yaw of a quaternion is the heading of its x axis in
-        the plane. Times are not used.
+        x, y (metres) and yaw (radians), for a quaternion that of its x axis in the plane.
 
     Raises
     ------
@@ -100,8 +99,7 @@ def read_poses(path: Path | str) -> Poses:
     Warns
     -----
     MapdealWarning
-        If a quaternion is not of length 1, a pose is tilted by more than 10 degrees, a yaw
-        exceeds a full turn, or times do not increase.
+        If a quaternion is not of length 1, a pose leans, a yaw exceeds a turn, or times repeat.
     """
     path = Path(path)
     with recognised(path, "a file of poses", POSES, NUMBERS):
