@@ -113,13 +113,11 @@ def _types_in(name: str, definition: str) -> _Types:
         for section in sections:
             title, _, lines = section.partition("\n")
             texts[title.strip()] = lines
-    fields_by_type = {
-        normalised_type(key): _fields_of(lines, key.partition("/")[0])
-        for key, lines in texts.items()
-    }
-    check_array_lengths(
-        [field.length for fields in fields_by_type.values() for field in fields if field.length]
-    )
+    fields_by_type: dict[str, list[_Field]] = {}
+    for key, lines in texts.items():
+        fields_by_type[normalised_type(key)] = _fields_of(lines, key.partition("/")[0])
+    lengths = [field.length for fields in fields_by_type.values() for field in fields]
+    check_array_lengths([length for length in lengths if length])
     return {
         key: [
             (size, members, "".join(_FORMATS.get(member.kind, "") for member in members))
@@ -141,9 +139,8 @@ def _fields_of(lines: str, package: str) -> list[_Field]:
             continue
         kind = match["kind"]
         if kind not in (*_FORMATS, "string"):
-            kind = _ROS1_NAMES.get(kind) or normalised_type(
-                kind if "/" in kind else f"{package}/{kind}"
-            )
+            full_name = kind if "/" in kind else f"{package}/{kind}"
+            kind = _ROS1_NAMES.get(kind) or normalised_type(full_name)
         is_fixed = match["array"] and match["length"] and not match["bound"]
         length = None if not match["array"] else int(match["length"]) if is_fixed else 0
         fields.append(_Field(text[: match.end()].split()[1], kind, length))

@@ -128,10 +128,8 @@ def laser_scan_of(message: Any) -> LaserScan:
 
 
 def transforms_of(message: Any) -> list[Stamped]:
-    return [
-        _stamped(item, item.transform.translation, item.transform.rotation)
-        for item in message.transforms
-    ]
+    parts = ((item, item.transform) for item in message.transforms)
+    return [_stamped(item, part.translation, part.rotation) for item, part in parts]
 
 
 def odometry_of(message: Any) -> Stamped:

@@ -64,10 +64,8 @@ class FolderBag(Bag):
         try:
             metadata = self._metadata()
             self._compresses_messages = metadata.compression == "message"
-            self._parts = [
-                self._stack.enter_context(self._open_part(path / name, metadata.storage))
-                for name in metadata.files
-            ]
+            parts = (self._open_part(path / name, metadata.storage) for name in metadata.files)
+            self._parts = [self._stack.enter_context(part) for part in parts]
         except BaseException:
             self._stack.close()
             raise
@@ -138,10 +136,8 @@ class FolderBag(Bag):
 
     def _present_files(self, entry: Entry) -> tuple[str, ...]:
         paths = [PurePosixPath(PureWindowsPath(item.text()).as_posix()) for item in entry.items()]
-        names, present = (
-            dict.fromkeys(path.name for path in paths),
-            sources.contents_of(self.path)[1],
-        )
+        names = dict.fromkeys(path.name for path in paths)
+        present = sources.contents_of(self.path)[1]
         missing = [name for name in names if name not in present]
         if names and len(missing) == len(names):
             sources.check_readable(self.path / missing[0])  # raises the error

@@ -48,9 +48,8 @@ class SqliteBag(Bag):
         super().__init__(path, "a ROS 2 bag (SQLite)")
         sources.check_readable(path)
         self._is_cut = False
-        self._calls = self._most_calls = (
-            64 + _STEPS_PER_BYTE * sources.status_of(path).st_size // _STEPS
-        )
+        size = sources.status_of(path).st_size
+        self._calls = self._most_calls = 64 + _STEPS_PER_BYTE * size // _STEPS
         self._stack = ExitStack()
         if sources.head_of(path, len(SQLITE_MAGIC)) != SQLITE_MAGIC:
             raise self.malformed("is not an SQLite file")
@@ -127,9 +126,8 @@ class SqliteBag(Bag):
     def _connect(self, path: Path) -> sqlite3.Connection:
         # Immutable means that SQLite ignores locks, journals and write-ahead logs. While a recorder
         # runs, the log contains the latest messages, so a file with a log is opened read-only.
-        mode = (
-            "mode=ro" if sources.is_regular(path.with_name(path.name + "-wal")) else "immutable=1"
-        )
+        has_log = sources.is_regular(path.with_name(path.name + "-wal"))
+        mode = "mode=ro" if has_log else "immutable=1"
         address = f"file:{quote(str(sources.absolute_path(path)))}?{mode}"
         db = sqlite3.connect(address, uri=True, check_same_thread=False)
         db.text_factory = lambda text: text.decode("utf-8", "replace")

@@ -351,9 +351,8 @@ class Agreement:
         seen = (self.agreeing + self.contradicting)[is_wrong]
         counted = np.where(seen >= _LARGE * seen.max(axis=0), seen, 0)
         total = counted.sum(axis=0)
-        mean = np.divide(
-            (counted * self.shares[is_wrong]).sum(axis=0), total, where=total > 0, out=total * 0
-        )
+        agreeing = (counted * self.shares[is_wrong]).sum(axis=0)
+        mean = np.divide(agreeing, total, where=total > 0, out=total * 0)
         chance: Floats = np.maximum(mean, _BY_CHANCE)
         return chance
 

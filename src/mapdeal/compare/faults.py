@@ -97,10 +97,8 @@ def verdict(faults: tuple[Fault, ...]) -> str:
 
 def _faults_in(estimate: States, truth: States, frame: Frame) -> Iterator[Fault]:
     table = np.array([map_values.UNKNOWN, map_values.FREE, map_values.OCCUPIED], dtype=np.int8)
-    maps = [
-        OccupancyGrid(table[states], frame.resolution, frame.origin) for states in (estimate, truth)
-    ]
     cell = frame.resolution
+    maps = [OccupancyGrid(table[states], cell, frame.origin) for states in (estimate, truth)]
     near = max(_NEAR, _NEAR_CELLS * cell)
 
     def fault(kind: str, cells: Mask, amount: float, unit: str, total: Mask) -> Iterator[Fault]:

@@ -41,10 +41,8 @@ from mapdeal.mapping.evidence import (
 Method = Literal["log-odds", "counting", "tsdf"]
 
 METHODS: dict[Method, Callable[..., Evidence]] = {
-    "log-odds": LogOdds,
-    "counting": Counting,
-    "tsdf": Tsdf,
-}
+    "log-odds": LogOdds, "counting": Counting, "tsdf": Tsdf
+}  # fmt: skip
 MARGIN = 2
 """Cells around all that beams reach in a grid without a requested size."""
 

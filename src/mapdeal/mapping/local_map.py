@@ -147,9 +147,8 @@ class SeenCloud:
             raise ParameterError("the cloud has no heights", place="min_height, max_height")
         points = self._in_fan(points)
         if engine_name() == "compiled" and not self._with_beams:
-            counts, from_robot = mark_cloud(
-                points, self._rule(), self.is_hit, is_placed=self._options.frame == "map"
-            )
+            is_placed = self._options.frame == "map"
+            counts, from_robot = mark_cloud(points, self._rule(), self.is_hit, is_placed=is_placed)
             self._angles.add(np.arctan2(from_robot[:, 1], from_robot[:, 0]))
             self._counts += counts
             return
@@ -523,9 +522,8 @@ class LocalMapper:
         self._window = window_around(self._pose, options, lattice)
         self._keeps_unknown = global_map is not None and options.unknown == "keep"
         self._frame = self._window.frame_in(lattice)
-        self._cloud = SeenCloud(
-            self._pose, options, lattice, self._window, with_beams=self._keeps_unknown
-        )
+        place = self._pose, options, lattice, self._window
+        self._cloud = SeenCloud(*place, with_beams=self._keeps_unknown)
 
     @property
     def pose(self) -> Pose:
@@ -544,9 +542,8 @@ class LocalMapper:
             sightings.add(self._cloud.sensor, self._cloud.ends, np.empty((0, 2), np.int64))
             evidence = sightings.evidence(self._window)
         evidence[self._cloud.is_hit] = map_values.OCCUPIED
-        grid, from_map = self._known.joined_with(
-            evidence, self._frame, keeps_unknown=self._keeps_unknown
-        )
+        keeps = self._keeps_unknown
+        grid, from_map = self._known.joined_with(evidence, self._frame, keeps_unknown=keeps)
         return LocalMap(grid, self._pose, self._cloud.counts, from_map, self._cloud.angles)
 
 
@@ -630,9 +627,8 @@ class RollingMapper:
     def add_in_parts(self, parts: Iterable[ArrayLike]) -> None:
         """Add the next cloud from several arrays of points; see `add`."""
         turn = self._next()
-        cloud = SeenCloud(
-            self.poses[turn], self._options, self._lattice, self._windows[turn], with_beams=True
-        )
+        place = self.poses[turn], self._options, self._lattice, self._windows[turn]
+        cloud = SeenCloud(*place, with_beams=True)
         for points in parts:
             cloud.add(points)
         self._sightings.move(self._canvas(turn))

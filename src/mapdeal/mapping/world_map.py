@@ -142,9 +142,8 @@ def surface_cells(section: Section, frame: Frame, runs: _Runs) -> Mask:
             away = np.sqrt(np.maximum(0.25 - (y - share * dy) ** 2, 0.0))
             ends.append(x + share * dx + sign * away)
         start = np.clip(np.ceil(ends[0] - 0.5), 0, frame.width).astype(np.int64)
-        whose, col = enumerated(
-            start, np.clip(np.floor(ends[1] + 0.5), start, frame.width).astype(np.int64)
-        )
+        last = np.clip(np.floor(ends[1] + 0.5), start, frame.width).astype(np.int64)
+        whose, col = enumerated(start, last)
         found = (section.solid[edge] * frame.height + row)[whose] * frame.width + col
         keys = _distinct(np.concatenate([keys, _distinct(found)]))
     shape = int(section.solid.max()) + 1, *frame.shape
@@ -176,9 +175,7 @@ def inside_runs(section: Section, frame: Frame) -> _Runs:
     order = np.lexsort((x, row, section.solid[edge]))
     solid, row, x, turn = section.solid[edge][order], row[order], x[order], turn[order]
     enters, leaves = _winding_runs(solid * frame.height + row, turn)
-    start, stop = (
-        np.clip(np.ceil(x[at] - 0.5), 0, frame.width).astype(np.int64) for at in (enters, leaves)
-    )
+    start, stop = np.clip(np.ceil(x[[enters, leaves]] - 0.5), 0, frame.width).astype(np.int64)
     has_cells = start < stop
     at = enters[has_cells]
     return _Runs(solid[at], row[at], start[has_cells], stop[has_cells], frame)
@@ -201,10 +198,8 @@ def _winding_runs(line: Integers, turn: Integers) -> tuple[Integers, Integers]:
 def _rows_crossed(begin: Floats, along: Floats, height: int) -> tuple[Integers, Integers, Floats]:
     """Return the edge, row and share of the edge where edges cross the middles of rows."""
     end = begin + along
-    lowest, highest = (
-        np.clip(np.ceil(join(begin, end) - 0.5), 0, height).astype(np.int64)
-        for join in (np.minimum, np.maximum)
-    )
+    ends = np.array([np.minimum(begin, end), np.maximum(begin, end)])
+    lowest, highest = np.clip(np.ceil(ends - 0.5), 0, height).astype(np.int64)
     edge, row = enumerated(lowest, highest)
     return edge, row, (row + 0.5 - begin[edge]) / along[edge]
 
@@ -257,14 +252,11 @@ def map_of_world(
     resolution: float, frame: Frame | None, claim: Claim,
 ) -> tuple[OccupancyGrid, float]:  # fmt: skip
     """Return the map of triangles and the solid of each, and the largest area behind walls, m2."""
+    size = resolution, frame, claim
     if options.height is None:
-        occupied, free, frame = _for_robot(
-            triangles, solids, robot, resolution, frame, claim, solid=options.solid
-        )
+        occupied, free, frame = _for_robot(triangles, solids, robot, *size, solid=options.solid)
     else:
-        occupied, inside, frame = _at_height(
-            triangles, solids, options.height, resolution, frame, claim
-        )
+        occupied, inside, frame = _at_height(triangles, solids, options.height, *size)
         free = ~(occupied | inside)
         occupied |= inside & options.solid
     known, elsewhere_m2 = (free, 0.0) if options.solid else _space_in(free, frame, robot.at)

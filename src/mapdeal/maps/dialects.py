@@ -103,15 +103,9 @@ def _crossed_thresholds(
 
 def yaml_of(metadata: MapMetadata) -> bytes:
     """Return the YAML file of `metadata`: keys in ROS's order, floats in shortest form."""
-    document: dict[str, Any] = {
-        "image": metadata.image,
-        "mode": metadata.mode,
-        "resolution": metadata.resolution,
-        "origin": [float(v) for v in metadata.origin],
-        "negate": int(metadata.negate),
-        "occupied_thresh": metadata.occupied_thresh,
-        "free_thresh": metadata.free_thresh,
-    }
+    keys = ("image", "mode", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
+    document = {key: getattr(metadata, key) for key in keys}
+    document |= {"origin": [float(v) for v in metadata.origin], "negate": int(metadata.negate)}
     if metadata.cost_scale is not None:
         document["cost_scale"] = metadata.cost_scale
     if metadata.view is not None:

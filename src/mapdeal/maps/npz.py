@@ -253,9 +253,8 @@ class NpzReader:
 
     def _values(self, name: str, count: int) -> NDArray[Any]:
         with self._open_entry(name) as (file, header):
-            check_expansion(
-                self.path, self._zip.getinfo(f"{name}.npy").compress_size, header.nbytes, place=name
-            )
+            stored = self._zip.getinfo(f"{name}.npy").compress_size
+            check_expansion(self.path, stored, header.nbytes, place=name)
             self._claimed += count
             claim(self.path, self._claimed + min(PIECES, self._claimed))
             array = np.empty(header.elements, dtype=header.dtype)
@@ -400,9 +399,8 @@ def _grid_in(reader: NpzReader) -> Grid:
 def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
     """Return the `Reach` in an ``.npz`` file, which has neither goals nor passages."""
     with NpzReader(path, max_cells) as reader, _geometry_in(reader) as (resolution, origin):
-        start = reader.small(
-            "start", np.float64, (3,) if reader.header("start").shape == (3,) else (2,)
-        )
+        size = 3 if reader.header("start").shape == (3,) else 2
+        start = reader.small("start", np.float64, (size,))
         if not np.isfinite(start).all():
             raise MalformedInputError("must be finite numbers", source=path, place="start")
         robot = None
@@ -439,9 +437,7 @@ def read_cloud_layers(path: Path, *, max_cells: int | None = None) -> CloudLayer
 def read_evidence(path: Path, *, max_cells: int | None = None) -> dict[str, NDArray[Any]]:
     with NpzReader(path, max_cells) as reader:
         names = reader.names()
-        return {
-            name: reader.layer(name, dtype) for name, dtype in _EVIDENCE.items() if name in names
-        }
+        return {key: reader.layer(key, kind) for key, kind in _EVIDENCE.items() if key in names}
 
 
 def npz_frame(path: Path) -> Frame:
@@ -564,9 +560,8 @@ class NpzFile(MapFile):
         return read_npz(self.path, max_cells=self._max_cells)
 
     def rows(self, block_height: int, _: CacheBudget | None) -> Grid:
-        return self._opened.enter_context(
-            open_npz(self.path, block_height=block_height, max_cells=self._max_cells)
-        )
+        lazy = open_npz(self.path, block_height=block_height, max_cells=self._max_cells)
+        return self._opened.enter_context(lazy)
 
     def layers_of(self, kind: type[Any]) -> Any:
         if kind is CloudLayers:

@@ -156,9 +156,8 @@ class _Reader:
             return
         self._note_id(number, "node", (x, y))
         frame = properties.get("frame")
-        self.nodes[number] = RouteNode(
-            number, x, y, FRAME if frame is None else frame.text(), _metadata(properties)
-        )
+        name = FRAME if frame is None else frame.text()
+        self.nodes[number] = RouteNode(number, x, y, name, _metadata(properties))
 
     def _edge(self, feature: JsonValue) -> None:
         properties = self._properties(feature)

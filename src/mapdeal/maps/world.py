@@ -102,9 +102,8 @@ def sdf_parts(
     ).encode()  # fmt: skip
     rows = np.stack([boxes.first_row, boxes.end_row], axis=1) * cell
     cols = np.stack([boxes.first_col, boxes.end_col], axis=1) * cell
-    table = np.stack(
-        [cols.mean(axis=1), rows.mean(axis=1), np.diff(cols)[:, 0], np.diff(rows)[:, 0]], axis=1
-    )
+    middles, sizes = (cols.mean(axis=1), rows.mean(axis=1)), (np.diff(cols), np.diff(rows))
+    table = np.column_stack([*middles, *sizes])
     middle, height = _number(wall_height / 2), _number(wall_height)
     for first in range(0, len(table), _ROWS_AT_ONCE):
         text, walls = "", table[first : first + _ROWS_AT_ONCE].tolist()

@@ -48,11 +48,8 @@ def read_zones(path: Path, kind: FilterKind | None = None) -> list[Zone]:
     # Features without a kind count as the requested one; by default all kinds are returned.
     with recognised(path, "a file of zones", SHAPES):
         features = geojson_features(read_document(path))
-    zones = [
-        _zone(path, number, properties, shapes, kind)
-        for number, (properties, shapes) in enumerate(features, 1)
-        if shapes
-    ]
+    numbered = enumerate(features, 1)
+    zones = [_zone(path, number, *feature, kind) for number, feature in numbered if feature[1]]
     found = [zone for zone in zones if kind in (None, zone.kind)]
     if not found:
         rule = "holds no zone" if kind is None else f"holds no {kind} zone"

@@ -243,9 +243,8 @@ class CarmenLog(ScanSource):
         self._path = path
         self._start_over(max_bad)
         # split only the beginning, because splitting copies the whole line
-        self._tags = Counter(
-            line[:_LONGEST_TAG].split(maxsplit=1)[0].decode() for _, line in self._lines(_TAGS)
-        )
+        words = (line[:_LONGEST_TAG].split(maxsplit=1)[0] for _, line in self._lines(_TAGS))
+        self._tags = Counter(word.decode() for word in words)
         if not self._tags:
             rule = f"no line begins with {', '.join(_TAGS)}"
             raise MalformedInputError(rule, source=path, hint="CARMEN logs have such lines")
