@@ -421,7 +421,7 @@ def bytes_to_align(cells: Sequence[int]) -> int:
     return _PER_CELL * max(cells) + _PER_POOLED * min(sum(cells), _MOST_POOLED)
 
 
-LEAST_SCORE = LEAST_LEAD = 4.5
+LEAST_SCORE = 4.5
 """Least score, and least lead over the runner-up. In about 350 pairs of maps of different places,
 half of them with corridors or rows of equal rooms, the largest lead without a rival was 3.2."""
 

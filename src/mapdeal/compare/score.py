@@ -353,21 +353,17 @@ def corners_of(walls: _Mask) -> _Mask:
     # Harris and Stephens, "A combined corner and edge detector", 1988; Filatov, Filatov, Krinkin,
     # Chen and Molodan, "2D SLAM quality evaluation methods", 2017 (arXiv:1708.02354): the number of
     # corners, which doubled walls raise.
-    found = np.zeros(walls.shape, dtype=np.bool_)
+    found, padded = np.zeros(walls.shape, dtype=np.bool_), np.pad(walls, _HALO)
     height, width = walls.shape
     step = max(LEAST_ROWS_ALONE, TOGETHER // (min(width, ACROSS_ALONE) + 2 * _HALO))
     bands = -(-height // step)
 
     def some(first: int, end: int) -> None:
         rows = range(first * step, min(end * step, height), step)
-        for start, start_col in product(rows, range(0, width, ACROSS_ALONE)):
-            tile = found[start : start + step, start_col : start_col + ACROSS_ALONE]
-            around = np.zeros((len(tile) + 2 * _HALO, tile.shape[1] + 2 * _HALO), np.bool_)
-            top, side = max(start - _HALO, 0), max(start_col - _HALO, 0)
-            part = walls[top : start + len(tile) + _HALO, side : start_col + tile.shape[1] + _HALO]
-            row, col = top - start + _HALO, side - start_col + _HALO
-            around[row : row + len(part), col : col + part.shape[1]] = part
-            tile[:] = _corners_in(around)
+        for row, col in product(rows, range(0, width, ACROSS_ALONE)):
+            tile = found[row : row + step, col : col + ACROSS_ALONE]
+            last_row, last_col = row + len(tile) + 2 * _HALO, col + tile.shape[1] + 2 * _HALO
+            tile[:] = _corners_in(padded[row:last_row, col:last_col])
 
     if walls.size < CELLS_WORTH_A_THREAD:
         some(0, bands)
@@ -423,6 +419,7 @@ def score_alone(states: States, frame: Frame) -> Values:
     pieces = labelled(walls, corners=True)
     walls &= pieces.cells_of(pieces.sizes >= LEAST_PIECE)
     sizes = pieces.sizes[1:]
+    del pieces  # which takes as much memory as what follows
     corners = touching_groups(corners_of(walls))[1]
     areas, pockets, square_metres = enclosed_areas(states, frame.resolution)
     return {

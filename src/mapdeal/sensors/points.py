@@ -342,15 +342,11 @@ def _complete_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[tup
     """Yield the lines that each chunk completes, as one text, and the number of the first."""
     incomplete, line = b"", 1
     for chunk in chunks:
-        text = incomplete + chunk
-        end = text.rfind(b"\n")
-        incomplete = text[end + 1 :]
-        long = _first_long_line(text)
-        short = text[:end] if long is None else text[: max(0, long - 1)]
-        if end >= 0 and long != 0:
-            yield _without_bom(short, line), line
-            line += _line_count(short)
-        if long is not None:
+        complete, end, incomplete = (incomplete + chunk).rpartition(b"\n")
+        if end:
+            yield _without_bom(complete, line), line
+            line += _line_count(complete)
+        if len(incomplete) > _LONGEST_LINE:
             rule = f"a line must not be longer than {_LONGEST_LINE} bytes"
             raise MalformedInputError(rule, source=source, place=f"line {line}")
     if incomplete:
@@ -360,16 +356,6 @@ def _complete_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[tup
 def _line_count(text: bytes) -> int:
     # bytes.count is slow for frequent bytes
     return 1 + int(np.count_nonzero(np.frombuffer(text, dtype=np.uint8) == _LINE_FEED))
-
-
-def _first_long_line(text: bytes) -> int | None:
-    start = 0
-    while len(text) - start > _LONGEST_LINE:
-        end = text.rfind(b"\n", start, start + _LONGEST_LINE + 1)
-        if end < 0:
-            return start
-        start = end + 1  # all lines before it fit into the window that was searched
-    return None
 
 
 def _without_bom(text: bytes, first: int) -> bytes:

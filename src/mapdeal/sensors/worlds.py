@@ -38,8 +38,6 @@ from mapdeal.sensors.meshes import (
     strips_of,
 )
 
-WORLD_FILES = (".sdf", ".world", ".urdf", *MESH_ENDINGS)
-
 _VARIABLES = (
     "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "SDF_PATH", "GAZEBO_MODEL_PATH",
     "GAZEBO_RESOURCE_PATH", "ROS_PACKAGE_PATH",
