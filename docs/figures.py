@@ -28,7 +28,7 @@ import mapdeal
 from mapdeal.compare.difference import frame_around
 from mapdeal.grid.canvas import sampled
 from mapdeal.grid.frame import Transform
-from mapdeal.maps.png import write_indexed_png
+from mapdeal.maps.png import write_png
 from mapdeal.pictures.colours import Colour, LayerStyle, Swatch
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.layers import occupancy_image
@@ -188,7 +188,7 @@ def draw_pairs() -> None:
         image_max=LONG_SIDE, image_extent="known",
     )  # fmt: skip
     with (IMAGES / "office_pairs.png").open("wb") as file:
-        write_indexed_png(file, image.indices, image.palette)
+        write_png(file, image.indices, image.palette)
 
 
 def draw_intel(log: Path) -> None:
@@ -280,7 +280,7 @@ def _draw_walls(
         kinds, frame, title=title, image_max=LONG_SIDE, image_extent="known", style=style
     )
     with (IMAGES / name).open("wb") as file:
-        write_indexed_png(file, image.indices, image.palette)
+        write_png(file, image.indices, image.palette)
 
 
 if __name__ == "__main__":

@@ -232,16 +232,16 @@ def encoded(write, *arrays):
 def test_pictures_are_those_that_readers_see(tmp_path, shape):
     pixels, palette = noise(shape[0] * shape[1]).reshape(shape), noise(768).reshape(256, 3)
     rgba = noise(4 * shape[0] * shape[1]).reshape(*shape, 4)
-    grey = encoded(png_module.write_grey_png, pixels[::-1])
+    grey = encoded(png_module.write_png, pixels[::-1])
     (tmp_path / "m.png").write_bytes(grey.getvalue())
     assert np.array_equal(read_image(tmp_path / "m.png").samples, pixels[::-1])  # with checksums
     assert len(pixels_in(grey.getvalue())) == shape[0] * (1 + shape[1])
     with Image.open(grey) as image:
         assert (image.mode, np.array_equal(image, pixels[::-1])) == ("L", True)
-    with Image.open(encoded(png_module.write_indexed_png, pixels, palette)) as image:
+    with Image.open(encoded(png_module.write_png, pixels, palette)) as image:
         assert np.array_equal(image, pixels)
         assert np.array_equal(image.convert("RGB"), palette[pixels])
-    with Image.open(encoded(png_module.write_rgba_png, rgba)) as image:
+    with Image.open(encoded(png_module.write_png, rgba)) as image:
         assert (image.mode, np.array_equal(image, rgba)) == ("RGBA", True)
 
 

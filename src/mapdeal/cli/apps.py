@@ -25,7 +25,7 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame
 from mapdeal.maps.map_server import Encoding
-from mapdeal.maps.png import write_indexed_png
+from mapdeal.maps.png import write_png
 from mapdeal.pipeline.folder import files_of, step_line
 from mapdeal.pipeline.inputs import InShell, Map, Work, frame_of_file
 from mapdeal.pipeline.recipe import RecipeName, load_recipe, step_for, step_of_recipe
@@ -347,7 +347,7 @@ def _write(result: Result, work: Work, output: Path | None) -> None:
         result.write(transaction, output)
     if work.settings.image is not None:
         image = result.drawn(image_extent=work.settings.image_extent)
-        write = partial(write_indexed_png, indices=image.indices, palette=image.palette)
+        write = partial(write_png, pixels=image.indices, palette=image.palette)
         transaction.write(work.settings.image, write)
 
 

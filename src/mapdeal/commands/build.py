@@ -37,7 +37,7 @@ from mapdeal.mapping.voxels import upright
 from mapdeal.mapping.world_map import WorldOptions, map_of_world
 from mapdeal.maps.formats import MAP_ENDINGS
 from mapdeal.maps.npz import check_ends_in_npz, write_npz
-from mapdeal.maps.png import write_indexed_png
+from mapdeal.maps.png import write_png
 from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.overlay import RingOverlay
@@ -674,7 +674,7 @@ def _compared(
 def _draw_changes(first: States, second: States, frame: Frame, look: Any, file: BinaryIO) -> None:
     changes = changes_of(first, second, np.ones(first.shape, dtype=np.bool_))
     image = difference_image(changes, frame, **look)
-    write_indexed_png(file, image.indices, image.palette)
+    write_png(file, image.indices, image.palette)
 
 
 def _results(

@@ -28,7 +28,7 @@ from mapdeal.mapping.build import BuiltMap
 from mapdeal.mapping.local_map import LocalMap
 from mapdeal.mapping.transforms import check_pose
 from mapdeal.maps.npz import Grid
-from mapdeal.maps.png import write_indexed_png
+from mapdeal.maps.png import write_png
 from mapdeal.pictures import overlay
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.cost_curve import cost_curve_image
@@ -79,7 +79,7 @@ class Picture(OneLine):
     def png(self) -> bytes:
         """Return the picture as PNG bytes, as a command writes them."""
         file = io.BytesIO()
-        write_indexed_png(file, self.indices, self.palette)
+        write_png(file, self.indices, self.palette)
         return file.getvalue()
 
     def rgb(self) -> NDArray[np.uint8]:

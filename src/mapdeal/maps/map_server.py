@@ -50,7 +50,7 @@ from mapdeal.maps.images import (
 )
 from mapdeal.maps.map_file import MapFile, MapFormat, Painting
 from mapdeal.maps.picture import LARGEST_CELLS, OpenImage, Picture, by_sample, opened, warn_of
-from mapdeal.maps.png import write_grey_png, write_rgba_png
+from mapdeal.maps.png import write_png
 
 _HEAD = 1 << 20
 MAP_SAVER_UNKNOWN = 205  # the grey that map_saver writes for unknown cells
@@ -575,7 +575,7 @@ def _occupancy_writer(image: Path, grid: OccupancyGrid, mode: Mode) -> Writer:
         hint = "write to a .png, or in mode raw"
         raise ParameterError(rule, source=image, place="mode", got=mode, hint=hint)
     rgba = np.dstack([scaled, scaled, scaled, np.where(unknown, 0, 255).astype(np.uint8)])
-    return lambda file: write_rgba_png(file, np.ascontiguousarray(rgba[::-1]))
+    return lambda file: write_png(file, np.ascontiguousarray(rgba[::-1]))
 
 
 def _pixel_writer(
@@ -585,7 +585,7 @@ def _pixel_writer(
     comment = comment or f"CREATOR: mapdeal {grid.resolution!r} m/pix"
     if image.suffix == ".png":
         array = pixels[:]  # PNG needs all rows, which fit the memory as those of a picture do
-        return lambda file: write_grey_png(file, np.ascontiguousarray(array[::-1]))
+        return lambda file: write_png(file, np.ascontiguousarray(array[::-1]))
     return RowsWriter(pixels, lambda file: (begin_pgm(file, pixels, comment=comment), lambda: None))
 
 

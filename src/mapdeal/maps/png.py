@@ -103,29 +103,16 @@ _GREY, _PALETTE, _RGBA = 0, 3, 6
 _ZLIB_HEADER = b"\x78\x01"
 
 
-def write_grey_png(file: BinaryIO, pixels: NDArray[np.uint8]) -> None:
-    """Write 8-bit grey pixels, shape (H, W), row 0 in the north."""
-    _write(file, pixels, _GREY)
-
-
-def write_rgba_png(file: BinaryIO, pixels: NDArray[np.uint8]) -> None:
-    """Write pixels with opacity, shape (H, W, 4), row 0 in the north."""
-    _write(file, pixels.reshape(len(pixels), -1), _RGBA)
-
-
-def write_indexed_png(
-    file: BinaryIO, indices: NDArray[np.uint8], palette: NDArray[np.uint8]
+def write_png(
+    file: BinaryIO, pixels: NDArray[np.uint8], palette: NDArray[np.uint8] | None = None
 ) -> None:
-    """Write indices into a palette, shapes (H, W) and (256, 3), row 0 in the north."""
-    _write(file, indices, _PALETTE, palette)
-
-
-def _write(
-    file: BinaryIO, rows: NDArray[np.uint8], colour_type: int,
-    palette: NDArray[np.uint8] | None = None,
-) -> None:  # fmt: skip
-    height, row_bytes = rows.shape
-    width = row_bytes // 4 if colour_type == _RGBA else row_bytes
+    """Write pixels, row 0 in the north: grey or indices, (H, W), or with opacity, (H, W, 4)."""
+    colour_type = _RGBA if pixels.ndim == 3 else _GREY
+    if palette is not None:  # shape (256, 3)
+        colour_type = _PALETTE
+    height, width = pixels.shape[:2]
+    rows = pixels.reshape(height, -1)
+    row_bytes = rows.shape[1]
     file.write(_SIGNATURE)
     _write_chunk(file, b"IHDR", struct.pack(">IIBBBBB", width, height, 8, colour_type, 0, 0, 0))
     if palette is not None:

@@ -34,7 +34,7 @@ from mapdeal.kernels.lookup import histogram
 from mapdeal.maps.formats import named, output_format, written_endings
 from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import NPZ, Grid, write_npy
-from mapdeal.maps.png import write_indexed_png
+from mapdeal.maps.png import write_png
 from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pictures import layers
 from mapdeal.pictures.canvas import Image
@@ -407,7 +407,7 @@ def write_image(transaction: Transaction, path: Path, draw: Callable[[], Image])
 
 
 def _encode(file: BinaryIO, image: Image) -> None:
-    write_indexed_png(file, image.indices, image.palette)
+    write_png(file, image.indices, image.palette)
 
 
 def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:

@@ -24,7 +24,7 @@ from mapdeal.compare.difference import ChangeKind
 from mapdeal.errors import one_line
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.values import count_text
-from mapdeal.maps.png import write_indexed_png
+from mapdeal.maps.png import write_png
 from mapdeal.pictures.colours import ColourBar, LayerStyle
 from mapdeal.pictures.cost_curve import cost_curve_image, curve_text
 from mapdeal.report import verdict as verdicts
@@ -165,7 +165,7 @@ def _ticks(ticks: Sequence[tuple[float, str]]) -> list[Markup]:
 
 def curve_figure(curve: CostCurve) -> Markup:
     image, file = cost_curve_image(curve, title="Cost curve"), io.BytesIO()
-    write_indexed_png(file, image.indices, image.palette)
+    write_png(file, image.indices, image.palette)
     source = f"{_PNG}{base64.b64encode(file.getvalue()).decode()}"
     picture = element("img", src=source, alt=curve_text(curve))
     plot = element("div", picture, class_="wide", tabindex=0, role="group", aria_label="Plot")

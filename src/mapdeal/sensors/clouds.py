@@ -125,10 +125,43 @@ def _npz_points(path: Path) -> Iterator[Points]:
 
 def _npy_points(file: BinaryIO, path: Path) -> Iterator[Points]:
     # A memory map would crash the process if another program truncates the file.
-    table = _Table(file, path)
-    part_size = max(1, min(_POINTS_TOGETHER, _ARRAYS_BYTES_TOGETHER // table.row_size))
-    for first in range(0, table.height, part_size):
-        yield table.points(first, min(part_size, table.height - first))
+    shape, is_fortran, dtype, start = header = _npy_header(file)
+    axes = [name for name in ("x", "y", "z") if name in (dtype.names or ())]
+    is_table = dtype.kind in "iuf" and len(shape) == 2 and shape[1] >= 2
+    are_records = len(shape) == 1 and axes[:2] == ["x", "y"]
+    are_records = are_records and all(dtype[name].kind in "iuf" for name in axes)
+    if not (is_table or are_records) or dtype.hasobject or dtype.itemsize > _LONGEST_RECORD:
+        rule = "must be numbers of shape (N, 2) or wider, or records with x and y"
+        raise MalformedInputError(rule, got=f"{dtype} of shape {shape}")
+    found = os.fstat(file.fileno()).st_size - start
+    if not 0 <= header.nbytes <= found:
+        rule = f"the numbers end early: expected {header.nbytes} bytes"
+        raise MalformedInputError(rule, got=found)
+    height, width = shape[0], shape[1] if is_table else 1
+    if is_table and height in (2, 3) and width > _MOST_LIKELY:
+        numbers = f"{height} points of {width} numbers each"
+        emit_warning(f"{path}: {numbers}; is the array transposed?")
+
+    def read(element: int, count: int) -> NDArray[Any]:
+        file.seek(start + element * dtype.itemsize)
+        data = file.read(count * dtype.itemsize)
+        if len(data) < count * dtype.itemsize:
+            raise FileAccessError("changed while it was read", source=path)
+        return np.frombuffer(data, dtype)
+
+    row_size = dtype.itemsize * (1 if is_fortran else width)
+    part_size = max(1, min(_POINTS_TOGETHER, _ARRAYS_BYTES_TOGETHER // row_size))
+    for first in range(0, height, part_size):
+        count = min(part_size, height - first)
+        if are_records:
+            records = read(first, count)
+            columns = [records[name] for name in axes]
+        elif is_fortran:
+            columns = [read(k * height + first, count) for k in range(min(3, width))]
+        else:
+            columns = [*read(first * width, count * width).reshape(count, width)[:, :3].T]
+        with np.errstate(invalid="ignore"):  # conversion of a signalling nan
+            yield np.stack(columns, axis=1).astype(np.float64)
 
 
 def npy_figures(path: Path) -> dict[str, Any]:
@@ -148,55 +181,6 @@ def _npy_header(file: BinaryIO) -> NpyHeader:
         return read_npy_header(file)
     except ValueError as error:
         raise MalformedInputError(f"is not an npy file: {error}") from None
-
-
-class _Table:
-    """The array of an npy file: its position in the file, and its columns x, y and z."""
-
-    def __init__(self, file: BinaryIO, path: Path) -> None:
-        shape, self.is_fortran, dtype, self.start = _npy_header(file)
-        if dtype.names is not None and len(shape) == 1:
-            axes = [name for name in ("x", "y", "z") if name in dtype.names]
-            is_table = axes[:2] == ["x", "y"] and all(dtype[name].kind in "iuf" for name in axes)
-            width = 1
-        else:
-            is_table = dtype.kind in "iuf" and len(shape) == 2 and shape[1] >= 2
-            width = shape[1] if is_table else 0
-        if not is_table or dtype.hasobject or dtype.itemsize > _LONGEST_RECORD:
-            rule = "must be numbers of shape (N, 2) or wider, or records with x and y"
-            raise MalformedInputError(rule, got=f"{dtype} of shape {shape}")
-        expected = shape[0] * width * dtype.itemsize
-        found = os.fstat(file.fileno()).st_size - self.start
-        if not 0 <= expected <= found:
-            rule = f"the numbers end early: expected {expected} bytes"
-            raise MalformedInputError(rule, got=found)
-        self.height, self.width = shape[0], width
-        if dtype.names is None and self.height in (2, 3) and width > _MOST_LIKELY:
-            numbers = f"{self.height} points of {width} numbers each"
-            emit_warning(f"{path}: {numbers}; is the array transposed?")
-        self.file, self.path, self.dtype = file, path, dtype
-        self.row_size = dtype.itemsize * (1 if self.is_fortran else width)
-        """Approximate number of bytes read for each point."""
-
-    def points(self, first: int, count: int) -> Points:
-        names, axis_count = self.dtype.names, min(3, self.width)
-        if names is not None:
-            rows = self._read(first, count)
-            columns = [rows[name] for name in ("x", "y", "z") if name in names]
-        elif self.is_fortran:
-            columns = [self._read(k * self.height + first, count) for k in range(axis_count)]
-        else:
-            numbers = self._read(first * self.width, (count - 1) * self.width + axis_count)
-            columns = [numbers[k :: self.width] for k in range(axis_count)]
-        with np.errstate(invalid="ignore"):  # conversion of a signalling nan
-            return np.stack(columns, axis=1).astype(np.float64)
-
-    def _read(self, element: int, count: int) -> NDArray[Any]:
-        self.file.seek(self.start + element * self.dtype.itemsize)
-        data = self.file.read(count * self.dtype.itemsize)
-        if len(data) < count * self.dtype.itemsize:
-            raise FileAccessError("changed while it was read", source=self.path)
-        return np.frombuffer(data, dtype=self.dtype)
 
 
 _PCD_TYPES = {"I": ("i", (1, 2, 4, 8)), "U": ("u", (1, 2, 4, 8)), "F": ("f", (4, 8))}
