@@ -374,8 +374,7 @@ def _drop_doubled(earlier: Values, later: Values, reach: float, *, keeps_new: bo
     own = reduced >= OCCUPIED_FROM
     walls = base >= OCCUPIED_FROM
     doubled = own & within_distance(walls, int(reach * reach))
-    # An obstacle that stands out from the walls of the base, such as a closed door, stays, with the
-    # part that touches them.
+    # an obstacle that stands out from the walls of the base, such as a closed door, stays whole
     stands_out = own & ~within_distance(walls, int(4 * reach * reach))
     doubled &= ~within_distance(stands_out, int((2 * reach + 1) ** 2))
     # unknown, so that the value of the base counts there

@@ -157,10 +157,8 @@ _SIGMA, _TRUNCATE, _GAUSSIAN = 1.5, 3.5, 11
 
 def uniform_similarity(first: States, second: States) -> float | None:
     """Return the mean structural similarity over windows of 7 x 7 cells."""
-    # With all pixels of a window weighted alike, sample variances (N - 1), K1 = 0.01, K2 = 0.03 and
-    # a range of values of 1; windows that reach beyond the map are left out. That is what
-    # ``skimage.metrics.structural_similarity`` gives by default. Sums are whole numbers here, so
-    # that nothing is rounded before the last step.
+    # As ``skimage.metrics.structural_similarity`` by default: equal weights, sample variances, and
+    # no windows beyond the map. Sums are whole numbers, rounded in the last step alone.
     # Wang, Bovik, Sheikh and Simoncelli, "Image quality assessment: from error visibility to
     # structural similarity", IEEE Transactions on Image Processing 13(4), 2004.
     count = _UNIFORM**2
@@ -169,9 +167,8 @@ def uniform_similarity(first: States, second: States) -> float | None:
 
 def gaussian_similarity(first: States, second: States) -> float | None:
     """Return the mean structural similarity over windows of 11 x 11 cells, weighted by a bell."""
-    # The weights are those of a Gaussian with a standard deviation of 1.5 cells, the variances
-    # those of the population, as Wang et al. have them; ``skimage.metrics.structural_similarity``
-    # with ``gaussian_weights=True``, ``sigma=1.5`` and ``use_sample_covariance=False``.
+    # As Wang et al. have it: ``skimage.metrics.structural_similarity`` with
+    # ``gaussian_weights=True``, ``sigma=1.5`` and ``use_sample_covariance=False``.
     return _mean_similarity(first, second, _GAUSSIAN, _gaussian_moments, 1.0)
 
 
@@ -303,13 +300,10 @@ _TOGETHER = 1 << 20  # cells that numpy converts to 64 bits at once
 
 def enclosed_areas(states: States, resolution: float) -> tuple[int, int, float]:
     """Return the numbers of enclosed areas and of smaller pockets, and the areas' square metres."""
-    # Spaces are 4-connected, so a wall whose cells share only corners is closed. A space that
-    # reaches the border of the map is outside; all others are enclosed. They count if they have
-    # free cells, unlike the unknown inside of a thick wall. An open door joins two rooms to one
-    # area, or opens a room to the outside; unknown cells close nothing.
+    # Spaces are 4-connected and enclosed unless they reach the border of the map. They count if
+    # they have free cells, unlike the unknown inside of a thick wall; unknown cells close nothing.
     # Filatov, Filatov, Krinkin, Chen and Molodan, "2D SLAM quality evaluation methods", 2017
-    # (arXiv:1708.02354): the number of enclosed areas, there by contours. Walls that are doubled or
-    # smeared enclose pockets that the place does not have.
+    # (arXiv:1708.02354): the number of enclosed areas. Doubled walls enclose pockets.
     from scipy.ndimage import label
 
     labels, count = label(states != OCCUPIED)
@@ -342,14 +336,10 @@ _HALO = 20
 
 
 def corners_of(walls: _Mask) -> _Mask:
-    # Harris's detector. Walls are 1 and all else is 0, the map's surroundings, too, smoothed by a
-    # Gaussian of 1.5 cells; g is the gradient by central differences, and M the mean of g g^T
-    # around a cell, weighted by a Gaussian of 2.5 cells. The response is det M - 0.1 (tr M)^2. A
-    # corner is where that is above 0, so that g has two directions, the weaker at least an eighth
-    # of the stronger, and is the largest within 3 cells. No threshold depends on how strong a
-    # response is: thin walls have corners as thick ones have. A thin wall has one at each bend and
-    # at each free end; from 9 cells of thickness on the corners of an end are two. What turns
-    # within some 10 cells is a corner as well.
+    # Harris's detector: M is the mean of g g^T around a cell, g the gradient of smoothed walls. A
+    # corner is where det M - 0.1 (tr M)^2 is above 0, so that g has two directions, the weaker at
+    # least an eighth of the stronger, and is the largest within 3 cells. No threshold depends on
+    # the strength: a thin wall has a corner at each bend and free end, as a thick one has.
     # Harris and Stephens, "A combined corner and edge detector", 1988; Filatov, Filatov, Krinkin,
     # Chen and Molodan, "2D SLAM quality evaluation methods", 2017 (arXiv:1708.02354): the number of
     # corners, which doubled walls raise.

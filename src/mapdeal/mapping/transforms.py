@@ -279,10 +279,9 @@ class TransformTree:
     """
 
     # As in tf2 (``BufferCore``, ``TimeCache``), each transform of a chain is interpolated alone,
-    # along a line and an arc between the samples before and after a time, never extrapolated. The
-    # most frequent parent of a frame is used; so is the more frequent of static and moving samples.
-    # (tf2 uses the first one, which in a recording is random.) Static samples count as one, because
-    # each replaces its predecessor.
+    # between the samples before and after a time, never extrapolated. The most frequent parent of a
+    # frame is used; so is the more frequent of static and moving samples, of which static ones
+    # count as one. (tf2 uses the first one, which in a recording is random.)
 
     def __init__(self, *, is_exact: bool = False) -> None:
         self._is_exact = is_exact

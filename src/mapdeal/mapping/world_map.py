@@ -1,8 +1,7 @@
 """Maps of the solids of a simulated world: a horizontal section, or what a robot would hit.
 
-A section consists of the edges in which triangles meet a plane. A cell is on a surface if its
-centre lies within half a cell of an edge, and inside if the edges of a solid wind around its
-centre. Of the free space around, the part that a robot is in is known to a robot that maps it.
+A cell of a section is on a surface if its centre lies within half a cell of an edge, and inside if
+the edges of a solid wind around its centre. Free space is known where a robot could map it.
 """
 
 from __future__ import annotations

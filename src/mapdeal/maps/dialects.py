@@ -369,8 +369,7 @@ def _as_ros1(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
     """Read as ROS 1: mean of the channels, alpha averaged in, palettes read as indices."""
     # Two bugs of the reader are reproduced, since people adjust maps to its results: a palette
     # index counts as a grey level, and in mode scale a pixel between the thresholds is unknown if
-    # the last byte of its memory is 0 (opacity, blue, or red in a BMP). One bug is not reproduced:
-    # raw values above 100 wrap in the reader and are unknown here.
+    # its last byte is 0 (opacity, blue, or red in a BMP). Raw values above 100 do not wrap here.
     samples, alpha = _as_stored(picture)
     if samples.ndim == 2 and alpha is None:
         # a single byte per pixel: the reader tests no last byte

@@ -370,8 +370,6 @@ def _write_entry(file: BinaryIO, archive: zipfile.ZipFile, name: str, array: Lay
 
 
 def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
-    # Costs give a `Costmap`, distances a `DistanceField`, a repulsive layer a `PotentialField`, and
-    # anything else an `OccupancyGrid`, also a result of reach (see `read_reach`).
     with NpzReader(path, max_cells) as reader:
         return _grid_in(reader)
 
@@ -381,9 +379,7 @@ def open_npz(
     path: Path, *, block_height: int = _BLOCK_HEIGHT, max_cells: int | None = None
 ) -> Iterator[Grid]:
     """Open an ``.npz`` file: yield the grid of `read_npz` with lazy layers."""
-    # Rows are best requested in order, because reading backwards starts again at the first row. A
-    # potential field is loaded at once. The region of a distance field, the box of the cells with a
-    # distance, is unknown.
+    # Reading backwards starts again at the first row. A potential field is loaded at once.
     with NpzReader(path, max_cells, block_height) as reader:
         if _main_layer(reader.names()) != "repulsive":
             yield _grid_in(reader)

@@ -147,7 +147,13 @@ class OpenFile:
             if offset + count <= len(known) or len(known) == self.size:
                 self._check_state()
                 return known if count >= len(known) and not offset else known[offset:][:count]
-        parts = self._parts(offset, count)
+        # no larger than the file: allocating a buffer takes longer than reading few bytes
+        parts, at, remaining = [], offset, min(count, self.size - offset)
+        with sources.access_to(self.path):
+            while remaining > 0 and (part := os.pread(self._descriptor, remaining, at)):
+                parts.append(part)
+                at, remaining = at + len(part), remaining - len(part)
+        self._check_state()
         data = parts[0] if len(parts) == 1 else b"".join(parts)
         if offset == 0 and count == HEAD:
             self._head.append(data)
@@ -158,17 +164,6 @@ class OpenFile:
             after = os.fstat(self._descriptor)
         if sources.FileState.of_status(after) != self._state:
             raise FileAccessError(sources.CHANGED, source=self.path)
-
-    def _parts(self, offset: int, count: int) -> list[bytes]:
-        parts = []
-        # no larger than the file: allocating a buffer takes longer than reading few bytes
-        count = min(count, self.size - offset)
-        with sources.access_to(self.path):
-            while count > 0 and (part := os.pread(self._descriptor, count, offset)):
-                parts.append(part)
-                offset, count = offset + len(part), count - len(part)
-        self._check_state()
-        return parts
 
     def check_length(self) -> None:
         """Refuse implausible lengths: sparse files can claim any size."""

@@ -233,10 +233,9 @@ class _BadLineError(Exception):
 
 class CarmenLog(ScanSource):
     # FLASER lines have 180, 181, 360 or 361 readings over a half circle, and the laser's pose.
-    # ROBOTLASER1 lines contain angles, a pose and a maximum range; readings of the maximum or more
-    # hit nothing. RAWLASER1 lines have no pose: the last ODOM line supplies it. Different kinds of
-    # lines describe the same scans, so only the most frequent kind with a pose is used. All other
-    # lines are skipped.
+    # ROBOTLASER1 lines contain angles, a pose and a maximum range, at which nothing is hit.
+    # RAWLASER1 lines have no pose: the last ODOM line supplies it. Different kinds of lines
+    # describe the same scans, so only the most frequent kind with a pose is used.
     def __init__(self, path: Path, *, max_bad: int) -> None:
         check_readable(path)
         self.files = (path,)
