@@ -29,7 +29,7 @@ from mapdeal.grid.filters import FilterKind, SpeedUnit
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Method, PlaceOfLimit
 from mapdeal.grid.values import Convention, CostScale
-from mapdeal.mapping import build as mapping
+from mapdeal.mapping import build as mapping, evidence
 from mapdeal.maps.dialects import Dialect, Mode
 from mapdeal.planners.planner import Reason
 from mapdeal.report.document import About, State
@@ -368,7 +368,7 @@ SCORE = record(
 
 # Sensors, formats, and checks
 
-BEAMS = entry_of(mapping.BeamCounts)
+BEAMS = entry_of(evidence.BeamCounts)
 SCANNED = record(OCCUPANCY, BEAMS)
 SHARES = {f"{state}_share": NUMBER for state in ("floor", "obstacle", "unknown")}
 AREAS = {f"{state}_m2": NUMBER for state in ("floor", "obstacle", "unknown", "overlaid")}
@@ -387,7 +387,7 @@ OF_METHOD = record(
 COMPARED = of_type(mapping.Method)
 COMPARISON = record(
     FRAME, BEAMS, format=words(formats.COMPARISON_FORMAT), version=TEXT, inputs=listed(TEXT),
-    limits=entry_of(mapping.BeamLimits), cells_hit_three_times=COUNT, groups_hit_three_times=COUNT,
+    limits=entry_of(evidence.BeamLimits), cells_hit_three_times=COUNT, groups_hit_three_times=COUNT,
     methods=record(**dict.fromkeys(get_args(mapping.Method), OF_METHOD)),
     pairs=listed(record(first=COMPARED, second=COMPARED, differing=COUNT,
                         cells=record(**dict.fromkeys(STATES["required"], STATES)))),

@@ -11,37 +11,15 @@ from numpy.typing import ArrayLike
 
 from mapdeal.command import parameters_of
 from mapdeal.errors import MalformedInputError, ParameterError
-from mapdeal.grid.frame import (
-    MOST_CELLS,
-    Frame,
-    Point,
-    Region,
-    cells_to_cover,
-    check_point,
-    check_resolution,
-)
+from mapdeal.grid import frame as frames
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import Drawn, count_text
-from mapdeal.mapping.evidence import (
-    BeamCounts,
-    BeamLimits,
-    Beams,
-    Counting,
-    Evidence,
-    HitGroups,
-    Layers,
-    LogOdds,
-    Scans,
-    Tsdf,
-    TsdfAsWritten,
-    beams_of,
-    hit_groups,
-)
+from mapdeal.mapping import evidence
 
 Method = Literal["log-odds", "counting", "tsdf"]
 
-METHODS: dict[Method, Callable[..., Evidence]] = {
-    "log-odds": LogOdds, "counting": Counting, "tsdf": Tsdf
+METHODS: dict[Method, Callable[..., evidence.Evidence]] = {
+    "log-odds": evidence.LogOdds, "counting": evidence.Counting, "tsdf": evidence.Tsdf
 }  # fmt: skip
 MARGIN = 2
 """Cells around all that beams reach in a grid without a requested size."""
@@ -50,16 +28,16 @@ MARGIN = 2
 class Extent:
     """The bounding box of sensors, hits, and ends of clearing beams."""
 
-    def __init__(self, limits: BeamLimits, beyond: float = 0.0) -> None:
+    def __init__(self, limits: evidence.BeamLimits, beyond: float = 0.0) -> None:
         self._limits, self._beyond = limits, beyond
         self._least, self._most = np.full(2, np.inf), np.full(2, -np.inf)
-        self._counts = BeamCounts()
+        self._counts = evidence.BeamCounts()
 
-    def add(self, scans: Scans) -> None:
+    def add(self, scans: evidence.Scans) -> None:
         for part in scans.parts():
-            self.add_beams(beams_of(part, self._limits))
+            self.add_beams(evidence.beams_of(part, self._limits))
 
-    def add_beams(self, beams: Beams) -> None:
+    def add_beams(self, beams: evidence.Beams) -> None:
         self._counts += beams.counts
         if not len(beams.ranges):
             return
@@ -68,43 +46,43 @@ class Extent:
                 self._least[axis] = min(self._least[axis], values.min())
                 self._most[axis] = max(self._most[axis], values.max())
 
-    def frame(self, resolution: float) -> Frame:
+    def frame(self, resolution: float) -> frames.Frame:
         """Return a grid around the box, on the lattice of the resolution, with a margin."""
-        checked = check_resolution(resolution)
+        checked = frames.check_resolution(resolution)
         if not np.isfinite(self._least).all():
             counts = self._counts
             rule = f"no beam hits anything: of {counts.beams} readings {counts.no_return} are"
             rule += f" without return, {counts.bad} bad"
             hint = f"readings are hits below range_max, {self._limits.range_max:g} m"
             raise MalformedInputError(rule, hint=hint)
-        lattice = Frame(1, 1, checked)
+        lattice = frames.Frame(1, 1, checked)
         first, last = lattice.unbounded_rowcol_from_xy([self._least, self._most])
         height, width = (last - first + 1 + 2 * MARGIN).tolist()
-        if height * width > MOST_CELLS:
+        if height * width > frames.MOST_CELLS:
             x, y, u, v = (*self._least, *self._most)
             rule = f"beams reach from {x:.6g}, {y:.6g} to {u:.6g}, {v:.6g}: too far for a map"
             hint = "a pose may be wrong; --size and --origin bound the map"
             raise MalformedInputError(rule, hint=hint)
         row, col = (first - MARGIN).tolist()
-        return Region(row, col, height, width).frame_in(lattice)
+        return frames.Region(row, col, height, width).frame_in(lattice)
 
 
 def frame_of(
     size: Sequence[float] | None, origin: Sequence[float] | None, resolution: float
-) -> Frame | None:  # fmt: skip
+) -> frames.Frame | None:  # fmt: skip
     """Return the frame of a size and a corner in metres, if they are set."""
     if size is None and origin is None:
         return None
     if size is None or origin is None:
         raise ParameterError("must be given together", place="size, origin")
-    x, y = check_point(origin, "origin")
-    width, height = check_point(size, "size")
+    x, y = frames.check_point(origin, "origin")
+    width, height = frames.check_point(size, "size")
     if not (width > 0 and height > 0):
         rule = "must be two numbers of metres above 0"
         raise ParameterError(rule, place="size", got=(width, height))
-    checked = check_resolution(resolution)
-    rows, cols = (max(1, cells_to_cover(length, checked)) for length in (height, width))
-    return Region(0, 0, rows, cols).frame_in(Frame(1, 1, checked, (x, y, 0.0)))
+    checked = frames.check_resolution(resolution)
+    rows, cols = (max(1, frames.cells_to_cover(length, checked)) for length in (height, width))
+    return frames.Region(0, 0, rows, cols).frame_in(frames.Frame(1, 1, checked, (x, y, 0.0)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -124,9 +102,9 @@ class BuiltMap(Drawn):
     """
 
     grid: OccupancyGrid
-    layers: Layers
-    counts: BeamCounts
-    vanished: HitGroups
+    layers: evidence.Layers
+    counts: evidence.BeamCounts
+    vanished: evidence.HitGroups
 
     def _repr_parts(self) -> Iterator[str]:
         yield repr(self.grid)
@@ -156,19 +134,19 @@ class MapBuilder:
     """
 
     def __init__(
-        self, frame: Frame, method: Method = "log-odds", limits: BeamLimits | None = None,
-        **parameters: Any,
+        self, frame: frames.Frame, method: Method = "log-odds",
+        limits: evidence.BeamLimits | None = None, **parameters: Any,
     ) -> None:  # fmt: skip
         self._evidence = _evidence(frame, method, parameters)
-        self._limits = limits or BeamLimits()
-        self.counts = BeamCounts()
+        self._limits = limits or evidence.BeamLimits()
+        self.counts = evidence.BeamCounts()
 
-    def add(self, scans: Scans) -> None:
+    def add(self, scans: evidence.Scans) -> None:
         """Add the beams of scans."""
         for part in scans.parts():
-            self.add_beams(beams_of(part, self._limits))
+            self.add_beams(evidence.beams_of(part, self._limits))
 
-    def add_beams(self, beams: Beams) -> None:
+    def add_beams(self, beams: evidence.Beams) -> None:
         """Add beams that were made with the same limits."""
         self._evidence.add(beams)
         self.counts += beams.counts
@@ -185,17 +163,19 @@ class MapBuilder:
         """Memory that the evidence takes per cell, bytes."""
         return self._evidence.bytes_per_cell
 
-    def hit_groups(self) -> tuple[int, HitGroups]:
+    def hit_groups(self) -> tuple[int, evidence.HitGroups]:
         """Return the number of cells that were hit three or more times, and their groups."""
         often_hit = self._evidence.often_hit()
-        return int(np.count_nonzero(often_hit)), hit_groups(often_hit)
+        return int(np.count_nonzero(often_hit)), evidence.hit_groups(often_hit)
 
-    def advice(self, vanished: HitGroups) -> str:
+    def advice(self, vanished: evidence.HitGroups) -> str:
         """Return advice on how to keep the vanished groups of hits on the map."""
         return self._evidence.advice(vanished)
 
 
-def _evidence(frame: Frame, method: Method, parameters: Mapping[str, Any]) -> Evidence:
+def _evidence(
+    frame: frames.Frame, method: Method, parameters: Mapping[str, Any]
+) -> evidence.Evidence:
     if method not in METHODS:
         rule = f"must be one of {', '.join(get_args(Method))}"
         raise ParameterError(rule, place="method", got=method)
@@ -209,9 +189,9 @@ def _evidence(frame: Frame, method: Method, parameters: Mapping[str, Any]) -> Ev
 
 def _kind_of(
     method: Method, chosen: dict[str, Any]
-) -> tuple[Callable[..., Evidence], dict[str, Any]]:
+) -> tuple[Callable[..., evidence.Evidence], dict[str, Any]]:
     is_as_written = method == "tsdf" and chosen.pop("as_written", False)
-    return TsdfAsWritten if is_as_written else METHODS[method], chosen
+    return evidence.TsdfAsWritten if is_as_written else METHODS[method], chosen
 
 
 def all_parameters(method: Method, parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -221,13 +201,13 @@ def all_parameters(method: Method, parameters: Mapping[str, Any]) -> dict[str, A
 
 def reach_behind(method: Method, resolution: float, parameters: Mapping[str, Any]) -> float:
     """Return the distance behind hits up to which a method has an effect, metres."""
-    frame = Frame(1, 1, check_resolution(resolution))
+    frame = frames.Frame(1, 1, frames.check_resolution(resolution))
     return _evidence(frame, method, parameters).reach_behind * frame.resolution
 
 
 def build_map(
     poses: ArrayLike, angles: ArrayLike, ranges: ArrayLike, *, method: Method = "log-odds",
-    resolution: float = 0.05, size: Point | None = None, origin: Point | None = None,
+    resolution: float = 0.05, size: frames.Point | None = None, origin: frames.Point | None = None,
     range_min: float = 0.0, range_max: float = 30.0, clear_max: float = 0.0, **parameters: Any,
 ) -> BuiltMap:  # fmt: skip
     """Build a map from laser scans with known poses.
@@ -274,8 +254,8 @@ def build_map(
     >>> built.grid.origin, built.counts.hits
     ((-0.5, -0.5, 0.0), 2)
     """
-    scans = Scans(poses, angles, ranges)  # type: ignore[arg-type]
-    limits = BeamLimits(range_min, range_max, clear_max)
+    scans = evidence.Scans(poses, angles, ranges)  # type: ignore[arg-type]
+    limits = evidence.BeamLimits(range_min, range_max, clear_max)
     frame = frame_of(size, origin, resolution)
     if frame is None:
         extent = Extent(limits, reach_behind(method, resolution, parameters))
