@@ -17,18 +17,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.bags.bag import (
-    METADATA,
-    Bag,
-    Connection,
-    Place,
-    bag_paths,
-    check_frame,
-    check_topic,
-    name_inside,
-    needs_bags,
-    normalised_type,
-)
+from mapdeal.bags import bag as bags
 from mapdeal.bags.decoding import KNOWN, check_array_lengths, check_length, decoder_of
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import access_to, chunks_of, claim
@@ -165,9 +154,9 @@ def grid_of(message: Any, name: str, *, is_costs: bool) -> OccupancyGrid | Costm
     if name == NAV2_COSTMAP:
         return Costmap(data.astype(np.uint8), resolution, origin, "costmap2d")
     values = data.astype(np.int8)
-    if (values < -1).any() or (values > 100).any():
-        wrong = values[(values < -1) | (values > 100)][0]
-        raise MalformedInputError("must be -1 to 100", place="data", got=int(wrong))
+    wrong = values[(values < -1) | (values > 100)]
+    if len(wrong):
+        raise MalformedInputError("must be -1 to 100", place="data", got=int(wrong[0]))
     if is_costs:
         return Costmap(values, resolution, origin, "occupancy")
     return OccupancyGrid(values, resolution, origin)
@@ -316,12 +305,12 @@ _ARRAY_FACTOR, _OBJECT_FACTOR = 4, 30  # memory for decoding a message, relative
 class Decoder:
     # The bag's own definition of a type is used. Bags before ROS 2 Iron have none; they use the
     # definitions of the latest ROS 2, which have never changed for the types read here.
-    def __init__(self, bag: Bag) -> None:
+    def __init__(self, bag: bags.Bag) -> None:
         self._bag = bag
         self._connections = {connection.id: connection for connection in bag.connections}
         self._deserializers: dict[int, Callable[[bytes], Any]] = {}
 
-    def message(self, place: Place) -> Any:
+    def message(self, place: bags.Place) -> Any:
         connection = self._connections[place.connection]
         if connection.id not in self._deserializers:
             self._deserializers[connection.id] = self._deserializer(connection)
@@ -335,7 +324,7 @@ class Decoder:
             rule += f": {error or type(error).__name__}"
             raise self._bag.malformed(rule, connection.topic) from None
 
-    def read(self, place: Place, make: Callable[[Any], _T]) -> _T:
+    def read(self, place: bags.Place, make: Callable[[Any], _T]) -> _T:
         message, connection = self.message(place), self._connections[place.connection]
         try:
             return make(message)
@@ -349,7 +338,7 @@ class Decoder:
             rule = f"the bag has another {connection.type}: {error}"
             raise self._bag.malformed(rule, connection.topic) from None
 
-    def header(self, place: Place) -> tuple[int, str]:
+    def header(self, place: bags.Place) -> tuple[int, str]:
         data, connection = self._bag.data(place), self._connections[place.connection]
         order = "<" if connection.encoding == "ros1" or data[1:2] == b"\x01" else ">"
         try:  # preceded by a sequence number in ROS 1, by CDR's byte order in ROS 2
@@ -363,10 +352,10 @@ class Decoder:
             raise self._bag.malformed(rule, connection.topic) from None
         return seconds * 10**9 + nanoseconds, text.lstrip("/")
 
-    def _deserializer(self, connection: Connection) -> Callable[[bytes], Any]:
+    def _deserializer(self, connection: bags.Connection) -> Callable[[bytes], Any]:
         name = connection.type
         if connection.is_idl:
-            needs_bags(self._bag.path)
+            bags.needs_bags(self._bag.path)
         try:
             if connection.is_idl:
                 return partial(_idl_store(connection.definition).deserialize_cdr, typename=name)
@@ -398,7 +387,7 @@ def costmap_types() -> Any:
     from rosbags.typesys import get_types_from_msg
 
     names = ("nav2_msgs/Costmap", "nav2_msgs/CostmapMetaData")
-    texts = {normalised_type(name): KNOWN[name].replace("; ", "\n") for name in names}
+    texts = {bags.normalised_type(name): KNOWN[name].replace("; ", "\n") for name in names}
     found = [get_types_from_msg(text, name) for name, text in texts.items()]
     return {**found[0], **found[1]}
 
@@ -426,7 +415,7 @@ def write_bag(
     transaction: Transaction, output: Path, grid: OccupancyGrid | Costmap, *,
     topic: str | None = None, frame: str = FRAME,
 ) -> None:  # fmt: skip
-    needs_bags(output, *_MODULES)
+    bags.needs_bags(output, *_MODULES)
     claim(output, _COPIES * grid.layer.size, what="messages of this size")
     is_ros1 = output.suffix == ".bag"
     if topic is None:
@@ -435,7 +424,7 @@ def write_bag(
         text = f"{output}: ROS 1 publishes costs as 0 to 100; those of costmap_2d are made so"
         emit_warning(text)
         grid = grid.to_occupancy()
-    topic, frame = check_topic(topic), check_frame(frame)
+    topic, frame = bags.check_topic(topic), bags.check_frame(frame)
     name = NAV2_COSTMAP if _is_nav2_costmap(grid) else OCCUPANCY_GRID
 
     def records(types: _Types) -> Iterator[_Record]:
@@ -561,14 +550,14 @@ def _is_nav2_costmap(grid: OccupancyGrid | Costmap) -> bool:
 def _scratch(transaction: Transaction, output: Path) -> Iterator[Path]:
     """Yield a temporary path for a bag, because rosbags writes to paths; then write the output."""
     with access_to(output, "written"), temporary_folder() as folder:
-        bag = folder / name_inside(output)
+        bag = folder / bags.name_inside(output)
         try:
             yield bag
         except sqlite3.Error as error:  # such as a full disk, or a map beyond its largest blob
             raise FileAccessError(f"cannot be written: {error}", source=output) from None
         is_file = output.suffix == ".bag"
-        files = [bag] if is_file else [bag / f"{bag.name}{output.suffix}", bag / METADATA]
-        for path, file in zip(bag_paths(output), files, strict=False):
+        files = [bag] if is_file else [bag / f"{bag.name}{output.suffix}", bag / bags.METADATA]
+        for path, file in zip(bags.bag_paths(output), files, strict=False):
             transaction.write_parts(path, chunks_of(file))
 
 

@@ -10,18 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapdeal.bags.bag import (
-    CAN_BE_READ,
-    METADATA,
-    Bag,
-    Connection,
-    MessageIndex,
-    Place,
-    Recorded,
-    decompress,
-    normalised_topic,
-    zstd_module,
-)
+from mapdeal.bags import bag as bags
 from mapdeal.bags.chunked import MCAP_MAGIC, McapBag, Ros1Bag
 from mapdeal.bags.sqlite import SQLITE_MAGIC, SqliteBag
 from mapdeal.errors import MalformedInputError
@@ -35,8 +24,8 @@ _TOP_KEY = "rosbag2_bagfile_information"
 _ZSTD_SUFFIXES = (".zstd", ".zst")
 
 _LIMITS = YamlLimits(bytes=1 << 22, nodes=100_000, aliases=1000)
-_STORAGES: dict[str, Callable[[Path], Bag]] = {"sqlite3": SqliteBag, "mcap": McapBag}
-_KINDS: dict[bytes, Callable[[Path], Bag]] = {
+_STORAGES: dict[str, Callable[[Path], bags.Bag]] = {"sqlite3": SqliteBag, "mcap": McapBag}
+_KINDS: dict[bytes, Callable[[Path], bags.Bag]] = {
     b"#ROSBAG V": Ros1Bag, b"#ROSRECORD V": Ros1Bag, b"#ROSLOG V": Ros1Bag,
     MCAP_MAGIC: McapBag, SQLITE_MAGIC: SqliteBag,
 }  # fmt: skip
@@ -55,7 +44,7 @@ class _Metadata(NamedTuple):
     serializations: Mapping[str, str]
 
 
-class FolderBag(Bag):
+class FolderBag(bags.Bag):
     # Topics, counts and times are read from the files, not from the metadata. A compressed file is
     # decompressed into a temporary folder, which is deleted when the bag is closed.
     def __init__(self, path: Path) -> None:
@@ -69,8 +58,8 @@ class FolderBag(Bag):
         except BaseException:
             self._stack.close()
             raise
-        self._found: list[Connection] = []
-        self._origins: list[tuple[Bag, int]] = []
+        self._found: list[bags.Connection] = []
+        self._origins: list[tuple[bags.Bag, int]] = []
         for part in self._parts:
             for c in part.connections:
                 self._origins.append((part, c.id))
@@ -81,17 +70,17 @@ class FolderBag(Bag):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        metadata, parts = self.path / METADATA, tuple(part.path for part in self._parts)
+        metadata, parts = self.path / bags.METADATA, tuple(part.path for part in self._parts)
         return (metadata, *parts) if sources.exists(metadata) else parts
 
     @property
-    def connections(self) -> Sequence[Connection]:
+    def connections(self) -> Sequence[bags.Connection]:
         return self._found
 
     def close(self) -> None:
         self._stack.close()
 
-    def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
+    def pieces(self, connections: Collection[int]) -> Iterator[bags.MessageIndex]:
         for part in self._parts:
             numbers = {self._origins[n][1]: n for n in connections if self._origins[n][0] is part}
             if numbers:
@@ -101,19 +90,19 @@ class FolderBag(Bag):
                     indices = np.searchsorted(part_ids, piece.connections)
                     yield replace(piece, connections=ids[indices])
 
-    def summary(self) -> dict[int, Recorded]:
+    def summary(self) -> dict[int, bags.Recorded]:
         summaries = {id(part): part.summary() for part in self._parts}
         return {n: summaries[id(part)][i] for n, (part, i) in enumerate(self._origins)}
 
-    def data(self, place: Place) -> bytes:
+    def data(self, place: bags.Place) -> bytes:
         part, part_id = self._origins[place.connection]
         data = part.data(place._replace(connection=part_id))
-        return decompress(data, "zstd", None, self.path) if self._compresses_messages else data
+        return bags.decompress(data, "zstd", None, self.path) if self._compresses_messages else data
 
     def _metadata(self) -> _Metadata:
-        path = self.path / METADATA
+        path = self.path / bags.METADATA
         if not sources.exists(path):
-            return self._guess(f"has no {METADATA}, as left by a recorder that was killed")
+            return self._guess(f"has no {bags.METADATA}, as left by a recorder that was killed")
         top = read_mapping(path, _LIMITS).get(_TOP_KEY)
         fields = {} if top is None else top.fields()
         for key in ("storage_identifier", "relative_file_paths"):
@@ -122,7 +111,7 @@ class FolderBag(Bag):
                 raise MalformedInputError("missing", source=path, place=place)
         storage = _text_of(fields, "storage_identifier")
         if not storage:
-            return self._guess(f"{METADATA} names no storage, as ros2 bag reindex leaves it")
+            return self._guess(f"{bags.METADATA} names no storage, as ros2 bag reindex leaves it")
         if storage not in _STORAGES:
             raise fields["storage_identifier"].error("must be sqlite3 or mcap")
         mode = _text_of(fields, "compression_mode").lower() or "none"
@@ -156,7 +145,7 @@ class FolderBag(Bag):
         raise self.malformed("is a folder without .db3 and .mcap files")
 
     @contextmanager
-    def _open_part(self, path: Path, storage: str) -> Iterator[Bag]:
+    def _open_part(self, path: Path, storage: str) -> Iterator[bags.Bag]:
         with _plain_file(path) as file, _STORAGES[storage](file) as bag:
             bag.path = path  # errors name this file, not the temporary one
             yield bag
@@ -168,7 +157,7 @@ def _plain_file(path: Path) -> Iterator[Path]:
     if path.suffix.lower() not in _ZSTD_SUFFIXES:
         yield path
         return
-    zstd = zstd_module(path)
+    zstd = bags.zstd_module(path)
     stored = sources.status_of(path).st_size
     with temporary_folder() as folder:
         file = folder / path.stem
@@ -192,7 +181,7 @@ def _serializations(fields: Mapping[str, Entry]) -> dict[str, str]:
         topic = entry.fields().get("topic_metadata")
         of_topic = topic.fields() if topic is not None else {}
         if {"name", "serialization_format"} <= of_topic.keys():
-            name = normalised_topic(of_topic["name"].text())
+            name = bags.normalised_topic(of_topic["name"].text())
             serializations[name] = of_topic["serialization_format"].text()
     return serializations
 
@@ -207,23 +196,23 @@ def _plain(name: str) -> str:
 
 
 @contextmanager
-def open_bag(path: Path) -> Iterator[Bag]:
-    if path.name == METADATA:
+def open_bag(path: Path) -> Iterator[bags.Bag]:
+    if path.name == bags.METADATA:
         path = path.parent
     with ExitStack() as stack:
         if sources.is_folder(path):
-            bag: Bag = stack.enter_context(FolderBag(path))
+            bag: bags.Bag = stack.enter_context(FolderBag(path))
         else:
             bag = stack.enter_context(_open_file(path, stack.enter_context(_plain_file(path))))
             bag.path = path
         names = sorted({connection.serialization for connection in bag.connections})
-        if names and not any(connection.encoding in CAN_BE_READ for connection in bag.connections):
+        if names and not any(known.encoding in bags.CAN_BE_READ for known in bag.connections):
             listed = ", ".join(map(repr, names))
             raise bag.malformed(f"its messages are serialized as {listed}; cdr and ros1 are read")
         yield bag
 
 
-def _open_file(path: Path, file: Path) -> Bag:
+def _open_file(path: Path, file: Path) -> bags.Bag:
     head = sources.head_of(file, 16)
     for magic, kind in _KINDS.items():
         if head.startswith(magic):
@@ -232,8 +221,8 @@ def _open_file(path: Path, file: Path) -> Bag:
 
 
 def chosen_connections(
-    bag: Bag, topics: Sequence[str], types: Sequence[str], kind: str
-) -> list[Connection]:
+    bag: bags.Bag, topics: Sequence[str], types: Sequence[str], kind: str
+) -> list[bags.Connection]:
     if not bag.connections:
         raise bag.malformed("holds no messages")
     candidates = bag.of_types(*types)
@@ -246,7 +235,7 @@ def chosen_connections(
             raise _error(bag, rule, candidates, "--topic names one of")
         topics = names
     chosen = []
-    for topic in map(normalised_topic, topics):
+    for topic in map(bags.normalised_topic, topics):
         same_topic = [connection for connection in bag.connections if connection.topic == topic]
         if not same_topic:
             raise _error(bag, f"has no topic {topic}", candidates or bag.connections, "there are")
@@ -254,14 +243,14 @@ def chosen_connections(
         if not same_type:
             rule = f"{topic} is of type {same_topic[0].spelled}; {kind} are of {' or '.join(types)}"
             raise _error(bag, rule, candidates, "there are")
-        if same_type[0].encoding not in CAN_BE_READ:
+        if same_type[0].encoding not in bags.CAN_BE_READ:
             rule = f"{topic} is serialized as {same_type[0].serialization!r}; cdr and ros1 are read"
             raise bag.malformed(rule)
         chosen += same_type
     return chosen
 
 
-def _error(bag: Bag, rule: str, connections: Sequence[Connection], label: str) -> Exception:
-    named = sorted({f"{c.topic} ({c.spelled})" for c in connections})
+def _error(bag: bags.Bag, rule: str, listed: Sequence[bags.Connection], label: str) -> Exception:
+    named = sorted({f"{c.topic} ({c.spelled})" for c in listed})
     hint = f"{label} {shortened(named, _MOST_NAMED)}" if named else None
     return MalformedInputError(rule, source=bag.path, hint=hint)

@@ -300,13 +300,11 @@ def _as_humble(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
         opacity = wide[opacities] if (opacities < 255).any() else None
         by_index = _humble_occupancy(_sum(wide, colours), opacity, metadata)
         return by_sample(by_index, picture.samples)
-    if picture.alpha is None:
-        if picture.colour == "grey":
-            return by_sample(_humble_occupancy(3 * wide, None, metadata), picture.samples)
-        return _humble_occupancy(_sum(wide, picture.samples), None, metadata)
-    opacity = wide[picture.alpha]
+    opacity = None if picture.alpha is None else wide[picture.alpha]
     if picture.colour == "rgb":
         return _humble_occupancy(_sum(wide, picture.samples), opacity, metadata)
+    if opacity is None:
+        return by_sample(_humble_occupancy(3 * wide, None, metadata), picture.samples)
     if picture.alpha_from == "channel" and picture.file_format == "PNG":
         # This reader loses the opacities of such a PNG, but remembers that there were some.
         opacity = np.full_like(opacity, _OPAQUE)

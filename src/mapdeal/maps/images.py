@@ -210,17 +210,19 @@ class BinaryRows:
             return header.picture(bits)
         if header.maxval > 255:
             samples = np.frombuffer(data, dtype=">u2").astype(np.uint16)
-        before = first * header.width * header.channels
-        check_pixels(samples, header.maxval, before, self.file.path)
+        if header.maxval not in (255, 65535):
+            before = first * header.width * header.channels
+            check_pixels(samples, header.maxval, before, self.file.path)
         return header.picture(samples)
 
 
-def check_pixels(samples: Samples, maxval: int, first: int, source: Path) -> None:
+def check_pixels(samples: NDArray[Any], maxval: int, first: int, source: Path) -> None:
     """Refuse samples above `maxval`; `first` is the index of the first sample in the picture."""
-    if maxval not in (255, 65535) and samples.max() > maxval:
+    if samples.max(initial=0) > maxval:
         flat = samples.reshape(-1)
         index = int(np.argmax(flat > maxval))
-        raise _above_maxval(int(flat[index]), first + index, maxval, source)
+        rule, place = f"pixels must not exceed maxval {maxval}", f"pixel {first + index}"
+        raise MalformedInputError(rule, source=source, place=place, got=int(flat[index]))
 
 
 def _read_header(data: bytes, source: Path) -> _Header:
@@ -230,11 +232,9 @@ def _read_header(data: bytes, source: Path) -> _Header:
     if kind not in "123456":
         name = "PAM" if kind == "7" else "PFM"
         raise MalformedInputError(f"{name} images are not supported", source=source)
-    magic = int(kind)
-    names = ["width", "height"] if magic in (1, 4) else ["width", "height", "maxval"]
+    magic, end = int(kind), 2
     numbers: list[int] = []
-    end = 2
-    for name in names:
+    for name in ["width", "height"] if magic in (1, 4) else ["width", "height", "maxval"]:
         parts = _COMMENT_OR_WORD.finditer(data, end, end + _LONGEST_HEADER)
         word = next((part for part in parts if not part[0].startswith(b"#")), None)
         if word is None:
@@ -320,20 +320,15 @@ def _numbers(body: bytes, count: int, maxval: int, source: Path) -> Samples:
     """Return the numbers of a text; it is parsed in parts, because words take much memory."""
     samples: Samples = np.empty(count, dtype=np.uint8 if maxval <= 255 else np.uint16)
     found = start = 0
-    too_large: tuple[int, int] | None = None
     while start < len(body):
         blank = _BLANK.search(body, start + _TEXT_AT_ONCE)
         end = blank.start() if blank else len(body)
         part, start = body[start:end], end
         values = _whole_numbers(part, found, maxval, source)
-        if too_large is None and values.max(initial=0) > maxval:
-            index = int(np.argmax(values > maxval))
-            too_large = int(values[index]), found + index
+        check_pixels(values, maxval, found, source)
         samples[found : found + len(values)] = values[: max(count - found, 0)]
         found += len(values)
     _check_count(found, count, source)
-    if too_large is not None:
-        raise _above_maxval(*too_large, maxval, source)
     return samples
 
 
@@ -357,11 +352,6 @@ def _check_count(actual: int, expected: int, source: Path) -> None:
         rule = f"must hold {expected} pixel values"
         raise MalformedInputError(rule, source=source, place=f"pixel {min(actual, expected)}",
                                   got=actual)  # fmt: skip
-
-
-def _above_maxval(value: int, index: int, maxval: int, source: Path) -> MalformedInputError:
-    rule = f"pixels must not exceed maxval {maxval}"
-    return MalformedInputError(rule, source=source, place=f"pixel {index}", got=value)
 
 
 PNM = ImageFormat(
@@ -430,19 +420,17 @@ class PillowImage(OpenImage):
         super().__init__(file, image.height, image.width, limit)
 
     def memory(self) -> int:
-        image, size = self._image, self.file.size
+        image, size, info = self._image, self.file.size, self._image.info
         with damage_refused(self.file.path):
             cells, bits = self.width * self.height, self._bits()
             file_bytes = size if self._name == "TIFF" else 0
             work = 0
-            if self._name == "JPEG" and "progressive" in image.info:
+            if self._name == "JPEG" and "progressive" in info:
                 work = cells * bits // 4  # all scans are collected before decoding
-            elif self._name == "TIFF" and image.info.get("compression") != _RAW_TIFF:
+            elif self._name == "TIFF" and info.get("compression") != _RAW_TIFF:
                 across, down = self._part()
                 work = max(4, bits // 8) * across * down
-            elif self._name == "BMP" and (
-                image.info["compression"] != _RAW_BMP or self._has_opacity()
-            ):
+            elif self._name == "BMP" and (info["compression"] != _RAW_BMP or self._has_opacity()):
                 work = 4 * cells
             decoded = _IN_MEMORY.get(image.mode, _MOST_IN_MEMORY) * cells
             needed = file_bytes + decoded + max(work, cells) + min(sources.PIECES, 16 * cells)
@@ -532,9 +520,8 @@ class PillowImage(OpenImage):
 
     def _has_opacity(self) -> bool:
         """Return whether a BMP has a fourth byte that Pillow drops and ROS reads as opacity."""
-        image = self._image
-        return (self._name == "BMP" and image.tile[0][3][0] == "BGRX"
-                and image.info["compression"] == _RAW_BMP)  # fmt: skip
+        image, is_bmp = self._image, self._name == "BMP"
+        return is_bmp and image.tile[0][3][0] == "BGRX" and image.info["compression"] == _RAW_BMP
 
 
 def _opened(name: str, file: OpenFile, data: BinaryIO | None = None) -> Any:

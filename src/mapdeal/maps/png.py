@@ -78,15 +78,13 @@ def _recut(arrays: Iterable[NDArray[Any]]) -> Iterator[Buffer]:
     remainder = b""
     for array in arrays:
         view = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
-        start = 0
-        if remainder:
-            start = min(PART - len(remainder), len(view))
-            remainder += bytes(view[:start])
-            if len(remainder) < PART:
-                continue
-            yield remainder
-        full = start + (len(view) - start) // PART * PART
-        for first in range(start, full, PART):
+        missing = PART - len(remainder)
+        if len(view) < missing:
+            remainder += view
+            continue
+        yield remainder + view[:missing]
+        full = len(view) - (len(view) - missing) % PART
+        for first in range(missing, full, PART):
             yield view[first : first + PART]
         remainder = bytes(view[full:])
     if remainder:

@@ -16,16 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealError, emit_warning, shown
+from mapdeal.files import source as sources
 from mapdeal.files.json_values import JsonValue, read_document
-from mapdeal.files.source import (
-    LARGEST_FILE,
-    LONGEST_STREAM,
-    PIECES,
-    chunks_of,
-    claim,
-    is_regular,
-    joined,
-)
 from mapdeal.files.text import delimiter_of, first_line, is_number, read_rows
 from mapdeal.grid.frame import FARTHEST, Point, Transform
 from mapdeal.inputs.kinds import NUMBERS, POSES, recognised
@@ -153,8 +145,9 @@ def planar_pose(numbers: Sequence[float]) -> tuple[float, float, float]:
 
 
 def _rows_in(path: Path) -> Poses:
-    most = LARGEST_FILE if is_regular(path) else LONGEST_STREAM  # a pipe may be endless
-    file = io.BytesIO(joined(chunks_of(path), limit=most, source=path))
+    is_pipe = not sources.is_regular(path)  # which may be endless
+    most = sources.LONGEST_STREAM if is_pipe else sources.LARGEST_FILE
+    file = io.BytesIO(sources.joined(sources.chunks_of(path), limit=most, source=path))
     number, start, line = first_line(file)
     delimiter = delimiter_of(line)
     width = len(line.split(delimiter))
@@ -179,7 +172,7 @@ def read_table(
         file, range(width), path=path, first_line=line, delimiter=delimiter, width=width
     ):
         total += _COPIES * part.nbytes
-        claim(path, total + PIECES)
+        sources.claim(path, total + sources.PIECES)
         parts.append(part)
     return np.concatenate(parts) if parts else None
 
