@@ -248,8 +248,7 @@ def decompress(
         sources.claim(path, len(data) + 2 * size, what=f"the {size} bytes of a chunk")
     most = sources.most_expanded(len(data)) if size is None else size
     expander = _EXPANDERS[compression](path)
-    try:
-        # one byte above the declared size reveals a wrong size, and limits decompression bombs
+    try:  # one byte above the declared size reveals a wrong size, and limits decompression bombs
         content = bytes(expander.decompress(data, most + 1))
     except MemoryError:  # the memory was claimed above, so the chunk is not the cause
         raise
@@ -261,7 +260,7 @@ def decompress(
         rule = f"{len(data)} bytes of a message would expand to more than {most}"
         hint = "--max-memory SIZE allows more, if that much is available"
         raise MalformedInputError(rule, source=path, hint=hint)
-    if size is not None and len(content) != size and not (partly and len(content) < size):
+    if size is not None and (len(content) > size or (len(content) < size and not partly)):
         raise MalformedInputError(f"a chunk must expand to {size} bytes, and does not", source=path)
     return content
 

@@ -357,10 +357,8 @@ class Ros1Bag(ChunkedBag):
     def _header_at(self, position: int) -> tuple[_Fields, int]:
         place = f"a record at byte {position}"
         word = self._file.read(4)
-        if len(word) < 4:
-            raise _CutError(place)
-        (length,) = _U32.unpack(word)
-        if length > min(_LONGEST_HEADER, self._size - position):
+        length = int.from_bytes(word, "little")
+        if len(word) < 4 or length > min(_LONGEST_HEADER, self._size - position):
             raise _CutError(place)
         header, word = self._file.read(length), self._file.read(4)
         if len(header) < length or len(word) < 4:
@@ -372,15 +370,12 @@ def _fields_in(data: bytes) -> _Fields:
     fields: dict[bytes, bytes] = {}
     position = 0
     while position < len(data):
-        if position + 4 > len(data):
-            raise _CutError("a header of fields")
-        (length,) = _U32.unpack_from(data, position)
-        position += 4
-        name, equals, value = data[position : position + length].partition(b"=")
-        if not equals or position + length > len(data):
+        start = position + 4
+        position = start + int.from_bytes(data[position:start], "little")
+        name, equals, value = data[start:position].partition(b"=")
+        if not equals or position > len(data):
             raise _CutError("a header of fields")
         fields[name] = value
-        position += length
     return fields
 
 
@@ -482,17 +477,15 @@ class McapBag(ChunkedBag):
         if len(head) < 32:
             return
         _, _, size, crc, name_length = struct.unpack("<QQQII", head)
-        name = self._file.read(min(name_length, 64, length - 32))
-        word = self._file.read(8)
-        prefix = 40 + name_length
-        stored = int.from_bytes(word, "little")
+        name, word = self._file.read(min(name_length, 64, length - 32)), self._file.read(8)
+        stored, available = int.from_bytes(word, "little"), length - 40 - name_length
         is_complete = len(name) == name_length and len(word) == 8
-        if not is_cut and (not is_complete or stored > length - prefix):
+        if not is_cut and (not is_complete or stored > available):
             raise self.malformed("the head of a chunk is damaged")
         if is_complete:
-            available = min(stored, length - prefix)
-            text = name.decode("latin-1")
-            self._note_chunk(_Chunk(text, size, start + prefix, available, crc, is_cut=is_cut))
+            first, stored = start + 40 + name_length, min(stored, available)
+            chunk = _Chunk(name.decode("latin-1"), size, first, stored, crc, is_cut=is_cut)
+            self._note_chunk(chunk)
 
     def _note(self, opcode: int, data: bytes) -> None:
         if len(data) > _LONGEST_RECORD:

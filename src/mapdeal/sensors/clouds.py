@@ -12,7 +12,7 @@ import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -190,8 +190,7 @@ _PCD_KEYS = ("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "
              "VIEWPOINT", "POINTS")  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _PcdHeader:
+class _PcdHeader(NamedTuple):
     record: Record
     points: int
     encoding: str
@@ -200,16 +199,15 @@ class _PcdHeader:
 
 def _pcd_points(file: BinaryIO, path: Path) -> Iterator[Points]:
     # Like the Point Cloud Library, this ignores the viewpoint.
-    header = _read_pcd_header(file)
-    record, count = header.record, header.points
+    record, count, encoding, lines = _read_pcd_header(file)
     axes = record.axes("FIELDS")
-    if header.encoding == "ascii":
+    if encoding == "ascii":
         columns, width = [sum(record.counts[:column]) for column in axes], sum(record.counts)
-        yield from _counted_points(file, path, columns, header.lines, count, width=width)
-    elif header.encoding == "binary":
+        yield from _counted_points(file, path, columns, lines, count, width=width)
+    elif encoding == "binary":
         yield from _binary_points(file, record, axes, count)
     else:
-        yield from _compressed_points(file, header, axes, path)
+        yield from _compressed_points(file, record, axes, count, path)
     trailing = file.read(1 << 16)
     if trailing.strip(b"\0 \r\n\t"):  # these are padding
         emit_warning(f"{path}: data after the points are ignored")
@@ -285,9 +283,8 @@ def _number_of_points(entries: dict[str, list[str]]) -> int:
 
 
 def _compressed_points(
-    file: BinaryIO, header: _PcdHeader, axes: tuple[int, ...], path: Path
+    file: BinaryIO, record: Record, axes: tuple[int, ...], count: int, path: Path
 ) -> Iterator[Points]:
-    record, count = header.record, header.points
     sizes = file.read(8)
     if not sizes and count == 0:
         return

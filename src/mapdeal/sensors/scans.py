@@ -238,8 +238,7 @@ class CarmenLog(ScanSource):
     # describe the same scans, so only the most frequent kind with a pose is used.
     def __init__(self, path: Path, *, max_bad: int) -> None:
         check_readable(path)
-        self.files = (path,)
-        self._path = path
+        self.files, self._path = (path,), path
         self._start_over(max_bad)
         # split only the beginning, because splitting copies the whole line
         words = (line[:_LONGEST_TAG].split(maxsplit=1)[0] for _, line in self._lines(_TAGS))
@@ -265,14 +264,12 @@ class CarmenLog(ScanSource):
         group: list[_Scan] = []
         latest = -math.inf
         previous: _Scan | None = None
-        first_time: float | None = None
         for scan in self._parse():
             if previous is not None and scan.repeats(previous):
                 self._repeated += 1
                 continue
+            self._has_times |= previous is not None and scan.time != previous.time
             previous = scan
-            first_time = scan.time if first_time is None else first_time
-            self._has_times |= scan.time != first_time
             self._late += scan.time <= latest
             latest = max(latest, scan.time)
             most = max(1, min(_SCANS_TOGETHER, _READINGS_TOGETHER // max(1, len(scan.ranges))))
