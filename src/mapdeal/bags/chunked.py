@@ -40,9 +40,8 @@ class ChunkCache:
     """Cache of the last few chunks: messages sorted by time alternate between two or three."""
 
     def __init__(self, read: Callable[[int], bytes]) -> None:
-        self._read = read
+        self._read, self._bytes = read, 0
         self._chunks: OrderedDict[int, bytes] = OrderedDict()
-        self._bytes = 0
 
     def __getitem__(self, number: int) -> bytes:
         chunk = self._chunks.get(number)
@@ -53,8 +52,7 @@ class ChunkCache:
             _, old = self._chunks.popitem(last=False)
             self._bytes -= len(old)
             del old  # frees the memory before reading another chunk
-        chunk = self._read(number)
-        self._chunks[number] = chunk
+        chunk = self._chunks[number] = self._read(number)
         self._bytes += len(chunk)
         return chunk
 

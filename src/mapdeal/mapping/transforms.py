@@ -80,8 +80,7 @@ class CoveredAngles:
     # exact if the gap is longer than a bin, 0.0004 rad.
 
     def __init__(self) -> None:
-        self._first = np.full(_BINS, np.inf)
-        self._last = np.full(_BINS, -np.inf)
+        self._first, self._last = np.full(_BINS, np.inf), np.full(_BINS, -np.inf)
 
     def add(self, angles: Floats) -> None:
         cover_angles(angles, self._first, self._last)
@@ -96,8 +95,7 @@ class CoveredAngles:
         gaps = first - np.roll(last, 1)
         gaps[0] += _TURN
         start = int(np.argmax(gaps))
-        end = float(last[start - 1]) + (_TURN if start else 0.0)
-        return float(first[start]), end
+        return float(first[start]), float(last[start - 1]) + (_TURN if start else 0.0)
 
 
 Vector = tuple[float, float, float]
@@ -134,10 +132,8 @@ class _Samples:
     """The samples of one transform, 64 bytes each."""
 
     def __init__(self, *, is_static: bool) -> None:
-        self.is_static = is_static
-        self.count = 0
-        self._times = array("q")
-        self._numbers = array("d")
+        self.is_static, self.count = is_static, 0
+        self._times, self._numbers = array("q"), array("d")
         self._is_in_time = True
 
     def add(self, time: int, numbers: Sequence[float]) -> None:

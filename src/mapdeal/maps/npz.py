@@ -105,7 +105,7 @@ _MOST_COLUMNS = 1 << 16
 _CHUNK = 1 << 22
 
 
-class NpzReader:
+class NpzReader(ExitStack):
     """The entries of an npz file, each checked before memory is allocated for it."""
 
     # With `block_height`, layers are lazy unless they are stored column by column. Only requested
@@ -115,26 +115,18 @@ class NpzReader:
     def __init__(
         self, path: Path, max_cells: int | None = None, block_height: int | None = None
     ) -> None:
-        self.path = path
+        super().__init__()
+        self.path, self._block_height, self._claimed = path, block_height, 0
         self._max_cells = LARGEST_CELLS if max_cells is None else max_cells
-        self._block_height = block_height
-        self._claimed = 0
-        self._files = ExitStack()
         check_readable(path)
         try:
             if _directory_size(path) > _LARGEST_DIRECTORY:
                 raise MalformedInputError("holds too many arrays", source=path)
-            self._zip = self._files.enter_context(zipfile.ZipFile(path))
+            self._zip = self.enter_context(zipfile.ZipFile(path))
         except (zipfile.BadZipFile, NotImplementedError, ValueError):
             raise MalformedInputError("is not an npz file", source=path) from None
         except OSError as error:
             raise FileAccessError(f"cannot be read: {error.strerror}", source=path) from None
-
-    def __enter__(self) -> NpzReader:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._files.close()
 
     def names(self) -> set[str]:
         return {name.removesuffix(".npy") for name in self._zip.namelist()}
@@ -149,7 +141,7 @@ class NpzReader:
             raise self._error(name, f"must have two axes, has {len(header.shape)}")
         if self._block_height is None or header.is_fortran:
             return self._values(name, header.nbytes * (1 + header.is_fortran))
-        file, header = self._files.enter_context(self._open_entry(name))
+        file, header = self.enter_context(self._open_entry(name))
         height, width = header.shape
         row_size = width * header.dtype.itemsize
         lock = Lock()

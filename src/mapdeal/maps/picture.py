@@ -193,8 +193,7 @@ class OpenFile:
 
 class _Stream(io.RawIOBase):
     def __init__(self, file: OpenFile) -> None:
-        self._file = file
-        self._offset = 0
+        self._file, self._offset = file, 0
 
     def readable(self) -> bool:
         return True
@@ -255,10 +254,8 @@ class OpenImage(ABC):
     """An image file that is open: its header is read, its pixels are not."""
 
     def __init__(self, file: OpenFile, height: int, width: int, limit: int) -> None:
-        self.file = file
-        self.height = height
-        self.width = width
-        self._limit = limit
+        self.file, self._limit = file, limit
+        self.height, self.width = height, width
         check_size(file.path, width, height)
 
     @property

@@ -487,8 +487,7 @@ _MOST_ELEMENTS = 1 << 31
 
 class ScanNpz(ScanSource):
     def __init__(self, path: Path) -> None:
-        self.files = (path,)
-        self._path = path
+        self.files, self._path = (path,), path
         with NpzReader(path, _MOST_ELEMENTS) as reader:
             self._angles = reader.numbers("angles", 1)
             self._poses = reader.numbers("poses", 2)
