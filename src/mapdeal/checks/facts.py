@@ -58,7 +58,7 @@ from mapdeal.maps.dialects import (
 )
 from mapdeal.maps.formats import format_of
 from mapdeal.maps.images import IMAGE_FORMATS, open_for_one_pass
-from mapdeal.maps.map_file import warn_if_uniform, warn_of_cost_figures
+from mapdeal.maps.map_file import warn_of_cost_figures
 from mapdeal.maps.picture import Picture, Strips, opaque_greys
 from mapdeal.maps.reading import as_occupancy, open_map
 from mapdeal.ros.filters import FilterServers
@@ -557,7 +557,7 @@ def _gather_grid(path: Path, max_cells: int | None) -> GridFacts | None:
         claim(path, _BAND_BYTES + bytes_of_lines(file.shape(), _LINE_BYTES))
         grid = file.cells()
     if isinstance(grid, Costmap):
-        warn_if_uniform(path, grid)
+        warn_of_cost_figures(path, grid.figures())
     elif isinstance(grid, FieldView):
         _warn_of_view(path, grid.scale)
     else:

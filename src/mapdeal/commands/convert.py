@@ -36,7 +36,7 @@ from mapdeal.kernels.solids import rectangles, run_count, surface
 from mapdeal.maps import outlines
 from mapdeal.maps.dialects import Mode
 from mapdeal.maps.formats import output_format
-from mapdeal.maps.map_file import warn_if_uniform, warn_of_nothing_known
+from mapdeal.maps.map_file import warn_of_cost_figures, warn_of_nothing_known
 from mapdeal.maps.map_server import Encoding, in_trinary
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import Source, as_occupancy, output_paths, write_grid
@@ -402,7 +402,7 @@ def _read_bag(path: Path, topic: str | None, index: int, read_as: ReadAs | None)
     with from_bag(path, GridTopic, topic, read_as) as found:
         grid, files = found.read(index), found.files
     if isinstance(grid, Costmap):
-        warn_if_uniform(path, grid)
+        warn_of_cost_figures(path, grid.figures())
     else:
         warn_of_nothing_known(path, grid.occupancy, has_pixels=False)
     return Source(grid, files)

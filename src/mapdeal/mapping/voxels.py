@@ -109,10 +109,9 @@ class Voxels:
         starts = starts_of(keys)
         counts = np.diff(starts, append=len(keys)).astype(np.int32)
         self._parts.append((keys[starts], counts))
-        if len(self._parts) > 1:
-            later = sum(len(keys) for keys, _ in self._parts[1:])
-            if later >= len(self._parts[0][0]):
-                self._merge()
+        first, *later = (len(keys) for keys, _ in self._parts)
+        if later and sum(later) >= first:
+            self._merge()
 
     def _merge(self) -> None:
         total = sum(len(array) for array, _ in self._parts)
@@ -349,9 +348,7 @@ def steps_of(columns: Columns) -> float:
     heights = np.sort(columns.heights)
     levels = heights[starts_of(heights)]
     levels = levels[len(levels) // 20 : len(levels) - len(levels) // 20]
-    if len(levels) < _LEVELS:
-        return 0.0
-    return min(median(np.diff(levels)), _LARGEST_STEP)
+    return 0.0 if len(levels) < _LEVELS else min(median(np.diff(levels)), _LARGEST_STEP)
 
 
 def median(values: Floats) -> float:

@@ -147,11 +147,10 @@ def surface_cells(section: Section, frame: Frame, runs: _Runs) -> Mask:
         keys = _distinct(np.concatenate([keys, _distinct(found)]))
     shape = int(section.solid.max()) + 1, *frame.shape
     solid, row, col = np.unravel_index(keys, shape)
-    own = np.zeros(frame.shape, np.int64)
-    inside = runs.hold(solid, row, col)
-    np.add.at(own, (row[inside], col[inside]), 1)
     is_near = np.zeros(frame.shape, np.bool_)
     is_near[row, col] = True
+    inside, size = runs.hold(solid, row, col), is_near.size
+    own = np.bincount(keys[inside] % size, minlength=size).reshape(frame.shape)
     # thin legs between the centres of cells count in one cell
     cells = np.floor(begin[length > _EPSILON, ::-1]).astype(np.int64)
     cells = cells[((cells >= 0) & (cells < frame.shape)).all(axis=1)]

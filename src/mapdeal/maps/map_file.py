@@ -95,7 +95,7 @@ class MapFile(ABC):
     def remark(self, grid: Grid) -> None:
         """Warn of a grid that says little."""
         if isinstance(grid, Costmap):
-            warn_if_uniform(self.path, grid)
+            warn_of_cost_figures(self.path, grid.figures())
         elif isinstance(grid, OccupancyGrid):
             warn_of_nothing_known(self.path, grid.occupancy)
 
@@ -173,10 +173,6 @@ def warn_of_nothing_known(path: Path, occupancy: blocks.Layer, *, has_pixels: bo
     """Warn of a map without any known cell; a lazy map is read up to its first known cell."""
     if blocks.holds_everywhere(occupancy, lambda values: values < 0):
         warn_of(path, NOTHING_KNOWN if has_pixels else "every cell is unknown", "map.all-unknown")
-
-
-def warn_if_uniform(path: Path, costmap: Costmap) -> None:
-    warn_of_cost_figures(path, costmap.figures())
 
 
 def warn_of_cost_figures(path: Path, figures: Figures) -> None:

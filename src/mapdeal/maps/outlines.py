@@ -113,11 +113,8 @@ def svg_parts(
         return places
 
     def path(rings: _Rings) -> str:
-        text = ""
-        for points in rings:
-            numbers = (f"{_number(x)} {_number(y)}" for x, y in points)
-            text += f"M{' L'.join(numbers)}Z"
-        return text
+        paths = (" L".join(f"{_number(x)} {_number(y)}" for x, y in ring) for ring in rings)
+        return "".join(f"M{path}Z" for path in paths)
 
     yield (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
