@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -15,6 +16,7 @@ from mapdeal.ros.ros1 import Ros1Namespace, costmaps_named, load_server, ros1_ro
 from mapdeal.ros.ros2_files import read_ros2
 
 _KEY = b"ros__parameters"
+_ALMOST_ROS2 = re.compile(rb"""\s*["']?(ros_+param\w*)["']?\s*:|.*\b(nav2_costmap_2d(?:::|/)\w+)""")
 _LARGEST = 1 << 24
 _ABOUT_COSTS = frozenset(
     {"params.custom-inscribed-radius", "params.inflation-radius", "params.no-static-layer",
@@ -57,6 +59,8 @@ def load_robot(
         return nav2_robot(paths, costmap=costmap, namespace=namespace, older=older)
     if unrelated := next(filter(None, map(_other_kind, paths)), None):
         return None, (unrelated,)
+    if misspelt := next(filter(None, map(_without_key, paths)), None):
+        return None, (misspelt,)
     return ros1_robot(paths, costmap=costmap, namespace=namespace)
 
 
@@ -83,6 +87,19 @@ def _other_kind(path: Path) -> Problem | None:
         return None
     error = other_kind(path, kind, "a file of ROS parameters")
     return Problem("params.other-kind", "refused", error.rule, source=path, hint=error.hint)
+
+
+def _without_key(path: Path) -> Problem | None:
+    """Return a problem if the file is one of Nav2, but lacks the key that ROS 2 looks for."""
+    for number, line in enumerate(read_file(path, limit=_LARGEST).splitlines(), 1):
+        if match := _ALMOST_ROS2.match(line.partition(b"#")[0]):
+            found = (match[1] or match[2]).decode()
+            rule = f"has no key {_KEY.decode()}, without which Nav2 does not start"
+            hint = "did you mean that key?" if match[1] else "each node's parameters lie below it"
+            return Problem(
+                "params.syntax", "refused", rule, source=path, line=number, got=found, hint=hint
+            )
+    return None
 
 
 def error_of(problem: Problem, paths: Sequence[Path]) -> MalformedInputError:
