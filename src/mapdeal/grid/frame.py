@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from mapdeal.compatibility import Self
-from mapdeal.errors import ParameterError, require
+from mapdeal.errors import ParameterError, emit_warning, require
 from mapdeal.grid.values import MOST_COUNTED, Drawn, OneLine, OverlayType, count_text, numbers_text
 from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
 from mapdeal.kernels.polygons import Spans, paint
@@ -63,6 +63,11 @@ def as_numbers(values: Iterable[float]) -> tuple[float, ...]:
         return tuple(float(value) for value in values)
     except (TypeError, ValueError, OverflowError):
         return ()
+
+
+def warn_of_degrees(yaw: float, place: str) -> None:
+    if abs(yaw) > 2 * math.pi:
+        emit_warning(f"{place}: a yaw of {yaw:.6g} rad is more than a turn; is it in degrees?")
 
 
 def are_near(values: Iterable[float], limit: float = FARTHEST) -> bool:
@@ -138,6 +143,8 @@ class Frame:
     origin: Origin = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
+        for name in ("height", "width"):
+            require(getattr(self, name) >= 0, "must not be negative", name, got=getattr(self, name))
         # the repr of numpy's numbers includes their type
         object.__setattr__(self, "resolution", float(self.resolution))
         x, y, yaw = map(float, self.origin)
@@ -773,6 +780,8 @@ class ValueGrid(Framed):
         if message_type is None:
             return document
         message = message_type()
+        is_map = hasattr(message, "header")
+        require(is_map, "must be nav_msgs.msg.OccupancyGrid", "message_type", got=message_type)
         _fill(message, document)
         return message
 

@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.grid.footprint import Footprint, footprint_spans
-from mapdeal.grid.frame import CELL_TOLERANCE, Frame, Point, check_point, largest_square_within
+from mapdeal.grid.frame import (
+    CELL_TOLERANCE,
+    Frame,
+    Point,
+    check_point,
+    largest_square_within,
+    warn_of_degrees,
+)
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import (
     Bottleneck,
@@ -439,6 +446,8 @@ def reach_on(
     if start is not None and len(start) not in (2, 3):
         raise ParameterError("must be x,y or x,y,yaw", place="start", got=tuple(start))
     pose = None if start is None else tuple(start)
+    if pose is not None and len(pose) == 3:
+        warn_of_degrees(pose[2], "start")
     first = None if pose is None else cell_of_point(ground.frame, (pose[0], pose[1]), "start")
     names = ["goal" if goal.name is None else f"goal {goal.name}" for goal in goals]
     points = [check_point((goal.x, goal.y), name) for goal, name in zip(goals, names, strict=True)]

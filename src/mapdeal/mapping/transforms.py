@@ -14,8 +14,8 @@ from typing import Annotated
 import numpy as np
 
 from mapdeal.command import Words
-from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
-from mapdeal.grid.frame import FARTHEST
+from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.grid.frame import FARTHEST, warn_of_degrees
 from mapdeal.grid.values import shortened
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.rotations import composed, normalised, slerp, undone
@@ -40,8 +40,7 @@ def check_pose(pose: Sequence[float], name: str = "pose") -> Pose:
     if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(yaw) <= FARTHEST):  # nan too
         rule = f"must be three numbers x, y, yaw within {FARTHEST:g}"
         raise ParameterError(rule, place=name, got=(x, y, yaw))
-    if abs(yaw) > _TURN:
-        emit_warning(f"{name}: a yaw of {yaw:.6g} rad is more than a turn; is it in degrees?")
+    warn_of_degrees(yaw, name)
     return x, y, wrapped(yaw)
 
 

@@ -15,7 +15,7 @@ from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.frame import Framed, as_float32
+from mapdeal.grid.frame import Framed, as_float32, warn_of_degrees
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import Layer, made_by_windows
@@ -237,6 +237,8 @@ def _check_transform(
         if map_to_odom is not None:
             raise ParameterError("needs pose", place="map_to_odom")
         return
+    warn_of_degrees(pose[2], "pose")
+    warn_of_degrees(0.0 if map_to_odom is None else map_to_odom[2], "map_to_odom")
     area = stack.area
     is_in_map_frame = area is None or not area.is_rolling or area.is_in_map_frame
     if map_to_odom is not None and is_in_map_frame:
