@@ -52,3 +52,27 @@ def test_pythons_traceback_shows_the_hint_of_an_error():
         assert raised.__notes__ == ["hint: other"]
         raised.hint = None
         assert not raised.__notes__
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda grid: mapdeal.reach(grid, radius=0.3, footprint=[[1, 1], [1, -1], [-1, 0]]),
+            "radius",
+        ),
+        (lambda grid: grid.to_msg(dict), "message_type: must be nav_msgs.msg.OccupancyGrid"),
+        (lambda _: mapdeal.Frame(-3, 3, 0.05), "height: must not be negative"),
+        (lambda grid: mapdeal.graph(grid, robot="nav2.yaml"), "robot: must be RobotParameters"),
+    ],
+)
+def test_arguments_that_contradict_each_other_are_refused(call, message):
+    with pytest.raises(mapdeal.ParameterError, match=f"^{message}"):
+        call(mapdeal.OccupancyGrid(np.zeros((20, 30), np.int8), 0.5, (1, 2, 0.3)))
+
+
+def test_yaws_in_degrees_are_warned_of():
+    grid = mapdeal.OccupancyGrid(np.zeros((20, 30), np.int8), 0.5, (1, 2, 0.3))
+    for call in (lambda: mapdeal.reach(grid, start=(2, 5, 90)), lambda: mapdeal.rotate(grid, 90)):
+        with pytest.warns(mapdeal.MapdealWarning, match="is it in degrees"):
+            call()

@@ -787,6 +787,8 @@ def _check_type(value: object, hint: Any, function: str, name: str) -> None:
     if not isinstance(value, tuple(_ACCEPTED.get(arm, arm) for arm in arms)):
         is_grid_missing = any(hasattr(arm, "layer_names") for arm in arms)
         hint = _AS_GRID.get(type(value)) if is_grid_missing else None
+        if any(arm.__name__ == "RobotParameters" for arm in arms):
+            hint = "mapdeal.read_robot_parameters reads a robot's files"
         raise error(f"must be {' or '.join(arm.__name__ for arm in arms)}", got=value, hint=hint)
 
 

@@ -183,7 +183,8 @@ def graph(
     (RouteGraph(5 nodes, 8 edges), True)
     """
     if robot is not None and not isinstance(robot, RobotParameters):
-        raise ParameterError("must be RobotParameters", place="robot", got=robot)
+        hint = "mapdeal.read_robot_parameters reads a robot's files"
+        raise ParameterError("must be RobotParameters", place="robot", got=robot, hint=hint)
     lanes = slow_below, one_way, keep_from_unknown
     options = graph_drafts.GraphOptions(spacing, hall, cover, *lanes)
     if through_unknown:

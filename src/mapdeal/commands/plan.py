@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
@@ -437,6 +438,15 @@ def goals_of(texts: Sequence[str]) -> list[PlanGoal]:
     return goals
 
 
+def _places_of(goals: Any) -> list[PlanGoal]:
+    if isinstance(goals, Mapping):
+        return [PlanGoal(*pose_of(place, f"goals {key}"), key) for key, place in goals.items()]
+    if len(goals) in (2, 3) and all(isinstance(number, Real) for number in goals):
+        goals = [goals]
+    return [goal if isinstance(goal, PlanGoal) else PlanGoal(*pose_of(goal, "goals"))
+            for goal in goals]  # fmt: skip
+
+
 def planner_of(robot: RobotParameters, planner: str | None) -> tuple[Ros2Parameters, ListedPlanner]:
     if robot.flavour != "nav2":
         rule = "contains no parameters of ROS 2, and only Nav2's planners are modelled"
@@ -494,7 +504,7 @@ def plan(
     robot: Annotated[Robot | None, Words()] = None,
     start: Annotated[Sequence[float] | None, POSE, Words("X,Y[,YAW]", start_of, "from")] = None,
     goals: Annotated[
-        Sequence[PlanGoal | Sequence[float]],
+        Sequence[PlanGoal | Sequence[float]] | Mapping[str, Sequence[float]],
         Words("[NAME=]X,Y[,YAW]", goals_of, "to", is_repeated=True),
     ] = (),
     pairs: Annotated[Path | None, Words("FILE|-")] = None,
@@ -526,7 +536,7 @@ def plan(
         The robot's parameters, or its Nav2 parameter file.
     start : tuple of float
         Start, metres and radians.
-    goals : sequence of PlanGoal or tuple of float
+    goals : sequence of PlanGoal or tuple of float, or dict of str to tuple of float
         Goal, metres and radians; more may follow.
     pairs : path, optional
         File of starts and goals, one x,y,yaw,x,y,yaw per line, instead of both; - reads stdin.
@@ -578,8 +588,7 @@ def plan(
     elif start is None or not goals:
         raise ParameterError("both are required, unless pairs are given", place="start, goals")
     first = pose_of((0.0, 0.0) if start is None else start, "start")
-    places = [goal if isinstance(goal, PlanGoal) else PlanGoal(*pose_of(goal, "goals"))
-              for goal in goals]  # fmt: skip
+    places = _places_of(goals)
     work = inputs.Work.current.get()
     maps: Sequence[Any] = [map] if isinstance(map, str | PathLike | Grid) else map
     if work is not None:

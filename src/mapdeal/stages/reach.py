@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 import numpy as np
@@ -140,6 +141,8 @@ def reach(
     """
     from mapdeal.grid.reaching import Ground, reach_on  # rarely used, and slow to import
 
+    if radius and footprint is not None and not math.isclose(radius, reach_radius(footprint)):
+        raise ParameterError("cannot be given together with footprint", place="radius", got=radius)
     return reach_on(
         Ground(
             _occupancy_of(source, lethal_threshold),
