@@ -146,8 +146,8 @@ UNUSUAL, OFF_LATTICE = "yaml.resolution-unusual", "yaml.origin-off-lattice"
                       "version 1.2.3 m/pix", ". m/pix")],
     (UNUSUAL, [0], {"resolution": 0.001}, None),
     (UNUSUAL, [0], {"resolution": 0.00099}, "0.00099 m per cell is unusual; is the unit right?"),
-    (UNUSUAL, [0], {"resolution": 10}, None),
-    (UNUSUAL, [0], {"resolution": 10.01}, ANY),
+    (UNUSUAL, [0], {"resolution": 2}, None),
+    (UNUSUAL, [0], {"resolution": 2.01}, ANY),
     # within a thousandth of a cell: a half of it, two of them
     (OFF_LATTICE, [0], {"origin": "[-1.5, 2.0, 0]"}, None),
     (OFF_LATTICE, [0], {"origin": "[-1.499975, 2.0, 0]"}, None),

@@ -22,7 +22,7 @@ from mapdeal.checks.findings import (
 )
 from mapdeal.errors import FileAccessError, one_line
 from mapdeal.files.json_values import SUMMARY as BATCH, document_kind, read_json
-from mapdeal.files.source import contents_of, exists, holds
+from mapdeal.files.source import contents_of, exists, holds, normal_path
 from mapdeal.grid.costmap import UNIFORM_SHARE
 from mapdeal.grid.filters import FILTER_KEYS
 from mapdeal.grid.values import count_text, decimal_text
@@ -316,7 +316,7 @@ def mostly_unknown(facts: GridFacts) -> Iterator[Remark]:
 
 
 _LEAST_CELLS = 1000  # smaller maps are made for tests
-_WIDTH_OF_WALLS = 2.0  # cells
+_WIDTH_OF_WALLS = 3.0  # cells
 _PIECES_OF_WALLS, _LARGEST_PIECE = 10, 0.75
 
 
@@ -499,13 +499,13 @@ def resolution_noise(facts: PairFacts) -> Iterator[Remark]:
 
 @check("yaml.resolution-unusual", "warning")
 def resolution_unusual(facts: PairFacts) -> Iterator[Remark]:
-    """Cells larger than 10 m or smaller than 1 mm.
+    """Cells larger than 2 m or smaller than 1 mm.
     The unit may be wrong: walls are thousands of metres apart, or the map is below the robot.
-    Example: `resolution: 50`, millimetres written as metres.
+    Example: `resolution: 5`, centimetres written as metres.
     Fix: Write metres per cell.
     """
     value = facts.metadata.resolution
-    if not 1e-3 <= value <= 10:
+    if not 1e-3 <= value <= 2:
         yield Remark(f"{value:g} m per cell is unusual; is the unit right?", "resolution")
 
 
@@ -571,7 +571,10 @@ def absolute_path(facts: PairFacts) -> Iterator[Remark]:
     """
     name = facts.metadata.image
     if PurePosixPath(name).is_absolute() or PureWindowsPath(name).is_absolute():
-        yield Remark(f"{name} is absolute; write {facts.image_path.name}", "image")
+        path = facts.image_path
+        is_beside = normal_path(path).parent == normal_path(facts.path).parent
+        advice = f"write {path.name}" if is_beside else "move the image beside the YAML file"
+        yield Remark(f"{name} is absolute; {advice}", "image")
 
 
 @check("image.outside-folder", "note")

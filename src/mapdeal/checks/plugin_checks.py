@@ -190,7 +190,7 @@ def renamed(facts: ParameterFacts) -> Iterator[Remark]:
 
 @check("params.planner-misspelt", "warning")
 def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
-    """A misspelt parameter of a planner.
+    """A misspelt parameter of a planner, or its class.
     Nav2 ignores it and plans with the default.
     Example: `planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased: {plugin:
     "nav2_navfn_planner::NavfnPlanner", tolerances: 0.5}}}`.
@@ -201,6 +201,10 @@ def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
             text = f"no parameter is called {name}: did you mean {closest}?"
             yield Remark(text, at=facts.values[name])
     plugins = plugins_in(facts.values)
+    for section, kind in plugins.items():
+        if closest := closest_name(full_name(kind), PLANNER_PARAMETERS):
+            text = f"no planner of Nav2 is called {kind}: did you mean {closest}?"
+            yield Remark(text, at=facts.values[f"{section}.plugin"])
     first_values = reversed([*islice(facts.values.items(), MOST_NAMES)])
     sections = {name.partition(".")[0]: value for name, value in first_values if "." in name}
     for section, value in reversed(sections.items()):
