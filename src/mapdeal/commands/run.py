@@ -254,6 +254,9 @@ def run_maps(
         rule = "standard input has no name for a folder of outputs"
         hint = "mapdeal convert - -o FILE.npz keeps it under a name; @- takes names of maps"
         raise errors.ParameterError(rule, source="-", hint=hint)
+    if output == Path("-"):
+        hint = "standard output takes one file: mapdeal cost MAP -o -"
+        raise errors.ParameterError("must be a folder", place="-o", got="-", hint=hint)
     for text in changes or []:
         if text.strip().startswith(_OF_LOCAL):
             rule = "is not a parameter of a stage"

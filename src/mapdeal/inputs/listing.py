@@ -15,6 +15,7 @@ from typing import Any
 
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError, emit_warning
 from mapdeal.files import source as sources
+from mapdeal.files.json_values import MANIFEST, document_kind, read_json
 from mapdeal.inputs.kinds import kind_of, other_kind
 from mapdeal.maps.formats import FORMATS, MAP_ENDINGS, format_of
 
@@ -338,11 +339,16 @@ def _lies_in(folder: Path, output: Path | None) -> bool:
     return real == output or output in real.parents
 
 
+def _is_of_run(folder: Path, files: Sequence[str]) -> bool:
+    name = "manifest.json"
+    return name in files and document_kind(read_json(folder / name)) == MANIFEST
+
+
 def _below_folder(
     folder: Path, output: Path | None, exempt: ListedFolders | None
 ) -> tuple[list[Path], list[Path]]:
     """Return possible maps in a folder and below, and the folders that are listed themselves."""
-    # Hidden folders and the output folder are left out.
+    # Hidden folders, the output folder and, for all but lint, folders of runs are left out.
     listed: list[Path] = []
 
     def look_into(subfolder: Path) -> Contents:
@@ -352,6 +358,8 @@ def _below_folder(
             if exempt is None:
                 raise
             listed.append(subfolder)
+            return [], []
+        if exempt is None and subfolder != folder and _is_of_run(subfolder, files):
             return [], []
         if exempt is not None and exempt.mark in files and exempt.is_listed_itself(subfolder):
             listed.append(subfolder)
