@@ -221,7 +221,7 @@ def query(
         inputs.refuse("needs --footprint, --robot-radius or --params-file", poses=poses, rule=rule)
         unit, form, file, read = "point", "X,Y", points, read_points
     else:
-        inputs.refuse("has no yaws; poses of a footprint are given by --poses", points=points)
+        inputs.refuse("is for points; poses of a footprint are given by --poses", points=points)
         inputs.refuse("applies to distances, not to a footprint", convention=convention)
         unit, form, file, read = "pose", "X,Y,YAW", poses, read_pose_lines
     if not at and file is None:

@@ -115,8 +115,9 @@ def not_reachable_text(missed: GoalReach, found: Reach) -> str:
         closed = sum(not passage.is_open for passage in found.passages)
         more = f", one of {closed} closed passages" if closed > 1 else ""
         return f"{text}: {limit.text}{more}; the robot needs more than {needs:.4g} m"
-    text += " with this footprint, though a round robot of up to"
-    return f"{text} {limit.width:.4g} m gets there"
+    text += f" with this footprint, though a round robot up to {limit.width:.4g} m wide gets there"
+    cell = found.resolution
+    return f"{text}; poses are tried at cell centres, so up to {cell:.4g} m of width is lost"
 
 
 def start_of(text: str) -> tuple[float, ...]:
