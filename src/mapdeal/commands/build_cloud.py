@@ -35,6 +35,7 @@ Points = NDArray[np.float64]
 Advance = Callable[[int], object]
 
 _TILTED = 1.0  # degrees of tilt that are worth a warning
+_COARSE = 2.0  # times the climb: clearance that is worth a warning
 _KIB, _OF_POINT = 1024, 16  # bytes that a point has in most files: for the progress
 _OF_SCAN = 200  # bytes for each point of a cloud whose beams are followed
 
@@ -200,6 +201,9 @@ def _warn(cloud_map: CloudMap, options: CloudOptions, named: Path) -> None:
     if not (np.asarray(cloud_map.grid.occupancy) == OCCUPIED).any():
         text = "nothing stands on the floor: the map has no obstacles"
         texts.append(f"{text}; if walls were cut off, --floor Z states the floor")
+    if cloud_map.clearance > _COARSE * options.climb:
+        text = f"{named}: heights are coarse or noisy: obstacles and drops of less than "
+        emit_warning(f"{text}{cloud_map.clearance:.2f} m look like floor")
     if cloud_map.beyond:
         texts.append(f"{cloud_map.beyond} points are too far from the others, and are ignored")
     for text in texts:
