@@ -33,7 +33,7 @@ from mapdeal.maps.map_server import is_bare_image
 from mapdeal.maps.reading import open_map
 from mapdeal.pictures.styles import cost_change_style, difference_style
 from mapdeal.pipeline.batch import SUMMARY
-from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, product_of
+from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, product_of, warnings_in
 from mapdeal.pipeline.inputs import Reading, bytes_of, map_input, mask_of, read_together
 from mapdeal.pipeline.settings import Settings, adding_warnings, portable
 from mapdeal.pipeline.step import Step, make_step
@@ -428,8 +428,7 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
     # what a stage has made of a map says little of the map: inflated, most of it is occupied
     columns = columns_of(manifest["figures"])
     draft.figures |= {name: value for name, value in columns.items() if name not in _OF_MAPS}
-    warnings = manifest.get("warnings")
-    draft.warn(map(str, warnings if isinstance(warnings, list) else ()))
+    draft.warn(warnings_in(manifest))
     if (costs := verdict.on_costs(manifest)) is not None:
         draft.claims.append(replace(costs, text=documents.short(costs.text)))
 

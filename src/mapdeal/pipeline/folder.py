@@ -478,7 +478,7 @@ class OutputFolder:
 
     def repeat_warnings(self, filling: Filling) -> None:
         paths = {file.name: str(file) for file in filling.named}
-        for text in renamed(stored_manifest(self.path).get("warnings", ()), paths):
+        for text in renamed(warnings_in(stored_manifest(self.path)), paths):
             if text not in filling.warnings:
                 errors.emit_warning(text)
 
@@ -614,6 +614,11 @@ def manifest_in(folder: Path) -> dict[str, Any]:
     return manifest
 
 
+def warnings_in(manifest: Mapping[str, Any]) -> list[str]:
+    warnings = manifest.get("warnings")
+    return [*map(str, warnings)] if isinstance(warnings, list) else []
+
+
 def stages_behind(name: str, folder: Path, sums: Mapping[str, str]) -> list[dict[str, Any]] | None:
     manifest = stored_manifest(folder)
     if not manifest or not sums.items() <= manifest["outputs"].items():
@@ -641,11 +646,8 @@ def _is_manifest(value: object) -> TypeGuard[dict[str, Any]]:
     if not isinstance(value, dict):
         return False
     figures, outputs, stages = (value.get(key) for key in ("figures", "outputs", "stages"))
-    texts = value.get("warnings", [])
     return (
-        isinstance(texts, list)
-        and all(isinstance(text, str) for text in texts)
-        and isinstance(figures, dict)
+        isinstance(figures, dict)
         and all(isinstance(entry, dict) for entry in figures.values())
         and isinstance(outputs, dict)
         and all(isinstance(digest, str) for digest in outputs.values())
