@@ -35,7 +35,7 @@ Points = NDArray[np.float64]
 Advance = Callable[[int], object]
 
 _TILTED = 1.0  # degrees of tilt that are worth a warning
-_COARSE = 2.0  # times the climb: clearance that is worth a warning
+_COARSE = 3.0  # times the climb: clearance that is worth a warning
 _KIB, _OF_POINT = 1024, 16  # bytes that a point has in most files: for the progress
 _OF_SCAN = 200  # bytes for each point of a cloud whose beams are followed
 
