@@ -36,6 +36,11 @@ class BitMap(Framed):
     resolution, origin
         As for `OccupancyGrid`.
 
+    Raises
+    ------
+    ParameterError
+        If the bytes do not fit the width, or the geometry is infinite or nan.
+
     Notes
     -----
     Like all grids, a bit map is immutable: methods that change cells return a new one.
@@ -114,12 +119,24 @@ class BitMap(Framed):
         return (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
 
     def get(self, cells_rowcol: ArrayLike) -> NDArray[np.bool_]:
-        """Return the bits of cells (row, column) of the grid, shape (N, 2), as bool, shape (N,)."""
+        """Return the bits of cells (row, column) of the grid, shape (N, 2), as bool, shape (N,).
+
+        Raises
+        ------
+        ParameterError
+            If a cell lies outside the grid.
+        """
         rows, cols = self._checked(cells_rowcol)
         return np.asarray((self.packed[rows, cols >> 3] << (cols & 7) & 0x80) != 0)
 
     def set(self, cells_rowcol: ArrayLike, value: bool = True) -> BitMap:
-        """Return a bit map with cells (row, column) of the grid, shape (N, 2), set to a value."""
+        """Return a bit map with cells (row, column) of the grid, shape (N, 2), set to a value.
+
+        Raises
+        ------
+        ParameterError
+            If a cell lies outside the grid.
+        """
         rows, cols = self._checked(cells_rowcol)
         mask = self.to_mask()
         mask[rows, cols] = value

@@ -38,6 +38,11 @@ class Costmap(ValueGrid):
     circumscribed_cost : int, optional
         Cost at the robot's circumscribed radius, if its shape is known. At or above this cost, a
         collision depends on the heading.
+
+    Raises
+    ------
+    ParameterError
+        If the costs do not fit the scale.
     """
 
     kind = "costmap"
@@ -149,6 +154,11 @@ class Costmap(ValueGrid):
         inscribed_value : int, optional
             ``inscribed_obstacle_cost_value`` of Nav2 lyrical and newer: value that becomes 253;
             None for older releases and ROS 1, which lack this rule.
+
+        Raises
+        ------
+        ParameterError
+            If a threshold or value is out of range.
 
         Examples
         --------

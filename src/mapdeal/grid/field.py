@@ -167,11 +167,20 @@ class DistanceField(FieldGrid):
         points_xy : array_like of float, shape (N, 2)
             Points in the map frame, or a single point, metres.
 
+        Raises
+        ------
+        ParameterError
+            If `points_xy` has another shape.
+
         Notes
         -----
         Interpolation is bilinear, as in ``evaluateEDTWithGrad`` of Fast-Planner, and constant from
         the outermost centres to the border. The gradient is that of the interpolant; it jumps at
         lines of cell centres. Distances are clipped and scaled as the field is.
+
+        References
+        ----------
+        ``evaluateEDTWithGrad`` in ``edt_environment.cpp`` of Fast-Planner.
 
         Examples
         --------
@@ -250,6 +259,11 @@ class ViewScale:
     farthest, deepest : float
         Extremes for the per-map view: the largest distance outside obstacles, times the field's
         strength, and the largest distance inside obstacles, metres.
+
+    Raises
+    ------
+    ParameterError
+        If the view is unknown, or a length is invalid.
     """
 
     view: View = "metric"
@@ -367,6 +381,11 @@ class PotentialField(FieldGrid):
         The robot whose ways these are, in words.
     cost_travel_multiplier : float
         Weight of costs against length in `cost_to_go`.
+
+    Raises
+    ------
+    ParameterError
+        If a value is negative or too large, or an occupancy is outside -1..100.
     """
 
     kind = "potential field"

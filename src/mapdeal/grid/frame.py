@@ -201,6 +201,11 @@ class Frame:
 
         As costmap_2d's ``worldToMapNoBounds``, which truncates towards zero instead of down.
 
+        References
+        ----------
+        costmap_2d's ``worldToMapNoBounds``, but with floor: costmap_2d truncates towards zero and
+        assigns points just below the lower edges to row or column 0.
+
         Examples
         --------
         >>> frame = Frame(2, 3, 0.1, (-0.2, 0.2, 0.0))
@@ -217,6 +222,11 @@ class Frame:
         """Convert points to cells; points outside the grid go to the nearest border cell.
 
         As costmap_2d's ``worldToMapEnforceBounds``; Nav2's goes one cell beyond on an upper edge.
+
+        References
+        ----------
+        costmap_2d's ``worldToMapEnforceBounds``. Nav2's version returns a cell beyond the last
+        one for a point exactly on an upper edge; this method does not.
         """
         last = np.array([self.height - 1, self.width - 1])
         return np.clip(self.unbounded_rowcol_from_xy(points_xy), 0, last)
@@ -227,6 +237,10 @@ class Frame:
         """Convert points to cells, (-1, -1) outside, and return which are inside, bool (N,).
 
         As costmap_2d's ``worldToMap``, whose return value is the second array.
+
+        References
+        ----------
+        costmap_2d's ``worldToMap``, whose return value is the second array.
         """
         places, inside, tolerance = self._bounded(points_xy)
         return np.where(inside[:, np.newaxis], cells_at(places, tolerance), -1), inside
@@ -592,6 +606,11 @@ class Framed(Drawn, ABC):
         """Left, right, bottom and top, metres: what ``plt.imshow(grid, extent=...)`` takes.
 
         A rotated grid has none, which raises `ParameterError`; `plot` draws it.
+
+        Raises
+        ------
+        ParameterError
+            If the grid is rotated: `plot` draws it, `straighten` turns it back.
         """
         if self.frame.origin[2] != 0:
             rule = "has no meaning for a rotated grid"
@@ -614,6 +633,11 @@ class Framed(Drawn, ABC):
         -------
         matplotlib.axes.Axes
             The axes drawn on.
+
+        Raises
+        ------
+        ParameterError
+            If matplotlib is not installed.
         """
         axes = _library("matplotlib.pyplot").gca() if ax is None else ax
         height, width = (count * self.frame.resolution for count in self.frame.shape)
@@ -640,6 +664,11 @@ class Framed(Drawn, ABC):
             Dimensions ``y`` and ``x`` with coordinates in metres; of a rotated grid ``row`` and
             ``col``, with coordinates ``x`` and ``y`` of shape (H, W). Its attributes are
             ``resolution``, ``origin`` and ``units`` of the coordinates.
+
+        Raises
+        ------
+        ParameterError
+            If xarray is not installed.
         """
         height, width = self.frame.shape
         rows, cols = np.arange(height), np.arange(width)
@@ -726,6 +755,11 @@ class ValueGrid(Framed):
         ----------
         points_xy : array_like of float, shape (N, 2)
             Points in the map frame, or a single point, metres.
+
+        Raises
+        ------
+        ParameterError
+            If `points_xy` has another shape.
 
         Examples
         --------

@@ -189,6 +189,11 @@ class Circle:
     source : str
         File and place that the shape was read from, for messages.
 
+    Raises
+    ------
+    ParameterError
+        If a number is not finite, or the radius is negative.
+
     Notes
     -----
     The circle covers every cell whose centre lies within the radius, as in `mapdeal.inflate`, and

@@ -480,6 +480,11 @@ def local_map(
     ParameterError
         If a number is not allowed, or heights are limited but the points have no z.
 
+    Notes
+    -----
+    Each point belongs to the cell that contains it. Coordinates are not truncated toward zero, so
+    points just outside the window do not end up in its first cells.
+
     Examples
     --------
     >>> grid = local_map([[0.3, 0.1, 0.5]], (-1.0, 2.0, math.pi / 2), size=(1, 1), resolution=0.5)
@@ -531,7 +536,13 @@ class LocalMapper:
         return self._pose
 
     def add(self, points: ArrayLike) -> None:
-        """Add points, shape (N, 2) or (N, 3 or more), metres; limits of height need z."""
+        """Add points, shape (N, 2) or (N, 3 or more), metres; limits of height need z.
+
+        Raises
+        ------
+        ParameterError
+            If the points have another shape, or no z although heights are limited.
+        """
         self._cloud.add(points)
 
     def result(self) -> LocalMap:
@@ -621,7 +632,14 @@ class RollingMapper:
         return frames.Region(row, col, top - row, right - col)
 
     def add(self, points: ArrayLike) -> None:
-        """Add the next cloud, shape (N, 2) or (N, 3 or more), metres, if it has a pose."""
+        """Add the next cloud, shape (N, 2) or (N, 3 or more), metres, if it has a pose.
+
+        Raises
+        ------
+        ParameterError
+            If the cloud has no pose, or the points have another shape or no z although heights
+            are limited; nothing is added then.
+        """
         self.add_in_parts([points])
 
     def add_in_parts(self, parts: Iterable[ArrayLike]) -> None:
@@ -644,7 +662,13 @@ class RollingMapper:
         self._newest, self.turn = None, turn + 1
 
     def result(self) -> LocalMap:
-        """Return the local map at the cloud that was added last, unless that was skipped."""
+        """Return the local map at the cloud that was added last, unless that was skipped.
+
+        Raises
+        ------
+        ParameterError
+            If no cloud has been added, or the last one was skipped.
+        """
         if self._newest is None:
             raise ParameterError("no cloud has been added", place="result")
         newest, turn = self._newest, self.turn - 1

@@ -65,6 +65,10 @@ def read_route_graph(path: Path | str) -> RouteGraph:
         If the file cannot be read.
     MalformedInputError
         If the file is malformed or the server refuses it, as where the end of an edge is missing.
+
+    Notes
+    -----
+    Of several nodes with one id the last one counts, as for the server's edges.
     """
     path = Path(path)
     found = read_graph_file(path)

@@ -133,6 +133,12 @@ def clean(
     Cleaned
         Cleaned map and counts of the changes.
 
+    Raises
+    ------
+    ParameterError
+        If `grid` is not a map of free, occupied and unknown cells, or a number of cells is
+        negative or not an integer.
+
     Warns
     -----
     MapdealWarning

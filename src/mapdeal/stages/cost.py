@@ -120,6 +120,10 @@ def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
     outside the mask, or where it is unknown, keep their cost. Elsewhere the larger of the two costs
     is used; an unknown cost is always replaced by the mask's.
 
+    References
+    ----------
+    Nav2's ``KeepoutFilter`` with base 0 and multiplier 1, but with the mask's yaw applied.
+
     Examples
     --------
     >>> costmap = Costmap([[0, 200, 254, 255]], 0.5, (1.0, 2.0, 0.0))

@@ -130,6 +130,11 @@ def rotate(grid: V, yaw: float = 0.0, *, rule: ResamplingRule = "area") -> V:
         quarter turns, which copy every cell. Angles within 2e-5 rad of a quarter turn, such as
         1.5708, count as one.
 
+    Raises
+    ------
+    ParameterError
+        If the angle is not finite, the rule is unknown, or the result would have too many cells.
+
     Notes
     -----
     With ``area``, a cell gets the largest value above 0 that it overlaps, or else the free or
@@ -171,6 +176,11 @@ def straighten(grid: V, *, rule: ResamplingRule = "area") -> V:
         Grid to rotate, by the result of `yaw_to_straighten`.
     rule : {'area', 'nearest'}
         As in `rotate`.
+
+    Returns
+    -------
+    OccupancyGrid or Costmap
+        Grid rotated by the result of `yaw_to_straighten`.
 
     Warns
     -----
@@ -316,6 +326,12 @@ def rescale(
         Grid of the same kind, origin and yaw. Its cells cover all of `grid`; cells that extend
         beyond it are unknown unless they overlap an obstacle or have their centre in `grid`. If
         an old cell is a whole number of new ones, these are copies of it.
+
+    Raises
+    ------
+    ParameterError
+        If the resolution is not allowed, the rule is unknown, or the result would have too many
+        cells.
 
     Examples
     --------

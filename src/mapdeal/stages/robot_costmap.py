@@ -341,6 +341,10 @@ def ring_cost(
     MapdealWarning
         If the field has a strength other than 1: rings count cells.
 
+    References
+    ----------
+    ``Set_Cost_Map`` of the ROS package robot_costmap.
+
     Examples
     --------
     >>> from mapdeal.grid.occupancy import OccupancyGrid

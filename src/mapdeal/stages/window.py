@@ -305,6 +305,11 @@ def shift_origin(
     default : int, optional
         Value of new cells, on the grid's scale; unknown if not given.
 
+    Raises
+    ------
+    ParameterError
+        If a coordinate is infinite or nan, or `default` is off the scale.
+
     Warns
     -----
     MapdealWarning
