@@ -136,7 +136,7 @@ ROWS = [
     ("query m.yaml --at 1.6 -1.9", "X,Y, without a space"),
     (f"{POSES} --at 1,2", "--at: must be three numbers X,Y,YAW, got '1,2'"),
     (POSES, "--at, --poses: one of the two is required"),
-    (f"{POSES} --points p.csv", "--points: has no yaws; poses of a footprint are given by --poses"),
+    (f"{POSES} --points p.csv", "--points: is for points; poses of a footprint are given by --p"),
     (f"{POSES} --at 1,2,3 --convention border", "--convention: applies to distances"),
     (f"{POSES} --at 1,2,3 --robot-radius 1", "cannot be given together with --robot-radius"),
     (f"{POSES} --at 1,2,3 --rule inside", "--rule: must be one of outline, full"),
