@@ -202,8 +202,8 @@ def _warn(cloud_map: CloudMap, options: CloudOptions, named: Path) -> None:
         text = "nothing stands on the floor: the map has no obstacles"
         texts.append(f"{text}; if walls were cut off, --floor Z states the floor")
     if cloud_map.clearance > _COARSE * options.climb:
-        text = f"{named}: heights are coarse or noisy: obstacles and drops of less than "
-        emit_warning(f"{text}{cloud_map.clearance:.2f} m look like floor")
+        text = "heights are coarse or noisy: obstacles and drops of less than"
+        texts.append(f"{text} {cloud_map.clearance:.2f} m look like floor")
     if cloud_map.beyond:
         texts.append(f"{cloud_map.beyond} points are too far from the others, and are ignored")
     for text in texts:
