@@ -100,9 +100,11 @@ def test_beside_a_bar_there_is_no_line(screen):
     with screen.shows("run"):
         screen.wait_for(b"run, ")
         with terminal.blocks_done(4) as advance:
+            advance(1)
+            screen.wait_for(b"25%")  # what was written before the bar has arrived by then
             begun = len(screen.shown)
-            advance(2)
             time.sleep(0.05)
+            advance(1)
             screen.wait_for(b"50%")
             assert b"run, " not in screen.shown[begun:]
 
