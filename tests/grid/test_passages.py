@@ -18,7 +18,7 @@ RESOLUTION, ORIGIN = 0.07, (3.0, -2.0, 0.4)
 
 
 def clearances_of(grid):
-    return reaching.Ground(grid.occupancy, grid.frame, through_unknown=False).ways()
+    return reaching.Ground(grid.occupancy, grid.frame, through_unknown=False).passage_tree()
 
 
 def open_cells(clearances, radius):
@@ -351,7 +351,7 @@ def test_passages_are_those_of_the_definition(drawn, radius, margin, min_cells, 
     assume(is_traversable.any())
     start = data.draw(st.sampled_from(cells_in(is_traversable)))
     frame = Frame(*squared.shape, 1.0)
-    clearances = reaching.Ways(clearance_tree(squared, is_traversable), squared, frame)
+    clearances = reaching.PassageTree(clearance_tree(squared, is_traversable), squared, frame)
     is_open = is_traversable & (np.sqrt(squared) > radius)
     limits = {"radius": radius, "margin": margin}
     doors = passages(clearances, is_open, start, min_area=float(min_cells), **limits)

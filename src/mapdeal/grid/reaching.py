@@ -81,13 +81,13 @@ def nearest_marked(marked: NDArray[np.bool_], cell: Cell) -> Cell | None:
 
 
 @dataclass(frozen=True, eq=False)
-class Ways:
-    """The widths of the ways between the cells of a map: its clearance tree, in metres."""
+class PassageTree:
+    """The clearance tree of a map on its frame: passages in metres, areas as masks of cells."""
 
     tree: ClearanceTree
     squared: SquaredDistances
     frame: Frame
-    _gaps: dict[int, tuple[Point, Point]] = field(default_factory=dict, init=False, repr=False)
+    _gap_ends: dict[int, tuple[Point, Point]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def cell_area(self) -> float:
@@ -101,37 +101,37 @@ class Ways:
             inside = inside[inside >= 0]  # a robot may stand beside its centre, in an obstacle
             if not len(inside):
                 return
-            first = int(inside.min())  # basins are numbered by rows: a few are near together
-            found = np.bincount(inside - first)
+            first = int(inside.min())  # numbered by rows: those of a few rows are close
+            in_basins = np.bincount(inside - first)
             with lock:
-                counts[first : first + len(found)] += found
+                counts[first : first + len(in_basins)] += in_basins
 
         for_rows(add, mask.shape)
         return counts
 
-    def least_count(self, area: float) -> float:
-        """Return how many cells make an area in square metres, exact multiples exactly."""
+    def min_count(self, area: float) -> float:
+        """Return the cells in an area in square metres, slightly less to allow for rounding."""
         return area / self.cell_area * (1 - CELL_TOLERANCE)
 
     def gap(self, saddle: int) -> tuple[Point, Point]:
-        """Return the ends of the gap that a cell, by its flat index, lies in; computed once."""
-        if saddle not in self._gaps:
+        """Return the ends of the gap around a cell, given by its flat index; computed once."""
+        if saddle not in self._gap_ends:
             row, col = divmod(saddle, self.frame.width)
             ends = components.gap_at(self.squared, self.tree.basins, (row, col))
             first, second = self.frame.xy_from_rowcol(ends).tolist()
-            self._gaps[saddle] = (first[0], first[1]), (second[0], second[1])
-        return self._gaps[saddle]
+            self._gap_ends[saddle] = (first[0], first[1]), (second[0], second[1])
+        return self._gap_ends[saddle]
 
     def middle(self, saddle: int) -> Point:
         (x, y), (other_x, other_y) = self.gap(saddle)
         return (x + other_x) / 2, (y + other_y) / 2
 
     def is_open(self, closed_up_to: int) -> NDArray[np.bool_]:
-        """Return the cells that ways may use above a square, shape (H, W)."""
+        """Return the cells of all basins whose square is above a limit, shape (H, W)."""
         return self.cells_of(np.ones(len(self.tree.peaks), dtype=np.bool_), closed_up_to)
 
     def in_largest_area(self, closed_up_to: int) -> NDArray[np.bool_] | None:
-        """Return the cells of the largest area above a square, shape (H, W), if there is one."""
+        """Return the cells of the largest area with squares above a limit, if there is one."""
         # Areas are connected by the four straight neighbours. Of areas of equal size, the one whose
         # first basin comes first is returned.
         tree = self.tree
@@ -144,20 +144,20 @@ class Ways:
         return self.cells_of(labels == largest, closed_up_to)
 
     def cells_of(self, is_chosen: NDArray[np.bool_], closed_up_to: int) -> NDArray[np.bool_]:
-        """Return the cells above a square that are in some of the basins, shape (H, W)."""
-        by_basin = np.append(is_chosen, False)  # -1 is the last one
-        found = np.empty(self.squared.shape, dtype=np.bool_)
+        """Return the cells of the chosen basins whose square is above a limit, shape (H, W)."""
+        by_basin = np.append(is_chosen, False)  # cells without a basin have -1, the last entry
+        cells = np.empty(self.squared.shape, dtype=np.bool_)
 
         def fill(rows: slice) -> None:
-            np.greater(self.squared[rows], closed_up_to, out=found[rows])
-            found[rows] &= by_basin[self.tree.basins[rows]]
+            np.greater(self.squared[rows], closed_up_to, out=cells[rows])
+            cells[rows] &= by_basin[self.tree.basins[rows]]
 
-        for_rows(fill, found.shape)
-        return found
+        for_rows(fill, cells.shape)
+        return cells
 
-    def begun_at(self, start: Cell) -> WaysFrom:
+    def rooted_at(self, start: Cell) -> RootedPassageTree:
         basin = int(self.tree.basins[start])
-        return WaysFrom(self, start, None if basin < 0 else paths.rooted(self.tree, basin))
+        return RootedPassageTree(self, start, None if basin < 0 else paths.rooted(self.tree, basin))
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +177,7 @@ class Ground:
 
     @property
     def blocked(self) -> NDArray[np.bool_]:
-        """Mask of cells that no way leads through, computed on each access."""
+        """Mask of cells that the robot's centre must not enter, computed on each access."""
         blocked = self.untouchable
         if self.keepout is not None:
             blocked |= self.keepout
@@ -195,32 +195,36 @@ class Ground:
             for_rows(close_unknown, blocked.shape)
         return blocked
 
-    def ways(self) -> Ways:
+    def passage_tree(self) -> PassageTree:
         squared = squares_to(self.obstacles)
         traversable = self.blocked
         np.logical_not(traversable, out=traversable)
-        return Ways(paths.clearance_tree(squared, traversable), squared, self.frame)
+        return PassageTree(paths.clearance_tree(squared, traversable), squared, self.frame)
 
 
 @dataclass(frozen=True, eq=False)
-class WaysFrom:
-    ways: Ways
+class RootedPassageTree:
+    """A passage tree seen from a start, as a robot reaches the cells from there."""
+
+    passage_tree: PassageTree
     start: Cell
     rooted: RootedTree | None
 
     def reachable(self, closed_up_to: int) -> NDArray[np.uint8]:
-        """Return 1 for cells that a way staying above a square leads to, else 0, shape (H, W)."""
-        squared = self.ways.squared
+        """Return 1 for cells with a path whose squares are above a limit, else 0, shape (H, W)."""
+        squared = self.passage_tree.squared
         if self.rooted is None or squared[self.start] <= closed_up_to:
             return np.zeros(squared.shape, dtype=np.uint8)
         is_reached = self.rooted.bottlenecks > closed_up_to
-        return self.ways.cells_of(is_reached, closed_up_to).view(np.uint8)
+        return self.passage_tree.cells_of(is_reached, closed_up_to).view(np.uint8)
 
     def widest(self) -> NDArray[np.float32]:
-        """Return the least clearance on the widest way to each cell, metres, 0 if there is none."""
-        tree, squared, resolution = self.ways.tree, self.ways.squared, self.ways.frame.resolution
+        """Return the least clearance on the widest path to each cell, metres, 0 without a path."""
+        # The result overwrites the basins.
+        squared = self.passage_tree.squared
         if self.rooted is None:
             return np.zeros(squared.shape, dtype=np.float32)
+        tree, resolution = self.passage_tree.tree, self.passage_tree.frame.resolution
         return paths.widest_metres(
             tree, self.rooted, squared, self.start, resolution, in_place=True
         )
@@ -229,15 +233,22 @@ class WaysFrom:
 def squares_to(marked: NDArray[np.bool_]) -> SquaredDistances:
     """Return the squared distance of each cell to the nearest cell that is marked or outside."""
     squared = squared_distance(marked)
-    up, right = (np.minimum(np.arange(1, n + 1), np.arange(n, 0, -1), dtype=squared.dtype) ** 2
-                 for n in squared.shape)  # fmt: skip
+    row_squares, col_squares = (
+        _squares_to_border(length).astype(squared.dtype) for length in squared.shape
+    )
 
     def lower(rows: slice) -> None:
-        np.minimum(squared[rows], right, out=squared[rows])
-        np.minimum(squared[rows], up[rows, np.newaxis], out=squared[rows])
+        np.minimum(squared[rows], col_squares, out=squared[rows])
+        np.minimum(squared[rows], row_squares[rows, np.newaxis], out=squared[rows])
 
     for_rows(lower, squared.shape)
     return squared
+
+
+def _squares_to_border(length: int) -> NDArray[np.int64]:
+    """Return the squared distance of each row (or column) to the nearest one outside."""
+    steps = np.arange(1, length + 1, dtype=np.int64)
+    return np.minimum(steps, steps[::-1]) ** 2
 
 
 def largest_closed_square(radius: float, frame: Frame) -> int:
@@ -249,90 +260,111 @@ def largest_closed_square(radius: float, frame: Frame) -> int:
 DEFAULT_HEADINGS = 72
 
 
+class _Level(NamedTuple):
+    """A range of squared clearances: above `lower`, up to `upper`."""
+
+    upper: int
+    lower: int
+
+
 def passages(
-    clearances: Ways, is_open: NDArray[np.bool_], start: Cell, *, radius: float, margin: float,
-    min_area: float, circumscribed_radius: float | None = None,
+    passage_tree: PassageTree, is_open: NDArray[np.bool_], start: Cell, *,
+    radius: float, margin: float, min_area: float, circumscribed_radius: float | None = None,
     is_reached: NDArray[np.bool_] | None = None,
 ) -> tuple[Passage, ...]:  # fmt: skip
     """Return the passages that stop a robot, or a robot larger by a margin, and cut off an area."""
-    tree = clearances.tree
+    tree = passage_tree.tree
     root = int(tree.basins[start])
     if root < 0 or not len(tree.squares):
         return ()
-    closed, tight = (largest_closed_square(r, clearances.frame) for r in (radius, radius + margin))
-    levels = [(closed, -1), (tight, closed)]
+    closed = largest_closed_square(radius, passage_tree.frame)
+    tight = largest_closed_square(radius + margin, passage_tree.frame)
+    levels = [_Level(closed, -1), _Level(tight, closed)]
     if is_reached is not None and circumscribed_radius is not None:
-        levels.append((largest_closed_square(circumscribed_radius, clearances.frame), tight))
-    counts, least = clearances.counts(is_open), clearances.least_count(min_area)
-    rising = [(wide, narrow) for wide, narrow in levels if wide > narrow]
-    meetings = [_meetings(tree, counts, root, wide, narrow, least) for wide, narrow in rising]
-    edges = np.concatenate(meetings)
+        circumscribed = largest_closed_square(circumscribed_radius, passage_tree.frame)
+        levels.append(_Level(circumscribed, tight))
+    levels = [level for level in levels if level.upper > level.lower]
+    counts, min_count = passage_tree.counts(is_open), passage_tree.min_count(min_area)
+    edges_of_levels = [_meetings(tree, counts, root, level, min_count) for level in levels]
+    edges = np.concatenate(edges_of_levels)
     if not len(edges):
         return ()
     values = counts[:, np.newaxis]
     if is_reached is not None:
-        values = np.column_stack([counts, clearances.counts(is_reached)])
-    behind, near, far = _behind(tree, edges, root, values)
+        values = np.column_stack([counts, passage_tree.counts(is_reached)])
+    sides = _sides_of(tree, edges, root, values)
+    open_beyond = sides.beyond[:, 0]
     is_passed = tree.squares[edges] > closed
-    is_kept = behind[:, 0] > 0  # nan: there is no way
+    is_kept = open_beyond > 0  # nan if the root is not connected to the edge
     if is_reached is not None:
-        is_passed = behind[:, 1] >= np.minimum(least, behind[:, 0] / 2)
-        # A passage behind a closed one stops the robot for sure only if its inscribed circle does.
+        is_passed = sides.beyond[:, 1] >= np.minimum(min_count, open_beyond / 2)
+        # Behind a closed passage, a further passage certainly stops the robot only if it is too
+        # narrow for the inscribed circle.
         limits = np.where(is_passed, tight, closed)
-        is_kept &= (tree.squares[edges] <= limits) | (~is_passed & (near[:, 1] > 0))
-    cells = [(int(tree.cells[edges[which]]), which) for which in np.flatnonzero(is_kept).tolist()]
+        is_kept &= (tree.squares[edges] <= limits) | (~is_passed & (sides.before[:, 1] > 0))
+    doors = [(int(tree.cells[edges[index]]), index) for index in np.flatnonzero(is_kept).tolist()]
     stops = is_kept & ~is_passed
     begin = 0
-    for level in meetings:
-        of_level = slice(begin, begin := begin + len(level))
-        if stops[of_level].any():
-            doors = _other_doors(clearances, level, far[of_level], behind[of_level, 0])
-            cells += [(cell, of_level.start + i) for cell, i in doors if stops[of_level][i]]
+    for level_edges in edges_of_levels:
+        level = slice(begin, begin := begin + len(level_edges))
+        if stops[level].any():
+            basins_beyond = sides.basins_beyond[level]
+            further = _further_doors(passage_tree, level_edges, basins_beyond, open_beyond[level])
+            doors += [(cell, level.start + i) for cell, i in further if stops[level][i]]
     found = []
-    for cell, which in cells:
-        width = width_of(int(clearances.squared.flat[cell]), clearances.frame.resolution)
-        area, passes = float(behind[which, 0]) * clearances.cell_area, bool(is_passed[which])
-        found.append(Passage(*clearances.middle(cell), width, area, passes, clearances.gap(cell)))
-    return tuple(sorted(found, key=_order))
+    for cell, index in doors:
+        width = width_of(int(passage_tree.squared.flat[cell]), passage_tree.frame.resolution)
+        area = float(open_beyond[index]) * passage_tree.cell_area
+        x, y = passage_tree.middle(cell)
+        found.append(Passage(x, y, width, area, bool(is_passed[index]), passage_tree.gap(cell)))
+    return tuple(sorted(found, key=_passage_order))
 
 
-def _order(passage: Passage) -> tuple[object, ...]:
+def _passage_order(passage: Passage) -> tuple[object, ...]:
     return passage.width, -passage.cut_off, passage.ends
 
 
 def disconnected(grid: OccupancyGrid, radius: float, min_area: float) -> list[Passage]:
-    # If no way at all connects some parts of the map, each part is seen from its own largest area.
-    ways = Ground(grid.occupancy, grid.frame, through_unknown=False).ways()
-    is_open = ways.is_open(largest_closed_square(radius, grid.frame))
-    counts, basins = _regions(ways, is_open, radius)
-    parts, _ = joined(len(counts), ways.tree.firsts, ways.tree.seconds)
-    _, first, which = np.unique(parts[basins], return_index=True, return_inverse=True)
+    # Where no path at all connects two components of the map, passages are those seen from the
+    # largest area of each.
+    ground = Ground(grid.occupancy, grid.frame, through_unknown=False)
+    passage_tree = ground.passage_tree()
+    tree = passage_tree.tree
+    is_open = passage_tree.is_open(largest_closed_square(radius, grid.frame))
+    counts, basins = _regions(passage_tree, is_open, radius)
+    components_of_basins, _ = joined(len(counts), tree.firsts, tree.seconds)
+    _, first, component = np.unique(
+        components_of_basins[basins], return_index=True, return_inverse=True
+    )
     largest = counts[basins[first]]
-    remaining = np.bincount(which, counts[basins], minlength=len(first)) - largest
-    is_parted = np.minimum(largest, remaining) >= ways.least_count(min_area)
+    remaining = np.bincount(component, counts[basins], minlength=len(first)) - largest
+    is_divided = np.minimum(largest, remaining) >= passage_tree.min_count(min_area)
     found: list[Passage] = []
-    for basin in basins[first[is_parted]].tolist():
-        start = divmod(int(ways.tree.peak_cells[basin]), grid.frame.width)
-        found += passages(ways, is_open, start, radius=radius, margin=0.0, min_area=min_area)
-    return sorted(found, key=_order)
+    for basin in basins[first[is_divided]].tolist():
+        start = divmod(int(tree.peak_cells[basin]), grid.frame.width)
+        found += passages(
+            passage_tree, is_open, start, radius=radius, margin=0.0, min_area=min_area
+        )
+    return sorted(found, key=_passage_order)
 
 
-def bottleneck_on_way(from_start: WaysFrom, goal: Cell) -> Bottleneck | None:
-    ways, start, rooted = from_start.ways, from_start.start, from_start.rooted
-    tree, squared = ways.tree, ways.squared
+def bottleneck_on_way(from_start: RootedPassageTree, goal: Cell) -> Bottleneck | None:
+    passage_tree, rooted = from_start.passage_tree, from_start.rooted
+    tree, squared = passage_tree.tree, passage_tree.squared
+    start = from_start.start
     basin = int(tree.basins[goal])
     if rooted is None or basin < 0 or rooted.bottlenecks[basin] < 0:
         return None
     at_start = int(squared[start])
     square = min(at_start, int(squared[goal]), int(rooted.bottlenecks[basin]))
-    width = width_of(square, ways.frame.resolution)
+    width = width_of(square, passage_tree.frame.resolution)
     edge = _first_edge(tree, rooted, basin, square)
     if edge is not None:
-        x, y = ways.middle(int(tree.cells[edge]))
+        x, y = passage_tree.middle(int(tree.cells[edge]))
         return Bottleneck(x, y, width, "passage")
-    place = start if at_start == square else goal
-    x, y = ways.frame.xy_from_rowcol([place])[0].tolist()
-    return Bottleneck(x, y, width, "start" if at_start == square else "goal")
+    limits_at_start = at_start == square
+    x, y = passage_tree.frame.xy_from_rowcol([start if limits_at_start else goal])[0].tolist()
+    return Bottleneck(x, y, width, "start" if limits_at_start else "goal")
 
 
 def _first_edge(tree: ClearanceTree, rooted: RootedTree, basin: int, square: int) -> int | None:
@@ -345,74 +377,97 @@ def _first_edge(tree: ClearanceTree, rooted: RootedTree, basin: int, square: int
 
 
 def _meetings(
-    tree: ClearanceTree, counts: NDArray[np.float64], root: int, wide: int, narrow: int,
-    least: float,
-) -> NDArray[np.intp]:  # fmt: skip
-    """Return the edges at which large regions meet, of squares above `narrow` and up to `wide`."""
-    # A region is a set of basins connected by wider edges; that of the root may be small. If the
-    # robot is stopped, consecutive small regions count together as a large one.
-    first, end = (_first_not_above(tree.squares, limit) for limit in (wide, narrow))
+    tree: ClearanceTree, counts: NDArray[np.float64], root: int, level: _Level, min_count: float
+) -> NDArray[np.intp]:
+    """Return the edges, of squares within a level, at which large regions meet."""
+    # A region is a set of basins connected by wider edges; that of the root may be small.
+    begin = _first_not_above(tree.squares, level.upper)
+    end = _first_not_above(tree.squares, level.lower)
     count = len(counts)
-    labels, _ = joined(count, tree.firsts[:first], tree.seconds[:first])
-    sizes = np.bincount(labels, counts, minlength=count)
-    is_large = sizes >= least
-    is_large[labels[root]] = True
-    is_large &= tree.peaks > wide
-    ends = labels[np.array([tree.firsts[first:end], tree.seconds[first:end]])]
-    if narrow >= 0:
-        return first + joined(count, ends[0], ends[1], is_large)[1]
-    is_piece = is_large | ((sizes > 0) & (tree.peaks > wide))
-    pieces, between = joined(count, ends[0], ends[1], is_piece)
-    ends = pieces[ends[:, between]]
-    is_meeting = np.zeros(len(between), dtype=np.bool_)
+    regions, _ = joined(count, tree.firsts[:begin], tree.seconds[:begin])
+    sizes = np.bincount(regions, counts, minlength=count).astype(np.float64)
+    is_wide = tree.peaks > level.upper
+    is_large = sizes >= min_count
+    is_large[regions[root]] = True
+    is_large &= is_wide
+    ends = regions[np.array([tree.firsts[begin:end], tree.seconds[begin:end]])]
+    if level.lower >= 0:
+        return begin + joined(count, ends[0], ends[1], is_large)[1]
+    is_region = is_large | ((sizes > 0) & is_wide)
+    return begin + _closed_meetings(ends, sizes, is_region, is_large, min_count)
+
+
+def _closed_meetings(
+    ends: NDArray[np.intp], sizes: NDArray[np.float64], is_region: NDArray[np.bool_],
+    is_large: NDArray[np.bool_], min_count: float,
+) -> NDArray[np.intp]:  # fmt: skip
+    # Adjacent small regions beyond a closed passage are counted as one region.
+    count = len(sizes)
+    regions, edges = joined(count, ends[0], ends[1], is_region)
+    ends = regions[ends[:, edges]]
+    is_meeting = np.zeros(len(edges), dtype=np.bool_)
     is_meeting[joined(count, ends[0], ends[1], is_large)[1]] = True
     is_small = ~is_large[ends]
-    within = ends[:, is_small.all(axis=0) & ~is_meeting]
-    clusters, _ = joined(count, within[0], within[1])
-    in_clusters = np.bincount(clusters, np.where(is_large, 0, sizes), minlength=count)
-    hidden = np.where(is_small, in_clusters[clusters[ends]], 0).max(axis=0)
-    is_meeting |= (is_small.sum(axis=0) == 1) & (hidden >= least)
-    return first + between[is_meeting]
+    small_ends = ends[:, is_small.all(axis=0) & ~is_meeting]
+    clusters, _ = joined(count, small_ends[0], small_ends[1])
+    cluster_sizes = np.bincount(clusters, np.where(is_large, 0, sizes), minlength=count)
+    size_of_small = np.where(is_small, cluster_sizes[clusters[ends]], 0).max(axis=0)
+    is_meeting |= (is_small.sum(axis=0) == 1) & (size_of_small >= min_count)
+    return edges[is_meeting]
 
 
-def _behind(
+class _EdgeSides(NamedTuple):
+    """Both sides of each edge, as seen from a root."""
+
+    beyond: NDArray[np.float64]  # sums of values beyond it, shape (edges, values)
+    before: NDArray[np.float64]  # sums in the component just before it
+    basins_beyond: NDArray[np.intp]  # a basin of the component just beyond it, or -1
+
+
+def _sides_of(
     tree: ClearanceTree, edges: NDArray[np.intp], root: int, values: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.intp]]:
-    """Return the sum behind each of some edges, that right before it, and a basin behind it."""
-    labels = _parted(tree, edges)
+) -> _EdgeSides:
+    labels = _components_without(tree, edges)
     ends = labels[np.array([tree.firsts[edges], tree.seconds[edges], np.full(len(edges), root)])]
     used, ends = np.unique(ends, return_inverse=True)
-    ends = ends.reshape(3, -1)
+    firsts, seconds, roots = ends.reshape(3, -1)
     columns = [np.bincount(labels, column, minlength=len(values)) for column in values.T]
     sums = np.column_stack(columns)[used]
-    behind, near, far = components.sums_behind(ends[0], ends[1], int(ends[2, 0]), sums)
-    return behind, sums[near], np.where(far < 0, -1, used[far])
+    beyond, near, far = components.sums_behind(firsts, seconds, int(roots[0]), sums)
+    return _EdgeSides(beyond, sums[near], np.where(far < 0, -1, used[far]))
 
 
-def _parted(tree: ClearanceTree, edges: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return for each basin a basin that stands for all that it is joined to without some edges."""
-    is_other = np.ones(len(tree.firsts), dtype=np.bool_)
-    is_other[edges] = False
-    return joined(len(tree.peaks), tree.firsts[is_other], tree.seconds[is_other])[0]
+def _components_without(tree: ClearanceTree, edges: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the component label of each basin after removing some edges."""
+    is_left = np.ones(len(tree.firsts), dtype=np.bool_)
+    is_left[edges] = False
+    return joined(len(tree.peaks), tree.firsts[is_left], tree.seconds[is_left])[0]
 
 
-def _other_doors(
-    ways: Ways, edges: NDArray[np.intp], far: NDArray[np.intp], behind: NDArray[np.float64]
-) -> Iterator[tuple[int, int]]:
-    """Yield the other doors between areas than the edges, the widest ones, that part them."""
-    # Each is the flat index of its narrowest cell, and which of the edges leads to the same area.
+def _further_doors(
+    passage_tree: PassageTree, edges: NDArray[np.intp], basins_beyond: NDArray[np.intp],
+    open_beyond: NDArray[np.float64],
+) -> Iterator[tuple[int, int]]:  # fmt: skip
+    """Yield further doors between the areas that the edges separate.
+
+    Each edge is the widest door between its two areas. Yields the flat index of the door's
+    narrowest cell, and the index of the edge to the same area.
+    """
     # Doors less than half as wide as that edge are skipped: walls seen by lasers are full of holes.
-    labels = _parted(ways.tree, edges)
-    labels_beyond = enumerate(np.where(far < 0, -1, labels[far]).tolist())
-    leading_to = {label: which for which, label in labels_beyond if label >= 0}
-    cells, squares = ways.tree.cells[edges].tolist(), ways.tree.squares[edges].tolist()
-    for cell, *ends in components.saddles_between(ways.squared, ways.tree.basins, labels).tolist():
-        found = [leading_to[label] for label in ends if label in leading_to]
-        if found and cell not in cells:
-            # of two that lead to the same cells, as nobody fits between them, the wider one
-            which = min(found, key=lambda which: (float(behind[which]), -squares[which]))
-            if 4 * ways.squared.flat[cell] >= squares[which]:
-                yield cell, which
+    tree = passage_tree.tree
+    areas = _components_without(tree, edges)
+    areas_beyond = np.where(basins_beyond < 0, -1, areas[basins_beyond]).tolist()
+    edge_to = {area: index for index, area in enumerate(areas_beyond) if area >= 0}
+    cells, squares = tree.cells[edges].tolist(), tree.squares[edges].tolist()
+    for cell, *ends in components.saddles_between(
+        passage_tree.squared, tree.basins, areas
+    ).tolist():
+        candidates = [edge_to[area] for area in ends if area in edge_to]
+        if candidates and cell not in cells:
+            # of two edges with equal areas beyond them, take the wider one
+            index = min(candidates, key=lambda i: (float(open_beyond[i]), -squares[i]))
+            if 4 * passage_tree.squared.flat[cell] >= squares[index]:
+                yield cell, index
 
 
 def _first_not_above(falling: NDArray[np.int64], limit: int) -> int:
@@ -420,14 +475,15 @@ def _first_not_above(falling: NDArray[np.int64], limit: int) -> int:
 
 
 def _regions(
-    ways: Ways, is_open: NDArray[np.bool_], radius: float
+    passage_tree: PassageTree, is_open: NDArray[np.bool_], radius: float
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    # A region's basin is the one with its widest place.
-    tree = ways.tree
-    end = _first_not_above(tree.squares, largest_closed_square(radius, ways.frame))
+    """Return the open cells in the region of each basin, and the widest basin of each region."""
+    # The regions with the most cells come first.
+    tree = passage_tree.tree
+    end = _first_not_above(tree.squares, largest_closed_square(radius, passage_tree.frame))
     labels, _ = joined(len(tree.peaks), tree.firsts[:end], tree.seconds[:end])
-    own = ways.counts(is_open)
-    counts: NDArray[np.float64] = np.bincount(labels, own, len(labels))[labels].astype(np.float64)
+    sizes = np.bincount(labels, passage_tree.counts(is_open), len(labels))
+    counts: NDArray[np.float64] = sizes[labels].astype(np.float64)
     order = np.lexsort((-tree.peaks, labels))
     widest = order[np.flatnonzero(np.diff(labels[order], prepend=-1))]
     widest = widest[counts[widest] > 0]
@@ -448,33 +504,35 @@ def reach_on(
     pose = None if start is None else tuple(start)
     if pose is not None and len(pose) == 3:
         warn_of_degrees(pose[2], "start")
-    first = None if pose is None else cell_of_point(ground.frame, (pose[0], pose[1]), "start")
+    start_cell = None if pose is None else cell_of_point(ground.frame, (pose[0], pose[1]), "start")
     names = ["goal" if goal.name is None else f"goal {goal.name}" for goal in goals]
     points = [check_point((goal.x, goal.y), name) for goal, name in zip(goals, names, strict=True)]
     cells = [(row, col) for row, col in ground.frame.unbounded_rowcol_from_xy(points).tolist()]
     inside = [cell for cell in cells if ground.frame.holds(cell)]
-    # robots with corners first: what both need at once would take twice the memory
-    stood = _stood(ground, robot, headings, first, pose, inside)
-    ways = ground.ways() if stood.ways is None else stood.ways
-    from_start = ways.begun_at(stood.first)
-    is_open = stood.headings > 0
-    counts = dict(zip(inside, stood.goal_headings.sum(axis=1).tolist(), strict=True))
+    # Compute the poses before the clearance tree: holding both at once would double the memory.
+    poses = _standing_poses(ground, robot, headings, start_cell, pose, inside)
+    passage_tree = ground.passage_tree() if poses.passage_tree is None else poses.passage_tree
+    from_start = passage_tree.rooted_at(poses.start_cell)
+    is_open = poses.headings > 0
+    counts = dict(zip(inside, poses.goal_headings.sum(axis=1).tolist(), strict=True))
     answers = [_answer(goal, cell, counts.get(cell, 0), from_start, ground, robot, is_open)
                for goal, cell in zip(goals, cells, strict=True)]  # fmt: skip
     has_corners = robot is not None and bool(robot.vertices)
     found = passages(
-        ways, is_open, stood.first, radius=reach_radius(robot), margin=margin, min_area=min_area,
+        passage_tree, is_open, poses.start_cell,
+        radius=reach_radius(robot), margin=margin, min_area=min_area,
         circumscribed_radius=robot.circumscribed_radius if robot is not None else None,
-        is_reached=stood.reachable.view(np.bool_) if has_corners else None,
+        is_reached=poses.reachable.view(np.bool_) if has_corners else None,
     )  # fmt: skip
     del is_open
-    widest = from_start.widest()  # in the memory of the basins, which are of no more use
-    clearance = paths.clearance_metres(ways.squared, ground.frame.resolution, in_place=True)
+    resolution = ground.frame.resolution
+    widest = from_start.widest()  # overwrites the basins, which are no longer needed
+    clearance = paths.clearance_metres(passage_tree.squared, resolution, in_place=True)
     return Reach(
-        stood.reachable, stood.headings, clearance, widest, ground.occupancy,
-        ground.frame.resolution, ground.frame.origin, start=stood.start, robot=robot,
-        heading_count=headings, through_unknown=ground.through_unknown, goals=tuple(answers),
-        passages=found,
+        reachable=poses.reachable, headings=poses.headings, clearance=clearance, widest=widest,
+        occupancy=ground.occupancy, resolution=resolution, origin=ground.frame.origin,
+        start=poses.start, robot=robot, heading_count=headings,
+        through_unknown=ground.through_unknown, goals=tuple(answers), passages=found,
     )  # fmt: skip
 
 
@@ -492,94 +550,100 @@ def cells_open_to(ground: Ground, robot: Footprint | None, start: Cell) -> NDArr
 class _RoundPoses(paths.OpenPoses):
     """The poses of a round robot, which fits in all headings or none."""
 
-    def __init__(self, ways: Ways, closed_up_to: int, heading_count: int) -> None:
-        self._ways, self._closed_up_to = ways, closed_up_to
+    def __init__(self, passage_tree: PassageTree, closed_up_to: int, heading_count: int) -> None:
+        self._passage_tree = passage_tree
+        self._closed_up_to = closed_up_to
         self._heading_count = heading_count
-        self.headings = ways.is_open(closed_up_to).view(np.uint8)
+        self.headings = passage_tree.is_open(closed_up_to).view(np.uint8)
         self.headings *= np.uint8(heading_count)
 
     def at(self, row: int, col: int) -> Mask:
         return np.full(self._heading_count, self.headings[row, col] > 0)
 
     def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell]) -> tuple[Bytes, Mask]:
-        reachable = self._ways.begun_at(seeds[0][1:]).reachable(self._closed_up_to)
+        from_start = self._passage_tree.rooted_at(seeds[0][1:])
+        reachable = from_start.reachable(self._closed_up_to)
         is_reached = np.array([reachable[cell] > 0 for cell in cells], dtype=np.bool_)
         return reachable, np.repeat(is_reached[:, np.newaxis], self._heading_count, axis=1)
 
 
-class _Stood(NamedTuple):
-    """Where a robot can stand, and where it gets to from its start."""
+class _StandingPoses(NamedTuple):
+    """Poses open to the robot, and those reachable from its start."""
 
     headings: Bytes
     start: tuple[float, ...]
-    first: Cell
+    start_cell: Cell
     reachable: Bytes
     goal_headings: Mask
-    ways: Ways | None
+    passage_tree: PassageTree | None  # of a round robot, whose poses follow from it
 
 
-def _stood(
-    ground: Ground, robot: Footprint | None, heading_count: int, first: Cell | None,
-    start: tuple[float, ...] | None, cells: Sequence[Cell],
-) -> _Stood:  # fmt: skip
-    ways = None
+def _standing_poses(
+    ground: Ground, robot: Footprint | None, heading_count: int, start_cell: Cell | None,
+    start: tuple[float, ...] | None, goal_cells: Sequence[Cell],
+) -> _StandingPoses:  # fmt: skip
     closed_up_to = largest_closed_square(reach_radius(robot), ground.frame)
+    passage_tree = None
+    default_start = None
     poses: paths.OpenPoses
-    widest = None
     if robot is None or not robot.vertices:
-        ways = ground.ways()
+        passage_tree = ground.passage_tree()
         if start is None:
-            widest = _widest_place(ground, ways, closed_up_to)
-        poses = _RoundPoses(ways, closed_up_to, heading_count)
+            default_start = _default_start(ground, passage_tree, closed_up_to)
+        poses = _RoundPoses(passage_tree, closed_up_to, heading_count)
     else:
         if start is None:
-            widest = _widest_place(ground, ground.ways(), closed_up_to)
+            default_start = _default_start(ground, ground.passage_tree(), closed_up_to)
         footprints = footprint_spans(robot, ground.frame, heading_count)
         poses = paths.open_poses(ground.untouchable, footprints, ground.keepout)
     if not poses.headings.any():
         raise MalformedInputError(f"no cell is open to {robot_text(robot)}")
-    if first is None or start is None:
-        # the robot's corners may not fit there, and even its inscribed circle may fit nowhere
-        first = nearest_marked(poses.headings > 0, widest or (0, 0)) or (0, 0)
-        start = tuple(ground.frame.xy_from_rowcol([first])[0].round(_DECIMALS).tolist())
-    seeds = [(heading, *first) for heading in _headings_at(poses, first, start, ground, robot)]
-    return _Stood(poses.headings, start, first, *poses.reach(seeds, cells), ways)
+    if start_cell is None or start is None:
+        # The robot's corners may not fit at the default start, and its inscribed circle nowhere.
+        start_cell = nearest_marked(poses.headings > 0, default_start or (0, 0)) or (0, 0)
+        start = tuple(ground.frame.xy_from_rowcol([start_cell])[0].round(_DECIMALS).tolist())
+    start_headings = _headings_at(poses, start_cell, start, ground, robot)
+    seeds = [(heading, *start_cell) for heading in start_headings]
+    reachable, goal_headings = poses.reach(seeds, goal_cells)
+    return _StandingPoses(poses.headings, start, start_cell, reachable, goal_headings, passage_tree)
 
 
-def _widest_place(ground: Ground, ways: Ways, closed_up_to: int) -> Cell | None:
-    """Return where to start if nobody says: in the largest area, the place with the most room."""
-    # Unknown cells that are closed count here, too: a stray beam far from all obstacles is no room.
-    inside = ways.in_largest_area(closed_up_to)
+def _default_start(ground: Ground, passage_tree: PassageTree, closed_up_to: int) -> Cell | None:
+    """Return the default start: the cell with the most clearance in the largest open area."""
+    # Closed unknown cells limit the clearance, too: a stray beam into unknown space is not roomy.
+    inside = passage_tree.in_largest_area(closed_up_to)
     if inside is None:
         return None
-    room = squares_to(ground.blocked)
-    room[~inside] = -1
-    is_widest = room == room.max()
-    np.copyto(room, ways.squared, where=is_widest)  # of equal ones the one farthest from walls
-    room[~is_widest] = -1
-    row, col = divmod(int(np.argmax(room)), room.shape[1])
+    squared = squares_to(ground.blocked)
+    squared[~inside] = -1
+    is_widest = squared == squared.max()
+    # of several such cells, the one farthest from obstacles
+    np.copyto(squared, passage_tree.squared, where=is_widest)
+    squared[~is_widest] = -1
+    row, col = divmod(int(np.argmax(squared)), squared.shape[1])
     return row, col
 
 
 def _headings_at(
-    poses: paths.OpenPoses, first: Cell, start: Sequence[float], ground: Ground,
+    poses: paths.OpenPoses, cell: Cell, start: Sequence[float], ground: Ground,
     robot: Footprint | None,
 ) -> list[int]:  # fmt: skip
-    is_open = poses.at(*first)
-    turns = np.flatnonzero(is_open)
-    if not len(turns):
-        square = int(squares_to(ground.obstacles)[first])
-        rule = f"lies in a closed cell ({_closed_text(ground, first, square, robot)})"
-        hint = nearest_open_text(ground.frame, poses.headings > 0, first)
+    is_open = poses.at(*cell)
+    open_headings = np.flatnonzero(is_open)
+    if not len(open_headings):
+        square = int(squares_to(ground.obstacles)[cell])
+        rule = f"lies in a closed cell ({_closed_text(ground, cell, square, robot)})"
+        hint = nearest_open_text(ground.frame, poses.headings > 0, cell)
         raise ParameterError(rule, place="start", got=tuple(start[:2]), hint=hint)
     if len(start) == 2:
-        return list(map(int, turns))
+        return list(map(int, open_headings))
     count = len(is_open)
     heading = round(start[2] / _TURN * count) % count
     if not is_open[heading]:
-        away = np.abs((turns - heading + count // 2) % count - count // 2)
-        nearest = float(turns[np.argmin(away)]) * _TURN / count
-        rule = f"the robot cannot stand there in this heading, only in {len(turns)} of {count}"
+        away = np.abs((open_headings - heading + count // 2) % count - count // 2)
+        nearest = float(open_headings[np.argmin(away)]) * _TURN / count
+        rule = "the robot cannot stand there in this heading, "
+        rule += f"only in {len(open_headings)} of {count}"
         hint = f"the nearest open heading is {nearest:.4g}; without a yaw all that are open count"
         raise ParameterError(rule, place="start", got=tuple(start), hint=hint)
     return [heading]
@@ -605,13 +669,13 @@ def _closed_text(ground: Ground, cell: Cell, square: int, robot: Footprint | Non
 
 
 def _answer(
-    goal: Goal, cell: Cell, heading_count: int, from_start: WaysFrom, ground: Ground,
+    goal: Goal, cell: Cell, heading_count: int, from_start: RootedPassageTree, ground: Ground,
     robot: Footprint | None, is_open: NDArray[np.bool_],
 ) -> GoalReach:  # fmt: skip
     frame = ground.frame
     widest, limited_by, square = 0.0, None, 0
     if frame.holds(cell):
-        square = int(from_start.ways.squared[cell])
+        square = int(from_start.passage_tree.squared[cell])
         limited_by = bottleneck_on_way(from_start, cell)
         widest = 0.0 if limited_by is None else limited_by.width / 2
         if is_open[cell]:
