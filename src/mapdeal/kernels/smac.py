@@ -46,9 +46,9 @@ def grid_path(
     tolerance: float, most_iterations: int, most_near_goal: int,
 ) -> tuple[Integers, int]:  # fmt: skip
     """Return the cells of the path over the eight neighbours that Smac 2D finds, and iterations."""
-    # Without a path there are no cells. Of paths that do not reach the goal, the one that ends
-    # nearest serves if it ends closer than `tolerance` cells. `goal_xy` is the goal in cells,
-    # rounded to float32. With such a path known, the search goes on for `most_near_goal` more.
+    # If the goal is not reached, the path to the nearest cell is returned if that is closer than
+    # `tolerance` cells, else no cells. Once such a cell is known, at most `most_near_goal` more
+    # iterations follow. `goal_xy` is the goal in cells, rounded to float32.
     costs, width = np.ascontiguousarray(costs), costs.shape[1]
     moves = np.zeros(costs.size, np.uint8)
     search: Callable[..., tuple[int, int]] = _search_grid
@@ -60,7 +60,7 @@ def grid_path(
     cells = []
     while end >= 0:
         cells.append(end)
-        move = int(moves[end]) & _CAME_BY
+        move = int(moves[end]) & _CAME_BY  # 0 at the start, else the number of the step plus 1
         dx, dy = _GRID_STEPS[move - 1]
         end = end - dx - dy * width if move else -1
     return np.array(cells[::-1], np.int64), iterations
@@ -71,14 +71,19 @@ def _search_grid(
     tolerance: float, most_iterations: int, most_near_goal: int, moves: Bytes,
 ) -> tuple[int, int]:  # fmt: skip
     height, width = costs.shape
-    flat, tables = costs.tobytes(), step_costs.tolist()
+    cell_costs = costs.tobytes()
+    straight_costs, diagonal_costs = step_costs.tolist()
     single = array("f", [0.0])  # rounds numbers to float32
-    reached = {start: 0.0}
+    path_costs = {start: 0.0}
     open_list: list[_Entry] = []
 
     def rounded(value: float) -> float:
         single[0] = value
         return single[0]
+
+    def distance_to_goal(x: int, y: int) -> float:
+        dx, dy = rounded(goal_x - x), rounded(goal_y - y)
+        return rounded(math.sqrt(rounded(rounded(dx * dx) + rounded(dy * dy))))
 
     def push(key: float, cell: int) -> None:
         entry = _Entry(key)
@@ -86,8 +91,9 @@ def _search_grid(
         heappush(open_list, entry)
 
     push(0, start)
-    iterations = near_goal = 0
-    nearest, least = start, math.inf
+    iterations = 0
+    iterations_near_goal = 0
+    nearest, nearest_distance = start, math.inf
     while iterations < most_iterations and open_list:
         cell = heappop(open_list).cell
         if moves[cell] & _IS_VISITED:
@@ -96,30 +102,31 @@ def _search_grid(
         moves[cell] |= _IS_VISITED
         if cell == goal:
             return cell, iterations
-        near_goal += least < tolerance
-        if near_goal >= most_near_goal:
+        if nearest_distance < tolerance:
+            iterations_near_goal += 1
+        if iterations_near_goal >= most_near_goal:
             break
         for step, (dx, dy) in enumerate(_GRID_STEPS):
             x, y = cell % width + dx, cell // width + dy
-            beside = y * width + x
-            if not (0 <= x < width and 0 <= y < height) or moves[beside] & _IS_VISITED:
+            neighbour = y * width + x
+            if not (0 <= x < width and 0 <= y < height) or moves[neighbour] & _IS_VISITED:
                 continue
-            total = rounded(reached[cell] + tables[step >= 4][flat[beside]])
-            if not total < reached.get(beside, math.inf):
+            costs_of_step = diagonal_costs if dx and dy else straight_costs
+            path_cost = rounded(path_costs[cell] + costs_of_step[cell_costs[neighbour]])
+            if not path_cost < path_costs.get(neighbour, math.inf):
                 continue
-            reached[beside] = total
-            moves[beside] = step + 1
-            across, up = rounded(goal_x - x), rounded(goal_y - y)
-            distance = rounded(math.sqrt(rounded(rounded(across * across) + rounded(up * up))))
-            if distance < least:
-                nearest, least = beside, distance
-            push(rounded(total + distance), beside)
-    return (nearest if least < tolerance else -1), iterations
+            path_costs[neighbour] = path_cost
+            moves[neighbour] = step + 1
+            distance = distance_to_goal(x, y)
+            if distance < nearest_distance:
+                nearest, nearest_distance = neighbour, distance
+            push(rounded(path_cost + distance), neighbour)
+    return (nearest if nearest_distance < tolerance else -1), iterations
 
 
 def smooth_once(raw: Floats, path: Floats, data_weight: float, smooth_weight: float) -> float:
-    """Move the inner points of a path between its raw points and their neighbours, in place."""
-    # Return the sum of the moves.
+    """Move the inner points of a path, in place, and return the sum of the moves."""
+    # Each point is pulled to its raw point and to the middle of its neighbours.
     if engine_name() == "compiled":
         from mapdeal.kernels import _smac
 
@@ -135,7 +142,7 @@ def smooth_once(raw: Floats, path: Floats, data_weight: float, smooth_weight: fl
 
 
 def theta_costs(weight: float, *, allow_unknown: bool) -> tuple[Floats, Floats]:
-    """Return costs of single steps and of lines of sight by a cell's cost; closed: infinite."""
+    """Return costs of single steps and of lines of sight by cell cost; infinite if closed."""
     levels = 26 + 0.9 * np.arange(256)
     costs = np.stack([levels, levels])
     costs[1, 255] = 253
@@ -166,15 +173,22 @@ def theta_path(
 class _Node:
     """A cell that Theta* reached. Its key changes while it waits in the open list."""
 
-    __slots__ = ("cell", "distance", "estimate", "is_waiting", "parent", "reached")
+    __slots__ = ("cell", "heuristic", "is_waiting", "parent", "path_cost", "total_estimate")
     parent: _Node
 
-    def __init__(self, cell: int, distance: float) -> None:
-        self.cell, self.distance, self.is_waiting = cell, distance, False
-        self.reached = self.estimate = math.inf
+    def __init__(self, cell: int, heuristic: float) -> None:
+        self.cell = cell
+        self.heuristic = heuristic
+        self.is_waiting = False
+        self.path_cost = self.total_estimate = math.inf
 
     def __lt__(self, node: _Node) -> bool:
-        return self.estimate < node.estimate
+        return self.total_estimate < node.total_estimate
+
+    def come_from(self, parent: _Node, path_cost: float) -> None:
+        self.parent = parent
+        self.path_cost = path_cost
+        self.total_estimate = path_cost + self.heuristic
 
 
 def _search_theta(
@@ -182,7 +196,7 @@ def _search_theta(
     distance_weight: float, heuristic_weight: float, parents: Integers,
 ) -> int:  # fmt: skip
     height, width = costs.shape
-    flat = costs.tobytes()
+    cell_costs = costs.tobytes()
     steps, sights = step_costs.tolist(), sight_costs.tolist()
     nodes: dict[int, _Node] = {}
 
@@ -195,51 +209,52 @@ def _search_theta(
             nodes[cell] = _Node(cell, heuristic_weight * distance(cell, goal))
         return nodes[cell]
 
-    def sight(x: int, y: int, end: int) -> float:
+    def sight_cost(begin: int, end: int) -> float:
+        """Return the costs of the cells on a line by Bresenham; infinite if it is closed."""
+        x, y = begin % width, begin // width
         end_x, end_y = end % width, end // width
         dx, dy = abs(end_x - x), abs(end_y - y)
-        right, up = (1 if x < end_x else -1), (1 if y < end_y else -1)
+        x_step = 1 if x < end_x else -1
+        y_step = 1 if y < end_y else -1
         error, total = dx - dy, 0.0
         while (x, y) != (end_x, end_y):
-            total += sights[flat[y * width + x]]
-            across = 2 * error > -dy
-            along = not across or 2 * error <= dx
-            if across and along:
-                total += 0.0 * steps[flat[y * width + x + right]]  # infinity becomes nan
-                total += 0.0 * steps[flat[(y + up) * width + x]]
+            total += sights[cell_costs[y * width + x]]
+            moves_x = 2 * error > -dy
+            moves_y = not moves_x or 2 * error <= dx
+            if moves_x and moves_y:  # the two cells beside a diagonal step must be open
+                total += 0.0 * steps[cell_costs[y * width + x + x_step]]  # infinity becomes nan
+                total += 0.0 * steps[cell_costs[(y + y_step) * width + x]]
             if not total < math.inf:
                 return math.inf
-            error += along * dx - across * dy
-            x, y = x + across * right, y + along * up
+            error += moves_y * dx - moves_x * dy
+            x, y = x + moves_x * x_step, y + moves_y * y_step
         return total
 
     node = node_of(start)
-    node.parent, node.reached, node.is_waiting = node, steps[flat[start]], True
-    node.estimate = node.reached + node.distance
+    node.come_from(node, steps[cell_costs[start]])
     open_list = [node]
     while open_list and node.cell != goal:
         node.is_waiting = False
         ancestor = node.parent.parent
-        total = ancestor.reached + distance_weight * distance(node.cell, ancestor.cell)
-        total += sight(node.cell % width, node.cell // width, ancestor.cell)
-        if total < node.reached:
-            node.parent, node.reached, node.estimate = ancestor, total, total + node.distance
+        path_cost = ancestor.path_cost + distance_weight * distance(node.cell, ancestor.cell)
+        path_cost += sight_cost(node.cell, ancestor.cell)
+        if path_cost < node.path_cost:
+            node.come_from(ancestor, path_cost)
         for dx, dy in _THETA_STEPS[:corners]:
             x, y = node.cell % width + dx, node.cell // width + dy
             if not (0 <= x < width and 0 <= y < height):
                 continue
-            cost = steps[flat[y * width + x]]
+            cost = steps[cell_costs[y * width + x]]
             if cost == math.inf:
                 continue
             beside = node_of(y * width + x)
-            total = node.reached + distance_weight * distance(node.cell, beside.cell) + cost
-            if beside.estimate <= total + beside.distance:
+            path_cost = node.path_cost + distance_weight * distance(node.cell, beside.cell) + cost
+            if beside.total_estimate <= path_cost + beside.heuristic:
                 continue
-            beside.reached, beside.estimate = total, total + beside.distance
-            beside.parent = node
+            beside.come_from(node, path_cost)
             if not beside.is_waiting:
                 beside.is_waiting = True
                 heappush(open_list, beside)
         node = heappop(open_list)
-    parents[list(nodes)] = [reached.parent.cell + 1 for reached in nodes.values()]
+    parents[list(nodes)] = [reached_node.parent.cell + 1 for reached_node in nodes.values()]
     return node.cell if open_list else -1
