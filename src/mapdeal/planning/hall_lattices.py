@@ -19,79 +19,92 @@ _MOST_ACROSS_NARROW = 2  # places across a narrow part of a hall
 _LEAST_DISTANCE = 0.7  # of places, as a share of the spacing
 
 
+class _Candidate(NamedTuple):
+    """A place for a node: its positions along and across one of the two axes."""
+
+    is_regular: bool  # on the lattice of its hall
+    along: float
+    across: float
+    axis: int
+
+
 def lattices_in(
     points: Places, halls: NDArray[np.integer[Any]], direction: float, spacing: float, step: float,
     is_usable: Callable[[Places], NDArray[np.bool_]],
 ) -> tuple[list[Place], NDArray[np.int64]]:  # fmt: skip
     """Return places in the halls of some points, and the pairs of neighbours in one hall."""
     cos, sin = math.cos(direction), math.sin(direction)
-    along = np.array([[sin, cos], [cos, -sin]])  # of rows and columns
+    axes = np.array([[sin, cos], [cos, -sin]])  # both directions, as steps in rows and columns
     order = np.argsort(halls, kind="stable")
     bounds = [*np.flatnonzero(np.diff(halls[order], prepend=-1)).tolist(), len(order)]
-    found: list[Place] = []
-    of_places: list[int] = []
+    places: list[Place] = []
+    hall_of_places: list[int] = []
     for hall, (first, stop) in enumerate(pairwise(bounds)):
-        places = _lattice_in(points[order[first:stop]], along, spacing, step, is_usable)
-        found += places
-        of_places += [hall] * len(places)
-    if len(found) < 2:
-        return found, np.zeros((0, 2), dtype=np.int64)
+        places_in_hall = _lattice_in(points[order[first:stop]], axes, spacing, step, is_usable)
+        places += places_in_hall
+        hall_of_places += [hall] * len(places_in_hall)
+    if len(places) < 2:
+        return places, np.zeros((0, 2), dtype=np.int64)
     from scipy.spatial import cKDTree
 
-    near = cKDTree(np.array(found)).query_pairs(1.5 * spacing, output_type="ndarray")
-    hall_of = np.array(of_places)
+    near = cKDTree(np.array(places)).query_pairs(1.5 * spacing, output_type="ndarray")
+    hall_of = np.array(hall_of_places)
     near = near[hall_of[near[:, 0]] == hall_of[near[:, 1]]]
     pairs = np.sort(near, axis=1).astype(np.int64)
-    return found, pairs[np.lexsort(pairs.T[::-1])]
+    return places, pairs[np.lexsort(pairs.T[::-1])]
 
 
 def _lattice_in(
-    hall: Places, along: Places, spacing: float, step: float,
+    hall: Places, axes: Places, spacing: float, step: float,
     is_usable: Callable[[Places], NDArray[np.bool_]],
 ) -> list[Place]:  # fmt: skip
     # Parts that are wide in both directions share one lattice for the hall, so that a pillar only
     # removes places. Parts that are narrow in one direction, such as aisles, are divided evenly.
     ticks = []
-    for axis in along:
+    for axis in axes:
         values = hall[:, 0] * axis[0] + hall[:, 1] * axis[1]
         ticks.append(_ticks(float(values.min()), float(values.max()), spacing))
     is_small = all(len(values) <= _MOST_ACROSS_NARROW for values in ticks)
-    points: list[tuple[bool, float, float, int]] = []
+    candidates: list[_Candidate] = []
     for k in (0, 1):
         line = np.arange(ticks[k][0] - spacing, ticks[k][-1] + spacing, step)
-        across = ticks[1 - k][:, np.newaxis, np.newaxis] * along[1 - k]
-        places = line[:, np.newaxis] * along[k] + across
+        across = ticks[1 - k][:, np.newaxis, np.newaxis] * axes[1 - k]
+        places = line[:, np.newaxis] * axes[k] + across
         usable = is_usable(places.reshape(-1, 2)).reshape(places.shape[:2])
         runs = [
             _Run(float(ticks[1 - k][row]), float(line[first]), float(line[stop - 1]))
             for row, first, stop in _runs(usable)
         ]
-        for run, middle in _levelled(runs, spacing):
+        for run, middle in _with_shared_middles(runs, spacing):
             count = len(_ticks(run.low, run.high, spacing))
             is_narrow = count <= _MOST_ACROSS_NARROW and not is_small
             if is_narrow:
-                own = middle + spacing * (np.arange(count) - (count - 1) / 2)
-                own = np.clip(own, run.low, run.high)
+                positions = middle + spacing * (np.arange(count) - (count - 1) / 2)
+                positions = np.clip(positions, run.low, run.high)
             else:
-                own = ticks[k][(ticks[k] >= run.low) & (ticks[k] <= run.high)]
-            points += [(not is_narrow, value, run.tick, k) for value in own.tolist()]
-    return _chosen(points, along, spacing)
+                positions = ticks[k][(ticks[k] >= run.low) & (ticks[k] <= run.high)]
+            candidates += [
+                _Candidate(not is_narrow, position, run.tick, axis=k)
+                for position in positions.tolist()
+            ]
+    return _select_places(candidates, axes, spacing)
 
 
-def _chosen(
-    points: Sequence[tuple[bool, float, float, int]], along: Places, spacing: float
-) -> list[Place]:
-    chosen: list[Place] = []
+def _select_places(candidates: Sequence[_Candidate], axes: Places, spacing: float) -> list[Place]:
+    """Return the places of the candidates, skipping those too close to an earlier one."""
+    # Those of narrow parts come first.
+    selected: list[Place] = []
     by_square: defaultdict[tuple[int, int], list[Place]] = defaultdict(list)
-    for _, value, tick, k in sorted(points, key=lambda point: point[0]):
-        row, col = (value * along[k] + tick * along[1 - k]).tolist()
+    for candidate in sorted(candidates, key=lambda candidate: candidate.is_regular):
+        along, across = axes[candidate.axis], axes[1 - candidate.axis]
+        row, col = (candidate.along * along + candidate.across * across).tolist()
         up, right = int(row // spacing), int(col // spacing)
         squares = ((up + u, right + v) for u in (-1, 0, 1) for v in (-1, 0, 1))
         near = (place for square in squares for place in by_square[square])
         if all(math.dist((row, col), place) > _LEAST_DISTANCE * spacing for place in near):
-            chosen.append((row, col))
+            selected.append((row, col))
             by_square[up, right].append((row, col))
-    return chosen
+    return selected
 
 
 def _ticks(low: float, high: float, spacing: float) -> NDArray[np.float64]:
@@ -109,7 +122,7 @@ class _Run(NamedTuple):
     high: float
 
 
-def _levelled(runs: Sequence[_Run], spacing: float) -> Iterator[tuple[_Run, float]]:
+def _with_shared_middles(runs: Sequence[_Run], spacing: float) -> Iterator[tuple[_Run, float]]:
     """Yield runs with their middle, which neighbouring runs of similar extent share."""
     groups: list[list[_Run]] = []
     growing: list[list[_Run]] = []
