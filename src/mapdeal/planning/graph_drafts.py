@@ -19,6 +19,7 @@ from mapdeal.grid.reach import Reach, reach_radius
 from mapdeal.grid.reaching import Ground, squares_to
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode, Sweeps, closed_costs
 from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, NO_INFORMATION, OCCUPIED, UNKNOWN
+from mapdeal.kernels.arrays import Mask
 from mapdeal.kernels.components import joined
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.skeleton import STRAIGHT, far_from, flat_cells, largest_of_blocks
@@ -114,19 +115,33 @@ class Area(NamedTuple):
         radius = reach_radius(robot) / frame.resolution
         turning = radius if robot is None else robot.circumscribed_radius / frame.resolution
         is_open = reach.reachable > 0
-        rows, cols = (np.flatnonzero(is_open.any(axis=axis)) for axis in (1, 0))
-        low = [max(int(cells[0]) - math.ceil(turning) - 3, 0) for cells in (rows, cols)]
-        high = [int(cells[-1]) + math.ceil(turning) + 4 for cells in (rows, cols)]
-        part = slice(low[0], high[0]), slice(low[1], high[1])
-        squared = np.ascontiguousarray(squares_to(ground.blocked)[part])
-        np.copyto(squared, -1, where=~is_open[part])
-        occupancy = reach.occupancy[part]
+        open_rows, open_cols = (np.flatnonzero(is_open.any(axis=axis)) for axis in (1, 0))
+        margin = math.ceil(turning) + 3
+        low = [max(int(cells[0]) - margin, 0) for cells in (open_rows, open_cols)]
+        high = [int(cells[-1]) + margin + 1 for cells in (open_rows, open_cols)]
+        window = slice(low[0], high[0]), slice(low[1], high[1])
+        squared = np.ascontiguousarray(squares_to(ground.blocked)[window])
+        np.copyto(squared, -1, where=~is_open[window])
+        occupancy = reach.occupancy[window]
         unknown = (occupancy == UNKNOWN) & (not reach.through_unknown)
         sweeps = Sweeps(
-            is_open[part].copy(), closed_costs(occupancy == OCCUPIED, unknown), squared,
-            frame.window(*low, *squared.shape), robot,
-        )  # fmt: skip
+            is_open=is_open[window].copy(),
+            closed=closed_costs(occupancy == OCCUPIED, unknown),
+            squared=squared,
+            frame=frame.window(*low, *squared.shape),
+            robot=robot,
+        )
         return cls(sweeps, radius, turning, float(np.count_nonzero(is_open)) * reach.cell_area)
+
+
+class _Line(NamedTuple):
+    """An undirected edge or a lane between two numbered nodes; lengths in metres."""
+
+    ends: list[int]
+    leads_back: bool
+    length: float
+    clearance: float
+    door_width: float  # infinite without a door
 
 
 @dataclass(eq=False)
@@ -200,10 +215,11 @@ class Draft:
         return any(beside[k] + beyond[k] <= limit for k in beside.keys() & beyond.keys())
 
     def length_on_graph(
-        self, start: int, end: int, limit: float, without: int | None = None
+        self, start: int, end: int, limit: float, avoided: int | None = None
     ) -> float:
         """Return the length of the shortest path that avoids a node; infinite above the limit."""
-        best: dict[int | None, float] = {start: 0.0, without: 0.0}
+        best: dict[int | None, float] = {start: 0.0}
+        best[avoided] = 0.0  # length 0 keeps the search from entering it
         places, goal = self.places, self.places[end]
         heap = [(0.0, 0.0, start)]
         while heap:
@@ -240,77 +256,94 @@ class Draft:
         """Merge nodes into their replacements where the robot can follow the new edges."""
         lines = [(target, end) for _, target, ends in moves for end in ends]
         starts, ends = self.at(line[0] for line in lines), self.at(line[1] for line in lines)
-        is_clear, least = self.area.sweeps.along(starts, ends)
-        first, has_moved = 0, []
+        is_clear, clearances = self.area.sweeps.along(starts, ends)
+        begin = 0
+        has_moved = []
         for gone, target, new_ends in moves:
-            part = slice(first, first := first + len(new_ends))
-            before = [self.edges[min(gone, end), max(gone, end)] for end in new_ends]
-            is_wide = least[part] >= self.share * np.array(before) - 0.5
-            fits = bool(is_clear[part].all() and is_wide.all())
+            of_move = slice(begin, begin := begin + len(new_ends))
+            old_clearances = [self.edges[min(gone, end), max(gone, end)] for end in new_ends]
+            is_wide = clearances[of_move] >= self.share * np.array(old_clearances) - 0.5
+            fits = bool(is_clear[of_move].all() and is_wide.all())
             has_moved.append(fits)
             if fits:
                 for end in list(self.beside[gone]):
                     self.drop_edge(gone, end)
-                for end, clearance in zip(new_ends, least[part].tolist(), strict=True):
+                for end, clearance in zip(new_ends, clearances[of_move].tolist(), strict=True):
                     self.add_edge(target, end, clearance)
                 self.gone.add(gone)
         return has_moved
 
     def result(self) -> GraphResult:
-        sweeps = self.area.sweeps
-        points = sweeps.frame.xy_from_continuous_rowcol(self.places).round(_DECIMALS) + 0.0
+        frame, sweeps = self.area.sweeps.frame, self.area.sweeps
+        points = frame.xy_from_continuous_rowcol(self.places).round(_DECIMALS) + 0.0
         used = np.array(self.nodes())
         order = used[np.lexsort(points[used].T)]
-        number_of = np.zeros(len(points), dtype=np.int64)
-        number_of[order] = np.arange(1, len(order) + 1)
+        points = points[order]
         nodes = tuple(
-            RouteNode(index, x, y, metadata=self._metadata(k))
-            for index, (k, (x, y)) in enumerate(
-                zip(order.tolist(), points[order].tolist(), strict=True), start=1
+            RouteNode(number, x, y, metadata=self._metadata(node))
+            for number, (node, (x, y)) in enumerate(
+                zip(order.tolist(), points.tolist(), strict=True), start=1
             )
         )
-        ends = np.array([*self.edges, *self.lanes], dtype=np.int64).reshape(-1, 2)
-        leads_back = np.arange(len(ends)) < len(self.edges)
-        numbers = number_of[ends]
+        ends, leads_back = self._numbered_ends(order)
+        starts, stops = points[ends[:, 0] - 1], points[ends[:, 1] - 1]
+        places = frame.continuous_rowcol_from_xy(starts), frame.continuous_rowcol_from_xy(stops)
+        is_clear, least = sweeps.along(*places)
+        door_widths = np.array([self.widths.get(node, math.inf) for node in order.tolist()])
+        lines = map(
+            _Line, ends.tolist(), leads_back.tolist(), np.hypot(*(stops - starts).T).tolist(),
+            (least * self.cell).tolist(), door_widths[ends - 1].min(axis=1).tolist(),
+        )  # fmt: skip
+        missing = float(np.count_nonzero(self.missing)) * self.cell**2
+        touches, from_unknown = self._distances_of_lines(*places, least)
+        return GraphResult(
+            graph=RouteGraph(nodes, self._directed_edges(lines, len(nodes) + 1)),
+            reachable=self.area.reachable,
+            covered=self.area.reachable - missing,
+            parts=len(np.unique(self.parts()[used])),
+            tight=int((touches | ~is_clear).sum()),
+            missed=tuple(name for node, name in self.names.items() if node in self.gone),
+            near_unknown=int((from_unknown < self.area.radius - _TOUCHING).sum()),
+            from_unknown=float(from_unknown.min(initial=math.inf)) * self.cell,
+        )
+
+    def _numbered_ends(self, order: NDArray[np.int64]) -> tuple[NDArray[np.int64], Mask]:
+        """Return the node numbers of edges and lanes, sorted, and which of them lead back."""
+        number_of = np.zeros(len(self.places), dtype=np.int64)
+        number_of[order] = np.arange(1, len(order) + 1)
+        numbers = number_of[np.array([*self.edges, *self.lanes], dtype=np.int64).reshape(-1, 2)]
+        leads_back = np.arange(len(numbers)) < len(self.edges)
         numbers[leads_back] = np.sort(numbers[leads_back], axis=1)
         in_order = np.lexsort(numbers.T[::-1])
-        numbers, leads_back = numbers[in_order], leads_back[in_order]
-        starts, stops = (points[order[numbers[:, end] - 1]] for end in (0, 1))
-        lines = [*map(sweeps.frame.continuous_rowcol_from_xy, (starts, stops))]
-        is_clear, least = sweeps.along(*lines)
-        width = np.full(len(points), math.inf)
-        width[list(self.widths)] = list(self.widths.values())
-        widths = width[order[numbers - 1]].min(axis=1)
+        return numbers[in_order], leads_back[in_order]
+
+    def _directed_edges(self, lines: Iterable[_Line], first_number: int) -> tuple[RouteEdge, ...]:
         edges: list[RouteEdge] = []
-        for pair, is_both, length, clearance, door in zip(
-            numbers.tolist(), leads_back.tolist(), np.hypot(*(stops - starts).T).tolist(),
-            (least * self.cell).tolist(), widths.tolist(), strict=True,
-        ):  # fmt: skip
-            length = round(length, 3)
-            metadata: dict[str, Any] = {"length": length, "min_clearance": round(clearance, 3)}
-            if door < math.inf:
-                metadata["door_width"] = round(door, 3)
+        for line in lines:
+            length = round(line.length, 3)
+            metadata: dict[str, Any] = {"length": length, "min_clearance": round(line.clearance, 3)}
+            if line.door_width < math.inf:
+                metadata["door_width"] = round(line.door_width, 3)
             if self.options.slow_below is not None:
-                metadata["speed_limit"] = _speed(clearance, self.options.slow_below)
-            for start, end in (pair, pair[::-1])[: 1 + is_both]:
-                number = len(nodes) + len(edges) + 1
+                metadata["speed_limit"] = _speed(line.clearance, self.options.slow_below)
+            directions = (line.ends, line.ends[::-1]) if line.leads_back else (line.ends,)
+            for start, end in directions:
+                number = first_number + len(edges)
                 edges.append(RouteEdge(number, start, end, length, metadata=metadata))
-        missing = float(np.count_nonzero(self.missing)) * self.cell**2
-        covered = self.area.reachable - missing
-        parts = len(np.unique(self.parts()[used]))
-        tight, from_unknown = ~is_clear, np.full(len(numbers), math.inf)
+        return tuple(edges)
+
+    def _distances_of_lines(
+        self, starts: Places, ends: Places, least: NDArray[np.float64]
+    ) -> tuple[Mask, NDArray[np.float64]]:
+        """Return on which lines a round robot touches obstacles, and distances to unknown cells."""
+        # Lines that are certainly far from both have an infinite distance.
         radius = self.area.radius
+        touches, from_unknown = np.zeros(len(least), dtype=np.bool_), np.full(len(least), math.inf)
         for k in () if self.has_corners else np.flatnonzero(least < radius + _BETWEEN_CENTRES):
-            line = lines[0][k], lines[1][k], radius
-            tight[k] |= sweeps.distance_to(LETHAL_OBSTACLE, *line) < radius - _TOUCHING
-            from_unknown[k] = sweeps.distance_to(NO_INFORMATION, *line)
-        missed = tuple(name for node, name in self.names.items() if node in self.gone)
-        graph = RouteGraph(nodes, tuple(edges))
-        return GraphResult(
-            graph, self.area.reachable, covered, parts, int(tight.sum()), missed,
-            int((from_unknown < radius - _TOUCHING).sum()),
-            float(from_unknown.min(initial=math.inf)) * self.cell,
-        )  # fmt: skip
+            line = starts[k], ends[k], radius
+            touches[k] = self.area.sweeps.distance_to(LETHAL_OBSTACLE, *line) < radius - _TOUCHING
+            from_unknown[k] = self.area.sweeps.distance_to(NO_INFORMATION, *line)
+        return touches, from_unknown
 
     def _metadata(self, node: int) -> dict[str, Any]:
         metadata: dict[str, Any] = {"kind": self.kinds[node]}

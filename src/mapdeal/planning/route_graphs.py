@@ -484,7 +484,7 @@ class _CompleteDraft(graph_drafts.Draft):
         for node in self.nodes():
             if self.kinds[node] == "narrow" and len(self.beside[node]) == 2:
                 start, end = self.beside[node]
-                if self.length_on_graph(start, end, detour, without=node) <= detour:
+                if self.length_on_graph(start, end, detour, avoided=node) <= detour:
                     self.kinds[node] = "way"
                     del self.widths[node]
         lengths = ((self.beside[start][end], start, end) for start, end in self.edges)
