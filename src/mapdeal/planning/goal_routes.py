@@ -109,7 +109,7 @@ def shortest_over(terrain: Terrain, start: Point, goal: Point) -> Route:
     places = [np.interp(positions, np.arange(len(line)), axis) for axis in line.T]
     points = frame.xy_from_continuous_rowcol(np.stack(places, axis=1))
     points[0], points[-1] = start, goal
-    return Route("geodesic", True, start, goal, points, **terrain.measured(points))
+    return Route("geodesic", True, start, goal, points, **terrain.measure_route(points))
 
 
 def _length(line: Floats) -> float:

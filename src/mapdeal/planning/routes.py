@@ -112,11 +112,12 @@ class Terrain:
             raise ParameterError(rule, place=name, got=point, hint=hint)
         return cell
 
-    def measured(self, points_xy: NDArray[np.float64]) -> dict[str, Any]:
+    def measure_route(self, points_xy: NDArray[np.float64]) -> dict[str, Any]:
         """Return the length, cost and clearances of a route by their names in `Route`."""
         pieces = np.hypot(*np.diff(points_xy, axis=0).T)
         cells = self.costmap.frame.clamped_rowcol_from_xy(points_xy)[1:]
-        length, cost = float(pieces.sum()), float(pieces @ self.weights[cells[:, 0], cells[:, 1]])
+        length = float(pieces.sum())
+        cost = float(pieces @ self.weights[cells[:, 0], cells[:, 1]])
         clearances = self.clearances_of(points_xy)
         mean = float(clearances[0])
         if length > 0 and math.isfinite(mean):
@@ -126,8 +127,8 @@ class Terrain:
 
     def clearances_of(self, points_xy: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the distances of points in open cells to the nearest centre of a lethal cell."""
-        # Exact, metres, shape (N,); +inf if there is no lethal cell. The field knows them of the
-        # centres of cells; from another point it says how far away one has to look.
+        # Exact, metres, shape (N,); +inf if there is no lethal cell. At cell centres the distance
+        # field is exact; elsewhere it bounds the search radius.
         frame, resolution = self.costmap.frame, self.costmap.resolution
         places = frame.continuous_rowcol_from_xy(points_xy)
         cells = frame.clamped_rowcol_from_xy(points_xy)
@@ -249,24 +250,24 @@ def route_over(
     first = terrain.open_cell_of(start, "start")
     last = terrain.open_cell_of(goal, "goal")
     searched = terrain.weights if weights is None else weights
-    found = cheapest_path(searched, first, last, surcharges=surcharges)
-    search: dict[str, Any] = {"expanded": found.expanded, "optimal": surcharges is None}
-    if len(found.cells) == 0:
+    path = cheapest_path(searched, first, last, surcharges=surcharges)
+    search: dict[str, Any] = {"expanded": path.expanded, "optimal": surcharges is None}
+    if len(path.cells) == 0:
         return Route("astar", False, start, goal, **search)
-    places = found.cells + 0.5
+    places = path.cells + 0.5
     ends, _ = terrain.costmap.frame.bounded_continuous_rowcol_from_xy([start, goal])
-    # no hooks: the centres of the first and the last cell are omitted where the line is clear
+    # Omit the centres of the first and the last cell where the line is clear: no hooks at the ends.
     begin = int(len(places) < 2 or terrain.is_clear(ends[0], places[1]))
     end = len(places) - int(len(places) < 2 or terrain.is_clear(places[-2], ends[1]))
     between = terrain.costmap.frame.xy_from_continuous_rowcol(places[begin : max(begin, end)])
     points = np.vstack([[start], between, [goal]])
-    return Route("astar", True, start, goal, points, **terrain.measured(points), **search)
+    return Route("astar", True, start, goal, points, **terrain.measure_route(points), **search)
 
 
 _STEPS = (0.5, 0.25, 0.125)
 """In cells, the longest first; a shorter one is tried where the longer one does not lead down."""
 
-Ending = Literal["arrived", "minimum", "tired"]
+Ending = Literal["arrived", "minimum", "abandoned"]
 
 _OFF = (-1e-6, 1e-6)  # in cells: larger than rounding errors of a place
 _STEPS_PER_CELL_OF_SIDE = 20
@@ -313,8 +314,8 @@ def descend(
     Steps are half a cell long, or shorter where the potential, interpolated between the centres
     of cells, would not fall; it falls with every step. The route slides along closed cells, with
     steps along the rows or the columns alone. If no such step exists, the route takes the steepest
-    way down to the centre of its cell or of a neighbour; a local minimum is a place from which
-    there is none either. Every segment lies in open cells. The goal is reached from within a
+    way down to the centre of its cell or of a neighbour; if no such centre is lower, the place is
+    a local minimum. Every segment lies in open cells. The goal is reached from within a
     cell's length of it, or from within its cell, if nothing closed lies in between.
 
     The potential is interpolated from `PotentialField.downhill_surface`.
@@ -347,7 +348,7 @@ def descend_on(terrain: Terrain, potential: PotentialField, start: Point) -> Rou
     terrain.open_cell_of(potential.goal, "goal")
     first, last = frame.continuous_rowcol_from_xy([start, potential.goal]).tolist()
     slope = _Slope(potential.downhill_surface(), terrain)
-    places, ending = _followed(slope, tuple(first), tuple(last))
+    places, ending = _follow_slope(slope, tuple(first), tuple(last))
     points = frame.xy_from_continuous_rowcol(places)
     points[0] = start
     minimum = None
@@ -355,23 +356,24 @@ def descend_on(terrain: Terrain, potential: PotentialField, start: Point) -> Rou
         points = np.vstack([points, [potential.goal]])
     elif ending == "minimum":
         minimum = (float(points[-1, 0]), float(points[-1, 1]))
-    measures, is_there = terrain.measured(points), ending == "arrived"
+    measures = terrain.measure_route(points)
+    has_arrived = ending == "arrived"
     return Route(
-        "descent", is_there, start, potential.goal, points, **measures, local_minimum=minimum
+        "descent", has_arrived, start, potential.goal, points, **measures, local_minimum=minimum
     )
 
 
-def _followed(slope: _Slope, start: Place, goal: Place) -> tuple[list[Place], Ending]:
+def _follow_slope(slope: _Slope, start: Place, goal: Place) -> tuple[list[Place], Ending]:
     places = [start]
-    most = _STEPS_PER_CELL_OF_SIDE * sum(slope.shape)
-    while len(places) <= most:
+    max_steps = _STEPS_PER_CELL_OF_SIDE * sum(slope.shape)
+    while len(places) <= max_steps:
         if slope.leads_to(places[-1], goal):
             return places, "arrived"
         following = slope.step_down(places[-1])
         if following is None:
             return places, "minimum"
         places.append(following)
-    return places, "tired"
+    return places, "abandoned"
 
 
 class _Slope:
@@ -481,7 +483,7 @@ def route_on_graph(terrain: Terrain, graph: RouteGraph, start: Point, goal: Poin
             continue
         points = np.concatenate([begin, graph.points_xy[nodes], end[::-1]])
         points = points[np.append(True, (np.diff(points, axis=0) != 0).any(axis=1))]
-        measures = terrain.measured(points)
+        measures = terrain.measure_route(points)
         return Route("graph", True, start, goal, points, **measures, expanded=expanded)
     return Route("graph", False, start, goal, expanded=0)
 
@@ -509,8 +511,8 @@ def _path_to(
     row, col = cells[0].tolist()
     if not inside[0] or not terrain.is_open((row, col)):
         return None
-    found = route_over(terrain, point, (float(end[0]), float(end[1])))
-    return found.points_xy[:-1] if found.reached else None
+    route = route_over(terrain, point, (float(end[0]), float(end[1])))
+    return route.points_xy[:-1] if route.reached else None
 
 
 def cost_of_edge(edge: RouteEdge, length: float) -> float:
@@ -526,7 +528,8 @@ def cheapest_nodes(graph: RouteGraph, first: int, last: int) -> tuple[list[int],
         graph.edges, graph.ends.tolist(), graph.lengths.tolist(), strict=True
     ):
         following[ends[0]].append((ends[1], cost_of_edge(edge, length)))
-    best, before = {first: 0.0}, {first: first}
+    best = {first: 0.0}
+    previous = {first: first}
     heap = [(0.0, first)]
     expanded = 0
     while heap:
@@ -536,11 +539,12 @@ def cheapest_nodes(graph: RouteGraph, first: int, last: int) -> tuple[list[int],
         if node == last:
             nodes = [last]
             while nodes[-1] != first:
-                nodes.append(before[nodes[-1]])
+                nodes.append(previous[nodes[-1]])
             return nodes[::-1], expanded
         expanded += 1
         for end, step in following[node]:
             if cost + step < best.get(end, math.inf):
-                best[end], before[end] = cost + step, node
+                best[end] = cost + step
+                previous[end] = node
                 heapq.heappush(heap, (cost + step, end))
     return [], expanded
