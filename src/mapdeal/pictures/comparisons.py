@@ -28,17 +28,21 @@ def difference_image(
     image_extent: ImageExtent = "all", only_in: tuple[str, str] | None = None,
     style: LayerStyle | None = None, before: str = "",
 ) -> Image:  # fmt: skip
-    is_fine = only_in is not None or style is not None
-    more = {"small_side": _SMALL_SIDE} if is_fine else {}
+    shows_cells = only_in is not None or style is not None
+    options = {"small_side": _SMALL_SIDE} if shows_cells else {}
     part = shown_part(changes, frame, image_extent, is_known=lambda kinds: kinds > _UNKNOWN)
-    raster = Raster.fitting(frame.shape, image_max, part=part, **more)
+    raster = Raster.fitting(frame.shape, image_max, part=part, **options)
     pixels = raster.enlarged(raster.largest(changes))
     style = style or difference_style(only_in)
     return canvas.on_sheet(pixels, style, frame, raster, title=title, before=before)
 
 
-_NOT_KNOWN, _FREE, _OCCUPIED, _NO_CONFLICT = 0, 1, 101, 101
-"""Indices are values plus 1, so that the largest shows; those of conflicts follow."""
+# Palette indices: occupancy + 1 (unknown is 0), then the kinds of conflict, which are added to
+# `_CONFLICT_BASE`. The largest index in a pixel is drawn.
+_NOT_KNOWN = 0
+_FREE = 1
+_OCCUPIED = 101
+_CONFLICT_BASE = _OCCUPIED
 
 _ANY_CONFLICT = 3  # the only kind of conflict with more than two maps
 
@@ -50,23 +54,24 @@ def merge_image(
 ) -> Image:  # fmt: skip
     kinds = grid.occupancy.view(np.uint8) + np.uint8(1)  # unknown, 255, wraps to 0
     if len(names) > 2:
-        legend = {_NO_CONFLICT + _ANY_CONFLICT: "occupied in one map, free in another"}
-        kinds[conflicts > 0] = _NO_CONFLICT + _ANY_CONFLICT
+        legend = {_CONFLICT_BASE + _ANY_CONFLICT: "occupied in one map, free in another"}
+        kinds[conflicts > 0] = _CONFLICT_BASE + _ANY_CONFLICT
     else:
         first, second = names
         legend = {
-            _NO_CONFLICT + 1: f"occupied in {first}, free in {second}",
-            _NO_CONFLICT + 2: f"free in {first}, occupied in {second}",
+            _CONFLICT_BASE + 1: f"occupied in {first}, free in {second}",
+            _CONFLICT_BASE + 2: f"free in {first}, occupied in {second}",
         }
-        np.add(conflicts, _NO_CONFLICT, out=kinds, where=conflicts > 0)
+        np.add(conflicts, _CONFLICT_BASE, out=kinds, where=conflicts > 0)
     legend |= {_OCCUPIED: "occupied", _FREE: "free", _NOT_KNOWN: "unknown"}
     frame = grid.frame
     part = shown_part(kinds, frame, image_extent, is_known=lambda values: values > _NOT_KNOWN)
     raster = Raster.fitting(frame.shape, image_max, part=part, small_side=_SMALL_SIDE)
-    of_values = occupancy_style().colours
-    of_conflicts = [colours.REMOVED, colours.ADDED, colours.REMOVED]
+    value_colours = occupancy_style().colours
+    unknown_colours, known_colours = value_colours[OCCUPIED + 1 :], value_colours[: OCCUPIED + 1]
+    conflict_colours = [colours.REMOVED, colours.ADDED, colours.REMOVED]
     style = LayerStyle(
-        palette_of(of_values[OCCUPIED + 1 :], of_values[: OCCUPIED + 1], of_conflicts),
+        palette_of(unknown_colours, known_colours, conflict_colours),
         swatches=tuple(Swatch(kind, text) for kind, text in legend.items()),
     )
     title = title or f"{', '.join(names[:-1])} and {names[-1]}, merged"
@@ -74,9 +79,10 @@ def merge_image(
     return canvas.on_sheet(pixels, style, frame, raster, title=title)
 
 
-# Codes of cells; of several cells in a pixel the largest code shows.
+# Palette indices of a score; the largest index in a pixel is drawn. Walls of the map follow, by
+# their distance to the nearest true wall.
 UNKNOWN, KNOWN_BY_MAP, FREE, UNCOVERED, FOUND, MISSED = range(6)
-_FIRST, _LEVELS = 6, 100
+_FIRST_LEVEL, _LEVELS = 6, 100
 
 _LABELS = {
     MISSED: "true wall, no wall of the map within 0.1 m",
@@ -92,8 +98,8 @@ _COLOURS = [
 ]  # fmt: skip
 _ANCHORS = [(12, 12, 30), (95, 20, 115), (190, 35, 85), (240, 95, 30), (255, 170, 0)]
 
-_NEAR = 0.1
-_TOP, _LEAST_CELLS = 0.5, 5  # end of the scale, metres, and its least in cells
+_NEAR = 0.1  # metres: farther true walls are missed
+_TOP, _LEAST_CELLS = 0.5, 5  # end of the scale of distances, metres, and at least in cells
 _TICKS = 5
 _ROUNDING = 1e-9
 
@@ -115,10 +121,10 @@ def score_image(
     walls: ScoredWalls, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "all",
 ) -> Image:  # fmt: skip
-    # True walls without a wall of the map within 0.1 m are marked. Of several walls in a pixel the
-    # one with the largest distance shows.
+    # True walls without a wall of the map within 0.1 m are marked. In each pixel, the wall with the
+    # largest distance is drawn.
     codes = codes_of(walls)
-    part = shown_part(codes, walls.frame, image_extent, is_known=lambda some: some != UNKNOWN)
+    part = shown_part(codes, walls.frame, image_extent, is_known=lambda cells: cells != UNKNOWN)
     raster = Raster.fitting(walls.frame.shape, image_max, part=part)
     pixels = raster.enlarged(raster.largest(codes))
     ticks = [(k / _TICKS, f"{walls.top * k / _TICKS:g}") for k in range(_TICKS)]
@@ -127,7 +133,7 @@ def score_image(
     style = LayerStyle(
         palette_of(_COLOURS, interpolated(_ANCHORS, _LEVELS)),
         swatches=tuple(Swatch(index, label) for index, label in _LABELS.items()),
-        bar=ColourBar(range(_FIRST, _FIRST + _LEVELS), ticks, unit),
+        bar=ColourBar(range(_FIRST_LEVEL, _FIRST_LEVEL + _LEVELS), ticks, unit),
     )
     map_sheet = canvas.on_sheet(pixels, style, walls.frame, raster, title=title)
     return _with_histogram(map_sheet, walls, canvas.text_size_of(pixels.shape))
@@ -148,7 +154,7 @@ def codes_of(walls: ScoredWalls) -> NDArray[np.uint8]:
 def _index_of(metres: NDArray[np.floating[Any]], top: float) -> NDArray[np.uint8]:
     steps = np.minimum(metres / top, 1.0) * (_LEVELS - 1)
     indices: NDArray[np.uint8] = np.rint(steps).astype(np.uint8)
-    indices += np.uint8(_FIRST)
+    indices += np.uint8(_FIRST_LEVEL)
     return indices
 
 
@@ -167,46 +173,71 @@ def _with_histogram(above: Image, walls: ScoredWalls, size: int) -> Image:
     height, width = above.indices.shape
     pen = Pen(size)
     bins = bins_of(walls.distances, walls.frame.resolution, walls.top)
-    labels = canvas.text_width("100 %", size) + 2 * size
-    wide = max(width, labels + 34 * size)
-    room, tall = 4 * size, 12 * size  # above the bars, and they themselves
-    pen.open(wide, height + room + tall + 4 * size)
+    left = canvas.text_width("100 %", size) + 2 * size
+    sheet_width = max(width, left + 34 * size)
+    top_margin = 4 * size
+    plot_height = 12 * size
+    bottom = height + top_margin + plot_height
+    pen.open(sheet_width, bottom + 4 * size)
     pen.sheet[:height, :width] = above.indices
-    left_x, bottom = labels, height + room + tall
-    bar = max(2, min(4 * size, (wide - labels - 3 * size) // len(bins)))
+    bar_width = max(2, min(4 * size, (sheet_width - left - 3 * size) // len(bins)))
     pen.label(size, height + int(0.8 * size), _summary(walls))
-    _bars(pen, bins, walls.top, (left_x, bottom), bar, tall)
+    histogram = _Histogram(pen, bins, left, bottom, plot_height, bar_width)
+    histogram.draw_scale()
+    histogram.draw_bars(walls.top)
+    histogram.draw_labels()
     return Image(pen.sheet, above.palette)
 
 
-def _bars(
-    pen: Pen, bins: list[tuple[float, float]], top: float, corner: tuple[int, int], bar: int,
-    tall: int,
-) -> None:  # fmt: skip
-    left_x, bottom = corner
-    size = pen.size
-    highest = max(0.1, math.ceil(10 * max(share for _, share in bins) - _ROUNDING) / 10)
-    step = 0.2 if highest > 0.4 else 0.1
-    for k in range(math.floor(highest / step + _ROUNDING) + 1):
-        y = bottom - round(tall * k * step / highest)
-        label = f"{100 * k * step:.0f} %"
-        pen.label(left_x - size - canvas.text_width(label, size), y, label)
-        row = pen.sheet[y, left_x : left_x + bar * len(bins)]
-        row[row == canvas.WHITE] = canvas.WHITE - 2
-    names = ["farther" if math.isinf(middle) else f"{middle:g}" for middle, _ in bins]
-    widths = [canvas.text_width(name, size) for name in names]
-    every = max(1, math.ceil((max(widths[:-1]) + size) / bar))
-    last_free = left_x + len(bins) * bar - (bar + widths[-1]) // 2 - size // 2
-    for k, (middle, share) in enumerate(bins):
-        x = left_x + k * bar
-        index = int(_index_of(np.array([middle]), top)[0])
-        pen.sheet[bottom - round(tall * share / highest) : bottom, x + 1 : x + bar] = index
-        start = max(left_x, x + (bar - widths[k]) // 2)
-        is_last = k == len(bins) - 1
-        if is_last or (k % every == 0 and start + widths[k] <= last_free):
-            pen.label(start, bottom + int(0.9 * size), names[k])
-    pen.sheet[bottom, left_x - size // 3 : left_x + bar * len(bins)] = canvas.GREY
-    pen.label(left_x, bottom + int(2.4 * size), "distance to the nearest true wall [m]")
+@dataclass(frozen=True, eq=False)
+class _Histogram:
+    """A histogram of distances on a sheet; lengths and positions are in pixels."""
+
+    pen: Pen
+    bins: list[tuple[float, float]]
+    left: int
+    bottom: int
+    height: int  # of a bar of the share `end_of_scale`
+    bar_width: int
+
+    @property
+    def end_of_scale(self) -> float:
+        largest_share = max(share for _, share in self.bins)
+        return max(0.1, math.ceil(10 * largest_share - _ROUNDING) / 10)
+
+    def draw_scale(self) -> None:
+        size = self.pen.size
+        step = 0.2 if self.end_of_scale > 0.4 else 0.1
+        for k in range(math.floor(self.end_of_scale / step + _ROUNDING) + 1):
+            y = self.bottom - round(self.height * k * step / self.end_of_scale)
+            label = f"{100 * k * step:.0f} %"
+            self.pen.label(self.left - size - canvas.text_width(label, size), y, label)
+            row = self.pen.sheet[y, self.left : self.left + self.bar_width * len(self.bins)]
+            row[row == canvas.WHITE] = canvas.WHITE - 2
+
+    def draw_bars(self, top: float) -> None:
+        for k, (middle, share) in enumerate(self.bins):
+            x = self.left + k * self.bar_width
+            y = self.bottom - round(self.height * share / self.end_of_scale)
+            index = int(_index_of(np.array([middle]), top)[0])
+            self.pen.sheet[y : self.bottom, x + 1 : x + self.bar_width] = index
+
+    def draw_labels(self) -> None:
+        """Draw the axis and as many of its labels as there is room for, with that of the end."""
+        size = self.pen.size
+        end = self.left + self.bar_width * len(self.bins)
+        names = ["farther" if math.isinf(middle) else f"{middle:g}" for middle, _ in self.bins]
+        widths = [canvas.text_width(name, size) for name in names]
+        bars_per_label = max(1, math.ceil((max(widths[:-1]) + size) / self.bar_width))
+        last_free = end - (self.bar_width + widths[-1]) // 2 - size // 2
+        for k, (name, width) in enumerate(zip(names, widths, strict=True)):
+            x = max(self.left, self.left + k * self.bar_width + (self.bar_width - width) // 2)
+            has_room = k % bars_per_label == 0 and x + width <= last_free
+            if has_room or k == len(names) - 1:
+                self.pen.label(x, self.bottom + int(0.9 * size), name)
+        self.pen.sheet[self.bottom, self.left - size // 3 : end] = canvas.GREY
+        title = "distance to the nearest true wall [m]"
+        self.pen.label(self.left, self.bottom + int(2.4 * size), title)
 
 
 def _summary(walls: ScoredWalls) -> str:
