@@ -29,7 +29,7 @@ from mapdeal.layers.layer import CostmapLayer
 
 HIGHEST_GRADED = INSCRIBED_INFLATED_OBSTACLE - 1
 
-CostLookup = Literal["exact", "nav2"]  # as it is, or rounded to 1/100 cell as in Nav2
+CostLookup = Literal["exact", "nav2"]  # "nav2" rounds distances to 1/100 cell
 
 
 @dataclass(frozen=True, repr=False)
@@ -102,8 +102,8 @@ class InflationLayer(CostmapLayer):
         """Return the cost at a distance, metres; 0 beyond the inflation radius."""
         return FREE_SPACE if distance > self.inflation_radius else _cost_of(distance, self)
 
-    def with_inscribed_radius(self, before: float, footprint: Footprint) -> InflationLayer:
-        if self.inscribed_radius != before:  # the file sets its own
+    def with_inscribed_radius(self, previous_radius: float, footprint: Footprint) -> InflationLayer:
+        if self.inscribed_radius != previous_radius:  # the parameter file sets it for this layer
             return self
         return replace(self, inscribed_radius=footprint.inscribed_radius)
 
@@ -129,26 +129,29 @@ class InflationLayer(CostmapLayer):
     def from_nav2(cls, values: base.Nav2Values, entry: base.PluginEntry) -> InflationLayer:
         name, inscribed_radius = entry.name, entry.inscribed_radius
         is_asymmetric = "Asymmetric" in entry.plugin
-        older = values.older or "Legacy" in entry.plugin
+        is_legacy = values.older or "Legacy" in entry.plugin
         radius = values.number(f"{name}.inflation_radius", 2.0 if is_asymmetric else 0.55)
         if is_asymmetric:
             factor = _factor_without_path(values, name)
         else:
             factor = values.number(f"{name}.cost_scaling_factor", 10.0, least=0.0)
-        if not older:
+        if not is_legacy:
             values.get(f"{name}.num_threads", "integer", -1)
-        if not (older or is_asymmetric):
+        if not (is_legacy or is_asymmetric):
             inscribed_radius = _custom_inscribed_radius(values, name, inscribed_radius)
         if radius < inscribed_radius:
             parameter = f"{name}.inflation_radius"
             text, hint = inflation_too_small(radius, inscribed_radius)
             values.problem("params.inflation-radius", "warning", text, parameter, hint)
         return cls(
-            name=name, inscribed_radius=inscribed_radius, inflation_radius=max(radius, 0.0),
-            cost_scaling_factor=factor, inflate_unknown=values.flag(f"{name}.inflate_unknown"),
+            name=name,
+            inscribed_radius=inscribed_radius,
+            inflation_radius=max(radius, 0.0),
+            cost_scaling_factor=factor,
+            inflate_unknown=values.flag(f"{name}.inflate_unknown"),
             inflate_around_unknown=values.flag(f"{name}.inflate_around_unknown"),
-            lookup="exact" if older else "nav2",
-        )  # fmt: skip
+            lookup="exact" if is_legacy else "nav2",
+        )
 
     @classmethod
     def from_ros1(cls, server: base.Ros1Values, entry: base.PluginEntry) -> InflationLayer:
@@ -165,10 +168,13 @@ class InflationLayer(CostmapLayer):
             place = server.place(name, "inflation_radius")
             server.problem("params.inflation-radius", "warning", text, place, hint)
         return cls(
-            name=name, inscribed_radius=inscribed_radius, inflation_radius=radius,
+            name=name,
+            inscribed_radius=inscribed_radius,
+            inflation_radius=radius,
             cost_scaling_factor=number("cost_scaling_factor", 10.0, 100.0),
-            inflate_unknown=server.boolean(False, name, "inflate_unknown"), lookup="exact",
-        )  # fmt: skip
+            inflate_unknown=server.boolean(False, name, "inflate_unknown"),
+            lookup="exact",
+        )
 
     def _repr_parts(self) -> Iterator[str]:
         yield self.name
@@ -186,8 +192,9 @@ class LiveInflation(base.LiveLayer):
         self._last: tuple[list[float], list[float]] | None = None
 
     def update_bounds(self, update: base.Update) -> None:
-        bounds, last, radius = update.bounds, self._last, self._settings.inflation_radius
-        self._last = bounds.low, bounds.high
+        bounds = update.bounds
+        radius = self._settings.inflation_radius
+        last, self._last = self._last, (bounds.low, bounds.high)
         if last is None:
             bounds.low, bounds.high = [-math.inf] * 2, [math.inf] * 2
             return
@@ -196,23 +203,23 @@ class LiveInflation(base.LiveLayer):
 
     def update_costs(self, master: base.MasterGrid, window: base.Window) -> None:
         reach = self._settings.reach_cells(master.cell_size)
-        # Seeds lie within `reach` of the window. The queue goes on beyond, as in the real code.
+        # Seeds lie within `reach` of the window. The queue spreads costs beyond it, as in ROS.
         is_queued = self._settings.lookup == "exact"
         around = base.grown(window, reach * (1 + is_queued))
-        part = master.part(around)
-        part.costs = part.costs.copy()
+        surroundings = master.part(around)
+        surroundings.costs = costs = surroundings.costs.copy()
         if is_queued and reach:
-            costs, profile = part.costs, profile_of(self._settings, master.shape, master.cell_size)
+            profile = profile_of(self._settings, master.shape, master.cell_size)
             seeds = np.zeros(costs.shape, dtype=np.bool_)
             near = base.within(base.grown(window, reach), around)
             seeds[near] = costs[near] == LETHAL_OBSTACLE
             profile.raise_costs(costs, profile.costs_of(queued_squares(seeds, profile.reach)))
         else:
-            self.layer.apply(part)
+            self.layer.apply(surroundings)
         if not self.place.is_ros1:
-            master.costs[window] = part.costs[base.within(window, around)]
+            master.costs[window] = costs[base.within(window, around)]
         else:  # ROS 1 also raises the cells around the window
-            master.costs[around] = part.costs
+            master.costs[around] = costs
 
 
 _ASYMMETRIC_PARAMETERS = {
@@ -268,8 +275,8 @@ def inflation_too_small(radius: float, inscribed: float) -> tuple[str, str]:
 class CostProfile:
     """The costs of an inflation layer by distance, and how far they reach on a grid."""
 
-    # ROS counts cells without a tolerance for radii that are multiples of them on paper;
-    # `is_tolerant` allows for rounding.
+    # ROS rounds radii up to whole cells without a tolerance: rounding errors may add a cell to a
+    # multiple of the cell size. With `is_tolerant` they do not.
 
     def __init__(
         self, layer: InflationLayer, shape: tuple[int, int], cell_size: float, *,
@@ -309,7 +316,7 @@ def profile_of(layer: InflationLayer, shape: tuple[int, int], cell_size: float) 
     return CostProfile(layer, shape, cell_size)
 
 
-_MOST_CELLS = 2.0**52  # of a reach: whole numbers of cells up to here are floats
+_MOST_CELLS = 2.0**52  # limit of a reach: floats represent all whole numbers up to here
 
 
 def reach_in_cells(radius: float, cell_size: float, *, is_tolerant: bool = False) -> int:
@@ -395,7 +402,7 @@ def inflation_curve(
     squares = squares_up_to(max(reaches, default=0))
     cost = np.where(squares == 0, LETHAL_OBSTACLE, FREE_SPACE).astype(np.uint8)
     for layer, reach in zip(layers, reaches, strict=True):
-        with np.errstate(over="ignore"):  # of exponents, which end at 0 all the same
+        with np.errstate(over="ignore"):  # the costs become 0 even if the exponent overflows
             spread = _costs_of_squares(squares, layer, cell_size, is_tolerant=is_tolerant)
         np.maximum(cost, spread, out=cost, where=squares <= float(reach) ** 2)
     if not layers:

@@ -291,7 +291,7 @@ class CostmapLayer(OneLine):
         own = [field for field in fields(cls) if field.name != "name"]
         return {field.name: (split_optional(hints[field.name])[0], field.default) for field in own}
 
-    def with_inscribed_radius(self, before: float, footprint: Footprint) -> CostmapLayer:
+    def with_inscribed_radius(self, previous_radius: float, footprint: Footprint) -> CostmapLayer:
         """Return the layer for a footprint, if its inscribed radius was that of the old one."""
         return self
 
