@@ -17,7 +17,7 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.files import source as sources
 from mapdeal.files.transaction import temporary_folder
 from mapdeal.files.yaml_text import Entry, YamlLimits, read_mapping
-from mapdeal.grid.values import shortened
+from mapdeal.grid.values import few_text
 from mapdeal.inputs.listing import natural_key
 
 _TOP_KEY = "rosbag2_bagfile_information"
@@ -252,5 +252,5 @@ def chosen_connections(
 
 def _error(bag: bags.Bag, rule: str, listed: Sequence[bags.Connection], label: str) -> Exception:
     named = sorted({f"{c.topic} ({c.spelled})" for c in listed})
-    hint = f"{label} {shortened(named, _MOST_NAMED)}" if named else None
+    hint = f"{label} {few_text(named, _MOST_NAMED)}" if named else None
     return MalformedInputError(rule, source=bag.path, hint=hint)

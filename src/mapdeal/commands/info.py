@@ -20,7 +20,7 @@ from mapdeal.grid.field import PotentialField
 from mapdeal.grid.filters import FilterInfo, mask_description, mask_rows
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach, robot_text
-from mapdeal.grid.values import UNKNOWN, aligned, count_text
+from mapdeal.grid.values import UNKNOWN, count_text, table_lines
 from mapdeal.inputs.kinds import BAG, IMAGE, MAP, POINTER, kind_of
 from mapdeal.inputs.listing import list_maps
 from mapdeal.maps.dialects import Dialect
@@ -394,13 +394,13 @@ def _rows_of_bag(report: Report) -> Iterator[Row]:
          f"for {', '.join(topic['commands'])}" if topic["commands"] else "")
         for topic in topics
     ]  # fmt: skip
-    yield from _under("topics", aligned(rows))
+    yield from _under("topics", table_lines(rows))
     digits = max((len(str(edge["count"])) for edge in edges), default=0)
     rows = []
     for edge in edges:
         name = f"{edge['parent']} -> {edge['child']}"
         rows.append((name, f"{edge['count']:>{digits}} on {edge['topic']}"))
-    yield from _under("transforms", aligned(rows))
+    yield from _under("transforms", table_lines(rows))
     yield from _under("use", report["use"])
 
 
@@ -421,7 +421,7 @@ def _rows_of_robot(report: Report) -> Iterator[Row]:
     for layer in report["layers"]:
         kind = "filter" if layer.get("filter") else layer["plugin"].rpartition(":")[2]
         rows.append((f"{layer['name']} ({kind})", layer["effect"]))
-    yield from _under("layers", aligned(rows))
+    yield from _under("layers", table_lines(rows))
     for planner in report.get("planners", ()):
         values = (f"{name} {format_value(value)}" for name, value in planner["parameters"].items())
         yield "planner", ", ".join([planner["name"], planner["plugin"], *values])

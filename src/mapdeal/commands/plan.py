@@ -27,7 +27,7 @@ from mapdeal.errors import (
 )
 from mapdeal.files.json_values import PLAN_FORMAT, JsonValue, read_document
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.values import OneLine, aligned, count_text
+from mapdeal.grid.values import OneLine, count_text, table_lines
 from mapdeal.inputs.listing import list_maps
 from mapdeal.mapping.transforms import check_pose
 from mapdeal.maps.dialects import Dialect
@@ -336,7 +336,7 @@ class PlanTable(Spread):
     def lines(self) -> Iterator[str]:
         found = [report.rows for report in self.reports if isinstance(report, PlanReport)]
         head = ("map", "parameters", "goal", "path", "a change that makes one")
-        yield from aligned([head, *(row for rows in found for row in rows)])
+        yield from table_lines([head, *(row for rows in found for row in rows)])
         yield from (f"failed ({error.exit_code}): {one_line(str(error))}" for error in self.failed)
         yield from (f"differs: {text}" for text in self.differences or ())
 

@@ -128,22 +128,16 @@ def points_text(points: Sequence[Sequence[float]]) -> str:
     return f"[{', '.join(map(numbers_text, points))}]"
 
 
-def aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
+def table_lines(rows: Sequence[Sequence[str]]) -> Iterator[str]:
     """Yield the lines of a table, its columns two blanks apart."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         yield "  ".join(map(str.ljust, row, widths)).rstrip()
 
 
-def listed(words: Iterable[str], conjunction: str = "or") -> str:
+def join_words(words: Iterable[str], conjunction: str = "or") -> str:
     *first, last = words
     return f" {conjunction} ".join(filter(None, [", ".join(first), last]))
-
-
-def shortened(words: Sequence[str], most: int) -> str:
-    """Return the first words of a list, and how many more there are."""
-    more = f" and {len(words) - most} more" if len(words) > most else ""
-    return ", ".join(words[:most]) + more
 
 
 def count_text(count: int, noun: str) -> str:
@@ -152,9 +146,9 @@ def count_text(count: int, noun: str) -> str:
 
 
 def few_text(names: Sequence[str], most: int) -> str:
-    """Return names as one text: at most so many, and how many more there are."""
-    more = len(names) - most
-    return ", ".join(names[:most]) + f" and {more} more" * (more > 0)
+    """Return the first names of a list, and how many more there are."""
+    remaining = len(names) - most
+    return ", ".join(names[:most]) + (f" and {remaining} more" if remaining > 0 else "")
 
 
 def decimal_text(number: float, digits: int = 4) -> str:

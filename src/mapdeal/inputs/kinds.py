@@ -22,7 +22,7 @@ from mapdeal.files import source
 from mapdeal.files.json_values import LARGEST_DOCUMENT, document_kind, finite_or_text, read_json
 from mapdeal.files.text import BYTE_ORDER_MARK, coordinate_name, delimiter_of, is_number
 from mapdeal.files.yaml_text import OF_SHAPES, read_mapping
-from mapdeal.grid.values import listed
+from mapdeal.grid.values import join_words
 from mapdeal.maps.formats import FORMATS, MAP_ENDINGS
 from mapdeal.maps.images import read_image_size, recognised_format
 from mapdeal.maps.npz import NPZ
@@ -59,7 +59,7 @@ _METADATA = "metadata.yaml"
 _BAG_ENDINGS = (".mcap", ".db3")
 _OTHER_ENDINGS_IN_BAGS = (".zstd", ".db3-wal", ".db3-shm", ".txt")
 _UNKNOWN = "is not a kind of file that mapdeal knows"
-_MAPS_ARE = f"a map is {listed(entry.name for entry in FORMATS)}"
+_MAPS_ARE = f"a map is {join_words(entry.name for entry in FORMATS)}"
 
 _MAP_USE = "mapdeal info {path} describes it, mapdeal run {path} -o DIR processes it"
 _CLOUD_USE = (

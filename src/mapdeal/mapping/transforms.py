@@ -16,7 +16,7 @@ import numpy as np
 from mapdeal.command import Words
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.grid.frame import FARTHEST, warn_of_degrees
-from mapdeal.grid.values import shortened
+from mapdeal.grid.values import few_text
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.rotations import composed, normalised, slerp, undone
 from mapdeal.kernels.sensing import cover_angles
@@ -390,7 +390,7 @@ class TransformTree:
 
     def no_chain(self, fixed: str, frame: str) -> MalformedInputError:
         names = self.frames
-        frames = f"frames are {shortened(names, _MOST_NAMED)}" if names else "there are none"
+        frames = f"frames are {few_text(names, _MOST_NAMED)}" if names else "there are none"
         return MalformedInputError(f"no transforms lead from {fixed!r} to {frame!r}: {frames}")
 
     def span(self, fixed: str, frame: str) -> tuple[int, int] | None:

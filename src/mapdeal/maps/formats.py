@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mapdeal.errors import ParameterError
 from mapdeal.files.source import BIT_MAP
-from mapdeal.grid.values import listed
+from mapdeal.grid.values import join_words
 from mapdeal.maps.map_file import MapFormat
 from mapdeal.maps.map_server import BITS, PAIR
 from mapdeal.maps.npz import NPZ
@@ -31,7 +31,7 @@ def output_format(output: Path, more: Sequence[str] = ()) -> MapFormat:
     endings = [entry.endings[0] for entry in written]
     endings += [ending for entry in written for ending in entry.images]
     hint = "mapdeal pack makes a bit map of a map" if output.suffix == BIT_MAP else None
-    rule = f"an output must end in {listed([*endings, *more])}"
+    rule = f"an output must end in {join_words([*endings, *more])}"
     raise ParameterError(rule, source=output, hint=hint)
 
 

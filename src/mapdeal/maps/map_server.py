@@ -36,7 +36,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import FieldView
 from mapdeal.grid.frame import Frame, Framed, Origin
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale, listed, occupancy_from_cost
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale, join_words, occupancy_from_cost
 from mapdeal.kernels import blocks
 from mapdeal.kernels.lookup import look_up
 from mapdeal.maps.dialects import Dialect, MapMetadata, Mode, cells_of, read_metadata, yaml_of
@@ -122,7 +122,7 @@ def remark_on_freed(
     for number in sorted(set(counts.values()), reverse=True) if len(freed) > 1 else ():
         text += "" if number == most else f", {number} ({percent(number, cells)})"
         names = [name for name, count in counts.items() if count == number]
-        text += f" by {listed(names, 'and')}"
+        text += f" by {join_words(names, 'and')}"
     return f"{text}; {_advice(freed, metadata)}"
 
 
@@ -134,7 +134,7 @@ def _advice(freed: Mapping[Dialect, FreedCells], metadata: MapMetadata) -> str:
     if metadata.free_thresh > USUAL_FREE_THRESH:
         parts.append(f"lower free_thresh from {metadata.free_thresh!r} to {USUAL_FREE_THRESH}")
     if by_opacity:
-        readers = f"{listed(by_opacity, 'and')} average{'s' * (len(by_opacity) == 1)}"
+        readers = f"{join_words(by_opacity, 'and')} average{'s' * (len(by_opacity) == 1)}"
         parts.append(f"save the image as a PGM, since {readers} the opacity into the grey")
     return ", and ".join(parts)
 

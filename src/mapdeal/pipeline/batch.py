@@ -18,7 +18,7 @@ from mapdeal.command import Result
 from mapdeal.compatibility import Self
 from mapdeal.files.source import exists, ignores_case, is_same_file, size_text, sums_of_reads
 from mapdeal.files.transaction import Transaction, make_folder
-from mapdeal.grid.values import aligned, count_text
+from mapdeal.grid.values import count_text, table_lines
 from mapdeal.inputs.listing import ListedMap
 from mapdeal.kernels.threads import available_threads
 from mapdeal.maps.reading import open_map
@@ -258,7 +258,7 @@ class Plans(Result):
     def lines(self) -> Iterator[str]:
         ordered = sorted(self.plans, key=lambda plan: plan.error is not None)
         head = ("what", "files", "cells", "memory", "map -> folder")
-        yield from aligned([head, *(plan.row for plan in ordered)])
+        yield from table_lines([head, *(plan.row for plan in ordered)])
         counts = Counter(plan.status for plan in self.plans)
         running, failing = counts["new"] + counts["replace"], counts["refused"] + counts["failed"]
         also = f", and {' and '.join(map(str, self.also_written))}" if self.also_written else ""
@@ -398,7 +398,7 @@ class Batch(Result):
             elif result is not None:
                 size = cells_text(next(iter(result.figures.values())))
                 rows.append((result.status, size, job.name))
-        yield from aligned([*rows, *failed])
+        yield from table_lines([*rows, *failed])
         counts = [f"{self.count(status)} {status}" for status in ("done", "unchanged", "failed")]
         yield f"{count_text(len(self.jobs), self.noun)}: {', '.join(counts)}"
 

@@ -28,7 +28,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import GoalReach, Passage, Reach
-from mapdeal.grid.values import count_text, decimal_text, few_text, listed
+from mapdeal.grid.values import count_text, decimal_text, few_text, join_words
 from mapdeal.kernels.blocks import blocks_of, gathered, made_by_rows, report_rows
 from mapdeal.kernels.lookup import histogram
 from mapdeal.maps.formats import named, output_format, written_endings
@@ -300,7 +300,7 @@ def _reach_image(grid: Reach, **options: Any) -> Image:
 
 def _written(kind: type[Any]) -> str:
     with_images = (e.replace(".yaml", ".yaml (with .pgm)") for e in named(written_endings(kind)))
-    return listed(with_images)
+    return join_words(with_images)
 
 
 _FILES: dict[type[Any], GridFiles] = {
@@ -350,7 +350,7 @@ def output_of(step: Step, output: Path) -> list[Path]:
     endings = files_of(step.stage.product_type).endings
     if output.suffix not in endings:
         hint = "--image writes a picture" if output.suffix == PICTURE else None
-        rule = f"the output must end in {listed(named(endings))}"
+        rule = f"the output must end in {join_words(named(endings))}"
         raise errors.ParameterError(rule, source=output, hint=hint)
     if output.suffix == ".npy":
         return [output, output.with_suffix(".yaml")]
