@@ -46,7 +46,7 @@ from mapdeal.errors import (
 from mapdeal.files.json_values import place_entries
 from mapdeal.files.source import absolute_path, is_folder, normal_path
 from mapdeal.grid.frame import Frame
-from mapdeal.grid.values import OneLine, count_text
+from mapdeal.grid.values import OneLineRepr, count_text
 from mapdeal.maps.formats import format_of
 from mapdeal.ros.robot import CostmapName
 
@@ -129,7 +129,7 @@ ReportForm = Literal["text", "json", "github", "sarif", "junit"]
 
 
 @dataclass(frozen=True, repr=False)
-class MapReport(OneLine):
+class MapReport(OneLineRepr):
     """Findings in one map, in the folder of a run, or in a robot's parameter file.
 
     Parameters

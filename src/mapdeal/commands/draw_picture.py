@@ -23,7 +23,7 @@ from mapdeal.grid.field import DistanceField, PotentialField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach, Route
-from mapdeal.grid.values import OneLine
+from mapdeal.grid.values import OneLineRepr
 from mapdeal.mapping.build import BuiltMap
 from mapdeal.mapping.local_map import LocalMap
 from mapdeal.mapping.transforms import check_pose
@@ -52,7 +52,7 @@ _MOST_CELLS_OF_POTENTIAL = 4_000_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Picture(OneLine):
+class Picture(OneLineRepr):
     r"""A picture that notebooks display, and that can be written or converted to an array.
 
     Parameters

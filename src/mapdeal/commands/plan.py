@@ -27,7 +27,7 @@ from mapdeal.errors import (
 )
 from mapdeal.files.json_values import PLAN_FORMAT, JsonValue, read_document
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.values import OneLine, count_text, table_lines
+from mapdeal.grid.values import OneLineRepr, count_text, table_lines
 from mapdeal.inputs.listing import list_maps
 from mapdeal.mapping.transforms import check_pose
 from mapdeal.maps.dialects import Dialect
@@ -75,7 +75,7 @@ class PlanGoal:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GoalPlan(OneLine):
+class GoalPlan(OneLineRepr):
     """The plan to a goal, and the changes that make one, or the margins before it is lost.
 
     Parameters

@@ -35,7 +35,7 @@ from mapdeal.compare.walls import (
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import FARTHEST, Transform, turned
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import OneLine
+from mapdeal.grid.values import OneLineRepr
 from mapdeal.kernels.rotations import hough_spectrum, inverse_matrices, main_direction
 from mapdeal.kernels.threads import in_parallel
 
@@ -495,7 +495,7 @@ class Candidate(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Placement(OneLine):
+class Placement(OneLineRepr):
     """Placement of a first map in the frame of a second, see `mapdeal.Alignment`."""
 
     transform: Transform

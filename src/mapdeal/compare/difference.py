@@ -332,7 +332,7 @@ MOST_REGIONS = 20
 
 
 @dataclass(frozen=True, repr=False)
-class CostChange(codes.OneLine):
+class CostChange(codes.OneLineRepr):
     """Cells of which the cost has changed in one way.
 
     Parameters
@@ -365,7 +365,7 @@ class CostChange(codes.OneLine):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CostDifference(codes.OneLine):
+class CostDifference(codes.OneLineRepr):
     """Differences between two costmaps, A and B, on costmap_2d's scale.
 
     Parameters

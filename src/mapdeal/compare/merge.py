@@ -15,7 +15,7 @@ from mapdeal.grid.canvas import region_on_lattice, resampled
 from mapdeal.grid.field import FieldView
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLine, count_text
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLineRepr, count_text
 from mapdeal.kernels.arrays import unreachable
 from mapdeal.kernels.components import thickness_of
 from mapdeal.kernels.distance import squared_distance, within_distance
@@ -39,7 +39,7 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, repr=False)
-class MapCounts(OneLine):
+class MapCounts(OneLineRepr):
     """Comparison of one map with the others in a merge, in cells of the merged map.
 
     Parameters

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from mapdeal.errors import ParameterError, emit_warning, require
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Frame, Point, are_near, as_float32, as_numbers, turned
-from mapdeal.grid.values import OneLine, check_choice, points_text
+from mapdeal.grid.values import OneLineRepr, check_choice, points_text
 from mapdeal.kernels.polygons import Lattice, Spans, costs_at_poses, edges_of_rings, stacked_spans
 
 
@@ -147,7 +147,7 @@ _NUMBER = re.compile(
 
 
 @dataclass(frozen=True, repr=False)
-class Footprint(OneLine):
+class Footprint(OneLineRepr):
     """The outline of a robot around its centre of rotation, a polygon or a circle.
 
     Parameters

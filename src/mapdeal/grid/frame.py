@@ -15,7 +15,14 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from mapdeal.compatibility import Self
 from mapdeal.errors import ParameterError, emit_warning, require
-from mapdeal.grid.values import MOST_COUNTED, Drawn, OneLine, OverlayType, count_text, numbers_text
+from mapdeal.grid.values import (
+    MOST_COUNTED,
+    Drawn,
+    OneLineRepr,
+    OverlayType,
+    count_text,
+    numbers_text,
+)
 from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
 from mapdeal.kernels.polygons import Spans, paint
 from mapdeal.kernels.sensing import cells_of_points
@@ -352,7 +359,7 @@ def _stepped(start: float, steps: int, step: float) -> float:
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class Transform(OneLine):
+class Transform(OneLineRepr):
     """A rigid transform from one map frame to another: p_to = R(yaw) p_from + (x, y).
 
     Parameters

@@ -14,7 +14,7 @@ from mapdeal.errors import require
 from mapdeal.grid.footprint import Footprint, contains_centre
 from mapdeal.grid.frame import Figures, Framed, Origin, Point, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
-from mapdeal.grid.values import UNKNOWN, OneLine, count_text, decimal_text, numbers_text
+from mapdeal.grid.values import UNKNOWN, OneLineRepr, count_text, decimal_text, numbers_text
 
 PlaceOfLimit = Literal["passage", "start", "goal"]
 Method = Literal["astar", "descent", "geodesic", "graph"]
@@ -25,7 +25,7 @@ MOST_HEADINGS = 255  # as many as a byte of the layer `Reach.headings` can count
 
 
 @dataclass(frozen=True, repr=False)
-class Goal(OneLine):
+class Goal(OneLineRepr):
     """A place that a robot should reach.
 
     Parameters
@@ -52,7 +52,7 @@ class Goal(OneLine):
 
 
 @dataclass(frozen=True, repr=False)
-class Bottleneck(OneLine):
+class Bottleneck(OneLineRepr):
     """The narrowest place on the widest route to a goal.
 
     Parameters
@@ -84,7 +84,7 @@ class Bottleneck(OneLine):
 
 
 @dataclass(frozen=True, repr=False)
-class GoalReach(OneLine):
+class GoalReach(OneLineRepr):
     """Whether a robot can reach a goal, and what limits it.
 
     Parameters
@@ -133,7 +133,7 @@ class GoalReach(OneLine):
 
 
 @dataclass(frozen=True, repr=False)
-class Passage(OneLine):
+class Passage(OneLineRepr):
     """A place that stops a robot or barely lets it pass.
 
     Parameters
@@ -306,7 +306,7 @@ class Reach(Framed):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Route(OneLine):
+class Route(OneLineRepr):
     """A route from a start to a goal.
 
     Parameters

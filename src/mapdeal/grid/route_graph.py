@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint, sample_poses
 from mapdeal.grid.frame import Frame
-from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION, OneLine, count_text
+from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION, OneLineRepr, count_text
 from mapdeal.kernels.lookup import least_along, places_along
 
 _SAMPLES = 1 << 17  # positions that are checked at once; their arrays stay in the cache
@@ -79,7 +79,7 @@ class RouteEdge:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RouteGraph(OneLine):
+class RouteGraph(OneLineRepr):
     """Nodes and directed edges between them.
 
     Parameters

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import ParameterError, require
 from mapdeal.grid.footprint import area_of, check_simple, checked_corners, is_number
 from mapdeal.grid.frame import CELL_TOLERANCE, FARTHEST, Frame, Point
-from mapdeal.grid.values import OneLine, count_text, points_text
+from mapdeal.grid.values import OneLineRepr, count_text, points_text
 from mapdeal.kernels import polygons
 from mapdeal.kernels.arrays import Integers
 
@@ -23,7 +23,7 @@ _FLAT = 1e-12  # largest area that counts as none, relative to the extent square
 
 
 @dataclass(frozen=True, repr=False)
-class Polygon(OneLine):
+class Polygon(OneLineRepr):
     """A filled polygon, convex or concave, with or without holes.
 
     Parameters
@@ -98,7 +98,7 @@ class Polygon(OneLine):
 
 
 @dataclass(frozen=True, repr=False)
-class Line(OneLine):
+class Line(OneLineRepr):
     """A line through two or more points, including both ends.
 
     Parameters

@@ -94,7 +94,7 @@ def draw_with(drawer: Drawer) -> None:
     _drawers[:] = [drawer]
 
 
-class OneLine:
+class OneLineRepr:
     """Base class of objects whose repr is one line even if they contain arrays."""
 
     __slots__ = ()
@@ -107,7 +107,7 @@ class OneLine:
         return f"{type(self).__name__}({', '.join(self._repr_parts())})"
 
 
-class Drawn(OneLine):
+class Drawn(OneLineRepr):
     """Base class of objects that notebooks also show as a picture."""
 
     __slots__ = ()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mapdeal.command import split_optional
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame
-from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OneLine
+from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OneLineRepr
 from mapdeal.kernels.threads import for_rows
 
 Costs = NDArray[np.uint8]
@@ -193,7 +193,7 @@ TYPES = {bool: "bool", int: "integer", float: "double", str: "string"}
 
 
 @dataclass(frozen=True, repr=False)
-class CostmapLayer(OneLine):
+class CostmapLayer(OneLineRepr):
     """Settings of one costmap layer, and its effect on the costs below it.
 
     The fields of a subclass are the parameters that recipes accept, with their defaults and, in

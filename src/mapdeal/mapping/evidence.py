@@ -17,7 +17,7 @@ from mapdeal.command import CELLS, Condition, Words
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import FARTHEST, Frame, Region
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLine, count_text
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLineRepr, count_text
 from mapdeal.kernels import sensing
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.components import touching_groups
@@ -60,7 +60,7 @@ _BEAMS_AT_ONCE = 1 << 18
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Scans(OneLine):
+class Scans(OneLineRepr):
     """Laser scans that share the same beam angles.
 
     Parameters
@@ -224,7 +224,7 @@ NEAR = 2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class HitGroups(OneLine):
+class HitGroups(OneLineRepr):
     """Groups of touching cells, the largest first."""
 
     cells: Integers

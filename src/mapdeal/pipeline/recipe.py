@@ -23,7 +23,7 @@ from mapdeal.grid.field import View
 from mapdeal.grid.footprint import Footprint, shape_of
 from mapdeal.grid.frame import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OneLine, check_choice
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OneLineRepr, check_choice
 from mapdeal.inputs.kinds import RECIPE, kind_of, other_kind, recognised
 from mapdeal.layers.stack import CostmapLayers
 from mapdeal.maps.dialects import Dialect
@@ -264,7 +264,7 @@ SET = "--set"  # what errors call a change that is given as text
 
 
 @dataclass(frozen=True, repr=False)
-class Recipe(OneLine):
+class Recipe(OneLineRepr):
     """Checked sequence of stages with their parameters.
 
     Parameters

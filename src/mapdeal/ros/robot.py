@@ -22,7 +22,7 @@ import numpy as np
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.grid.footprint import Footprint, check_simple, contains_centre
 from mapdeal.grid.frame import as_float32
-from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OneLine
+from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OneLineRepr
 from mapdeal.layers.area import CostmapArea
 from mapdeal.layers.inflation import InflationLayer
 from mapdeal.layers.keepout import KeepoutFilter
@@ -234,7 +234,7 @@ class ParameterFile:
 
 
 @dataclass(frozen=True, repr=False)
-class RobotParameters(OneLine):
+class RobotParameters(OneLineRepr):
     """Shape of a robot and the layers of one of its costmaps, as ROS resolves them.
 
     Parameters

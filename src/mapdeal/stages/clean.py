@@ -13,7 +13,7 @@ from mapdeal.command import AT_LEAST_0, CELLS, stage
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.field import FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLine, count_text
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLineRepr, count_text
 from mapdeal.kernels.components import labelled
 from mapdeal.kernels.distance import beside, dilate_square
 
@@ -48,7 +48,7 @@ class CleanCounts:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Cleaned(OneLine):
+class Cleaned(OneLineRepr):
     """Result of `clean`: a map without its small components, and the changes made.
 
     Parameters
