@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from mapdeal import ParameterError, RouteEdge, RouteGraph, RouteNode
-from mapdeal.planning.tours import _shortened, driven, tour_of
+from mapdeal.planning.tours import _shorten_tour, driven, tour_of
 
 SEEDS = st.integers(0, 2**32)
 
@@ -45,7 +45,7 @@ def test_no_exchange_of_two_edges_shortens_a_tour(seed, count):
     def length(order):
         return sum(lengths[a, b] for a, b in itertools.pairwise([*order, order[0]]))
 
-    order = _shortened(np.arange(count), lengths)
+    order = _shorten_tour(np.arange(count), lengths)
     assert sorted(order) == list(range(count))
     for first, last in itertools.combinations(range(1, count), 2):
         exchanged = [*order[:first], *order[first : last + 1][::-1], *order[last + 1 :]]

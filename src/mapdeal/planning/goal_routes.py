@@ -204,7 +204,7 @@ def _pull_taut(is_open: Mask, line: Floats) -> Floats:
     bends = corners + _BEND_OFFSET * outward
     behind = bends - _BEHIND_OFFSET * outward  # a triangle there keeps the bend
 
-    def pulled(before: Place, bend: Place, after: Place) -> list[Place]:
+    def pull_at(before: Place, bend: Place, after: Place) -> list[Place]:
         """Return the bends at which a line caught at `bend` rests once it is pulled straight."""
         side = math.copysign(1.0, _cross(before, after, *bend))
         rows = (before[0], bend[0], after[0])
@@ -226,11 +226,12 @@ def _pull_taut(is_open: Mask, line: Floats) -> Floats:
             hull.append(place)
         return hull[1:-1]
 
-    taut, before = list(map(tuple, line.tolist())), math.inf
-    while (length := _length(np.array(taut))) < before - _ROUNDING:
-        before = length
-        for parity in (1, 0):  # every other bend, so that its neighbours do not move
-            inner = (pulled(*taut[k - 1 : k + 2]) if k % 2 == parity else [taut[k]]
+    taut = list(map(tuple, line.tolist()))
+    previous_length = math.inf
+    while (length := _length(np.array(taut))) < previous_length - _ROUNDING:
+        previous_length = length
+        for parity in (1, 0):  # move every other bend, while its neighbours stay
+            inner = (pull_at(*taut[k - 1 : k + 2]) if k % 2 == parity else [taut[k]]
                      for k in range(1, len(taut) - 1))  # fmt: skip
             taut = [taut[0], *chain.from_iterable(inner), taut[-1]]
     return np.array(taut)

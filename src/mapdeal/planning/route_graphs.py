@@ -43,17 +43,19 @@ _LINE, _TURNS = 4.0, np.radians([-10, -5, 0, 5, 10])
 """Metres beside a jamb in which pieces of a wall lie in line, and directions of that line."""
 _PIECE, _PIECES = 0.8, 3.75
 """Metres of wall in line on each side and in total that make short obstacles a wall."""
-_AHEAD, _EVERY, _SIGHT, _FINEST = 2.4, 0.1, 3.0, 0.01
-"""Metres in front of a door up to which the spaces on both sides are seen, from places how far
-apart, how far aside, and the least distance of the places that are looked at."""
+# The space on each side of a door is measured from viewpoints in front of it; metres.
+_AHEAD = 2.4  # distance of the last viewpoint
+_EVERY = 0.1  # between viewpoints
+_SIGHT = 3.0  # range to either side
+_FINEST = 0.01  # least distance between the places that are tested
 _STRETCH, _HIDDEN = 14, 2
-"""Number of places that must see a width, which is more than see through a door aside, and how many
-of them furniture may hide."""
+"""Consecutive viewpoints that must see a width, more than see through a door on the side, and how
+many of them furniture may hide."""
 _STUB, _WIDER = 0.3, 2.0
-"""Metres of wall in line with a door: with less beside a jamb, which may be the side of a passage,
-both spaces must be so many times as wide as the door, otherwise one."""
+"""Metres of wall in line with a door, and how many times as wide as the door a space must be. One
+space must be so wide; with less wall beside a jamb, which may be the side of a passage, both."""
 _WIDE_DOOR, _WIDE_RATIO, _WIDE_SPACE = 1.0, 3.0, 5.5
-"""From this width of a door on, metres, one space is so many times as wide, or has this width."""
+"""Doors wider than this, metres, need a space so many times as wide, or of this width."""
 
 _LONGEST = 1.25  # of the spacing: longer lines get a node
 _SHORT_CUT = 1.5
@@ -127,9 +129,9 @@ class _CompleteDraft(graph_drafts.Draft):
         chosen = np.flatnonzero((rows >= 0) & (rows < height) & (cols >= 0) & (cols < width))
         chosen = chosen[self.is_hall[rows[chosen] // self.step, cols[chosen] // self.step]]
         squares = self.squares[rows[chosen], cols[chosen]]
-        found = np.zeros(len(places), dtype=np.bool_)
-        found[chosen[squares >= margin * margin]] = True
-        return found
+        is_usable = np.zeros(len(places), dtype=np.bool_)
+        is_usable[chosen[squares >= margin * margin]] = True
+        return is_usable
 
     def add_lines(self, pairs: Cells) -> NDArray[np.bool_]:
         """Add the edges that the robot can follow to pairs of nodes, shape (N, 2); return which."""
@@ -243,13 +245,13 @@ class _CompleteDraft(graph_drafts.Draft):
         needed = graph_drafts.SHARE * np.array(lows)
         is_loop = np.array([piece.start == piece.end for piece in pieces])
         fits = is_clear & (least >= needed - 0.5) & ~is_loop
-        parts: list[_Piece] = []
+        halves: list[_Piece] = []
         steps: list[_Piece] = []
         for piece, is_fit, clearance in zip(pieces, fits.tolist(), least.tolist(), strict=True):
             if is_fit:
                 self._add_line(piece.start, piece.end, clearance)
             elif piece.last - piece.first > 1:
-                parts += self._halves(piece)
+                halves += self._halves(piece)
             elif piece.start != piece.end:
                 steps.append(piece)
         # single steps: a round robot may pass although its outline touches an obstacle
@@ -261,7 +263,7 @@ class _CompleteDraft(graph_drafts.Draft):
         for piece, is_fit, clearance in zip(steps, is_clear.tolist(), least.tolist(), strict=True):
             if is_fit or self.has_corners:
                 self.add_edge(piece.start, piece.end, clearance)
-        return parts
+        return halves
 
     def _add_line(self, start: int, end: int, clearance: float) -> None:
         count = max(1, math.ceil(self.length(start, end) / self.spacing - (_LONGEST - 1)))
@@ -406,15 +408,14 @@ class _CompleteDraft(graph_drafts.Draft):
         while True:
             low = np.maximum(np.minimum(start, end) - int(away), 0)
             high = np.maximum(start, end) + int(away) + 1
-            part = slice(low[0], high[0]), slice(low[1], high[1])
-            squares = self.squares[part].astype(np.float64)
-            least = np.maximum(squares, 0)
-            weights = np.where(squares >= 0, 1 + 2 * self.spacing / (1 + least), 0.0)
+            squares = self.squares[low[0] : high[0], low[1] : high[1]].astype(np.float64)
+            surcharges = 2 * self.spacing / (1 + np.maximum(squares, 0))  # near obstacles
+            weights = np.where(squares >= 0, 1 + surcharges, 0.0)
             first, last = tuple((start - low).tolist()), tuple((end - low).tolist())
             if weights[first] and weights[last]:
-                found = cheapest_path(weights, first, last).cells
-                if len(found):
-                    return self._beside_corners(found + low)
+                cells = cheapest_path(weights, first, last).cells
+                if len(cells):
+                    return self._beside_corners(cells + low)
             if away > max(self.is_open.shape):
                 return np.zeros((0, 2), dtype=np.int64)
             away *= 3
@@ -441,9 +442,9 @@ class _CompleteDraft(graph_drafts.Draft):
                 return
             labels, _ = ndimage.label(self.missing, np.ones((3, 3)))
             cells = np.argwhere(self.missing)
-            own = labels[cells[:, 0], cells[:, 1]]
-            order = np.lexsort((-self.squares[cells[:, 0], cells[:, 1]], own))
-            best = cells[order[np.diff(own[order], prepend=0) != 0]].tolist()
+            group = labels[cells[:, 0], cells[:, 1]]
+            order = np.lexsort((-self.squares[cells[:, 0], cells[:, 1]], group))
+            best = cells[order[np.diff(group[order], prepend=0) != 0]].tolist()
             boxes = ndimage.find_objects(labels)
             nearest_to, first = self._nearest(best), len(self.places)
             pairs, shorts = [], []
@@ -459,22 +460,24 @@ class _CompleteDraft(graph_drafts.Draft):
             self.missing &= lengths < 0
 
     def _nearest(self, cells: Sequence[Sequence[int]]) -> list[int | None]:
+        """Return the node nearest to each cell by paths, or None without a path."""
         nodes = self.nodes()
         is_open = self.coarse >= 0
-        at = self.cells_of(nodes, self.step)
-        found: dict[int, int] = {}
+        node_cells = self.cells_of(nodes, self.step)
+        nearest: dict[int, int] = {}
         limit = 2 * self.limit // self.step
-        while len(found) < len(cells) and limit < 4 * STRAIGHT * is_open.size:
-            remaining = [k for k in range(len(cells)) if k not in found]
+        while len(nearest) < len(cells) and limit < 4 * STRAIGHT * is_open.size:
+            remaining = [k for k in range(len(cells)) if k not in nearest]
             rows, cols = np.array([cells[k] for k in remaining]).T // self.step
             lengths, origin = nearest_from(is_open, rows * is_open.shape[1] + cols, limit=limit)
-            to_nodes, of_nodes = lengths.reshape(-1)[at], origin.reshape(-1)[at]
-            for index in np.argsort(to_nodes, kind="stable").tolist():
-                if to_nodes[index] >= 0:
-                    found.setdefault(remaining[of_nodes[index]], nodes[index])
-            if len(found) == len(cells) - len(remaining):  # no progress: search farther
+            lengths_to_nodes = lengths.reshape(-1)[node_cells]
+            origin_of_nodes = origin.reshape(-1)[node_cells]
+            for index in np.argsort(lengths_to_nodes, kind="stable").tolist():
+                if lengths_to_nodes[index] >= 0:
+                    nearest.setdefault(remaining[origin_of_nodes[index]], nodes[index])
+            if len(nearest) == len(cells) - len(remaining):  # no progress: search farther
                 limit *= 8
-        return [found.get(k) for k in range(len(cells))]
+        return [nearest.get(k) for k in range(len(cells))]
 
     # superfluous nodes and edges
 
@@ -554,7 +557,7 @@ class _CompleteDraft(graph_drafts.Draft):
 
     def _drop_dead_ends(self) -> None:
         """Drop dead ends whose cells all lie near other nodes."""
-        # By blocks of cells, which are fewer; what that misses `cover_all` covers again.
+        # Tests blocks of cells, which are fewer; `cover_all` covers the cells that this misses.
         is_open = self.coarse >= 0
         while self.is_crowded:
             ends = [node for node, beside in self.beside.items()
@@ -771,13 +774,13 @@ class _CompleteDraft(graph_drafts.Draft):
                 self._add_lanes(chain, aside)
 
     def _line_from(self, node: int, following: int, is_inner: set[int]) -> list[int]:
-        found = [following]
-        before = node
-        while found[-1] in is_inner and found[-1] != node:
-            (onward,) = self.beside[found[-1]].keys() - {before}
-            before = found[-1]
-            found.append(onward)
-        return found
+        line = [following]
+        previous = node
+        while line[-1] in is_inner and line[-1] != node:
+            (onward,) = self.beside[line[-1]].keys() - {previous}
+            previous = line[-1]
+            line.append(onward)
+        return line
 
     def _add_lanes(self, chain: Sequence[int], aside: float) -> None:
         places = self.at(chain)

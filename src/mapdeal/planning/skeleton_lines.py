@@ -77,7 +77,7 @@ class Tracing:
             for following in self._beside[end]:
                 if (end, following) in traced:
                     continue
-                cells = self._followed(end, following, is_end)
+                cells = self._follow(end, following, is_end)
                 traced.add((cells[-1], cells[-2]))
                 traced.add((end, following))
                 passed.update(cells)
@@ -87,11 +87,11 @@ class Tracing:
                 self.add([alone, alone])
         for start in range(len(self.cells)):  # loops without a crossing
             if start not in passed and self._beside[start]:
-                cells = self._followed(start, self._beside[start][0], {start})
+                cells = self._follow(start, self._beside[start][0], {start})
                 passed.update(cells)
                 self.add(cells)
 
-    def _followed(self, start: int, following: int, ends: set[int]) -> list[int]:
+    def _follow(self, start: int, following: int, ends: set[int]) -> list[int]:
         cells = [start, following]
         while cells[-1] not in ends:
             (following,) = (cell for cell in self._beside[cells[-1]] if cell != cells[-2])
@@ -115,14 +115,15 @@ class Tracing:
         return sum(map(math.dist, places, places[1:])) * self.step
 
     def width_around(self, node: int, besides: int, reach: float) -> float:
+        """Return the largest clearance on the chains at a node, except one, within a reach."""
         count = max(1, int(reach / self.step))
-        found = 0.0
+        largest = 0.0
         for number in self.chains_of[node]:
             if number != besides:
                 cells = self.chains[number].cells
                 near = cells[:count] if cells[0] == node else cells[-count:]
-                found = max(found, *(self.clearances[cell] for cell in near))
-        return found
+                largest = max(largest, *(self.clearances[cell] for cell in near))
+        return largest
 
     def prune(self, shortest: float, loop: float) -> None:
         order = sorted(self.chains, key=lambda k: (len(self.chains[k].cells), k))
@@ -149,7 +150,7 @@ class Tracing:
                     heapq.heappush(waiting, (self.length(self.chains[merged]), merged))
                 break
 
-    def _open_loops(self, most: float) -> None:
+    def _open_loops(self, max_length: float) -> None:
         """Drop the narrower of two chains around an obstacle if both are short."""
         lengths = {number: self.length(chain) for number, chain in self.chains.items()}
         narrowest = {number: min(self.clearances[cell] for cell in chain.cells)
@@ -157,14 +158,14 @@ class Tracing:
         for number in sorted(self.chains, key=lambda k: (narrowest[k], k)):
             chain = self.chains[number]
             if chain.start == chain.end:
-                if lengths[number] <= 2 * most and len(self.chains_of[chain.start]) > 2:
+                if lengths[number] <= 2 * max_length and len(self.chains_of[chain.start]) > 2:
                     self.drop(number)
-            elif lengths[number] <= most and self._has_detour(number, lengths, most):
+            elif lengths[number] <= max_length and self._has_detour(number, lengths, max_length):
                 self.drop(number)
         for node in list(self.chains_of):
             self._merge(node)
 
-    def _has_detour(self, number: int, lengths: dict[int, float], most: float) -> bool:
+    def _has_detour(self, number: int, lengths: dict[int, float], max_length: float) -> bool:
         chain = self.chains[number]
         best, heap = {chain.start: 0.0}, [(0.0, chain.start)]
         while heap:
@@ -175,7 +176,8 @@ class Tracing:
                 total = length + lengths[beside]
                 link = self.chains[beside]
                 following = link.end if link.start == node else link.start
-                if beside != number and total <= most and total < best.get(following, math.inf):
+                is_short = total <= max_length and total < best.get(following, math.inf)
+                if beside != number and is_short:
                     best[following] = total
                     heapq.heappush(heap, (total, following))
         return False
@@ -225,7 +227,7 @@ def _best_in_blocks(squares: NDArray[Any], step: int, blocks: Cells) -> Cells:
     offsets = np.array([(row, col) for row in range(step) for col in range(step)])
     away = ((offsets - (step - 1) / 2) ** 2).sum(axis=1)
     best = np.full(len(blocks), -1, dtype=np.int64)
-    found = np.zeros_like(blocks)
+    best_cells = np.zeros_like(blocks)
     for offset in offsets[np.argsort(away, kind="stable")]:
         cells = blocks * step + offset
         inside = (cells < squares.shape).all(axis=1)
@@ -233,5 +235,5 @@ def _best_in_blocks(squares: NDArray[Any], step: int, blocks: Cells) -> Cells:
         values = np.where(inside, squares[rows, cols], -1)
         is_better = values > best
         best[is_better] = values[is_better]
-        found[is_better] = cells[is_better]
-    return found
+        best_cells[is_better] = cells[is_better]
+    return best_cells

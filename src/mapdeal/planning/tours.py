@@ -29,7 +29,8 @@ class Tour(NamedTuple):
 
 def tour_of(graph: RouteGraph, in_sight: Sequence[Integers], cells: int) -> Tour:
     """Return a tour of a graph that sees all cells in sight of nodes of the largest part."""
-    # a greedy cover by viewpoints, in the order of a minimum spanning tree, then shortened
+    # Viewpoints are chosen greedily, by the cells that each adds. They are visited in the order of
+    # a minimum spanning tree, then the tour is shortened.
     from scipy.sparse import csgraph, csr_matrix
 
     count = len(graph.nodes)
@@ -44,21 +45,21 @@ def tour_of(graph: RouteGraph, in_sight: Sequence[Integers], cells: int) -> Tour
         chosen.append(int(gains.argmax()))
         missing[in_sight[chosen[-1]]] = 0
     chosen = chosen or [int(is_part.argmax())]
-    lengths, before = csgraph.dijkstra(edges, indices=chosen, return_predecessors=True)
+    lengths, predecessors = csgraph.dijkstra(edges, indices=chosen, return_predecessors=True)
     between = np.maximum(lengths[:, chosen], _LITTLE)  # zeros would be no edges
     tree = csgraph.minimum_spanning_tree(between)
-    order = _shortened(csgraph.depth_first_order(tree, 0, directed=False)[0], between)
+    order = _shorten_tour(csgraph.depth_first_order(tree, 0, directed=False)[0], between)
     nodes, is_viewpoint = [chosen[order[0]]], [True]
     for start, end in pairwise([*order, order[0]]):
         path = [chosen[end]]
         while path[-1] != chosen[start]:
-            path.append(int(before[start, path[-1]]))
+            path.append(int(predecessors[start, path[-1]]))
         nodes += path[-2::-1]
         is_viewpoint += [node == chosen[end] for node in path[-2::-1]]
     return Tour(graph.points_xy[nodes], np.array(is_viewpoint))
 
 
-def _shortened(order: Integers, lengths: Floats) -> Integers:
+def _shorten_tour(order: Integers, lengths: Floats) -> Integers:
     """Return a closed tour after all exchanges of two edges that shorten it (2-opt)."""
     has_changed = len(order) > 3
     while has_changed:
@@ -87,7 +88,7 @@ def driven(
         return np.column_stack([np.interp(lengths, along, axis) for axis in points_xy.T])
 
     ahead = at(places + _AHEAD) - at(places - _AHEAD)  # interp stays at the ends
-    # where the line turns back, both places are one: the robot looks as before
+    # Where the line turns back, both points coincide: the robot retains its heading.
     has_direction = np.hypot(*ahead.T) > _LITTLE
     latest = np.maximum.accumulate(np.where(has_direction, np.arange(len(places)), 0))
     yaws = np.unwrap(np.arctan2(ahead[latest, 1], ahead[latest, 0]))
