@@ -173,16 +173,16 @@ def _with_histogram(above: Image, walls: ScoredWalls, size: int) -> Image:
     height, width = above.indices.shape
     pen = Pen(size)
     bins = bins_of(walls.distances, walls.frame.resolution, walls.top)
-    left = canvas.text_width("100 %", size) + 2 * size
-    sheet_width = max(width, left + 34 * size)
+    left_x = canvas.text_width("100 %", size) + 2 * size
+    sheet_width = max(width, left_x + 34 * size)
     top_margin = 4 * size
     plot_height = 12 * size
     bottom = height + top_margin + plot_height
     pen.open(sheet_width, bottom + 4 * size)
     pen.sheet[:height, :width] = above.indices
-    bar_width = max(2, min(4 * size, (sheet_width - left - 3 * size) // len(bins)))
+    bar_width = max(2, min(4 * size, (sheet_width - left_x - 3 * size) // len(bins)))
     pen.label(size, height + int(0.8 * size), _summary(walls))
-    histogram = _Histogram(pen, bins, left, bottom, plot_height, bar_width)
+    histogram = _Histogram(pen, bins, left_x, bottom, plot_height, bar_width)
     histogram.draw_scale()
     histogram.draw_bars(walls.top)
     histogram.draw_labels()
@@ -195,7 +195,7 @@ class _Histogram:
 
     pen: Pen
     bins: list[tuple[float, float]]
-    left: int
+    left_x: int
     bottom: int
     height: int  # of a bar of the share `end_of_scale`
     bar_width: int
@@ -211,13 +211,13 @@ class _Histogram:
         for k in range(math.floor(self.end_of_scale / step + _ROUNDING) + 1):
             y = self.bottom - round(self.height * k * step / self.end_of_scale)
             label = f"{100 * k * step:.0f} %"
-            self.pen.label(self.left - size - canvas.text_width(label, size), y, label)
-            row = self.pen.sheet[y, self.left : self.left + self.bar_width * len(self.bins)]
+            self.pen.label(self.left_x - size - canvas.text_width(label, size), y, label)
+            row = self.pen.sheet[y, self.left_x : self.left_x + self.bar_width * len(self.bins)]
             row[row == canvas.WHITE] = canvas.WHITE - 2
 
     def draw_bars(self, top: float) -> None:
         for k, (middle, share) in enumerate(self.bins):
-            x = self.left + k * self.bar_width
+            x = self.left_x + k * self.bar_width
             y = self.bottom - round(self.height * share / self.end_of_scale)
             index = int(_index_of(np.array([middle]), top)[0])
             self.pen.sheet[y : self.bottom, x + 1 : x + self.bar_width] = index
@@ -225,19 +225,19 @@ class _Histogram:
     def draw_labels(self) -> None:
         """Draw the axis and as many of its labels as there is room for, with that of the end."""
         size = self.pen.size
-        end = self.left + self.bar_width * len(self.bins)
+        end = self.left_x + self.bar_width * len(self.bins)
         names = ["farther" if math.isinf(middle) else f"{middle:g}" for middle, _ in self.bins]
         widths = [canvas.text_width(name, size) for name in names]
         bars_per_label = max(1, math.ceil((max(widths[:-1]) + size) / self.bar_width))
         last_free = end - (self.bar_width + widths[-1]) // 2 - size // 2
         for k, (name, width) in enumerate(zip(names, widths, strict=True)):
-            x = max(self.left, self.left + k * self.bar_width + (self.bar_width - width) // 2)
+            x = max(self.left_x, self.left_x + k * self.bar_width + (self.bar_width - width) // 2)
             has_room = k % bars_per_label == 0 and x + width <= last_free
             if has_room or k == len(names) - 1:
                 self.pen.label(x, self.bottom + int(0.9 * size), name)
-        self.pen.sheet[self.bottom, self.left - size // 3 : end] = canvas.GREY
+        self.pen.sheet[self.bottom, self.left_x - size // 3 : end] = canvas.GREY
         title = "distance to the nearest true wall [m]"
-        self.pen.label(self.left, self.bottom + int(2.4 * size), title)
+        self.pen.label(self.left_x, self.bottom + int(2.4 * size), title)
 
 
 def _summary(walls: ScoredWalls) -> str:

@@ -460,7 +460,7 @@ class _CompleteDraft(graph_drafts.Draft):
             self.missing &= lengths < 0
 
     def _nearest(self, cells: Sequence[Sequence[int]]) -> list[int | None]:
-        """Return the node nearest to each cell by paths, or None without a path."""
+        """Return the node with the shortest path to each cell, or None if unconnected."""
         nodes = self.nodes()
         is_open = self.coarse >= 0
         node_cells = self.cells_of(nodes, self.step)
