@@ -90,7 +90,7 @@ STAGES = [
 
 @pytest.mark.parametrize(("stage", "ending", "options"), STAGES)
 def test_stages(twice, monkeypatch, stage, ending, options):
-    monkeypatch.setattr(memory, "_READ", 50.0)  # so that every stage takes more than there is
+    monkeypatch.setattr(memory, "_BYTES_PER_CELL_READ", 50.0)  # no stage fits the memory
     twice(f"{stage} {options} --image FOLDER/out.png", f"out{ending}")
 
 
@@ -101,7 +101,7 @@ def test_maps_in_formats_besides_p5_are_processed_in_blocks_too(twice, sh, build
 
 
 def test_a_mask(twice, sh, building, tmp_path, monkeypatch):
-    monkeypatch.setattr(memory, "_READ", 50.0)
+    monkeypatch.setattr(memory, "_BYTES_PER_CELL_READ", 50.0)
     mask = tmp_path / "mask.yaml"
     shape = "--point 12,9 --radius 5 --value 60"
     sh(f"edit circle {building} --blank --background -1 {shape} -o {mask}")
@@ -176,7 +176,7 @@ def test_progress_of_a_run_ends_with_its_end(building, tmp_path, recipe, canvas,
 
 @pytest.mark.parametrize("name", ["inflate.npz", "esdf.npy", "esdf.yaml", "cost.yaml"])
 def test_progress_of_a_stage_ends_with_its_end(building, tmp_path, monkeypatch, name):
-    monkeypatch.setattr(memory, "_READ", 50.0)
+    monkeypatch.setattr(memory, "_BYTES_PER_CELL_READ", 50.0)
     watch = Watched()
     limits = {"threads": 2, "max_memory": size_of(LITTLE, "")}
     options = Settings(image=tmp_path / "out.png", progress=watch, **limits)

@@ -116,11 +116,12 @@ def test_parameters_of_other_models_are_refused(sh, here, listed, words, message
 def test_it_runs_in_recipes_whole_and_in_blocks(sh, listed, monkeypatch):
     Path("own.yaml").write_text("stages:\n  - drop-lone:\n  - esdf:\n  - cost: {model: flat}\n")
     line = "run room.yaml --recipe own.yaml --set drop-lone.lethal_threshold=50 -v"
+    blocks = memory.BlockPlan(2, memory.CacheBudget())
     contents = []
     for name in ("whole", "blocks"):
         if name == "blocks":
             monkeypatch.setattr(memory, "bytes_in_memory", lambda *_, **__: 1 << 60)
-            monkeypatch.setattr(memory, "_cut", lambda *_, **__: (2, memory.CacheBudget()))
+            monkeypatch.setattr(memory, "_block_plan", lambda *_, **__: blocks)
         assert ("processed in blocks" in sh.err(f"{line} -o {name}")) == (name == "blocks")
         contents.append({path.name: path.read_bytes() for path in Path(name, "room").iterdir()})
     assert contents[0] == contents[1]

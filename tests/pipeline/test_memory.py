@@ -12,7 +12,7 @@ from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline import inputs as memory
 from mapdeal.pipeline.settings import Settings
 
-DEMAND = memory._Demand(base=1000, more=3.0, block=40)
+DEMAND = memory._Demand(base=1000, per_cell=3.0, per_block_cell=40)
 
 
 @pytest.fixture(autouse=True)
@@ -28,7 +28,7 @@ class Step:
 
 def cut(available, *, base=500, threads=1, shape=(3000, 1000), steps=(Step,)):
     with use_threads(threads):
-        return memory._cut(Path("m.pgm"), shape, steps, base + available, base, needed=10**9)
+        return memory._block_plan(Path("m.pgm"), shape, steps, base + available, base, needed=10**9)
 
 
 @pytest.mark.parametrize(("available", "threads", "rows", "unused"), [

@@ -142,12 +142,10 @@ def test_layers_are_made_once_for_figures_and_once_for_all_files_and_then_releas
 
         monkeypatch.setattr(owner, name, counted)
 
-    def in_blocks_of_40_rows(*_):
-        return 0, (40, CacheBudget(room))
-
+    in_blocks = memory.MemoryPlan(0, memory.BlockPlan(40, CacheBudget(room)))
     count("distances", esdf_module, "signed_distance", len)
     count("costs", exponential.BaseCosts, "costs", lambda _, rows: rows.stop - rows.start)
-    monkeypatch.setattr(memory, "_plan_blocks", in_blocks_of_40_rows)
+    monkeypatch.setattr(memory, "_plan_memory", lambda *_: in_blocks)
     settings = Settings(threads=1, images=False)
     gc.disable()
     run_map(building, tmp_path / "out", load_recipe("default"), settings)

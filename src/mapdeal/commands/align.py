@@ -249,7 +249,7 @@ def align(
     (True, 3.142)
     """
     approximate = inputs.transform_of(prior, place="prior")
-    a, b = inputs.opened(first, second, names=("map A", "map B"), **reading)
+    a, b = inputs.open_inputs(first, second, names=("map A", "map B"), **reading)
     sizes = [math.prod(source.occupancy.shape) for source in (a, b)]
     text, of_picture = f"maps of {sizes[0]} and {sizes[1]} cells", _PER_CELL_OF_PICTURE * sum(sizes)
     inputs.claim_for([a, b], bytes_to_align(sizes), text, of_picture=of_picture, **reading)

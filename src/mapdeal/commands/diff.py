@@ -347,7 +347,7 @@ def differences(
         keepout = inputs.mask_of(mask, inputs.settings_of())
         also = [*robot.paths, *against.paths, *([] if points is None else [points])]
         also += keepout.files if keepout else ()
-        (source,) = inputs.opened(first, names=("the map",), also=also)
+        (source,) = inputs.open_inputs(first, names=("the map",), also=also)
         return robots_compared(source, (robot, against), start, goals, keepout)
     if second is None:
         hint = "diff A B compares two files, diff MAP --params-file A --against B two robots"

@@ -354,7 +354,7 @@ def compare_robots(
     passes it and B neither fits nor gets there. Passages behind one that closes are not listed if B
     fits into them. Passages are the same if their middles are within half their width or two cells.
     """
-    (source,) = inputs.opened(map, names=("the map",), **reading)
+    (source,) = inputs.open_inputs(map, names=("the map",), **reading)
     keepout = inputs.mask_of(mask, inputs.settings_of(**reading), source.grid)
     return robots_compared(source, (first, second), start, goals, keepout, **reading)
 

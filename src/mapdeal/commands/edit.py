@@ -73,7 +73,7 @@ def _edited(
         bits, extra = read_bits(source, work, also=also)
         grid: Any = _OccupancyBits(bits.packed, bits.width, bits.resolution, bits.origin)
     else:
-        (read,) = inputs.opened(source, names=("map",), also=also)
+        (read,) = inputs.open_inputs(source, names=("map",), also=also)
         inputs.claim_cells(read, _PER_CELL)
         grid, extra = read.grid, {}
         if read.metadata is not None:

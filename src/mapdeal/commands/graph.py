@@ -191,7 +191,7 @@ def graph(
         inputs.refuse("needs unknown cells to be closed", keep_from_unknown=keep_from_unknown)
     inputs.need_ending(".geojson")
     also = robot.paths if robot else ()
-    (source,) = inputs.opened(map, names=("map",), also=also, **reading)
+    (source,) = inputs.open_inputs(map, names=("map",), also=also, **reading)
     planned = graph_of(
         source, options, start=start, goals=goals, through_unknown=through_unknown,
         footprint=footprint, robot=robot, **reading,
@@ -224,7 +224,7 @@ def graph_of(
     per_cell = step.memory + _PER_CELL + _PER_COARSE_CELL / coarse
     with (
         inputs.settings_of(**reading).reading(),
-        inputs.work_claimed(source.name, source.grid, per_cell, besides=_LIBRARIES),
+        inputs.claiming_work(source.name, source.grid, per_cell, besides=_LIBRARIES),
         inputs.errors_named(source.name),
     ):
         grid = source.grid

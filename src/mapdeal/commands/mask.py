@@ -166,7 +166,7 @@ def mask(
     work.outputs += [file for path in paths for file in pair_paths(path)]
     work.outputs += [output / _PARAMETERS, output / _LAUNCH]
     also = [file, *(robot.paths if robot else ())]
-    (map_read,) = inputs.opened(source, names=("the map",), also=also)
+    (map_read,) = inputs.open_inputs(source, names=("the map",), also=also)
     inputs.claim_cells(map_read, PER_CELL)
     shape = planned_shape(robot) if footprint is None and robot is not None else footprint
     options: Any = {"unit": speed_unit, "base": base, "multiplier": multiplier}

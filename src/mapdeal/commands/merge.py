@@ -276,7 +276,7 @@ def merge(
         files = [Path(place) for place in transforms if isinstance(place, str | PathLike)]
         if 0 < len(files) < len(transforms):
             raise ParameterError("must be files, or transforms", place="transforms")
-    sources = inputs.opened(*maps, names=names, also=files, **reading)
+    sources = inputs.open_inputs(*maps, names=names, also=files, **reading)
     grids = [merging.check_is_map(source.grid, source.name) for source in sources]
     settings = inputs.settings_of(**reading)
     with settings.reading(), holding(sum(map(inputs.bytes_of, grids))):

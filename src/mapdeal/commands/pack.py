@@ -22,7 +22,7 @@ from mapdeal.maps.reading import write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.overlay import Overlay
 from mapdeal.pipeline.folder import files_of, summary_of, written_line
-from mapdeal.pipeline.inputs import Map, Work, claim_cells, claim_work, opened
+from mapdeal.pipeline.inputs import Map, Work, claim_cells, claim_work, open_inputs
 
 PER_CELL = 3.0  # bytes for each cell of a bit map: mask, cells and output
 
@@ -91,7 +91,7 @@ def pack(source: Map, *, lethal_threshold: LethalThreshold | None = None) -> Gri
     lethal_threshold : int, optional
         Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a field.
     """
-    (read,) = opened(source, names=("map",))
+    (read,) = open_inputs(source, names=("map",))
     claim_cells(read, PER_CELL)
     if isinstance(read.grid, (DistanceField, PotentialField)):
         if lethal_threshold is not None:

@@ -615,7 +615,7 @@ def plan(
     planners = [planner_of(own, planner) for own in robots]
 
     def works_on(source: inputs.Map) -> list[PlannerOnMap]:
-        (opened,) = inputs.opened(source, names=("map",), also=also, **reading)
+        (opened,) = inputs.open_inputs(source, names=("map",), also=also, **reading)
         check_map(opened, **reading)
         is_older, pairs = settings.dialect != "nav2", zip(robots, planners, strict=True)
         return [PlannerOnMap(opened, own, *chosen, over, is_older) for own, chosen in pairs]

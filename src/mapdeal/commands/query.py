@@ -231,7 +231,7 @@ def query(
         inputs.refuse("applies to costs of a robot, not to distances", mask=settings.mask)
     first = _rows(at or (), form)
     chunks, asked_in = ((), "--at") if file is None else inputs.text_in(file)
-    (map_read,) = inputs.opened(map, names=("map",))
+    (map_read,) = inputs.open_inputs(map, names=("map",))
     reading = {name: value for name, value in of_map.items() if value is not None}
     answer: Answer
     if footprint is None:

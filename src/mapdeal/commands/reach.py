@@ -248,7 +248,9 @@ def reachability(
     step = make_step("reach", {**parameters, "footprint": shape})
     mask = inputs.mask_of(work.settings.mask, work.settings)
     also = [*(robot.paths if robot else ()), *([points] if points else ())]
-    (map_read,) = inputs.opened(map, names=("map",), also=[*also, *(mask.files if mask else ())])
+    (map_read,) = inputs.open_inputs(
+        map, names=("map",), also=[*also, *(mask.files if mask else ())]
+    )
     found = reach_on_input(map_read, step, robot, mask)
     if "start" not in parameters:
         x, y = found.start[:2]
@@ -269,7 +271,7 @@ def reach_on_input(
     per_cell = step.memory + COSTS_PER_CELL * (robot is not None)
     with (
         inputs.settings_of().reading(),
-        inputs.work_claimed(map_read.name, map_read.grid, per_cell),
+        inputs.claiming_work(map_read.name, map_read.grid, per_cell),
         inputs.errors_named(map_read.name),
     ):
         grid = map_read.grid

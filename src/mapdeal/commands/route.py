@@ -482,7 +482,7 @@ def _costs_of(
     """Return a map and its costs: those in the file, the robot's, or the recipe ``nav2``'s."""
     over = inputs.mask_of(mask, inputs.settings_of(**reading))
     also = [*(robot.paths if robot else ()), *files, *(over.files if over else ())]
-    (source,) = inputs.opened(map, names=("map",), also=also, **reading)
+    (source,) = inputs.open_inputs(map, names=("map",), also=also, **reading)
     inputs.claim_cells(source, per_cell, measures=True, **reading)
     grid = source.grid
     if isinstance(grid, Costmap):

@@ -278,7 +278,7 @@ def scan(
     scanner = Scanner(range_min, range_max, fov, beams, noise, dropout, mount)
     files = [Path(file) for file in (poses, route) if isinstance(file, str | Path)]
     also = [*files, *(robot.paths if robot else ())]
-    (source,) = inputs.opened(map, names=("map",), also=also, **reading)
+    (source,) = inputs.open_inputs(map, names=("map",), also=also, **reading)
     inputs.claim_cells(source, _PER_CELL, measures=True, **reading)
     around = Surroundings(source.occupancy, through_unknown)
     is_hit, is_visible = np.zeros((2, around.cells), dtype=np.bool_)

@@ -307,7 +307,7 @@ def score(
     limits = score_bounds.checked_bounds(minimum or {}, maximum or {}, with_truth=truth is not None)
     known, files = two_maps.given_transform(transform, place="transform")
     named = {"the map": map} if truth is None else {"the map": map, "the truth": truth}
-    maps = inputs.opened(*named.values(), names=list(named), also=files, **reading)
+    maps = inputs.open_inputs(*named.values(), names=list(named), also=files, **reading)
     _claim(maps, reading, aligns=align)
     estimate, *truths = (source.occupancy for source in maps)
     with inputs.errors_named(maps[0].name):

@@ -64,7 +64,7 @@ def opened_in_one_frame(
     if align and by is not None:
         raise ParameterError("cannot be given together with --by", place="align")
     transform, files = given_transform(by, place="by")
-    maps = inputs.opened(first, second, names=("map A", "map B"), also=files, **reading)
+    maps = inputs.open_inputs(first, second, names=("map A", "map B"), also=files, **reading)
     if align:
         inputs.claim_for(maps, bytes_to_place(maps), "maps that are aligned", **reading)
         return maps, aligned(maps, hint="--by FILE uses a transform as it is")

@@ -37,67 +37,72 @@ from mapdeal.pipeline.step import Step
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.cost import apply_keepout_mask
 
-_PER_PIXEL = 10  # bytes that pictures take while they are drawn, two at the same time
-_PER_LONG_SQUARE = 10  # bytes more for each cell where squares of distances have 64 bits
-_PER_LINE, _PER_MEASURED_LINE = 16, 130
-"""Bytes for each row and column, and where distances are measured: a band has a row at least, and
-sides above `LONGEST_SIDE` are left to scipy."""
+_BYTES_PER_PIXEL = 10  # of pictures while they are drawn, two at the same time
+_BYTES_PER_LONG_SQUARE = 10  # additional bytes per cell where squares of distances have 64 bits
+_BYTES_PER_LINE = 16  # per row and column
+_BYTES_PER_MEASURED_LINE = 130
+"""Additional bytes per row and column where distances are measured: bands have at least one row,
+and scipy handles sides above `LONGEST_SIDE`."""
 
-_ON_CANVAS = 0.9
-"""Share of a stage's memory that extending its product to a larger canvas takes besides."""
+_CANVAS_SHARE = 0.9
+"""Additional memory for extending a product to the full canvas, as a share of the stage's."""
 
-_READ = 1.0  # bytes of each cell of a map in memory; reading releases the rest before stages begin
+_BYTES_PER_CELL_READ = 1.0  # reading releases everything else before stages begin
 
 
 class _Demand(NamedTuple):
+    """Bytes that an engine needs: of the process, and per cell of whole maps and of blocks."""
+
     base: int
-    more: float
-    block: int
+    per_cell: float
+    per_block_cell: int
 
 
 _DEMANDS = {"compiled": _Demand(50_000_000, 0.0, 40), "scipy": _Demand(100_000_000, 12.0, 90)}
 
-_PER_COLUMN_OF_BLOCK = 20
-"""Bytes for each column of each block, for its halo: `mapdeal.kernels.distance`."""
+_RUN_BYTES_PER_COLUMN = 20
+"""Bytes for the runs at each block's edge, per column: `mapdeal.kernels.distance`."""
 
 _BLOCK_CELLS = 1 << 22
+_LONGEST_RUN = (1 << 16) - 1  # rows
 _NO_LIMIT = 1 << 62
 
 
 def bytes_in_memory(
     shape: tuple[int, int], steps: Sequence[Step], image_max: int | None, *,
-    canvas: Canvas = "crop", reading: int = 0,
+    canvas: Canvas = "crop", reading_bytes: int = 0,
 ) -> int:  # fmt: skip
-    """Return about how many bytes of memory it takes to apply stages to a map in memory."""
+    """Estimate the process memory while stages are applied to a map in memory."""
     products = sum(step.memory for step in steps)
     if canvas == "full":
-        products *= 1 + _ON_CANVAS
-    per_cell = _DEMANDS[engine_name()].more + _READ + products
+        products *= 1 + _CANVAS_SHARE
+    per_cell = _DEMANDS[engine_name()].per_cell + _BYTES_PER_CELL_READ + products
     libraries = max((step.stage.of_library for step in steps), default=0)
-    working = _base(shape, image_max) + libraries + int(per_cell * shape[0] * shape[1])
+    working = _base_bytes(shape, image_max) + libraries + int(per_cell * shape[0] * shape[1])
     working += _bytes_to_measure(shape) if steps else 0
-    return max(working, bytes_to_read(reading))
+    return max(working, bytes_to_read(reading_bytes))
 
 
-def bytes_to_read(reading: int) -> int:
-    """Return about how many bytes a process takes that reads a map with `reading` bytes."""
-    return _DEMANDS[engine_name()].base + reading
+def bytes_to_read(reading_bytes: int) -> int:
+    """Estimate the process memory while reading a map; `reading_bytes` is what the reader needs."""
+    return _DEMANDS[engine_name()].base + reading_bytes
 
 
 def _bytes_to_measure(shape: tuple[int, int]) -> int:
-    """Return what distances take on a map with long sides, beside the bytes of a stage."""
+    """Return the additional bytes for measuring distances on a map with long sides."""
     is_long = dtype_of_squares(shape) is np.int64
-    squares = _PER_LONG_SQUARE * shape[0] * shape[1] if is_long else 0
-    return squares + sources.bytes_of_lines(shape, _PER_MEASURED_LINE)
+    squares = _BYTES_PER_LONG_SQUARE * shape[0] * shape[1] if is_long else 0
+    return squares + sources.bytes_of_lines(shape, _BYTES_PER_MEASURED_LINE)
 
 
-def _base(shape: tuple[int, int], image_max: int | None) -> int:
-    base = _DEMANDS[engine_name()].base + sources.bytes_of_lines(shape, _PER_LINE)
+def _base_bytes(shape: tuple[int, int], image_max: int | None) -> int:
+    """Return the bytes of the process and its pictures, whatever the stages need."""
+    base = _DEMANDS[engine_name()].base + sources.bytes_of_lines(shape, _BYTES_PER_LINE)
     if image_max is None:
         return base
     height, width = shape
     step = max(1, -(-max(shape) // image_max)) if image_max else 1
-    return base + _PER_PIXEL * -(-height // step) * -(-width // step)
+    return base + _BYTES_PER_PIXEL * -(-height // step) * -(-width // step)
 
 
 @contextmanager
@@ -120,43 +125,56 @@ def opened_map(
 def _read(file: MapFile, steps: Sequence[Step], image_max: int | None, canvas: Canvas) -> Source:
     limit, _ = sources.memory_limit()
     budget = _NO_LIMIT if limit is None else limit
-    _, blocks = _plan_blocks(file, file.shape(), steps, budget, image_max, canvas)
-    if blocks is not None and file.shape_by_rows is not None:
-        return file.by_rows(block_height=blocks[0], budget=blocks[1])
+    plan = _plan_memory(file, file.shape(), steps, budget, image_max, canvas)
+    if plan.blocks is not None and file.shape_by_rows is not None:
+        return file.by_rows(block_height=plan.blocks.height, budget=plan.blocks.cache)
     source = file.read()
     grid = source.grid
-    crop = _bytes_of_crop(grid)
-    canvas = "full" if crop else canvas  # products of the box are extended
-    needed = bytes_in_memory(grid.shape, steps, image_max, canvas=canvas) + crop
+    box_bytes = _bytes_of_box(grid)
+    canvas = "full" if box_bytes else canvas  # products of the box are extended
+    needed = bytes_in_memory(grid.shape, steps, image_max, canvas=canvas) + box_bytes
     if needed <= budget:
         return source
     if not isinstance(grid, OccupancyGrid):
         raise _too_large(file.path, grid.shape, needed, budget)
-    base = _base(grid.shape, image_max) + grid.occupancy.nbytes
-    block_height, cache = _cut(file.path, grid.shape, steps, budget, base, needed=needed)
+    base = _base_bytes(grid.shape, image_max) + grid.occupancy.nbytes
+    blocks = _block_plan(file.path, grid.shape, steps, budget, base, needed=needed)
     values = grid.occupancy
     layer = lazy_layer(
-        grid.shape, np.int8, lambda rows: values[rows], block_height=block_height, budget=cache
-    )
+        grid.shape, np.int8, lambda rows: values[rows],
+        block_height=blocks.height, budget=blocks.cache,
+    )  # fmt: skip
     return replace(source, grid=grid.with_values(layer))
 
 
-def _plan_blocks(
+class BlockPlan(NamedTuple):
+    """Rows of a block, and the memory that may cache the blocks of layers."""
+
+    height: int
+    cache: CacheBudget
+
+
+class MemoryPlan(NamedTuple):
+    """Bytes that a map in memory needs, and its blocks if that exceeds the budget."""
+
+    needed: int
+    blocks: BlockPlan | None = None
+
+
+def _plan_memory(
     file: MapFile, shape: tuple[int, int], steps: Sequence[Step], budget: int,
     image_max: int | None, canvas: Canvas,
-) -> tuple[int, tuple[int, CacheBudget] | None]:  # fmt: skip
-    """Return the bytes that a map in memory needs, and blocks as `_cut` does if it does not fit."""
-    # Cells of an image that is decoded as a whole are kept. Others are read again, row by row.
-    reading = file.memory_to_read()
-    needed = bytes_in_memory(shape, steps, image_max, canvas=canvas, reading=reading)
+) -> MemoryPlan:  # fmt: skip
+    reading_bytes = file.memory_to_read()
+    needed = bytes_in_memory(shape, steps, image_max, canvas=canvas, reading_bytes=reading_bytes)
     if needed <= budget:
-        return needed, None
-    base = _base(shape, image_max)
-    if file.shape_by_rows is None:
-        if bytes_to_read(reading) > budget:
-            raise _too_large(file.path, shape, bytes_to_read(reading), budget)
+        return MemoryPlan(needed)
+    base = _base_bytes(shape, image_max)
+    if file.shape_by_rows is None:  # the image is decoded as a whole, and its cells are kept
+        if bytes_to_read(reading_bytes) > budget:
+            raise _too_large(file.path, shape, bytes_to_read(reading_bytes), budget)
         base += shape[0] * shape[1]
-    return needed, _cut(file.path, shape, steps, budget, base, needed=needed)
+    return MemoryPlan(needed, _block_plan(file.path, shape, steps, budget, base, needed=needed))
 
 
 def check_fits(
@@ -166,23 +184,25 @@ def check_fits(
     sources.claim(path, count, what=f"{shape[1]} x {shape[0]} cells")
 
 
-def claim_work(path: Path | str, grid: Framed, per_cell: float, **more: Any) -> None:
-    with work_claimed(path, grid, per_cell, **{"measures": False, **more}):
+def claim_work(path: Path | str, grid: Framed, per_cell: float, **options: Any) -> None:
+    """Claim the memory of work on a grid, see `claiming_work`; by default it measures nothing."""
+    with claiming_work(path, grid, per_cell, **{"measures": False, **options}):
         pass
 
 
-def work_claimed(
+def claiming_work(
     path: Path | str, grid: Framed, per_cell: float, *, cells: int | None = None,
     besides: int = 0, measures: bool = True,
 ) -> AbstractContextManager[None]:  # fmt: skip
-    """Refuse work on a grid in memory that takes too much, and count the tables that it makes."""
+    """Claim the memory of work on a grid while the context is open, with the tables it makes."""
     height, width = grid.shape
-    more = int(per_cell * (height * width if cells is None else cells))
-    if crop := _bytes_of_crop(grid):  # stages work on the box, then extend the product
-        more = 2 * more + crop
-    more += sources.bytes_of_lines(grid.shape, _PER_LINE)
-    more += _bytes_to_measure(grid.shape) if measures else 0
-    return sources.claimed(path, bytes_of(grid) + more + besides, what=f"{width} x {height} cells")
+    working = int(per_cell * (height * width if cells is None else cells))
+    if box_bytes := _bytes_of_box(grid):  # stages work on the box, then extend the product
+        working = 2 * working + box_bytes
+    working += sources.bytes_of_lines(grid.shape, _BYTES_PER_LINE)
+    working += _bytes_to_measure(grid.shape) if measures else 0
+    needed = bytes_of(grid) + working + besides
+    return sources.claimed(path, needed, what=f"{width} x {height} cells")
 
 
 def claim_step(path: Path, grid: Grid, step: Step) -> None:
@@ -200,8 +220,8 @@ def bytes_of(grid: Framed) -> int:
     return sum(int(getattr(grid, name).nbytes) for name in grid.layer_names)
 
 
-def _bytes_of_crop(grid: Framed) -> int:
-    """Return the bytes of a copy of the box of a field, where it has numbers in a box alone."""
+def _bytes_of_box(grid: Framed) -> int:
+    """Return the bytes of a copy of a field's box; 0 if the field covers the whole grid."""
     if not isinstance(grid, FieldGrid) or grid.region is None:
         return 0
     return bytes_of(grid) * grid.region.cells // (grid.shape[0] * grid.shape[1])
@@ -218,10 +238,10 @@ def need_of(
 ) -> Need:
     budget, image_max = memory_budget(settings.max_memory), settings.picture_size
     with use_threads(settings.threads):
-        needed, blocks = _plan_blocks(file, shape, steps, budget, image_max, settings.canvas)
-    if blocks is not None:
+        plan = _plan_memory(file, shape, steps, budget, image_max, settings.canvas)
+    if plan.blocks is not None:
         return Need(budget, by_blocks=True)  # layers are kept as long as there is room
-    return Need(needed, by_blocks=False)
+    return Need(plan.needed, by_blocks=False)
 
 
 def memory_budget(max_memory: int | None, jobs: int = 1) -> int:
@@ -231,32 +251,31 @@ def memory_budget(max_memory: int | None, jobs: int = 1) -> int:
     return _NO_LIMIT if limit is None else limit
 
 
-def _cut(
+def _block_plan(
     path: Path, shape: tuple[int, int], steps: Sequence[Step], budget: int, base: int, *,
     needed: int,
-) -> tuple[int, CacheBudget]:  # fmt: skip
-    """Return the rows of a block, and the part of the budget that layers may keep."""
-    # Blocks, the layers kept of each, and `base` together fit the budget.
+) -> BlockPlan:  # fmt: skip
+    """Return blocks that fit the budget together with `base` and the layers cached of each."""
     if any(step.is_whole for step in steps):
         raise _too_large(path, shape, needed, budget)
     height, width = shape
-    per_row = _DEMANDS[engine_name()].block * width * (thread_count() + 1)
+    per_row = _DEMANDS[engine_name()].per_block_cell * width * (thread_count() + 1)
 
-    def fitting(free_bytes: int) -> tuple[int, int]:
-        """Return the least and the most rows, half of the memory for blocks, a quarter for runs."""
-        least = -(-_PER_COLUMN_OF_BLOCK * width * height // max(free_bytes // 4, 1))
-        return max(least, 1), free_bytes // 2 // per_row
+    def height_limits(free_bytes: int) -> tuple[int, int]:
+        """Return the fewest and most rows: blocks may take half of the bytes, runs a quarter."""
+        fewest = -(-_RUN_BYTES_PER_COLUMN * width * height // max(free_bytes // 4, 1))
+        return max(fewest, 1), free_bytes // 2 // per_row
 
     free_bytes = budget - base
-    least, most = fitting(free_bytes)
-    while most < least:
+    fewest, most = height_limits(free_bytes)
+    while most < fewest:  # increase until blocks would fit: the error names that amount
         free_bytes = max(free_bytes + free_bytes // 50, per_row)
-        least, most = fitting(free_bytes)
+        fewest, most = height_limits(free_bytes)
     if free_bytes > budget - base:
         raise _too_large(path, shape, min(needed, int(1.01 * (base + free_bytes))), budget)
-    rows = int(min(max(_BLOCK_CELLS // width, least), most, height, (1 << 16) - 1))
-    runs = _PER_COLUMN_OF_BLOCK * width * -(-height // rows)
-    return rows, CacheBudget(free_bytes - per_row * rows - runs)
+    rows = int(min(max(_BLOCK_CELLS // width, fewest), most, height, _LONGEST_RUN))
+    run_bytes = _RUN_BYTES_PER_COLUMN * width * -(-height // rows)
+    return BlockPlan(rows, CacheBudget(free_bytes - per_row * rows - run_bytes))
 
 
 def _too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> MalformedInputError:
@@ -392,7 +411,7 @@ def text_in(path: Path) -> tuple[Iterable[bytes], Path | str]:
     return work.terminal.input_chunks(), "standard input"
 
 
-def opened(
+def open_inputs(
     *maps: Map, names: Sequence[str], also: Sequence[Path] = (), **reading: Unpack[Reading]
 ) -> list[MapInput]:
     work, settings = Work.current.get(), settings_of(**reading)
@@ -400,14 +419,14 @@ def opened(
         if not isinstance(source, str | PathLike | Grid):
             raise ParameterError("takes files or grids", got=source)
     paths = [Path(source) for source in maps if isinstance(source, str | PathLike)]
-    of_files = map(map_input, read_together(paths, settings), paths)
-    found = [
-        next(of_files) if isinstance(source, str | PathLike) else MapInput(source, (), name=name)
+    files_read = map(map_input, read_together(paths, settings), paths)
+    opened = [
+        next(files_read) if isinstance(source, str | PathLike) else MapInput(source, (), name=name)
         for source, name in zip(maps, names, strict=True)
     ]
     if work is not None:
-        work.begin([*(file for source in found for file in source.files), *also])
-    return found
+        work.begin([*(file for source in opened for file in source.files), *also])
+    return opened
 
 
 def sums_of(path: Path, settings: Settings) -> dict[str, str]:
@@ -415,7 +434,7 @@ def sums_of(path: Path, settings: Settings) -> dict[str, str]:
         return file.sums_by_name({})
 
 
-Mask = TypeVar("Mask")
+AnyMask = TypeVar("AnyMask")  # a keepout mask, its grid or its file
 
 
 @dataclass(frozen=True, eq=False)
@@ -433,16 +452,17 @@ class KeepoutMask:
             return apply_keepout_mask(costs, self.grid)
 
     def costs_of(self, step: Step, grid: Grid, path: Path | None) -> tuple[Costmap, Costmap]:
-        without = cast("Costmap", step.apply(grid, path))
+        """Return the costs that a step makes of a grid without the mask, and those with it."""
+        unmasked = cast("Costmap", step.apply(grid, path))
         if not step.accepts_mask:
-            return without, self.over(without)
+            return unmasked, self.over(unmasked)
         masked = cast("Costmap", step.apply(grid, path, mask=self.grid))
-        if all((masked.cost[rows] == without.cost[rows]).all() for rows in swept(masked.cost)):
+        if all((masked.cost[rows] == unmasked.cost[rows]).all() for rows in swept(masked.cost)):
             emit_warning(f"{self.path}: the mask changes no cost")
-        return without, masked
+        return unmasked, masked
 
 
-def used_mask(mask: Mask, robot: RobotParameters | None) -> Mask | None:
+def used_mask(mask: AnyMask, robot: RobotParameters | None) -> AnyMask | None:
     """Return a keepout mask; warn and return None if a robot's layers ignore it."""
     if robot is None or mask is None or robot.why_mask_unused is None:
         return mask
@@ -541,9 +561,9 @@ def warn_of_potential(map_read: MapInput) -> None:
 
 
 def warn_of_values(map_read: MapInput) -> None:
-    """Warn of a map of which values are not used: published costs, or those of a potential."""
+    """Warn if values of a map are ignored: published costs, or a potential's goal and gains."""
     grid, metadata = map_read.grid, map_read.metadata
-    is_view = isinstance(grid, FieldView)  # which is warned of, or refused, by this name
+    is_view = isinstance(grid, FieldView)  # views of fields are warned of or refused elsewhere
     if isinstance(grid, OccupancyGrid) and metadata and metadata.mode == "raw" and not is_view:
         between = histogram(grid.occupancy)[FREE + 1 : OCCUPIED].sum()
         if between:
