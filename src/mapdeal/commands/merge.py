@@ -19,7 +19,7 @@ from mapdeal.compare.align import bytes_to_align, placed as placed_on
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
 from mapdeal.files.source import bytes_of_lines, claim, holding
-from mapdeal.grid.frame import Transform
+from mapdeal.grid.frame import Frame, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import check_choice, count_text
 from mapdeal.maps.formats import format_of
@@ -30,12 +30,11 @@ from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import written_line
 from mapdeal.sensors.points import read_transform, transform_document
 
-_PER_CELL, _OF_EVIDENCE, _PER_WALL = 26, 26, 60
-"""Bytes for each cell of the result, more of them for sums, and for each wall cell of a map; each
-map takes another one for each cell."""
-
-_PER_LINE = 350  # bytes of corners of known cells, for each row
-_OF_PICTURE = 2  # bytes more for a picture, besides its own
+_BYTES_PER_CELL = 26  # of the result; one more for each map
+_EVIDENCE_BYTES_PER_CELL = 26  # additional ones for the sums
+_PICTURE_BYTES_PER_CELL = 2  # additional ones besides the picture itself
+_BYTES_PER_WALL_CELL = 60  # of the maps
+_BYTES_PER_ROW = 350  # for the corners of known cells
 
 Placing = Sequence[Transform | str | PathLike[str] | None]
 
@@ -97,14 +96,19 @@ class Merged(Result):
             "merged": [
                 {
                     **(self.inputs[k].document() or {"file": None, "sha256": None}),
-                    "transform": transform_document(self.transforms[k]), **asdict(counts),
-                    "conflicts": counts.conflicts, "conflict_share": counts.conflict_share,
+                    "transform": transform_document(self.transforms[k]),
+                    **asdict(counts),
+                    "conflicts": counts.conflicts,
+                    "conflict_share": counts.conflict_share,
                 }
                 for k, counts in enumerate(self.maps)
             ],
-            "common": self.common, "conflicts": self.conflict_count, "thickness": self.thickness,
-            "kept": self.kept, "figures": self.grid.figures(),
-        }  # fmt: skip
+            "common": self.common,
+            "conflicts": self.conflict_count,
+            "thickness": self.thickness,
+            "kept": self.kept,
+            "figures": self.grid.figures(),
+        }
 
     def summary(self, output: Path) -> Iterator[str]:
         yield written_line(output, self.grid.figures(), with_origin=True)
@@ -271,49 +275,72 @@ def merge(
     if len(maps) < merging.FEWEST:
         raise ParameterError("takes two maps or more", place="maps", got=len(maps))
     names = [f"map {number}" for number in range(1, len(maps) + 1)]
-    files: list[Path] = []
-    if transforms is not None and not isinstance(transforms, str):
-        files = [Path(place) for place in transforms if isinstance(place, str | PathLike)]
-        if 0 < len(files) < len(transforms):
-            raise ParameterError("must be files, or transforms", place="transforms")
+    files = _transform_files(transforms)
     sources = inputs.open_inputs(*maps, names=names, also=files, **reading)
     grids = [merging.check_is_map(source.grid, source.name) for source in sources]
     settings = inputs.settings_of(**reading)
     with settings.reading(), holding(sum(map(inputs.bytes_of, grids))):
-        claim(sources[0].name, max(bytes_of_lines(grid.shape, _PER_LINE) for grid in grids))
+        claim(sources[0].name, max(bytes_of_lines(grid.shape, _BYTES_PER_ROW) for grid in grids))
         layers = _evidence_of(sources, rule, evidence, settings.max_cells)
         if files:
-            places = _by_files(files, sources)
+            found_transforms = _by_files(files, sources)
         elif transforms == "align":
-            places = _by_walls(grids, sources)
+            found_transforms = _by_walls(grids, sources)
         else:
-            places = _checked_transforms(transforms, len(maps) - 1)
-    frames = [grid.frame if place is None else place.inverse().frame(grid.frame)
-              for grid, place in zip(grids, places, strict=True)]  # fmt: skip
+            found_transforms = _checked_transforms(transforms, len(maps) - 1)
+    frames = [
+        grid.frame if transform is None else transform.inverse().frame(grid.frame)
+        for grid, transform in zip(grids, found_transforms, strict=True)
+    ]
     frames[1:] = [merging.snapped(frame, frames[0]) for frame in frames[1:]]
     with inputs.errors_named(sources[0].name):
         lattice = merging.lattice_around(grids, frames)
-    needed = sum(map(inputs.bytes_of, grids)) + _bytes_in(layers)
-    needed += _PER_WALL * sum(int(np.count_nonzero(grid.occupied())) for grid in grids)
-    per_cell = _PER_CELL + len(maps) + _OF_EVIDENCE * (rule == "evidence")
-    per_cell += _OF_PICTURE * (settings.image is not None)
-    needed += per_cell * lattice.height * lattice.width
+    needed = _bytes_to_merge(
+        lattice, grids, layers, sums=rule == "evidence", is_drawn=settings.image is not None
+    )
     with settings.reading():
         size = f"{lattice.width} x {lattice.height} cells around all maps"
         claim(sources[0].name, needed, what=size)
     parts = merging.merged_on(lattice, grids, frames, rule, layers, same_wall)
-    placed = tuple(place or Transform() for place in places)
-    merged = Merged(**vars(parts), inputs=tuple(sources), transforms=placed, rule=rule)
-    advice = ""
-    if transforms is None:
-        by_walls = "--by align places maps by their walls"
-        pairs = [(sources[0], second) for second in sources[1:]]
-        is_warned = [two_maps.warn_of_frames(pair, by_walls) for pair in pairs]
-        if inputs.Work.current.get() is not None and not any(is_warned):
-            advice = f"; {by_walls}"
+    merged = Merged(
+        **vars(parts), inputs=tuple(sources), rule=rule,
+        transforms=tuple(transform or Transform() for transform in found_transforms),
+    )  # fmt: skip
+    advice = _warn_of_frames(sources) if transforms is None else ""
     for text in _remarks_on(merged, [not layer for layer in layers], advice):
         emit_warning(text)
     return merged
+
+
+def _transform_files(transforms: Any) -> list[Path]:
+    """Return the files if transforms are files; none if they are placed otherwise."""
+    if transforms is None or isinstance(transforms, str):
+        return []
+    files = [Path(file) for file in transforms if isinstance(file, str | PathLike)]
+    if 0 < len(files) < len(transforms):
+        raise ParameterError("must be files, or transforms", place="transforms")
+    return files
+
+
+def _bytes_to_merge(
+    lattice: Frame, grids: Sequence[OccupancyGrid], layers: Sequence[merging.ChosenLayers], *,
+    sums: bool, is_drawn: bool,
+) -> int:  # fmt: skip
+    per_cell = _BYTES_PER_CELL + len(grids)
+    per_cell += _EVIDENCE_BYTES_PER_CELL * sums + _PICTURE_BYTES_PER_CELL * is_drawn
+    wall_cells = sum(int(np.count_nonzero(grid.occupied())) for grid in grids)
+    needed = sum(map(inputs.bytes_of, grids)) + _bytes_in(layers)
+    needed += _BYTES_PER_WALL_CELL * wall_cells
+    return needed + per_cell * lattice.height * lattice.width
+
+
+def _warn_of_frames(sources: Sequence[inputs.MapInput]) -> str:
+    """Warn of maps that hardly share their frame; return the advice for maps that contradict."""
+    by_walls = "--by align places maps by their walls"
+    pairs = [(sources[0], second) for second in sources[1:]]
+    is_warned = [two_maps.warn_of_frames(pair, by_walls) for pair in pairs]
+    is_advised = inputs.Work.current.get() is not None and not any(is_warned)
+    return f"; {by_walls}" if is_advised else ""
 
 
 def _checked_transforms(transforms: Any, count: int) -> list[Transform | None]:
@@ -356,31 +383,37 @@ def _bytes_in(layers: Sequence[merging.ChosenLayers]) -> int:
 
 
 def _by_files(files: Sequence[Path], maps: Sequence[inputs.MapInput]) -> list[Transform | None]:
-    # A file with checksums is between the two maps that have them, in whatever order these are
-    # given, and transforms are chained: from A to B and from C to B place C, too. One without is
-    # from the first map to the second, third, ..., as it is the first, second, ... of the files.
+    # A transform file with checksums joins the two maps that it names, whatever their order.
+    # Transforms are chained: A to B and C to B also place C. The n-th file without checksums leads
+    # from the first map to map n + 1.
     if len(files) >= len(maps):
         rule = f"{len(files)} files are given, and {count_text(len(maps) - 1, 'map')} to place"
         raise ParameterError(rule, place="transforms")
-    own = [k if (first := _number_of(source.sums, maps)) is None else first
-           for k, source in enumerate(maps)]  # fmt: skip
-    steps = [_step(path, number, maps) for number, path in enumerate(files, 1)]
-    edges = [edge for a, b, step in steps
-             for edge in ((own[a], own[b], step), (own[b], own[a], step.inverse()))]  # fmt: skip
-    found = {0: Transform()}
-    while more := {
-        b: step.after(found[a]) for a, b, step in edges if a in found and b not in found
-    }:
-        found |= more
-    for source, first in zip(maps, own, strict=True):
-        if first not in found:
+    # maps with the same files are one map, that of the lowest index
+    indices = [_index_of(source.sums, maps) for source in maps]
+    map_indices = [k if index is None else index for k, index in enumerate(indices)]
+    steps: list[tuple[int, int, Transform]] = []
+    for number, path in enumerate(files, 1):
+        a, b, transform = _step(path, number, maps)
+        steps.append((map_indices[a], map_indices[b], transform))
+        steps.append((map_indices[b], map_indices[a], transform.inverse()))
+    from_first = {0: Transform()}
+    placed_last = dict(from_first)
+    while placed_last:
+        placed_last = {}
+        for a, b, transform in steps:
+            if a in from_first and b not in from_first:
+                placed_last[b] = transform.after(from_first[a])
+        from_first |= placed_last
+    for source, index in zip(maps, map_indices, strict=True):
+        if index not in from_first:
             rule = f"no transforms lead from {maps[0].name} to {source.name}"
             hint = "pass --by once for each map but the first"
             raise ParameterError(rule, place="transforms", hint=hint)
-    return [None, *(found[first] for first in own[1:])]
+    return [None, *(from_first[index] for index in map_indices[1:])]
 
 
-def _number_of(sums: Mapping[str, str], maps: Sequence[inputs.MapInput]) -> int | None:
+def _index_of(sums: Mapping[str, str], maps: Sequence[inputs.MapInput]) -> int | None:
     sums_sorted = sorted(sums.values())
     known = [sorted(source.sums.values()) for source in maps]
     return known.index(sums_sorted) if sums_sorted and sums_sorted in known else None
@@ -389,38 +422,38 @@ def _number_of(sums: Mapping[str, str], maps: Sequence[inputs.MapInput]) -> int 
 def _by_walls(
     grids: Sequence[OccupancyGrid], maps: Sequence[inputs.MapInput]
 ) -> list[Transform | None]:
-    # A map that has too little in common with the first one is placed on another that is placed.
+    # A map that overlaps the first one too little is aligned with another map that is placed.
     cells = [grid.frame.height * grid.frame.width for grid in grids]
     claim(maps[0].name, bytes_to_align(sorted(cells)[-2:]), what="maps that are aligned")
-    found = {0: Transform()}
+    from_first = {0: Transform()}
     reasons: dict[int, str] = {}
-    new = [0]
-    while new:
-        placed, new = new, []
+    placed_last = [0]
+    while placed_last:
+        bases, placed_last = placed_last, []
         for number in range(1, len(grids)):
-            for base in placed:
-                if number in found:
+            for base in bases:
+                if number in from_first:
                     break
                 with inputs.errors_named(maps[number].name):
-                    step = placed_on(grids[base], grids[number])
-                if step.same_place:
-                    found[number] = step.transform.after(found[base])
-                    new.append(number)
+                    alignment = placed_on(grids[base], grids[number])
+                if alignment.same_place:
+                    from_first[number] = alignment.transform.after(from_first[base])
+                    placed_last.append(number)
                 else:
-                    reasons.setdefault(number, str(step.reason))  # that of the first map
+                    reasons.setdefault(number, str(alignment.reason))  # that of the first map
     for number, reason in reasons.items():
-        if number not in found:
+        if number not in from_first:
             first, name = maps[0].name, maps[number].name
-            elsewhere = " or on another" if len(found) > 1 else ""
+            elsewhere = " or on another" if len(from_first) > 1 else ""
             rule = f"its placement on {first}{elsewhere} is uncertain: {reason}"
             hint = f"mapdeal align {first} {name} shows the result; --by FILE.json uses it"
             raise FindingError(rule, source=name, hint=hint)
-    return [None, *(found[number] for number in range(1, len(grids)))]
+    return [None, *(from_first[number] for number in range(1, len(grids)))]
 
 
 def _step(path: Path, number: int, maps: Sequence[inputs.MapInput]) -> tuple[int, int, Transform]:
     transform = read_transform(path)
-    first, second = _number_of(transform.first, maps), _number_of(transform.second, maps)
+    first, second = _index_of(transform.first, maps), _index_of(transform.second, maps)
     if first is not None and second is not None:
         return first, second, transform.transform
     if transform.first or transform.second:
