@@ -1,7 +1,7 @@
 """The command line as a process: a quick start and a quick end.
 
-A run over a small map takes a tenth of a second. The interpreter would take longer to look for
-garbage among a thousand modules and to take them apart.
+A run over a small map takes a tenth of a second. Garbage collection and interpreter shutdown over
+a thousand modules would take longer, so both are skipped.
 """
 
 from __future__ import annotations
@@ -20,12 +20,14 @@ TYPE_CHECKING = False  # the module typing takes longer than the rest of this on
 if TYPE_CHECKING:
     from typing import NoReturn
 
-_ENDING = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
+_END_SIGNALS = [
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+]
 
 
 def run_process() -> NoReturn:
-    own = [number for number in _ENDING if signal.getsignal(number) != signal.SIG_IGN]
-    for number in own:
+    handled = [number for number in _END_SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
+    for number in handled:
         signal.signal(number, end_on_signal)
     # A stream that was closed at the start is None; files must not get its number.
     if sys.stdin is None:
@@ -33,7 +35,7 @@ def run_process() -> NoReturn:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
-    # a thread without memory could not call a function of Python
+    # append needs no Python frame, so it works in a thread without memory
     unraisables: deque[sys.UnraisableHookArgs] = deque(maxlen=32)
     sys.unraisablehook = unraisables.append
     gc.disable()  # until the command is imported, see `begin_work`
@@ -41,7 +43,7 @@ def run_process() -> NoReturn:
         from mapdeal.kernels.engine import prepare_libraries
 
         prepare_libraries()
-        if _version_is_printed():
+        if _print_version_if_requested():
             code = 0
         else:
             from mapdeal.cli.main import main
@@ -60,7 +62,7 @@ def run_process() -> NoReturn:
         code = refusal.exit_code
     for unraisable in unraisables:
         _report_unless_a_thread_lacks_memory(unraisable)
-    for number in own:  # from here on they come too late
+    for number in handled:  # from here on they come too late
         signal.signal(number, signal.SIG_IGN)
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):  # main has reported it
@@ -72,14 +74,14 @@ def run_process() -> NoReturn:
 
 
 def _report_unless_a_thread_lacks_memory(unraisable: sys.UnraisableHookArgs) -> None:
-    # The threads that have memory do the work of a thread that ends before it begins.
+    # A thread that fails to start for lack of memory does no harm: other threads do its work.
     is_of_thread = "thread" in (unraisable.err_msg or "")
     if unraisable.exc_type is not MemoryError or not is_of_thread:
         sys.__unraisablehook__(unraisable)
 
 
-def _version_is_printed() -> bool:
-    """Print the version if nothing else is requested; without typer that takes half as long."""
+def _print_version_if_requested() -> bool:
+    """Print the version if only that is requested, without importing typer; return if it was."""
     if sys.argv[1:] != ["--version"]:
         return False
     try:

@@ -19,8 +19,8 @@ _NUMBER = re.compile(r"\(?-?\d+(\.\d*)?\)?")
 _UNKNOWN = re.compile(r"no such (option|command):? '?(?P<name>(?<=')[^']*|[^ ']*)'?")
 _NO_CHOICE = re.compile(r": '(?P<word>[^']*)' is not one of ")
 _NUMBERS = ("int", "float")
-_FLAGS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
-_OF_POINTS = {
+_FLAG_PREFIXES = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
+_POINT_OPTION_OF = {
     "query": "--at", "edit": "--point", "reach": "--to", "run": "--to", "graph": "--to",
     "diff": "--to", "plan": "--to",
 }  # fmt: skip
@@ -47,12 +47,13 @@ _POINT = re.compile(r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}")
 
 def accept_words(command: Any, name: str) -> None:
     parse = command.parse_args
-    options = [(option, own) for own in command.params for option in own.opts]
-    flags = {option[2:] for option, own in options
-             if option.replace("--", "--no-", 1) in own.secondary_opts}  # fmt: skip
+    flags = {
+        option[2:] for parameter in command.params for option in parameter.opts
+        if option.replace("--", "--no-", 1) in parameter.secondary_opts
+    }  # fmt: skip
 
     def parse_args(context: Any, words: Sequence[str]) -> Any:
-        words = _spread(_joined(words, flags), _OF_POINTS.get(name))
+        words = _repeat_point_option(_join_flag_values(words, flags), _POINT_OPTION_OF.get(name))
         try:
             return parse(context, list(words))
         except _USAGE_ERROR as error:
@@ -62,14 +63,16 @@ def accept_words(command: Any, name: str) -> None:
 
     command.parse_args = parse_args
     for parameter in command.params:
-        parameter.type = _spelled(parameter.type)
+        parameter.type = _with_lenient_spelling(parameter.type)
 
 
-def _spelled(kind: Any) -> Any:
-    """Return a type of click that accepts all spellings, but only plain numbers and names."""
+def _with_lenient_spelling(kind: Any) -> Any:
+    """Return a type of click that accepts all spellings of choices, but only plain numbers."""
     kind = copy(kind)  # click has one for all numbers
-    convert, choices = kind.convert, [str(choice) for choice in getattr(kind, "choices", ())]
-    is_number, is_path = kind.name.startswith(_NUMBERS), hasattr(kind, "file_okay")
+    convert = kind.convert
+    choices = [str(choice) for choice in getattr(kind, "choices", ())]
+    is_number = kind.name.startswith(_NUMBERS)
+    is_path = hasattr(kind, "file_okay")
 
     def converted(value: Any, parameter: Any, context: Any) -> Any:
         from mapdeal.command import is_plain
@@ -95,55 +98,60 @@ def _spelled(kind: Any) -> Any:
     return kind
 
 
-def _joined(words: Sequence[str], flags: Iterable[str]) -> list[str]:
+def _join_flag_values(words: Sequence[str], flags: Iterable[str]) -> list[str]:
     """Accept values of flags as in recipes, such as ``--inflate-unknown no``."""
     joined: list[str] = []
-    for before, word in pairwise(["", *words]):
+    for previous_word, word in pairwise(["", *words]):
+        flag = previous_word.removeprefix("--")
+        follows_flag = flag in flags and flag != previous_word
         name, equals, value = word.removeprefix("--").partition("=")
-        is_value = before[:2] == "--" and before[2:] in flags and word.lower() in _FLAGS
-        if "--" in joined or not (is_value or (equals and word[:2] == "--" and name in flags)):
+        if "--" in joined:  # only positional arguments follow
             joined.append(word)
-        elif is_value:
-            joined[-1] = f"--{_FLAGS[word.lower()]}{before[2:]}"
-        elif value.lower() in _FLAGS:
-            joined.append(f"--{_FLAGS[value.lower()]}{name}")
+        elif follows_flag and word.lower() in _FLAG_PREFIXES:
+            joined[-1] = f"--{_FLAG_PREFIXES[word.lower()]}{flag}"
+        elif not (equals and word.startswith("--") and name in flags):
+            joined.append(word)
+        elif value.lower() in _FLAG_PREFIXES:
+            joined.append(f"--{_FLAG_PREFIXES[value.lower()]}{name}")
         else:
             raise ParameterError("must be yes or no", source=f"--{name}", got=value)
     return joined
 
 
-def _spread(words: Sequence[str], option: str | None) -> list[str]:
+def _repeat_point_option(words: Sequence[str], option: str | None) -> list[str]:
     """Accept several points after one option: ``--at 1,2 3,4``, ``--at=1,2 3,4``."""
-    spread: list[str] = []
+    repeated: list[str] = []
     for word in words:
-        is_first = "".join(spread[-1:]).startswith(f"{option}=")
-        if (is_first or option in spread[-2:-1]) and _POINT.fullmatch(word):
-            spread.append(str(option))
-        spread.append(word)
-    return spread
+        follows_equals = "".join(repeated[-1:]).startswith(f"{option}=")
+        follows_point = follows_equals or option in repeated[-2:-1]
+        if follows_point and _POINT.fullmatch(word):
+            repeated.append(str(option))
+        repeated.append(word)
+    return repeated
 
 
 def _suggested_options(command: Any, context: Any, words: Sequence[str]) -> str | None:
-    """Return extra words as the options that they seem to be values of, if all of them do."""
+    """Suggest an option for each surplus word; None unless all of them fit one."""
     from mapdeal.cli.options import SHARED_OPTIONS
     from mapdeal.files.source import exists
 
     try:
-        used, extra, _ = command.make_parser(context).parse_args(list(words))
+        values, surplus, _ = command.make_parser(context).parse_args(list(words))
     except _USAGE_ERROR:
         return None
     unused = [
         option for option in command.params
-        if option.opts[0][:2] == "--" and not used.get(option.name)
+        if option.opts[0][:2] == "--" and not values.get(option.name)
         and (option.required or option.name not in SHARED_OPTIONS)
     ]  # fmt: skip
-    last = next((value[-1] for value in used.values() if isinstance(value, tuple) and value), None)
-    if not extra and last is not None and not exists(Path(last)):
-        extra = [last]  # of commands that take many files
+    lists = [value for value in values.values() if isinstance(value, tuple) and value]
+    if not surplus and lists and not exists(Path(lists[0][-1])):
+        surplus = [lists[0][-1]]  # the last word of a command that takes many files
     suggested: list[str] = []
-    for word in extra:
-        before = words[len(words) - 2 - words[::-1].index(word)]
-        is_split_point = _NUMBER.fullmatch(word) and _NUMBER.fullmatch(before)
+    for word in surplus:
+        last_index = len(words) - 1 - words[::-1].index(word)
+        previous_word = words[last_index - 1]
+        is_split_point = _NUMBER.fullmatch(word) and _NUMBER.fullmatch(previous_word)
         option = next((option for option in unused if _fits(word, option, suggested)), None)
         if option is None or is_split_point:
             return None
@@ -158,15 +166,16 @@ def _fits(word: str, option: Any, suggested: Sequence[str]) -> bool:
     if _NUMBER.fullmatch(word):
         return bool(option.type.name.startswith(_NUMBERS))
     if _POINT.fullmatch(word):
-        is_next = not suggested or option.multiple or option.opts[0] == "--to"
-        return is_next and "X,Y" in metavar and "[[" not in metavar
+        takes_further_points = option.multiple or option.opts[0] == "--to"
+        is_accepted = not suggested or takes_further_points
+        return is_accepted and "X,Y" in metavar and "[[" not in metavar
     if option.name == "output":
         return (Path(word).suffix == "") == (metavar == "DIR")
     return bool(option.required and option.type.name == "path")
 
 
 def point_hint(word: str, command: str) -> str | None:
-    option = _OF_POINTS.get(command)
+    option = _POINT_OPTION_OF.get(command)
     return f"did you mean {option} {word}?" if option and _POINT.fullmatch(word) else None
 
 
@@ -174,20 +183,23 @@ def usage_error(error: Any) -> ParameterError:
     message = " ".join(error.format_message().split()).removesuffix(".")
     message = message[:1].lower() + message[1:]
     context = getattr(error, "ctx", None)
-    command, path = getattr(context, "command", None), getattr(context, "command_path", "mapdeal")
-    unknown, no_choice = _UNKNOWN.match(message), _NO_CHOICE.search(message)
-    is_astray = message.startswith(("got unexpected extra", "no such option"))
+    command = getattr(context, "command", None)
+    path = getattr(context, "command_path", "mapdeal")
+    unknown = _UNKNOWN.match(message)
+    no_choice = _NO_CHOICE.search(message)
+    is_unexpected_word = message.startswith(("got unexpected extra", "no such option"))
     hint = getattr(error, "suggested", None)
     if unknown is not None:  # click's own suggestion is dropped
         message = unknown[0]
         hint = _nearest_hint(unknown["name"], command, context)
     elif no_choice is not None:
         hint = nearest_hint(no_choice["word"], map(str, getattr(error.param.type, "choices", ())))
-    is_about_clouds = "--cloud" in message or message.startswith("got unexp")
-    if hint is None and path.endswith(" local") and is_about_clouds:
-        hint = "clouds are given with --cloud FILE, repeated, or as a pattern in quotes"
-    elif hint is None and is_astray and any(map(_NUMBER.fullmatch, message.split())):
-        hint = "points and sizes are written X,Y, without a space"
+    if hint is None:
+        is_about_clouds = "--cloud" in message or message.startswith("got unexp")
+        if path.endswith(" local") and is_about_clouds:
+            hint = "clouds are given with --cloud FILE, repeated, or as a pattern in quotes"
+        elif is_unexpected_word and any(map(_NUMBER.fullmatch, message.split())):
+            hint = "points and sizes are written X,Y, without a space"
     return ParameterError(message, hint=hint or f"run {path} --help for usage")
 
 
@@ -198,17 +210,19 @@ def _nearest_hint(word: str, command: Any, context: Any) -> str | None:
             return f"did you mean {_SYNONYMS[word.lower()]}?"
         return nearest_hint(word, [*known, "help"])
     options = [name for option in command.params for name in (*option.opts, *option.secondary_opts)]
-    same = {name for names in _SAME_OPTIONS if word.lstrip("-") in names for name in names}
+    synonyms = {name for names in _SAME_OPTIONS if word.lstrip("-") in names for name in names}
     for option in options:
-        if option[:2] == "--" and option[2:] in same:
+        if option[:2] == "--" and option[2:] in synonyms:
             return f"did you mean {option}?"
     if command.name == "report" and word in ("--params-file", "--robot-radius", "--footprint"):
         return f"mapdeal run MAP {word} ... --report -o DIR makes the page of a robot"
-    near = nearest(word.lstrip("-"), [name[2:] for name in options if name[:2] == "--"])
-    if near is not None or command.name != "run":
-        return near and f"did you mean --{near}?"
+    similar = nearest(word.lstrip("-"), [name[2:] for name in options if name[:2] == "--"])
+    if similar is not None:
+        return f"did you mean --{similar}?"
+    if command.name != "run":
+        return None
     from mapdeal.stages.catalogue import STAGES
 
     name = word.lstrip("-").replace("-", "_")
-    stages = [stage.name for stage in STAGES if name in stage.parameters]
-    return f"--set {stages[0]}.{name}=VALUE sets it" if stages else None
+    stage = next((stage.name for stage in STAGES if name in stage.parameters), None)
+    return stage and f"--set {stage}.{name}=VALUE sets it"
