@@ -1,6 +1,6 @@
 """Parts of ``mapdeal plan``: a robot's planner on a map, and the changes that make a path exist.
 
-A change is proposed only after the planner has found a path with it, and none one step before.
+A change is proposed only if the planner finds a path with it, but not with the next smaller change.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mapdeal.errors import capture_warnings
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Frame, as_float32
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.reach import Goal
+from mapdeal.grid.reach import Bottleneck, Goal
 from mapdeal.grid.reaching import Ground, reach_on, squares_to
 from mapdeal.grid.values import (
     FREE,
@@ -39,20 +39,22 @@ from mapdeal.ros.planners import ListedPlanner
 from mapdeal.ros.robot import ParameterValue, RobotParameters, corners_of_string
 from mapdeal.ros.ros2_files import Ros2Parameters
 
-_STEP = 0.01  # of parameters, in their unit
-_FARTHEST_TOLERANCE = 10.0  # metres
-_MOST_CYCLES = 64  # largest max_cycles_factor that is tried
+_STEP = 0.01  # between the values of a parameter that are tried, in its unit
+_LARGEST_VALUE = 1000.0
+_LARGEST_TOLERANCE = 10.0  # metres
+_LARGEST_CYCLES_FACTOR = 64
+_LARGEST_SCALE = 4.0  # of a footprint
+_LARGEST_INCREASE = 3.0  # metres by which a passage is widened, or a radius grows
 _STEPS_BEYOND = 25  # tried where the goal can be reached, but the planner fails
 _STEPS_AFTER = 4  # tried beyond a value with a path, to see whether the path stays
-_WIDEST_PASSAGE = 3.0  # metres by which a passage is widened, or a radius grows, at most
-_LARGEST_VALUE = 1000.0  # that is tried
-_LARGEST_SCALE = 4.0  # of a footprint
-_MOST_OBSTACLES, _LARGEST_OBSTACLE = 20, 5.0  # number of those tried, and square metres of each
-_CLOSED = {
+_MOST_OBSTACLES = 20  # that are removed one at a time
+_LARGEST_OBSTACLE = 5.0  # square metres
+_WHY_CLOSED = {
     INSCRIBED_INFLATED_OBSTACLE: "nearer to an obstacle than the inscribed radius",
     LETHAL_OBSTACLE: "in an obstacle", NO_INFORMATION: "in unknown space",
 }  # fmt: skip
-_BYTES = 1 << 26  # of the costmaps that are kept
+_EIGHT_NEIGHBOURS = np.ones((3, 3), bool)
+_CACHED_BYTES = 1 << 26  # of costmaps
 
 Override = tuple[str, str, Any]  # name, type and value of a costmap's parameter
 Change = dict[str, Any]
@@ -97,7 +99,7 @@ class PlannerOnMap:
 
     @cached_property
     def _grids(self) -> Callable[[Override], PlannerGrid | None]:
-        count = max(1, _BYTES // max(self.source.occupancy.occupancy.size, 1))
+        count = max(1, _CACHED_BYTES // max(self.source.occupancy.occupancy.size, 1))
         return lru_cache(maxsize=count)(self._grid_with)
 
     def _grid_with(self, override: Override) -> PlannerGrid | None:
@@ -131,23 +133,26 @@ class PlannerOnMap:
         return float(metres[least]), (round(x, 6), round(y, 6))
 
     def stop_of(self, start: Pose, goal: Pose) -> tuple[tuple[float, float] | None, str | None]:
-        """Return the place nearest to a goal that a search reaches, and which ends are closed."""
+        """Return the place nearest to a goal that a search reaches, and why an end is closed."""
         cells = {"start": self.grid.cell_of(start), "goal": self.grid.cell_of(goal)}
         if None in cells.values():
             return None, None
         reached = _reached_cells(self.listed, self.grid, start)
-        if search := getattr(self.listed.planner, "potential", None):
-            if (potential := search(self.grid, start, goal)) is None:
+        if compute_potential := getattr(self.listed.planner, "potential", None):
+            potential = compute_potential(self.grid, start, goal)
+            if potential is None:
                 return None, None  # the start lies in the last half cell
             reached = potential < UNREACHED
         rows, cols = np.nonzero(reached)
         x, y = _centres(self, rows, cols)
         nearest = int(np.argmin((x - goal[0]) ** 2 + (y - goal[1]) ** 2))
         is_unknown_open = self.listed.settings.get("allow_unknown", True)
-        closed = _CLOSED.keys() - ({NO_INFORMATION} if is_unknown_open else set())
-        ends = {end: int(self.grid.costs[cell]) for end, cell in cells.items()
-                if end == "goal" or len(rows) == 1}  # fmt: skip
-        texts = [f"the {end} lies {_CLOSED[cost]}" for end, cost in ends.items() if cost in closed]
+        closed_costs = _WHY_CLOSED.keys() - ({NO_INFORMATION} if is_unknown_open else set())
+        texts = []
+        for end, cell in cells.items():
+            cost = int(self.grid.costs[cell])
+            if cost in closed_costs and (end == "goal" or len(rows) == 1):
+                texts.append(f"the {end} lies {_WHY_CLOSED[cost]}")
         place = round(float(x[nearest]), 6), round(float(y[nearest]), 6)
         return place, " and ".join(texts) or None
 
@@ -172,7 +177,7 @@ def grid_of(costs: Costmap, robot: RobotParameters) -> PlannerGrid:
 
 
 def _open_cells(values: Mapping[str, Any], grid: PlannerGrid, start: Pose, size: int) -> Mask:
-    """Return the cells that a robot's centre may be in, and a square of them at its start."""
+    """Return the cells that a robot's centre may be in, with a square of `size` at its start."""
     is_open = grid.costs < INSCRIBED_INFLATED_OBSTACLE
     if values.get("allow_unknown", True):
         is_open |= grid.costs == NO_INFORMATION
@@ -197,11 +202,12 @@ def _regions(listed: ListedPlanner, grid: PlannerGrid, start: Pose) -> NDArray[n
 
     is_diagonal = listed.planner is None or listed.planner.moves_diagonally
     size = 1 if listed.planner is not None and is_diagonal else 2  # NavFn rounds the start up
-    around, is_open = np.ones((3, 3), bool), _open_cells(listed.settings, grid, start, size)
+    is_open = _open_cells(listed.settings, grid, start, size)
     if listed.planner is None:
         # planners with headings check poses that are up to three cells apart
-        is_open = ndimage.binary_dilation(is_open, around, iterations=2)
-    return np.asarray(ndimage.label(is_open, around if is_diagonal else None)[0])
+        is_open = ndimage.binary_dilation(is_open, _EIGHT_NEIGHBOURS, iterations=2)
+    structure = _EIGHT_NEIGHBOURS if is_diagonal else None
+    return np.asarray(ndimage.label(is_open, structure)[0])
 
 
 def _reached_cells(listed: ListedPlanner, grid: PlannerGrid, start: Pose) -> Mask:
@@ -219,7 +225,7 @@ def is_cut_off(listed: ListedPlanner, grid: PlannerGrid, start: Pose, goal: Pose
 
 
 def plan_quickly(listed: ListedPlanner, grid: PlannerGrid, start: Pose, goal: Pose) -> Plan:
-    """Return the planner's plan; without a search, and without its reason, if it is cut off."""
+    """Return the planner's plan; if the goal is cut off, skip the search and the exact reason."""
     if listed.planner is None or is_cut_off(listed, grid, start, goal):
         return no_plan("NoValidPathCouldBeFound")
     return listed.planner.plan(grid, start, goal)
@@ -227,7 +233,7 @@ def plan_quickly(listed: ListedPlanner, grid: PlannerGrid, start: Pose, goal: Po
 
 @dataclass(frozen=True)
 class Adjustment:
-    """A parameter, its value, and values to try in its place, those nearest to it first."""
+    """A parameter, its value, and the candidates to try instead, the nearest first."""
 
     name: str
     value: Any
@@ -241,21 +247,24 @@ class Adjustment:
 
     def change(self, index: int, *, is_monotonic: bool = True) -> Change:
         """Return the change to a candidate; -1 stands for the value itself."""
-        value, radius = self.value if index < 0 else self.candidates[index], self.inscribed_radius
-        found: Change = {"parameter": self.name, "from": self.value, "to": value}
+        value = self.value if index < 0 else self.candidates[index]
+        change: Change = {"parameter": self.name, "from": self.value, "to": value}
+        radius = self.inscribed_radius
         if radius > 0 and value < radius:
             note = f"less than the inscribed radius {radius:.4g} m, so that the robot"
-            found["note"] = f"{note} may touch obstacles"
+            change["note"] = f"{note} may touch obstacles"
         if self.scales:
-            found["scale"] = 1.0 if index < 0 else self.scales[index]
-        return found if is_monotonic else {**found, "monotonic": False}
+            change["scale"] = 1.0 if index < 0 else self.scales[index]
+        return change if is_monotonic else {**change, "monotonic": False}
 
 
-def first_success(count: int, plan: Callable[[int], Plan], *, now: Plan) -> tuple[int, bool] | None:
+def first_success(
+    count: int, plan: Callable[[int], Plan], *, current_plan: Plan
+) -> tuple[int, bool] | None:
     """Return the first of `count` candidates with a path, and whether paths stay beyond it.
 
-    Whether the goal is reached is taken as monotonic, whether the path is found is not: the trace
-    of a path may fail here and there.
+    Reaching the goal is assumed to be monotonic. Finding a path is not: tracing it back may fail
+    for single values.
     """
     plans: dict[int, Plan] = {}
 
@@ -267,14 +276,14 @@ def first_success(count: int, plan: Callable[[int], Plan], *, now: Plan) -> tupl
     def reaches(index: int) -> bool:
         return planned(index).found or planned(index).is_reached
 
-    if count < 1 or not (now.is_reached or reaches(count - 1)):
+    if count < 1 or not (current_plan.is_reached or reaches(count - 1)):
         return None
-    first = 0 if now.is_reached else bisect_left(range(count - 1), True, key=reaches)
+    first = 0 if current_plan.is_reached else bisect_left(range(count - 1), True, key=reaches)
     for index in range(first, min(first + _STEPS_BEYOND, count)):
         if planned(index).found:
-            after = range(index, min(index + _STEPS_AFTER + 1, count))
-            stays = all(planned(number).found for number in after)
-            return index, stays and all(p.found for number, p in plans.items() if number > index)
+            next_indices = range(index, min(index + _STEPS_AFTER + 1, count))
+            stays = all(planned(k).found for k in next_indices)
+            return index, stays and all(plan.found for k, plan in plans.items() if k > index)
     return None
 
 
@@ -284,40 +293,39 @@ def changes_for(work: PlannerOnMap, start: Pose, goal: Pose, plan: Plan) -> list
         return None
     if plan.reason in ("StartOutsideMapBounds", "GoalOutsideMapBounds"):
         return []
-    adjustments = _Query(work, start, goal).adjustments(plan)
-    found = [
-        adjusted.change(success[0], is_monotonic=success[1])
-        for adjusted in adjustments
-        if (success := first_success(len(adjusted.candidates), adjusted.planned, now=plan))
-    ]
+    changes = []
+    for adjustment in _Query(work, start, goal).adjustments(plan):
+        count = len(adjustment.candidates)
+        if success := first_success(count, adjustment.planned, current_plan=plan):
+            changes.append(adjustment.change(success[0], is_monotonic=success[1]))
     if not plan.is_reached:
         lethal = work.grid.costs == LETHAL_OBSTACLE
         occupied = lethal & (np.asarray(work.source.occupancy.occupancy) > FREE)
-        found += _wider_passage(work, start, goal, plan, occupied)
-        found += _obstacle_in_the_way(work, start, goal, occupied)
-    return found
+        changes += _wider_passage(work, start, goal, plan, occupied)
+        changes += _obstacle_in_the_way(work, start, goal, occupied)
+    return changes
 
 
 def margins_of(work: PlannerOnMap, start: Pose, goal: Pose) -> list[Change]:
     """Return the last value of each parameter with which the planner still finds the path."""
-    found = []
+    changes = []
     for adjustment in _Query(work, start, goal).margins():
         candidates, plan = adjustment.candidates, adjustment.plan
         first_loss = bisect_left(candidates, True, key=lambda value: not plan(value).found)
         if first_loss < len(candidates):
-            found.append(adjustment.change(first_loss - 1))
-    return found
+            changes.append(adjustment.change(first_loss - 1))
+    return changes
 
 
-def _down(value: float, least: float) -> list[float]:
+def _steps_down(value: float, smallest: float) -> list[float]:
     """Return the multiples of a step below a value, the largest first."""
     first = math.ceil(min(value, _LARGEST_VALUE) / _STEP - 1e-6) - 1
-    return [k / 100 for k in range(first, math.ceil(least / _STEP - 1e-6) - 1, -1)]
+    return [k / 100 for k in range(first, math.ceil(smallest / _STEP - 1e-6) - 1, -1)]
 
 
-def _up(value: float, most: float) -> list[float]:
+def _steps_up(value: float, largest: float) -> list[float]:
     first = math.floor(value / _STEP + 1e-6) + 1
-    return [k / 100 for k in range(first, math.floor(most / _STEP + 1e-6) + 1)]
+    return [k / 100 for k in range(first, math.floor(largest / _STEP + 1e-6) + 1)]
 
 
 @dataclass(frozen=True)
@@ -327,12 +335,12 @@ class _Query:
     goal: Pose
 
     def of_costmap(
-        self, name: str, kind: str, value: Any, candidates: Sequence[Any], **more: Any
+        self, name: str, kind: str, value: Any, candidates: Sequence[Any], **options: Any
     ) -> Adjustment:
         def plan_with(candidate: Any) -> Plan:
             return self.work.plan_with(self.start, self.goal, (name, kind, candidate))
 
-        return Adjustment(name, value, candidates, plan_with, **more)
+        return Adjustment(name, value, candidates, plan_with, **options)
 
     def of_planner(self, name: str, candidates: Sequence[Any]) -> Adjustment:
         work = self.work
@@ -346,7 +354,7 @@ class _Query:
         return Adjustment(f"{work.listed.name}.{name}", value, candidates, plan_with)
 
     def of_size(self, radii: Sequence[float], scales: Sequence[float]) -> Adjustment:
-        """Return the adjustment of the robot's radius, or of its footprint by some factors."""
+        """Return the adjustment of the robot's radius, or of its footprint by factors."""
         radius = self.work.robot.robot_radius
         if radius is not None:
             return self.of_costmap("robot_radius", "double", radius, radii)
@@ -364,11 +372,11 @@ class _Query:
         work, robot, values = self.work, self.work.robot, self.work.planner.values
         for layer in robot.inflation_layers:
             name, radius = f"{layer.name}.inflation_radius", layer.inflation_radius
-            inscribed, radii = layer.inscribed_radius, _down(radius, 0.0)
+            inscribed, radii = layer.inscribed_radius, _steps_down(radius, 0.0)
             yield self.of_costmap(name, "double", radius, radii, inscribed_radius=inscribed)
-        yield self.of_size(_down(robot.robot_radius or 0.0, _STEP), _down(1.0, 0.05))
+        yield self.of_size(_steps_down(robot.robot_radius or 0.0, _STEP), _steps_down(1.0, 0.05))
         padding = round(robot.footprint_padding, 6)  # a float32
-        yield self.of_costmap("footprint_padding", "double", padding, _down(padding, 0.0))
+        yield self.of_costmap("footprint_padding", "double", padding, _steps_down(padding, 0.0))
         for layer in robot.inflation_layers if plan.is_reached else ():
             # costs below the inscribed one close no cell, but they lead the trace
             name, factor = f"{layer.name}.cost_scaling_factor", layer.cost_scaling_factor
@@ -380,21 +388,25 @@ class _Query:
                 if listed.needs == "mask":
                     yield self.of_costmap(f"{listed.name}.enabled", "bool", True, [False])
         if "tolerance" in values:
-            yield self.of_planner("tolerance", _up(values["tolerance"], _FARTHEST_TOLERANCE))
+            yield self.of_planner("tolerance", _steps_up(values["tolerance"], _LARGEST_TOLERANCE))
         if values.get("allow_unknown") is False:
             yield self.of_planner("allow_unknown", [True])
         if "use_astar" in values:
             yield self.of_planner("use_astar", [not values["use_astar"]])
         if "max_cycles_factor" in values and plan.is_reached:
-            factors = range(values["max_cycles_factor"] + 1, _MOST_CYCLES + 1)
+            factors = range(values["max_cycles_factor"] + 1, _LARGEST_CYCLES_FACTOR + 1)
             yield self.of_planner("max_cycles_factor", factors)
 
     def margins(self) -> Iterator[Adjustment]:
         """Yield the adjustments that may lose a path."""
         radius, values = self.work.robot.robot_radius or 0.0, self.work.planner.values
-        yield self.of_size(_up(radius, radius + _WIDEST_PASSAGE), _up(1.0, _LARGEST_SCALE))
+        radii, scales = (
+            _steps_up(radius, radius + _LARGEST_INCREASE),
+            _steps_up(1.0, _LARGEST_SCALE),
+        )
+        yield self.of_size(radii, scales)
         if "tolerance" in values:
-            yield self.of_planner("tolerance", _down(values["tolerance"], 0.0))
+            yield self.of_planner("tolerance", _steps_down(values["tolerance"], 0.0))
         if values.get("allow_unknown"):
             yield self.of_planner("allow_unknown", [False])
 
@@ -402,14 +414,37 @@ class _Query:
 def _wider_passage(
     work: PlannerOnMap, start: Pose, goal: Pose, plan: Plan, occupied: Mask
 ) -> Iterator[Change]:
+    """Yield the narrowest passage with which the planner finds a path, at the first bottleneck."""
+    limit = _bottleneck(work, start, goal)
+    if limit is None:
+        return
+    height, width = work.grid.costs.shape
+    x, y = _centres(work, np.arange(height)[:, np.newaxis], np.arange(width))
+    # Moved a little, so that hardly any centre of a cell lies on a circle of whole centimetres.
+    place = rounded_place(limit.x + 0.0031, limit.y + 0.0017)
+    squares = (x - place["x"]) ** 2 + (y - place["y"]) ** 2
+    widths = _steps_up(limit.width - 2 * _STEP, limit.width + _LARGEST_INCREASE)
+
+    def plan_with(index: int) -> Plan:
+        cleared = occupied & (squares <= (widths[index] / 2) ** 2)
+        return work.plan_without(start, goal, cleared)
+
+    if success := first_success(len(widths), plan_with, current_plan=plan):
+        index, is_monotonic = success
+        change = {"map": "passage", **place, "from": round(limit.width, 6), "width": widths[index]}
+        yield change if is_monotonic else {**change, "monotonic": False}
+
+
+def _bottleneck(work: PlannerOnMap, start: Pose, goal: Pose) -> Bottleneck | None:
+    """Return the narrowest passage between start and goal; None if lethal cells separate them."""
     costs, grid = work.grid.costs, work.grid
-    (height, width), origin = costs.shape, (*grid.origin, 0.0)  # planners ignore the yaw
-    frame = Frame(height, width, grid.resolution, origin)
+    height, width = costs.shape
+    frame = Frame(height, width, grid.resolution, (*grid.origin, 0.0))  # planners ignore the yaw
     cells = np.where(costs == NO_INFORMATION, np.int8(UNKNOWN), np.int8(FREE))
     cells[costs == LETHAL_OBSTACLE] = OCCUPIED
     ground = Ground(cells, frame, work.planner.flag("allow_unknown"))
     if ground.blocked[grid.cell_of(start)]:
-        return
+        return None
     # Points on the map's border may lie outside by the last bit: the middles of their cells do not.
     start_xy, goal_xy = (_centres(work, *(grid.cell_of(pose) or (0, 0))) for pose in (start, goal))
     with capture_warnings():
@@ -417,22 +452,7 @@ def _wider_passage(
             ground, None, start=start_xy, goals=[Goal(*goal_xy)], headings=4, margin=0.0,
             min_area=math.inf,
         )  # fmt: skip
-    limit = reach.goals[0].limited_by
-    if limit is None:
-        return
-    x, y = _centres(work, np.arange(height)[:, np.newaxis], np.arange(width))
-    # Moved a little, so that hardly any centre of a cell lies on a circle of whole centimetres.
-    place = rounded_place(limit.x + 0.0031, limit.y + 0.0017)
-    squares = (x - place["x"]) ** 2 + (y - place["y"]) ** 2
-    widths = _up(limit.width - 2 * _STEP, limit.width + _WIDEST_PASSAGE)
-
-    def plan_with(index: int) -> Plan:
-        cleared = occupied & (squares <= (widths[index] / 2) ** 2)
-        return work.plan_without(start, goal, cleared)
-
-    if found := first_success(len(widths), plan_with, now=plan):
-        passage = {"map": "passage", **place, "from": round(limit.width, 6)}
-        yield {**passage, "width": widths[found[0]], **({} if found[1] else {"monotonic": False})}
+    return reach.goals[0].limited_by
 
 
 def _centres(work: PlannerOnMap, rows: Any, cols: Any) -> tuple[Any, Any]:
@@ -444,33 +464,49 @@ def _centres(work: PlannerOnMap, rows: Any, cols: Any) -> tuple[Any, Any]:
 def _obstacle_in_the_way(
     work: PlannerOnMap, start: Pose, goal: Pose, occupied: Mask
 ) -> Iterator[Change]:
+    """Yield the smallest obstacle without which the planner finds a path."""
     from scipy import ndimage  # slow to import
 
-    grid = work.grid
     if not occupied.any():
         return
-    around = np.ones((3, 3), bool)
-    labels, _ = ndimage.label(occupied, around)
-    regions, near = _regions(work.listed, grid, start), _cells_near(work.planner.values, grid, goal)
-    # The first and the last closed cell on the new way are closed by the obstacle alone.
-    places = ndimage.distance_transform_edt(~occupied, return_distances=False, return_indices=True)
-    nearest = labels[tuple(places)]
-
-    def closing(region: Mask) -> set[int]:
-        is_beside = ndimage.binary_dilation(region, around) & (regions == 0)
-        return set(np.unique(nearest[is_beside]).tolist())
-
-    of_goal = np.isin(regions, np.setdiff1d(regions[near], [0]))
-    at_goal = set(np.unique(nearest[near & (regions == 0)]).tolist())
-    in_the_way = closing(regions == regions[grid.cell_of(start)]) & (closing(of_goal) | at_goal)
+    labels, _ = ndimage.label(occupied, _EIGHT_NEIGHBOURS)
     sizes = np.bincount(labels.ravel())
-    most = _LARGEST_OBSTACLE / grid.resolution**2
-    by_size = sorted((int(sizes[label]), label) for label in in_the_way if sizes[label] <= most)
-    for size, label in by_size[:_MOST_OBSTACLES]:
+    most_cells = _LARGEST_OBSTACLE / work.grid.resolution**2
+    in_the_way = _obstacles_between(work, start, goal, labels)
+    small = sorted((int(sizes[label]), label) for label in in_the_way if sizes[label] <= most_cells)
+    for size, label in small[:_MOST_OBSTACLES]:
         if work.plan_without(start, goal, labels == label).found:
             rows, cols = np.nonzero(labels == label)
             middle = np.argmin((rows - rows.mean()) ** 2 + (cols - cols.mean()) ** 2)
             x, y = _centres(work, rows[middle], cols[middle])
-            area = size * grid.resolution**2
+            area = size * work.grid.resolution**2
             yield {"map": "obstacle", **rounded_place(float(x), float(y)), "area": round(area, 6)}
             return
+
+
+def _obstacles_between(
+    work: PlannerOnMap, start: Pose, goal: Pose, labels: NDArray[np.int32]
+) -> set[int]:
+    """Return the obstacles that close cells beside the region of the start and that of the goal.
+
+    A path that one removed obstacle opens leaves the first region and enters the last one through
+    cells that this obstacle alone has closed.
+    """
+    from scipy import ndimage  # slow to import
+
+    grid = work.grid
+    regions = _regions(work.listed, grid, start)
+    near_goal = _cells_near(work.planner.values, grid, goal)
+    places = ndimage.distance_transform_edt(
+        labels == 0, return_distances=False, return_indices=True
+    )
+    nearest_label = labels[tuple(places)]
+
+    def labels_beside(region: Mask) -> set[int]:
+        is_beside = ndimage.binary_dilation(region, _EIGHT_NEIGHBOURS) & (regions == 0)
+        return set(np.unique(nearest_label[is_beside]).tolist())
+
+    at_start = labels_beside(regions == regions[grid.cell_of(start)])
+    at_goal = labels_beside(np.isin(regions, np.setdiff1d(regions[near_goal], [0])))
+    at_goal |= set(np.unique(nearest_label[near_goal & (regions == 0)]).tolist())
+    return at_start & at_goal
