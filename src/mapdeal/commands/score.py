@@ -41,7 +41,7 @@ _AFTER_THICKNESS = (
     "share_one_cell_thick", "corners", "enclosed_areas", "enclosed_m2", "enclosed_pockets"
 )  # fmt: skip
 
-_PER_LINE = 40  # bytes of labels and distances, for each row and column
+_BYTES_PER_LINE = 40  # of labels and distances, per row and column
 _HINT = "--align finds how the maps lie, --transform takes it from a file"
 
 
@@ -63,7 +63,7 @@ class Score(Result):
     transform : tuple of float or None
         x, y (metres) and yaw (radians) of the transform from the map's frame to the frame of the
         truth; None without a truth.
-    way : {'frames', 'transform', 'align'}
+    placement : {'frames', 'transform', 'align'}
         How the maps were placed: by their frames, by a transform, or by aligning them.
     comparison : Comparison or None
         The cells of both maps, and the distances between their walls; None without a truth.
@@ -93,21 +93,27 @@ class Score(Result):
 
     def document(self) -> dict[str, Any]:
         """Return what ``--json`` prints; ``map`` and ``truth`` are None for grids."""
-        named, truth, *_ = (*(source.document() for source in self.maps), None)
-        transform, frame = None, self.frame
+        frame = self.frame
+        transform = None
         if self.transform is not None:
             transform = {**transform_document(Transform(*self.transform)), "by": self.placement}
         return {
-            "format": SCORE_FORMAT, "map": named, "truth": truth, "transform": transform,
+            "format": SCORE_FORMAT,
+            "map": self.maps[0].document(),
+            "truth": self.maps[1].document() if len(self.maps) > 1 else None,
+            "transform": transform,
             "lattice": {
-                "width": frame.width, "height": frame.height, "resolution": frame.resolution,
+                "width": frame.width,
+                "height": frame.height,
+                "resolution": frame.resolution,
                 "origin": list(frame.origin),
             },
             "verdict": finding.verdict(self.faults) if self.is_drawn else None,
-            "faults": finding.document_of(self.faults), "values": self.values,
+            "faults": finding.document_of(self.faults),
+            "values": self.values,
             "bounds": [{**asdict(bound), "holds": bound.holds} for bound in self.bounds],
             "passes": self.passes,
-        }  # fmt: skip
+        }
 
     def lines(self) -> Iterator[str]:
         frame = self.frame
@@ -122,25 +128,26 @@ class Score(Result):
             yield f"  bound     {self._bound_text(bound)}"
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
-        found = self.comparison
-        if found is None:
+        comparison = self.comparison
+        if comparison is None:
             raise ParameterError("of a map on its own has no picture", place="a score")
-        cell, squares = found.frame.resolution, (found.wall_squares, found.missed)
-        distances = [scoring.metres_of(own, cell) for own in squares]
-        walls = ScoredWalls(found.frame, found.estimate, found.truth, *distances)
+        frame = comparison.frame
+        to_truth = scoring.metres_of(comparison.wall_squares, frame.resolution)
+        to_estimate = scoring.metres_of(comparison.missed, frame.resolution)
+        walls = ScoredWalls(frame, comparison.estimate, comparison.truth, to_truth, to_estimate)
         named = " on ".join(source.title for source in self.maps)
         title = one_line(title or f"{named}: how far off its walls are")
         return score_image(walls, title=title, **look)
 
     def _distances(self) -> Iterator[str]:
-        wide = max(len(meaning) for meaning in score_bounds.DISTANCES.values())
-        head = f"  {'distance to the nearest wall':<{wide}}"
+        name_width = max(len(meaning) for meaning in score_bounds.DISTANCES.values())
+        head = f"  {'distance to the nearest wall':<{name_width}}"
         yield ""
-        yield head + "".join(f"{title:>{room}}" for title, _, _, room in _COLUMNS)
+        yield head + "".join(f"{title:>{width}}" for title, _, _, width in _COLUMNS)
         for name, meaning in score_bounds.DISTANCES.items():
-            row = f"  {meaning:<{wide}}"
-            for _, key, unit, room in _COLUMNS:
-                row += score_bounds.figure_text(self.values[name][key], unit).rjust(room)
+            row = f"  {meaning:<{name_width}}"
+            for _, key, unit, width in _COLUMNS:
+                row += score_bounds.figure_text(self.values[name][key], unit).rjust(width)
             yield f"{row}  {name}"
         yield ""
 
@@ -151,11 +158,11 @@ class Score(Result):
             order = [name for name in score_bounds.ALONE if name not in _AFTER_THICKNESS]
             order += [f"{score_bounds.THICKNESS}.{key}" for key in ("mean", "median", "p95")]
             order += _AFTER_THICKNESS
-        wide = max(len(figures[name][1]) for name in order)
+        name_width = max(len(figures[name][1]) for name in order)
         for name in order:
             unit, meaning = figures[name]
             value = score_bounds.figure_text(score_bounds.figure_in(self.values, name), unit)
-            yield f"  {meaning:<{wide}}  {value:<10}  {name}"
+            yield f"  {meaning:<{name_width}}  {value:<10}  {name}"
 
     def _bound_text(self, bound: score_bounds.ScoreBound) -> str:
         unit = score_bounds.unit_of(bound.name, with_truth=self.is_drawn)
@@ -183,21 +190,21 @@ def _transform_text(pose: tuple[float, float, float], placement: Placement) -> s
     if placement == "frames":
         return "none: both maps are taken to be in one frame"
     x, y, yaw = pose
-    found = "found by align" if placement == "align" else "as given"
-    return f"x {x:.6g} m, y {y:.6g} m, yaw {math.degrees(yaw):.6g} deg, {found}"
+    origin = "found by align" if placement == "align" else "as given"
+    return f"x {x:.6g} m, y {y:.6g} m, yaw {math.degrees(yaw):.6g} deg, {origin}"
 
 
 def _bounds(texts: Iterable[str]) -> dict[str, float]:
-    found: dict[str, float] = {}
+    bounds: dict[str, float] = {}
     for text in texts:
-        name, _, value = (part.strip() for part in text.partition("="))
-        if name in found:
+        name, _, value = (word.strip() for word in text.partition("="))
+        if name in bounds:
             raise ParameterError(f"{name} is given twice")
         try:
-            found[name] = float(value if name and is_plain(value) else "")
+            bounds[name] = float(value if name and is_plain(value) else "")
         except ValueError:
             raise ParameterError("must be NAME=VALUE, with a number", got=text) from None
-    return found
+    return bounds
 
 
 @command(
@@ -324,24 +331,32 @@ def score(
         elif align:
             move = two_maps.aligned(maps, hint="--transform uses a transform as it is")
         else:
-            two_maps.warn_of_frames(maps, "--align compares them so")
-        found = scoring.compare_to_truth(estimate, truths[0], move)
-        _warn_of(found, maps)
-    bounds = score_bounds.judged(limits, found.values)
-    faults = finding.faults_of(found.estimate, found.truth, found.frame)
-    named_maps = found.frame, tuple(maps)
-    return Score(found.values, bounds, *named_maps, move.pose, placement, found, faults)
+            two_maps.warn_of_frames(maps, "--align places the map by its walls")
+        comparison = scoring.compare_to_truth(estimate, truths[0], move)
+        _warn_of_overlap(comparison, maps)
+    return Score(
+        values=comparison.values,
+        bounds=score_bounds.judged(limits, comparison.values),
+        frame=comparison.frame,
+        maps=tuple(maps),
+        transform=move.pose,
+        placement=placement,
+        comparison=comparison,
+        faults=finding.faults_of(comparison.estimate, comparison.truth, comparison.frame),
+    )
 
 
 def _claim(maps: Sequence[inputs.MapInput], reading: inputs.Reading, *, aligns: bool) -> None:
     grids = [source.occupancy for source in maps]
     shape = grids[-1].shape
     walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
-    needed, of_picture = scoring.bytes_alone(shape, walls), 0
     if len(grids) > 1:
         needed = scoring.bytes_to_compare(shape, walls)
         of_picture = scoring.bytes_to_compare(shape, walls, is_drawn=True)
-    lines = bytes_of_lines(shape, _PER_LINE)
+    else:
+        needed = scoring.bytes_alone(shape, walls)
+        of_picture = 0
+    lines = bytes_of_lines(shape, _BYTES_PER_LINE)
     needed = max(needed + lines, two_maps.bytes_to_place(maps) if aligns else 0)
     size = f"{shape[1]} x {shape[0]} cells"
     inputs.claim_for(maps, needed, size, of_picture=of_picture + lines, **reading)
@@ -355,22 +370,19 @@ def _warn_of_values(maps: Sequence[inputs.MapInput]) -> None:
             emit_warning(f"{source.name}: {cells} as unknown")
 
 
-def _warn_of(found: scoring.Comparison, maps: Sequence[inputs.MapInput]) -> None:
-    own, truth = (source.name for source in maps)
-    texts = []
-    if not (found.truth != scoring.UNKNOWN).any():
-        texts.append(f"{truth}: has no known cell, so there is nothing to compare with")
-    elif not (found.estimate != scoring.UNKNOWN).any():
-        texts.append(f"{own}: has no known cell on {truth}; {_HINT}")
-    elif not found.values["known_in_both"]:
-        texts.append(f"{own}: has no known cell in common with {truth}; {_HINT}")
+def _warn_of_overlap(comparison: scoring.Comparison, maps: Sequence[inputs.MapInput]) -> None:
+    name, true_name = (source.name for source in maps)
+    if not (comparison.truth != scoring.UNKNOWN).any():
+        emit_warning(f"{true_name}: has no known cell, so there is nothing to compare with")
+    elif not (comparison.estimate != scoring.UNKNOWN).any():
+        emit_warning(f"{name}: has no known cell on {true_name}; {_HINT}")
+    elif not comparison.values["known_in_both"]:
+        emit_warning(f"{name}: has no known cell in common with {true_name}; {_HINT}")
     else:
-        for walls, name in ((found.wall_squares, own), (found.missed, truth)):
-            if not len(walls):
-                texts.append(f"{name}: has no occupied cell there, so no distances can be measured")
-    cell, true_cell = maps[0].occupancy.resolution, found.frame.resolution
+        for file, squares in ((name, comparison.wall_squares), (true_name, comparison.missed)):
+            if not len(squares):
+                emit_warning(f"{file}: has no occupied cell there, so no distances can be measured")
+    cell, true_cell = maps[0].occupancy.resolution, comparison.frame.resolution
     if not np.isclose(cell, true_cell, rtol=1e-6, atol=0):
-        text = f"{own}: has cells of {cell:g} m, {truth} of {true_cell:g} m; what counts is its "
-        texts.append(f"{text}cell at the centre of each of theirs")
-    for text in texts:
-        emit_warning(text)
+        sizes = f"{name}: has cells of {cell:g} m, {true_name} of {true_cell:g} m"
+        emit_warning(f"{sizes}; the map is sampled at the centres of the true map's cells")
