@@ -15,7 +15,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from string import Template
-from typing import Any, cast, get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,7 +109,7 @@ def swatch(colour: Iterable[int]) -> Markup:
 
 
 def hex_of(colour: Iterable[int]) -> str:
-    return "#" + "".join(f"{int(part):02x}" for part in colour)
+    return "#" + "".join(f"{int(channel):02x}" for channel in colour)
 
 
 def _bar(style: LayerStyle, bar: ColourBar, key: str) -> Markup:
@@ -184,11 +184,11 @@ _KINDS = {
 _IN_ONE_LIST = dict.fromkeys(get_args(ChangeKind), "Largest changes")
 
 _STATES = {"error": "Problem", "warning": "Check", "unknown": "Not checked", "good": "OK"}
-"""What a verdict says of its states: they have colours, but nobody needs to see these."""
+"""Words for the states of a verdict, so that they can be told apart without colours."""
 
 _FAILED = "failed"
 _IN_SIZE_TEXT = ("cells", "m per cell")
-_NAMED = 3  # maps that a line of the verdict on several maps names
+_MOST_NAMED = 3  # maps that a line of the verdict on several maps names
 
 
 def body_of(report: Report) -> Markup:
@@ -200,15 +200,18 @@ def body_of(report: Report) -> Markup:
 
 def subtitle_of(report: Report) -> str:
     if len(report.entries) > 1:
-        shared, entries = shared_by(report.entries), report.entries
+        entries = report.entries
+        shared = shared_by(entries)
         errors, warnings = map(sum, zip(*map(_counts, entries), strict=True))
-        failed = sum(entry.status == _FAILED for entry in entries)
-        bare = sum(not entry.layers for entry in entries if entry.status != _FAILED)
-        sound = sum(state_of(entry, shared) == "good" for entry in entries)
-        parts = [count_text(errors, "error"), count_text(warnings, "warning")]
-        counts = {"failed": failed, "without layers": bare, "sound": sound}
-        parts += [f"{count} {words}" for words, count in counts.items() if count]
-        return ", ".join([count_text(len(entries), "map"), *parts])
+        counts = {
+            "failed": sum(entry.status == _FAILED for entry in entries),
+            "without layers": sum(not e.layers for e in entries if e.status != _FAILED),
+            "sound": sum(state_of(entry, shared) == "good" for entry in entries),
+        }
+        texts = [count_text(len(entries), "map")]
+        texts += [count_text(errors, "error"), count_text(warnings, "warning")]
+        texts += [f"{count} {words}" for words, count in counts.items() if count]
+        return ", ".join(texts)
     entry = report.entries[0]
     figures = [_figure(k, v) for k, v in entry.figures.items() if k not in _IN_SIZE_TEXT]
     return ", ".join([_size_text(entry), *figures])
@@ -277,19 +280,14 @@ def _verdict_on(entry: Entry, number: int) -> Markup:
 
 def _verdict_on_all(entries: tuple[Entry, ...]) -> Markup:
     shared = shared_by(entries)
-    numbers: dict[str, list[int]] = {state: [] for state in _STATES}
-    for k in _by_urgency(entries):
-        numbers[state_of(entries[k], shared)].append(k)
-    failed = sum(entry.status == _FAILED for entry in entries)
-    claims = []
-    for state, words in (("error", "has a problem"), ("warning", "should be checked")):
-        if found := numbers[state]:
-            verb = words if len(found) == 1 else words.replace("has", "have")
-            also = f" ({failed} failed)" if failed and state == "error" else ""
-            text = f"{len(found)} of {count_text(len(entries), 'map')} {verb}{also}: "
-            claims.append(_claim(cast("State", state), text, *_links(found, entries)))
+    numbers_by_state: dict[State, list[int]] = {state: [] for state in get_args(State)}
+    for number in _by_urgency(entries):
+        numbers_by_state[state_of(entries[number], shared)].append(number)
+    states: tuple[State, ...] = ("error", "warning")
+    claims = [_claim_on(state, numbers_by_state[state], entries)
+              for state in states if numbers_by_state[state]]  # fmt: skip
     claims += [_claim(claim.state, f"All maps: {claim.text}.") for claim in shared]
-    good, unknown = len(numbers["good"]), len(numbers["unknown"])
+    good, unknown = len(numbers_by_state["good"]), len(numbers_by_state["unknown"])
     counts = [f"{good} {'is' if good == 1 else 'are'} sound"] if good else []
     counts += [f"{unknown} {'was' if unknown == 1 else 'were'} not checked"] if unknown else []
     if counts:
@@ -297,19 +295,31 @@ def _verdict_on_all(entries: tuple[Entry, ...]) -> Markup:
     return _verdict(claims[:MOST_CLAIMS], most_urgent(verdicts_of(entries)))
 
 
+def _claim_on(state: State, numbers: Sequence[int], entries: tuple[Entry, ...]) -> Markup:
+    """Return the claim about the entries in one state, with links to the first of them."""
+    if state == "error":
+        verb = "has a problem" if len(numbers) == 1 else "have a problem"
+        failed = sum(entry.status == _FAILED for entry in entries)
+        verb += f" ({failed} failed)" if failed else ""
+    else:
+        verb = "should be checked"
+    text = f"{len(numbers)} of {count_text(len(entries), 'map')} {verb}: "
+    return _claim(state, text, *_links(numbers, entries))
+
+
 def _links(numbers: Sequence[int], entries: tuple[Entry, ...]) -> Iterator[Content]:
-    for place, k in enumerate(numbers[:_NAMED]):
-        yield ", " if place else ""
-        yield element("a", *_broken(entries[k].name), href=f"#entry-{k}")
-    yield f" and {len(numbers) - _NAMED} more." if len(numbers) > _NAMED else "."
+    for index, number in enumerate(numbers[:_MOST_NAMED]):
+        yield ", " if index else ""
+        yield element("a", *_with_line_breaks(entries[number].name), href=f"#entry-{number}")
+    yield f" and {len(numbers) - _MOST_NAMED} more." if len(numbers) > _MOST_NAMED else "."
 
 
-def _broken(name: str) -> Iterator[Content]:
-    """Yield the name of a file, which may go on in a new line behind each slash."""
-    for place, part in enumerate(name.split("/")):
-        if place:
+def _with_line_breaks(path: str) -> Iterator[Content]:
+    """Yield the name of a file, which may continue on a new line after each slash."""
+    for index, name in enumerate(path.split("/")):
+        if index:
             yield joined(["/", element("wbr")])
-        yield part
+        yield name
 
 
 def _maps(entries: tuple[Entry, ...]) -> Markup:
@@ -385,18 +395,15 @@ def _row(entry: Entry, number: int, names: list[str], shared: Sequence[Claim]) -
         "canvas", width=144, height=108, data_entry=number, role="img",
         aria_label=f"Thumbnail of {entry.name}",
     )  # fmt: skip
-    link = element("a", *_broken(entry.name), href=f"#entry-{number}")
-    claims = [claim for claim in entry.claims if claim not in shared]
-    reasons = [_reason(claim) for state in ("error", "warning") for claim in claims
-               if claim.state == state]  # fmt: skip
-    reason = [element("span", reasons[0], class_="reason")] if reasons else []
-    head = element("th", link, *reason, scope="row", data_value=entry.name)
     state = state_of(entry, shared)
     is_failed = entry.status == _FAILED
-    words = element("b", "Failed", class_=f"sign {state}") if is_failed else _sign(state)
+    sign = element("b", "Failed", class_=f"sign {state}") if is_failed else _sign(state)
     rank = list(_STATES).index(state) - is_failed
-    cells = [element("td", thumb, class_="thumb"), head]
-    cells.append(element("td", words, data_value=str(rank)))
+    cells = [
+        element("td", thumb, class_="thumb"),
+        _row_head(entry, number, shared),
+        element("td", sign, data_value=str(rank)),
+    ]
     cells += [
         element("td", str(count), class_=_css(number=True, none=not count), data_count=name)
         for name, count in zip(_COUNTS, _counts(entry), strict=True)
@@ -409,6 +416,16 @@ def _row(entry: Entry, number: int, names: list[str], shared: Sequence[Claim]) -
     return element("tr", *cells)
 
 
+def _row_head(entry: Entry, number: int, shared: Sequence[Claim]) -> Markup:
+    """Return the name of a map, and the most urgent reason to check it."""
+    link = element("a", *_with_line_breaks(entry.name), href=f"#entry-{number}")
+    own_claims = [claim for claim in entry.claims if claim not in shared]
+    reasons = [_reason(claim) for state in ("error", "warning") for claim in own_claims
+               if claim.state == state]  # fmt: skip
+    reason = [element("span", reasons[0], class_="reason")] if reasons else []
+    return element("th", link, *reason, scope="row", data_value=entry.name)
+
+
 def _reason(claim: Claim) -> str:
     """Return the reason to check a map, without the counts, which the row has."""
     return claim.text.partition(": ")[2] if claim.about == "map" else claim.text
@@ -418,14 +435,14 @@ def _entry(entry: Entry, number: int, *, several: bool) -> Markup:
     parts: list[Content] = []
     if several:
         parts.append(element("p", element("a", "\u2190 All maps", href="#maps"), class_="back"))
-        parts.append(element("h2", *_broken(entry.name), tabindex=-1))
+        parts.append(element("h2", *_with_line_breaks(entry.name), tabindex=-1))
         size = _size_text(entry) if entry.layers or not entry.status else ""
         parts.append(element("p", ", ".join(filter(None, (entry.status, size))), class_="subtitle"))
     else:
         parts.append(element("h2", entry.name, class_="unseen"))  # between headings 1 and 3
     if entry.claims or entry.next_command:
         parts.append(_verdict_on(entry, number))
-    if entry.warnings and not (entry.status == _FAILED and entry.claims):  # which is the verdict
+    if entry.warnings and not (entry.status == _FAILED and entry.claims):  # then claims name them
         lines = element("ul", *(element("li", text) for text in entry.warnings))
         noun = "error" if entry.status == _FAILED else "warning"
         title = count_text(len(entry.warnings), noun)
@@ -534,7 +551,7 @@ def _items(entry: Entry, number: int) -> Markup:
         for k, item in enumerate(items):
             if item.kind in kinds:
                 groups.setdefault(item.group or k, []).append(k)
-        rows = _folded(items, groups.values())
+        rows = _fold_notes(items, groups.values())
         name = f"list-{number}-{index}"
         lists.append(element("ul", *rows, aria_label=title, id=name, tabindex=-1))
     return _section("On the map", element("p", *boxes, class_="kinds"), *lists, class_="items")
@@ -542,12 +559,12 @@ def _items(entry: Entry, number: int) -> Markup:
 
 def _count(items: Sequence[Item], kind: str) -> int:
     """Return the number of items of a kind, without the line about changes that are left out."""
-    own = [item for item in items if item.kind == kind]
-    return sum(item.place is not None for item in own) if kind in _IN_ONE_LIST else len(own)
+    of_kind = [item for item in items if item.kind == kind]
+    return sum(item.place is not None for item in of_kind) if kind in _IN_ONE_LIST else len(of_kind)
 
 
-def _folded(items: Sequence[Item], groups: Iterable[Sequence[int]]) -> list[Markup]:
-    """Return groups of items as rows of a list, many notes in one row that opens."""
+def _fold_notes(items: Sequence[Item], groups: Iterable[Sequence[int]]) -> list[Markup]:
+    """Return groups of items as rows of a list; more than a few notes become one row that opens."""
     rows: list[Markup] = []
     notes: list[Markup] = []
     for group in groups:
@@ -564,13 +581,13 @@ def _group(items: Sequence[Item], group: Sequence[int]) -> Markup:
     first = items[group[0]]
     if len(group) == 1:
         return _item(first, group[0], first.text)
-    words = [items[k].text.partition(": ")[2] or items[k].text for k in group]
-    own = sum(not text.startswith(_PLACE) for text in words)  # findings, each at its first place
-    count = count_text(len(group), "place") if own == 1 else count_text(own, "finding")
-    if words[1].startswith(_PLACE):
-        words[0] = f"{_PLACE}1"  # the line above has its text
+    texts = [items[k].text.partition(": ")[2] or items[k].text for k in group]
+    findings = sum(not text.startswith(_PLACE) for text in texts)  # each at its first place
+    count = count_text(len(group), "place") if findings == 1 else count_text(findings, "finding")
+    if texts[1].startswith(_PLACE):
+        texts[0] = f"{_PLACE}1"  # the line above has its text
     rows = []
-    for k, text in zip(group, words, strict=True):
+    for k, text in zip(group, texts, strict=True):
         place = items[k].place
         if place is not None and text.startswith(_PLACE):
             text = f"{text} at {_at(place)}"
@@ -585,7 +602,7 @@ _PLACE = "place "  # what the text of a further place of a finding begins with
 
 
 def _at(place: tuple[float, float]) -> str:
-    return ", ".join(f"{part + 0.0:.6g}" for part in place)
+    return ", ".join(f"{coordinate + 0.0:.6g}" for coordinate in place)
 
 
 def _item(item: Item, number: int, words: str, *, has_tone: bool = True) -> Markup:
@@ -614,7 +631,7 @@ SCRIPTS = (
     "viewer.js", "zones.js", "main.js",
 )  # fmt: skip
 
-_HEADER = 0.02  # of the room for tiles: what the header takes with the places of the tiles
+_HEADER_SHARE = 0.02  # of the room for tiles: their offsets, which the header contains
 
 
 def page_of(report: Report, *, size: int) -> Iterator[bytes]:
@@ -631,7 +648,7 @@ def page_of(report: Report, *, size: int) -> Iterator[bytes]:
     yield head
     layers = [layer for entry in report.entries for layer in entry.layers]
     without_tiles = _json(_header(report, [{} for _ in layers]))
-    room = int((1 - _HEADER) * (size - len(head) - len(without_tiles) - len(script)))
+    room = int((1 - _HEADER_SHARE) * (size - len(head) - len(without_tiles) - len(script)))
     pictures = encoded(layers, size=max(room, 0))
     yield from pictures.data
     yield between.encode()
@@ -640,23 +657,23 @@ def page_of(report: Report, *, size: int) -> Iterator[bytes]:
 
 
 def _header(report: Report, tiles: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return what the script knows: all but the tiles themselves, of which it knows the places."""
+    """Return the page's data for the script: all but the tiles, which it refers to by offset."""
     styles: dict[str, int] = {}
-    places = iter(tiles)
+    tiles_of_layers = iter(tiles)
     entries = []
     for entry in report.entries:
         layers = []
         areas = [layer.frame for layer in entry.layers]
         for layer in entry.layers:
             style = styles.setdefault(_json(_style(layer.style)), len(styles))
-            more = {"style": style, "area": areas.index(layer.frame)}
-            layers.append(_page_layer(layer) | more | next(places))
+            references = {"style": style, "area": areas.index(layer.frame)}
+            layers.append(_page_layer(layer) | references | next(tiles_of_layers))
         entries.append(_page_entry(entry) | {"layers": layers})
     return {"tile": TILE, "styles": [json.loads(style) for style in styles], "entries": entries}
 
 
 def script_text() -> str:
-    """Return the script of every page; comments and empty lines stay at home."""
+    """Return the script of every page, without comments and empty lines."""
     lines = "\n".join(_part(name) for name in SCRIPTS).splitlines()
     return "\n".join(line for line in lines if line.strip() and not line.lstrip().startswith("//"))
 
@@ -683,31 +700,38 @@ def _style(style: LayerStyle) -> dict[str, Any]:
     pixels = np.zeros((len(style.colours) + 1, 4), dtype=np.uint8)  # the last is no colour at all
     pixels[:-1, :3] = style.colours
     pixels[:-1, 3] = 255
-    scale, of_scale = style.scale, None
-    if scale is not None:
-        factor = scale.levels / ((scale.high - scale.low) or 1.0)
-        of_scale = {"low": scale.low, "factor": factor}
-        of_scale |= {"first": scale.first, "levels": scale.levels}
+    scale = None
+    if style.scale is not None:
+        low, high, levels = style.scale.low, style.scale.high, style.scale.levels
+        factor = levels / ((high - low) or 1.0)
+        scale = {"low": low, "factor": factor, "first": style.scale.first, "levels": levels}
     return {
         "pixels": _bytes(pixels),
-        "byValue": None if style.by_value is None else _bytes(style.by_value), "scale": of_scale,
+        "byValue": None if style.by_value is None else _bytes(style.by_value),
+        "scale": scale,
         "nowhere": len(style.colours) if style.nowhere is None else style.nowhere,
-        "line": style.line, "fadedBy": style.faded_by or 0,
+        "line": style.line,
+        "fadedBy": style.faded_by or 0,
         "labels": {str(value): one_line(label) for value, label in sorted(style.labels.items())},
-    }  # fmt: skip
+    }
 
 
 def _page_layer(layer: PageLayer) -> dict[str, Any]:
     frame = layer.frame
     x, y, yaw = frame.origin
     return {
-        "name": one_line(layer.name), "title": one_line(layer.title), "unit": one_line(layer.unit),
+        "name": one_line(layer.name),
+        "title": one_line(layer.title),
+        "unit": one_line(layer.unit),
         "frame": {
             "width": frame.width, "height": frame.height, "resolution": frame.resolution,
             "x": x, "y": y, "yaw": yaw,
         },
-        "states": layer.states, "convention": layer.convention, "lethal": layer.lethal_threshold,
-        "pooled": layer.pooled, "opaque": layer.is_bytes or layer.style.nowhere is not None,
+        "states": layer.states,
+        "convention": layer.convention,
+        "lethal": layer.lethal_threshold,
+        "pooled": layer.pooled,
+        "opaque": layer.is_bytes or layer.style.nowhere is not None,
     }  # fmt: skip
 
 
@@ -718,10 +742,11 @@ def _page_entry(entry: Entry) -> dict[str, Any]:
         corners.append(frame.xy_from_continuous_rowcol(ends))
     full_box = _box(np.vstack(corners)) if corners else None
     return {
-        "name": one_line(entry.name), "whole": full_box,
+        "name": one_line(entry.name),
+        "whole": full_box,
         "extent": full_box if entry.extent is None else list(entry.extent),
         "items": [_page_item(item) for item in entry.items],
-    }  # fmt: skip
+    }
 
 
 def _box(points: NDArray[np.float64]) -> list[float]:
@@ -729,12 +754,14 @@ def _box(points: NDArray[np.float64]) -> list[float]:
 
 
 def _page_item(item: Item) -> dict[str, Any]:
-    places = [] if item.place is None else [np.array([item.place], dtype=np.float64)]
-    points = [line for line in (*places, *item.lines) if len(line)]
+    place = [] if item.place is None else [np.array([item.place], dtype=np.float64)]
+    points = [line for line in (*place, *item.lines) if len(line)]
     return {
-        "kind": item.kind, "tone": item.tone,
-        "place": None if item.place is None else [float(part) for part in item.place],
-        "lines": [np.round(line, 4).tolist() for line in item.lines], "label": one_line(item.label),
+        "kind": item.kind,
+        "tone": item.tone,
+        "place": None if item.place is None else [float(value) for value in item.place],
+        "lines": [np.round(line, 4).tolist() for line in item.lines],
+        "label": one_line(item.label),
         **({} if item.zone is None else {"zone": asdict(item.zone)}),
         "box": _box(np.vstack(points)) if points else None,
-    }  # fmt: skip
+    }
