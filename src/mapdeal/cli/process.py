@@ -35,7 +35,7 @@ def run_process() -> NoReturn:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
-    # append needs no Python frame, so it works in a thread without memory
+    # append runs in C: it works even in a thread that lacks memory for a Python frame
     unraisables: deque[sys.UnraisableHookArgs] = deque(maxlen=32)
     sys.unraisablehook = unraisables.append
     gc.disable()  # until the command is imported, see `begin_work`

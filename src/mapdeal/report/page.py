@@ -184,7 +184,7 @@ _KINDS = {
 _IN_ONE_LIST = dict.fromkeys(get_args(ChangeKind), "Largest changes")
 
 _STATES = {"error": "Problem", "warning": "Check", "unknown": "Not checked", "good": "OK"}
-"""Words for the states of a verdict, so that they can be told apart without colours."""
+"""Words for the states of a verdict, which also have colours: no reader depends on these."""
 
 _FAILED = "failed"
 _IN_SIZE_TEXT = ("cells", "m per cell")
