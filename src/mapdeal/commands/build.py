@@ -48,16 +48,16 @@ from mapdeal.sensors.scans import DEFAULT_MAX_BAD, ScanSource, ScanTexts, open_l
 from mapdeal.sensors.worlds import World, read_world
 from mapdeal.version import __version__
 
-_PER_CELL: dict[mapping.Method, int] = {"log-odds": 22, "counting": 22, "tsdf": 43}
-"""Bytes for each cell: the evidence and the map made from it."""
+_BYTES_PER_CELL: dict[mapping.Method, int] = {"log-odds": 22, "counting": 22, "tsdf": 43}
+"""Bytes per cell: the evidence and the map made from it."""
 
-_MOST_CACHED = 1 << 26  # bytes of beams; more are read twice
+_CACHED_BYTES = 1 << 26  # of beams; more are read twice
 DOCUMENT = "comparison.json"
 _FORMAT = "mapdeal-comparison/1"
-_COMPARE_PER_CELL = 60
-"""Bytes for each cell: the evidence of all methods, and the map of one method."""
+_COMPARE_BYTES_PER_CELL = 60
+"""Bytes per cell: the evidence of all methods, and the map of one method."""
 
-_MOST_PLACES = 100
+_MOST_VANISHED = 100  # groups of hits whose places a document lists
 _STATES = STATES[:3]  # states of a cell; values 1..99 have none because only states are compared
 _CLOUDS_ONLY = ("min_points", "fill", "level")
 _ROBOTS_ONLY = ("climb", "max_slope", "drops", "floor")
@@ -94,7 +94,7 @@ def _built(
     advance: Advance = lambda _: None,
 ) -> mapping.BuiltMap:  # fmt: skip
     (method,) = building.methods
-    builder = _builders(source, building, _PER_CELL[method], advance)[0][method]
+    builder = _builders(source, building, _BYTES_PER_CELL[method], advance)[0][method]
     built = builder.result(with_layers=with_layers)
     _warn_if_unknown(built.grid, source.named)
     if built.vanished:
@@ -153,7 +153,7 @@ def _extent(
     for beams, scans in _parts(source, building.limits):
         extent.add_beams(beams)
         cached_bytes += beams.nbytes
-        if cached_bytes > _MOST_CACHED:
+        if cached_bytes > _CACHED_BYTES:
             parts = None
         elif parts is not None:
             parts.append((beams, scans))
@@ -179,10 +179,10 @@ def _warn_if_unknown(grid: OccupancyGrid, path: Path) -> None:
 def _warn_of_vanished(built: mapping.BuiltMap, builder: mapping.MapBuilder, path: Path) -> None:
     vanished = built.vanished
     x, y = vanished.middles_xy(built.grid.frame)[0]
-    which = "it" if len(vanished) == 1 else "the largest"
+    largest = "it" if len(vanished) == 1 else "the largest"
     emit_warning(
         f"{path}: {count_text(len(vanished), 'group')} of cells hit {OFTEN} times and more left "
-        f"nothing occupied within {NEAR} cells; {which} has {vanished.sizes[0]} cells, around "
+        f"nothing occupied within {NEAR} cells; {largest} has {vanished.sizes[0]} cells, around "
         f"{x:.2f}, {y:.2f}; {builder.advice(vanished)}; --compare shows what each method loses",
     )
 
@@ -326,10 +326,10 @@ class Comparison(Result):
                          "bytes a cell", "seconds")  # fmt: skip
         for method, results in figures["methods"].items():
             share, mean = results["one_cell_wide_share"], results["mean_thickness_cells"]
-            wide = "-" if share is None else f"{100 * share:.1f} %"
-            thick = "-" if mean is None else f"{mean:.2f}"
+            share_text = "-" if share is None else f"{100 * share:.1f} %"
+            mean_text = "-" if mean is None else f"{mean:.2f}"
             states = [results[state] for state in _STATES]
-            yield row.format(method, *states, wide, thick, results["vanished_groups"],
+            yield row.format(method, *states, share_text, mean_text, results["vanished_groups"],
                              results["bytes_per_cell"], f"{results['seconds']:.2f}")  # fmt: skip
         for pair in figures["pairs"]:
             first, second, cells = pair["first"], pair["second"], pair["cells"]
@@ -362,8 +362,10 @@ def _map_of_world(
     with errors_named(path):
         floor = CloudOptions(floor=robot_options.get("floor")).floor
         robot = CloudOptions(**{**robot_options, "floor": None})
-        parts = {"visual": options.visual, "static_only": options.static_only}
-        world = read_world(path, model_path=model_path, floor=floor, **parts)
+        world = read_world(
+            path, model_path=model_path, floor=floor,
+            visual=options.visual, static_only=options.static_only,
+        )  # fmt: skip
         claim(path, 3 * world.triangles.nbytes, what=f"{len(world.triangles)} triangles")
         triangles = upright(world.triangles.reshape(-1, 3), robot.up).reshape(-1, 3, 3)
         grid, enclosed_m2 = map_of_world(
@@ -382,11 +384,11 @@ def build_from_world(path: Path, output: Path, work: Work, **settings: Any) -> G
     transaction = work.begin([path])
     world, grid = _map_of_world(path, **settings)
     write_grid(transaction, output, grid)
-    own = {"solids": world.solid_count, "triangles": len(world.triangles)}
-    own |= {"moving": world.moving, "files": len(world.files)}
-    note = f"  {count_text(own['solids'], 'solid')}, {own['triangles']} triangles"
+    figures = {"solids": world.solid_count, "triangles": len(world.triangles)}
+    figures |= {"moving": world.moving, "files": len(world.files)}
+    note = f"  {count_text(figures['solids'], 'solid')}, {figures['triangles']} triangles"
     note += f"; {count_text(world.moving, 'model')} that can move left out" if world.moving else ""
-    return GridResult(grid, f"{output.stem}: map of a world", figures=own, notes=[note])
+    return GridResult(grid, f"{output.stem}: map of a world", figures=figures, notes=[note])
 
 
 def build_map_from_world(
@@ -632,7 +634,7 @@ def _compared(
         work.outputs += [*output_paths(path), path.with_suffix(".png")]
     work.outputs += [*pairs.values(), folder / DOCUMENT]
     transaction = work.begin(source.files)
-    builders, seconds = _builders(source, building, _COMPARE_PER_CELL, advance)
+    builders, seconds = _builders(source, building, _COMPARE_BYTES_PER_CELL, advance)
     first_builder = next(iter(builders.values()))
     counts, (hit_cells, groups) = first_builder.counts, first_builder.hit_groups()
     del first_builder  # `_results` frees its memory
@@ -691,7 +693,7 @@ def _results(
 
 def _method_figures(built: mapping.BuiltMap, bytes_per_cell: int) -> Figures:
     grid, vanished = built.grid, built.vanished
-    middles = vanished.middles_xy(grid.frame)[:_MOST_PLACES].tolist()
+    middles = vanished.middles_xy(grid.frame)[:_MOST_VANISHED].tolist()
     figures = grid.figures()
     thickness = thickness_of(grid.occupancy == OCCUPIED)
     one_wide = int(np.count_nonzero(thickness == 1))

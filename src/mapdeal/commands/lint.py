@@ -61,10 +61,10 @@ _CELLS_WORTH_WORKERS = 500_000_000
 _COSTS_RULE = "holds costs, which are not repaired"
 _NUMBERS = ("resolution", "origin", "occupied_thresh", "free_thresh")
 
-_PER_CELL_OF_GRAPH = 24  # bytes: distances, open cells, collisions of the robot
-_PER_CELL_REPAIRED = 3  # bytes: the cells, and the pixels being written
-_PER_CELL_OF_TURNED, _PER_NEW_CELL = 5, 3
-"""Bytes for each cell of a turned map and of its resampled copy."""
+_GRAPH_BYTES_PER_CELL = 24  # distances, open cells, collisions of the robot
+_REPAIR_BYTES_PER_CELL = 3  # the cells, and the pixels being written
+_TURNED_BYTES_PER_CELL = 5  # of a turned map
+_RESAMPLED_BYTES_PER_CELL = 3  # of its resampled copy
 
 ImageUsers = dict[Path, list[tuple[tuple[int, int], Path]]]
 """For each folder that was read, the identities of images and the YAML files that name them."""
@@ -75,8 +75,8 @@ _COPY_HINT = "mapdeal lint MAP --fix -o OUT writes a repaired copy"
 
 def _as_names(argument: Names) -> tuple[str, ...]:
     names: Any = argument
-    is_one = isinstance(names, str | bytes) or not isinstance(names, Iterable)
-    names = (names,) if is_one else tuple(names)
+    is_single = isinstance(names, str | bytes) or not isinstance(names, Iterable)
+    names = (names,) if is_single else tuple(names)
     for name in names:
         if not isinstance(name, str | PathLike):
             raise errors.ParameterError("takes names or paths", source="lint", got=name)
@@ -303,9 +303,11 @@ def lint(
             footprint, shape = robot.footprint, planned_shape(robot)
         lint_maps = _Lint(
             Selections(_as_names(select), _as_names(ignore), strict=strict, config=config_source),
-            settings, None if footprint is None or not maps else reach_radius(footprint), processes,
-            None if graph is None else (Path(graph), shape, robot),
-        )  # fmt: skip
+            settings,
+            radius=None if footprint is None or not maps else reach_radius(footprint),
+            jobs=processes,
+            graph=None if graph is None else (Path(graph), shape, robot),
+        )
         reports: list[MapReport] = []
         for robot_files in robots:
             reports += lint_maps.parameters(robot_files, costmap, namespace, maps)
@@ -314,8 +316,10 @@ def lint(
         if filter_mask is not None:
             with errors.capture_warnings():  # the findings include them
                 map_read = inputs.map_input(inputs.read_input(maps[0], settings), maps[0])
-            own: Any = map_read, mask_kind, footprint, start, goals
-            reports.append(lint_maps.mask(Path(filter_mask), *own))
+            mask_report = lint_maps.mask(
+                Path(filter_mask), map_read, mask_kind, footprint, start, goals
+            )
+            reports.append(mask_report)
         problems = _repair_in_place(maps, reports, lint_maps) if in_place else []
     report = LintReport(tuple(reports), __version__, form, tuple(problems), only_counts=statistics)
     if work is not None:
@@ -340,7 +344,7 @@ def _no_standard_input() -> Iterable[bytes]:
 
 @dataclass
 class _Lint:
-    """Checks with one selection of rules, of parameter files and, in processes, of maps."""
+    """The selected checks of parameter files, masks and maps; of many maps in processes."""
 
     selections: Selections
     settings: Settings
@@ -362,13 +366,13 @@ class _Lint:
         return [replace(report, is_parameters=True) for report in reports]
 
     def __call__(self, paths: Sequence[Path], advance: Callable[[int], object]) -> list[MapReport]:
-        robot_checks, radius = checks.checks_of(RoomFacts), self.radius
+        robot_checks = checks.checks_of(RoomFacts)
         selected = [path for path in paths if self.selections.of(path).checks & {*robot_checks}]
-        radii = {} if radius is None else dict.fromkeys(selected, radius)
-        found: dict[int, checks.Findings] = {}
+        radii = {} if self.radius is None else dict.fromkeys(selected, self.radius)
+        findings_of: dict[int, checks.Findings] = {}
 
         def collect(index: int, findings: checks.Findings) -> None:
-            found[index] = findings
+            findings_of[index] = findings
             advance(1)
 
         if self.jobs > 1 and _are_worth_workers(paths, self.settings):
@@ -378,12 +382,12 @@ class _Lint:
                 collect(index, checks.check_map(path, self.settings.max_cells, radii.get(path)))
         reports = []
         for index, path in enumerate(paths):
-            findings = found[index]
+            findings = findings_of[index]
             is_left_out = any(finding.check == checks.LEFT_OUT for finding in findings.findings)
             skipped = robot_checks if is_left_out or path not in radii else ()
             if self.graph is not None:
-                more = _graph_findings(path, *self.graph, self.settings)
-                findings = replace(findings, findings=(*findings.findings, *more))
+                graph_findings = _graph_findings(path, *self.graph, self.settings)
+                findings = replace(findings, findings=(*findings.findings, *graph_findings))
             report = self._report(path, findings, skipped)
             reports.append(replace(report, is_folder=source.is_folder(path)))
         return reports
@@ -418,12 +422,12 @@ def _graph_findings(
     try:
         with errors.capture_warnings(), open_map(path, max_cells=settings.max_cells) as file:
             height, width = file.shape()
-            per_cell = _PER_CELL_OF_GRAPH + (0 if robot is None else COSTS_PER_CELL)
+            per_cell = _GRAPH_BYTES_PER_CELL + (0 if robot is None else COSTS_PER_CELL)
             source.claim(path, int(per_cell * height * width))
             map_read = inputs.map_input(file.read(), path)
             grid = map_read.occupancy if robot is None else lethal_cells(robot, map_read)
             return check_graph(graph, grid, shape)
-    except errors.MapdealError as error:  # of the map
+    except errors.MapdealError as error:  # `check_graph` reports those of the graph
         return checks.not_checked(graph, f"its map cannot be read: {error}").findings
 
 
@@ -483,13 +487,13 @@ def _lint_in_processes(
     from mapdeal.pipeline.workers import ProcessWorkers  # slow to import
 
     def collect(index: int, outcome: Outcome) -> None:
-        path, found = paths[index], outcome.result
-        if not isinstance(found, checks.Findings):
-            found = checks.not_checked(path, str(found))
-        elif any(source.SHARE_OF_JOB in finding.message for finding in found.findings):
-            # again without other jobs, with all memory
-            found = checks.check_map(path, settings.max_cells, radii.get(path))
-        advance(index, found)
+        path, result = paths[index], outcome.result
+        if not isinstance(result, checks.Findings):
+            result = checks.not_checked(path, str(result))
+        elif any(source.SHARE_OF_JOB in finding.message for finding in result.findings):
+            # the map needs more than a job's share of the memory: check it here, with all of it
+            result = checks.check_map(path, settings.max_cells, radii.get(path))
+        advance(index, result)
 
     memory_per_job = inputs.memory_budget(settings.max_memory, jobs)
     is_chosen = settings.max_memory is not None
@@ -518,7 +522,7 @@ def repaired(
     if isinstance(grid, Costmap):
         raise errors.MalformedInputError(_COSTS_RULE, source=path)
     grid = grid if isinstance(grid, OccupancyGrid) else grid.grid
-    source.claim(path, _PER_CELL_REPAIRED * grid.occupancy.size)
+    source.claim(path, _REPAIR_BYTES_PER_CELL * grid.occupancy.size)
     resolution = _plain(grid.resolution)
     x, y, yaw = map(_plain, grid.origin)
     if (resolution, (x, y, yaw)) != (grid.resolution, grid.origin):
@@ -528,8 +532,9 @@ def repaired(
         changes.append(f"yaw {yaw:g} rad is in the cells now")
         lattice = Frame(1, 1, resolution)
         region = region_around(lattice, grid.frame)
-        cells = _PER_CELL_OF_TURNED * grid.occupancy.size + _PER_NEW_CELL * region.cells
-        source.claim(path, cells + source.PIECES)
+        turned_bytes = _TURNED_BYTES_PER_CELL * grid.occupancy.size
+        resampled_bytes = _RESAMPLED_BYTES_PER_CELL * region.cells
+        source.claim(path, turned_bytes + resampled_bytes + source.PIECES)
         grid = resampled(grid, region.frame_in(lattice))  # keeps every obstacle
     elif yaw:
         grid = OccupancyGrid(grid.occupancy, resolution, (x, y, 0.0))
@@ -642,7 +647,7 @@ def _repaired_in_place(
 ) -> list[str]:
     """Repair a map in its own files; return a line on each change."""
     # In the YAML file only values are replaced: comments, order and other keys stay. The image is
-    # written only if the map is turned: over itself if it is a pgm or png of this map alone, else
+    # written only if the map is turned: in place if it is a pgm or png that no other map uses, else
     # to a new file beside it.
     states = {path: source.state_of(path)}  # before the first read
     pair, cells, _ = gather(path, max_cells=settings.max_cells)
@@ -666,16 +671,17 @@ def _repaired_in_place(
         if needs_cells:
             grid, cell_changes = repaired(pair.path, pair, max_cells=settings.max_cells)
             changes = [*cell_changes, *changes]
-            new: dict[str, Any] = {
+            repaired_values: dict[str, Any] = {
                 "mode": map_server.write_map_image(transaction, image, grid),
                 "resolution": grid.resolution, "origin": tuple(grid.origin), "negate": 0,
                 "occupied_thresh": 0.65, "free_thresh": 0.196,
             }  # fmt: skip
             if image != source.real_path(pair.image_path):
-                new["image"] = image.name
-            values |= {key: new[key] for key in new if getattr(pair.metadata, key) != new[key]}
-        mark = source.head_of(pair.path, len(BOM_UTF8)) == BOM_UTF8
-        data = (BOM_UTF8 if mark else b"") + with_values(pair.entries, values)
+                repaired_values["image"] = image.name
+            values |= {key: value for key, value in repaired_values.items()
+                       if getattr(pair.metadata, key) != value}  # fmt: skip
+        has_mark = source.head_of(pair.path, len(BOM_UTF8)) == BOM_UTF8
+        data = (BOM_UTF8 if has_mark else b"") + with_values(pair.entries, values)
         if _metadata_in(data, pair.path) != replace(pair.metadata, **values):
             rule = "its YAML is written in a way that cannot be edited"
             raise errors.MalformedInputError(rule, source=pair.path, hint=_COPY_HINT)
@@ -696,12 +702,13 @@ def _image_for(pair: PairFacts, users: ImageUsers) -> tuple[Path, str]:
     other_yaml = _other_user(pair, users)
     if other_yaml is None and pair.image_path.suffix in _WRITABLE_IMAGES:
         return source.real_path(pair.image_path), f"{pair.image_path.name} written anew"
-    new = source.real_path(pair.path).with_suffix(".pgm")
-    why = f"which {other_yaml.name} also uses" if other_yaml else "whose format is only read"
-    if source.exists(new):
-        rule = f"its image {pair.image_path.name}, {why}, would become {new.name}, which exists"
+    new_image = source.real_path(pair.path).with_suffix(".pgm")
+    old_name, new_name = pair.image_path.name, new_image.name
+    reason = f"which {other_yaml.name} also uses" if other_yaml else "whose format is only read"
+    if source.exists(new_image):
+        rule = f"its image {old_name}, {reason}, would become {new_name}, which exists"
         raise errors.FileAccessError(rule, source=pair.path, hint=_COPY_HINT)
-    return new, f"{new.name} written beside {pair.image_path.name}, {why}"
+    return new_image, f"{new_name} written beside {old_name}, {reason}"
 
 
 def _other_user(pair: PairFacts, users: ImageUsers) -> Path | None:

@@ -44,13 +44,13 @@ from mapdeal.ros.load import read_robot
 
 Kind = TypeVar("Kind")
 
-_MOST = 5000
+_MOST_LISTED = 5000
 """Items, tables, rows of a table, and warnings of an entry: browsers get slow beyond that."""
 
 _ABSOLUTE = re.compile(r"(?<![\w./\\-])(?=/|[A-Za-z]:[\\/]|\\\\)")
 _SEPARATOR = re.compile(r"[\\/]")
-_DEEPEST = 32
-"""Folders in one another that are looked for in a text, so that this takes linear time."""
+_MOST_SEPARATORS = 32
+"""Separators up to which a name in a text is compared with folders, for linear time."""
 
 
 @dataclass
@@ -137,8 +137,8 @@ class Draft:
         return next_command(claims, named, self.map_path, self.question, options, dialect)
 
     def entry(self, settings: Settings, folders: Collection[str] = ()) -> Entry:
-        """Return the entry as it is now; of very many items, tables and rows the first ones."""
-        # Texts name files without the absolute `folders`, of this machine or of a document's.
+        """Return the entry; lists of thousands of items, tables or rows are cut off."""
+        # Names of files in texts lose the absolute `folders` of this machine or the document's.
 
         def shown(text: str) -> str:
             return without_folders(text, folders)
@@ -165,27 +165,27 @@ def folder_of(name: str) -> str | None:
 
 
 def without_folders(text: str, folders: Collection[str]) -> str:
-    """Return a text in which names of files lack those `folders` that they begin with."""
+    """Return a text without the `folders` that names of files in it begin with."""
     shown, copied_to = "", 0
     for start in (match.start() for match in _ABSOLUTE.finditer(text)):
-        parts = islice(_SEPARATOR.finditer(text, start + 1), _DEEPEST)
-        ends = [part.end() for part in parts if text[start : part.start()] in folders]
+        separators = islice(_SEPARATOR.finditer(text, start + 1), _MOST_SEPARATORS)
+        ends = [match.end() for match in separators if text[start : match.start()] in folders]
         if ends and start >= copied_to:
             shown, copied_to = shown + text[copied_to:start], ends[-1]
     return shown + text[copied_to:]
 
 
-def _first(found: Sequence[Kind], make_item: Callable[[str], Kind]) -> tuple[Kind, ...]:
-    if len(found) <= _MOST:
-        return tuple(found)
-    return (*found[:_MOST], make_item(f"{len(found) - _MOST} more are not listed"))
+def _first(items: Sequence[Kind], make_item: Callable[[str], Kind]) -> tuple[Kind, ...]:
+    if len(items) <= _MOST_LISTED:
+        return tuple(items)
+    return (*items[:_MOST_LISTED], make_item(f"{len(items) - _MOST_LISTED} more are not listed"))
 
 
-_OF_PAGE, _PER_LINE = 20_000_000, 16
-"""Bytes of a page while it is made, and of each row and column of a map on it."""
-
-_SHARE = 4  # grids in memory may use a quarter of the free memory
-_ROWS, _OF_BAND = 512, 7  # of a file that is read by rows, and copies of so many of them
+_BYTES_OF_PAGE = 20_000_000  # while it is made
+_BYTES_PER_LINE = 16  # per row and column of a map
+_GRIDS_SHARE = 4  # grids in memory may use a quarter of the free memory
+_BAND_ROWS = 512  # of a file that is read by rows
+_BAND_COPIES = 7  # held at a time
 _NO_LIMIT = 1 << 62
 
 
@@ -202,12 +202,12 @@ class Opened:
 class Grids:
     """The grids of files, as many of them in memory as there is room for."""
 
-    # Within a ``with`` block: those that are read row by row stay open until its end.
+    # Files that are read row by row stay open until the ``with`` block ends.
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         free = room()
-        self._room = _NO_LIMIT if free is None else free // _SHARE
+        self._room = _NO_LIMIT if free is None else free // _GRIDS_SHARE
         self._stack = ExitStack()
         self._opened: dict[Path, Opened] = {}
         self._grids: OrderedDict[Path, Grid] = OrderedDict()
@@ -230,7 +230,7 @@ class Grids:
         return sum(0 if grid.is_lazy else bytes_of(grid) for grid in self._grids.values())
 
     def open(self, path: Path, *, quietly: bool = False) -> Opened:
-        """Read a file for the first time; what reading warns of is given, unless `quietly`."""
+        """Read a file once, and store its warnings; `quietly` does not emit them."""
         if path not in self._opened:
             texts: list[str] = []
             with ExitStack() as stack:
@@ -241,8 +241,9 @@ class Grids:
                 grid, file = self._read(path)
                 sums = file.sums_by_name(read)
             self._keep(path, grid)
-            more = tuple(texts), file.trajectories()
-            self._opened[path] = Opened(path, type(grid), file.files, sums, *more)
+            self._opened[path] = Opened(
+                path, type(grid), file.files, sums, tuple(texts), file.trajectories()
+            )
         return self._opened[path]
 
     def is_there(self, path: Path, draft: Draft, content: str, *, quietly: bool = False) -> bool:
@@ -255,7 +256,7 @@ class Grids:
         return True
 
     def grid(self, path: Path) -> Grid:
-        # A `FileAccessError` if it has changed since.
+        # Raises `FileAccessError` if the file has changed since it was opened.
         if path not in self._grids:
             # the warnings were given when it was opened
             with errors.capture_warnings(), sums_of_reads() as read:
@@ -277,30 +278,33 @@ class Grids:
         with ExitStack() as stack:
             opened = open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
             file = stack.enter_context(opened)
-            on_page = _OF_PAGE + file_source.bytes_of_lines(file.shape(), _PER_LINE)
-            claim(path, on_page)
+            page_bytes = _BYTES_OF_PAGE
+            page_bytes += file_source.bytes_of_lines(file.shape(), _BYTES_PER_LINE)
+            claim(path, page_bytes)
             for kind in (Reach, CloudLayers):
                 if (grid := file.layers_of(kind)) is not None:
                     return grid, file
             if file.memory_to_read() <= self._room or not file.has_lazy_rows:
                 return file.read().grid, file
-            band = _OF_BAND * file.memory_to_read() * _ROWS // max(file.shape()[0], _ROWS)
-            # beside the grids that are kept
-            claim(path, (on_page + band) * _SHARE // (_SHARE - 1))
+            height = max(file.shape()[0], _BAND_ROWS)
+            band_bytes = _BAND_COPIES * file.memory_to_read() * _BAND_ROWS // height
+            # besides the share of the grids in memory
+            claim(path, (page_bytes + band_bytes) * _GRIDS_SHARE // (_GRIDS_SHARE - 1))
             self._stack.enter_context(stack.pop_all())
-            return file.by_rows(block_height=_ROWS).grid, file
+            return file.by_rows(block_height=_BAND_ROWS).grid, file
 
     def _reread(self, layer: PageLayer, path: Path, index: int) -> PageLayer:
         if is_lazy(layer.values):
             return layer
 
-        def rows(some: slice) -> Any:
+        def read_rows(rows: slice) -> Any:
             if self._layer_read is None or self._layer_read[0] != (path, index):
                 grid = self.grid(path)
                 self._layer_read = (path, index), kinds_of(grid)[index].values(grid)
-            return self._layer_read[1][some]
+            return self._layer_read[1][rows]
 
-        values = lazy_layer(layer.frame.shape, layer.values.dtype, rows, block_height=_ROWS)
+        dtype = layer.values.dtype
+        values = lazy_layer(layer.frame.shape, dtype, read_rows, block_height=_BAND_ROWS)
         return replace(layer, values=values)
 
     def _keep(self, path: Path, grid: Grid) -> None:
@@ -315,16 +319,16 @@ class Grids:
 NOT_SHOWN = "not shown"  # the status of a run of a batch that is in no folder of it
 _GRIDS = (".npz", ".yaml")  # the files of a product that hold its values, the most exact first
 _MOST_WRONG = 20  # files of a run that are warned of one by one
-_LARGEST_FIGURE = 1e15  # up to here a float has all whole numbers of a manifest
+_LARGEST_FIGURE = 1e15  # floats represent all integers up to here
 _FINISHED = ("done", "unchanged")
 
-_OF_MAPS = ("occupied %", "free %", "unknown %")  # columns about the map that a run was made of
+_MAP_COLUMNS = ("occupied %", "free %", "unknown %")
 _UNKNOWN_MAP = np.full((1, 1), -1, dtype=np.int8)
 
 
 def runs_in(folder: Path) -> list[Draft] | None:
     """Return a draft for each run in a folder: its own, those of a batch, or those below it."""
-    # Failed runs show their part of the summary.
+    # The draft of a failed run comes from the summary of its batch.
     if exists(folder / MANIFEST):
         local = (name for name in contents_of(folder)[0] if exists(folder / name / MANIFEST))
         return [
@@ -338,20 +342,20 @@ def runs_in(folder: Path) -> list[Draft] | None:
         if len(paths) > 1 and all(_time_of_replay(path) is not None for path in paths):
             return [Draft(folder.name or str(folder), folder, replays=paths)]
         return drafts
-    found = [path for path, files in folders_below([folder], contents_of) if MANIFEST in files]
-    return [Draft(str(path.relative_to(folder)), path) for path in sorted(found)] or None
+    runs = [path for path, files in folders_below([folder], contents_of) if MANIFEST in files]
+    return [Draft(str(path.relative_to(folder)), path) for path in sorted(runs)] or None
 
 
 def _drafts_of_batch(folder: Path, record: Mapping[str, Any]) -> Iterator[Draft]:
     place, status, name = (str(record.get(key)) for key in ("folder", "status", "map"))
     parts = PurePath(place).parts
-    if not parts or ".." in parts or PurePath(place).is_absolute():  # whatever there is
+    if not parts or ".." in parts or PurePath(place).is_absolute():  # even if a run is there
         draft = Draft(place, folder, status=NOT_SHOWN)
         rule = "is in no folder of this batch, so it is not shown"
         draft.miss(f"{folder / SUMMARY}: {errors.one_line(place)} {rule}", folder / SUMMARY)
         yield draft
         return
-    # a run that was there already is the same run
+    # "unchanged" is a run that was there already
     status = _FINISHED[0] if status in _FINISHED else status
     draft = Draft(place, folder / place, status=status, names={name})
     if status not in _FINISHED:
@@ -425,9 +429,9 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
         Table("Files written, and their SHA-256", rows_of(manifest["outputs"])),
     ]
     draft.tables = [table for table in draft.tables if table.rows]
-    # what a stage has made of a map says little of the map: inflated, most of it is occupied
+    # shares of cells after a stage do not describe the map: once inflated, most of it is occupied
     columns = columns_of(manifest["figures"])
-    draft.figures |= {name: value for name, value in columns.items() if name not in _OF_MAPS}
+    draft.figures |= {name: value for name, value in columns.items() if name not in _MAP_COLUMNS}
     draft.warn(warnings_in(manifest))
     if (costs := verdict.on_costs(manifest)) is not None:
         draft.claims.append(replace(costs, text=documents.short(costs.text)))
@@ -469,8 +473,8 @@ def _check_outputs(draft: Draft, manifest: Mapping[str, Any]) -> None:
             wrong[path] = "is not what the run wrote: its checksum differs"
     for path in islice(wrong, _MOST_WRONG):
         draft.miss(f"{path}: {wrong[path]}", path)
-    if (more := len(wrong) - _MOST_WRONG) > 0:
-        rule = f"{more} more of the files that it lists are missing, or are others"
+    if (unlisted := len(wrong) - _MOST_WRONG) > 0:
+        rule = f"{unlisted} more of the files that it lists are missing, or are others"
         draft.miss(f"{draft.path / MANIFEST}: {rule}", draft.path / MANIFEST)
 
 
@@ -491,21 +495,22 @@ def _add_product(
 
 
 def add_layers(draft: Draft, layers: Iterable[PageLayer]) -> None:
-    instead: dict[str | None, str] = {}
+    """Append layers to a draft; a map that it already has is not repeated."""
+    replacements: dict[str | None, str] = {}
     for layer in layers:
         if layer.name.endswith(f"-{MAP}"):
-            same = next((earlier for earlier in draft.layers if _are_equal(earlier, layer)), None)
-            if same is not None:
-                instead[layer.name] = same.name
+            equal = next((earlier for earlier in draft.layers if _are_equal(earlier, layer)), None)
+            if equal is not None:
+                replacements[layer.name] = equal.name
                 continue
-        draft.layers.append(replace(layer, states=instead.get(layer.states, layer.states)))
+        draft.layers.append(replace(layer, states=replacements.get(layer.states, layer.states)))
 
 
 def _are_equal(layer: PageLayer, earlier: PageLayer) -> bool:
-    colours, known = layer.style.by_value, earlier.style.by_value
-    if layer.frame != earlier.frame or colours is None or known is None:
+    colours, earlier_colours = layer.style.by_value, earlier.style.by_value
+    if layer.frame != earlier.frame or colours is None or earlier_colours is None:
         return False
-    if not np.array_equal(colours, known):
+    if not np.array_equal(colours, earlier_colours):
         return False
     blocks = blocks_of(layer.values)
     return all(np.array_equal(layer.values[rows], earlier.values[rows]) for rows in blocks)
@@ -528,13 +533,13 @@ def _curve_of(stage: str, parameters: Mapping[str, Any], figures: object) -> Cos
 def columns_of(figures: Mapping[str, Any]) -> dict[str, str | float]:
     columns: dict[str, str | float] = {}
     for record in figures.values():
-        of_record = _columns_of_grid(record) if isinstance(record, dict) else {}
-        columns = {**columns, **of_record, **columns}  # the first record counts
+        grid_columns = _columns_of_grid(record) if isinstance(record, dict) else {}
+        columns = {**columns, **grid_columns, **columns}  # the first record counts
     return columns
 
 
 def _columns_of_grid(figures: Mapping[str, Any]) -> dict[str, str | float]:
-    """Return the columns of those figures that are numbers: anybody may have written them."""
+    """Return the columns of figures that are numbers; those of foreign manifests may be others."""
     known = {name: value for name, value in figures.items() if _is_figure(value)}
     cells = known.get("width", 0) * known.get("height", 0)
     columns: dict[str, str | float] = {}
@@ -542,7 +547,7 @@ def _columns_of_grid(figures: Mapping[str, Any]) -> dict[str, str | float]:
         columns["cells"] = f"{known['width']} x {known['height']}"
     if "resolution" in known:
         columns["m per cell"] = float(known["resolution"])
-    # a costmap counts free and unknown cells, too, but on its own terms
+    # the free and unknown cells of a costmap are not those of a map
     for name in ("lethal",) if "lethal" in known else ("occupied", "free", "unknown"):
         if name in known and cells > 0:
             columns[f"{name} %"] = round(100 * known[name] / cells, 2)
@@ -568,7 +573,7 @@ _LARGEST_ROUNDED = 1e6
 
 
 def _as_written(value: object) -> object:
-    """Return a value of a manifest with its numbers rounded, not so that a page must be long."""
+    """Return a value of a manifest with its numbers rounded as people would write them."""
     if isinstance(value, dict):
         return {key: _as_written(item) for key, item in value.items()}
     if isinstance(value, list):
@@ -579,9 +584,8 @@ def _as_written(value: object) -> object:
 
 
 def drafts_about(file: str, drafts: Sequence[Draft]) -> list[Draft]:
-    # The map or the folder itself, wherever lint was started, counts most; then a name that a batch
-    # gives a map, or a folder; then a file that a run was made of, if no other run was made of one
-    # of its name.
+    # First the drafts of this map or folder, wherever lint was started; then those whose name in a
+    # batch ends the path; then the only run that read a file of this name.
     path = Path(file)
     same = [draft for draft in drafts if any(is_same_file(path, place) for place in draft.places)]
     ends = [draft for draft in drafts if any(_is_end(path, Path(name)) for name in draft.names)]
@@ -600,19 +604,20 @@ def place_of(name: str, document: Path) -> Path:
 
 
 def give_score(document: Path, results: Results, drafts: list[Draft], grids: Grids) -> None:
-    (own,) = results.maps
-    place = None if own is None else place_of(own.file, document)
+    (scored,) = results.maps
+    place = None if scored is None else place_of(scored.file, document)
     owners = [] if place is None else drafts_about(str(place), drafts)
     if not owners and len(drafts) == 1:
         owners = drafts
     for draft in owners:
         draft.tables += results.tables
         for path in draft.paths:
-            if own is not None and place is not None and is_same_file(place, path):
-                found, named = sorted(grids.open(path).sums.values()), sorted(own.sha256.values())
-                draft.compare_sums(path, found, named, f"{document.name} scores")
+            if scored is not None and place is not None and is_same_file(place, path):
+                sums = sorted(grids.open(path).sums.values())
+                named = sorted(scored.sha256.values())
+                draft.compare_sums(path, sums, named, f"{document.name} scores")
     if not owners:
-        name = "a map that is not a file" if own is None else documents.short(own.file)
+        name = "a map that is not a file" if scored is None else documents.short(scored.file)
         rule = f"the score of {name} is left out: the map is not shown here"
         errors.emit_warning(f"{document}: {rule}")
 
@@ -624,7 +629,7 @@ def methods_in(folder: Path, grids: Grids) -> Draft:
     draft = Draft(folder.name or str(folder), folder, tables=list(results.tables))
     for method in results.parts:
         name, path = method.name, folder / Path(f"{method.name}.yaml").name
-        if path not in draft.paths:  # of no method of another name
+        if path not in draft.paths:  # names of methods may differ only by a folder
             draft.paths.append(path)
             if grids.is_there(path, draft, f"layer {name}"):
                 draft.layers += grids.layers(path, name, f"Map by {name}")
@@ -644,21 +649,21 @@ def two_maps(path: Path, results: Results, grids: Grids) -> Draft:
         raise errors.MalformedInputError("does not name its two maps", source=path, hint=hint)
     names = names_of_two(Path(first.file), Path(second.file))
     draft = Draft(f" {'and' if is_diff else 'on'} ".join(names), path, tables=list(results.tables))
-    found = []
+    readable: list[Path] = []
     for named, name in ((first, "first"), (second, "second")):
         place = place_of(named.file, path)
         if not grids.is_there(place, draft, "this map"):
             continue
-        found.append(place)
+        readable.append(place)
         sums = grids.open(place).sums
         draft.compare_sums(place, dict(sums), dict(named.sha256), f"{path.name} names")
-        moved = results.transform if (named is second) == is_diff else None
-        if moved is not None and is_diff:  # what differs is in the cells of the first
-            moved = moved.inverse()
-        title = f"{name.capitalize()} map{'' if moved is None else ', moved'}: {place.name}"
+        transform = results.transform if (named is second) == is_diff else None
+        if transform is not None and is_diff:  # differences are shown on the lattice of the first
+            transform = transform.inverse()
+        title = f"{name.capitalize()} map{'' if transform is None else ', moved'}: {place.name}"
         layers = grids.layers(place, name, title)
-        if moved is not None:
-            layers = [replace(layer, frame=moved.frame(layer.frame)) for layer in layers]
+        if transform is not None:
+            layers = [replace(layer, frame=transform.frame(layer.frame)) for layer in layers]
         if is_diff:
             layers = layers[-1:]
             draft.paths.append(place)
@@ -668,8 +673,8 @@ def two_maps(path: Path, results: Results, grids: Grids) -> Draft:
     if len(draft.layers) > 1:
         draft.compared = draft.layers[0].name, draft.layers[-1].name
         draft.opens_swiped = not is_diff
-    if is_diff and len(found) == 2:
-        _add_difference(draft, found, grids, results)
+    if is_diff and len(readable) == 2:
+        _add_difference(draft, readable, grids, results)
     draft.claims += results.claims
     return draft
 
@@ -681,21 +686,23 @@ def _add_difference(draft: Draft, paths: Sequence[Path], grids: Grids, results: 
         maps = [map_input(grid, path) for path, grid in sources]
         reading: Reading = {"max_memory": settings.max_memory}
         if results.kind == DIFF:
-            found = compared(maps, tolerance=results.tolerance, move=results.transform, **reading)
+            difference = compared(
+                maps, tolerance=results.tolerance, move=results.transform, **reading
+            )
     if results.kind == COST_DIFF:
         try:
             costs = diff_costs.costmaps_compared(maps, results.transform, None, **reading).costs
             add_cost_changes(draft, costs)
             draft.items += documents.cost_change_items(costs.changes.values(), costs.frame)
             draft.claims += verdict.on_cost_difference(costs)
-        except errors.ParameterError as error:  # a file that was replaced by a map
+        except errors.ParameterError as error:  # a map has replaced the costs in a file
             draft.lacks("what differs", Path(str(error.source)), error)
         return
     style, title = difference_style(), "What differs"
-    draft.layers.append(PageLayer("difference", title, found.frame, found.changes, style))
-    changes, unlisted = found.largest_changes(documents.MOST_CHANGES)
-    draft.items += documents.change_items(changes, unlisted, found.frame)
-    draft.claims += verdict.on_difference(found, changes, unlisted)
+    draft.layers.append(PageLayer("difference", title, difference.frame, difference.changes, style))
+    changes, unlisted = difference.largest_changes(documents.MOST_CHANGES)
+    draft.items += documents.change_items(changes, unlisted, difference.frame)
+    draft.claims += verdict.on_difference(difference, changes, unlisted)
 
 
 def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
@@ -717,7 +724,7 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
         reading: Reading = {"max_memory": settings.max_memory}
         mask_path = None if named_mask is None else place_of(named_mask.file, path)
         mask = mask_of(mask_path, settings, source.grid)
-        found = diff_costs.robots_compared(
+        comparison = diff_costs.robots_compared(
             map_input(source, place), (robots[0], robots[1]), results.start, results.goals, mask,
             **reading,
         )  # fmt: skip
@@ -730,30 +737,34 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
         for file, (_, sha256) in zip(robot.files, named_robot.files, strict=False):
             if file.sha256 != sha256:
                 draft.miss(f"{file.path}: is not the file that {path.name} names", file.path)
-    draft.name = f"{Path(place).stem}: {' → '.join(found.names)}"
+    draft.name = f"{Path(place).stem}: {' → '.join(comparison.names)}"
     draft.layers += grids.layers(place, "map", f"Map: {place.name}")[-1:]
-    for name, shown, costmap in zip(("first", "second"), found.names, found.costmaps, strict=True):
+    for name, shown, costmap in zip(
+        ("first", "second"), comparison.names, comparison.costmaps, strict=True
+    ):
         draft.layers += page_layers(costmap, name, f"Costs of {shown}")
     pairs = {name: " → ".join(map(diff_costs.value_text, pair))
-             for name, pair in found.parameters.items()}  # fmt: skip
+             for name, pair in comparison.parameters.items()}  # fmt: skip
     draft.tables.append(Table("Parameters that differ", rows_of(pairs)))
-    draft.tables.append(Table("Reach", (("reached", found.reach_text()), *found.goal_rows())))
+    draft.tables.append(
+        Table("Reach", (("reached", comparison.reach_text()), *comparison.goal_rows()))
+    )
     draft.compared, draft.opens_swiped = ("first", "second"), False
-    after = found.reaches[1]
-    draft.items += documents.passage_change_items(found.closed, "closes", "error")
-    draft.items += documents.passage_change_items(found.opened, "opens", "good")
+    after = comparison.reaches[1]
+    draft.items += documents.passage_change_items(comparison.closed, "closes", "error")
+    draft.items += documents.passage_change_items(comparison.opened, "opens", "good")
     draft.items += documents.goal_items(after.goals, after.robot, after.heading_count)
-    add_cost_changes(draft, found.costs)
+    add_cost_changes(draft, comparison.costs)
+    reach_text = comparison.reach_text().replace("->", "→")
     draft.claims += verdict.on_robots(
-        list(pairs), found.verdict, found.reach_text().replace("->", "→"), found.costs,
-        passes=found.passes,
-    )  # fmt: skip
+        list(pairs), comparison.verdict, reach_text, comparison.costs, passes=comparison.passes
+    )
     return draft
 
 
-def add_cost_changes(draft: Draft, found: CostDifference) -> None:
-    codes, style = diff_costs.change_codes(found), cost_change_style()
-    draft.layers.append(PageLayer("difference", "Change of the cost", found.frame, codes, style))
-    changes = [change for change in found.changes.values() if change.cells]
+def add_cost_changes(draft: Draft, costs: CostDifference) -> None:
+    codes, style = diff_costs.change_codes(costs), cost_change_style()
+    draft.layers.append(PageLayer("difference", "Change of the cost", costs.frame, codes, style))
+    changes = [change for change in costs.changes.values() if change.cells]
     rows = tuple((change.kind, diff_costs.change_text(change)) for change in changes)
     draft.tables.append(Table(verdict.COST_CHANGES, rows or (("changes", "none"),)))
