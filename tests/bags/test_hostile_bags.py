@@ -288,7 +288,7 @@ def test_records_are_not_read_at_once(tmp_path):
     with use_memory(LIMIT), open_bag(sparse(tmp_path / "a.mcap", head, length)) as bag:
         (place,) = bag.index([1])
         with pytest.raises(MalformedInputError, match="bytes of a record need"):
-            bag.data(place)
+            bag.read_message(place)
     indexed = start + chunk(b"", "", 0) + struct.pack("<BQHI", 7, length + 6, 1, length)
     refused(sparse(tmp_path / "b.mcap", indexed, length), "the places of .* messages need")
 

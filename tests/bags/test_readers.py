@@ -11,7 +11,7 @@ from bags.making import FORMATS, IN_MCAP, ROS1, ROS2, START, Maker, costmap, occ
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.bags.bag import MessageIndex, Place, normalised_topic
 from mapdeal.bags.messages import Decoder
-from mapdeal.bags.reader import chosen_connections, open_bag
+from mapdeal.bags.reader import open_bag, select_connections
 
 pytestmark = pytest.mark.slow
 
@@ -33,7 +33,7 @@ def maker():
 
 
 def scans_of(bag):
-    connections = chosen_connections(bag, [], [LASER], "laser scans")
+    connections = select_connections(bag, [], [LASER], "laser scans")
     decoder, index = Decoder(bag), bag.index([connection.id for connection in connections])
     return [(place.time, decoder.message(place)) for place in index]
 
@@ -285,9 +285,9 @@ def change(path, statement):
 def test_the_only_matching_topic_is_chosen_and_others_are_named(maker, tmp_path):
     maker.add("/other", LASER, START, scan(START, RANGES))
     with open_bag(maker.write(tmp_path, "mcap")) as bag:
-        (connection,) = chosen_connections(bag, [], ["nav_msgs/msg/OccupancyGrid"], "maps")
+        (connection,) = select_connections(bag, [], ["nav_msgs/msg/OccupancyGrid"], "maps")
         assert connection.topic == "/map"
-        (connection,) = chosen_connections(bag, ["scan"], [LASER], "laser scans")
+        (connection,) = select_connections(bag, ["scan"], [LASER], "laser scans")
         assert connection.topic == "/scan"
         for topics, types, rule, hint in [
             ([], [LASER], "has 2 topics of things", "--topic names one of /other"),
@@ -296,7 +296,7 @@ def test_the_only_matching_topic_is_chosen_and_others_are_named(maker, tmp_path)
             (["/map"], [LASER], "/map is of type nav_msgs/msg/OccupancyGrid", "there are /other"),
         ]:
             with pytest.raises(MalformedInputError, match=rule) as caught:
-                chosen_connections(bag, topics, types, "things")
+                select_connections(bag, topics, types, "things")
             assert hint in caught.value.hint
 
 
@@ -306,7 +306,7 @@ def test_a_topic_of_many_kinds_is_one_topic():
 
 def test_an_index_keeps_what_was_recorded_first_among_equals():
     index = MessageIndex.of([Place(1, 5, 0, 0), Place(2, 3, 0, 7), Place(3, 5, 1, 2)])
-    assert [place.connection for place in index.in_time()] == [2, 1, 3]
+    assert [place.connection for place in index.sorted_by_time()] == [2, 1, 3]
 
 
 def test_costmaps_are_decoded_without_a_definition(tmp_path):

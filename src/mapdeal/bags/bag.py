@@ -21,7 +21,7 @@ from mapdeal.files import source as sources
 from mapdeal.files.transaction import PREFIX
 
 BAG_OUTPUTS = (".bag", ".mcap", ".db3")  # suffixes of bags
-_PART = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_TOPIC_PART = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _LONGEST_TOPIC = 247
 _PLAIN_NAME = re.compile(r"[A-Za-z0-9_. +-]+")
 METADATA = "metadata.yaml"
@@ -50,7 +50,7 @@ def name_inside(output: Path) -> str:
 def check_topic(topic: str) -> str:
     # Sources: ROS wiki, "Names"; rmw's ``validate_full_topic_name``.
     name = topic if topic.startswith("/") else f"/{topic}"
-    if not all(map(_PART.fullmatch, name[1:].split("/"))) or len(name) > _LONGEST_TOPIC:
+    if not all(map(_TOPIC_PART.fullmatch, name[1:].split("/"))) or len(name) > _LONGEST_TOPIC:
         rule = "must be the name of a topic: letters, digits and _, with single slashes between"
         raise ParameterError(rule, source="--topic", got=topic)
     return name
@@ -97,18 +97,19 @@ class Place(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Recorded:
+class MessageSpan:
     """Number of messages, and times of the first and the last, nanoseconds."""
 
     count: int = 0
     first: int = 0
     last: int = 0
 
-    def joined(self, second: Recorded) -> Recorded:
+    def joined(self, second: MessageSpan) -> MessageSpan:
         if not (second.count and self.count):
             return self if self.count else second
-        first, last = min(self.first, second.first), max(self.last, second.last)
-        return Recorded(self.count + second.count, first, last)
+        first = min(self.first, second.first)
+        last = max(self.last, second.last)
+        return MessageSpan(self.count + second.count, first, last)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +125,9 @@ class MessageIndex:
         return len(self.times)
 
     def __iter__(self) -> Iterator[Place]:
-        for start in range(0, len(self), _PER_PART):
-            part = slice(start, start + _PER_PART)
-            yield from map(Place, *(column[part].tolist() for column in self.columns))
+        for start in range(0, len(self), _ROWS_AT_ONCE):
+            rows = slice(start, start + _ROWS_AT_ONCE)
+            yield from map(Place, *(column[rows].tolist() for column in self.columns))
 
     def __getitem__(self, number: int) -> Place:
         return Place(*(int(column[number]) for column in self.columns))
@@ -138,7 +139,7 @@ class MessageIndex:
     def select(self, selection: NDArray[np.bool_] | Integers) -> MessageIndex:
         return MessageIndex(*(column[selection] for column in self.columns))
 
-    def in_time(self) -> MessageIndex:
+    def sorted_by_time(self) -> MessageIndex:
         if len(self) < 2 or bool((self.times[1:] >= self.times[:-1]).all()):
             return self
         return self.select(np.argsort(self.times, kind="stable"))
@@ -162,7 +163,7 @@ class Bag(ABC):
         self.path = path
         self.form = form
         """Type of the bag, with an article: ``a ROS 1 bag``."""
-        self._remarks: list[str] = []
+        self._warnings: list[str] = []
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -178,7 +179,7 @@ class Bag(ABC):
         """Yield the places of all messages of connections, in parts, in the order of recording."""
 
     @abstractmethod
-    def data(self, place: Place) -> bytes:
+    def read_message(self, place: Place) -> bytes:
         """Return a message as it was serialized."""
 
     def index(self, connections: Collection[int]) -> MessageIndex:
@@ -188,21 +189,21 @@ class Bag(ABC):
             needed = 2 * _PLACE_BYTES * count + sources.PIECES
             sources.claim(self.path, needed, what=f"the places of {count} messages")
             parts.append(part)
-        return MessageIndex.joined(parts).in_time()
+        return MessageIndex.joined(parts).sorted_by_time()
 
-    def summary(self) -> dict[int, Recorded]:
-        recorded = {connection.id: Recorded() for connection in self.connections}
-        for piece in self.pieces(recorded.keys()):
+    def summary(self) -> dict[int, MessageSpan]:
+        spans = {connection.id: MessageSpan() for connection in self.connections}
+        for piece in self.pieces(spans.keys()):
             for number in np.unique(piece.connections).tolist():
                 times = piece.times[piece.connections == number]
-                in_piece = Recorded(len(times), int(times.min()), int(times.max()))
-                recorded[number] = recorded[number].joined(in_piece)
-        return recorded
+                in_piece = MessageSpan(len(times), int(times.min()), int(times.max()))
+                spans[number] = spans[number].joined(in_piece)
+        return spans
 
-    def remark(self, text: str) -> None:
+    def warn_once(self, text: str) -> None:
         """Warn of a fault of the bag, unless the same warning was emitted before."""
-        if text not in self._remarks:
-            self._remarks.append(text)
+        if text not in self._warnings:
+            self._warnings.append(text)
             emit_warning(f"{self.path}: {text}")
 
     def of_types(self, *types: str) -> list[Connection]:
@@ -231,7 +232,7 @@ def normalised_type(name: str) -> str:
     return f"{match[1]}/msg/{match[2]}" if match else name
 
 
-_PER_PART = 1 << 14
+_ROWS_AT_ONCE = 1 << 14
 _PLACE_BYTES = 32  # bytes of a place
 
 
@@ -246,18 +247,18 @@ def decompress(
     if size is not None:
         sources.check_expansion(path, len(data), size)
         sources.claim(path, len(data) + 2 * size, what=f"the {size} bytes of a chunk")
-    most = sources.most_expanded(len(data)) if size is None else size
+    size_limit = sources.most_expanded(len(data)) if size is None else size
     expander = _EXPANDERS[compression](path)
     try:  # one byte above the declared size reveals a wrong size, and limits decompression bombs
-        content = bytes(expander.decompress(data, most + 1))
+        content = bytes(expander.decompress(data, size_limit + 1))
     except MemoryError:  # the memory was claimed above, so the chunk is not the cause
         raise
     except Exception as error:  # noqa: BLE001 - each library has errors of its own
         if partly:
             return b""
         raise MalformedInputError(f"a chunk is damaged: {error}", source=path) from None
-    if size is None and len(content) > most:
-        rule = f"{len(data)} bytes of a message would expand to more than {most}"
+    if size is None and len(content) > size_limit:
+        rule = f"{len(data)} bytes of a message would expand to more than {size_limit}"
         hint = "--max-memory SIZE allows more, if that much is available"
         raise MalformedInputError(rule, source=path, hint=hint)
     if size is not None and (len(content) > size or (len(content) < size and not partly)):
@@ -265,7 +266,7 @@ def decompress(
     return content
 
 
-def needs_bags(source: Path | str, *modules: str) -> None:
+def import_rosbags(source: Path | str, *modules: str) -> None:
     """Import modules of rosbags, or raise the error that it is not installed."""
     try:
         for module in modules or ("rosbags.typesys",):
@@ -280,7 +281,7 @@ def needs_bags(source: Path | str, *modules: str) -> None:
 
 
 def _module(path: Path, name: str) -> Any:
-    needs_bags(path, name)
+    import_rosbags(path, name)
     return import_module(name)
 
 

@@ -168,7 +168,7 @@ class ChunkedBag(Bag):
                 record = self._record(data, position)
             except _CutError:
                 if not self._chunks[number].is_cut:
-                    self.remark("a chunk is damaged; the intact part before it is read")
+                    self.warn_once("a chunk is damaged; the intact part before it is read")
                 return
             yield record
             position = record.end
@@ -195,7 +195,7 @@ class ChunkedBag(Bag):
 
     def _warn_of_early_end(self, cause: str = "") -> None:
         """Warn that the file ends too early; ignore the last index, which may be truncated, too."""
-        self.remark(f"ends too early{cause}; the intact part before it is read")
+        self.warn_once(f"ends too early{cause}; the intact part before it is read")
         if self._chunks:
             self._chunks[-1].is_indexed = False
 
@@ -243,7 +243,7 @@ class Ros1Bag(ChunkedBag):
         self._has_summary = False
         super().__init__(path, "a ROS 1 bag")
 
-    def data(self, place: Place) -> bytes:
+    def read_message(self, place: Place) -> bytes:
         with access_to(self.path):
             if place.block == _OUTSIDE:
                 self._file.seek(place.offset)
@@ -278,7 +278,9 @@ class Ros1Bag(ChunkedBag):
                 self._warn_of_early_end(f" ({error})")
                 return
         if not self._has_summary and self._chunks:
-            self.remark("has no index, as left by a recorder that was killed; all records are read")
+            self.warn_once(
+                "has no index, as left by a recorder that was killed; all records are read"
+            )
 
     def _walk_record(self, position: int) -> int:
         self._file.seek(position)
@@ -327,7 +329,7 @@ class Ros1Bag(ChunkedBag):
             try:
                 self._note_connection(record.head, record.data)
             except _CutError:
-                self.remark("the description of a connection is damaged")
+                self.warn_once("the description of a connection is damaged")
 
     def _entries(self, data: bytes) -> tuple[Integers, Integers]:
         rows = np.frombuffer(data, "<u4").reshape(-1, 3).astype(np.int64)
@@ -339,7 +341,7 @@ class Ros1Bag(ChunkedBag):
             try:
                 return Place(_number(fields, b"conn"), _time(fields), number, record.position)
             except _CutError:
-                self.remark("the head of a message is damaged; it is left out")
+                self.warn_once("the head of a message is damaged; it is left out")
         return None
 
     def _record(self, data: bytes, position: int) -> _Record:
@@ -415,7 +417,7 @@ class McapBag(ChunkedBag):
         self._schemas: dict[int, _Schema] = {}
         super().__init__(path, "a bag (MCAP)")
 
-    def data(self, place: Place) -> bytes:
+    def read_message(self, place: Place) -> bytes:
         with access_to(self.path):
             if place.block == _OUTSIDE:
                 self._file.seek(place.offset + 1)
@@ -450,7 +452,7 @@ class McapBag(ChunkedBag):
                     return
             position += 9 + length
         if is_ended:
-            self.remark("ends early, after its messages; all of them are read")
+            self.warn_once("ends early, after its messages; all of them are read")
         else:
             self._warn_of_early_end()
 

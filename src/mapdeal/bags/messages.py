@@ -314,7 +314,7 @@ class Decoder:
         connection = self._connections[place.connection]
         if connection.id not in self._deserializers:
             self._deserializers[connection.id] = self._deserializer(connection)
-        data = self._bag.data(place)
+        data = self._bag.read_message(place)
         needed = (_OBJECT_FACTOR if connection.type in TF_TYPES else _ARRAY_FACTOR) * len(data)
         claim(self._bag.path, needed, what=f"the {len(data)} bytes of a message")
         try:
@@ -339,7 +339,7 @@ class Decoder:
             raise self._bag.malformed(rule, connection.topic) from None
 
     def header(self, place: bags.Place) -> tuple[int, str]:
-        data, connection = self._bag.data(place), self._connections[place.connection]
+        data, connection = self._bag.read_message(place), self._connections[place.connection]
         order = "<" if connection.encoding == "ros1" or data[1:2] == b"\x01" else ">"
         try:  # preceded by a sequence number in ROS 1, by CDR's byte order in ROS 2
             seconds, nanoseconds, length = struct.unpack_from(f"{order}III", data, 4)
@@ -355,7 +355,7 @@ class Decoder:
     def _deserializer(self, connection: bags.Connection) -> Callable[[bytes], Any]:
         name = connection.type
         if connection.is_idl:
-            bags.needs_bags(self._bag.path)
+            bags.import_rosbags(self._bag.path)
         try:
             if connection.is_idl:
                 return partial(_idl_store(connection.definition).deserialize_cdr, typename=name)
@@ -415,7 +415,7 @@ def write_bag(
     transaction: Transaction, output: Path, grid: OccupancyGrid | Costmap, *,
     topic: str | None = None, frame: str = FRAME,
 ) -> None:  # fmt: skip
-    bags.needs_bags(output, *_MODULES)
+    bags.import_rosbags(output, *_MODULES)
     claim(output, _COPIES * grid.layer.size, what="messages of this size")
     is_ros1 = output.suffix == ".bag"
     if topic is None:

@@ -58,15 +58,16 @@ class FolderBag(bags.Bag):
         except BaseException:
             self._stack.close()
             raise
-        self._found: list[bags.Connection] = []
+        self._connections: list[bags.Connection] = []
         self._origins: list[tuple[bags.Bag, int]] = []
         for part in self._parts:
             for c in part.connections:
                 self._origins.append((part, c.id))
                 declared = metadata.serializations.get(c.topic, c.serialization)
                 encoding = c.encoding if declared == c.serialization else ""
-                number = len(self._found)
-                self._found.append(replace(c, id=number, encoding=encoding, serialization=declared))
+                number = len(self._connections)
+                copy = replace(c, id=number, encoding=encoding, serialization=declared)
+                self._connections.append(copy)
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -75,7 +76,7 @@ class FolderBag(bags.Bag):
 
     @property
     def connections(self) -> Sequence[bags.Connection]:
-        return self._found
+        return self._connections
 
     def close(self) -> None:
         self._stack.close()
@@ -90,19 +91,21 @@ class FolderBag(bags.Bag):
                     indices = np.searchsorted(part_ids, piece.connections)
                     yield replace(piece, connections=ids[indices])
 
-    def summary(self) -> dict[int, bags.Recorded]:
+    def summary(self) -> dict[int, bags.MessageSpan]:
         summaries = {id(part): part.summary() for part in self._parts}
         return {n: summaries[id(part)][i] for n, (part, i) in enumerate(self._origins)}
 
-    def data(self, place: bags.Place) -> bytes:
+    def read_message(self, place: bags.Place) -> bytes:
         part, part_id = self._origins[place.connection]
-        data = part.data(place._replace(connection=part_id))
+        data = part.read_message(place._replace(connection=part_id))
         return bags.decompress(data, "zstd", None, self.path) if self._compresses_messages else data
 
     def _metadata(self) -> _Metadata:
         path = self.path / bags.METADATA
         if not sources.exists(path):
-            return self._guess(f"has no {bags.METADATA}, as left by a recorder that was killed")
+            return self._metadata_from_files(
+                f"has no {bags.METADATA}, as left by a recorder that was killed"
+            )
         top = read_mapping(path, _LIMITS).get(_TOP_KEY)
         fields = {} if top is None else top.fields()
         for key in ("storage_identifier", "relative_file_paths"):
@@ -111,7 +114,9 @@ class FolderBag(bags.Bag):
                 raise MalformedInputError("missing", source=path, place=place)
         storage = _text_of(fields, "storage_identifier")
         if not storage:
-            return self._guess(f"{bags.METADATA} names no storage, as ros2 bag reindex leaves it")
+            return self._metadata_from_files(
+                f"{bags.METADATA} names no storage, as ros2 bag reindex leaves it"
+            )
         if storage not in _STORAGES:
             raise fields["storage_identifier"].error("must be sqlite3 or mcap")
         mode = _text_of(fields, "compression_mode").lower() or "none"
@@ -131,16 +136,16 @@ class FolderBag(bags.Bag):
         if names and len(missing) == len(names):
             sources.check_readable(self.path / missing[0])  # raises the error
         if missing:
-            more = f" and {len(missing) - 1} more are" if len(missing) > 1 else " is"
-            self.remark(f"its file {missing[0]}{more} missing; the others are read")
+            further = f" and {len(missing) - 1} more are" if len(missing) > 1 else " is"
+            self.warn_once(f"its file {missing[0]}{further} missing; the others are read")
         return tuple(name for name in names if name in present)
 
-    def _guess(self, remark: str) -> _Metadata:
+    def _metadata_from_files(self, reason: str) -> _Metadata:
         names = sorted(sources.contents_of(self.path)[1], key=natural_key)
         for suffix, storage in _SUFFIXES.items():
             files = [name for name in names if _plain(name).endswith(suffix)]
             if files:
-                self.remark(remark)
+                self.warn_once(reason)
                 return _Metadata(storage, tuple(files), "none", {})
         raise self.malformed("is a folder without .db3 and .mcap files")
 
@@ -179,10 +184,10 @@ def _serializations(fields: Mapping[str, Entry]) -> dict[str, str]:
     serializations = {}
     for entry in fields[_TOPICS].items() if _TOPICS in fields else ():
         topic = entry.fields().get("topic_metadata")
-        of_topic = topic.fields() if topic is not None else {}
-        if {"name", "serialization_format"} <= of_topic.keys():
-            name = bags.normalised_topic(of_topic["name"].text())
-            serializations[name] = of_topic["serialization_format"].text()
+        topic_fields = topic.fields() if topic is not None else {}
+        if {"name", "serialization_format"} <= topic_fields.keys():
+            name = bags.normalised_topic(topic_fields["name"].text())
+            serializations[name] = topic_fields["serialization_format"].text()
     return serializations
 
 
@@ -207,8 +212,8 @@ def open_bag(path: Path) -> Iterator[bags.Bag]:
             bag.path = path
         names = sorted({connection.serialization for connection in bag.connections})
         if names and not any(known.encoding in bags.CAN_BE_READ for known in bag.connections):
-            listed = ", ".join(map(repr, names))
-            raise bag.malformed(f"its messages are serialized as {listed}; cdr and ros1 are read")
+            formats = ", ".join(map(repr, names))
+            raise bag.malformed(f"its messages are serialized as {formats}; cdr and ros1 are read")
         yield bag
 
 
@@ -220,7 +225,7 @@ def _open_file(path: Path, file: Path) -> bags.Bag:
     raise MalformedInputError("is not a bag of ROS 1 or ROS 2" if head else "is empty", source=path)
 
 
-def chosen_connections(
+def select_connections(
     bag: bags.Bag, topics: Sequence[str], types: Sequence[str], kind: str
 ) -> list[bags.Connection]:
     if not bag.connections:
@@ -250,7 +255,9 @@ def chosen_connections(
     return chosen
 
 
-def _error(bag: bags.Bag, rule: str, listed: Sequence[bags.Connection], label: str) -> Exception:
-    named = sorted({f"{c.topic} ({c.spelled})" for c in listed})
-    hint = f"{label} {few_text(named, _MOST_NAMED)}" if named else None
+def _error(
+    bag: bags.Bag, rule: str, connections: Sequence[bags.Connection], label: str
+) -> Exception:
+    topics = sorted({f"{connection.topic} ({connection.spelled})" for connection in connections})
+    hint = f"{label} {few_text(topics, _MOST_NAMED)}" if topics else None
     return MalformedInputError(rule, source=bag.path, hint=hint)

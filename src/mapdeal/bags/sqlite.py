@@ -18,7 +18,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from mapdeal.bags.bag import Bag, Connection, MessageIndex, Place, Recorded
+from mapdeal.bags.bag import Bag, Connection, MessageIndex, MessageSpan, Place
 from mapdeal.errors import MalformedInputError
 from mapdeal.files import source as sources
 from mapdeal.files.transaction import temporary_folder
@@ -85,25 +85,25 @@ class SqliteBag(Bag):
         except sqlite3.DatabaseError as error:
             if _TOO_LONG in str(error) or _TOO_BIG in str(error):
                 raise self._error(error) from None
-            self.remark(f"{_describe(error)}; the messages before that place are read")
+            self.warn_once(f"{_describe(error)}; the messages before that place are read")
         except (TypeError, ValueError, OverflowError):
             raise self.malformed("a time or topic of a message is not a whole number") from None
 
-    def summary(self) -> dict[int, Recorded]:
+    def summary(self) -> dict[int, MessageSpan]:
         if self._is_cut:
             return super().summary()
-        recorded = {connection.id: Recorded() for connection in self._found}
-        ids = ",".join(map(str, recorded))
+        spans = {connection.id: MessageSpan() for connection in self._found}
+        ids = ",".join(map(str, spans))
         time = _INTEGER.format("timestamp")
         query = f"SELECT topic_id, COUNT(*), MIN({time}), MAX({time}) FROM messages"  # noqa: S608
         try:
             rows = self._select(f"{query} WHERE topic_id IN ({ids}) GROUP BY topic_id")
-            recorded |= {number: Recorded(*map(int, values)) for number, *values in rows}
+            spans |= {number: MessageSpan(*map(int, values)) for number, *values in rows}
         except (sqlite3.DatabaseError, TypeError, ValueError):
             return super().summary()  # reads up to the damage
-        return recorded
+        return spans
 
-    def data(self, place: Place) -> bytes:
+    def read_message(self, place: Place) -> bytes:
         source = "FROM messages WHERE id = ? AND typeof(data) = 'blob'"
         with self._sqlite_errors():
             row = self._select(f"SELECT length(data) {source}", place.block).fetchone()
@@ -150,7 +150,7 @@ class SqliteBag(Bag):
             self._db.execute("PRAGMA writable_schema = ON")
             self._is_cut = True
             found = list(self._read_connections())
-            self.remark("is damaged, or cut; the intact part is read")
+            self.warn_once("is damaged, or cut; the intact part is read")
             return found
 
     def _read_connections(self) -> Iterator[Connection]:

@@ -68,9 +68,9 @@ _SHARE = Condition("between 0 and 1", lambda value: 0 <= value <= 1)
 
 def _paths(output: Path) -> Iterable[Path]:
     if output.suffix in _BAGS:
-        from mapdeal.bags.bag import bag_paths, needs_bags
+        from mapdeal.bags.bag import bag_paths, import_rosbags
 
-        needs_bags(output, "rosbags.typesys", "rosbags.rosbag2")
+        import_rosbags(output, "rosbags.typesys", "rosbags.rosbag2")
         return bag_paths(output)
     if output.suffix not in (".npz", ".log"):
         rule = "must end in .npz, .log, .mcap or .db3"

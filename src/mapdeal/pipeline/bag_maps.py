@@ -17,9 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.bags import messages
-from mapdeal.bags.bag import CAN_BE_READ, Bag, Connection, MessageIndex, Recorded, normalised_type
+from mapdeal.bags.bag import (
+    CAN_BE_READ,
+    Bag,
+    Connection,
+    MessageIndex,
+    MessageSpan,
+    normalised_type,
+)
 from mapdeal.bags.messages import Decoder, LaserScan
-from mapdeal.bags.reader import chosen_connections, open_bag
+from mapdeal.bags.reader import open_bag, select_connections
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import FileState, claim, sha256_of, state_of
 from mapdeal.grid.costmap import Costmap
@@ -59,7 +66,7 @@ def _number_in(index: MessageIndex, number: int, topic: str, **where: str) -> in
 class GridTopic:
     def __init__(self, bag: Bag, topic: str | None, read_as: ReadAs | None = None) -> None:
         named = [] if topic is None else [topic]
-        connections = chosen_connections(bag, named, messages.GRID_TYPES, "maps and costmaps")
+        connections = select_connections(bag, named, messages.GRID_TYPES, "maps and costmaps")
         self._types = {connection.id: connection.type for connection in connections}
         self._index, self._decoder = _index_of(bag, connections), Decoder(bag)
         self.files, self.topic = bag.files, connections[0].topic
@@ -138,47 +145,47 @@ _COMMANDS: dict[str, tuple[str, ...]] = {
 
 def describe_bag(path: Path, *, progress: ProgressCallback | None = None) -> dict[str, Any]:
     with open_bag(path) as bag:
-        recorded_by_id = bag.summary()
+        spans = bag.summary()
         decoder = Decoder(bag)
-        topics = list(_topics(bag, recorded_by_id, decoder))
+        topics = list(_topics(bag, spans, decoder))
         edges = []
         try:
             edges = _edges(bag, decoder, progress or report_nothing)
         except ParameterError as error:  # lz4 is not installed
-            bag.remark(f"{error.rule} for frames and transforms")
-        recorded = reduce(Recorded.joined, recorded_by_id.values(), Recorded())
-        if not recorded.count:
-            bag.remark("holds no messages")
+            bag.warn_once(f"{error.rule} for frames and transforms")
+        span = reduce(MessageSpan.joined, spans.values(), MessageSpan())
+        if not span.count:
+            bag.warn_once("holds no messages")
         return {
             "file": str(path),
             "kind": "bag",
             "is": bag.form,
-            "messages": recorded.count,
-            "start_ns": recorded.first if recorded.count else None,
-            "end_ns": recorded.last if recorded.count else None,
-            "duration_s": (recorded.last - recorded.first) * _SECONDS if recorded.count else None,
+            "messages": span.count,
+            "start_ns": span.first if span.count else None,
+            "end_ns": span.last if span.count else None,
+            "duration_s": (span.last - span.first) * _SECONDS if span.count else None,
             "topics": topics,
             "transforms": edges,
             "use": list(_uses(path, topics)),
         }
 
 
-def _topics(bag: Bag, counts: dict[int, Recorded], decoder: Decoder) -> Iterator[dict[str, Any]]:
+def _topics(bag: Bag, spans: dict[int, MessageSpan], decoder: Decoder) -> Iterator[dict[str, Any]]:
     groups: dict[tuple[str, str], list[Connection]] = {}
     for connection in bag.connections:
         groups.setdefault((connection.topic, connection.type), []).append(connection)
     for (topic, name), connections in sorted(groups.items()):
-        of_topic = (counts[connection.id] for connection in connections)
-        recorded = reduce(Recorded.joined, of_topic, Recorded())
+        of_topic = (spans[connection.id] for connection in connections)
+        span = reduce(MessageSpan.joined, of_topic, MessageSpan())
         can_be_read = connections[0].encoding in CAN_BE_READ
-        commands = list(_COMMANDS.get(name, ())) if can_be_read and recorded.count else []
+        commands = list(_COMMANDS.get(name, ())) if can_be_read and span.count else []
         has_frame = commands and name not in messages.TF_TYPES
         yield {
             "topic": topic,
             "type": connections[0].spelled,
-            "count": recorded.count,
-            "first_ns": recorded.first if recorded.count else None,
-            "last_ns": recorded.last if recorded.count else None,
+            "count": span.count,
+            "first_ns": span.first if span.count else None,
+            "last_ns": span.last if span.count else None,
             "frame": _frame(bag, connections, decoder) if has_frame else None,
             "commands": commands,
         }
@@ -259,13 +266,13 @@ class SensorFrames:
             self._take_mount(sensors)
             self._fixed = self._fixed_for(sensors)
         if self.tree.bad:
-            self._bag.remark(f"{self.tree.bad} invalid transforms are ignored")
+            self._bag.warn_once(f"{self.tree.bad} invalid transforms are ignored")
         for parent, child in self.tree.of_both_kinds[:_SEVERAL]:
             text = f"{parent} -> {child} is both static and dynamic"
-            self._bag.remark(f"{text}: the more frequent kind is used")
+            self._bag.warn_once(f"{text}: the more frequent kind is used")
         for child, (chosen, *unused) in sorted(self.tree.several_parents.items())[:_SEVERAL]:
             text = f"frame {child} has several parents: {chosen}, the most frequent, is used"
-            self._bag.remark(f"{text}, and not {', '.join(unused)}")
+            self._bag.warn_once(f"{text}, and not {', '.join(unused)}")
 
     def read_alone(self, sensor: str, advance: Callable[[int], object]) -> None:
         self.read_all(advance)
@@ -341,7 +348,8 @@ class SensorFrames:
             raise MalformedInputError(rule, source=path, hint=hint)
         if base is None:
             text = f"{path} is taken for the poses of {sensors[0]}: no transform leads there from"
-            self._bag.remark(f"{text} {base_name}; --mount gives the pose of a sensor on the robot")
+            text += f" {base_name}; --mount gives the pose of a sensor on the robot"
+            self._bag.warn_once(text)
         for pose in zip(*(part.tolist() for part in read_trajectory(path)), strict=True):
             for frame in frames:
                 self.tree.add(fixed, frame, *pose, is_static=False)
@@ -364,7 +372,7 @@ class SensorFrames:
         if named is None and found != FIXED_FRAMES[0]:
             text = f"no transforms lead to {FIXED_FRAMES[0]}: the map is made in {found}"
             drift = ", with whatever its odometry drifts" if found == FIXED_FRAMES[1] else ""
-            self._bag.remark(text + drift)
+            self._bag.warn_once(text + drift)
         return found
 
     def _leads(self, fixed: str, sensors: list[str]) -> bool:
@@ -383,7 +391,7 @@ class SensorFrames:
         named = [] if self._options.odometry is None else [self._options.odometry]
         if not named and not self._bag.of_types(messages.ODOMETRY):
             return
-        connections = chosen_connections(self._bag, named, (messages.ODOMETRY,), "odometry")
+        connections = select_connections(self._bag, named, (messages.ODOMETRY,), "odometry")
         for place in self._bag.index([connection.id for connection in connections]):
             self._add(self._decoder.read(place, messages.odometry_of), is_static=False)
         self._take_mount([name for name in sensors if name not in self.tree.frames])
@@ -401,7 +409,7 @@ class BagClouds:
         self, bag: Bag, topics: Sequence[str], options: FrameOptions, *,
         has_poses: bool, is_raw: bool = False,
     ) -> None:  # fmt: skip
-        connections = chosen_connections(bag, topics, _TYPES, "points and laser scans")
+        connections = select_connections(bag, topics, _TYPES, "points and laser scans")
         if len({connection.topic for connection in connections}) > 1:
             raise ParameterError("one topic of clouds is taken", source="--topic")
         self.bag, self.topic = bag, connections[0].topic
@@ -427,7 +435,7 @@ class BagClouds:
             return
         text = f"no transforms lead from {BASE_FRAMES[0]} to {sensor}"
         if not self._has_poses:
-            self.bag.remark(f"{text}: the robot's pose is that of {sensor}")
+            self.bag.warn_once(f"{text}: the robot's pose is that of {sensor}")
         elif self._is_raw:
             return
         elif sensor in FIXED_FRAMES:
@@ -435,7 +443,7 @@ class BagClouds:
             raise ParameterError(rule, source="--frame", hint="--frame map takes them so")
         elif sensor not in BASE_FRAMES:
             text += ": its points are taken for the robot's own"
-            self.bag.remark(f"{text}; --mount gives the pose of the sensor")
+            self.bag.warn_once(f"{text}; --mount gives the pose of the sensor")
         self._base = None
 
     def number(self, index: int | None) -> int:
@@ -477,7 +485,7 @@ class BagClouds:
         place = self._index[number]
         connection = self._connections[place.connection]
         if connection.type in messages.LIVOX_TYPES:
-            points = self._points_of_livox(self.bag.data(place), connection)
+            points = self._points_of_livox(self.bag.read_message(place), connection)
         else:
             is_cloud = connection.type == messages.POINT_CLOUD
             points = self._decoder.read(place, self._points_of if is_cloud else _points_of_scan)
@@ -578,7 +586,7 @@ class BagScans(ScanSource):
     def __init__(
         self, bag: Bag, topics: Sequence[str], options: FrameOptions, *, deskew: bool = False
     ) -> None:
-        connections = chosen_connections(bag, topics, (messages.LASER_SCAN,), "laser scans")
+        connections = select_connections(bag, topics, (messages.LASER_SCAN,), "laser scans")
         self._index, self._decoder = _index_of(bag, connections), Decoder(bag)
         self._bag, self._deskew = bag, deskew
         self._frames = SensorFrames(bag, options)
