@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -89,8 +89,8 @@ def read_xml(path: Path) -> Element:
     return builder.close()
 
 
-def malformed(path: Path, rule: str, place: str, **more: Any) -> MalformedInputError:
-    return MalformedInputError(rule, source=path, place=place, **more)
+def malformed(path: Path, rule: str, place: str, **details: Any) -> MalformedInputError:
+    return MalformedInputError(rule, source=path, place=place, **details)
 
 
 def numbers_in(
@@ -123,8 +123,8 @@ def _points(text: bytes, count: int) -> Floats:
     return np.asarray(numbers[begins[:, np.newaxis] + [1, 2, 3]])
 
 
-def moved(matrix: Floats, triangles: Floats) -> Floats:
-    """Return triangles moved by a matrix, shape (4, 4); mirrored ones keep their outside."""
+def transform_triangles(matrix: Floats, triangles: Floats) -> Floats:
+    """Return triangles transformed by a matrix, shape (4, 4); mirrored ones keep their outside."""
     # einsum: BLAS would reserve 32 MB per thread
     points = np.einsum("ij,nkj->nki", matrix[:3, :3], triangles) + matrix[:3, 3]
     a, b, c = matrix[:3, :3]
@@ -164,11 +164,15 @@ def _pieces_of(data: bytes) -> Iterator[bytes]:
         first = end
 
 
-_ObjLines = tuple[Floats, Integers, Integers, Integers, list[tuple[str, ...]]]
+class _ObjLines(NamedTuple):
+    corners: Floats
+    indices: Integers  # the corners of all faces, one face after the other
+    counts: Integers  # the number of corners of each face
+    name_numbers: Integers  # the number of name lines before each face
+    names: list[tuple[str, ...]]
 
 
 def _obj_lines(text: bytes, corners_before: int) -> _ObjLines:
-    """Return corners, corners of faces, their counts, names before each face, and the names."""
     text = re.sub(rb"\n +", b"\n", b"\n" + text) + b"\n\n\n"
     codes = np.frombuffer(text, np.uint8)
     starts = np.flatnonzero(codes[:-2] == ord("\n"))
@@ -179,20 +183,25 @@ def _obj_lines(text: bytes, corners_before: int) -> _ObjLines:
         lines = b"".join([text[first:end] for first, end in ends])
         return re.sub(b"#.*", b"", lines) if b"#" in lines else lines
 
-    is_corner, is_face, has_names = kinds == ord("v"), kinds == ord("f"), np.isin(kinds, [103, 111])
-    corners = _points(lines_of(is_corner), int(is_corner.sum()))
-    faces, count = lines_of(is_face).replace(b"\nf", b"\nv"), int(is_face.sum())
-    numbers, begins = _rows(faces, count, with_slashes=True)
+    is_corner = kinds == ord("v")
+    is_face = kinds == ord("f")
+    has_names = np.isin(kinds, [ord("g"), ord("o")])
+    face_lines = lines_of(is_face).replace(b"\nf", b"\nv")
+    numbers, begins = _rows(face_lines, int(is_face.sum()), with_slashes=True)
     counts = np.diff(begins, append=len(numbers)) - 1
-    known = np.repeat(corners_before + np.cumsum(is_corner)[is_face], counts)
+    earlier = np.repeat(corners_before + np.cumsum(is_corner)[is_face], counts)
     numbers = np.delete(numbers, begins)
-    numbers = np.where(numbers > 0, numbers - 1, known + numbers)
-    if ((numbers < 0) | (numbers >= known) | (numbers != np.floor(numbers))).any():
+    numbers = np.where(numbers > 0, numbers - 1, earlier + numbers)  # negative: from the end
+    if ((numbers < 0) | (numbers >= earlier) | (numbers != np.floor(numbers))).any():
         raise ValueError
-    indices = numbers.astype(np.int64)
-    words = [line.split() for line in lines_of(has_names).decode("latin-1").split("\n")[1:]]
-    names = [tuple(more) for _, *more in words]
-    return corners, indices, counts, np.cumsum(has_names, dtype=np.int64)[is_face], names
+    name_lines = lines_of(has_names).decode("latin-1").split("\n")[1:]
+    return _ObjLines(
+        corners=_points(lines_of(is_corner), int(is_corner.sum())),
+        indices=numbers.astype(np.int64),
+        counts=counts,
+        name_numbers=np.cumsum(has_names, dtype=np.int64)[is_face],
+        names=[tuple(line.split()[1:]) for line in name_lines],
+    )
 
 
 def _obj_parts(path: Path) -> list[Part]:
@@ -202,38 +211,44 @@ def _obj_parts(path: Path) -> list[Part]:
     claim(path, 8 * len(data))
     corner_count = line_count = 0
     pieces: list[tuple[NDArray[Any], ...]] = [_obj_lines(b"", 0)[:4]]
-    names: list[tuple[str, ...]] = [()]
+    names: list[tuple[str, ...]] = [()]  # faces before the first name have none
     for text in _pieces_of(data):
         try:
-            *arrays, owners, more = _obj_lines(text, corner_count)
+            lines = _obj_lines(text, corner_count)
         except ValueError:
-            for number, line in enumerate(text.splitlines(), line_count + 1):
-                try:
-                    corner_count += len(_obj_lines(line, corner_count)[0])
-                except ValueError:
-                    rule = "must be v and 3 finite numbers, or f and 3 or more earlier corners"
-                    words = line[:80].decode("latin-1").strip()
-                    raise malformed(path, rule, f"line {number}", got=words) from None
+            _refuse_bad_line(text, corner_count, line_count, path)
             raise
-        pieces.append((*arrays, owners + len(names) - 1))
-        names += more
-        corner_count, line_count = corner_count + len(arrays[0]), line_count + text.count(b"\n")
-    corners, indices, counts, owners = map(np.concatenate, zip(*pieces, strict=True))
-    triangles, faces = triangulated(corners, indices, counts, path)
-    order = np.argsort(owners[faces], kind="stable")
-    ends = np.searchsorted(owners[faces][order], np.arange(len(names) + 1))
+        name_numbers = lines.name_numbers + len(names) - 1
+        pieces.append((lines.corners, lines.indices, lines.counts, name_numbers))
+        names += lines.names
+        corner_count += len(lines.corners)
+        line_count += text.count(b"\n")
+    corners, indices, counts, name_numbers = map(np.concatenate, zip(*pieces, strict=True))
+    triangles, faces = triangulate(corners, indices, counts, path)
+    order = np.argsort(name_numbers[faces], kind="stable")
+    ends = np.searchsorted(name_numbers[faces][order], np.arange(len(names) + 1))
     return [Part(name, triangles[order[ends[k] : ends[k + 1]]]) for k, name in enumerate(names)]
 
 
-def triangulated(
+def _refuse_bad_line(text: bytes, corner_count: int, line_count: int, path: Path) -> None:
+    for number, line in enumerate(text.splitlines(), line_count + 1):
+        try:
+            corner_count += len(_obj_lines(line, corner_count).corners)
+        except ValueError:
+            rule = "must be v and 3 finite numbers, or f and 3 or more earlier corners"
+            words = line[:80].decode("latin-1").strip()
+            raise malformed(path, rule, f"line {number}", got=words) from None
+
+
+def triangulate(
     corners: Floats, indices: Integers, counts: Integers, path: Path
 ) -> tuple[Floats, Integers]:
     """Return the triangles of faces, shape (N, 3, 3), and the face of each triangle."""
     starts = np.cumsum(counts) - counts
     triangles, faces = [np.zeros((0, 3, 3))], [np.zeros(0, np.int64)]
     for count in np.unique(counts[counts >= 3]).tolist():
-        which = np.flatnonzero(counts == count)
-        points = corners.take(indices[starts[which][:, np.newaxis] + np.arange(count)], axis=0)
+        numbers = np.flatnonzero(counts == count)
+        points = corners.take(indices[starts[numbers][:, np.newaxis] + np.arange(count)], axis=0)
         if count > 3:
             spokes, edges = points - points[:, :1], np.roll(points, -1, axis=1) - points
             normals = np.cross(spokes, np.roll(spokes, -1, axis=1)).sum(axis=1)
@@ -245,34 +260,34 @@ def triangulated(
                 axis = int(np.abs(normals[k]).argmax())
                 strips = strips_of([points[k]], path, axis)
                 triangles.append(strips if normals[k, axis] > 0 else strips[:, ::-1])
-                faces.append(np.full(len(strips), which[k]))
-            which, points = which[~is_concave], points[~is_concave]
+                faces.append(np.full(len(strips), numbers[k]))
+            numbers, points = numbers[~is_concave], points[~is_concave]
         fan = [[0, k, k + 1] for k in range(1, count - 1)]
         triangles.append(points[:, fan].reshape(-1, 3, 3))
-        faces.append(np.repeat(which, count - 2))
+        faces.append(np.repeat(numbers, count - 2))
     return np.concatenate(triangles), np.concatenate(faces)
 
 
 def strips_of(rings: Sequence[Floats], path: Path, axis: int = 2) -> Floats:
     """Return triangles, anticlockwise as seen along an axis, of the area between closed rings."""
-    count, (x, y) = sum(map(len, rings)), ((axis + 1) % 3, (axis + 2) % 3)
+    x, y = (axis + 1) % 3, (axis + 2) % 3
+    count = sum(map(len, rings))
     if count > _MOST_CORNERS:
         raise malformed(path, f"must have at most {_MOST_CORNERS} corners", "face", got=count)
     begin = np.concatenate(rings)
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
-    is_up = begin[:, y] <= end[:, y]
-    low, high = (np.where(is_up[:, np.newaxis], *ends) for ends in ((begin, end), (end, begin)))
-    levels = np.unique(begin[:, y])  # between two of them no side of the area begins or ends
-    edge, strip = enumerated(*(np.searchsorted(levels, ends[:, y]) for ends in (low, high)))
-    rise = (high - low)[edge] / (high - low)[edge, y : y + 1]
+    is_up = begin[:, y : y + 1] <= end[:, y : y + 1]
+    low, high = np.where(is_up, begin, end), np.where(is_up, end, begin)
+    levels = np.unique(begin[:, y])  # no side of the area begins or ends inside a strip
+    side, strip = enumerated(*(np.searchsorted(levels, ends[:, y]) for ends in (low, high)))
+    slope = (high - low)[side] / (high - low)[side, y : y + 1]
     bottom, top = (
-        low[edge] + rise * (levels[strip + k] - low[edge, y])[:, np.newaxis] for k in (0, 1)
+        low[side] + slope * (levels[strip + k] - low[side, y])[:, np.newaxis] for k in (0, 1)
     )
+    # in a strip, the area lies between sides 1 and 2, 3 and 4, etc., counted from the left
     order = np.lexsort(((bottom + top)[:, x], strip))
-    (start, stop), (start_top, stop_top) = (
-        ends[order].reshape(-1, 2, 3).transpose(1, 0, 2) for ends in (bottom, top)
-    )
-    quads = np.stack([start, stop, stop_top, start_top], axis=1)
+    bottom, top = (ends[order].reshape(-1, 2, 3) for ends in (bottom, top))
+    quads = np.concatenate([bottom, top[:, ::-1]], axis=1)
     return np.asarray(quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3))
 
 
@@ -322,12 +337,12 @@ class _Collada:
             if child.tag in ("lookat", "skew", "instance_controller"):
                 raise malformed(self.path, "is not supported", child.tag)
             if child.tag in _TRANSFORMS:
-                count, matrix_of = _TRANSFORMS[child.tag]
+                count, to_matrix = _TRANSFORMS[child.tag]
                 numbers = numbers_in(child.text, self.path, child.tag, count)
-                matrix = product(matrix, matrix_of(numbers))
+                matrix = product(matrix, to_matrix(numbers))
             elif child.tag == "node":
-                own = tuple(child.get(key, "") for key in ("id", "name"))
-                self._add_nodes(child, matrix, (*names, *own))
+                child_names = child.get("id", ""), child.get("name", "")
+                self._add_nodes(child, matrix, (*names, *child_names))
             elif child.tag == "instance_node":
                 self._add_nodes(self._target(child, "node"), matrix, names)
             elif child.tag == "instance_geometry":
@@ -347,7 +362,7 @@ class _Collada:
             self._count()
             self._bytes += part.triangles.nbytes
             claim(self.path, 2 * self._bytes, what="its triangles")
-            self.parts.append(Part(names, moved(matrix, part.triangles)))
+            self.parts.append(Part(names, transform_triangles(matrix, part.triangles)))
 
     def _count(self) -> None:
         self._instances += 1
@@ -360,18 +375,9 @@ class _Collada:
         if faces.find("ph") is not None:
             raise malformed(self.path, "must not have holes", f"{place}: ph")
         inputs = {element.get("semantic"): element for element in faces.iterfind("input")}
-        texts = " ".join(element.get("offset", "0") for element in faces.iterfind("input"))
-        step = 1 + int(self._indices_in(texts, f"{place}: offset").max(initial=0))
-        try:
-            vertices = self._target(inputs["VERTEX"], "vertices", "source").iterfind("input")
-            (positions,) = (part for part in vertices if part.get("semantic") == "POSITION")
-        except (KeyError, ValueError):
-            raise malformed(self.path, "must have one input VERTEX with POSITION", place) from None
-        source = self._target(positions, "source", "source")
-        accessor = source.find("technique_common/accessor")
-        stride = "3" if accessor is None else accessor.get("stride", "3")
-        width = int(self._indices_in(stride, f"{place}: stride", 1)[0])
-        numbers = numbers_in(source.findtext("float_array"), self.path, f"{place}: float_array")
+        offsets = " ".join(element.get("offset", "0") for element in faces.iterfind("input"))
+        step = 1 + int(self._indices_in(offsets, f"{place}: offset").max(initial=0))
+        numbers, width = self._positions(place, inputs.get("VERTEX"))
         loops = [self._indices_in(p.text, f"{place}: p") for p in faces.iterfind("p")]
         if width < 3 or len(numbers) % width or any(len(loop) % step for loop in loops):
             rule = f"must be corners of {width} numbers and {step} indices"
@@ -388,7 +394,21 @@ class _Collada:
         if counts.sum() != len(indices) or (len(indices) and indices.max() >= len(corners)):
             rule = f"must have as many indices as its faces, below {len(corners)}"
             raise malformed(self.path, rule, place, got=len(indices))
-        return Part((), triangulated(corners, indices, counts, self.path)[0])
+        return Part((), triangulate(corners, indices, counts, self.path)[0])
+
+    def _positions(self, place: str, vertex_input: Element | None) -> tuple[Floats, int]:
+        """Return the coordinates of all corners, and how many numbers each corner has."""
+        vertices: Iterable[Element] = ()
+        if vertex_input is not None:
+            vertices = self._target(vertex_input, "vertices", "source").iterfind("input")
+        positions = [element for element in vertices if element.get("semantic") == "POSITION"]
+        if len(positions) != 1:
+            raise malformed(self.path, "must have one input VERTEX with POSITION", place)
+        source = self._target(positions[0], "source", "source")
+        accessor = source.find("technique_common/accessor")
+        stride = "3" if accessor is None else accessor.get("stride", "3")
+        width = int(self._indices_in(stride, f"{place}: stride", 1)[0])
+        return numbers_in(source.findtext("float_array"), self.path, f"{place}: float_array"), width
 
     def _indices_in(self, text: str | None, place: str, count: int | None = None) -> Integers:
         values = numbers_in(text, self.path, place, count, int)

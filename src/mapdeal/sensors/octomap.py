@@ -18,14 +18,15 @@ from numpy.typing import NDArray
 from mapdeal.errors import MalformedInputError
 from mapdeal.files.source import claim
 from mapdeal.files.text import is_number
+from mapdeal.kernels.arrays import Integers
 
 _DEPTH = 16  # levels of all of OctoMap's trees
 _MIDDLE = 1 << (_DEPTH - 1)  # key of the voxel whose lower corner is the origin
 _SLOTS = np.arange(8)
 _CORNERS = np.stack([_SLOTS & 1, _SLOTS >> 1 & 1, _SLOTS >> 2], axis=1)  # of children: x, y, z
 _MOST_LINES = 100
-_PER_NODE, _PER_POINT = 200, 120  # peak memory, bytes
-_TOGETHER = 1 << 17
+_BYTES_PER_NODE, _BYTES_PER_POINT = 200, 120  # peak memory
+_POINTS_AT_ONCE = 1 << 17
 
 _FIELDS: list[tuple[Any, ...]] = [("value", "<f4"), ("children", "u1")]
 _RECORDS = {
@@ -63,59 +64,68 @@ def octree_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
     header = read_octree_header(file)
     record = np.dtype("<u2") if header.is_binary else _RECORDS[header.tree]
     size = os.fstat(file.fileno()).st_size - file.tell()
-    claim(path, _PER_NODE * (size // record.itemsize), what="the nodes of an octree")
+    claim(path, _BYTES_PER_NODE * (size // record.itemsize), what="the nodes of an octree")
     data = file.read(size)
     nodes: NDArray[Any] = np.frombuffer(data, record, len(data) // record.itemsize)
     if not len(nodes):
         return
-    if header.is_binary:
-        free, occupied = ((nodes[:, np.newaxis] >> 2 * _SLOTS + bit) & 1 == 1 for bit in (0, 1))
-        inner, leaves = free & occupied, occupied & ~free
-    else:
-        inner = (nodes["children"][:, np.newaxis] >> _SLOTS) & 1 == 1
-        leaves = ~inner.any(axis=1) & (nodes["value"] >= 0)
-    leaves_by_height = list(_occupied_leaves(inner, leaves))
+    leaves = _leaves_of_binary(nodes) if header.is_binary else _leaves_of_full(nodes)
+    leaves_by_height = list(leaves)
     count = sum(len(corners) << 3 * height for height, corners in leaves_by_height)
-    claim(path, _PER_POINT * count, what=f"{count} voxels")
+    claim(path, _BYTES_PER_POINT * count, what=f"{count} voxels")
     for height, corners in leaves_by_height:
         side = np.arange(1 << height if len(corners) else 1)
         within = np.stack(np.meshgrid(side, side, side), axis=-1).reshape(-1, 3)
-        part_size = max(1, _TOGETHER // len(within))
-        for start in range(0, len(corners), part_size):
-            voxels = corners[start : start + part_size, np.newaxis] + within
+        batch_size = max(1, _POINTS_AT_ONCE // len(within))
+        for start in range(0, len(corners), batch_size):
+            voxels = corners[start : start + batch_size, np.newaxis] + within
             centres = voxels.reshape(-1, 3) - (_MIDDLE - 0.5)
             yield np.asarray(centres * header.resolution, dtype=np.float64)
 
 
-def _occupied_leaves(
-    inner: NDArray[np.bool_], leaves: NDArray[np.bool_]
-) -> Iterator[tuple[int, NDArray[np.int64]]]:
-    """Yield the height and the corners, in voxels, of the leaves of each level.
+def _leaves_of_binary(nodes: NDArray[Any]) -> Iterator[tuple[int, Integers]]:
+    """Yield the height and the corners, in voxels, of the occupied leaves of each level.
 
-    `leaves` marks nodes, or the eight children of each node. Nodes are stored depth first: the
-    subtree of a node ends where fewer nodes are pending than before it.
+    A ``.bt`` file has no nodes for leaves: two bits of the parent describe each child.
     """
-    pending = np.cumsum(inner.sum(axis=1, dtype=np.int64) - 1)
+    free, occupied = ((nodes[:, np.newaxis] >> 2 * _SLOTS + bit) & 1 == 1 for bit in (0, 1))
+    for height, indices, keys in _levels(has_child=free & occupied):
+        if height:
+            parents, slots = np.nonzero((occupied & ~free)[indices])
+            yield height - 1, keys[parents] + (_CORNERS << height - 1)[slots]
+
+
+def _leaves_of_full(nodes: NDArray[Any]) -> Iterator[tuple[int, Integers]]:
+    """Yield the same for a ``.ot`` file, in which each leaf has a node."""
+    has_child = (nodes["children"][:, np.newaxis] >> _SLOTS) & 1 == 1
+    is_occupied_leaf = ~has_child.any(axis=1) & (nodes["value"] >= 0)
+    for height, indices, keys in _levels(has_child):
+        yield height, keys[is_occupied_leaf[indices]]
+
+
+def _levels(has_child: NDArray[np.bool_]) -> Iterator[tuple[int, Integers, Integers]]:
+    """Yield the height of each level, and the indices and the corners, in voxels, of its nodes.
+
+    `has_child` marks the children of each node that have nodes of their own. Nodes are stored depth
+    first: the subtree of a node ends where fewer nodes are pending than before it.
+    """
+    pending = np.cumsum(has_child.sum(axis=1, dtype=np.int64) - 1)
     if pending[-1] > -1:
         raise MalformedInputError("ends within its tree")
     order = np.argsort(pending, kind="stable")
     ranks = pending[order] * len(pending) + order
-    places, keys = np.zeros(1, np.int64), np.zeros((1, 3), np.int64)
+    indices, keys = np.zeros(1, np.int64), np.zeros((1, 3), np.int64)
     for height in range(_DEPTH, -1, -1):
-        steps = _CORNERS << max(height - 1, 0)
-        if leaves.ndim == 1:
-            yield height, keys[leaves[places]]
-        elif height:
-            node, slots = np.nonzero(leaves[places])
-            yield height - 1, keys[node] + steps[slots]
-        following, children, corners = places + 1, [], []
-        for slot, step in enumerate(steps):
-            has_child = inner[places, slot]
-            child = following[has_child]
+        yield height, indices, keys
+        next_children = indices + 1  # index of the next child of each node
+        children, corners = [], []
+        for slot, step in enumerate(_CORNERS << max(height - 1, 0)):
+            is_parent = has_child[indices, slot]
+            child = next_children[is_parent]
             children.append(child)
-            corners.append(keys[has_child] + step)
+            corners.append(keys[is_parent] + step)
             end = (pending[child - 1] - 1) * len(pending) + child
-            following[has_child] = order[np.searchsorted(ranks, end)] + 1
-        places, keys = np.concatenate(children), np.concatenate(corners)
-    if len(places):
+            next_children[is_parent] = order[np.searchsorted(ranks, end)] + 1
+        indices, keys = np.concatenate(children), np.concatenate(corners)
+    if len(indices):
         raise MalformedInputError(f"a tree must have {_DEPTH} levels at most")

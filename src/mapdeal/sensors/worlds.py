@@ -31,11 +31,11 @@ from mapdeal.sensors.meshes import (
     Part,
     malformed,
     matrix_of,
-    moved,
     numbers_in,
     read_mesh,
     read_xml,
     strips_of,
+    transform_triangles,
 )
 
 _VARIABLES = (
@@ -340,7 +340,9 @@ class _Reader:
             raise MalformedInputError(f"has more than {MOST_INSTANCES} shapes")
         self.bytes += triangles.nbytes
         claim(next(iter(self.files)), 3 * self.bytes, what="its triangles")
-        self.shapes.append((moved(matrix, triangles), len(self.shapes) + len(self.planes)))
+        self.shapes.append(
+            (transform_triangles(matrix, triangles), len(self.shapes) + len(self.planes))
+        )
 
     def add_plane(self, point: Floats, normal: Floats, side: float) -> None:
         self.planes.append((np.append(point, side), normal, len(self.shapes) + len(self.planes)))
@@ -393,7 +395,7 @@ class _Reader:
         if submesh is not None and (submesh.findtext("center") or "").strip() in _TRUE:
             triangles = triangles - (triangles.min(axis=(0, 1)) + triangles.max(axis=(0, 1))) / 2
         scale = self._numbers(mesh, "scale", path, place, 3, "1 1 1")
-        return moved(np.diag([*scale, 1.0]), triangles)
+        return transform_triangles(np.diag([*scale, 1.0]), triangles)
 
     def read_parts(self, file: Path) -> list[Part]:
         if file.suffix.lower() not in MESH_ENDINGS:
