@@ -43,7 +43,7 @@ from mapdeal.errors import (
     one_line,
     refusal_of_the_system,
 )
-from mapdeal.files.json_values import place_entries
+from mapdeal.files.json_values import point_document
 from mapdeal.files.source import absolute_path, is_folder, normal_path
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import OneLineRepr, count_text
@@ -165,7 +165,7 @@ class MapReport(OneLineRepr):
         """Return its entry in what ``mapdeal lint --format json`` prints."""
         findings = []
         for finding in self.findings:
-            fields = asdict(finding) | {"places": list(map(place_entries, finding.places))}
+            fields = asdict(finding) | {"places": list(map(point_document, finding.places))}
             findings.append({k: v for k, v in fields.items() if k != "file" or v != self.file})
         entry = {"file": self.file, "findings": findings, "suppressed": self.suppressed}
         return {**entry, "repairs": list(self.repairs)} if self.repairs else entry
@@ -439,7 +439,7 @@ def _result(finding: Finding, index: int, report: MapReport) -> dict[str, Any]:
     }
     if report.is_folder:
         del location["region"]
-    places = list(map(place_entries, finding.places))
+    places = list(map(point_document, finding.places))
     return {
         "ruleId": finding.check,
         "ruleIndex": index,

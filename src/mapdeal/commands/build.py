@@ -21,7 +21,7 @@ from mapdeal.commands.build_cloud import build_from_clouds
 from mapdeal.commands.pack import GridResult
 from mapdeal.compare.difference import STATES, changes_of, confusion_of, states_of
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning, one_line
-from mapdeal.files.json_values import json_of
+from mapdeal.files.json_values import encode_json
 from mapdeal.files.source import check_state, claim, is_regular, state_of
 from mapdeal.grid.frame import Figures, Frame, Point, check_origin
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -669,7 +669,7 @@ def _compared(
         },
         "pairs": pair_figures,
     }  # fmt: skip
-    transaction.write_bytes(folder / DOCUMENT, json_of(document))
+    transaction.write_bytes(folder / DOCUMENT, encode_json(document))
     return Comparison(document, seconds, folder)
 
 

@@ -24,7 +24,7 @@ from mapdeal.commands.plan_changes import PlannerOnMap
 from mapdeal.commands.reach import Reachability, reach_on_input
 from mapdeal.commands.report_entries import Draft, Grids, Opened
 from mapdeal.files import json_values, source
-from mapdeal.files.json_values import JsonValue, json_of
+from mapdeal.files.json_values import JsonValue, encode_json
 from mapdeal.files.source import exists, holding
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.filters import FilterInfo, mask_description, mask_rows
@@ -122,7 +122,7 @@ class RunChecks:
             limits: Any = {k: getattr(self.settings, k) for k in ("max_cells", "max_memory")}
             return lint(paths, footprint=self._shape, **limits)
 
-        document = json.loads(json_of(copy_context().run(linted).document()))
+        document = json.loads(encode_json(copy_context().run(linted).document()))
         return documents.results_of(JsonValue(Path("lint"), document))
 
     def reachability(self, path: Path) -> Reachability:

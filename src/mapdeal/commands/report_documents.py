@@ -157,7 +157,7 @@ def results_of(document: JsonValue) -> Results:
 
 
 def _lint(document: JsonValue) -> Results:
-    parts = [_part_of_lint(file, is_map=False) for file in document.listed("parameter_files")]
+    parts = [_part_of_lint(file, is_map=False) for file in document.items_of("parameter_files")]
     parts += [_part_of_lint(file, is_map=True) for file in document["maps"].items()]
     for key in ("errors", "warnings", "notes", "suppressed"):
         document[key].integer()
@@ -180,7 +180,7 @@ def _part_of_lint(document: JsonValue, *, is_map: bool) -> Part:
         texts[found.severity].append(short(found.message))
     rows = [(f"{severity}s", str(len(messages))) for severity, messages in texts.items()]
     rows.append(("suppressed", str(document["suppressed"].integer())))
-    for number, repair in enumerate(document.listed("repairs"), start=1):
+    for number, repair in enumerate(document.items_of("repairs"), start=1):
         rows.append((f"repair {number}", short(repair.text())))
     items = _shortened((item for found in findings for item in _items_of(found)), "finding")
     claims = (on_findings(texts),) if is_map else ()
@@ -415,7 +415,7 @@ def _plan(document: JsonValue) -> Results:
         items.append(Item("goal", short(f"goal {label}: {text}"), tone, place, label=short(label)))
         rows.append((label, text))
         missed += [] if is_found else [f"{label} ({text})"]
-        for change in goal.listed("changes"):
+        for change in goal.items_of("changes"):
             described = short(change["text"].text())
             rows.append((f"{label}: makes a path", described))
             if change.get("map") is not None:
@@ -530,7 +530,7 @@ def _alignment(document: JsonValue) -> Results:
         ("best score elsewhere", f"{document['runner_up'].number(least=0):.2f}"),
         ("overlap", f"{100 * shares[0]:.0f} %"),
         ("walls in common that agree", f"{100 * shares[1]:.0f} %"),
-        *map(_candidate_row, count(1), document.listed("candidates")),
+        *map(_candidate_row, count(1), document.items_of("candidates")),
     )
     table = Table("Alignment", rows)
     words = f"The two maps overlap by {100 * shares[0]:.0f} %, "
@@ -661,7 +661,7 @@ def _pairs(document: JsonValue) -> dict[str, str]:
         values = pair.items()
         if len(values) != 2:
             raise pair.error("must be two values")
-        found[short(name)] = short(f"{values[0].shown()} → {values[1].shown()}")
+        found[short(name)] = short(f"{values[0].json_text()} → {values[1].json_text()}")
     return found
 
 

@@ -22,7 +22,7 @@ T = TypeVar("T")
 _LARGEST_FILE = 1 << 22  # a manifest has some kilobytes
 
 
-def json_of(value: Any) -> bytes:
+def encode_json(value: Any) -> bytes:
     """Return `value` as indented JSON in UTF-8; it must not hold nan or infinity."""
     text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
     try:
@@ -79,22 +79,23 @@ class JsonValue:
         return MalformedInputError(rule, source=self.source, place=place, got=self.value)
 
     def __getitem__(self, key: str) -> JsonValue:
-        found = self.get(key)
-        if found is None:
+        value = self.get(key)
+        if value is None:
             rule = f"must have a key {key}"
             raise MalformedInputError(rule, source=self.source, place=self.place or "the document")
-        return found
+        return value
 
     def get(self, key: str) -> JsonValue | None:
-        fields, place = self._fields(), f"{self.place}.{key}" if self.place else key
+        fields = self._fields()
+        place = f"{self.place}.{key}" if self.place else key
         return JsonValue(self.source, fields[key], place) if key in fields else None
 
     def optional(self, key: str, read: Callable[[JsonValue], T]) -> T | None:
         """Read the value of a key; None if it is missing or null."""
-        found = self.get(key)
-        return None if found is None else found.or_none(read)
+        value = self.get(key)
+        return None if value is None else value.or_none(read)
 
-    def listed(self, key: str) -> list[JsonValue]:
+    def items_of(self, key: str) -> list[JsonValue]:
         """Return the items of the list of a key; none if it is missing or null."""
         return self.optional(key, JsonValue.items) or []
 
@@ -155,7 +156,7 @@ class JsonValue:
             raise self.error("must be the 64 hexadecimal digits of a sha256")
         return text
 
-    def shown(self) -> str:
+    def json_text(self) -> str:
         return json.dumps(self.value, ensure_ascii=False)
 
     def point(self) -> Point:
@@ -178,7 +179,7 @@ class JsonValue:
         return self.value
 
 
-def place_entries(point: Iterable[float]) -> dict[str, float]:
+def point_document(point: Iterable[float]) -> dict[str, float]:
     x, y = point
     return {"x": x, "y": y}
 
@@ -187,8 +188,10 @@ def read_document(path: Path) -> JsonValue:
     data = read_file(path, limit=LARGEST_DOCUMENT)
     claim(path, OF_JSON * len(data))
     try:
-        text, hook = data.decode("utf-8-sig"), _without_duplicates
-        value = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=hook)
+        value = json.loads(
+            data.decode("utf-8-sig"), parse_constant=_refuse_constant,
+            object_pairs_hook=_refuse_duplicates,
+        )  # fmt: skip
     except UnicodeDecodeError as error:
         place = f"byte {error.start}"
         raise MalformedInputError("not UTF-8", source=path, place=place) from None
@@ -202,13 +205,13 @@ def read_document(path: Path) -> JsonValue:
     return JsonValue(path, value)
 
 
-def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) != len(pairs):
+def _refuse_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    members = dict(pairs)
+    if len(members) != len(pairs):
         counts = Counter(name for name, _ in pairs)
         name = next(name for name, count in counts.items() if count > 1)
         raise ValueError(f"key {name!r} appears twice")
-    return found
+    return members
 
 
 SHAPES, MANIFEST, SUMMARY = "shapes", "manifest", "summary"

@@ -102,6 +102,11 @@ def is_number(word: str | bytes) -> bool:
     return True
 
 
+def decimal_without_zeros(value: float, decimals: int) -> str:
+    text = f"{value:.{decimals}f}".rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text
+
+
 def _ends_of_lines(text: bytes, first: int, path: Path) -> NDArray[np.intp]:
     ends = np.flatnonzero(np.frombuffer(text, dtype=np.uint8) == _LINE_FEED) + 1
     if not text.endswith(b"\n"):

@@ -360,9 +360,9 @@ class Transaction:
         self.write(path, lambda file: file.write(data))
 
     def write_json(self, path: Path, document: Any) -> None:
-        from mapdeal.files.json_values import json_of  # few outputs are JSON
+        from mapdeal.files.json_values import encode_json  # few outputs are JSON
 
-        self.write_bytes(path, json_of(document))
+        self.write_bytes(path, encode_json(document))
 
     def wait(self) -> dict[Path, str]:
         """Wait until all files so far are written; return their sha256, if it is wanted."""

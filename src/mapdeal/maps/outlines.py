@@ -12,13 +12,15 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from html import escape
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import Literal
 
 import numpy as np
 
 from mapdeal.errors import one_line
+from mapdeal.files.text import decimal_without_zeros
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.outlines import Polygons, outlines
@@ -33,6 +35,7 @@ _MARGIN = 4  # cells around a drawing
 _AT_ONCE = 1 << 12
 FREE_FILL, REACHABLE_FILL = "#ffffff", "#b7e4d8"
 WALL_FILL, UNKNOWN_FILL = "#000000", "#d9d9d9"
+_number = partial(decimal_without_zeros, decimals=_DECIMALS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,21 +56,21 @@ class Outlines:
         return len(self.polygons.corners)
 
     def points(
-        self, moved: Callable[[Floats], Floats] = lambda points: points
+        self, transform: Callable[[Floats], Floats] = lambda points: points
     ) -> Iterator[list[_Rings]]:
         """Yield the rings of some polygons at a time in the map frame, metres."""
         polygons = self.polygons
-        ring_ends = [0, *polygons.ring_ends.tolist()]
-        firsts = [*polygons.shells.tolist(), len(polygons.ring_ends)]
+        ring_bounds = [0, *polygons.ring_ends.tolist()]
+        polygon_bounds = [*polygons.shells.tolist(), len(polygons.ring_ends)]
         for first in range(0, len(polygons), _AT_ONCE):  # one by one takes ten times as long
-            shells = firsts[first : first + _AT_ONCE + 1]
-            offset = ring_ends[shells[0]]
-            corners = polygons.corners[offset : ring_ends[shells[-1]]]
+            bounds = polygon_bounds[first : first + _AT_ONCE + 1]
+            first_ring, end_ring = bounds[0], bounds[-1]
+            corner_bounds = ring_bounds[first_ring : end_ring + 1]
+            corners = polygons.corners[corner_bounds[0] : corner_bounds[-1]]
             rounded = np.round(self.frame.xy_from_continuous_rowcol(corners), _DECIMALS) + 0.0
-            points = moved(rounded).tolist()
-            ends = [end - offset for end in ring_ends[shells[0] : shells[-1] + 1]]
-            rings = [points[start:end] for start, end in pairwise(ends)]
-            yield [rings[start - shells[0] : end - shells[0]] for start, end in pairwise(shells)]
+            points = iter(transform(rounded).tolist())
+            rings = [list(islice(points, end - start)) for start, end in pairwise(corner_bounds)]
+            yield [rings[start - first_ring : end - first_ring] for start, end in pairwise(bounds)]
 
 
 def outlines_of(cells: Mask, frame: Frame, tolerance: float, name: str) -> Outlines:
@@ -133,8 +136,3 @@ def svg_parts(
             yield "".join(f'<path d="{path(rings)}"/>\n' for rings in polygons).encode()
         yield b"</g>\n"
     yield b"</svg>\n"
-
-
-def _number(value: float) -> str:
-    text = f"{value:.{_DECIMALS}f}".rstrip("0").rstrip(".")
-    return "0" if text == "-0" else text

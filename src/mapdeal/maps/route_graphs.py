@@ -135,7 +135,7 @@ class _Reader:
             return None
         value = found.value
         if type(value) is not int or not 0 <= value <= _MOST_ID:
-            rule = f"{key} must be a whole number from 0 on, got {found.shown()}"
+            rule = f"{key} must be a whole number from 0 on, got {found.json_text()}"
             self._report("refused", f"{owner} ({found.place}): {rule}")
             return None
         return int(value)

@@ -10,8 +10,9 @@ SDFormat 1.7, which Gazebo 11 and all releases of Gazebo since read.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from pathlib import Path
 
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError, one_line
+from mapdeal.files.text import decimal_without_zeros
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.arrays import Integers
 from mapdeal.kernels.solids import Rectangles, Surface
@@ -26,9 +28,10 @@ from mapdeal.kernels.solids import Rectangles, Surface
 WORLD_ENDINGS = (".sdf", ".stl", ".obj")
 
 _DECIMALS = 9  # so that volumes are exact
+_number = partial(decimal_without_zeros, decimals=_DECIMALS)
 _FLOOR_MARGIN = 1.0  # metres of floor around the map
 _ROWS_AT_ONCE = 1 << 14
-_MOST_ERROR = 0.1  # of a cell, by which float32 may move corners
+_LARGEST_ERROR = 0.1  # of a cell, by which float32 may move corners
 
 _BEGIN = """\
 <?xml version="1.0"?>
@@ -88,29 +91,28 @@ def mesh_of(surface: Surface, frame: Frame, wall_height: float) -> Mesh:
     return Mesh(corners, surface.triangles)
 
 
-def sdf_parts(
-    boxes: Rectangles, frame: Frame, wall_height: float, name: str
-) -> Iterator[bytes]:  # fmt: skip
+def sdf_parts(boxes: Rectangles, frame: Frame, wall_height: float, name: str) -> Iterator[bytes]:
     """Yield an SDF world with a floor, a sun, and a static model of boxes for the walls."""
     cell = frame.resolution
     x, y, yaw = frame.origin
     centre = frame.xy_from_continuous_rowcol([[frame.height / 2, frame.width / 2]])[0]
-    size = (frame.width * cell + 2 * _FLOOR_MARGIN, frame.height * cell + 2 * _FLOOR_MARGIN)
+    floor = (frame.width * cell + 2 * _FLOOR_MARGIN, frame.height * cell + 2 * _FLOOR_MARGIN)
     yield _BEGIN.format(
-        name=escape(one_line(name)), centre=_numbers(centre), yaw=_number(yaw), size=_numbers(size),
-        origin=_numbers((x, y)),
+        name=escape(one_line(name)), centre=_numbers(centre), yaw=_number(yaw),
+        size=_numbers(floor), origin=_numbers((x, y)),
     ).encode()  # fmt: skip
     rows = np.stack([boxes.first_row, boxes.end_row], axis=1) * cell
     cols = np.stack([boxes.first_col, boxes.end_col], axis=1) * cell
-    middles, sizes = (cols.mean(axis=1), rows.mean(axis=1)), (np.diff(cols), np.diff(rows))
-    table = np.column_stack([*middles, *sizes])
+    table = np.column_stack([cols.mean(axis=1), rows.mean(axis=1), np.diff(cols), np.diff(rows)])
     middle, height = _number(wall_height / 2), _number(wall_height)
     for first in range(0, len(table), _ROWS_AT_ONCE):
-        text, walls = "", table[first : first + _ROWS_AT_ONCE].tolist()
-        for number, (at_x, at_y, wide, deep) in enumerate(walls, first):
+        text = ""
+        walls = table[first : first + _ROWS_AT_ONCE].tolist()
+        for number, (centre_x, centre_y, length_x, length_y) in enumerate(walls, first):
             box = (
-                f"<pose>{_number(at_x)} {_number(at_y)} {middle} 0 0 0</pose><geometry><box><size>"
-                f"{_number(wide)} {_number(deep)} {height}</size></box></geometry>"
+                f"<pose>{_number(centre_x)} {_number(centre_y)} {middle} 0 0 0</pose>"
+                f"<geometry><box><size>{_number(length_x)} {_number(length_y)} {height}</size>"
+                "</box></geometry>"
             )
             text += f'<collision name="c{number}">{box}</collision>'
             text += f'<visual name="v{number}">{box}</visual>\n'
@@ -126,7 +128,7 @@ def stl_parts(mesh: Mesh, source: Path, resolution: float) -> Iterator[bytes]:
         corners = np.take(mesh.corners, mesh.triangles[first : first + _ROWS_AT_ONCE], axis=0)
         rounded = corners.astype(np.float32).astype(np.float64)
         error = np.abs(rounded - corners).max()
-        if error > _MOST_ERROR * resolution or not _area_vectors(rounded).any(axis=1).all():
+        if error > _LARGEST_ERROR * resolution or not _area_vectors(rounded).any(axis=1).all():
             rule = f"is too far from 0 for .stl, whose float32 moves walls by up to {error:.2g} m"
             hint = f"mapdeal convert {source} -o {source.stem}.obj keeps all digits"
             raise ParameterError(rule, source=source, place="origin", hint=hint)
@@ -155,10 +157,5 @@ def obj_parts(mesh: Mesh, name: str) -> Iterator[bytes]:
         yield "".join(f"f {a} {b} {c}\n" for a, b, c in rows).encode()
 
 
-def _numbers(values: object) -> str:
-    return " ".join(map(_number, values))  # type: ignore[call-overload]
-
-
-def _number(value: float) -> str:
-    text = f"{value:.{_DECIMALS}f}".rstrip("0").rstrip(".")
-    return "0" if text == "-0" else text
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(map(_number, values))

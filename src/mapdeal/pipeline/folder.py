@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mapdeal import errors
 from mapdeal.command import Result
-from mapdeal.files.json_values import json_of, read_json
+from mapdeal.files.json_values import encode_json, read_json
 from mapdeal.files.source import YAML, access_to, exists, holds, is_same_file, real_path, status_of
 from mapdeal.files.transaction import OpenOutput, PutRows, RowsWriter, Transaction
 from mapdeal.files.yaml_text import yaml_document
@@ -530,7 +530,7 @@ class OutputFolder:
         written = transaction.wait()
         sums = {path.name: digest for path, digest in written.items() if path.parent == self.path}
         found = {"figures": figures, "warnings": remarks, "outputs": sums}
-        transaction.write_bytes(self.path / MANIFEST, json_of({**self._manifest(), **found}))
+        transaction.write_bytes(self.path / MANIFEST, encode_json({**self._manifest(), **found}))
         # remove unchanged outputs of an earlier run that this one does not write
         current = {path.name for path in self.outputs()}
         for path, digest in ((self.path / Path(name).name, sum_) for name, sum_ in before.items()):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mapdeal import errors
 from mapdeal.command import Stage
 from mapdeal.files import source as sources
-from mapdeal.files.json_values import json_of
+from mapdeal.files.json_values import encode_json
 from mapdeal.grid.canvas import frames_overlap
 from mapdeal.grid.frame import MOST_CELLS, Figures, cells_to_cover
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -364,7 +364,7 @@ class RollingRun:
             [*([None] if cloud is None else (*cloud.sums.values(), *cloud.options.values())), *pose]
             for cloud, pose in zip(before, self._mapper.poses[first:index], strict=True)
         ]
-        before_it = {"clouds_before": sha256(json_of(parts)).hexdigest()}
+        before_it = {"clouds_before": sha256(encode_json(parts)).hexdigest()}
         make, pose = partial(self._make_map, index, missing), self._mapper.poses[index]
         filling = filling_of(job, pose, summed, self._common, make, before_it)
         self._summed[index] = summed

@@ -15,7 +15,7 @@ import numpy as np
 
 from mapdeal.command import Result
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
-from mapdeal.files.json_values import json_of
+from mapdeal.files.json_values import encode_json
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.grid.costmap import CostCurve, Costmap
@@ -408,7 +408,7 @@ class SingleResult(Result):
         return {**document, **({"curve": None} if self.curve is None else self.curve.document())}
 
     def parts(self) -> Iterator[str]:
-        yield json_of(self.document()).decode().removesuffix("\n")
+        yield encode_json(self.document()).decode().removesuffix("\n")
 
     def lines(self) -> Iterator[str]:
         yield folders.written_line(self.output, self.figures, with_origin=self.step.moves)
