@@ -160,7 +160,7 @@ class InflationLayer(CostmapLayer):
         def number(parameter: str, default: float, largest: float, unit: str = "") -> float:
             place = server.place(name, parameter)
             value = server.double(default, *place, unit=unit)
-            return server.limited(value, largest, "dynamic_reconfigure", place, unit)
+            return server.clamp(value, largest, "dynamic_reconfigure", place, unit)
 
         radius = number("inflation_radius", 0.55, 50.0, " m")
         if 0 < radius < inscribed_radius and not server.is_substituted:

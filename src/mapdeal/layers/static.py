@@ -176,7 +176,7 @@ class StaticLayer(CostmapLayer):
     def from_ros1(cls, server: base.Ros1Values, entry: base.PluginEntry) -> StaticLayer:
         name = entry.name
         threshold = server.place(name, "lethal_cost_threshold")
-        lethal = server.limited(server.integer(100, *threshold), 100, "the static layer", threshold)
+        lethal = server.clamp(server.integer(100, *threshold), 100, "the static layer", threshold)
         unknown = server.place(name, "unknown_cost_value")
         use_maximum = server.boolean(False, name, "use_maximum")
         return cls(

@@ -19,9 +19,10 @@ import binascii
 import hashlib
 import math
 import operator
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -168,9 +169,9 @@ def why_unsendable(value: Any) -> tuple[str, str, str | None] | None:
     if isinstance(value, bool | str | bytes | float):
         return None
     if isinstance(value, int):
-        is_good = -_INT32 <= value < _INT32
+        fits_int32 = -_INT32 <= value < _INT32
         text = "roslaunch sends 32-bit integers only"
-        return None if is_good else ("params.type", text, None)
+        return None if fits_int32 else ("params.type", text, None)
     if isinstance(value, list):
         return next(filter(None, map(why_unsendable, value)), None)
     if isinstance(value, dict):
@@ -330,10 +331,13 @@ class _Reader:
         self.fault(*repetition(first, line, is_equal=is_equal), line, "/".join(path))
 
     def _set(self, path: _Path, node: yaml.Node) -> None:
-        value, text, line = _value_of(self.source, node), source_text(node), _line_of(node)
-        kind, reason = _kind_of(value), why_unsendable(value)
+        value = _value_of(self.source, node)
+        text, line = source_text(node), _line_of(node)
+        kind = _kind_of(value)
+        reason = why_unsendable(value)
         if reason is not None:
-            kind, (check, rule, hint) = _UNSENDABLE, reason
+            check, rule, hint = reason
+            kind = _UNSENDABLE
             name = "/".join(path).lstrip("/")
             self.fault(check, "refused", rule, line, name, text or None, hint)
         self.tree.set(path, ParameterValue(value, kind, self.source, line, text))
@@ -369,8 +373,8 @@ class Ros1Server:
         return (*self.node, f"{self.costmap}_costmap")
 
     def find(self, *below: str) -> ParameterValue | None:
-        found = self.root.get((*self.path, *below))
-        return found if isinstance(found, ParameterValue) else None
+        member = self.root.get((*self.path, *below))
+        return member if isinstance(member, ParameterValue) else None
 
     def search(self, name: str) -> tuple[_Path, ParameterValue | Ros1Namespace] | None:
         """Return what ``searchParam`` finds: in the costmap's namespace, or the nearest above."""
@@ -414,7 +418,7 @@ class Ros1Server:
             self.problem("params.silent-default", "warning", text, below)
         return rounded
 
-    def limited(
+    def clamp(
         self, number: float, most: float, component: str, below: _Path, unit: str = "",
         value: ParameterValue | Ros1Namespace | None = None,
     ) -> float:  # fmt: skip
@@ -490,34 +494,38 @@ def load_server(
             problems += files[-1].faults
         except MalformedInputError as error:
             problems.append(syntax_problem(error, path))
-    owners = [_nodes_in(file.parameters) for file in files]
-    node, why_not = _chosen_node([node for found in owners for node in found], namespace)
+    nodes_by_file = [_nodes_in(file.parameters) for file in files]
+    node, problem = _select_node(list(chain.from_iterable(nodes_by_file)), namespace)
     server = Ros1Server(node, costmap, tuple(files), problems=problems)
-    if why_not is not None:
-        server.problems.append(why_not)
+    if problem is not None:
+        problems.append(problem)
         return server, False
-    for file, found in zip(files, owners, strict=True):
-        if not found and len(files) > 1 and _costmap_of_name(file.source) not in (None, costmap):
-            text = (
-                f"is ignored: by its name it belongs to the other costmap; {costmap} was requested"
-            )
-            hint = "pass it with the files of its own costmap only, or rename it"
-            problem = Problem(
-                "params.other-costmap", "warning", text, source=file.source, hint=hint
-            )
-            server.problems.append(problem)
-            continue
-        members = dict(file.parameters.members)
-        absolute = members.pop(_ROOT, None)
-        server.root.merge(_place_of(found, node, costmap), Ros1Namespace(members=members))
-        if isinstance(absolute, Ros1Namespace):
-            server.root.merge((), absolute)
+    for file, nodes in zip(files, nodes_by_file, strict=True):
+        if not nodes and len(files) > 1 and _costmap_of_name(file.source) not in (None, costmap):
+            problems.append(_other_costmap(file.source, costmap))
+        else:
+            _merge_file(server, file, _place_of(nodes, node, costmap))
     return server, len(files) == len(paths)
 
 
+def _merge_file(server: Ros1Server, file: Ros1File, place: _Path) -> None:
+    """Merge a file's parameters: names with a leading slash at the root, all others at a place."""
+    members = dict(file.parameters.members)
+    absolute = members.pop(_ROOT, None)
+    server.root.merge(place, Ros1Namespace(members=members))
+    if isinstance(absolute, Ros1Namespace):
+        server.root.merge((), absolute)
+
+
+def _other_costmap(path: Path, costmap: CostmapName) -> Problem:
+    text = f"is ignored: by its name it belongs to the other costmap; {costmap} was requested"
+    hint = "pass it with the files of its own costmap only, or rename it"
+    return Problem("params.other-costmap", "warning", text, source=path, hint=hint)
+
+
 def _costmap_of_name(path: Path) -> CostmapName | None:
-    found = [name for name in _NAMES if name in path.stem.lower()]
-    return found[0] if len(found) == 1 else None
+    names = [name for name in _NAMES if name in path.stem.lower()]
+    return names[0] if len(names) == 1 else None
 
 
 def costmaps_named(files: Sequence[Ros1File]) -> tuple[CostmapName, ...]:
@@ -532,18 +540,15 @@ def costmaps_named(files: Sequence[Ros1File]) -> tuple[CostmapName, ...]:
 def _nodes_in(namespace: Ros1Namespace) -> list[_Path]:
     """Return the paths of the nodes above a file's costmaps, only those of the least depth."""
     members = (*namespace.namespaces(), *namespace.values())
-    found = [path[:-1] for path, _ in members if path[-1] in _COSTMAPS]
-    nearest = min(map(len, found), default=0)
-    return list(dict.fromkeys(path for path in found if len(path) == nearest))
+    nodes = [path[:-1] for path, _ in members if path[-1] in _COSTMAPS]
+    least_depth = min(map(len, nodes), default=0)
+    return list(dict.fromkeys(node for node in nodes if len(node) == least_depth))
 
 
-def _chosen_node(paths: Sequence[_Path], namespace: str | None) -> tuple[_Path, Problem | None]:
+def _select_node(paths: Sequence[_Path], namespace: str | None) -> tuple[_Path, Problem | None]:
     """Return the path of the node that has the costmaps, and a problem if it is ambiguous."""
     relative_paths = {tuple(name for name in path if name != _ROOT) for path in paths}
-    nodes = [
-        path for path in sorted(relative_paths)
-        if path and not any(p[-len(path) :] == path for p in relative_paths - {path})
-    ]  # fmt: skip
+    nodes = [path for path in sorted(relative_paths) if not _is_suffix(path, relative_paths)]
     requested = tuple(part for part in (namespace or "").split("/") if part)
     spaces = {path[:-1] for path in nodes}
     if requested in spaces and namespace is not None:
@@ -560,6 +565,11 @@ def _chosen_node(paths: Sequence[_Path], namespace: str | None) -> tuple[_Path, 
         choice = f"choose one with --namespace {'/'.join(nodes[0][:-1])}" if spaces - {()} else None
         return nodes[0], Problem("params.namespace", "refused", text, hint=choice)
     return (nodes[0] if nodes else (*requested, _NODE)), None
+
+
+def _is_suffix(path: _Path, paths: Iterable[_Path]) -> bool:
+    """Return whether another path ends with a path; the empty path is a suffix of all."""
+    return not path or any(longer[-len(path) :] == path for longer in paths if longer != path)
 
 
 def _place_of(nodes: Sequence[_Path], node: _Path, costmap: CostmapName) -> _Path:
@@ -647,12 +657,12 @@ def _footprint_fault(points: list[object]) -> str | None:
 
 
 def _radius(server: Ros1Server) -> float:
-    found = server.search(_RADIUS)
-    if found is None:
+    found_radius = server.search(_RADIUS)
+    if found_radius is None:
         text = f"neither footprint nor robot_radius is set; ROS uses a radius of {_DEFAULT_RADIUS}"
         server.problem("params.no-shape", "warning", f"{text} m", hint="set one of them")
         return _DEFAULT_RADIUS
-    value = found[1]
+    value = found_radius[1]
     if value.kind == _UNSENDABLE:
         return _DEFAULT_RADIUS
     if value.kind not in ("int", "double"):
@@ -665,7 +675,7 @@ def _radius(server: Ros1Server) -> float:
     if not math.isfinite(radius):
         server.problem("params.not-finite", "refused", "must be finite", (_RADIUS,), value=value)
         return _DEFAULT_RADIUS
-    return server.limited(radius, _LARGEST_RADIUS, _RECONFIGURE, (_RADIUS,), " m", value)
+    return server.clamp(radius, _LARGEST_RADIUS, _RECONFIGURE, (_RADIUS,), " m", value)
 
 
 _STATIC, _INFLATION = "costmap_2d::StaticLayer", "costmap_2d::InflationLayer"
@@ -688,7 +698,7 @@ def ros1_robot(
     server, is_complete = load_server(paths, costmap, namespace)
     if not is_complete or not _has_costmap(server):
         return None, tuple(server.problems)
-    robot = _resolved(server)
+    robot = _robot_from(server)
     if server.is_substituted:
         robot = None  # the launch file's value is unknown
     distinct: dict[object, Problem] = {}
@@ -699,8 +709,8 @@ def ros1_robot(
 
 def _has_costmap(server: Ros1Server) -> bool:
     """Return whether the files have parameters of the costmap; record a problem if not."""
-    found = server.root.get(server.path)
-    if found is None:
+    costmap = server.root.get(server.path)
+    if costmap is None:
         text = f"no parameters of /{'/'.join(server.path)}"
         hint = f"write {server.costmap}_costmap: at the top of its file, or no name of a costmap"
         (sibling,) = set(_NAMES) - {server.costmap}
@@ -708,33 +718,29 @@ def _has_costmap(server: Ros1Server) -> bool:
             hint = f"--costmap {sibling} selects the costmap that the files have"
         server.problem("params.namespace", "refused", text, hint=hint)
         return False
-    if not isinstance(found, Ros1Namespace) or any(
-        path[-1] in COSTMAP_PARAMETERS for path, _ in found.values()
+    if not isinstance(costmap, Ros1Namespace) or any(
+        path[-1] in COSTMAP_PARAMETERS for path, _ in costmap.values()
     ):
         return True
     spaces = [path for file in server.files for path, _ in file.parameters.namespaces()]
     if any(path[-1] in _COSTMAPS for path in spaces):
         return True  # a file that names a costmap is a costmap file, whatever its parameters
-    names = ", ".join([*found.members][:3]) + ", ..." * (len(found.members) > 3)
+    names = ", ".join([*costmap.members][:3]) + ", ..." * (len(costmap.members) > 3)
     text = f"holds no parameter of a costmap; it has {names}"
     hint = "give Nav2's parameters, with ros__parameters, or the costmap files of ROS 1"
     server.problem("params.namespace", "refused", text, hint=hint)
     return False
 
 
-def _resolved(server: Ros1Server) -> RobotParameters | None:
-    rolling = server.boolean(False, "rolling_window")
+def _robot_from(server: Ros1Server) -> RobotParameters | None:
+    is_rolling = server.boolean(False, "rolling_window")
     track = server.boolean(False, "track_unknown_space")
     has_list = server.root.get((*server.path, "plugins")) is not None
     plugins = _plugins(server) if has_list else _old_plugins(server)
     shape = _shape(server)
     inscribed = 0.0 if shape is None else shape.inscribed_radius
     layers = tuple(_layer(server, name, kind, inscribed) for name, kind in plugins or ())
-    statics = [entry.name for entry in layers if entry.plugin == _STATIC and entry.is_enabled]
-    places = [server.place(name, "map_topic") for name in statics]
-    topics = ((place, server.text("map", *place).lstrip("/")) for place in places)
-    for place, text in other_maps(topics):
-        server.problem("params.other-map", "warning", text, place)
+    _warn_of_other_maps(server, layers)
     if plugins is None or shape is None:  # after reading the layers, to report their problems
         return None
     for name, text in erasing_layers(layers):
@@ -750,17 +756,26 @@ def _resolved(server: Ros1Server) -> RobotParameters | None:
             server.problem("params.no-static-layer", "warning", text, hint=hint)
     files = [ParameterFile(file.source, file.sha256) for file in server.files]
     node = "/" + "/".join(server.path)
-    area = _area(server, is_rolling=rolling)
+    area = _area(server, is_rolling=is_rolling)
     base_frame = server.text("base_link", "robot_base_frame")
     return shape.robot(
         "ros1", server.costmap, node, layers, files, track=track, area=area, base_frame=base_frame
     )
 
 
+def _warn_of_other_maps(server: Ros1Server, layers: Sequence[ListedLayer]) -> None:
+    statics = [entry.name for entry in layers if entry.plugin == _STATIC and entry.is_enabled]
+    places = [server.place(name, "map_topic") for name in statics]
+    topics = ((place, server.text("map", *place).lstrip("/")) for place in places)
+    for place, text in other_maps(topics):
+        server.problem("params.other-map", "warning", text, place)
+
+
 def _area(server: Ros1Server, *, is_rolling: bool) -> CostmapArea | None:
-    earlier = len(server.problems)
+    problem_count = len(server.problems)
+    area = None
     number = server.double(0.05, "resolution")
-    resolution, area = server.limited(number, 50.0, _RECONFIGURE, ("resolution",)), None
+    resolution = server.clamp(number, 50.0, _RECONFIGURE, ("resolution",))
     if resolution > 0:
         height, width = (
             int(max(server.integer(10, side), 0) / resolution) for side in ("height", "width")
@@ -771,7 +786,8 @@ def _area(server: Ros1Server, *, is_rolling: bool) -> CostmapArea | None:
             is_rolling=is_rolling, size_margin=0.5, global_frame=server.text("map", "global_frame"),
         )  # fmt: skip
     # If a map defines the size, these values have no effect: a note suffices.
-    server.problems[earlier:] = [replace(p, level="note") for p in server.problems[earlier:]]
+    new_problems = server.problems[problem_count:]
+    server.problems[problem_count:] = [replace(p, level="note") for p in new_problems]
     return area
 
 
@@ -789,8 +805,8 @@ def _plugins(server: Ros1Server) -> list[tuple[str, str]] | None:
         return None
     faults = [("must be a list of {name, type}", _PLUGIN_HINT)]
     if value is not None and value.kind == "list":
-        found = [(index, _plugin_fault(entry)) for index, entry in enumerate(value.value, 1)]
-        faults = [(f"entry {index} {fault[0]}", fault[1]) for index, fault in found if fault]
+        checked = [(index, _plugin_fault(entry)) for index, entry in enumerate(value.value, 1)]
+        faults = [(f"entry {index} {fault[0]}", fault[1]) for index, fault in checked if fault]
     for rule, hint in faults:
         text = f"{rule}; move_base exits"
         server.problem("params.plugins", "refused", text, ("plugins",), hint)
