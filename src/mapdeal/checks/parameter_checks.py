@@ -562,11 +562,10 @@ def cost_ends_early(facts: RobotFacts) -> Iterator[Remark]:
     beyond = layer.inflation_radius - layer.inscribed_radius
     width = math.log(_INSCRIBED_COST) / layer.cost_scaling_factor
     if width < _LEAST_FADING_SHARE * beyond:
-        text = f"costs are 0 from {layer.inscribed_radius + width:.3g} m on: with "
-        text += (
-            f"cost_scaling_factor {layer.cost_scaling_factor:g} the rest of {_reach(layer)} has "
-        )
-        yield Remark(f"{text}none; lower one", at=_scaling_of(facts, layer))
+        factor = f"cost_scaling_factor {layer.cost_scaling_factor:g}"
+        text = f"costs are 0 beyond {layer.inscribed_radius + width:.3g} m: with {factor}, the "
+        text += f"rest of {_reach(layer)} has no effect; lower one of the two"
+        yield Remark(text, at=_scaling_of(facts, layer))
 
 
 @check("params.inflation-defaults", "note", on_request=True)
@@ -682,7 +681,7 @@ def resolution(facts: RobotFacts) -> Iterator[Remark]:
 
 
 def _rounded_up(value: float) -> float:
-    """Return a value with two decimals that is not below another one."""
+    """Return a value rounded up to two decimals."""
     return math.ceil(100 * value - _SAME_RADIUS) / 100
 
 
@@ -725,38 +724,47 @@ def lint_parameters(
     present = [item for item in costmaps if not item.is_absent or item.has(_ONE_LEVEL)]
     present = present or costmaps[:1]
     by_costmap: dict[CostmapName, list[Finding]] = {}
-    last = str(paths[-1])
+    default_file = str(paths[-1])
     for index, item in enumerate(present):
         sibling = present[1].robot if index == 0 and len(present) > 1 else None
         problems = [p for p in item.problems if len(present) == 1 or p.check != _OTHER_COSTMAP]
-        by_costmap[item.name] = [finding_of(problem, last) for problem in problems]
+        by_costmap[item.name] = [finding_of(problem, default_file) for problem in problems]
         by_costmap[item.name] += _check(paths, item, flavour, namespace, sibling, map_frames)
-    findings = list(_with_costmap(by_costmap))
-    robots = [item.robot for item in present if item.name == "global" and flavour == "nav2"]
-    for robot in filter(None, robots):
-        findings += [finding_of(problem, last) for problem in planners_of(robot)[1]]
-    with suppress(MalformedInputError):  # reported with the costmaps
-        for facts in planner_facts(read_ros2(paths), map_frames) if flavour == "nav2" else ():
-            findings += findings_on({PlannerFacts: facts}, last)
+    findings = list(_with_costmap_names(by_costmap))
+    if flavour == "nav2":
+        robot = next((item.robot for item in present if item.name == "global"), None)
+        findings += _planner_findings(paths, robot, map_frames)
     by_file: dict[Path, list[Finding]] = {path: [] for path in paths}
-    for found in dict.fromkeys(findings):
-        by_file.setdefault(Path(found.file), []).append(found)
-    return {path: sorted(found, key=lambda f: f.line or 0) for path, found in by_file.items()}
+    for finding in dict.fromkeys(findings):
+        by_file.setdefault(Path(finding.file), []).append(finding)
+    return {path: sorted(group, key=lambda f: f.line or 0) for path, group in by_file.items()}
 
 
-def _with_costmap(by_costmap: Mapping[CostmapName, Sequence[Finding]]) -> Iterator[Finding]:
+def _planner_findings(
+    paths: Sequence[Path], robot: RobotParameters | None, map_frames: Sequence[tuple[str, Frame]]
+) -> Iterator[Finding]:
+    default_file = str(paths[-1])
+    for problem in planners_of(robot)[1] if robot is not None else ():
+        yield finding_of(problem, default_file)
+    with suppress(MalformedInputError):  # reported with the costmaps
+        for facts in planner_facts(read_ros2(paths), map_frames):
+            yield from findings_on({PlannerFacts: facts}, default_file)
+
+
+def _with_costmap_names(by_costmap: Mapping[CostmapName, Sequence[Finding]]) -> Iterator[Finding]:
     """Yield findings with the costmap's name where file and line do not identify the costmap."""
     for name, findings in by_costmap.items():
-        twins = {found for key in by_costmap if key != name for found in by_costmap[key]}
-        texts = {(found.check, found.message) for found in twins}
-        for found in findings:
-            is_twice = (found.check, found.message) in texts
-            is_placed = found.line is not None or len(by_costmap) == 1
-            is_clear = found.check in _ABOUT_FILES or (found in twins and is_placed)
-            if is_clear or not (name == "local" or is_twice or not is_placed):
-                yield found
+        other_findings = {f for key in by_costmap if key != name for f in by_costmap[key]}
+        other_messages = {(finding.check, finding.message) for finding in other_findings}
+        for finding in findings:
+            is_placed = finding.line is not None or len(by_costmap) == 1
+            is_shared = is_placed and finding in other_findings
+            is_ambiguous = not is_placed or (finding.check, finding.message) in other_messages
+            is_clear = finding.check in _ABOUT_FILES or is_shared
+            if is_clear or not (name == "local" or is_ambiguous):
+                yield finding
             else:
-                yield replace(found, message=f"{name} costmap: {found.message}")
+                yield replace(finding, message=f"{name} costmap: {finding.message}")
 
 
 def first_robot(
@@ -778,10 +786,13 @@ def _check(
     if costmap.has(_OTHER_KIND):
         return
     values = costmap_values(paths, flavour, costmap.name, _node_of(costmap, namespace), namespace)
-    own = ParameterFacts(flavour, costmap.name, values, _plugins(flavour, values, costmap.robot))
-    facts: dict[type, Any] = {ParameterFacts: own}
+    plugins = _plugins(flavour, values, costmap.robot)
+    parameters = ParameterFacts(flavour, costmap.name, values, plugins)
+    facts: dict[type, Any] = {ParameterFacts: parameters}
     if costmap.robot is not None and not costmap.is_absent:
-        robot = facts[RobotFacts] = RobotFacts(costmap.robot, own, sibling, tuple(map_frames))
+        robot = facts[RobotFacts] = RobotFacts(
+            costmap.robot, parameters, sibling, tuple(map_frames)
+        )
         if flavour == "nav2":
             facts[FilterFacts] = FilterFacts(robot, filter_servers(read_ros2(paths)))
     yield from findings_on(facts, str(paths[-1]))
@@ -801,7 +812,7 @@ def _plugins(
         return tuple((listed.name, listed.plugin) for listed in robot.layers)
 
     lists = [values[key,].value for key in ("plugins", "filters") if (key,) in values]
-    entries = [entry for found in lists if isinstance(found, list | tuple) for entry in found]
+    entries = [entry for items in lists if isinstance(items, list | tuple) for entry in items]
     if flavour == "ros1":
         mappings = [entry for entry in entries if isinstance(entry, dict)]
         return tuple((str(m.get("name", "")), str(m.get("type", ""))) for m in mappings)
