@@ -138,7 +138,7 @@ def test_files_of_public_robots_are_good_for_older_costmaps_too(real_maps, every
     assert len(files) == 42
     for path in files[::every]:
         costmap = "global" if "\nglobal_costmap:" in path.read_text() else "local"
-        robot, problems = nav2_robot([path], older=True, costmap=costmap)
+        robot, problems = nav2_robot([path], up_to_kilted=True, costmap=costmap)
         assert not refused(problems), path
         assert {layer.lookup for layer in robot.inflation_layers} <= {"exact"}
 

@@ -96,7 +96,7 @@ def robot_shape(
 
 def robot_parameters(
     *, params_file: Sequence[Path] | None, costmap: CostmapName | None, namespace: str | None,
-    dialect: Dialect, is_shape: bool = False, has_mask: bool = False, has_pose: bool = False,
+    dialect: Dialect, shape_only: bool = False, has_mask: bool = False, has_pose: bool = False,
     is_replay: bool = False,
 ) -> RobotParameters | None:  # fmt: skip
     """Return the robot of parameter files; report its layers, unless only its shape counts."""
@@ -108,11 +108,11 @@ def robot_parameters(
     from mapdeal.ros.load import read_robot  # few commands read one
 
     robot = read_robot(
-        params_file, costmap=costmap or "global", namespace=namespace, older=dialect != "nav2",
-        is_shape=is_shape,
+        params_file, costmap=costmap or "global", namespace=namespace,
+        up_to_kilted=dialect != "nav2", shape_only=shape_only,
     )  # fmt: skip
     terminal.detail(f"robot: {robot!r}")
-    if is_shape or is_replay:
+    if shape_only or is_replay:
         return robot
     remarks = []
     if not has_pose and any(listed.name == INJECTED for listed in robot.layers):
@@ -293,7 +293,7 @@ def with_shared_options(
                 files: dict[str, Any] = {name: shared_values.get(name) for name in _OF_FILES}
                 is_given: Any = {f"has_{k}": values.get(k) is not None for k in ("mask", "pose")}
                 read_parameters = partial(
-                    robot_parameters, dialect=settings.dialect, is_shape=not makes_costs(values),
+                    robot_parameters, dialect=settings.dialect, shape_only=not makes_costs(values),
                     is_replay=values.get("bag") is not None, **is_given,
                 )  # fmt: skip
                 values["robot"] = read_parameters(**files)

@@ -178,7 +178,9 @@ def _describe_robot(
     map_path: Path | None,
 ) -> Report:  # fmt: skip
     with errors.capture_warnings():
-        robot = read_robot(paths, costmap=costmap, namespace=namespace, older=dialect != "nav2")
+        robot = read_robot(
+            paths, costmap=costmap, namespace=namespace, up_to_kilted=dialect != "nav2"
+        )
     report = {"file": str(paths[-1]), "kind": "robot parameters", **robot.described()}
     for entry, layer in zip(report["layers"], robot.layers, strict=True):
         entry["effect"] = effect_of(layer, robot)

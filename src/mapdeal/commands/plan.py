@@ -617,8 +617,8 @@ def plan(
     def works_on(source: inputs.Map) -> list[PlannerOnMap]:
         (opened,) = inputs.open_inputs(source, names=("map",), also=also, **reading)
         check_map(opened, **reading)
-        is_older, pairs = settings.dialect != "nav2", zip(robots, planners, strict=True)
-        return [PlannerOnMap(opened, own, *chosen, over, is_older) for own, chosen in pairs]
+        up_to_kilted, pairs = settings.dialect != "nav2", zip(robots, planners, strict=True)
+        return [PlannerOnMap(opened, own, *chosen, over, up_to_kilted) for own, chosen in pairs]
 
     if is_table:
         reports: list[PlanReport | MapdealError] = []

@@ -70,7 +70,7 @@ class PlannerOnMap:
     parameters: Ros2Parameters
     listed: ListedPlanner
     mask: KeepoutMask | None = None
-    is_older: bool = False  # whether the inflation layer is that of Humble to Kilted
+    up_to_kilted: bool = False  # later releases have another inflation layer
 
     @property
     def planner(self) -> Planner:
@@ -105,10 +105,11 @@ class PlannerOnMap:
     def _grid_with(self, override: Override) -> PlannerGrid | None:
         name, kind, value = override
         values = {name: ParameterValue(value, kind, self.robot.paths[-1], 0, str(value))}
-        space, older = self.robot.namespace, self.is_older
         with capture_warnings():
-            where: Any = {"namespace": space, "older": older}
-            robot, problems = robot_in(self.parameters, overrides=values, **where)
+            robot, problems = robot_in(
+                self.parameters, namespace=self.robot.namespace, up_to_kilted=self.up_to_kilted,
+                overrides=values,
+            )  # fmt: skip
             if robot is None or any(problem.level == "refused" for problem in problems):
                 return None
             return grid_of(self.costmap_on(robot, self.source.occupancy), robot)

@@ -136,9 +136,9 @@ class RunChecks:
             return None
         source = map_input(read_input(path, self.settings), path)
         check_map(source)
-        is_older = self.settings.dialect != "nav2"
+        up_to_kilted = self.settings.dialect != "nav2"
         planner = planner_of(self.robot, None)
-        work = PlannerOnMap(source, self.robot, *planner, self._mask, is_older)
+        work = PlannerOnMap(source, self.robot, *planner, self._mask, up_to_kilted)
         goals = [PlanGoal(goal.x, goal.y, name=goal.name) for goal in self.goals]
         plans = report_on(work, pose_of(self.start, "start"), goals, has_changes=False)
         results = documents.results_of(JsonValue(path, plans.document()))

@@ -716,7 +716,7 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
             read_robot(
                 [place_of(name, path) for name, _ in robot.files],
                 costmap=robot.costmap, namespace=robot.namespace,
-                older=settings.dialect != "nav2",
+                up_to_kilted=settings.dialect != "nav2",
             )
             for robot in results.robots
         ]  # fmt: skip

@@ -129,7 +129,7 @@ class InflationLayer(CostmapLayer):
     def from_nav2(cls, values: base.Nav2Values, entry: base.PluginEntry) -> InflationLayer:
         name, inscribed_radius = entry.name, entry.inscribed_radius
         is_asymmetric = "Asymmetric" in entry.plugin
-        is_legacy = values.older or "Legacy" in entry.plugin
+        is_legacy = values.up_to_kilted or "Legacy" in entry.plugin
         radius = values.number(f"{name}.inflation_radius", 2.0 if is_asymmetric else 0.55)
         if is_asymmetric:
             factor = _factor_without_path(values, name)

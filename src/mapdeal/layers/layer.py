@@ -149,7 +149,7 @@ class Nav2Values(Protocol):
     """Interface through which layers read the parameters of a Nav2 node."""
 
     parameters: Mapping[str, Any]
-    older: bool
+    up_to_kilted: bool  # whether the node is that of Nav2 Kilted or an earlier release
 
     def get(self, name: str, kind: str, default: Any, *, level: Any = ...) -> Any: ...
     def flag(self, name: str, default: bool = ...) -> bool: ...

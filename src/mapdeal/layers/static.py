@@ -150,7 +150,8 @@ class StaticLayer(CostmapLayer):
         name = entry.name
         values.check_types(cls.nav2_parameters, f"{name}.")
         parameter = f"{name}.footprint_clearing_enabled"
-        clears = not values.older and values.flag(parameter)
+        is_legacy = values.up_to_kilted
+        clears = not is_legacy and values.flag(parameter)
         if clears:
             text = "frees the cells below the robot; only cost --pose does so"
             values.problem("params.footprint-clearing", "note", text, parameter)
@@ -160,7 +161,7 @@ class StaticLayer(CostmapLayer):
             text = f"must be 0 .. 100; the static layer uses {clamped}"
             values.problem("params.range", "warning", text, "lethal_cost_threshold")
         inscribed = None
-        if not values.older:
+        if not is_legacy:
             inscribed = values.get("inscribed_obstacle_cost_value", "integer", 99) % 256
         use_maximum = values.flag("use_maximum")
         return cls(
@@ -168,7 +169,7 @@ class StaticLayer(CostmapLayer):
             lethal_cost_threshold=clamped, trinary_costmap=values.flag("trinary_costmap", True),
             unknown_cost_value=values.get("unknown_cost_value", "integer", 255) % 256,
             inscribed_obstacle_cost_value=inscribed, use_maximum=use_maximum,
-            unknown_is_highest=use_maximum and values.older and values.flag("rolling_window"),
+            unknown_is_highest=use_maximum and is_legacy and values.flag("rolling_window"),
             footprint_clearing_enabled=clears,
         )  # fmt: skip
 

@@ -629,8 +629,10 @@ def read_robot_parameters(
     if not (isinstance(names, Sequence) and all(isinstance(n, str | PathLike) for n in names)):
         hint = "costmap(map, robot_radius=0.2) takes a radius"
         raise ParameterError("takes paths of parameter files", place="paths", got=paths, hint=hint)
-    older = dialect != "nav2"
-    return read_robot(list(map(Path, names)), costmap=costmap, namespace=namespace, older=older)
+    up_to_kilted = dialect != "nav2"
+    return read_robot(
+        list(map(Path, names)), costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted
+    )
 
 
 def cost_curve(

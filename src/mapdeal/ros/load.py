@@ -27,9 +27,11 @@ _ABOUT_COSTS = frozenset(
 
 def read_robot(
     paths: Sequence[Path], *, costmap: CostmapName = "global", namespace: str | None = None,
-    older: bool = False, is_shape: bool = False,
+    up_to_kilted: bool = False, shape_only: bool = False,
 ) -> RobotParameters:  # fmt: skip
-    robot, problems = load_robot(paths, costmap=costmap, namespace=namespace, older=older)
+    robot, problems = load_robot(
+        paths, costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted
+    )
     for problem in problems:
         if problem.level == "refused":
             raise error_of(problem, paths)
@@ -37,7 +39,7 @@ def read_robot(
         raise MalformedInputError("holds no robot", source=paths[-1])
     texts = tuple(
         _line_of(problem, paths) for problem in problems
-        if problem.level == "warning" and not (is_shape and problem.check in _ABOUT_COSTS)
+        if problem.level == "warning" and not (shape_only and problem.check in _ABOUT_COSTS)
     )  # fmt: skip
     for text in texts:
         emit_warning(text)
@@ -46,7 +48,7 @@ def read_robot(
 
 def load_robot(
     paths: Sequence[Path], *, costmap: CostmapName = "global", namespace: str | None = None,
-    older: bool = False,
+    up_to_kilted: bool = False,
 ) -> tuple[RobotParameters | None, tuple[Problem, ...]]:  # fmt: skip
     if not paths:
         raise ParameterError("takes at least one file", place="params_files")
@@ -56,7 +58,7 @@ def load_robot(
         rule = f"contains no parameters of ROS 2, but {ros2_paths[0].name} does"
         raise ParameterError(rule, source=ros1_path, hint="pass the files of one robot")
     if ros2_paths:
-        return nav2_robot(paths, costmap=costmap, namespace=namespace, older=older)
+        return nav2_robot(paths, costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted)
     if unrelated := next(filter(None, map(_other_kind, paths)), None):
         return None, (unrelated,)
     if misspelt := next(filter(None, map(_without_key, paths)), None):
@@ -93,11 +95,11 @@ def _without_key(path: Path) -> Problem | None:
     """Return a problem if the file is one of Nav2, but lacks the key that ROS 2 looks for."""
     for number, line in enumerate(read_file(path, limit=_LARGEST).splitlines(), 1):
         if match := _ALMOST_ROS2.match(line.partition(b"#")[0]):
-            found = (match[1] or match[2]).decode()
+            name = (match[1] or match[2]).decode()
             rule = f"has no key {_KEY.decode()}, without which Nav2 does not start"
             hint = "did you mean that key?" if match[1] else "each node's parameters lie below it"
             return Problem(
-                "params.syntax", "refused", rule, source=path, line=number, got=found, hint=hint
+                "params.syntax", "refused", rule, source=path, line=number, got=name, hint=hint
             )
     return None
 

@@ -56,9 +56,13 @@ class Nav2Values:
     """The parameters that a node gets, and all problems that were found in them."""
 
     def __init__(
-        self, parameters: Mapping[str, ParameterValue], node: str, source: Path, *, older: bool
-    ) -> None:
-        self.parameters, self.node, self.source, self.older = parameters, node, source, older
+        self, parameters: Mapping[str, ParameterValue], node: str, source: Path, *,
+        up_to_kilted: bool,
+    ) -> None:  # fmt: skip
+        self.parameters = parameters
+        self.node = node
+        self.source = source
+        self.up_to_kilted = up_to_kilted
         self.problems: list[Problem] = []
         self._known: set[str] = set()
 
@@ -89,7 +93,7 @@ class Nav2Values:
     def check_types(self, parameters: Mapping[str, str], prefix: str = "") -> None:
         """Report wrong types of unused parameters, because these stop the node, too."""
         for name, kind in parameters.items():
-            if not (self.older and name in _NEWER_PARAMETERS):
+            if not (self.up_to_kilted and name in _NEWER_PARAMETERS):
                 self.get(prefix + name, kind, None)
 
     def number(self, name: str, default: float, *, least: float = -math.inf) -> float:
@@ -298,25 +302,25 @@ _LONGEST_NAMESPACE = 245  # characters of a node's namespace in ROS 2, including
 
 def nav2_robot(
     paths: Sequence[Path], *, costmap: CostmapName = "global", namespace: str | None = None,
-    older: bool = False,
+    up_to_kilted: bool = False,
 ) -> tuple[RobotParameters | None, tuple[Problem, ...]]:  # fmt: skip
     try:
         parameters = read_ros2(paths)
     except MalformedInputError as error:
         return None, (syntax_problem(error, Path(error.source or paths[0])),)
-    return robot_in(parameters, costmap=costmap, namespace=namespace, older=older)
+    return robot_in(parameters, costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted)
 
 
 def robot_in(
     parameters: Ros2Parameters, *, costmap: CostmapName = "global", namespace: str | None = None,
-    older: bool = False, overrides: Mapping[str, ParameterValue] | None = None,
+    up_to_kilted: bool = False, overrides: Mapping[str, ParameterValue] | None = None,
 ) -> tuple[RobotParameters | None, tuple[Problem, ...]]:  # fmt: skip
     """Return the robot in parameters that were read, some with other values, and the problems."""
     node, problems = _node_of(parameters, costmap, namespace)
     if node is None:
         return None, problems
     own_values = {**parameters.for_node(node), **(overrides or {})}
-    values = Nav2Values(own_values, node, parameters.files[-1].path, older=older)
+    values = Nav2Values(own_values, node, parameters.files[-1].path, up_to_kilted=up_to_kilted)
     values.problems += (*problems, *_single_level_nodes(parameters, node, "warning"))
     text = (
         "ROS 2 does not support aliases; nav2_bringup's launch files write the value in its place"
@@ -364,7 +368,7 @@ def _resolved(
             values.problem("params.not-positive", "refused", text, name)
     resolution = values.get("resolution", "double", 0.1)
     has_cells = math.isfinite(resolution) and resolution > 0
-    if not (values.older or has_cells):
+    if not (values.up_to_kilted or has_cells):
         text = "must be a finite number above 0; Nav2 does not start"
         values.problem("params.not-positive", "refused", text, "resolution")
     padding = as_float32(values.number("footprint_padding", 0.01))
@@ -401,7 +405,7 @@ def _area(values: Nav2Values) -> CostmapArea:
         height, width, resolution,
         (values.number("origin_x", 0.0), values.number("origin_y", 0.0)),
         is_rolling=values.flag("rolling_window"),
-        size_margin=0.5 if values.older else 0.0,
+        size_margin=0.5 if values.up_to_kilted else 0.0,
         global_frame=values.get("global_frame", "string", "map"),
     )  # fmt: skip
 

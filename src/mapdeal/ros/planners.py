@@ -109,7 +109,7 @@ def planners_of(
     """Return the planners of a robot's planner server in order, and the problems found."""
     parameters = parameters or read_ros2(robot.paths)
     node = f"{robot.node.removesuffix(_COSTMAP_NODE)}/{PLANNER_SERVER}"
-    values = Nav2Values(parameters.for_node(node), node, robot.paths[-1], older=False)
+    values = Nav2Values(parameters.for_node(node), node, robot.paths[-1], up_to_kilted=False)
     for name, default in SERVER_PARAMETERS.items():
         values.get(name, _KINDS[type(default)], default)
     return tuple(
