@@ -228,8 +228,8 @@ def misspelt(facts: ParameterFacts) -> Iterator[Remark]:
 
 
 def _scopes(facts: ParameterFacts) -> Iterator[tuple[dict[Name, ParameterValue], frozenset[str]]]:
-    own: dict[Name, ParameterValue] = {p: v for p, v in facts.values.items() if len(p) == 1}
-    yield own, known_names(facts.flavour, "")
+    top_level: dict[Name, ParameterValue] = {p: v for p, v in facts.values.items() if len(p) == 1}
+    yield top_level, known_names(facts.flavour, "")
     for name, plugin in dict(facts.plugins).items():
         known = known_names(facts.flavour, class_name(plugin))
         if known:

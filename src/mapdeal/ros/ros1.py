@@ -419,13 +419,13 @@ class Ros1Server:
         return rounded
 
     def clamp(
-        self, number: float, most: float, component: str, below: _Path, unit: str = "",
+        self, number: float, upper: float, component: str, below: _Path, unit: str = "",
         value: ParameterValue | Ros1Namespace | None = None,
     ) -> float:  # fmt: skip
-        """Return a number clamped to 0 .. most, and warn if it was outside."""
-        clamped = max(min(number, most), 0.0)
+        """Return a number clamped to 0 .. upper, and warn if it was outside."""
+        clamped = max(min(number, upper), 0.0)
         if clamped != number:
-            text = f"must be 0 .. {most:g}{unit}; {component} clamps it to {clamped:g}"
+            text = f"must be 0 .. {upper:g}{unit}; {component} clamps it to {clamped:g}"
             self.problem("params.range", "warning", text, below, value=value)
         return clamped
 
