@@ -1,1 +1,1 @@
-"""Ways through a costmap: from grids and two points to a route."""
+"""Routes through a costmap, route graphs and tours."""
