@@ -281,7 +281,7 @@ def _maps_compared(
 ) -> DiffReport:  # fmt: skip
     a, b = maps
     if move is None:
-        two_maps.warn_of_frames(maps, "--align compares them so")
+        two_maps.warn_of_frames(maps, "--align places the first map by its walls")
     found = compared([a, b], tolerance=limits["tolerance"], move=move, **reading)
     bounds = found.bounds_of(limits["max_shift"], limits["max_differing"])
     two_maps.warn_of_uncovered(maps, bounds, found.not_compared)
