@@ -390,7 +390,7 @@ class Stage:
     cells: Callable[[Any, Parameters], Iterable[int]] | None = None
     """Yields the cells that need `memory` each, as several numbers; by default all cells."""
 
-    edits: bool = False  # whether the result has the type of the input, for all that it accepts
+    edits: bool = False  # whether the output has the type of the input
     moves: Callable[[Parameters], bool] = lambda _: False  # its product may have other cells
     shows_changes: bool = False  # in the picture that its command draws
     is_whole: Callable[[Parameters], bool] = lambda _: False

@@ -542,7 +542,7 @@ def gather(
 
 
 def gather_rooms(path: Path, radius: float, *, max_cells: int | None = None) -> RoomFacts:
-    """Return a map in memory for checks that need all of its cells; `gather` has checked it."""
+    """Return facts of a map's rooms, for which all its cells are read; `gather` has checked it."""
     with capture_warnings(), open_map(path, max_cells=max_cells) as file:
         height, width = file.shape()
         needed = file.memory_to_read() + _ROOM_BYTES[engine_name()] * height * width

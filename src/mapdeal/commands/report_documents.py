@@ -1,4 +1,4 @@
-"""The JSON documents of lint, reach, route, diff, align, score and build --compare, on a page.
+"""The JSON documents of lint, reach, route, plan, diff, align, score and build --compare.
 
 They may come from elsewhere: each value is checked, and an error names the file and the key.
 Numbers that JSON does not have, an infinite width for instance, are null there.
@@ -43,10 +43,10 @@ from mapdeal.report.verdict import GEOMETRY, MOST_CLAIMS, on_findings, on_goals
 from mapdeal.ros.robot import CostmapName
 
 MOST_ITEMS = 1000
-"""Of one kind: nobody looks through more, and a page with a million of them opens nowhere."""
+"""Largest number of listed items of one kind; pages with a million of them do not open."""
 
 MOST_POINTS = 20_000
-"""Of a route on a page, which would grow by some megabytes for a million of them."""
+"""Largest number of points of a route on a page; a million of them take some megabytes."""
 
 _MOST_OF_A_CHANGE = 5  # regions that are listed of costs that changed in one way
 MOST_CHANGES = 20  # places that are listed of obstacles that are new, or gone

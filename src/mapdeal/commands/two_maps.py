@@ -93,7 +93,7 @@ def moved_line(transform: Transform) -> str:
 def warn_of_uncovered(
     maps: Sequence[inputs.MapInput], bounds: Sequence[Bound], not_compared: int
 ) -> None:
-    """Warn of bounds that say nothing of the known cells of the first map beyond the second."""
+    """Warn that bounds ignore known cells of the first map outside the second."""
     if bounds and not_compared:
         text = f"does not cover {not_compared} known cells of {maps[0].name}"
         emit_warning(f"{maps[1].name}: {text}, which are not compared")
@@ -112,7 +112,7 @@ def bytes_to_place(maps: Sequence[inputs.MapInput]) -> int:
 
 
 def warn_of_frames(maps: Sequence[inputs.MapInput], advice: str) -> bool:
-    """Warn of two maps whose walls hardly meet where they lie, and do much better once aligned."""
+    """Warn of two maps whose walls do not meet where they lie, but do once aligned."""
     first, second = (source_map.occupancy for source_map in maps)
     before = _meeting(first, second, Transform())
     if before is None or before >= _MEET_ANYWAY:

@@ -135,13 +135,13 @@ class Entry:
 
     @property
     def is_yaml_1_1_text(self) -> bool:
-        """Whether PyYAML reads the scalar as text although ROS reads a number."""
+        """Whether YAML 1.1, and so PyYAML, reads the scalar without quotes as text."""
         is_quoted = getattr(self.node, "style", None)
         return bool(self.node.tag == "tag:yaml.org,2002:str" and not is_quoted)
 
 
 def flattened(path: Path, node: yaml.MappingNode) -> list[tuple[yaml.Node, yaml.Node]]:
-    """Return the pairs of a mapping, behind those of the mappings that ``<<`` names."""
+    """Return the pairs of a mapping after those of the mappings that ``<<`` names."""
     merged = yaml.MappingNode(node.tag, list(node.value), node.start_mark, node.end_mark)
     try:
         yaml.SafeLoader("").flatten_mapping(merged)

@@ -115,7 +115,8 @@ class Line(OneLineRepr):
     Raises
     ------
     ParameterError
-        If there are fewer than two or more than 10,000 points, or a number is not finite.
+        If there are fewer than two or more than 10,000 points, a number is not finite, or the
+        thickness is negative.
 
     Notes
     -----
@@ -197,7 +198,7 @@ class Circle:
     Notes
     -----
     The circle covers every cell whose centre lies within the radius, as in `mapdeal.inflate`, and
-    the cell that contains its own center.
+    the cell that contains its own centre.
 
     Examples
     --------
@@ -282,7 +283,7 @@ class PlainPolygons:
         self.fits[chosen] = inside & (areas > 2 * _FLAT * (high - low).max(axis=1) ** 2)
 
     def spans(self, indices: Sequence[int]) -> Iterator[tuple[polygons.Spans, Integers]]:
-        """Yield the cells of some shapes in order, and whose each run is."""
+        """Yield the runs of cells of some shapes in order, and the index of each run's shape."""
         # Each polygon gets rows of its own in a stack of all.
         chosen = np.array(indices)
         heights = self._height[self._number[chosen]]

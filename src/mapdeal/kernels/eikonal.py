@@ -27,7 +27,6 @@ from mapdeal.kernels.paths import ROOT_OF_2
 from mapdeal.kernels.polygons import Cell
 
 _LEAST_RISE = 0.7  # of a cell's weight, below 1 / sqrt(2) by more than rounding
-LARGEST_WEIGHT_RATIO = 2e6  # the largest cost multiplier, 1e6, gives 1e6 + 1
 
 
 def costs_to_go(classes: Bytes, weights: Floats, sources: Integers, starts: Floats) -> Floats:

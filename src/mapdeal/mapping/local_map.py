@@ -370,7 +370,7 @@ class Sightings:
         self._words[marks[:, 0], marks[:, 1]] = 2 * self._count + 1
 
     def evidence(self, region: frames.Region) -> NDArray[np.int8]:
-        """Return what the clouds that count say of the cells of a region: -1, 0 or 100."""
+        """Return the occupancy of a region by the remembered clouds: -1, 0 or 100."""
         words = self._words_in(region)
         values = np.full(words.shape, map_values.UNKNOWN, dtype=np.int8)
         counts = words >= 2 * self._oldest
@@ -527,8 +527,9 @@ class LocalMapper:
         self._window = window_around(self._pose, options, lattice)
         self._keeps_unknown = global_map is not None and options.unknown == "keep"
         self._frame = self._window.frame_in(lattice)
-        place = self._pose, options, lattice, self._window
-        self._cloud = SeenCloud(*place, with_beams=self._keeps_unknown)
+        self._cloud = SeenCloud(
+            self._pose, options, lattice, self._window, with_beams=self._keeps_unknown
+        )
 
     @property
     def pose(self) -> Pose:
@@ -645,8 +646,9 @@ class RollingMapper:
     def add_in_parts(self, parts: Iterable[ArrayLike]) -> None:
         """Add the next cloud from several arrays of points; see `add`."""
         turn = self._next()
-        place = self.poses[turn], self._options, self._lattice, self._windows[turn]
-        cloud = SeenCloud(*place, with_beams=True)
+        cloud = SeenCloud(
+            self.poses[turn], self._options, self._lattice, self._windows[turn], with_beams=True
+        )
         for points in parts:
             cloud.add(points)
         self._sightings.move(self._canvas(turn))

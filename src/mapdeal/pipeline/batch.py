@@ -74,7 +74,7 @@ class BatchWork:
     settings: Settings
 
     def sharing(self, jobs: int) -> Self:
-        """Return it with a job's part of processors and memory, where there is no other rule."""
+        """Return a copy limited to a job's share of threads and memory, unless these were set."""
         if jobs == 1:
             return self
         threads = self.settings.threads or max(1, available_threads() // jobs)
@@ -430,7 +430,7 @@ def run_all(
     started = time.perf_counter()
 
     def job_of(index: int) -> Job:
-        if index not in marked:  # as it was when its turn came first
+        if index not in marked:  # a retry finds the folder of the first attempt
             marked[index] = replace(jobs[index], is_new=not exists(jobs[index].folder))
         return marked[index]
 

@@ -200,8 +200,10 @@ def exponential_cost(
     )  # fmt: skip
     field = None
     if isinstance(source, DistanceField) and profile.reach > 0:
-        has_seeds = base.spread_from_obstacles(source, around_unknown=inflate_around_unknown)
-        field = source if has_seeds and _distinguishes(source, profile) else None
+        has_same_obstacles = base.spread_from_obstacles(
+            source, around_unknown=inflate_around_unknown
+        )
+        field = source if has_same_obstacles and _distinguishes(source, profile) else None
 
     def costs(rows: slice) -> NDArray[np.uint8]:
         cost = base.costs(rows)
