@@ -362,10 +362,10 @@ class StateFile(MapFile):
         return OccupancyGrid(cells, frame.resolution, frame.origin)
 
     def trajectories(self) -> dict[int, Trajectory]:
-        with sources.binary_file(self.path) as file:
+        with sources.binary_file(self.path) as file:  # which names the file in errors
             graphs = list(self._graph.read(file).messages(1))
-        found = [trajectory for graph in graphs for trajectory in graph.messages(4)]
-        return {path.integer(3): Trajectory.of(path) for path in found if 1 in path}
+            found = [trajectory for graph in graphs for trajectory in graph.messages(4)]
+            return {path.integer(3): Trajectory.of(path) for path in found if 1 in path}
 
     def remark(self, grid: Grid) -> None:
         super().remark(grid)
