@@ -289,7 +289,8 @@ def _expand(
         if kind is not None:
             raise other_kind(path, kind, "a folder of maps")
         if not maps and exempt is None:
-            rule = f"is a directory without a map: {_NO_MAP_IN_FOLDER}{_outside_of(output)}"
+            rule = f"is a directory without a map: {_NO_MAP_IN_FOLDER}{_outside_of(output)}; "
+            rule += "folders of runs are left out"
             raise FileAccessError(rule, source=name)
         maps = [*maps, *folders] or [path]
         root = path
