@@ -176,7 +176,7 @@ declare_checks(
         Example: `origin: [-1.5, 2.0, nan]`.
         Fix: Write 0, or run lint --fix.
     yaml.legacy-mode (warning)
-        An outdated key in the place of mode.
+        An outdated key instead of mode.
         map_server ignores the key and reads trinary: values between free and occupied are lost.
         Example: `trinary: true` without mode.
         Fix: Write mode: trinary, scale or raw.
@@ -186,7 +186,7 @@ declare_checks(
         Example: `free_thresh: 0.65`, equal to occupied_thresh.
         Fix: Write the usual 0.196 for free_thresh.
     image.foreign-path (warning)
-        The path of the image is that of another machine.
+        The image path is from another machine.
         The checks use the image beside the YAML; map_server looks at the path and does not start.
         Example: `image: /home/robot/maps/m.pgm`, which is missing here.
         Fix: Write the file's name alone, or run lint --fix.
@@ -266,7 +266,7 @@ declare_checks(
         Example: A limit on one of three edges.
         Fix: Set speed_limit on every edge.
     graph.other-frame (error)
-        Coordinates of another frame than the map's.
+        Coordinates not in the map's frame.
         Nodes lie far from where they were drawn, and routes lead into walls or off the map.
         Example: Longitudes and latitudes from a GIS.
         Fix: Write metres in the map frame.

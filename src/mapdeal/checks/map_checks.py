@@ -172,7 +172,7 @@ def palette(facts: PairFacts) -> Iterator[str]:
 
 @check("image.greys", "note")
 def greys(facts: PairFacts) -> Iterator[Remark]:
-    """Greys of a trinary map that become unknown, other than 205.
+    """Greys other than 205 that become unknown in a trinary map.
     Blurred edges and drawn marks become unknown cells: planners avoid or cross them, as set.
     Example: Grey 120 along walls after the image was scaled.
     Fix: Check the thresholds, or save 0, 205 and 254 only.
@@ -250,7 +250,7 @@ def _unknown_of_cartographer(facts: PairFacts) -> int:
 
 @check("image.comment-resolution", "warning")
 def comment_resolution(facts: PairFacts) -> Iterator[Remark]:
-    """A resolution in the image other than the YAML's.
+    """An image's resolution that differs from the YAML's.
     With a wrong cell size, all distances are wrong: the robot misses doors and does not localise.
     Example: `0.050 m/pix` in the PGM and 0.1 in the YAML.
     Fix: Measure a known wall, and correct the YAML.
@@ -322,7 +322,7 @@ _PIECES_OF_WALLS, _LARGEST_PIECE = 10, 0.75
 
 @check("map.inside-out", "warning")
 def inside_out(facts: GridFacts) -> Iterator[str]:
-    """Free cells that look like walls, and more cells occupied.
+    """More occupied cells than free ones, and the free ones look like walls.
     The robot may drive in walls only: no plan is found in rooms.
     Example: A map whose `negate` was swapped.
     Fix: Swap negate in the YAML.
@@ -526,7 +526,7 @@ def origin_noise(facts: PairFacts) -> Iterator[Remark]:
 @check("yaml.origin-yaw", "warning")
 def origin_yaw(facts: PairFacts) -> Iterator[Remark]:
     """A map with a yaw, which costmap_2d and AMCL ignore.
-    The robot uses the map unturned, while RViz shows it turned: goals lie elsewhere than shown.
+    The robot uses the map without the yaw, RViz with it: goals lie elsewhere than shown.
     Example: `origin: [-1.5, 2.0, 0.1]`.
     Fix: Run lint --fix, which turns the cells.
     """
@@ -632,12 +632,12 @@ declare_checks(
         Example: A deleted `cost.pgm`.
         Fix: Run mapdeal run again.
     run.other-file (error)
-        A file that differs from the manifest: edited, or of a killed run.
+        A file that differs from the manifest: edited, or from a killed run.
         The robot may use costs that do not belong to the map and parameters in the manifest.
         Example: A `cost.pgm` edited by hand.
         Fix: Run mapdeal run again with --force.
     run.uniform-cost (warning)
-        Uninformative costs: nearly all cells have the same, or none is open.
+        Uninformative costs: equal in nearly all cells, or no cell open.
         Planners see no difference between a corridor's middle and its walls, or find no path.
         Example: An inflation radius of 5 m in rooms of 4 m.
         Fix: Check the radius and the thresholds of the map.

@@ -302,7 +302,7 @@ declare_checks(
         Example: `inflation_layer: {inflation_radius: 1}`.
         Fix: Write the type that the message names: 1.0.
     params.silent-default (warning)
-        A value of a wrong type in ROS 1, which silently takes its default, or rounds a number.
+        A value of a wrong type: ROS 1 silently takes the default, or rounds a number.
         The robot runs with another value than the file shows.
         Example: ROS 1: `robot_radius: "0.3"`.
         Fix: Write the type that the message names.
@@ -397,7 +397,7 @@ declare_checks(
         Example: `inflation_layer: {custom_inscribed_radius: 0.1}`.
         Fix: Remove it, unless all readers of costs expect it.
     params.asymmetric (note)
-        Inflation that depends on the path, which a map does not have.
+        Inflation that depends on a path: a map has none.
         On the robot one side of its path is cheaper; results here are the symmetric ones.
         Example: `inflation_layer: {plugin: "nav2_costmap_2d::AsymmetricInflationLayer",
         cost_scaling_factor: null, cost_scaling_factor_left: 5.0}`.
@@ -439,7 +439,7 @@ declare_checks(
         Example: `robot_radius: 0.2` and later `robot_radius: 1`.
         Fix: Write both values with one type.
     params.overridden (warning)
-        A layer's value that the costmap's own overrides.
+        A layer's value that the costmap's value overrides.
         The layer's line has no effect on the robot.
         Example: ROS 1: `{track_unknown_space: true, static_layer: {track_unknown_space: false}}`.
         Fix: Remove one of the two.

@@ -105,7 +105,7 @@ def never_cleared(facts: RobotFacts) -> Iterator[Remark]:
 
 @check("params.source-height", "warning")
 def source_height(facts: RobotFacts) -> Iterator[Remark]:
-    """A source whose heights let no reading above the floor through.
+    """A source whose height limits drop all readings above the floor.
     The sensor neither marks nor clears, and the robot does not see obstacles. Nav2's default of a
     source's max_obstacle_height is 0.
     Example: `obstacle_layer: {observation_sources: scan, scan: {topic: /scan, clearing: true}}`.
@@ -121,7 +121,7 @@ def source_height(facts: RobotFacts) -> Iterator[Remark]:
 
 @check("params.voxel-ceiling", "note")
 def voxel_ceiling(facts: RobotFacts) -> Iterator[Remark]:
-    """Voxels that end below max_obstacle_height of a source of clouds.
+    """Voxels that end below the max_obstacle_height of a cloud source.
     Obstacles in between are not marked, although their height is accepted.
     Example: `{plugins: [voxels], voxels: {plugin: "nav2_costmap_2d::VoxelLayer", z_resolution:
     0.05, observation_sources: camera, camera: {data_type: PointCloud2, clearing: true,
@@ -190,7 +190,7 @@ def renamed(facts: ParameterFacts) -> Iterator[Remark]:
 
 @check("params.planner-misspelt", "warning")
 def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
-    """A misspelt parameter of a planner, or its class.
+    """A misspelt parameter or class of a planner.
     Nav2 ignores it and plans with the default.
     Example: `planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased: {plugin:
     "nav2_navfn_planner::NavfnPlanner", tolerances: 0.5}}}`.
@@ -282,7 +282,7 @@ def planner_tolerance(facts: PlannerFacts) -> Iterator[Remark]:
 
 @check("params.planner-turning-radius", "warning")
 def planner_turning_radius(facts: PlannerFacts) -> Iterator[Remark]:
-    """A turning radius too large for a robot that only drives forward to turn round on the map.
+    """A turning radius with which a forward-only robot cannot turn round on the map.
 
     Turning round takes twice the radius: there is no path to most goals behind the robot.
     Example: `minimum_turning_radius: 40.0` with a map of 20 m by 20 m.
