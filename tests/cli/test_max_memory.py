@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 IS_COMPILED = engine_name() == "compiled"
 BASE = 50 if IS_COMPILED else 100  # MB that are taken anyhow
 PLENTY = "100GB"
-LITTLE, LESS = ("58.5MB", "57.5MB") if IS_COMPILED else ("110MB", "109MB")
+LITTLE, LESS = ("69.5MB", "68.5MB") if IS_COMPILED else ("121MB", "120MB")
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +128,7 @@ def test_too_little_memory_is_one_line(command, building, tmp_path, name, output
         assert command(*words, needed)[0] == 0  # which is enough
 
 
-@pytest.mark.parametrize("memory", [PLENTY, f"{BASE + (12 if IS_COMPILED else 18)}MB"])
+@pytest.mark.parametrize("memory", [PLENTY, f"{BASE + (23 if IS_COMPILED else 29)}MB"])
 def test_pictures_count_as_memory(command, tmp_path, memory):
     write_map(tmp_path / "wide.yaml", OccupancyGrid(np.zeros((100, 9000), np.int8), 0.1))
     words = ("run", tmp_path / "wide.yaml", "-o", tmp_path / "out", "--threads", 1,
@@ -163,7 +163,7 @@ class Watched:
 ])  # fmt: skip
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_progress_of_a_run_ends_with_its_end(building, tmp_path, recipe, canvas, images):
-    little = size_of(LITTLE, "") if images else size_of(LITTLE, "") - 4 * 10**6
+    little = size_of(LITTLE, "") if images else size_of(LITTLE, "") - 15 * 10**6
     options = {"force": True, "threads": 2, "images": images, "canvas": canvas}
     for size in (10**12, little) if recipe == "default" else (little,):
         watch = Watched()

@@ -94,9 +94,9 @@ def test_the_memory_of_many_changes_is_claimed(command, tmp_path):
     for name, is_closed in (("a.npz", is_even), ("b.npz", 1 - is_even)):
         write_map(tmp_path / name, mapdeal.Costmap(np.uint8(254 * is_closed), 0.25))
     line = "diff", tmp_path / "a.npz", tmp_path / "b.npz", "--max-memory"
-    code, _, err = command(*line, "70MB")
-    assert (code, "600 x 600 cells need 83.2 MB" in err) == (3, True), err
-    assert command(*line, "100MB")[0] == 1
+    code, _, err = command(*line, "80MB")
+    assert (code, "600 x 600 cells need 102 MB" in err) == (3, True), err
+    assert command(*line, "110MB")[0] == 1
 
 
 def test_costs_that_were_moved_are_compared_where_they_belong(command, pair):

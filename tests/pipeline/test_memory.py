@@ -68,10 +68,11 @@ def test_too_little_memory_says_how_much_would_do():
 
 def test_the_memory_of_a_map_includes_its_steps_and_pictures():
     # 1000 of the engine; 3 of the engine, 1 of the map and 1.5 of the step for each of 12 cells
+    drawing = 11_000_000
     assert memory.bytes_in_memory((3, 4), [Step], None) == 1000 + 66
-    assert memory.bytes_in_memory((3, 4), [Step, Step], 0) == 1000 + 84 + 10 * 12
-    assert memory.bytes_in_memory((3, 4), [Step], 2) == 1000 + 66 + 10 * 2 * 2
-    assert memory.bytes_in_memory((30, 4), [], 20) == 1000 + 480 + 10 * 15 * 2
+    assert memory.bytes_in_memory((3, 4), [Step, Step], 0) == 1084 + drawing + 10 * 12
+    assert memory.bytes_in_memory((3, 4), [Step], 2) == 1066 + drawing + 10 * 2 * 2
+    assert memory.bytes_in_memory((30, 4), [], 20) == 1480 + drawing + 10 * 15 * 2
     # 16 bytes for each line beyond a few thousand, and 130 where distances are measured
     lines = 30_001 - budget_of_readers._FEW_LINES
     for steps, of_cells, of_line in (([], 4, 16), ([Step], 5.5, 146)):

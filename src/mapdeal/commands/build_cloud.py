@@ -38,6 +38,7 @@ _TILTED = 1.0  # degrees of tilt that are worth a warning
 _COARSE = 3.0  # times the climb: clearance that is worth a warning
 _KIB, _OF_POINT = 1024, 16  # bytes that a point has in most files: for the progress
 _OF_SCAN = 200  # bytes for each point of a cloud whose beams are followed
+_LIBRARIES = 8_000_000  # bytes of parts of scipy
 
 
 class _Placed(NamedTuple):
@@ -156,7 +157,8 @@ def _mapped(
     frame = frame_of(size, origin, FINEST if resolution is None else resolution)
 
     def claim_for_map(count: int, text: str) -> None:
-        claim(clouds.named, count, what=text, hint="--size and --origin bound the map")
+        hint = "--size and --origin bound the map"
+        claim(clouds.named, _LIBRARIES + count, what=text, hint=hint)
 
     mapper = CloudMapper(options, resolution=resolution, frame=frame, claim=claim_for_map)
     with errors_named(clouds.named):

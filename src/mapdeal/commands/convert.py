@@ -56,6 +56,7 @@ SHAPE_ENDINGS = (*AREA_ENDINGS, *WORLD_ENDINGS)
 
 _PER_CELL, _PER_CORNER, _PER_RUN = 16.0, 240, 1500
 """Bytes of labels and masks for each cell; of points and lists for each corner, or run of walls."""
+_OUTLINE_LIBRARIES = 20_000_000  # bytes of parts of scipy
 
 _REACH_PER_CELL = 40.0
 _MANY_BOXES = 3000
@@ -135,7 +136,8 @@ def convert_area(
         areas.append(("free", values == FREE, outlines.FREE_FILL))
     if has_all or of == "obstacles":
         areas.append(("obstacles", values == OCCUPIED, outlines.WALL_FILL))
-    claimed = _PER_CORNER * sum(corner_count(cells) for _, cells, _ in areas)
+    corners = sum(corner_count(cells) for _, cells, _ in areas)
+    claimed = _OUTLINE_LIBRARIES + _PER_CORNER * corners
     claim_work(source, grid, _PER_CELL, besides=claimed)
     layers = [(outlines.outlines_of(cells, grid.frame, tolerance, name), fill)
               for name, cells, fill in areas]  # fmt: skip
@@ -185,7 +187,7 @@ def convert_world(
     count = int(np.count_nonzero(walls))
     if not count:
         raise MalformedInputError("has no occupied cell: there are no walls", source=source)
-    claim_work(source, grid, _PER_CELL, besides=_PER_RUN * run_count(walls))
+    claim_work(source, grid, _PER_CELL, besides=_OUTLINE_LIBRARIES + _PER_RUN * run_count(walls))
     volume = count * grid.resolution**2 * wall_height
     figures: dict[str, Any] = {"file": str(output), "cells": count}
     figures |= {"volume_m3": volume, "wall_height": wall_height}

@@ -40,6 +40,7 @@ from mapdeal.sensors.points import transform_document
 
 File = str | PathLike[str]
 
+_LIBRARIES = 37_000_000  # bytes that parts of scipy take
 _PER_CELL, _PER_WALL, _PER_LINE = 32, 120, 24
 """Bytes for each cell of a grid around both maps, its rows and columns, and each occupied cell."""
 
@@ -375,7 +376,7 @@ def compared(
     with inputs.errors_named(maps[1].name):
         frame = frame_around(*(grid.frame for grid in grids))
         walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
-        needed = _PER_CELL * frame.height * frame.width + _PER_WALL * walls
+        needed = _LIBRARIES + _PER_CELL * frame.height * frame.width + _PER_WALL * walls
         needed += bytes_of_lines(frame.shape, _PER_LINE)
         inputs.claim_for(maps, needed, f"{frame.width} x {frame.height} cells", **reading)
         return compare(*grids, tolerance=tolerance)

@@ -35,6 +35,7 @@ from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import transform_document
 from mapdeal.stages.structured import Goals
 
+_LIBRARIES = 18_000_000  # bytes of scipy.ndimage
 _PER_CELL, _PER_LINE = 30, 12  # bytes for each cell, row and column around both costmaps
 _WORDS = {
     "closed": "now 253 or more", "opened": "no longer 253 or more", "unknown": "now unknown",
@@ -149,7 +150,8 @@ def costmaps_compared(
     with inputs.errors_named(maps[1].name):
         frame = difference.frame_around(first.frame, second.frame)
         size = f"{frame.width} x {frame.height} cells"
-        needed = _PER_CELL * frame.height * frame.width + bytes_of_lines(frame.shape, _PER_LINE)
+        needed = _LIBRARIES + _PER_CELL * frame.height * frame.width
+        needed += bytes_of_lines(frame.shape, _PER_LINE)
 
         def claim_with(changes: int) -> None:
             inputs.claim_for(maps, needed + changes, size, **reading)

@@ -14,7 +14,7 @@ from mapdeal import errors
 from mapdeal.command import AT_LEAST_1, Output, Result, Words, command, parameters_of, unknown_name
 from mapdeal.commands.reach import chosen_goals, goals_or_names, start_of
 from mapdeal.compatibility import Unpack
-from mapdeal.files.source import absolute_path
+from mapdeal.files.source import absolute_path, claim
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Goal, robot_text
 from mapdeal.grid.values import count_text
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 _LOCAL_SET = "--local-set"
 _OF_LOCAL = f"{pipeline.LOCAL_RECIPE}."
+
+_PAGE_BYTES = 20_000_000  # of libraries and pictures for a page of the results
 
 File = str | PathLike[str]
 
@@ -304,6 +306,9 @@ def run_maps(
         from mapdeal.commands.report import VERDICT, RunChecks, page_in, written
 
         page = page_in(output) if report else None
+        if page:
+            with settings.reading():
+                claim(page, _PAGE_BYTES, what="pages of results")
         map_of_folder = {job.folder: job.path for job in all_jobs if job.error is None}
         listed = chosen_goals(goals, points)
         goal_check = RunChecks(settings, footprint, robot, start, listed, map_of_folder)

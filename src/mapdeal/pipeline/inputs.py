@@ -38,6 +38,7 @@ from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.cost import apply_keepout_mask
 
 _BYTES_PER_PIXEL = 10  # of pictures while they are drawn, two at the same time
+_DRAWING_LIBRARY = 11_000_000  # bytes of Pillow and its fonts
 _BYTES_PER_LONG_SQUARE = 10  # additional bytes per cell where squares of distances have 64 bits
 _BYTES_PER_LINE = 16  # per row and column
 _BYTES_PER_MEASURED_LINE = 130
@@ -102,7 +103,8 @@ def _base_bytes(shape: tuple[int, int], image_max: int | None) -> int:
         return base
     height, width = shape
     step = max(1, -(-max(shape) // image_max)) if image_max else 1
-    return base + _BYTES_PER_PIXEL * -(-height // step) * -(-width // step)
+    pixels = -(-height // step) * -(-width // step)
+    return base + _DRAWING_LIBRARY + _BYTES_PER_PIXEL * pixels
 
 
 @contextmanager
@@ -547,6 +549,8 @@ def outputs_of(
         if picture in all_outputs:
             raise ParameterError("is an output already", place=option, got=str(picture))
         all_outputs.append(picture)
+        with settings.reading():
+            sources.claim(picture, _DRAWING_LIBRARY, what="pictures")
     with (
         use_threads(settings.threads),
         Transaction(all_outputs, inputs=inputs, force=settings.force) as transaction,

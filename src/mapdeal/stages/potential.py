@@ -47,6 +47,7 @@ mapdeal potential examples/maps/office.yaml -o out/potential.npz --goal 9,5 \\
     "by the costs of MAP or of the robot.",
     title=lambda parameters: "potential field" if parameters["goal"] else "repulsive field",
     memory=125.0,
+    of_library=20_000_000,  # scipy.fft
     is_whole=lambda _: True,
     passes_output_on=False,
     needs_costs=lambda parameters: parameters["cost_travel_multiplier"] > 0,
