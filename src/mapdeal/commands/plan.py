@@ -479,8 +479,7 @@ def check_map(source: inputs.MapInput, **reading: Unpack[inputs.Reading]) -> Non
         raise ParameterError("holds costs; planners are tried on a map", source=source.name)
     inputs.warn_of_values(source)
     inputs.claim_cells(source, _PER_CELL, measures=True, **reading)
-    if source.occupancy.origin[2]:
-        emit_warning(f"{source.name}: Nav2's planners ignore the yaw of the map, as plan does")
+    inputs.warn_of_yaw(source.name, source.occupancy)
 
 
 @command(

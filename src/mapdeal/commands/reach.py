@@ -251,6 +251,8 @@ def reachability(
     (map_read,) = inputs.open_inputs(
         map, names=("map",), also=[*also, *(mask.files if mask else ())]
     )
+    if robot is not None:
+        inputs.warn_of_yaw(map_read.name, map_read.grid)
     found = reach_on_input(map_read, step, robot, mask)
     if "start" not in parameters:
         x, y = found.start[:2]

@@ -495,6 +495,8 @@ def _costs_of(
         hint = "route COSTS.npz --method astar --cost-travel-multiplier K weighs costs"
         raise errors.ParameterError(rule, source=source.name, hint=hint)
     inputs.warn_of_values(source)
+    if robot is not None:
+        inputs.warn_of_yaw(source.name, grid)
     with inputs.errors_named(source.name):
         for step in _recipe_for(footprint, robot).steps:
             if over is not None and step.accepts_mask:

@@ -564,6 +564,13 @@ def warn_of_potential(map_read: MapInput) -> None:
         emit_warning(text)
 
 
+def warn_of_yaw(name: Path | str, grid: Framed) -> None:
+    """Warn if a robot's costmap lies elsewhere than the map, because it ignores the map's yaw."""
+    if grid.origin[2]:
+        text = "the robot's costmap ignores the yaw of the map, so places on it differ"
+        emit_warning(f"{name}: {text}; rotate --yaw 0 turns the cells instead")
+
+
 def warn_of_values(map_read: MapInput) -> None:
     """Warn if values of a map are ignored: published costs, or a potential's goal and gains."""
     grid, metadata = map_read.grid, map_read.metadata

@@ -319,6 +319,8 @@ def run_map(
                 )
             )
             mask = inputs.mask_of(settings.mask, settings, source.grid)
+            if recipe.robot is not None:
+                inputs.warn_of_yaw(path, source.grid)
         target = output_folder(folder, source.sums, recipe, settings)
         canvas = source.grid.frame if settings.canvas == "full" else None
         products = products_of(recipe, source.grid, path, canvas=canvas, mask=mask)
@@ -419,6 +421,7 @@ def apply_to_file(
     path: Path, output: Path, step: Step, settings: Settings, *, encoding: Encoding = "occupancy",
     curve: Path | None = None, with_curve: bool = False,
     with_sums: bool = False, also_read: Sequence[Path] = (), before: Sequence[Step] = (),
+    of_robot: bool = False,
 ) -> SingleResult:  # fmt: skip
     # The keepout mask of the settings is laid over the costs that the stage makes. The picture of
     # their curve goes to `curve`, if that is given; `with_curve` asks for the curve alone, if there
@@ -432,6 +435,8 @@ def apply_to_file(
         path, [*before, step], settings, image_max=image_max, with_sums=with_sums
     )
     with use_threads(settings.threads), opened as source:
+        if of_robot:
+            inputs.warn_of_yaw(path, source.grid)
         keepout = inputs.mask_of(settings.mask, settings, source.grid)
         read = [*source.files, *(keepout.files if keepout else ()), *also_read]
         progress = settings.progress if source.grid.is_lazy else None
