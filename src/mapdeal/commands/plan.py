@@ -226,7 +226,9 @@ class PlanReport(Spread):
     @property
     def passes(self) -> bool:  # type: ignore[override]
         """Whether all goals have plans; with an expected result, whether it is met."""
-        return not (self.missed if self.differences is None else self.differences)
+        if self.differences is not None:
+            return not self.differences
+        return all(goal.plan.found for goal in self.goals)
 
     def document(self) -> dict[str, Any]:
         listed, robot = self.work.listed, self.work.robot
@@ -287,8 +289,9 @@ class PlanReport(Spread):
         _refuse_differences(self.differences, self.work.source.name)
         if self.passes:
             return
-        first, *more = self.missed
-        rule = f"no path to goal {first.goal.label}: {first.plan.detail or first.plan.reason}"
+        first, *more = [goal for goal in self.goals if not goal.plan.found]
+        verdict = "no path" if first.plan.is_known else "not known whether a path leads"
+        rule = f"{verdict} to goal {first.goal.label}: {first.plan.detail or first.plan.reason}"
         if more:
             rule += f"; {len(more)} more without a path"
         hint = f"this makes one: {first.best_change}" if first.changes else None
@@ -345,9 +348,9 @@ class PlanTable(Spread):
             raise BatchError(f"{len(self.failed)} of {len(self.reports)} plans failed")
         _refuse_differences(self.differences)
         reports = [report for report in self.reports if isinstance(report, PlanReport)]
-        missed = sum(len(report.missed) for report in reports)
+        missed = sum(not goal.plan.found for report in reports for goal in report.goals)
         if missed and self.differences is None:
-            raise FindingError(f"no path to {count_text(missed, 'goal')}")
+            raise FindingError(f"no path found to {count_text(missed, 'goal')}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
