@@ -178,10 +178,11 @@ def draw_pairs() -> None:
     """Draw the routes of three methods on one map."""
     office = mapdeal.read_map(MAPS / "office.yaml")
     costmap = mapdeal.apply_recipe(office, "nav2")["cost"]
+    ends = dict(zip(("start", "goal"), COMPARED, strict=True))
     routes = {
-        "plain": mapdeal.shortest_route(costmap, *COMPARED),
-        "in the cost": mapdeal.shortest_route(costmap, *COMPARED, field_weight=1.0),
-        "in the heuristic": mapdeal.shortest_route(costmap, *COMPARED, heuristic_weight=2.0),
+        "plain": mapdeal.route(costmap, **ends),
+        "in the cost": mapdeal.route(costmap, **ends, field_weight=1.0),
+        "in the heuristic": mapdeal.route(costmap, **ends, heuristic="field"),
     }
     image = occupancy_image(
         office, title="office: routes of three methods", overlay=Routes(routes),

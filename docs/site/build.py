@@ -42,7 +42,7 @@ API = {
         "active_region", "inflate", "esdf", "field_view", "exponential_cost", "threshold_cost",
         "ring_cost", "layered_cost", "StaticLayer", "InflationLayer", "DenoiseLayer",
         "apply_keepout_mask",
-        "potential", "reach", "footprint_costs", "cost_curve", "shortest_route", "descend",
+        "potential", "reach", "footprint_costs", "cost_curve", "route",
     ),
     "As the commands do": (
         "run", "load_recipe", "apply_recipe", "read_robot_parameters", "lint", "diff", "score",

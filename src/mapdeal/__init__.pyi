@@ -119,9 +119,6 @@ from mapdeal.pipeline.recipe import read_robot_parameters as read_robot_paramete
 from mapdeal.pipeline.run import RunReport as RunReport
 from mapdeal.pipeline.run import apply_recipe as apply_recipe
 from mapdeal.pipeline.run import costmap as costmap
-from mapdeal.planning.goal_routes import shortest_way as shortest_way
-from mapdeal.planning.routes import descend as descend
-from mapdeal.planning.routes import shortest_route as shortest_route
 from mapdeal.ros.robot import RobotParameters as RobotParameters
 from mapdeal.sensors.clouds import read_cloud as read_cloud
 from mapdeal.sensors.points import read_poses as read_poses

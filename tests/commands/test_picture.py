@@ -57,7 +57,7 @@ def test_each_command_of_a_stage_writes_these_bytes(office, drawn_by, words, mak
 
 def test_a_route_over_costs_is_the_commands_picture(office, drawn_by):
     costs = mapdeal.apply_recipe(office, "nav2")["cost"]
-    route = mapdeal.shortest_route(costs, START, GOAL)
+    route = mapdeal.route(costs, start=START, goal=GOAL)
     picture = mapdeal.draw_picture(costs, title="office: route, astar", route=route)
     ends = ["--from", "-7.5,2.5", "--to", "9,5"]
     assert picture.png() == drawn_by("route", OFFICE, *ends, out=None)

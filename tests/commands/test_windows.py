@@ -32,8 +32,11 @@ def test_a_route_to_a_goal_beyond_ends_at_the_best_border_cell(sh, here, world, 
     assert (code, answer["reached"], answer["beyond_window"]) == (0, False, True)
     assert "the goal 11, 1.2 is beyond the map: the route ends at its border, at " in err
     (x, y), wide = answer["points"][-1], _costs_of(world.occupancy)
-    find = mapdeal.shortest_way if method == "geodesic" else mapdeal.shortest_route
     window, totals = _costs_of(world.occupancy[:, :10]), {}
+
+    def length(costs, start, goal):
+        return mapdeal.route(costs, start=start, goal=goal, method=method).length
+
     for row, col in np.ndindex(window.shape):
         if row not in (0, window.shape[0] - 1) and col not in (0, window.shape[1] - 1):
             continue
@@ -41,8 +44,8 @@ def test_a_route_to_a_goal_beyond_ends_at_the_best_border_cell(sh, here, world, 
         straight, before = math.dist(centre, (11, 1.2)), math.dist(centre, (2.25, -0.25))
         limit = min(totals.values(), default=math.inf) + 0.5
         if window.cost[row, col] < 253 and before + straight <= limit:
-            totals[centre] = find(window, (2.25, -0.25), centre).length + (
-                find(wide, centre, (11, 1.2)).length if known else straight
+            totals[centre] = length(window, (2.25, -0.25), centre) + (
+                length(wide, centre, (11, 1.2)) if known else straight
             )
     assert totals[x, y] <= min(totals.values()) + 0.5  # lengths of first order
     assert sh(f"{line} --strict")[0] == 1

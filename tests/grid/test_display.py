@@ -68,7 +68,7 @@ def samples():
         for value in [
             map_, field, costmap, mapdeal.field_view(field), mapdeal.potential(map_),
             mapdeal.BitMap.from_occupancy(map_), map_.frame, built, mapper.result(), options,
-            mapdeal.shortest_route(costmap, start, goal), field.query([start, goal]),
+            mapdeal.Route("astar", False, start, goal), field.query([start, goal]),
             map_.query([start, goal]),
             mapdeal.cloud_map(above, resolution=0.2), mapdeal.CloudOptions(), mapdeal.CloudMapper(),
             mapdeal.ViewScale(), robot_shape, mapdeal.BeamLimits(),

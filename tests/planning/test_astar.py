@@ -9,9 +9,16 @@ from hypothesis import given, reject, strategies as st
 import mapdeal
 import oracles
 from drawn import grid_from_text
-from mapdeal import Costmap, ParameterError, descend, esdf, potential, read_map, shortest_route
+from mapdeal import Costmap, ParameterError, esdf, read_map
+from mapdeal.planning.routes import Terrain, route_over, surcharges_near_obstacles
 
 ORIGIN = (1.5, -2.0, 0.4)
+
+
+def shortest_route(costmap, start, goal, *, heuristic_weight=0.0, **options):
+    terrain = Terrain.of(costmap, **options)
+    surcharges = surcharges_near_obstacles(terrain, heuristic_weight)
+    return route_over(terrain, start, goal, surcharges=surcharges)
 
 
 def _weights(cost, multiplier, through_unknown, distance, field_weight):
@@ -185,6 +192,7 @@ def test_a_route_past_inscribed_cells_keeps_the_inscribed_radius(real_maps):
 HALL = "\n".join(["." * 24] * 6 + ["." * 12 + "#" + "." * 11] * 8)
 FREE = Costmap(np.zeros((4, 9), np.uint8), 0.5)
 ENDS = {"start": (0.25, 0.25), "goal": (3.75, 1.25)}
+WALL = Costmap(np.array([[254, 0]], np.uint8), 1.0)
 
 
 @pytest.fixture
@@ -237,21 +245,10 @@ def test_pairs_are_found_as_they_are_read(tmp_path):
         routes.check()
 
 
-GRID = grid_from_text("..#", 0.25)
-COSTS = Costmap.from_occupancy(GRID)
-INSIDE, WALL = (tuple(xy) for xy in GRID.frame.xy_from_rowcol([(0, 0), (0, 2)]).tolist())
-FIELD = potential(GRID, goal=INSIDE)
-
-
 @pytest.mark.parametrize(("call", "message"), [
-    (lambda: shortest_route(GRID, INSIDE, INSIDE), "exponential_cost"),
-    (lambda: shortest_route(FREE, (1.6, 1.8, 0.5), (1.6, 1.8)), "two numbers"),
-    (lambda: descend(COSTS, potential(GRID), INSIDE), "no goal"),
-    (lambda: descend(COSTS, FIELD, WALL), "^start: .*closed"),
-    (lambda: descend(COSTS, esdf(GRID), INSIDE), "PotentialField"),
-    (lambda: descend(GRID, FIELD, INSIDE), "exponential_cost"),
-    (lambda: descend(Costmap.from_occupancy(mapdeal.OccupancyGrid(GRID.occupancy, 0.25)), FIELD,
-                     INSIDE), "same cells"),
+    (lambda: mapdeal.route(FREE, start=(1.6, 1.8, 0.5), goal=(1.6, 1.8)), "two numbers"),
+    (lambda: mapdeal.route(WALL, start=(0.5, 0.5), goal=(1.5, 0.5), method="descent"),
+     "start: .*closed"),
     (lambda: mapdeal.route(FREE), "^start, goal: both are required"),
     (lambda: mapdeal.route(FREE, **ENDS, compare=["plain"]), "^compare: applies to pairs alone"),
     (lambda: mapdeal.route(FREE, **ENDS, heuristic_weight=1.0),

@@ -12,7 +12,7 @@ import oracles
 from drawn import cells, grid_from_text
 from mapdeal.kernels.eikonal import is_line_clear, lengths_to
 from mapdeal.planning import routes as descent
-from mapdeal.planning.goal_routes import shortest_way
+from mapdeal.planning.goal_routes import shortest_over
 from mapdeal.planning.routes import Terrain
 
 ORIGIN = (1.5, -2.0, 0.4)
@@ -30,8 +30,12 @@ def _costmap(grid):
 def _descent(grid, start, goal, through_unknown=False, **options):
     """The way down between two places in cells."""
     field = mapdeal.potential(grid, goal=_xy(grid, *goal), **options)
-    start = _xy(grid, *start)
-    return mapdeal.descend(_costmap(grid), field, start, through_unknown=through_unknown)
+    return _descend(_costmap(grid), field, _xy(grid, *start), through_unknown=through_unknown)
+
+
+def _descend(costmap, field, start, **options):
+    terrain, surface = Terrain.of(costmap, **options), field.downhill_surface()
+    return descent.descend_on(terrain, surface, start, field.goal)
 
 
 def _closed_share(is_open, start, end):
@@ -108,7 +112,7 @@ def test_steps_lead_down_and_nothing_is_lower_at_the_end(seed, density, gain, th
     grid = mapdeal.OccupancyGrid(occupancy, 0.25, ORIGIN)
     start, goal = (_xy(grid, *(np.array(cell) + rng.random(2))) for cell in grid_cells)
     field = mapdeal.potential(grid, goal=goal, attractive_gain=gain)
-    route = mapdeal.descend(_costmap(grid), field, start, through_unknown=through_unknown)
+    route = _descend(_costmap(grid), field, start, through_unknown=through_unknown)
     surface = field.downhill_surface()
     places = grid.frame.continuous_rowcol_from_xy(route.points_xy)
     is_open = (occupancy == 0) | (through_unknown & (occupancy == -1))
@@ -165,7 +169,7 @@ def test_before_closed_cells_the_way_slides_on_to_the_goal(real_maps):
     grid = mapdeal.read_map(next(real_maps.rglob("depot.yaml")))
     costs = {"inscribed_radius": 0.22, "inflation_radius": 0.7, "cost_scaling_factor": 3.0}
     field = mapdeal.potential(grid, goal=(29.875, 14.725), attractive_gain=300.0)
-    assert mapdeal.descend(mapdeal.exponential_cost(grid, **costs), field, (0.675, 0.475)).reached
+    assert _descend(mapdeal.exponential_cost(grid, **costs), field, (0.675, 0.475)).reached
 
 
 def test_a_way_without_end_is_given_up(monkeypatch):
@@ -236,7 +240,7 @@ def test_ways_are_within_a_fiftieth_of_the_shortest_and_in_open_cells(case):
     is_open, start, goal = case
     costmap = mapdeal.Costmap(np.where(is_open, 0, 254).astype(np.uint8), *FRAME)
     ends = costmap.frame.xy_from_continuous_rowcol([start, goal]).tolist()
-    route = shortest_way(costmap, *map(tuple, ends))
+    route = shortest_over(Terrain.of(costmap), *map(tuple, ends))
     exact = oracles.shortest_way(is_open, start, goal)
     field = lengths_to(is_open, tuple(goal))
     reached = mapdeal.reach(costmap, start=tuple(ends[1]), radius=0.0).reachable
@@ -266,7 +270,8 @@ def test_ends_at_edges_belong_to_the_cells_that_reach_says(case, offsets):
     if not inside.all() or not is_open[tuple(cells.T)].all():
         return
     reached = mapdeal.reach(costmap, start=tuple(goal), radius=0.0).reachable.astype(bool)
-    assert shortest_way(costmap, tuple(start), tuple(goal)).reached == reached[tuple(cells[0])]
+    route = shortest_over(Terrain.of(costmap), tuple(start), tuple(goal))
+    assert route.reached == reached[tuple(cells[0])]
     grid = mapdeal.OccupancyGrid(np.where(is_open, 0, 100).astype(np.int8), *FRAME)
     assert (np.isfinite(mapdeal.potential(grid, goal=tuple(goal)).cost_to_go) == reached).all()
 
@@ -282,6 +287,6 @@ def test_a_way_bends_at_the_corner_of_a_wall():
     grid = grid_from_text(".....\n####.\n.....")
     costmap = mapdeal.Costmap(np.where(grid.occupancy == 100, 254, 0).astype(np.uint8), *FRAME)
     start, goal = costmap.frame.xy_from_continuous_rowcol([[0.5, 0.5], [2.5, 0.5]]).tolist()
-    route = shortest_way(costmap, tuple(start), tuple(goal))
+    route = shortest_over(Terrain.of(costmap), tuple(start), tuple(goal))
     assert route.length == pytest.approx((2 * math.hypot(3.5, 0.5) + 1) * 0.25, rel=1e-3)
     assert (route.method, route.optimal, route.expanded) == ("geodesic", False, None)

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 import mapdeal
 from drawn import grid_from_text
-from mapdeal import Costmap, Footprint, Goal, OccupancyGrid, footprint_costs, reach, shortest_route
+from mapdeal import Costmap, Footprint, Goal, OccupancyGrid, footprint_costs, reach, route
 from mapdeal.errors import MalformedInputError
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
 from mapdeal.maps.route_graphs import graph_text
@@ -402,7 +402,7 @@ def test_a_route_on_the_graph_is_little_longer_than_without():
     terrain = Terrain.of(Costmap.from_occupancy(grid))
     start, goal = grid.frame.xy_from_rowcol([(2, 2), (7, 27)]).tolist()
     found = route_on_graph(terrain, graph, start, goal)
-    alone = shortest_route(Costmap.from_occupancy(grid), start, goal)
+    alone = route(Costmap.from_occupancy(grid), start=start, goal=goal)
     assert found.reached
     assert alone.length <= found.length + 0.5 < 1.4 * alone.length
 

@@ -249,7 +249,7 @@ def test_a_robot_exactly_as_wide_as_the_door_does_not_pass(cells):
         assert found.goals[0].widest_radius == radius
         assert (found.widest[found.reachable == 1] > robot).all()
         costs = mapdeal.exponential_cost(grid, inscribed_radius=robot, inflation_radius=1.0)
-        assert mapdeal.shortest_route(costs, start, goal).reached == passes
+        assert mapdeal.route(costs, start=start, goal=goal).reached == passes
         if robot >= grid.resolution:
             inflated = mapdeal.inflate(grid, radius=robot)
             assert mapdeal.reach(inflated, start=start, goals=[goal]).goals[0].reachable == passes

@@ -147,7 +147,7 @@ def draw_picture(
     if title is not None and not isinstance(title, str):
         raise ParameterError("must be a text", place="title", got=title)
     if route is not None and not isinstance(route, Route):
-        hint = "shortest_route and descend return one"
+        hint = "mapdeal.route returns one"
         raise ParameterError("must be a Route", place="route", got=route, hint=hint)
     if robot is not None and not isinstance(robot, Footprint):
         raise ParameterError("must be a Footprint", place="robot", got=robot)

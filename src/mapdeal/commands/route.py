@@ -352,10 +352,6 @@ def route(
     ParameterError
         If start or goal is outside the map or in a closed cell, or parameters do not go together.
 
-    See Also
-    --------
-    shortest_route, descend : The same on a costmap.
-
     Examples
     --------
     >>> from mapdeal import Costmap
@@ -465,7 +461,12 @@ def _search_by(
         published = terrain.costmap.to_occupancy()
         lethal = published.with_values(published.occupied().astype("int8") * OCCUPIED)
         repulsion = potential(lethal, **gains)
-        return lambda start, goal: routes.descend_on(terrain, replace(repulsion, goal=goal), start)
+
+        def descend(start: Point, goal: Point) -> Route:
+            surface = replace(repulsion, goal=goal).downhill_surface()
+            return routes.descend_on(terrain, surface, start, goal)
+
+        return descend
     search: dict[str, Any] = {}
     if name == "cost":
         search = {"weights": terrain.weights_near_obstacles(field_weight)}

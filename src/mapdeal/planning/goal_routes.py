@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Point
 from mapdeal.grid.reach import Method, Route
 from mapdeal.kernels.eikonal import Place, is_line_clear, lengths_to, opens
@@ -32,59 +31,12 @@ _STEP_LENGTHS = np.hypot(*np.ogrid[-1:2, -1:2]) + np.diag([0.0, 1.0, 0.0])
 """Lengths of steps to the cells around a cell; 1 for the cell itself."""
 
 
-def shortest_way(
-    costmap: Costmap,
-    start: Point,
-    goal: Point,
-    *,
-    cost_travel_multiplier: float = 2.0,
-    through_unknown: bool = False,
-) -> Route:
-    """Find the shortest route in any direction around the closed cells of a costmap.
-
-    Parameters
-    ----------
-    costmap : Costmap
-        Costs, of which only those of closed cells matter; these are as for `shortest_route`.
-    start, goal : tuple of float
-        Start and goal in the map frame, metres.
-    cost_travel_multiplier : float
-        Weight of costs relative to length in the route's `cost`; it does not affect the path.
-    through_unknown : bool
-        Whether unknown cells are open.
-
-    Returns
-    -------
-    Route
-        Its points are at most half a cell apart. If there is no route, `reached` is False and there
-        are no points.
-
-    Raises
-    ------
-    ParameterError
-        If start or goal is outside the map or in a closed cell.
-
-    Notes
-    -----
-    The route descends the lengths to the goal from cell to cell (see `potential`, `cost_to_go`) and
-    is then pulled tight: no route that passes closed cells on the same sides is shorter. It bends
-    at corners of closed cells alone, a thousandth of a cell away from them.
-
-    Examples
-    --------
-    >>> from mapdeal.grid.costmap import Costmap
-    >>> wall = Costmap([[0, 0, 0], [0, 254, 254], [0, 0, 0]], 0.5)
-    >>> route = shortest_way(wall, (1.25, 0.25), (1.25, 1.25))
-    >>> route.reached, round(route.length, 2)
-    (True, 2.08)
-    """
-    terrain = Terrain.of(
-        costmap, cost_travel_multiplier=cost_travel_multiplier, through_unknown=through_unknown
-    )
-    return shortest_over(terrain, start, goal)
-
-
 def shortest_over(terrain: Terrain, start: Point, goal: Point) -> Route:
+    """Return the shortest route in any direction, with points at most half a cell apart.
+
+    It descends the lengths to the goal from cell to cell and is then pulled tight: no route that
+    passes closed cells on the same sides is shorter. It bends at corners of closed cells alone.
+    """
     terrain.open_cell_of(start, "start")
     terrain.open_cell_of(goal, "goal")
     frame = terrain.costmap.frame

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap, travel_weights
-from mapdeal.grid.field import DistanceField, PotentialField
+from mapdeal.grid.field import DistanceField
 from mapdeal.grid.frame import Point
 from mapdeal.grid.reach import Route
 from mapdeal.grid.reaching import Cell, cell_of_point, nearest_open_text
@@ -53,9 +53,6 @@ class Terrain:
         field_weight: float = 0.0,
         through_unknown: bool = False,
     ) -> Terrain:
-        if not isinstance(costmap, Costmap):
-            rule = "takes a Costmap; exponential_cost makes one of a map"
-            raise ParameterError(rule, source="route", got=type(costmap).__name__)
         check_factor("cost_travel_multiplier", cost_travel_multiplier)
         check_factor("field_weight", field_weight)
         lethal = LETHAL_OBSTACLE if costmap.scale == "costmap2d" else OCCUPIED
@@ -158,76 +155,6 @@ def check_factor(name: str, value: float) -> float:
     return value
 
 
-def shortest_route(
-    costmap: Costmap,
-    start: Point,
-    goal: Point,
-    *,
-    cost_travel_multiplier: float = 2.0,
-    field_weight: float = 0.0,
-    heuristic_weight: float = 0.0,
-    through_unknown: bool = False,
-) -> Route:
-    """Find the route of lowest cost through a costmap by A*, over eight neighbours per cell.
-
-    Parameters
-    ----------
-    costmap : Costmap
-        The costs. Lethal and inscribed cells are closed: 254 and 253, or 100 and 99 on scale
-        ``occupancy``.
-    start, goal : tuple of float
-        Start and goal in the map frame, metres.
-    cost_travel_multiplier : float
-        Weight of costs relative to length, at least 0: a cell of cost c has the weight
-        1 + multiplier * c / 252, or c / 98 on scale ``occupancy``.
-    field_weight : float
-        Additional weight near obstacles, at least 0: the weight of a cell grows by
-        field_weight * (1 - d / 2) if its distance d to an obstacle is below 2 m.
-    heuristic_weight : float
-        Additional estimate near obstacles, at least 0, metres: likewise, the heuristic of a cell
-        grows by heuristic_weight * (1 - d / 2). Above 0, the route need not have the lowest cost.
-    through_unknown : bool
-        Whether unknown cells are open; they then have the highest cost of an open cell.
-
-    Returns
-    -------
-    Route
-        The points are the start, the centres of cells, and the goal. If there is no route,
-        `reached` is False and there are no points.
-
-    Raises
-    ------
-    ParameterError
-        If start or goal is outside the map or in a closed cell, or a number is not allowed.
-
-    Notes
-    -----
-    A step costs its length, 1 or sqrt(2) cells, times the weight of the cell that it enters;
-    diagonal steps between two closed cells are not allowed. If `heuristic_weight` is 0, no other
-    route has a lower sum: the route is `optimal`.
-
-    A weight in the heuristic postpones cells near obstacles: they are expanded after cells in the
-    open whose routes cost up to heuristic_weight metres more. A cell is never reopened after its
-    expansion, so the first route to it stays.
-
-    Examples
-    --------
-    >>> from mapdeal.grid.costmap import Costmap
-    >>> wall = Costmap([[0, 0, 0], [0, 254, 254], [0, 0, 0]], 0.5)
-    >>> route = shortest_route(wall, (1.25, 0.25), (1.25, 1.25))
-    >>> route.reached, round(route.length, 6), round(route.min_clearance, 6)
-    (True, 2.414214, 0.5)
-    """
-    terrain = Terrain.of(
-        costmap,
-        cost_travel_multiplier=cost_travel_multiplier,
-        field_weight=field_weight,
-        through_unknown=through_unknown,
-    )
-    surcharges = surcharges_near_obstacles(terrain, heuristic_weight)
-    return route_over(terrain, start, goal, surcharges=surcharges)
-
-
 def surcharges_near_obstacles(
     terrain: Terrain, heuristic_weight: float
 ) -> NDArray[np.float64] | None:  # fmt: skip
@@ -274,93 +201,32 @@ _STEPS_PER_CELL_OF_SIDE = 20
 """Limits the number of steps: a path of ten times the length of both sides of the map."""
 
 
-def descend(
-    costmap: Costmap,
-    potential: PotentialField,
-    start: Point,
-    *,
-    cost_travel_multiplier: float = 2.0,
-    through_unknown: bool = False,
-) -> Route:
-    """Follow the negative gradient of a potential from a start to its goal.
+def descend_on(
+    terrain: Terrain, surface: NDArray[np.float64], start: Point, goal: Point
+) -> Route:  # fmt: skip
+    """Follow the negative gradient of a surface over the centres of cells to a goal.
 
-    Parameters
-    ----------
-    costmap : Costmap
-        Costs on the same cells; which are closed, and the route's `cost`, as for `shortest_route`.
-    potential : PotentialField
-        Potential with a goal.
-    start : tuple of float
-        Start in the map frame, metres.
-    cost_travel_multiplier : float
-        Weight of costs relative to length in the route's `cost`; it does not affect the path.
-    through_unknown : bool
-        Whether unknown cells are open.
-
-    Returns
-    -------
-    Route
-        If `reached` is False, the route ends in its `local_minimum`. Without a local minimum the
-        route was abandoned at ten times the length of both sides of the map together.
-
-    Raises
-    ------
-    ParameterError
-        If the potential has no goal or another geometry, or start or goal is outside the map or
-        in a closed cell.
-
-    Notes
-    -----
-    Steps are half a cell long, or shorter where the potential, interpolated between the centres
-    of cells, would not fall; it falls with every step. The route slides along closed cells, with
-    steps along the rows or the columns alone. If no such step exists, the route takes the steepest
-    way down to the centre of its cell or of a neighbour; if no such centre is lower, the place is
-    a local minimum. Every segment lies in open cells. The goal is reached from within a
-    cell's length of it, or from within its cell, if nothing closed lies in between.
-
-    The potential is interpolated from `PotentialField.downhill_surface`.
-
-    Examples
-    --------
-    >>> from mapdeal import OccupancyGrid, potential
-    >>> grid = OccupancyGrid([[0, 0, 0, 0]], 0.5)
-    >>> costmap, field = Costmap.from_occupancy(grid), potential(grid, goal=(1.75, 0.25))
-    >>> route = descend(costmap, field, (0.3, 0.25))
-    >>> route.reached, round(route.length, 6)
-    (True, 1.45)
+    Steps are half a cell long, or shorter where the surface, interpolated between the centres of
+    cells, would not fall; it falls with every step. The route slides along closed cells, with
+    steps along the rows or the columns alone. If no such step exists, it takes the steepest way
+    down to the centre of its cell or of a neighbour; without one, the place is a local minimum.
     """
-    if not isinstance(potential, PotentialField):
-        rule = "takes a PotentialField; potential makes one of a map"
-        raise ParameterError(rule, source="descend", got=type(potential).__name__)
-    if potential.goal is None:
-        raise ParameterError("the potential has no goal to descend to")
-    terrain = Terrain.of(
-        costmap, cost_travel_multiplier=cost_travel_multiplier, through_unknown=through_unknown
-    )
-    return descend_on(terrain, potential, start)
-
-
-def descend_on(terrain: Terrain, potential: PotentialField, start: Point) -> Route:
     frame = terrain.costmap.frame
-    if potential.frame != frame or potential.goal is None:
-        raise ParameterError("potential and costmap must have the same cells, and a goal")
     terrain.open_cell_of(start, "start")
-    terrain.open_cell_of(potential.goal, "goal")
-    first, last = frame.continuous_rowcol_from_xy([start, potential.goal]).tolist()
-    slope = _Slope(potential.downhill_surface(), terrain)
+    terrain.open_cell_of(goal, "goal")
+    first, last = frame.continuous_rowcol_from_xy([start, goal]).tolist()
+    slope = _Slope(surface, terrain)
     places, ending = _follow_slope(slope, tuple(first), tuple(last))
     points = frame.xy_from_continuous_rowcol(places)
     points[0] = start
     minimum = None
     if ending == "arrived":
-        points = np.vstack([points, [potential.goal]])
+        points = np.vstack([points, [goal]])
     elif ending == "minimum":
         minimum = (float(points[-1, 0]), float(points[-1, 1]))
     measures = terrain.measure_route(points)
     has_arrived = ending == "arrived"
-    return Route(
-        "descent", has_arrived, start, potential.goal, points, **measures, local_minimum=minimum
-    )
+    return Route("descent", has_arrived, start, goal, points, **measures, local_minimum=minimum)
 
 
 def _follow_slope(slope: _Slope, start: Place, goal: Place) -> tuple[list[Place], Ending]:

@@ -93,7 +93,7 @@ def potential(
     through_unknown : bool
         Whether paths to the goal lead through unknown cells.
     cost_travel_multiplier : float
-        Weight of costs against length in `cost_to_go`, as for `shortest_route`; above 0 for costs.
+        Weight of costs against length in `cost_to_go`, as for `route`; above 0 for costs.
     with_cost_to_go : bool
         Whether to compute `cost_to_go` if there is a goal.
 
