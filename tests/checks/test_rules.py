@@ -24,8 +24,8 @@ NAMES = [
 ]  # fmt: skip
 
 
-def config(tmp_path=Path("/p"), **values):
-    return LintConfig(tmp_path / "mapdeal.toml", "lint", **values)
+def config(**values):
+    return LintConfig(Path("/p/mapdeal.toml"), "lint", **values)
 
 
 def precision(name, texts):
@@ -67,8 +67,6 @@ def test_an_unknown_name_is_an_error_with_a_hint(text, hint):
     assert caught.value.hint.startswith(hint)
     for values, place in [
         ({"select": (text,)}, "lint.select"), ({"ignore": (text,)}, "lint.ignore"),
-        ({"per_file_ignores": (("a", (text,)),)}, 'lint.per-file-ignores."a"'),
-        ({"severity": ((text, "error"),)}, "lint.severity"),
     ]:  # fmt: skip
         with pytest.raises(ParameterError) as caught:
             selection_of(config=config(**values))
@@ -119,36 +117,9 @@ def test_a_comment_on_an_unselected_check_counts_as_used():
     assert (remaining, suppressed) == ((), 0)
 
 
-@pytest.mark.parametrize(("pattern", "is_spared"), [
-    ("m.yaml", True), ("*.yaml", True),
-    *[(name, True) for name in ("old", "old/", "old/*", "old/deep", "old/deep/m.yaml", "*/deep/*",
-                                "**/m.yaml", "o[l]d/?eep/*")],
-    *[(name, False) for name in ("deep", "new/*", "n.yaml", "../*")],
-])  # fmt: skip
-def test_patterns_are_of_names_below_the_files_folder(tmp_path, pattern, is_spared):
-    selection = selection_of(config=config(tmp_path, per_file_ignores=((pattern, ("image",)),)))
-    remaining, suppressed = selection.apply(tmp_path / "old/deep/m.yaml", findings_of(YAW, ALPHA))
-    assert (names_of(remaining), suppressed) == (([YAW], 1) if is_spared else ([YAW, ALPHA], 0))
-    remaining, suppressed = selection.apply(tmp_path.parent / "m.yaml", findings_of(YAW, ALPHA))
-    assert suppressed == 0
-
-
-def test_severities_can_be_changed_and_the_worst_comes_first():
-    of_config = config(severity=(("image.alpha", "error"), ("image", "note"), ("all", "warning")))
-    selection = selection_of(config=of_config)
-    remaining, _ = selection.apply(Path("m.yaml"), findings_of(YAW, "image.colour", ALPHA, SPECKS))
-    assert [(finding.check, finding.severity) for finding in remaining] == [
-        (ALPHA, "error"), (YAW, "warning"), (SPECKS, "warning"), ("image.colour", "note"),
-    ]  # fmt: skip
-
-
 BODY = """select = ["image", "yaml.origin-yaw"]
 ignore = ["image.greys"]
 strict = true
-severity = {"image.lossy" = "error"}
-
-[{table}.per-file-ignores]
-"legacy/*" = ["all"]
 """
 
 
@@ -157,11 +128,10 @@ severity = {"image.lossy" = "error"}
 )
 def test_a_table_is_read_as_it_is_written(tmp_path, name, table):
     path = tmp_path / name
-    path.write_text(f"[{table}]\n{BODY.replace('{table}', table)}")
+    path.write_text(f"[{table}]\n{BODY}")
     assert read_lint_config(path) == LintConfig(
-        path, table, ("image", "yaml.origin-yaw"), ("image.greys",), strict=True,
-        per_file_ignores=(("legacy/*", ("all",)),), severity=(("image.lossy", "error"),),
-    )  # fmt: skip
+        path, table, ("image", "yaml.origin-yaw"), ("image.greys",), strict=True
+    )
 
 
 @pytest.mark.parametrize(("text", "error", "hint"), [
@@ -173,10 +143,6 @@ def test_a_table_is_read_as_it_is_written(tmp_path, name, table):
     ('[lint]\nselect = "image"\n', "lint.select: must be a list of names, got 'image'", ""),
     ("[lint]\nignore = [1]\n", "lint.ignore: must be a list of names, got [1]", ""),
     ("[lint]\nstrict = 1\n", "lint.strict: must be true or false, got 1", ""),
-    ("[lint]\nper-file-ignores = []\n", "lint.per-file-ignores: must be a table of", ""),
-    ("[lint]\nper-file-ignores = {a = 1}\n", 'lint.per-file-ignores."a": must be a list', ""),
-    ("[lint]\nseverity = {x = 'bad'}\n", 'lint.severity."x": must be error, warning or', ""),
-    ("[lint]\nseverity = 1\n", "lint.severity: must be a table of names", ""),
 ])  # fmt: skip
 def test_invalid_values_are_refused_with_file_and_key(tmp_path, text, error, hint):
     path = tmp_path / "mapdeal.toml"

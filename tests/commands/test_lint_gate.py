@@ -52,7 +52,8 @@ def test_the_command_line_comes_before_files_and_what_these_suppress_is_counted(
     codes = [sh(f"lint maps {words}")[0] for words in ("", "--select yaml", "--no-config --strict")]
     assert codes == [0, 1, 1]
     Path("maps/pyproject.toml").unlink()
-    Path("mapdeal.toml").write_text('[lint.per-file-ignores]\n"maps/old" = ["yaml"]\n')
+    with Path("maps/old/turned.yaml").open("a") as file:
+        file.write("# mapdeal: ignore yaml\n")
     line = "2 maps: 0 errors, 0 warnings, 0 notes, 1 suppressed\n"
     assert sh("lint maps --strict")[:2] == (0, line)
     document = sh.json("lint maps --format json")
@@ -179,7 +180,7 @@ def test_rules_count_for_parameter_files(sh):
     out = sh(ROBOT_LINT)[1]
     assert "params.misspelt" not in out
     assert out.splitlines()[-1] == "1 parameter file: 0 errors, 4 warnings, 0 notes, 1 suppressed"
-    Path("mapdeal.toml").write_text('[lint.severity]\n"params.silent-default" = "error"\n')
+    Path("mapdeal.toml").write_text("[lint]\nstrict = true\n")
     assert sh(ROBOT_LINT)[0] == 1
     nothing = "1 parameter file: 0 errors, 0 warnings, 0 notes\n"
     assert sh(f"{ROBOT_LINT} --ignore params")[1] == nothing

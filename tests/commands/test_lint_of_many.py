@@ -95,7 +95,7 @@ def test_a_folder_without_maps_or_that_cannot_be_read_is_a_finding(maps, monkeyp
     assert messages["maps/b", "file.access"] == "cannot be read: Permission denied"
 
 
-def test_a_map_has_the_rules_of_the_nearest_file_unless_one_holds_for_all(maps):
+def test_a_map_has_the_rules_of_the_nearest_file(maps):
     (maps / "pyproject.toml").write_text("[tool.mapdeal.lint]\nstrict = true\n")
     (maps / "b" / "mapdeal.toml").write_text('[lint]\nignore = ["file"]\n')
     make_map("maps/a/turned.yaml", yaw=0.4)
@@ -107,7 +107,6 @@ def test_a_map_has_the_rules_of_the_nearest_file_unless_one_holds_for_all(maps):
     assert [bool(part.failures) for part in report.maps] == [False, True, False, False]
     assert not report.passes
     assert mapdeal.lint(TURNED).passes
-    assert not mapdeal.lint(TURNED, config=maps / "pyproject.toml").passes
 
 
 def test_comments_of_a_broken_map_count_too(maps):

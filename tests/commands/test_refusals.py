@@ -54,11 +54,9 @@ def draw(picture=GRID, **arguments):
 
 @pytest.fixture(autouse=True)
 def folder(here):
-    """A folder with a map, a transform, and files of rules without rules."""
+    """A folder with a map and a transform."""
     Path("s.json").write_text('{"x": 1, "y": 2, "yaw": 0}')
     mapdeal.write_map("m.yaml", GRID)
-    Path("pyproject.toml").touch()
-    Path("m.toml").touch()
 
 
 @pytest.mark.parametrize(("call", "message"), [
@@ -71,9 +69,6 @@ def folder(here):
     *[(lint(odd), "lint: takes names or paths") for odd in (GRID, None, [b"m"])],
     *[(lint(select=odd), "lint: takes names or paths, got") for odd in (3, ["a", None])],
     (lint(select="yaml.defalt"), "--select: unknown check, got 'yaml.defalt'"),
-    (lint(config="m.toml", no_config=True), "--no-config"),
-    (lint(config="pyproject.toml"), "has no table [tool.mapdeal.lint]"),
-    (lint(config="m.toml"), "has no table [lint]"),
     (lint(costmap="global"), "costmap"),
     (lint(params_file=NAV2, costmap="both"), "costmap"),
     (draw(image_max=-1), "image_max: must be a whole number, at least 0, got -1"),
@@ -139,7 +134,7 @@ def test_arguments_that_are_not_allowed(call, message):
 def test_files_that_are_not_there():
     for call in (
         build(log="none"), lambda: mapdeal.diff("m.yaml", "none"), lambda: mapdeal.info("none"),
-        lint(config="none"), recipe("none.yaml"),
+        recipe("none.yaml"),
     ):  # fmt: skip
         with pytest.raises(FileAccessError, match=r"none.*: cannot be read"):
             call()

@@ -5,11 +5,10 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from fnmatch import fnmatchcase
+from dataclasses import dataclass
 from functools import partial
 from inspect import cleandoc
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, Literal
 
 from mapdeal.compatibility import parse_toml
@@ -326,8 +325,6 @@ class LintConfig:
     select: Names | None = None
     ignore: Names | None = None
     strict: bool = False
-    per_file_ignores: tuple[tuple[str, Names], ...] = ()
-    severity: tuple[tuple[str, Severity], ...] = ()
 
 
 def find_lint_config(folder: Path) -> LintConfig | None:
@@ -395,31 +392,10 @@ def _flag(value: Any, path: Path, place: str) -> bool:
     return value
 
 
-def _per_file(value: Any, path: Path, place: str) -> tuple[tuple[str, Names], ...]:
-    if not isinstance(value, dict):
-        rule = "must be a table of patterns and lists of names"
-        raise ParameterError(rule, source=path, place=place, got=value)
-    return tuple(
-        (pattern, _names(names, path, f'{place}."{pattern}"')) for pattern, names in value.items()
-    )
-
-
-def _severity(value: Any, path: Path, place: str) -> tuple[tuple[str, str], ...]:
-    if not isinstance(value, dict):
-        raise ParameterError("must be a table of names", source=path, place=place, got=value)
-    for name, severity in value.items():
-        if severity not in SEVERITIES:
-            rule = f"must be {', '.join(SEVERITIES[:-1])} or {SEVERITIES[-1]}"
-            raise ParameterError(rule, source=path, place=f'{place}."{name}"', got=severity)
-    return tuple(value.items())
-
-
 _KEYS: dict[str, Callable[[Any, Path, str], Any]] = {
     "select": _names,
     "ignore": _names,
     "strict": _flag,
-    "per-file-ignores": _per_file,
-    "severity": _severity,
 }
 """Reader of the value of each key."""
 
@@ -460,44 +436,23 @@ EVERYTHING = "all"
 class Selection:
     checks: frozenset[str]
     strict: bool = False
-    folder: Path = Path()
-    per_file: tuple[tuple[str, frozenset[str]], ...] = ()
-    severity: Mapping[str, Severity] = field(default_factory=dict)
 
     def apply(
         self, file: Path, findings: Iterable[Finding], comments: Sequence[IgnoreComment] = (), *,
         skipped: Iterable[str] = (),
     ) -> tuple[tuple[Finding, ...], int]:  # fmt: skip
-        # Suppressed means that the check is selected, but a comment or a pattern ignores it here.
+        # Suppressed means that the check is selected, but a comment ignores it here.
         # A comment without effect is itself a finding, which comments cannot suppress.
         findings = list(findings)
-        spared = self._ignored_in(file)
         selected = [found for found in findings if found.check in self.checks]
         texts = [text for comment in comments for text in comment.names]
         ignored = {name for text in texts for name in _matches(text)} - {UNUSED}
-        remaining = [found for found in selected if found.check not in ignored | spared]
+        remaining = [found for found in selected if found.check not in ignored]
         suppressed = len(selected) - len(remaining)
-        if UNUSED in self.checks - spared:
+        if UNUSED in self.checks:
             remaining += _unused(file, comments, {*skipped, *(found.check for found in findings)})
-        ranked = (
-            replace(found, severity=self.severity.get(found.check, found.severity))
-            for found in remaining
-        )
-        return tuple(sorted(ranked, key=lambda found: SEVERITIES.index(found.severity))), suppressed
-
-    def _ignored_in(self, file: Path) -> frozenset[str]:
-        if not self.per_file:
-            return frozenset()
-        path, folder = normal_path(file), normal_path(self.folder)
-        if folder not in path.parents:
-            return frozenset()
-        below = PurePosixPath(path.relative_to(folder).as_posix())
-        names = [path.name, *map(str, (below, *below.parents[:-1]))]
-        matching = (
-            checks for pattern, checks in self.per_file
-            if any(fnmatchcase(name, pattern.removesuffix("/")) for name in names)
-        )  # fmt: skip
-        return frozenset().union(*matching)
+        remaining.sort(key=lambda found: SEVERITIES.index(found.severity))
+        return tuple(remaining), suppressed
 
 
 def selection_of(
@@ -512,47 +467,28 @@ def selection_of(
         for key, names in (("select", config.select), ("ignore", config.ignore))
     )
     checks = _refine(checks, selected, ignored, selects=config.select is not None)
-    per_file = tuple(
-        (pattern, frozenset(_ranks(names, source, f'{table}.per-file-ignores."{pattern}"')))
-        for pattern, names in config.per_file_ignores
-    )
-    severity: dict[str, Severity] = {}
-    ranks: dict[str, int] = {}
-    for text, level in config.severity:
-        for name, rank in _ranks([text], source, f"{table}.severity").items():
-            if rank >= ranks.get(name, 0):
-                ranks[name], severity[name] = rank, level
     selected, ignored = _ranks(select, "--select"), _ranks(ignore, "--ignore")
     checks = _refine(checks, selected, ignored, selects=bool(select))
-    return Selection(checks, strict or config.strict, source.parent, per_file, severity)
+    return Selection(checks, strict or config.strict)
 
 
 class Selections:
     """The selection for each map; `config` is as for `mapdeal.lint`."""
 
     def __init__(
-        self, select: Sequence[str], ignore: Sequence[str], *, strict: bool, config: Path | bool
+        self, select: Sequence[str], ignore: Sequence[str], *, strict: bool, config: bool
     ) -> None:
         self._make = partial(selection_of, select, ignore, strict=strict)
-        self._is_nearest = config is True
-        self._config = None if isinstance(config, bool) else _config_in(config)
+        self._reads_config = config
         self._by_folder: dict[Path, Selection] = {}
-        self._make(config=self._config)  # refuses unknown names before any work
+        self._make()  # refuses unknown names before any work
 
     def of(self, path: Path) -> Selection:
         folder = normal_path(path if is_folder(path) else path.parent)
         if folder not in self._by_folder:
-            config = find_lint_config(folder) if self._is_nearest else self._config
+            config = find_lint_config(folder) if self._reads_config else None
             self._by_folder[folder] = self._make(config=config)
         return self._by_folder[folder]
-
-
-def _config_in(path: Path) -> LintConfig:
-    config = read_lint_config(path)
-    if config is None:
-        table = "[tool.mapdeal.lint]" if path.name == PYPROJECT else "[lint]"
-        raise ParameterError(f"has no table {table}", source=path)
-    return config
 
 
 def _refine(

@@ -127,8 +127,7 @@ def lint(
     start: Annotated[tuple[float, ...] | None, Words("X,Y[,YAW]", start_of, "from")] = None,
     goals: Annotated[Sequence[Goal], Words("[NAME=]X,Y", goals_of, "to", is_repeated=True)] = (),
     select: Checks = (), ignore: Checks = (), strict: bool = False,
-    config: Annotated[str | PathLike[str] | bool, Words("FILE", typed=Path)] = True,
-    no_config: bool = False, form: Annotated[ReportForm, Words(name="format")] = "text",
+    config: bool = True, form: Annotated[ReportForm, Words(name="format")] = "text",
     statistics: bool = False, explain: Checks = (),
     jobs: Annotated[int | None, AT_LEAST_1, Words("N", short="j")] = None, fix: bool = False,
     output: Annotated[str | PathLike[str] | None, Words(typed=Path)] = None, in_place: bool = False,
@@ -188,11 +187,8 @@ def lint(
         Checks, or areas of checks, to leave out.
     strict : bool
         Whether warnings also make `LintReport.passes` false.
-    config : path, str or bool
-        Configuration file for all maps  [default: the nearest mapdeal.toml or pyproject.toml of
-        each map]. In Python True stands for the nearest, False for none.
-    no_config : bool
-        Read no configuration file.
+    config : bool
+        Apply the nearest mapdeal.toml or pyproject.toml of each map.
     form : {'text', 'json', 'github', 'sarif', 'junit'}
         Text, one JSON document, GitHub annotations, SARIF 2.1.0, or JUnit XML.
     statistics : bool
@@ -274,9 +270,6 @@ def lint(
         inputs.refuse("needs --mask", mask_kind=mask_kind, start=start, goals=tuple(goals))
     if not names and not robots:
         raise errors.ParameterError("names no map: needs a MAP, or --params-file", source="lint")
-    if no_config and not isinstance(config, bool):
-        raise errors.ParameterError("cannot be given together with --no-config", place="config")
-    config_source = config and not no_config if isinstance(config, bool) else Path(config)
     with settings.reading():
         chunks = _no_standard_input if work is None else work.terminal.input_chunks
         listing = list_maps(names, None, chunks, exempt=RUN_FOLDERS)
@@ -302,7 +295,7 @@ def lint(
         if footprint is None and robot is not None:
             footprint, shape = robot.footprint, planned_shape(robot)
         lint_maps = _Lint(
-            Selections(_as_names(select), _as_names(ignore), strict=strict, config=config_source),
+            Selections(_as_names(select), _as_names(ignore), strict=strict, config=config),
             settings,
             radius=None if footprint is None or not maps else reach_radius(footprint),
             jobs=processes,
