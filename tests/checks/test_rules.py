@@ -8,10 +8,9 @@ from hypothesis import example, given, strategies as st
 from mapdeal.checks.findings import (
     CHECKS,
     Finding,
-    IgnoreComment,
     LintConfig,
     find_lint_config,
-    read_ignore_comments,
+    read_ignored_names,
     read_lint_config,
     selection_of,
 )
@@ -85,36 +84,12 @@ YAW, ALPHA, SPECKS = "yaml.origin-yaw", "image.alpha", "map.specks"
 
 
 def test_a_comment_suppresses_checks_and_areas():
-    comments = [IgnoreComment(3, (YAW, "image"))]
     findings = findings_of(YAW, ALPHA, SPECKS, ALPHA)
-    remaining, suppressed = selection_of().apply(Path("m.yaml"), findings, comments)
+    remaining, suppressed = selection_of().apply(findings, (YAW, "image", "yaml.orign-yaw"))
     assert (names_of(remaining), suppressed) == ([SPECKS], 3)
     # findings of unselected checks do not count as suppressed
-    remaining, suppressed = selection_of(["image"]).apply(Path("m.yaml"), findings_of(YAW, ALPHA))
+    remaining, suppressed = selection_of(["image"]).apply(findings_of(YAW, ALPHA), [YAW])
     assert (names_of(remaining), suppressed) == ([ALPHA], 0)
-
-
-@pytest.mark.parametrize(("names", "message"), [
-    ((), "names no check: write # mapdeal: ignore AREA.NAME"),
-    ((ALPHA,), "image.alpha ignores nothing here"),
-    (("map",), "map ignores nothing here"),
-    (("yaml.orign-yaw",), "unknown check yaml.orign-yaw; did you mean yaml.origin-yaw?"),
-    (("lint.unused-ignore",), "lint.unused-ignore ignores nothing here"),
-])  # fmt: skip
-def test_a_comment_that_ignores_nothing_is_a_finding(names, message):
-    comments = [IgnoreComment(4, names)]
-    remaining, suppressed = selection_of().apply(Path("m.yaml"), findings_of(YAW), comments)
-    assert (names_of(remaining), suppressed) == ([YAW, "lint.unused-ignore"], 0)
-    assert (remaining[1].message, remaining[1].line, remaining[1].severity) == (message, 4, "note")
-    remaining, _ = selection_of([], ["lint"]).apply(Path("m.yaml"), findings_of(YAW), comments)
-    assert names_of(remaining) == [YAW]
-
-
-def test_a_comment_on_an_unselected_check_counts_as_used():
-    remaining, suppressed = selection_of([], ["yaml"]).apply(
-        Path("m.yaml"), findings_of(YAW), [IgnoreComment(1, (YAW,))]
-    )
-    assert (remaining, suppressed) == ((), 0)
 
 
 BODY = """select = ["image", "yaml.origin-yaw"]
@@ -202,18 +177,18 @@ def test_the_nearest_file_with_a_table_is_found(tmp_path, monkeypatch):
     ("# mapdeal: ignore: image", ["image"]),
     ("# mapdeal: ignore image,", ["image"]),
     ("# see below  # mapdeal: ignore image", ["image"]),
-    *[(line, None) for line in ("# mapdeal: ignored image", "# mapdeal: ignore-image", "# ignore",
+    *[(line, []) for line in ("# mapdeal: ignored image", "# mapdeal: ignore-image", "# ignore",
                                 "x#mapdeal: ignore image", "# Mapdeal: ignore image")],
 ])  # fmt: skip
 def test_names_stand_behind_the_words(tmp_path, line, names):
     path = tmp_path / "m.yaml"
     path.write_bytes(b"\xef\xbb\xbfimage: m.pgm\r\n" + line.encode() + b"\r\nmode: raw\n")
-    assert read_ignore_comments(path) == ([] if names is None else [IgnoreComment(2, tuple(names))])
+    assert read_ignored_names(path) == tuple(names)
 
 
 def test_a_file_that_cannot_be_read_has_none(tmp_path):
-    assert read_ignore_comments(tmp_path / "none.yaml") == []
+    assert read_ignored_names(tmp_path / "none.yaml") == ()
     (tmp_path / "large.yaml").write_text("# mapdeal: ignore image\n" * 10_000)
-    assert read_ignore_comments(tmp_path / "large.yaml") == []
+    assert read_ignored_names(tmp_path / "large.yaml") == ()
     (tmp_path / "odd.yaml").write_bytes(b"\xff\xfe\n# mapdeal: ignore image\n")
-    assert read_ignore_comments(tmp_path / "odd.yaml") == [IgnoreComment(2, ("image",))]
+    assert read_ignored_names(tmp_path / "odd.yaml") == ("image",)

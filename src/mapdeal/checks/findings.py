@@ -294,11 +294,6 @@ declare_checks(
         The map may have any error, and nothing here would show it.
         Example: A map larger than the memory that may be used.
         Fix: Give more --max-memory, or report the bug.
-    lint.unused-ignore (note)
-        An ignore comment without effect, or with an unknown check.
-        A misspelt comment silences nothing, and an outdated one may later hide a new problem.
-        Example: `# mapdeal: ignore yaml.origin-yaws`.
-        Fix: Correct the name, or remove the comment.
     lint.left-out (note)
         A check was skipped because it needs too much memory.
         Rooms that the robot cannot enter are not reported for this map.
@@ -400,22 +395,17 @@ _KEYS: dict[str, Callable[[Any, Path, str], Any]] = {
 """Reader of the value of each key."""
 
 
-@dataclass(frozen=True)
-class IgnoreComment:
-    line: int
-    names: Names
-
-
-def read_ignore_comments(path: Path, limit: int = OF_MAPS.bytes) -> list[IgnoreComment]:
+def read_ignored_names(path: Path, limit: int = OF_MAPS.bytes) -> Names:
+    """Return the names of checks in a file's ignore comments."""
     # The search needs no YAML parser, so comments count in malformed files, too. They start at the
     # beginning of a line or after white space.
     try:
         data = read_file(path, limit=limit)
     except (FileAccessError, MalformedInputError):
-        return []
-    lines = enumerate(data.decode("utf-8-sig", "replace").splitlines(), start=1)
-    found = ((number, line, _IGNORE.search(line)) for number, line in lines)
-    return [IgnoreComment(n, _names_in(line[m.end() :])) for n, line, m in found if m]
+        return ()
+    lines = data.decode("utf-8-sig", "replace").splitlines()
+    found = ((line, _IGNORE.search(line)) for line in lines)
+    return tuple(name for line, m in found if m for name in _names_in(line[m.end() :]))
 
 
 def _names_in(text: str) -> Names:
@@ -428,7 +418,6 @@ def _names_in(text: str) -> Names:
     return tuple(names)
 
 
-UNUSED = "lint.unused-ignore"
 EVERYTHING = "all"
 
 
@@ -438,21 +427,14 @@ class Selection:
     strict: bool = False
 
     def apply(
-        self, file: Path, findings: Iterable[Finding], comments: Sequence[IgnoreComment] = (), *,
-        skipped: Iterable[str] = (),
-    ) -> tuple[tuple[Finding, ...], int]:  # fmt: skip
-        # Suppressed means that the check is selected, but a comment ignores it here.
-        # A comment without effect is itself a finding, which comments cannot suppress.
-        findings = list(findings)
+        self, findings: Iterable[Finding], ignored_names: Iterable[str] = ()
+    ) -> tuple[tuple[Finding, ...], int]:
+        """Return the findings of selected checks that no comment ignores, and how many one does."""
         selected = [found for found in findings if found.check in self.checks]
-        texts = [text for comment in comments for text in comment.names]
-        ignored = {name for text in texts for name in _matches(text)} - {UNUSED}
+        ignored = {name for text in ignored_names for name in _matches(text)}
         remaining = [found for found in selected if found.check not in ignored]
-        suppressed = len(selected) - len(remaining)
-        if UNUSED in self.checks:
-            remaining += _unused(file, comments, {*skipped, *(found.check for found in findings)})
         remaining.sort(key=lambda found: SEVERITIES.index(found.severity))
-        return tuple(remaining), suppressed
+        return tuple(remaining), len(selected) - len(remaining)
 
 
 def selection_of(
@@ -531,16 +513,3 @@ def hint_for(text: str) -> str:
     if not close:  # a check's name without its area
         close = [name for name in CHECKS if name.partition(".")[2] == text.lower()][:1]
     return f"did you mean {close[0]}?" if close else f"areas are {', '.join(areas)}"
-
-
-def _unused(file: Path, comments: Iterable[IgnoreComment], active: set[str]) -> Iterator[Finding]:
-    for comment in comments:
-        messages = [] if comment.names else ["names no check: write # mapdeal: ignore AREA.NAME"]
-        for text in comment.names:
-            matching = _matches(text)
-            if not matching:
-                messages.append(f"unknown check {text}; {hint_for(text)}")
-            elif active.isdisjoint(matching) or text == UNUSED:
-                messages.append(f"{text} ignores nothing here")
-        for message in messages:
-            yield Finding(UNUSED, CHECKS[UNUSED].severity, str(file), message, comment.line)

@@ -25,11 +25,10 @@ from mapdeal.checks.findings import (
     SEVERITIES,
     Check,
     Finding,
-    IgnoreComment,
     Severity,
     error_finding,
     findings_on,
-    read_ignore_comments,
+    read_ignored_names,
 )
 from mapdeal.checks.map_checks import lint_run
 from mapdeal.checks.mask_checks import filter_topic as _  # noqa: F401 - adds its checks
@@ -87,10 +86,10 @@ def checks_of(facts: type) -> list[str]:
 
 @dataclass(frozen=True)
 class Findings:
-    """Findings and ignore comments of a file, before a selection is applied."""
+    """Findings in a file and the names in its ignore comments, before a selection is applied."""
 
     findings: tuple[Finding, ...]
-    comments: tuple[IgnoreComment, ...] = ()
+    ignored_names: tuple[str, ...] = ()
 
 
 def check_map(path: Path, max_cells: int | None, radius: float | None = None) -> Findings:
@@ -102,7 +101,7 @@ def check_map(path: Path, max_cells: int | None, radius: float | None = None) ->
         text = f"internal error: {type(error).__name__}: {error}; this is a bug in mapdeal"
         return not_checked(path, str(refusal_of_the_system(error) or text))
     has_comments = not is_folder(path) and format_of(path).is_yaml
-    return Findings(tuple(findings), tuple(read_ignore_comments(path) if has_comments else ()))
+    return Findings(tuple(findings), read_ignored_names(path) if has_comments else ())
 
 
 def not_checked(path: Path, text: str) -> Findings:
@@ -120,7 +119,7 @@ def check_parameters(
         faulty = Path(error.source) if error.source is not None else paths[-1]
         by_file = {path: [error_finding(error, faulty)] if path == faulty else [] for path in paths}
     return {
-        path: Findings(tuple(findings), tuple(read_ignore_comments(path, _LARGEST_PARAMETERS)))
+        path: Findings(tuple(findings), read_ignored_names(path, _LARGEST_PARAMETERS))
         for path, findings in by_file.items()
     }
 

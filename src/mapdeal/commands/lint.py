@@ -17,7 +17,7 @@ import numpy as np
 from mapdeal import errors
 from mapdeal.checks import lint as checks
 from mapdeal.checks.facts import PairFacts, RoomFacts, gather, without_rounding_noise
-from mapdeal.checks.findings import CHECKS, Finding, Selections, named_checks, read_ignore_comments
+from mapdeal.checks.findings import CHECKS, Finding, Selections, named_checks, read_ignored_names
 from mapdeal.checks.lint import LintReport, MapReport, ReportForm, repair_lines
 from mapdeal.checks.map_checks import RUN_FOLDERS
 from mapdeal.checks.parameter_checks import first_robot
@@ -376,12 +376,10 @@ class _Lint:
         reports = []
         for index, path in enumerate(paths):
             findings = findings_of[index]
-            is_left_out = any(finding.check == checks.LEFT_OUT for finding in findings.findings)
-            skipped = robot_checks if is_left_out or path not in radii else ()
             if self.graph is not None:
                 graph_findings = _graph_findings(path, *self.graph, self.settings)
                 findings = replace(findings, findings=(*findings.findings, *graph_findings))
-            report = self._report(path, findings, skipped)
+            report = self._report(path, findings)
             reports.append(replace(report, is_folder=source.is_folder(path)))
         return reports
 
@@ -397,11 +395,11 @@ class _Lint:
             inputs.refuse(f"applies to keepout masks, not to {info.kind}", **ends)
         facts = mask_facts(map_read, mask.grid, info, pair=pair, robot=robot, **ends)
         findings = tuple(checks.lint_mask(path, facts))
-        return self._report(path, checks.Findings(findings, tuple(read_ignore_comments(path))))
+        return self._report(path, checks.Findings(findings, read_ignored_names(path)))
 
-    def _report(self, path: Path, found: checks.Findings, skipped: Iterable[str] = ()) -> MapReport:
+    def _report(self, path: Path, found: checks.Findings) -> MapReport:
         selection = self.selections.of(path)
-        judged = selection.apply(path, found.findings, found.comments, skipped=skipped)
+        judged = selection.apply(found.findings, found.ignored_names)
         return MapReport(str(path), *judged, selection.strict)
 
 
