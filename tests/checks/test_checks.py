@@ -69,7 +69,6 @@ CASES = [
     ("image.dos-header", {"image": pgm(ROOM, newline=b"\r\n")}),
     ("image.trailing-bytes", {"image": pgm(ROOM) + b"xyz"}),
     ("image.raw-values", {"image": painted(5, 5, 130) % 255, "mode": "raw"}),
-    ("image.ending", {"image": png(ROOM)}),
     ("image.maxval", {"image": pgm(ROOM // 2, maxval=127)}),
     ("map.faded-walls", {"image": pgm(np.where(ROOM == 0, 110, ROOM).astype("u1"))}),
     ("image.palette", {"image": png(Image.fromarray(ROOM).convert("P")), "name": "m.png"}),

@@ -14,7 +14,7 @@ from checks.pairs import write_pair
 from drawn import grid_from_text
 from mapdeal import OccupancyGrid, write_map
 from mapdeal.checks.facts import GridFacts, gather
-from mapdeal.checks.map_checks import islands, mostly_unknown, open_border, specks
+from mapdeal.checks.map_checks import islands, mostly_unknown, specks
 from oracles import groups
 from strategies import occupancies
 
@@ -56,47 +56,6 @@ def test_islands_and_specks_are_where_a_flood_ends(cells):
 
 def _is_large(group):
     return len(group) * RESOLUTION**2 >= 1
-
-
-def around(shape):
-    """Return the cells of the border in order, and whether it is closed; turn left at corners."""
-    height, width = shape
-    if height == 1 or width == 1:
-        return [(r, c) for r in range(height) for c in range(width)], False
-    (row, col), (dr, dc), walked = (0, 0), (0, 1), []
-    while not walked or (row, col) != (0, 0):
-        walked.append((row, col))
-        if not (0 <= row + dr < height and 0 <= col + dc < width):
-            dr, dc = dc, -dr
-        row, col = row + dr, col + dc
-    return walked, True
-
-
-def stretches(cells):
-    walk, is_closed = around(cells.shape)
-    is_free = [cells[cell] == 0 for cell in walk]
-    if is_closed and not all(is_free):  # begin behind a cell that is not free
-        first = is_free.index(False)
-        walk, is_free = walk[first:] + walk[:first], is_free[first:] + is_free[:first]
-    found, last = [], False
-    for cell, free in zip(walk, is_free, strict=True):
-        if free:
-            found.append([*(found.pop() if last else []), cell])
-        last = free
-    return found
-
-
-@given(occupancies(longest=9))
-def test_open_borders_are_named_by_the_middles_of_their_stretches(cells):
-    cells = np.where(cells == 50, 0, cells).astype(np.int8)
-    named, expected = cells_of(open_border, cells), stretches(cells)
-    assert len(named) == min(len(expected), 20)
-    lengths = []
-    for cell in named:
-        (stretch,) = (stretch for stretch in expected if cell in stretch)
-        assert abs(stretch.index(cell) - (len(stretch) - 1) / 2) <= 0.5
-        lengths.append(len(stretch))
-    assert lengths == sorted((len(stretch) for stretch in expected), reverse=True)[:20]
 
 
 def test_what_is_known_lies_around_its_middle():

@@ -162,32 +162,11 @@ class CellTallies:
         height, width = self.shape
         return self.size - max(height - 2, 0) * max(width - 2, 0)
 
-    @cached_property
-    def free_on_border(self) -> int:
-        return int(np.count_nonzero(self._border[1]))
-
     @property
-    def free_stretches(self) -> list[Place]:
-        """Middle cells of the free stretches along the border, longest stretch first."""
-        cells, is_free = self._border
-        stretches = _stretches(is_free, is_closed=min(self.shape) > 1)
-        stretches.sort(key=lambda stretch: (-stretch[1], stretch[0]))
-        middles = [(start + (length - 1) // 2) % len(cells) for start, length in stretches]
-        return [(row, col) for row, col in cells[middles[:MOST_PLACES]].tolist()]
-
-    @cached_property
-    def _border(self) -> tuple[Integers, NDArray[np.bool_]]:
+    def free_on_border(self) -> int:
         height, width = self.shape
-        rows, cols = np.arange(height), np.arange(width)
-        south, north = self._free_rows
-        west, east = self._free_cols.T
-        sides = [(0 * cols, cols, south), (rows[1:], 0 * rows[1:] + width - 1, east[1:])]
-        if height > 1:
-            sides.append((0 * cols[1:] + height - 1, cols[-2::-1], north[-2::-1]))
-        if width > 1:
-            sides.append((rows[-2:0:-1], 0 * rows[-2:0:-1], west[-2:0:-1]))
-        row, col, is_free = (np.concatenate(parts) for parts in zip(*sides, strict=True))
-        return np.stack([row, col], axis=1), is_free
+        rows, cols = self._free_rows[: min(height, 2)], self._free_cols[1:-1, : min(width, 2)]
+        return int(np.count_nonzero(rows) + np.count_nonzero(cols))
 
     @property
     def known_box(self) -> tuple[int, int]:
@@ -214,17 +193,6 @@ class CellTallies:
         _, *cells = [(size, cell) for size, members in groups for cell in members] or [(0, 0)]
         fitting = [cell for size, cell in cells if least <= size <= most]
         return [divmod(cell, self.shape[1]) for cell in fitting[:MOST_PLACES]]
-
-
-def _stretches(marked: NDArray[np.bool_], *, is_closed: bool) -> list[tuple[int, int]]:
-    if marked.all():
-        return [(0, len(marked))]
-    edges = np.flatnonzero(np.diff(marked, prepend=False, append=False))
-    stretches = [(start, stop - start) for start, stop in edges.reshape(-1, 2).tolist()]
-    if is_closed and len(stretches) > 1 and marked[0] and marked[-1]:
-        start, length = stretches.pop()
-        stretches[0] = start, length + stretches[0][1]
-    return stretches
 
 
 def tallies_of(occupancy: Layer) -> CellTallies:

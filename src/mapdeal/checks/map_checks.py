@@ -30,7 +30,6 @@ from mapdeal.inputs.kinds import kind_of
 from mapdeal.inputs.listing import ListedFolders
 from mapdeal.kernels.rotations import coincidences
 from mapdeal.maps.dialects import Dialect
-from mapdeal.maps.images import IMAGE_FORMATS
 from mapdeal.maps.map_file import NOTHING_KNOWN
 from mapdeal.maps.map_server import MAP_SAVER_UNKNOWN, percent, remark_on_freed
 
@@ -99,18 +98,6 @@ def readers_differ(facts: PairFacts) -> Iterator[Remark]:
 
 def _counts_text(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{kind} {count}" for kind, count in counts.items() if count)
-
-
-@check("image.ending", "note", on_request=True)
-def ending(facts: PairFacts) -> Iterator[Remark]:
-    """An image with the suffix of another format.
-    Map readers look at the contents, so the robot reads it well. Other tools may refuse to open it.
-    Example: A PNG called `office.pgm`.
-    Fix: Rename the file, and the image in the YAML.
-    """
-    suffix, kind = facts.image_path.suffix.lower(), facts.kind.file_format
-    if suffix not in IMAGE_FORMATS[kind].suffixes:
-        yield Remark(f"{facts.image_path.name} is a {kind} image", "image")
 
 
 @check("image.maxval", "warning")
@@ -404,7 +391,7 @@ def ambiguous(facts: GridFacts) -> Iterator[str]:
 
 
 @check("map.open-border", "note")
-def open_border(facts: GridFacts) -> Iterator[Remark]:
+def open_border(facts: GridFacts) -> Iterator[str]:
     """Free cells on the border of the map.
     Paths may lead to the edge of the map, and beyond it the robot knows no obstacle.
     Example: A hall cut off by a crop.
@@ -412,8 +399,7 @@ def open_border(facts: GridFacts) -> Iterator[Remark]:
     """
     if count := facts.cells.free_on_border:
         text = f"{count} of {facts.cells.border} cells on the border are free: paths can lead off "
-        places = facts.places(facts.cells.free_stretches)
-        yield Remark(f"{text}the map; is it cut off?", places=places)
+        yield f"{text}the map; is it cut off?"
 
 
 _MOST_PASSAGES, _MOST_PLACES = 10, 20
@@ -507,20 +493,6 @@ def resolution_unusual(facts: PairFacts) -> Iterator[Remark]:
     value = facts.metadata.resolution
     if not 1e-3 <= value <= 2:
         yield Remark(f"{value:g} m per cell is unusual; is the unit right?", "resolution")
-
-
-@check("yaml.origin-noise", "note")
-def origin_noise(facts: PairFacts) -> Iterator[Remark]:
-    """An origin with rounding noise, such as -10.000000149011612.
-    Tools that compare origins exactly take a mask or second map of the same place for displaced.
-    Example: `origin: [-1.5000000000000009, 2, 0]`.
-    Fix: Run lint --fix, which rounds it.
-    """
-    for name, value in zip(("x", "y", "yaw"), facts.metadata.origin, strict=True):
-        plain = without_rounding_noise(value)
-        if plain is not None:
-            text = f"{name} {value!r} is {plain!r} with the noise of rounding; write {plain!r}"
-            yield Remark(text, "origin")
 
 
 @check("yaml.origin-yaw", "warning")

@@ -471,8 +471,6 @@ _INSCRIBED_COST = 252
 _LEAST_FADING_SHARE = 0.5
 _LEAST_CLIFF_COST = 128
 _SAME_RADIUS = 1e-6
-_SUFFIXES = ("", "_left", "_right")
-"""Suffixes of cost_scaling_factor: an AsymmetricInflationLayer has one factor for each side."""
 
 
 def _scaling_of(facts: RobotFacts, layer: InflationLayer) -> ParameterValue | None:
@@ -566,28 +564,6 @@ def cost_ends_early(facts: RobotFacts) -> Iterator[Remark]:
         text = f"costs are 0 beyond {layer.inscribed_radius + width:.3g} m: with {factor}, the "
         text += f"rest of {_reach(layer)} has no effect; lower one of the two"
         yield Remark(text, at=_scaling_of(facts, layer))
-
-
-@check("params.inflation-defaults", "note", on_request=True)
-def inflation_defaults(facts: RobotFacts) -> Iterator[Remark]:
-    """An inflation layer with ROS's default values.
-    The robot keeps the distance that ROS's defaults give, 0.55 m and factor 10, whatever its size.
-    Example: `inflation_layer: {cost_scaling_factor: null}`.
-    Fix: Write the values that you want.
-    """
-    for layer in facts.robot.inflation_layers:
-        defaults = [
-            f"{name} is {value:g}{unit}"
-            for name, value, unit in (
-                ("inflation_radius", layer.inflation_radius, " m"),
-                ("cost_scaling_factor", layer.cost_scaling_factor, ""),
-            )
-            if not any(facts.of_layer(layer.name, f"{name}{side}") for side in _SUFFIXES)
-        ]
-        if defaults:
-            section = facts.parameters.sections.get(layer.name, {})
-            at = next(iter(section.values()), facts.value("plugins"))
-            yield Remark(f"{layer.name}: not set, and so {' and '.join(defaults)}", at=at)
 
 
 @check("params.radius-and-footprint", "warning")

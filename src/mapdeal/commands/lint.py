@@ -576,8 +576,6 @@ def _yaml_repair(
     if "yaml.resolution-noise" in checks_found:
         values["resolution"] = _plain(metadata.resolution)
     needs_cells, (x, y, yaw) = False, metadata.origin
-    if "yaml.origin-noise" in checks_found:
-        x, y, yaw = map(_plain, metadata.origin)
     if "yaml.origin-yaw" in checks_found and frame is not None:
         needs_cells = is_turned(frame)
         yaw = yaw if needs_cells else 0.0
