@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from codecs import BOM_UTF8
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -26,7 +26,7 @@ from mapdeal.commands.mask import info_of, mask_facts, read_mask
 from mapdeal.commands.reach import COSTS_PER_CELL, goals_of, lethal_cells, start_of
 from mapdeal.files import source
 from mapdeal.files.transaction import Transaction
-from mapdeal.files.yaml_text import parse_mapping, read_mapping, with_values
+from mapdeal.files.yaml_text import parse_mapping, with_values
 from mapdeal.grid.canvas import is_turned, resampled
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.filters import FilterKind
@@ -66,10 +66,6 @@ _REPAIR_BYTES_PER_CELL = 3  # the cells, and the pixels being written
 _TURNED_BYTES_PER_CELL = 5  # of a turned map
 _RESAMPLED_BYTES_PER_CELL = 3  # of its resampled copy
 
-ImageUsers = dict[Path, list[tuple[tuple[int, int], Path]]]
-"""For each folder that was read, the identities of images and the YAML files that name them."""
-
-_WRITABLE_IMAGES = (".pgm", ".png")
 _COPY_HINT = "mapdeal lint MAP --fix -o OUT writes a repaired copy"
 
 
@@ -427,14 +423,13 @@ def _repair_in_place(
 ) -> list[errors.MapdealError]:  # fmt: skip
     """Repair maps in their own files, and replace their reports by those after the repair."""
     # Findings of deselected checks and suppressed findings are not repaired.
-    users: ImageUsers = {}
     problems = []
     for index, (path, report) in enumerate(zip(paths, reports, strict=True)):
         repairs_due = {found.check for found in report.findings}
         if report.is_folder or not repairs_due:
             continue
         try:
-            repairs = _repaired_in_place(path, repairs_due, lint_maps.settings, users)
+            repairs = _repaired_in_place(path, repairs_due, lint_maps.settings)
         except errors.MapdealError as error:
             problems.append(error)
             continue
@@ -631,13 +626,10 @@ def _repaired_copy(paths: Sequence[Path], output: Path, settings: Settings) -> L
     return LintReport((report,), __version__, output=output)
 
 
-def _repaired_in_place(
-    path: Path, checks_found: Collection[str], settings: Settings, users: ImageUsers
-) -> list[str]:
+def _repaired_in_place(path: Path, checks_found: Collection[str], settings: Settings) -> list[str]:
     """Repair a map in its own files; return a line on each change."""
-    # In the YAML file only values are replaced: comments, order and other keys stay. The image is
-    # written only if the map is turned: in place if it is a pgm or png that no other map uses, else
-    # to a new file beside it.
+    # In the YAML file only values are replaced: comments, order and other keys stay. A map that is
+    # turned gets a new image beside the YAML, since other maps may use the old one.
     states = {path: source.state_of(path)}  # before the first read
     pair, cells, _ = gather(path, max_cells=settings.max_cells)
     if pair is None:
@@ -649,9 +641,15 @@ def _repaired_in_place(
     geometry = {"resolution", "origin"} if needs_cells else set()  # reported with the cells
     changes = [f"{key} {_shown(value)}" for key, value in values.items() if key not in geometry]
     outputs = [target := source.real_path(pair.path)]
+    image = target.with_name(f"{target.stem}_turned.pgm")
     if needs_cells:
-        image, image_change = _image_for(pair, users)
-        outputs, changes = [image, target], [*changes, image_change]
+        is_link = target.parent != source.real_path(pair.path.parent)
+        if is_link or source.exists(image):
+            where = "beside a link to the YAML" if is_link else "which exists"
+            rule = f"its turned image would be {image.name}, {where}"
+            raise errors.FileAccessError(rule, source=pair.path, hint=_COPY_HINT)
+        outputs = [image, target]
+        changes.append(f"{image.name} written beside {pair.image_path.name}")
     with (
         use_threads(settings.threads),
         inputs.errors_named(pair.path),
@@ -663,10 +661,8 @@ def _repaired_in_place(
             repaired_values: dict[str, Any] = {
                 "mode": map_server.write_map_image(transaction, image, grid),
                 "resolution": grid.resolution, "origin": tuple(grid.origin), "negate": 0,
-                "occupied_thresh": 0.65, "free_thresh": 0.196,
+                "occupied_thresh": 0.65, "free_thresh": 0.196, "image": image.name,
             }  # fmt: skip
-            if image != source.real_path(pair.image_path):
-                repaired_values["image"] = image.name
             values |= {key: value for key, value in repaired_values.items()
                        if getattr(pair.metadata, key) != value}  # fmt: skip
         has_mark = source.head_of(pair.path, len(BOM_UTF8)) == BOM_UTF8
@@ -684,44 +680,3 @@ def _metadata_in(data: bytes, path: Path) -> MapMetadata | None:
     with errors.capture_warnings(), suppress(errors.MalformedInputError):
         return metadata_of(parse_mapping(path, data), path)
     return None
-
-
-def _image_for(pair: PairFacts, users: ImageUsers) -> tuple[Path, str]:
-    """Return the path of the image of repaired cells, and a line on it."""
-    other_yaml = _other_user(pair, users)
-    if other_yaml is None and pair.image_path.suffix in _WRITABLE_IMAGES:
-        return source.real_path(pair.image_path), f"{pair.image_path.name} written anew"
-    new_image = source.real_path(pair.path).with_suffix(".pgm")
-    old_name, new_name = pair.image_path.name, new_image.name
-    reason = f"which {other_yaml.name} also uses" if other_yaml else "whose format is only read"
-    if source.exists(new_image):
-        rule = f"its image {old_name}, {reason}, would become {new_name}, which exists"
-        raise errors.FileAccessError(rule, source=pair.path, hint=_COPY_HINT)
-    return new_image, f"{new_name} written beside {old_name}, {reason}"
-
-
-def _other_user(pair: PairFacts, users: ImageUsers) -> Path | None:
-    """Return another map in the folder of the image or of this map that uses the image."""
-    identity = source.identity_of(pair.image_path)
-    for folder in (pair.image_path.parent, pair.path.parent):
-        if folder not in users:
-            users[folder] = list(_images_of(folder))
-        for named, path in users[folder]:
-            if named == identity and not source.is_same_file(path, pair.path):
-                return path
-    return None
-
-
-def _images_of(folder: Path) -> Iterator[tuple[tuple[int, int], Path]]:
-    """Yield the identities of images, and the YAML files in a folder that name them."""
-    try:
-        _, names = source.contents_of(folder)
-    except errors.FileAccessError:
-        return
-    for path in (folder / name for name in names):
-        if path.suffix.lower() not in source.YAML:
-            continue
-        with suppress(errors.MapdealError, KeyError):  # without an image
-            places = map_server.image_places(folder, read_mapping(path)["image"].text())
-            if identity := next(filter(None, map(source.identity_of, places)), None):
-                yield identity, path
