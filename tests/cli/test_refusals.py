@@ -31,7 +31,7 @@ MERGES = [
     (4, "m2.yaml --by none.json", "none.json: "),
     (3, "m2.yaml --by bad.json", "bad.json: the document: must have a key y"),
     (2, "m2.yaml --by move.json --by align", "--by: align cannot be given"),
-    (2, "m2.yaml --by move.json --by move.json", "--by: 2 files are given, "),
+    (2, "m2.yaml --by move.json --by move.json", "--by: must be 1, one for each map except"),
     (3, "odd.npz --rule evidence", "odd.npz: log_odds: "),
     (2, "m2.yaml --image o.jpg", "--image: "),
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import compress
 from os import PathLike
@@ -28,7 +28,7 @@ from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import merge_image
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import written_line
-from mapdeal.sensors.points import read_transform, transform_document
+from mapdeal.sensors.points import transform_document
 
 _BYTES_PER_CELL = 26  # of the result; one more for each map
 _EVIDENCE_BYTES_PER_CELL = 26  # additional ones for the sums
@@ -275,19 +275,18 @@ def merge(
     if len(maps) < merging.FEWEST:
         raise ParameterError("takes two maps or more", place="maps", got=len(maps))
     names = [f"map {number}" for number in range(1, len(maps) + 1)]
-    files = _transform_files(transforms)
+    named = () if transforms is None or isinstance(transforms, str) else transforms
+    files = [Path(file) for file in named if isinstance(file, str | PathLike)]
     sources = inputs.open_inputs(*maps, names=names, also=files, **reading)
     grids = [merging.check_is_map(source.grid, source.name) for source in sources]
     settings = inputs.settings_of(**reading)
     with settings.reading(), holding(sum(map(inputs.bytes_of, grids))):
         claim(sources[0].name, max(bytes_of_lines(grid.shape, _BYTES_PER_ROW) for grid in grids))
         layers = _evidence_of(sources, rule, evidence, settings.max_cells)
-        if files:
-            found_transforms = _by_files(files, sources)
-        elif transforms == "align":
+        if transforms == "align":
             found_transforms = _by_walls(grids, sources)
         else:
-            found_transforms = _checked_transforms(transforms, len(maps) - 1)
+            found_transforms = _transforms_of(transforms, sources)
     frames = [
         grid.frame if transform is None else transform.inverse().frame(grid.frame)
         for grid, transform in zip(grids, found_transforms, strict=True)
@@ -312,14 +311,20 @@ def merge(
     return merged
 
 
-def _transform_files(transforms: Any) -> list[Path]:
-    """Return the files if transforms are files; none if they are placed otherwise."""
-    if transforms is None or isinstance(transforms, str):
-        return []
-    files = [Path(file) for file in transforms if isinstance(file, str | PathLike)]
-    if 0 < len(files) < len(transforms):
-        raise ParameterError("must be files, or transforms", place="transforms")
-    return files
+def _transforms_of(transforms: Any, maps: Sequence[inputs.MapInput]) -> list[Transform | None]:
+    """Return the transform from the first map's frame to that of each map; None is the same."""
+    if transforms is None:
+        return [None] * len(maps)
+    first, *later = maps
+    if len(transforms) != len(later) or isinstance(transforms, str):
+        rule = f"must be {len(later)}, one for each map except the first"
+        raise ParameterError(rule, place="transforms", got=len(transforms))
+    found: list[Transform | None] = [None]
+    for transform, source in zip(transforms, later, strict=True):
+        known, files = two_maps.given_transform(transform, place="transforms")
+        placed = None if known is None else two_maps.transform_in(known, files, [first, source])
+        found.append(placed)
+    return found
 
 
 def _bytes_to_merge(
@@ -341,16 +346,6 @@ def _warn_of_frames(sources: Sequence[inputs.MapInput]) -> str:
     is_warned = [two_maps.warn_of_frames(pair, by_walls) for pair in pairs]
     is_advised = inputs.Work.current.get() is not None and not any(is_warned)
     return f"; {by_walls}" if is_advised else ""
-
-
-def _checked_transforms(transforms: Any, count: int) -> list[Transform | None]:
-    """Return one transform or None for each map, checked; None for the first map."""
-    if transforms is None:
-        return [None] * (count + 1)
-    if len(transforms) != count or isinstance(transforms, str):
-        rule = f"must be {count}, one for each map except the first"
-        raise ParameterError(rule, place="transforms", got=len(transforms))
-    return [None, *(inputs.transform_of(transform, place="transforms") for transform in transforms)]
 
 
 def _evidence_of(
@@ -380,43 +375,6 @@ def _evidence_of(
 
 def _bytes_in(layers: Sequence[merging.ChosenLayers]) -> int:
     return sum(layer.nbytes for entry in layers for layer in entry.values())
-
-
-def _by_files(files: Sequence[Path], maps: Sequence[inputs.MapInput]) -> list[Transform | None]:
-    # A transform file with checksums joins the two maps that it names, whatever their order.
-    # Transforms are chained: A to B and C to B also place C. The n-th file without checksums leads
-    # from the first map to map n + 1.
-    if len(files) >= len(maps):
-        rule = f"{len(files)} files are given, and {count_text(len(maps) - 1, 'map')} to place"
-        raise ParameterError(rule, place="transforms")
-    # maps with the same files are one map, that of the lowest index
-    indices = [_index_of(source.sums, maps) for source in maps]
-    map_indices = [k if index is None else index for k, index in enumerate(indices)]
-    steps: list[tuple[int, int, Transform]] = []
-    for number, path in enumerate(files, 1):
-        a, b, transform = _step(path, number, maps)
-        steps.append((map_indices[a], map_indices[b], transform))
-        steps.append((map_indices[b], map_indices[a], transform.inverse()))
-    from_first = {0: Transform()}
-    placed_last = dict(from_first)
-    while placed_last:
-        placed_last = {}
-        for a, b, transform in steps:
-            if a in from_first and b not in from_first:
-                placed_last[b] = transform.after(from_first[a])
-        from_first |= placed_last
-    for source, index in zip(maps, map_indices, strict=True):
-        if index not in from_first:
-            rule = f"no transforms lead from {maps[0].name} to {source.name}"
-            hint = "pass --by once for each map but the first"
-            raise ParameterError(rule, place="transforms", hint=hint)
-    return [None, *(from_first[index] for index in map_indices[1:])]
-
-
-def _index_of(sums: Mapping[str, str], maps: Sequence[inputs.MapInput]) -> int | None:
-    sums_sorted = sorted(sums.values())
-    known = [sorted(source.sums.values()) for source in maps]
-    return known.index(sums_sorted) if sums_sorted and sums_sorted in known else None
 
 
 def _by_walls(
@@ -449,17 +407,6 @@ def _by_walls(
             hint = f"mapdeal align {first} {name} shows the result; --by FILE.json uses it"
             raise FindingError(rule, source=name, hint=hint)
     return [None, *(from_first[number] for number in range(1, len(grids)))]
-
-
-def _step(path: Path, number: int, maps: Sequence[inputs.MapInput]) -> tuple[int, int, Transform]:
-    transform = read_transform(path)
-    first, second = _index_of(transform.first, maps), _index_of(transform.second, maps)
-    if first is not None and second is not None:
-        return first, second, transform.transform
-    if transform.first or transform.second:
-        text = f"{path}: its checksums are not those of the maps; used as the transform from "
-        emit_warning(f"{text}{maps[0].name} to {maps[number].name}")
-    return 0, number, transform.transform
 
 
 def _remarks_on(merged: Merged, is_bare: Sequence[bool], advice: str) -> Iterator[str]:
