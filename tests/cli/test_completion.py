@@ -32,7 +32,6 @@ CASES = [
     (["run", "map.yaml", "--recipe", "design-"], {"design-real", "design-sim", "design-local"}),
     (["run", "--set", "inflate.ker"], {"inflate.kernel=disc", "inflate.kernel=square"}),
     (["run", "--set", "cost.model=t"], {"threshold"}),  # bash replaces what follows =
-    (["run", "--local-set", "inflate.inflate_unknown="], {"yes", "no"}),
     (["lint", "--select", "yaml.mode,map.spe"], {"yaml.mode,map.specks"}),
     (["inflate", "m"], set()), (["run", "-o", "m"], set()), (["nonsense", "x"], set()),
     (["inflate", "--radius", "not a number", "--nonsense", "--ker"], {"--kernel"}),

@@ -109,8 +109,6 @@ def test_a_field_on_the_whole_canvas_is_queried_and_converted(sh, cropped):
     assert Path("c.npz").read_bytes() == Path("full/m/cost.npz").read_bytes()
 
 
-SMALL = "--local-set local.size=3,2"
-IN_RUN = f"{SMALL} --local-set local.resolution=0.07 --local-set local.min_range=0.2"
 POSE = "--pose 0.5,0.3,1.2"
 
 
@@ -118,7 +116,7 @@ POSE = "--pose 0.5,0.3,1.2"
 def place(here):
     values = np.random.default_rng(3).choice([-1, 0, 100], (30, 40), p=[0.3, 0.69, 0.01])
     write_map("m.yaml", OccupancyGrid(values, 0.1, (-2.03, -1.06, 0.3)))
-    np.savetxt("c.csv", [[0.62, 0.04, 1], [-0.41, 0.33, 1], [0.1, 0, 1]], delimiter=",")
+    np.savetxt("c.csv", [[0.62, 0.04, 1], [-0.41, 0.33, 1], [0.8, 0.6, 1]], delimiter=",")
     return here
 
 
@@ -134,14 +132,13 @@ def files(folder):
 
 def test_one_call_makes_what_two_commands_make(sh, place):
     shape = "--robot-radius 0.25"
-    line = f"run m.yaml -o o {POSE} --cloud c.csv {IN_RUN} {shape}"
+    line = f"run m.yaml -o o {POSE} --cloud c.csv {shape}"
     code, out, _ = sh(f"{line} --recipe design-real --local-recipe design-local --frame robot")
     assert code == 0
     assert "m.yaml -> o/m\n" in out
-    assert "m.yaml -> o/m/local: 2 of 3 points in the window" in out
+    assert "m.yaml -> o/m/local: 3 of 3 points in the window" in out
     sh(f"run m.yaml -o a --recipe design-real {shape}")
-    sh(f"local --map m.yaml --cloud c.csv {POSE} --size 3,2 --resolution 0.07 --min-range 0.2"
-       f" --recipe design-local {shape} -o b")  # fmt: skip
+    sh(f"local --map m.yaml --cloud c.csv {POSE} --recipe design-local {shape} -o b")
     local = files(place / "o/m/local")
     assert local == files(place / "b")
     own = {name: data for name, data in files(place / "o/m").items() if "local/" not in name}
@@ -152,9 +149,9 @@ def test_one_call_makes_what_two_commands_make(sh, place):
 @pytest.mark.parametrize("end", ["yaml", "npz"])
 def test_without_a_cloud_it_is_the_window_in_the_map_s_cells(sh, place, end):
     write_map(f"m.{end}", read_map("m.yaml"), force=True)
-    line = f"run m.{end} -o o {POSE} {SMALL} --no-images"
+    line = f"run m.{end} -o o {POSE} --no-images"
     sh(line)
-    sh(f"local --map m.{end} {POSE} --size 3,2 --no-images -o b")
+    sh(f"local --map m.{end} {POSE} --no-images -o b")
     assert tree(place / "o/m/local") == tree(place / "b")
     assert read_map("b/local.yaml").resolution == 0.1
     # whose cells a dry run knows by the header, or by the file
@@ -172,13 +169,13 @@ def test_existing_outputs_are_not_written_again(sh, place):
     def times():
         return {p: p.stat().st_mtime_ns for p in (place / "o").rglob("*")}
 
-    assert sh(around(IN_RUN))[0] == 0
+    assert sh(around())[0] == 0
     before = times()
-    out = sh.ok(around(IN_RUN))
+    out = sh.ok(around())
     assert out == "m.yaml -> o/m: unchanged\nm.yaml -> o/m/local: unchanged\n"
     assert times() == before
     # another pose: only the local map differs, and is not replaced unasked
-    elsewhere = around(IN_RUN, pose="--pose 0.6,0.3,1.2")
+    elsewhere = around(pose="--pose 0.6,0.3,1.2")
     error, hint = sh.err(elsewhere, 4).splitlines()[:2]
     assert error == "error: o/m/local/local.pgm: the output exists"
     assert hint.startswith("hint: --force replaces it")
@@ -186,7 +183,7 @@ def test_existing_outputs_are_not_written_again(sh, place):
     for path in Path("o/m/local").iterdir():
         path.unlink()
     out = sh(elsewhere)[1]
-    assert out.startswith("m.yaml -> o/m: unchanged\nm.yaml -> o/m/local: 2 of 3 points")
+    assert out.startswith("m.yaml -> o/m: unchanged\nm.yaml -> o/m/local: 3 of 3 points")
 
 
 def test_if_the_run_or_the_local_map_fails_nothing_of_either_is_left(sh, place):

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, overload
 
 from mapdeal import errors
-from mapdeal.command import AT_LEAST_1, Output, Result, Words, command, parameters_of, unknown_name
+from mapdeal.command import AT_LEAST_1, Output, Result, Words, command
 from mapdeal.commands.reach import chosen_goals, goals_or_names, start_of
 from mapdeal.compatibility import Unpack
 from mapdeal.files.source import absolute_path, claim
@@ -31,9 +31,6 @@ from mapdeal.ros.robot import RobotParameters
 if TYPE_CHECKING:
     from mapdeal.commands.report import GoalAnswer, RunChecks, WrittenReport
     from mapdeal.pipeline.local import Around
-
-_LOCAL_SET = "--local-set"
-_OF_LOCAL = f"{pipeline.LOCAL_RECIPE}."
 
 _PAGE_BYTES = 20_000_000  # of libraries and pictures for a page of the results
 
@@ -167,10 +164,6 @@ def run_maps(
     cloud: Annotated[str | None, Words("FILE")] = None,
     frame: CloudFrame | None = None,
     local_recipe: recipes.RecipeName = None,
-    local_changes: Annotated[
-        list[str] | None,
-        Words("STAGE.PARAMETER=VALUE", name="local-set", completed=recipes.setting_words),
-    ] = None,
     golden: Annotated[Path | None, Words("DIR")] = None,
     update_golden: bool = False,
     jobs: Annotated[int | None, AT_LEAST_1, Words("N", short="j")] = None,
@@ -226,8 +219,6 @@ def run_maps(
         The frame of the cloud's coordinates. [default: robot]
     local_recipe : str, optional
         Recipe of the local map, as for --recipe. [default: local]
-    local_changes : list of str, optional
-        Change the local recipe, or an option of `mapdeal local`: local.size=12,8; can be repeated.
     golden : path, optional
         Compare each stage with a stored run; exit with 1 if any differs.
     update_golden : bool
@@ -259,11 +250,6 @@ def run_maps(
     if output == Path("-"):
         hint = "standard output takes one file: mapdeal cost MAP -o -"
         raise errors.ParameterError("must be a folder", place="-o", got="-", hint=hint)
-    for text in changes or []:
-        if text.strip().startswith(_OF_LOCAL):
-            rule = "is not a parameter of a stage"
-            hint = f"with --pose, {_LOCAL_SET} takes what the local map is made with"
-            raise errors.ParameterError(rule, source=recipes.SET, got=text, hint=hint)
     loaded = recipes.load_recipe(recipe, changes, footprint=footprint, sim=sim, robot=robot)
     pipeline.used_mask(loaded, work.settings.mask)
     for step in loaded.steps:
@@ -274,11 +260,10 @@ def run_maps(
     settings = replace(work.settings, canvas=canvas, progress=None)
     around = None
     if pose is None:
-        of_local = {"local_recipe": local_recipe, "local_changes": local_changes or None}
-        refuse("needs --pose", cloud=cloud, frame=frame, **of_local)
+        refuse("needs --pose", cloud=cloud, frame=frame, local_recipe=local_recipe)
     else:
         shape = robot.footprint if footprint is None and robot is not None else footprint
-        around = _around(pose, cloud, frame, local_recipe, local_changes or [], shape)
+        around = _around(pose, cloud, frame, local_recipe, shape)
     if scheduler is not None:
         refuse("cannot be given together with --scheduler", pose=pose)
         output = absolute_path(output)
@@ -449,48 +434,25 @@ def _assumed(
 
 def _around(
     pose: Sequence[float], cloud: str | None, frame: CloudFrame | None, recipe: str | None,
-    changes: Sequence[str], footprint: Footprint | None,
+    footprint: Footprint | None,
 ) -> Around:  # fmt: skip
-    from mapdeal.pipeline.local import OF_WINDOWS, Around, only_cloud  # of use to few runs
+    from mapdeal.pipeline.local import Around, only_cloud  # of use to few runs
 
     if cloud is None:
         refuse("needs --cloud", frame=frame)
-    own = [text for text in changes if text.strip().startswith(_OF_LOCAL)]
-    options = dict(map(_option_of, own))
-    for name in options:
-        if cloud is None and name not in OF_WINDOWS:
-            got = f"{_OF_LOCAL}{name}"
-            raise errors.ParameterError("needs --cloud", source=_LOCAL_SET, got=got)
-    recipe_changes = [text for text in changes if text not in own]
-    recipe = pipeline.LOCAL_RECIPE if recipe is None else recipe
     try:
         return Around(
             check_pose(pose, "--pose"),
-            recipes.load_recipe(recipe, recipe_changes, footprint=footprint),
-            LocalOptions(frame or "robot", **options),
+            recipes.load_recipe(
+                pipeline.LOCAL_RECIPE if recipe is None else recipe, footprint=footprint
+            ),
+            LocalOptions(frame or "robot"),
             None if cloud is None else only_cloud([cloud]).path,
-            takes_cells=cloud is None and "resolution" not in options,
         )
     except errors.ParameterError as error:
-        if recipes.SET in (error.source, error.place):
-            error.source, error.place = _LOCAL_SET, error.place if error.source else None
-        elif error.place == "recipe":
+        if error.place == "recipe":
             error.place = "local_recipe"
-        elif error.place in options:
-            error.source, error.place = f"{_LOCAL_SET} {_OF_LOCAL}{error.place}", None
         raise
-
-
-def _option_of(text: str) -> tuple[str, Any]:
-    target, equals, value = text.partition("=")
-    name = target.strip().removeprefix(_OF_LOCAL).replace("-", "_")
-    known = [field for field in parameters_of(LocalOptions) if field != "frame"]
-    if not equals:
-        rule = "must look like stage.parameter=value"
-        raise errors.ParameterError(rule, source=_LOCAL_SET, got=text)
-    if name not in known:
-        raise unknown_name("option", name, known, place=_LOCAL_SET)
-    return name, value.strip()
 
 
 def _on_cluster(

@@ -405,8 +405,7 @@ class Around:
     pose: Pose
     recipe: Recipe
     options: LocalOptions
-    cloud: Path | None = None
-    takes_cells: bool = False
+    cloud: Path | None = None  # else the window of the map, in its cells
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -434,5 +433,7 @@ class Around:
     def _common(
         self, settings: Settings, resolution: float, known: GlobalMap | None = None
     ) -> LocalCommon:
-        options = replace(self.options, resolution=resolution) if self.takes_cells else self.options
+        options = self.options
+        if self.cloud is None:
+            options = replace(options, resolution=resolution)
         return LocalCommon(options, self.recipe, settings, known)
