@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
@@ -142,17 +141,8 @@ _BAND = 10
 _TINT = (255, 228, 232)
 
 
-@dataclass(frozen=True)
-class _Dot:
-    """A kind of dots: their radius, and the least pixels per cell at which they are drawn."""
-
-    label: str
-    radius: float
-    room: float
-
-
-_ALONG_ROW = _Dot("distances along a row", 4.0, 7.0)
-_OFF_ROW = _Dot("other distances between cells", 2.5, 24.0)
+_DOT = 4.0  # pixels, radius
+_ROOM = 7.0  # least pixels per cell at which dots are drawn
 _TICKS = {"costmap2d": (0, 50, 100, 150, 200, 254), "occupancy": (0, 20, 40, 60, 80, 100)}
 _AXES = {
     "euclidean": "distance from the nearest obstacle, centre to centre",
@@ -169,8 +159,8 @@ class _Drawing:
         self.zones = zones_of(curve, self.end)
         self.ticks = _TICKS[curve.scale]
         self.axis = _AXES[curve.metric]
-        self.is_along_row = curve.cells == np.floor(curve.cells)
         self.per_cost = _PER_COST[curve.scale]
+        self.has_dots = _WIDTH * curve.resolution / (self.end + self.half) >= _ROOM
         self.pen = Pen(_SIZE)
         self.left_x = _SIZE + canvas.text_width("254", _SIZE) + int(1.6 * _SIZE)
         self.band_top = _SIZE + int(3.4 * _SIZE) + _LINE
@@ -189,8 +179,9 @@ class _Drawing:
         pen = self.pen
         legend = self._legend_lines()
         legend_width = int(1.9 * _SIZE) + max(canvas.text_width(line, _SIZE) for _, line in legend)
-        ribbon_top = self.bottom + int(4.4 * _SIZE)
-        height = ribbon_top + int(6.2 * _SIZE)
+        height = max(
+            self.bottom + int(4.4 * _SIZE), self.band_top + len(legend) * _LINE + 4 * _SIZE
+        )
         pen.open(self.right + 2 * _SIZE + legend_width + _SIZE, height)
         limit = pen.sheet.shape[1] - 2 * _SIZE
         pen.text(_SIZE, _SIZE, title, limit=limit, large=True)
@@ -203,7 +194,6 @@ class _Drawing:
         self._draw_curve()
         self._axes()
         self._draw_band()
-        self._ribbon(ribbon_top)
         self._legend(self.right + 2 * _SIZE, legend)
         zones = [kind.colour for kind in ZoneKind]
         return pen.image(np.vstack([self.palette.colours, zones, [_TINT]]))
@@ -211,10 +201,6 @@ class _Drawing:
     @property
     def _metres(self) -> NDArray[np.float64]:
         return (np.arange(_WIDTH) + 0.5) / _WIDTH * (self.end + self.half) - self.half
-
-    @property
-    def _per_cell(self) -> float:
-        return _WIDTH * self.curve.resolution / (self.end + self.half)
 
     def _places(self, metres: ArrayLike, costs: ArrayLike) -> NDArray[np.float64]:
         share = (np.asarray(metres) + self.half) / (self.end + self.half)
@@ -243,7 +229,7 @@ class _Drawing:
             row[row == canvas.WHITE] = canvas.WHITE - 2
 
     def _draw_curve(self) -> None:
-        """Draw the formula, and dots for the costs of distances between cells."""
+        """Draw the formula, and dots for the costs of cells along a row."""
         brush = Brush(self.pen.sheet)
         line = self.formula(2 * _WIDTH)
         if line is not None:
@@ -252,16 +238,10 @@ class _Drawing:
         if curve.circumscribed_radius is not None and curve.circumscribed_cost:
             place = self._places(curve.circumscribed_radius, curve.circumscribed_cost)
             self._draw_contour_dot(place)
-        shown = curve.distance <= self.end
-        for dot in reversed(self._dots_shown()):
-            mask = shown & (self.is_along_row if dot is _ALONG_ROW else ~self.is_along_row)
-            for place in self._places(curve.distance[mask], curve.cost[mask]):
-                brush.dot(place, canvas.WHITE, radius=dot.radius + 1.2)
-                brush.dot(place, canvas.BLACK, radius=dot.radius)
-
-    def _dots_shown(self) -> list[_Dot]:
-        kinds = [_ALONG_ROW, _OFF_ROW] if self.curve.metric == "euclidean" else [_ALONG_ROW]
-        return [kind for kind in kinds if self._per_cell >= kind.room]
+        dots = self.has_dots & (curve.distance <= self.end) & (curve.cells == np.floor(curve.cells))
+        for place in self._places(curve.distance[dots], curve.cost[dots]):
+            brush.dot(place, canvas.WHITE, radius=_DOT + 1.2)
+            brush.dot(place, canvas.BLACK, radius=_DOT)
 
     def _draw_contour_dot(self, place: NDArray[np.float64]) -> None:
         brush = Brush(self.pen.sheet)
@@ -303,19 +283,15 @@ class _Drawing:
         pen.label(x, self.top - int(1.4 * _SIZE), "cost")
         scale = (self.end + self.half) / _WIDTH
         ticks = canvas.ticks_between(-self.half, _WIDTH, scale, _SIZE)
-        self._ticks(self.bottom, [tick for tick in ticks if not tick[1].startswith("-")])
-        self._centred(self.bottom + int(2.8 * _SIZE), f"{self.axis}, metres")
-
-    def _ticks(self, bottom: int, ticks: Sequence[tuple[int, str]]) -> None:
         for pixel, label in ticks:
-            x = self.left_x + pixel
-            self.pen.fill(x, bottom + 1, x, bottom + 6)
-            x -= canvas.text_width(label, _SIZE) // 2
-            self.pen.label(x, bottom + 6 + int(0.8 * _SIZE), label)
-
-    def _centred(self, middle: int, text: str) -> None:
+            if not label.startswith("-"):
+                x = self.left_x + pixel
+                pen.fill(x, self.bottom + 1, x, self.bottom + 6)
+                x -= canvas.text_width(label, _SIZE) // 2
+                pen.label(x, self.bottom + 6 + int(0.8 * _SIZE), label)
+        text = f"{self.axis}, metres"
         x = self.left_x + (_WIDTH - canvas.text_width(text, _SIZE)) // 2
-        self.pen.label(x, middle, text)
+        pen.label(x, self.bottom + int(2.8 * _SIZE), text)
 
     def _draw_band(self) -> None:
         band = self.pen.sheet[self.band_top : self.band_top + _BAND]
@@ -333,34 +309,20 @@ class _Drawing:
     def _index_of(self, zone: Zone) -> int:
         return len(self.palette.colours) + list(ZoneKind).index(zone.kind)
 
-    def _ribbon(self, top: int) -> None:
-        sheet, resolution = self.pen.sheet, self.curve.resolution
-        cells = np.rint(self._metres / resolution)
-        costs = self.curve.cost_near(np.maximum(cells, 0.0))
-        bottom = top + int(1.5 * _SIZE)
-        sheet[top:bottom, self.left_x : self.right] = self.palette.by_value[costs]
-        if self._per_cell >= 6:
-            edges = np.flatnonzero(np.diff(cells)) + 1
-            sheet[top:bottom, self.left_x + edges] = canvas.GREY
-        self.pen.frame(self.left_x, top, _WIDTH, bottom - top)
-        self._ticks(bottom, _cell_ticks(self._per_cell))
-        text = f"cells of {resolution:.6g} m, along a row or a column"
-        self._centred(bottom + int(2.8 * _SIZE), text)
-
-    def _legend_lines(self) -> list[tuple[int | str | _Dot | None, str]]:
-        lines: list[tuple[int | str | _Dot | None, str]] = []
+    def _legend_lines(self) -> list[tuple[int | str | None, str]]:
+        lines: list[tuple[int | str | None, str]] = []
         for zone in self.zones:
             lines.append((self._index_of(zone), zone.kind.text))
             lines.append((None, described(zone, self.end)))
         lines.append((None, ""))
-        lines += [(dot, dot.label) for dot in self._dots_shown()]
+        lines += [("dot", "distances along a row")] if self.has_dots else []
         if self.formula(2) is not None:
             lines.append(("line", "the formula"))
         if self.curve.circumscribed_cost:
             lines.append(("contour", f"circumscribed cost {self.curve.circumscribed_cost}"))
         return lines
 
-    def _legend(self, x: int, lines: Sequence[tuple[int | str | _Dot | None, str]]) -> None:
+    def _legend(self, x: int, lines: Sequence[tuple[int | str | None, str]]) -> None:
         y = self.band_top
         brush = Brush(self.pen.sheet)
         for sign, text in lines:
@@ -375,17 +337,10 @@ class _Drawing:
                 self.pen.fill(x, middle, x + side, middle + 1)
             elif sign == "contour":
                 self._draw_contour_dot(np.array([x + side / 2, middle + 0.5]))
-            elif isinstance(sign, _Dot):
-                brush.dot(np.array([x + side / 2, middle + 0.5]), canvas.BLACK, radius=sign.radius)
+            elif sign == "dot":
+                brush.dot(np.array([x + side / 2, middle + 0.5]), canvas.BLACK, radius=_DOT)
             self.pen.label(x + 1.8 * _SIZE, middle, text)
             y += _LINE
-
-
-def _cell_ticks(per_cell: float) -> list[tuple[int, str]]:
-    last = int(_WIDTH / per_cell - 0.5)
-    room = canvas.text_width(str(last), _SIZE) + 1.2 * _SIZE
-    step = int(max(canvas.round_step(room / per_cell), 1.0))
-    return [(round((k + 0.5) * per_cell), str(k)) for k in range(0, last + 1, step)]
 
 
 def curve_text(curve: CostCurve) -> str:
