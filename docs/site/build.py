@@ -54,8 +54,7 @@ API = {
     ),
     "Maps from sensors": (
         "local_map", "LocalMapper", "RollingMapper", "LocalOptions", "build_map",
-        "build_map_from_log", "build_map_from_bag", "cloud_map", "build_map_from_clouds",
-        "build_map_from_world",
+        "build_map_from_log", "cloud_map", "build_map_from_clouds", "build_map_from_world",
         "CloudMapper", "CloudMap", "CloudOptions", "MapBuilder", "BeamLimits", "Scans",
     ),
 }  # fmt: skip

@@ -5,7 +5,7 @@ Files: `read_map` and `write_map`; `read_map` returns an `OccupancyGrid`, a `Cos
 Robots: `costmap(map, robot)`, `read_robot_parameters`, `footprint_costs`, `cost_curve`, `reach`.
 Stages, from grid to grid: `active_region`, `inflate`, `esdf`, `layered_cost`, `exponential_cost`,
 `potential`, `clean`, `window`, `rotate`, `rescale`, `draw`.
-Sensors: `build_map`, `build_map_from_log`, `build_map_from_bag`, `cloud_map`, `local_map`.
+Sensors: `build_map`, `build_map_from_log`, `cloud_map`, `local_map`.
 Commands, on files or grids: `run`, `lint`, `diff`, `score`, `align`, `merge`, `route`, `graph`,
 `info`, `write_picture`, `write_report`.
 

@@ -7,7 +7,6 @@ from mapdeal.checks.lint import LintReport as LintReport
 from mapdeal.checks.lint import MapReport as MapReport
 from mapdeal.commands.align import Alignment as Alignment
 from mapdeal.commands.align import align as align
-from mapdeal.commands.build import build_map_from_bag as build_map_from_bag
 from mapdeal.commands.build import build_map_from_log as build_map_from_log
 from mapdeal.commands.build import build_map_from_world as build_map_from_world
 from mapdeal.commands.build_cloud import build_map_from_clouds as build_map_from_clouds

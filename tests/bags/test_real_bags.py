@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from mapdeal import build_map_from_bag, build_map_from_log, read_map_from_bag
+from mapdeal import build_map_from_log, read_map_from_bag
 from mapdeal.bags.bag import normalised_type
 from mapdeal.bags.messages import TF_TYPES, Decoder, laser_scan_of, transforms_of
 from mapdeal.bags.reader import open_bag
@@ -97,7 +97,7 @@ def test_made_maps_keep_every_cell_and_their_place(bags, recorded, form):
 def test_made_scans_make_the_map_of_their_log(bags, recorded, form):
     """Nearest instead of interpolated transforms, or no mount, would change 1,300 cells."""
     limits = {"method": "counting", "ratio": 0.0}
-    found = build_map_from_bag(bags / "made" / f"scans-{form}", **limits)
+    found = build_map_from_log(bags / "made" / f"scans-{form}", **limits)
     expected = build_map_from_log(bags / "made" / "sim.log", **limits)
     assert found.grid.frame == expected.grid.frame
     np.testing.assert_array_equal(found.layers["hits"], expected.layers["hits"])

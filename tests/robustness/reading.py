@@ -242,7 +242,7 @@ def read_bag(path, data):
         has_scans, has_clouds = (bool(bag.of_types(kind)) for kind in kinds)
     if has_scans:
         area = {"size": (8, 8), "origin": (-4, -4), "resolution": 0.5}
-        built = mapdeal.build_map_from_bag(path, **area, deskew=True)
+        built = mapdeal.build_map_from_log(path, **area, deskew=True)
         assert built.grid.shape == (16, 16)
     for has_poses in (False, True) if has_clouds else ():
         with from_bag(path, BagClouds, ["/points"], FrameOptions(), has_poses=has_poses) as clouds:

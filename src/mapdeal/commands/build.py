@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import combinations
@@ -32,7 +32,7 @@ from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping import build as mapping
 from mapdeal.mapping.cloud_map import CloudOptions
 from mapdeal.mapping.evidence import NEAR, OFTEN, BeamLimits, Beams, Scans, beams_of
-from mapdeal.mapping.transforms import FrameOptions, Pose, Topics, check_pose
+from mapdeal.mapping.transforms import FrameOptions, Topics, check_pose
 from mapdeal.mapping.voxels import upright
 from mapdeal.mapping.world_map import WorldOptions, map_of_world
 from mapdeal.maps.formats import MAP_ENDINGS
@@ -187,24 +187,47 @@ def _warn_of_vanished(built: mapping.BuiltMap, builder: mapping.MapBuilder, path
     )
 
 
+@contextmanager
+def _opened(
+    log: Path, topics: Sequence[str], frames: Mapping[str, Any], *, deskew: bool, max_bad: int
+) -> Iterator[ScanSource]:
+    if is_bag(log):
+        from mapdeal.pipeline.bag_maps import BagScans, from_bag  # only for bags
+
+        with from_bag(log, BagScans, topics, FrameOptions(**frames), deskew=deskew) as scans:
+            yield scans
+    else:
+        refuse("needs a bag for LOG", topics=topics, **frames, deskew=deskew)
+        yield open_log(log, max_bad=max_bad)
+
+
 def build_map_from_log(
-    path: str | PathLike[str], *, method: mapping.Method = "log-odds", resolution: float = 0.05,
-    size: Point | None = None, origin: Point | None = None, range_min: float = 0.0,
-    range_max: float = 30.0, clear_max: float = 0.0, max_bad: int = DEFAULT_MAX_BAD,
-    max_memory: int | None = None, threads: int | None = None, **parameters: Any,
+    path: str | PathLike[str], topics: Sequence[str] = (), *, method: mapping.Method = "log-odds",
+    resolution: float = 0.05, size: Point | None = None, origin: Point | None = None,
+    range_min: float = 0.0, range_max: float = 30.0, clear_max: float = 0.0, deskew: bool = False,
+    max_bad: int = DEFAULT_MAX_BAD, max_memory: int | None = None, threads: int | None = None,
+    **more: Any,
 ) -> mapping.BuiltMap:  # fmt: skip
-    """Build a map from the laser scans in a log, like ``mapdeal build LOG``.
+    """Build a map from the laser scans in a log or a bag, like ``mapdeal build LOG``.
 
     Parameters
     ----------
     path : path or str
-        A CARMEN log, optionally ``.gz``, or an ``.npz`` with ``poses``, ``angles`` and ``ranges``.
-    method, resolution, size, origin, range_min, range_max, clear_max, **parameters
+        A CARMEN log, optionally ``.gz``, an ``.npz`` with ``poses``, ``angles`` and ``ranges``, or
+        a bag: a ROS 1 ``.bag``, a folder with a ROS 2 bag, or a ``.db3`` or ``.mcap`` file.
+    topics : sequence of str
+        Of a bag: topics of type sensor_msgs/LaserScan; can be omitted if it has only one.
+    method, resolution, size, origin, range_min, range_max, clear_max
         As for `build_map`.
+    deskew : bool
+        Of a bag: whether to use the pose at the time of each beam rather than of each scan.
     max_bad : int
         Maximum number of malformed lines in a log.
     max_memory, threads
         As for `run`.
+    **more
+        Parameters of the method, and for a bag fixed_frame, base_frame, odometry, mount and poses:
+        the options of the command.
 
     Returns
     -------
@@ -214,88 +237,25 @@ def build_map_from_log(
     Raises
     ------
     FileAccessError, MalformedInputError
-        If the log cannot be read, has no scans, or no map can be built from it.
+        If the log cannot be read or has no scans, or its sensor lacks transforms.
     ParameterError
-        If a parameter is invalid.
+        If a parameter is invalid, or a bag needs the extra ``bags``.
 
     Warns
     -----
     MapdealWarning
-        If the map lacks groups of cells that were hit often, or a choice had to be made.
+        If the map lacks groups of cells that were hit often, scans were skipped, or a choice had to
+        be made.
     """
     settings = Settings(max_memory=max_memory, threads=threads)
+    frames = {name: more.pop(name) for name in parameters_of(FrameOptions) if name in more}
+    if frames.get("mount") is not None:
+        frames["mount"] = check_pose(frames["mount"], "mount")
     limits = BeamLimits(range_min, range_max, clear_max)
-    building = _Building({method: parameters}, limits, resolution, size, origin)
-    with settings.reading(), use_threads(settings.threads):
-        return _built(open_log(Path(path), max_bad=max_bad), building)
-
-
-def build_map_from_bag(
-    path: str | PathLike[str], topics: Sequence[str] = (), *, method: mapping.Method = "log-odds",
-    resolution: float = 0.05, size: Point | None = None, origin: Point | None = None,
-    range_min: float = 0.0, range_max: float = 30.0, clear_max: float = 0.0,
-    fixed_frame: str | None = None, base_frame: str | None = None, odometry: str | None = None,
-    poses: str | PathLike[str] | None = None, mount: Pose | None = None, deskew: bool = False,
-    max_memory: int | None = None, threads: int | None = None, **parameters: Any,
-) -> mapping.BuiltMap:  # fmt: skip
-    """Build a map from the laser scans in a bag, like ``mapdeal build BAG``.
-
-    Parameters
-    ----------
-    path : path or str
-        A ROS 1 ``.bag``, a folder with a ROS 2 bag, or a ``.db3`` or ``.mcap`` file.
-    topics : sequence of str
-        Topics of type sensor_msgs/LaserScan; can be omitted if the bag has only one.
-    method, resolution, size, origin, range_min, range_max, clear_max, **parameters
-        As for `build_map`.
-    fixed_frame : str, optional
-        Frame of the map. By default ``map`` if the transforms include it, otherwise ``odom``.
-    base_frame : str, optional
-        Frame of the robot. By default ``base_link``, or else ``base_footprint``.
-    odometry : str, optional
-        Odometry topic to use if no transforms lead to the robot.
-    poses : path or str, optional
-        File of robot poses that replaces the transforms: ``t x y z qx qy qz qw`` on each line.
-    mount : tuple of float, optional
-        x, y (metres) and yaw (radians) of the sensor on the robot, if no transform defines it.
-    deskew : bool
-        Whether to use the pose at the time of each beam rather than of each scan.
-    max_memory, threads
-        As for `run`.
-
-    Returns
-    -------
-    BuiltMap
-        The map, its evidence and the beam counts.
-
-    Raises
-    ------
-    ParameterError
-        If the extra ``bags`` is not installed, or a parameter is invalid.
-    FileAccessError, MalformedInputError
-        If the bag cannot be read or has no scans, or no transforms lead to the sensor.
-
-    Warns
-    -----
-    MapdealWarning
-        If scans were skipped or a choice had to be made, and as for `build_map_from_log`.
-    """
-    from mapdeal.pipeline.bag_maps import BagScans, from_bag  # only for bags
-
-    settings = Settings(max_memory=max_memory, threads=threads)
-    limits = BeamLimits(range_min, range_max, clear_max)
-    building = _Building({method: parameters}, limits, resolution, size, origin)
-    frames = FrameOptions(
-        fixed_frame=fixed_frame, base_frame=base_frame, odometry=odometry,
-        mount=None if mount is None else check_pose(mount, "mount"),
-        poses=None if poses is None else Path(poses),
-    )  # fmt: skip
-    with (
-        settings.reading(),
-        use_threads(settings.threads),
-        from_bag(Path(path), BagScans, topics, frames, deskew=deskew) as scans,
-    ):
-        return _built(scans, building)
+    building = _Building({method: more}, limits, resolution, size, origin)
+    opened = _opened(Path(path), topics, frames, deskew=deskew, max_bad=max_bad)
+    with settings.reading(), use_threads(settings.threads), opened as source:
+        return _built(source, building)
 
 
 def _beams_line(figures: Figures) -> str:
@@ -585,24 +545,21 @@ def build(
     limits = BeamLimits(range_min, range_max, clear_max)
     building = _Building(chosen, limits, resolution, size, origin)
     with ExitStack() as stack:
-        if log is not None and is_bag(log):
-            from mapdeal.pipeline.bag_maps import BagScans, from_bag  # only for bags
-
-            refuse("does not apply to bags", angles=angles, ranges=ranges, flip_y=flip_y)
-            options = FrameOptions(poses=poses, **frames)
-            bag = from_bag(log, BagScans, topics, options, deskew=deskew)
-            source: ScanSource = stack.enter_context(bag)
+        if log is not None:
+            texts = {"angles": angles, "ranges": ranges, "flip_y": flip_y}
+            if is_bag(log):
+                refuse("does not apply to bags", **texts)
+                frames["poses"] = poses
+            else:
+                refuse("cannot be given together with a LOG", poses=poses, **texts)
+            opened = _opened(log, topics, frames, deskew=deskew, max_bad=max_bad)
+            source = stack.enter_context(opened)
         else:
             refuse("needs a bag for LOG", topics=topics, **frames, deskew=deskew)
-            texts = {"poses": poses, "angles": angles, "ranges": ranges}
-            if log is not None:
-                refuse("cannot be given together with a LOG", **texts, flip_y=flip_y)
-                source = open_log(log, max_bad=max_bad)
-            elif poses is None or angles is None or ranges is None:
+            if poses is None or angles is None or ranges is None:
                 rule = "must be given, or all of --poses, --angles and --ranges"
                 raise ParameterError(rule, source="LOG")
-            else:
-                source = ScanTexts(poses, angles, ranges, flip_y=flip_y)
+            source = ScanTexts(poses, angles, ranges, flip_y=flip_y)
         passes = 2 if size is None else 1
         advance = stack.enter_context(work.counted(source.preparation + passes * source.count))
         if compare:
