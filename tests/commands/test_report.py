@@ -31,9 +31,9 @@ def run(sh):
 
 
 def test_python_writes_the_bytes_of_the_command(sh, run):
-    out = sh.ok("report out/rooms reach.json -o new/one.html --title Rooms --threads 3")
+    out = sh.ok("report out/rooms reach.json -o new/one.html --threads 3")
     assert out.startswith("new/one.html: 1 map, ")  # to which the document belongs
-    report = mapdeal.write_report("two.html", ["out/rooms", "reach.json"], title="Rooms")
+    report = mapdeal.write_report("two.html", ["out/rooms", "reach.json"])
     page = Path("new/one.html").read_bytes()
     assert page.startswith(b"<!doctype html>")
     assert page == report.path.read_bytes()

@@ -30,9 +30,9 @@ def write_cells(path, cells, resolution=0.25, origin=(1.5, -2.0, 0.4)):
     return path
 
 
-def report_of(*paths, **more):
+def report_of(*paths):
     with Grids(DEFAULT_SETTINGS) as grids:
-        report = gathered(paths, grids, **more)
+        report = gathered(paths, grids)
         for entry in report.entries:
             for layer in entry.layers:  # as long as the files are open
                 layer.values[:]

@@ -41,7 +41,7 @@ from mapdeal.pipeline.batch import SUMMARY
 from mapdeal.pipeline.folder import MANIFEST, reach_document
 from mapdeal.pipeline.inputs import KeepoutMask, Work, map_input, mask_of, read_input
 from mapdeal.pipeline.recipe import planned_shape
-from mapdeal.pipeline.settings import Settings, adding_warnings, is_whole
+from mapdeal.pipeline.settings import Settings, adding_warnings
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.report.document import Claim, Report, State, Table, Verdict, page_layers, worst_of
 from mapdeal.report.page import page_of
@@ -197,11 +197,10 @@ class RunChecks:
 
 File = str | PathLike[str]
 
-LARGEST_PAGE = 25_000_000  # bytes: the limit of many e-mail servers
+_LARGEST_PAGE = 25_000_000  # bytes: the limit of many e-mail servers
 _PAGE, VERDICT = "report.html", "report.json"
 _VERDICT_FORMAT = "mapdeal-report/1"
 _VERDICT_MARK = _VERDICT_FORMAT.encode()
-_SMALLEST_PAGE = 100_000
 ENDINGS = (".html", ".htm")
 _GENERATOR, _HEAD = b'<meta name="generator" content="mapdeal', 1 << 12
 _INPUT = "input"  # the name of the layer with the map that a run was given
@@ -284,8 +283,6 @@ mapdeal report out/office examples/maps/office.yaml -o out/report.html""",
 )
 def write_report(
     path: File, sources: Annotated[File | Sequence[File], Words("PATH...", typed=list[Path])], *,
-    title: Annotated[str | None, Words("TEXT")] = None,
-    max_size: Annotated[int, Words("SIZE", source.size_of)] = LARGEST_PAGE,
     dialect: Dialect = "nav2", max_cells: int | None = None, force: bool = False,
     threads: int | None = None, max_memory: int | None = None,
 ) -> WrittenReport:  # fmt: skip
@@ -307,11 +304,6 @@ def write_report(
         Output path, ``.html``. Missing folders are created.
     sources : path or str, or a sequence of them
         Folders of runs or batches; maps, fields and costs; shapes; JSON of other commands.
-    title : str, optional
-        Title of the page  [default: the map's name]. Of several maps it is their number.
-    max_size : int
-        Size of the page, like 25M: maps that would make it larger are shown in larger cells
-        [default: 25 MB]. In Python it is a number of bytes.
     dialect, max_cells, max_memory
         As for `read_map`.
     force : bool
@@ -339,30 +331,24 @@ def write_report(
     MapdealWarning
         If something is missing or does not match; the page shows the same warning.
     """
-    if title is not None and not isinstance(title, str):
-        raise errors.ParameterError("must be a text", place="title", got=title)
-    if not is_whole(max_size) or max_size < _SMALLEST_PAGE:
-        least = source.size_text(_SMALLEST_PAGE)
-        rule = f"at least {least}" if is_whole(max_size) else "a whole number of bytes"
-        raise errors.ParameterError(f"must be {rule}", place="max_size", got=max_size)
     settings = Settings(
         dialect=dialect, max_cells=max_cells, force=force, threads=threads, max_memory=max_memory
     )
     named = [sources] if isinstance(sources, str | PathLike) else sources
     if not named:
         raise errors.ParameterError("needs at least one", place="sources")
-    return written(Path(path), list(map(Path, named)), settings, title=title, size=max_size)
+    return written(Path(path), list(map(Path, named)), settings)
 
 
 def written(
-    output: Path, paths: Sequence[Path], settings: Settings, *, title: str | None = None,
-    size: int = LARGEST_PAGE, inputs: Sequence[Path] = (), checks: RunChecks | None = None,
+    output: Path, paths: Sequence[Path], settings: Settings, *, inputs: Sequence[Path] = (),
+    checks: RunChecks | None = None,
 ) -> WrittenReport:  # fmt: skip
     # With what a run has asked of its maps, the verdict goes beside the page as JSON.
     if output.suffix.lower() not in ENDINGS:
         raise errors.ParameterError("the page must end in .html", source=output)
     with settings.reading(), use_threads(settings.threads), Grids(settings) as grids:
-        report = gathered(paths, grids, title=title, inputs=inputs, checks=checks)
+        report = gathered(paths, grids, inputs=inputs, checks=checks)
         read = [*paths, *grids.files]
         verdict = [] if checks is None else [output.with_name(VERDICT)]
         verdicts = verdicts_of(report.entries)
@@ -370,7 +356,7 @@ def written(
             sizes: list[int] = []
 
             def measured() -> Iterator[bytes]:
-                for part in page_of(report, size=size):
+                for part in page_of(report, size=_LARGEST_PAGE):
                     sizes.append(len(part))
                     yield part
 
@@ -392,7 +378,7 @@ def page_in(folder: Path) -> Path:
 
 
 def gathered(
-    paths: Sequence[Path], grids: Grids, *, title: str | None = None, inputs: Sequence[Path] = (),
+    paths: Sequence[Path], grids: Grids, *, inputs: Sequence[Path] = (),
     checks: RunChecks | None = None,
 ) -> Report:  # fmt: skip
     gathering = _Gathering(grids)
@@ -426,8 +412,7 @@ def gathered(
     names = {*gathering.named, *map(str, files)}
     folders = {folder for name in names if (folder := entries.folder_of(name)) is not None}
     shown = tuple(draft.entry(grids.settings, folders) for draft in gathering.drafts)
-    if title is None:
-        title = shown[0].name if len(shown) == 1 else count_text(len(shown), "map")
+    title = shown[0].name if len(shown) == 1 else count_text(len(shown), "map")
     return Report(title, shown, __version__)
 
 
