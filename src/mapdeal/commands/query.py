@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import LethalThreshold, Result, Words, command
+from mapdeal.command import Result, Words, command
 from mapdeal.errors import FindingError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.text import Form, Kind, row_texts
 from mapdeal.grid import values
@@ -179,9 +179,6 @@ def query(
     points: Annotated[Path | None, Words("FILE|-")] = None,
     poses: Annotated[Path | None, Words("FILE|-")] = None,
     rule: FootprintRule | None = None,
-    unknown: values.UnknownPolicy | None = None,
-    convention: values.Convention | None = None,
-    lethal_threshold: LethalThreshold | None = None,
     footprint: Footprint | None = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
 ) -> Answers:
@@ -203,18 +200,10 @@ def query(
         With a footprint: file of poses, one x,y,yaw, TUM line or JSON object each; - reads stdin.
     rule : {'outline', 'full'}, optional
         With a footprint: cells that count, its outline (the default, as in Nav2) or all (full).
-    unknown : {'free', 'occupied'}, optional
-        With a map: what unknown cells count as; free by default for distances.
-    convention : {'fast-planner', 'center', 'border'}, optional
-        With a map: where the distance is zero; fast-planner by default.
-    lethal_threshold : int, optional
-        With a map: least occupancy of an obstacle, 1..100; 100 by default.
     footprint : Footprint, optional
         The robot's shape, instead of that of `robot`.
     """
-    of_map = {"unknown": unknown, "convention": convention, "lethal_threshold": lethal_threshold}
     if robot is not None:
-        inputs.refuse("cannot be given together with --params-file", **of_map)
         robot = robot if footprint is None else robot.with_shape(footprint)
         footprint = robot.footprint
     if footprint is None:
@@ -222,7 +211,6 @@ def query(
         unit, form, file, read = "point", "X,Y", points, read_points
     else:
         inputs.refuse("is for points; poses of a footprint are given by --poses", points=points)
-        inputs.refuse("applies to distances, not to a footprint", convention=convention)
         unit, form, file, read = "pose", "X,Y,YAW", poses, read_pose_lines
     if not at and file is None:
         raise ParameterError("one of the two is required", place=f"at, {unit}s")
@@ -232,13 +220,12 @@ def query(
     first = _rows(at or (), form)
     chunks, asked_in = ((), "--at") if file is None else inputs.text_in(file)
     (map_read,) = inputs.open_inputs(map, names=("map",))
-    reading = {name: value for name, value in of_map.items() if value is not None}
     answer: Answer
     if footprint is None:
-        answer = partial(_answers_of, _field_of(map_read, reading))
+        answer = partial(_answers_of, _field_of(map_read))
     else:
         mask = inputs.mask_of(settings.mask, settings, map_read.grid)
-        costs = _costs_of(map_read, reading, robot, mask)
+        costs = _costs_of(map_read, robot, mask)
         answer = partial(_answers_at, costs, footprint, rule or "outline")
     questions = chain([first] if at else [], read(chunks, asked_in))
     return Answers(map_read, cast("Any", unit), questions, asked_in, answer, settings.strict)
@@ -258,15 +245,14 @@ def _rows(at: Sequence[str | Sequence[float]], form: str) -> NumberLines:
     return NumberLines(rows, [0] * len(at), errors)
 
 
-def _field_of(map_read: inputs.MapInput, reading: Mapping[str, Any]) -> DistanceField:
+def _field_of(map_read: inputs.MapInput) -> DistanceField:
     if isinstance(map_read.grid, DistanceField):
-        inputs.refuse("applies to maps: this field is already computed", **reading)
         inputs.claim_cells(map_read, 0.0)
         return map_read.grid
     inputs.check_fits(map_read.name, map_read.grid.shape, [make_step("esdf", {})], None)
     inputs.warn_of_potential(map_read)
     with inputs.errors_named(map_read.name):
-        return esdf(map_read.occupancy, **reading)
+        return esdf(map_read.occupancy)
 
 
 def _answers_of(field: DistanceField, questions: NumberLines) -> tuple[str, NDArray[np.bool_]]:
@@ -286,9 +272,8 @@ def _answers_of(field: DistanceField, questions: NumberLines) -> tuple[str, NDAr
 
 
 def _costs_of(
-    source: inputs.MapInput, options: Mapping[str, Any], robot: RobotParameters | None,
-    mask: inputs.KeepoutMask | None,
-) -> Costmap:  # fmt: skip
+    source: inputs.MapInput, robot: RobotParameters | None, mask: inputs.KeepoutMask | None
+) -> Costmap:
     """Return the costs in a file, or those of its map: a robot's, or of obstacles alone."""
     grid = source.grid
     if isinstance(grid, DistanceField):
@@ -297,7 +282,6 @@ def _costs_of(
         raise ParameterError(rule, source=source.name, hint=hint)
     inputs.claim_cells(source, _PER_CELL if robot is None else _OF_ROBOT)
     if isinstance(grid, Costmap):
-        inputs.refuse("applies to maps: these costs are already computed", **options)
         if grid.scale != "costmap2d":
             rule = "costs on the occupancy scale do not show what a footprint hits"
             hint = "mapdeal cost --model exponential writes costmap_2d's own as .npz"
@@ -310,11 +294,7 @@ def _costs_of(
             if mask is not None:
                 return mask.costs_of(step, grid, source.path)[1]
             return cast("Costmap", step.apply(grid, source.path))
-        threshold = options.get("lethal_threshold", values.DEFAULT_LETHAL_THRESHOLD)
-        limits: Any = {"lethal_threshold": threshold, "inscribed_value": None}
-        table = values.static_layer_cost_from_occupancy(**limits)
-        of_unknown = {"free": values.FREE_SPACE, "occupied": values.LETHAL_OBSTACLE}
-        table[values.UNKNOWN] = of_unknown.get(options.get("unknown", ""), values.NO_INFORMATION)
+        table = values.static_layer_cost_from_occupancy(inscribed_value=None)
         cost = look_up(source.occupancy.occupancy, table)
         costs = Costmap(cost, source.occupancy.resolution, source.occupancy.origin)
         return costs if mask is None else mask.over(costs)
