@@ -96,13 +96,12 @@ def test_shapes_of_polygons_are_drawn_again_by_edit(converted, tmp_path, command
     assert (again.occupancy[GRID.occupancy == 100] == 100).all()
 
 
-@pytest.mark.parametrize(("unit", "scale"), [("mm", 1000.0), ("m", 1.0)])
-def test_drawings_are_to_scale(converted, unit, scale):
-    text = converted(GRID, "a.svg", "--tolerance", "0", "--unit", unit).read_text()
+def test_drawings_are_to_scale(converted):
+    text = converted(GRID, "a.svg", "--tolerance", "0").read_text()
     root = ET.fromstring(text)  # noqa: S314 - our own
     size = [float(root.get(name).removesuffix("mm")) for name in ("width", "height")]
     view = [float(number) for number in root.get("viewBox").split()]
-    assert view[2:] == pytest.approx([pixels / 1000 * scale for pixels in size])
+    assert view[2:] == pytest.approx(size)
     x, y = map(float, re.search(r"\(0, 0\) is (\S+), (\S+) m", text).groups())
     layers = {group.get("id"): group for group in root.iter("{http://www.w3.org/2000/svg}g")}
     for name, cells in (("known", GRID.occupancy >= 0), ("obstacles", GRID.occupancy == 100)):
@@ -110,13 +109,12 @@ def test_drawings_are_to_scale(converted, unit, scale):
         for part in (part for path in layers[name] for part in path.get("d")[1:-1].split("ZM")):
             ring = shapely.Polygon([tuple(map(float, p.split())) for p in part.split(" L")])
             area = shapely.symmetric_difference(area, ring)
-        in_map = shapely.transform(area, lambda p: p / scale * (1, -1) + (x, y))
+        in_map = shapely.transform(area, lambda p: p / 1000 * (1, -1) + (x, y))
         assert np.array_equal(cells_in([in_map], GRID), cells)
 
 
 REFUSED = [
     ("x.geojson --tolerance 0.2", 2, "--tolerance: must be at most half a cell, 0.125 m"),
-    ("x.geojson --unit m", 2, "--unit: applies to .svg"),
     ("x.svg --of obstacles --robot-radius 0.1", 2, "applies to free space"),
     ("x.svg --mode raw", 2, "--mode: applies to maps"),
     ("x.svg --wall-height 1", 2, "--wall-height: applies to .sdf, .stl and .obj"),

@@ -83,7 +83,6 @@ def convert_area(
     source: Path, read: Source, output: Path, transaction: Transaction, *,
     of: outlines.Area | None = None,
     tolerance: Annotated[float, AT_LEAST_0, METRES] | None = None,
-    unit: outlines.DrawingUnit = "mm",
     start: Annotated[tuple[float, ...] | None, Words("X,Y[,YAW]", start_of, "from")] = None,
     footprint: Footprint | None = None,
 ) -> Written:  # fmt: skip
@@ -103,8 +102,6 @@ def convert_area(
     tolerance : float, optional
         Distance by which outlines may be moved to have fewer corners, up to half a cell; 0 to
         follow the cells exactly. [default: half a cell]
-    unit : {'mm', 'm'}
-        Unit of coordinates in a drawing at scale 1:1.
     start : tuple of float, optional
         Start of the robot, metres and radians.
     footprint : Footprint, optional
@@ -118,8 +115,6 @@ def convert_area(
         hint = "mapdeal rescale makes a coarser map"
         raise ParameterError(rule, place="tolerance", got=tolerance, hint=hint)
     is_drawing = output.suffix.lower() == ".svg"
-    if not is_drawing and unit != "mm":
-        raise ParameterError("applies to .svg; GeoJSON is in metres", place="unit")
     of_robot = start is not None or footprint is not None
     if of == "obstacles":
         refuse("applies to free space", footprint=footprint, start=start)
@@ -147,8 +142,7 @@ def convert_area(
     parts = outlines.geojson_parts(shown)
     if is_drawing:
         background = outlines.UNKNOWN_FILL if of is None else None
-        look: Any = {"title": source.stem, "unit": unit, "background": background}
-        parts = outlines.svg_parts(layers, grid.frame, **look)
+        parts = outlines.svg_parts(layers, grid.frame, title=source.stem, background=background)
     transaction.write_parts(output, parts)
     texts, figures = [], {}
     for layer, _ in layers:

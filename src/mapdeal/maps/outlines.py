@@ -26,7 +26,6 @@ from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.outlines import Polygons, outlines
 
 Area = Literal["free", "obstacles"]
-DrawingUnit = Literal["mm", "m"]
 _Rings = list[list[list[float]]]
 
 _DECIMALS = 6  # micrometres
@@ -98,21 +97,23 @@ def geojson_parts(layer: Outlines) -> Iterator[bytes]:
 
 
 def svg_parts(
-    layers: Sequence[tuple[Outlines, str]], frame: Frame, *, title: str, unit: DrawingUnit,
+    layers: Sequence[tuple[Outlines, str]],
+    frame: Frame,
+    *,
+    title: str,
     background: str | None = None,
-) -> Iterator[bytes]:  # fmt: skip
+) -> Iterator[bytes]:
     """Yield an SVG drawing of layers at scale 1:1, each in one colour, the first at the bottom."""
-    # User units are millimetres or metres.
+    # User units are millimetres.
     corners = np.concatenate([layer.polygons.corners for layer, _ in layers])
     points = frame.xy_from_continuous_rowcol(corners)
     west, south = np.round(points.min(axis=0) - _MARGIN * frame.resolution, _DECIMALS)
     east, north = np.round(points.max(axis=0) + _MARGIN * frame.resolution, _DECIMALS)
     width, height = east - west, north - south
     sheet = np.array([[west, south], [east, south], [east, north], [west, north]])
-    scale = _MM if unit == "mm" else 1.0
 
     def on_sheet(points: Floats) -> Floats:
-        places: Floats = (points - (west, south)) * (scale, -scale) + (0, height * scale)
+        places: Floats = (points - (west, south)) * (_MM, -_MM) + (0, height * _MM)
         return places
 
     def path(rings: _Rings) -> str:
@@ -123,9 +124,9 @@ def svg_parts(
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         '<svg xmlns="http://www.w3.org/2000/svg" version="1.1" '
         f'width="{_number(width * _MM)}mm" height="{_number(height * _MM)}mm" '
-        f'viewBox="0 0 {_number(width * scale)} {_number(height * scale)}">\n'
+        f'viewBox="0 0 {_number(width * _MM)} {_number(height * _MM)}">\n'
         f"<title>{escape(one_line(title))}</title>\n"
-        f"<desc>Scale 1:1, in {unit}. In the map frame, (0, 0) is {_number(west)}, "
+        f"<desc>Scale 1:1, in mm. In the map frame, (0, 0) is {_number(west)}, "
         f"{_number(south + height)} m, and y points up.</desc>\n"
     ).encode()
     if background is not None:
