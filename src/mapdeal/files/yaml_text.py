@@ -226,12 +226,10 @@ def decoded_text(path: Path, data: bytes) -> str:
     return text
 
 
-def compose_documents(
-    path: Path, data: bytes, limits: YamlLimits, tags: frozenset[str] = frozenset()
-) -> list[yaml.Node]:
+def compose_documents(path: Path, data: bytes, limits: YamlLimits) -> list[yaml.Node]:
     text = decoded_text(path, data)
     with _as_malformed(path, text):
-        composer, documents = _PYYAML(text).read(path, text, limits, tags), []
+        composer, documents = _PYYAML(text).read(path, text, limits), []
         while composer.check_node():
             documents.append(composer.get_node())
         return documents
@@ -274,12 +272,9 @@ def fault_in(text: str, error: Exception) -> tuple[str, tuple[int, int] | None]:
 class _Composer(yaml.composer.Composer):
     """PyYAML's composer with limits, which it checks at each event."""
 
-    def read(
-        self, path: Path, text: str, limits: YamlLimits, tags: frozenset[str] = frozenset()
-    ) -> Any:
-        """Set the file, the limits and the allowed tags; loaders are created with only the text."""
+    def read(self, path: Path, text: str, limits: YamlLimits) -> Any:
+        """Set the file and the limits; loaders are created with only the text."""
         self._path, self._text, self._limits = path, text, limits
-        self._tags = _PLAIN_TAGS | tags
         self._depth = self._nodes = self._aliases = 0
         return self
 
@@ -304,7 +299,7 @@ class _Composer(yaml.composer.Composer):
             return super().compose_node(parent, index)
         before = self._nodes
         self._count(1, event)
-        if event.tag not in (None, "!") and event.tag not in self._tags:
+        if event.tag not in (None, "!") and event.tag not in _PLAIN_TAGS:
             raise self._error("tag not allowed", event, got=event.tag)
         is_nested = isinstance(event, yaml.CollectionStartEvent)
         self._depth += is_nested

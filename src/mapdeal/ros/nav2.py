@@ -48,7 +48,6 @@ _ARTICLES = {
     "bool": "a bool", "integer": "an integer", "double": "a double", "string": "a string",
     "string_array": "a list of strings", "integer_array": "a list of integers",
     "double_array": "a list of doubles", "bool_array": "a list of bools",
-    "byte_array": "a list of bytes",
 }  # fmt: skip
 
 

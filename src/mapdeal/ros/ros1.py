@@ -13,13 +13,9 @@ types, and clamps it to its limits.
 
 from __future__ import annotations
 
-import ast
-import base64
-import binascii
 import hashlib
 import math
-import operator
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -64,71 +60,15 @@ from mapdeal.ros.robot import (
     syntax_problem,
 )
 
-_DEGREES, _RADIANS = "!degrees", "!radians"
-_BINARY = "tag:yaml.org,2002:binary"
-_EXTRA_TAGS = frozenset({_DEGREES, _RADIANS, _BINARY})
-"""Tags that rosparam knows, besides those of plain YAML."""
-
-_LONGEST_ANGLE = 200
 _INT32 = 1 << 31
 
 
-class _RosLoader(yaml.SafeLoader):
-    """PyYAML's safe loader with the constructors that rosparam adds."""
-
-
-def _angle(loader: yaml.SafeLoader, node: yaml.Node) -> float:
-    if not isinstance(node, yaml.ScalarNode):
-        raise ValueError("an angle must be a single value")
-    text = str(loader.construct_scalar(node)).strip()
-    if node.tag == _DEGREES:
-        return float(text[4:-1] if text.startswith("deg(") else text) * math.pi / 180.0
-    return _evaluate_angle(text[4:-1] if text.startswith("rad(") else text)
-
-
-_RosLoader.add_constructor(_DEGREES, _angle)
-_RosLoader.add_constructor(_RADIANS, _angle)
-_RosLoader.add_constructor(
-    _BINARY, lambda _, node: base64.decodebytes(str(node.value).encode("ascii"))
-)
-_ANGLES = (("deg(", _DEGREES), ("rad(", _RADIANS))
-
-_OPERATORS: dict[type, Callable[[float, float], float]] = {
-    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
-    ast.Div: operator.truediv, ast.Pow: operator.pow,
-}  # fmt: skip
-
-
-def _evaluate_angle(text: str) -> float:
-    """Return the value of an expression of numbers and ``pi``; rosparam evaluates it as Python."""
-    if len(text) > _LONGEST_ANGLE:
-        raise ValueError("an angle of more than 200 characters")
-    try:
-        return float(_number_of(ast.parse(text.strip(), mode="eval").body))
-    except (SyntaxError, ArithmeticError, RecursionError, MemoryError, TypeError):
-        raise ValueError("no angle in radians") from None
-
-
-def _number_of(node: ast.expr) -> float:
-    if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
-        return float(node.value)
-    if isinstance(node, ast.Name) and node.id == "pi":
-        return math.pi
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
-        number = _number_of(node.operand)
-        return -number if isinstance(node.op, ast.USub) else number
-    if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
-        return _OPERATORS[type(node.op)](_number_of(node.left), _number_of(node.right))
-    raise ValueError("an angle in radians is made of numbers, pi and + - * / **")
-
-
 def _value_of(source: Path, node: yaml.Node) -> Any:
-    _resolve_angles(node, set())
     try:
-        return _RosLoader("").construct_document(node)
+        return yaml.SafeLoader("").construct_document(node)
     # If a tag does not fit its value, PyYAML's constructors raise any of these.
-    except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, OverflowError,
-            binascii.Error) as error:  # fmt: skip
+    except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError,
+            OverflowError) as error:  # fmt: skip
         rule = f"cannot be read ({one_line_of(error)})"
         raise MalformedInputError(rule, source=source, place=f"line {_line_of(node)}") from None
 
@@ -137,25 +77,9 @@ def _line_of(node: yaml.Node) -> int:
     return int(node.start_mark.line) + 1
 
 
-def _resolve_angles(node: yaml.Node, visited: set[int]) -> None:
-    """Tag unquoted ``deg(...)`` and ``rad(...)``, as rosparam's resolvers do."""
-    if id(node) in visited:
-        return
-    visited.add(id(node))
-    if isinstance(node, yaml.ScalarNode):
-        if node.tag == "tag:yaml.org,2002:str" and node.style is None:
-            text = str(node.value)
-            for start, tag in _ANGLES:
-                if text.startswith(start) and text.find(")") == len(text) - 1:
-                    node.tag = tag
-        return
-    for item in node.value:
-        _resolve_angles(item[1] if isinstance(node, yaml.MappingNode) else item, visited)
-
-
 def _kind_of(value: Any) -> str:
     for kind, name in ((bool, "bool"), (int, "int"), (float, "double"), (str, "string"),
-                       (bytes, "binary"), (list, "list"), (dict, "struct")):  # fmt: skip
+                       (list, "list"), (dict, "struct")):  # fmt: skip
         if isinstance(value, kind):
             return name
     return "nothing" if value is None else type(value).__name__
@@ -166,7 +90,7 @@ def why_unsendable(value: Any) -> tuple[str, str, str | None] | None:
     if value is None:
         hint = "give it a value, or remove the line"
         return "params.empty", "has no value, and roslaunch exits", hint
-    if isinstance(value, bool | str | bytes | float):
+    if isinstance(value, bool | str | float):
         return None
     if isinstance(value, int):
         fits_int32 = -_INT32 <= value < _INT32
@@ -187,7 +111,6 @@ _ROOT = ""
 """Top-level key, in a file's tree, of the names that begin with a slash."""
 
 _UNSENDABLE = "unsendable"  # kind of a value that roslaunch cannot send, reported as a fault
-_NAMESPACE_KEY = "_ns"
 
 _Path = tuple[str, ...]
 
@@ -260,7 +183,7 @@ def read_ros1_parameters(path: Path) -> Ros1File:
 
 def parse_ros1_parameters(path: Path, data: bytes) -> Ros1File:
     reader = _Reader(path)
-    documents = compose_documents(path, data, _LIMITS, _EXTRA_TAGS)
+    documents = compose_documents(path, data, _LIMITS)
     for node in documents:
         reader.read(node)
     if len(documents) > 1:
@@ -289,20 +212,16 @@ class _Reader:
             kind = "list" if isinstance(node, yaml.SequenceNode) else "single value"
             rule = f"must be a mapping of parameters, is a {kind}"
             raise MalformedInputError(rule, source=self.source)
-        prefix: _Path = ()
-        for key, value in reversed(node.value):
-            if getattr(key, "value", None) == _NAMESPACE_KEY and isinstance(value, yaml.ScalarNode):
-                prefix = _joined((), str(value.value))
-        self._add((), node, prefix)
+        self._add((), node)
 
-    def _add(self, path: _Path, node: yaml.MappingNode, prefix: _Path) -> None:
+    def _add(self, path: _Path, node: yaml.MappingNode) -> None:
         for key, value in self._pairs(path, node):
-            parameter = _joined(path or prefix, key)
-            if not parameter or (path == () and key == _NAMESPACE_KEY):
+            parameter = _joined(path, key)
+            if not parameter:
                 continue
             if isinstance(value, yaml.MappingNode) and not value.tag.startswith("!"):
                 self.tree.below(parameter, self.source, _line_of(value))
-                self._add(parameter, value, prefix)
+                self._add(parameter, value)
             else:
                 self._set(parameter, value)
 

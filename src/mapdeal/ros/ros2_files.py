@@ -1,8 +1,8 @@
 """Parameter files of ROS 2.
 
 The reader copies the state machine of ROS 2's parser, which does not build nested mappings: its
-results for repeated keys, empty mappings and lists in lists follow from these states. Tags are
-as in the parser that Nav2's main branch uses; releases up to Kilted know ``!!str`` only.
+results for repeated keys, empty mappings and lists in lists follow from these states. Values with
+tags, which releases read differently, are refused.
 
 References
 ----------
@@ -14,8 +14,6 @@ has the first type that parses all of it: bool, integer (``strtoll`` with base 0
 
 from __future__ import annotations
 
-import base64
-import binascii
 import hashlib
 import math
 import re
@@ -41,48 +39,19 @@ _TAG = "tag:yaml.org,2002:"
 _SPACES = " \t\n\v\f\r"  # what C's functions skip in front of a number
 _INTEGER = re.compile(r"([-+]?)(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)", re.ASCII)
 _DECIMAL = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?", re.ASCII)
-_HEXADECIMAL = re.compile(
-    r"[-+]?0[xX](?:[0-9a-fA-F]+(?:\.[0-9a-fA-F]*)?|\.[0-9a-fA-F]+)(?:[pP][-+]?[0-9]+)?", re.ASCII
-)
-_SPECIAL = re.compile(r"[-+]?(?:inf(?:inity)?|nan(?:\([0-9a-z_]*\))?)", re.ASCII | re.IGNORECASE)
+_SPECIAL = re.compile(r"[-+]?(?:inf(?:inity)?|nan)", re.ASCII | re.IGNORECASE)
 _YAML_SPECIAL = re.compile(r"\.(nan|NaN|NAN)|[-+]?\.(inf|Inf|INF)")
-_MOST_DIGITS = 400  # of a hexadecimal number that may fit a double
 
 
-class TagError(ValueError):
-    """A tag that is unknown to the parser, or that does not fit the value."""
-
-
-def typed_scalar(text: str, *, is_quoted: bool, tag: str | None) -> tuple[str, Any]:
+def typed_scalar(text: str, *, is_quoted: bool) -> tuple[str, Any]:
     """Return the type of a value, by ROS 2's name, and the value."""
     text = text.partition("\0")[0]  # C's strings end there
-    if tag is not None:
-        return _tagged(text, tag)
     if not is_quoted:
-        for kind, _, read in _PLAIN:
+        for kind, read in _PLAIN:
             value = read(text)
             if value is not None:
                 return kind, value
     return "string", text
-
-
-def _tagged(text: str, tag: str) -> tuple[str, Any]:
-    name = tag.removeprefix(_TAG)
-    if name == "str":
-        return "string", text
-    if name == "binary":
-        try:
-            return "byte_array", base64.b64decode(text, validate=True)
-        except binascii.Error:
-            raise TagError("is not in base64, as its tag says") from None
-    for kind, tag_name, read in _PLAIN:
-        if name == tag_name:
-            value = read(text)
-            if value is None:
-                raise TagError(f"is not a value of its tag !!{name}")
-            return kind, value
-    tag_text = f"!!{name}" if name != tag else tag
-    raise TagError(f"has a tag that ROS 2 does not know, {tag_text}")
 
 
 def _integer(text: str) -> int | None:
@@ -100,38 +69,13 @@ def _double(text: str) -> float | None:
         return float(text.replace(".", ""))
     text = text.lstrip(_SPACES)
     if _SPECIAL.fullmatch(text):
-        return float(text.partition("(")[0])
-    if _HEXADECIMAL.fullmatch(text):
-        return _from_hexadecimal(text)
-    if not _DECIMAL.fullmatch(text):
-        return None
-    value = float(text)
-    is_zero = not re.split("[eE]", text)[0].strip("+-0.")
-    return value if is_zero or _is_normal(value) else None
+        return float(text)
+    value = float(text) if _DECIMAL.fullmatch(text) else math.inf
+    return value if math.isfinite(value) else None
 
 
-def _from_hexadecimal(text: str) -> float | None:
-    if len(text) > _MOST_DIGITS:
-        return None
-    try:
-        value = float.fromhex(text)
-        is_zero = not re.split("[pP]", text)[0].lower().lstrip("+-").removeprefix("0x").strip("0.")
-        if is_zero or _is_normal(value):
-            return value
-        mantissa, _, exponent = text.lower().partition("p")  # exact subnormals set no errno
-        scaled = float.fromhex(f"{mantissa}p{int(exponent or 0) + 200}")
-    except (OverflowError, ValueError):
-        return None
-    return value if value and scaled == math.ldexp(value, 200) else None
-
-
-def _is_normal(value: float) -> bool:
-    """Return whether ``strtod`` succeeds: infinite and subnormal results set ``errno``."""
-    return math.isfinite(value) and abs(value) >= 2.0**-1022
-
-
-_PLAIN = (("bool", "bool", _BOOLS.get), ("integer", "int", _integer), ("double", "float", _double))
-"""Types, their tags and their parsers."""
+_PLAIN = (("bool", _BOOLS.get), ("integer", _integer), ("double", _double))
+"""Types and their parsers."""
 
 PARAMETERS_KEY = "ros__parameters"
 _LONGEST_TEXT = 200
@@ -140,7 +84,7 @@ _LONGEST_NODE_NAME = 255
 
 _PRECEDENCE = (
     "bool", "integer", "double", "string",
-    "byte_array", "bool_array", "integer_array", "double_array", "string_array",
+    "bool_array", "integer_array", "double_array", "string_array",
 )  # fmt: skip
 _NESTING = f"parameters stand below NODE: {PARAMETERS_KEY}: NAME: VALUE"
 _LAUNCH = "launch files replace it; pass the file that the node gets, or write the name itself"
@@ -325,11 +269,10 @@ class FileReader:
         is_missing = not is_quoted and not event.value
         if is_missing or not self._in_parameters or node is None or not node.slots:
             raise self._misplaced(event, is_missing=is_missing)
-        tag = None if event.tag == "!" else event.tag
-        try:
-            kind, value = typed_scalar(event.value, is_quoted=is_quoted, tag=tag)
-        except TagError as error:
-            raise self._error(f"the value {error}", event, got=_short(event.value)) from None
+        if event.tag not in (None, "!"):
+            got, hint = event.tag.replace(_TAG, "!!"), "write the value without it"
+            raise self._error("a value has a tag", event, got=got, hint=hint)
+        kind, value = typed_scalar(event.value, is_quoted=is_quoted)
         if self._is_sequence:
             self._handle_item(event, kind, value)
         else:
@@ -353,8 +296,6 @@ class FileReader:
 
     def _handle_item(self, event: yaml.ScalarEvent, kind: str, value: Any) -> None:
         """Append a value to a list; its first value determines the type."""
-        if kind == "byte_array":
-            raise self._error("bytes in base64 cannot stand in a list", event)
         if self._items_kind is None:
             self._items_kind, self._items = kind, []
         if kind != self._items_kind:
