@@ -79,7 +79,6 @@ class Connection:
     type: str
     encoding: Encoding
     definition: str = ""
-    is_idl: bool = False
     serialization: str = ""
     spelled: str = ""
 

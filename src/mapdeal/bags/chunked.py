@@ -322,7 +322,7 @@ class Ros1Bag(ChunkedBag):
         topic = fields.get(b"topic", details.get(b"topic", b""))
         texts = topic, details.get(b"type", b""), details.get(b"message_definition", b"")
         topic_name, name, text = (value.decode("utf-8", "replace") for value in texts)
-        self._found[number] = Connection(number, topic_name, name, "ros1", text, False, "ros1")
+        self._found[number] = Connection(number, topic_name, name, "ros1", text, "ros1")
 
     def _note_described(self, record: _Record) -> None:
         if record.head.get(b"op") == _ROS1_CONNECTION:
@@ -399,7 +399,6 @@ _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX, _DATA_END = 2, 3, 4, 5, 6,
 _LONGEST_RECORD = 1 << 24  # bytes of a schema or a channel
 _BEFORE_DATA = 22  # bytes of a message's record before its data
 _ENCODINGS: dict[str, Encoding] = {"cdr": "cdr", "ros1": "ros1"}
-_IDL = ("ros2idl", "omgidl")
 
 
 class _Schema(NamedTuple):
@@ -507,8 +506,7 @@ class McapBag(ChunkedBag):
         schema = self._schemas.get(schema_number, _Schema("", "", ""))
         self._found[number] = Connection(
             number, topic, schema.name, _ENCODINGS.get(serialization, ""),
-            schema.text if schema.encoding in ("ros2msg", "ros1msg", *_IDL) else "",
-            schema.encoding in _IDL, serialization,
+            schema.text if schema.encoding in ("ros2msg", "ros1msg") else "", serialization,
         )  # fmt: skip
 
     def _note_described(self, record: _Record) -> None:

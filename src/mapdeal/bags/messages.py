@@ -8,7 +8,7 @@ import struct
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import IO, Any, Literal, NamedTuple, TypeVar
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.bags import bag as bags
-from mapdeal.bags.decoding import KNOWN, check_array_lengths, check_length, decoder_of
+from mapdeal.bags.decoding import KNOWN, decoder_of
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import access_to, chunks_of, claim
 from mapdeal.files.transaction import Transaction, temporary_folder
@@ -298,7 +298,6 @@ def points_of_scan(scan: LaserScan) -> NDArray[np.float64]:
 
 _T = TypeVar("_T")
 
-_SEPARATOR = "=" * 80
 _ARRAY_FACTOR, _OBJECT_FACTOR = 4, 30  # memory for decoding a message, relative to its length
 
 
@@ -354,32 +353,12 @@ class Decoder:
 
     def _deserializer(self, connection: bags.Connection) -> Callable[[bytes], Any]:
         name = connection.type
-        if connection.is_idl:
-            bags.import_rosbags(self._bag.path)
         try:
-            if connection.is_idl:
-                return partial(_idl_store(connection.definition).deserialize_cdr, typename=name)
             is_ros1 = connection.encoding == "ros1"
             return decoder_of(name, connection.definition, is_ros1=is_ros1)
         except Exception as error:  # noqa: BLE001 - parsers of damaged texts fail in many ways
             rule = f"its type {name} cannot be parsed: {error}"
             raise self._bag.malformed(rule, connection.topic) from None
-
-
-@lru_cache(maxsize=32)  # for all bags: to compile a store takes longer than to decode messages
-def _idl_store(definition: str) -> Any:
-    from rosbags.interfaces import Nodetype
-    from rosbags.typesys import Stores, get_types_from_idl, get_typestore
-
-    check_length(definition)
-    store = get_typestore(Stores.EMPTY)
-    parts: Iterator[Any] = map(get_types_from_idl, _idl_parts(definition))
-    for types in parts:
-        kinds = [kind for _, fields in types.values() for _, kind in fields]
-        # rosbags would generate code as long as all arrays of fixed length together
-        check_array_lengths([item[1] for kind, item in kinds if kind == Nodetype.ARRAY])
-        store.register(types)
-    return store
 
 
 def costmap_types() -> Any:
@@ -390,12 +369,6 @@ def costmap_types() -> Any:
     texts = {bags.normalised_type(name): KNOWN[name].replace("; ", "\n") for name in names}
     found = [get_types_from_msg(text, name) for name, text in texts.items()]
     return {**found[0], **found[1]}
-
-
-def _idl_parts(text: str) -> list[str]:
-    if not text.startswith(f"{_SEPARATOR}\nIDL: "):
-        return [text]
-    return [part.split("\n", 1)[1] for part in text.split(f"{_SEPARATOR}\n")[1:]]
 
 
 MAP_TOPIC, COSTS_TOPIC, FRAME = "/map", "/costmap", "map"

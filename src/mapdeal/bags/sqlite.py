@@ -160,23 +160,22 @@ class SqliteBag(Bag):
             raise self.malformed(rule)
         if not columns["messages"].get("id"):  # each lookup would search the whole table
             raise self.malformed("table messages has no primary key id")
-        texts: dict[str, tuple[str, bool]] = {}
+        texts: dict[str, str] = {}
         needed = {"topic_type", "encoding", "encoded_message_definition"}
         if columns["message_definitions"].keys() >= needed:
             query = "SELECT topic_type, encoding, encoded_message_definition"
             for name, encoding, text in self._rows(f"{query} FROM message_definitions"):
-                if encoding in ("ros2msg", "ros2idl"):
-                    texts[name] = (str(text), encoding == "ros2idl")
+                if encoding == "ros2msg":
+                    texts[name] = str(text)
         query = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
         known: set[int] = set()
         for number, topic, name, serialization in self._rows(query):
             if number in known:
                 raise self.malformed(f"is damaged: topic {number} appears twice")
             known.add(int(number))
-            text, is_idl = texts.get(name, ("", False))
             yield Connection(
                 int(number), str(topic), str(name), "cdr" if serialization == "cdr" else "",
-                text, is_idl, str(serialization),
+                texts.get(name, ""), str(serialization),
             )  # fmt: skip
 
     def _columns(self) -> dict[str, dict[str, int]]:
