@@ -42,7 +42,6 @@ REPLACED = [
     "cost pair.yaml -o c.npz --curve pair.png",
     "cost m.yaml --params-file made/nav2.yaml -o made/nav2.yaml", "merge m.yaml m2.yaml -o m.yaml",
     "merge m.yaml m2.yaml -o m2.pgm", "route m.yaml --pairs p.jsonl -o p.jsonl",
-    "window m.yaml --like m2.yaml -o m2.yaml",
 ]  # fmt: skip
 TWICE = (
     "diff - -", "info - -", "query - --points -", "route - --pairs -", "cost - --mask - -o o.npz",
@@ -77,9 +76,8 @@ ROWS = [
     ("cost m.yaml -o c.npz --recipe nav2 --inflation-radius -1", "--inflation-radius: must be"),
     ("info bare.pgm --origin 1,2,3", "--origin: needs --resolution"),
     ("lint bare.pgm --fix --in-place --resolution 0.25", "an image alone"),
-    ("window m.yaml -o x.npz --like m.yaml --size=1,1", "together"),
-    ("window m.yaml -o x.npz", "--size, --like"),
-    (4, "window m.yaml -o x.npz --like none.yaml", "none.yaml"),
+    ("window m.yaml -o x.npz", "--size"),
+    ("window m.yaml -o x.npz --size 1,1", "--at, --corner"),
     ("run m.yaml -o out --recipe only.yaml --mask m2.yaml", "makes no costs"),
     ("query m.yaml --at 1,1 --mask m2.yaml", "applies to costs of a robot"),
     (4, "route m.yaml --from 1,1 --to 2,2 --mask none.npz", "cannot be read"),

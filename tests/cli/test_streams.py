@@ -87,7 +87,7 @@ def test_the_pipes_of_the_docs_give_the_bytes_of_files(sh):
     "edit line {} --point 1.6,-1.5 --point 2.5,-1 --value 50",
     "edit circle {} --point 2,-1.2 --radius 0.3 --value 0",
     "edit reset {} --corner 1.6,-1.5 --size 0.5,0.5", "unpack {}",
-    "cost m.yaml --mask {}", "window m.yaml --like {}",
+    "cost m.yaml --mask {}",
 ])  # fmt: skip
 def test_every_command_with_an_npz_writes_it_to_a_pipe(sh, stdin, sent, line):
     name = "b.pbm" if line.startswith("unpack") else "m.npz"

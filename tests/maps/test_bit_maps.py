@@ -48,7 +48,7 @@ def _rewrite(path, old, new):
 @pytest.mark.parametrize("words", [
     "info --json", "lint", "diff b.yaml", "route --from=1.9,-1.5 --to=2.4,-1.3", "inflate -o o.npz",
     "edit circle --point=1.7,-1.7 --radius=0.3 --value=50 -o o.npz", "pack -o o.pbm",
-    "cost b.yaml -o o.npz --mask", "window b.yaml -o o.npz --like",
+    "cost b.yaml -o o.npz --mask",
 ])  # fmt: skip
 def test_commands_take_bits_as_they_take_their_yaml(pair, command, monkeypatch, words):
     monkeypatch.chdir(pair.parent)

@@ -271,15 +271,6 @@ def test_a_map_is_straightened_before_others_work_on_it(room):
     assert np.array_equal(products["rotate"].occupancy, mapdeal.straighten(crooked).occupancy)
 
 
-def test_the_frame_of_another_map_can_be_written_out(room):
-    like = {"height": 6, "width": 9, "resolution": 0.1, "origin": [1.7, -1.8, 0]}
-    window = mapdeal.apply_recipe(room, recipe_of(window={"like": like}))["window"]
-    assert window.frame == mapdeal.Frame(6, 9, 0.1, (1.7, -1.8, 0.0))
-    for wrong in ({**like, "height": 0}, {"height": 6}, "room.yaml", {**like, "width": 10**9}):
-        with pytest.raises(ParameterError, match=r"window\.like"):
-            mapdeal.load_recipe(recipe_of(window={"like": wrong}))
-
-
 def test_costs_and_fields_are_edited_as_the_maps_that_they_are_of(room):
     costs = mapdeal.exponential_cost(room)
     with pytest.warns(mapdeal.MapdealWarning, match="occupancy that ROS would publish"):

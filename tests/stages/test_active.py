@@ -151,9 +151,11 @@ def test_a_window_on_the_canvas_of_another_grid():
     known = active_region(source)
     costs = mapdeal.exponential_cost(known), mapdeal.ring_cost(known)
     for product in (known, mapdeal.esdf(known), *costs):
-        back = mapdeal.window(product, frame=source.frame)
+        frames = [{"corner_xy": grid.origin[:2], "size_xy": grid.frame.size_xy}
+                  for grid in (source, known)]  # fmt: skip
+        back = mapdeal.window(product, **frames[0])
         assert back.frame == source.frame  # the origin bit for bit
-        again = mapdeal.window(back, frame=known.frame)
+        again = mapdeal.window(back, **frames[1])
         np.testing.assert_array_equal(again.layer, product.layer)
         assert again.frame == known.frame
 

@@ -12,7 +12,6 @@ import mapdeal
 from drawn import cells, grid_from_text
 from mapdeal import MalformedInputError, OccupancyGrid, ParameterError, esdf, field_view
 from mapdeal.command import parameters_of
-from mapdeal.grid.frame import Frame
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.step import grid_of, make_step
 from mapdeal.stages import catalogue
@@ -153,15 +152,7 @@ REFUSED = {
     "shift_origin": [(None, {"origin_xy": (math.nan, 2.0)}),
                      ("-1 to 100", {"origin_xy": (1.5, -2.0), "default": 101})],
     "window": [
-        *[("frame", value) for value in (
-            {}, {"corner_xy": (1.0, 2.0)}, {"corner_xy": (1.0, 2.0), "frame": ROW.frame},
-            {"size_xy": (1.0, 1.0), "frame": ROW.frame})],
-        ("frame: .*must have cells of 0.3 m as the grid has, not of 0.31 m",
-         {"grid": KNOWN, "frame": Frame(4, 5, 0.31, (1.5, -2.0, 0.7))}),
-        ("frame: .*must have the grid's yaw, 0.7 rad, not 0.8 rad",
-         {"grid": KNOWN, "frame": Frame(4, 5, 0.3, (1.5, -2.0, 0.8))}),
-        ("frame: .*the edges of the cells must coincide: the origins are not whole",
-         {"grid": KNOWN, "frame": Frame(4, 5, 0.3, (1.6, -2.0, 0.7))}),
+        ("corner", {"size_xy": (1.0, 1.0)}),
         *[("no cell of it has a distance",
            {"grid": value, "corner_xy": (30.0, 1.5), "size_xy": (0.5, 0.5)})
           for value in (FIELD, PART)],

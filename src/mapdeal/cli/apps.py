@@ -6,7 +6,7 @@ import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from inspect import Parameter as Argument
 from pathlib import Path
@@ -23,11 +23,10 @@ from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.frame import Frame
 from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.png import write_png
 from mapdeal.pipeline.folder import files_of, step_line
-from mapdeal.pipeline.inputs import InShell, Map, Work, frame_of_file
+from mapdeal.pipeline.inputs import InShell, Map, Work
 from mapdeal.pipeline.recipe import RecipeName, load_recipe, step_for, step_of_recipe
 from mapdeal.pipeline.run import SingleResult, apply_to_file
 from mapdeal.pipeline.settings import Settings
@@ -73,10 +72,6 @@ def _apply_stage(
     stage = next(iter(models.values()))
     inputs = [] if robot is None else robot.paths
     before: Sequence[Step] = ()
-    for name, parameter in stage.parameters.items():
-        if parameter.kind is Frame and name in values:
-            values[name], files = frame_of_file(values[name], work.settings)
-            inputs = [*inputs, *files]
     if recipe is not None:
         step = step_of_recipe(recipe, stage.name, values, footprint=footprint, robot=robot)
     elif robot is not None:
@@ -156,10 +151,7 @@ class _StageCommand(Command):
             if any(stage.parameters[name] != parameter for stage in owners.values()):
                 rule = f"models {', '.join(map(str, owners))} of {self.name} have different"
                 raise ValueError(f"{rule} parameters of one name: {name}")
-            if parameter.kind is Frame:  # the shell accepts a map
-                words = replace(parameter.words or Words(), typed=Path, streams=True)
-                parameter = replace(parameter, words=words)
-            elif parameter.is_structured:  # set by the robot's shape or by a recipe
+            if parameter.is_structured:  # set by the robot's shape or by a recipe
                 continue
             found[name] = parameter
         last = ["encoding", "curve"] if is_of_costs else []

@@ -21,7 +21,7 @@ from mapdeal.files.transaction import Transaction
 from mapdeal.grid.canvas import FieldGrid
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import FieldView, PotentialField
-from mapdeal.grid.frame import Frame, Framed, Transform
+from mapdeal.grid.frame import Framed, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.kernels.arrays import dtype_of_squares
@@ -311,11 +311,6 @@ def read_together(paths: Sequence[Path], settings: Settings) -> list[Source]:
             with sources.holding(sum(bytes_of(source.grid) for source in maps_read)):
                 maps_read.append(read_input(path, settings, with_sums=True))
     return maps_read
-
-
-def frame_of_file(path: Path, settings: Settings) -> tuple[Frame, tuple[Path, ...]]:
-    with opened_input(path, settings) as file:
-        return file.frame(), file.files
 
 
 Map = str | PathLike[str] | Grid  # A map's file, or the map itself

@@ -14,7 +14,7 @@ from mapdeal.files.source import room, size_text
 from mapdeal.grid.canvas import FieldGrid
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.field import DistanceField, FieldView
-from mapdeal.grid.frame import Figures, Frame
+from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
 from mapdeal.kernels.blocks import activity
@@ -180,7 +180,7 @@ def _in_model(
 def _plain(value: Any) -> Any:
     if hasattr(value, "vertices"):
         return [list(vertex) for vertex in value.vertices] or {"radius": value.radius}
-    if isinstance(value, Frame | CostmapArea):
+    if isinstance(value, CostmapArea):
         return {key: _plain(field) for key, field in asdict(value).items()}
     if hasattr(value, "described"):
         return value.described()

@@ -19,30 +19,9 @@ from mapdeal import command
 from mapdeal.command import Parameter
 from mapdeal.errors import ParameterError, require
 from mapdeal.grid.footprint import is_number
-from mapdeal.grid.frame import MOST_CELLS, Frame, check_origin, check_resolution
 from mapdeal.grid.reach import Goal
-from mapdeal.layers.area import AREA_FIELDS
 from mapdeal.layers.catalogue import KINDS
 from mapdeal.layers.layer import CostmapLayer
-
-_FRAME = {name: AREA_FIELDS[name] for name in ("height", "width", "resolution")}
-_FRAME["origin"] = Parameter("origin", None, tuple[float, float, float], False, ())
-_FRAME_EXAMPLE = "{height: 60, width: 80, resolution: 0.05, origin: [-2, -1.5, 0]}"
-
-
-def accept_frame(name: str, value: object) -> Frame:
-    if isinstance(value, Frame):
-        return value
-    if not isinstance(value, Mapping) or set(value) != set(_FRAME):
-        raise ParameterError(f"must look like {_FRAME_EXAMPLE}", place=name, got=value)
-    found = command.accept_parameters(_FRAME, value, name)
-    if found["height"] * found["width"] > MOST_CELLS:
-        raise ParameterError(f"must not have more than {MOST_CELLS} cells", place=name, got=value)
-    check_resolution(found["resolution"])
-    return Frame(**{**found, "origin": check_origin(found["origin"])})
-
-
-command.structured(Frame, accept_frame)
 
 _GOALS_EXAMPLE = "{kitchen: [7.1, 3.2], ...} or [[7.1, 3.2], ...]"
 

@@ -120,26 +120,17 @@ def _known_span(has_known: Mask, grow: int) -> tuple[int, int]:
 
 
 def _cells(grid: Any, parameters: command.Parameters) -> Iterator[int]:
-    frame: frames.Frame | None = parameters["like"]
-    if frame is None:
-        size, corner, center = (parameters[name] for name in ("size", "corner", "at"))
-        region = frames.region_of(grid.frame, size, corner_xy=corner, center_xy=center)
-        frame = region.frame_in(grid.frame)
-    count = math.prod(frame.shape)
+    size, corner, center = (parameters[name] for name in ("size", "corner", "at"))
+    count = frames.region_of(grid.frame, size, corner_xy=corner, center_xy=center).cells
     if count <= frames.MOST_CELLS:  # the window refuses more
         yield count + min(count, math.prod(grid.shape))
 
 
 def _check(parameters: command.Parameters) -> command.Parameters:
-    size, at, corner = (parameters[name] for name in ("size", "at", "corner"))
-    if parameters["like"] is not None:
-        if (size, at, corner) != (None, None, None):
-            raise ParameterError("cannot be given together with size, at, corner", place="like")
-    elif size is None:
-        raise ParameterError("one of the two is required", place="size, like")
-    elif at is None and corner is None:
+    at, corner = parameters["at"], parameters["corner"]
+    if at is None and corner is None:
         raise ParameterError("one of the two is required", place="at, corner")
-    elif at is not None and corner is not None:
+    if at is not None and corner is not None:
         raise ParameterError("cannot be given together with corner", place="at")
     return {}
 
@@ -162,11 +153,9 @@ def _check(parameters: command.Parameters) -> command.Parameters:
 def window(
     grid: G,
     *,
-    size_xy: Annotated[frames.Point, command.POINT, command.Words("WX,WY", name="size")]
-    | None = None,
+    size_xy: Annotated[frames.Point, command.POINT, command.Words("WX,WY", name="size")],
     corner_xy: Annotated[frames.Point, command.POINT, command.Words(name="corner")] | None = None,
     center_xy: Annotated[frames.Point, command.POINT, command.Words(name="at")] | None = None,
-    frame: Annotated[frames.Frame, command.Words("MAP", name="like")] | None = None,
     default: Annotated[int, command.VALUE] | None = None,
 ) -> G:
     """Return a rectangular part of a grid, which may extend beyond it.
@@ -183,9 +172,6 @@ def window(
         yaw.
     center_xy : tuple of float, optional
         Or the centre of the window, map frame, metres, from which the corner is half the size away.
-    frame : Frame, optional
-        Map whose extent to use, instead of a size and a place. It is the frame of this map, whose
-        cells must coincide with those of `grid`.
     default : int, optional
         Value of cells beyond the map, on its scale; unknown if not given. Not allowed for a
         distance field, which is nan there.
@@ -198,9 +184,8 @@ def window(
     Raises
     ------
     ParameterError
-        If not exactly one of `corner_xy`, `center_xy` and `frame` is given, a number is not
-        finite, the size is not positive, the cells of `frame` do not coincide with those of
-        `grid`, or a window of a distance field contains none of its distances.
+        If not exactly one of `corner_xy` and `center_xy` is given, a number is not finite, the
+        size is 0 or less, or a field holds only nan in the window.
 
     Warns
     -----
@@ -219,26 +204,8 @@ def window(
     ([[4, 5], [-1, -1]], (1.5, 2.5, 0.0))
     """
     fill = default_of(grid, default)
-    if frame is not None:
-        if (size_xy, corner_xy, center_xy) != (None, None, None):
-            raise ParameterError("takes the place of size, corner and center", place="frame")
-        place = canvases.region_on_lattice(grid.frame, frame)
-        if place is None:
-            raise ParameterError(_mismatch_text(grid.frame, frame), place="frame")
-        return copied(grid, place, frame, fill=fill, stage_name="window")
-    if size_xy is None:
-        raise ParameterError("must be given, or a frame", place="size")
     region = frames.region_of(grid.frame, size_xy, corner_xy=corner_xy, center_xy=center_xy)
     return copied(grid, region, region.frame_in(grid.frame), fill=fill, stage_name="window")
-
-
-def _mismatch_text(lattice: frames.Frame, frame: frames.Frame) -> str:
-    side, other_side = lattice.resolution, frame.resolution
-    if side != other_side:
-        return f"must have cells of {side:g} m as the grid has, not of {other_side:g} m"
-    if canvases.is_turned(lattice, frame.origin[2]):
-        return f"must have the grid's yaw, {lattice.origin[2]:g} rad, not {frame.origin[2]:g} rad"
-    return "the edges of the cells must coincide: the origins are not whole cells apart"
 
 
 def default_of(grid: frames.Framed, value: int | None) -> int | None:
