@@ -161,14 +161,13 @@ def _hint(kind: str, value: ParameterValue) -> str | None:
 
 _PREFIX = "nav2_costmap_2d::"
 _STATIC = _PREFIX + "StaticLayer"
-_CONTAINER = _PREFIX + "PluginContainerLayer"
 _COSTLESS_FILTERS = {
     _PREFIX + "SpeedFilter": "limits the speed, and sets no costs",
     _PREFIX + "BinaryFilter": "switches a topic, and sets no costs",
     _PREFIX + "ZoneParameterFilter": "changes parameters, and sets no costs",
 }
 _FILTERS = (_PREFIX + "KeepoutFilter", *_COSTLESS_FILTERS)
-_KNOWN_CLASSES = (*NAV2_PLUGINS, *_COSTLESS_FILTERS, _CONTAINER)
+_KNOWN_CLASSES = (*NAV2_PLUGINS, *_COSTLESS_FILTERS, _PREFIX + "PluginContainerLayer")
 _LONGEST_CLASS_NAME = 100  # characters of a name that are compared with names of classes
 _MOST_LAYERS, _MOST_LISTED = 200, 8
 
@@ -257,25 +256,10 @@ def _layer(values: Nav2Values, name: str, kind: str, inscribed: float) -> Listed
         sensing = layer_class.sensing_from_nav2(values, name)
         return ListedLayer(name, kind, layer, is_enabled, sensing=sensing)
     if is_enabled and kind not in _COSTLESS_FILTERS:
-        consequence = "its costs are left out"
-        if kind == _CONTAINER:
-            consequence = "the layers that it contains are left out"
-            _refuse_contents(values, name)
-        text = f"{kind} is not modelled: {consequence}"
+        text = f"{kind} is not modelled: its costs are left out"
         values.problem("params.not-modelled", "warning", text, f"{name}.plugin")
     why = _COSTLESS_FILTERS.get(kind, NOT_MODELLED)
     return ListedLayer(name, kind, None, is_enabled, why_ignored=why)
-
-
-def _refuse_contents(values: Nav2Values, name: str) -> None:
-    """Refuse a container of layers that set costs: a costmap without these is meaningless."""
-    for contained in values.get(f"{name}.plugins", "string_array", ()):
-        parameter = f"{name}.{contained}.plugin"
-        layer_class = NAV2_PLUGINS.get(values.get(parameter, "string", ""))
-        if layer_class is not None and not layer_class.needs:
-            text = f"stands in {name}, whose layers are not modelled; the costs are meaningless"
-            hint = f"list {contained} in plugins itself"
-            values.problem("params.plugins", "refused", text, parameter, hint)
 
 
 _LARGEST = 1000.0  # metres from the centre to a corner; the limit of all footprints in mapdeal
