@@ -118,7 +118,7 @@ def test_masks_have_zones_where_they_lie(zones):
 
 
 def test_of_overlapping_limits_the_lower_one_counts(zones):
-    for unit, speeds in (("percent", (20, 60)), ("m/s", (0.2, 0.6))):
+    for unit, speeds in (("percent", (20, 60)), ("m/s", (0.2, 1.6))):
         drawn_zones = zones(*(zone(3.0 + n, -1.0, speed=v) for n, v in enumerate(speeds)))
         for order in (drawn_zones, drawn_zones[::-1]):
             mask, info = filter_mask(GRID, "speed", order, unit=unit)
