@@ -107,6 +107,15 @@ def test_figures_of_a_map_count_every_kind_of_cell():
     assert [figures[name] for name in names] == [3, 2, 1, 4, 5, 2]
 
 
+def test_a_cost_curve_ends_at_its_reach_and_rounds_to_the_nearest_distance():
+    curve = mapdeal.cost_curve(0.05, inflation_radius=1e300, cost_scaling_factor=0.0)
+    assert (curve.reach > 1e12, curve.cost_at_reach) == (True, 252)
+    curve = mapdeal.cost_curve(0.05, inflation_radius=2e3, cost_scaling_factor=3.0, lookup="nav2")
+    assert (curve.reach, curve.cost_at_reach) == (pytest.approx(2e3), 0)
+    assert len(curve.document()["curve"]) < 600
+    assert curve.cost_near(np.array([0.49, 0.51, 1.21, 1e9])).tolist() == [254, 216, 203, 0]
+
+
 GRID = mapdeal.OccupancyGrid([[100, 0, 0, 0, 0, -1], [-1, 0, 0, 30, 0, 100]], 0.25, (1.0, 2.0, 0.3))
 METRIC = mapdeal.field_view(mapdeal.esdf(GRID), view_range=0.7)
 PER_MAP = mapdeal.field_view(mapdeal.esdf(GRID, strength=1.3), view="per-map")

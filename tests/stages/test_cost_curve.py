@@ -150,15 +150,6 @@ def test_of_many_distances_the_ends_of_each_cost_are_listed(lookup):
     assert np.array_equal(listed, curve.cost)
 
 
-def test_a_reach_beyond_all_bounds_is_refused():
-    curve = mapdeal.cost_curve(0.05, inflation_radius=1e300, cost_scaling_factor=0.0)
-    assert curve.reach > 1e12
-    assert curve.cost_at_reach == 252
-    curve = mapdeal.cost_curve(0.05, inflation_radius=2e3, cost_scaling_factor=3.0, lookup="nav2")
-    assert (curve.reach, curve.cost_at_reach) == (pytest.approx(2e3), 0)
-    assert len(curve.document()["curve"]) < 600
-
-
 @pytest.mark.filterwarnings("error")
 def test_a_shape_sets_the_radii_and_no_warning_of_the_stage_is_repeated():
     robot = mapdeal.Footprint.parse("[[0.3,0.2],[-0.3,0.2],[-0.3,-0.2],[0.3,-0.2]]")
