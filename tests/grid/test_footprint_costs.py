@@ -12,11 +12,7 @@ from engines import ENGINES
 from mapdeal import Costmap, Footprint, MapdealWarning, OccupancyGrid, footprint_costs, read_map
 from mapdeal.grid.footprint import footprint_spans
 from mapdeal.grid.frame import Frame
-from mapdeal.grid.values import (
-    cost_from_occupancy,
-    occupancy_from_cost,
-    static_layer_cost_from_occupancy,
-)
+from mapdeal.grid.values import cost_from_occupancy, static_layer_cost_from_occupancy
 from mapdeal.kernels import engine
 from mapdeal.kernels.paths import open_poses
 
@@ -190,13 +186,6 @@ def test_ways_on_a_large_map_are_those_of_a_search_in_all_72_headings(seed):
     assert reached[:, 21:].any()  # it gets through the first door
 
 
-def test_a_costmap_becomes_the_occupancy_that_ros_would_publish():
-    costmap = Costmap([[0, 1, 128], [253, 254, 255]], 0.2, (1.0, 2.0, 0.5))
-    grid = costmap.to_occupancy()
-    assert grid.occupancy.tolist() == [[0, 1, 50], [99, 100, -1]]
-    assert (grid.resolution, grid.origin) == (0.2, (1.0, 2.0, 0.5))
-
-
 def test_figures_count_each_cell_once():
     costmap = Costmap([[0, 0, 0, 1, 252], [253, 253, 254, 255, 7]], 0.5, circumscribed_cost=61)
     assert costmap.figures() == {
@@ -243,7 +232,9 @@ def test_the_static_layer_reads_every_byte_as_ros_does(peers, name, options):
 
 
 def test_costs_are_published_and_masks_become_costs_as_in_ros(peers):
-    assert np.array_equal(occupancy_from_cost(), peers["to_occ"][0])
+    grid = Costmap(np.arange(256, dtype=np.uint8)[np.newaxis], 0.2, (1, 2, 0.5)).to_occupancy()
+    assert np.array_equal(grid.occupancy, peers["to_occ"])
+    assert (grid.resolution, grid.origin) == (0.2, (1, 2, 0.5))
     values = np.arange(-1, 101, dtype=np.int8)
     assert np.array_equal(cost_from_occupancy()[values.view(np.uint8)], peers["from_occ"][0])
 

@@ -130,11 +130,13 @@ def test_a_robot_that_turns_is_through_with_half_of_what_lies_behind():
 
 
 def test_the_narrowest_place_on_a_way_is_a_door_or_the_room_at_its_ends():
-    grid = rooms(4)
+    grid, half = rooms(4), 0.12  # it gets through the door of 0.28 m in no heading
     start, *goals = grid.frame.xy_from_rowcol([(9, 8), (9, 30), (9, 14)]).tolist()
-    found = reach(grid, start=start, radius=0.1, goals=[Goal(*xy) for xy in goals]).goals
-    places = [(goal.limited_by.width, goal.limited_by.at) for goal in found]
+    robot = Footprint([(half, half), (half, -half), (-half, -half), (-half, half)])
+    result = reach(grid, start=start, footprint=robot, margin=0, goals=[Goal(*xy) for xy in goals])
+    places = [(goal.limited_by.width, goal.limited_by.at) for goal in result.goals]
     assert places == [(pytest.approx(0.28), "passage"), (pytest.approx(1.12), "start")]
+    assert [(door.width, door.is_open) for door in result.passages] == [(places[0][0], False)]
 
 
 @pytest.mark.parametrize(("yaw", "nearest"), [(0.4, None), (1.6, "0.6109"), (-0.8, "0.1745")])
