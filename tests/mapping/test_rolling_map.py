@@ -256,4 +256,6 @@ def test_frames_odometry_and_mount_compose_to_the_true_poses(seed, noise):
 def test_the_error_of_odometry_grows_with_the_root_of_the_way():
     line = np.column_stack([np.linspace(0, 900, 90_001), np.zeros((90_001, 2))])
     odometry, _ = noisy_odometry(line, 0.1)
-    assert np.diff(odometry[:, 2]).std() == pytest.approx(0.1 * math.sqrt(0.01), rel=0.02)
+    steps = np.diff(odometry[:, 0] + 1j * odometry[:, 1]) * np.exp(-1j * odometry[:-1, 2])
+    covariance = np.cov(steps.real, np.diff(odometry[:, 2]))  # the errors are independent
+    np.testing.assert_allclose(covariance, np.eye(2) * 0.1**2 * 0.01, atol=4e-6)
