@@ -2,6 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks import clouds
 
 import mapdeal
 from mapdeal import MapdealWarning, build_map, build_map_from_log, read_map
@@ -132,6 +133,24 @@ def test_what_is_advised_keeps_them(sh, here):
     write_poles(1.0, 3.0)
     for words in ("--method counting --ratio 0.24", "--log-occ 3.1", "--values"):
         sh.ok(f"build poles.log -o m.npz --force {words} --resolution 0.04")
+
+
+def test_a_sequence_with_poses_makes_the_map_of_its_points(sh, here):
+    path = [(1, 1, 0.6), (4, 1, 0.6), (4, 3, 0.6), (1, 3, 0.6)]
+    world = clouds.World([clouds.ground(0, 5, 0, 4), *clouds.room(0, 5, 0, 4)], path)
+    world.steps, world.azimuths, lines = 6, 360, []
+    for k, scan in enumerate(world.scan()):
+        np.save(f"scan{k:02}.npy", scan.points.astype(np.float32))
+        x, y, z, yaw = scan.pose
+        lines.append(f"{k} {x} {y} {z} 0 0 {np.sin(yaw / 2)} {np.cos(yaw / 2)}")
+    Path("poses.txt").write_text("\n".join(lines))
+    sh.ok("build --cloud . --poses poses.txt -o map.yaml")
+    expected, found = clouds.ours_with_poses(world), read_map("map.yaml")
+    assert found.shape == expected.shape
+    assert (found.occupancy == expected.occupancy).mean() > 0.995  # float32, and rounded poses
+    Path("poses.txt").write_text("\n".join(lines[1:]))
+    err = sh.err("build --cloud . --poses poses.txt -o map.yaml --force", 3)
+    assert "must have a pose for each of 6 clouds" in err
 
 
 def test_lines_that_are_wrong_are_passed_over_up_to_a_number(here):

@@ -392,24 +392,6 @@ def test_the_command_makes_the_map_of_python(tmp_path, build):
     assert image.read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_sequence_with_poses_makes_the_map_of_its_points(tmp_path, build):
-    world, lines = hall(*table(3.0, 3.2)), []
-    for k, scan in enumerate(world.scan()):
-        np.save(tmp_path / f"scan{k:02}.npy", scan.points.astype(np.float32))
-        x, y, z, yaw = scan.pose
-        lines.append(f"{k} {x} {y} {z} 0 0 {np.sin(yaw / 2)} {np.cos(yaw / 2)}")
-    poses = tmp_path / "poses.txt"
-    poses.write_text("\n".join(lines))
-    code, _, err = build(tmp_path, "--poses", poses)
-    assert code == 0, err
-    expected, found = clouds.ours_with_poses(world), mapdeal.read_map(tmp_path / "map.yaml")
-    assert found.occupancy.shape == expected.occupancy.shape
-    assert (found.occupancy == expected.occupancy).mean() > 0.995  # float32, and rounded poses
-    poses.write_text("\n".join(lines[1:]))
-    code, _, err = build(tmp_path, "--poses", poses)
-    assert (code, "must have a pose for each of 6 clouds" in err) == (3, True), err
-
-
 def test_a_bag_makes_the_map_of_its_clouds_where_its_transforms_place_them(tmp_path):
     pytest.importorskip("rosbags")
     from bags.making import START, Maker, cloud as message, tf
