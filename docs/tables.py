@@ -213,7 +213,7 @@ def stages(_: str) -> str:
                 f"`{stage.model}`" if stage.model else "",
                 ", ".join(f"`{path.name}`" for path in _files(stage)),
                 _taken(stage),
-                f"{stage.memory:g}{', of both maps' * (stage.cells is not None)}",
+                f"{stage.memory:g}{', of input and output' * (stage.cells is not None)}",
             )
             for stage in STAGES
         ],

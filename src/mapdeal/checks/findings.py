@@ -255,12 +255,12 @@ declare_checks(
         Example: Node 5 and edge 5.
         Fix: Number edges above all nodes.
     graph.whole-number (error)
-        An integer where a scorer reads a float: it throws.
+        An integer where a scorer reads a float: the scorer throws an exception.
         The route server fails at the first request that scores this edge: the robot stays.
         Example: `"speed_limit": 1`.
         Fix: Write the number with a point: 1.0.
     graph.mixed-limits (warning)
-        The property speed_limit on some edges and not on all.
+        The property speed_limit on some edges only.
         Edges without it count as full speed, so routes may prefer them over limited ones.
         Example: A limit on one of three edges.
         Fix: Set speed_limit on every edge.
@@ -512,4 +512,4 @@ def hint_for(text: str) -> str:
     close = difflib.get_close_matches(text.lower(), [*CHECKS, *areas], n=1)
     if not close:  # a check's name without its area
         close = [name for name in CHECKS if name.partition(".")[2] == text.lower()][:1]
-    return f"did you mean {close[0]}?" if close else f"areas are {', '.join(areas)}"
+    return f"did you mean {close[0]}?" if close else f"groups are {', '.join(areas)}"

@@ -181,7 +181,7 @@ class _GraphFacts:
         for can_leave, nodes in trapped.items():
             if nodes:
                 word = "left, but not entered" if can_leave else "entered, but not left"
-                text = f"{self._ids(nodes)} can be {word}; add the edges back: each leads one way"
+                text = f"{self._ids(nodes)} can be {word}; add edges in the other direction"
                 yield self.finding("one-way", text, map(self._point, nodes))
 
     def _ids(self, nodes: Sequence[int]) -> str:

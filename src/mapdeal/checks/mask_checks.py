@@ -148,7 +148,7 @@ def unknown_in_mask(facts: MaskFacts) -> Iterator[Remark]:
 
 @check("mask.frees-unknown", "warning")
 def frees_unknown(facts: MaskFacts) -> Iterator[Remark]:
-    """A keepout mask of 0 where the map is unknown: free to Nav2.
+    """A keepout mask of 0 where the map is unknown, which Nav2 then reads as free.
     The filter overwrites unknown by free: planners lead the robot through unexplored space.
     Example: A white mask around a few black zones.
     Fix: Leave unknown cells of the map unknown.

@@ -397,7 +397,7 @@ declare_checks(
         Example: `inflation_layer: {custom_inscribed_radius: 0.1}`.
         Fix: Remove it, unless all readers of costs expect it.
     params.asymmetric (note)
-        Inflation that depends on a path: a map has none.
+        Inflation that depends on the path, which a map does not contain.
         On the robot one side of its path is cheaper; results here are the symmetric ones.
         Example: `inflation_layer: {plugin: "nav2_costmap_2d::AsymmetricInflationLayer",
         cost_scaling_factor: null, cost_scaling_factor_left: 5.0}`.
@@ -408,7 +408,7 @@ declare_checks(
         Example: `plugins: [obstacle_layer, inflation_layer]`.
         Fix: Add a StaticLayer in front.
     params.other-map (warning)
-        Static layers that read different maps: all get the one here.
+        Static layers that read different maps; mapdeal gives all the same one.
         Results here miss the obstacles of the second map.
         Example: `{plugins: [static_layer, rooms, inflation_layer], static_layer: {map_topic: /a},
         rooms: {plugin: "nav2_costmap_2d::StaticLayer", map_topic: /b}}`.
@@ -576,8 +576,8 @@ def radius_and_footprint(facts: RobotFacts) -> Iterator[Remark]:
     """
     radius, footprint = facts.value("robot_radius"), facts.value("footprint")
     if facts.robot.robot_radius is None and radius is not None:
-        where = f", on line {footprint.line}" if footprint is not None else ""
-        text = f"robot_radius has no effect: the footprint counts{where}; remove one"
+        where = f" on line {footprint.line}" if footprint is not None else ""
+        text = f"robot_radius has no effect: the footprint{where} overrides it; remove one"
         yield Remark(text, at=radius)
 
 

@@ -106,7 +106,7 @@ class Alignment(Placement, Result):
             place = _text(self.runner_up_transform)
             runner_up = f"the best place elsewhere {self.runner_up:.2f}: {place}"
         yield f"  score      {self.score:.2f}, {runner_up}"
-        yield f"  overlap    {100 * self.overlap:.0f} % of the free space of the map that has less"
+        yield f"  overlap    {100 * self.overlap:.0f} % of the free space of the smaller map"
         yield f"  walls      {100 * self.agreement:.0f} % of those in common agree within 0.25 m"
         if self.bend_xy is not None and self.bend >= _LEAST_BEND:
             where = place_text(self.maps[1].occupancy, self.bend_xy)

@@ -176,11 +176,11 @@ def lint(
     goals : sequence of Goal
         With a keepout mask: place that must stay reachable, such as a dock; more may follow.
     select : str or several
-        Checks, or areas of checks such as image, to run; separated by commas  [default: all but
+        Checks, or groups such as image, to run; separated by commas  [default: all but
         those on request].
         In Python several names are a list.
     ignore : str or several
-        Checks, or areas of checks, to leave out.
+        Checks, or groups, to leave out.
     strict : bool
         Whether warnings also make `LintReport.passes` false.
     config : bool
@@ -190,7 +190,7 @@ def lint(
     statistics : bool
         Print the number of findings of each check, most frequent first, instead of findings.
     explain : str or several
-        Print what these checks, an area of them or all find, why it matters, and what to do.
+        Print what these checks, a group of them or all find, why it matters, and what to do.
     jobs : int, optional
         Processes to use for many maps  [default: all cores]. In Python the default is one.
     fix : bool

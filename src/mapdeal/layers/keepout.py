@@ -37,7 +37,7 @@ class KeepoutFilter(CostmapLayer):
 
     key: ClassVar[str] = "keepout"
     nav2_plugins: ClassVar[tuple[str, ...]] = ("nav2_costmap_2d::KeepoutFilter",)
-    about: ClassVar[str] = "raises costs to those of the keepout mask, where it is listed"
+    about: ClassVar[str] = "raises costs to those of the keepout mask, at its place in the list"
     needs: ClassVar[str] = "mask"
 
     def apply(self, master: MasterGrid) -> None:

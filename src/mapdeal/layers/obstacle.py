@@ -130,8 +130,8 @@ class ObstacleLayer(CostmapLayer):
     track_unknown_space : bool
         Whether cells without observations are unknown, and so without effect, instead of free.
     combination_method : int
-        0 replaces all costs below by known ones, 1 takes the maximum, where unknown costs are
-        replaced, and 2 the maximum, where unknown costs stay.
+        0: known costs replace those below; 1: the maximum, and known costs replace unknown ones;
+        2: the maximum, and unknown costs stay.
     footprint_clearing_enabled : bool
         Whether the cells below the robot are free, if its pose is known.
 
@@ -154,7 +154,7 @@ class ObstacleLayer(CostmapLayer):
     nav2_plugins: ClassVar[tuple[str, ...]] = ("nav2_costmap_2d::ObstacleLayer",)
     ros1_plugins: ClassVar[tuple[str, ...]] = ("costmap_2d::ObstacleLayer",)
     about: ClassVar[str] = (
-        "without observations: frees unknown cells, or all, unless it tracks them"
+        "without observations: frees unknown cells, or all, unless it tracks unknown space"
     )
     marks_obstacles: ClassVar[bool] = True
     needs: ClassVar[str] = "observations"

@@ -44,7 +44,7 @@ class RangeSensorLayer(CostmapLayer):
     key: ClassVar[str] = "range"
     nav2_plugins: ClassVar[tuple[str, ...]] = ("nav2_costmap_2d::RangeSensorLayer",)
     ros1_plugins: ClassVar[tuple[str, ...]] = ("range_sensor_layer::RangeSensorLayer",)
-    about: ClassVar[str] = "without readings: no effect, unless its thresholds are beyond 0.5"
+    about: ClassVar[str] = "without readings: no effect, unless 0.5 lies outside its thresholds"
     marks_obstacles: ClassVar[bool] = True
     needs: ClassVar[str] = "observations"
     nav2_parameters: ClassVar[Mapping[str, str]] = {

@@ -171,7 +171,7 @@ def window(
         window begins at the cell that contains it, so that cells keep their places whatever the
         yaw.
     center_xy : tuple of float, optional
-        Or the centre of the window, map frame, metres, from which the corner is half the size away.
+        Centre of the window, map frame, metres, instead of its corner.
     default : int, optional
         Value of cells beyond the map, on its scale; unknown if not given. Not allowed for a
         distance field, which is nan there.
@@ -267,8 +267,8 @@ def shift_origin(
     grid : OccupancyGrid or Costmap
         Grid to move; cells inside both the old and the new extent are kept.
     origin_xy : tuple of float
-        New origin, metres; the map moves by whole cells. It is the corner of the cell of the grid's
-        lattice that contains this point of the map frame.
+        New origin, metres; the map moves by whole cells. The result begins at the corner of the
+        cell that contains this point.
     default : int, optional
         Value of new cells, on the grid's scale; unknown if not given.
 
