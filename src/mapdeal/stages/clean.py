@@ -125,8 +125,8 @@ def clean(
         cells, surround; 0 or 1 for none.
     min_free : int
         Make free areas with fewer cells unknown, except the largest; 0 or 1 for none. They are
-        4-connected, because no robot passes between two obstacles that share a corner. Those that
-        share an edge with a value 1..99, beyond which they may continue, stay.
+        4-connected, because no robot passes between two obstacles that share a corner. Areas
+        beside cells of value 1..99 stay, because they may continue there.
 
     Returns
     -------

@@ -141,8 +141,8 @@ def exponential_cost(
         Whether to round the resolution to float32, as in map messages; lookup nav2 always does. The
         range is counted in such cells, without a tolerance.
     circumscribed_radius : float, optional
-        Distance beyond which the robot cannot collide, metres. It only sets `circumscribed_cost`,
-        and a robot's shape defines it.
+        Distance beyond which the robot cannot collide, metres. It only sets `circumscribed_cost`.
+        With a robot's shape, it is that of the shape.
 
     Returns
     -------
