@@ -57,7 +57,7 @@ def test_the_more_precise_name_wins_and_the_caller_comes_after_the_file(select, 
 @pytest.mark.parametrize(("text", "hint"), [
     ("image.palete", "did you mean image.palette?"), ("imag", "did you mean image?"),
     ("palette", "did you mean image.palette?"), ("map.no", "did you mean map.no-free?"),
-    ("", "areas are"), ("qqqq", "areas are file, yaml, thresholds"),
+    ("", "groups are"), ("qqqq", "groups are file, yaml, thresholds"),
 ])  # fmt: skip
 def test_an_unknown_name_is_an_error_with_a_hint(text, hint):
     with pytest.raises(ParameterError) as caught:

@@ -228,7 +228,7 @@ def test_a_score_is_a_table_of_the_map_that_it_names(save_output, rooms, shut):
         rows = dict(table.rows)
         assert rows["truth"] == "shut.yaml"
         coverage = f"{100 * values['coverage']:.1f} %"
-        assert rows["known area of the true map that the map knows (coverage)"] == coverage
+        assert rows["known area of the true map, known in the map (coverage)"] == coverage
         far = values["dist_truth_to_est_m"]["mean"]
         assert [text for name, text in table.rows if name == "bound"] == [
             f"coverage at least 0.9: holds, found {values['coverage']:.9g}",

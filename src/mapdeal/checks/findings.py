@@ -512,4 +512,4 @@ def hint_for(text: str) -> str:
     close = difflib.get_close_matches(text.lower(), [*CHECKS, *areas], n=1)
     if not close:  # a check's name without its area
         close = [name for name in CHECKS if name.partition(".")[2] == text.lower()][:1]
-    return f"did you mean {close[0]}?" if close else f"areas are {', '.join(areas)}"
+    return f"did you mean {close[0]}?" if close else f"groups are {', '.join(areas)}"

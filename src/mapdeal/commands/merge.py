@@ -138,7 +138,7 @@ class Merged(Result):
                 continue
             thick = "none left" if self.thickness is None else f"{self.thickness:.3g} m"
             text = f"  {source.name}: walls {counts.thickness:.3g} m thick on average, {thick} in "
-            text += f"the result, which has {100 * counts.within_cell:.1f} % of them within a cell"
+            text += f"the result; {100 * counts.within_cell:.1f} % within a cell of its walls"
             if counts.same_wall:
                 share = 100 * (counts.within_same_wall or 0.0)
                 text += f", {share:.1f} % within {counts.same_wall:.3g} m"

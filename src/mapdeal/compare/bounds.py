@@ -47,8 +47,8 @@ CONFUSIONS: dict[str, str] = {
 }
 
 AGAINST_TRUTH: dict[str, tuple[str, str]] = {
-    "coverage": (SHARE, "known area of the true map that the map knows"),
-    "coverage_free": (SHARE, "free area of the true map that the map knows"),
+    "coverage": (SHARE, "known area of the true map, known in the map"),
+    "coverage_free": (SHARE, "free area of the true map, known in the map"),
     "known_in_both": (COUNT, "cells known in both"),
     "precision_occupied_known_in_both": (SHARE, "wall cells of the map that the true map has"),
     "recall_occupied_known_in_both": (SHARE, "wall cells of the true map that the map has"),

@@ -171,7 +171,7 @@ def window(
         window begins at the cell that contains it, so that cells keep their places whatever the
         yaw.
     center_xy : tuple of float, optional
-        Or the centre of the window, map frame, metres, from which the corner is half the size away.
+        Centre of the window, map frame, metres, instead of its corner.
     default : int, optional
         Value of cells beyond the map, on its scale; unknown if not given. Not allowed for a
         distance field, which is nan there.
