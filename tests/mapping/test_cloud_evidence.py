@@ -45,9 +45,8 @@ def sliced(room, low, high):
 
 
 def layered(room, heights):
-    points = room.points("solids")
-    points[:, 2] = np.random.default_rng(2).choice(heights, len(points))
-    return points
+    points = room.points("solids")[:, :2]
+    return np.c_[points, np.random.default_rng(2).choice(heights, len(points))]
 
 
 @pytest.mark.parametrize("points_of", [
@@ -56,6 +55,7 @@ def layered(room, heights):
     lambda room: sliced(room, 0.3, 0.4),
     lambda room: sliced(room, 0.3, 1.2),
     lambda room: sliced(room, 0.15, 9.0),  # walls and a ceiling
+    lambda room: np.r_[room.points("solids"), room.points("floor") * [0.4, 1, 1] + [0, 0, 0.6]],
     lambda room: room.points() * [1, -1, -1],
     lambda room: room.points()[:, [0, 2, 1]] * [1, 1, -1],
     lambda room: room.points()[:, [0, 2, 1]],  # another handedness

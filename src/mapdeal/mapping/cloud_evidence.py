@@ -57,6 +57,7 @@ class Evidence(NamedTuple):
     below: float  # with points below the level
     hanging: float  # with points just below a ceiling and no point just above the level
     resting: float  # with points just above the level and no point just below a ceiling
+    sunken: float  # share of the things around that start well below the level
 
     @property
     def may_be_ceiling(self) -> bool:
@@ -84,6 +85,10 @@ class Evidence(NamedTuple):
             return f"{under}, while things stand on {standing} m2"
         if is_open:
             return None
+        if self.sunken > _SHARE_SUNKEN and self.level < _SHARE_OF_FLOOR * area:
+            return (
+                f"{self.sunken:.0%} of what stands there starts below it; --at X,Y,Z on it takes it"
+            )
         is_scan = area <= _LARGEST_SCAN and self.level <= _LARGEST_OF_SCAN
         if self.inner < _SHARE_INNER and not is_scan:
             return "most of it is as narrow as walls"
@@ -111,6 +116,7 @@ _SHARE_INNER, _SHARE_INNER_BARE = 0.6, 0.9  # the latter of a yard, on which not
 _LARGEST_SCAN, _LARGEST_OF_SCAN = 8.0, 2.5  # m2 of single scans, whose floors are scattered
 _SHARE_ALONE = 0.8  # of a place without anything on it
 _SHARE_OF_AREA, _SHARE_OF_ELSEWHERE, _SHARE_OF_SMALL = 0.12, 0.08, 0.035
+_SHARE_SUNKEN, _SHARE_OF_FLOOR = 0.4, 0.75  # the latter of the area: mirroring floors cover more
 _LEAST_HANGING, _TIMES_RESTING = 0.2, 0.6  # m2, and times what rests: in rooms it is 0.2
 _NEAR, _FEET = 0.05, 0.25  # metres above the clearance: of noise, and of feet that touch
 _BESIDE = 0.5  # metres from a level within which things stand on it
@@ -208,6 +214,7 @@ def _evidence_of(
 ) -> tuple[Evidence, float]:
     """Measure a level, and the distance between points on it in metres."""
     row, col, inside = tile_of(tiles, tile, sample.row, sample.col)
+    sunken = _sunken(sample.chosen(inside), tiles, tile, limits)
     near = inside & (tiles.away[row, col] <= _BESIDE)
     sample, whose = sample.chosen(near), (row * tiles.z.shape[1] + col)[near]
     floor = heights_of(tiles, tile, sample.cell, sample.row, sample.col, limits.climb)
@@ -241,7 +248,18 @@ def _evidence_of(
     is_open = (tiles.away.ravel() <= _BESIDE) & ~standing
     on_level = count_in(np.abs(heights) <= low, sample.counts)[is_open].sum()
     spacing = side * math.sqrt(is_open.sum() / every / max(on_level, 1.0))
-    return Evidence(median(own.z), tile_count * side**2, float(inner), *areas), spacing
+    return Evidence(median(own.z), tile_count * side**2, float(inner), *areas, *[sunken]), spacing
+
+
+def _sunken(columns: Columns, tiles: Tiles, tile: int, limits: Limits) -> float:
+    """Return the share of columns with things at a robot's height that start below the level."""
+    floor = heights_of(tiles, tile, columns.cell, columns.row, columns.col, limits.climb)
+    heights, low = columns.above(floor), limits.gap + _NEAR
+    is_high = (heights > low) & (heights <= limits.robot_height)
+    if not is_high.any():
+        return 0.0
+    is_tall = np.logical_or.reduceat(is_high, columns.starts)
+    return float(np.mean(heights[columns.starts][is_tall] < -low - _NEAR))
 
 
 def _hanging(
