@@ -59,7 +59,7 @@ def main(words: Sequence[str]) -> int:
     for name, makers in PAGES.items():
         page = DOCS / name
         text = page.read_text()
-        made = with_tables(text, makers)
+        made = with_tables(with_new_stages(text) if name == "stages.md" else text, makers)
         if made != text:
             changed.append(name)
             if not is_check:
@@ -67,6 +67,16 @@ def main(words: Sequence[str]) -> int:
     for name in changed:
         print(f"{name}: {'is out of date; run docs/tables.py' if is_check else 'written'}")
     return 1 if is_check and changed else 0
+
+
+def with_new_stages(text: str) -> str:
+    """Return the page of stages with a section for each stage that has no table there."""
+    for stage in STAGES:
+        words = " ".join(filter(None, (stage.name, stage.model)))
+        comment = f"<!-- parameters of {words} -->\n"
+        if comment not in text:
+            text += f"\n## {words}\n\n{stage.summary}\n\n{comment}<!-- {_END} -->\n"
+    return text
 
 
 def with_tables(text: str, makers: dict[str, MadeTable]) -> str:
@@ -199,6 +209,20 @@ def plugins(_: str) -> str:
     )  # fmt: skip
 
 
+def plugins_in_chinese(_: str) -> str:
+    """Return the table of `plugins` in Chinese; the page itself has the translated effects."""
+    page = (DOCS / "robots.zh.md").read_text("utf-8")
+    effects = dict(re.findall(r"(?m)^\| `(\w+)` \| .*\| (.+) \|$", page))
+    return markdown_table(
+        ["图层", "Nav2", "ROS 1", "对代价的作用"],
+        [
+            (f"`{layer.key}`", _classes(layer.nav2_plugins), _classes(layer.ros1_plugins),
+             effects.get(layer.key, "见英文页面"))
+            for layer in LAYERS
+        ],
+    )  # fmt: skip
+
+
 def _classes(names: Sequence[str]) -> str:
     return ", ".join(f"`{class_name(name)}`" for name in names)
 
@@ -269,6 +293,7 @@ PAGES: dict[str, dict[str, MadeTable]] = {
     "formats.md": {"map formats": map_formats},
     "lint.md": {"checks": checks},
     "robots.md": {"plugins": plugins},
+    "robots.zh.md": {"plugins": plugins_in_chinese},
     "stages.md": {
         "parameters of": parameters_of,
         "layers of costmaps": layers_of_costmaps,

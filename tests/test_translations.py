@@ -83,7 +83,7 @@ def targets(page, lines, pictures):
 
 
 def untranslated(line):
-    text = LINK.sub(r"\2", SPAN.sub("", line))
+    text = LINK.sub(r"\2", SPAN.sub("", re.sub(r"<!-- .+? -->", "", line)))
     if re.search(r"<a id=", text):
         return ""
     match = ENGLISH_WORDS.search(text)
