@@ -23,6 +23,8 @@ from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.values import join_words
+from mapdeal.maps.formats import FORMATS, or_other_formats
 from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.png import write_png
 from mapdeal.pipeline.folder import files_of, step_line
@@ -48,7 +50,7 @@ _MEMORY = (
 )
 _JSON = "Print one JSON document."
 _JSON_OF_COSTS = "Print one JSON document: parameters, figures, and the cost curve as a table."
-_EDITED = "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz."
+_EDITED = f"{or_other_formats('The result: .yaml or .pgm (a pgm pair), .png (a pair)')}."
 
 
 def _apply_stage(
@@ -125,7 +127,8 @@ class _StageCommand(Command):
         *before, last = ["", *(_INPUTS[kind][1] for kind in stage.takes if kind in _INPUTS)]
         source = f"{', '.join(['A map', *before[1:]])}, or {last}."
         if not last:
-            source = "A map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal."
+            source = f"{join_words(entry.name for entry in FORMATS)}."
+            source = f"{source[:1].upper()}{source[1:]}"
         model = f"The rule of the {stage.name}s.  [default: {next(iter(self.models))}"
         model += "; with --params-file the robot's]" if stage.robot is not None else "]"
         texts = {"source": source, "model": model, **definitions.meanings_of(_apply_stage)}

@@ -18,9 +18,10 @@ from mapdeal.command import Parameter, Words, split_optional
 from mapdeal.errors import ParameterError, strict_warnings
 from mapdeal.files.source import INTERPRETER, size_of, size_text
 from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.values import join_words
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps.dialects import Dialect
-from mapdeal.maps.formats import format_of
+from mapdeal.maps.formats import FORMATS, format_of
 from mapdeal.maps.images import IMAGE_SUFFIXES
 from mapdeal.pictures.overlay import ImageExtent
 from mapdeal.pipeline.inputs import numbers_of, used_mask
@@ -301,7 +302,8 @@ def with_shared_options(
                     files["params_file"] = shared_values["against"]
                     values["against"] = read_parameters(**files)
             if settings.resolution is not None and not _names_image(values):
-                rule = "applies to images without their .yaml and to .pbstream, and none is named"
+                endings = join_words((e.endings[0] for e in FORMATS if e.takes_resolution), "and")
+                rule = f"applies to images without their .yaml and to {endings}, and none is named"
                 raise ParameterError(rule, source="--resolution")
             with (
                 settings.reading(anew=True),

@@ -35,7 +35,7 @@ from mapdeal.kernels.outlines import MOST_TOLERANCE, corner_count
 from mapdeal.kernels.solids import rectangles, run_count, surface
 from mapdeal.maps import outlines
 from mapdeal.maps.dialects import Mode
-from mapdeal.maps.formats import output_format
+from mapdeal.maps.formats import or_other_formats, output_format
 from mapdeal.maps.map_file import warn_of_cost_figures, warn_of_nothing_known
 from mapdeal.maps.map_server import Encoding, in_trinary
 from mapdeal.maps.npz import Grid
@@ -206,9 +206,10 @@ def convert_world(
     group="Formats",
     output=Output(
         "OUT",
-        "The result: .yaml or .pgm (a pgm pair), .png (a png pair), or .npz; for a bag to replay "
-        ".mcap, .db3 (a folder of ROS 2) or .bag (ROS 1); polygons .geojson or .svg; a world for "
-        "simulators .sdf, .stl or .obj; poses of a .pbstream .txt; with --all a folder.",
+        f"{or_other_formats('The result: .yaml or .pgm (a pgm pair), .png (a png pair)')}; for a "
+        "bag to replay .mcap, .db3 (a folder of ROS 2) or .bag (ROS 1); polygons .geojson or .svg; "
+        "a world for simulators .sdf, .stl or .obj; poses of a .pbstream .txt; "
+        "with --all a folder.",
     ),
     shared=("robot", "files"),
     makes_costs=lambda _: False,

@@ -39,6 +39,7 @@ from mapdeal.inputs.listing import list_maps
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps import map_server
 from mapdeal.maps.dialects import Dialect, MapMetadata, cells_of, metadata_of
+from mapdeal.maps.formats import or_other_formats
 from mapdeal.maps.images import open_strips
 from mapdeal.maps.reading import MapFile, open_map, output_paths, write_grid
 from mapdeal.pipeline import inputs
@@ -96,7 +97,8 @@ Checks = Annotated[Names, Words("IDS", _split_names, is_repeated=True, completed
 @command(
     group="CI and reports",
     output=Output(
-        "OUT", "Where to write the repaired copy: .yaml, .pgm, .png, .npz.", is_required=False
+        "OUT", f"{or_other_formats('Where to write the repaired copy: .yaml, .pgm, .png')}.",
+        is_required=False,
     ),
     shared=(
         "footprint", "robot_radius", "footprint_padding", "robot_16_gon", "resolution", "origin",

@@ -39,6 +39,13 @@ def written_endings(kind: type) -> tuple[str, ...]:
     return tuple(e for entry in FORMATS if entry.can_hold(kind) for e in entry.endings)
 
 
+def or_other_formats(pairs: str) -> str:
+    """Return a text on pairs, continued by the endings of the other formats of written maps."""
+    formats = [entry for entry in FORMATS if entry.write is not None and not entry.has_mode]
+    *more, last = (ending for entry in formats for ending in entry.endings)
+    return f"{', '.join([pairs, *more])}, or {last}"
+
+
 def named(endings: Iterable[str]) -> Iterable[str]:
     """Return the endings that texts list."""
     return (ending for ending in endings if ending != ".yml")

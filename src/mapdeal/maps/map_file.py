@@ -158,6 +158,11 @@ class MapFormat:
         """Text for errors that no file of this format was found."""
         return f"{self.endings[0]} with the key image" if self.is_yaml else self.endings[0]
 
+    @property
+    def has_mode(self) -> bool:
+        """Whether values become pixels in one of several modes."""
+        return bool(self.images)
+
     def holds_map(self, path: Path) -> bool:
         """Return whether a file with one of the endings is a map, possibly a broken one."""
         with suppress(FileAccessError):  # reading it as a map reports the error

@@ -298,9 +298,9 @@ def _reach_image(grid: Reach, **options: Any) -> Image:
     return reach_image(grid, **options)
 
 
-def _written(kind: type[Any]) -> str:
-    with_images = (e.replace(".yaml", ".yaml (with .pgm)") for e in named(written_endings(kind)))
-    return join_words(with_images)
+def _written(kind: type[Any], besides: Iterable[str] = ()) -> str:
+    endings = (ending for ending in named(written_endings(kind)) if ending not in besides)
+    return join_words(ending.replace(".yaml", ".yaml (with .pgm)") for ending in endings)
 
 
 _FILES: dict[type[Any], GridFiles] = {
@@ -319,7 +319,8 @@ _FILES: dict[type[Any], GridFiles] = {
         written_endings(Costmap), (".npz", ".pgm", ".yaml"), layers.cost_image, layers.CostDrawing,
     ),
     DistanceField: GridFiles(
-        "OUT", "The field as .npz, as a bare .npy, or its 0..100 view as .yaml (with .pgm).",
+        "OUT", "The field as .npz, as a bare .npy, or its 0..100 view as "
+        f"{_written(FieldView, written_endings(DistanceField))}.",
         (*written_endings(FieldView), ".npy"), (".npz", ".pgm", ".yaml"), layers.field_image,
         layers.FieldDrawing,
     ),
