@@ -31,6 +31,7 @@ from mapdeal.grid.reach import GoalReach, Passage, Reach
 from mapdeal.grid.values import count_text, decimal_text, few_text, join_words
 from mapdeal.kernels.blocks import blocks_of, gathered, made_by_rows, report_rows
 from mapdeal.kernels.lookup import histogram
+from mapdeal.maps.dialects import Mode
 from mapdeal.maps.formats import named, output_format, written_endings
 from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import NPZ, Grid, write_npy
@@ -377,7 +378,8 @@ def write_product(
         text = spread_json(reach_document(grid), "goals", "passages")
         transaction.write_bytes(output, f"{text}\n".encode())
     elif isinstance(grid, DistanceField) and not output_format(output).can_hold(DistanceField):
-        write_grid(transaction, output, step.view_of(grid), mode="raw")
+        mode: Mode | None = "raw" if output_format(output).has_mode else None
+        write_grid(transaction, output, step.view_of(grid), mode=mode)
     else:
         written = pass_grid if output_format(output).requests_rows else grid
         write_grid(transaction, output, written, encoding=encoding)
