@@ -583,6 +583,16 @@ class Command:
         return self.output is not None and self.output.parameter in {*self.inputs, *self.parameters}
 
     @functools.cached_property
+    def result_types(self) -> tuple[type[Result], ...]:
+        returned = get_type_hints(self.function).get("return")
+        kinds = get_args(returned) or (returned,)
+        return tuple(kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Result))
+
+    @property
+    def may_have_picture(self) -> bool:
+        return any(kind is Result or kind.drawn is not Result.drawn for kind in self.result_types)
+
+    @functools.cached_property
     def takes_work(self) -> bool:
         """Whether it, or a function that it passes arguments on to, takes the work in progress."""
         owners = (self.function, *self.also.values())
