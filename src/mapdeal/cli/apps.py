@@ -279,9 +279,9 @@ def _shell_function(definition: Command) -> Any:
         if (is_stage and argument.name not in {*definition.inputs, "output"})
         or (argument.default is not Argument.empty and argument.name not in opt.SHARED_OPTIONS)
     ]  # fmt: skip
-    names += definition.shared
-    if not (is_stage or definition.may_have_picture):
-        names = [name for name in opt.expanded(names) if name not in ("image", "image_extent")]
+    names = list(opt.expanded([*names, *definition.shared]))
+    if "image" in names and not (is_stage or definition.may_have_picture):
+        names = [name for name in names if name not in ("image", "image_extent")]
     return opt.with_shared_options(
         run, own, names, help_texts=definition.texts,
         makes_costs=definition.makes_costs,
