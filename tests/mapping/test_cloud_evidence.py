@@ -1,6 +1,7 @@
 """Clouds that do not show what a map needs: refused, or mapped with what the user states."""
 
 import json
+import re
 import tracemalloc
 
 import numpy as np
@@ -178,6 +179,17 @@ def test_one_storey_of_a_car_park_is_mapped(is_open):
     assert (upper.grid.occupancy[row - 8 : row + 8, col - 8 : col + 8] == 0).all()
     # the ceiling of the storey below is no floor under a car
     assert (upper.grid.occupancy[car_row - 8 : car_row + 8, car_col - 8 : car_col + 8] != 0).all()
+
+
+@pytest.mark.parametrize("rise", [-0.8, 0.5, 1.2])
+def test_a_floor_beside_the_mapped_one_is_named(tmp_path, build, rise):
+    room = SampledRoom(1)
+    move = np.array([room.width + 1.0, 0.0, rise])
+    points = np.concatenate([room.points(), room.points() + move])
+    np.save(tmp_path / "beside.npy", points)
+    _, _, err = build(tmp_path / "beside.npy")
+    others = re.search(r"other floors are not on the map: .* at (-?[0-9.]+) m", err)[1]
+    assert float(others) in (pytest.approx(rise, abs=0.03), pytest.approx(0.0, abs=0.03))
 
 
 def test_a_place_without_a_storey_is_refused():

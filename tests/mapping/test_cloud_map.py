@@ -181,7 +181,9 @@ def test_the_floor_is_that_under_the_robot():
         mapper.add_place([1.0, 1.0, z])
         heights.append(float(np.nanmedian(mapper.result().layers["floor_height"])))
     assert heights == pytest.approx([0.0, 2.8], abs=0.03)
-    assert np.nanmedian(cloud_map(points).layers["floor_height"]) == pytest.approx(0.0, abs=0.03)
+    result = cloud_map(points)
+    assert np.nanmedian(result.layers["floor_height"]) == pytest.approx(0.0, abs=0.03)
+    assert result.storeys == pytest.approx((2.8,), abs=0.03)
 
 
 @pytest.mark.parametrize("cloud", [lambda: points_of("drops"), storeys])

@@ -192,11 +192,14 @@ def _warn(cloud_map: CloudMap, options: CloudOptions, named: Path) -> None:
     if cloud_map.tilt > _TILTED and not options.level:
         tilt = f"{cloud_map.tilt:.1f} degrees"
         texts.append(f"the floor is tilted by {tilt}: --level turns the cloud")
+    rounded = sorted({round(height, 2) + 0.0 for height in cloud_map.storeys})
+    heights = ", ".join(f"{height:.2f}" for height in rounded)
     if cloud_map.overlaid_m2 > 0:
         text = f"floors lie above each other on {decimal_text(cloud_map.overlaid_m2, 3)} m2"
-        heights = ", ".join(f"{height:.2f}" for height in cloud_map.storeys)
         text += f": --at X,Y,Z shows another storey, at {heights} m" if heights else ""
         texts.append(text)
+    elif heights:
+        texts.append(f"other floors are not on the map: --at X,Y,Z shows one, at {heights} m")
     if cloud_map.may_be_upside_down:
         text = "much hangs from the ceiling, for what stands on the floor: is z down?"
         texts.append(f"{text} --up -z turns the cloud, --up z keeps it")

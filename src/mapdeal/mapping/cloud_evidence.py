@@ -153,13 +153,44 @@ def floor_in(
         known = evidence._replace(below=0.0) if may_be_above else evidence
         reason = None if at is not None else known.contradiction(area)
         if reason is None:
-            tilt = tilt_of(own, levels.side)
-            return Floor(
-                tiles, spacing, tilt, *above, evidence.may_be_ceiling, evidence.is_above_others
+            tilt, (overlaid, storeys) = tilt_of(own, levels.side), above
+            storeys += tuple(
+                _other_floors(levels, level, sample, every, tile, limits, claim, evidence.height)
             )
+            return Floor(
+                tiles, spacing, tilt, overlaid, storeys, evidence.may_be_ceiling,
+                evidence.is_above_others,
+            )  # fmt: skip
         size = decimal_text(evidence.level, 3)
         refusals.append(f"the level at {evidence.height:.2f} m has {size} m2, {reason}")
     raise MalformedInputError(f"no floor found: {'; '.join(refusals[:2])}", hint=_HINT)
+
+
+def _other_floors(
+    levels: Levels, chosen: int, sample: Columns, every: int, tile: int, limits: Limits,
+    claim: Claim, height: float,
+) -> Iterator[float]:  # fmt: skip
+    """Yield the heights of large levels, not joined to the chosen one, that things stand on."""
+    area = levels.area()
+    for level in _in_order(levels, None):
+        if area[level] < _SHARE_OF_CHOSEN * area[chosen] or levels.are_joined(level, chosen):
+            continue
+        tiles, own, _ = levels.floor_from(level, claim)
+        evidence, _ = _evidence_of(sample, every, tiles, own, tile, limits)
+        if abs(evidence.height - height) > _STOREY:  # its own walls start on the storey below
+            evidence = evidence._replace(sunken=0.0)
+        is_beside = evidence.below < _SHARE_BESIDE * evidence.level
+        is_over = evidence.below > _SHARE_OVER * evidence.level  # between them are ceilings
+        evidence = evidence._replace(below=0.0)
+        is_used = evidence.standing > _SHARE_USED * evidence.level > _SHARE_USED * _LARGEST_SCAN
+        is_floor = is_used and evidence.contradiction(evidence.level) is None
+        if is_floor and (is_beside or is_over):
+            yield evidence.height
+
+
+_SHARE_OF_CHOSEN, _STOREY = 0.3, 2.0  # of the chosen level's area; metres
+_SHARE_BESIDE, _SHARE_OVER = 0.1, 0.5  # of a level, below which there are points
+_SHARE_USED = 0.05  # of a level, on which things stand
 
 
 def stated_floor(columns: Columns, tile: int, height: float, claim: Claim) -> Floor:

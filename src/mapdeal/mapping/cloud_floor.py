@@ -251,6 +251,9 @@ class Levels:
     def area(self) -> Floats:
         return np.asarray(np.bincount(self.label) * self.side**2)
 
+    def are_joined(self, first: int, second: int) -> bool:
+        return bool(self._connected[first] == self._connected[second])
+
     def _split(self) -> None:
         """Split levels that overlap themselves, such as two storeys joined by a ramp."""
         sizes = np.bincount(self.label)

@@ -122,7 +122,7 @@ class CloudMap(Drawn):
     overlaid_m2 : float
         Area of the map above or below which other storeys lie, square metres.
     storeys : tuple of float
-        Heights of these storeys, metres.
+        Heights of these storeys, and of other floors that are not on the map, metres.
     may_be_upside_down : bool
         Whether too much hangs from the ceiling, compared with things on the floor.
     at_sensor : int
