@@ -140,6 +140,12 @@ def test_fix_repairs_findings(command, folder, name, changes, repair):
     assert np.array_equal(fixed.occupancy, good.occupancy)
 
 
+@pytest.mark.parametrize("yaw", ["90", "6.2"])
+def test_a_yaw_that_may_be_in_degrees_is_named(command, folder, yaw):
+    (folder / "odd.yaml").write_text((folder / "good.yaml").read_text().replace("0.0]", f"{yaw}]"))
+    assert ("yaml.yaw-in-degrees" in command("lint", "odd.yaml")[1]) == (yaw == "90")
+
+
 GRID = OccupancyGrid([[100]], 0.25)
 POLYGON = "[[0.9,0.5],[0.9,-0.5],[-0.9,-0.5],[-0.9,0.5]]"
 

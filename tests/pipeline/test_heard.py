@@ -135,6 +135,7 @@ def remark_on(grid, parameters):
 
 @pytest.mark.parametrize(("grid", "parameters", "advice"), [
     (WALL, {"inflation_radius": 0.1}, "cost 0: raise inflation_radius (0.1 m)"),
+    (WALL, {"inflation_radius": 0.0}, "or list an inflation layer last"),
     (WALL, {"cost_scaling_factor": 90.0}, "cost 0: lower cost_scaling_factor (90)"),
     (WALL, {"cost_scaling_factor": 0.0, "inflation_radius": 20.0},
      "cost 252: raise cost_scaling_factor (0)"),

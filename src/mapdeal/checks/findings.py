@@ -169,6 +169,11 @@ declare_checks(
         ROS reads the number, but Python tools with PyYAML get a text and fail or skip the map.
         Example: `resolution: 5e-2`.
         Fix: Write the number with a point: 0.05.
+    yaml.yaw-in-degrees (warning)
+        A yaw of more than a turn, as values in degrees are.
+        The map is turned by another angle than was meant, and all places on it are wrong.
+        Example: `origin: [-1.5, 2.0, 90]`.
+        Fix: Write the yaw in radians.
     yaml.nan-yaw (error)
         A yaw of nan, which some map savers write.
         Every pose computed with the yaw is nan, so the robot cannot be placed on the map.

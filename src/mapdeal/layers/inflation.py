@@ -388,6 +388,8 @@ def advice_on(cost: int, layer: InflationLayer) -> str:
         return f"raise cost_scaling_factor ({factor:g})"
     if factor > 0 and layer.inscribed_radius + math.log(HIGHEST_GRADED) / factor < radius:
         return f"lower cost_scaling_factor ({factor:g})"
+    if radius == 0:
+        return "nothing is inflated: raise inflation_radius, or list an inflation layer last"
     return f"raise inflation_radius ({radius:g} m)"
 
 

@@ -11,6 +11,7 @@ humble and of Nav2 jazzy and later (``nav2_map_server/map_io.cpp`` with Graphics
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -152,7 +153,11 @@ def _origin(entry: Entry, mend: bool) -> Origin:
             text = f"yaw {items[2].text()}, a fault of some map savers: must be 0"
             _warn(entry.source, entry.place, text, "yaml.nan-yaw")
             return check_origin([*(_number(item) for item in items[:2]), 0.0])
-        return check_origin([_number(item) for item in items])
+        origin = check_origin([_number(item) for item in items])
+        if abs(origin[2]) > 2 * math.pi:
+            text = f"a yaw of {origin[2]:.6g} rad is more than a turn; is it in degrees?"
+            _warn(entry.source, entry.place, text, "yaml.yaw-in-degrees")
+        return origin
     except ParameterError as error:
         raise entry.error(error.rule) from None
 

@@ -133,7 +133,9 @@ def _advice(freed: Mapping[Dialect, FreedCells], metadata: MapMetadata) -> str:
     parts = []
     if metadata.free_thresh > USUAL_FREE_THRESH:
         parts.append(f"lower free_thresh from {metadata.free_thresh!r} to {USUAL_FREE_THRESH}")
-    if by_opacity:
+    if metadata.mode == "scale":
+        parts.append("write mode: trinary, since scale grades the grey as nearly free")
+    elif by_opacity:
         readers = f"{join_words(by_opacity, 'and')} average{'s' * (len(by_opacity) == 1)}"
         parts.append(f"save the image as a PGM, since {readers} the opacity into the grey")
     return ", and ".join(parts)
