@@ -4,13 +4,15 @@ from pathlib import Path
 import pytest
 
 from drawn import grid_from_text
-from mapdeal import write_map
+from mapdeal import OccupancyGrid, PotentialField, write_map
 from mapdeal.cli.main import command_names
+from mapdeal.grid.values import join_words
+from mapdeal.maps.formats import FORMATS
 
 
 @pytest.fixture(autouse=True)
 def small(here):
-    write_map("m.yaml", grid_from_text("..#\n.?."))
+    write_map("m.yaml", grid_from_text("..#\n.?.", 0.25, (1.5, -2.0, 0.0)))
     Path("sub").mkdir()
     for name in ("sub/map.yaml", "recipe.yaml"):
         shutil.copy("m.yaml", name)
@@ -82,17 +84,24 @@ def test_a_point_in_the_place_of_a_file_gets_its_option(sh, line, hint):
     assert sh.err(line, 4).splitlines()[-1] == f"hint: {hint}"
 
 
+def endings_of(kind):
+    return [entry.endings[0] for entry in FORMATS if entry.can_hold(kind)]
+
+
+MAPS = endings_of(OccupancyGrid)
+EDITED = [*MAPS, *(ending for entry in FORMATS for ending in entry.images)]
+OTHERS = [".geojson", ".svg", ".sdf", ".stl", ".obj", ".bag", ".mcap", ".db3"]
+
+
 @pytest.mark.parametrize(("line", "endings"), [
-    ("convert m.yaml",
-     ".yaml, .npz, .pgm, .png, .geojson, .svg, .sdf, .stl, .obj, .bag, .mcap or .db3"),
-    ("edit reset m.yaml --size 1,1 --at 0,0", ".yaml, .npz, .pgm, .png or .pbm"),
-    ("clean m.yaml", ".yaml, .npz, .pgm or .png"), ("esdf m.yaml", ".yaml, .npz or .npy"),
-    ("inflate m.yaml", ".yaml or .npz"), ("potential m.yaml --goal 0,0", ".npz"),
+    ("convert m.yaml", EDITED + OTHERS), ("clean m.yaml", EDITED), ("inflate m.yaml", MAPS),
+    ("edit reset m.yaml --size 1,1 --at 0,0", [*EDITED, ".pbm"]), ("esdf m.yaml", [*MAPS, ".npy"]),
+    ("potential m.yaml --goal 0,0", endings_of(PotentialField)),
 ])  # fmt: skip
 def test_an_unknown_ending_gets_those_that_the_command_writes(sh, line, endings):
-    told = sh.err(f"{line} -o o.foo", 2)
-    assert told.splitlines()[0].endswith(f" output must end in {endings}")
-    for ending in endings.replace(" or ", ", ").split(", "):
+    err = sh.err(f"{line} -o o.foo", 2)
+    assert err.splitlines()[0].endswith(f" output must end in {join_words(endings)}")
+    for ending in endings:
         is_bag = ending in (".bag", ".mcap", ".db3")
         assert is_bag or sh(f"{line} -o o{ending} --force")[0] == 0 or ending == ".pbm"
 
