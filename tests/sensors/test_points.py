@@ -174,6 +174,12 @@ def test_a_mark_of_byte_order_and_a_header_are_passed_over(head):
     assert len(errors_of(pairs, b"nan,inf,1,1\n", b"1,1,a,b")) == 2
 
 
+def test_a_first_line_of_json_is_no_header():
+    line = b'{"x": 1, "y": 2, "yaw": 3}'
+    assert good_rows(POSES, line + b"\n" + line) == [(1, [1, 2, 3]), (2, [1, 2, 3])]
+    assert good_rows(POSES, line) == [(1, [1, 2, 3])]
+
+
 @pytest.mark.parametrize("text", [b"", b"\n", b"# nothing\n", b"x,y\n"])
 def test_texts_without_points(text):
     found = [error for *_, error in POINTS([text] if text else [])]

@@ -265,7 +265,8 @@ class _LineFormat(NamedTuple):
     def is_header(self, text: str) -> bool:
         words = [word.strip(' "') for word in text.lower().split(self.delimiter(text))]
         if self.allows_tum:  # any names count, such as theta for yaw
-            return len(words) in (len(self.names), len(TUM)) and not any(map(is_number, words))
+            is_wide = len(words) in (len(self.names), len(TUM))
+            return is_wide and not _is_json(text) and not any(map(is_number, words))
         if self is _PAIR:
             are_names = all(word.isidentifier() for word in words)
             return are_names and len(words) == 4 and not {"nan", "inf", "infinity"} & set(words)
