@@ -170,7 +170,7 @@ declare_checks(
         Example: `resolution: 5e-2`.
         Fix: Write the number with a point: 0.05.
     yaml.yaw-in-degrees (warning)
-        A yaw of more than a turn, as values in degrees are.
+        A yaw of more than a turn, probably in degrees.
         The map is turned by another angle than was meant, and all places on it are wrong.
         Example: `origin: [-1.5, 2.0, 90]`.
         Fix: Write the yaw in radians.
@@ -230,7 +230,7 @@ declare_checks(
         Example: Grey 130 with `mode: raw`.
         Fix: Write mode: trinary, or values of 0 to 100.
     image.yaml-not-read (warning)
-        An image that --resolution reads without its YAML file.
+        An image read by --resolution although its YAML file exists.
         Its origin and thresholds are not used: results are displaced against the robot's map.
         Example: `mapdeal info office.pgm --resolution 0.05` beside office.yaml.
         Fix: Name the YAML instead of the image.

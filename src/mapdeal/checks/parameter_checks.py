@@ -408,7 +408,7 @@ declare_checks(
         Example: `plugins: [obstacle_layer, inflation_layer]`.
         Fix: Add a StaticLayer in front.
     params.other-map (warning)
-        Static layers that read different maps; mapdeal gives all the same one.
+        Static layers that read different maps; mapdeal uses one for all.
         Results here miss the obstacles of the second map.
         Example: `{plugins: [static_layer, rooms, inflation_layer], static_layer: {map_topic: /a},
         rooms: {plugin: "nav2_costmap_2d::StaticLayer", map_topic: /b}}`.
@@ -419,7 +419,7 @@ declare_checks(
         Example: A file whose nodes are below `robot1:`.
         Fix: Pass its --namespace.
     params.defaults (warning)
-        A root node without parameters in the files: Nav2's defaults apply.
+        No parameters for the node in /: Nav2's defaults apply.
         The robot runs with a radius of 0.1 m and default layers.
         Example: `--namespace /` for a file of robot1.
         Fix: Pass --namespace robot1, or add the node's parameters.

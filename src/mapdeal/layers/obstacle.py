@@ -154,7 +154,7 @@ class ObstacleLayer(CostmapLayer):
     nav2_plugins: ClassVar[tuple[str, ...]] = ("nav2_costmap_2d::ObstacleLayer",)
     ros1_plugins: ClassVar[tuple[str, ...]] = ("costmap_2d::ObstacleLayer",)
     about: ClassVar[str] = (
-        "without observations: frees unknown cells, or all, unless it tracks unknown space"
+        "without observations: frees unknown (or all) cells unless it tracks unknown space"
     )
     marks_obstacles: ClassVar[bool] = True
     needs: ClassVar[str] = "observations"

@@ -139,10 +139,10 @@ def exponential_cost(
         ``nav2``: rounded to 1/100 cell, as in newer releases.
     float32_resolution : bool, optional
         Whether to round the resolution to float32, as in map messages; lookup nav2 always does. The
-        range is counted in such cells, without a tolerance.
+        range is then rounded up without a tolerance.
     circumscribed_radius : float, optional
         Distance beyond which the robot cannot collide, metres. It only sets `circumscribed_cost`.
-        With a robot's shape, it is that of the shape.
+        A robot's shape sets this radius.
 
     Returns
     -------

@@ -125,7 +125,7 @@ def layered_cost(
         Cost of an empty costmap, 0 or 255. ROS uses 255 with track_unknown_space.
     circumscribed_radius : float, optional
         Distance beyond which the robot cannot collide, metres. It only sets `circumscribed_cost`.
-        With a robot's shape, it is that of the shape.
+        A robot's shape sets this radius.
     area : CostmapArea, optional
         Size and place of the costmap, if the map does not give them.
     footprint : Footprint, optional
