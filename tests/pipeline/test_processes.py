@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from concurrent.futures import process, wait
-from multiprocessing import resource_tracker
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
@@ -32,12 +32,14 @@ def done_by_a_worker():
         return submit(Job(Path("a.yaml"), Path("o"), "a.yaml", "a")).result(timeout=60)
 
 
-@pytest.mark.parametrize("number", [errno.EAGAIN, errno.EMFILE, errno.ENOMEM])
-def test_a_system_without_processes_or_descriptors_is_one_error(monkeypatch, number):
+@pytest.mark.parametrize(("module", "number"), [
+    (forkserver, errno.EAGAIN), (forkserver, errno.EMFILE), (resource_tracker, errno.ENOMEM),
+])  # fmt: skip
+def test_a_system_without_processes_or_descriptors_is_one_error(monkeypatch, module, number):
     def refuse():
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(resource_tracker, "ensure_running", refuse)
+    monkeypatch.setattr(module, "ensure_running", refuse)
     with pytest.raises(FileAccessError) as caught:
         done_by_a_worker()
     assert str(caught.value) == f"{CANNOT}{os.strerror(number)}"
@@ -69,20 +71,40 @@ def test_a_process_that_a_lost_pool_forgets_to_end_is_not_waited_for(monkeypatch
     assert not thread.is_alive()
 
 
-def started_batch(tmp_path, second_map="b.yaml", limit=None):
+def test_processes_without_a_server_start_afresh(monkeypatch):
+    def refuse():
+        raise OSError("AF_UNIX path too long")
+
+    monkeypatch.setattr(forkserver, "ensure_running", refuse)
+    assert done_by_a_worker().status == "done"
+
+
+def test_a_server_that_dies_when_it_is_needed_is_started_again(monkeypatch):
+    connect, errors = forkserver.connect_to_new_process, [ConnectionRefusedError()]
+
+    def refuse_once(descriptors):
+        if errors:
+            raise errors.pop()
+        return connect(descriptors)
+
+    monkeypatch.setattr(forkserver, "connect_to_new_process", refuse_once)
+    assert done_by_a_worker().status == "done"
+
+
+def started_batch(tmp_path, folder="T", second_map="b.yaml", limit=None):
     """Start a batch of two maps in two processes, in a session and with a TMPDIR of its own.
 
     It writes to files, since whoever reads from pipes waits for all processes that hold them.
     """
     for name in ("a", "b"):
         write_map(tmp_path / f"{name}.yaml", rooms_grid())
-    (tmp_path / "T").mkdir()
+    (tmp_path / folder).mkdir()
     words = ["-m", "mapdeal", "run", "a.yaml", second_map, "-o", "o", "-j", "2", "--no-images"]
     limited = limit and (lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit)))
     with open(tmp_path / "out", "w") as out, open(tmp_path / "err", "w") as err:
         return subprocess.Popen(
             [sys.executable, *words], cwd=tmp_path, start_new_session=True, stdout=out, stderr=err,
-            env={**os.environ, "TMPDIR": str(tmp_path / "T")}, preexec_fn=limited,
+            env={**os.environ, "TMPDIR": str(tmp_path / folder)}, preexec_fn=limited,
         )  # fmt: skip
 
 
@@ -90,10 +112,11 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="ne
 
 
 @needs_proc
-def test_a_batch_leaves_no_process_and_no_temporary_files(tmp_path):
-    command = started_batch(tmp_path)
+@pytest.mark.parametrize("folder", [pytest.param("T", marks=pytest.mark.thorough), "T" * 120])
+def test_a_batch_leaves_no_process_and_no_temporary_files(tmp_path, folder):
+    command = started_batch(tmp_path, folder)
     assert command.wait(timeout=60) == 0
-    assert processes_of_session(command.pid) == list((tmp_path / "T").iterdir()) == []
+    assert processes_of_session(command.pid) == list((tmp_path / folder).iterdir()) == []
     assert (tmp_path / "err").read_text() == ""
 
 

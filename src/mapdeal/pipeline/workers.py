@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import atexit
+import errno
 import logging
 import multiprocessing
 import os
 import re
 import signal
+import sys
 import threading
 import time
 import warnings
@@ -17,7 +19,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import resource_tracker
+from multiprocessing import resource_tracker, util
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
 from pathlib import Path
@@ -25,7 +27,8 @@ from typing import Any, NoReturn, TypeVar
 
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError
 from mapdeal.files.source import exists
-from mapdeal.files.transaction import signals_deferred
+from mapdeal.files.transaction import folder_for_sockets, signals_deferred
+from mapdeal.kernels.engine import VARIABLE
 from mapdeal.kernels.threads import ThreadPool, Worker, use_threads
 from mapdeal.pipeline.batch import TOO_LARGE, Job, Outcome, Submit, Work, WorkerDiedError
 from mapdeal.version import __version__
@@ -35,6 +38,16 @@ _T = TypeVar("_T")
 _SECONDS_TO_CLEAN_UP = 10.0
 _POLL_INTERVAL = 0.1
 _STOPPED = 128 + signal.SIGTERM
+
+_LONGEST_FOLDER = 107 - len("/pymp-12345678/listener-12345678")
+"""Bytes of the longest temporary folder in which the names of sockets still fit."""
+
+_PRELOADED = (
+    "mapdeal.pipeline.worker_server",
+    "mapdeal.pipeline.batch", "mapdeal.pipeline.workers", "mapdeal.pictures.layers",
+    "PIL.Image", "PIL.ImageDraw", "PIL.ImageFont", "PIL.PngImagePlugin", "tokenize",
+)  # fmt: skip
+"""Modules that every run needs: the server from which workers are forked imports them once."""
 
 
 class ProcessWorkers:
@@ -55,8 +68,9 @@ class ProcessWorkers:
                 stack.callback(lifeline.close)
                 stack.callback(writing_end.close)
                 executor = ProcessPoolExecutor(
-                    size, context, initializer=_set_up, initargs=(lifeline,)
-                )
+                    size, context, initializer=_set_up,
+                    initargs=(lifeline, os.environ.get(VARIABLE)),
+                )  # fmt: skip
                 stack.callback(_shut_down, executor)
 
             is_lost = threading.Event()
@@ -93,7 +107,7 @@ def _start_errors() -> Iterator[None]:
     try:
         yield
     except (OSError, EOFError, RuntimeError, ImportError, NotImplementedError) as error:
-        # the pool fails when the system refuses a resource
+        # the pool or the server fails when the system refuses a resource
         why = getattr(error, "strerror", None) or "the system has no resources left"
         rule = f"cannot be started: {why}"
         hint = "--jobs 1 needs none; ulimit -a shows the limits"
@@ -116,7 +130,11 @@ def _wait_for_first(executor: ProcessPoolExecutor) -> None:
     failures: list[object] = []
     before, threading.excepthook = threading.excepthook, failures.append
     try:
-        first = _submit(executor, int)
+        try:
+            first = _submit(executor, int)
+        except ConnectionRefusedError:  # the server of workers has just died; this starts another
+            time.sleep(_POLL_INTERVAL)
+            first = _submit(executor, int)
         while not first.done():  # without its threads the pool would never run it
             if failures:
                 raise RuntimeError
@@ -126,13 +144,43 @@ def _wait_for_first(executor: ProcessPoolExecutor) -> None:
         threading.excepthook = before
 
 
+def _end_helpers() -> None:
+    """End multiprocessing's fork server and resource tracker."""
+    server: Any = getattr(sys.modules.get("multiprocessing.forkserver"), "_forkserver", None)
+    tracker: Any = resource_tracker._resource_tracker  # noqa: SLF001
+    with suppress(ProcessLookupError, ChildProcessError):  # already ended
+        if server is not None and server._forkserver_pid is not None:  # noqa: SLF001
+            os.kill(server._forkserver_pid, signal.SIGKILL)  # noqa: SLF001 - it holds no state
+            os.waitpid(server._forkserver_pid, 0)  # noqa: SLF001
+        tracker._stop()  # noqa: SLF001
+
+
 def _context() -> BaseContext:
-    # Workers are new interpreters: a fork would copy locks that threads of this process hold.
-    # A terminal sends Ctrl-C to all its processes, but only this one responds. Workers inherit the
-    # blocked signal; otherwise a starting worker would print a traceback. Multiprocessing's
-    # resource tracker starts first because its start unblocks the signal.
-    with _terminal_blocked():
-        resource_tracker.ensure_running()
+    # By themselves, helper processes notice late that this process has ended. With priority -101
+    # they are ended last, after multiprocessing has removed the server's socket.
+    util.Finalize(None, _end_helpers, exitpriority=-101)
+    # Workers are never forked from this process: a fork copies locks that its threads hold. If the
+    # temporary folder cannot hold the server's socket, each worker is a new interpreter ("spawn").
+    if "forkserver" in multiprocessing.get_all_start_methods():
+        from multiprocessing import forkserver
+
+        # A terminal sends Ctrl-C to all its processes, but only this one responds. Workers inherit
+        # the blocked signal; otherwise a starting worker would print a traceback. The tracker
+        # starts first because its start unblocks the signal; it ignores all signals except SIGHUP.
+        with _terminal_blocked():
+            resource_tracker.ensure_running()
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(list(_PRELOADED))
+        try:
+            if len(os.fsencode(folder_for_sockets())) > _LONGEST_FOLDER:
+                raise OSError("AF_UNIX path too long")  # before multiprocessing creates a folder
+            with _terminal_blocked():
+                forkserver.ensure_running()
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.EMFILE, errno.ENFILE, errno.ENOMEM):
+                raise
+        else:
+            return context
     return multiprocessing.get_context("spawn")
 
 
@@ -157,7 +205,9 @@ _is_busy = False
 _is_stopping = False
 
 
-def _set_up(lifeline: Connection) -> None:
+def _set_up(lifeline: Connection, engine: str | None) -> None:
+    if engine is not None:  # the server may have an outdated environment
+        os.environ[VARIABLE] = engine
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _stop)
     if not Worker(partial(_watch, lifeline)).start():
