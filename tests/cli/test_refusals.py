@@ -150,6 +150,9 @@ ROWS = [
     (f"{WEIGHTS} --compare plain", "--compare: applies to pairs alone"),
     (f"{WEIGHTS} --heuristic-weight 1", "--heuristic-weight: applies to heuristic field alone"),
     (f"{WEIGHTS} --method descent --heuristic field", "does not apply to method descent"),
+    *((f"route m.yaml --from 1,1 --to {xy}", f"--to: must be finite, got '{xy}'")
+      for xy in ("nan,1", "1,inf", "1e400,1")),
+    ("run m.yaml -o o --from 1,1 --to a=1,-inf", "--to: must be finite, got '1,-inf'"),
     # what can be reached
     ("reach m.yaml --from 1", "--from: must be two numbers X,Y, got '1'"),
     ("reach m.yaml --from 1,2,3,4", "--from: must be three numbers X,Y,YAW, got '1,2,3,4'"),

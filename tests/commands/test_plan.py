@@ -315,8 +315,8 @@ def test_a_planner_that_is_not_modelled_gets_only_what_is_certain(command, files
      (["--to", "5,2", "3,3", "--layers", "x.npz"], 2, "needs one goal"),
      (["--to", "5,2", "--pairs", "p.csv"], 2, "applies to one start"),
      (["narrow.yaml", "--to", "5,2", "--image", "x.png"], 2, "applies to one map"),
-     (["--to", "nan,2"], 2, "must be three numbers x, y, yaw within"),
-     (["--to", "5,1e400"], 2, "must be three numbers x, y, yaw within")],
+     (["--to", "nan,2"], 2, "must be finite"),
+     (["--to", "5,1e400"], 2, "must be finite")],
 )  # fmt: skip
 def test_options_that_do_not_go_together_are_refused(command, files, words, code, text):
     found, _, error = command("plan", "map.yaml", *files, *words)

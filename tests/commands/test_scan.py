@@ -163,7 +163,7 @@ def test_routes_and_files_of_poses_are_followed(rooms, command):
     ("--tour --fov 7", 2, "--fov: must be a finite number, above 0, at most a full turn"),
     ("--tour --rate 0", 2, "--rate: must be a finite number, between 0.001 and 10000"),
     ("--tour --speed 1e-7 --robot-radius 0.1", 2, "--speed, --rate: "),
-    ("--tour --sensor-at 0,nan,0", 2, "--sensor-at: must be three numbers x, y, yaw within 1e+12"),
+    ("--tour --sensor-at 0,nan,0", 2, "--sensor-at: must be finite, got '0,nan,0'"),
     ("--tour --jobs 2", 2, "--jobs: applies to several maps"),
     ("p.txt --poses p.txt", 2, "--tour: is required for several maps"),
     ("p.txt --tour --image x.png", 2, "--image: applies to one map"),

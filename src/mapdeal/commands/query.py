@@ -233,7 +233,7 @@ def query(
 
 def _rows(at: Sequence[str | Sequence[float]], form: str) -> NumberLines:
     try:
-        numbers = [inputs.numbers_of(place, form, place="at") for place in at]
+        numbers = [inputs.numbers_of(place, form, place="at", finite=False) for place in at]
     except ParameterError as error:
         texts = [place for place in at if isinstance(place, str)]
         if form == "X,Y" and any(text.count(",") > 1 for text in texts):

@@ -408,6 +408,7 @@ def route(
     if start is None or goal is None:
         rule = "both are required, unless pairs are given"
         raise errors.ParameterError(rule, place="start, goal")
+    inputs.numbers_of(goal, "X,Y", place="goal")
     if method != "descent":
         inputs.refuse(f"does not apply to method {method}", **gains)
     if method != "astar":

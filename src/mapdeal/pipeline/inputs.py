@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from contextvars import ContextVar
@@ -490,12 +491,13 @@ def transform_of(value: object, *, place: str | None = None) -> Transform | None
     if value is None or isinstance(value, Transform):
         return value
     rule = "must be a transform, or three numbers x, y, yaw"
-    return Transform(*numbers_of(value, "X,Y,YAW", place=place, rule=rule))
+    return Transform(*numbers_of(value, "X,Y,YAW", place=place, rule=rule, finite=False))
 
 
 def numbers_of(
-    value: Any, form: str, *, place: str | None = None, rule: str | None = None
-) -> tuple[float, ...]:
+    value: Any, form: str, *, place: str | None = None, rule: str | None = None,
+    finite: bool = True,
+) -> tuple[float, ...]:  # fmt: skip
     """Return numbers that may be given as text, as many as a form such as ``X,Y`` has."""
     count = form.count(",") + 1
     try:
@@ -507,6 +509,8 @@ def numbers_of(
     except (TypeError, ValueError):
         rule = rule or f"must be {'three' if count > 2 else 'two'} numbers {form}"
         raise ParameterError(rule, place=place, got=value) from None
+    if finite and not all(map(math.isfinite, numbers)):
+        raise ParameterError("must be finite", place=place, got=value)
     return numbers
 
 
