@@ -336,6 +336,7 @@ DOUBLES = "".join(TWICE.format(k, k + 1) for k in range(40)) + "<node id='n40'/>
 PART = "<visual_scene id='s'><node>"
 END = "</node></visual_scene><scene><instance_visual_scene url='#s'/></scene></COLLADA>"
 SHAPE = f"<COLLADA><geometry id='g'>{{}}</geometry>{PART}<instance_geometry url='#g'/>{END}"
+JOINT = "<joint name='j'><parent link='{}'/><child link='{}'/></joint>"
 FAULTS = {
     "unknown": (sdf(model("<bux/>")), "collision c: bux: is no shape"),
     "heightmap": (sdf(model("<heightmap/>")), "heightmap: is not supported"),
@@ -356,6 +357,13 @@ FAULTS = {
     "html": ("<html/>", "first element: must be sdf or robot"),
     "a.urdf": ("<robot xmlns:xacro='x'><xacro:macro/></robot>", "is xacro that is not expanded"),
     "b.urdf": ("<robot><link name='${n}'/></robot>", "link: is xacro that is not expanded"),
+    "twins": (sdf(model(BOX).replace("</model>", '<link name="l"/></model>')),
+              "link l: must have a name of its own"),
+    "nameless": (sdf(model(BOX).replace(' name="l"', "")), "must have a name of its own"),
+    "c.urdf": (f"<robot><link name='a'/>{JOINT.format('aa', 'a')}</robot>",
+               "joint j: parent: must be a link here, got 'aa'"),
+    "d.urdf": (f"<robot><link name='a'/><link name='b'/>{JOINT.format('a', 'b') * 2}</robot>",
+               "joint j: must be the only one of its child, got 'b'"),
     "a.obj": ("v 0 0 0\nv 1 0 0\nf 1 2 3\n", "line 3: must be v and 3 finite"),
     "d.obj": ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 /3 3\nf 1 2 0\n", "line 5: must be v"),
     "e.obj": ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 0 3 1\n", "line 5: must be v"),

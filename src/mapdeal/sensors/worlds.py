@@ -151,12 +151,19 @@ class _Reader:
 
     def _scope(self, element: Element, path: Path, place: str, *, is_static: bool) -> _Scope:
         scope = _Scope(element, path.parent, path, place or element.tag, is_static)
+        joints = set()
         for child in element:
             name = child.get("name", "")
             here = f"{place}: {child.tag} {name}" if place else f"{child.tag} {name}"
             if child.tag == "joint" and name in scope.frames:
                 continue  # old models name joints like links
             if child.tag in ("link", "joint", "frame"):
+                if child.tag == "joint":
+                    joints.add(name)
+                elif not name or (name in scope.frames and name not in joints):
+                    raise malformed(path, "must have a name of its own", here)  # poses go by names
+                else:
+                    joints.discard(name)
                 relative_to, pose = self._pose(child, path, here)
                 default = child.findtext("child") or "" if child.tag == "joint" else ""
                 default = child.get("attached_to") or default.strip()
@@ -178,7 +185,7 @@ class _Reader:
         frame = element.get("placement_frame") or element.findtext("placement_frame", "").strip()
         if frame:
             pose = product(pose, _inverse(inner.pose_of(frame)))
-        if name in scope.models:  # Gazebo renames included models of one name
+        if not name or name in scope.frames:  # Gazebo renames included models of one name
             name = f"{name}_{self.count}"
         scope.frames[name], scope.models[name] = (relative_to, pose), inner
         self.count += 1
@@ -271,12 +278,20 @@ class _Reader:
 
     def read_urdf(self, path: Path, root: Element) -> None:
         joints = {}
+        links = {link.get("name", "") for link in root.iterfind("link")}
         for joint in root.iterfind("joint"):
+            place = f"joint {joint.get('name')}"
             parent, child = (
                 element.get("link", "") if (element := joint.find(tag)) is not None else ""
                 for tag in ("parent", "child")
             )
-            joints[child] = parent, self._origin(joint, path, f"joint {joint.get('name')}")
+            for tag, name in (("parent", parent), ("child", child)):
+                if name not in links:
+                    hint, where = nearest_hint(name, links), f"{place}: {tag}"
+                    raise malformed(path, "must be a link here", where, got=name, hint=hint)
+            if child in joints:
+                raise malformed(path, "must be the only one of its child", place, got=child)
+            joints[child] = parent, self._origin(joint, path, place)
         poses: dict[str, Floats] = {}
         for link in root.iterfind("link"):
             name, chain = link.get("name", ""), {}
