@@ -130,6 +130,8 @@ UNKNOWN = "truth.yaml --truth unknown.yaml"
     ("truth.yaml --max enclosed_areas=0", 1, "37.1 %"),  # 104 of 280 cells are free
     (f"{UNKNOWN} --min coverage=0.5", 1, "not measured: the truth has no such cells"),
     (f"{UNKNOWN} --max dist_truth_to_est_m.mean=1", 1, "one of the maps has no walls to measure"),
+    (f"{UNKNOWN} --min ssim_gauss=0", 1, "missed, not measured: the maps have no known cell in c"),
+    (f"{UNKNOWN} --max confusion_known_in_both.fp=9", 1, "verdict   none: the maps have no known"),
 ])  # fmt: skip
 def test_bounds_decide_the_exit_code_and_are_printed(sh, words, code, message):
     found, out, _ = sh(f"score {words}")
@@ -147,6 +149,7 @@ def test_what_says_little_is_warned_of(answer, own, truth, message):
     line = f"{own}.yaml --truth {truth}.yaml --max dist_est_to_truth_m.mean=0.5"
     code, found, err = answer(line)
     assert message in err
+    assert (found["verdict"] is None) == (own == "far" or truth == "unknown")
     mean = found["values"]["dist_est_to_truth_m"]["mean"]
     assert (code, mean is None) == ((0, False) if own == "fine" else (1, True))
     assert found["bounds"][0]["found"] == mean

@@ -108,7 +108,7 @@ class Score(Result):
                 "resolution": frame.resolution,
                 "origin": list(frame.origin),
             },
-            "verdict": finding.verdict(self.faults) if self.is_drawn else None,
+            "verdict": finding.verdict(self.faults) if self.values.get("known_in_both") else None,
             "faults": finding.document_of(self.faults),
             "values": self.values,
             "bounds": [{**asdict(bound), "holds": bound.holds} for bound in self.bounds],
@@ -121,7 +121,10 @@ class Score(Result):
         yield f"{' against '.join(source.name for source in self.maps)}: {size}"
         if self.transform is not None:
             yield f"  transform  {_transform_text(self.transform, self.placement)}"
-            yield from finding.lines_of(self.faults)
+            if self.values["known_in_both"]:
+                yield from finding.lines_of(self.faults)
+            else:
+                yield f"  verdict   none: {score_bounds.NOTHING_COMPARED}"
             yield from self._distances()
         yield from self._figures()
         for bound in self.bounds:
@@ -169,7 +172,7 @@ class Score(Result):
         text = f"--{bound.side} {bound.name}={bound.allowed:g}{unit}: "
         text += "holds" if bound.holds else "missed"
         if bound.found is None:
-            return f"{text}, not measured: {score_bounds.why_missing(bound.name)}"
+            return f"{text}, not measured: {score_bounds.why_missing(bound.name, self.values)}"
         # 9 digits: a figure that is shown as the bound itself is within it
         return f"{text}, found {bound.found:.9g}{unit}"
 

@@ -109,6 +109,9 @@ def figure_text(value: float | None, unit: str) -> str:
     return f"{decimal_text(value)} {unit}"
 
 
+NOTHING_COMPARED = "the maps have no known cell in common"
+_OF_OVERLAP = ("known_in_both", "coverage", "coverage_free")
+
 Side = Literal["min", "max"]
 
 _ROUNDING = 1e-9  # of figures: six cells of 0.05 m are 0.30000000000000004 m
@@ -167,12 +170,20 @@ def checked_bounds(
 def judged(
     bounds: list[tuple[str, Side, float]], values: Mapping[str, Any]
 ) -> tuple[ScoreBound, ...]:
-    return tuple(ScoreBound(*bound, figure_in(values, bound[0])) for bound in bounds)
+    """Return the bounds with their figures; maps without a common known cell have none."""
+    found = [None if _is_void(name, values) else figure_in(values, name) for name, *_ in bounds]
+    return tuple(ScoreBound(*bound, value) for bound, value in zip(bounds, found, strict=True))
 
 
-def why_missing(name: str) -> str:
+def _is_void(name: str, values: Mapping[str, Any]) -> bool:
+    return values.get("known_in_both") == 0 and name not in _OF_OVERLAP
+
+
+def why_missing(name: str, values: Mapping[str, Any]) -> str:
     if name.startswith("dist_"):
         return "one of the maps has no walls to measure"
+    if _is_void(name, values):
+        return NOTHING_COMPARED
     if name.startswith("ssim_"):
         return "the truth is smaller than a window"
     if name.startswith("coverage"):
