@@ -151,7 +151,7 @@ class _Reader:
 
     def _scope(self, element: Element, path: Path, place: str, *, is_static: bool) -> _Scope:
         scope = _Scope(element, path.parent, path, place or element.tag, is_static)
-        joints = set()
+        joint_names = set()
         for child in element:
             name = child.get("name", "")
             here = f"{place}: {child.tag} {name}" if place else f"{child.tag} {name}"
@@ -159,11 +159,12 @@ class _Reader:
                 continue  # old models name joints like links
             if child.tag in ("link", "joint", "frame"):
                 if child.tag == "joint":
-                    joints.add(name)
-                elif not name or (name in scope.frames and name not in joints):
-                    raise malformed(path, "must have a name of its own", here)  # poses go by names
-                else:
-                    joints.discard(name)
+                    joint_names.add(name)
+                elif not name or (name in scope.frames and name not in joint_names):
+                    # poses are relative to names
+                    raise malformed(path, "must have a name that no other element has", here)
+                else:  # it replaces a joint of the same name
+                    joint_names.discard(name)
                 relative_to, pose = self._pose(child, path, here)
                 default = child.findtext("child") or "" if child.tag == "joint" else ""
                 default = child.get("attached_to") or default.strip()
@@ -290,8 +291,11 @@ class _Reader:
                     hint, where = nearest_hint(name, links), f"{place}: {tag}"
                     raise malformed(path, "must be a link here", where, got=name, hint=hint)
             if child in joints:
-                raise malformed(path, "must be the only one of its child", place, got=child)
+                raise malformed(path, "must be the only joint of its child", place, got=child)
             joints[child] = parent, self._origin(joint, path, place)
+        if len(roots := sorted(links - joints.keys())) > 1:
+            got = ", ".join(roots[:8])
+            raise malformed(path, "must have one link without a parent", "robot", got=got)
         poses: dict[str, Floats] = {}
         for link in root.iterfind("link"):
             name, chain = link.get("name", ""), {}
