@@ -39,6 +39,8 @@ def test_a_scanner_without_limits_keeps_all_ranges_but_needs_valid_angles():
     assert found.ranges.tolist() == [np.float32(0.01), 500.0]
     with pytest.raises(MalformedInputError, match="must be angles in radians"):
         laser_scan_of(created(scan(1, [1.0], start=np.nan)))
+    with pytest.raises(MalformedInputError, match="angle_increment must not be 0, got '2 ranges'"):
+        laser_scan_of(created(scan(1, [1.0, 1.0], step=0.0)))
 
 
 def test_points_of_a_scan_are_what_it_hits():

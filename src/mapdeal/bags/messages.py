@@ -103,6 +103,8 @@ def laser_scan_of(message: Any) -> LaserScan:
     if not (abs(start) <= _LARGEST_ANGLE and abs(last) <= _LARGEST_ANGLE):  # refuses nan, too
         rule = "angle_min and angle_increment must be angles in radians"
         raise MalformedInputError(rule, got=(start, step))
+    if step == 0 and len(ranges) > 1:
+        raise MalformedInputError("angle_increment must not be 0", got=f"{len(ranges)} ranges")
     least, most = float(message.range_min), float(message.range_max)
     with np.errstate(invalid="ignore"):
         if math.isfinite(most) and most > 0:
