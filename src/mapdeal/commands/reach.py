@@ -251,7 +251,7 @@ def reachability(
     (map_read,) = inputs.open_inputs(
         map, names=("map",), also=[*also, *(mask.files if mask else ())]
     )
-    if robot is not None:
+    if robot is not None and not isinstance(map_read.grid, Costmap):
         inputs.warn_of_yaw(map_read.name, map_read.grid)
     found = reach_on_input(map_read, step, robot, mask)
     if "start" not in parameters:
