@@ -171,18 +171,20 @@ def judged(
     bounds: list[tuple[str, Side, float]], values: Mapping[str, Any]
 ) -> tuple[ScoreBound, ...]:
     """Return the bounds with their figures; maps without a common known cell have none."""
-    found = [None if _is_void(name, values) else figure_in(values, name) for name, *_ in bounds]
+    found = [
+        None if _is_not_compared(name, values) else figure_in(values, name) for name, *_ in bounds
+    ]
     return tuple(ScoreBound(*bound, value) for bound, value in zip(bounds, found, strict=True))
 
 
-def _is_void(name: str, values: Mapping[str, Any]) -> bool:
+def _is_not_compared(name: str, values: Mapping[str, Any]) -> bool:
     return values.get("known_in_both") == 0 and name not in _OF_OVERLAP
 
 
 def why_missing(name: str, values: Mapping[str, Any]) -> str:
     if name.startswith("dist_"):
         return "one of the maps has no walls to measure"
-    if _is_void(name, values):
+    if _is_not_compared(name, values):
         return NOTHING_COMPARED
     if name.startswith("ssim_"):
         return "the truth is smaller than a window"

@@ -182,8 +182,9 @@ def _other_floors(
         is_beside = evidence.below < _SHARE_BESIDE * evidence.level
         is_over = evidence.below > _SHARE_OVER * evidence.level  # between them are ceilings
         evidence = evidence._replace(below=0.0)
-        is_used = evidence.standing > _SHARE_USED * evidence.level > _SHARE_USED * _LARGEST_SCAN
-        is_floor = is_used and evidence.contradiction(evidence.level) is None
+        is_large = evidence.level > _LARGEST_SCAN
+        is_used = evidence.standing > _SHARE_USED * evidence.level
+        is_floor = is_large and is_used and evidence.contradiction(evidence.level) is None
         if is_floor and (is_beside or is_over):
             yield evidence.height
 
@@ -279,7 +280,8 @@ def _evidence_of(
     is_open = (tiles.away.ravel() <= _BESIDE) & ~standing
     on_level = count_in(np.abs(heights) <= low, sample.counts)[is_open].sum()
     spacing = side * math.sqrt(is_open.sum() / every / max(on_level, 1.0))
-    return Evidence(median(own.z), tile_count * side**2, float(inner), *areas, *[sunken]), spacing
+    measures = median(own.z), tile_count * side**2, float(inner), *areas, sunken
+    return Evidence(*measures), spacing
 
 
 def _sunken(columns: Columns, tiles: Tiles, tile: int, limits: Limits) -> float:
