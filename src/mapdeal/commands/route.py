@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, overload
 
 from mapdeal import errors
 from mapdeal.command import FACTOR, METRES, REPULSION, OnlyInPython, Output, Words, command
@@ -245,7 +245,11 @@ def _point(text: str) -> tuple[float, ...]:
     return inputs.numbers_of(text, "X,Y")
 
 
-@command(
+@overload
+def route(map: inputs.Map, *, start: Point, goal: Point, **options: Any) -> PlannedRoute: ...
+@overload
+def route(map: inputs.Map, *, pairs: Path, **options: Any) -> PairedRoutes: ...
+@command(  # type: ignore[misc]  # it has names for all options
     group="Questions about a map",
     output=Output(
         "OUT.json", "Write the result to a file; with --pairs a .jsonl.",
