@@ -198,6 +198,8 @@ def test_route_prints_its_answer_or_writes_it(sh, hall):
     assert answer["cost"] >= answer["length_m"] > 2 * math.hypot(2, 1.8)
     output = sh.ok(f"{line} -o r.json --image r.png")
     assert output.startswith(f"r.json: {answer['length_m']:.2f} m")
+    assert output.endswith("; no robot is given: recipe nav2, radius 0.22 m\n")
+    assert "no robot" not in sh.ok(f"{line} -o r2.json --robot-radius 0.3")
     assert Path("r.json").read_text() == out
     assert Path("r.png").read_bytes().startswith(b"\x89PNG")
 

@@ -76,11 +76,14 @@ class PlannedRoute(Route, Spread):
         Costs of the map, or those that were given.
     graph : RouteGraph, optional
         The graph that the route goes by.
+    has_robot : bool
+        Whether the costs were given, or are those of a given robot.
     """
 
     map: inputs.MapInput
     costs: Costmap
     graph: RouteGraph | None = None
+    has_robot: bool = True
 
     @property
     def passes(self) -> bool:  # type: ignore[override]
@@ -101,6 +104,8 @@ class PlannedRoute(Route, Spread):
         if math.isfinite(self.min_clearance):
             text += f", at least {self.min_clearance:.2f} m from obstacles"
             text += f", {self.mean_clearance:.2f} m on average"
+        if not self.has_robot:
+            text += f"; no robot is given: recipe {_RECIPE}, radius 0.22 m"
         ending = "to the border, the goal is beyond it" if self.beyond_window else "not reached"
         yield text if self.reached else f"{ending}: {text}"
 
@@ -440,7 +445,8 @@ def route(
             find, by_length = _search_by(name, terrain, gains, **weight), method != "astar"
             found = route_in_window(terrain, find, start, goal, by_length=by_length, known=known)
             warn_of_border(found, costs)
-    return PlannedRoute(**vars(found), map=source, costs=costs, graph=followed)
+    has_robot = footprint is not None or robot is not None or isinstance(source.grid, Costmap)
+    return PlannedRoute(**vars(found), map=source, costs=costs, graph=followed, has_robot=has_robot)
 
 
 def warn_of_border(route: Route, costs: Costmap) -> None:
