@@ -1,6 +1,8 @@
 """Grids on a larger canvas, held to `numpy.pad`, and fields that have numbers in a box alone."""
 
+import dataclasses
 import itertools
+from copy import copy
 
 import numpy as np
 import pytest
@@ -213,3 +215,18 @@ def margins_of(frame, margins):
     south, north, west, east = margins
     height, width = frame.height + south + north, frame.width + west + east
     return frame.window(-south, -west, height, width)
+
+
+@given(occupancies(), RESOLUTIONS)
+@examples(60)
+def test_grids_equal_what_would_be_written_the_same(occupancy, resolution):
+    """Also around a box of numbers, where nan equals nan; another value or place differs."""
+    grids = list(kinds_of(OccupancyGrid(occupancy, resolution)))
+    for index, grid in enumerate(grids):
+        assert grid.equals(copy(grid))
+        extended = [on_canvas(grid, grid.frame.window(-1, 0, *np.add(grid.shape, 2))) for _ in "ab"]
+        assert extended[0].equals(extended[1])
+        assert not grid.equals(extended[0])
+        assert not grid.equals(grid.layer)
+        assert not grid.equals(dataclasses.replace(grid, resolution=resolution + 1))
+        assert not any(grid.equals(other) for other in grids[:index])

@@ -585,6 +585,27 @@ class Framed(Drawn, ABC):
         """Geometry of the grid."""
         return Frame(*self.shape, self.resolution, self.origin)
 
+    def equals(self, other: object) -> bool:
+        """Return whether another grid is of the same type, frame, values and parameters.
+
+        As in xarray, nan equals nan here. ``==`` compares the objects, not what they hold.
+
+        Parameters
+        ----------
+        other : object
+            Usually a grid; anything else differs.
+        """
+        if type(other) is not type(self) or other.frame != self.frame:
+            return False
+        mine, theirs = (
+            {name: np.asarray(value[:] if is_lazy(value) else value) for name, value in entries}
+            for entries in (self.entries().items(), other.entries().items())
+        )
+        return mine.keys() == theirs.keys() and all(
+            np.array_equal(array, theirs[name], equal_nan=array.dtype.kind == "f")
+            for name, array in mine.items()
+        )
+
     # What other libraries take; they are imported when they are used.
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
