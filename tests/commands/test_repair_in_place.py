@@ -74,7 +74,7 @@ BOM = "\ufeff"
         ("free_thresh", "0.25"), ("resolution", "0.05000000074505806"), ("resolution", "5e-2"),
         ("origin", "[-1.5, 2, -nan]"), ("origin", "[-1.5, 2, 1e-9]"), ("mode", "Trinary"),
         ("image", "/nowhere/m.pgm"), ("image", ">-\n  /nowhere/m.pgm"),
-        ("image", "C:\\maps\\m.pgm"),
+        ("image", "C:\\maps\\m.pgm"), ("negate", "false"),
     )),
     (around(origin="\n- -1.5\n- 2 # m\n- -nan"),
      around(origin="\n- -1.5\n- 2.0 # m\n- 0.0"), 1),

@@ -179,10 +179,18 @@ def test_greys_that_are_looked_up_are_what_the_reader_makes_of_each(dialect, mod
 
 
 @pytest.mark.parametrize("dialect", ["nav2", "ros1"])
-def test_a_mode_in_capitals_is_read_and_ros_1_warns_of_it(tmp_path, dialect, recwarn):
-    (tmp_path / "m.pgm").write_bytes(b"P2 3 1 1000 0 199 394\n")
-    _write_yaml(tmp_path / "m.yaml", "m.pgm", mode="RAW")
-    assert read_map(tmp_path / "m.yaml", dialect=dialect).occupancy.tolist() == [[0, 50, 100]]
-    remarks = [str(warning.message).rpartition("m.yaml: ")[2] for warning in recwarn]
-    expected = "mode (line 2): RAW is refused by ROS 1; read as raw"
-    assert remarks == ([expected] if dialect == "ros1" else [])
+@pytest.mark.parametrize(
+    ("entries", "cells", "remark"),
+    [
+        ({"mode": "RAW"}, [0, 49, 100], "mode (line 2): RAW is refused by ROS 1; read as raw"),
+        ({"negate": "true"}, [0, 0, -1], "negate (line 5): true is refused by ROS 1; read as 1"),
+    ],
+)
+def test_words_that_ros_1_refuses_are_read_with_a_warning(
+    tmp_path, dialect, entries, cells, remark, recwarn
+):
+    (tmp_path / "m.pgm").write_bytes(b"P2 3 1 255 0 49 100\n")
+    _write_yaml(tmp_path / "m.yaml", "m.pgm", **entries)
+    assert read_map(tmp_path / "m.yaml", dialect=dialect).occupancy[0].tolist() == cells
+    found = [str(warning.message).rpartition("m.yaml: ")[2] for warning in recwarn]
+    assert found == ([remark] if dialect == "ros1" else [])

@@ -457,6 +457,17 @@ def mode_case(facts: PairFacts) -> Iterator[Remark]:
             yield Remark(f"{text} is refused by ROS 1; write {text.lower()}", "mode")
 
 
+@check("yaml.negate-word", "warning")
+def negate_word(facts: PairFacts) -> Iterator[Remark]:
+    """A negate that is a word, which ROS 1 refuses.
+    map_server of ROS 1 reads whole numbers alone, and does not start with it.
+    Example: `negate: false`.
+    Fix: Write 0 or 1.
+    """
+    if "negate" in facts.entries and not (text := facts.entries["negate"].text()).isdigit():
+        yield Remark(f"{text} is refused by ROS 1; write {facts.metadata.negate:d}", "negate")
+
+
 @check("yaml.image-unquoted", "warning")
 def image_unquoted(facts: PairFacts) -> Iterator[Remark]:
     """An image name that YAML takes for a date or number.

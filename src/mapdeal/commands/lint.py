@@ -580,6 +580,8 @@ def _yaml_repair(
         values["origin"] = (x, y, yaw)
     if {"yaml.mode-case", "yaml.legacy-mode"} & set(checks_found):
         values["mode"] = metadata.mode
+    if "yaml.negate-word" in checks_found:
+        values["negate"] = int(metadata.negate)
     if (image := _image_name(pair, checks_found)) is not None:
         values["image"] = image
     return values, needs_cells

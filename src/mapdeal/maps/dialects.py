@@ -81,7 +81,7 @@ def metadata_of(
     known = (*_KNOWN, *_LEGACY_MODES, *(_VIEW_KEYS if view is not None else ()))
     return MapMetadata(
         image=_image(entries["image"]), resolution=_resolution(entries["resolution"]),
-        origin=_origin(entries["origin"], mend), mode=mode, negate=_negate(entries),
+        origin=_origin(entries["origin"], mend), mode=mode, negate=_negate(path, entries, dialect),
         occupied_thresh=occupied_thresh, free_thresh=free_thresh, cost_scale=_cost_scale(entries),
         view=view, extra={k: e.printable_value() for k, e in entries.items() if k not in known},
     )  # fmt: skip
@@ -171,7 +171,7 @@ def _threshold(entries: dict[str, Entry], key: str, default: float) -> float:
     return value
 
 
-def _negate(entries: dict[str, Entry]) -> bool:
+def _negate(path: Path, entries: dict[str, Entry], dialect: Dialect) -> bool:
     if "negate" not in entries:
         return False
     entry = entries["negate"]
@@ -179,7 +179,11 @@ def _negate(entries: dict[str, Entry]) -> bool:
     quoted_word = getattr(entry.node, "style", None) and not word.isdigit()
     if word not in (*_NO, *_YES) or quoted_word:
         raise entry.error("must be 0 or 1")
-    return word in _YES
+    value = word in _YES
+    if dialect == "ros1" and not word.isdigit():
+        remark = f"{entry.text()} is refused by ROS 1; read as {value:d}"
+        _warn(path, entry.place, remark, "yaml.negate-word")
+    return value
 
 
 def _mode(path: Path, entries: dict[str, Entry], dialect: Dialect) -> Mode:
