@@ -185,7 +185,7 @@ _BYTES_OF_PAGE = 20_000_000  # while it is made
 _BYTES_PER_LINE = 16  # per row and column of a map
 _GRIDS_SHARE = 4  # grids in memory may use a quarter of the free memory
 _BAND_ROWS = 512  # of a file that is read by rows
-_BAND_COPIES = 7  # held at a time
+_BAND_COPIES = 9  # held at a time
 _NO_LIMIT = 1 << 62
 
 

@@ -12,7 +12,7 @@ import struct
 import zlib
 from base64 import b64encode
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from typing import Any
@@ -220,10 +220,7 @@ class Level:
     reduce: int
     shape: tuple[int, int]
     tiles: tuple[bytes, ...]
-
-    @property
-    def size(self) -> int:
-        return sum(map(len, self.tiles))
+    size: int  # bytes of all tiles, also once these are dropped
 
 
 @dataclass(frozen=True)
@@ -271,10 +268,27 @@ def encoded(layers: Sequence[PageLayer], *, size: int) -> Encoded:
     # layers of one shape, so that those on one another agree: of the shape that this saves most of,
     # as often as it takes.
     threads = thread_count()
+    shapes = [layer.frame.shape for layer in layers]
+    sizes: dict[tuple[int, int], list[int]] = {}
+    encoded_layers: list[EncodedLayer] = []
     with ThreadPool(threads if threads > 1 else 0) as pool:  # without threads submit does it
         compressor = _Compressor(pool, threads)
-        encoded_layers = [_encoded_layer(layer, compressor) for layer in layers]
-    return Encoded(tuple(_fitted(encoded_layers, [layer.frame.shape for layer in layers], size)))
+        for layer in layers:
+            encoded_layers.append(_encoded_layer(layer, compressor))
+            shape = layer.frame.shape
+            places = [place for place, other in enumerate(shapes) if other == shape]
+            group = [encoded_layers[place] for place in places if place < len(encoded_layers)]
+            choices = range(len(group[0].levels))
+            sizes[shape] = [
+                sum(level.size for member in group for level in _chain(member, left_out))
+                for left_out in choices
+            ]
+            # The page only grows: what has no room now will have none, and need not stay in memory.
+            fits = (left_out for left_out in choices if sizes[shape][left_out] <= size)
+            unused = next(fits, choices[-1])
+            for place, member in zip(places, group, strict=False):
+                encoded_layers[place] = _without_finest(member, unused)
+    return Encoded(tuple(_fitted(encoded_layers, shapes, sizes, size)))
 
 
 def finest_reduce(shape: tuple[int, int]) -> int:
@@ -286,17 +300,14 @@ def finest_reduce(shape: tuple[int, int]) -> int:
 
 
 def _fitted(
-    layers: Sequence[EncodedLayer], shapes: Sequence[tuple[int, int]], size: int
-) -> Iterator[EncodedLayer]:
-    """Yield each layer, given in all of its resolutions, in those that fit together."""
+    layers: Sequence[EncodedLayer], shapes: Sequence[tuple[int, int]],
+    sizes: Mapping[tuple[int, int], Sequence[int]], size: int,
+) -> Iterator[EncodedLayer]:  # fmt: skip
+    """Yield each layer, given in all of its resolutions, in those that fit together.
+
+    `sizes` are those of all layers of a shape, if no resolution is left out, or one, or two.
+    """
     finest = dict.fromkeys(shapes, 0)  # how many resolutions are left out
-    sizes = {}  # of all layers of a shape, if no resolution is left out, or one, or two
-    for shape in finest:
-        group = [layer for layer, own in zip(layers, shapes, strict=True) if own == shape]
-        sizes[shape] = [
-            sum(level.size for layer in group for level in _chain(layer, left_out))
-            for left_out in range(len(group[0].levels))
-        ]
     total = sum(of_shape[0] for of_shape in sizes.values())
     while total > size:
         savings = {
@@ -316,6 +327,13 @@ def _fitted(
 def _chain(layer: EncodedLayer, left_out: int) -> tuple[Level, ...]:
     """Return the levels that a layer keeps: every second of all, from a finest one on."""
     return layer.levels[::-1][left_out::2][::-1]
+
+
+def _without_finest(layer: EncodedLayer, count: int) -> EncodedLayer:
+    """Return a layer that has only the sizes of its finest levels, not their tiles."""
+    first = len(layer.levels) - count
+    dropped = (replace(level, tiles=()) for level in layer.levels[first:])
+    return replace(layer, levels=(*layer.levels[:first], *dropped))
 
 
 class _Compressor:
@@ -435,4 +453,5 @@ class _LevelMaker:
             self._tiles.append(self._compressor.submit(tile, self._codings, compression))
 
     def level(self) -> Level:
-        return Level(self.reduce, self._shape, tuple(tile.result() for tile in self._tiles))
+        tiles = tuple(tile.result() for tile in self._tiles)
+        return Level(self.reduce, self._shape, tiles, sum(map(len, tiles)))
