@@ -281,9 +281,9 @@ def _maps_compared(
     reading: inputs.Reading,
 ) -> DiffReport:  # fmt: skip
     a, b = maps
-    if move is None:
-        two_maps.warn_of_frames(maps, "--align places the first map by its walls")
-    found = compared([a, b], tolerance=limits["tolerance"], move=move, **reading)
+    advice = "--align places the first map by its walls" if move is None else ""
+    tolerance = limits["tolerance"]
+    found = compared([a, b], tolerance=tolerance, move=move, advice=advice, **reading)
     bounds = found.bounds_of(limits["max_shift"], limits["max_differing"])
     two_maps.warn_of_uncovered(maps, bounds, found.not_compared)
     faults: tuple[finding.Fault, ...] = ()
@@ -367,8 +367,9 @@ def differences(
 
 def compared(
     maps: Sequence[inputs.MapInput], *, tolerance: float = 0.0, move: Transform | None = None,
-    **reading: Unpack[inputs.Reading],
+    advice: str = "", **reading: Unpack[inputs.Reading],
 ) -> Difference:  # fmt: skip
+    # With `advice`, maps that do not lie in one frame are warned of.
     grids = [source.occupancy for source in maps]
     if move is not None:
         frame = move.inverse().frame(grids[1].frame)
@@ -379,4 +380,6 @@ def compared(
         needed = _LIBRARIES + _PER_CELL * frame.height * frame.width + _PER_WALL * walls
         needed += bytes_of_lines(frame.shape, _PER_LINE)
         inputs.claim_for(maps, needed, f"{frame.width} x {frame.height} cells", **reading)
+        if advice:
+            two_maps.warn_of_frames(maps, advice)
         return compare(*grids, tolerance=tolerance)

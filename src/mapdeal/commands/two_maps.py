@@ -18,7 +18,7 @@ from mapdeal.files.source import claim
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.kernels.distance import squared_distance
+from mapdeal.kernels.distance import within_distance
 from mapdeal.pipeline import inputs
 from mapdeal.sensors.points import TransformFile, read_transform
 
@@ -137,13 +137,14 @@ def warn_of_frames(maps: Sequence[inputs.MapInput], advice: str) -> bool:
 
 def _meeting(first: OccupancyGrid, second: OccupancyGrid, transform: Transform) -> float | None:
     """Return the share of the first map's walls on walls of the second, if both have walls."""
-    cells = np.argwhere(first.occupied())
+    walls = np.flatnonzero(first.occupied())
     there = second.occupied()
-    if not len(cells) or not there.any():
+    if not len(walls) or not there.any():
         return None
-    cells = cells[:: -(-len(cells) // _MOST_WALLS)]
+    walls = walls[:: -(-len(walls) // _MOST_WALLS)]
+    cells = np.stack(np.divmod(walls, first.shape[1]), axis=1)
     points = transform.points(first.frame.xy_from_rowcol(cells))
     at, is_inside = second.frame.bounded_rowcol_from_xy(points)
     near = max(_NEAR, 1.5 * max(first.resolution, second.resolution)) / second.resolution
-    meets = squared_distance(there)[at[:, 0], at[:, 1]] <= near * near
+    meets = within_distance(there, int(near * near))[at[:, 0], at[:, 1]]
     return float(np.mean(meets & is_inside))

@@ -327,10 +327,9 @@ def _box_of_numbers(layer: NDArray[Any], occupancy: NDArray[np.int8], name: str)
         has_number[1] |= numbers.any(axis=0)
         count += int(np.count_nonzero(numbers))
         known += int(np.count_nonzero((occupancy[band] != UNKNOWN) & ~numbers))
-    if count == 0:
+    region = Region.spanning(*has_number)
+    if region is None:
         raise ParameterError(f"{name} must not hold nan everywhere")
-    rows, cols = (np.flatnonzero(lines).tolist() for lines in has_number)
-    region = Region(rows[0], cols[0], rows[-1] - rows[0] + 1, cols[-1] - cols[0] + 1)
     if count != region.cells or known:
         rule = f"{name} may hold nan only around one box of numbers, where the map is unknown"
         raise ParameterError(rule)

@@ -441,6 +441,21 @@ class Region(NamedTuple):
     height: int
     width: int
 
+    @classmethod
+    def spanning(
+        cls, in_rows: NDArray[np.bool_], in_cols: NDArray[np.bool_], *, grow: int = 0
+    ) -> Region | None:
+        """Return the region of all marked rows and columns, grown by cells within the grid."""
+        spans = []
+        for lines in (in_rows, in_cols):
+            if not lines.any():
+                return None
+            first = max(int(lines.argmax()) - grow, 0)
+            end = min(len(lines) - int(lines[::-1].argmax()) + grow, len(lines))
+            spans.append((first, end - first))
+        (row, height), (col, width) = spans
+        return cls(row, col, height, width)
+
     @property
     def cells(self) -> int:
         return self.height * self.width

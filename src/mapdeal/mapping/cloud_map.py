@@ -624,14 +624,11 @@ def ledges(floor: NDArray[np.float32], is_floor: Mask, climb: float) -> Mask:
 
 
 def box_of(known: Mask) -> Region:
-    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-    if not len(rows):
+    in_rows, in_cols = (np.asarray(known.any(axis=axis)) for axis in (1, 0))
+    region = Region.spanning(in_rows, in_cols, grow=MARGIN)
+    if region is None:
         raise MalformedInputError("no floor found: nothing is known of any cell")
-    row, col = int(rows[0]) - MARGIN, int(cols[0]) - MARGIN
-    row, col = max(row, 0), max(col, 0)
-    last_row = min(int(rows[-1]) + 1 + MARGIN, known.shape[0])
-    last_col = min(int(cols[-1]) + 1 + MARGIN, known.shape[1])
-    return Region(row, col, last_row - row, last_col - col)
+    return region
 
 
 MARGIN = 2  # cells around the known cells, within the frame

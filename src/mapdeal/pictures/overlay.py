@@ -556,11 +556,8 @@ class KnownLines:
 def known_box(layer: Layer, is_known: IsKnown) -> Region | None:
     # Each row of a lazy layer is computed once, in order.
     (parts,) = gathered(layer, KnownLines(is_known))
-    rows = np.flatnonzero(np.concatenate([in_rows for in_rows, _ in parts])).tolist()
-    cols = np.flatnonzero(np.logical_or.reduce([in_cols for _, in_cols in parts])).tolist()
-    if not rows:
-        return None
-    return Region(rows[0], cols[0], rows[-1] - rows[0] + 1, cols[-1] - cols[0] + 1)
+    in_rows = np.concatenate([in_rows for in_rows, _ in parts])
+    return Region.spanning(in_rows, np.logical_or.reduce([in_cols for _, in_cols in parts]))
 
 
 def shown_part(

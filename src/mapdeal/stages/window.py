@@ -83,14 +83,12 @@ def active_region(
     >>> region.occupancy.tolist(), region.origin
     ([[0, 100]], (1.5, 2.5, 0.0))
     """
-    in_rows, in_cols = _known_lines(grid, min_component)
-    if not in_rows.any():
-        raise MalformedInputError("no active cells: every cell is unknown")
     # a larger margin than the map has no further effect
     margin = min(margin, max(grid.shape) * grid.resolution)
     grow = frames.cells_to_cover(margin, grid.resolution)
-    (row, height), (col, width) = _known_span(in_rows, grow), _known_span(in_cols, grow)
-    region = frames.Region(row, col, height, width)
+    region = frames.Region.spanning(*_known_lines(grid, min_component), grow=grow)
+    if region is None:
+        raise MalformedInputError("no active cells: every cell is unknown")
     origin = region.frame_in(grid.frame).origin
     box = OccupancyGrid(canvases.cut_out(grid.occupancy, region), grid.resolution, origin)
     return canvases.on_canvas(box, grid.frame) if canvas == "full" else box
@@ -110,13 +108,6 @@ def _known_lines(grid: OccupancyGrid, min_component: int) -> tuple[Mask, Mask]:
         in_rows[block] = known.any(axis=1)
         in_cols |= known.any(axis=0)
     return in_rows, in_cols
-
-
-def _known_span(has_known: Mask, grow: int) -> tuple[int, int]:
-    """Return the first and the number of lines from the first known one to the last, grown."""
-    indices = np.flatnonzero(has_known)
-    first = max(int(indices[0]) - grow, 0)
-    return first, min(int(indices[-1]) + 1 + grow, len(has_known)) - first
 
 
 def _cells(grid: Any, parameters: command.Parameters) -> Iterator[int]:
