@@ -16,7 +16,7 @@ import pytest
 
 import batch_work
 from mapdeal import FileAccessError, OccupancyGrid, ParameterError, write_map
-from mapdeal.inputs.listing import ListedMap
+from mapdeal.maps.listing import ListedMap
 from mapdeal.pipeline import workers as cluster
 from mapdeal.pipeline.batch import Batch, Job, jobs_of, run_all
 

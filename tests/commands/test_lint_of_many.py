@@ -13,7 +13,7 @@ from mapdeal.checks.lint import lint_file
 from mapdeal.checks.map_checks import RUN_FOLDERS
 from mapdeal.commands.lint import _Lint
 from mapdeal.files.source import SHARE_OF_JOB, contents_of as real_contents_of
-from mapdeal.inputs.listing import list_maps
+from mapdeal.maps.listing import list_maps
 from mapdeal.pipeline.settings import Settings
 from pipeline.here import HereWorkers, die_of
 from pipeline.reported import write_cells

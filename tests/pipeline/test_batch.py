@@ -9,7 +9,7 @@ import pytest
 import batch_work
 from compare.buildings import OTHER_WALLS, WALLS, between, cut, drawn, errors
 from mapdeal import FileAccessError, FindingError, ParameterError, Transform, merge
-from mapdeal.inputs.listing import ListedMap
+from mapdeal.maps.listing import ListedMap
 from mapdeal.pipeline import batch as jobs_module
 from mapdeal.pipeline.batch import Batch, Job, jobs_of, run_all, text_of
 from mapdeal.pipeline.workers import ProcessWorkers

@@ -25,11 +25,11 @@ from mapdeal.commands.report_entries import Grids
 from mapdeal.compare.merge import chosen_layers, evidence_of
 from mapdeal.files.source import size_of
 from mapdeal.grid.frame import FARTHEST
-from mapdeal.inputs.kinds import kind_of
-from mapdeal.inputs.listing import list_maps
 from mapdeal.mapping.transforms import FrameOptions
 from mapdeal.maps import images
 from mapdeal.maps.dialects import DIALECTS, MapMetadata, read_metadata, yaml_of
+from mapdeal.maps.kinds import kind_of
+from mapdeal.maps.listing import list_maps
 from mapdeal.maps.npz import npz_frame, open_npz, read_evidence, read_npz, read_reach
 from mapdeal.maps.picture import opened
 from mapdeal.maps.reading import open_map

@@ -18,7 +18,7 @@ from mapdeal.files import source as sources
 from mapdeal.files.transaction import temporary_folder
 from mapdeal.files.yaml_text import Entry, YamlLimits, read_mapping
 from mapdeal.grid.values import few_text
-from mapdeal.inputs.listing import natural_key
+from mapdeal.maps.listing import natural_key
 
 _TOP_KEY = "rosbag2_bagfile_information"
 _ZSTD_SUFFIXES = (".zstd", ".zst")

@@ -40,7 +40,6 @@ from mapdeal.grid.frame import Frame, Point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal, Passage, Reach
 from mapdeal.grid.values import FREE, OCCUPIED
-from mapdeal.inputs.kinds import MAP, recognised
 from mapdeal.kernels.arrays import Integers
 from mapdeal.kernels.blocks import Layer, blocks_of
 from mapdeal.kernels.components import MOST_PLACES, Components
@@ -58,6 +57,7 @@ from mapdeal.maps.dialects import (
 )
 from mapdeal.maps.formats import format_of
 from mapdeal.maps.images import IMAGE_FORMATS, open_for_one_pass
+from mapdeal.maps.kinds import MAP, recognised
 from mapdeal.maps.map_file import warn_of_cost_figures
 from mapdeal.maps.picture import Picture, Strips, opaque_greys
 from mapdeal.maps.reading import as_occupancy, open_map

@@ -26,10 +26,10 @@ from mapdeal.files.source import contents_of, exists, holds, normal_path
 from mapdeal.grid.costmap import UNIFORM_SHARE
 from mapdeal.grid.filters import FILTER_KEYS
 from mapdeal.grid.values import count_text, decimal_text
-from mapdeal.inputs.kinds import kind_of
-from mapdeal.inputs.listing import ListedFolders
 from mapdeal.kernels.rotations import coincidences
 from mapdeal.maps.dialects import Dialect
+from mapdeal.maps.kinds import kind_of
+from mapdeal.maps.listing import ListedFolders
 from mapdeal.maps.map_file import NOTHING_KNOWN
 from mapdeal.maps.map_server import MAP_SAVER_UNKNOWN, percent, remark_on_freed
 

@@ -382,7 +382,7 @@ def piped(
         rule = "can be used for one input only: standard input is one file"
         raise ParameterError(rule, source="-")
     from mapdeal.files.transaction import temporary_folder
-    from mapdeal.inputs.kinds import STDOUT, save_npz
+    from mapdeal.maps.kinds import STDOUT, save_npz
 
     if output is not None:
         leave_stdout_to_data(is_text=ending != ".npz")

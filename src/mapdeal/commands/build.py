@@ -26,7 +26,6 @@ from mapdeal.files.source import check_state, claim, is_regular, state_of
 from mapdeal.grid.frame import Figures, Frame, Point, check_origin
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, count_text, decimal_text
-from mapdeal.inputs.kinds import is_bag
 from mapdeal.kernels.components import thickness_of
 from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping import build as mapping
@@ -36,6 +35,7 @@ from mapdeal.mapping.transforms import FrameOptions, Topics, check_pose
 from mapdeal.mapping.voxels import upright
 from mapdeal.mapping.world_map import WorldOptions, map_of_world
 from mapdeal.maps.formats import MAP_ENDINGS
+from mapdeal.maps.kinds import is_bag
 from mapdeal.maps.npz import check_ends_in_npz, write_npz
 from mapdeal.maps.png import write_png
 from mapdeal.maps.reading import output_paths, write_grid

@@ -16,14 +16,14 @@ from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import check_state, claim, is_same_file, state_of
 from mapdeal.grid.frame import Figures, Point
 from mapdeal.grid.values import OCCUPIED, decimal_text
-from mapdeal.inputs.kinds import is_bag
-from mapdeal.inputs.listing import list_files
 from mapdeal.kernels.rotations import from_yaw, rotated
 from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping.build import frame_of
 from mapdeal.mapping.cloud_map import CloudMap, CloudMapper, CloudOptions
 from mapdeal.mapping.transforms import FrameOptions
 from mapdeal.mapping.voxels import FINEST, Tilt, away_from_sensor, upright
+from mapdeal.maps.kinds import is_bag
+from mapdeal.maps.listing import list_files
 from mapdeal.maps.npz import check_ends_in_npz, write_npz
 from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pipeline.inputs import Work, errors_named, refuse

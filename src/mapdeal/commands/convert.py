@@ -29,13 +29,13 @@ from mapdeal.grid.field import DistanceField, FieldView, PotentialField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, count_text, decimal_text
-from mapdeal.inputs.kinds import is_bag
 from mapdeal.kernels.arrays import Mask
 from mapdeal.kernels.outlines import MOST_TOLERANCE, corner_count
 from mapdeal.kernels.solids import rectangles, run_count, surface
 from mapdeal.maps import outlines
 from mapdeal.maps.dialects import Mode
 from mapdeal.maps.formats import or_other_formats, output_format
+from mapdeal.maps.kinds import is_bag
 from mapdeal.maps.map_file import warn_of_cost_figures, warn_of_nothing_known
 from mapdeal.maps.map_server import Encoding, in_trinary
 from mapdeal.maps.npz import Grid

@@ -21,9 +21,9 @@ from mapdeal.grid.filters import FilterInfo, mask_description, mask_rows
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach, robot_text
 from mapdeal.grid.values import UNKNOWN, count_text, table_lines
-from mapdeal.inputs.kinds import BAG, IMAGE, MAP, POINTER, kind_of
-from mapdeal.inputs.listing import list_maps
 from mapdeal.maps.dialects import Dialect
+from mapdeal.maps.kinds import BAG, IMAGE, MAP, POINTER, FileKind, kind_of
+from mapdeal.maps.listing import list_maps
 from mapdeal.maps.reading import open_map
 from mapdeal.pictures.overlay import OtherThan, known_box
 from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, stages_behind, summary_of
@@ -213,7 +213,19 @@ def _described(path: Path, settings: Settings, progress: ProgressCallback | None
 
         return describe_bag(path, progress=progress)
     report = {"file": str(path), "kind": kind.name, "is": kind.what}
-    return report | {"figures": kind.figures(), "use": kind.use}
+    return report | {"figures": figures_of(path, kind), "use": kind.use}
+
+
+def figures_of(path: Path, kind: FileKind) -> Report:
+    if not kind.form:
+        return kind.figures()
+    from mapdeal.sensors import clouds, scans  # not loaded for a map
+
+    readers = {
+        "PLY": clouds.ply_figures, "PCD": clouds.pcd_figures, "OctoMap": clouds.octree_figures,
+        "npy": clouds.npy_figures, "CARMEN": scans.log_figures,
+    }  # fmt: skip
+    return readers[kind.form](path)
 
 
 def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> Report:

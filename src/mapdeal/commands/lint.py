@@ -35,12 +35,12 @@ from mapdeal.grid.frame import Frame, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal, reach_radius
 from mapdeal.grid.values import check_choice, count_text
-from mapdeal.inputs.listing import list_maps
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps import map_server
 from mapdeal.maps.dialects import Dialect, MapMetadata, cells_of, metadata_of
 from mapdeal.maps.formats import or_other_formats
 from mapdeal.maps.images import open_strips
+from mapdeal.maps.listing import list_maps
 from mapdeal.maps.reading import MapFile, open_map, output_paths, write_grid
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.batch import Job, Outcome, attempt, dispatch, jobs_at_once

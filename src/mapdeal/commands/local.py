@@ -20,9 +20,9 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Point, check_point
 from mapdeal.grid.reach import Route
-from mapdeal.inputs.kinds import is_bag
 from mapdeal.mapping.local_map import LocalOptions
 from mapdeal.mapping.transforms import FrameOptions, Topics, check_pose
+from mapdeal.maps.kinds import is_bag
 from mapdeal.maps.reading import read_map
 from mapdeal.pictures.overlay import Overlay, RouteOverlay, StepsOverlay
 from mapdeal.pipeline import local as local_maps

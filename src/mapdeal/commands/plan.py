@@ -28,9 +28,9 @@ from mapdeal.errors import (
 from mapdeal.files.json_values import PLAN_FORMAT, JsonValue, read_document
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.values import OneLineRepr, count_text, table_lines
-from mapdeal.inputs.listing import list_maps
 from mapdeal.mapping.transforms import check_pose
 from mapdeal.maps.dialects import Dialect
+from mapdeal.maps.listing import list_maps
 from mapdeal.maps.npz import Grid, check_ends_in_npz
 from mapdeal.maps.reading import write_grid
 from mapdeal.pictures.canvas import Image

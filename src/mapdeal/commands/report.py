@@ -32,10 +32,10 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
 from mapdeal.grid.values import count_text
-from mapdeal.inputs.kinds import SHAPES, kind_of
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps.dialects import Dialect, read_metadata
 from mapdeal.maps.formats import MAP_ENDINGS
+from mapdeal.maps.kinds import SHAPES, kind_of
 from mapdeal.maps.map_server import is_bare_image
 from mapdeal.pipeline.batch import SUMMARY
 from mapdeal.pipeline.folder import MANIFEST, reach_document

@@ -35,7 +35,7 @@ from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Method, Passage, Pla
 from mapdeal.grid.route_graph import RouteNode
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.grid.values import CostScale, count_text, decimal_text
-from mapdeal.inputs.kinds import SHAPES, recognised
+from mapdeal.maps.kinds import SHAPES, recognised
 from mapdeal.maps.route_graphs import parsed_graph
 from mapdeal.maps.shapes import geojson_shapes, read_shapes
 from mapdeal.report.document import About, Claim, Item, State, Table, Tone, Zone, outlines_of

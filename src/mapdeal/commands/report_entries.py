@@ -26,8 +26,8 @@ from mapdeal.files.source import claim, contents_of, exists, is_same_file, room,
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.occupancy import CloudLayers, OccupancyGrid
 from mapdeal.grid.reach import Reach
-from mapdeal.inputs.listing import folders_below
 from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy, lazy_layer
+from mapdeal.maps.listing import folders_below
 from mapdeal.maps.map_file import Grid, MapFile
 from mapdeal.maps.map_server import is_bare_image
 from mapdeal.maps.reading import open_map

@@ -18,9 +18,9 @@ from mapdeal.files.source import absolute_path, claim
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Goal, robot_text
 from mapdeal.grid.values import count_text
-from mapdeal.inputs.listing import list_maps
 from mapdeal.mapping.local_map import CloudFrame, LocalOptions
 from mapdeal.mapping.transforms import check_pose
+from mapdeal.maps.listing import list_maps
 from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExtent
 from mapdeal.pipeline import batch, recipe as recipes, run as pipeline
 from mapdeal.pipeline.folder import differences_from_golden, step_line, store_golden

@@ -36,10 +36,10 @@ from mapdeal.files.source import claim
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Route
 from mapdeal.grid.values import count_text
-from mapdeal.inputs.listing import list_maps
 from mapdeal.mapping.evidence import BeamLimits, Scans
 from mapdeal.mapping.scanner import Scanner, Surroundings, noisy_odometry
 from mapdeal.mapping.transforms import check_pose
+from mapdeal.maps.listing import list_maps
 from mapdeal.maps.npz import write_arrays
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.layers import occupancy_image

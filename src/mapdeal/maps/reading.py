@@ -18,9 +18,9 @@ from mapdeal.grid.field import DistanceField, FieldView, PotentialField
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import check_choice
-from mapdeal.inputs.kinds import MAP, recognised
 from mapdeal.maps.dialects import Dialect, Mode
 from mapdeal.maps.formats import format_of, output_format
+from mapdeal.maps.kinds import MAP, recognised
 from mapdeal.maps.map_file import Grid, MapFile, Painting, Source
 from mapdeal.maps.map_server import Encoding
 

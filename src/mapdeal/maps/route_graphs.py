@@ -16,7 +16,7 @@ from typing import Any
 from mapdeal.errors import MalformedInputError
 from mapdeal.files.json_values import ROUTE_GRAPH, JsonValue, is_route_graph, read_document
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
-from mapdeal.inputs.kinds import recognised
+from mapdeal.maps.kinds import recognised
 
 _MOST_ID = (1 << 32) - 1  # the server's ids are unsigned int
 FRAME = "map"

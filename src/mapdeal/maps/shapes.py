@@ -11,7 +11,7 @@ from mapdeal.files.json_values import JsonValue, read_document
 from mapdeal.files.yaml_text import OF_SHAPES, Entry, read_mapping
 from mapdeal.grid.frame import Point
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
-from mapdeal.inputs.kinds import SHAPES, recognised
+from mapdeal.maps.kinds import SHAPES, recognised
 
 _PARTS = {"MultiPolygon": "Polygon", "MultiLineString": "LineString", "MultiPoint": "Point"}
 

@@ -23,7 +23,7 @@ from mapdeal.grid.frame import Point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.shapes import Shape
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
-from mapdeal.inputs.kinds import SHAPES, recognised
+from mapdeal.maps.kinds import SHAPES, recognised
 from mapdeal.maps.shapes import geojson_features
 
 

@@ -19,8 +19,8 @@ from mapdeal.compatibility import Self
 from mapdeal.files.source import exists, ignores_case, is_same_file, size_text, sums_of_reads
 from mapdeal.files.transaction import Transaction, make_folder
 from mapdeal.grid.values import count_text, table_lines
-from mapdeal.inputs.listing import ListedMap
 from mapdeal.kernels.threads import available_threads
+from mapdeal.maps.listing import ListedMap
 from mapdeal.maps.reading import open_map
 from mapdeal.pipeline.inputs import Need, Terminal, memory_budget, need_of
 from mapdeal.pipeline.recipe import Recipe

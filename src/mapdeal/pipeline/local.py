@@ -22,9 +22,9 @@ from mapdeal.grid.canvas import frames_overlap
 from mapdeal.grid.frame import MOST_CELLS, Figures, cells_to_cover
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD
-from mapdeal.inputs.listing import list_files, numbered_folders
 from mapdeal.mapping.local_map import LocalMap, LocalMapper, LocalOptions, RollingMapper, local_map
 from mapdeal.mapping.transforms import Pose
+from mapdeal.maps.listing import list_files, numbered_folders
 from mapdeal.maps.reading import Source, as_occupancy, open_map
 from mapdeal.pictures.overlay import PoseOverlay
 from mapdeal.pipeline.folder import Filling, OutputFolder, Product

@@ -24,9 +24,9 @@ from mapdeal.grid.footprint import Footprint, shape_of
 from mapdeal.grid.frame import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OneLineRepr, check_choice
-from mapdeal.inputs.kinds import RECIPE, kind_of, other_kind, recognised
 from mapdeal.layers.stack import CostmapLayers
 from mapdeal.maps.dialects import Dialect
+from mapdeal.maps.kinds import RECIPE, kind_of, other_kind, recognised
 from mapdeal.maps.npz import Grid
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.ros.robot import CostmapName, RobotParameters

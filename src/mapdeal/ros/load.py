@@ -72,7 +72,7 @@ def is_ros2(path: Path) -> bool:
 
 
 def flavour_of_file(path: Path) -> Flavour | None:
-    from mapdeal.inputs.kinds import PARAMETERS, kind_of
+    from mapdeal.maps.kinds import PARAMETERS, kind_of
 
     with suppress(MapdealError):
         kind = kind_of(path) if exists(path) and not is_folder(path) else None
@@ -82,7 +82,7 @@ def flavour_of_file(path: Path) -> Flavour | None:
 
 def _other_kind(path: Path) -> Problem | None:
     """Return a problem if the file is a map, recipe etc.; ROS 1 would load its keys, too."""
-    from mapdeal.inputs.kinds import PARAMETERS, other_kind, readable_kind  # only needed for ROS 1
+    from mapdeal.maps.kinds import PARAMETERS, other_kind, readable_kind  # only needed for ROS 1
 
     kind = readable_kind(path)
     if kind is None or kind.name == PARAMETERS:

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from mapdeal.errors import FileAccessError, MalformedInputError, emit_warning
 from mapdeal.files.source import PIECES, access_to, binary_file, check_readable, claim, use_memory
 from mapdeal.files.text import coordinate_name, delimiter_of, first_line, is_number, read_rows
-from mapdeal.inputs.kinds import CLOUD, NUMBERS, recognised
 from mapdeal.kernels.sensing import lzf_expanded
+from mapdeal.maps.kinds import CLOUD, NUMBERS, recognised
 from mapdeal.maps.npz import NpyHeader, NpzReader, read_npy_header
 from mapdeal.sensors.kitti import kitti_points
 from mapdeal.sensors.octomap import octree_points, read_octree_header

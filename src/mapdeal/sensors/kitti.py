@@ -19,18 +19,7 @@ from mapdeal.errors import MalformedInputError
 
 _RECORD = 16  # bytes: x, y, z and the reflectance
 _TOGETHER = 1 << 17
-_NEAREST, _FARTHEST_LIKELY = 1e-3, 1e4  # metres
 _FARTHEST = 1e5  # metres; a file with larger coordinates does not contain points
-
-
-def looks_like_kitti(head: bytes, size: int) -> bool:
-    """Return whether the first bytes of a file are likely points; the format has no header."""
-    numbers = np.frombuffer(head, "<f4", len(head) // _RECORD * 4).reshape(-1, 4)
-    if size % _RECORD or not len(numbers) or not np.isfinite(numbers).all():
-        return False
-    xyz = np.abs(numbers[:, :3])
-    is_likely = float(np.median(xyz)) > _NEAREST and float(xyz.max()) < _FARTHEST_LIKELY
-    return is_likely and bool(((numbers[:, 3] >= 0) & (numbers[:, 3] <= 255)).all())
 
 
 def kitti_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:

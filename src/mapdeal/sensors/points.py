@@ -20,7 +20,7 @@ from mapdeal.files import source as sources
 from mapdeal.files.json_values import JsonValue, read_document
 from mapdeal.files.text import delimiter_of, first_line, is_number, read_rows
 from mapdeal.grid.frame import FARTHEST, Point, Transform
-from mapdeal.inputs.kinds import NUMBERS, POSES, recognised
+from mapdeal.maps.kinds import NUMBERS, POSES, recognised
 
 
 @dataclass(frozen=True)

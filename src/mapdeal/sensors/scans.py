@@ -26,7 +26,7 @@ from mapdeal.errors import MalformedInputError, emit_warning
 from mapdeal.files.source import access_to, check_readable, status_of
 from mapdeal.files.text import LONGEST_LINE, delimiter_of, first_line, read_rows
 from mapdeal.grid.frame import FARTHEST
-from mapdeal.inputs.kinds import SCANS, recognised
+from mapdeal.maps.kinds import SCANS, recognised
 from mapdeal.maps.npz import NpzReader
 from mapdeal.sensors.points import read_poses, read_table
 
@@ -229,6 +229,10 @@ class _Scan(NamedTuple):
 
 class _BadLineError(Exception):
     """A line that breaks the format of its first word."""
+
+
+def log_figures(path: Path) -> dict[str, int]:
+    return {"scans": CarmenLog(path, max_bad=0).count}
 
 
 class CarmenLog(ScanSource):

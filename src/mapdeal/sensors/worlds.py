@@ -22,9 +22,9 @@ import numpy as np
 from mapdeal.errors import FileAccessError, MalformedInputError, emit_warning, nearest_hint
 from mapdeal.files.source import absolute_path, claim, contents_of, exists, is_folder, is_regular
 from mapdeal.grid.frame import FARTHEST
-from mapdeal.inputs.kinds import WORLD, recognised
 from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.rotations import product, rotated
+from mapdeal.maps.kinds import WORLD, recognised
 from mapdeal.sensors.meshes import (
     MESH_ENDINGS,
     MOST_INSTANCES,

@@ -10,8 +10,8 @@ from hypothesis import given, strategies as st
 
 from mapdeal import FileAccessError, MapdealWarning, ParameterError
 from mapdeal.files.source import contents_of, status_of
-from mapdeal.inputs import listing
-from mapdeal.inputs.listing import files_matching, list_files, numbered_folders, sorted_naturally
+from mapdeal.maps import listing
+from mapdeal.maps.listing import files_matching, list_files, numbered_folders, sorted_naturally
 from odd_names import private
 from strategies import examples
 

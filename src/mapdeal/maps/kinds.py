@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError
@@ -25,7 +26,7 @@ from mapdeal.files.yaml_text import OF_SHAPES, read_mapping
 from mapdeal.grid.values import join_words
 from mapdeal.maps.formats import FORMATS, MAP_ENDINGS
 from mapdeal.maps.images import read_image_size, recognised_format
-from mapdeal.maps.npz import NPZ
+from mapdeal.maps.npz import NPZ, NpzReader
 
 MAP, CLOUD, SCANS, POSES, NUMBERS = "map", "point cloud", "laser scans", "poses", "numbers"
 IMAGE, RECIPE, SHAPES, BAG, POINTER = "image", "recipe", "shapes", "bag", "Git LFS pointer"
@@ -53,7 +54,8 @@ _COMMON_KEYS = frozenset((
 """Keys that other files may have, too: two of them identify a parameter file."""
 _TUM, _PLANAR = 8, 3
 _MOST_OF_A_POINT = 16
-_KITTI_POINT = 16  # bytes
+_KITTI_POINT = 16  # bytes: x, y, z and the reflectance
+_NEAREST, _FARTHEST_LIKELY = 1e-3, 1e4  # metres
 
 _METADATA = "metadata.yaml"
 _BAG_ENDINGS = (".mcap", ".db3")
@@ -84,6 +86,7 @@ class FileKind:
     what: str
     use: str
     figures: Callable[[], dict[str, Any]] = dict
+    form: str = ""  # of a format whose header has further figures
 
 
 def kind_of(path: Path) -> FileKind | None:
@@ -188,39 +191,39 @@ def _kind_of_world(path: Path, head: bytes) -> FileKind | None:
 
 
 def _kind_of_cloud(path: Path, head: bytes) -> FileKind | None:
-    if head.startswith((b"ply\n", b"ply\r")):
-        from mapdeal.sensors.clouds import ply_figures
-
-        return FileKind(CLOUD, "a point cloud (PLY)", _CLOUD_USE, lambda: ply_figures(path))
+    form = ""
     lines = [line for line in head.splitlines() if line.strip() and not line.startswith(b"#")]
-    if lines and lines[0].split(maxsplit=1)[0] in (b"VERSION", b"FIELDS", b"COLUMNS"):
-        from mapdeal.sensors.clouds import pcd_figures
-
-        return FileKind(CLOUD, "a point cloud (PCD)", _CLOUD_USE, lambda: pcd_figures(path))
+    if head.startswith((b"ply\n", b"ply\r")):
+        form = "PLY"
+    elif lines and lines[0].split(maxsplit=1)[0] in (b"VERSION", b"FIELDS", b"COLUMNS"):
+        form = "PCD"
+    if form:
+        return FileKind(CLOUD, f"a point cloud ({form})", _CLOUD_USE, form=form)
     if head.startswith(b"# Octomap OcTree"):
-        from mapdeal.sensors.clouds import octree_figures
-
         octree = "an octree of occupied voxels (OctoMap)"
-        return FileKind(CLOUD, octree, _CLOUD_USE, lambda: octree_figures(path))
-    if path.suffix.lower() == ".bin":
-        from mapdeal.sensors.kitti import looks_like_kitti
-
-        if looks_like_kitti(head, _size_of(path)):
-            points = {"points": _size_of(path) // _KITTI_POINT}
-            return FileKind(CLOUD, "a point cloud (KITTI)", _CLOUD_USE, lambda: points)
+        return FileKind(CLOUD, octree, _CLOUD_USE, form="OctoMap")
+    if path.suffix.lower() == ".bin" and _looks_like_kitti(head, _size_of(path)):
+        points = {"points": _size_of(path) // _KITTI_POINT}
+        return FileKind(CLOUD, "a point cloud (KITTI)", _CLOUD_USE, lambda: points)
     if head.startswith(b"\x93NUMPY"):
-        from mapdeal.sensors.clouds import npy_figures
-
         use = f"of points, {_CLOUD_USE}"
-        return FileKind(CLOUD, "an array of numpy (npy)", use, lambda: npy_figures(path))
+        return FileKind(CLOUD, "an array of numpy (npy)", use, form="npy")
     return None
+
+
+def _looks_like_kitti(head: bytes, size: int) -> bool:
+    """Return whether the first bytes of a file are likely points; the format has no header."""
+    numbers = np.frombuffer(head, "<f4", len(head) // _KITTI_POINT * 4).reshape(-1, 4)
+    if size % _KITTI_POINT or not len(numbers) or not np.isfinite(numbers).all():
+        return False
+    xyz = np.abs(numbers[:, :3])
+    is_likely = float(np.median(xyz)) > _NEAREST and float(xyz.max()) < _FARTHEST_LIKELY
+    return is_likely and bool(((numbers[:, 3] >= 0) & (numbers[:, 3] <= 255)).all())
 
 
 def _kind_of_npz(path: Path, head: bytes) -> FileKind | None:
     if not head.startswith(b"PK"):
         return None
-    from mapdeal.maps.npz import NpzReader
-
     with NpzReader(path, 1) as reader:
         names = reader.names()
         if "format" in names:
@@ -264,13 +267,7 @@ def _kind_of_log(path: Path, head: bytes) -> FileKind | None:
         return None
     if not _SCAN_WORDS.search(head):
         return None
-
-    def figures() -> dict[str, Any]:
-        from mapdeal.sensors.scans import CarmenLog
-
-        return {"scans": CarmenLog(path, max_bad=0).count}
-
-    return FileKind(SCANS, "a log of laser scans (CARMEN)", _SCANS_USE, figures)
+    return FileKind(SCANS, "a log of laser scans (CARMEN)", _SCANS_USE, form="CARMEN")
 
 
 _DOCUMENTS = {

@@ -16,8 +16,8 @@ from typing import Any
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError, emit_warning
 from mapdeal.files import source as sources
 from mapdeal.files.json_values import MANIFEST, document_kind, read_json
-from mapdeal.inputs.kinds import kind_of, other_kind
 from mapdeal.maps.formats import FORMATS, MAP_ENDINGS, format_of
+from mapdeal.maps.kinds import kind_of, other_kind
 
 _ANY_FOLDERS = "**"
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from mapdeal import FileAccessError, MalformedInputError, ParameterError
-from mapdeal.inputs.listing import list_maps
+from mapdeal.maps.listing import list_maps
 
 MAP = "image: m.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"
 

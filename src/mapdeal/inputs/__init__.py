@@ -1,1 +1,0 @@
-"""What files are, and which files names stand for."""
