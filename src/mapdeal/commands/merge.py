@@ -21,7 +21,8 @@ from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
 from mapdeal.files.source import bytes_of_lines, claim, holding
 from mapdeal.grid.frame import Frame, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import check_choice, count_text
+from mapdeal.grid.values import OCCUPIED, check_choice, count_text
+from mapdeal.kernels.lookup import histogram
 from mapdeal.maps.formats import format_of
 from mapdeal.maps.reading import open_map, output_paths, write_grid
 from mapdeal.pictures.canvas import Image
@@ -333,7 +334,7 @@ def _bytes_to_merge(
 ) -> int:  # fmt: skip
     per_cell = _BYTES_PER_CELL + len(grids)
     per_cell += _EVIDENCE_BYTES_PER_CELL * sums + _PICTURE_BYTES_PER_CELL * is_drawn
-    wall_cells = sum(int(np.count_nonzero(grid.occupied())) for grid in grids)
+    wall_cells = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
     needed = sum(map(inputs.bytes_of, grids)) + _bytes_in(layers)
     needed += _BYTES_PER_WALL_CELL * wall_cells
     return needed + per_cell * lattice.height * lattice.width

@@ -29,6 +29,7 @@ OCCUPIED_FROM, FREE_UP_TO = 65, 25
 """Values at which Nav2's map_saver by default calls a cell occupied, and free."""
 
 _NEAR = 2  # cells within which obstacles of two maps may be the same
+_ROWS_AT_ONCE = 256
 _MANY = 0.01  # share of common cells: aligned maps have fewer conflicts
 
 NOTHING, _IS_FREE, _IS_OCCUPIED, BETWEEN = range(4)
@@ -411,9 +412,14 @@ def _resampled(lattice: Frame, grid: OccupancyGrid, frame: Frame) -> tuple[Value
 
 def _corners_of_known(occupancy: Values) -> NDArray[np.int64]:
     """Return corners of cells, shape (N, 2), whose hull contains all known cells."""
-    known = occupancy != UNKNOWN
-    rows = np.flatnonzero(known.any(axis=1))
-    first = known[rows].argmax(axis=1)
-    last = known.shape[1] - known[rows, ::-1].argmax(axis=1)
-    ends = [np.stack([rows + up, col], axis=1) for up in (0, 1) for col in (first, last)]
+    height, width = occupancy.shape
+    ends = []
+    for start in range(0, height, _ROWS_AT_ONCE):  # the masks of all rows are as large as the map
+        known = occupancy[start : start + _ROWS_AT_ONCE] != UNKNOWN
+        rows = np.flatnonzero(known.any(axis=1))
+        first = known[rows].argmax(axis=1)
+        last = width - known[rows, ::-1].argmax(axis=1)
+        ends += [
+            np.stack([start + rows + up, col], axis=1) for up in (0, 1) for col in (first, last)
+        ]
     return np.concatenate(ends)
