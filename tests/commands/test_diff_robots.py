@@ -13,6 +13,7 @@ from mapdeal.grid.reach import Goal
 from pipeline.reported import entries_of, layer_names
 from strategies import examples
 
+pytestmark = pytest.mark.usefixtures("mapdeal_warnings")  # of the yaw
 RESOLUTION = 0.1
 ORIGIN = (1.5, -2.0, 0.4)
 PARAMETERS = """

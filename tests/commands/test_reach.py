@@ -1,10 +1,12 @@
 import json
+import warnings
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import mapdeal
 from drawn import grid_from_text
 from mapdeal import Goal, reach, read_map, write_map
 from mapdeal.commands.reach import Reachability
@@ -171,8 +173,33 @@ def test_the_map_of_a_robot_s_own_parameters(sh, here, tracks):
     code, out, err = sh(f"reach map.yaml {ends} --params-file robot.yaml")
     message = "costmap treats unknown cells as free, 6.67 % of the map: the robot drives through"
     assert (code, message in err) == (int(tracks), not tracks)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        mapdeal.costmap("map.yaml", "robot.yaml")
+    assert any(message in str(warning.message) for warning in caught) != tracks
+    lines = ("run map.yaml -o o", "cost map.yaml -o c.npz", f"route map.yaml {ends}",
+             f"plan map.yaml {ends}", "graph map.yaml -o g.geojson", "diff map.yaml")  # fmt: skip
+    for line in lines:
+        more = " --against robot.yaml" if line.startswith("diff") else ""
+        warned = sh(f"{line} --params-file robot.yaml{more}")[2]
+        assert warned.count(message) == (not tracks), line
     radius = json.loads(out)["robot"]["radius"]
     assert radius == pytest.approx((0.2 + 0.01) * np.cos(np.pi / 16), abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("goal", "ending"), [((1, 2), ""), ((1, 4), ", but it is not reachable either")]
+)
+def test_the_hint_of_a_goal_in_a_wall_names_an_open_cell_and_if_it_is_reached(
+    sh, here, goal, ending
+):
+    grid = grid_from_text("########\n#.###..#\n########", resolution=0.5)
+    write_map("map.yaml", grid)
+    err = sh(f"reach map.yaml --from {place(grid, 1, 1)} --to {place(grid, *goal)}")[2]
+    near = place(grid, 1, 1 if goal[1] == 2 else 5)
+    assert err.endswith(f"hint: the nearest open cell is at {near}{ending}\n")
+    err = sh(f"reach map.yaml --from {place(grid, 1, 1)} --to {place(grid, 1, 6)}")[2]
+    assert err.endswith("hint: --image shows where the robot can go\n")  # nothing is unknown
 
 
 def test_costs_around_obstacles_hide_no_unknown_cells(sh, here):

@@ -369,6 +369,7 @@ def robots_compared(
     if isinstance(source.grid, Costmap):
         raise ParameterError("holds costs; parameters are compared on a map", source=source.name)
     inputs.claim_cells(source, COSTS_PER_CELL + _PER_CELL_OF_ROBOTS, **reading)
+    inputs.warn_of_robot(source.name, source.grid, *robots)
     masks = [inputs.used_mask(mask, robot) for robot in robots]
     steps = [step_for("cost", robot, {}) for robot in robots]
     costs = [

@@ -232,7 +232,7 @@ def graph_of(
         if not isinstance(grid, Costmap):
             inputs.warn_of_values(source)
             if robot is not None:
-                inputs.warn_of_yaw(source.name, grid)
+                inputs.warn_of_robot(source.name, grid, robot)
                 grid = lethal_costs(robot, source)
         mask = None
         if options.keep_from_unknown is not None:

@@ -93,10 +93,12 @@ class Reachability(Spread):
         hint = None if inputs.settings_of().image else "--image shows where the robot can go"
         if first.nearest_open is not None:
             x, y = (round(value, 6) + 0.0 for value in first.nearest_open)
+            row, col = self.reach.frame.unbounded_rowcol_from_xy([first.nearest_open])[0]
             hint = f"the nearest open cell is at {x:.10g},{y:.10g}"
+            hint += "" if self.reach.reachable[row, col] else ", but it is not reachable either"
         elif first.limited_by is None and self.keepout is not None:
             hint = "the cells of the keepout mask are closed"
-        elif first.limited_by is None and not self.reach.through_unknown:
+        elif first.limited_by is None and (self.reach.occupancy == UNKNOWN).any():
             hint = "unknown cells are closed; --through-unknown opens them"
         raise errors.FindingError(rule, source=self.map.name, hint=hint)
 
@@ -252,7 +254,7 @@ def reachability(
         map, names=("map",), also=[*also, *(mask.files if mask else ())]
     )
     if robot is not None and not isinstance(map_read.grid, Costmap):
-        inputs.warn_of_yaw(map_read.name, map_read.grid)
+        inputs.warn_of_robot(map_read.name, map_read.grid, robot)
     found = reach_on_input(map_read, step, robot, mask)
     if "start" not in parameters:
         x, y = found.start[:2]
@@ -302,14 +304,6 @@ def lethal_costs(robot: RobotParameters, map_read: inputs.MapInput) -> Grid:
     if any(layer.inflate_around_unknown and layer.inflation_radius > 0 for layer in layers):
         lethal = np.where(is_unknown, LETHAL_OBSTACLE, grid.cost)
         return grid.with_values(lethal.astype(np.uint8))
-    occupancy = np.asarray(map_read.occupancy.occupancy)
-    unknown = np.count_nonzero(occupancy == UNKNOWN)
-    if unknown and not is_unknown.any():
-        errors.emit_warning(
-            f"{map_read.name}: the robot's costmap treats unknown cells as free, "
-            f"{100 * unknown / occupancy.size:.3g} % of the map: the robot drives through; "
-            "track_unknown_space: true closes them"
-        )
     return grid
 
 

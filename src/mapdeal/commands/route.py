@@ -137,8 +137,10 @@ class PlannedRoute(Route, Spread):
             hint = "mapdeal lint MAP --graph checks it: parts, one-way edges, nodes in walls"
         else:
             rule = f"no route leads to {goal}"
-            hint = "lethal, inscribed and unknown cells are closed; --image shows them, "
-            hint += "--through-unknown opens the unknown ones"
+            hint = "lethal and inscribed cells are closed; --image shows them"
+            if (self.costs.cost == self.costs.unknown_value).any():
+                hint = "lethal, inscribed and unknown cells are closed; --image shows them, "
+                hint += "--through-unknown opens the unknown ones"
         raise errors.FindingError(rule, source=self.map.name, hint=hint)
 
 
@@ -508,7 +510,7 @@ def _costs_of(
         raise errors.ParameterError(rule, source=source.name, hint=hint)
     inputs.warn_of_values(source)
     if robot is not None:
-        inputs.warn_of_yaw(source.name, grid)
+        inputs.warn_of_robot(source.name, grid, robot)
     with inputs.errors_named(source.name):
         for step in _recipe_for(footprint, robot).steps:
             if over is not None and step.accepts_mask:

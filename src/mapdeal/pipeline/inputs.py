@@ -24,9 +24,9 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import FieldView, PotentialField
 from mapdeal.grid.frame import Framed, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import FREE, OCCUPIED
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.arrays import dtype_of_squares
-from mapdeal.kernels.blocks import CacheBudget, lazy_layer, swept
+from mapdeal.kernels.blocks import CacheBudget, counts_of, lazy_layer, swept
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import tables_claimed, thread_count, use_threads
@@ -563,11 +563,19 @@ def warn_of_potential(map_read: MapInput) -> None:
         emit_warning(text)
 
 
-def warn_of_yaw(name: Path | str, grid: Framed) -> None:
-    """Warn if a robot's costmap lies elsewhere than the map, because it ignores the map's yaw."""
+def warn_of_robot(name: Path | str, grid: Framed, *robots: RobotParameters) -> None:
+    """Warn of what robots' costmaps ignore: the yaw of a map, and which cells are unknown."""
     if grid.origin[2]:
         text = "the robot's costmap ignores the yaw of the map, so places on it differ"
         emit_warning(f"{name}: {text}; rotate --yaw 0 turns the cells instead")
+    if isinstance(grid, OccupancyGrid) and any(robot.frees_unknown for robot in robots):
+        unknown = int(counts_of(grid.occupancy)[UNKNOWN])
+        if unknown:
+            emit_warning(
+                f"{name}: the robot's costmap treats unknown cells as free, "
+                f"{100 * unknown / math.prod(grid.shape):.3g} % of the map: the robot drives "
+                "through; track_unknown_space: true closes them"
+            )
 
 
 def warn_of_values(map_read: MapInput) -> None:

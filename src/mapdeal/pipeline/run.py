@@ -20,7 +20,7 @@ from mapdeal.files.transaction import Transaction
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.frame import Figures, Frame
+from mapdeal.grid.frame import Figures, Frame, Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import count_text
 from mapdeal.kernels.threads import use_threads
@@ -295,6 +295,8 @@ def costmap(
     recipe: Any = "nav2" if robot is None else robot
     if not isinstance(robot, RobotParameters | None):
         recipe = recipes.read_robot_parameters(robot, costmap=costmap, namespace=namespace)
+    if isinstance(recipe, RobotParameters) and isinstance(grid, Framed):
+        inputs.warn_of_robot("the map" if grid is map else str(map), grid, recipe)
     shape: Any = footprint
     products = apply_recipe(
         grid, recipe, footprint=shape, robot_radius=robot_radius, mask=mask, canvas="full"
@@ -320,7 +322,7 @@ def run_map(
             )
             mask = inputs.mask_of(settings.mask, settings, source.grid)
             if recipe.robot is not None:
-                inputs.warn_of_yaw(path, source.grid)
+                inputs.warn_of_robot(path, source.grid, recipe.robot)
         target = output_folder(folder, source.sums, recipe, settings)
         canvas = source.grid.frame if settings.canvas == "full" else None
         products = products_of(recipe, source.grid, path, canvas=canvas, mask=mask)
@@ -421,7 +423,7 @@ def apply_to_file(
     path: Path, output: Path, step: Step, settings: Settings, *, encoding: Encoding = "occupancy",
     curve: Path | None = None, with_curve: bool = False,
     with_sums: bool = False, also_read: Sequence[Path] = (), before: Sequence[Step] = (),
-    of_robot: bool = False,
+    robot: RobotParameters | None = None,
 ) -> SingleResult:  # fmt: skip
     # The keepout mask of the settings is laid over the costs that the stage makes. The picture of
     # their curve goes to `curve`, if that is given; `with_curve` asks for the curve alone, if there
@@ -435,8 +437,8 @@ def apply_to_file(
         path, [*before, step], settings, image_max=image_max, with_sums=with_sums
     )
     with use_threads(settings.threads), opened as source:
-        if of_robot:
-            inputs.warn_of_yaw(path, source.grid)
+        if robot is not None:
+            inputs.warn_of_robot(path, source.grid, robot)
         keepout = inputs.mask_of(settings.mask, settings, source.grid)
         read = [*source.files, *(keepout.files if keepout else ()), *also_read]
         progress = settings.progress if source.grid.is_lazy else None

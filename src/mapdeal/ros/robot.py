@@ -363,6 +363,14 @@ class RobotParameters(OneLineRepr):
         return self._enabled_layers().static_layers
 
     @property
+    def frees_unknown(self) -> bool:
+        """Whether unknown cells of a map become free, and are not inflated around either."""
+        static, inflating = self.static_layers, self.inflation_layers
+        if any(own.inflate_around_unknown and own.inflation_radius > 0 for own in inflating):
+            return False
+        return bool(static) and not any(layer.track_unknown_space for layer in static)
+
+    @property
     def inflation_layers(self) -> tuple[InflationLayer, ...]:
         """Enabled inflation layers."""
         return self._enabled_layers().inflation_layers
