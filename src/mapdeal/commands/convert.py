@@ -118,6 +118,7 @@ def convert_area(
     of_robot = start is not None or footprint is not None
     if of == "obstacles":
         refuse("applies to free space", footprint=footprint, start=start)
+    claim_work(source, grid, _PER_CELL, besides=_OUTLINE_LIBRARIES)
     values = np.asarray(grid.occupancy)
     areas: list[tuple[str, Mask, str]] = []
     has_all = is_drawing and of is None

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.components import labelled
 from mapdeal.kernels.engine import engine_name
+from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.polygons import enumerated
 
 _E, _N, _W, _S = range(4)
@@ -73,7 +74,7 @@ def _areas(corners: Floats, ends: Integers) -> Floats:
 
 
 def corner_count(marked: Mask) -> int:
-    counts = np.bincount(_codes(marked).reshape(-1), minlength=16)
+    counts = histogram(_codes(marked))
     return int(counts[list(_TURNS)].sum() + 2 * counts[list(_CROSSINGS)].sum())
 
 
