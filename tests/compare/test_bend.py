@@ -85,7 +85,7 @@ def test_no_bend_makes_another_building_the_same():
 
 @pytest.mark.parametrize(
     ("point", "part"),
-    [((0.0, 0.0), "middle"), ((4.0, 2.6), "north-east"), ((-4.0, 0.2), "west"), ((0, -3), "south")],
+    [((1.6, 0.95), "middle"), ((4, 2.6), "north-east"), ((-4.0, 0.2), "west"), ((0, -3), "south")],
 )
 def test_where_in_a_map_a_point_is(point, part):
     grid = OccupancyGrid(np.zeros((60, 100), np.int8), 0.1, (-5.0, -3.0, 0.0))

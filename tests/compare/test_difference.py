@@ -50,6 +50,10 @@ def table_of(found):
     a=np.int8([[100, 0, -1, 100], [0, -1, 50, 0]]), shift=(-1, 1), tolerance=0, yaw=0.7,
     b=np.int8([[-1, 0, 0], [100, -1, 100], [0, -1, 50]]), bounds=(0.5, 30),
 )  # fmt: skip
+@example(
+    a=np.int8([[100, 0, 0], [0, 0, 0]]), b=np.int8([[0, 0, 0], [0, 0, 100]]), shift=(0, 0),
+    tolerance=2, yaw=0.7, bounds=(0.5, 30),
+)  # fmt: skip
 @given(
     a=occupancies(7), b=occupancies(7), shift=st.tuples(st.integers(-4, 4), st.integers(-4, 4)),
     tolerance=st.sampled_from([0, 1, 1.5, 2.9]), yaw=st.sampled_from([0.0, 0.7]),

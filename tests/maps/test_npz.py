@@ -11,7 +11,7 @@ from mapdeal import Costmap, Footprint, MalformedInputError, OccupancyGrid, Para
 from mapdeal.files.source import use_memory
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.kernels.blocks import blocks_of
-from mapdeal.maps.npz import _directory_size, open_npz, read_npz, read_reach
+from mapdeal.maps.npz import NpzReader, _directory_size, open_npz, read_npz, read_reach
 from mapdeal.maps.reading import open_map
 from mapdeal.pipeline.folder import summary_of
 from strategies import examples
@@ -90,6 +90,9 @@ def test_layers_stored_column_by_column_are_read(tmp_path):
     _written_by_numpy(tmp_path / "f.npz", occupancy=np.asfortranarray(occupancy))
     with open_npz(tmp_path / "f.npz") as lazy:
         np.testing.assert_array_equal(lazy.occupancy[3:9], occupancy[3:9])
+    with NpzReader(tmp_path / "f.npz") as reader:
+        found = np.concatenate(list(reader.rows("occupancy", 3)))
+    np.testing.assert_array_equal(found, occupancy[:, :3])
 
 
 _FIELD = {
@@ -163,6 +166,9 @@ def test_rows_take_the_memory_of_rows(tmp_path):
             assert not lazy.layer[rows].any()
         with pytest.raises(MalformedInputError, match="may be used"):
             lazy.layer[:]
+        # of the interpreter 50 MB, of the cells 30, and of the pieces that are read 2**24 bytes
+        with pytest.raises(MalformedInputError, match=r"needs 96\.8 MB of memory, 60 MB"):
+            read_npz(path)
 
 
 @pytest.mark.parametrize("comment", [b"", b"c" * 65_535])

@@ -8,6 +8,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import Costmap, OccupancyGrid, esdf, potential
+from mapdeal.compare.difference import compare
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage
 from mapdeal.grid.values import UNKNOWN
@@ -360,6 +361,13 @@ def test_three_claims_are_left_of_those_about_the_same_the_worst():
         Claim("map", "warning", "w"),
     ]  # fmt: skip
     assert [claim.text for claim in settled(claims)] == ["e", "u", "g"]
+
+
+def test_the_claim_about_a_mirrored_map_names_what_undoes_it():
+    found = compare(GRID, GRID.with_values(GRID.occupancy[::-1]))
+    text = "The second map would be much more like the first if mirrored upside down"
+    claim = Claim("geometry", "error", text, "What differs")
+    assert verdict.on_difference(found, [], 0)[-1] == claim
 
 
 def test_a_failed_run_has_one_claim():
