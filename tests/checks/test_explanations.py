@@ -1,4 +1,4 @@
-"""Explanations of checks and their examples; checks of parameter files by `tests/ros/cases`."""
+"""Explanations of checks and their examples; checks of parameter files by `cases`."""
 
 import re
 from pathlib import Path
@@ -142,7 +142,7 @@ def test_most_examples_are_code_that_is_run():
     assert len(MAPS) + len(PARAMETERS) > 40
 
 
-CASES = Path(__file__).parents[1] / "ros" / "cases"
+CASES = Path(__file__).with_name("cases")
 
 SERVERS = """\
 global_costmap:

@@ -1,31 +1,16 @@
-"""Parameter files of all kinds, with the expected results in ``cases/*.yaml``.
+"""Parameter files of all kinds, with the expected results in ``cases/*.yaml``."""
 
-A case contains files, as texts, and the result of their reader, line by line: problems, then the
-robot or the parameters; or the findings of lint. ``<good>`` stands for valid first lines, which a
-case may replace. The results were checked by hand against the sources of ROS. To add a case, write
-its files and record the result, then check it:
-``MAPDEAL_RECORD=1 python -m pytest -n0 tests/ros/test_cases.py``.
-"""
-
-import os
 from dataclasses import fields
 from pathlib import Path
 
 import pytest
-import yaml
 
-from mapdeal.checks.findings import CHECKS
-from mapdeal.checks.parameter_checks import lint_parameters
-from mapdeal.errors import MalformedInputError
-from mapdeal.grid.frame import Frame
 from mapdeal.ros.nav2 import nav2_robot
 from mapdeal.ros.ros1 import Ros1Namespace, read_ros1_parameters, ros1_robot
 from mapdeal.ros.ros2_files import read_ros2
+from recorded_cases import RecordedCases
 
-FOLDER = Path(__file__).with_name("cases")
-LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-CASES = {path.stem: yaml.load(path.read_text("utf-8"), LOADER)  # noqa: S506 - a safe one
-         for path in sorted(FOLDER.glob("*.yaml"))}  # fmt: skip
+CASES = RecordedCases(Path(__file__).with_name("cases"))
 
 
 def describe(problem):
@@ -83,19 +68,7 @@ def describe_ros1(paths):
     return [*map(describe, file.faults), *values(file.parameters, "")]
 
 
-def describe_lint(paths, maps=(), **options):
-    frames = [(name, Frame(200, 300, side)) for name, side in maps]
-    by_file = lint_parameters(paths, map_frames=frames, **options)
-    findings = [finding for path in paths for finding in by_file[path]]
-    assert len(findings) == sum(map(len, by_file.values()))
-    assert all(finding.severity == CHECKS[finding.check].severity for finding in findings)
-    lines = [f"{f.check} at {Path(f.file).name}:{f.line}: {f.message}" for f in findings]
-    return [line.replace(f"{paths[0].parent}/", "") for line in lines]
-
-
 READERS = {
-    "lint_nav2": describe_lint,
-    "lint_ros1": describe_lint,
     "nav2": lambda paths, **options: describe_robot(*nav2_robot(paths, **options)),
     "ros1": lambda paths, **options: describe_robot(*ros1_robot(paths, **options)),
     "ros2_files": describe_ros2,
@@ -103,39 +76,6 @@ READERS = {
 }
 
 
-def read_case(kind, paths, options):
-    try:
-        return READERS[kind](paths, **options)
-    except MalformedInputError as error:
-        assert error.source == paths[0]
-        line, hint = getattr(error, "line", None), error.hint
-        return [f"refused in line {line}: {error.rule}" + (f"; hint: {hint}" if hint else "")]
-
-
-class Readable(yaml.SafeDumper):
-    """Dumper that writes texts of several lines in block style."""
-
-
-Readable.add_representer(str, lambda dumper, text: dumper.represent_scalar(
-    "tag:yaml.org,2002:str", text, style="|" if "\n" in text else None))  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("kind", "name"), [(kind, name) for kind, cases in CASES.items() for name in cases["cases"]]
-)
+@pytest.mark.parametrize(("kind", "name"), CASES.names)
 def test_files_give_the_recorded_result(files, kind, name):
-    case, good = CASES[kind]["cases"][name], CASES[kind]["good"]
-    for before, after in case.get("replace", {}).items():
-        assert before in good
-        good = good.replace(before, after)
-    texts = [text.replace("<good>\n", good) if isinstance(text, str) else text
-             for text in case["files"]]  # fmt: skip
-    options = case.get("options", {})
-    found = [line.encode("unicode_escape").decode() if not line.isprintable() else line
-             for line in read_case(kind, files(*texts), options)]  # fmt: skip
-    if "MAPDEAL_RECORD" in os.environ:
-        case["found"] = found
-        text = yaml.dump(CASES[kind], Dumper=Readable, sort_keys=False, width=1000)
-        (FOLDER / f"{kind}.yaml").write_text(text, "utf-8")
-    else:
-        assert found == case["found"]
+    CASES.check(kind, name, files, READERS[kind])
