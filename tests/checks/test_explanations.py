@@ -165,6 +165,8 @@ FILTERS = [
     ("params.filter-type", {"/zones": "info"}, 12, "has type 1, and KeepoutFilter"),
     ("params.filter-type", {"/zones": "info", "type: 1": "base: 2.0"}, 12,
      "takes base 0.0 and multiplier 1.0 only"),
+    ("params.filter-type", {"/zones": "info", "KeepoutFilter": "ZoneParameterFilter"}, 12,
+     "info has type 1, and ZoneParameterFilter needs 4"),
     ("params.filter-lifecycle", {"/zones": "info", "[mask, info]": "[mask]"}, 12,
      "in no node_names"),
 ]  # fmt: skip

@@ -22,13 +22,16 @@ from mapdeal.kernels.arrays import Mask
 from mapdeal.kernels.components import Labels, labelled
 from mapdeal.kernels.distance import dilate_square
 from mapdeal.kernels.lookup import histogram
-from mapdeal.ros.filters import TYPES_OF_PLUGIN, topic_of
+from mapdeal.ros.filters import topic_of
 from mapdeal.ros.robot import ListedLayer
 
 _TOLERANCE = 1e-6  # metres, and radians
 _LEAST_AREA = 1.0  # m2 that a zone must cut off to be reported
 _MOST_ZONES = 50
 _MOST = 10
+_TYPES_OF_PLUGIN = {
+    "KeepoutFilter": (0,), "SpeedFilter": (1, 2), "BinaryFilter": (3,), "ZoneParameterFilter": (4,)
+}  # fmt: skip
 
 
 @check("mask.geometry", "warning")
@@ -292,7 +295,7 @@ def filter_type(facts: FilterFacts) -> Iterator[Remark]:
         if value is None or topic_of(value.value) != topic_of(server.info_topic):
             continue
         plugin = listed.plugin.rpartition(":")[2]
-        types, kind = TYPES_OF_PLUGIN.get(plugin), server.get("type", 0)
+        types, kind = _TYPES_OF_PLUGIN.get(plugin), server.get("type", 0)
         at = server.values.get("type", server.first)
         if types is not None and kind not in types:
             needed = " or ".join(map(str, types))
@@ -319,5 +322,5 @@ def filter_lifecycle(facts: FilterFacts) -> Iterator[Remark]:
 
 def _filters(facts: FilterFacts) -> Iterator[ListedLayer]:
     for listed in facts.robot.robot.layers:
-        if listed.is_enabled and listed.plugin.rpartition(":")[2] in TYPES_OF_PLUGIN:
+        if listed.is_enabled and listed.plugin.rpartition(":")[2] in _TYPES_OF_PLUGIN:
             yield listed

@@ -16,9 +16,6 @@ from mapdeal.ros.ros2_files import Ros2Parameters
 _PLUGINS: dict[FilterKind, str] = {
     "keepout": "KeepoutFilter", "speed": "SpeedFilter", "binary": "BinaryFilter"
 }  # fmt: skip
-TYPES_OF_PLUGIN = {
-    "KeepoutFilter": (0,), "SpeedFilter": (1, 2), "BinaryFilter": (3,), "ZoneParameterFilter": (4,)
-}  # fmt: skip
 _EXTRA_PARAMETERS: dict[FilterKind, str] = {
     "keepout": "",
     "speed": '        speed_limit_topic: "/speed_limit"\n',
