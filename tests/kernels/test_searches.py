@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import example, given, strategies as st
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
@@ -98,6 +98,7 @@ def theta_searched(search, corners=8):
 
 
 @needs_compiled
+@example((np.zeros((20, 27), np.uint8), 0, 537, True), 0.0, 200, 20)
 @given(grid_searches(), st.sampled_from([0.0, 2.5]), st.sampled_from([9, 200]), st.integers(1, 20))
 def test_both_engines_find_the_same_paths(search, tolerance, most, near):
     def results():
