@@ -350,8 +350,9 @@ def test_lanes_are_on_the_right_and_lead_both_ways():
     graph = graph_of(text, hall=9.0, one_way="right")
     both = set(map(tuple, graph.ends.tolist()))
     alone = [ends for ends in both if ends[::-1] not in both]
-    assert len(alone) > 10
+    assert len(graph.nodes) == 2 * len(graph_of(text, hall=9.0).nodes) - 2  # but its two ends
     rows = grid_from_text(text).frame.continuous_rowcol_from_xy(graph.points_xy)
+    assert set(rows[:, 0].round(2)) == {3.5, 6.5, 9.5}  # half way to the cells of both walls
     for start, end in alone:
         (row, col), (other_row, other_col) = rows[[start, end]]
         if abs(other_row - row) < 1e-2:  # within a lane; eastwards it lies in the south

@@ -476,7 +476,7 @@ class McapBag(ChunkedBag):
         if len(head) < 32:
             return
         _, _, size, crc, name_length = struct.unpack("<QQQII", head)
-        name, word = self._file.read(min(name_length, 64, length - 32)), self._file.read(8)
+        name, word = self._file.read(min(name_length, 64)), self._file.read(8)
         stored, available = int.from_bytes(word, "little"), length - 40 - name_length
         is_complete = len(name) == name_length and len(word) == 8
         if not is_cut and (not is_complete or stored > available):

@@ -419,7 +419,7 @@ class TransformTree:
     def _chains_between(self, fixed: str, frame: str) -> tuple[list[_Link], list[_Link]] | None:
         first, second = self._above(fixed), self._above(frame)
         meeting = next((name for name in second if name in first), None)
-        if meeting is None or (fixed != frame and not {fixed, frame} <= set(self.frames)):
+        if meeting is None:
             return None
         chains = (chain[: chain.index(meeting) + 1] for chain in (first, second))
         down, up = ([(p, c) for c, p in pairwise(chain)] for chain in chains)
