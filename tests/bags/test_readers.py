@@ -3,14 +3,15 @@
 import contextlib
 import sqlite3
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bags.making import FORMATS, IN_MCAP, ROS1, ROS2, START, Maker, costmap, occupancy, scan, words
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning
-from mapdeal.bags.bag import MessageIndex, Place, normalised_topic
-from mapdeal.bags.messages import Decoder
+from mapdeal.bags.bag import MessageIndex, Place, name_inside, normalised_topic
+from mapdeal.bags.messages import Decoder, laser_scan_of
 from mapdeal.bags.reader import open_bag, select_connections
 
 pytestmark = pytest.mark.slow
@@ -302,6 +303,7 @@ def test_the_only_matching_topic_is_chosen_and_others_are_named(maker, tmp_path)
 
 def test_a_topic_of_many_kinds_is_one_topic():
     assert normalised_topic("//a//b/") == normalised_topic("a/b") == "/a/b"
+    assert [name_inside(Path(name)) for name in ("a b.db3", "a%41.db3")] == ["a b", "bag"]
 
 
 def test_an_index_keeps_what_was_recorded_first_among_equals():
@@ -329,3 +331,13 @@ def test_a_message_that_breaks_its_type_is_an_error(maker, tmp_path):
     error = pytest.raises(MalformedInputError, match=r"a message at .* is not a valid sensor_msgs")
     with open_bag(folder) as bag, error:
         scans_of(bag)
+
+
+def test_wrong_values_of_a_message_are_refused_with_its_bag_and_topic(tmp_path):
+    maker = Maker()
+    maker.add("/scan", LASER, START, scan(START, [1.0, 1.0], step=0.0))
+    with open_bag(maker.write(tmp_path, "mcap")) as bag:
+        (place,) = bag.index([bag.connections[0].id])
+        with pytest.raises(MalformedInputError, match="/scan: angle_increment must not") as caught:
+            Decoder(bag).read(place, laser_scan_of)
+    assert caught.value.source == bag.path

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -14,6 +15,7 @@ from bad_maps import tree
 from drawn import grid_from_text
 from engines import needs_compiled
 from mapdeal import write_map
+from mapdeal.cli.process import _report_unless_a_thread_lacks_memory
 from mapdeal.kernels import engine
 from mapdeal.version import __version__
 
@@ -184,3 +186,11 @@ def test_garbage_is_looked_for_once_a_command_works_but_not_among_imports():
     code = "import gc; gc.disable(); from mapdeal.cli.signals import begin_work; begin_work()"
     completed = process(code=f"{code}; print(gc.isenabled(), gc.get_freeze_count() > 0)")
     assert completed.stdout == "True True\n"
+
+
+def test_errors_that_nobody_catches_are_reported_unless_a_thread_lacks_memory(monkeypatch):
+    reported, kinds = [], [(MemoryError, "in thread"), (MemoryError, "in del"), (OSError, "thread")]
+    monkeypatch.setattr(sys, "__unraisablehook__", reported.append)
+    for kind, text in kinds:
+        _report_unless_a_thread_lacks_memory(SimpleNamespace(exc_type=kind, err_msg=text))
+    assert [(error.exc_type, error.err_msg) for error in reported] == kinds[1:]

@@ -4,6 +4,7 @@ import math
 import numpy as np
 from hypothesis import example, given, strategies as st
 
+from mapdeal.files.json_values import read_json
 from mapdeal.files.text import Form, Kind, row_texts
 
 LINE = [Form(("", "\n"), (0,))]
@@ -62,3 +63,9 @@ def test_rows_have_the_form_that_is_chosen(rows):
     expected = [({"k": 0, "x": x}, {"k": 1, "n": n, "x": x}, {"k": 2, "%s": "{}", "n": n})[k]
                 for x, n, k in rows]  # fmt: skip
     assert text.splitlines() == [json.dumps(row) for row in expected]
+
+
+def test_a_json_file_of_more_than_4_mib_is_not_read(tmp_path):
+    for size, value in ((1 << 22, 7), ((1 << 22) + 1, None)):
+        (tmp_path / "m.json").write_text("7".rjust(size))
+        assert read_json(tmp_path / "m.json") == value

@@ -159,6 +159,11 @@ def test_the_line_describes_the_grid(name, expected):
     assert repr(SAMPLES[name]) == f"{name}({expected})"
 
 
+def test_a_route_graph_knows_the_places_of_nodes_and_the_lengths_of_edges():
+    graph = SAMPLES["RouteGraph"]
+    assert (graph.points_xy.tolist(), graph.lengths.tolist()) == ([[0.5, 1], [2, 1]], [1.5])
+
+
 CLIPPED = mapdeal.esdf(GRID, max_distance=0.3, strength=2.0)
 WIDE = on_canvas(mapdeal.esdf(GRID), GRID.frame.window(-2, -1, 9, 8))
 FREE = mapdeal.esdf(grid_from_text("..."))

@@ -15,7 +15,7 @@ MAP = OccupancyGrid(CELLS, 0.05, (-1.2, 3.4, 0.0))
 TURNED = OccupancyGrid(CELLS, 0.05, (-1.2, 3.4, 0.3))
 COSTS = Costmap([[0, 1, 128], [253, 254, 255]], 0.5, (1.0, 2.0, 0.5))
 FIELD = mapdeal.esdf(MAP)
-POTENTIAL = mapdeal.potential(FIELD)
+POTENTIAL = mapdeal.potential(FIELD, attractive_gain=0.5)
 
 
 @pytest.mark.parametrize("grid", [MAP, TURNED, COSTS, FIELD, POTENTIAL])

@@ -161,3 +161,11 @@ def test_the_bar_lies_in_the_middle_of_a_long_door():
         (low, column), (high, end_column) = bar_at(occupied, (4, col))
         assert (low, high) == (2, 6)
         assert column == end_column == pytest.approx(149.5, abs=1)
+
+
+def test_each_door_between_two_regions_has_its_widest_cell():
+    occupied = np.pad(np.zeros((7, 7), dtype=bool), 1, constant_values=True)
+    occupied[[1, 3, 4], 4] = True  # doors of one row and of three
+    basins = np.where(occupied, -1, np.arange(9) > 4).astype(np.int32)
+    found = components.saddles_between(squared_distance(occupied), basins, np.array([5, 3]))
+    assert found.tolist() == [[6 * 9 + 4, 3, 5], [2 * 9 + 4, 3, 5]]

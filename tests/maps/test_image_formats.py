@@ -12,6 +12,7 @@ from PIL import Image
 from bad_maps import yaml_text
 from drawn import cells
 from mapdeal import MalformedInputError, read_map
+from mapdeal.files import source
 from mapdeal.maps import picture as strips
 from mapdeal.maps.images import IMAGE_FORMATS, IMAGE_SUFFIXES, read_image_size
 from mapdeal.maps.map_server import costs_of
@@ -72,6 +73,14 @@ def test_max_cells_is_the_largest_size_that_is_read(tmp_path, name, data, tolera
         with pytest.raises(MalformedInputError, match="above the limit of 9") as caught:
             read(path, max_cells=PIXELS.size - 1)
         assert "--max-cells" in caught.value.hint
+
+
+def test_a_blank_picture_expands_by_the_bits_of_its_samples(tmp_path, monkeypatch):
+    monkeypatch.setattr(source, "_HARMLESS", 0)  # bytes that any file may expand to
+    image = Image.new("P", (800, 800))
+    image.putpalette([0] * 3 + [254] * 3)
+    image.save(tmp_path / "m.png", bits=1)
+    assert read_image(tmp_path / "m.png").shape == (800, 800)
 
 
 @pytest.mark.parametrize("suffix", [suffix for suffix in IMAGE_SUFFIXES if suffix != ".pbm"])

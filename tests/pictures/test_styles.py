@@ -187,3 +187,11 @@ def test_a_text_at_the_edge_of_a_sheet_is_cut(place):
     complete.open(700, 700)
     complete.text(place[0] + 310, place[1] + 310, "Hg", limit=50)
     assert np.array_equal(pen.sheet, complete.sheet[310:322, 310:322])
+
+
+def test_the_bar_of_changes_leads_from_the_largest_fall_to_the_largest_rise():
+    style = styles.cost_change_style()
+    words = [style.labels[index].split() for index in style.bar.indices]
+    changes = [{"fell": -1, "rose": 1, "equal": 0}[kind] * int([0, *n][-1]) for kind, *n in words]
+    assert changes == sorted(set(changes))
+    assert (changes[0], changes[-1]) == (-254, 254)

@@ -1,5 +1,6 @@
 import hashlib
 import json
+import math
 import pickle
 import re
 import warnings
@@ -350,3 +351,12 @@ def test_a_shape_goes_to_stages_that_look_and_to_the_first_that_hands_on(
     for name, value in expected.items():
         key = "inscribed_radius" if name == "cost" else "footprint"
         assert steps[name].parameters[key] == value
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_shape_sets_the_radii_and_no_warning_of_the_stage_is_repeated():
+    robot = mapdeal.Footprint.parse("[[0.3,0.2],[-0.3,0.2],[-0.3,-0.2],[0.3,-0.2]]")
+    curve = mapdeal.cost_curve(0.05, footprint=robot, inflation_radius=0.1)
+    assert curve.inscribed_radius == pytest.approx(0.2)
+    assert curve.circumscribed_radius == pytest.approx(math.hypot(0.3, 0.2))
+    assert curve.circumscribed_cost == 0  # beyond the inflation radius

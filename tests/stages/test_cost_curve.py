@@ -150,15 +150,6 @@ def test_of_many_distances_the_ends_of_each_cost_are_listed(lookup):
     assert np.array_equal(listed, curve.cost)
 
 
-@pytest.mark.filterwarnings("error")
-def test_a_shape_sets_the_radii_and_no_warning_of_the_stage_is_repeated():
-    robot = mapdeal.Footprint.parse("[[0.3,0.2],[-0.3,0.2],[-0.3,-0.2],[0.3,-0.2]]")
-    curve = mapdeal.cost_curve(0.05, footprint=robot, inflation_radius=0.1)
-    assert curve.inscribed_radius == pytest.approx(0.2)
-    assert curve.circumscribed_radius == pytest.approx(math.hypot(0.3, 0.2))
-    assert curve.circumscribed_cost == 0  # beyond the inflation radius
-
-
 def test_the_document_has_the_robot():
     radii = {"inscribed_radius": 0.2, "circumscribed_radius": 0.36, "inflation_radius": 0.53}
     document = mapdeal.cost_curve(0.05, cost_scaling_factor=5.0, **radii).document()

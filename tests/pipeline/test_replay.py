@@ -1,4 +1,4 @@
-"""Replays of a robot's costmap from a bag: the command, its folder, and why a cell is occupied."""
+"""Replays of bags: the command, its folder, and why a cell is occupied; numbers of messages."""
 
 import json
 
@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from bags.making import SECOND, START, Maker, scan, tf
+from mapdeal import ParameterError
+from mapdeal.pipeline.bag_maps import _number_in
 
 BEAMS, STEP = 63, 0.05
-AHEAD = BEAMS // 2
+AHEAD, UPRIGHT = BEAMS // 2, (0.0, 0.0, 0.0, 1.0)
 
 
 def params(folder, *, layer="ObstacleLayer", source="", extra="", costmap=""):
@@ -34,13 +36,11 @@ local_costmap:
 """The form without a list of plugins: sources and ranges beside the costmap's parameters."""
 
 
-def bag(folder, readings, *, storage="mcap-plain"):
-    """A robot that stands at 1, 2 and looks along x; one scan per second, `readings` ahead."""
-    maker = Maker()
-    still = [("odom", "base_link", (1.0, 2.0, 0.0)), ("base_link", "laser", (0.0, 0.0, 0.2))]
-    maker.add("/tf_static", "tf2_msgs/msg/TFMessage", START, tf(
-        START, *((parent, child, place, (0.0, 0.0, 0.0, 1.0)) for parent, child, place in still)
-    ))  # fmt: skip
+def bag(folder, readings, *, storage="mcap-plain", yaw=0.0):
+    """A robot that stands at 1, 2 and looks along `yaw`; one scan per second, `readings` ahead."""
+    maker, turn = Maker(), (0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
+    still = [("odom", "base_link", (1, 2, 0), turn), ("base_link", "laser", (0, 0, 0.2), UPRIGHT)]
+    maker.add("/tf_static", "tf2_msgs/msg/TFMessage", START, tf(START, *still))
     for second, ahead in enumerate(readings):
         ranges = np.full(BEAMS, 9.0)
         ranges[AHEAD - 2 : AHEAD + 3] = ahead
@@ -52,9 +52,9 @@ def bag(folder, readings, *, storage="mcap-plain"):
 
 @pytest.fixture
 def replay(command, tmp_path):
-    def run(readings, *words, **settings):
+    def run(readings, *words, yaw=0.0, **settings):
         words = ["--no-images", "-o", tmp_path / "out", "--force", *words]
-        source, file = bag(tmp_path, readings), params(tmp_path, **settings)
+        source, file = bag(tmp_path, readings, yaw=yaw), params(tmp_path, **settings)
         return command("local", source, "--params-file", file, "--costmap", "local", *words)
 
     return run
@@ -109,6 +109,7 @@ def test_a_replay_warns_of_heights_that_drop_every_reading(replay):
     ([1.55], {"source": ", min_obstacle_height: 0.3"}, "2.55,2.05",
      "none marked it: 2 below min_obstacle_height 0.3 of scan"),
     ([2.75], {}, "3.75,2.05", "beyond obstacle_max_range 2.5 m"),
+    ([2.75], {"yaw": np.pi / 2}, "0.95,4.75", "beyond obstacle_max_range 2.5 m"),
     ([1.55], {"source": ", marking: false"}, "2.55,2.05", "marking: false of scan"),
     ([1.55, 9.0], {"layer": "VoxelLayer"}, "2.55,2.05", "freed at 1700000001"),
     ([1.0], {}, "-1.05,2.05", "no reading ended in it"),
@@ -153,3 +154,10 @@ def test_a_replay_needs_the_parameters_of_a_robot(command, tmp_path):
     assert (code, "--params-file: is required to replay a bag" in err) == (2, True)
     code, _, err = command("local", "--cloud", "a.pcd", "--until", "3", "-o", tmp_path / "out")
     assert (code, "applies to the replay of a bag" in err) == (2, True)
+
+
+def test_messages_are_numbered_from_either_end():
+    assert [_number_in(range(3), number, "/map") for number in (-3, -1, 0, 2)] == [0, 2, 0, 2]
+    for number in (-4, 3):
+        with pytest.raises(ParameterError, match="/map has 3 messages: 0 to 2, or -1 to -3"):
+            _number_in(range(3), number, "/map")
