@@ -30,9 +30,7 @@ class RecordedCases:
         self._folder = folder
         self._kinds = {path.stem: yaml.load(path.read_text("utf-8"), LOADER)  # noqa: S506 - safe
                        for path in sorted(folder.glob("*.yaml"))}  # fmt: skip
-        self.names = [
-            (kind, name) for kind, cases in self._kinds.items() for name in cases["cases"]
-        ]
+        self.names = [(kind, name) for kind in self._kinds for name in self._kinds[kind]["cases"]]
 
     def check(self, kind, name, files, read):
         """Compare the lines that `read` returns of the files of a case with the recorded ones."""

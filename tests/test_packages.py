@@ -44,9 +44,6 @@ def sources(script):
     return script(".backend/project_sources.py")
 
 
-# Files that belong to the project
-
-
 def test_without_git_the_same_files_belong_to_the_project(sources, tmp_path):
     files = sources.project_files(ROOT)
     some = {"README.md", ".ci/run", "tests/test_packages.py", "src/mapdeal/kernels/lanes.h"}
@@ -71,9 +68,6 @@ def test_with_git_untracked_files_do_not_belong_to_the_project(sources, tmp_path
         subprocess.run(["git", "-C", tmp_path, *words], check=True)
     (tmp_path / "gone.py").unlink()
     assert sources.project_files(tmp_path) == ["README.md", "docs/a.md"]
-
-
-# Packages
 
 
 def wheel(path, names):
@@ -164,9 +158,6 @@ def test_kernels_are_plain_c11_where_the_compiler_is_not_gcc(header, tmp_path):
     words = [COMPILER, *strict, f"-I{header.parent}", str(tmp_path / "a.c")]
     completed = subprocess.run(words, capture_output=True, text=True, check=False)
     assert completed.returncode == 0, completed.stderr
-
-
-# What builds and publishes them
 
 
 @pytest.mark.thorough

@@ -45,9 +45,6 @@ def maps(tmp_path, monkeypatch):
     return tmp_path
 
 
-# pre-commit
-
-
 def run(*words, **more):
     options = {"env": environment(**more), "capture_output": True, "text": True}
     return subprocess.run(words, check=False, **options)
@@ -119,9 +116,6 @@ def test_the_hook_looks_at_files_of_maps():
                  "pyproject.toml", "a/mapdeal.toml"]  # fmt: skip
     ignored = ["m.py", "yaml", "m.yaml.txt", "x-mapdeal.toml", "m.toml"]
     assert [name for name in looked_at + ignored if re.search(hook["files"], name)] == looked_at
-
-
-# The action and the workflows
 
 
 def blocks(first_line):

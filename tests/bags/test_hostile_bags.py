@@ -195,9 +195,6 @@ def test_a_file_that_is_named_many_times_is_read_once(written, tmp_path):
     assert read_all(tmp_path) == 60
 
 
-# MCAP and ROS 1
-
-
 def record(opcode, content):
     return struct.pack("<BQ", opcode, len(content)) + content
 

@@ -3,7 +3,6 @@
 import contextlib
 import sqlite3
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +18,8 @@ pytestmark = pytest.mark.slow
 CELLS = np.array([[-1, 0, 100, 7], [0, 50, -1, 100]], np.int8)
 RANGES = np.arange(30, dtype=np.float32) / 4 + 0.5
 LASER = "sensor_msgs/msg/LaserScan"
+COMPRESSED_AS_A_WHOLE = ("ros1-bz2", "sqlite3-file", "mcap-file", "mcap-chunk")
+"""Formats with all messages in one compressed block, which is read completely or not at all."""
 
 
 @pytest.fixture
@@ -50,9 +51,8 @@ def test_messages_come_as_they_were_written_in_the_order_of_time(maker, tmp_path
     for k, (_, message) in enumerate(found):
         assert message.header.frame_id == "laser"
         np.testing.assert_array_equal(message.ranges, RANGES + (k ^ 1))
-    assert {topic: c.count for topic, c in summary.items()} == {
-        "/map": 1, "/scan": 40, "/talk": 40
-    }  # fmt: skip
+    counts = {topic: recorded.count for topic, recorded in summary.items()}
+    assert counts == {"/map": 1, "/scan": 40, "/talk": 40}
     assert (summary["/scan"].first, summary["/scan"].last) == (START, START + 39_000)
 
 
@@ -87,9 +87,8 @@ def test_several_files_of_a_folder_are_one_bag(maker, tmp_path):
     (later.write(tmp_path / "new", "mcap") / "bag.mcap").rename(folder / "bag_1.mcap")
     edit(folder / "metadata.yaml", "- bag.mcap", "- bag.mcap\n  - old/bag_1.mcap")
     with open_bag(folder) as bag:
-        assert [time for time, _ in scans_of(bag)] == [
-            START + second * 10**9 + k * 1000 for second in (0, 1) for k in range(40)
-        ]
+        times = [START + second * 10**9 + k * 1000 for second in (0, 1) for k in range(40)]
+        assert [time for time, _ in scans_of(bag)] == times
         assert len(bag.files) == 3
 
 
@@ -125,12 +124,6 @@ def test_invalid_metadata_are_refused(maker, tmp_path, old, new, rule):
     edit(folder / "metadata.yaml", old, new, -1)
     with pytest.raises(MalformedInputError, match=rule), open_bag(folder):
         pass
-
-
-# ROS 1
-
-COMPRESSED_AS_A_WHOLE = ("ros1-bz2", "sqlite3-file", "mcap-file", "mcap-chunk")
-"""Formats with all messages in one compressed block, which is read completely or not at all."""
 
 
 def ros1_records(data):
@@ -250,9 +243,6 @@ def test_a_damaged_chunk_is_an_error(maker, tmp_path, form, change, rule):
         scans_of(bag)
 
 
-# MCAP
-
-
 @pytest.mark.parametrize("compression", IN_MCAP.values())
 @pytest.mark.parametrize("options", [
     {"use_summary_offsets": False, "use_statistics": False, "repeat_channels": False,
@@ -262,9 +252,6 @@ def test_a_damaged_chunk_is_an_error(maker, tmp_path, form, change, rule):
 def test_a_summary_and_chunks_are_not_needed(maker, tmp_path, compression, options):
     with open_bag(maker._write_mcap(tmp_path / "bag.mcap", compression, **options)) as bag:
         assert [time for time, _ in scans_of(bag)] == [START + k * 1000 for k in range(40)]
-
-
-# SQLite
 
 
 def test_sqlite_files_of_other_programs_are_refused(tmp_path):
@@ -278,9 +265,6 @@ def test_sqlite_files_of_other_programs_are_refused(tmp_path):
 def change(path, statement):
     with contextlib.closing(sqlite3.connect(path)) as db, db:
         db.execute(statement)
-
-
-# Choosing
 
 
 def test_the_only_matching_topic_is_chosen_and_others_are_named(maker, tmp_path):
@@ -301,9 +285,9 @@ def test_the_only_matching_topic_is_chosen_and_others_are_named(maker, tmp_path)
             assert hint in caught.value.hint
 
 
-def test_a_topic_of_many_kinds_is_one_topic():
+def test_topics_and_files_of_a_bag_have_the_names_that_readers_accept(tmp_path):
     assert normalised_topic("//a//b/") == normalised_topic("a/b") == "/a/b"
-    assert [name_inside(Path(name)) for name in ("a b.db3", "a%41.db3")] == ["a b", "bag"]
+    assert [name_inside(tmp_path / name) for name in ("a b.db3", "a%41.db3")] == ["a b", "bag"]
 
 
 def test_an_index_keeps_what_was_recorded_first_among_equals():

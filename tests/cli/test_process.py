@@ -23,6 +23,8 @@ pytestmark = pytest.mark.slow
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 METHODS = ("log-odds", "counting", "tsdf")
+BUILT = "scipy" if engine.compiled_module() is None else "compiled"
+SENT = [("1", "SIGINT"), ("120", "SIGINT"), ("5", "SIGTERM"), ("60", "SIGHUP")]
 
 
 @pytest.fixture(autouse=True)
@@ -87,9 +89,6 @@ def test_a_reader_that_has_seen_enough_is_no_error(words):
     assert (completed.returncode, completed.stderr) == (0, "")
 
 
-BUILT = "scipy" if engine.compiled_module() is None else "compiled"
-
-
 @pytest.mark.parametrize(("requested", "found"), [("", BUILT), ("scipy", "scipy")])
 def test_the_version_says_which_kernels_are_in_use(requested, found):
     line = f"mapdeal {__version__} (kernels: {found})\n"
@@ -143,9 +142,6 @@ def interrupt(event, _):
 sys.addaudithook(interrupt)
 run_process()
 """
-
-
-SENT = [("1", "SIGINT"), ("120", "SIGINT"), ("5", "SIGTERM"), ("60", "SIGHUP")]
 
 
 @pytest.mark.parametrize(("which", "sent"), SENT)

@@ -23,6 +23,8 @@ from mapdeal.pictures.styles import cost_change_codes, cost_change_style
 from strategies import occupancies
 
 RES = 0.5
+RNG = np.random.default_rng(4)
+COSTS = st.sampled_from([0, 0, 1, 9, 10, 50, 59, 128, 252, 253, 254, 255, 255])
 
 
 def state(value):
@@ -33,13 +35,9 @@ def change_of(first, second):
     if first == second:
         free, unknown = difference.BOTH_FREE, difference.BOTH_UNKNOWN
         return (difference.COMMON, free, unknown, free)[first]
-    return (
-        difference.ADDED
-        if second == 0
-        else difference.REMOVED
-        if first == 0
-        else difference.CHANGED
-    )
+    if second == 0:
+        return difference.ADDED
+    return difference.REMOVED if first == 0 else difference.CHANGED
 
 
 def table_of(found):
@@ -154,9 +152,6 @@ def test_a_map_counts_as_mirrored_if_more_than_half_of_the_differences_vanish(ce
     assert compare(first, OccupancyGrid([cells], 0.5)).symmetry == symmetry
 
 
-# Bounds on what may differ
-
-
 def test_six_cells_are_as_far_as_one_writes_it():
     first = grid_from_text("#.......", 0.05)
     second = grid_from_text("......#.", 0.05)
@@ -225,9 +220,6 @@ def test_the_picture_has_what_is_added_and_removed(command, walls):
     pixels = np.asarray(Image.open("d.png").convert("RGB"))
     for colour in ((0, 120, 220), (225, 30, 60)):
         assert np.all(pixels == colour, axis=2).sum() > 1000
-
-
-RNG = np.random.default_rng(4)
 
 
 @pytest.fixture(scope="module")
@@ -299,11 +291,6 @@ def test_origins_are_equal_up_to_the_digits_of_an_alignment(axis):
     for cells, is_equal in ((5e-6, True), (2e-5, False)):
         moved = np.array(first.origin) + np.eye(3)[axis] * cells * RES
         assert compare(first, OccupancyGrid(first.occupancy, RES, moved)).is_equal == is_equal
-
-
-# Costmaps
-
-COSTS = st.sampled_from([0, 0, 1, 9, 10, 50, 59, 128, 252, 253, 254, 255, 255])
 
 
 def costs(longest=6):

@@ -8,6 +8,7 @@ from mapdeal.files.json_values import read_json
 from mapdeal.files.text import Form, Kind, row_texts
 
 LINE = [Form(("", "\n"), (0,))]
+INTEGERS = st.integers(-9, 9) | st.integers(-(10**15) + 1, 10**15 - 1)
 FLOATS = st.floats() | st.floats(-1e4, 1e4) | st.decimals(-999, 999, places=6).map(float)
 
 
@@ -45,9 +46,6 @@ def test_a_float32_is_written_as_numpy_does(numbers):
 def test_between_them_nine_digits_are_written(numbers, binary):
     numbers = [*numbers, *((2 * integer + 1) / 2**places for integer, places in binary)]
     assert _texts(numbers, Kind.SINGLE) == [_single(number) for number in numbers]
-
-
-INTEGERS = st.integers(-9, 9) | st.integers(-(10**15) + 1, 10**15 - 1)
 
 
 @given(st.lists(st.tuples(st.floats(-99, 99), INTEGERS, st.integers(0, 2)), max_size=40))

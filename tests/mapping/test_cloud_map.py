@@ -24,6 +24,7 @@ from strategies import examples
 EXAMPLES = Path(__file__).parents[2] / "examples"
 RAMP = EXAMPLES / "clouds" / "ramp.pcd"
 SLOTS, PITCH = (3, 4), 12  # places for blocks, and the cells from one to the next
+LEAST = {"rooms": (0.6, 0.93), "ramp of 10 degrees": (0.5, 0.93), "drops": (0.6, 0.9)}
 
 
 def small(world: World, **more) -> World:
@@ -44,9 +45,7 @@ def points_of(name: str) -> np.ndarray:
     st.floats(-0.15, 0.15), st.floats(-0.15, 0.15), st.floats(-30, 30),
     st.sampled_from([0.05, 0.1]), st.tuples(st.floats(-400, 400), st.floats(-400, 400)),
 )  # fmt: skip
-def test_what_stands_on_a_sloping_floor_is_measured_from_it(
-    heights, along_x, along_y, base, cell, corner
-):
+def test_heights_are_above_a_sloping_floor(heights, along_x, along_y, base, cell, corner):
     height, width = (PITCH * (slots + 1) for slots in SLOTS)
     rows, cols = np.indices((height, width))
     stands = np.zeros((height, width))
@@ -75,9 +74,6 @@ def test_what_stands_on_a_sloping_floor_is_measured_from_it(
     inner = result.layers["slope"][PITCH:-PITCH, PITCH:-PITCH]
     # below objects about as high as the robot, only some points are floor
     assert np.abs(inner - rise).max() < 0.3 * rise + 0.08 or maybe.any()
-
-
-LEAST = {"rooms": (0.6, 0.93), "ramp of 10 degrees": (0.5, 0.93), "drops": (0.6, 0.9)}
 
 
 @pytest.mark.parametrize(
@@ -252,9 +248,8 @@ def test_voxels_are_counted_as_one_by_one(piece, cell, is_shifted):
     keys = np.floor(good / [cell, cell, 0.025] + 1e-9).astype(int)
     finest = counted.columns()
     for columns, times in ((finest, 1), (finest.coarser(3), 3)):
-        expected, counts = np.unique(
-            keys[:, [1, 0, 2]] // [times, times, 1], axis=0, return_counts=True
-        )
+        places = keys[:, [1, 0, 2]] // [times, times, 1]
+        expected, counts = np.unique(places, axis=0, return_counts=True)
         whose = columns.of_voxels()
         levels = np.round(columns.heights / 0.025 - 0.5).astype(int)
         found = np.stack([columns.row[whose], columns.col[whose], levels], axis=1)

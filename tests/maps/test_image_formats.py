@@ -12,7 +12,6 @@ from PIL import Image
 from bad_maps import yaml_text
 from drawn import cells
 from mapdeal import MalformedInputError, read_map
-from mapdeal.files import source
 from mapdeal.maps import picture as strips
 from mapdeal.maps.images import IMAGE_FORMATS, IMAGE_SUFFIXES, read_image_size
 from mapdeal.maps.map_server import costs_of
@@ -20,6 +19,7 @@ from maps.pictures import read_image
 
 ROOT = Path(__file__).parents[2]
 DRAWING = "#?...\n.#?#."
+HEIGHT, WIDTH = 7, 11
 PIXELS = np.array([[0, 128, 254, 254, 254], [254, 0, 128, 0, 254]], dtype=np.uint8)
 
 
@@ -76,7 +76,7 @@ def test_max_cells_is_the_largest_size_that_is_read(tmp_path, name, data, tolera
 
 
 def test_a_blank_picture_expands_by_the_bits_of_its_samples(tmp_path, monkeypatch):
-    monkeypatch.setattr(source, "_HARMLESS", 0)  # bytes that any file may expand to
+    monkeypatch.setattr("mapdeal.files.source._HARMLESS", 0)  # bytes that any file may expand to
     image = Image.new("P", (800, 800))
     image.putpalette([0] * 3 + [254] * 3)
     image.save(tmp_path / "m.png", bits=1)
@@ -109,9 +109,6 @@ def test_an_image_of_costs_has_one_grey_channel_of_8_bits(tmp_path, pixels):
         costs_of(read_image(path), path)
     Image.fromarray(np.array([[0, 254]], np.uint8)).save(path)
     assert costs_of(read_image(path), path).tolist() == [[0, 254]]
-
-
-HEIGHT, WIDTH = 7, 11
 
 
 def bmp(bits, pixels, palette, *, is_top_down, gap):

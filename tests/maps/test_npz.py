@@ -166,9 +166,8 @@ def test_rows_take_the_memory_of_rows(tmp_path):
             assert not lazy.layer[rows].any()
         with pytest.raises(MalformedInputError, match="may be used"):
             lazy.layer[:]
-        # of the interpreter 50 MB, of the cells 30, and of the pieces that are read 2**24 bytes
         with pytest.raises(MalformedInputError, match=r"needs 96\.8 MB of memory, 60 MB"):
-            read_npz(path)
+            read_npz(path)  # interpreter 50 MB, cells 30, pieces 2**24 bytes
 
 
 @pytest.mark.parametrize("comment", [b"", b"c" * 65_535])

@@ -14,6 +14,8 @@ from mapdeal.pictures.styles import FieldEnds, field_style
 
 LENGTHS = st.floats(0, 1000).map(lambda x: 0.0 if x < 0.01 else x)
 GRID = grid_from_text("#..?\n....\n..##", 0.25, (1.5, -2.0, 0.3))
+SIZES = (14, 15, 16, 18, 20, 27, 50)  # of the text, and of titles
+BOX = "\ufffd"
 
 
 def level_of(scale, value):
@@ -49,9 +51,8 @@ def test_a_field_s_labels_stand_beside_their_colours_and_apart(far, deep):
     for place, label in bar.ticks:
         shown = bar.indices[min(int(place * len(bar.indices)), len(bar.indices) - 1)]
         value = float(label)
-        assert abs(shown - level_of(scale, value)) <= 1 + 0.006 * abs(value) / (
-            (scale.high - scale.low) / scale.levels
-        )  # three digits
+        step = (scale.high - scale.low) / scale.levels
+        assert abs(shown - level_of(scale, value)) <= 1 + 0.006 * abs(value) / step  # three digits
 
 
 @given(
@@ -101,10 +102,6 @@ def test_reachable_areas_are_distinct_for_colour_blind_people(cones):
     assert np.linalg.norm(lab[1:] - lab[0], axis=1).min() > 0.075
     apart = [np.linalg.norm(a - b) for a, b in itertools.combinations(lab[2:8], 2)]
     assert min(apart) > 0.05
-
-
-SIZES = (14, 15, 16, 18, 20, 27, 50)  # of the text, and of titles
-BOX = "\ufffd"
 
 
 def inked(text, size):

@@ -8,7 +8,6 @@ from hypothesis.extra.numpy import array_shapes, arrays
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import Costmap, OccupancyGrid, esdf, potential
-from mapdeal.compare.difference import compare
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage
 from mapdeal.grid.values import UNKNOWN
@@ -24,6 +23,8 @@ from mapdeal.report.tiles import extent_of
 from mapdeal.report.verdict import most_urgent, on_costs, on_failure, on_goals, settled
 
 GRID = grid_from_text("?..##...\n..+##...\n........\n...##..?\n...##..?")
+ORIGIN = (1.5, -2.0, 0.4)
+FRAME = Frame(7, 9, 0.25, (1.5, -2.0, 0.4))
 GRIDS = {
     mapdeal.OccupancyGrid: GRID,
     mapdeal.FieldView: mapdeal.field_view(mapdeal.esdf(GRID)),
@@ -158,9 +159,6 @@ def test_a_field_alone_has_no_extent_and_rows_that_are_made_when_asked_for_the_s
     assert extent(lazy) == extent(cells)
 
 
-FRAME = Frame(7, 9, 0.25, (1.5, -2.0, 0.4))
-
-
 def encloses(lines, x, y):
     """Return whether a ray to the right crosses the lines an odd number of times."""
     crossings = 0
@@ -192,9 +190,6 @@ def test_a_rectangle_has_four_corners():
     rows, cols = np.mgrid[1:4, 2:8]
     (line,) = outlines_of(np.stack([rows.ravel(), cols.ravel()], axis=1), FRAME)
     assert len(line) == 5
-
-
-ORIGIN = (1.5, -2.0, 0.4)
 
 
 def pictured(draw, grid):
@@ -364,7 +359,7 @@ def test_three_claims_are_left_of_those_about_the_same_the_worst():
 
 
 def test_the_claim_about_a_mirrored_map_names_what_undoes_it():
-    found = compare(GRID, GRID.with_values(GRID.occupancy[::-1]))
+    found = mapdeal.diff(GRID, GRID.with_values(GRID.occupancy[::-1]))
     text = "The second map would be much more like the first if mirrored upside down"
     claim = Claim("geometry", "error", text, "What differs")
     assert verdict.on_difference(found, [], 0)[-1] == claim

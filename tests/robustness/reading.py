@@ -66,9 +66,6 @@ def kind_of_file(path, data):
     return kind.name
 
 
-# Grids and pictures
-
-
 def read_picture(path, data):
     picture = read_image(path)
     height, width = picture.shape
@@ -349,9 +346,6 @@ def read_config(path, data):
     return None if config is None else selection_of(config=config)
 
 
-# Sensor data
-
-
 def read_cloud_points(path, data):
     points = mapdeal.read_cloud(path)
     assert points.dtype == np.float64
@@ -426,9 +420,6 @@ def lines_of(kind):
             assert np.isfinite(numbers).all() == (error is None)
 
     return read_lines
-
-
-# Results of commands
 
 
 def read_one_transform(path, data):

@@ -7,7 +7,6 @@ from functools import cache
 import pytest
 
 import mapdeal
-from mapdeal import CostmapArea
 from mapdeal.layers.inflation import InflationLayer
 from mapdeal.layers.static import StaticLayer
 from mapdeal.ros.nav2 import nav2_robot
@@ -164,7 +163,7 @@ def test_names_apply_to_a_costmap_where_rclcpps_expression_matches(resolve, name
     if robot is not None:
         assert robot.node == node
         assert robot.inflation_layers[0].inflation_radius == 0.8
-        assert robot.area == CostmapArea(50, 50, 0.1, (0.0, 0.0), is_rolling=False)
+        assert robot.area == mapdeal.CostmapArea(50, 50, 0.1, (0.0, 0.0), is_rolling=False)
         assert [problem.check for problem in problems] == ["params.no-shape"]
 
 
