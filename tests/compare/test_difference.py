@@ -397,8 +397,7 @@ def test_costs_on_two_scales_are_compared_as_ros_publishes_them():
     second = Costmap(published, RES, scale="occupancy")
     for pair in ((first, second), (second, first), (second, second)):
         result = compare_costmaps(*pair)
-        assert result.is_equal
-        assert result.scale == "occupancy"
+        assert (result.is_equal, result.scale) == (True, "occupancy")
     open_ = published.copy()
     open_[published >= 99] = 98
     result = compare_costmaps(second, Costmap(open_, RES, scale="occupancy"))

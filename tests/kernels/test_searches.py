@@ -38,6 +38,7 @@ def searched(search, is_astar):
 
 
 @needs_compiled
+@example((np.pad(np.full((3, 1), 254, np.uint8), ((3, 3), (6, 6))), (2, 4), (10, 4), True), False)
 @given(searches(), st.booleans())
 def test_both_engines_give_the_same_bytes(search, is_astar):
     def as_bytes():
