@@ -18,6 +18,9 @@ from strategies import examples
 HEIGHT, WIDTH = 7, 11
 CELLS = st.tuples(st.integers(-9, 16), st.integers(-9, 20))
 POSITIONS = st.tuples(st.floats(-5, 12), st.floats(-5, 16))
+PARTS = st.sampled_from([3, 1 << 20])
+RINGS = st.lists(CELLS, min_size=3, max_size=7)
+RANGES = st.tuples(st.integers(-5, 45), st.integers(0, 60))
 
 
 def painted(parts):
@@ -55,9 +58,6 @@ def test_a_line_to_the_farthest_cell_stays_exact():
     assert [column.tolist() for column in spans] == [[0, 1, 2], [0, 1, 2], [1, 2, 3]]
 
 
-PARTS = st.sampled_from([3, 1 << 20])
-
-
 @given(st.lists(CELLS, min_size=2, max_size=6), PARTS)
 def test_lines_visit_the_cells_of_costmap_2d_clipped(cells, together):
     with pytest.MonkeyPatch.context() as patch:
@@ -65,9 +65,6 @@ def test_lines_visit_the_cells_of_costmap_2d_clipped(cells, together):
         parts = list(polygons.line_spans(polygons.edges_through(cells), (HEIGHT, WIDTH)))
     expected = {c for a, b in itertools.pairwise(swapped(cells)) for c in oracles.line(a, b)}
     assert painted(parts) == inside(expected)
-
-
-RINGS = st.lists(CELLS, min_size=3, max_size=7)
 
 
 @given(RINGS, st.lists(RINGS, max_size=3), PARTS)
@@ -119,9 +116,6 @@ def test_a_capsule_holds_the_centres_within_its_radius(start, stop, radius):
                 assert ((x, y) in found) == (distance < radius)
             elif abs(distance - radius) < 1e-12:
                 assert (x, y) in found
-
-
-RANGES = st.tuples(st.integers(-5, 45), st.integers(0, 60))
 
 
 @given(st.lists(RANGES, min_size=1, max_size=30), st.integers(1, 50))

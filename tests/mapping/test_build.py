@@ -23,6 +23,7 @@ METHODS, TSDF = ["log-odds", "counting", "tsdf"], {"method": "tsdf"}
 RES = 0.25
 GRID = {"resolution": RES, "size": (2.75, 2.0), "origin": (-0.5, 1.25)}
 SHAPE = (8, 11)
+SHAPES = st.sampled_from([(8, 11), (11, 8), (1, 9), (9, 1), (1, 1), (6, 6)])
 LIMITS = st.sampled_from(
     [{}, {"range_min": 0.5}, {"clear_max": 3.0}, {"range_max": 5.0, "clear_max": 2},
      {"range_max": 2.0, "clear_max": 80.0}]
@@ -424,9 +425,6 @@ def runs_along_axes(draw):
     ranges = rng.integers(1, 14, (scans, beams)) * RES / 2
     ranges[rng.random(ranges.shape) < 0.1] = math.nan
     return poses, rng.integers(0, 4, beams) * math.pi / 2, ranges
-
-
-SHAPES = st.sampled_from([(8, 11), (11, 8), (1, 9), (9, 1), (1, 1), (6, 6)])
 
 
 @given(run=runs() | runs_along_axes(), shape=SHAPES)

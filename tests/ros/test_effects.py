@@ -8,6 +8,7 @@ import pytest
 from mapdeal import Footprint, RobotParameters
 from mapdeal.layers.denoise import DenoiseLayer
 from mapdeal.layers.inflation import InflationLayer
+from mapdeal.layers.keepout import KeepoutFilter
 from mapdeal.layers.static import StaticLayer
 from mapdeal.ros import robot
 from mapdeal.ros.robot import (
@@ -84,6 +85,12 @@ def test_inflation_on_a_map_has_its_reach_and_circumscribed_cost():
     assert short["circumscribed_cost"] == 0
     (edge,) = on_map(_robot(InflationLayer("i", 0.3, 0.4, 2.5)), 0.15)  # the radius is within
     assert edge["circumscribed_cost"] == 196
+
+
+def test_a_keepout_mask_is_unused_below_a_layer_that_overwrites_it():
+    lost = "a layer after the keepout filter overwrites its costs"
+    assert _robot(KeepoutFilter(), StaticLayer()).why_mask_unused == lost
+    assert _robot(StaticLayer(), KeepoutFilter()).why_mask_unused is None
 
 
 READ = {
