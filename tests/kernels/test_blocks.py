@@ -15,6 +15,7 @@ from mapdeal.kernels import blocks, rotations
 from mapdeal.kernels.threads import use_threads
 
 ALL_ROWS = np.arange(23 * 4).reshape(23, 4).astype(np.uint8)
+POINTS = st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), min_size=1, max_size=12)
 
 
 def lazy(block_height=5, keep=0, requested=None, make=ALL_ROWS.__getitem__, **options):
@@ -202,9 +203,6 @@ def energy_by_strips(points, angle, width):
         counts[lower] += lower + 1 - place
         counts[lower + 1] += place - lower
     return sum(count**2 for count in counts.values())
-
-
-POINTS = st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), min_size=1, max_size=12)
 
 
 @given(POINTS, st.floats(-4, 4), st.floats(0.3, 3))

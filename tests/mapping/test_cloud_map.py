@@ -236,6 +236,13 @@ def test_the_tilt_of_a_cloud_is_found(azimuth, angle):
     assert np.abs(levelled(turned, up) - points).max() < 0.003
 
 
+def test_a_direction_is_refined_to_the_normal_of_the_plane():
+    places = np.random.default_rng(1).uniform(-4, 4, (500, 3))
+    places[:, 2] = 0.01 * places[:, 0] + 0.02 * places[:, 1]
+    found = voxels._refined(np.array([0.0, 0.0, 1.0]), places, np.ones(500))
+    assert found == pytest.approx(np.array([-0.01, -0.02, 1.0]) / math.sqrt(1.0005), abs=1e-9)
+
+
 @examples(20)
 @given(st.integers(1, 5000), st.sampled_from([0.03, 0.05, 0.4]), st.booleans())
 def test_voxels_are_counted_as_one_by_one(piece, cell, is_shifted):

@@ -16,6 +16,7 @@ def cells(grid):
 
 
 NOTHING = np.empty((0, 2))
+ANGLES = st.lists(st.floats(-20, 20), min_size=1, max_size=9)
 
 
 @pytest.mark.parametrize(("yaw_of_known", "pose", "size", "resolution", "origin", "shape"), [
@@ -168,9 +169,6 @@ def test_cells_are_those_of_exact_arithmetic(
         assert grid.shape == (rows, columns)
         assert grid.origin[:2] == tuple(float(k * step) for k in corner)
         assert set(cells(grid)) == expected
-
-
-ANGLES = st.lists(st.floats(-20, 20), min_size=1, max_size=9)
 
 
 @given(angles=ANGLES)

@@ -27,6 +27,7 @@ from mapdeal.pipeline.folder import robot_overlays
 from mapdeal.pipeline.step import make_step
 
 HEIGHT, WIDTH = 24, 31
+PARTS = [None, Region(4, 3, 30, 21), Region(0, 0, 1, 38), Region(52, 0, 1, 1)]
 places = st.integers(-8 * 4, 40 * 4).map(lambda quarter: quarter / 4)
 points = st.tuples(places, places)
 
@@ -107,9 +108,6 @@ def test_lazy_layers_are_pooled_without_more_than_a_block_of_rows(block_height):
         found = getattr(Raster(reduce=3), method)(layer)
         assert np.array_equal(found, np.array(expected, np.float32), equal_nan=True)
     assert max(calls) <= max(3, block_height)  # a row of pixels has three of cells under it
-
-
-PARTS = [None, Region(4, 3, 30, 21), Region(0, 0, 1, 38), Region(52, 0, 1, 1)]
 
 
 @given(st.lists(st.integers(1, 52), max_size=9), st.sampled_from(PARTS), st.integers(1, 9))

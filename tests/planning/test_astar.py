@@ -13,6 +13,7 @@ from mapdeal import Costmap, ParameterError, esdf, read_map
 from mapdeal.planning.routes import Terrain, route_over, surcharges_near_obstacles
 
 ORIGIN = (1.5, -2.0, 0.4)
+FACTORS = st.sampled_from([0.0, 2.0, 50.0]), st.sampled_from([0.0, 1.0, 20.0])
 
 
 def shortest_route(costmap, start, goal, *, heuristic_weight=0.0, **options):
@@ -48,9 +49,6 @@ def problems(draw):
 
 def ends_of(problem):
     return [tuple(xy) for xy in problem[0].frame.xy_from_rowcol(problem[1:]).tolist()]
-
-
-FACTORS = st.sampled_from([0.0, 2.0, 50.0]), st.sampled_from([0.0, 1.0, 20.0])
 
 
 @given(problems(), st.booleans(), *FACTORS)
