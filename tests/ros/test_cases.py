@@ -1,10 +1,11 @@
-"""Parameter files of all kinds, with the expected results in ``cases/*.yaml``."""
+"""Parameter files of all kinds, with the results in ``cases/*.yaml``, and those of lint."""
 
 from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
+from checks.test_parameter_files import test_files_have_the_recorded_findings  # noqa: F401
 from mapdeal.ros.nav2 import nav2_robot
 from mapdeal.ros.ros1 import Ros1Namespace, read_ros1_parameters, ros1_robot
 from mapdeal.ros.ros2_files import read_ros2
