@@ -506,22 +506,27 @@ def no_inflation(facts: RobotFacts) -> Iterator[Remark]:
     """A costmap in which no inflation layer has an effect.
     Cells beside walls cost 0, although the robot collides there.
     Example: `plugins: [static_layer, obstacle_layer]`.
-    Fix: Add an InflationLayer as the last layer.
+    Fix: List an InflationLayer last, switched on, with a radius.
     """
     robot = facts.robot
     if _widest_inflation(facts) is not None:
         return
     if robot.flavour == "nav2" and robot.inflation_layers:
         return  # params.inflation-radius reports radius 0
+    unlisted = {path[0] for path in facts.parameters.values if path[1:] == ("inflation_radius",)}
+    unlisted -= {entry.name for entry in robot.layers}
     why, at = "no inflation layer is listed", facts.value("plugins")
+    advice = f"list {min(unlisted, default='an InflationLayer')} last in plugins"
     for listed in (entry for entry in robot.layers if entry.layer and entry.layer.spreads):
         why, at = f"{listed.name} is switched off", facts.value(listed.name, "enabled")
+        advice = "set enabled to true"
         if listed.is_enabled:
             why = f"{listed.name}'s inflation_radius is 0"
             at = facts.of_layer(listed.name, "inflation_radius")
+            advice = "write an inflation radius above it"
         break
     text = f"{why}: cells beside obstacles cost 0, although the robot collides there (inscribed "
-    text += f"radius {robot.inscribed_radius:.4g} m); write an inflation radius above it"
+    text += f"radius {robot.inscribed_radius:.4g} m); {advice}"
     yield Remark(text, at=at)
 
 
