@@ -365,7 +365,7 @@ declare_checks(
         Layers that cannot be loaded.
         The costmap node does not start, and the robot does not move.
         Example: `plugins: [static_layer, obstacles, inflation_layer]`.
-        Fix: Set the plugin of each listed name.
+        Fix: Set the plugin of each listed name to a class that exists.
     params.old-plugins (warning)
         A list of layers in the form of ROS 1 or Eloquent, which Nav2 does not read.
         Nav2 runs its default layers instead of those in the file.

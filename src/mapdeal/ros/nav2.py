@@ -23,6 +23,7 @@ from mapdeal.layers.catalogue import NAV2_PLUGINS
 from mapdeal.layers.layer import PluginEntry
 from mapdeal.ros.robot import (
     INJECTED,
+    LONGEST_CLASS_NAME,
     NOT_MODELLED,
     Corners,
     CostmapName,
@@ -34,12 +35,14 @@ from mapdeal.ros.robot import (
     RobotParameters,
     corners_of_string,
     erasing_layers,
+    hint_on_class,
     most_alike,
     other_maps,
     padded_corners,
     repetition,
     shape_of,
     sixteen_corners,
+    suggested_class,
     syntax_problem,
 )
 from mapdeal.ros.ros2_files import Ros2Node, Ros2Parameters, matches, read_ros2
@@ -168,7 +171,6 @@ _COSTLESS_FILTERS = {
 }
 _FILTERS = (_PREFIX + "KeepoutFilter", *_COSTLESS_FILTERS)
 _KNOWN_CLASSES = (*NAV2_PLUGINS, *_COSTLESS_FILTERS, _PREFIX + "PluginContainerLayer")
-_LONGEST_CLASS_NAME = 100  # characters of a name that are compared with names of classes
 _MOST_LAYERS, _MOST_LISTED = 200, 8
 
 _DEFAULTS = {
@@ -218,7 +220,7 @@ def _class_of(values: Nav2Values, name: str, default: str | None) -> str | None:
     if kind is None and parameter not in values.parameters:
         text = f"{name} is listed, but has no {parameter}; Nav2 does not start"
         classes = {plugin.removeprefix(_PREFIX).lower(): plugin for plugin in _KNOWN_CLASSES}
-        plain_name = name.replace("_", "").lower()[:_LONGEST_CLASS_NAME]
+        plain_name = name.replace("_", "").lower()[:LONGEST_CLASS_NAME]
         guess = classes[most_alike(plain_name, list(classes), least=0.0) or ""]
         hint = f'write {name}: {{plugin: "{guess}"}}, or take it out of the list'
         is_filter = name in values.get("filters", "string_array", ())
@@ -226,21 +228,11 @@ def _class_of(values: Nav2Values, name: str, default: str | None) -> str | None:
         values.problem("params.plugins", "refused", text, place, hint)
     if kind is None:
         return None
-    suggested = _suggested_class(kind)
+    suggested = suggested_class(kind, _KNOWN_CLASSES, _PREFIX)
     if suggested is not None:
-        text = f"unknown class {kind[:_LONGEST_CLASS_NAME]}; Nav2 does not start"
+        text = f"unknown class {kind[:LONGEST_CLASS_NAME]}; Nav2 does not start"
         values.problem("params.plugins", "refused", text, parameter, f"did you mean {suggested}?")
     return suggested or kind
-
-
-def _suggested_class(kind: str) -> str | None:
-    if kind in _KNOWN_CLASSES:
-        return None
-    package, _, plain = kind.replace("::", "/").rpartition("/")
-    nav2_class = _PREFIX + plain
-    if nav2_class in _KNOWN_CLASSES and package in ("nav2_costmap_2d", "costmap_2d", ""):
-        return nav2_class  # written with a slash, with ROS 1's package or without a package
-    return most_alike(kind[:_LONGEST_CLASS_NAME], _KNOWN_CLASSES)
 
 
 def _layer(values: Nav2Values, name: str, kind: str, inscribed: float) -> ListedLayer:
@@ -257,7 +249,8 @@ def _layer(values: Nav2Values, name: str, kind: str, inscribed: float) -> Listed
         return ListedLayer(name, kind, layer, is_enabled, sensing=sensing)
     if is_enabled and kind not in _COSTLESS_FILTERS:
         text = f"{kind} is not modelled: its costs are left out"
-        values.problem("params.not-modelled", "warning", text, f"{name}.plugin")
+        hint = None if kind in _KNOWN_CLASSES else hint_on_class(kind, _PREFIX)
+        values.problem("params.not-modelled", "warning", text, f"{name}.plugin", hint)
     why = _COSTLESS_FILTERS.get(kind, NOT_MODELLED)
     return ListedLayer(name, kind, None, is_enabled, why_ignored=why)
 

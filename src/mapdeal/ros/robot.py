@@ -466,10 +466,27 @@ def erasing_layers(layers: Sequence[ListedLayer]) -> Iterator[tuple[str, str]]:
             reads_map = reads_map or listed.layer.reads_map
 
 
-MISSPELT = 0.95  # likeness from which a class counts as misspelt, not as a user's own class
+LONGEST_CLASS_NAME = 100  # characters of a name that are compared with names of classes
+_MISSPELT = 0.95  # likeness from which a class counts as misspelt, not as a user's own class
+_MISSPELT_IN_PACKAGE = 0.9  # the same for classes that seem to be costmap_2d's own
 
 
-def most_alike(word: str, names: Sequence[str], *, least: float = MISSPELT) -> str | None:
+def suggested_class(kind: str, classes: Sequence[str], prefix: str) -> str | None:
+    """Return the class that a misspelt one stands for; None if it may be right."""
+    package, _, plain = kind[:LONGEST_CLASS_NAME].replace("::", "/").rpartition("/")
+    if kind in classes:
+        return None
+    if package in ("costmap_2d", "nav2_costmap_2d", ""):  # the other ROS's package, or none
+        return most_alike(prefix + plain, classes, least=_MISSPELT_IN_PACKAGE)
+    return most_alike(kind[:LONGEST_CLASS_NAME], classes)
+
+
+def hint_on_class(kind: str, prefix: str) -> str | None:
+    text = f"it is no class of {prefix[:-2]}: the node starts only if another package exports it"
+    return text if kind.startswith(prefix) else None
+
+
+def most_alike(word: str, names: Sequence[str], *, least: float = _MISSPELT) -> str | None:
     """Return the name most similar to a word; None if the similarity is below `least`."""
     likeness = {name: SequenceMatcher(None, name, word).ratio() for name in names}
     nearest = max(names, key=likeness.__getitem__)

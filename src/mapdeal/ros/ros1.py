@@ -38,7 +38,6 @@ from mapdeal.layers.catalogue import ROS1_PLUGINS
 from mapdeal.layers.layer import PluginEntry
 from mapdeal.ros.robot import (
     INJECTED,
-    MISSPELT,
     NOT_MODELLED,
     Corners,
     CostmapName,
@@ -52,11 +51,12 @@ from mapdeal.ros.robot import (
     Shape,
     corners_of_string,
     erasing_layers,
-    most_alike,
+    hint_on_class,
     other_maps,
     repetition,
     shape_of,
     sixteen_corners,
+    suggested_class,
     syntax_problem,
 )
 
@@ -599,6 +599,7 @@ def _radius(server: Ros1Server) -> float:
 
 _STATIC, _INFLATION = "costmap_2d::StaticLayer", "costmap_2d::InflationLayer"
 _OBSTACLE, _VOXEL = "costmap_2d::ObstacleLayer", "costmap_2d::VoxelLayer"
+_PREFIX = "costmap_2d::"
 COSTMAP_PARAMETERS = frozenset(
     {"always_send_full_costmap", "cost_scaling_factor", "footprint", "footprint_padding",
      "global_frame", "inflation_radius", "lethal_cost_threshold", "map_topic", "map_type",
@@ -739,12 +740,9 @@ def _plugin_fault(entry: object) -> tuple[str, str] | None:
     for key in ("name", "type"):
         if not isinstance(entry.get(key), str) or not entry[key]:
             return f"has no {key}", _PLUGIN_HINT
-    kind = entry["type"]
-    least = 0.0 if kind.startswith("nav2_costmap_2d") else MISSPELT
-    nearest = most_alike(kind, tuple(ROS1_PLUGINS), least=least)
-    if kind in ROS1_PLUGINS or nearest is None:
-        return None
-    return f"has an unknown type, {kind}", f"did you mean {nearest}?"
+    nearest = suggested_class(entry["type"], tuple(ROS1_PLUGINS), _PREFIX)
+    hint = f"did you mean {nearest}?"
+    return None if nearest is None else (f"has an unknown type, {entry['type']}", hint)
 
 
 def _layer(server: Ros1Server, name: str, kind: str, inscribed: float) -> ListedLayer:
@@ -756,7 +754,8 @@ def _layer(server: Ros1Server, name: str, kind: str, inscribed: float) -> Listed
         return ListedLayer(name, kind, layer, is_enabled, sensing=sensing)
     if is_enabled:
         text = f"{name} ({kind}) is not modelled: its costs are left out"
-        server.problem("params.not-modelled", "warning", text, ("plugins",))
+        hint = hint_on_class(kind, _PREFIX)
+        server.problem("params.not-modelled", "warning", text, ("plugins",), hint)
     return ListedLayer(name, kind, None, is_enabled, why_ignored=NOT_MODELLED)
 
 
