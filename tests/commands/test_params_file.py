@@ -214,6 +214,16 @@ def test_warnings_of_the_parameters_are_kept_and_end_strict_runs(sh, here, nav2)
     assert [list(stage) for stage in manifest["stages"]] == [["cost"]]
 
 
+@pytest.mark.parametrize("words", [f"{COST} --strict", f"{RUN} --strict"])
+@pytest.mark.parametrize(("text", "warning"), [
+    (NAV2.replace("inflation_radius", "inflation_raduis"), "nav2.yaml:12: no parameter is called "
+     "inflation_layer.inflation_raduis: did you mean inflation_radius?"),
+])  # fmt: skip
+def test_likely_mistakes_end_strict_commands(sh, nav2, words, text, warning):
+    nav2(text)
+    assert f"warning: {warning}\n" in sh.err(words, 1)
+
+
 def test_a_recipe_takes_the_shape_alone_and_says_nothing_of_layers(sh, nav2):
     """The map is inflated, so no warning may call it all free, nor name layers."""
     nav2(NAV2.replace('["static_layer", "obstacle_layer", ', '["obstacle_layer", '))

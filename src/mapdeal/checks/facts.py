@@ -62,7 +62,7 @@ from mapdeal.maps.map_file import warn_of_cost_figures
 from mapdeal.maps.picture import Picture, Strips, opaque_greys
 from mapdeal.maps.reading import as_occupancy, open_map
 from mapdeal.ros.filters import FilterServers
-from mapdeal.ros.load import Name
+from mapdeal.ros.names import Name
 from mapdeal.ros.robot import CostmapName, Flavour, ParameterValue, RobotParameters
 
 Counts = NDArray[np.int64]

@@ -21,15 +21,15 @@ import numpy as np
 
 from mapdeal.checks.facts import FilterFacts, ParameterFacts, PlannerFacts, RobotFacts, check
 from mapdeal.checks.findings import CHECKS, Finding, Remark, declare_checks, findings_on
-from mapdeal.checks.plugin_checks import MOST_NAMES, closest_name, planner_facts
+from mapdeal.checks.plugin_checks import planner_facts
 from mapdeal.errors import MalformedInputError, MapdealError
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import NO_INFORMATION, few_text
 from mapdeal.layers.catalogue import NAV2_PLUGINS, class_name, layer_named
 from mapdeal.layers.inflation import InflationLayer
 from mapdeal.ros.filters import filter_servers
-from mapdeal.ros.load import Name, costmap_values, costmaps_in, flavour_of, load_robot
-from mapdeal.ros.nav2 import DECLARED
+from mapdeal.ros.load import costmap_values, costmaps_in, flavour_of, load_robot, node_of
+from mapdeal.ros.names import closest_name, listed_plugins
 from mapdeal.ros.planners import planners_of
 from mapdeal.ros.robot import (
     INJECTED,
@@ -39,27 +39,7 @@ from mapdeal.ros.robot import (
     Problem,
     RobotParameters,
 )
-from mapdeal.ros.ros1 import COSTMAP_PARAMETERS
 from mapdeal.ros.ros2_files import read_ros2
-
-_COSTMAP: dict[Flavour, frozenset[str]] = {
-    "ros1": COSTMAP_PARAMETERS | {
-        "combination_method", "enabled", "first_map_only", "footprint_clearing_enabled",
-        "footprint_topic", "height", "inflate_unknown", "mark_threshold", "max_obstacle_range",
-        "meter_scoring", "min_obstacle_height", "obstacle_layer", "origin_x", "origin_y",
-        "origin_z", "publish_voxel_map", "published_footprint_topic", "static_layer",
-        "subscribe_to_updates", "unknown_threshold", "use_maximum", "width", "z_resolution",
-        "z_voxels",
-    },
-    "nav2": frozenset(DECLARED) | {
-        "allow_parameter_qos_overrides", "always_reset_initial_pose", "autostart_node",
-        "bond_heartbeat_period", "enable_stamped_cmd_vel", "footprint_topic", "introspection_mode",
-        "node_namespace", "observation_sources", "odom_topic", "plugin_names", "plugin_types",
-        "published_footprint_topic", "service_introspection_mode", "stamped_footprint",
-        "transform_timeout", "unknown_threshold", "use_radius", "use_sim_time",
-    },
-}  # fmt: skip
-"""Parameters of costmaps, and of nodes beside them, that some release reads."""
 
 INFLATION_PARAMETERS = {"inflation_radius", "cost_scaling_factor", "inflate_unknown"}
 """Parameters of inflation layers; Nav2's layers do not inherit them from the costmap."""
@@ -86,13 +66,6 @@ COSTMAP_ONLY: dict[Flavour, dict[str, tuple[str, ...]]] = {
 """Parameters of a costmap that have no effect below layers of these classes."""
 
 OLD_PARAMETERS = ("static_map", "map_type")  # ROS 1 reads them only without a list of plugins
-
-
-def known_names(flavour: Flavour, layer: str) -> frozenset[str]:
-    if not layer:
-        return _COSTMAP[flavour]
-    layer_class = layer_named(layer)
-    return frozenset() if layer_class is None else layer_class.known_parameters(layer)
 
 
 _OTHER_MARKING = ("NonPersistentVoxelLayer", "SpatioTemporalVoxelLayer")
@@ -206,35 +179,6 @@ def _nested_names(facts: ParameterFacts) -> Iterator[str]:
                 yield from value.value.split()
             elif isinstance(value.value, list | tuple):
                 yield from (name for name in value.value if isinstance(name, str))
-
-
-@check("params.misspelt", "warning")
-def misspelt(facts: ParameterFacts) -> Iterator[Remark]:
-    """A misspelt parameter.
-    ROS silently ignores it and uses the default: the robot behaves otherwise than was set.
-    Example: `inflation_layer: {inflate_unknowns: true}`.
-    Fix: Write the name that the message proposes.
-    """
-    unknown = 0
-    for section, known in _scopes(facts):
-        for path, value in section.items():
-            name = path[-1]
-            if name in known or (unknown := unknown + 1) > MOST_NAMES:
-                continue
-            closest = closest_name(name, known)
-            if closest and (*path[:-1], closest) not in facts.values:
-                text = f"no parameter is called {facts.label(*path)}: did you mean {closest}?"
-                yield Remark(text, at=value)
-
-
-def _scopes(facts: ParameterFacts) -> Iterator[tuple[dict[Name, ParameterValue], frozenset[str]]]:
-    top_level: dict[Name, ParameterValue] = {p: v for p, v in facts.values.items() if len(p) == 1}
-    yield top_level, known_names(facts.flavour, "")
-    for name, plugin in dict(facts.plugins).items():
-        known = known_names(facts.flavour, class_name(plugin))
-        if known:
-            section = facts.sections.get(name, {})
-            yield {path: value for path, value in section.items() if len(path) == 2}, known
 
 
 @check("params.misplaced", "warning")
@@ -433,6 +377,11 @@ declare_checks(
         None of its values has an effect: the robot runs with defaults.
         Example: `global_costmap: {ros__parameters: {robot_radius: 0.2}}`.
         Fix: Nest the name twice.
+    params.misspelt (warning)
+        A misspelt parameter.
+        ROS silently ignores it and uses the default: the robot behaves otherwise than was set.
+        Example: `inflation_layer: {inflate_unknowns: true}`.
+        Fix: Write the name that the message proposes.
     params.hidden (warning)
         A later value that ROS 2 ignores because of its type.
         The robot runs with the earlier value, although the later one was meant to replace it.
@@ -766,8 +715,9 @@ def _check(
 ) -> Iterator[Finding]:  # fmt: skip
     if costmap.has(_OTHER_KIND):
         return
-    values = costmap_values(paths, flavour, costmap.name, _node_of(costmap, namespace), namespace)
-    plugins = _plugins(flavour, values, costmap.robot)
+    node = node_of(costmap.robot, costmap.name, namespace)
+    values = costmap_values(paths, flavour, costmap.name, node, namespace)
+    plugins = listed_plugins(flavour, values, costmap.robot)
     parameters = ParameterFacts(flavour, costmap.name, values, plugins)
     facts: dict[type, Any] = {ParameterFacts: parameters}
     if costmap.robot is not None and not costmap.is_absent:
@@ -777,29 +727,3 @@ def _check(
         if flavour == "nav2":
             facts[FilterFacts] = FilterFacts(robot, filter_servers(read_ros2(paths)))
     yield from findings_on(facts, str(paths[-1]))
-
-
-def _node_of(costmap: _Costmap, namespace: str | None) -> str:
-    if costmap.robot is not None:
-        return costmap.robot.node
-    name = f"{costmap.name}_costmap"
-    return "/".join(["", *(part for part in (namespace or "").split("/") if part), name, name])
-
-
-def _plugins(
-    flavour: Flavour, values: Mapping[Name, ParameterValue], robot: RobotParameters | None
-) -> tuple[tuple[str, str], ...]:
-    if robot is not None:
-        return tuple((listed.name, listed.plugin) for listed in robot.layers)
-
-    lists = [values[key,].value for key in ("plugins", "filters") if (key,) in values]
-    entries = [entry for items in lists if isinstance(items, list | tuple) for entry in items]
-    if flavour == "ros1":
-        mappings = [entry for entry in entries if isinstance(entry, dict)]
-        return tuple((str(m.get("name", "")), str(m.get("type", ""))) for m in mappings)
-    names = [entry for entry in entries if isinstance(entry, str)]
-    classes = [values[name, "plugin"].value if (name, "plugin") in values else "" for name in names]
-    return tuple(
-        (name, kind if isinstance(kind, str) else "")
-        for name, kind in zip(names, classes, strict=True)
-    )

@@ -9,8 +9,7 @@ Galactic, ranges have a minimum and a maximum.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
-from difflib import get_close_matches
+from collections.abc import Iterator, Sequence
 from itertools import islice
 
 from mapdeal.checks.facts import ParameterFacts, PlannerFacts, RobotFacts, check
@@ -18,6 +17,7 @@ from mapdeal.checks.findings import Remark
 from mapdeal.grid.frame import Frame
 from mapdeal.layers.catalogue import class_name
 from mapdeal.layers.obstacle import ObservationSource, Sensing, VoxelLayer
+from mapdeal.ros.names import MOST_NAMES, closest_name
 from mapdeal.ros.planners import (
     OTHER_NAMES,
     PLANNER_PARAMETERS,
@@ -35,10 +35,7 @@ _RENAMED = {
 """Renamed parameters of Nav2: the old names, the new ones and their defaults, metres."""
 
 _OBSTACLE_LAYERS = ("ObstacleLayer", "VoxelLayer")
-_LEAST_SIMILARITY = 0.85
 _USUAL_RESOLUTION = 0.05  # metres; used without a map
-MOST_NAMES, _LONGEST_NAME = 1000, 60
-"""Limits of the search for misspelt names, which compares each name with all known ones."""
 
 
 def _sensing_layers(facts: RobotFacts) -> Iterator[tuple[ListedLayer, Sensing]]:
@@ -300,12 +297,6 @@ def planner_turning_radius(facts: PlannerFacts) -> Iterator[Remark]:
             if 2 * radius.value > farthest:
                 text = f"turning round without reversing takes {2 * radius.value:g} m, and {name} "
                 yield Remark(f"{text}has {farthest:.4g} m from corner to corner", at=radius)
-
-
-def closest_name(name: str, known: Collection[str]) -> str | None:
-    if name in known or len(name) > _LONGEST_NAME:
-        return None
-    return next(iter(get_close_matches(name, known, n=1, cutoff=_LEAST_SIMILARITY)), None)
 
 
 def planner_facts(

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning
 from mapdeal.files.source import exists, is_folder, read_file
+from mapdeal.ros.names import Name, listed_plugins, misspelt_names
 from mapdeal.ros.nav2 import nav2_robot
 from mapdeal.ros.robot import CostmapName, Flavour, ParameterValue, Problem, RobotParameters
 from mapdeal.ros.ros1 import Ros1Namespace, costmaps_named, load_server, ros1_robot
@@ -58,12 +59,28 @@ def load_robot(
         rule = f"contains no parameters of ROS 2, but {ros2_paths[0].name} does"
         raise ParameterError(rule, source=ros1_path, hint="pass the files of one robot")
     if ros2_paths:
-        return nav2_robot(paths, costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted)
-    if unrelated := next(filter(None, map(_other_kind, paths)), None):
+        flavour: Flavour = "nav2"
+        robot, problems = nav2_robot(
+            paths, costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted
+        )
+    elif unrelated := next(filter(None, map(_other_kind, paths)), None):
         return None, (unrelated,)
-    if misspelt := next(filter(None, map(_without_key, paths)), None):
-        return None, (misspelt,)
-    return ros1_robot(paths, costmap=costmap, namespace=namespace)
+    elif without_key := next(filter(None, map(_without_key, paths)), None):
+        return None, (without_key,)
+    else:
+        flavour = "ros1"
+        robot, problems = ros1_robot(paths, costmap=costmap, namespace=namespace)
+    node = node_of(robot, costmap, namespace)
+    values = costmap_values(paths, flavour, costmap, node, namespace)
+    plugins = listed_plugins(flavour, values, robot)
+    return robot, (*problems, *misspelt_names(flavour, values, plugins))
+
+
+def node_of(robot: RobotParameters | None, costmap: CostmapName, namespace: str | None) -> str:
+    if robot is not None:
+        return robot.node
+    name = f"{costmap}_costmap"
+    return "/".join(["", *(part for part in (namespace or "").split("/") if part), name, name])
 
 
 def is_ros2(path: Path) -> bool:
@@ -120,10 +137,6 @@ def _line_of(problem: Problem, paths: Sequence[Path]) -> str:
         text += f":{problem.line}"
     text += f": {problem.parameter}: {problem.text}" if problem.parameter else f": {problem.text}"
     return f"{text}; {problem.hint}" if problem.hint else text
-
-
-Name = tuple[str, ...]
-"""A parameter's name below its costmap, in parts: ``("inflation_layer", "inflation_radius")``."""
 
 
 def flavour_of(paths: Sequence[Path]) -> Flavour:
