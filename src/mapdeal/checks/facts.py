@@ -62,7 +62,7 @@ from mapdeal.maps.map_file import warn_of_cost_figures
 from mapdeal.maps.picture import Picture, Strips, opaque_greys
 from mapdeal.maps.reading import as_occupancy, open_map
 from mapdeal.ros.filters import FilterServers
-from mapdeal.ros.names import Name
+from mapdeal.ros.names import Name, label_of
 from mapdeal.ros.robot import CostmapName, Flavour, ParameterValue, RobotParameters
 
 Counts = NDArray[np.int64]
@@ -326,7 +326,7 @@ class ParameterFacts:
     plugins: tuple[tuple[str, str], ...]
 
     def label(self, *name: str) -> str:
-        return ("." if self.flavour == "nav2" else "/").join(name)
+        return label_of(self.flavour, name)
 
     @cached_property
     def sections(self) -> dict[str, dict[Name, ParameterValue]]:

@@ -305,6 +305,11 @@ declare_checks(
         The unit is wrong: such a robot fits nowhere.
         Example: `robot_radius: 2000.0`.
         Fix: Write metres.
+    params.units (warning)
+        A length that is unusual for a robot, such as a radius of 10 m.
+        The unit is likely to be wrong: the robot fits nowhere, or all cells have costs.
+        Example: `robot_radius: 20.0`, centimetres written as metres.
+        Fix: Write metres.
     params.plugins (error)
         Layers that cannot be loaded.
         The costmap node does not start, and the robot does not move.
@@ -624,6 +629,10 @@ _ABSENT = ("params.namespace", "params.no-node", _ONE_LEVEL)
 _OTHER_KIND = "params.other-kind"
 _OTHER_COSTMAP = "params.other-costmap"
 """Omitted if both costmaps are checked: the file belongs to the other one."""
+_OF_LENGTHS = {
+    "params.inflation-below-circumscribed", "params.cost-cliff", "params.cost-ends-early"
+}  # fmt: skip
+"""Omitted if the unit of a length is doubtful."""
 _ABOUT_FILES = ("params.syntax", _OTHER_KIND, *_ABSENT)
 """Findings about a whole file, or with the costmap's node in their text."""
 
@@ -726,4 +735,6 @@ def _check(
         )
         if flavour == "nav2":
             facts[FilterFacts] = FilterFacts(robot, filter_servers(read_ros2(paths)))
-    yield from findings_on(facts, str(paths[-1]))
+    for finding in findings_on(facts, str(paths[-1])):
+        if not (costmap.has("params.units") and finding.check in _OF_LENGTHS):
+            yield finding

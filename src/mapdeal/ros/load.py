@@ -10,7 +10,7 @@ from pathlib import Path
 
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning
 from mapdeal.files.source import exists, is_folder, read_file
-from mapdeal.ros.names import Name, listed_plugins, misspelt_names
+from mapdeal.ros.names import Name, listed_plugins, misspelt_names, unusual_lengths
 from mapdeal.ros.nav2 import nav2_robot
 from mapdeal.ros.robot import CostmapName, Flavour, ParameterValue, Problem, RobotParameters
 from mapdeal.ros.ros1 import Ros1Namespace, costmaps_named, load_server, ros1_robot
@@ -73,7 +73,10 @@ def load_robot(
     node = node_of(robot, costmap, namespace)
     values = costmap_values(paths, flavour, costmap, node, namespace)
     plugins = listed_plugins(flavour, values, robot)
-    return robot, (*problems, *misspelt_names(flavour, values, plugins))
+    lengths = tuple(unusual_lengths(flavour, values, robot))
+    if lengths:  # advice on the costs would be misleading
+        problems = tuple(p for p in problems if p.check != "params.inflation-radius")
+    return robot, (*problems, *lengths, *misspelt_names(flavour, values, plugins))
 
 
 def node_of(robot: RobotParameters | None, costmap: CostmapName, namespace: str | None) -> str:

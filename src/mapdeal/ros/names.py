@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Mapping
 from difflib import get_close_matches
 
@@ -57,6 +58,17 @@ def listed_plugins(flavour: Flavour, values: Values, robot: RobotParameters | No
     )
 
 
+_UNUSUAL_LENGTHS = {
+    "robot_radius": 10.0, "footprint": 10.0, "inflation_radius": 10.0, "footprint_padding": 1.0,
+    "resolution": 2.0,
+}  # fmt: skip
+"""Parameters in metres, and the length from which the unit is doubtful."""
+
+
+def label_of(flavour: Flavour, name: Name) -> str:
+    return ("." if flavour == "nav2" else "/").join(name)
+
+
 def closest_name(name: str, known: Collection[str]) -> str | None:
     if name in known or len(name) > _LONGEST_NAME:
         return None
@@ -76,6 +88,22 @@ def misspelt_names(flavour: Flavour, values: Values, plugins: Plugins) -> Iterat
             continue
         closest = closest_name(name, known)
         if closest and (*section, closest) not in values:
-            label = ("." if flavour == "nav2" else "/").join((*section, name))
+            label = label_of(flavour, (*section, name))
             text = f"no parameter is called {label}: did you mean {closest}?"
             yield Problem("params.misspelt", "warning", text, "", value.source, value.line)
+
+
+def unusual_lengths(
+    flavour: Flavour, values: Values, robot: RobotParameters | None
+) -> Iterator[Problem]:
+    """Yield lengths of a costmap and its layers that are likely to have another unit."""
+    for path, value in values.items():
+        limit = _UNUSUAL_LENGTHS.get(path[-1], math.inf) if len(path) <= 2 else math.inf
+        length, part = value.value, ""
+        if path == ("footprint",) and robot is not None and robot.robot_radius is None:
+            length, part = robot.circumscribed_radius, " from the centre to a corner"
+        if isinstance(length, int | float) and limit <= length < math.inf:
+            unit = "centimetres" if length < 10 * limit else "millimetres"
+            text = f"{length:.4g} m{part} is unusual; is it in {unit}?"
+            place = label_of(flavour, path), value.source, value.line
+            yield Problem("params.units", "warning", text, *place)
