@@ -3,7 +3,7 @@
 References
 ----------
 ``onInitialize`` in ``obstacle_layer.cpp`` and ``voxel_layer.cpp``, of Nav2 and of ROS 1: since
-Galactic, ranges have a minimum and a maximum.
+Galactic, ranges have a minimum and a maximum. docs.nav2.org, Iron to Jazzy: names with ``::``.
 """
 
 from __future__ import annotations
@@ -229,6 +229,20 @@ def _undeclared_names(facts: PlannerFacts) -> Iterator[tuple[str, str, str | Non
             closest = None
         if closest or declared:
             yield name, owner, closest
+
+
+@check("params.planner-slash", "note")
+def planner_slash(facts: PlannerFacts) -> Iterator[Remark]:
+    """A planner's class written with a slash, as in Nav2 up to Iron.
+    Since Jazzy no class has this name: the planner server does not start.
+    Example: `planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased: {plugin:
+    "nav2_navfn_planner/NavfnPlanner"}}}`.
+    Fix: Write :: in place of the slash for Jazzy and later.
+    """
+    for section, kind in plugins_in(facts.values).items():
+        if "/" in kind and full_name(kind) in PLANNER_PARAMETERS:
+            text = f"{kind} is a class of Nav2 up to Iron; since Jazzy it is {full_name(kind)} only"
+            yield Remark(text, at=facts.values[f"{section}.plugin"])
 
 
 @check("params.planner-without-effect", "warning")
