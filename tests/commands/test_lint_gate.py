@@ -198,8 +198,7 @@ def test_options_of_parameter_files(sh, robot, words, code, text):
 
 def test_a_parameter_file_is_recognised_among_maps(sh, maps, robot):
     Path("nav2.yaml").write_text(NAV2.format("global"))
-    corners = "[[-0.1, 0.2], [0.1, 0.2], [0.1, -0.2], [-0.1, -0.2]]"
-    Path("common.yaml").write_text(f"footprint: {corners}\n")
+    Path("common.yaml").write_text("obstacle_range: 2.0\n")
     assert sh("lint robot.yaml") == sh(ROBOT_LINT)
     out = sh("lint maps/good.yaml robot.yaml --select params,yaml")[1]
     assert out == sh("lint maps/good.yaml --params-file robot.yaml --select params,yaml")[1]
@@ -212,6 +211,20 @@ def test_a_parameter_file_is_recognised_among_maps(sh, maps, robot):
     assert sh("lint nav2.yaml --costmap local")[0] == 1
     assert sh("lint nav2.yaml --fix --in-place")[0] == 2
     assert sh("lint maps --costmap local")[0] == 2
+
+
+@pytest.mark.parametrize("text", [
+    NAV2.format("global"), "robot_radius: 0.2\nplugins: []\n", "global_costmap: {footprint: []}\n",
+])  # fmt: skip
+def test_files_that_set_the_layers_again_belong_to_another_robot(sh, here, text):
+    names = "a.yaml", "b.yaml"
+    for name in names:
+        Path(name).write_text(text)
+    alone = [sh(f"lint {name} -q")[1] for name in names]
+    assert sh("lint a.yaml a.yaml b.yaml -q")[1] == "".join(alone)
+    assert sh("lint --params-file a.yaml --params-file b.yaml -q")[1] != "".join(alone)
+    robots = map(json.loads, sh("info a.yaml b.yaml --json")[1].splitlines())
+    assert [robot["file"] for robot in robots] == [*names]
 
 
 def test_findings_name_their_costmap(sh, here):

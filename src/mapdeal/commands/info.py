@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
-from itertools import chain, groupby
+from itertools import chain
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
@@ -29,7 +29,7 @@ from mapdeal.pictures.overlay import OtherThan, known_box
 from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, stages_behind, summary_of
 from mapdeal.pipeline.inputs import InShell, Work, claim_work
 from mapdeal.pipeline.settings import ProgressCallback, Settings
-from mapdeal.ros.load import flavour_of_file, read_robot
+from mapdeal.ros.load import by_robot, read_robot
 from mapdeal.ros.planners import has_server, planners_of
 from mapdeal.ros.robot import CostmapName, effect_of, on_map
 from mapdeal.ros.ros2_files import read_ros2
@@ -124,9 +124,10 @@ def describe(
 
     For maps: size, origin, cell counts, checksum, and the run that made them. For bags: topics and
     transforms. For a robot's parameter files: shape and costmap layers as the robot resolves them;
-    consecutive ones belong to one robot, and later files win. A folder stands for the maps in it
-    and below. With --json there is one JSON object per file or robot, one per line. If one of
-    several files cannot be read, the others are described, and the exit code is 5.
+    consecutive ones belong to one robot until one sets a costmap's layers again, and later files
+    win. A folder stands for the maps in it and below. With --json there is one JSON object per file
+    or robot, one per line. If one of several files cannot be read, the others are described, and
+    the exit code is 5.
 
     Parameters
     ----------
@@ -145,8 +146,7 @@ def describe(
     groups = [(True, list(sources))]
     if costmap is None and namespace is None and of_map is None:
         named, groups = [path for source in sources for path in maps_in(source, work)], []
-        for flavour, files in groupby(named, flavour_of_file):
-            group = list(files)
+        for flavour, group in by_robot(named):
             groups += [(False, [path]) for path in group] if flavour is None else [(True, group)]
     failed: list[errors.MapdealError] = []
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import groupby
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -46,7 +45,7 @@ from mapdeal.pipeline import inputs
 from mapdeal.pipeline.batch import Job, Outcome, attempt, dispatch, jobs_at_once
 from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
-from mapdeal.ros.load import flavour_of_file
+from mapdeal.ros.load import by_robot
 from mapdeal.ros.robot import CostmapName, RobotParameters
 from mapdeal.version import __version__
 
@@ -142,7 +141,7 @@ def lint(
 
     A robot's parameter file, named among the maps or by --params-file, is checked for values that
     ROS refuses or silently ignores, and for costs that do not fit the shape. Consecutive files
-    belong to one robot, and later files win.
+    belong to one robot until one sets a costmap's layers again, and later files win.
 
     With --graph a route graph is checked on the MAP, for the robot's shape: what Nav2's route
     server refuses, nodes and edges on which the robot hits something, and parts without a way back.
@@ -322,10 +321,9 @@ def lint(
 
 def _maps_and_robots(names: Sequence[str]) -> tuple[list[str], list[tuple[Path, ...]]]:
     """Return the names of maps, and the parameter files of each robot."""
-    groups = groupby(names, lambda name: flavour_of_file(Path(name)))
-    listed = [(flavour, tuple(group)) for flavour, group in groups]
-    maps = [name for flavour, group in listed if flavour is None for name in group]
-    return maps, [tuple(map(Path, group)) for flavour, group in listed if flavour is not None]
+    groups = list(by_robot(names))
+    maps = [name for flavour, group in groups if flavour is None for name in group]
+    return maps, [tuple(map(Path, group)) for flavour, group in groups if flavour is not None]
 
 
 def _no_standard_input() -> Iterable[bytes]:

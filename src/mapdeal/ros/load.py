@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
+from typing import TypeVar
 
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning
 from mapdeal.files.source import exists, is_folder, read_file
 from mapdeal.ros.names import Name, listed_plugins, misspelt_names, unusual_lengths
 from mapdeal.ros.nav2 import nav2_robot
 from mapdeal.ros.robot import CostmapName, Flavour, ParameterValue, Problem, RobotParameters
-from mapdeal.ros.ros1 import Ros1Namespace, costmaps_named, load_server, ros1_robot
+from mapdeal.ros.ros1 import (
+    Ros1Namespace,
+    costmaps_named,
+    load_server,
+    read_ros1_parameters,
+    ros1_robot,
+    settings_of_robot,
+)
 from mapdeal.ros.ros2_files import read_ros2
+
+F = TypeVar("F", str, Path)
 
 _KEY = b"ros__parameters"
 _ALMOST_ROS2 = re.compile(rb"""\s*["']?(ros_+param\w*)["']?\s*:|.*\b(nav2_costmap_2d(?:::|/)\w+)""")
@@ -98,6 +109,32 @@ def flavour_of_file(path: Path) -> Flavour | None:
         kind = kind_of(path) if exists(path) and not is_folder(path) else None
         return None if kind is None or kind.name != PARAMETERS else flavour_of([path])
     return None
+
+
+def by_robot(paths: Sequence[F]) -> Iterator[tuple[Flavour | None, list[F]]]:
+    """Yield consecutive files of one kind; those of parameters robot by robot."""
+    # A file that sets a costmap's layers, or in ROS 1 its shape, again is another robot's.
+    for flavour, files in groupby(paths, lambda path: flavour_of_file(Path(path))):
+        group: list[F] = []
+        settings: set[Name] = set()
+        for path in files:
+            is_new = flavour is not None and path not in group
+            own = _settings_of_robot(Path(path)) if is_new else set()
+            if own & settings:
+                yield flavour, group
+                group, settings = [], set()
+            group.append(path)
+            settings |= own
+        yield flavour, group
+
+
+def _settings_of_robot(path: Path) -> set[Name]:
+    with suppress(MalformedInputError):
+        if is_ros2(path):
+            nodes = read_ros2([path]).nodes
+            return {(node.name,) for node in nodes if "plugins" in dict(node.entries)}
+        return settings_of_robot(read_ros1_parameters(path))
+    return set()
 
 
 def _other_kind(path: Path) -> Problem | None:

@@ -456,6 +456,16 @@ def costmaps_named(files: Sequence[Ros1File]) -> tuple[CostmapName, ...]:
     return tuple(name for name in _NAMES if name in named)
 
 
+def settings_of_robot(file: Ros1File) -> set[_Path]:
+    """Return where a file sets a costmap's layers and shape: its namespace, and which of them."""
+    kinds = {"plugins": "plugins", _FOOTPRINT: _FOOTPRINT, _RADIUS: _FOOTPRINT}
+    named = _costmap_of_name(file.source) or ""
+    return {
+        (*(path[:-1] or (named,)), kinds[path[-1]])
+        for path, _ in file.parameters.values() if path[-1] in kinds
+    }  # fmt: skip
+
+
 def _nodes_in(namespace: Ros1Namespace) -> list[_Path]:
     """Return the paths of the nodes above a file's costmaps, only those of the least depth."""
     members = (*namespace.namespaces(), *namespace.values())
