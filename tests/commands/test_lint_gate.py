@@ -217,13 +217,14 @@ def test_a_parameter_file_is_recognised_among_maps(sh, maps, robot):
     NAV2.format("global"), "robot_radius: 0.2\nplugins: []\n", "global_costmap: {footprint: []}\n",
 ])  # fmt: skip
 def test_files_that_set_the_layers_again_belong_to_another_robot(sh, here, text):
-    names = "a.yaml", "b.yaml"
+    a, b = names = "cfg/a.yaml", "cfg/b.yaml"
+    Path("cfg").mkdir()
     for name in names:
         Path(name).write_text(text)
-    alone = [sh(f"lint {name} -q")[1] for name in names]
-    assert sh("lint a.yaml a.yaml b.yaml -q")[1] == "".join(alone)
-    assert sh("lint --params-file a.yaml --params-file b.yaml -q")[1] != "".join(alone)
-    robots = map(json.loads, sh("info a.yaml b.yaml --json")[1].splitlines())
+    alone = "".join(sh(f"lint {name} -q")[1] for name in names)
+    assert sh(f"lint {a} {a} {b} -q")[1] == sh("lint cfg -q --costmap global")[1] == alone
+    assert sh(f"lint --params-file {a} --params-file {b} -q")[1] != alone
+    robots = map(json.loads, sh(f"info {a} {b} --json")[1].splitlines())
     assert [robot["file"] for robot in robots] == [*names]
 
 

@@ -39,13 +39,13 @@ from mapdeal.maps import map_server
 from mapdeal.maps.dialects import Dialect, MapMetadata, cells_of, metadata_of
 from mapdeal.maps.formats import or_other_formats
 from mapdeal.maps.images import open_strips
-from mapdeal.maps.listing import list_maps
+from mapdeal.maps.listing import MapListing, list_maps
 from mapdeal.maps.reading import MapFile, open_map, output_paths, write_grid
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.batch import Job, Outcome, attempt, dispatch, jobs_at_once
 from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
-from mapdeal.ros.load import by_robot
+from mapdeal.ros.load import by_robot, flavour_of_file
 from mapdeal.ros.robot import CostmapName, RobotParameters
 from mapdeal.version import __version__
 
@@ -141,7 +141,8 @@ def lint(
 
     A robot's parameter file, named among the maps or by --params-file, is checked for values that
     ROS refuses or silently ignores, and for costs that do not fit the shape. Consecutive files
-    belong to one robot until one sets a costmap's layers again, and later files win.
+    belong to one robot until one sets a costmap's layers again, and later files win. Those of a
+    folder are checked if it holds no map.
 
     With --graph a route graph is checked on the MAP, for the robot's shape: what Nav2's route
     server refuses, nodes and edges on which the robot hits something, and parts without a way back.
@@ -255,8 +256,6 @@ def lint(
     else:
         inputs.refuse("needs --fix", output=output, in_place=in_place)
     robots += [files] if files else []
-    if not robots:
-        inputs.refuse("needs --params-file", costmap=costmap, namespace=namespace)
     if costmap is not None:
         check_choice(costmap, CostmapName, "costmap")
     if output is not None:
@@ -270,7 +269,15 @@ def lint(
     with settings.reading():
         chunks = _no_standard_input if work is None else work.terminal.input_chunks
         listing = list_maps(names, None, chunks, exempt=RUN_FOLDERS)
-        maps = [entry.path for entry in listing.maps]
+        in_folders = {} if fix else _parameters_in_folders(listing)
+        maps = [entry.path for entry in listing.maps if entry.path not in in_folders]
+        for paths_in_folder in in_folders.values():
+            robots += [tuple(group) for _, group in by_robot(paths_in_folder)]
+        checked = {path for files in robots for path in files}
+        left_out = tuple(path for path in listing.left_out if path not in checked)
+        listing = replace(listing, left_out=left_out)
+        if not robots:
+            inputs.refuse("needs --params-file", costmap=costmap, namespace=namespace)
         if len(maps) != 1:
             inputs.refuse(f"needs one MAP, not {len(maps)}", graph=graph)
             inputs.refuse("needs one MAP, which the mask is for", filter_mask=filter_mask)
@@ -324,6 +331,18 @@ def _maps_and_robots(names: Sequence[str]) -> tuple[list[str], list[tuple[Path, 
     groups = list(by_robot(names))
     maps = [name for flavour, group in groups if flavour is None for name in group]
     return maps, [tuple(map(Path, group)) for flavour, group in groups if flavour is not None]
+
+
+def _parameters_in_folders(listing: MapListing) -> dict[Path, list[Path]]:
+    """Return the parameter files in each folder that holds neither maps nor runs."""
+    marks = (RUN_FOLDERS.mark, RUN_FOLDERS.summary)
+    folders = [
+        entry.path for entry in listing.maps
+        if source.is_folder(entry.path) and not any(source.exists(entry.path / m) for m in marks)
+    ]  # fmt: skip
+    files = [path for path in listing.left_out if flavour_of_file(path)] if folders else []
+    found = {folder: [path for path in files if folder in path.parents] for folder in folders}
+    return {folder: paths for folder, paths in found.items() if paths}
 
 
 def _no_standard_input() -> Iterable[bytes]:
