@@ -307,7 +307,7 @@ def _expand(
         return _Expansion(path.parent if is_listed else None, [path], [])
     known = set(maps)
     left_out = [f for f in candidates if f not in known and f.suffix.lower() in sources.YAML]
-    yamls = {file.with_suffix("") for file in maps if format_of(file).is_yaml}
+    yamls = {f.with_suffix("") for f in candidates if f in known and format_of(f).is_yaml}
     maps = [
         file for file in maps
         if not (format_of(file).yields_to_yaml and file.with_suffix("") in yamls)
