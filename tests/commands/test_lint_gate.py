@@ -217,6 +217,7 @@ def test_files_that_set_the_layers_again_belong_to_another_robot(sh, here, text)
         Path(name).write_text(text)
     alone = "".join(sh(f"lint {name}.yaml -q")[1] for name in "ab")
     assert sh("lint a.yaml a.yaml b.yaml -q")[1] == sh("lint . -q --costmap global")[1] == alone
+    assert sh("lint . --costmap global")[2] == ""
     assert sh("lint --params-file a.yaml --params-file b.yaml -q")[1] != alone
     assert len(sh("info a.yaml b.yaml --json")[1].splitlines()) == 2
 
