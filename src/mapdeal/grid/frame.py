@@ -603,7 +603,7 @@ class Framed(Drawn, ABC):
     def equals(self, other: object) -> bool:
         """Return whether another grid is of the same type, frame, values and parameters.
 
-        As in xarray, nan equals nan here. ``==`` compares the objects, not what they hold.
+        As in xarray, nan equals nan. The operator ``==`` compares the identity of the objects.
 
         Parameters
         ----------

@@ -276,14 +276,14 @@ def encoded(layers: Sequence[PageLayer], *, size: int) -> Encoded:
         for layer in layers:
             encoded_layers.append(_encoded_layer(layer, compressor))
             shape = layer.frame.shape
-            places = [place for place, other in enumerate(shapes) if other == shape]
+            places = [place for place in range(len(shapes)) if shapes[place] == shape]
             group = [encoded_layers[place] for place in places if place < len(encoded_layers)]
             choices = range(len(group[0].levels))
             sizes[shape] = [
                 sum(level.size for member in group for level in _chain(member, left_out))
                 for left_out in choices
             ]
-            # The page only grows: what has no room now will have none, and need not stay in memory.
+            # Further layers only add to the size, so tiles that are too large now are dropped.
             fits = (left_out for left_out in choices if sizes[shape][left_out] <= size)
             unused = next(fits, choices[-1])
             for place, member in zip(places, group, strict=False):
