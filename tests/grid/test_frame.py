@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from mapdeal import BitMap, Frame, OccupancyGrid, ParameterError
+from mapdeal import BitMap, Costmap, Frame, OccupancyGrid, ParameterError
 from mapdeal.grid.frame import Region, Transform, cells_to_cover, check_point, region_around
 from strategies import masks
 
@@ -108,6 +108,9 @@ def test_a_multiple_that_a_division_makes_longer_takes_no_cell_more():
 def test_numbers_of_numpy_are_taken_as_plain_ones():
     window = Frame(9, 9, np.float64(0.05), np.array([1.0, 2.0, 0.0])).window(1, 1, 2, 2)
     assert (repr(window.resolution), window.origin) == ("0.05", (1.05, 2.05, 0.0))
+    mask = np.array([[False, True]])
+    assert OccupancyGrid(mask, 0.05).occupancy.tolist() == [[0, 100]]
+    assert Costmap(mask, 0.05).cost.tolist() == [[0, 254]]
 
 
 def test_the_smallest_and_the_largest_cell_and_coordinate_are_allowed():

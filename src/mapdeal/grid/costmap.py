@@ -30,7 +30,7 @@ class Costmap(ValueGrid):
     cost : array_like, shape (H, W)
         uint8 on scale ``costmap2d`` (0 free .. 252, 253 inscribed, 254 lethal, 255 unknown);
         int8 on scale ``occupancy`` (-1 unknown, 0 free .. 100 lethal). Row 0 is the south.
-        Kept as a read-only view.
+        Kept as a read-only view. Of bool, True is lethal and False free.
     resolution, origin
         As for `OccupancyGrid`.
     scale : {'costmap2d', 'occupancy'}
@@ -58,7 +58,8 @@ class Costmap(ValueGrid):
         if self.scale not in ("costmap2d", "occupancy"):
             raise ParameterError("cost scale must be costmap2d or occupancy", got=self.scale)
         is_bytes = self.scale == "costmap2d"
-        cost = as_layer(self.cost, np.uint8 if is_bytes else np.int8, "cost")
+        lethal = map_values.LETHAL_OBSTACLE if is_bytes else map_values.OCCUPIED
+        cost = as_layer(self.cost, np.uint8 if is_bytes else np.int8, "cost", true=lethal)
         self._freeze(cost=cost)
         if not is_lazy(cost) and not is_bytes:
             lowest, highest = ends = int(cost.min()), int(cost.max())

@@ -908,14 +908,18 @@ def as_points(points_xy: ArrayLike) -> NDArray[np.float64]:
     return points
 
 
-def as_layer(values: ArrayLike, dtype: type[np.generic], name: str) -> Layer:
-    """Return `values` as a layer of `dtype`, refusing conversions that change a value."""
+def as_layer(values: ArrayLike, dtype: type[np.generic], name: str, *, true: int = 1) -> Layer:
+    """Return `values` as a layer of `dtype`, refusing conversions that change a value.
+
+    In place of True the layer has the value `true`.
+    """
     # The producer of a lazy layer is responsible for its values.
     if isinstance(values, LazyLayer) and values.dtype == dtype:
         return cast("Layer", values)
     rule = f"{name} must hold values of {np.dtype(dtype).name}"
     try:
         array = np.asarray(values)
+        array = array * np.uint8(true) if array.dtype == bool else array
         converted = array.astype(dtype, copy=False)
     except (TypeError, ValueError):
         raise ParameterError(rule, got=values) from None

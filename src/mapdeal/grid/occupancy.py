@@ -23,8 +23,8 @@ class OccupancyGrid(ValueGrid):
     Parameters
     ----------
     occupancy : array_like of int8, shape (H, W)
-        Occupancy: -1 unknown, 0 free, 100 occupied, 1..99 in between. Row 0 is the south. Kept as
-        a read-only view: do not modify the underlying array.
+        Occupancy: -1 unknown, 0 free, 100 occupied, 1..99 in between; or bool, True for occupied
+        cells. Row 0 is the south. Kept as a read-only view: do not modify the underlying array.
     resolution : float
         Side of a cell, metres.
     origin : sequence of float
@@ -132,7 +132,7 @@ def occupancy_figures(counts: NDArray[np.int64]) -> Figures:
 
 
 def as_occupancy_layer(values: ArrayLike) -> NDArray[np.int8]:
-    occupancy = as_layer(values, np.int8, "occupancy")
+    occupancy = as_layer(values, np.int8, "occupancy", true=OCCUPIED)
     if is_lazy(occupancy):
         return occupancy
     if occupancy.size and (occupancy.min() < UNKNOWN or occupancy.max() > OCCUPIED):
