@@ -41,7 +41,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mapdeal.compatibility import Unpack
-from mapdeal.errors import MapdealError, ParameterError, as_known, nearest_hint
+from mapdeal.errors import (
+    MapdealError,
+    ParameterError,
+    as_known,
+    emit_warning,
+    is_called_by_user,
+    nearest_hint,
+)
 from mapdeal.grid.canvas import FieldGrid, on_canvas
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.footprint import Footprint
@@ -635,11 +642,32 @@ def stage(
     # `mapdeal.stages.listed`.
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        wrapped = checked(function, is_cropped=not more.get("edits"))
+        with_checks = checked(function, is_cropped=not more.get("edits"))
+
+        @functools.wraps(function)
+        def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+            product: Any = with_checks(*args, **kwargs)
+            if "remark" in more and is_called_by_user():  # recipes and commands add it themselves
+                text = remark_on_obstacles({}, product.figures())
+                if text is not None:
+                    emit_warning(f"{name}: {text}")
+            returned: R = product
+            return returned
+
         _STAGES[wrapped] = Stage(wrapped, name, summary, title, memory, **more)
         return wrapped
 
     return decorate
+
+
+NO_OBSTACLE = "there is no obstacle"
+
+
+def remark_on_obstacles(_: Parameters, figures: Figures) -> str | None:
+    """Return a remark on a product without obstacles, None for all others."""
+    names = ("obstacles", "occupied", "lethal", "inscribed")
+    counts = [figures[name] for name in names if name in figures]
+    return NO_OBSTACLE if counts and not any(counts) else None
 
 
 def stage_of(function: Callable[..., Any]) -> Stage:

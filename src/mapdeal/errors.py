@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from pathlib import Path
+from types import FrameType
 from typing import ClassVar
 
 from mapdeal.compatibility import Self
@@ -45,6 +46,15 @@ _LISTENERS: ContextVar[tuple[tuple[list[MapdealWarning], bool], ...]] = ContextV
 _STRICT: ContextVar[tuple[list[MapdealWarning], ...]] = ContextVar("mapdeal_strict", default=())
 
 
+def is_called_by_user() -> bool:
+    """Return whether the function that asks was called by code other than mapdeal's."""
+    return not _is_own(sys._getframe(2))  # noqa: SLF001
+
+
+def _is_own(frame: FrameType) -> bool:
+    return str(frame.f_globals.get("__name__")).partition(".")[0] == "mapdeal"
+
+
 def emit_warning(message: str | MapdealWarning) -> None:
     """Emit a warning at the caller of mapdeal, also to enclosing blocks that collect warnings."""
     warning = MapdealWarning(message) if isinstance(message, str) else message
@@ -55,7 +65,7 @@ def emit_warning(message: str | MapdealWarning) -> None:
     outermost, depth, frame = 1, 1, sys._getframe().f_back  # noqa: SLF001
     while frame is not None:
         depth += 1
-        if str(frame.f_globals.get("__name__")).partition(".")[0] == "mapdeal":
+        if _is_own(frame):
             outermost = depth
         frame = frame.f_back
     warnings.warn(warning, stacklevel=outermost + 1)

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
+import mapdeal
 from drawn import grid_from_text
 from mapdeal import Costmap, OccupancyGrid, clean, graph, write_map
 from mapdeal.errors import MalformedInputError, MapdealWarning, capture_warnings, emit_warning
@@ -126,6 +127,18 @@ def test_the_most_common_cost_equals_brute_force(scale, dtype, costs, data):
         shares = {value: open_.count(value) / len(open_) for value in open_}
         assert found == {"cost": found["cost"], "share": max(shares.values())}
         assert shares[found["cost"]] == found["share"]
+
+
+@pytest.mark.parametrize("name", ["esdf", "inflate", "potential", "ring_cost", "layered_cost"])
+def test_stages_warn_of_maps_without_obstacles_and_recipes_once(name):
+    grid = grid_from_text("..?.")
+    with pytest.warns(MapdealWarning, match=r"^\w+: there is no obstacle$"):
+        getattr(mapdeal, name)(grid)
+    with pytest.warns(MapdealWarning, match=r"^cost: 100 % .* there is no obstacle$") as caught:
+        mapdeal.apply_recipe(grid)
+    assert len(caught) == 1
+    step = make_step(name.rpartition("_")[2], {})
+    assert step.remark_on(step.apply(grid, "m.yaml").figures()).endswith("there is no obstacle")
 
 
 def remark_on(grid, parameters):

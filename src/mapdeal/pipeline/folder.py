@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal import errors
-from mapdeal.command import Result
+from mapdeal.command import NO_OBSTACLE, Result
 from mapdeal.files.json_values import encode_json, read_json
 from mapdeal.files.source import YAML, access_to, exists, holds, is_same_file, real_path, status_of
 from mapdeal.files.transaction import OpenOutput, PutRows, RowsWriter, Transaction
@@ -50,6 +50,13 @@ _DEEPEST = 3  # mappings in mappings whose entries are listed one by one
 _COST_SHARES = ["lethal", "inscribed", "graded", "free", "unknown"]
 _OCCUPANCY_SHARES = ["occupied", "between", "free", "unknown"]
 _SHOWN_AS = {"between": "values 1..99", "graded": "intermediate"}
+
+
+def remark_on(step: Step, figures: Figures, steps: Sequence[Step]) -> str | None:
+    """Return the remark on the product of one of several steps; without obstacles that of costs."""
+    remark = step.remark_on(figures)
+    is_repeated = remark == f"{step.name}: {NO_OBSTACLE}" and step.name != "cost"
+    return None if is_repeated and any(other.name == "cost" for other in steps) else remark
 
 
 def summary_of(figures: Figures) -> str:
@@ -515,7 +522,7 @@ class OutputFolder:
                 # one pass finds the box of known cells and the counts of the figures
                 gathered(grid.layer, histogram, KnownLines(OtherThan(grid.unknown_value)))
             figures[step.name] = {**grid.figures(), **product.figures}
-            if remark := step.remark_on(figures[step.name]):
+            if remark := remark_on(step, figures[step.name], self.steps):
                 texts.append(f"{filling.subject}: {remark}")
                 errors.emit_warning(texts[-1])
             overlays = robot_overlays(step, filling.robot)

@@ -237,7 +237,7 @@ def apply_recipe(
     keepout = inputs.mask_of(used_mask(loaded, mask), DEFAULT_SETTINGS)
     for product in products_of(loaded, grid, None, canvas=full_frame, mask=keepout):
         products[product.step.name] = product.grid
-        if remark := product.step.remark_on(product.grid.figures()):
+        if remark := folders.remark_on(product.step, product.grid.figures(), loaded.steps):
             emit_warning(remark)
     return products
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import P, Parameters, R, stage
+from mapdeal.command import P, Parameters, R, remark_on_obstacles, stage
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.costmap import UNIFORM_SHARE, Costmap
 from mapdeal.grid.field import DistanceField, FieldView
@@ -27,17 +27,18 @@ def cost_model(
     # `advice` returns which parameters to change, given the most common cost.
 
     def remark(parameters: Parameters, figures: Figures) -> str | None:
-        """Return a remark on costs that are nearly uniform, None for all others."""
+        """Return a remark on costs that are nearly uniform or lack obstacles, else None."""
         common = figures["most_common"]
         if common is None:
             if figures["unknown"] == figures["width"] * figures["height"]:
                 return "every cell is unknown"
             return f"every known cell is lethal or inscribed: {when_closed}"
+        no_obstacle = remark_on_obstacles(parameters, figures)
         if common["share"] <= UNIFORM_SHARE:
-            return None
+            return no_obstacle
         cost, cells = common["cost"], f"{100 * common['share']:.4g} % of the open cells"
-        if not figures["lethal"]:
-            return f"{cells} cost {cost}: there is no obstacle"
+        if no_obstacle:
+            return f"{cells} cost {cost}: {no_obstacle}"
         if figures["cost_scale"] == "occupancy" and cost < INSCRIBED_PUBLISHED:
             cells += f" (below {INSCRIBED_PUBLISHED})"
         return f"{cells} cost {cost}: {advice(parameters, cost)}"

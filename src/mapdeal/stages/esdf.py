@@ -213,6 +213,7 @@ mapdeal esdf examples/maps/office.yaml -o out/view.yaml --view-range 1.0""",
     view_passes=lambda view: 1 if view["view"] == "per-map" else 0,
     passes=1,
     in_simulation=command.InSimulation({"unknown": "occupied"}),
+    remark=command.remark_on_obstacles,
     parameters_from_layers=_parameters_from_layers,
 )
 def esdf(

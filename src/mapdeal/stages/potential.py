@@ -50,6 +50,7 @@ mapdeal potential examples/maps/office.yaml -o out/potential.npz --goal 9,5 \\
     of_library=20_000_000,  # scipy.fft
     is_whole=lambda _: True,
     passes_output_on=False,
+    remark=command.remark_on_obstacles,
     needs_costs=lambda parameters: parameters["cost_travel_multiplier"] > 0,
     robot=command.RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
     in_place_of={"footprint": command.InPlaceOf("radius", lambda p: reach_radius(p["footprint"]))},
