@@ -18,7 +18,7 @@ import re
 import types
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence as AbcSequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, is_dataclass, replace
 from functools import partial
 from numbers import Real
@@ -695,29 +695,27 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
 
     @functools.wraps(function)
     def with_checks(*args: P.args, **kwargs: P.kwargs) -> R:
-        _bound(function.__name__, signature, args, kwargs)
+        bound = _bound(function.__name__, signature, args, kwargs)
         accepted: dict[str, Any] = {
             name: known[name].accept(value) if name in known else value
             for name, value in kwargs.items()
         }
-        if not args:
-            return function(*args, **accepted)
-        grid: Any = args[0]
+        first, grid = next(iter(bound.arguments.items()))
+        accepted.pop(first, None)
         error = partial(ParameterError, source=function.__name__)
-        if isinstance(grid, np.ndarray):
-            raise error("takes a grid: OccupancyGrid(array, resolution, origin)")
-        if isinstance(grid, (str, PathLike)):
-            raise error("takes a grid: read_map(path)")
+        if hint := grid_hint(grid):
+            raise error("takes a grid", hint=hint)
         if is_cropped and not isinstance(grid, accepted_types()):
             rule = f"takes a grid: {' or '.join(kind.__name__ for kind in accepted_types())}"
             is_costs = getattr(grid, "layer_names", ())[:1] == ("cost",)
             hint = "to_occupancy() makes a map of it" if is_costs else None
             raise error(rule, got=type(grid).__name__, hint=hint)
-        if is_cropped and isinstance(grid, FieldGrid) and grid.region is not None:
-            make: Any = function
-            extended: R = on_canvas(make(grid.cropped, *args[1:], **accepted), grid.frame)
-            return extended
-        return function(*args, **accepted)
+        make: Any = function
+        is_part = is_cropped and isinstance(grid, FieldGrid) and grid.region is not None
+        with _types_checked(function, bound):
+            product = make(grid.cropped if is_part else grid, *args[1:], **accepted)
+        returned: R = on_canvas(product, grid.frame) if is_part else product
+        return returned
 
     return with_checks
 
@@ -726,27 +724,60 @@ def with_plain_errors(function: Callable[P, R]) -> Callable[P, R]:
     """Make wrong arguments of a public function a `ParameterError`, not a TypeError from inside."""
     signature = inspect.signature(function)
 
-    @functools.cache  # looked up late: types are slow to import
-    def hints() -> dict[str, Any]:
-        return get_type_hints(inspect.unwrap(function))
-
     @functools.wraps(function)
     def checked_call(*args: P.args, **kwargs: P.kwargs) -> R:
         bound = _bound(function.__name__, signature, args, kwargs)
         if bound.arguments.get("footprint") is not None:
             bound.arguments["footprint"] = _footprint("footprint", bound.arguments["footprint"])
         try:
-            return function(*bound.args, **bound.kwargs)
-        except MapdealError:
-            raise
-        except (TypeError, AttributeError, ValueError):
-            _bound(function.__name__, _with_all_names(signature, hints()), args, kwargs)
-            for name, value in bound.arguments.items():
-                if signature.parameters[name].kind in _NAMED:
-                    _check_type(value, hints().get(name, Any), f"{function.__name__}()", name)
+            with _types_checked(function, bound):
+                return function(*bound.args, **bound.kwargs)
+        except MapdealError as error:
+            if is_called_by_user():
+                _name_parameters(error, _with_all_names(signature, hints_of(function)).parameters)
             raise
 
     return checked_call
+
+
+@contextmanager
+def _types_checked(function: Callable[..., Any], bound: inspect.BoundArguments) -> Iterator[None]:
+    """Make an error from an argument of a wrong type a `ParameterError` about the argument."""
+    try:
+        yield
+    except MapdealError:
+        raise
+    except (TypeError, AttributeError, ValueError):
+        hints, name = hints_of(function), function.__name__
+        _bound(name, _with_all_names(bound.signature, hints), bound.args, bound.kwargs)
+        for argument, value in bound.arguments.items():
+            if bound.signature.parameters[argument].kind in _NAMED:
+                _check_type(value, hints.get(argument, Any), f"{name}()", argument)
+        raise
+
+
+@functools.cache  # looked up late: types are slow to import
+def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
+    return get_type_hints(inspect.unwrap(function))
+
+
+_OPTION = re.compile(r"--([a-z][a-z-]*)(?: (?=[A-Z])(\S+))?")
+
+
+def _name_parameters(error: MapdealError, parameters: Mapping[str, inspect.Parameter]) -> None:
+    """Name the parameters of a function in place of the options that an error names."""
+
+    def named(match: re.Match[str]) -> str:
+        name = match[1].replace("-", "_")
+        if name not in parameters:
+            return match[0]
+        value = match[2] or ("True" if parameters[name].default is False else "")
+        return f"{name}={value}" if value else name
+
+    for part in ("source", "place", "rule", "hint"):
+        text = getattr(error, part)
+        if isinstance(text, str) and "mapdeal " not in text:  # which names a command
+            setattr(error, part, _OPTION.sub(named, text))
 
 
 def _with_all_names(signature: inspect.Signature, hints: Mapping[str, Any]) -> inspect.Signature:
@@ -776,7 +807,7 @@ def _bound(
     positional = [p for p in parameters.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
     unknown, hint = [word for word in kwargs if word not in parameters], None
     if unknown:
-        is_radius = "radius" in unknown[0] and "footprint" in parameters
+        is_radius = unknown[0] in ("radius", "robot_radius") and "footprint" in parameters
         hint = nearest_hint(unknown[0], parameters) or (_ROUND if is_radius else None)
     elif len(args) > len(positional) and by_name:
         hint = f"further arguments are named, as {by_name[0]}=..."
@@ -788,6 +819,13 @@ _AS_GRID: dict[type[Any], str] = {
     str: "mapdeal.read_map(path) reads a map",
     np.ndarray: "mapdeal.OccupancyGrid(array, resolution, origin) is a map",
 }
+
+
+def grid_hint(value: object) -> str | None:
+    """Return how a value that is no grid becomes one."""
+    return _AS_GRID.get(str if isinstance(value, PathLike) else type(value))
+
+
 _ACCEPTED: dict[Any, Any] = {
     int: Real, float: Real, tuple: Iterable, AbcSequence: Iterable, Iterable: Iterable
 }  # fmt: skip
@@ -818,20 +856,30 @@ def _check_type(value: object, hint: Any, function: str, name: str) -> None:
             raise error("must be a list of numbers" if is_list else "must be numbers", got=value)
     if get_origin(kind) is Literal and value is not None:
         Parameter(name, None, kind, optional=False, conditions=()).accept(value)
-    is_union = get_origin(kind) in (Union, types.UnionType)
-    arms = [get_origin(arm) or arm for arm in (get_args(kind) if is_union else [kind])]
-    if value is None or not all(map(_is_checked, arms)):
+    kinds = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
+    words = [word for arm in kinds if get_origin(arm) is Literal for word in get_args(arm)]
+    arms = [get_origin(arm) or arm for arm in kinds if get_origin(arm) is not Literal]
+    if value is None or value in words or not (arms and all(map(_is_checked, arms))):
         return
+    items = [get_args(arm)[0] for arm in kinds if get_origin(arm) in (list, AbcSequence)]
+    if items and isinstance(value, Iterable) and not isinstance(value, str):
+        for item in value if _takes_paths(items[0]) else ():
+            _check_type(item, items[0], function, name)
     if not isinstance(value, tuple(_ACCEPTED.get(arm, arm) for arm in arms)):
         is_grid_missing = any(hasattr(arm, "layer_names") for arm in arms)
-        hint = _AS_GRID.get(type(value)) if is_grid_missing else None
+        hint = grid_hint(value) if is_grid_missing else None
         if any(arm.__name__ == "RobotParameters" for arm in arms):
             hint = "mapdeal.read_robot_parameters reads a robot's files"
         raise error(f"must be {' or '.join(arm.__name__ for arm in arms)}", got=value, hint=hint)
 
 
+def _takes_paths(kind: Any) -> bool:
+    arms = get_args(kind) or [kind]
+    return all((get_origin(arm) or arm) in (str, PathLike, Path) for arm in arms)
+
+
 def _is_checked(arm: Any) -> bool:
-    is_plain_type = arm in (str, PathLike, Path, bool, Mapping, *_ACCEPTED)
+    is_plain_type = arm in (str, PathLike, Path, bool, type, Mapping, *_ACCEPTED)
     return isinstance(arm, type) and (is_plain_type or arm.__module__.startswith("mapdeal."))
 
 

@@ -14,7 +14,7 @@ from typing import Annotated, Any, NamedTuple, Protocol, TypedDict, TypeVar, cas
 
 import numpy as np
 
-from mapdeal.command import OnlyInPython, is_plain
+from mapdeal.command import OnlyInPython, grid_hint, is_plain
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning, one_line
 from mapdeal.files import source as sources
@@ -415,7 +415,8 @@ def open_inputs(
     work, settings = Work.current.get(), settings_of(**reading)
     for source in maps:
         if not isinstance(source, str | PathLike | Grid):
-            raise ParameterError("takes files or grids", got=source)
+            hint = grid_hint(source)
+            raise ParameterError("takes files or grids", got=source, hint=hint)
     paths = [Path(source) for source in maps if isinstance(source, str | PathLike)]
     files_read = map(map_input, read_together(paths, settings), paths)
     opened = [

@@ -627,8 +627,10 @@ def read_robot_parameters(
     check_choice(dialect, Dialect, "dialect")
     names = [paths] if isinstance(paths, str | PathLike) else paths
     if not (isinstance(names, Sequence) and all(isinstance(n, str | PathLike) for n in names)):
-        hint = "costmap(map, robot_radius=0.2) takes a radius"
-        raise ParameterError("takes paths of parameter files", place="paths", got=paths, hint=hint)
+        is_shape = isinstance(paths, Sequence | np.ndarray | Footprint)
+        name, noun = ("footprint=...", "corners") if is_shape else ("robot_radius=0.2", "a radius")
+        hint = f"costmap(map, {name}) takes {noun}"
+        raise ParameterError("takes paths of parameter files", got=paths, hint=hint)
     up_to_kilted = dialect != "nav2"
     return read_robot(
         list(map(Path, names)), costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted

@@ -13,7 +13,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from mapdeal.command import Result
+from mapdeal.command import Result, grid_hint
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import encode_json
 from mapdeal.files.transaction import Transaction
@@ -226,8 +226,8 @@ def apply_recipe(
     (['esdf', 'cost'], [[254, 110, 24]])
     """
     if not isinstance(grid, Grid):
-        hint = "mapdeal.run takes the path of a map, read_map reads it"
-        raise ParameterError("takes a grid", place="apply_recipe", got=grid, hint=hint)
+        rule, hint = "takes a grid", grid_hint(grid)
+        raise ParameterError(rule, place="apply_recipe", got=grid, hint=hint)
     canvas = Settings(canvas=canvas).canvas
     loaded = recipes.load_recipe(
         recipe, changes, footprint=footprint, sim=sim, robot_radius=robot_radius
@@ -248,7 +248,8 @@ def costmap(
     robot_radius: float | None = None,
     footprint: Footprint | str | Sequence[Sequence[float]] | None = None,
     costmap: CostmapName = "global", namespace: str | None = None,
-    mask: OccupancyGrid | None = None,
+    mask: OccupancyGrid | None = None, inflation_radius: float | None = None,
+    cost_scaling_factor: float | None = None,
 ) -> Costmap:  # fmt: skip
     """Compute the costmap that a robot has of a map.
 
@@ -269,6 +270,8 @@ def costmap(
         Namespace of the robot, if the files describe several.
     mask : OccupancyGrid, optional
         Keepout mask.
+    inflation_radius, cost_scaling_factor : float, optional
+        Those of the inflation layer, without parameter files; by default 0.7 m and 3.
 
     Returns
     -------
@@ -289,6 +292,14 @@ def costmap(
     228233
     """
     grid = read_map(map) if isinstance(map, str | PathLike) else map
+    if not isinstance(grid, Grid):
+        rule = "takes a grid or its file"
+        raise ParameterError(rule, place="costmap", got=map, hint=grid_hint(map))
+    own = {"inflation_radius": inflation_radius, "cost_scaling_factor": cost_scaling_factor}
+    changes = {f"cost.{name}": value for name, value in own.items() if value is not None}
+    if changes and robot is not None:
+        rule, hint = "cannot be given together with robot", "its files have the value"
+        raise ParameterError(rule, place=next(iter(changes)).removeprefix("cost."), hint=hint)
     if robot is None and robot_radius is None and footprint is None:
         hint = "robot_radius=0.2, or the robot's own parameter file"
         raise ParameterError("needs a robot", place="costmap", hint=hint)
@@ -299,7 +310,7 @@ def costmap(
         inputs.warn_of_robot("the map" if grid is map else str(map), grid, recipe)
     shape: Any = footprint
     products = apply_recipe(
-        grid, recipe, footprint=shape, robot_radius=robot_radius, mask=mask, canvas="full"
+        grid, recipe, changes, footprint=shape, robot_radius=robot_radius, mask=mask, canvas="full"
     )
     costs = next((item for item in products.values() if isinstance(item, Costmap)), None)
     if costs is None:
