@@ -49,12 +49,14 @@ def test_a_command_writes_what_its_function_makes(sh, room, line):
 
 
 def test_the_results_of_a_turn_and_another_resolution_are_printed(sh, room):
-    written, line = sh.ok("rotate room.yaml -o o.yaml --yaw 0").splitlines()
+    written, *lines = sh.ok("rotate room.yaml -o o.yaml --yaw 0").splitlines()
     assert re.match(r"o.yaml: \d+ x \d+ cells at 1.3, -2, occupied ", written)
-    assert line == "turned by 0 rad (0 degrees) about x 0, y 0"
+    baked = "the yaw of the origin, 0.4 rad (22.9183 degrees), is now in the cells"
+    assert lines == [baked, "all walls stay where they are"]
+    assert baked not in sh.ok("rotate o.yaml -o q.yaml --yaw 0")
     assert yaml.safe_load(Path("o.yaml").read_text())["origin"] == [1.3, -2.0, 0.0]
     out = sh.ok("rotate room.yaml -o p.npz --yaw -1.2")
-    assert "turned by -1.2 rad (-68.7549 degrees) about x 0, y 0" in out
+    assert f"{baked}\nturned by -1.2 rad (-68.7549 degrees) about x 0, y 0" in out
     out = sh.ok("rescale room.yaml -o r.yaml --resolution 0.25")
     assert out.startswith("r.yaml: 4 x 2 cells at 1.5, -2, yaw 0.4, occupied ")
     write_map("empty.yaml", room.with_values(np.zeros_like(room.occupancy)))

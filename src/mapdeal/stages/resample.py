@@ -34,12 +34,22 @@ class Turned(Generic[V]):
 
     grid: V
     transform: frames.Transform | None
+    baked_yaw: float = 0.0  # of the origin, which the cells have now
 
     def lines(self) -> Iterator[str]:
         """Yield what ``mapdeal rotate`` prints of the turn."""
-        if self.transform is not None:
-            yaw = self.transform.yaw
-            yield f"turned by {yaw:.10g} rad ({math.degrees(yaw):.6g} degrees) about x 0, y 0"
+        if self.transform is None:
+            return
+        if self.baked_yaw:
+            yield f"the yaw of the origin, {_angle_text(self.baked_yaw)}, is now in the cells"
+        if self.transform.yaw:
+            yield f"turned by {_angle_text(self.transform.yaw)} about x 0, y 0"
+        else:
+            yield "all walls stay where they are"
+
+
+def _angle_text(yaw: float) -> str:
+    return f"{yaw:.10g} rad ({math.degrees(yaw):.6g} degrees)"
 
 
 def _check(parameters: Parameters) -> Parameters:
@@ -106,7 +116,7 @@ def turned(
     if yaw is None:
         emit_warning("rotate: no direction of walls stands out, the map is not turned")
         return Turned(grid, None)
-    return Turned(rotate(grid, yaw, rule=rule), turn_of(yaw))
+    return Turned(rotate(grid, yaw, rule=rule), turn_of(yaw), grid.origin[2])
 
 
 def rotate(grid: V, yaw: float = 0.0, *, rule: ResamplingRule = "area") -> V:
