@@ -29,6 +29,7 @@ _SAME_OPTIONS = (
     ("at", "point", "pose", "xy", "position", "center", "centre"), ("points", "goals-file"),
     ("output", "out", "output-dir"), ("params-file", "params", "robot", "config"),
     ("file", "zones"), ("robot-radius", "radius"),
+    ("radius", "inflation-radius", "inflation"),
 )  # fmt: skip
 """Names of one option in several programs."""
 
@@ -171,7 +172,7 @@ def _fits(word: str, option: Any, suggested: Sequence[str]) -> bool:
         return is_accepted and "X,Y" in metavar and "[[" not in metavar
     if option.name == "output":
         return (Path(word).suffix == "") == (metavar == "DIR")
-    return bool(option.required and option.type.name == "path")
+    return bool((option.required or option.name == "truth") and option.type.name == "path")
 
 
 def point_hint(word: str, command: str) -> str | None:
@@ -210,10 +211,10 @@ def _nearest_hint(word: str, command: Any, context: Any) -> str | None:
             return f"did you mean {_SYNONYMS[word.lower()]}?"
         return nearest_hint(word, [*known, "help"])
     options = [name for option in command.params for name in (*option.opts, *option.secondary_opts)]
-    synonyms = {name for names in _SAME_OPTIONS if word.lstrip("-") in names for name in names}
-    for option in options:
-        if option[:2] == "--" and option[2:] in synonyms:
-            return f"did you mean {option}?"
+    for names in _SAME_OPTIONS:
+        same = [option for option in options if option[:2] == "--" and option[2:] in names]
+        if same and word.lstrip("-") in names:
+            return f"did you mean {same[0]}?"
     if command.name == "report" and word in ("--params-file", "--robot-radius", "--footprint"):
         return f"mapdeal run MAP {word} ... --report -o DIR makes the page of a robot"
     similar = nearest(word.lstrip("-"), [name[2:] for name in options if name[:2] == "--"])

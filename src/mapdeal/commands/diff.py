@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from os import PathLike
@@ -26,12 +27,13 @@ from mapdeal.compare import faults as finding
 from mapdeal.compare.difference import STATES, Bound, Difference, WallShift, compare, frame_around
 from mapdeal.compare.score import states_of, states_on
 from mapdeal.compatibility import Unpack
-from mapdeal.errors import ParameterError, one_line
+from mapdeal.errors import MalformedInputError, ParameterError, one_line
 from mapdeal.files.source import bytes_of_lines
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, count_text
 from mapdeal.kernels.lookup import histogram
+from mapdeal.maps.kinds import PARAMETERS, readable_kind
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pipeline import inputs
@@ -45,6 +47,7 @@ _PER_CELL, _PER_WALL, _PER_LINE = 32, 120, 24
 """Bytes for each cell of a grid around both maps, its rows and columns, and each occupied cell."""
 
 _SHOWN, _LISTED = 5, 20  # changes in the text and in the document
+_TWO_ROBOTS = "mapdeal diff MAP --params-file A --against B compares two robots"
 _METADATA = ("mode", "negate", "occupied_thresh", "free_thresh", "cost_scale")
 
 
@@ -351,13 +354,28 @@ def differences(
         (source,) = inputs.open_inputs(first, names=("the map",), also=also)
         return robots_compared(source, (robot, against), start, goals, keepout)
     if second is None:
-        hint = "diff A B compares two files, diff MAP --params-file A --against B two robots"
+        hint = f"mapdeal diff A B compares two files, {_TWO_ROBOTS}"
         raise ParameterError("needs two files, or --params-file and --against", hint=hint)
     of_one = {"robot": robot, "against": against, "mask": mask, "start": start, "goals": goals}
-    inputs.refuse("applies to one map, with --params-file and --against", **of_one, points=points)
+    inputs.refuse("applies to one map", _TWO_ROBOTS, **of_one, points=points)
     align, by = parameters.pop("align", False), parameters.pop("by", None)
     limits = accept_parameters(parameters_of(diff), parameters, "diff")
-    maps, move = two_maps.opened_in_one_frame(first, second, align=align, by=by)
+    try:
+        maps, move = two_maps.opened_in_one_frame(first, second, align=align, by=by)
+    except MalformedInputError as error:
+        files = [Path(item) for item in (first, second) if isinstance(item, str | PathLike)]
+        if all((kind := readable_kind(file)) and kind.name == PARAMETERS for file in files):
+            words = [
+                "mapdeal",
+                "diff",
+                "MAP",
+                "--params-file",
+                str(first),
+                "--against",
+                str(second),
+            ]
+            error.hint = shlex.join(words)
+        raise
     if not two_maps.are_costs(maps):
         return _maps_compared(maps, move, limits, {})
     of_maps = {"max_shift": limits["max_shift"], "tolerance": limits["tolerance"] or None}

@@ -481,11 +481,11 @@ def mask_of(mask: Map | None, settings: Settings, *beside: Framed) -> KeepoutMas
     return KeepoutMask(as_occupancy(source.grid, path), path, source.files, source.sums)
 
 
-def refuse(rule: str, /, **values: object) -> None:
+def refuse(rule: str, hint: str | None = None, /, **values: object) -> None:
     """Raise ParameterError about the first of some parameters that is given."""
     for name, value in values.items():
         if value is not None and value is not False and value != ():
-            raise ParameterError(rule, place=name)
+            raise ParameterError(rule, place=name, hint=hint)
 
 
 def transform_of(value: object, *, place: str | None = None) -> Transform | None:
