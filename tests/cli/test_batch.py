@@ -111,10 +111,13 @@ def test_a_dry_run_lists_what_the_run_then_does_and_writes_nothing(sh, maps, tmp
 @pytest.mark.usefixtures("maps")
 def test_a_folder_without_a_map_fails_alone(sh, jobs):
     Path("empty").mkdir()
-    line = f"run empty maps/b none/*.yaml -o out -j {jobs} --no-images --report"
+    odd = Path("maps/b/m.yaml")
+    odd.write_text(odd.read_text().replace("negate: 0\n", ""))
+    line = f"run empty maps/b none/*.yaml -o out -j {jobs} --no-images --report --robot-radius 0.01"
     code, out, err = sh(line)
     assert (code, out.count("failed (")) == (5, 2)
     assert "error: empty: is a directory without a map" in err
+    assert ("without a map" in out, err.count("missing: negate")) == (False, 1)
     entries = json.loads(Path("out/summary.json").read_text())["maps"]
     assert [(entry["map"], entry["status"]) for entry in entries] == [
         ("empty", "failed"), ("m.yaml", "done"), ("n.yaml", "done"), ("*.yaml", "failed")

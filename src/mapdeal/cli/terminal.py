@@ -140,6 +140,7 @@ def few_warnings(hint: str) -> Iterator[Callable[[str], None]]:
     def show(text: str) -> None:
         nonlocal count
         count += 1
+        _warned.add(text)
         if count <= _FEW:
             warn(text)
 

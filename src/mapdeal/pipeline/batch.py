@@ -394,7 +394,7 @@ class Batch(Result):
         rows, failed = [("status", "cells", "map")], []
         for job, result in zip(self.jobs, (found.result for found in self.outcomes), strict=True):
             if isinstance(result, errors.MapdealError):
-                failed.append((f"failed ({result.exit_code})", "-", _failure(result, job)))
+                failed.append((f"failed ({result.exit_code})", "-", job.name))  # its error is above
             elif result is not None:
                 size = cells_text(next(iter(result.figures.values())))
                 rows.append((result.status, size, job.name))
