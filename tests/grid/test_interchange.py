@@ -70,6 +70,11 @@ def test_matplotlib_draws_cells_where_they_lie(grid):
     unknown = np.ma.getmaskarray(image.get_array())
     expected = np.isnan(grid.layer) if grid is FIELD else grid.layer == grid.unknown_value
     assert np.array_equal(unknown, expected)
+    if isinstance(grid, Costmap):
+        kinds = Costmap([[0, 1, 252, 253, 254, 255], [0, 100, 200, 253, 254, 255]], 0.1)
+        (image,) = kinds.plot(pyplot.figure().gca()).images
+        assert len({tuple(colour) for colour in image.to_rgba(image.get_array())[0]}) == 6
+        kinds.plot(norm=image.norm, cmap="gray")
 
 
 def test_xarray_has_the_centres_of_cells_as_coordinates():

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError, require
 from mapdeal.grid import values as map_values
-from mapdeal.grid.frame import Figures, Origin, ValueGrid, as_layer
+from mapdeal.grid.frame import Figures, Origin, ValueGrid, as_layer, library
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.blocks import counts_of, is_lazy
 from mapdeal.kernels.distance import squares_between_cells
@@ -94,6 +94,16 @@ class Costmap(ValueGrid):
         if self.scale == "costmap2d":
             return 0, map_values.NO_INFORMATION
         return map_values.UNKNOWN, map_values.OCCUPIED
+
+    def _colours(self) -> dict[str, Any]:
+        closed = {253: "cyan", 254: "black"} if self.scale == "costmap2d" else {100: "black"}
+        highest = max(closed)
+        values = np.linspace(0.05, 0.7, highest + 1)
+        colours = [*library("matplotlib").colormaps["inferno_r"](values)]
+        for value, name in {0: "white", **closed}.items():
+            colours[value] = library("matplotlib.colors").to_rgba(name)
+        cmap = library("matplotlib.colors").ListedColormap(colours).with_extremes(bad="grey")
+        return {"cmap": cmap, "vmin": 0, "vmax": highest}
 
     @property
     def unknown_value(self) -> int:

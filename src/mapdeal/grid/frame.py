@@ -665,6 +665,9 @@ class Framed(Drawn, ABC):
     def plot(self, ax: Any = None, **options: Any) -> Any:
         """Draw the main layer with matplotlib, in metres; unknown cells stay transparent.
 
+        In costmaps, free cells are white, graded costs yellow to purple, inscribed cells cyan,
+        lethal cells black and unknown cells grey.
+
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
@@ -682,17 +685,17 @@ class Framed(Drawn, ABC):
         ParameterError
             If matplotlib is not installed.
         """
-        axes = _library("matplotlib.pyplot").gca() if ax is None else ax
+        axes = library("matplotlib.pyplot").gca() if ax is None else ax
         height, width = (count * self.frame.resolution for count in self.frame.shape)
         x, y, yaw = self.frame.origin
-        place = _library("matplotlib.transforms").Affine2D().rotate(yaw).translate(x, y)
-        image = axes.imshow(
-            self._drawn_values(),
-            **{
-                "origin": "lower", "interpolation": "nearest", "cmap": self._colours(),
-                "extent": (0.0, width, 0.0, height), **options,
-            },
-        )  # fmt: skip
+        place = library("matplotlib.transforms").Affine2D().rotate(yaw).translate(x, y)
+        look: Any = {
+            "origin": "lower",
+            "interpolation": "nearest",
+            "extent": (0.0, width, 0.0, height),
+        }
+        colours = {} if "norm" in options else self._colours()
+        image = axes.imshow(self._drawn_values(), **{**look, **colours, **options})
         image.set_transform(place + axes.transData)
         x_min, y_min, x_max, y_max = self.bounds
         axes.set(xlim=(x_min, x_max), ylim=(y_min, y_max), xlabel="x, m", ylabel="y, m")
@@ -726,14 +729,14 @@ class Framed(Drawn, ABC):
             xy = self.frame.xy_from_rowcol(cells).reshape(height, width, 2)
             dimensions = ("row", "col")
             coordinates = {"x": (dimensions, xy[..., 0]), "y": (dimensions, xy[..., 1])}
-        array = _library("xarray").DataArray
+        array = library("xarray").DataArray
         return array(np.asarray(self), coordinates, dimensions, self.layer_names[0], place)
 
     def _drawn_values(self) -> NDArray[Any]:
         return np.asarray(self)
 
-    def _colours(self) -> str:
-        return "viridis"
+    def _colours(self) -> dict[str, Any]:
+        return {"cmap": "viridis"}
 
     def _freeze(self, **layers: Layer) -> None:
         object.__setattr__(self, "resolution", check_resolution(self.resolution))
@@ -938,7 +941,7 @@ def _fill(message: Any, document: Mapping[str, Any]) -> None:
             _fill(getattr(message, name), value)
 
 
-def _library(name: str) -> Any:
+def library(name: str) -> Any:
     try:
         return import_module(name)
     except ImportError:

@@ -73,8 +73,8 @@ class OccupancyGrid(ValueGrid):
         """Return the map itself, which ROS publishes as it is."""
         return self
 
-    def _colours(self) -> str:
-        return "gray_r"
+    def _colours(self) -> dict[str, Any]:
+        return {"cmap": "gray_r"}
 
     def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> OccupancyGrid:
         return OccupancyGrid(values, self.resolution, origin or self.origin)
