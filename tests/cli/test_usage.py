@@ -87,6 +87,18 @@ def test_a_point_in_the_place_of_a_file_gets_its_option(sh, line, hint):
     assert sh.err(line, 4).splitlines()[-1] == f"hint: {hint}"
 
 
+@pytest.mark.parametrize("line", [
+    "run m.yaml", "local --map m.yaml --pose 2,-2,0", "mask m.yaml --kind keepout --file z.geojson",
+    "convert m.yaml --all", "scan m.yaml sub/map.yaml --tour",
+])  # fmt: skip
+def test_a_folder_that_is_named_like_a_file_is_refused_unless_it_exists(sh, line):
+    error = "error: --output: must be a folder, not a file, got 'o/x.yaml'\nhint: such as o/x\n"
+    assert sh.err(f"{line} -o o/x.yaml", 2) == error
+    assert not Path("o").exists()
+    Path("o/x.yaml").mkdir(parents=True)
+    assert "must be a folder" not in sh(f"{line} -o o/x.yaml")[2]
+
+
 def endings_of(kind):
     return [entry.endings[0] for entry in FORMATS if entry.can_hold(kind)]
 

@@ -559,8 +559,8 @@ def test_a_bag_with_nothing_in_it_says_so(sh):
     path = bag_of(Maker())
     code, out, err = sh(f"info {path}")
     assert (code, "messages    none" in out, "holds no messages" in err) == (0, True, True)
-    for line in ("build", "convert", "local --cloud"):
-        assert sh.err(f"{line} {path} -o out.yaml", 3).count("error: ") == 1
+    for line in ("build -o out.yaml", "convert -o out.yaml", "local -o out --cloud"):
+        assert sh.err(f"{line} {path}", 3).count("error: ") == 1
     maker = Maker()
     maker.add("/map", MAP, START, making.occupancy(START, [[-1, -1]], 0.1, (0, 0, 0)))
     assert sh.err(f"convert {bag_of(maker)} -o m.yaml").endswith(": every cell is unknown\n")

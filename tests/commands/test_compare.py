@@ -159,8 +159,7 @@ def test_the_table_and_json_hold_the_same_figures(sh):
 
 @pytest.mark.usefixtures("run")
 def test_the_output_must_be_a_folder_and_files_in_it_stay(sh):
-    message = "must be a folder: a comparison writes several maps, got 'out.yaml'"
-    assert message in sh.err(f"{COMPARE} -o out.yaml", 2)
+    assert "must be a folder, not a file, got 'out.yaml'" in sh.err(f"{COMPARE} -o out.yaml", 2)
     Path("out").mkdir()
     Path("out/tsdf.png").write_bytes(b"mine")
     assert "out/tsdf.png" in sh.err(f"{COMPARE} -o out", 4)

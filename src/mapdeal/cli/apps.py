@@ -28,7 +28,7 @@ from mapdeal.maps.formats import FORMATS, or_other_formats
 from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.png import write_png
 from mapdeal.pipeline.folder import files_of, step_line
-from mapdeal.pipeline.inputs import InShell, Map, Work
+from mapdeal.pipeline.inputs import InShell, Map, Work, need_folder
 from mapdeal.pipeline.recipe import RecipeName, load_recipe, step_for, step_of_recipe
 from mapdeal.pipeline.run import SingleResult, apply_to_file
 from mapdeal.pipeline.settings import Settings
@@ -258,6 +258,8 @@ def _shell_function(definition: Command) -> Any:
             as_json = as_json or (output is None and not terminal.has_reader())
         if as_json:
             terminal.need_stdout()
+        if output is not None and definition.output and definition.output.metavar == "DIR":
+            need_folder(output)
         with ExitStack() as stack:
             outputs = []  # if the function takes the output, it writes the files
             if output is not None and definition.output and not definition.takes_output:

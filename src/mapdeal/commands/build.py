@@ -34,7 +34,6 @@ from mapdeal.mapping.evidence import NEAR, OFTEN, BeamLimits, Beams, Scans, beam
 from mapdeal.mapping.transforms import FrameOptions, Topics, check_pose
 from mapdeal.mapping.voxels import upright
 from mapdeal.mapping.world_map import WorldOptions, map_of_world
-from mapdeal.maps.formats import MAP_ENDINGS
 from mapdeal.maps.kinds import is_bag
 from mapdeal.maps.npz import check_ends_in_npz, write_npz
 from mapdeal.maps.png import write_png
@@ -42,7 +41,7 @@ from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.overlay import RingOverlay
 from mapdeal.pipeline.folder import write_picture
-from mapdeal.pipeline.inputs import InShell, Work, errors_named, refuse
+from mapdeal.pipeline.inputs import InShell, Work, errors_named, need_folder, refuse
 from mapdeal.pipeline.settings import Settings
 from mapdeal.sensors.scans import DEFAULT_MAX_BAD, ScanSource, ScanTexts, open_log
 from mapdeal.sensors.worlds import World, read_world
@@ -581,9 +580,7 @@ def _compared(
     source: ScanSource, folder: Path, building: _Building, work: Work, advance: Advance
 ) -> Comparison:
     """Make maps from scans by several methods on one grid; write maps and differences."""
-    if folder.suffix in (*MAP_ENDINGS, ".pgm", ".png", ".json"):
-        rule = "must be a folder: a comparison writes several maps"
-        raise ParameterError(rule, place="output", got=str(folder))
+    need_folder(folder)
     methods = combinations(building.methods, 2)
     pairs = {(first, second): folder / f"{first}_{second}.png" for first, second in methods}
     maps = {method: folder / f"{method}.yaml" for method in building.methods}

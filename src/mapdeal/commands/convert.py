@@ -42,7 +42,15 @@ from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import Source, as_occupancy, output_paths, write_grid
 from mapdeal.maps.world import WORLD_ENDINGS, mesh_of, obj_parts, sdf_parts, stl_parts
 from mapdeal.pictures.overlay import TrajectoriesOverlay
-from mapdeal.pipeline.inputs import InShell, Work, claim_work, errors_named, opened_input, refuse
+from mapdeal.pipeline.inputs import (
+    InShell,
+    Work,
+    claim_work,
+    errors_named,
+    need_folder,
+    opened_input,
+    refuse,
+)
 from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.esdf import field_view
@@ -286,6 +294,7 @@ def convert(
         raise ParameterError("needs --static-layer", place=next(iter(layer)))
     not_with_all = "cannot be given together with --all"
     if takes_all:
+        need_folder(output)
         image, is_amcl = work.settings.image, encoding == "amcl"
         refuse(not_with_all, mode=mode, static_layer=static_layer, image=image, encoding=is_amcl)
     reads_bag, writes_bag = is_bag(source), output.suffix in BAG_OUTPUTS and not takes_all

@@ -24,7 +24,7 @@ from mapdeal.maps.listing import list_maps
 from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExtent
 from mapdeal.pipeline import batch, recipe as recipes, run as pipeline
 from mapdeal.pipeline.folder import differences_from_golden, step_line, store_golden
-from mapdeal.pipeline.inputs import InShell, Reading, Terminal, refuse
+from mapdeal.pipeline.inputs import InShell, Reading, Terminal, need_folder, refuse
 from mapdeal.pipeline.settings import Canvas, Settings
 from mapdeal.ros.robot import RobotParameters
 
@@ -112,6 +112,7 @@ def run(
         if not isinstance(each, str | PathLike):
             hint = "apply_recipe takes a grid, write_map writes it to a file"
             raise errors.ParameterError("takes the path of a map", place="run", got=each, hint=hint)
+    need_folder(Path(output))
     sources = list(map(Path, paths))
     if len({source.stem for source in sources}) < len(sources):
         raise errors.ParameterError("must have different names", place="path")

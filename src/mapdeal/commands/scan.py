@@ -431,6 +431,7 @@ def scan_maps(
         rule = "is required for several maps: poses and routes are those of one"
         raise ParameterError(rule, source="--tour")
     inputs.refuse("applies to one map", image=work.settings.image)
+    inputs.need_folder(output)
     listing.print_notes(work.terminal, "scanned")
     scan_jobs = batch.jobs_of(listing.maps, output, ())
     size = batch.jobs_at_once(jobs, len(scan_jobs), work.terminal)

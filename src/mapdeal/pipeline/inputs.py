@@ -314,6 +314,7 @@ def read_together(paths: Sequence[Path], settings: Settings) -> list[Source]:
     return maps_read
 
 
+_ENDINGS_OF_FILES = (".yaml", ".yml", ".npz", ".pgm", ".pbm", ".png", ".html", ".json")
 Map = str | PathLike[str] | Grid  # A map's file, or the map itself
 
 
@@ -399,6 +400,13 @@ def need_ending(ending: str) -> None:
     for output in () if work is None else work.outputs:
         if output.suffix != ending:
             raise ParameterError(f"must end in {ending}", source="--output", got=str(output))
+
+
+def need_folder(output: Path) -> None:
+    """Refuse a folder for outputs that is named like a file, unless it exists."""
+    if output.suffix.lower() in _ENDINGS_OF_FILES and not sources.exists(output):
+        rule, hint = "must be a folder, not a file", f"such as {output.with_suffix('')}"
+        raise ParameterError(rule, source="--output", got=str(output), hint=hint)
 
 
 def text_in(path: Path) -> tuple[Iterable[bytes], Path | str]:
