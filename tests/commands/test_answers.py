@@ -241,6 +241,7 @@ def test_reach_comes_back(tmp_path_factory, start, robot, headings, through, goa
     assert place.place == start[:2]
     expected = [*goal_items(goals, robot, headings), *report_documents.passage_items(passages)]
     assert [item.text for item in items] == [item.text for item in expected]
+    assert all("from the start" in item.text for item in items if item.text[:6] == "closed")
     rows = dict(results.tables[0].rows)
     assert rows["headings"] == str(headings)
     assert rows["robot"] == robot_text(robot)

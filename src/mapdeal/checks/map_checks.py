@@ -415,8 +415,9 @@ def disconnected(facts: RoomFacts) -> Iterator[Remark]:
     passages = sorted(facts.passages, key=lambda p: -p.cut_off)
     for p in passages[:_MOST_PASSAGES]:
         x, y = round(p.x, 2) + 0.0, round(p.y, 2) + 0.0
-        text = f"{decimal_text(p.cut_off)} m2 are cut off by a passage of {p.width:.3g} m at "
-        text += f"{x:.10g}, {y:.10g}; the robot needs more than {2 * facts.radius:.3g} m"
+        text = f"{decimal_text(p.cut_off)} m2 are cut off from the largest area by a passage of "
+        text += f"{p.width:.3g} m at {x:.10g}, {y:.10g}; the robot's inscribed circle needs more "
+        text += f"than {2 * facts.radius:.3g} m"
         yield Remark(text, places=places_of([(p.x, p.y)]))
     omitted = passages[_MOST_PASSAGES:]
     if omitted:

@@ -317,7 +317,7 @@ def passage_items(passages: Iterable[Passage]) -> list[Item]:
     for passage in passages:
         width, area = _metres(passage.width), f"{decimal_text(passage.cut_off)} m2"
         tone: Tone = "warning" if passage.is_open else "error"
-        text = f"closed passage of {width}, cuts off {area}"
+        text = f"closed passage of {width}, cuts off {area} from the start"
         if passage.is_open:
             text = f"narrow passage of {width}, {area} behind it"
         line = np.array(passage.ends, dtype=np.float64)
