@@ -34,6 +34,8 @@ def test_invalid_choices_are_refused(tmp_path, words):
         mapdeal.write_map(path, grid, **words)
     assert not path.exists()
     mapdeal.write_map(path, grid)
+    with pytest.raises(mapdeal.FileAccessError, match=r"hint: force=True replaces it$"):
+        mapdeal.write_map(path, grid)
     with pytest.raises(mapdeal.ParameterError, match=r"^dialect: must be one of nav2,"):
         mapdeal.read_map(path, dialect="jazzy")
 
@@ -52,43 +54,6 @@ def test_pythons_traceback_shows_the_hint_of_an_error():
         assert raised.__notes__ == ["hint: other"]
         raised.hint = None
         assert not raised.__notes__
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (
-            lambda grid: mapdeal.reach(grid, radius=0.3, footprint=[[1, 1], [1, -1], [-1, 0]]),
-            "radius",
-        ),
-        (lambda grid: grid.to_msg(dict), "message_type: must be nav_msgs.msg.OccupancyGrid"),
-        (lambda _: mapdeal.Frame(-3, 3, 0.05), "height: must not be negative"),
-        (lambda grid: mapdeal.graph(grid, robot="nav2.yaml"), "robot: must be RobotParameters"),
-    ],
-)
-def test_arguments_that_contradict_each_other_are_refused(call, message):
-    with pytest.raises(mapdeal.ParameterError, match=f"^{message}"):
-        call(mapdeal.OccupancyGrid(np.zeros((20, 30), np.int8), 0.5, (1, 2, 0.3)))
-
-
-@pytest.mark.parametrize(("call", "hint"), [
-    (lambda path, grid: mapdeal.write_map(path, grid), "force=True replaces it"),
-    (lambda path, _: mapdeal.read_map(path, max_cells=9), "max_cells=N raises the limit"),
-    (lambda _, grid: mapdeal.costmap(grid, [[1, 1], [1, -1], [-1, 0]]), "costmap(map, footprint="),
-    (lambda _, grid: mapdeal.costmap(grid.occupancy, robot_radius=1), "mapdeal.OccupancyGrid("),
-])  # fmt: skip
-def test_hints_name_parameters_rather_than_options(tmp_path, call, hint):
-    grid = mapdeal.OccupancyGrid([[100, *[0] * 19]] * 9, 0.5, (1, 2, 0.3))
-    mapdeal.write_map(tmp_path / "a.yaml", grid)
-    with pytest.raises(mapdeal.MapdealError) as caught:
-        call(tmp_path / "a.yaml", grid)
-    assert caught.value.hint.startswith(hint)
-    for name, value in {"inflation_radius": 1.5, "cost_scaling_factor": 9}.items():
-        costs = mapdeal.costmap(grid, robot_radius=0.2, **{name: value})
-        changes = {f"cost.{name}": value}
-        made = mapdeal.apply_recipe(grid, "nav2", changes, robot_radius=0.2)
-        assert costs.equals(made["cost"])
-        assert not costs.equals(mapdeal.costmap(grid, robot_radius=0.2))
 
 
 def test_yaws_in_degrees_are_warned_of():

@@ -254,7 +254,6 @@ def test_later_files_win_and_points_are_goals(command, site):
 ROBOTS = "--params-file slim.yaml --against wide.yaml"
 TWO_FILES = "needs two files, or --params-file and --against"
 ONE_MAP = "applies to one map"
-TWO_ROBOTS = "mapdeal diff MAP --params-file A --against B compares two robots"
 
 
 @pytest.mark.parametrize(("words", "error"), [
@@ -269,17 +268,12 @@ TWO_ROBOTS = "mapdeal diff MAP --params-file A --against B compares two robots"
 def test_options_that_do_not_belong_are_refused(command, site, words, error):
     code, _, err = command("diff", "site.yaml", *words.split())
     assert (code, err.splitlines()[0]) == (2, f"error: {error}")
-    assert err.endswith(f"{TWO_ROBOTS}\n") == (TWO_FILES in error or ONE_MAP in error)
-
-
-def test_two_parameter_files_in_place_of_maps_get_a_hint(command, site):
-    code, _, err = command("diff", "slim.yaml", "wide.yaml")
-    hint = "mapdeal diff MAP --params-file slim.yaml --against wide.yaml"
-    assert (code, err.splitlines()[1]) == (3, f"hint: {hint}")
-    assert hint not in command("diff", "site.yaml", "wide.yaml")[2]
+    assert ("--params-file A --against B" in err) == (TWO_FILES in error or ONE_MAP in error)
 
 
 def test_costs_in_place_of_the_map_are_refused(command, site):
+    err = command("diff", "slim.yaml", "wide.yaml")[2]
+    assert "hint: mapdeal diff MAP --params-file slim.yaml --against wide.yaml\n" in err
     command("cost", "site.yaml", "--params-file", "slim.yaml", "-o", "cost.npz")
     line = ("diff", "cost.npz", "--params-file", "slim.yaml", "--against", "wide.yaml")
     code, _, err = command(*line)

@@ -108,9 +108,8 @@ def test_a_multiple_that_a_division_makes_longer_takes_no_cell_more():
 def test_numbers_of_numpy_are_taken_as_plain_ones():
     window = Frame(9, 9, np.float64(0.05), np.array([1.0, 2.0, 0.0])).window(1, 1, 2, 2)
     assert (repr(window.resolution), window.origin) == ("0.05", (1.05, 2.05, 0.0))
-    mask = np.array([[False, True]])
-    assert OccupancyGrid(mask, 0.05).occupancy.tolist() == [[0, 100]]
-    assert Costmap(mask, 0.05).cost.tolist() == [[0, 254]]
+    grids = (kind(np.array([[False, True]]), 0.05) for kind in (OccupancyGrid, Costmap))
+    assert [grid.layer.tolist() for grid in grids] == [[[0, 100]], [[0, 254]]]
 
 
 def test_the_smallest_and_the_largest_cell_and_coordinate_are_allowed():

@@ -70,11 +70,10 @@ def test_matplotlib_draws_cells_where_they_lie(grid):
     unknown = np.ma.getmaskarray(image.get_array())
     expected = np.isnan(grid.layer) if grid is FIELD else grid.layer == grid.unknown_value
     assert np.array_equal(unknown, expected)
-    if isinstance(grid, Costmap):
-        kinds = Costmap([[0, 1, 252, 253, 254, 255], [0, 100, 200, 253, 254, 255]], 0.1)
-        (image,) = kinds.plot(pyplot.figure().gca()).images
-        assert len({tuple(colour) for colour in image.to_rgba(image.get_array())[0]}) == 6
-        kinds.plot(norm=image.norm, cmap="gray")
+    if grid is COSTS:
+        colours = image.to_rgba(image.get_array()).reshape(-1, 4)
+        assert len({tuple(colour) for colour in colours}) == len({*grid.cost.flat})
+        grid.plot(norm=image.norm, cmap="gray")
 
 
 def test_xarray_has_the_centres_of_cells_as_coordinates():
@@ -150,6 +149,10 @@ def test_footprints_may_be_lists():
     corners = [[0.3, 0.2], [0.3, -0.2], [-0.3, 0.1]]
     costs = [mapdeal.costmap(MAP, footprint=shape).cost for shape in (corners, str(corners))]
     assert np.array_equal(*costs)
+    layer = {"inflation_radius": 0.2, "cost_scaling_factor": 30}
+    changes = {f"cost.{name}": value for name, value in layer.items()}
+    made = mapdeal.apply_recipe(MAP, "nav2", changes, robot_radius=0.01)["cost"]
+    assert made.equals(mapdeal.costmap(MAP, robot_radius=0.01, **layer))
 
 
 def test_wrong_arguments_are_named():
@@ -166,10 +169,14 @@ def test_wrong_arguments_are_named():
         (lambda: mapdeal.read_map(3), "path: must be str or PathLike, got 3", ""),
         (lambda: mapdeal.reach(MAP, start=(0, 0), goals=None), "goals", ""),
         (lambda: mapdeal.merge(MAP), "maps: must be a sequence", ""),
-        (lambda: mapdeal.diff(MAP, None), "takes files or grids, got None", ""),
         (lambda: mapdeal.costmap(MAP, robot_radius="x"), "robot radius must be", ""),
         (lambda: mapdeal.costmap(MAP), "needs a robot", "robot_radius=0.2"),
         (lambda: mapdeal.costmap(MAP, 0.2), "paths of parameter files", "robot_radius=0.2"),
+        (lambda: mapdeal.reach(MAP, radius=0.3, footprint=[[1, 1], [1, 0], [0, 0]]), "radius", ""),
+        (lambda: MAP.to_msg(dict), "message_type: must be nav_msgs.msg.OccupancyGrid", ""),
+        (lambda: mapdeal.Frame(-3, 3, 0.05), "height: must not be negative", ""),
+        (lambda: mapdeal.costmap(MAP, [[0, 1]]), "paths of parameter files", "footprint="),
+        (lambda: mapdeal.costmap(CELLS, robot_radius=1), "takes a grid", "OccupancyGrid("),
         (lambda: mapdeal.costmap(MAP, footprint=[1, 2, 3]), "must be a pair of numbers", ""),
         (lambda: OccupancyGrid([[0, 300]], 0.1), "values of int8, got 300", ""),
         (lambda: OccupancyGrid("m.yaml", 0.1), "values of int8, got 'm.yaml'", ""),
