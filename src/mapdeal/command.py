@@ -766,12 +766,14 @@ _OPTION = re.compile(r"--([a-z][a-z-]*)(?: (?=[A-Z])(\S+))?")
 
 def _name_parameters(error: MapdealError, parameters: Mapping[str, inspect.Parameter]) -> None:
     """Name the parameters of a function in place of the options that an error names."""
+    any_other = next((p for p in parameters.values() if p.kind is p.VAR_KEYWORD), None)
 
     def named(match: re.Match[str]) -> str:
         name = match[1].replace("-", "_")
-        if name not in parameters:
+        parameter = parameters.get(name, any_other)
+        if parameter is None:
             return match[0]
-        value = match[2] or ("True" if parameters[name].default is False else "")
+        value = match[2] or ("True" if parameter.default is False else "")
         return f"{name}={value}" if value else name
 
     for part in ("source", "place", "rule", "hint"):

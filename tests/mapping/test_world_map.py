@@ -120,9 +120,9 @@ def test_the_largest_room_or_that_at_a_place_is_known(tmp_path, rule):
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({}, "needs exactly one of --height"),
-    ({"height": 0.2, "robot_height": 1.0}, "needs exactly one of --height"),
-    ({"height": 0.2, "climb": 0.1}, "climb: applies to --robot-height"),
+    ({}, "needs exactly one of height (what a lidar sees) and robot_height"),
+    ({"height": 0.2, "robot_height": 1.0}, "exactly one of height"),
+    ({"height": 0.2, "climb": 0.1}, "climb: applies to robot_height, not"),
     ({"height": 9.0}, "height: meets nothing: solids reach from 0 to 2.5 m, got 9.0"),
     ({"height": 0.2, "at": (5.0, 2.0, 0.0)}, "at: must be free"),
     ({"height": 0.2, "at": (50.0, 2.0, 0.0)}, "at: lies outside of the map"),
