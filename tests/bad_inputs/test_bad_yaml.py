@@ -39,26 +39,20 @@ def test_yaml_files_that_describe_no_map_are_refused(folder, refused, text, plac
 
 
 MALFORMED_VALUES = [
-    ("Y13-decimal-comma", "resolution", "0,05", "'.'"),
-    ("Y14-zero", "resolution", "0", ""),
-    ("Y14-nan", "resolution", ".nan", "finite"),
-    ("Y14-sexagesimal", "resolution", "1:30", ""),
-    ("Y14-octal", "resolution", "010", ""),
-    ("Y14-boolean", "resolution", "true", ""),
-    ("Y14-empty", "resolution", "", ""),
-    ("Y17-two-numbers", "origin", "[1.5, -2.0]", ""),
+    ("Y13-decimal-comma", "resolution", "0,05", "'.'"), ("Y14-zero", "resolution", "0", ""),
+    ("Y14-nan", "resolution", ".nan", "finite"), ("Y14-sexagesimal", "resolution", "1:30", ""),
+    ("Y14-octal", "resolution", "010", ""), ("Y14-boolean", "resolution", "true", ""),
+    ("Y14-empty", "resolution", "", ""), ("Y17-two-numbers", "origin", "[1.5, -2.0]", ""),
     ("Y17-null", "origin", "[1.5, null, 0.4]", ""),
     ("Y17-mapping", "origin", "{x: 1.5, y: -2.0, yaw: 0.4}", ""),
     *[("Y18-nan", "origin", f"[1.5, -2.0, {nan}]", "write 0") for nan in ("nan", "-.nan", ".NaN")],
     ("Y22-free-above-occupied", "free_thresh", "0.7", ""),
-    ("Y22-below-0", "free_thresh", "-0.1", ""),
-    ("Y22-above-1", "occupied_thresh", "1.5", ""),
-    ("Y25-quoted-word", "negate", "'false'", ""),
-    ("Y25-null", "negate", "null", ""),
+    ("Y22-below-0", "free_thresh", "-0.1", ""), ("Y22-above-1", "occupied_thresh", "1.5", ""),
+    ("Y25-quoted-word", "negate", "'false'", ""), ("Y25-null", "negate", "null", ""),
     ("Y26-unknown-mode", "mode", "ternary", ""),
     ("Y27-roslaunch-path", "image", "$(find maps)/m.pgm", "roslaunch"),
     ("Y27-empty", "image", "''", ""),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("key", "value", "hint"), named(MALFORMED_VALUES))
