@@ -19,11 +19,6 @@ LANGUAGE_LINK = re.compile(r"^\[(?:中文|English)\]\([^)]+\)$")
 ENGLISH_WORDS = re.compile(r"(?i)\b(?:a|an|and|are|by|for|in|is|it|of|that|the|to|with)\b")
 
 
-def english_of(page):
-    is_readme = page == DOCS / "README.zh.md"
-    return ROOT / "README.md" if is_readme else page.with_name(page.name.replace(".zh.md", ".md"))
-
-
 def chinese_of(page):
     is_readme = page == ROOT / "README.md"
     return DOCS / "README.zh.md" if is_readme else page.with_name(f"{page.stem}.zh.md")
@@ -46,10 +41,6 @@ def commands(block):
     """A block of shell commands without comments, save those that state an exit code."""
     lines = (re.sub(r"(?:^|\s+)#(?! exit code \d).*", "", line) for line in block.splitlines())
     return [line for line in lines if line]
-
-
-def comparable(blocks):
-    return [(kind, commands(code) if kind == "sh" else code) for kind, code in blocks]
 
 
 def levels(lines):
@@ -95,12 +86,17 @@ def untranslated(line):
 
 @pytest.fixture(params=CHINESE, ids=lambda page: page.name)
 def pair(request):
-    return english_of(request.param), request.param
+    """The English page of a Chinese one, and that page."""
+    page = request.param
+    english = page.with_name(page.name.replace(".zh.md", ".md"))
+    return ROOT / "README.md" if page == DOCS / "README.zh.md" else english, page
 
 
 SAME = {
     "levels of headings": lambda page: levels(read(page)[0]),
-    "blocks of code": lambda page: comparable(read(page)[1]),
+    "blocks of code": lambda page: [
+        (kind, commands(code) if kind == "sh" else code) for kind, code in read(page)[1]
+    ],
     "pictures": lambda page: targets(page, read(page)[0], pictures=True),
     "rows of tables": lambda page: [len(rows) for rows in tables(read(page)[0])],
     "code in tables": lambda page: [spans(row) for row in itertools.chain(*tables(read(page)[0]))],

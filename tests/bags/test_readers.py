@@ -196,12 +196,9 @@ def test_the_intact_part_of_a_truncated_bag_is_read(maker, tmp_path, form):
         assert max(counts) > 20
 
 
-def ros1_record(*fields):
-    header = b"".join(struct.pack("<I", len(field)) + field for field in fields)
-    return struct.pack("<I", len(header)) + header + struct.pack("<I", 0)
-
-
-ENCRYPTED = ros1_record(b"op=\x03", b"encryptor=rosbag/AesCbcEncryptor", b"index_pos=" + bytes(8))
+FIELDS = b"op=\x03", b"encryptor=rosbag/AesCbcEncryptor", b"index_pos=" + bytes(8)
+HEADER = b"".join(struct.pack("<I", len(field)) + field for field in FIELDS)
+ENCRYPTED = struct.pack("<I", len(HEADER)) + HEADER + struct.pack("<I", 0)
 
 
 @pytest.mark.parametrize(("name", "data", "rule"), [

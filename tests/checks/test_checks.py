@@ -49,11 +49,6 @@ TINTED = np.stack([ROOM, ROOM, ROOM], axis=-1)
 TINTED[5, 5] = (250, 120, 0)
 
 
-def with_chunk(image, name, body):
-    """Return a PNG with one more chunk behind its header, which ends at byte 33."""
-    return image[:33] + chunk(name, body) + image[33:]
-
-
 BARE = """resolution: 0.05
 origin: [0, 0, 0]
 negate: 0
@@ -308,7 +303,8 @@ def test_readers_with_other_counts_have_findings_of_their_own(tmp_path):
     (b"iCCP", b"profile\0\0" + zlib.compress(bytes(128)), "a colour profile: viewers"),
 ])  # fmt: skip
 def test_a_gamma_is_a_finding_and_changes_no_cell(tmp_path, name, body, message):
-    path = write_pair(tmp_path, with_chunk(png(ROOM), name, body), name="m.png")
+    image = png(ROOM)  # its header ends at byte 33
+    path = write_pair(tmp_path, image[:33] + chunk(name, body) + image[33:], name="m.png")
     (found,) = lint_file(path)
     assert (found.check, found.message.startswith(message)) == ("image.gamma", True)
     occupancy = read_map(path).occupancy

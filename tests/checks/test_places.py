@@ -135,10 +135,6 @@ def first_of(grey):
     return len(GREYS) - 1 - row, col
 
 
-def cells_by_check(path):
-    return {f.check: [cell_at(place) for place in f.places] for f in mapdeal.lint(str(path))}
-
-
 TURNED = {"resolution": RESOLUTION, "origin": list(ORIGIN)}
 
 
@@ -149,7 +145,8 @@ def test_greys_are_where_they_are_seen_first(tmp_path, monkeypatch, kind, strip)
     monkeypatch.setattr("mapdeal.checks.facts._PIXELS_PER_BAND", strip)
     image = GREYS if kind == "pgm" else np.stack([GREYS] * 3, axis=-1)
     free = {"free_thresh": "0.41176470588"}
-    found = cells_by_check(write_pair(tmp_path, image, name=f"m.{kind}", **TURNED, **free))
+    path = write_pair(tmp_path, image, name=f"m.{kind}", **TURNED, **free)
+    found = {f.check: [cell_at(place) for place in f.places] for f in mapdeal.lint(str(path))}
     # 205 has the shade 0.196, free below 0.41; 150 is exactly on the threshold
     assert found["thresholds.unknown-becomes-free"] == [first_of(205)]
     if kind == "pgm":

@@ -192,10 +192,6 @@ def temporary_files(folder):
     return [path for path in folder.rglob(".mapdeal-*") if path.exists()]
 
 
-def nothing_is_left(folder):
-    return temporary_files(folder) == [] and not any((folder / "temporary").iterdir())
-
-
 def both_write(folder):
     return len({path.parent for path in temporary_files(folder)}) >= 2
 
@@ -236,4 +232,5 @@ def test_workers_whose_parent_is_gone_clean_up_and_end(large_maps):
     process.communicate(timeout=120)
     assert process.returncode == -signal.SIGKILL
     wait_for_end_of(process.pid)
-    assert nothing_is_left(large_maps)
+    left = [*temporary_files(large_maps), *(large_maps / "temporary").iterdir()]
+    assert left == []

@@ -22,11 +22,6 @@ def room(here):
     mapdeal.write_map("room.yaml", OccupancyGrid(ROOM, 0.5, (1.0, 2.0, 0.0)))
 
 
-@pytest.fixture
-def terminal(monkeypatch):
-    monkeypatch.setattr("mapdeal.cli.terminal.has_reader", lambda: True)
-
-
 ANSWERS = {
     "reach room.yaml --from 2,4 --to dock=5,4 wall=1.2,4 --robot-radius 0.4": [
         "room.yaml, reach of a robot of radius 0.4 m: from 2, 4 the robot reaches",
@@ -43,7 +38,8 @@ ANSWERS = {
 
 
 @pytest.mark.parametrize("line", ANSWERS)
-def test_answers_are_lines_on_a_terminal_and_json_elsewhere(sh, room, terminal, monkeypatch, line):
+def test_answers_are_lines_on_a_terminal_and_json_elsewhere(sh, room, monkeypatch, line):
+    monkeypatch.setattr("mapdeal.cli.terminal.has_reader", lambda: True)
     lines = sh(line)[1].splitlines()
     for printed, begins in zip(lines, ANSWERS[line], strict=False):
         assert printed.startswith(begins)

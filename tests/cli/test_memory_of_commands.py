@@ -31,11 +31,6 @@ def measured(folder, line, memory=None):
     return measuring.measured(folder, *line.split(), *(["--max-memory", memory] if memory else []))
 
 
-def yaml_of(path, image):
-    thresholds = "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    path.write_text(f"image: {image}\nresolution: 0.05\norigin: [1.5, -2.0, 0.4]\n{thresholds}")
-
-
 def sparse(path, head, size):
     """A file whose pixels are zeros that take no room on the disk."""
     with path.open("wb") as file:
@@ -88,7 +83,9 @@ def bombs(tmp_path_factory):
     Image.new("L", (9000, 9000)).save(folder / "blank.png", compress_level=9)
     sparse(folder / "bits8.pbm", b"P4\n16000 16000\n", 2000 * 16000)
     for image in ("tiny.tif", "tile.tif", "blank.png", "bits8.pbm"):
-        yaml_of(folder / f"{image.split('.')[0]}.yaml", image)
+        text = f"image: {image}\nresolution: 0.05\norigin: [1.5, -2.0, 0.4]\nnegate: 0\n"
+        text += "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+        (folder / image).with_suffix(".yaml").write_text(text)
     grid = OccupancyGrid(np.zeros((20, 30), np.int8), 0.05, (1.5, -2.0, 0.4))
     write_map(folder / "small.yaml", grid)
     write_map(folder / "far.yaml", OccupancyGrid(grid.occupancy, 0.05, (200.0, 200.0, 0.4)))

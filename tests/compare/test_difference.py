@@ -40,10 +40,6 @@ def change_of(first, second):
     return difference.REMOVED if first == 0 else difference.CHANGED
 
 
-def table_of(found):
-    return [[found.confusion[row][col] for col in STATES] for row in STATES]
-
-
 @example(
     a=np.int8([[100, 0, -1, 100], [0, -1, 50, 0]]), shift=(-1, 1), tolerance=0, yaw=0.7,
     b=np.int8([[-1, 0, 0], [100, -1, 100], [0, -1, 50]]), bounds=(0.5, 30),
@@ -70,7 +66,8 @@ def test_cells_are_compared_where_both_maps_have_some(a, b, shift, tolerance, ya
     confusion = np.zeros((4, 4), int)
     for x, y in cells.values():
         confusion[state(x), state(y)] += 1
-    np.testing.assert_array_equal(table_of(found), confusion)
+    table = [[found.confusion[row][col] for col in STATES] for row in STATES]
+    np.testing.assert_array_equal(table, confusion)
     assert found.common_cells == len(cells)
     assert found.differing == sum(x != y for x, y in cells.values())
     changes = np.full(found.changes.shape, difference.OUTSIDE)

@@ -33,11 +33,6 @@ def grids(draw, longest=12):
     return squared, known & (squared > 0)
 
 
-def some_cell(mask, choice):
-    listed = np.argwhere(mask)
-    return tuple(listed[choice % len(listed)].tolist())
-
-
 def metres_of(squared, resolution):
     """Metres of each square, as float32 has them."""
     endless = unreachable(squared)
@@ -51,7 +46,8 @@ def test_widest_ways_are_those_of_floods(each_engine, grid, choice, resolution, 
     tree = paths.clearance_tree(squared, is_open)
     assert np.array_equal(tree.basins >= 0, is_open)
     if is_open.any():
-        start = some_cell(is_open, choice)
+        cells = np.argwhere(is_open).tolist()
+        start = tuple(cells[choice % len(cells)])
         expected = oracles.widest_by_flooding(squared, is_open, start).astype(squared.dtype)
         rooted = paths.rooted(tree, int(tree.basins[start]))
         metres = paths.widest_metres(tree, rooted, squared, start, resolution, in_place=in_place)
@@ -147,10 +143,6 @@ def test_widest_ways_through_real_buildings_are_those_of_labels(each_engine, rea
         assert np.array_equal(widest >= square, (labels == labels[start]) & (labels > 0))
 
 
-def bits(array):
-    return array.shape, array.dtype, array.tobytes()
-
-
 def check(squared, is_open, resolution=0.05, choice=0):
     """All that the compiled code makes of a grid is that of numpy and scipy, to the last byte."""
     from mapdeal.kernels import compiled
@@ -169,7 +161,7 @@ def check(squared, is_open, resolution=0.05, choice=0):
             engine.widest_metres(tree.basins, squared, limits, resolution, widest)
             engine.clearance_metres(squared, resolution, metres)
             results += [widest, metres]
-        results_of_engines.append([bits(array) for array in results])
+        results_of_engines.append([(a.shape, a.dtype, a.tobytes()) for a in results])
     assert results_of_engines[0] == results_of_engines[1]
 
 

@@ -199,20 +199,15 @@ def hall(tmp_path):
     return tmp_path / "hall.yaml"
 
 
-@pytest.fixture
-def ends(hall):
-    points = read_map(hall).frame.xy_from_rowcol([(3, 3), (3, 20)]).round(3)
-    return dict(zip(("start", "goal"), map(tuple, points.tolist()), strict=True))
-
-
 @pytest.mark.usefixtures("mapdeal_warnings")
-def test_files_and_grids_have_the_routes_of_the_command(command, hall, ends):
-    start, goal = (",".join(map(str, ends[name])) for name in ("start", "goal"))
+def test_files_and_grids_have_the_routes_of_the_command(command, hall):
+    ends = read_map(hall).frame.xy_from_rowcol([(3, 3), (3, 20)]).round(3).tolist()
+    start, goal = (",".join(map(str, end)) for end in ends)
     for options in ({}, {"heuristic": "field"}, {"method": "descent", "attractive_gain": 50.0}):
         more = [f"--{name.replace('_', '-')}={value}" for name, value in options.items()]
         code, out, _ = command("route", hall, f"--from={start}", f"--to={goal}", *more)
         for source in (hall, str(hall), read_map(hall)):
-            found = mapdeal.route(source, **ends, **options)
+            found = mapdeal.route(source, start=ends[0], goal=ends[1], **options)
             assert "".join(found.parts()) + "\n" == out
             assert found.document() == json.loads(out)
             assert found.passes is (code == 0)

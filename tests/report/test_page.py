@@ -39,12 +39,8 @@ def entry_of(grid, name="office", **more):
     return Entry(name, layers, **more)
 
 
-def page_bytes(report, size=25_000_000):
-    return b"".join(page_of(report, size=size))
-
-
 def parsed(report):
-    return Reader(page_bytes(report).decode())
+    return Reader(b"".join(page_of(report, size=25_000_000)).decode())
 
 
 def report_saying(*texts):

@@ -49,10 +49,6 @@ def run(folder, out, *more, **options):
     )
 
 
-def run_here(folder, out, *more):
-    assert main(words(folder, folder / out, *more)[3:]) == 0
-
-
 @pytest.mark.thorough
 def test_the_bytes_of_a_run_depend_on_its_input_alone(folder):
     (folder / "elsewhere").mkdir()
@@ -82,7 +78,7 @@ def test_the_bytes_of_a_run_depend_on_its_input_alone(folder):
 
 def test_a_full_disk_leaves_the_old_outputs(folder):
     """A limit on the size of files stands for the disk: the npz files are larger."""
-    run_here(folder, "out")
+    assert main(words(folder, folder / "out")[3:]) == 0
     before = tree(folder / "out" / "m")
     limit = (resource.RLIMIT_FSIZE, (30_000, 30_000))
     completed = run(folder, "out", *WIDER, preexec_fn=lambda: resource.setrlimit(*limit))

@@ -68,10 +68,6 @@ def test_all_kinds_of_a_format_are_among_the_good_files(tmp_path):
 # What finds problems must find them.
 
 
-def _warns_otherwise(path, data):
-    warnings.warn("deprecated", DeprecationWarning, stacklevel=2)
-
-
 def _refuses(*arguments, **options):
     def read(path, data):
         raise MalformedInputError(*arguments, **options)
@@ -80,7 +76,8 @@ def _refuses(*arguments, **options):
 
 
 @pytest.mark.parametrize(("read", "refusals", "named"), [
-    (_warns_otherwise, (), "warned by DeprecationWarning: deprecated"),
+    (lambda *_: warnings.warn("deprecated", DeprecationWarning, stacklevel=2), (),
+     "warned by DeprecationWarning: deprecated"),
     (lambda *_: np.ones(1 << 29, dtype=np.uint8), (), "MemoryError"),
     (lambda *_: time.sleep(LONGEST), (), "took more than 0.05 s"),
     (lambda _, data: data.index(b"nowhere"), (), "ValueError: subsection not found"),

@@ -262,10 +262,6 @@ def binary(*lines, body=b""):
     return ply_head("format binary_little_endian 1.0", *lines) + body
 
 
-def ascii_ply(*lines, body=b""):
-    return ply_head("format ascii 1.0", *lines) + body
-
-
 TWELVE, BIG = bytes(12), "30000000"
 CAMERA = "property int a", "element vertex 1", *XY
 BAD = [
@@ -295,7 +291,8 @@ BAD = [
                                *XY), "at"),
     ("no-vertex.ply", binary("element face 0"), "vertex"),
     ("short.ply", binary("element vertex 2", *XY, body=bytes(15)), "1 of 2"),
-    ("line-after.ply", ascii_ply("element camera 2", *CAMERA, body=b"1\n2\n3 x\n"), "line 11"),
+    ("line-after.ply",
+     ply_head("format ascii 1.0", "element camera 2", *CAMERA) + b"1\n2\n3 x\n", "line 11"),
     ("cameras.ply", binary("element camera 4", *CAMERA, body=bytes(8)),
      "element camera: ends after 8 of 16 bytes"),
     ("long-header.ply", b"ply\n" + b"comment a\n" * 110_000 + b"end_header\n", "header"),
