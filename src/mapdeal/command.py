@@ -761,7 +761,7 @@ def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
     return get_type_hints(inspect.unwrap(function))
 
 
-_OPTION = re.compile(r"--([a-z][a-z-]*)(?: (?=[A-Z])(\S+))?")
+_OPTION = re.compile(r"--([a-z][a-z-]*)(?: ([A-Z]\S*|-?[xyz]\b))?")
 
 
 def _name_parameters(error: MapdealError, parameters: Mapping[str, inspect.Parameter]) -> None:
@@ -774,6 +774,7 @@ def _name_parameters(error: MapdealError, parameters: Mapping[str, inspect.Param
         if parameter is None:
             return match[0]
         value = match[2] or ("True" if parameter.default is False else "")
+        value = f'"{value}"' if value.islower() else value
         return f"{name}={value}" if value else name
 
     for part in ("source", "place", "rule", "hint"):
