@@ -729,6 +729,11 @@ def with_plain_errors(function: Callable[P, R]) -> Callable[P, R]:
         bound = _bound(function.__name__, signature, args, kwargs)
         if bound.arguments.get("footprint") is not None:
             bound.arguments["footprint"] = _footprint("footprint", bound.arguments["footprint"])
+        if is_called_by_user():  # in the shell all choices are checked already
+            for name, value in bound.arguments.items():
+                hint = hints_of(function).get(name) if isinstance(value, str) else None
+                if get_origin(split_optional(_split_annotated(hint)[0])[0]) is Literal:
+                    _check_type(value, hint, f"{function.__name__}()", name)
         try:
             with _types_checked(function, bound):
                 return function(*bound.args, **bound.kwargs)

@@ -27,6 +27,14 @@ def test_an_array_of_a_grid_is_its_main_layer(grid):
     assert np.array_equal(np.asarray(grid), grid.layer, equal_nan=True)
 
 
+def test_an_array_of_a_bit_map_has_a_bool_for_each_cell():
+    bits = mapdeal.BitMap.from_occupancy(MAP)
+    assert np.asarray(bits).tolist() == (CELLS == 100).tolist()
+    assert np.asarray(bits, dtype=int).sum() == 1
+    with pytest.raises(mapdeal.ParameterError, match=r"must have the shape of the grid, \(2, 4\)"):
+        MAP.with_values(CELLS[:1])
+
+
 def test_extent_and_bounds_are_the_outer_borders_in_metres():
     assert MAP.extent == (-1.2, -1.0, 3.4, 3.5)
     assert MAP.bounds == (-1.2, 3.4, -1.0, 3.5)

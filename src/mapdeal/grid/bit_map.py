@@ -6,10 +6,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from mapdeal.compatibility import Self
 from mapdeal.errors import FindingError, ParameterError, emit_warning, require
@@ -101,6 +101,10 @@ class BitMap(Framed):
     ) -> BitMap:
         """Create the obstacle mask of a map: 1 in cells at or above `lethal_threshold`."""
         return cls.from_mask(grid.occupied(lethal_threshold), grid.resolution, grid.origin)
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return the bits as `to_mask` does."""
+        return np.asarray(self.to_mask(), dtype=dtype)
 
     def to_mask(self) -> NDArray[np.bool_]:
         """Return the bits as an array of bool, shape (H, W)."""

@@ -110,8 +110,8 @@ class Costmap(ValueGrid):
         """Value of an unknown cell: 255, or -1 on scale ``occupancy``."""
         return map_values.NO_INFORMATION if self.scale == "costmap2d" else map_values.UNKNOWN
 
-    def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> Costmap:
-        return replace(self, cost=values, origin=origin or self.origin)
+    def _with_values(self, values: NDArray[Any], origin: Origin) -> Costmap:
+        return replace(self, cost=values, origin=origin)
 
     def to_occupancy(self) -> OccupancyGrid:
         """Return the costs as ROS publishes them in a ``nav_msgs/OccupancyGrid``.

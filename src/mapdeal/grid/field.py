@@ -331,8 +331,8 @@ class FieldView(OccupancyGrid):
 
     scale: ViewScale = ViewScale()
 
-    def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> FieldView:
-        return replace(self, occupancy=values, origin=origin or self.origin)
+    def _with_values(self, values: NDArray[Any], origin: Origin) -> FieldView:
+        return replace(self, occupancy=values, origin=origin)
 
     def as_map(self) -> OccupancyGrid:
         return OccupancyGrid(self.occupancy, self.resolution, self.origin)

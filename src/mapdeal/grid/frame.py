@@ -868,9 +868,23 @@ class ValueGrid(Framed):
     def _drawn_values(self) -> NDArray[Any]:
         return np.ma.masked_equal(np.asarray(self), self.unknown_value)
 
-    @abstractmethod
     def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> Self:
-        """Return a grid of the same kind with other values and, if given, another origin."""
+        """Return a grid of the same kind with other values and, if given, another origin.
+
+        Raises
+        ------
+        ParameterError
+            If the values have another shape, and no origin is given.
+        """
+        shape = values.shape if is_lazy(values) else np.shape(values)
+        if origin is None and shape != self.shape:
+            rule = f"must have the shape of the grid, {self.shape}, unless an origin is given"
+            raise ParameterError(rule, place="values", got=shape)
+        remade: Self = self._with_values(values, origin or self.origin)
+        return remade
+
+    @abstractmethod
+    def _with_values(self, values: NDArray[Any], origin: Origin) -> Any: ...
 
     def painted(
         self, strokes: Iterable[tuple[Spans, int | NDArray[np.int64]]], overlay: OverlayType = "seq"

@@ -76,8 +76,8 @@ class OccupancyGrid(ValueGrid):
     def _colours(self) -> dict[str, Any]:
         return {"cmap": "gray_r"}
 
-    def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> OccupancyGrid:
-        return OccupancyGrid(values, self.resolution, origin or self.origin)
+    def _with_values(self, values: NDArray[Any], origin: Origin) -> OccupancyGrid:
+        return OccupancyGrid(values, self.resolution, origin)
 
     def amcl_states(self) -> NDArray[np.int8]:
         """Return amcl's view of the map: -1 free, +1 occupied, 0 unknown; int8, shape (H, W).
