@@ -36,7 +36,7 @@ EXIT_CODES = "See [exit codes](../../cli.md#exit-codes)."
 API = {
     "Reading and writing": (
         "read_map", "write_map", "read_bit_map", "write_bit_map", "read_shapes", "read_cloud",
-        "read_poses", "read_map_from_bag", "read_route_graph",
+        "read_poses", "read_map_from_bag", "read_route_graph", "write_route_graph",
     ),
     "Stages": (
         "active_region", "inflate", "esdf", "field_view", "exponential_cost", "threshold_cost",

@@ -108,7 +108,10 @@ from mapdeal.maps.map_server import write_bit_map as write_bit_map
 from mapdeal.maps.npz import Grid as Grid
 from mapdeal.maps.reading import read_map as read_map
 from mapdeal.maps.reading import write_map as write_map
-from mapdeal.maps.route_graphs import read_route_graph as read_route_graph
+from mapdeal.maps.route_graphs import (
+    read_route_graph as read_route_graph,
+    write_route_graph as write_route_graph,
+)
 from mapdeal.maps.shapes import read_shapes as read_shapes
 from mapdeal.pipeline.bag_maps import read_map_from_bag as read_map_from_bag
 from mapdeal.pipeline.recipe import Recipe as Recipe

@@ -66,7 +66,10 @@ def test_the_server_s_rules_hold_for_files_and_they_are_read_back(tmp_path, opti
     nodes, edges = loaded(text)
     assert (len(nodes), len(edges)) == (len(route_graph.nodes), len(route_graph.edges))
     assert any(metadata.get("kind") == "narrow" for _, metadata in nodes.values())
-    (tmp_path / "g.geojson").write_text(text)
+    mapdeal.write_route_graph(tmp_path / "g.geojson", route_graph)
+    with pytest.raises(mapdeal.FileAccessError, match="exists"):
+        mapdeal.write_route_graph(tmp_path / "g.geojson", route_graph)
+    assert (tmp_path / "g.geojson").read_text() == f"{text}\n"
     again = read_route_graph(tmp_path / "g.geojson")
     assert list(map(vars, again.nodes)) == list(map(vars, route_graph.nodes))
     assert list(map(vars, again.edges)) == list(map(vars, route_graph.edges))

@@ -17,7 +17,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Goal, Reach, reach_radius
 from mapdeal.grid.route_graph import RouteGraph
 from mapdeal.grid.values import count_text, decimal_text
-from mapdeal.maps.route_graphs import graph_text
+from mapdeal.maps.route_graphs import write_graph
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.layers import occupancy_image
 from mapdeal.pictures.reach import GraphOverlay
@@ -95,8 +95,7 @@ class PlannedGraph(Result):
 
     def write(self, transaction: Any, output: Path) -> None:
         """Write the graph as GeoJSON."""
-        lines = (f"{line}\n".encode() for line in graph_text(self.graph))
-        transaction.write_parts(output, lines)
+        write_graph(transaction, output, self.graph)
 
 
 @command(

@@ -15,6 +15,7 @@ from typing import Any
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.files.json_values import ROUTE_GRAPH, JsonValue, is_route_graph, read_document
+from mapdeal.files.transaction import Transaction
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
 from mapdeal.maps.kinds import recognised
 
@@ -211,6 +212,31 @@ def _metadata(properties: JsonValue) -> Mapping[str, Any]:
     if found is None or found.is_null:
         return {}
     return {key: value.value for key, value in found.fields().items()}
+
+
+def write_route_graph(path: Path | str, graph: RouteGraph, *, force: bool = False) -> None:
+    """Write a route graph as GeoJSON, for Nav2's route server and `route`.
+
+    Parameters
+    ----------
+    path : path or str
+        File to write.
+    graph : RouteGraph
+        The graph, such as ``mapdeal.graph(...).graph``.
+    force : bool
+        Whether to replace an existing file.
+
+    Raises
+    ------
+    FileAccessError
+        If the file exists and `force` is not set, or it cannot be written.
+    """
+    with Transaction([Path(path)], force=force) as transaction:
+        write_graph(transaction, Path(path), graph)
+
+
+def write_graph(transaction: Transaction, output: Path, graph: RouteGraph) -> None:
+    transaction.write_parts(output, (f"{line}\n".encode() for line in graph_text(graph)))
 
 
 def graph_text(graph: RouteGraph) -> Iterator[str]:
