@@ -13,7 +13,7 @@ from mapdeal.commands.reach import goals_of, lethal_costs, start_of
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.footprint import FootprintLike, shape_of
 from mapdeal.grid.reach import Goal, Reach, reach_radius
 from mapdeal.grid.route_graph import RouteGraph
 from mapdeal.grid.values import count_text, decimal_text
@@ -112,7 +112,7 @@ def graph(
     map: inputs.Map,  # noqa: A002 - what it is
     *,
     start: Annotated[tuple[float, ...] | None, POSE, Words("X,Y[,YAW]", start_of, "from")] = None,
-    goals: Annotated[tuple[Goal, ...], Words("NAME=X,Y", goals_of, "to", is_repeated=True)] = (),
+    goals: Annotated[Sequence[Goal], Words("NAME=X,Y", goals_of, "to", is_repeated=True)] = (),
     spacing: Annotated[float, ABOVE_0, METRES] = 2.0,
     hall: Annotated[float, ABOVE_0, METRES] = 4.0,
     cover: Annotated[float, ABOVE_0, METRES] = 3.0,
@@ -120,7 +120,7 @@ def graph(
     one_way: graph_drafts.LaneSide | None = None,
     keep_from_unknown: Annotated[float | None, ABOVE_0, METRES] = None,
     through_unknown: bool = False,
-    footprint: Footprint | None = None,
+    footprint: FootprintLike | None = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
     **reading: Unpack[inputs.Reading],
 ) -> PlannedGraph:
@@ -207,7 +207,7 @@ def graph(
 def graph_of(
     source: inputs.MapInput, options: graph_drafts.GraphOptions, *,
     start: tuple[float, ...] | None = None, goals: Sequence[Goal] = (),
-    through_unknown: bool = False, footprint: Footprint | None = None,
+    through_unknown: bool = False, footprint: FootprintLike | None = None,
     robot: RobotParameters | None = None, **reading: Unpack[inputs.Reading],
 ) -> PlannedGraph:  # fmt: skip
     if footprint is None and robot is None:
@@ -215,7 +215,7 @@ def graph_of(
             "no robot is given, by --robot-radius, --footprint or --params-file: the graph is that "
             "of a point"
         )
-    shape = planned_shape(robot) if footprint is None and robot is not None else footprint
+    shape = planned_shape(robot) if footprint is None and robot is not None else shape_of(footprint)
     parameters: dict[str, Any] = {"footprint": shape, "through_unknown": through_unknown}
     parameters |= {} if start is None else {"start": start}
     step = make_step("reach", {**parameters, "goals": tuple(goals)})

@@ -15,7 +15,7 @@ from mapdeal.command import AT_LEAST_1, Output, Result, Words, command
 from mapdeal.commands.reach import chosen_goals, goals_or_names, start_of
 from mapdeal.compatibility import Unpack
 from mapdeal.files.source import absolute_path, claim
-from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.footprint import Footprint, FootprintLike
 from mapdeal.grid.reach import Goal, robot_text
 from mapdeal.grid.values import count_text
 from mapdeal.mapping.local_map import CloudFrame, LocalOptions
@@ -47,7 +47,7 @@ def run(
     path: File | list[File] | tuple[File, ...], output: str | PathLike[str],
     recipe: recipes.RecipeLike = recipes.DEFAULT,
     changes: Mapping[str, object] | Sequence[str] | None = None, *,
-    footprint: Footprint | None = None, sim: bool = False, canvas: Canvas = "crop",
+    footprint: FootprintLike | None = None, sim: bool = False, canvas: Canvas = "crop",
     images: bool = True, image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = DEFAULT_EXTENT, force: bool = False, strict: bool = False,
     threads: int | None = None, mask: File | None = None, robot_radius: float | None = None,

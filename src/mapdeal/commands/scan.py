@@ -33,7 +33,7 @@ from mapdeal.compatibility import Unpack
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning, strict_warnings
 from mapdeal.files.json_values import read_document
 from mapdeal.files.source import claim
-from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.footprint import FootprintLike
 from mapdeal.grid.reach import Route
 from mapdeal.grid.values import count_text
 from mapdeal.mapping.evidence import BeamLimits, Scans
@@ -188,7 +188,7 @@ def scan(
     dropout: Annotated[float, _SHARE, Words("P")] = 0.0,
     odom_noise: Annotated[float, AT_LEAST_0, Words("SIGMA")] = 0.0,
     through_unknown: bool = False,
-    footprint: Footprint | None = None,
+    footprint: FootprintLike | None = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
     **reading: Unpack[inputs.Reading],
 ) -> SimulatedScans:

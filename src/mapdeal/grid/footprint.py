@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, starmap
 from numbers import Real
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -307,11 +307,16 @@ def _polygon_cells(polygons: list[NDArray[np.int64]]) -> list[Spans]:
     ]
 
 
+if TYPE_CHECKING:  # what callers pass; functions get the footprint made of it
+    FootprintLike = Footprint | ArrayLike
+else:
+    FootprintLike = Footprint
+
 FootprintRule = Literal["outline", "full"]  # cells that count: Nav2's, or all of the footprint
 
 
 def footprint_costs(
-    costmap: Costmap, footprint: Footprint, poses: ArrayLike, *, rule: FootprintRule = "outline"
+    costmap: Costmap, footprint: FootprintLike, poses: ArrayLike, *, rule: FootprintRule = "outline"
 ) -> NDArray[np.uint8]:
     """Return the costs that Nav2's collision checker computes for a robot at poses.
 
@@ -352,7 +357,7 @@ def footprint_costs(
     >>> footprint_costs(costmap, robot, [[0.75, 0.75, 0], [1.25, 0.75, 0], [1.25, 0.75, 1.5708]])
     array([0, 7, 0], dtype=uint8)
     """
-    costs, _ = sample_poses(costmap, footprint, poses, rule=rule)
+    costs, _ = sample_poses(costmap, cast("Footprint", footprint), poses, rule=rule)
     return costs
 
 
@@ -376,10 +381,10 @@ def sample_poses(
     return costs_at_poses(costs, lattice, corners, places, filled=rule == "full")
 
 
-def shape_of(footprint: Footprint | None, robot_radius: float | None) -> Footprint | None:
+def shape_of(shape: FootprintLike | None, robot_radius: float | None = None) -> Footprint | None:
     """Return the shape of a robot from its footprint or its radius; refuse both."""
     if robot_radius is None:
-        return footprint
-    if footprint is not None:
+        return cast("Footprint | None", shape)
+    if shape is not None:
         raise ParameterError("cannot be given together with a footprint", place="robot_radius")
     return Footprint.circle(robot_radius)

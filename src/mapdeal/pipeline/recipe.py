@@ -20,7 +20,7 @@ from mapdeal.files.source import YAML, exists, is_folder
 from mapdeal.files.yaml_text import OF_RECIPES, Entry, parse_value, read_mapping
 from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.field import View
-from mapdeal.grid.footprint import Footprint, shape_of
+from mapdeal.grid.footprint import Footprint, FootprintLike, shape_of
 from mapdeal.grid.frame import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OneLineRepr, check_choice
@@ -309,7 +309,7 @@ RecipeLike = str | PathLike[str] | Recipe | RobotParameters
 def load_recipe(
     recipe: RecipeLike | None = DEFAULT,
     changes: Mapping[str, object] | Sequence[str] | None = None, *,
-    footprint: Footprint | None = None, sim: bool = False, robot: RobotParameters | None = None,
+    footprint: FootprintLike | None = None, sim: bool = False, robot: RobotParameters | None = None,
     robot_radius: float | None = None,
 ) -> Recipe:  # fmt: skip
     """Load a recipe, apply changes to it, and check all its parameters.
@@ -630,7 +630,7 @@ def read_robot_parameters(
         is_shape = isinstance(paths, Sequence | np.ndarray | Footprint)
         name, noun = ("footprint=...", "corners") if is_shape else ("robot_radius=0.2", "a radius")
         hint = f"costmap(map, {name}) takes {noun}"
-        raise ParameterError("takes paths of parameter files", got=paths, hint=hint)
+        raise ParameterError("takes paths of parameter files", place="robot", got=paths, hint=hint)
     up_to_kilted = dialect != "nav2"
     return read_robot(
         list(map(Path, names)), costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted
@@ -638,7 +638,7 @@ def read_robot_parameters(
 
 
 def cost_curve(
-    cells: Grid | float, *, model: str | None = None, footprint: Footprint | None = None,
+    cells: Grid | float, *, model: str | None = None, footprint: FootprintLike | None = None,
     robot: RobotParameters | None = None, **parameters: Any,
 ) -> CostCurve:  # fmt: skip
     """Return the costs of a cost model by distance from the nearest obstacle.
@@ -685,17 +685,18 @@ def cost_curve(
     if not isinstance(cells, Framed):
         raise ParameterError("must be a grid, or a length in metres", place="cells", got=cells)
     values = {**({} if model is None else {"model": model}), **parameters}
+    shape = shape_of(footprint)
     if robot is not None:
-        step = step_for("cost", robot if footprint is None else robot.with_shape(footprint), values)
+        step = step_for("cost", robot if shape is None else robot.with_shape(shape), values)
     else:
         step = make_step("cost", values)
     shaped = step.stage.robot
-    if footprint is not None and robot is None:
+    if shape is not None and robot is None:
         rule = "costs of this model do not depend on the robot's shape"
         if shaped is None or shaped.replaces in parameters:
             rule = f"cannot be given together with {shaped.replaces}" if shaped else rule
             raise ParameterError(rule, place="footprint")
-        step = make_step("cost", {**values, **shaped.parameters(footprint)})
+        step = make_step("cost", {**values, **shaped.parameters(shape)})
     curve = step.curve_on(cells)
     if curve is None:
         raise step.no_curve()

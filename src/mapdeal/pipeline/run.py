@@ -19,7 +19,7 @@ from mapdeal.files.json_values import encode_json
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.grid.costmap import CostCurve, Costmap
-from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.footprint import FootprintLike
 from mapdeal.grid.frame import Figures, Frame, Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import count_text
@@ -183,7 +183,7 @@ def products_of(
 def apply_recipe(
     grid: Grid, recipe: recipes.RecipeLike = recipes.DEFAULT,
     changes: Mapping[str, object] | Sequence[str] | None = None, *,
-    footprint: Footprint | None = None, sim: bool = False, canvas: Canvas = "crop",
+    footprint: FootprintLike | None = None, sim: bool = False, canvas: Canvas = "crop",
     mask: OccupancyGrid | None = None, robot_radius: float | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Apply a recipe to a grid in memory; the counterpart of `run` without files.
@@ -246,7 +246,7 @@ def costmap(
     map: Grid | str | PathLike[str],  # noqa: A002 - the word that users expect
     robot: RobotParameters | str | PathLike[str] | Sequence[str | PathLike[str]] | None = None, *,
     robot_radius: float | None = None,
-    footprint: Footprint | str | Sequence[Sequence[float]] | None = None,
+    footprint: FootprintLike | None = None,
     costmap: CostmapName = "global", namespace: str | None = None,
     mask: OccupancyGrid | None = None, inflation_radius: float | None = None,
     cost_scaling_factor: float | None = None,

@@ -19,7 +19,7 @@ from mapdeal.command import (
     stage,
 )
 from mapdeal.errors import emit_warning
-from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.footprint import Footprint, FootprintLike
 from mapdeal.grid.frame import RADIUS_TOLERANCE, cells_to_cover, largest_square_within
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, UNKNOWN
@@ -46,7 +46,7 @@ def inflate(
     grid: OccupancyGrid,
     *,
     radius: Annotated[float, AT_LEAST_0, METRES] = 0.3,
-    footprint: Footprint | None = None,
+    footprint: FootprintLike | None = None,
     kernel: Literal["disc", "square"] = "disc",
     lethal_threshold: LethalThreshold = DEFAULT_LETHAL_THRESHOLD,
     inflate_unknown: bool = True,
@@ -88,7 +88,7 @@ def inflate(
     >>> inflate(grid, radius=0.2).occupancy.tolist()
     [[0, 0, 100, 100, 100]]
     """
-    if footprint is not None:
+    if isinstance(footprint, Footprint):
         radius = footprint.circumscribed_radius
     side = grid.resolution
     write = partial(inflated, value=OCCUPIED, protected=None if inflate_unknown else UNKNOWN)

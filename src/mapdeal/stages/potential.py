@@ -12,7 +12,7 @@ from mapdeal import command
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.costmap import Costmap, travel_weights
 from mapdeal.grid.field import LARGEST_GAIN, LARGEST_REPULSION, DistanceField, PotentialField
-from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.footprint import Footprint, FootprintLike, shape_of
 from mapdeal.grid.frame import Point, check_point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import reach_radius, robot_text
@@ -65,7 +65,7 @@ def potential(
     repulsive_gain: Annotated[float, GAIN, command.FACTOR] = 1.0,
     lethal_threshold: command.LethalThreshold | None = None,
     radius: Annotated[float, command.AT_LEAST_0, command.METRES, command.FromRobot] = 0.0,
-    footprint: Footprint | None = None,
+    footprint: FootprintLike | None = None,
     through_unknown: bool = False,
     cost_travel_multiplier: Annotated[float, MULTIPLIER, command.FACTOR] = 0.0,
     with_cost_to_go: Annotated[bool, command.OnlyInPython] = True,
@@ -161,7 +161,7 @@ def potential(
         elif obstacles[tuple(cells[0])]:
             raise ParameterError("lies in an obstacle", place="goal", got=goal)
         if with_cost_to_go:
-            robot = footprint or (Footprint.circle(radius) if radius > 0 else None)
+            robot = shape_of(footprint) or (Footprint.circle(radius) if radius > 0 else None)
             ground = Ground(occupancy, source.frame, through_unknown)
             cost_to_go = _costs_to(goal, ground, robot, costs, cost_travel_multiplier)
             cost_to_go_of = robot_text(robot)

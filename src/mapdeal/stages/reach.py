@@ -12,7 +12,7 @@ from mapdeal import command
 from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.footprint import Footprint, FootprintLike, shape_of
 from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach, reach_radius, robot_text
@@ -70,7 +70,7 @@ def reach(
     start: Annotated[tuple[float, ...], command.POSE] | None = None,
     goals: Goals = (),
     radius: Annotated[float, command.AT_LEAST_0, command.METRES, command.FromRobot] = 0.0,
-    footprint: Footprint | None = None,
+    footprint: FootprintLike | None = None,
     headings: Annotated[int, command.HEADINGS] = 72,
     through_unknown: bool = False,
     margin: Annotated[float, command.AT_LEAST_0, command.METRES] = 0.1,
@@ -141,7 +141,8 @@ def reach(
     """
     from mapdeal.grid.reaching import Ground, reach_on  # rarely used, and slow to import
 
-    if radius and footprint is not None and not math.isclose(radius, reach_radius(footprint)):
+    shape = shape_of(footprint)
+    if radius and shape is not None and not math.isclose(radius, reach_radius(shape)):
         raise ParameterError("cannot be given together with footprint", place="radius", got=radius)
     return reach_on(
         Ground(
@@ -150,7 +151,7 @@ def reach(
             through_unknown,
             None if mask is None else closed_by(mask, source.frame),
         ),
-        _shape_of({"footprint": footprint, "radius": radius}),
+        _shape_of({"footprint": shape, "radius": radius}),
         start=start,
         goals=accept_goals("goals", goals),
         headings=headings,

@@ -86,7 +86,7 @@ def _is_pair(value: object) -> bool:
 
 
 if TYPE_CHECKING:  # what callers pass; a stage gets the goals made of it
-    Goals = Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | tuple[Goal, ...]
+    Goals = Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | Sequence[Goal]
 else:
     Goals = tuple[Goal, ...]
     command.structured(Goals, accept_goals)
