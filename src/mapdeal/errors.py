@@ -8,7 +8,7 @@ from __future__ import annotations
 import errno
 import sys
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -43,12 +43,14 @@ _LISTENERS: ContextVar[tuple[tuple[list[MapdealWarning], bool], ...]] = ContextV
 )
 """Lists of warnings of the enclosing blocks, each with whether outer blocks are skipped."""
 
+_REWORD: ContextVar[Callable[[str], str]] = ContextVar("mapdeal_reword", default=str)
+
 _STRICT: ContextVar[tuple[list[MapdealWarning], ...]] = ContextVar("mapdeal_strict", default=())
 
 
-def is_called_by_user() -> bool:
-    """Return whether the function that asks was called by code other than mapdeal's."""
-    return not _is_own(sys._getframe(2))  # noqa: SLF001
+def is_called_by_user(above: int = 0) -> bool:
+    """Return whether code other than mapdeal's called the function that asks, or one above it."""
+    return not _is_own(sys._getframe(2 + above))  # noqa: SLF001
 
 
 def _is_own(frame: FrameType) -> bool:
@@ -57,7 +59,7 @@ def _is_own(frame: FrameType) -> bool:
 
 def emit_warning(message: str | MapdealWarning) -> None:
     """Emit a warning at the caller of mapdeal, also to enclosing blocks that collect warnings."""
-    warning = MapdealWarning(message) if isinstance(message, str) else message
+    warning = MapdealWarning(_REWORD.get()(message)) if isinstance(message, str) else message
     for collected, captures in reversed(_LISTENERS.get()):
         collected.append(warning)
         if captures:
@@ -69,6 +71,21 @@ def emit_warning(message: str | MapdealWarning) -> None:
             outermost = depth
         frame = frame.f_back
     warnings.warn(warning, stacklevel=outermost + 1)
+
+
+@contextmanager
+def reworded(reword: Callable[[str], str]) -> Iterator[None]:
+    """Change the words of warnings and errors, such as options to parameters of a function."""
+    before = _REWORD.set(reword)
+    try:
+        yield
+    except MapdealError as error:
+        for part in ("source", "place", "rule", "hint"):
+            if isinstance(text := getattr(error, part), str):
+                setattr(error, part, reword(text))
+        raise
+    finally:
+        _REWORD.reset(before)
 
 
 @contextmanager

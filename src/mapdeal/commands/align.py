@@ -17,7 +17,7 @@ from mapdeal.compatibility import Unpack
 from mapdeal.errors import ParameterError
 from mapdeal.files.json_values import ALIGNMENT_FORMAT
 from mapdeal.grid.canvas import obstacles_in, sampled
-from mapdeal.grid.frame import Transform
+from mapdeal.grid.frame import Transform, warn_of_degrees
 from mapdeal.pictures.canvas import Image, beside_each_other
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.styles import alignment_style
@@ -249,6 +249,7 @@ def align(
     (True, 3.142)
     """
     approximate = inputs.transform_of(prior, place="prior")
+    warn_of_degrees(max([0.0] if rotations is None else rotations, key=abs, default=0), "rotations")
     a, b = inputs.open_inputs(first, second, names=("map A", "map B"), **reading)
     sizes = [math.prod(source.occupancy.shape) for source in (a, b)]
     text, of_picture = f"maps of {sizes[0]} and {sizes[1]} cells", _PER_CELL_OF_PICTURE * sum(sizes)

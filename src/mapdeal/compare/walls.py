@@ -81,7 +81,7 @@ class WallMap:
         return np.pad(self.known, 1).ravel()
 
     def map_from_cells(self) -> Transform:
-        return Transform(*self.frame.origin)
+        return Transform(*self.frame.origin[:2], math.remainder(self.frame.origin[2], 2 * math.pi))
 
 
 def some_of(values: NDArray[Scalar], most: int) -> NDArray[Scalar]:

@@ -8,13 +8,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from importlib import import_module
+from numbers import Real
 from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from mapdeal.compatibility import Self
-from mapdeal.errors import ParameterError, emit_warning, require
+from mapdeal.errors import ParameterError, emit_warning, is_called_by_user, require
 from mapdeal.grid.values import (
     MOST_COUNTED,
     Drawn,
@@ -155,6 +156,8 @@ class Frame:
         # the repr of numpy's numbers includes their type
         object.__setattr__(self, "resolution", float(self.resolution))
         x, y, yaw = map(float, self.origin)
+        if is_called_by_user(above=1):
+            warn_of_degrees(yaw, "origin")
         object.__setattr__(self, "origin", (x, y, yaw))
 
     @property
@@ -389,9 +392,11 @@ class Transform(OneLineRepr):
 
     def __post_init__(self) -> None:
         for name in ("x", "y", "yaw"):
-            value = float(getattr(self, name))
-            require(are_near([value]), "must be a finite number", name, got=value)
-            object.__setattr__(self, name, value)
+            value = getattr(self, name)
+            is_number = isinstance(value, Real) and are_near([float(value)])
+            require(is_number, "must be a finite number", name, got=value)
+            object.__setattr__(self, name, float(value))
+        warn_of_degrees(self.yaw, "yaw")
         object.__setattr__(self, "yaw", math.remainder(self.yaw, 2 * math.pi))
 
     def _repr_parts(self) -> Iterator[str]:
@@ -741,6 +746,8 @@ class Framed(Drawn, ABC):
     def _freeze(self, **layers: Layer) -> None:
         object.__setattr__(self, "resolution", check_resolution(self.resolution))
         object.__setattr__(self, "origin", check_origin(self.origin))
+        if is_called_by_user(above=2):  # a file's yaw was checked as it was read
+            warn_of_degrees(self.origin[2], "origin")
         shape, *more_shapes = {array.shape for array in layers.values()}
         rule = "layers must be two-dimensional, of one shape and not empty"
         if more_shapes or len(shape) != 2 or 0 in shape:
@@ -925,7 +932,9 @@ def as_points(points_xy: ArrayLike) -> NDArray[np.float64]:
     return points
 
 
-def as_layer(values: ArrayLike, dtype: type[np.generic], name: str, *, true: int = 1) -> Layer:
+def as_layer(
+    values: ArrayLike, dtype: type[np.generic], name: str, *, true: int = 1, rule: str | None = None
+) -> Layer:  # fmt: skip
     """Return `values` as a layer of `dtype`, refusing conversions that change a value.
 
     In place of True the layer has the value `true`.
@@ -933,7 +942,7 @@ def as_layer(values: ArrayLike, dtype: type[np.generic], name: str, *, true: int
     # The producer of a lazy layer is responsible for its values.
     if isinstance(values, LazyLayer) and values.dtype == dtype:
         return cast("Layer", values)
-    rule = f"{name} must hold values of {np.dtype(dtype).name}"
+    rule = rule or f"{name} must hold values of {np.dtype(dtype).name}"
     try:
         array = np.asarray(values)
         array = array * np.uint8(true) if array.dtype == bool else array

@@ -163,7 +163,6 @@ def rotate(grid: V, yaw: float = 0.0, *, rule: ResamplingRule = "area") -> V:
     [[-1, 100, 100, -1], [-1, 100, 100, -1]]
     """
     check_values(grid)
-    frames.warn_of_degrees(yaw, "yaw")
     frame, quarters = _turned(grid.frame, yaw)
     if quarters is not None:
         check_rule(rule)
