@@ -56,8 +56,12 @@ def test_pythons_traceback_shows_the_hint_of_an_error():
         assert not raised.__notes__
 
 
-def test_yaws_in_degrees_are_warned_of():
+def test_warnings_of_degrees_and_by_names_of_parameters():
     grid = mapdeal.OccupancyGrid(np.zeros((20, 30), np.int8), 0.5, (1, 2, 0.3))
-    for call in (lambda: mapdeal.reach(grid, start=(2, 5, 90)), lambda: mapdeal.rotate(grid, 90)):
-        with pytest.warns(mapdeal.MapdealWarning, match="is it in degrees"):
+    for call in (
+        lambda: mapdeal.reach(grid, start=(2, 5, 90)), lambda: mapdeal.rotate(grid, 90),
+        lambda: mapdeal.align(grid, grid, rotations=[90]), lambda: mapdeal.graph(grid),
+        lambda: mapdeal.Costmap([[0]], 1, (0, 0, 9)),
+    ):  # fmt: skip
+        with pytest.warns(mapdeal.MapdealWarning, match="is it in degrees|by footprint or robot:"):
             call()

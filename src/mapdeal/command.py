@@ -18,7 +18,7 @@ import re
 import types
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence as AbcSequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, is_dataclass, replace
 from functools import partial
 from numbers import Real
@@ -48,6 +48,7 @@ from mapdeal.errors import (
     emit_warning,
     is_called_by_user,
     nearest_hint,
+    reworded,
 )
 from mapdeal.grid.canvas import FieldGrid, on_canvas
 from mapdeal.grid.costmap import CostCurve
@@ -322,6 +323,8 @@ def _footprint(_: str, value: object) -> Footprint:
         return value
     if isinstance(value, str):
         return Footprint.parse(value)
+    if isinstance(value, np.ndarray) and value.ndim == 2:
+        value = value.tolist()
     if isinstance(value, (list, tuple)):
         return Footprint.polygon(value)
     if isinstance(value, Mapping) and list(value) == ["radius"]:
@@ -704,7 +707,7 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
         accepted.pop(first, None)
         error = partial(ParameterError, source=function.__name__)
         if hint := grid_hint(grid):
-            raise error("takes a grid", hint=hint)
+            raise error(f"{first} must be a grid", got=grid, hint=hint)
         if is_cropped and not isinstance(grid, accepted_types()):
             rule = f"takes a grid: {' or '.join(kind.__name__ for kind in accepted_types())}"
             is_costs = getattr(grid, "layer_names", ())[:1] == ("cost",)
@@ -729,18 +732,14 @@ def with_plain_errors(function: Callable[P, R]) -> Callable[P, R]:
         bound = _bound(function.__name__, signature, args, kwargs)
         if bound.arguments.get("footprint") is not None:
             bound.arguments["footprint"] = _footprint("footprint", bound.arguments["footprint"])
-        if is_called_by_user():  # in the shell all choices are checked already
-            for name, value in bound.arguments.items():
-                hint = hints_of(function).get(name) if isinstance(value, str) else None
-                if get_origin(split_optional(_split_annotated(hint)[0])[0]) is Literal:
-                    _check_type(value, hint, f"{function.__name__}()", name)
-        try:
-            with _types_checked(function, bound):
-                return function(*bound.args, **bound.kwargs)
-        except MapdealError as error:
-            if is_called_by_user():
-                _name_parameters(error, _with_all_names(signature, hints_of(function)).parameters)
-            raise
+        is_by_user = is_called_by_user()
+        for name, value in bound.arguments.items() if is_by_user else ():
+            hint = hints_of(function).get(name) if isinstance(value, str) else None
+            if get_origin(split_optional(_split_annotated(hint)[0])[0]) is Literal:
+                _check_type(value, hint, f"{function.__name__}()", name)
+        naming = reworded(partial(_in_python, function)) if is_by_user else nullcontext()
+        with naming, _types_checked(function, bound):
+            return function(*bound.args, **bound.kwargs)
 
     return checked_call
 
@@ -769,23 +768,31 @@ def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
 _OPTION = re.compile(r"--([a-z][a-z-]*)(?: ([A-Z]\S*|-?[xyz]\b))?")
 
 
-def _name_parameters(error: MapdealError, parameters: Mapping[str, inspect.Parameter]) -> None:
-    """Name the parameters of a function in place of the options that an error names."""
+_OF_ROBOTS = {"robot_radius": "footprint", "params_file": "robot"}  # if without the name
+
+
+def _in_python(function: Callable[..., Any], text: str) -> str:
+    """Return a text that names the parameters of a function in place of options."""
+    if "--" not in text or "mapdeal " in text:  # which names a command
+        return text
+    parameters = {**_with_all_names(inspect.signature(function), hints_of(function)).parameters}
+    for name, hint in get_type_hints(function, include_extras=True).items():
+        words = _mark_in(_split_annotated(hint)[1], Words)
+        if words is not None and words.name:
+            parameters[words.name] = parameters[name]
     any_other = next((p for p in parameters.values() if p.kind is p.VAR_KEYWORD), None)
 
     def named(match: re.Match[str]) -> str:
         name = match[1].replace("-", "_")
-        parameter = parameters.get(name, any_other)
-        if parameter is None:
+        found = parameters.get(name) or parameters.get(_OF_ROBOTS.get(name, "")) or any_other
+        if found is None:
             return match[0]
-        value = match[2] or ("True" if parameter.default is False else "")
+        name = name if found is any_other else found.name
+        value = match[2] or ("True" if found.default is False else "")
         value = f'"{value}"' if value.islower() else value
         return f"{name}={value}" if value else name
 
-    for part in ("source", "place", "rule", "hint"):
-        text = getattr(error, part)
-        if isinstance(text, str) and "mapdeal " not in text:  # which names a command
-            setattr(error, part, _OPTION.sub(named, text))
+    return _OPTION.sub(named, text).replace("footprint, footprint", "footprint")
 
 
 def _with_all_names(signature: inspect.Signature, hints: Mapping[str, Any]) -> inspect.Signature:
@@ -819,6 +826,8 @@ def _bound(
         hint = nearest_hint(unknown[0], parameters) or (_ROUND if is_radius else None)
     elif len(args) > len(positional) and by_name:
         hint = f"further arguments are named, as {by_name[0]}=..."
+        if "Sequence[" in str(positional[0].annotation):
+            hint = f"pass one list: {name}([a, b])"
     raise ParameterError(text, source=f"{name}()", hint=hint)
 
 
@@ -876,6 +885,8 @@ def _check_type(value: object, hint: Any, function: str, name: str) -> None:
     if not isinstance(value, tuple(_ACCEPTED.get(arm, arm) for arm in arms)):
         is_grid_missing = any(hasattr(arm, "layer_names") for arm in arms)
         hint = grid_hint(value) if is_grid_missing else None
+        if name == "path" and hasattr(value, "layer_names"):
+            hint = "the path comes first"
         if any(arm.__name__ == "RobotParameters" for arm in arms):
             hint = "mapdeal.read_robot_parameters reads a robot's files"
         raise error(f"must be {' or '.join(arm.__name__ for arm in arms)}", got=value, hint=hint)

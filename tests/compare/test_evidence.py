@@ -113,7 +113,7 @@ EVIDENCE = np.array([[1, 2]])
     ([GRID], {}, "^maps: takes two maps or more, got "),
     *[([GRID, odd], {}, "^map 2: is not a map")
       for odd in (COSTS, mapdeal.esdf(GRID), mapdeal.field_view(mapdeal.esdf(GRID)))],
-    ([GRID, np.zeros((2, 3))], {}, "takes files or grids"),
+    ([GRID, np.zeros((2, 3))], {}, "^map 2: must be a file or a grid"),
     ([GRID, GRID], {"rule": "oldest"}, "^rule: must be one of occupied, newest, evidence"),
     ([GRID, GRID], {"transforms": [None] * 2}, "^transforms: must be 1, one for each map except"),
     ([GRID, GRID], {"transforms": [Transform(1e12, 1e12, 0.3)]}, "must be a finite number"),

@@ -201,7 +201,7 @@ def write_picture(
     drawn: Any = {"title": title, "route": route, "pose": pose, "robot": robot}
     if isinstance(shown, Picture):
         if any(value is not None for value in drawn.values()):
-            raise ParameterError("is drawn already", place="picture", got=shown)
+            raise ParameterError("is drawn already", place="shown", got=shown)
         picture = shown
     else:
         picture = draw_picture(shown, **drawn, image_max=image_max, image_extent=image_extent)
@@ -229,7 +229,7 @@ def _grid_in(shown: object) -> tuple[Grid, str]:
     if isinstance(shown, _GRIDS):
         return shown, shown.kind
     rule = "must be a grid, a bit map, a local map, a map of scans, merged maps, a comparison, "
-    raise ParameterError(f"{rule}a score or a cost curve", place="picture", got=shown)
+    raise ParameterError(f"{rule}a score or a cost curve", place="shown", got=shown)
 
 
 def _picture(image: Image) -> Picture:

@@ -317,9 +317,10 @@ def _transforms_of(transforms: Any, maps: Sequence[inputs.MapInput]) -> list[Tra
     if transforms is None:
         return [None] * len(maps)
     first, *later = maps
-    if len(transforms) != len(later) or isinstance(transforms, str):
-        rule = f"must be {len(later)}, one for each map except the first"
-        raise ParameterError(rule, place="transforms", got=len(transforms))
+    if (is_text := isinstance(transforms, str)) or len(transforms) != len(later):
+        rule = f"must be {len(later)}, one for each map except the first{', or align' * is_text}"
+        got = transforms if is_text else len(transforms)
+        raise ParameterError(rule, place="transforms", got=got)
     found: list[Transform | None] = [None]
     for transform, source in zip(transforms, later, strict=True):
         known, files = two_maps.given_transform(transform, place="transforms")
@@ -342,10 +343,11 @@ def _bytes_to_merge(
 
 def _warn_of_frames(sources: Sequence[inputs.MapInput]) -> str:
     """Warn of maps that hardly share their frame; return the advice for maps that contradict."""
-    by_walls = "--by align places maps by their walls"
+    is_shell = inputs.Work.current.get() is not None
+    by_walls = ("--by align" if is_shell else "transforms='align'") + " places maps by their walls"
     pairs = [(sources[0], second) for second in sources[1:]]
     is_warned = [two_maps.warn_of_frames(pair, by_walls) for pair in pairs]
-    is_advised = inputs.Work.current.get() is not None and not any(is_warned)
+    is_advised = is_shell and not any(is_warned)
     return f"; {by_walls}" if is_advised else ""
 
 

@@ -490,7 +490,8 @@ def check_map(
 @command(
     group="Questions about a map",
     output=Output(
-        "PLAN.json", "Write the result to a file; with --pairs a .jsonl.",
+        "PLAN.json", "Write the result to a file, with --pairs a .jsonl; by default it is printed, "
+        "on a terminal as lines, elsewhere as JSON.",
         is_required=False, streams=False,
     ),
     json="default",
@@ -527,10 +528,9 @@ def plan(
 
     Computes on the robot's costmap of the map what Nav2's planner computes. If it finds no path,
     single parameters and places of the map are changed until it does: each printed change was
-    tried, and one step less was not enough. Without -o the result is printed, on a terminal as
-    lines, elsewhere as JSON. Exit code 1 if a goal has no path; with --expect, if the plans differ
-    from the stored ones. Several maps, folders of maps, or parameters make one table; if a map
-    fails, the others continue, and the exit code is 5.
+    tried, and one step less was not enough. Exit code 1 if a goal has no path; with
+    --expect, if the plans differ from the stored ones. Several maps, folders of maps, or parameters
+    make one table; if a map fails, the others continue, and the exit code is 5.
 
     Parameters
     ----------

@@ -8,6 +8,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal, overload
 
@@ -16,7 +17,7 @@ from mapdeal.command import FACTOR, METRES, REPULSION, OnlyInPython, Output, Wor
 from mapdeal.compatibility import Unpack
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.footprint import Footprint, shape_of
+from mapdeal.grid.footprint import Footprint, FootprintLike, shape_of
 from mapdeal.grid.frame import Point
 from mapdeal.grid.reach import Method, Route, reach_radius
 from mapdeal.grid.reaching import largest_closed_square, squares_to
@@ -255,11 +256,12 @@ def _point(text: str) -> tuple[float, ...]:
 @overload
 def route(map: inputs.Map, *, start: Point, goal: Point, **options: Any) -> PlannedRoute: ...
 @overload
-def route(map: inputs.Map, *, pairs: Path, **options: Any) -> PairedRoutes: ...
+def route(map: inputs.Map, *, pairs: str | PathLike[str], **options: Any) -> PairedRoutes: ...
 @command(  # type: ignore[misc]  # it has names for all options
     group="Questions about a map",
     output=Output(
-        "OUT.json", "Write the result to a file; with --pairs a .jsonl.",
+        "OUT.json", "Write the result to a file, with --pairs a .jsonl; by default it is printed, "
+        "on a terminal as lines, elsewhere as JSON.",
         is_required=False, streams=False,
     ),
     json="default",
@@ -275,7 +277,7 @@ def route(
     *,
     start: Annotated[Point | None, Words("X,Y", _point, "from")] = None,
     goal: Annotated[Point | None, Words("X,Y", _point, "to")] = None,
-    pairs: Annotated[Path | None, Words("FILE|-")] = None,
+    pairs: Annotated[str | PathLike[str] | None, Words("FILE|-", typed=Path)] = None,
     compare: Annotated[Sequence[str] | None, Words("METHOD,...", lambda t: t.split(","))] = None,
     method: Method | None = None,
     graph: Annotated[Path | None, Words("GRAPH.geojson")] = None,
@@ -288,7 +290,7 @@ def route(
     attractive_gain: Annotated[float | None, GAIN, FACTOR] = None,
     repulsive_gain: Annotated[float | None, GAIN, FACTOR] = None,
     repulsive_cap: Annotated[float | None, CAP, REPULSION] = None,
-    footprint: Footprint | None = None,
+    footprint: FootprintLike | None = None,
     robot_radius: Annotated[float | None, OnlyInPython] = None,
     robot: Annotated[RobotParameters | None, Words()] = None,
     mask: Annotated[inputs.Map | None, Words()] = None,
@@ -297,10 +299,10 @@ def route(
     """Find a route between two points.
 
     Lethal, inscribed and unknown cells are closed. A map gets the costs of --params-file, or else
-    those of the recipe nav2; the shape of a robot replaces its radius of 0.22 m. Without -o the
-    result is printed, on a terminal as lines, elsewhere as JSON. With --pairs, one line is printed
-    for each pair and method, and their means on stderr. To a goal beyond the map, the route ends at
-    the border cell with the least cost so far plus remaining distance, with a warning.
+    those of the recipe nav2; the shape of a robot replaces its radius of 0.22 m. With
+    --pairs, one line is printed for each pair and method, and their means on stderr. To a goal
+    beyond the map, the route ends at the border cell with the least cost so far plus remaining
+    distance, with a warning.
 
     Parameters
     ----------

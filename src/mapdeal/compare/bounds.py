@@ -212,5 +212,5 @@ def _known_name(spelling: str, side: str, *, with_truth: bool) -> str:
     else:
         near = nearest(name, names)
         rule = "is not a figure of a score"
-        hint = f"did you mean {near}?" if near else "mapdeal score --json lists the names"
+        hint = f"did you mean {near}?" if near else "listed by mapdeal score --json, Score.values"
     raise ParameterError(rule, source=f"--{side}", got=spelling, hint=hint)

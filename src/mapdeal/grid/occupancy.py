@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,6 +48,12 @@ class OccupancyGrid(ValueGrid):
     occupancy: NDArray[np.int8]
     resolution: float
     origin: Origin = (0.0, 0.0, 0.0)
+
+    if TYPE_CHECKING:  # callers may pass lists
+
+        def __init__(
+            self, occupancy: ArrayLike, resolution: float, origin: Sequence[float] = ...
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         self._freeze(occupancy=as_occupancy_layer(self.occupancy))
@@ -132,10 +138,10 @@ def occupancy_figures(counts: NDArray[np.int64]) -> Figures:
 
 
 def as_occupancy_layer(values: ArrayLike) -> NDArray[np.int8]:
-    occupancy = as_layer(values, np.int8, "occupancy", true=OCCUPIED)
+    rule = "occupancy must hold -1 (unknown), whole numbers from 0 to 100, or bool"
+    occupancy = as_layer(values, np.int8, "occupancy", true=OCCUPIED, rule=rule)
     if is_lazy(occupancy):
         return occupancy
     if occupancy.size and (occupancy.min() < UNKNOWN or occupancy.max() > OCCUPIED):
-        rule = "occupancy must lie in -1..100"
         raise ParameterError(rule, got=(int(occupancy.min()), int(occupancy.max())))
     return occupancy

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
@@ -39,6 +40,11 @@ class Goal(OneLineRepr):
     x: float
     y: float
     name: str | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("x", "y"):
+            value = getattr(self, name)
+            require(isinstance(value, Real), "must be a number", name, got=value)
 
     @property
     def label(self) -> str:

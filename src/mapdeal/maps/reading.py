@@ -184,8 +184,8 @@ def write_map(
     if mode is not None:
         check_choice(mode, Mode, "mode")
     check_choice(encoding, Encoding, "encoding")
+    output = Path(path)
     if not isinstance(grid, get_args(Grid)):
         raise ParameterError("must be a grid", place="grid", got=grid)
-    output = Path(path)
     with Transaction(output_paths(output), force=force) as transaction:
         write_grid(transaction, output, grid, mode=mode, encoding=encoding)

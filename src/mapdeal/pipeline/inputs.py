@@ -409,9 +409,9 @@ def need_folder(output: Path) -> None:
         raise ParameterError(rule, source="--output", got=str(output), hint=hint)
 
 
-def text_in(path: Path) -> tuple[Iterable[bytes], Path | str]:
+def text_in(path: str | PathLike[str]) -> tuple[Iterable[bytes], Path | str]:
     """Return the chunks of a text file, in the shell for ``-`` of standard input, and its name."""
-    work = Work.current.get()
+    work, path = Work.current.get(), Path(path)
     if work is None or path != Path("-"):
         return sources.chunks_of(path), path
     return work.terminal.input_chunks(), "standard input"
@@ -421,10 +421,10 @@ def open_inputs(
     *maps: Map, names: Sequence[str], also: Sequence[Path] = (), **reading: Unpack[Reading]
 ) -> list[MapInput]:
     work, settings = Work.current.get(), settings_of(**reading)
-    for source in maps:
+    for source, name in zip(maps, names, strict=True):
         if not isinstance(source, str | PathLike | Grid):
             hint = grid_hint(source)
-            raise ParameterError("takes files or grids", got=source, hint=hint)
+            raise ParameterError("must be a file or a grid", place=name, got=source, hint=hint)
     paths = [Path(source) for source in maps if isinstance(source, str | PathLike)]
     files_read = map(map_input, read_together(paths, settings), paths)
     opened = [
