@@ -2,6 +2,7 @@ import pickle
 import pydoc
 import re
 import traceback
+import warnings
 
 import numpy as np
 import pytest
@@ -65,3 +66,8 @@ def test_warnings_of_degrees_and_by_names_of_parameters():
     ):  # fmt: skip
         with pytest.warns(mapdeal.MapdealWarning, match="is it in degrees|by footprint or robot:"):
             call()
+    with warnings.catch_warnings(record=True) as caught:  # once, where the grid is made
+        warnings.simplefilter("always")
+        grid = mapdeal.OccupancyGrid(np.zeros((20, 30), np.int8), 0.5, (1, 2, 9))
+        mapdeal.merge([grid, grid])
+    assert sum("degrees" in str(warning.message) for warning in caught) == 1

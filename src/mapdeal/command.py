@@ -839,7 +839,7 @@ _AS_GRID: dict[type[Any], str] = {
 
 
 def grid_hint(value: object) -> str | None:
-    """Return how a value that is no grid becomes one."""
+    """Return how to make a grid of an array or a path."""
     return _AS_GRID.get(str if isinstance(value, PathLike) else type(value))
 
 

@@ -50,7 +50,10 @@ _STRICT: ContextVar[tuple[list[MapdealWarning], ...]] = ContextVar("mapdeal_stri
 
 def is_called_by_user(above: int = 0) -> bool:
     """Return whether code other than mapdeal's called the function that asks, or one above it."""
-    return not _is_own(sys._getframe(2 + above))  # noqa: SLF001
+    frame: FrameType | None = sys._getframe(2 + above)  # noqa: SLF001
+    while frame is not None and frame.f_globals.get("__name__") == "dataclasses":  # replace
+        frame = frame.f_back
+    return frame is None or not _is_own(frame)
 
 
 def _is_own(frame: FrameType) -> bool:

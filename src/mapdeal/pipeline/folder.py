@@ -56,7 +56,7 @@ def remark_on(step: Step, figures: Figures, steps: Sequence[Step]) -> str | None
     """Return the remark on the product of one of several steps; without obstacles that of costs."""
     remark = step.remark_on(figures)
     is_repeated = remark == f"{step.name}: {NO_OBSTACLE}" and step.name != "cost"
-    return None if is_repeated and any(other.name == "cost" for other in steps) else remark
+    return None if is_repeated and "cost" in [each.name for each in steps] else remark
 
 
 def summary_of(figures: Figures) -> str:
