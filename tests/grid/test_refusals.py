@@ -59,6 +59,8 @@ UPRIGHT = Frame(5, 8, 0.5, (1.0, -2.0, 0.0))
               {"inscribed_value": 101}]),
             (lambda options: Transform(**options), "(x|y|yaw): must be a finite number",
              [{"x": 1e13}, {"y": math.inf}, {"yaw": -1e13}]),
+            (lambda cells: mapdeal.OccupancyGrid(cells, 0.05), "must not have masked cells",
+             [np.ma.masked_equal([[0, 100]], 100)]),
             (lambda value: draw(MAP, DOT, value=value), "-1 to 100", [101, -2]),
             (lambda value: draw(MAP, DOT, value=value), "needs a value", [None]),
             (lambda shapes: draw(MAP, shapes, value=100), "shapes: must be Polygon, Line or Circle",

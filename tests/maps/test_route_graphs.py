@@ -58,6 +58,16 @@ def loaded(text):
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
+def test_goals_of_a_graph_have_names_as_keys_too():
+    grid, robot = grid_from_text(ROOMS), Footprint.circle(0.2)
+    x, y = grid.frame.xy_from_rowcol([[2, 2]])[0].tolist()
+    found = [graph(grid, footprint=robot, goals=goals).graph
+             for goals in ({"lab": (x, y)}, [mapdeal.Goal(x, y, "lab")])]  # fmt: skip
+    assert "lab" in "\n".join(graph_text(found[0]))
+    assert [*graph_text(found[0])] == [*graph_text(found[1])]
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
 @pytest.mark.parametrize("options", [{}, {"slow_below": 1.0}, {"one_way": "right", "hall": 9.0}])
 def test_the_server_s_rules_hold_for_files_and_they_are_read_back(tmp_path, options):
     grid = grid_from_text(ROOMS)

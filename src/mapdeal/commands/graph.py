@@ -218,7 +218,7 @@ def graph_of(
     shape = planned_shape(robot) if footprint is None and robot is not None else shape_of(footprint)
     parameters: dict[str, Any] = {"footprint": shape, "through_unknown": through_unknown}
     parameters |= {} if start is None else {"start": start}
-    step = make_step("reach", {**parameters, "goals": tuple(goals)})
+    step = make_step("reach", {**parameters, "goals": goals})
     coarse = graph_drafts.coarse_step(reach_radius(shape), source.grid.resolution) ** 2
     per_cell = step.memory + _PER_CELL + _PER_COARSE_CELL / coarse
     with (

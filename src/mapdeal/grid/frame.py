@@ -942,6 +942,9 @@ def as_layer(
     # The producer of a lazy layer is responsible for its values.
     if isinstance(values, LazyLayer) and values.dtype == dtype:
         return cast("Layer", values)
+    if type(values).__name__ == "MaskedArray" and np.any(values.mask):  # type: ignore[union-attr]
+        hint = "array.filled(value) gives masked cells a value, such as that of unknown cells"
+        raise ParameterError(f"{name} must not have masked cells", hint=hint)
     rule = rule or f"{name} must hold values of {np.dtype(dtype).name}"
     try:
         array = np.asarray(values)
