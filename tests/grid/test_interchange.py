@@ -78,9 +78,9 @@ def test_matplotlib_draws_cells_where_they_lie(grid):
     unknown = np.ma.getmaskarray(image.get_array())
     expected = np.isnan(grid.layer) if grid is FIELD else grid.layer == grid.unknown_value
     assert np.array_equal(unknown, expected)
-    if grid is COSTS:
+    if grid is not FIELD:
         colours = image.to_rgba(image.get_array()).reshape(-1, 4)
-        assert len({tuple(colour) for colour in colours}) == len({*grid.cost.flat})
+        assert len({tuple(colour) for colour in colours}) == len({*grid.layer.flat})
         grid.plot(norm=image.norm, cmap="gray")
 
 

@@ -668,10 +668,11 @@ class Framed(Drawn, ABC):
         return x_min, x_max, y_min, y_max
 
     def plot(self, ax: Any = None, **options: Any) -> Any:
-        """Draw the main layer with matplotlib, in metres; unknown cells stay transparent.
+        """Draw the main layer with matplotlib, in metres.
 
-        In costmaps, free cells are white, graded costs yellow to purple, inscribed cells cyan,
-        lethal cells black and unknown cells grey.
+        Free cells of maps are white, obstacles black and unknown cells light blue. In costmaps,
+        free cells are white, graded costs yellow to purple, inscribed cells cyan, lethal cells
+        black and unknown cells grey.
 
         Parameters
         ----------

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.frame import Figures, Origin, ValueGrid, as_layer
+from mapdeal.grid.frame import Figures, Origin, ValueGrid, as_layer, library
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import counts_of, is_lazy, mapped
 from mapdeal.kernels.lookup import look_up
@@ -80,7 +80,8 @@ class OccupancyGrid(ValueGrid):
         return self
 
     def _colours(self) -> dict[str, Any]:
-        return {"cmap": "gray_r"}
+        cmap = library("matplotlib").colormaps["gray_r"].with_extremes(bad="lightsteelblue")
+        return {"cmap": cmap, "vmin": FREE, "vmax": OCCUPIED}
 
     def _with_values(self, values: NDArray[Any], origin: Origin) -> OccupancyGrid:
         return OccupancyGrid(values, self.resolution, origin)
