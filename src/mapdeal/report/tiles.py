@@ -270,24 +270,24 @@ def encoded(layers: Sequence[PageLayer], *, size: int) -> Encoded:
     threads = thread_count()
     shapes = [layer.frame.shape for layer in layers]
     sizes: dict[tuple[int, int], list[int]] = {}
+    dropped: dict[tuple[int, int], int] = {}  # how many resolutions have only sizes
     encoded_layers: list[EncodedLayer] = []
     with ThreadPool(threads if threads > 1 else 0) as pool:  # without threads submit does it
         compressor = _Compressor(pool, threads)
         for layer in layers:
-            encoded_layers.append(_encoded_layer(layer, compressor))
-            shape = layer.frame.shape
-            places = [place for place in range(len(shapes)) if shapes[place] == shape]
-            group = [encoded_layers[place] for place in places if place < len(encoded_layers)]
-            choices = range(len(group[0].levels))
-            sizes[shape] = [
-                sum(level.size for member in group for level in _chain(member, left_out))
-                for left_out in choices
-            ]
+            new, shape = _encoded_layer(layer, compressor), layer.frame.shape
+            sums = sizes.setdefault(shape, [0] * len(new.levels))
+            for left_out in range(len(sums)):
+                sums[left_out] += sum(level.size for level in _chain(new, left_out))
             # Further layers only add to the size, so tiles that are too large now are dropped.
-            fits = (left_out for left_out in choices if sizes[shape][left_out] <= size)
-            unused = next(fits, choices[-1])
-            for place, member in zip(places, group, strict=False):
-                encoded_layers[place] = _without_finest(member, unused)
+            fits = (left_out for left_out, total in enumerate(sums) if total <= size)
+            unused = next(fits, len(sums) - 1)
+            if unused > dropped.get(shape, 0):
+                for place, member in enumerate(encoded_layers):
+                    if shapes[place] == shape:
+                        encoded_layers[place] = _without_finest(member, unused)
+            dropped[shape] = unused
+            encoded_layers.append(_without_finest(new, unused))
     return Encoded(tuple(_fitted(encoded_layers, shapes, sizes, size)))
 
 
