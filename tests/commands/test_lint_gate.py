@@ -142,6 +142,10 @@ def test_a_file_that_nav2_refuses_ends_with_1(sh, here):
     assert second.startswith("nav2.yaml:2: error: params.plugins: s.plugin: unknown class")
     assert second.endswith("; did you mean nav2_costmap_2d::StaticLayer?")
     assert (code, total) == (1, "1 parameter file: 2 errors, 0 warnings, 0 notes")
+    for own in ("MyStaticLayer", "SimpleStaticLayer"):  # other packages' in the namespace
+        text = Path("nav2.yaml").read_text().replace("StaticLayr", own)
+        Path("own.yaml").write_text(text)
+        assert "params.plugins" not in sh("lint --params-file own.yaml")[1]
 
 
 def test_every_form_of_the_report_lists_five_mistakes_with_their_lines(sh, robot):

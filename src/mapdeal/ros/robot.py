@@ -477,7 +477,9 @@ def suggested_class(kind: str, classes: Sequence[str], prefix: str) -> str | Non
     if kind in classes:
         return None
     if package in ("costmap_2d", "nav2_costmap_2d", ""):  # the other ROS's package, or none
-        return most_alike(prefix + plain, classes, least=_MISSPELT_IN_PACKAGE)
+        nearest = most_alike(prefix + plain, classes, least=_MISSPELT_IN_PACKAGE)
+        known = (nearest or "").removeprefix(prefix)
+        return None if plain != known and plain.endswith(known) else nearest  # MyStaticLayer
     return most_alike(kind[:LONGEST_CLASS_NAME], classes)
 
 
