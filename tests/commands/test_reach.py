@@ -200,6 +200,11 @@ def test_the_hint_of_a_goal_in_a_wall_names_an_open_cell_and_if_it_is_reached(
     assert err.endswith(f"hint: the nearest open cell is at {near}{ending}\n")
     err = sh(f"reach map.yaml --from {place(grid, 1, 1)} --to {place(grid, 1, 6)}")[2]
     assert err.endswith("hint: --image shows where the robot can go\n")  # nothing is unknown
+    divided = grid_from_text("########\n#.#?#..#\n########", resolution=0.5)
+    write_map("map.yaml", divided, force=True)
+    line = f"reach map.yaml --from {place(grid, 1, 1)} --to {place(grid, 1, 6)}"
+    for more in ("", " --through-unknown"):
+        assert ("unknown cells are closed" in sh(line + more)[2]) == (not more)
 
 
 def test_costs_around_obstacles_hide_no_unknown_cells(sh, here):

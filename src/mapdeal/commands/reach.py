@@ -98,7 +98,11 @@ class Reachability(Spread):
             hint += "" if self.reach.reachable[row, col] else ", but it is not reachable either"
         elif first.limited_by is None and self.keepout is not None:
             hint = "the cells of the keepout mask are closed"
-        elif first.limited_by is None and (self.reach.occupancy == UNKNOWN).any():
+        elif (
+            first.limited_by is None
+            and not self.reach.through_unknown
+            and (self.reach.occupancy == UNKNOWN).any()
+        ):
             hint = "unknown cells are closed; --through-unknown opens them"
         raise errors.FindingError(rule, source=self.map.name, hint=hint)
 
