@@ -364,17 +364,10 @@ def differences(
         maps, move = two_maps.opened_in_one_frame(first, second, align=align, by=by)
     except MalformedInputError as error:
         files = [Path(item) for item in (first, second) if isinstance(item, str | PathLike)]
-        if all((kind := readable_kind(file)) and kind.name == PARAMETERS for file in files):
-            words = [
-                "mapdeal",
-                "diff",
-                "MAP",
-                "--params-file",
-                str(first),
-                "--against",
-                str(second),
-            ]
-            error.hint = shlex.join(words)
+        kinds = [kind.name for kind in map(readable_kind, files) if kind is not None]
+        if kinds == [PARAMETERS] * 2:
+            names = [shlex.quote(str(file)) for file in files]
+            error.hint = f"mapdeal diff MAP --params-file {names[0]} --against {names[1]}"
         raise
     if not two_maps.are_costs(maps):
         return _maps_compared(maps, move, limits, {})
