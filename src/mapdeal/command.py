@@ -55,7 +55,8 @@ from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import Drawn
+from mapdeal.grid.values import OCCUPIED, Drawn
+from mapdeal.kernels.blocks import holds_everywhere
 
 
 @dataclass(frozen=True)
@@ -650,7 +651,8 @@ def stage(
         @functools.wraps(function)
         def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
             product: Any = with_checks(*args, **kwargs)
-            if "remark" in more and is_called_by_user():  # recipes and commands add it themselves
+            # Recipes and commands add the remark themselves.
+            if "remark" in more and is_called_by_user() and not _has_obstacle(*args[:1]):
                 text = remark_on_obstacles({}, product.figures())
                 if text is not None:
                     emit_warning(f"{name}: {text}")
@@ -664,6 +666,12 @@ def stage(
 
 
 NO_OBSTACLE = "there is no obstacle"
+
+
+def _has_obstacle(grid: object = None) -> bool:
+    """Return whether a grid certainly has an obstacle, which its first rows usually show."""
+    occupancy = getattr(grid, "occupancy", None)
+    return occupancy is not None and not holds_everywhere(occupancy, lambda row: row < OCCUPIED)
 
 
 def remark_on_obstacles(_: Parameters, figures: Figures) -> str | None:
@@ -766,8 +774,6 @@ def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
 
 
 _OPTION = re.compile(r"--([a-z][a-z-]*)(?: ([A-Z]\S*|-?[xyz]\b))?")
-
-
 _OF_ROBOTS = {"robot_radius": "footprint", "params_file": "robot"}  # if without the name
 
 
