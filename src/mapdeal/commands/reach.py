@@ -28,7 +28,6 @@ from mapdeal.pipeline.folder import Spread, reach_document, spread_json, summary
 from mapdeal.pipeline.recipe import load_recipe, planned_shape
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.ros.robot import RobotParameters
-from mapdeal.sensors.points import read_named_points
 from mapdeal.stages.cost import closed_by
 from mapdeal.stages.reach import reach
 
@@ -176,6 +175,8 @@ def _named_points(path: Path) -> Iterator[Goal]:
 
 
 def goals_in(path: Path) -> list[Goal]:
+    from mapdeal.sensors.points import read_named_points  # slow to import
+
     found = list(_named_points(path)) if path.suffix == ".geojson" else []
     chunks, name = ([], path) if path.suffix == ".geojson" else inputs.text_in(path)
     for point in read_named_points(chunks, name):

@@ -16,10 +16,9 @@ from mapdeal.commands.reach import chosen_goals, goals_or_names, start_of
 from mapdeal.compatibility import Unpack
 from mapdeal.files.source import absolute_path, claim
 from mapdeal.grid.footprint import Footprint, FootprintLike
+from mapdeal.grid.frame import CloudFrame
 from mapdeal.grid.reach import Goal, robot_text
 from mapdeal.grid.values import count_text
-from mapdeal.mapping.local_map import CloudFrame, LocalOptions
-from mapdeal.mapping.transforms import check_pose
 from mapdeal.maps.listing import list_maps
 from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExtent
 from mapdeal.pipeline import batch, recipe as recipes, run as pipeline
@@ -437,6 +436,8 @@ def _around(
     pose: Sequence[float], cloud: str | None, frame: CloudFrame | None, recipe: str | None,
     footprint: Footprint | None,
 ) -> Around:  # fmt: skip
+    from mapdeal.mapping.local_map import LocalOptions
+    from mapdeal.mapping.transforms import check_pose
     from mapdeal.pipeline.local import Around, only_cloud  # of use to few runs
 
     if cloud is None:

@@ -9,7 +9,7 @@ from copy import copy
 from dataclasses import dataclass
 from importlib import import_module
 from numbers import Real
-from typing import Any, ClassVar, NamedTuple, TypeVar, cast
+from typing import Any, ClassVar, Literal, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -33,6 +33,7 @@ RADIUS_TOLERANCE = 1e-9  # metres: 6 * 0.05 and 0.3 differ in their last bits
 
 Origin = tuple[float, float, float]
 Point = tuple[float, float]
+CloudFrame = Literal["robot", "map"]  # of the coordinates in a point cloud
 _Real = TypeVar("_Real", bound=np.floating[Any])
 
 # Far beyond any robot; within these limits no product of lengths and cells overflows.

@@ -21,7 +21,6 @@ from mapdeal.kernels.polygons import FARTHEST_CELL
 from mapdeal.kernels.sensing import Odds, mark_cloud, weigh_rays
 from mapdeal.mapping.transforms import CoveredAngles, Pose, check_pose, wrapped
 
-CloudFrame = Literal["robot", "map"]
 Unknown = Literal["keep", "free"]
 
 
@@ -67,7 +66,7 @@ class LocalOptions:
         If a number is not finite or has the wrong sign, or a minimum exceeds its maximum.
     """
 
-    frame: CloudFrame = "robot"
+    frame: frames.CloudFrame = "robot"
     offset: Annotated[frames.Point, Words("DX,DY")] = (0.0, 0.0)
     size: Annotated[frames.Point, Words("WX,WY")] = (20.0, 20.0)
     resolution: Annotated[float, Words("R")] = 0.05

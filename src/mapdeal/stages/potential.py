@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,13 @@ from mapdeal.grid.footprint import Footprint, FootprintLike, shape_of
 from mapdeal.grid.frame import Point, check_point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import reach_radius, robot_text
-from mapdeal.grid.reaching import Ground, cells_open_to
 from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED
 from mapdeal.kernels.eikonal import lengths_to, weighted_lengths_to
 from mapdeal.kernels.lookup import sum_of_inverse_distances
 from mapdeal.stages.cost import obstacles_of
+
+if TYPE_CHECKING:
+    from mapdeal.grid.reaching import Ground
 
 GAIN = command.Condition(
     f"between 0 and {LARGEST_GAIN:g}", lambda value: 0 <= value <= LARGEST_GAIN
@@ -162,6 +164,8 @@ def potential(
             raise ParameterError("lies in an obstacle", place="goal", got=goal)
         if with_cost_to_go:
             robot = shape_of(footprint) or (Footprint.circle(radius) if radius > 0 else None)
+            from mapdeal.grid.reaching import Ground  # slow to import
+
             ground = Ground(occupancy, source.frame, through_unknown)
             cost_to_go = _costs_to(goal, ground, robot, costs, cost_travel_multiplier)
             cost_to_go_of = robot_text(robot)
@@ -182,6 +186,8 @@ def _costs_to(
     goal: Point, ground: Ground, robot: Footprint | None, costs: Costmap | None, weight: float
 ) -> NDArray[np.float64]:
     """Return the least cost of a way from each cell to a goal, in metres; inf if none."""
+    from mapdeal.grid.reaching import cells_open_to
+
     place = ground.frame.place_in_cell(goal)
     if place is None:
         return np.full(ground.occupancy.shape, np.inf)

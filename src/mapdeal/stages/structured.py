@@ -20,7 +20,6 @@ from mapdeal.command import Parameter
 from mapdeal.errors import ParameterError, require
 from mapdeal.grid.footprint import is_number
 from mapdeal.grid.reach import Goal
-from mapdeal.layers.catalogue import KINDS
 from mapdeal.layers.layer import CostmapLayer
 
 _GOALS_EXAMPLE = "{kitchen: [7.1, 3.2], ...} or [[7.1, 3.2], ...]"
@@ -106,6 +105,8 @@ def layers_with(
     layers: tuple[CostmapLayer, ...], name: str, value: object
 ) -> tuple[CostmapLayer, ...] | None:
     """Return layers with a new value for a parameter that is named as in model ``exponential``."""
+    from mapdeal.layers.catalogue import KINDS  # all layers: few runs need them
+
     if name == "lethal_threshold":
         name = "lethal_cost_threshold"  # as ROS calls it
     kind = next((kind for kind in KINDS.values() if name in _parameters_of(kind)), None)
@@ -120,6 +121,8 @@ def layers_with(
 
 
 def _layer(place: str, item: object) -> CostmapLayer:
+    from mapdeal.layers.catalogue import KINDS
+
     settings: object = None
     if hasattr(item, "described"):  # a layer
         item = item.described()
