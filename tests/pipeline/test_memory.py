@@ -131,4 +131,4 @@ def test_what_a_map_needs(most, shape, reading, by_rows, expected):
         with pytest.raises(MalformedInputError, match=expected):
             need()
     else:
-        assert need() == memory.Need(expected[0], by_blocks=expected[1])
+        assert (need().needed, need().blocks is not None) == expected

@@ -38,12 +38,10 @@ from mapdeal.stages.catalogue import models_of
 
 _FIRST_SENTENCE = re.compile(r".*?\.(?=\s+[A-Z`]|$)")
 
-_INPUTS: dict[type[Any], tuple[str, str]] = {
+_INPUTS: dict[type[Any], tuple[str, str]] = {  # in --help: grids that stages accept besides maps
     DistanceField: ("ESDF.npz", "the distance field of one"),
     Costmap: ("COST.npz", "a costmap"),
 }
-"""What ``--help`` calls grids that some stages accept besides maps."""
-
 _MEMORY = (
     "Memory to use, such as 4G or 500M; maps that need more are processed in blocks of rows.  "
     "[default: half of the free memory]"
@@ -79,7 +77,12 @@ def _apply_stage(
     elif robot is not None:
         shaped = robot if footprint is None else robot.with_shape(footprint)
         step = step_for(stage.name, shaped, values)
-        _warn_of_unused(step, shaped)
+        model = step.stage
+        if model.robot is None and model.parameters_from_layers(shaped.costmap_layers) is None:
+            emit_warning(
+                f"--params-file: model {model.model} takes no shape and no costs of it, only which "
+                "occupancy is lethal"
+            )
         if stage.needs_costs(step.parameters):
             before = load_recipe(shaped).steps
     else:
@@ -154,9 +157,8 @@ class _StageCommand(Command):
             if any(stage.parameters[name] != parameter for stage in owners.values()):
                 rule = f"models {', '.join(map(str, owners))} of {self.name} have different"
                 raise ValueError(f"{rule} parameters of one name: {name}")
-            if parameter.is_structured:  # set by the robot's shape or by a recipe
-                continue
-            found[name] = parameter
+            if not parameter.is_structured:  # else set by the robot's shape or by a recipe
+                found[name] = parameter
         last = ["encoding", "curve"] if is_of_costs else []
         last += ["footprint", "robot"] if "robot" in self.shared else []
         return found | {name: own[name] for name in [*last, "output"]}
@@ -199,38 +201,24 @@ def _step_of(
     models: Mapping[str | None, Stage], footprint: Footprint | None, values: Mapping[str, object]
 ) -> Step:
     name = next(iter(models.values())).name
-    if footprint is None:
-        return make_step(name, values)
     model = values.get("model", next(iter(models)))
     stage = models.get(None if model is None else str(model))
-    shape = None if stage is None else stage.robot
-    if stage is not None and shape is None:
+    if footprint is None or stage is None:  # `make_step` refuses an unknown model
+        return make_step(name, values)
+    shape = stage.robot
+    if shape is None:
         shaped = " and ".join(str(stage.model) for stage in models.values() if stage.robot)
         rule = f"only {name}s of model {shaped} depend on the robot's shape"
         raise ParameterError(rule, source="--model", got=model)
-    if shape is None:
-        return make_step(name, values)
     if shape.replaces in values:
         rule = "cannot be given together with a robot's shape"
         raise ParameterError(rule, source=f"--{shape.replaces.replace('_', '-')}")
     return make_step(name, {**values, **shape.parameters(footprint)})
 
 
-def _warn_of_unused(step: Step, robot: RobotParameters) -> None:
-    """Warn of a model, set on the command line, that ignores the costs of a robot."""
-    stage = step.stage
-    if stage.robot is None and stage.parameters_from_layers(robot.costmap_layers) is None:
-        emit_warning(
-            f"--params-file: model {stage.model} takes no shape and no costs of it, only which "
-            "occupancy is lethal"
-        )
-
-
-_OF_ROBOT = {
+_OF_ROBOT = {  # shared options by the parameter that they set
     "footprint": "--footprint, --robot-radius", "robot": "--params-file", "against": "--against"
 }  # fmt: skip
-"""Parameters that options in common stand for, and which these are."""
-
 _OF_SETTINGS = opt.OF_SETTINGS & opt.SHARED_OPTIONS.keys() - {*opt.OF_IMAGES}
 
 _TYPES = {Map: Path, Map | None: Path | None, Sequence[Map]: list[Path]}  # what typer reads maps as
@@ -284,11 +272,7 @@ def _shell_function(definition: Command) -> Any:
     names = list(opt.expanded([*names, *definition.shared]))
     if "image" in names and not (is_stage or definition.may_have_picture):
         names = [name for name in names if name not in ("image", "image_extent")]
-    return opt.with_shared_options(
-        run, own, names, help_texts=definition.texts,
-        makes_costs=definition.makes_costs,
-        ending=definition.output.ending if definition.output else ".npz",
-    )  # fmt: skip
+    return opt.with_shared_options(run, own, names, definition)
 
 
 def _accept_values(definition: Command, values: dict[str, Any], work: Work) -> dict[str, Any]:
@@ -319,16 +303,10 @@ def _call(definition: Command, values: dict[str, Any]) -> Any:
     except ParameterError as error:
         names = str(error.place).removeprefix(f"{definition.name}.").split(", ")
         if error.source is None and {*definition.parameters, *opt.SHARED_OPTIONS}.issuperset(names):
-            options = (_option_named(definition, name) for name in names)
+            keys = {name: own.key for name, own in definition.parameters.items()}
+            options = (_OF_ROBOT.get(n) or f"--{keys.get(n, n).replace('_', '-')}" for n in names)
             error.source, error.place = ", ".join(options), None
         raise
-
-
-def _option_named(definition: Command, name: str) -> str:
-    own = definition.parameters.get(name)
-    if own is None or name in _OF_ROBOT:
-        return _OF_ROBOT.get(name) or f"--{name.replace('_', '-')}"
-    return opt.option_name(own)
 
 
 def _accept(parameter: Parameter, value: Any) -> Any:
@@ -377,7 +355,6 @@ def _arguments(definition: Command) -> Iterator[Argument]:
             continue
         is_map = kind in _TYPES or words.streams
         text = first_sentence(meanings[name])
-        default = Argument.empty if is_required else None
         if words.name is None:
             text = f"{text} {opt.OR_STDIN}" if is_map else text
             declared = typer.Argument(metavar=words.metavar or "MAP", help=text)
@@ -385,6 +362,7 @@ def _arguments(definition: Command) -> Iterator[Argument]:
             declared = typer.Option(f"--{words.name}", metavar=words.metavar, help=text)
         marks = [FROM_STDIN] if is_map else []
         typed = words.typed or _TYPES.get(kind, kind)
+        default = Argument.empty if is_required else None
         yield _argument(name, Annotated[(typed, declared, *marks)], default)
     if output is not None:
         is_text = output.ending != ".npz" or definition.json == "default"

@@ -15,10 +15,7 @@ GROUPS = (
 """Titles under which ``mapdeal --help`` lists commands, in its order."""
 
 _COMMON = "Common options"
-_LAST = ("Robot", _COMMON)
-"""Groups of options that many commands have; they come after a command's own."""
-
-_CONDITIONS = ("With a bag",)
+_LAST = ("Robot", _COMMON)  # groups of options that many commands have, after a command's own
 
 
 def in_groups(group: Any, context: Any, names: Iterable[str] | None = None) -> dict[str, list[Any]]:
@@ -62,11 +59,9 @@ def sections_of(command: Any, context: Any) -> dict[str, list[tuple[str, str]]]:
     parameters = command.get_params(context)
     sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
     for parameter in parameters:
-        record = parameter.get_help_record(context)
-        if record is not None:
-            names, text = record
-            title, text = _placed(parameter, text, parameters)
-            sections.setdefault(title, []).append((names, text))
+        if record := parameter.get_help_record(context):
+            title, text = _placed(parameter, record[1], parameters)
+            sections.setdefault(title, []).append((record[0], text))
     ordered = sorted(sections, key=lambda title: title in _LAST)  # others keep their order
     return {title: sections[title] for title in ordered if sections[title]}
 
@@ -89,12 +84,12 @@ def _placed(parameter: Any, text: str, parameters: Iterable[Any]) -> tuple[str, 
     if title is not None:
         return title, text
     condition, colon, meaning = text.partition(": ")
-    if colon and condition in _CONDITIONS:
-        return condition, meaning[:1].upper() + meaning[1:]
+    meaning = meaning[:1].upper() + meaning[1:]
+    if colon and condition == "With a bag":
+        return condition, meaning
     for choice in parameters:
-        choices = [*(choice.metavar or "").split("|"), *getattr(choice.type, "choices", ())]
-        if condition in choices:
-            return f"With {choice.opts[0]} {condition}", meaning[:1].upper() + meaning[1:]
+        if condition in [*(choice.metavar or "").split("|"), *getattr(choice.type, "choices", ())]:
+            return f"With {choice.opts[0]} {condition}", meaning
     return "Options", text
 
 

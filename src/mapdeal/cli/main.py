@@ -60,7 +60,7 @@ class _LazyGroup(TyperGroup):
             accept_words(runnable, cmd_name)
             lay_out(runnable)
         command.name = cmd_name
-        summary, _, _ = (command.help or "").partition("\n\n")
+        summary = (command.help or "").partition("\n\n")[0]
         command.short_help = " ".join(summary.split())  # click would shorten it
         command.context_settings["help_option_names"] = ["-h", "--help"]
         self.commands[cmd_name] = command

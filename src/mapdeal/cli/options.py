@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from enum import Enum
 from functools import partial, wraps
@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Optional, get_args, get_
 import typer
 
 from mapdeal.cli import terminal
-from mapdeal.command import Parameter, Words, split_optional
+from mapdeal.command import Command, Parameter, Words, split_optional
 from mapdeal.errors import ParameterError, strict_warnings
 from mapdeal.files.source import INTERPRETER, size_of, size_text
 from mapdeal.grid.footprint import Footprint
@@ -57,8 +57,7 @@ def option_of(parameter: Parameter, help_text: str, *, is_flag: bool = False) ->
 
 
 def option_name(parameter: Parameter) -> str:
-    words = parameter.words or Words()
-    return "--" + (words.name or parameter.name).replace("_", "-")
+    return "--" + parameter.key.replace("_", "-")
 
 
 def type_of(parameter: Parameter) -> Any:
@@ -130,16 +129,10 @@ def robot_parameters(
     return robot
 
 
-Command = Callable[..., None]
-
 _ROBOT, _AGAINST, _ALWAYS = "robot", "against", "always"
 
-_OF_FILES = ("params_file", "costmap", "namespace")
-"""Options of the group ``robot`` for a robot's own parameter files."""
-
-OF_IMAGES = ("resolution", "origin")
-"""The options for images without a YAML file; some commands have others of these names."""
-
+_OF_FILES = ("params_file", "costmap", "namespace")  # of the group ``robot``
+OF_IMAGES = ("resolution", "origin")  # of those without a YAML file; some commands have their own
 OF_SETTINGS = {setting.name for setting in fields(Settings)}
 
 
@@ -154,21 +147,15 @@ class SharedOption(NamedTuple):
     least: int | None = None
     marks: tuple[Any, ...] = ()
 
-    @property
-    def panel(self) -> str:
-        return "Robot" if self.group in (_ROBOT, _AGAINST) or self.marks else "Common options"
-
     def parameter(self, name: str, text: str | None) -> Argument:
-        flag = [f"--{name.replace('_', '-')}"] if self.kind is bool else []
+        has_one_form = self.kind is bool and name != "robot_16_gon"  # which has a --no-, too
+        flag = [f"--{name.replace('_', '-')}"] if has_one_form else []
         flag += ["-" + name[0]] if name in ("quiet", "verbose") else []
-        option = typer.Option(
-            *([] if name == "robot_16_gon" else flag),  # which has a --no-, too
-            metavar=self.metavar,
-            min=self.least,
-            help=text or self.text,
-            show_default="[default: " not in (text or self.text),
-            rich_help_panel=self.panel,
-        )
+        text = text or self.text
+        declare = partial(typer.Option, *flag, metavar=self.metavar, min=self.least, help=text)
+        is_of_robot = self.group in (_ROBOT, _AGAINST) or self.marks
+        panel = "Robot" if is_of_robot else "Common options"
+        option = declare(show_default="[default: " not in text, rich_help_panel=panel)
         kind: Any = Annotated[(self.kind, option, *self.marks)]
         return Argument(name, Argument.KEYWORD_ONLY, default=self.default, annotation=kind)
 
@@ -178,67 +165,48 @@ _always = partial(SharedOption, bool, default=False, group="always")
 
 SHARED_OPTIONS = {
     "footprint": _robots(
-        str | None, "Corners of the robot around its centre, metres.", "[[X,Y],...]"
-    ),
+        str | None, "Corners of the robot around its centre, metres.", "[[X,Y],...]"),
     "robot_radius": _robots(float | None, "Radius of a round robot, metres.", "M"),
     "footprint_padding": _robots(
         float, "Distance to move the edges of the shape outwards, metres; ROS uses 0.01.", "M", 0.0
     ),
     "robot_16_gon": _robots(
         bool, "Treat a round robot as a polygon of 16 corners, as costmap_2d does.  [default: no]",
-        default=False
-    ),
-    "params_file": _robots(
-        list[Path] | None,
+        default=False),
+    "params_file": _robots(list[Path] | None,
         "Take shape and costs from a robot's own parameters: a Nav2 file, or ROS 1's costmap "
-        "files; can be repeated, later files override earlier ones.", "FILE"
-    ),
+        "files; can be repeated, later files override earlier ones.", "FILE"),
     "costmap": _robots(CostmapName | None, "Costmap of --params-file.  [default: global]"),
     "namespace": _robots(str | None, "Robot of --params-file, if it contains several.", "NS"),
-    "against": SharedOption(
-        list[Path] | None,
+    "against": SharedOption(list[Path] | None,
         "Compare with the costmap of these parameters; repeatable, later files override.", "FILE",
-        group=_AGAINST
-    ),
+        group=_AGAINST),
     "image": SharedOption(Path | None, "Also write a picture of the result.", "FILE.png"),
     "image_extent": SharedOption(
         ImageExtent, "Extent of pictures: the known cells and a margin, or the whole map.",
-        default=Settings.image_extent
-    ),
+        default=Settings.image_extent),
     "dialect": SharedOption(
         Dialect, "How the image is read: as nav2 (jazzy and newer), humble or ros1.",
-        default=Settings.dialect
-    ),
-    "resolution": SharedOption(
-        float | None,
-        "For an image without its .yaml, or a .pbstream [0.05]: side of a cell, metres.", "M"
-    ),
-    "origin": SharedOption(
-        str | None,
+        default=Settings.dialect),
+    "resolution": SharedOption(float | None,
+        "For an image without its .yaml, or a .pbstream [0.05]: side of a cell, metres.", "M"),
+    "origin": SharedOption(str | None,
         "For an image without its .yaml: pose of its lower left corner.  [default: 0,0,0]",
-        "X,Y,YAW"
-    ),
-    "max_cells": SharedOption(
-        int | None,
+        "X,Y,YAW"),
+    "max_cells": SharedOption(int | None,
         "Refuse larger images before allocating memory.  [default: 2e8 for compressed images, "
-        "1e9 for others]", "N", least=1
-    ),
+        "1e9 for others]", "N", least=1),
     "force": SharedOption(bool, "Replace existing outputs.", default=False),
     "threads": SharedOption(int | None, "Threads to use.  [default: all cores]", "N", least=1),
-    "max_memory": SharedOption(
-        str | None,
+    "max_memory": SharedOption(str | None,
         "Memory to use, such as 4G or 500M; inputs that need more are refused.  [default: half of "
-        "the free memory]", "SIZE"
-    ),
+        "the free memory]", "SIZE"),
     "image_max": SharedOption(
         int, "Longest side of pictures, pixels; 0 for one pixel per cell.", "PIXELS",
-        Settings.image_max, group=None, least=0
-    ),
-    "mask": SharedOption(
-        Path | None,
+        Settings.image_max, group=None, least=0),
+    "mask": SharedOption(Path | None,
         "Keepout mask, a map: lower bound of the costs; 100 keeps the robot's centre out.",
-        "MASK", group=None, marks=(terminal.FROM_STDIN,)
-    ),
+        "MASK", group=None, marks=(terminal.FROM_STDIN,)),
     "no_images": SharedOption(bool, "Write no pictures.", default=False, group=None),
     "strict": _always("Exit with 1, and write nothing, if there is a warning."),
     "quiet": _always("Print only errors and requested results."),
@@ -259,14 +227,14 @@ def expanded(names: Iterable[str]) -> list[str]:
 
 
 def with_shared_options(
-    function: Command, own: Iterable[Argument], names: Sequence[str], *,
-    help_texts: Mapping[str, str] | None = None,
-    makes_costs: Callable[[Mapping[str, Any]], bool] = lambda _: True, ending: str = ".npz",
-) -> Command:  # fmt: skip
+    function: Any, own: Iterable[Argument], names: Sequence[str], definition: Command
+) -> Any:
     """Return a command that calls a function with `Settings`, the robot, and its own options."""
+    makes_costs = definition.makes_costs
+    ending = definition.output.ending if definition.output else ".npz"
     by_name = {argument.name: argument for argument in own}
-    parameters = _spliced(function.__name__, by_name, names, help_texts)
     ordered = expanded([*names, _ALWAYS])
+    parameters = _spliced(definition, by_name, ordered)
     shared = [name for name in SHARED_OPTIONS if name in ordered and name not in by_name]
     of_streams = [name for name in shared if SHARED_OPTIONS[name].marks]
     shared = [name for name in shared if name not in of_streams]
@@ -342,17 +310,16 @@ def _names_image(values: Mapping[str, Any]) -> bool:
 
 
 def _spliced(
-    command: str, own: Mapping[str, Argument], names: Sequence[str],
-    help_texts: Mapping[str, str] | None,
-) -> list[Argument]:  # fmt: skip
-    ordered = expanded([*names, _ALWAYS])
+    definition: Command, own: Mapping[str, Argument], ordered: Sequence[str]
+) -> list[Argument]:
+    command = definition.name
     for name in ordered:
         if name not in own and name not in SHARED_OPTIONS:
             raise ValueError(f"{command}: no option or group {name!r}")
         is_twice = name in own and name in SHARED_OPTIONS and name not in OF_IMAGES
         if ordered.count(name) > 1 or is_twice:
             raise ValueError(f"{command}: option {name!r} comes twice")
-    texts = dict(help_texts or {})
+    texts = dict(definition.texts)
     parameters = {name: argument for name, argument in own.items() if name not in ordered}
     for name in ordered:
         text = None if name in own else texts.pop(name, None)

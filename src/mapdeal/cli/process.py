@@ -20,13 +20,11 @@ TYPE_CHECKING = False  # the module typing takes longer than the rest of this on
 if TYPE_CHECKING:
     from typing import NoReturn
 
-_END_SIGNALS = [
-    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
-]
-
 
 def run_process() -> NoReturn:
-    handled = [number for number in _END_SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
+    names = ("SIGINT", "SIGTERM", "SIGHUP")
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    handled = [number for number in numbers if signal.getsignal(number) != signal.SIG_IGN]
     for number in handled:
         signal.signal(number, end_on_signal)
     # A stream that was closed at the start is None; files must not get its number.
@@ -43,9 +41,8 @@ def run_process() -> NoReturn:
         from mapdeal.kernels.engine import prepare_libraries
 
         prepare_libraries()
-        if _print_version_if_requested():
-            code = 0
-        else:
+        code = 0
+        if not _print_version_if_requested():
             from mapdeal.cli.main import main
 
             code = main()

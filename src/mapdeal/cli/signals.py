@@ -7,12 +7,8 @@ import os
 import signal
 import time
 
-_REPEAT_SECONDS = 5.0
-"""Seconds within which further signals count as the first: timeout(1) sends each twice."""
-
-_reserve = [bytes(4 << 20)]
-"""Address space that is released when memory runs out: reporting that needs some itself."""
-
+_REPEAT_SECONDS = 5.0  # further signals within them count as the first: timeout(1) sends each twice
+_reserve = [bytes(4 << 20)]  # released when memory runs out: reporting that needs some itself
 _ended_by = signal.SIGINT
 _ended_at = float("-inf")
 _has_begun = False

@@ -12,13 +12,12 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from enum import Enum
 from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
-from mapdeal.compatibility import Self
 from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning, ParameterError, one_line
 
 _CHUNK = 1 << 18
@@ -26,19 +25,12 @@ _FEW = 10
 _CLEAR = "\r\x1b[K"
 _WIDTH = 80  # of a terminal that does not report its own
 PROGRESS_SECONDS = 10.0  # seconds between two lines of progress where there is no bar
+_LINE_AFTER, _LINE_EVERY = 1.0, 0.5  # seconds until the first line of activity, and between two
 
 _stdout_problem: str | None = None
-_stdout_dropped = False
-_LINE_AFTER, _LINE_EVERY = 1.0, 0.5
-"""Seconds until the first line of progress, and between two of them."""
-
 _writing = threading.RLock()  # held while text is written, so that a line of progress cannot mix
-_has_line = False
-_has_bar = False
-_quiet = False
-_verbose = False
-_strict = False
-_is_for_data = False
+_has_line = _has_bar = _stdout_dropped = _is_for_data = False
+_quiet = _verbose = _strict = False
 _called: dict[str, str] = {}
 _warned: set[str] = set()
 
@@ -145,8 +137,7 @@ def few_warnings(hint: str) -> Iterator[Callable[[str], None]]:
             warn(text)
 
     yield show
-    if count > _FEW:
-        more = count - _FEW
+    if (more := count - _FEW) > 0:
         warn(f"{more} more warning{'s' * (more > 1)}; {hint}")
 
 
@@ -204,62 +195,54 @@ def _show_line(text: str) -> None:
             print(f"{_CLEAR}{text[: width - 1]}", end="", file=sys.stderr, flush=True)  # noqa: T201
 
 
-class Progress:
-    def __init__(self, length: int, noun: str | None = None) -> None:
-        self._length, self._noun = length, noun
-        self._advanced = self._failed = 0
-        self._printed_at = time.monotonic()
-        self._bar: Any = None
-        if not _quiet and sys.stderr.isatty():
-            import typer
+@contextmanager
+def counted(steps: int, noun: str | None = None) -> Iterator[Callable[..., object]]:
+    """Yield a function that shows progress: in a bar, or in lines about things with a noun."""
+    global _has_bar
+    bar: Any = None
+    steps_done = failures = 0
+    printed_at = time.monotonic()
 
-            self._bar = typer.progressbar(
-                length=length, file=sys.stderr, show_pos=noun is not None, info_sep=", ",
-                bar_template="[%(bar)s] %(info)s", item_show_func=lambda _: self._failures()
-            )  # fmt: skip
+    def failures_text(_: object = None) -> str | None:
+        return f"{failures} failed" if failures else None
 
-    def _failures(self) -> str | None:
-        return f"{self._failed} failed" if self._failed else None
-
-    def advance(self, steps: int = 1, *, failed: bool = False) -> None:
-        self._advanced += steps
-        self._failed += failed
-        if self._bar is not None:
+    def advance(count: int = 1, *, failed: bool = False) -> None:
+        nonlocal steps_done, failures, printed_at
+        steps_done, failures = steps_done + count, failures + failed
+        if bar is not None:
             with contextlib.suppress(OSError):
-                self._bar.update(steps)
-        elif self._noun and not _quiet and time.monotonic() > self._printed_at + PROGRESS_SECONDS:
-            self._printed_at = time.monotonic()
-            text = f"{self._advanced} of {self._length} {self._noun}s done"
-            _print_message(", ".join(filter(None, [text, self._failures()])))
+                bar.update(count)
+        elif noun and not _quiet and time.monotonic() > printed_at + PROGRESS_SECONDS:
+            printed_at = time.monotonic()
+            text = f"{steps_done} of {steps} {noun}s done"
+            _print_message(", ".join(filter(None, [text, failures_text()])))
 
-    def __enter__(self) -> Self:
-        global _has_bar
-        if self._bar is not None:
-            with _writing:
-                _show_line("")
-                _has_bar = True
-            self._bar.__enter__()
-        return self
+    if not steps or _quiet or not sys.stderr.isatty():
+        yield advance
+        return
+    import typer
 
-    def __exit__(self, *exception: object) -> None:
-        global _has_bar
-        if self._bar is not None:
-            _has_bar = False
-            with contextlib.suppress(OSError):
-                self._bar.__exit__(*exception)
+    bar = typer.progressbar(
+        length=steps, file=sys.stderr, show_pos=noun is not None, info_sep=", ",
+        bar_template="[%(bar)s] %(info)s", item_show_func=failures_text,
+    )  # fmt: skip
+    with _writing:
+        _show_line("")
+        _has_bar = True
+    bar.__enter__()
+    try:
+        yield advance
+    finally:
+        _has_bar = False
+        with contextlib.suppress(OSError):
+            bar.__exit__(None, None, None)
 
 
 @contextmanager
 def blocks_done(steps: int) -> Iterator[Callable[[int], object]]:
     detail("processed in blocks of rows")
-    with Progress(steps) as bar:
-        yield bar.advance
-
-
-@contextmanager
-def counted(steps: int, noun: str | None = None) -> Iterator[Callable[..., object]]:
-    with Progress(steps, noun) if steps else contextlib.nullcontext() as bar:
-        yield bar.advance if bar else int
+    with counted(steps) as advance:
+        yield advance
 
 
 def error(problem: MapdealError) -> None:
@@ -342,8 +325,8 @@ def bold(title: str) -> str:
 
 
 def _has_colours(stream: TextIO) -> bool:
-    is_dumb = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
-    return stream.isatty() and not is_dumb
+    is_plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
+    return stream.isatty() and not is_plain
 
 
 DASH = Path("-")  # the word ``-``; the file of this name is ``./-``, which is made an absolute path
@@ -389,8 +372,7 @@ def piped(
         leave_stdout_to_data(is_text=ending != ".npz")
     if streamed_inputs:
         refuse_keyboard()
-    with ExitStack() as stack:
-        folder = stack.enter_context(temporary_folder())
+    with temporary_folder() as folder:
         call_file(folder / f"{STDOUT}{ending}", STDOUT)
         files = dict(values)
         for name in streamed_inputs:

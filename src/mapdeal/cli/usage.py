@@ -72,8 +72,7 @@ def _with_lenient_spelling(kind: Any) -> Any:
     kind = copy(kind)  # click has one for all numbers
     convert = kind.convert
     choices = [str(choice) for choice in getattr(kind, "choices", ())]
-    is_number = kind.name.startswith(_NUMBERS)
-    is_path = hasattr(kind, "file_okay")
+    is_number, is_path = kind.name.startswith(_NUMBERS), hasattr(kind, "file_okay")
 
     def converted(value: Any, parameter: Any, context: Any) -> Any:
         from mapdeal.command import is_plain
@@ -124,8 +123,7 @@ def _repeat_point_option(words: Sequence[str], option: str | None) -> list[str]:
     repeated: list[str] = []
     for word in words:
         follows_equals = "".join(repeated[-1:]).startswith(f"{option}=")
-        follows_point = follows_equals or option in repeated[-2:-1]
-        if follows_point and _POINT.fullmatch(word):
+        if (follows_equals or option in repeated[-2:-1]) and _POINT.fullmatch(word):
             repeated.append(str(option))
         repeated.append(word)
     return repeated
@@ -151,8 +149,7 @@ def _suggested_options(command: Any, context: Any, words: Sequence[str]) -> str 
     suggested: list[str] = []
     for word in surplus:
         last_index = len(words) - 1 - words[::-1].index(word)
-        previous_word = words[last_index - 1]
-        is_split_point = _NUMBER.fullmatch(word) and _NUMBER.fullmatch(previous_word)
+        is_split_point = _NUMBER.fullmatch(word) and _NUMBER.fullmatch(words[last_index - 1])
         option = next((option for option in unused if _fits(word, option, suggested)), None)
         if option is None or is_split_point:
             return None
@@ -167,8 +164,7 @@ def _fits(word: str, option: Any, suggested: Sequence[str]) -> bool:
     if _NUMBER.fullmatch(word):
         return bool(option.type.name.startswith(_NUMBERS))
     if _POINT.fullmatch(word):
-        takes_further_points = option.multiple or option.opts[0] == "--to"
-        is_accepted = not suggested or takes_further_points
+        is_accepted = not suggested or option.multiple or option.opts[0] == "--to"
         return is_accepted and "X,Y" in metavar and "[[" not in metavar
     if option.name == "output":
         return (Path(word).suffix == "") == (metavar == "DIR")
@@ -186,30 +182,25 @@ def usage_error(error: Any) -> ParameterError:
     context = getattr(error, "ctx", None)
     command = getattr(context, "command", None)
     path = getattr(context, "command_path", "mapdeal")
-    unknown = _UNKNOWN.match(message)
-    no_choice = _NO_CHOICE.search(message)
-    is_unexpected_word = message.startswith(("got unexpected extra", "no such option"))
     hint = getattr(error, "suggested", None)
-    if unknown is not None:  # click's own suggestion is dropped
-        message = unknown[0]
-        hint = _nearest_hint(unknown["name"], command, context)
-    elif no_choice is not None:
+    if unknown := _UNKNOWN.match(message):  # click's own suggestion is dropped
+        message, hint = unknown[0], _nearest_hint(unknown["name"], command, context)
+    elif no_choice := _NO_CHOICE.search(message):
         hint = nearest_hint(no_choice["word"], map(str, getattr(error.param.type, "choices", ())))
-    if hint is None:
-        is_about_clouds = "--cloud" in message or message.startswith("got unexp")
-        if path.endswith(" local") and is_about_clouds:
-            hint = "clouds are given with --cloud FILE, repeated, or as a pattern in quotes"
-        elif is_unexpected_word and any(map(_NUMBER.fullmatch, message.split())):
-            hint = "points and sizes are written X,Y, without a space"
+    is_surplus = message.startswith("got unexpected extra")
+    if hint is None and path.endswith(" local") and ("--cloud" in message or is_surplus):
+        hint = "clouds are given with --cloud FILE, repeated, or as a pattern in quotes"
+    is_number = any(map(_NUMBER.fullmatch, message.split()))
+    if hint is None and is_number and (is_surplus or message.startswith("no such option")):
+        hint = "points and sizes are written X,Y, without a space"
     return ParameterError(message, hint=hint or f"run {path} --help for usage")
 
 
 def _nearest_hint(word: str, command: Any, context: Any) -> str | None:
     if not word.startswith("-"):
-        known = command.list_commands(context)
         if word.lower() in _SYNONYMS:
             return f"did you mean {_SYNONYMS[word.lower()]}?"
-        return nearest_hint(word, [*known, "help"])
+        return nearest_hint(word, [*command.list_commands(context), "help"])
     options = [name for option in command.params for name in (*option.opts, *option.secondary_opts)]
     for names in _SAME_OPTIONS:
         same = [option for option in options if option[:2] == "--" and option[2:] in names]
@@ -217,8 +208,7 @@ def _nearest_hint(word: str, command: Any, context: Any) -> str | None:
             return f"did you mean {same[0]}?"
     if command.name == "report" and word in ("--params-file", "--robot-radius", "--footprint"):
         return f"mapdeal run MAP {word} ... --report -o DIR makes the page of a robot"
-    similar = nearest(word.lstrip("-"), [name[2:] for name in options if name[:2] == "--"])
-    if similar is not None:
+    if similar := nearest(word.lstrip("-"), [name[2:] for name in options if name[:2] == "--"]):
         return f"did you mean --{similar}?"
     if command.name != "run":
         return None
