@@ -243,11 +243,9 @@ def parameters_of(function: Any, *, of_stage: bool = False) -> dict[str, Paramet
         if words is None and not _is_supported(kind):
             rule = f"{function.__name__}: a parameter cannot be of this type"
             raise TypeError(f"{rule}: {name}: {hints[name]}")
+        default, unit, of_robot = argument.default, _mark_in(marks, Unit), FromRobot in marks
         conditions = tuple(mark for mark in marks if isinstance(mark, Condition))
-        of_robot, unit = FromRobot in marks, _mark_in(marks, Unit)
-        found[name] = Parameter(
-            name, argument.default, kind, optional, conditions, unit, of_robot, words
-        )  # fmt: skip
+        found[name] = Parameter(name, default, kind, optional, conditions, unit, of_robot, words)
     return found
 
 
@@ -347,11 +345,8 @@ def structured(kind: Any, accept: Callable[[str, object], Any]) -> None:
 P = ParamSpec("P")
 R = TypeVar("R")
 C = TypeVar("C", bound=Callable[..., Any])
-
 Parameters = Mapping[str, Any]
-
 _STAGES: dict[Callable[..., Any], Stage] = {}
-
 _ENTRY = re.compile(r"(?m)^ {4}(?P<names>[a-z_0-9, ]+) : ")
 _SECTION = re.compile(r"(?m)^ {4}(?P<name>\w+)\n {4}-+\n")
 
@@ -467,9 +462,7 @@ class Stage:
     @functools.cached_property
     def takes(self) -> tuple[type[Any], ...]:
         """Types of grids that it accepts; other grids are converted to their map."""
-        if self.edits:
-            return (OccupancyGrid,)
-        return input_types_of(self.function)
+        return (OccupancyGrid,) if self.edits else input_types_of(self.function)
 
 
 def input_types_of(function: Callable[..., Any]) -> tuple[type[Any], ...]:
@@ -569,8 +562,7 @@ class Command:
 
     @property
     def help(self) -> str:
-        text = inspect.getdoc(self.function) or ""
-        return text.partition("\n\nParameters\n")[0]
+        return (inspect.getdoc(self.function) or "").partition("\n\nParameters\n")[0]
 
     @functools.cached_property
     def meanings(self) -> dict[str, str]:
@@ -649,15 +641,14 @@ def stage(
         with_checks = checked(function, is_cropped=not more.get("edits"))
 
         @functools.wraps(function)
-        def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+        def wrapped(*args: P.args, **kwargs: P.kwargs) -> Any:
             product: Any = with_checks(*args, **kwargs)
             # Recipes and commands add the remark themselves.
             if "remark" in more and is_called_by_user() and not _has_obstacle(*args[:1]):
                 text = remark_on_obstacles({}, product.figures())
                 if text is not None:
                     emit_warning(f"{name}: {text}")
-            returned: R = product
-            return returned
+            return product
 
         _STAGES[wrapped] = Stage(wrapped, name, summary, title, memory, **more)
         return wrapped
@@ -699,13 +690,11 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
     # With `is_cropped`, the function receives only the box of a field that has numbers in one box
     # of cells, and its result is extended to the field's frame.
     known, signature = parameters_of(function, of_stage=True), inspect.signature(function)
-
-    @functools.cache  # evaluated late, because types are slow to import
-    def accepted_types() -> tuple[type[Any], ...]:
-        return input_types_of(function)
+    # evaluated late, because types are slow to import
+    accepted_types = functools.cache(partial(input_types_of, function))
 
     @functools.wraps(function)
-    def with_checks(*args: P.args, **kwargs: P.kwargs) -> R:
+    def with_checks(*args: P.args, **kwargs: P.kwargs) -> Any:
         bound = _bound(function.__name__, signature, args, kwargs)
         accepted: dict[str, Any] = {
             name: known[name].accept(value) if name in known else value
@@ -725,8 +714,7 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
         is_part = is_cropped and isinstance(grid, FieldGrid) and grid.region is not None
         with _types_checked(function, bound):
             product = make(grid.cropped if is_part else grid, *args[1:], **accepted)
-        returned: R = on_canvas(product, grid.frame) if is_part else product
-        return returned
+        return on_canvas(product, grid.frame) if is_part else product
 
     return with_checks
 
@@ -808,8 +796,9 @@ def _with_all_names(signature: inspect.Signature, hints: Mapping[str, Any]) -> i
         hint = hints.get(parameter.name)
         if parameter.kind is parameter.VAR_KEYWORD and get_origin(hint) is Unpack:
             names = get_args(hint)[0].__annotations__
-            parameters += [inspect.Parameter(name, parameter.KEYWORD_ONLY, default=None)
-                           for name in names]  # fmt: skip
+            parameters += [
+                inspect.Parameter(n, parameter.KEYWORD_ONLY, default=None) for n in names
+            ]
         else:
             parameters.append(parameter)
     return signature.replace(parameters=parameters)
@@ -845,15 +834,12 @@ _AS_GRID: dict[type[Any], str] = {
 
 
 def grid_hint(value: object) -> str | None:
-    """Return how to make a grid of an array or a path."""
     return _AS_GRID.get(str if isinstance(value, PathLike) else type(value))
 
 
-_ACCEPTED: dict[Any, Any] = {
+_ACCEPTED: dict[Any, Any] = {  # types of more values than the annotation states
     int: Real, float: Real, tuple: Iterable, AbcSequence: Iterable, Iterable: Iterable
 }  # fmt: skip
-"""Types of which a call may be given more values than the annotation states."""
-
 _NAMED = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
 
 
@@ -889,8 +875,7 @@ def _check_type(value: object, hint: Any, function: str, name: str) -> None:
         for item in value if _takes_paths(items[0]) else ():
             _check_type(item, items[0], function, name)
     if not isinstance(value, tuple(_ACCEPTED.get(arm, arm) for arm in arms)):
-        is_grid_missing = any(hasattr(arm, "layer_names") for arm in arms)
-        hint = grid_hint(value) if is_grid_missing else None
+        hint = grid_hint(value) if any(hasattr(arm, "layer_names") for arm in arms) else None
         if name == "path" and hasattr(value, "layer_names"):
             hint = "the path comes first"
         if any(arm.__name__ == "RobotParameters" for arm in arms):
@@ -913,14 +898,12 @@ def meanings_of(function: Callable[..., Any]) -> dict[str, str]:
     text = inspect.getdoc(function) or ""
     indented = "\n".join(f"    {line}" if line else "" for line in text.splitlines()) + "\n"
     sections = _SECTION.split(indented)
-    body = next((b for n, b in zip(sections[1::2], sections[2::2], strict=True)
-                 if n == "Parameters"), "")  # fmt: skip
-    body = body.partition("\n    **")[0]
+    bodies = dict(zip(sections[1::2], sections[2::2], strict=True))
+    body = bodies.get("Parameters", "").partition("\n    **")[0]
     entries = list(_ENTRY.finditer(body))
     meanings: dict[str, str] = {}
     ends = [*(entry.start() for entry in entries[1:]), len(body)]
     for entry, end in zip(entries, ends, strict=False):
         meaning = " ".join(body[entry.end() : end].partition("\n")[2].split())
-        for name in entry["names"].split(","):
-            meanings[name.strip()] = meaning
+        meanings |= dict.fromkeys(map(str.strip, entry["names"].split(",")), meaning)
     return meanings

@@ -103,11 +103,8 @@ def collect_warnings(*, captures: bool = False) -> Iterator[list[MapdealWarning]
 
 
 def capture_warnings() -> AbstractContextManager[list[MapdealWarning]]:
-    """Capture the warnings of the block and of threads that share its work, unseen by outer blocks.
-
-    `warnings.catch_warnings` changes the filters of the process: of two threads that read maps, one
-    would get the warnings of the other, and wrong filters would stay.
-    """
+    """Capture the warnings of the block and of threads that share its work, unseen outside."""
+    # `warnings.catch_warnings` changes the filters of the process, also for other threads.
     return collect_warnings(captures=True)
 
 
@@ -249,10 +246,7 @@ _OUT_OF_MEMORY = (
 
 
 def refusal_of_the_system(error: Exception, source: Path | None = None) -> MapdealError | None:
-    """Return the error to report if a system resource is exhausted or a library cannot be loaded.
-
-    Such errors can come from anywhere, also from imports within libraries.
-    """
+    """Return the error to report if the system lacks a resource or a library cannot be loaded."""
     hint = "ulimit -a shows the limits of processes, memory and open files"
     is_out = isinstance(error, SystemError) and any(text in str(error) for text in _OUT_OF_MEMORY)
     if is_out or isinstance(error, MemoryError):
@@ -288,11 +282,8 @@ def shown(value: object, limit: int = 60) -> str:
     return text if len(text) <= limit else text[: limit - 3] + "..."
 
 
-BRITISH_AND_AMERICAN = (("centre", "center"), ("disc", "disk"))
-"""British and American spellings, both accepted in choices and names."""
-
-_SIMILAR = 0.75
-"""Smallest difflib ratio of similar words with different first letters: nflate and inflate."""
+BRITISH_AND_AMERICAN = (("centre", "center"), ("disc", "disk"))  # choices accept both
+_SIMILAR = 0.75  # least difflib ratio of words with other first letters, as nflate and inflate
 
 
 def _plain(word: str) -> str:
@@ -311,20 +302,15 @@ def as_known(word: str, known: Iterable[str]) -> str:
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
-    """Return the most similar known word, or the only one that `word` abbreviates, if there is one.
-
-    Words with another first letter must be more similar.
-    """
+    """Return the most similar known word, or the only one that `word` abbreviates, if any."""
     import difflib  # only mistakes need it
 
     names, start = {_plain(name): name for name in reversed(list(known))}, _plain(word)
     for plain in difflib.get_close_matches(start, names):
-        ratio = difflib.SequenceMatcher(None, plain, start).ratio()
-        if plain[0] == start[0] or ratio >= _SIMILAR:
+        if plain[0] == start[0] or difflib.SequenceMatcher(None, plain, start).ratio() >= _SIMILAR:
             return names[plain]
-    is_long = len(start) > 2
-    completions = [name for plain, name in names.items() if is_long and plain.startswith(start)]
-    return completions[0] if len(completions) == 1 else None
+    longer = [name for plain, name in names.items() if len(start) > 2 and plain.startswith(start)]
+    return longer[0] if len(longer) == 1 else None
 
 
 def nearest_hint(word: str, known: Iterable[str]) -> str | None:

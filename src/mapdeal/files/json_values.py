@@ -79,8 +79,7 @@ class JsonValue:
         return MalformedInputError(rule, source=self.source, place=place, got=self.value)
 
     def __getitem__(self, key: str) -> JsonValue:
-        value = self.get(key)
-        if value is None:
+        if (value := self.get(key)) is None:
             rule = f"must have a key {key}"
             raise MalformedInputError(rule, source=self.source, place=self.place or "the document")
         return value
@@ -105,10 +104,8 @@ class JsonValue:
     def items(self) -> list[JsonValue]:
         if not isinstance(self.value, list):
             raise self.error("must be a list")
-        return [
-            JsonValue(self.source, item, f"{self.place}[{index}]")
-            for index, item in enumerate(self.value)
-        ]
+        source, place = self.source, self.place
+        return [JsonValue(source, item, f"{place}[{k}]") for k, item in enumerate(self.value)]
 
     @property
     def is_null(self) -> bool:
@@ -170,8 +167,7 @@ class JsonValue:
 
     def points(self) -> NDArray[np.float64]:
         """Return a list of points [x, y] as an array, shape (N, 2), metres."""
-        points = [item.point() for item in self.items()]
-        return np.array(points, dtype=np.float64).reshape(-1, 2)
+        return np.array([item.point() for item in self.items()], dtype=np.float64).reshape(-1, 2)
 
     def _fields(self) -> dict[str, Any]:
         if not isinstance(self.value, dict):
@@ -208,19 +204,15 @@ def read_document(path: Path) -> JsonValue:
 def _refuse_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     members = dict(pairs)
     if len(members) != len(pairs):
-        counts = Counter(name for name, _ in pairs)
-        name = next(name for name, count in counts.items() if count > 1)
+        name = next(name for name, count in Counter(name for name, _ in pairs).items() if count > 1)
         raise ValueError(f"key {name!r} appears twice")
     return members
 
 
 SHAPES, MANIFEST, SUMMARY = "shapes", "manifest", "summary"
 ROUTE, REACH, LINT, DIFF, COMPARISON = "route", "reach", "lint", "diff", "comparison"
-SCORE, ALIGNMENT = "score", "alignment"
+SCORE, ALIGNMENT, PLAN, ROUTE_GRAPH = "score", "alignment", "plan", "route graph"
 COST_DIFF, ROBOT_DIFF = "difference of costs", "difference of robots"
-PLAN = "plan"
-ROUTE_GRAPH = "route graph"
-
 COMPARISON_FORMAT, SCORE_FORMAT = "mapdeal-comparison/1", "mapdeal-score/1"
 ALIGNMENT_FORMAT, COST_DIFF_FORMAT = "mapdeal-alignment/1", "mapdeal-cost-difference/1"
 ROBOT_DIFF_FORMAT, PLAN_FORMAT = "mapdeal-robot-difference/1", "mapdeal-plan/1"

@@ -35,8 +35,7 @@ LARGEST_FILE = 1 << 34
 _HEAD = 1 << 20
 _CHUNK = 1 << 18
 LONGEST_STREAM = 1 << 28  # most bytes read from a pipe or a device, which may be endless
-CHANGED = "changed while it was read"
-"""Error text for a file that was replaced or modified while it was read."""
+CHANGED = "changed while it was read"  # of a file that was replaced or modified
 
 
 @contextmanager
@@ -54,8 +53,7 @@ def access_to(path: Path, action: str = "read") -> Iterator[None]:
 
 def _access_error(path: Path, action: str, error: OSError) -> FileAccessError:
     is_missing = isinstance(error, FileNotFoundError)
-    is_link = is_missing and path.is_symlink()
-    why = "it is a link to nothing" if is_link else error.strerror or error
+    why = "it is a link to nothing" if is_missing and path.is_symlink() else error.strerror or error
     problem = FileAccessError(f"cannot be {action}: {why}", source=path)
     problem.is_missing = is_missing
     return problem
@@ -126,9 +124,8 @@ def normal_path(path: Path) -> Path:
 
 
 def real_path(path: Path) -> Path:
-    absolute = absolute_path(path)
     with access_to(path):
-        return Path(os.path.realpath(absolute))
+        return Path(os.path.realpath(absolute_path(path)))
 
 
 def contents_of(folder: Path) -> tuple[list[str], list[str]]:
@@ -295,8 +292,7 @@ def note_sum(path: Path, sum_of: Callable[[], str]) -> None:
         sums[path] = sum_of()
 
 
-_MEMINFO = Path("/proc/meminfo")
-_OWN_GROUP = Path("/proc/self/cgroup")
+_MEMINFO, _OWN_GROUP = Path("/proc/meminfo"), Path("/proc/self/cgroup")
 _GROUPS = Path("/sys/fs/cgroup")
 
 
@@ -331,15 +327,9 @@ def _text(path: Path) -> str:
 
 
 MOST_EXPANSION = 1000  # largest ratio of expanded to compressed size
-BLANK_EXPANSION = 1400
-"""The same for images: empty maps reach ratios of 1032 with deflate and 1366 with LZW."""
-
-_HARMLESS = 1 << 25
-"""Bytes to which any data may expand: an empty fax page compresses to almost nothing."""
-
-PIECES = 1 << 24
-"""Bytes that readers need for pieces of a file that they never load at once."""
-
+BLANK_EXPANSION = 1400  # the same of images: empty maps reach 1032 with deflate and 1366 with LZW
+_HARMLESS = 1 << 25  # bytes to which any data may expand: an empty fax page shrinks to nothing
+PIECES = 1 << 24  # bytes that readers need for pieces of a file that they never load at once
 OF_JSON = 30  # largest ratio of a parsed JSON document in memory to its text
 INTERPRETER = 50_000_000  # bytes in use before any file is read
 _LITTLE = 1 << 22  # bytes that are always granted
@@ -355,9 +345,7 @@ class _Budget:
     used: int = 0
 
 
-SHARE_OF_JOB = " (by default this job's share of the memory)"
-"""Note in a refusal: the job could use more memory if it ran alone."""
-
+SHARE_OF_JOB = " (by default this job's share of the memory)"  # it could use more if it ran alone
 _current: ContextVar[_Budget | None] = ContextVar("budget", default=None)
 
 
@@ -409,12 +397,11 @@ def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> No
     if available is None or budget.limit is None or count <= available:
         return
     needed = INTERPRETER + budget.used + count
-    amounts = f"{size_text(needed)} of memory, {size_text(budget.limit)} may be used"
+    size = size_text(needed)
+    amounts = f"{size} of memory, {size_text(budget.limit)} may be used{budget.origin}"
     rule = f"{what} need {amounts}" if what else f"needs {amounts}"
-    size = size_text(needed).replace(" ", "")
-    more = f"--max-memory {size} allows more, if that much is available"
-    hint = f"{more}; {hint}" if hint else more
-    raise MalformedInputError(rule + budget.origin, source=path, hint=hint)
+    more = f"--max-memory {size.replace(' ', '')} allows more, if that much is available"
+    raise MalformedInputError(rule, source=path, hint=f"{more}; {hint}" if hint else more)
 
 
 _FEW_LINES = 1 << 14

@@ -173,16 +173,11 @@ _NOISE = 1e-12
 
 
 class Kind(Enum):
-    """Format of the numbers in a column; numbers that are not finite become ``null``.
+    """Format of the numbers in a column; numbers that are not finite become ``null``."""
 
-    EXACT writes `repr`. SINGLE writes a float32 with the fewest digits that identify it, any other
-    number with nine digits, and 0 for numbers below 1e-12, which are rounding errors. INTEGER
-    writes no decimal point.
-    """
-
-    EXACT = 0
-    SINGLE = 1
-    INTEGER = 2
+    EXACT = 0  # `repr`
+    SINGLE = 1  # the fewest digits that identify a float32, else nine; 0 for rounding errors
+    INTEGER = 2  # no decimal point
 
 
 class Form(NamedTuple):

@@ -38,10 +38,8 @@ except ImportError:  # not POSIX: temporary files of killed runs are then not cl
 PREFIX = ".mapdeal-"  # of the names of all temporary files
 _NEW_SUFFIX, _OLD_SUFFIX = ".tmp", ".old"
 _AT_ONCE = 1 << 18
-
 # SIGINT comes first: once it is deferred, no exception interrupts deferring the others.
 _ENDING_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
-
 Writer = Callable[[BinaryIO], object]
 
 
@@ -60,8 +58,7 @@ class Temporary:
     """A locked temporary file beside its destination."""
 
     def __init__(self, destination: Path) -> None:
-        self.destination = destination
-        self.path = destination
+        self.destination = self.path = destination
         self._file: _File | None = None
         self._is_ours = False
 
@@ -222,15 +219,9 @@ def sync_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
-def folder_for_sockets() -> Path:
-    import tempfile  # few commands need it
-
-    return Path(tempfile.gettempdir())
-
-
 def lasting_folder() -> Path:
     """Return a new private folder for temporary files, which is not removed at the end."""
-    import tempfile
+    import tempfile  # few commands need it
 
     try:
         return Path(tempfile.mkdtemp(prefix="mapdeal-"))
@@ -254,11 +245,8 @@ def temporary_folder() -> Iterator[Path]:
 
 
 _ATTEMPTS = 10_000
-
 PutRows = Callable[[slice], object]
-
-OpenOutput = tuple[Path, BinaryIO, Writer]
-"""An output: its path, its open temporary file, and the writer of its contents."""
+OpenOutput = tuple[Path, BinaryIO, Writer]  # its path, temporary file, and writer of its contents
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,11 +275,9 @@ class Transaction:
         self, outputs: Iterable[Path], *, inputs: Sequence[Path] = (), force: bool = False,
         hint: str = "--force replaces it", checksums: bool = False,
     ) -> None:  # fmt: skip
-        self._outputs = list(outputs)
-        self._inputs = tuple(inputs)
-        self._replaces = force
+        self._outputs, self._inputs = list(outputs), tuple(inputs)
+        self._replaces, self._with_checksums = force, checksums
         self._removed: list[Path] = []
-        self._with_checksums = checksums
         # with one thread allowed, this thread writes, too
         self._pool = ThreadPool(thread_count() if thread_count() > 1 else 0)
         self._temporaries: list[Temporary] = []

@@ -157,8 +157,7 @@ def read_mapping(path: Path, limits: YamlLimits = OF_MAPS) -> dict[str, Entry]:
 
 
 def parse_mapping(path: Path, data: bytes, limits: YamlLimits = OF_MAPS) -> dict[str, Entry]:
-    text = decoded_text(path, data)
-    node = _compose(path, text, limits)
+    node = _compose(path, decoded_text(path, data), limits)
     if node is None:
         raise MalformedInputError("no mapping in file", source=path)
     if not isinstance(node, yaml.MappingNode):
@@ -205,8 +204,7 @@ def source_text(first: Any, last: Any = None, most: int = 1 << 62) -> str:
 
 
 def one_line_of(error: Exception) -> str:
-    problem = getattr(error, "problem", None) or str(error)
-    return str(problem).splitlines()[0]
+    return str(getattr(error, "problem", None) or error).splitlines()[0]
 
 
 def refuse_image(path: Path, data: bytes) -> None:
@@ -358,8 +356,7 @@ def with_values(entries: Mapping[str, Entry], changes: Mapping[str, Any]) -> byt
     """Return the contents of the file of `entries` with changed values, otherwise as they are."""
     # This is correct only if the mapping has one key per line, as in map files; so callers read the
     # result again.
-    first = next(iter(entries.values()))
-    text = first.node.start_mark.buffer or ""
+    text = next(iter(entries.values())).node.start_mark.buffer or ""
     replacements: dict[int, tuple[int, str]] = {}
     for key in changes.keys() & entries.keys():
         entry, value = entries[key], changes[key]

@@ -145,10 +145,8 @@ _COMMANDS: dict[str, tuple[str, ...]] = {
 
 def describe_bag(path: Path, *, progress: ProgressCallback | None = None) -> dict[str, Any]:
     with open_bag(path) as bag:
-        spans = bag.summary()
-        decoder = Decoder(bag)
-        topics = list(_topics(bag, spans, decoder))
-        edges = []
+        spans, decoder = bag.summary(), Decoder(bag)
+        topics, edges = list(_topics(bag, spans, decoder)), list[dict[str, Any]]()
         try:
             edges = _edges(bag, decoder, progress or report_nothing)
         except ParameterError as error:  # lz4 is not installed
@@ -235,9 +233,7 @@ def _uses(path: Path, topics: list[dict[str, Any]]) -> Iterator[str]:
 
 
 FIXED_FRAMES = ("map", "odom")  # frames that maps are made in, the best first
-BASE_FRAMES = ("base_link", "base_footprint")
-"""Usual names of the robot's frame, the most common first."""
-
+BASE_FRAMES = ("base_link", "base_footprint")  # usual names of the robot's frame
 _TF, _STATIC = "/tf", "/tf_static"
 _SEVERAL = 3
 
@@ -293,10 +289,8 @@ class SensorFrames:
             ours = np.repeat([own == frame for own in frames], counts)
             with errors_named(self._bag.path):
                 posed = self.at(frame, every[ours])
-            found.translations[ours], found.quaternions[ours] = (
-                posed.translations,
-                posed.quaternions,
-            )
+            found.translations[ours] = posed.translations
+            found.quaternions[ours] = posed.quaternions
             found.known[ours] = posed.known
         return found
 
@@ -342,14 +336,13 @@ class SensorFrames:
         frames = [base] if base is not None else sensors
         base_name = self._options.base_frame or BASE_FRAMES[0]
         if base is None and len(sensors) > 1:
-            names = ", ".join(sensors)
-            rule = f"no transforms lead from {base_name} to {names}: whose poses are they?"
+            leads = f"no transforms lead from {base_name} to {', '.join(sensors)}"
             hint = "--topic names one; --mount gives its pose on the robot"
-            raise MalformedInputError(rule, source=path, hint=hint)
+            raise MalformedInputError(f"{leads}: whose poses are they?", source=path, hint=hint)
         if base is None:
             text = f"{path} is taken for the poses of {sensors[0]}: no transform leads there from"
-            text += f" {base_name}; --mount gives the pose of a sensor on the robot"
-            self._bag.warn_once(text)
+            hint = "--mount gives the pose of a sensor on the robot"
+            self._bag.warn_once(f"{text} {base_name}; {hint}")
         for pose in zip(*(part.tolist() for part in read_trajectory(path)), strict=True):
             for frame in frames:
                 self.tree.add(fixed, frame, *pose, is_static=False)
@@ -453,11 +446,9 @@ class BagClouds:
         headers = [self._header(number) for number in numbers]
         frames = [self._base or sensor for _, sensor in headers]
         posed = self._frames.at_each(frames, [np.array([time], np.int64) for time, _ in headers])
-        missing = Counter(compress(frames, ~posed.known))
-        for frame, count in missing.items():
-            text = f"{self.bag.path}: {count} of {len(numbers)} clouds are left out: where "
-            text += f"{frame} was is known {self._frames.span_text(frame)}"
-            emit_warning(text)
+        for frame, count in Counter(compress(frames, ~posed.known)).items():
+            text = f"{self.bag.path}: {count} of {len(numbers)} clouds are left out: where {frame}"
+            emit_warning(f"{text} was is known {self._frames.span_text(frame)}")
         poses = stances(posed.translations, posed.quaternions).poses.tolist()
         return [
             (pose[0], pose[1], pose[2]) if known else None
@@ -522,9 +513,9 @@ class BagClouds:
 
     @property
     def topic_and_mount(self) -> dict[str, str]:
-        options = {"topic": self.topic, "base_frame": self._base or "none"}
         mount = self._options.mount
-        return options if mount is None else options | {"mount": ",".join(map(repr, mount))}
+        mounted = {} if mount is None else {"mount": ",".join(map(repr, mount))}
+        return {"topic": self.topic, "base_frame": self._base or "none", **mounted}
 
     def _header(self, number: int) -> tuple[int, str]:
         place = self._index[number]
@@ -590,10 +581,9 @@ class BagScans(ScanSource):
         self._index, self._decoder = _index_of(bag, connections), Decoder(bag)
         self._bag, self._deskew = bag, deskew
         self._frames = SensorFrames(bag, options)
-        self._is_prepared = False
+        self._is_prepared = self._has_steps = False
         self._outside: dict[str, int] = {}
         self._leaning = self._unstamped = 0
-        self._has_steps = False
         self.files = (*bag.files, *self._frames.files)
 
     @property

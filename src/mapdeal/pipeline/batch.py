@@ -22,7 +22,7 @@ from mapdeal.grid.values import count_text, table_lines
 from mapdeal.kernels.threads import available_threads
 from mapdeal.maps.listing import ListedMap
 from mapdeal.maps.reading import open_map
-from mapdeal.pipeline.inputs import Need, Terminal, memory_budget, need_of
+from mapdeal.pipeline.inputs import MemoryPlan, Terminal, memory_budget, need_of
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.run import LocalOfRun, RunReport, cells_text, output_folder, run_map
 from mapdeal.pipeline.settings import Settings
@@ -107,9 +107,8 @@ def jobs_at_once(requested: int | None, maps: int, terminal: Terminal) -> int:
     processors = available_threads()
     most = max(_LEAST_CAP, _MOST_PER_PROCESSOR * processors)
     if requested is not None and requested > most:
-        terminal.remark(
-            [f"note: --jobs {requested}: using {most}, as there are {processors} cores"]
-        )
+        note = f"note: --jobs {requested}: using {most}, as there are {processors} cores"
+        terminal.remark([note])
     return min(requested or processors, maps, most)
 
 
@@ -147,9 +146,8 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
             raise errors.ParameterError(rule, source=listed.path)
         if place in jobs:
             rule = f"would write into {output / place}, as {jobs[place].path} does"
-            hint = (
-                "maps of a folder, a quoted pattern or @LIST.txt keep their path below the output"
-            )
+            hint = "maps of a folder, a quoted pattern or @LIST.txt keep their path"
+            hint = f"{hint} below the output"
             raise errors.ParameterError(rule, source=listed.path, hint=hint)
         jobs[place] = Job(listed.path, output / place, name, place.as_posix())
         in_order.append(jobs[place])
@@ -174,7 +172,7 @@ class Plan:
     status: Literal["new", "replace", "unchanged", "refused", "failed"]
     height: int = 0
     width: int = 0
-    need: Need | None = None
+    need: MemoryPlan | None = None
     reads: tuple[Path, ...] = ()
     writes: tuple[Path, ...] = ()
     error: errors.MapdealError | None = None
@@ -187,7 +185,7 @@ class Plan:
             return status, "-", size if self.height else "-", "-", _failure(self.error, self.job)
         memory = "-"
         if self.need is not None:
-            memory = size_text(self.need.memory) + " in blocks" * self.need.by_blocks
+            memory = size_text(self.need.needed) + " in blocks" * (self.need.blocks is not None)
         where = f"{self.job.name} -> {self.job.folder}"
         return self.status, str(len(self.writes) or "-"), size, memory, where
 
@@ -195,7 +193,7 @@ class Plan:
         document: dict[str, Any] = {"map": self.job.name, "folder": self.job.place}
         document |= {"status": self.status, "width": self.width, "height": self.height}
         if self.need is not None:
-            document |= {"memory": self.need.memory, "in_blocks": self.need.by_blocks}
+            document["memory"], document["in_blocks"] = self.need.needed, bool(self.need.blocks)
         document |= {"reads": list(map(str, self.reads)), "writes": list(map(str, self.writes))}
         if self.error is None:
             return document
@@ -265,7 +263,7 @@ class Plans(Result):
         text = f"{count_text(len(self.plans), 'map')}: {running} to run, {counts['unchanged']} "
         text += f"unchanged, {failing} that would fail; "
         yield f"{text}{sum(len(plan.writes) for plan in self.plans)} files to write{also}"
-        needed = sorted((plan.need.memory for plan in self.plans if plan.need), reverse=True)
+        needed = sorted((plan.need.needed for plan in self.plans if plan.need), reverse=True)
         if needed:
             at_once = min(self.at_once or 1, len(needed))
             text = f"memory: about {size_text(needed[0])} for the map that needs most"
@@ -288,8 +286,6 @@ class Plans(Result):
 
 Work = Callable[[Job], Outcome]
 Submit = Callable[[Job], Future[Outcome]]
-
-
 TOO_LARGE = "it may have run out of memory: mapdeal run --dry-run shows what a map needs"
 
 
@@ -367,8 +363,7 @@ def _outcome_of(future: Future[Outcome], job: Job) -> Outcome | None:
 @dataclass(frozen=True, eq=False, repr=False)
 class Batch(Result):
     noun: ClassVar[str] = "map"
-    is_brief: ClassVar[bool] = False
-    """Whether only the first line of each job is printed, and warnings as they are."""
+    is_brief: ClassVar[bool] = False  # only the first line of a job is printed, warnings unchanged
     resuming: ClassVar[str] = "run the same command to continue"
 
     output: Path

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mapdeal import errors
 from mapdeal.command import NO_OBSTACLE, Result
-from mapdeal.files.json_values import encode_json, read_json
+from mapdeal.files.json_values import read_json
 from mapdeal.files.source import YAML, access_to, exists, holds, is_same_file, real_path, status_of
 from mapdeal.files.transaction import OpenOutput, PutRows, RowsWriter, Transaction
 from mapdeal.files.yaml_text import yaml_document
@@ -63,8 +63,7 @@ def summary_of(figures: Figures) -> str:
     cells = figures["width"] * figures["height"]
 
     def share(name: str) -> str:
-        percent = 100 * figures[name] / cells
-        return f"{_SHOWN_AS.get(name, name)} {percent:.2f} %"
+        return f"{_SHOWN_AS.get(name, name)} {100 * figures[name] / cells:.2f} %"
 
     around = ""  # of fields on a larger canvas than they were computed on
     if "without_value" in figures:
@@ -78,20 +77,19 @@ def summary_of(figures: Figures) -> str:
         least, most = figures["lowest_potential"], figures["highest_potential"]
         x, y = figures["goal"] or (None, None)
         goal_words = "no goal, repulsion" if x is None else f"goal {x:.10g}, {y:.10g}, potential"
-        text = f"{goal_words} {least:.5g} .. {most:.5g}"
-        text += f", gradient up to {figures['steepest_gradient']:.5g} per metre"
+        slope = f"gradient up to {figures['steepest_gradient']:.5g} per metre"
         if "cost_to_go_of" in figures:
-            text += f", cost to go of {figures['cost_to_go_of']}"
-        return text + around
+            slope += f", cost to go of {figures['cost_to_go_of']}"
+        return f"{goal_words} {least:.5g} .. {most:.5g}, {slope}{around}"
     if "reachable_m2" in figures:
         return _summary_of_reach(figures)
     names = [name for name in _OCCUPANCY_SHARES if figures.get(name) or name != "between"]
     if "lethal" in figures:
         names = [name for name in _COST_SHARES if name in figures]
-    text = ", ".join(map(share, names))
+    parts = list(map(share, names))
     if figures.get("circumscribed_cost") is not None:
-        text += f", circumscribed_cost {figures['circumscribed_cost']}"
-    return text
+        parts.append(f"circumscribed_cost {figures['circumscribed_cost']}")
+    return ", ".join(parts)
 
 
 def written_line(output: Path, figures: Figures, *, with_origin: bool = False) -> str:
@@ -106,12 +104,11 @@ def _summary_of_reach(figures: Figures) -> str:
     x, y, *_ = figures["start"]
     reached, room = (decimal_text(figures[key]) for key in ("reachable_m2", "open_m2"))
     parts = [f"from {x:.10g}, {y:.10g} the robot reaches {reached} of {room} m2 open to it"]
-    goals = dict(figures.get("goals", {}))
+    goals = figures.get("goals", {})
     missed = [name for name, is_reached in goals.items() if not is_reached]
     if goals:
-        parts.append(f"{len(goals) - len(missed)} of {count_text(len(goals), 'goal')}")
-    if missed:
-        parts[-1] += f" (not {few_text(missed, _SHOWN)})"
+        unreached = f" (not {few_text(missed, _SHOWN)})" if missed else ""
+        parts.append(f"{len(goals) - len(missed)} of {count_text(len(goals), 'goal')}{unreached}")
     if figures.get("passages"):
         text = count_text(figures["passages"], "passage")
         parts.append(f"{text}, {figures['closed_passages']} closed")
@@ -201,11 +198,9 @@ class _Pass:
         report_rows(self._layer, rows)
 
 
-_DECIMALS = 9  # of metres: further ones are rounding errors of binary fractions
-
-
 def rounded(value: float) -> float | None:
-    return round(float(value), _DECIMALS) + 0.0 if math.isfinite(value) else None
+    # further decimals of metres are rounding errors of binary fractions
+    return round(float(value), 9) + 0.0 if math.isfinite(value) else None
 
 
 def spread_json(document: Mapping[str, Any], *spread: str) -> str:
@@ -234,11 +229,9 @@ def reach_document(reach: Reach) -> dict[str, Any]:
     robot = reach.robot
     shape: dict[str, Any] = {"radius": 0.0 if robot is None else robot.radius}
     if isinstance(robot, Footprint) and robot.vertices:
-        shape = {
-            "footprint": [list(corner) for corner in robot.vertices],
-            "inscribed_radius": rounded(robot.inscribed_radius),
-            "circumscribed_radius": rounded(robot.circumscribed_radius),
-        }
+        shape = {"footprint": [list(corner) for corner in robot.vertices]}
+        shape["inscribed_radius"] = rounded(robot.inscribed_radius)
+        shape["circumscribed_radius"] = rounded(robot.circumscribed_radius)
     x, y, *yaw = reach.start
     return {
         "robot": {**shape, "headings": reach.heading_count},
@@ -286,7 +279,6 @@ def rounded_place(x: float, y: float) -> dict[str, Any]:
 
 
 PICTURE = ".png"
-
 _FARTHEST = 100.0  # metres: larger radii are not drawn
 
 
@@ -397,9 +389,8 @@ def write_picture(
     overlay: Overlay | None = None,
 ) -> None:  # fmt: skip
     files, title = files_of(type(grid)), errors.one_line(title)
-    options: dict[str, Any] = {
-        "image_max": settings.image_max, "image_extent": settings.image_extent, "overlay": overlay
-    }  # fmt: skip
+    options: dict[str, Any] = {"image_max": settings.image_max, "overlay": overlay}
+    options["image_extent"] = settings.image_extent
     make_drawing = files.drawing
     if make_drawing is None:
         write_image(transaction, path, lambda: files.draw(grid, title=title, **options))
@@ -428,8 +419,7 @@ def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:
     known = next((item for item in shapes if isinstance(item, Footprint)), robot)
     radius = step.parameters[shape.replaces]
     if known is None and radius and radius <= _FARTHEST:
-        around = step.parameters.get("circumscribed_radius")
-        is_round = around is None or around == radius
+        is_round = step.parameters.get("circumscribed_radius") in (None, radius)
         label = {} if is_round else {"label": "the robot's inscribed circle"}
         return [RobotOverlay(Footprint.circle(radius), **label)]
     return [] if known is None or not radius else [RobotOverlay(known)]
@@ -438,7 +428,6 @@ def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:
 MANIFEST = "manifest.json"
 INPUT_PICTURE = "input.png"
 _FORMAT = "mapdeal-run/1"
-_PASSES_OF_INPUT = 2  # passes for the picture of a map that is processed in blocks
 
 
 @dataclass(frozen=True)
@@ -481,7 +470,8 @@ class OutputFolder:
         if set(outputs) != {path.name for path in self.outputs()} - {MANIFEST}:
             return None
         sizes = [entry.get(name) for entry in figures.values() for name in ("width", "height")]
-        if set(figures) != {step.name for step in self.steps} or not all(map(_is_size, sizes)):
+        has_sizes = all(type(size) is int and size > 0 for size in sizes)
+        if set(figures) != {step.name for step in self.steps} or not has_sizes:
             return None
         is_same = all(holds(self.path / Path(name).name, sum_) for name, sum_ in outputs.items())
         return figures if is_same else None
@@ -494,23 +484,20 @@ class OutputFolder:
 
     def passes(self) -> int:
         endings = ([path.suffix for path in self._outputs_of(step)] for step in self.steps)
-        of_steps = map(passes_of, self.steps, endings)
-        return _PASSES_OF_INPUT * len(self._input_picture()) + sum(of_steps)
+        passes_of_input = 2 * len(self._input_picture())
+        return passes_of_input + sum(map(passes_of, self.steps, endings))
 
     def hint(self) -> str:
-        hint = "--force replaces it"
-        if not stored_manifest(self.path):
-            return hint
+        cause = "; the run in this folder had other inputs, parameters, or was changed"
         if self.unchanged_figures() is not None:
-            return f"{hint}; this folder holds the same already"
-        return f"{hint}; the run in this folder had other inputs, parameters, or was changed"
+            cause = "; this folder holds the same already"
+        return f"--force replaces it{cause if stored_manifest(self.path) else ''}"
 
     def write(self, transaction: Transaction, filling: Filling) -> dict[str, Figures]:
         """Write all files within a transaction, the manifest last; return each step's figures."""
         before = stored_manifest(self.path).get("outputs", {})
         figures: dict[str, Figures] = {}
-        texts = list(filling.warnings)
-        settings = self.settings
+        texts, settings = list(filling.warnings), self.settings
         shows_known = settings.images and settings.image_extent == "known"
         if filling.read is not None:
             for path in self._input_picture():
@@ -525,27 +512,25 @@ class OutputFolder:
             if remark := remark_on(step, figures[step.name], self.steps):
                 texts.append(f"{filling.subject}: {remark}")
                 errors.emit_warning(texts[-1])
-            overlays = robot_overlays(step, filling.robot)
-            overlays[:0] = filter(None, (filling.overlay, product.overlay))
-            overlay = together(overlays)
-            title = f"{filling.stem}: {step.title}"
-            title += f", with {product.mask}" if product.mask is not None else ""
+            below = filter(None, (filling.overlay, product.overlay))
+            overlay = together([*below, *robot_overlays(step, filling.robot)])
+            mask = "" if product.mask is None else f", with {product.mask}"
+            title = f"{filling.stem}: {step.title}{mask}"
             with one_pass(transaction, grid) as pass_grid:
                 for path in self._outputs_of(step):
                     if path.suffix == PICTURE:
                         write_picture(transaction, path, grid, title, settings, overlay)
                     elif path.suffix != ".pgm":  # it is written with its YAML
                         write_product(transaction, path, grid, step, pass_grid=pass_grid)
-        remarks = portable(texts, filling.named)
         written = transaction.wait()
         sums = {path.name: digest for path, digest in written.items() if path.parent == self.path}
-        found = {"figures": figures, "warnings": remarks, "outputs": sums}
-        transaction.write_bytes(self.path / MANIFEST, encode_json({**self._manifest(), **found}))
+        found = {"figures": figures, "warnings": portable(texts, filling.named), "outputs": sums}
+        transaction.write_json(self.path / MANIFEST, {**self._manifest(), **found})
         # remove unchanged outputs of an earlier run that this one does not write
         current = {path.name for path in self.outputs()}
-        for path, digest in ((self.path / Path(name).name, sum_) for name, sum_ in before.items()):
-            if path.name not in current:
-                transaction.remove_if_unchanged(path, digest)
+        for name, digest in before.items():
+            if Path(name).name not in current:
+                transaction.remove_if_unchanged(self.path / Path(name).name, digest)
         return figures
 
     def _manifest(self) -> dict[str, Any]:
@@ -630,25 +615,17 @@ def warnings_in(manifest: Mapping[str, Any]) -> list[str]:
 
 
 def stages_behind(name: str, folder: Path, sums: Mapping[str, str]) -> list[dict[str, Any]] | None:
-    manifest = stored_manifest(folder)
+    manifest, stem = stored_manifest(folder), Path(name).stem
     if not manifest or not sums.items() <= manifest["outputs"].items():
         return None
     stages: list[dict[str, Any]] = manifest["stages"]
     products = [product_of(next(iter(stage))) for stage in stages]
-    stem = Path(name).stem
     return stages[: products.index(stem) + 1] if stem in products else None
 
 
-_PRODUCTS = {"replay": "cost"}  # of stages outside recipes
-
-
 def product_of(stage: str) -> str:
-    own_name = _PRODUCTS.get(stage, stage)
+    own_name = "cost" if stage == "replay" else stage  # which is no stage of recipes
     return next((stage_model.product for stage_model in models_of(stage).values()), own_name)
-
-
-def _is_size(value: object) -> bool:
-    return type(value) is int and value > 0
 
 
 def _is_manifest(value: object) -> TypeGuard[dict[str, Any]]:

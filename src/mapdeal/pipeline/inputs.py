@@ -46,9 +46,7 @@ _BYTES_PER_MEASURED_LINE = 130
 """Additional bytes per row and column where distances are measured: bands have at least one row,
 and scipy handles sides above `LONGEST_SIDE`."""
 
-_CANVAS_SHARE = 0.9
-"""Additional memory for extending a product to the full canvas, as a share of the stage's."""
-
+_CANVAS_SHARE = 0.9  # memory to extend a product to the full canvas, as a share of the stage's
 _BYTES_PER_CELL_READ = 1.0  # reading releases everything else before stages begin
 
 
@@ -62,9 +60,7 @@ class _Demand(NamedTuple):
 
 _DEMANDS = {"compiled": _Demand(50_000_000, 0.0, 40), "scipy": _Demand(100_000_000, 12.0, 90)}
 
-_RUN_BYTES_PER_COLUMN = 20
-"""Bytes for the runs at each block's edge, per column: `mapdeal.kernels.distance`."""
-
+_RUN_BYTES_PER_COLUMN = 20  # for the runs at each block's edge: `mapdeal.kernels.distance`
 _BLOCK_CELLS = 1 << 22
 _LONGEST_RUN = (1 << 16) - 1  # rows
 _NO_LIMIT = 1 << 62
@@ -104,8 +100,7 @@ def _base_bytes(shape: tuple[int, int], image_max: int | None) -> int:
         return base
     height, width = shape
     step = max(1, -(-max(shape) // image_max)) if image_max else 1
-    pixels = -(-height // step) * -(-width // step)
-    return base + _DRAWING_LIBRARY + _BYTES_PER_PIXEL * pixels
+    return base + _DRAWING_LIBRARY + _BYTES_PER_PIXEL * -(-height // step) * -(-width // step)
 
 
 @contextmanager
@@ -132,21 +127,17 @@ def _read(file: MapFile, steps: Sequence[Step], image_max: int | None, canvas: C
     if plan.blocks is not None and file.shape_by_rows is not None:
         return file.by_rows(block_height=plan.blocks.height, budget=plan.blocks.cache)
     source = file.read()
-    grid = source.grid
-    box_bytes = _bytes_of_box(grid)
+    grid, box_bytes = source.grid, _bytes_of_box(source.grid)
     canvas = "full" if box_bytes else canvas  # products of the box are extended
     needed = bytes_in_memory(grid.shape, steps, image_max, canvas=canvas) + box_bytes
     if needed <= budget:
         return source
     if not isinstance(grid, OccupancyGrid):
         raise _too_large(file.path, grid.shape, needed, budget)
-    base = _base_bytes(grid.shape, image_max) + grid.occupancy.nbytes
-    blocks = _block_plan(file.path, grid.shape, steps, budget, base, needed=needed)
-    values = grid.occupancy
-    layer = lazy_layer(
-        grid.shape, np.int8, lambda rows: values[rows],
-        block_height=blocks.height, budget=blocks.cache,
-    )  # fmt: skip
+    values, shape = grid.occupancy, grid.shape
+    base = _base_bytes(shape, image_max) + values.nbytes
+    rows, cache = _block_plan(file.path, shape, steps, budget, base, needed=needed)
+    layer = lazy_layer(shape, np.int8, lambda k: values[k], block_height=rows, budget=cache)
     return replace(source, grid=grid.with_values(layer))
 
 
@@ -230,21 +221,14 @@ def _bytes_of_box(grid: Framed) -> int:
     return bytes_of(grid) * grid.region.cells // (grid.shape[0] * grid.shape[1])
 
 
-@dataclass(frozen=True)
-class Need:
-    memory: int
-    by_blocks: bool
-
-
 def need_of(
     file: MapFile, shape: tuple[int, int], steps: Sequence[Step], settings: Settings
-) -> Need:
+) -> MemoryPlan:
+    """Return the memory that a run will take; in blocks, layers are kept while there is room."""
     budget, image_max = memory_budget(settings.max_memory), settings.picture_size
     with use_threads(settings.threads):
         plan = _plan_memory(file, shape, steps, budget, image_max, settings.canvas)
-    if plan.blocks is not None:
-        return Need(budget, by_blocks=True)  # layers are kept as long as there is room
-    return Need(plan.needed, by_blocks=False)
+    return plan if plan.blocks is None else plan._replace(needed=budget)
 
 
 def memory_budget(max_memory: int | None, jobs: int = 1) -> int:
@@ -552,10 +536,11 @@ def outputs_of(
     for option, picture in (("--image", settings.image), ("--curve", curve)):
         if picture is None:
             continue
-        if picture.suffix != ".png":
-            raise ParameterError("a picture must end in .png", place=option, got=str(picture))
-        if picture in all_outputs:
-            raise ParameterError("is an output already", place=option, got=str(picture))
+        if picture.suffix != ".png" or picture in all_outputs:
+            rule = (
+                "is an output already" if picture.suffix == ".png" else "a picture must end in .png"
+            )
+            raise ParameterError(rule, place=option, got=str(picture))
         all_outputs.append(picture)
         with settings.reading():
             sources.claim(picture, _DRAWING_LIBRARY, what="pictures")
@@ -580,11 +565,9 @@ def warn_of_robot(name: Path | str, grid: Framed, *robots: RobotParameters) -> N
     if isinstance(grid, OccupancyGrid) and any(robot.frees_unknown for robot in robots):
         unknown = int(counts_of(grid.occupancy)[UNKNOWN])
         if unknown:
-            emit_warning(
-                f"{name}: the robot's costmap treats unknown cells as free, "
-                f"{100 * unknown / math.prod(grid.shape):.3g} % of the map: the robot drives "
-                "through; track_unknown_space: true closes them"
-            )
+            share = f"{100 * unknown / math.prod(grid.shape):.3g} % of the map"
+            text = f"{name}: the robot's costmap treats unknown cells as free, {share}: the robot"
+            emit_warning(f"{text} drives through; track_unknown_space: true closes them")
 
 
 def warn_of_values(map_read: MapInput) -> None:

@@ -81,19 +81,13 @@ class FileCloud(Cloud):
         return cloud_chunks(self.path)
 
 
-_DIGITS = 4
-
 Keep = int | Literal["all"]
-
-OF_WINDOWS = ("size", "resolution", "unknown")
-"""Fields of `LocalOptions` that apply without a cloud."""
-
-
-_LOCAL = Stage(
+OF_WINDOWS = ("size", "resolution", "unknown")  # the `LocalOptions` that apply without a cloud
+_DIGITS = 4
+_LOCAL = Stage(  # before the recipe: its input is a cloud, so recipes cannot list it
     local_map, name="local", summary="Make maps around a robot from point clouds.",
     title=lambda _: "local map", memory=12.0,
 )  # fmt: skip
-"""Stage before the recipe: its input is a cloud, so recipes cannot list it."""
 
 
 @dataclass(frozen=True)
@@ -143,8 +137,7 @@ def read_global_map(path: Path, settings: Settings) -> GlobalMap:
         open_map(path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
     ):
         source = file.read()
-        named = file.sums_by_name(sums)
-        grid = as_occupancy(source.grid, path)
+        grid, named = as_occupancy(source.grid, path), file.sums_by_name(sums)
     return GlobalMap(grid, source.files, named, texts)
 
 
@@ -342,12 +335,11 @@ class RollingRun:
             lethal_threshold=common.lethal_threshold,
         )  # fmt: skip
         with common.settings.reading(), holding_map(known):
-            source = jobs[0].source(common)
+            source, most = jobs[0].source(common), self._mapper.remembered
             check_window(source, common)
-            most = self._mapper.remembered
-            cells = f"{most.width} x {most.height} cells to remember"
-            hint = "a smaller --keep takes less"
-            sources.claim(source, _PER_CELL * most.cells, what=cells, hint=hint)
+            cells, hint = f"{most.width} x {most.height} cells", "a smaller --keep takes less"
+            count = _PER_CELL * most.cells
+            sources.claim(source, count, what=f"{cells} to remember", hint=hint)
         self._summed: list[SummedCloud | None] = []
 
     def __call__(self, index: int) -> RunReport:
@@ -359,13 +351,13 @@ class RollingRun:
         summed = job.cloud.summed()
         first = 0 if self._keep is None else max(0, index + 1 - self._keep)
         before = self._summed[first:index]
-        missing = before.count(None)
         parts = [
             [*([None] if cloud is None else (*cloud.sums.values(), *cloud.options.values())), *pose]
             for cloud, pose in zip(before, self._mapper.poses[first:index], strict=True)
         ]
         before_it = {"clouds_before": sha256(encode_json(parts)).hexdigest()}
-        make, pose = partial(self._make_map, index, missing), self._mapper.poses[index]
+        make = partial(self._make_map, index, before.count(None))
+        pose = self._mapper.poses[index]
         filling = filling_of(job, pose, summed, self._common, make, before_it)
         self._summed[index] = summed
         return fill(self._cloud(index), [filling], self._common.settings)[0]
@@ -376,8 +368,8 @@ class RollingRun:
     def _make_map(self, index: int, missing: int) -> LocalMap:
         while self._mapper.turn < index:  # those before it, if it or a later one needs them
             turn = self._mapper.turn
-            forgotten = self._keep is not None and turn + self._keep <= index
-            if forgotten or self._summed[turn] is None:
+            is_forgotten = self._keep is not None and turn + self._keep <= index
+            if is_forgotten or self._summed[turn] is None:
                 self._mapper.skip()
             else:
                 self._add(turn)
@@ -433,7 +425,5 @@ class Around:
     def _common(
         self, settings: Settings, resolution: float, known: GlobalMap | None = None
     ) -> LocalCommon:
-        options = self.options
-        if self.cloud is None:
-            options = replace(options, resolution=resolution)
+        options = self.options if self.cloud else replace(self.options, resolution=resolution)
         return LocalCommon(options, self.recipe, settings, known)

@@ -36,8 +36,6 @@ from mapdeal.stages.structured import layers_with
 _NO_STAGES = "a recipe needs stages: a list of stages"
 _LOOKS = 'a recipe is the key stages: and below it a list of items like "- inflate: {radius: 0.3}"'
 _LINE = re.compile(r"(?:(?P<key>[^(]*) \()?line (?P<line>\d+)(?:, (?P<column>column \d+))?\)?")
-
-
 BUILT_IN = ("default", "nav2", "local", "arena", "design-real", "design-sim", "design-local")
 
 
@@ -259,7 +257,6 @@ def put_value(
 
 
 DEFAULT = "default"
-
 SET = "--set"  # what errors call a change that is given as text
 
 
@@ -286,8 +283,7 @@ class Recipe(OneLineRepr):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Warnings from loading the parameters, which manifests record."""
-        of_robot = () if self.robot is None else self.robot.remarks
-        return (*of_robot, *_remarks_on(self.steps))
+        return (*(self.robot.remarks if self.robot else ()), *_remarks_on(self.steps))
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -504,10 +500,8 @@ def _apply_changes(draft: Draft, changes: object, name: str, source: str | None)
 
 def _value_of(target: str, text: str) -> object:
     stage, _, parameter = target.partition(".")
-    known = (
-        model.parameters.get(parameter.replace("-", "_")) for model in models_of(stage).values()
-    )
-    if not any(found.is_yaml for found in known if found is not None):
+    name, models = parameter.replace("-", "_"), models_of(stage).values()
+    if not any(model.parameters[name].is_yaml for model in models if name in model.parameters):
         return text
     try:
         return parse_value(text, SET)
@@ -631,10 +625,8 @@ def read_robot_parameters(
         name, noun = ("footprint=...", "corners") if is_shape else ("robot_radius=0.2", "a radius")
         hint = f"costmap(map, {name}) takes {noun}"
         raise ParameterError("takes paths of parameter files", place="robot", got=paths, hint=hint)
-    up_to_kilted = dialect != "nav2"
-    return read_robot(
-        list(map(Path, names)), costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted
-    )
+    files, up_to_kilted = list(map(Path, names)), dialect != "nav2"
+    return read_robot(files, costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted)
 
 
 def cost_curve(

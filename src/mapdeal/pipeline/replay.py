@@ -142,8 +142,7 @@ class LiveCostmap:
         self._place, self._default_cost, self._footprint = place, default_cost, footprint
         self._map = occupancy
         self.costs = np.full(self.frame.shape, default_cost, dtype=np.uint8)
-        self.master: MasterGrid | None = None
-        """The grid of the last update."""
+        self.master: MasterGrid | None = None  # the grid of the last update
 
     def update(self, pose: Pose, time: int, map_to_costmap: Pose | None = None) -> None:
         """Update the costmap around the robot's pose; observations were added to its layers."""
@@ -154,8 +153,7 @@ class LiveCostmap:
         update = Update(time, footprint, Bounds())
         for layer in self.layers:
             layer.update_bounds(update)
-        window = self._window(update.bounds)
-        if window is None:
+        if (window := self._window(update.bounds)) is None:
             return
         self.costs[window] = self._default_cost
         self.master = master = self._master(pose, map_to_costmap)
@@ -165,9 +163,8 @@ class LiveCostmap:
     def _move(self, pose: Pose) -> None:
         cell_size, margin = self.frame.resolution, self._place.size_margin
         shifts, corner = [], []
-        for start, cells, robot in zip(
-            self.frame.origin, self.frame.shape[::-1], pose, strict=False
-        ):
+        sides = self.frame.shape[::-1]
+        for start, cells, robot in zip(self.frame.origin, sides, pose, strict=False):
             goal = robot - (cells - margin) * cell_size / 2
             shifts.append(int((goal - start) / cell_size))
             corner.append(start + shifts[-1] * cell_size)
@@ -182,11 +179,12 @@ class LiveCostmap:
     def _window(self, bounds: Bounds) -> Window | None:
         """Return the rows and columns within bounds, as ``worldToMapEnforceBounds``."""
         sides = []
-        for low, high, corner, cells in zip(
-            bounds.low, bounds.high, self.frame.origin[:2], self.frame.shape[::-1], strict=True
-        ):
-            ends = [self._cell(value, corner, cells) for value in (low, high)]
-            first, end = max(0, ends[0]), min(cells, ends[1] + 1)
+        places = zip(self.frame.origin[:2], self.frame.shape[::-1], strict=True)
+        for low, high, place in zip(bounds.low, bounds.high, places, strict=True):
+            first, end = (
+                max(0, self._cell(low, *place)),
+                min(place[1], self._cell(high, *place) + 1),
+            )
             if end < first:
                 return None
             sides.append(slice(first, end))
@@ -262,9 +260,8 @@ class BagReplay:
         layers = list(self.layers.values())
         self.costmap = LiveCostmap(self.place, layers, default, robot.footprint, occupancy)
         self._sources = self._sources_by_topic()
-        connections = [c for c in bag.connections if c.topic in self._sources]
-        self._types = {c.id: c for c in connections}
-        self._index = bag.index([c.id for c in connections])
+        self._types = {c.id: c for c in bag.connections if c.topic in self._sources}
+        self._index = bag.index(list(self._types))
         if not len(self._index):
             raise bag.malformed("holds no messages", ", ".join(self._sources))
         self._decoder = Decoder(bag)
@@ -304,14 +301,13 @@ class BagReplay:
             for source in layer.sensing.sources if isinstance(layer, obstacle.ObstacleGrid) else ():
                 is_absolute = source.topic.startswith("/") or self.place.is_ros1
                 topic = normalised_topic(source.topic if is_absolute else f"{space}/{source.topic}")
-                message_type = _TYPES.get(source.data_type)
-                if message_type is None:
-                    why = f"data_type {source.data_type}: only {' and '.join(_TYPES)} are replayed"
-                elif types.get(topic) != message_type:
-                    why = f"the bag has no topic {topic} of type {message_type}"
-                else:
+                kind, message_type = source.data_type, _TYPES.get(source.data_type)
+                if message_type is not None and types.get(topic) == message_type:
                     found.setdefault(topic, []).append((name, source))
                     continue
+                why = f"the bag has no topic {topic} of type {message_type}"
+                if message_type is None:
+                    why = f"data_type {kind}: only {' and '.join(_TYPES)} are replayed"
                 emit_warning(f"{name}.{source.name}: {why}")
         if not found:
             known = ", ".join(sorted({c.topic for c in self.bag.of_types(*_TYPES.values())}))
@@ -344,8 +340,7 @@ class BagReplay:
             deliveries = list(self._delivered(connection.topic, message))
             for delivery in deliveries:
                 delivery.grid.add(delivery.observation)
-            base = self._lookup(self.robot.base_frame, message.time)
-            if base is not None:
+            if (base := self._lookup(self.robot.base_frame, message.time)) is not None:
                 (x, y, _), turn = base
                 map_to_costmap = self._map_to_costmap(message.time)
                 self.costmap.update((x, y, yaw_of(turn)), message.time, map_to_costmap)
@@ -481,8 +476,8 @@ class CellWatch:
             point = observation.points[here[0]]
             place = ", ".join(f"{value:.3f}" for value in observation.origin)
             distance = math.dist(point.tolist(), observation.origin)
-            text = f"marked at {seconds_text(observation.time)} s by {topic} from {place}"
-            text += f" (range {distance:.3f} m, height {point[2]:.3f} m)"
+            text = f"marked at {seconds_text(observation.time)} s by {topic} from {place} (range "
+            text += f"{distance:.3f} m, height {point[2]:.3f} m)"
             self._marked[name] = observation.time, text
             self._passed[name].clear()
             return

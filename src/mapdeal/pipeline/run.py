@@ -41,9 +41,7 @@ from mapdeal.pipeline.step import Step, grid_of
 from mapdeal.ros.robot import CostmapName, RobotParameters
 
 _LEAST_COLUMN = 8
-_ALL_AROUND = 2 * math.pi - 0.1
-"""Radians: from this angle on, a cloud counts as covering all directions."""
-
+_ALL_AROUND = 2 * math.pi - 0.1  # radians from which on a cloud counts as covering all directions
 LOCAL_RECIPE = "local"  # the recipe for local maps, and the folder of the one that a run makes
 
 
@@ -121,12 +119,11 @@ def _summary_of_local(local: Figures) -> str:
     parts = []
     if "points" in local:
         reasons = {
-            "not finite": "not_finite", "by height": "beyond_height", "by range": "beyond_range"
+            "not_finite": "not finite", "beyond_height": "by height", "beyond_range": "by range"
         }  # fmt: skip
-        counts = ((local[key], why) for why, key in reasons.items())
-        dropped = ", ".join(f"{count} {why}" for count, why in counts if count)
+        dropped = ", ".join(f"{local[key]} {why}" for key, why in reasons.items() if local[key])
         text = f"{local['marking']} of {local['points']} points in the window"
-        parts.append(text + (f" (dropped: {dropped})" if dropped else ""))
+        parts.append(f"{text} (dropped: {dropped})" if dropped else text)
     if "from_map" in local:
         parts.append(f"{local['from_map']} cells from the map")
     if "clouds" in local:
@@ -323,14 +320,12 @@ def run_map(
     around: LocalOfRun | None = None,
 ) -> RunReport:  # fmt: skip
     texts: list[str] = []
+    image_max = settings.picture_size
+    opened = inputs.opened_map(path, recipe.steps, settings, image_max=image_max, with_sums=True)
     with ExitStack() as stack:
         stack.enter_context(use_threads(settings.threads))
         with adding_warnings(texts):
-            source = stack.enter_context(
-                inputs.opened_map(
-                    path, recipe.steps, settings, image_max=settings.picture_size, with_sums=True
-                )
-            )
+            source = stack.enter_context(opened)
             mask = inputs.mask_of(settings.mask, settings, source.grid)
             if recipe.robot is not None:
                 inputs.warn_of_robot(path, source.grid, recipe.robot)
@@ -338,16 +333,13 @@ def run_map(
         canvas = source.grid.frame if settings.canvas == "full" else None
         products = products_of(recipe, source.grid, path, canvas=canvas, mask=mask)
         files = (*source.files, *recipe.files, *(() if mask is None else mask.files))
-        fillings = [
-            folders.Filling(
-                target, products, path.stem, files, path, by_blocks=source.grid.is_lazy,
-                warnings=[*recipe.remarks, *texts], read=source.grid,
-                robot=None if recipe.robot is None else recipe.robot.footprint,
-            )
-        ]  # fmt: skip
-        if around is not None:
-            fillings.append(around.filling(folder, source, settings, texts))
-        run, *local = fill(path, fillings, settings)
+        filling = folders.Filling(
+            target, products, path.stem, files, path, by_blocks=source.grid.is_lazy,
+            warnings=[*recipe.remarks, *texts], read=source.grid,
+            robot=None if recipe.robot is None else recipe.robot.footprint,
+        )  # fmt: skip
+        local_fillings = [around.filling(folder, source, settings, texts)] if around else []
+        run, *local = fill(path, [filling, *local_fillings], settings)
         return replace(run, local=local[0]) if local else run
 
 
@@ -364,7 +356,9 @@ def fill(
         if old is not None:
             filling.folder.repeat_warnings(filling)
     if len(fillings) == 1 and new and new[0].folder.shows_input:
-        _warn_of_another(around_in(new[0].folder.path))
+        folder = around_in(new[0].folder.path)
+        if any("local" in stage for stage in folders.stored_manifest(folder).get("stages", ())):
+            emit_warning(f"{folder}: holds the local map of an earlier run, which is left as it is")
     with use_threads(settings.threads):
         figures_of_new = iter(folders.fill_together(new) if new else [])
     return [
@@ -373,11 +367,6 @@ def fill(
         else RunReport(filling.folder.path, "unchanged", old, source)
         for filling, old in zip(fillings, found, strict=True)
     ]
-
-
-def _warn_of_another(folder: Path) -> None:
-    if any("local" in stage for stage in folders.stored_manifest(folder).get("stages", ())):
-        emit_warning(f"{folder}: holds the local map of an earlier run, which is left as it is")
 
 
 def output_folder(
@@ -397,9 +386,8 @@ def used_mask(recipe: recipes.Recipe, mask: inputs.AnyMask) -> inputs.AnyMask | 
     """Return a keepout mask, or None if the recipe's robot ignores it; refuse it without costs."""
     makes_costs = (step.stage.product_type is Costmap or step.accepts_mask for step in recipe.steps)
     if mask is not None and not any(makes_costs):
-        raise ParameterError(
-            "the recipe makes no costs, which alone a mask applies to", place="mask"
-        )
+        rule = "the recipe makes no costs, which alone a mask applies to"
+        raise ParameterError(rule, place="mask")
     return inputs.used_mask(mask, recipe.robot)
 
 
@@ -444,9 +432,8 @@ def apply_to_file(
     outputs = output_paths(output) if stage.edits else folders.output_of(step, output)
     endings = [output.suffix, *([folders.PICTURE] if settings.image is not None else [])]
     image_max = None if settings.image is None else settings.image_max
-    opened = inputs.opened_map(
-        path, [*before, step], settings, image_max=image_max, with_sums=with_sums
-    )
+    steps = [*before, step]
+    opened = inputs.opened_map(path, steps, settings, image_max=image_max, with_sums=with_sums)
     with use_threads(settings.threads), opened as source:
         if robot is not None:
             inputs.warn_of_robot(path, source.grid, robot)
@@ -500,9 +487,8 @@ def apply_to_file(
             if curve is not None and costs is not None:
                 from mapdeal.pictures.cost_curve import cost_curve_image  # few ask
 
-                draw = partial(
-                    cost_curve_image, costs, title=one_line(f"{path.stem}: {step.title}")
-                )
+                title = one_line(f"{path.stem}: {step.title}")
+                draw = partial(cost_curve_image, costs, title=title)
                 folders.write_image(transaction, curve, draw)
             figures = grid.figures()
             if remark := step.remark_on(figures):

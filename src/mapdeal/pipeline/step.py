@@ -78,11 +78,9 @@ class Step:
             cells, available = grid.shape[0] * grid.shape[1], room()
             values[argument] = available is None or per_cell * cells <= available
             if not values[argument]:
-                text = f"{self.name}: {products} are left out: with them it would take "
-                text += (
-                    f"{size_text(int(per_cell * cells))} of memory, which --max-memory can allow"
-                )
-                emit_warning(text)
+                size = size_text(int(per_cell * cells))
+                text = f"{self.name}: {products} are left out: with them it would take {size} of"
+                emit_warning(f"{text} memory, which --max-memory can allow")
         try:
             with activity(self.name):
                 return self.stage.function(grid, **values)
@@ -143,10 +141,7 @@ def _settle(parameters: dict[str, Any], stage: Stage, values: Mapping[str, objec
             continue
         key, value = rule.parameter, rule.value(parameters)
         old = parameters[key]
-        if value is None or old is None:
-            is_same = value is old
-        else:
-            is_same = math.isclose(value, old, rel_tol=1e-9)
+        is_same = value is old if value is None or old is None else math.isclose(value, old)
         if key in values and not is_same:
             effect = "" if value is None else f", which makes it {value:g}"
             conflict = f"cannot be given together with {by}{effect}"

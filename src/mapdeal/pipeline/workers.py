@@ -27,7 +27,7 @@ from typing import Any, NoReturn, TypeVar
 
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError
 from mapdeal.files.source import exists
-from mapdeal.files.transaction import folder_for_sockets, signals_deferred
+from mapdeal.files.transaction import signals_deferred
 from mapdeal.kernels.engine import VARIABLE
 from mapdeal.kernels.threads import ThreadPool, Worker, use_threads
 from mapdeal.pipeline.batch import TOO_LARGE, Job, Outcome, Submit, Work, WorkerDiedError
@@ -162,6 +162,7 @@ def _context() -> BaseContext:
     # Workers are never forked from this process: a fork copies locks that its threads hold. If the
     # temporary folder cannot hold the server's socket, each worker is a new interpreter ("spawn").
     if "forkserver" in multiprocessing.get_all_start_methods():
+        import tempfile
         from multiprocessing import forkserver
 
         # A terminal sends Ctrl-C to all its processes, but only this one responds. Workers inherit
@@ -172,7 +173,7 @@ def _context() -> BaseContext:
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(list(_PRELOADED))
         try:
-            if len(os.fsencode(folder_for_sockets())) > _LONGEST_FOLDER:
+            if len(os.fsencode(tempfile.gettempdir())) > _LONGEST_FOLDER:
                 raise OSError("AF_UNIX path too long")  # before multiprocessing creates a folder
             with _terminal_blocked():
                 forkserver.ensure_running()
@@ -201,8 +202,7 @@ class _StoppedError(BaseException):
     """Raised in a worker that must stop; handlers of Exception do not catch it."""
 
 
-_is_busy = False
-_is_stopping = False
+_is_busy = _is_stopping = False
 
 
 def _set_up(lifeline: Connection, engine: str | None) -> None:
@@ -248,12 +248,8 @@ def _stoppable(work: Work, job: Job) -> Outcome:
 
 
 _TIMEOUT = 9.0  # seconds to connect, to reconnect, and for the first worker
-_SECONDS_TO_ANSWER = 1.0
-"""Added to `_TIMEOUT`, because dask waits for replies without a limit."""
-
-_MOST_SUBMITTED = 1000
-"""Jobs submitted to the scheduler at the same time: enough for a growing cluster."""
-
+_SECONDS_TO_ANSWER = 1.0  # added to `_TIMEOUT`, because dask waits for replies without a limit
+_MOST_SUBMITTED = 1000  # jobs at the scheduler at the same time: enough for a growing cluster
 _ADDRESS = re.compile(r"(tcp|tls|ucx|ws|wss)://(?:\[[^/\s\[\]]+\]|[^/:\s\[\]]+):([0-9]{1,5})")
 _TLS = (
     "export DASK_DISTRIBUTED__COMM__TLS__CA_FILE=ca.pem"
@@ -269,8 +265,7 @@ class ClusterWorkers:
 
     def __init__(self, client: Any, address: str, size: int | None = None) -> None:
         self.size = size or _MOST_SUBMITTED
-        self._client = client
-        self._address = address
+        self._client, self._address = client, address
 
     def memory_of_each(self) -> int | None:
         answers = _answers(self._client, self._address, _memory_limit)
