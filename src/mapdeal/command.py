@@ -473,8 +473,6 @@ def input_types_of(function: Callable[..., Any]) -> tuple[type[Any], ...]:
 
 @dataclass(frozen=True)
 class Output:
-    """The output of a command, its option ``-o``."""
-
     metavar: str
     about: str
     is_required: bool = True
@@ -634,8 +632,7 @@ def stage(
     *, name: str, summary: str, title: Callable[[Parameters], str], memory: float, **more: Any
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Turn a function into a stage, with the fields of `Stage`."""
-    # `checked` converts its keyword arguments. The stage must also be listed in
-    # `mapdeal.stages.listed`.
+    # `checked` converts its keyword arguments. `mapdeal.stages.listed` must list the stage.
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         with_checks = checked(function, is_cropped=not more.get("edits"))
@@ -666,7 +663,6 @@ def _has_obstacle(grid: object = None) -> bool:
 
 
 def remark_on_obstacles(_: Parameters, figures: Figures) -> str | None:
-    """Return a remark on a product without obstacles, None for all others."""
     names = ("obstacles", "occupied", "lethal", "inscribed")
     counts = [figures[name] for name in names if name in figures]
     return NO_OBSTACLE if counts and not any(counts) else None
@@ -900,10 +896,9 @@ def meanings_of(function: Callable[..., Any]) -> dict[str, str]:
     sections = _SECTION.split(indented)
     bodies = dict(zip(sections[1::2], sections[2::2], strict=True))
     body = bodies.get("Parameters", "").partition("\n    **")[0]
-    entries = list(_ENTRY.finditer(body))
+    _, *parts = _ENTRY.split(body)
     meanings: dict[str, str] = {}
-    ends = [*(entry.start() for entry in entries[1:]), len(body)]
-    for entry, end in zip(entries, ends, strict=False):
-        meaning = " ".join(body[entry.end() : end].partition("\n")[2].split())
-        meanings |= dict.fromkeys(map(str.strip, entry["names"].split(",")), meaning)
+    for names, text in zip(parts[::2], parts[1::2], strict=True):
+        meaning = " ".join(text.partition("\n")[2].split())
+        meanings |= dict.fromkeys(map(str.strip, names.split(",")), meaning)
     return meanings

@@ -38,13 +38,9 @@ class MapdealWarning(UserWarning):
         self.check = check
 
 
-_LISTENERS: ContextVar[tuple[tuple[list[MapdealWarning], bool], ...]] = ContextVar(
-    "mapdeal_listeners", default=()
-)
-"""Lists of warnings of the enclosing blocks, each with whether outer blocks are skipped."""
-
+_Listener = tuple[list[MapdealWarning], bool]  # of a block, and whether outer blocks are skipped
+_LISTENERS: ContextVar[tuple[_Listener, ...]] = ContextVar("mapdeal_listeners", default=())
 _REWORD: ContextVar[Callable[[str], str]] = ContextVar("mapdeal_reword", default=str)
-
 _STRICT: ContextVar[tuple[list[MapdealWarning], ...]] = ContextVar("mapdeal_strict", default=())
 
 
@@ -214,7 +210,6 @@ class ParameterError(MapdealError, ValueError):
 
 
 def require(holds: bool, rule: str, place: str | None = None, *, got: object) -> None:
-    """Raise a `ParameterError` unless a condition holds."""
     if not holds:
         raise ParameterError(rule, place=place, got=got)
 
@@ -314,6 +309,5 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
 
 
 def nearest_hint(word: str, known: Iterable[str]) -> str | None:
-    """Return a hint that suggests the nearest known word, if there is one."""
     near = nearest(word, known)
     return None if near is None else f"did you mean {near}?"

@@ -54,9 +54,8 @@ _EDITED = f"{or_other_formats('The result: .yaml or .pgm (a pgm pair), .png (a p
 def _apply_stage(
     models: Mapping[str | None, Stage], *, source: Path, output: Path, work: InShell,
     footprint: Footprint | None = None, robot: Annotated[RobotParameters | None, Words()] = None,
-    recipe: RecipeName = None,
-    encoding: Encoding = "occupancy", curve: Annotated[Path | None, Words("FILE.png")] = None,
-    **values: Any,
+    recipe: RecipeName = None, encoding: Encoding = "occupancy",
+    curve: Annotated[Path | None, Words("FILE.png")] = None, **values: Any,
 ) -> SingleResult:  # fmt: skip
     """Apply a stage to a file.
 
@@ -79,20 +78,16 @@ def _apply_stage(
         step = step_for(stage.name, shaped, values)
         model = step.stage
         if model.robot is None and model.parameters_from_layers(shaped.costmap_layers) is None:
-            emit_warning(
-                f"--params-file: model {model.model} takes no shape and no costs of it, only which "
-                "occupancy is lethal"
-            )
+            text = f"--params-file: model {model.model} takes no shape and no costs of it"
+            emit_warning(f"{text}, only which occupancy is lethal")
         if stage.needs_costs(step.parameters):
             before = load_recipe(shaped).steps
     else:
         step = _step_of(models, footprint, values)
         shape = step.stage.robot if stage.product_type is Costmap and footprint is None else None
         if shape is not None and shape.replaces not in values:
-            emit_warning(
-                "no robot is given, by --robot-radius, --footprint, --params-file or "
-                "--recipe: the costs are those of a point"
-            )
+            text = "no robot is given, by --robot-radius, --footprint, --params-file or --recipe"
+            emit_warning(f"{text}: the costs are those of a point")
     terminal.detail(step_line(step))
     started = time.perf_counter()
     result = apply_to_file(

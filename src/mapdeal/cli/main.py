@@ -86,15 +86,13 @@ def _print_version(is_requested: bool) -> None:
         raise typer.Exit
 
 
+_VERSION: Any = typer.Option(
+    "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
+)
+
+
 @app.callback()
-def mapdeal(
-    version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
-        ),
-    ] = False,
-) -> None:
+def mapdeal(version: Annotated[bool, _VERSION] = False) -> None:
     """Process robot map files without ROS.
 
     Start with: mapdeal run MAP.yaml -o out
@@ -128,15 +126,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = end.exit_code
     except FindingError as error:
         return _report(terminal.lost() or error)  # lost results are worse
-    except FileAccessError as error:
-        if error.is_missing and error.hint is None:
+    except MapdealError as error:
+        if isinstance(error, FileAccessError) and error.is_missing and error.hint is None:
             from mapdeal.files.source import similar_file_hint
             from mapdeal.maps.formats import MAP_ENDINGS
 
             name = str(error.source)
             error.hint = point_hint(name, words[0]) or similar_file_hint(name, MAP_ENDINGS)
-        return _report(error)
-    except MapdealError as error:
         return _report(error)
     except _ClickError as error:
         return _report(usage_error(error))

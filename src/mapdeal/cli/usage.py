@@ -28,8 +28,7 @@ _SAME_OPTIONS = (
     ("from", "start", "begin", "origin"), ("to", "goal", "goals", "target", "end"),
     ("at", "point", "pose", "xy", "position", "center", "centre"), ("points", "goals-file"),
     ("output", "out", "output-dir"), ("params-file", "params", "robot", "config"),
-    ("file", "zones"), ("robot-radius", "radius"),
-    ("radius", "inflation-radius", "inflation"),
+    ("file", "zones"), ("robot-radius", "radius"), ("radius", "inflation-radius", "inflation"),
 )  # fmt: skip
 """Names of one option in several programs."""
 

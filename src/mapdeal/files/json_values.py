@@ -102,10 +102,8 @@ class JsonValue:
         return {key: self[key] for key in self._fields()}
 
     def items(self) -> list[JsonValue]:
-        if not isinstance(self.value, list):
-            raise self.error("must be a list")
-        source, place = self.source, self.place
-        return [JsonValue(source, item, f"{place}[{k}]") for k, item in enumerate(self.value)]
+        source, place, values = self.source, self.place, self._value_of(list, "a list")
+        return [JsonValue(source, item, f"{place}[{k}]") for k, item in enumerate(values)]
 
     @property
     def is_null(self) -> bool:
@@ -132,14 +130,10 @@ class JsonValue:
         return self.value
 
     def flag(self) -> bool:
-        if not isinstance(self.value, bool):
-            raise self.error("must be true or false")
-        return self.value
+        return self._value_of(bool, "true or false")
 
     def text(self) -> str:
-        if not isinstance(self.value, str):
-            raise self.error("must be a text")
-        return self.value
+        return self._value_of(str, "a text")
 
     def word(self, *allowed: str) -> str:
         text = self.text()
@@ -170,8 +164,11 @@ class JsonValue:
         return np.array([item.point() for item in self.items()], dtype=np.float64).reshape(-1, 2)
 
     def _fields(self) -> dict[str, Any]:
-        if not isinstance(self.value, dict):
-            raise self.error("must be an object")
+        return self._value_of(dict, "an object")
+
+    def _value_of(self, kind: type[T], noun: str) -> T:
+        if not isinstance(self.value, kind):
+            raise self.error(f"must be {noun}")
         return self.value
 
 

@@ -130,8 +130,7 @@ def real_path(path: Path) -> Path:
 
 def contents_of(folder: Path) -> tuple[list[str], list[str]]:
     """Return the names of the subfolders and of the files in a folder, both sorted."""
-    # A link counts as its target. A broken link counts as a file, so that reading it reports the
-    # error.
+    # A link counts as its target, a broken one as a file, so that reading it reports the error.
     folders: set[str] = set()
     with access_to(folder), os.scandir(folder) as found:
         entries = list(found)

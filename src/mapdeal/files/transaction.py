@@ -138,8 +138,7 @@ def _name_beside(path: Path, suffix: str) -> Path:
 
 
 def back_up_beside(path: Path) -> Path:
-    # The backup is a hard link. Without hard links, or if the file belongs to another user, it is a
-    # copy.
+    # A hard link, or a copy if there are no hard links or the file belongs to another user.
     backup = _name_beside(path, _OLD_SUFFIX)
     try:
         os.link(path, backup, follow_symlinks=False)
@@ -188,7 +187,6 @@ def signals_deferred() -> Iterator[None]:
     """Delay signals that end the process until the end of the block."""
     # Python handles signals in the main thread only: in other threads there is nothing to delay.
     # The effect of a signal, an exception or the end of the process, follows the block.
-    # SIGKILL cannot be delayed.
     if threading.get_ident() != threading.main_thread().ident:
         yield
         return

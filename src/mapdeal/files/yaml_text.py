@@ -13,12 +13,14 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.files.source import read_file
+
+N = TypeVar("N", bound=yaml.Node)
 
 _DEEPEST = 20
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
@@ -61,10 +63,13 @@ class Entry:
         got = source_text(self.node)
         return MalformedInputError(rule, source=self.source, place=self.place, got=got, hint=hint)
 
+    def _node_of(self, kind: type[N], noun: str) -> N:
+        if not isinstance(self.node, kind):
+            raise self.error(f"must be {noun}")
+        return self.node
+
     def text(self) -> str:
-        if not isinstance(self.node, yaml.ScalarNode):
-            raise self.error("must be a single value")
-        return str(self.node.value)
+        return str(self._node_of(yaml.ScalarNode, "a single value").value)
 
     def number(self) -> float:
         text = self.text().strip()
@@ -76,14 +81,11 @@ class Entry:
         return float(text)
 
     def items(self) -> list[Entry]:
-        if not isinstance(self.node, yaml.SequenceNode):
-            raise self.error("must be a list")
-        return [Entry(self.source, self.key, node) for node in self.node.value]
+        nodes = self._node_of(yaml.SequenceNode, "a list").value
+        return [Entry(self.source, self.key, node) for node in nodes]
 
     def fields(self) -> dict[str, Entry]:
-        if not isinstance(self.node, yaml.MappingNode):
-            raise self.error("must be a mapping of keys")
-        return _entries_of(self.source, self.node)
+        return _entries_of(self.source, self._node_of(yaml.MappingNode, "a mapping of keys"))
 
     @property
     def line(self) -> int:
@@ -94,14 +96,13 @@ class Entry:
 
     def merged_fields(self) -> dict[str, Entry]:
         """Return the entries of a mapping by key, with those of the mappings that ``<<`` names."""
-        if not isinstance(self.node, yaml.MappingNode):
-            raise self.error("must be a mapping of keys")
-        own = [pair for pair in self.node.value if pair[0].tag != _MERGE]
-        _entries_of(self.source, yaml.MappingNode(self.node.tag, own))  # refuses duplicate keys
+        node = self._node_of(yaml.MappingNode, "a mapping of keys")
+        own = [pair for pair in node.value if pair[0].tag != _MERGE]
+        _entries_of(self.source, yaml.MappingNode(node.tag, own))  # refuses duplicate keys
         # merged keys come first, so the mapping's own keys replace them
         return {
             str(key.value): Entry(self.source, str(key.value), value, key.start_mark.line + 1)
-            for key, value in flattened(self.source, self.node)
+            for key, value in flattened(self.source, node)
         }
 
     def plain_value(self) -> Any:
@@ -354,8 +355,7 @@ def _number_hint(text: str, key: str) -> str | None:
 
 def with_values(entries: Mapping[str, Entry], changes: Mapping[str, Any]) -> bytes:
     """Return the contents of the file of `entries` with changed values, otherwise as they are."""
-    # This is correct only if the mapping has one key per line, as in map files; so callers read the
-    # result again.
+    # This is correct only for one key per line, as in map files; so callers read the result again.
     text = next(iter(entries.values())).node.start_mark.buffer or ""
     replacements: dict[int, tuple[int, str]] = {}
     for key in changes.keys() & entries.keys():

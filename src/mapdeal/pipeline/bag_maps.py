@@ -134,12 +134,11 @@ def read_map_from_bag(
 
 
 _SECONDS = 1e-9
+_TYPES = (*messages.CLOUD_TYPES, messages.LASER_SCAN)
 _COMMANDS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(messages.GRID_TYPES, ("convert",)),
-    messages.LASER_SCAN: ("build", "local"),
-    **dict.fromkeys(messages.CLOUD_TYPES, ("build", "local")),
+    **dict.fromkeys((*_TYPES, *messages.TF_TYPES), ("build", "local")),
     messages.ODOMETRY: ("build",),
-    **dict.fromkeys(messages.TF_TYPES, ("build", "local")),
 }
 
 
@@ -392,7 +391,6 @@ class SensorFrames:
 
 _POINTS_TOGETHER = 1 << 18
 _BYTES = 80  # bytes for each point that are there at the same time, at most
-_TYPES = (*messages.CLOUD_TYPES, messages.LASER_SCAN)
 
 
 class BagClouds:
@@ -450,10 +448,8 @@ class BagClouds:
             text = f"{self.bag.path}: {count} of {len(numbers)} clouds are left out: where {frame}"
             emit_warning(f"{text} was is known {self._frames.span_text(frame)}")
         poses = stances(posed.translations, posed.quaternions).poses.tolist()
-        return [
-            (pose[0], pose[1], pose[2]) if known else None
-            for pose, known in zip(poses, posed.known, strict=True)
-        ]
+        found = zip(poses, posed.known, strict=True)
+        return [(x, y, yaw) if is_known else None for (x, y, yaw), is_known in found]
 
     def sensors(self) -> Posed:
         headers = [self._header(number) for number in range(len(self))]
@@ -626,14 +622,12 @@ class BagScans(ScanSource):
             yield from self._placed(together)
 
     def warn(self) -> None:
-        texts = [
-            f"{count} of {self.count} scans are left out: where {frame} was is known "
-            f"{self._frames.span_text(frame)}"
-            for frame, count in sorted(self._outside.items())
-        ]
+        texts, fate = [], f"of {self.count} scans are left out"
+        for frame, count in sorted(self._outside.items()):
+            span = self._frames.span_text(frame)
+            texts.append(f"{count} {fate}: where {frame} was is known {span}")
         if self._leaning:
-            reason = "scans are left out: their sensor leans by more than 10 degrees"
-            texts.append(f"{self._leaning} of {self.count} {reason}")
+            texts.append(f"{self._leaning} {fate}: their sensor leans by more than 10 degrees")
         if self._unstamped:
             texts.append(f"{self._unstamped} scans have no time: that of their recording is taken")
         if self._deskew and not self._has_steps:

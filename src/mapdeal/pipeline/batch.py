@@ -307,8 +307,7 @@ def dispatch(
     on_outcome: Callable[[int, Outcome], None],
 ) -> None:  # fmt: skip
     # When a process dies, its pool is lost, and any of the jobs that were under way may be why.
-    # Each of them is tried again, alone. If that kills its process, too, it has failed; all others
-    # go on.
+    # Each of them is tried again, alone; it has failed if that kills its process, too.
     def until_broken(waiting: deque[int], size: int) -> list[int]:
         """Do jobs until none waits or the pool is lost; return those that were under way then."""
         under_way: dict[Future[Outcome], int] = {}

@@ -149,8 +149,7 @@ def step_line(step: Step) -> str:
 
 @contextmanager
 def one_pass(transaction: Transaction, grid: Grid) -> Iterator[Grid]:
-    # The rows of lazy layers are then computed once for all files. Files of a grid in memory are
-    # written at the same time.
+    # The rows of lazy layers are computed once for all files, those in memory written in parallel.
     if not grid.is_lazy:
         yield grid
         return
@@ -305,33 +304,23 @@ def _written(kind: type[Any], besides: Iterable[str] = ()) -> str:
 
 _FILES: dict[type[Any], GridFiles] = {
     OccupancyGrid: GridFiles(
-        "OUT", f"The result: {_written(OccupancyGrid)}.",
-        written_endings(OccupancyGrid), (".pgm", ".yaml"), layers.occupancy_image,
-        layers.OccupancyDrawing,
-    ),
+        "OUT", f"The result: {_written(OccupancyGrid)}.", written_endings(OccupancyGrid),
+        (".pgm", ".yaml"), layers.occupancy_image, layers.OccupancyDrawing),
     FieldView: GridFiles(
-        "OUT", f"The view: {_written(FieldView)}.",
-        written_endings(FieldView), (".pgm", ".yaml"), layers.occupancy_image,
-        layers.OccupancyDrawing,
-    ),
+        "OUT", f"The view: {_written(FieldView)}.", written_endings(FieldView),
+        (".pgm", ".yaml"), layers.occupancy_image, layers.OccupancyDrawing),
     Costmap: GridFiles(
-        "OUT", f"The costs: {_written(Costmap)}.",
-        written_endings(Costmap), (".npz", ".pgm", ".yaml"), layers.cost_image, layers.CostDrawing,
-    ),
+        "OUT", f"The costs: {_written(Costmap)}.", written_endings(Costmap),
+        (".npz", ".pgm", ".yaml"), layers.cost_image, layers.CostDrawing),
     DistanceField: GridFiles(
         "OUT", "The field as .npz, as a bare .npy, or its 0..100 view as "
         f"{_written(FieldView, written_endings(DistanceField))}.",
-        (*written_endings(FieldView), ".npy"), (".npz", ".pgm", ".yaml"), layers.field_image,
-        layers.FieldDrawing,
-    ),
-    PotentialField: GridFiles(
-        "OUT.npz", "The field, with all its layers.",
-        NPZ.endings, NPZ.endings, layers.potential_image,
-    ),
-    Reach: GridFiles(
-        "OUT", "The answer as .json, or its layers as .npz.",
-        (".json", *NPZ.endings), (*NPZ.endings, ".json"), _reach_image,
-    ),
+        (*written_endings(FieldView), ".npy"), (".npz", ".pgm", ".yaml"),
+        layers.field_image, layers.FieldDrawing),
+    PotentialField: GridFiles("OUT.npz", "The field, with all its layers.",
+                              NPZ.endings, NPZ.endings, layers.potential_image),
+    Reach: GridFiles("OUT", "The answer as .json, or its layers as .npz.",
+                     (".json", *NPZ.endings), (*NPZ.endings, ".json"), _reach_image),
 }  # fmt: skip
 
 

@@ -42,10 +42,8 @@ _BYTES_PER_PIXEL = 10  # of pictures while they are drawn, two at the same time
 _DRAWING_LIBRARY = 11_000_000  # bytes of Pillow and its fonts
 _BYTES_PER_LONG_SQUARE = 10  # additional bytes per cell where squares of distances have 64 bits
 _BYTES_PER_LINE = 16  # per row and column
+# per row and column where distances are measured: bands have one row or more, scipy has long sides
 _BYTES_PER_MEASURED_LINE = 130
-"""Additional bytes per row and column where distances are measured: bands have at least one row,
-and scipy handles sides above `LONGEST_SIDE`."""
-
 _CANVAS_SHARE = 0.9  # memory to extend a product to the full canvas, as a share of the stage's
 _BYTES_PER_CELL_READ = 1.0  # reading releases everything else before stages begin
 
@@ -536,11 +534,10 @@ def outputs_of(
     for option, picture in (("--image", settings.image), ("--curve", curve)):
         if picture is None:
             continue
-        if picture.suffix != ".png" or picture in all_outputs:
-            rule = (
-                "is an output already" if picture.suffix == ".png" else "a picture must end in .png"
-            )
-            raise ParameterError(rule, place=option, got=str(picture))
+        if picture.suffix != ".png":
+            raise ParameterError("a picture must end in .png", place=option, got=str(picture))
+        if picture in all_outputs:
+            raise ParameterError("is an output already", place=option, got=str(picture))
         all_outputs.append(picture)
         with settings.reading():
             sources.claim(picture, _DRAWING_LIBRARY, what="pictures")

@@ -47,9 +47,8 @@ class SummedCloud:
     states: Mapping[Path, sources.FileState]
 
     def points(self) -> Iterator[Points]:
-        """Yield the points, some at a time; an error names the cloud, also if it was replaced."""
-        with errors_named(self.cloud.path):
-            yield from self.cloud.chunks()
+        """Yield the points, some at a time; refuse files that were replaced meanwhile."""
+        yield from self.cloud.chunks()
         for path, state in self.states.items():
             sources.check_state(path, state)
 
@@ -178,14 +177,11 @@ def filling_of(
     options = {**(more_options or {}), **(summed.options if summed else {})}
     files = (*(cloud.files if cloud else ()), *(known.files if known else ()))
     folder = local_folder(job.folder, pose, sums, common, options, has_map=known is not None)
-    return Filling(
-        folder, _products(folder.steps[0], job, make, common), job.source(common).stem,
-        (*files, *common.recipe.files),
-        # not the map, which is another one's
-        job.folder if cloud is None else cloud.path,
-        PoseOverlay(pose),
-        warnings=(*common.recipe.remarks, *(known.warnings if known else ())),
-    )  # fmt: skip
+    subject = job.folder if cloud is None else cloud.path  # not the map, which is another one's
+    warnings = (*common.recipe.remarks, *(known.warnings if known else ()))
+    return Filling(folder, _products(folder.steps[0], job, make, common), job.source(common).stem,
+                   (*files, *common.recipe.files), subject, PoseOverlay(pose),
+                   warnings=warnings)  # fmt: skip
 
 
 def local_folder(

@@ -278,7 +278,7 @@ class Recipe(OneLineRepr):
     @property
     def is_smaller(self) -> bool:
         """Whether a product may cover only a part of the map."""
-        return any(step.is_smaller for step in self.steps)
+        return any(step.stage.is_smaller(step.parameters) for step in self.steps)
 
     @property
     def remarks(self) -> tuple[str, ...]:

@@ -179,12 +179,10 @@ class LiveCostmap:
     def _window(self, bounds: Bounds) -> Window | None:
         """Return the rows and columns within bounds, as ``worldToMapEnforceBounds``."""
         sides = []
-        places = zip(self.frame.origin[:2], self.frame.shape[::-1], strict=True)
-        for low, high, place in zip(bounds.low, bounds.high, places, strict=True):
-            first, end = (
-                max(0, self._cell(low, *place)),
-                min(place[1], self._cell(high, *place) + 1),
-            )
+        corners, counts = self.frame.origin[:2], self.frame.shape[::-1]
+        for low, high, corner, cells in zip(bounds.low, bounds.high, corners, counts, strict=True):
+            ends = [self._cell(value, corner, cells) for value in (low, high)]
+            first, end = max(0, ends[0]), min(cells, ends[1] + 1)
             if end < first:
                 return None
             sides.append(slice(first, end))

@@ -242,8 +242,7 @@ def apply_recipe(
 def costmap(
     map: Grid | str | PathLike[str],  # noqa: A002 - the word that users expect
     robot: RobotParameters | str | PathLike[str] | Sequence[str | PathLike[str]] | None = None, *,
-    robot_radius: float | None = None,
-    footprint: FootprintLike | None = None,
+    robot_radius: float | None = None, footprint: FootprintLike | None = None,
     costmap: CostmapName = "global", namespace: str | None = None,
     mask: OccupancyGrid | None = None, inflation_radius: float | None = None,
     cost_scaling_factor: float | None = None,
@@ -420,8 +419,8 @@ class SingleResult(Result):
 
 def apply_to_file(
     path: Path, output: Path, step: Step, settings: Settings, *, encoding: Encoding = "occupancy",
-    curve: Path | None = None, with_curve: bool = False,
-    with_sums: bool = False, also_read: Sequence[Path] = (), before: Sequence[Step] = (),
+    curve: Path | None = None, with_curve: bool = False, with_sums: bool = False,
+    also_read: Sequence[Path] = (), before: Sequence[Step] = (),
     robot: RobotParameters | None = None,
 ) -> SingleResult:  # fmt: skip
     # The keepout mask of the settings is laid over the costs that the stage makes. The picture of
@@ -460,11 +459,10 @@ def apply_to_file(
             costs = step.curve_on(accepted) if curve is not None or with_curve else None
             if curve is not None and costs is None:
                 raise step.no_curve()
-            overlays = folders.robot_overlays(step)
+            overlays, title = folders.robot_overlays(step), f"{path.stem}: {title}"
             if keepout is not None and masked is not None and isinstance(grid, Costmap):
                 overlays.insert(0, KeepoutOverlay.of(grid, masked))
                 grid, title = masked, f"{title}, with {Path(keepout.path).name}"
-            title = f"{path.stem}: {title}"
             with folders.one_pass(transaction, grid) as pass_grid:
                 if stage.edits:
                     # with the scale of costs and further keys of the YAML that it was read from
@@ -496,9 +494,6 @@ def apply_to_file(
             return SingleResult(path, output, step, figures, result, source.sums, costs)
 
 
-_FILLED = 7  # of the picture: unknown cells that are now free; see `cleaning_style`
-
-
 def _add_changes(
     transaction: Transaction, path: Path, settings: Settings, before: Grid, after: Grid, title: str
 ) -> None:
@@ -508,7 +503,8 @@ def _add_changes(
 
     was, now = (states_of(np.asarray(grid.layer)) for grid in (before, after))
     changes = changes_of(was, now, np.ones(before.shape, dtype=np.bool_))
-    changes[(was == STATES.index("unknown")) & (now == STATES.index("free"))] = _FILLED
+    filled = 7  # of the picture: unknown cells that are now free; see `cleaning_style`
+    changes[(was == STATES.index("unknown")) & (now == STATES.index("free"))] = filled
     look: Any = {"image_extent": settings.image_extent, "style": cleaning_style()}
     image = difference_image(changes, before.frame, title=one_line(title), **look)
     folders.write_image(transaction, path, lambda: image)

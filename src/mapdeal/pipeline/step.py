@@ -59,10 +59,6 @@ class Step:
     def is_whole(self) -> bool:
         return self.stage.is_whole(self.parameters)
 
-    @property
-    def is_smaller(self) -> bool:
-        return self.stage.is_smaller(self.parameters)
-
     def apply(self, grid: Grid, source: Path | None, *, mask: OccupancyGrid | None = None) -> Grid:
         return grid_of(self.result_of(self.input_of(grid, source), source, mask=mask))
 
@@ -161,8 +157,7 @@ def _in_model(
         return models[None], values
     model = values.pop("model", next(iter(models)))
     if not isinstance(model, str) or model not in models:
-        known = [str(model_name) for model_name in models]
-        raise unknown_name(f"{name} model", model, known, place=f"{name}.model")
+        raise unknown_name(f"{name} model", model, map(str, models), place=f"{name}.model")
     stage = models[model]
     for key in values:
         owners = [str(m) for m, owner in models.items() if key in owner.parameters]

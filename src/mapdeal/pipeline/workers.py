@@ -39,15 +39,15 @@ _SECONDS_TO_CLEAN_UP = 10.0
 _POLL_INTERVAL = 0.1
 _STOPPED = 128 + signal.SIGTERM
 
+# bytes of the longest temporary folder in which the names of sockets still fit
 _LONGEST_FOLDER = 107 - len("/pymp-12345678/listener-12345678")
-"""Bytes of the longest temporary folder in which the names of sockets still fit."""
 
+# modules that every run needs: the server from which workers are forked imports them once
 _PRELOADED = (
     "mapdeal.pipeline.worker_server",
     "mapdeal.pipeline.batch", "mapdeal.pipeline.workers", "mapdeal.pictures.layers",
     "PIL.Image", "PIL.ImageDraw", "PIL.ImageFont", "PIL.PngImagePlugin", "tokenize",
 )  # fmt: skip
-"""Modules that every run needs: the server from which workers are forked imports them once."""
 
 
 class ProcessWorkers:
