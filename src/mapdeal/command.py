@@ -314,9 +314,6 @@ def _split_annotated(hint: Any) -> tuple[Any, tuple[Any, ...]]:
     return hint, ()
 
 
-_RADIUS = Parameter("footprint.radius", None, float, optional=False, conditions=(ABOVE_0,))
-
-
 def _footprint(_: str, value: object) -> Footprint:
     if isinstance(value, Footprint):
         return value
@@ -327,7 +324,8 @@ def _footprint(_: str, value: object) -> Footprint:
     if isinstance(value, (list, tuple)):
         return Footprint.polygon(value)
     if isinstance(value, Mapping) and list(value) == ["radius"]:
-        return Footprint.circle(_RADIUS.accept(value["radius"]))
+        radius = Parameter("footprint.radius", None, float, optional=False, conditions=(ABOVE_0,))
+        return Footprint.circle(radius.accept(value["radius"]))
     rule = "must look like [[x1, y1], [x2, y2], ...] or {radius: R}"
     hint = _ROUND if isinstance(value, Real) else None
     raise ParameterError(rule, place="footprint", got=value, hint=hint)
@@ -448,8 +446,7 @@ class Stage:
 
     @functools.cached_property
     def returns(self) -> Any:
-        returned = get_type_hints(inspect.unwrap(self.function)).get("return")
-        if returned is None:
+        if (returned := get_type_hints(inspect.unwrap(self.function)).get("return")) is None:
             raise TypeError(f"stage {self.name}: the function must say what it returns")
         return returned
 
@@ -583,15 +580,12 @@ class Command:
         """Whether the function receives the output and writes it itself."""
         return self.output is not None and self.output.parameter in {*self.inputs, *self.parameters}
 
-    @functools.cached_property
-    def result_types(self) -> tuple[type[Result], ...]:
-        returned = get_type_hints(self.function).get("return")
-        kinds = get_args(returned) or (returned,)
-        return tuple(kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Result))
-
     @property
     def may_have_picture(self) -> bool:
-        return any(kind is Result or kind.drawn is not Result.drawn for kind in self.result_types)
+        returned = get_type_hints(self.function).get("return")
+        kinds = (kind for kind in get_args(returned) or (returned,) if isinstance(kind, type))
+        results = (kind for kind in kinds if issubclass(kind, Result))
+        return any(kind is Result or kind.drawn is not Result.drawn for kind in results)
 
     @functools.cached_property
     def takes_work(self) -> bool:
@@ -675,8 +669,7 @@ def stage_of(function: Callable[..., Any]) -> Stage:
 def stages_among(values: Mapping[str, object]) -> tuple[Stage, ...]:
     found = [_STAGES[value] for value in values.values() if callable(value) and value in _STAGES]
     names = [" ".join(filter(None, (record.name, record.model))) for record in found]
-    duplicates = {name for name in names if names.count(name) > 1}
-    if duplicates:
+    if duplicates := {name for name in names if names.count(name) > 1}:
         raise ValueError(f"two stages have one name: {', '.join(sorted(duplicates))}")
     return tuple(found)
 
@@ -800,9 +793,8 @@ def _with_all_names(signature: inspect.Signature, hints: Mapping[str, Any]) -> i
     return signature.replace(parameters=parameters)
 
 
-def _bound(
-    name: str, signature: inspect.Signature, args: tuple[Any, ...], kwargs: Mapping[str, Any]
-) -> inspect.BoundArguments:  # fmt: skip
+def _bound(name: str, signature: inspect.Signature, args: tuple[Any, ...],
+           kwargs: Mapping[str, Any]) -> inspect.BoundArguments:  # fmt: skip
     """Return the arguments of a call by name; refuse those that do not fit the signature."""
     try:
         return signature.bind(*args, **kwargs)

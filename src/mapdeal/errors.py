@@ -125,8 +125,7 @@ def strict_warnings(is_strict: bool = True, source: Path | str | None = None) ->
 
 def refuse_warnings(consequence: str = "; nothing was written") -> None:
     """Raise FindingError if an enclosing `strict_warnings` block has collected a warning."""
-    count = max((len(set(map(str, collected))) for collected in _STRICT.get()), default=0)
-    if count:
+    if count := max((len(set(map(str, collected))) for collected in _STRICT.get()), default=0):
         text = "1 warning" if count == 1 else f"{count} warnings"
         raise FindingError(f"{text}, and --strict allows none{consequence}")
 

@@ -37,7 +37,6 @@ from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.catalogue import models_of
 
 _FIRST_SENTENCE = re.compile(r".*?\.(?=\s+[A-Z`]|$)")
-
 _INPUTS: dict[type[Any], tuple[str, str]] = {  # in --help: grids that stages accept besides maps
     DistanceField: ("ESDF.npz", "the distance field of one"),
     Costmap: ("COST.npz", "a costmap"),
@@ -200,8 +199,7 @@ def _step_of(
     stage = models.get(None if model is None else str(model))
     if footprint is None or stage is None:  # `make_step` refuses an unknown model
         return make_step(name, values)
-    shape = stage.robot
-    if shape is None:
+    if (shape := stage.robot) is None:
         shaped = " and ".join(str(stage.model) for stage in models.values() if stage.robot)
         rule = f"only {name}s of model {shaped} depend on the robot's shape"
         raise ParameterError(rule, source="--model", got=model)
@@ -215,7 +213,6 @@ _OF_ROBOT = {  # shared options by the parameter that they set
     "footprint": "--footprint, --robot-radius", "robot": "--params-file", "against": "--against"
 }  # fmt: skip
 _OF_SETTINGS = opt.OF_SETTINGS & opt.SHARED_OPTIONS.keys() - {*opt.OF_IMAGES}
-
 _TYPES = {Map: Path, Map | None: Path | None, Sequence[Map]: list[Path]}  # what typer reads maps as
 
 
@@ -259,11 +256,10 @@ def _shell_function(definition: Command) -> Any:
     run.__name__, run.__doc__ = definition.name, definition.help
     own = list(_arguments(definition))
     is_stage = isinstance(definition, _StageCommand)
-    names = [
-        argument.name for argument in own
-        if (is_stage and argument.name not in {*definition.inputs, "output"})
-        or (argument.default is not Argument.empty and argument.name not in opt.SHARED_OPTIONS)
-    ]  # fmt: skip
+    names = [argument.name for argument in own
+             if (is_stage and argument.name not in {*definition.inputs, "output"})
+             or (argument.default is not Argument.empty
+                 and argument.name not in opt.SHARED_OPTIONS)]  # fmt: skip
     names = list(opt.expanded([*names, *definition.shared]))
     if "image" in names and not (is_stage or definition.may_have_picture):
         names = [name for name in names if name not in ("image", "image_extent")]

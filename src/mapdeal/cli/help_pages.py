@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import partial
 from typing import Any
 
 from mapdeal.cli import terminal
@@ -27,9 +26,20 @@ def in_groups(group: Any, context: Any, names: Iterable[str] | None = None) -> d
 
 
 def lay_out(command: Any) -> None:
-    command.format_options = partial(_write_options, command, command.format_options)
+    def write_options(context: Any, formatter: Any) -> None:
+        for title, rows in sections_of(command, context).items():
+            with formatter.section(terminal.bold(title)):
+                formatter.write_dl(rows)
+
+    def write_examples(_: Any, formatter: Any) -> None:
+        with formatter.section("Examples"):
+            for line in command.epilog.splitlines():
+                formatter.write(f"{'':{formatter.current_indent}}{line}\n")
+
+    if not hasattr(command, "commands"):
+        command.format_options = write_options
     if command.epilog:
-        command.format_epilog = partial(_write_examples, command.epilog)
+        command.format_epilog = write_examples
 
 
 FIRST = ("run", "view", "info", "reach", "clean", "diff", "build", "lint")
@@ -66,15 +76,6 @@ def sections_of(command: Any, context: Any) -> dict[str, list[tuple[str, str]]]:
     return {title: sections[title] for title in ordered if sections[title]}
 
 
-def _write_options(command: Any, write_ungrouped: Any, context: Any, formatter: Any) -> None:
-    if hasattr(command, "commands"):
-        write_ungrouped(context, formatter)
-        return
-    for title, rows in sections_of(command, context).items():
-        with formatter.section(terminal.bold(title)):
-            formatter.write_dl(rows)
-
-
 def _placed(parameter: Any, text: str, parameters: Iterable[Any]) -> tuple[str, str]:
     # Help texts say in their first words with what an option counts: "With a bag: ...", or the
     # value of another option, "rings: ...". Below a title that says so they need not.
@@ -91,9 +92,3 @@ def _placed(parameter: Any, text: str, parameters: Iterable[Any]) -> tuple[str, 
         if condition in [*(choice.metavar or "").split("|"), *getattr(choice.type, "choices", ())]:
             return f"With {choice.opts[0]} {condition}", meaning
     return "Options", text
-
-
-def _write_examples(example: str, _context: Any, formatter: Any) -> None:
-    with formatter.section("Examples"):
-        for line in example.splitlines():
-            formatter.write(f"{'':{formatter.current_indent}}{line}\n")

@@ -71,7 +71,6 @@ class _LazyGroup(TyperGroup):
 
 
 vars(typer.core)["rich"] = None  # typer before 0.12 would format help with it
-
 app = typer.Typer(
     cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"]}, rich_markup_mode=None,
     add_completion=False, pretty_exceptions_enable=False,

@@ -130,7 +130,6 @@ def robot_parameters(
 
 
 _ROBOT, _AGAINST, _ALWAYS = "robot", "against", "always"
-
 _OF_FILES = ("params_file", "costmap", "namespace")  # of the group ``robot``
 OF_IMAGES = ("resolution", "origin")  # of those without a YAML file; some commands have their own
 OF_SETTINGS = {setting.name for setting in fields(Settings)}
@@ -162,7 +161,6 @@ class SharedOption(NamedTuple):
 
 _robots = partial(SharedOption, group="robot")
 _always = partial(SharedOption, bool, default=False, group="always")
-
 SHARED_OPTIONS = {
     "footprint": _robots(
         str | None, "Corners of the robot around its centre, metres.", "[[X,Y],...]"),

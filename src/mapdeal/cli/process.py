@@ -52,8 +52,7 @@ def run_process() -> NoReturn:
         release_reserve()
         from mapdeal.errors import refusal_of_the_system
 
-        refusal = refusal_of_the_system(error)
-        if refusal is None:
+        if (refusal := refusal_of_the_system(error)) is None:
             raise
         print(f"error: {refusal}", file=sys.stderr)  # noqa: T201
         code = refusal.exit_code

@@ -26,7 +26,6 @@ _CLEAR = "\r\x1b[K"
 _WIDTH = 80  # of a terminal that does not report its own
 PROGRESS_SECONDS = 10.0  # seconds between two lines of progress where there is no bar
 _LINE_AFTER, _LINE_EVERY = 1.0, 0.5  # seconds until the first line of activity, and between two
-
 _stdout_problem: str | None = None
 _writing = threading.RLock()  # held while text is written, so that a line of progress cannot mix
 _has_line = _has_bar = _stdout_dropped = _is_for_data = False

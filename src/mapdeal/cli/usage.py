@@ -20,10 +20,8 @@ _UNKNOWN = re.compile(r"no such (option|command):? '?(?P<name>(?<=')[^']*|[^ ']*
 _NO_CHOICE = re.compile(r": '(?P<word>[^']*)' is not one of ")
 _NUMBERS = ("int", "float")
 _FLAG_PREFIXES = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
-_POINT_OPTION_OF = {
-    "query": "--at", "edit": "--point", "reach": "--to", "run": "--to", "graph": "--to",
-    "diff": "--to", "plan": "--to",
-}  # fmt: skip
+_POINT_OPTION_OF = {"query": "--at", "edit": "--point", "reach": "--to", "run": "--to",
+                    "graph": "--to", "diff": "--to", "plan": "--to"}  # fmt: skip
 _SAME_OPTIONS = (
     ("from", "start", "begin", "origin"), ("to", "goal", "goals", "target", "end"),
     ("at", "point", "pose", "xy", "position", "center", "centre"), ("points", "goals-file"),
@@ -32,13 +30,11 @@ _SAME_OPTIONS = (
 )  # fmt: skip
 """Names of one option in several programs."""
 
-_SYNONYMS = {
-    "show": "view", "plot": "view", "open": "view", "display": "view", "crop": "window",
-    "compare": "diff", "inflation": "inflate", "costmap": "cost", "distance": "esdf",
-    "path": "route", "check": "lint", "validate": "lint", "stats": "info",
-    "fix": "lint", "filter": "clean", "resize": "rescale", "slam": "build", "stitch": "merge",
-    "version": "--version",
-}  # fmt: skip
+_SYNONYMS = {"show": "view", "plot": "view", "open": "view", "display": "view", "crop": "window",
+             "compare": "diff", "inflation": "inflate", "costmap": "cost", "distance": "esdf",
+             "path": "route", "check": "lint", "validate": "lint", "stats": "info", "fix": "lint",
+             "filter": "clean", "resize": "rescale", "slam": "build", "stitch": "merge",
+             "version": "--version"}  # fmt: skip
 """Names of commands in other programs."""
 
 _USAGE_ERROR: Any = typer.BadParameter.__mro__[1]  # click's, of which typer may have a copy
@@ -47,10 +43,8 @@ _POINT = re.compile(r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}")
 
 def accept_words(command: Any, name: str) -> None:
     parse = command.parse_args
-    flags = {
-        option[2:] for parameter in command.params for option in parameter.opts
-        if option.replace("--", "--no-", 1) in parameter.secondary_opts
-    }  # fmt: skip
+    flags = {option[2:] for parameter in command.params for option in parameter.opts
+             if option.replace("--", "--no-", 1) in parameter.secondary_opts}  # fmt: skip
 
     def parse_args(context: Any, words: Sequence[str]) -> Any:
         words = _repeat_point_option(_join_flag_values(words, flags), _POINT_OPTION_OF.get(name))
@@ -137,11 +131,9 @@ def _suggested_options(command: Any, context: Any, words: Sequence[str]) -> str 
         values, surplus, _ = command.make_parser(context).parse_args(list(words))
     except _USAGE_ERROR:
         return None
-    unused = [
-        option for option in command.params
-        if option.opts[0][:2] == "--" and not values.get(option.name)
-        and (option.required or option.name not in SHARED_OPTIONS)
-    ]  # fmt: skip
+    unused = [option for option in command.params
+              if option.opts[0][:2] == "--" and not values.get(option.name)
+              and (option.required or option.name not in SHARED_OPTIONS)]  # fmt: skip
     lists = [value for value in values.values() if isinstance(value, tuple) and value]
     if not surplus and lists and not exists(Path(lists[0][-1])):
         surplus = [lists[0][-1]]  # the last word of a command that takes many files

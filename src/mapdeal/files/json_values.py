@@ -18,7 +18,6 @@ from mapdeal.files.source import OF_JSON, claim, read_file
 from mapdeal.grid.frame import FARTHEST, Point
 
 T = TypeVar("T")
-
 _LARGEST_FILE = 1 << 22  # a manifest has some kilobytes
 
 
@@ -136,8 +135,7 @@ class JsonValue:
         return self._value_of(str, "a text")
 
     def word(self, *allowed: str) -> str:
-        text = self.text()
-        if text not in allowed:
+        if (text := self.text()) not in allowed:
             raise self.error(f"must be one of {', '.join(allowed)}")
         return text
 

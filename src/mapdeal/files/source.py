@@ -30,10 +30,8 @@ LFS_POINTER = b"version https://git-lfs"
 
 # Recognises most maps without a parser: keys of the top mapping begin a line.
 IMAGE_KEY = re.compile(rb"""(?m)^(\xef\xbb\xbf)?["']?image["']?[ \t]*:""")
-
 LARGEST_FILE = 1 << 34
-_HEAD = 1 << 20
-_CHUNK = 1 << 18
+_HEAD, _CHUNK = 1 << 20, 1 << 18
 LONGEST_STREAM = 1 << 28  # most bytes read from a pipe or a device, which may be endless
 CHANGED = "changed while it was read"  # of a file that was replaced or modified
 
@@ -286,8 +284,7 @@ def sums_of_reads(*, is_wanted: bool = True) -> Iterator[dict[Path, str]]:
 
 def note_sum(path: Path, sum_of: Callable[[], str]) -> None:
     """Add the sha256 of a file that was read in pieces to the mapping of `sums_of_reads`."""
-    sums = _sums.get()
-    if sums is not None:
+    if (sums := _sums.get()) is not None:
         sums[path] = sum_of()
 
 
@@ -301,8 +298,7 @@ def free_memory(
     """Return the bytes that can be allocated before the system swaps or kills processes."""
     # It is the smaller of the machine's free memory and the unused memory of the control groups
     # (version 2) around the process, by which containers limit it.
-    match = re.search(r"^MemAvailable:\s+(\d+) kB", _text(meminfo), re.MULTILINE)
-    if match is None:
+    if (match := re.search(r"^MemAvailable:\s+(\d+) kB", _text(meminfo), re.MULTILINE)) is None:
         return None
     free = int(match[1]) * 1024
     group = re.search(r"^0::/(.*)$", _text(own_group), re.MULTILINE)
@@ -349,8 +345,7 @@ _current: ContextVar[_Budget | None] = ContextVar("budget", default=None)
 
 
 def default_limit(jobs: int = 1) -> int | None:
-    free = free_memory()
-    if free is None:
+    if (free := free_memory()) is None:
         return None
     return max(free // 2 // jobs, _LEAST, min(free, _SMALL) if jobs == 1 else 0)
 
@@ -384,9 +379,8 @@ def memory_limit() -> tuple[int | None, str]:
 def room() -> int | None:
     """Return the most bytes that `claim` grants now; None for unlimited."""
     budget = _budget()
-    if budget.limit is None:
-        return None
-    return max(budget.limit - INTERPRETER - budget.used, _LITTLE)
+    limit, used = budget.limit, INTERPRETER + budget.used
+    return None if limit is None else max(limit - used, _LITTLE)
 
 
 def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> None:

@@ -57,8 +57,7 @@ def read_rows(
         first_line += count
         if remaining is not None:
             remaining -= len(rows)
-            unread = len(text) - int(ends[count - 1])
-            if unread:
+            if unread := len(text) - int(ends[count - 1]):
                 file.seek(-unread, os.SEEK_CUR)
         if len(rows):
             yield rows
@@ -66,8 +65,7 @@ def read_rows(
 
 def first_line(file: BinaryIO) -> tuple[int, int, str]:
     # The text is empty if the file has no such line.
-    number = 0
-    start = file.tell()
+    number, start = 0, file.tell()
     while raw := file.readline(LONGEST_LINE):
         number += 1
         if number == 1 and raw.startswith(BYTE_ORDER_MARK):

@@ -285,8 +285,7 @@ class Transaction:
         places: set[Path] = set()
         for output in self._outputs:
             _check_output(output, inputs, None if force else hint)
-            place = real_path(output.parent) / output.name
-            if place in places:
+            if (place := real_path(output.parent) / output.name) in places:
                 raise ParameterError("is the place of two outputs", source=output)
             places.add(place)
 

@@ -21,14 +21,12 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.files.source import read_file
 
 N = TypeVar("N", bound=yaml.Node)
-
 _DEEPEST = 20
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _PLAIN_KINDS = ("str", "int", "float", "bool", "null", "timestamp", "seq", "map", "merge")
 _PLAIN_TAGS = frozenset(f"tag:yaml.org,2002:{kind}" for kind in _PLAIN_KINDS)
 _NUMBER_TAGS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 _NULL, _MERGE = "tag:yaml.org,2002:null", "tag:yaml.org,2002:merge"
-
 _BREAKS = "\r\n\x85\u2028\u2029"
 
 
@@ -158,8 +156,7 @@ def read_mapping(path: Path, limits: YamlLimits = OF_MAPS) -> dict[str, Entry]:
 
 
 def parse_mapping(path: Path, data: bytes, limits: YamlLimits = OF_MAPS) -> dict[str, Entry]:
-    node = _compose(path, decoded_text(path, data), limits)
-    if node is None:
+    if (node := _compose(path, decoded_text(path, data), limits)) is None:
         raise MalformedInputError("no mapping in file", source=path)
     if not isinstance(node, yaml.MappingNode):
         kind = "list" if isinstance(node, yaml.SequenceNode) else "single value"
@@ -179,8 +176,7 @@ def _entries_of(path: Path, node: yaml.MappingNode) -> dict[str, Entry]:
         if not isinstance(key_node, yaml.ScalarNode):
             place = f"line {key_node.start_mark.line + 1}"
             raise MalformedInputError("a key must be a single word", source=path, place=place)
-        key = str(key_node.value)
-        if key in entries:
+        if (key := str(key_node.value)) in entries:
             line = key_node.start_mark.line + 1
             rule = f"key appears twice, on lines {entries[key].line} and {line}"
             raise MalformedInputError(rule, source=path, place=key)

@@ -43,7 +43,6 @@ from mapdeal.sensors.scans import ScanArrays, ScanSource
 ReadAs = Literal["map", "costs"]
 P = ParamSpec("P")
 T = TypeVar("T")
-
 _OF_COSTS = "costmap"  # word in the names of topics on which Nav2 and move_base publish costs
 
 
@@ -133,7 +132,6 @@ def read_map_from_bag(
         return found.read(index)
 
 
-_SECONDS = 1e-9
 _TYPES = (*messages.CLOUD_TYPES, messages.LASER_SCAN)
 _COMMANDS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(messages.GRID_TYPES, ("convert",)),
@@ -160,7 +158,7 @@ def describe_bag(path: Path, *, progress: ProgressCallback | None = None) -> dic
             "messages": span.count,
             "start_ns": span.first if span.count else None,
             "end_ns": span.last if span.count else None,
-            "duration_s": (span.last - span.first) * _SECONDS if span.count else None,
+            "duration_s": (span.last - span.first) * 1e-9 if span.count else None,
             "topics": topics,
             "transforms": edges,
             "use": list(_uses(path, topics)),
@@ -519,8 +517,7 @@ class BagClouds:
         return time or place.time, frame
 
     def _mount(self, sensor: str, time: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        times = np.array([time], np.int64)
-        base = self._base or sensor
+        times, base = np.array([time], np.int64), self._base or sensor
         with errors_named(self.bag.path):
             posed = self._frames.tree.lookup(base, sensor, times)
         if not posed.known.all():
@@ -561,8 +558,7 @@ def sequence_of_bag(
     return local.numbered_jobs(list(map(source.cloud, known)), list(known.values()), output)
 
 
-_SCANS_TOGETHER = 512
-_READINGS_TOGETHER = 1 << 18
+_SCANS_TOGETHER, _READINGS_TOGETHER = 512, 1 << 18
 _OF_READING = 140  # bytes of a reading, in all that is made of it
 
 

@@ -278,8 +278,7 @@ class Plans(Result):
             yield from (f"{plan.job.name}: write {path}" for path in plan.writes)
 
     def check(self) -> None:
-        failing = sum(plan.error is not None for plan in self.plans)
-        if failing:
+        if failing := sum(plan.error is not None for plan in self.plans):
             rule = f"{failing} of {count_text(len(self.plans), 'map')} would fail"
             raise errors.BatchError(rule, source="--dry-run")
 
@@ -326,8 +325,7 @@ def dispatch(
                     finished, _ = wait(under_way, return_when=FIRST_COMPLETED)
                     for future in sorted(finished, key=under_way.__getitem__):
                         index = under_way[future]
-                        outcome = _outcome_of(future, job_of(index))
-                        if outcome is None:
+                        if (outcome := _outcome_of(future, job_of(index))) is None:
                             suspects.append(index)
                         else:
                             on_outcome(index, outcome)
@@ -397,8 +395,7 @@ class Batch(Result):
         yield f"{count_text(len(self.jobs), self.noun)}: {', '.join(counts)}"
 
     def check(self) -> None:
-        failed = self.count("failed")
-        if failed:
+        if failed := self.count("failed"):
             rule = f"{failed} of {len(self.jobs)} {self.noun}s failed"
             raise errors.BatchError(rule, source=self.output / SUMMARY)
         missing = sum(bool(getattr(found.result, "missed_goals", ())) for found in self.outcomes)

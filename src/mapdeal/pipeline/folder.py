@@ -137,9 +137,7 @@ def format_value(value: object) -> str:
         return {None: "none", True: "yes", False: "no"}[value]
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key}: {format_value(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(format_value, value))}]"
-    return str(value)
+    return f"[{', '.join(map(format_value, value))}]" if isinstance(value, list) else str(value)
 
 
 def step_line(step: Step) -> str:
@@ -380,8 +378,7 @@ def write_picture(
     files, title = files_of(type(grid)), errors.one_line(title)
     options: dict[str, Any] = {"image_max": settings.image_max, "overlay": overlay}
     options["image_extent"] = settings.image_extent
-    make_drawing = files.drawing
-    if make_drawing is None:
+    if (make_drawing := files.drawing) is None:
         write_image(transaction, path, lambda: files.draw(grid, title=title, **options))
         return
 
@@ -414,8 +411,7 @@ def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:
     return [] if known is None or not radius else [RobotOverlay(known)]
 
 
-MANIFEST = "manifest.json"
-INPUT_PICTURE = "input.png"
+MANIFEST, INPUT_PICTURE = "manifest.json", "input.png"
 _FORMAT = "mapdeal-run/1"
 
 

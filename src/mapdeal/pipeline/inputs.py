@@ -57,7 +57,6 @@ class _Demand(NamedTuple):
 
 
 _DEMANDS = {"compiled": _Demand(50_000_000, 0.0, 40), "scipy": _Demand(100_000_000, 12.0, 90)}
-
 _RUN_BYTES_PER_COLUMN = 20  # for the runs at each block's edge: `mapdeal.kernels.distance`
 _BLOCK_CELLS = 1 << 22
 _LONGEST_RUN = (1 << 16) - 1  # rows
@@ -322,9 +321,7 @@ class MapInput(Source):
         return as_occupancy(self.grid, self.path or self.name)
 
     def document(self) -> dict[str, Any] | None:
-        if self.path is None:
-            return None
-        return {"file": str(self.path), "sha256": dict(self.sums)}
+        return None if self.path is None else {"file": str(self.path), "sha256": dict(self.sums)}
 
 
 def map_input(source: Source, path: Path) -> MapInput:

@@ -376,8 +376,7 @@ class RollingRun:
         return self._mapper.result()
 
     def _add(self, turn: int) -> None:
-        known = self._summed[turn]
-        if known is None:
+        if (known := self._summed[turn]) is None:
             raise errors.ParameterError("was not read", source=self._cloud(turn))
         try:
             with errors_named(self._cloud(turn)):

@@ -101,9 +101,8 @@ def read_recipe_file(path: Path, name: str) -> Draft:
             _check_place(item, stage, [name_before for name_before, _ in draft], name)
             draft.append((stage, values))
     except MalformedInputError as error:  # one of usage, with the line behind the file's name
-        found = _LINE.fullmatch(error.place or "")
         error.source = name
-        if found is not None:
+        if found := _LINE.fullmatch(error.place or ""):
             error.source += f":{found['line']}"
             error.place = found["key"] or found["column"]
         raise ParameterError(str(error), hint=error.hint) from None
@@ -166,8 +165,7 @@ def draft_for(layers: CostmapLayers) -> Draft:
     draft: Draft = []
     for name in STAGE_NAMES:
         for model, stage in models_of(name).items():
-            values = stage.parameters_from_layers(layers)
-            if values is not None:
+            if (values := stage.parameters_from_layers(layers)) is not None:
                 model_value = {} if model is None else {"model": model}
                 draft.append((name, StageValues({**model_value, **values})))
                 break
@@ -187,8 +185,7 @@ def planned_shape(robot: RobotParameters) -> Footprint:
 def step_for(name: str, robot: RobotParameters, values: Mapping[str, object]) -> Step:
     is_placed = values.get("pose") is not None or values.get("map_to_odom") is not None
     layers = robot.layers_around_robot if is_placed else robot.costmap_layers
-    own = _own_of(name, layers, values.get("model"))
-    if own is not None:
+    if (own := _own_of(name, layers, values.get("model"))) is not None:
         for key, value in values.items():
             put_value(name, own, key, value)
         return make_step(name, own)
@@ -519,8 +516,7 @@ def _apply_change(
     if not all(parts):
         rule = "must look like {'stage.parameter': value}"
         raise ParameterError(rule, source=option, got=target, hint=_hint_for(draft, target))
-    values = dict(draft).get(stage)
-    if values is None:
+    if (values := dict(draft).get(stage)) is None:
         if not models_of(stage):
             raise unknown_name("stage", stage, STAGE_NAMES, place=option)
         rule = f"recipe {name} has no stage {stage}"
@@ -566,9 +562,6 @@ def _radius_in(step: Step) -> tuple[str, float] | None:
         if not radius and isinstance(shape, Footprint):
             return name, shape.circumscribed_radius
     return robot.replaces, radius
-
-
-_UNKNOWN_MAP = np.zeros((1, 1), dtype=np.int8)
 
 
 def read_robot_parameters(
@@ -673,7 +666,7 @@ def cost_curve(
             rule = "per-map is scaled by the extremes of a map"
             hint = "give a map instead of the side of its cells"
             raise ParameterError(rule, place="view", hint=hint)
-        cells = OccupancyGrid(_UNKNOWN_MAP, float(cells))
+        cells = OccupancyGrid(np.zeros((1, 1), dtype=np.int8), float(cells))
     if not isinstance(cells, Framed):
         raise ParameterError("must be a grid, or a length in metres", place="cells", got=cells)
     values = {**({} if model is None else {"model": model}), **parameters}
@@ -689,7 +682,6 @@ def cost_curve(
             rule = f"cannot be given together with {shaped.replaces}" if shaped else rule
             raise ParameterError(rule, place="footprint")
         step = make_step("cost", {**values, **shaped.parameters(shape)})
-    curve = step.curve_on(cells)
-    if curve is None:
+    if (curve := step.curve_on(cells)) is None:
         raise step.no_curve()
     return curve

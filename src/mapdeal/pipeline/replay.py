@@ -61,10 +61,8 @@ class RawScan:
 
 
 def _raw_scan(message: Any) -> RawScan:
-    start, end, step, least, most = (
-        as_float32(float(getattr(message, name)))
-        for name in ("angle_min", "angle_max", "angle_increment", "range_min", "range_max")
-    )
+    names = ("angle_min", "angle_max", "angle_increment", "range_min", "range_max")
+    start, end, step, least, most = (as_float32(float(getattr(message, name))) for name in names)
     ranges = np.array(message.ranges, dtype=np.float32)
     return RawScan(*_header_of(message), (start, end, step), (least, most), ranges)
 
@@ -103,10 +101,8 @@ def transformed(points: Points, rigid: Rigid) -> Floats:
     """Return float32 points in another frame, rounded as Eigen rounds them in tf2_sensor_msgs."""
     x, y, z = points.T
     with np.errstate(invalid="ignore", over="ignore"):
-        axes = [
-            ((a * x + b * y) + c * z) + np.float32(move)
-            for (a, b, c), move in zip(_rotation_matrix(rigid[1]), rigid[0], strict=True)
-        ]
+        rows = zip(_rotation_matrix(rigid[1]), rigid[0], strict=True)
+        axes = [((a * x + b * y) + c * z) + np.float32(move) for (a, b, c), move in rows]
     return np.stack(axes, axis=1).astype(np.float64)
 
 
@@ -170,8 +166,7 @@ class LiveCostmap:
             corner.append(start + shifts[-1] * cell_size)
         cols, rows = shifts
         if rows or cols:
-            height, width = self.frame.shape
-            self.frame = Frame(height, width, cell_size, (corner[0], corner[1], 0.0))
+            self.frame = Frame(*self.frame.shape, cell_size, (corner[0], corner[1], 0.0))
             self.costs = obstacle.shifted(self.costs, rows, cols, self._default_cost)
             for layer in self.layers:
                 layer.move(self.frame, rows, cols)
@@ -275,11 +270,10 @@ class BagReplay:
     def _placed(self, known: OccupancyGrid | None) -> LivePlace:
         area, map_frame = self.area, None
         if known is not None:
-            height, width = known.shape
             x, y, yaw = known.origin
             if yaw:
                 emit_warning("costmap_2d ignores the yaw of the map's origin")
-            map_frame = Frame(height, width, as_float32(known.resolution), (x, y, 0.0))
+            map_frame = Frame(*known.shape, as_float32(known.resolution), (x, y, 0.0))
             self._map_resolution = known.resolution
         if map_frame is not None and self.robot.static_layers and not area.is_rolling:
             frame = map_frame
@@ -387,8 +381,8 @@ class BagReplay:
             is_within = (z <= source.max_obstacle_height) & (z >= source.min_obstacle_height)
             self._readings[name, source] += int(np.isfinite(z).sum())
             self._within[name, source] += int(is_within.sum())
-            place, points_xyz = sensor[0], points_xyz[is_within]
-            observation = obstacle.Observation(source, message.time, place, points_xyz)
+            points_xyz = points_xyz[is_within]
+            observation = obstacle.Observation(source, message.time, sensor[0], points_xyz)
             yield Delivery(grid, name, observation, message, rigid)
 
     def _lookup(self, frame: str, time: int, fixed: str | None = None) -> Rigid | None:

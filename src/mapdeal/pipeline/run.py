@@ -118,9 +118,8 @@ def cells_text(figures: Figures) -> str:
 def _summary_of_local(local: Figures) -> str:
     parts = []
     if "points" in local:
-        reasons = {
-            "not_finite": "not finite", "beyond_height": "by height", "beyond_range": "by range"
-        }  # fmt: skip
+        reasons = {"not_finite": "not finite", "beyond_height": "by height",
+                   "beyond_range": "by range"}  # fmt: skip
         dropped = ", ".join(f"{local[key]} {why}" for key, why in reasons.items() if local[key])
         text = f"{local['marking']} of {local['points']} points in the window"
         parts.append(f"{text} (dropped: {dropped})" if dropped else text)

@@ -20,9 +20,7 @@ from mapdeal.maps.map_server import bare_images
 from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExtent
 
 Canvas = Literal["crop", "full"]
-
 Advance = Callable[[int], object]  # called with the number of steps since the last call
-
 ProgressCallback = Callable[[int], AbstractContextManager[Advance]]
 """Called with the number of all steps; its context is the function that reports progress."""
 
@@ -84,10 +82,7 @@ class Settings:
 
 
 DEFAULT_SETTINGS = Settings()
-
-
 Item = TypeVar("Item")
-
 _STEPS = 1000  # of progress in one pass through a layer
 
 
@@ -96,8 +91,7 @@ def passes_reported(progress: ProgressCallback | None, passes: int) -> Iterator[
     if progress is None:
         yield
         return
-    lock = Lock()
-    most = passes * _STEPS
+    lock, most = Lock(), passes * _STEPS
     passes_made, steps_reported = 0.0, 0
     with progress(most) as advance:
 
@@ -105,8 +99,7 @@ def passes_reported(progress: ProgressCallback | None, passes: int) -> Iterator[
             nonlocal passes_made, steps_reported
             with lock:
                 passes_made += rows / height
-                reached = min(int(_STEPS * passes_made + 1e-6), most)
-                if reached > steps_reported:
+                if (reached := min(int(_STEPS * passes_made + 1e-6), most)) > steps_reported:
                     advance(reached - steps_reported)
                     steps_reported = reached
 

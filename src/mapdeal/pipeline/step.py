@@ -127,18 +127,13 @@ def make_step(name: str, values: Mapping[str, object]) -> Step:
     own, view = ({key: value for key, value in values.items() if key in known}
                  for known in (stage.own_parameters, stage.view_parameters))  # fmt: skip
     parameters = accept_parameters(stage.own_parameters, own, name)
-    _settle(parameters, stage, own)
-    return Step(stage, parameters, accept_parameters(stage.view_parameters, view, name))
-
-
-def _settle(parameters: dict[str, Any], stage: Stage, values: Mapping[str, object]) -> None:
     for by, rule in stage.in_place_of.items():
         if parameters[by] is None:
             continue
         key, value = rule.parameter, rule.value(parameters)
         old = parameters[key]
         is_same = value is old if value is None or old is None else math.isclose(value, old)
-        if key in values and not is_same:
+        if key in own and not is_same:
             effect = "" if value is None else f", which makes it {value:g}"
             conflict = f"cannot be given together with {by}{effect}"
             raise ParameterError(conflict, place=f"{stage.name}.{key}", got=old)
@@ -148,6 +143,7 @@ def _settle(parameters: dict[str, Any], stage: Stage, values: Mapping[str, objec
     except ParameterError as error:
         error.place = ".".join(filter(None, (stage.name, error.place)))
         raise
+    return Step(stage, parameters, accept_parameters(stage.view_parameters, view, name))
 
 
 def _in_model(

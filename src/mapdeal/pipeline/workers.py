@@ -34,7 +34,6 @@ from mapdeal.pipeline.batch import TOO_LARGE, Job, Outcome, Submit, Work, Worker
 from mapdeal.version import __version__
 
 _T = TypeVar("_T")
-
 _SECONDS_TO_CLEAN_UP = 10.0
 _POLL_INTERVAL = 0.1
 _STOPPED = 128 + signal.SIGTERM
@@ -406,19 +405,17 @@ def _with_own_errors(submitted: Future[Outcome], job: Job) -> Future[Outcome]:
 
     relayed: Future[Outcome] = Future()
     relayed.set_running_or_notify_cancel()
+    died = partial(WorkerDiedError, source=job.path)
 
     def pass_on(finished: Future[Outcome]) -> None:
         try:
             relayed.set_result(finished.result())
         except CancelledError:
-            rule = "was lost: the scheduler is gone or has dropped it"
-            relayed.set_exception(WorkerDiedError(rule, source=job.path))
+            relayed.set_exception(died("was lost: the scheduler is gone or has dropped it"))
         except KilledWorker:
-            rule = "every worker that tried this map died"
-            relayed.set_exception(WorkerDiedError(rule, source=job.path, hint=TOO_LARGE))
+            relayed.set_exception(died("every worker that tried this map died", hint=TOO_LARGE))
         except Exception as error:  # noqa: BLE001 - not of the work, which raises none
-            rule = f"was lost: {_first_line(error)}"
-            relayed.set_exception(WorkerDiedError(rule, source=job.path))
+            relayed.set_exception(died(f"was lost: {_first_line(error)}"))
 
     submitted.add_done_callback(pass_on)
     return relayed
