@@ -860,7 +860,8 @@ def _check_type(value: object, hint: Any, function: str, name: str) -> None:
         return
     items = [get_args(arm)[0] for arm in kinds if get_origin(arm) in (list, AbcSequence)]
     if items and isinstance(value, Iterable) and not isinstance(value, str):
-        for item in value if _takes_paths(items[0]) else ():
+        item_arms = [get_origin(arm) or arm for arm in get_args(items[0]) or [items[0]]]
+        for item in value if {str, PathLike, Path}.issuperset(item_arms) else ():
             _check_type(item, items[0], function, name)
     if not isinstance(value, tuple(_ACCEPTED.get(arm, arm) for arm in arms)):
         hint = grid_hint(value) if any(hasattr(arm, "layer_names") for arm in arms) else None
@@ -869,11 +870,6 @@ def _check_type(value: object, hint: Any, function: str, name: str) -> None:
         if any(arm.__name__ == "RobotParameters" for arm in arms):
             hint = "mapdeal.read_robot_parameters reads a robot's files"
         raise error(f"must be {' or '.join(arm.__name__ for arm in arms)}", got=value, hint=hint)
-
-
-def _takes_paths(kind: Any) -> bool:
-    arms = get_args(kind) or [kind]
-    return all((get_origin(arm) or arm) in (str, PathLike, Path) for arm in arms)
 
 
 def _is_checked(arm: Any) -> bool:

@@ -77,8 +77,7 @@ def sections_of(command: Any, context: Any) -> dict[str, list[tuple[str, str]]]:
 
 
 def _placed(parameter: Any, text: str, parameters: Iterable[Any]) -> tuple[str, str]:
-    # Help texts say in their first words with what an option counts: "With a bag: ...", or the
-    # value of another option, "rings: ...". Below a title that says so they need not.
+    # Texts begin with what an option counts with: "With a bag: ...", or a value, "rings: ...".
     if parameter.param_type_name == "argument":
         return "Arguments", text
     title = _COMMON if parameter.name == "help" else getattr(parameter, "rich_help_panel", None)

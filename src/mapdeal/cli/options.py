@@ -271,11 +271,8 @@ def with_shared_options(
                 endings = join_words((e.endings[0] for e in FORMATS if e.takes_resolution), "and")
                 rule = f"applies to images without their .yaml and to {endings}, and none is named"
                 raise ParameterError(rule, source="--resolution")
-            with (
-                settings.reading(anew=True),
-                use_threads(settings.threads),
-                terminal.piped(values, marked, ending=ending) as piped_values,
-            ):
+            piped = terminal.piped(values, marked, ending=ending)
+            with settings.reading(anew=True), use_threads(settings.threads), piped as piped_values:
                 read = {name: piped_values.pop(name) for name in of_streams}
                 if "mask" in read and makes_costs(values) and "against" not in shared:
                     read["mask"] = used_mask(read["mask"], values.get("robot"))

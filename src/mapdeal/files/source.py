@@ -39,7 +39,11 @@ CHANGED = "changed while it was read"  # of a file that was replaced or modified
 @contextmanager
 def access_to(path: Path, action: str = "read") -> Iterator[None]:
     """Turn system errors within a ``with`` block into one error that names the file."""
-    if not _can_be_name(path):
+    try:
+        is_name = b"\0" not in os.fsencode(path)
+    except UnicodeEncodeError:  # half of a pair of surrogates
+        is_name = False
+    if not is_name:
         raise FileAccessError(f"cannot be {action}: no file has such a name", source=path)
     try:
         yield
@@ -55,13 +59,6 @@ def _access_error(path: Path, action: str, error: OSError) -> FileAccessError:
     problem = FileAccessError(f"cannot be {action}: {why}", source=path)
     problem.is_missing = is_missing
     return problem
-
-
-def _can_be_name(path: Path) -> bool:
-    try:
-        return b"\0" not in os.fsencode(path)
-    except UnicodeEncodeError:  # half of a pair of surrogates
-        return False
 
 
 def status_of(path: Path) -> os.stat_result:

@@ -201,19 +201,15 @@ class Plan:
 
 
 def plan_of(job: Job, run: MapRun) -> Plan:
-    settings, steps = run.settings, run.recipe.steps
-    size = (0, 0)
+    settings, size = run.settings, (0, 0)
     if job.error is not None:
         return Plan(job, "failed", *size, error=job.error)
-    try:
-        with (
-            errors.capture_warnings(),  # the run itself warns
-            sums_of_reads() as sums,
-            open_map(job.path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
-        ):
+    opened = open_map(job.path, dialect=settings.dialect, max_cells=settings.max_cells)
+    try:  # without warnings, which the run itself gives
+        with errors.capture_warnings(), sums_of_reads() as sums, opened as file:
             size, files = file.shape(), file.files
             named = {} if settings.force else file.sums_by_name(sums)
-            need = need_of(file, size, steps, settings)
+            need = need_of(file, size, run.recipe.steps, settings)
             folders = [output_folder(job.folder, named, run.recipe, settings)]
             if run.around is not None:
                 cell_size = file.frame().resolution
@@ -459,10 +455,8 @@ def run_and_report(
     jobs: Sequence[Job], output: Path, run_job: Callable[[Job], Result], kind: type[B],
     terminal: Terminal, *, workers: Workers | None = None,
 ) -> B:  # fmt: skip
-    with (
-        terminal.counted(len(jobs), kind.noun) as advance,
-        terminal.few_warnings(f"{output / SUMMARY} has them all") as warn,
-    ):
+    hint = f"{output / SUMMARY} has them all"
+    with terminal.counted(len(jobs), kind.noun) as advance, terminal.few_warnings(hint) as warn:
 
         def report(job: Job, outcome: Outcome) -> None:
             for text in outcome.warnings:

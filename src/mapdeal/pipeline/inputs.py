@@ -273,11 +273,8 @@ def _too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> 
 
 @contextmanager
 def opened_input(path: Path, settings: Settings) -> Iterator[MapFile]:
-    with (
-        settings.reading(),
-        use_threads(settings.threads),
-        open_map(path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
-    ):
+    opened = open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
+    with settings.reading(), use_threads(settings.threads), opened as file:
         yield file
 
 

@@ -130,11 +130,8 @@ class LocalJob:
 
 def read_global_map(path: Path, settings: Settings) -> GlobalMap:
     texts: list[str] = []
-    with (
-        adding_warnings(texts),
-        sources.sums_of_reads() as sums,
-        open_map(path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
-    ):
+    opened = open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
+    with adding_warnings(texts), sources.sums_of_reads() as sums, opened as file:
         source = file.read()
         grid, named = as_occupancy(source.grid, path), file.sums_by_name(sums)
     return GlobalMap(grid, source.files, named, texts)

@@ -438,11 +438,9 @@ def apply_to_file(
         keepout = inputs.mask_of(settings.mask, settings, source.grid)
         read = [*source.files, *(keepout.files if keepout else ()), *also_read]
         progress = settings.progress if source.grid.is_lazy else None
-        with (
-            passes_reported(progress, folders.passes_of(step, endings)),
-            inputs.outputs_of(outputs, read, settings, curve=curve) as transaction,
-            inputs.errors_named(path),
-        ):
+        reported = passes_reported(progress, folders.passes_of(step, endings))
+        opened_outputs = inputs.outputs_of(outputs, read, settings, curve=curve)
+        with reported, opened_outputs as transaction, inputs.errors_named(path):
             accepted = source.grid
             for earlier in () if isinstance(accepted, Costmap) else before:
                 accepted = earlier.apply(accepted, path)
