@@ -26,9 +26,7 @@ from mapdeal.sensors.points import transform_document
 
 _PER_CELL_OF_PICTURE = 16  # bytes for each cell of both maps
 _LEAST_BEND = 0.05  # metres: smaller bends are not printed
-
-_UNKNOWN, _FREE = 1, 2
-"""Kinds of cells in a picture: 3 is a wall of the first map, 4 of the second, 5 of both."""
+_UNKNOWN, _FREE = 1, 2  # in a picture; 3 is a wall of the first map, 4 of the second, 5 of both
 
 
 @dataclass(frozen=True, repr=False)
@@ -77,8 +75,7 @@ class Alignment(Placement, Result):
         place, runner_up = transform_document(self.transform), self.runner_up_transform
         return {
             "format": ALIGNMENT_FORMAT, "first": self.maps[0].document(),
-            "second": self.maps[1].document(), "same_place": self.same_place,
-            "reason": self.reason,
+            "second": self.maps[1].document(), "same_place": self.same_place, "reason": self.reason,
             **place,  # also at the top level, as in files written by hand
             "transform": place, "score": self.score, "runner_up": self.runner_up,
             "runner_up_transform": None if runner_up is None else transform_document(runner_up),
@@ -114,9 +111,8 @@ class Alignment(Placement, Result):
         for number, candidate in enumerate(self.candidates, start=1):
             mark = " (chosen)" if number == self.chosen else ""
             yield f"  candidate {number}{mark}: {_text(candidate.transform)}"
-            common = f"{100 * candidate.overlap:.0f} % of the free space in common"
-            walls = f"{100 * candidate.agreement:.0f} % of the walls agree"
-            text = f"score {candidate.score:.2f}, {common}, {walls}"
+            text = f"score {candidate.score:.2f}, {100 * candidate.overlap:.0f} % of the free space"
+            text += f" in common, {100 * candidate.agreement:.0f} % of the walls agree"
             yield f"    {text}, {candidate.contradicting:.1f} m do not"
         if self.candidates and self.chosen is None:
             yield "  --image draws the candidates; --candidate 1 selects the first"
@@ -166,10 +162,8 @@ def _rotations(text: str) -> list[float]:
 
 @command(
     group="Two maps of one place",
-    output=Output(
-        "OUT.json", "Write the transform and the figures as JSON.", is_required=False,
-        ending=".json",
-    ),
+    output=Output("OUT.json", "Write the transform and the figures as JSON.", is_required=False,
+                  ending=".json"),
     texts={"image": "Write a picture of the first map, placed on the second."},
     example="""\
 mapdeal align examples/maps/office_cartographer.yaml examples/maps/office.yaml \\
@@ -261,10 +255,9 @@ def align(
     if not 1 <= candidate <= len(found.candidates):
         rule = f"must be from 1 to {len(found.candidates)}"
         if not found.candidates:
-            reason = "the match is certain" if found.same_place else found.reason
-            rule = f"does not apply: {reason}"
+            rule = f"does not apply: {'the match is certain' if found.same_place else found.reason}"
         raise ParameterError(rule, place="candidate", got=candidate)
-    figures = found.candidates[candidate - 1]._asdict()
+    figures = vars(found) | found.candidates[candidate - 1]._asdict()
     del figures["contradicting"]
     figures |= {"bend": 0.0, "bend_xy": None} if candidate > 1 else {}
-    return Alignment(**{**vars(found), **figures}, maps=(a, b), chosen=candidate)
+    return Alignment(**figures, maps=(a, b), chosen=candidate)
