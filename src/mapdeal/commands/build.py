@@ -47,15 +47,13 @@ from mapdeal.sensors.scans import DEFAULT_MAX_BAD, ScanSource, ScanTexts, open_l
 from mapdeal.sensors.worlds import World, read_world
 from mapdeal.version import __version__
 
+# Bytes per cell: the evidence and the map made from it.
 _BYTES_PER_CELL: dict[mapping.Method, int] = {"log-odds": 22, "counting": 22, "tsdf": 43}
-"""Bytes per cell: the evidence and the map made from it."""
-
+_COMPARE_BYTES_PER_CELL = 60  # the evidence of all methods, and the map of one method
 _CACHED_BYTES = 1 << 26  # of beams; more are read twice
+
 DOCUMENT = "comparison.json"
 _FORMAT = "mapdeal-comparison/1"
-_COMPARE_BYTES_PER_CELL = 60
-"""Bytes per cell: the evidence of all methods, and the map of one method."""
-
 _MOST_VANISHED = 100  # groups of hits whose places a document lists
 _STATES = STATES[:3]  # states of a cell; values 1..99 have none because only states are compared
 _CLOUDS_ONLY = ("min_points", "fill", "level")
@@ -64,6 +62,7 @@ _LEAST_ENCLOSED = 1.0  # m2 of free space behind walls that deserve a warning
 
 Advance = Callable[[int], object]
 States = NDArray[np.uint8]
+_Part = tuple[Beams, int]  # beams, and the number of scans read so far
 
 
 @dataclass(frozen=True)
@@ -96,8 +95,15 @@ def _built(
     builder = _builders(source, building, _BYTES_PER_CELL[method], advance)[0][method]
     built = builder.result(with_layers=with_layers)
     _warn_if_unknown(built.grid, source.named)
-    if built.vanished:
-        _warn_of_vanished(built, builder, source.named)
+    if vanished := built.vanished:
+        x, y = vanished.middles_xy(built.grid.frame)[0]
+        largest = "it" if len(vanished) == 1 else "the largest"
+        emit_warning(
+            f"{source.named}: {count_text(len(vanished), 'group')} of cells hit {OFTEN} times and "
+            f"more left nothing occupied within {NEAR} cells; {largest} has {vanished.sizes[0]} "
+            f"cells, around {x:.2f}, {y:.2f}; {builder.advice(vanished)}; --compare shows what "
+            "each method loses"
+        )
     return built
 
 
@@ -139,9 +145,6 @@ def _builders(
     return builders, seconds
 
 
-_Part = tuple[Beams, int]  # beams, and the number of scans read so far
-
-
 def _extent(
     source: ScanSource, building: _Building, advance: Advance
 ) -> tuple[Frame, list[_Part] | None]:
@@ -173,17 +176,6 @@ def _parts(source: ScanSource, limits: BeamLimits, *, is_reported: bool = False)
 def _warn_if_unknown(grid: OccupancyGrid, path: Path) -> None:
     if not np.any(grid.occupancy >= 0):
         emit_warning(f"{path}: no beam reaches the grid: the whole map is unknown")
-
-
-def _warn_of_vanished(built: mapping.BuiltMap, builder: mapping.MapBuilder, path: Path) -> None:
-    vanished = built.vanished
-    x, y = vanished.middles_xy(built.grid.frame)[0]
-    largest = "it" if len(vanished) == 1 else "the largest"
-    emit_warning(
-        f"{path}: {count_text(len(vanished), 'group')} of cells hit {OFTEN} times and more left "
-        f"nothing occupied within {NEAR} cells; {largest} has {vanished.sizes[0]} cells, around "
-        f"{x:.2f}, {y:.2f}; {builder.advice(vanished)}; --compare shows what each method loses",
-    )
 
 
 @contextmanager
@@ -321,16 +313,12 @@ def _map_of_world(
     with errors_named(path):
         floor = CloudOptions(floor=robot_options.get("floor")).floor
         robot = CloudOptions(**{**robot_options, "floor": None})
-        world = read_world(
-            path, model_path=model_path, floor=floor,
-            visual=options.visual, static_only=options.static_only,
-        )  # fmt: skip
+        world = read_world(path, model_path=model_path, floor=floor, visual=options.visual,
+                           static_only=options.static_only)  # fmt: skip
         claim(path, 3 * world.triangles.nbytes, what=f"{len(world.triangles)} triangles")
         triangles = upright(world.triangles.reshape(-1, 3), robot.up).reshape(-1, 3, 3)
-        grid, enclosed_m2 = map_of_world(
-            triangles, world.solids, robot, options, resolution=resolution, frame=frame,
-            claim=claim_for_map,
-        )  # fmt: skip
+        grid, enclosed_m2 = map_of_world(triangles, world.solids, robot, options, frame=frame,
+                                         resolution=resolution, claim=claim_for_map)  # fmt: skip
     if enclosed_m2 >= _LEAST_ENCLOSED:
         text = f"{path}: {decimal_text(enclosed_m2, 3)} m2 of free space behind walls are unknown"
         emit_warning(f"{text}: --at X,Y,Z maps the space at a place")
@@ -338,14 +326,13 @@ def _map_of_world(
 
 
 def build_from_world(path: Path, output: Path, work: Work, **settings: Any) -> GridResult:
-    """Write the map of a world for the command."""
     work.outputs += output_paths(output)
     transaction = work.begin([path])
     world, grid = _map_of_world(path, **settings)
     write_grid(transaction, output, grid)
     figures = {"solids": world.solid_count, "triangles": len(world.triangles)}
     figures |= {"moving": world.moving, "files": len(world.files)}
-    note = f"  {count_text(figures['solids'], 'solid')}, {figures['triangles']} triangles"
+    note = f"  {count_text(world.solid_count, 'solid')}, {len(world.triangles)} triangles"
     note += f"; {count_text(world.moving, 'model')} that can move left out" if world.moving else ""
     return GridResult(grid, f"{output.stem}: map of a world", figures=figures, notes=[note])
 
@@ -402,15 +389,11 @@ def build_map_from_world(
 
 @command(
     group="Laser scans and point clouds",
-    output=Output(
-        "OUT",
-        "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz; with --compare a folder.",
-    ),
+    output=Output("OUT", "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz; with "
+                  "--compare a folder."),
     shared=("image", "force", "threads", "max_memory"),
-    also={
-        "With a bag": FrameOptions, **mapping.METHODS, "With --cloud": CloudOptions,
-        "With --world": WorldOptions,
-    },
+    also={"With a bag": FrameOptions, **mapping.METHODS, "With --cloud": CloudOptions,
+          "With --world": WorldOptions},
     example="""\
 mapdeal build examples/logs/office.log -o out/scanned.yaml --method counting
 mapdeal build examples/logs/office.log --compare -o out/methods
@@ -506,12 +489,10 @@ def build(
                     "max_bad": (max_bad, DEFAULT_MAX_BAD)}  # fmt: skip
     changed = {name: value for name, (value, default) in beam_options.items() if value != default}
     if world is not None:
-        refuse(
-            "does not apply to worlds", log=log, cloud=clouds, poses=poses, angles=angles,
-            ranges=ranges, flip_y=flip_y, topics=topics, deskew=deskew, method=method,
-            compare=compare, as_written=as_written, layers=layers, **frames, **more,
-            range_min=range_min or None, **changed,
-        )  # fmt: skip
+        refuse("does not apply to worlds", log=log, cloud=clouds, poses=poses, angles=angles,
+               ranges=ranges, flip_y=flip_y, topics=topics, deskew=deskew, method=method,
+               compare=compare, as_written=as_written, layers=layers, **frames, **more,
+               range_min=range_min or None, **changed)  # fmt: skip
         return build_from_world(
             world, output, work, options=WorldOptions(**world_options), robot_options=cloud_options,
             model_path=model_path, resolution=0.05 if resolution is None else resolution,
@@ -519,11 +500,9 @@ def build(
         )  # fmt: skip
     refuse("applies to worlds: it needs --world", model_path=model_path, **world_options)
     if clouds:
-        refuse(
-            "applies to laser scans, not to clouds", log=log, angles=angles, ranges=ranges,
-            flip_y=flip_y, deskew=deskew, method=method, compare=compare, as_written=as_written,
-            **changed, **more,
-        )  # fmt: skip
+        refuse("applies to laser scans, not to clouds", log=log, angles=angles, ranges=ranges,
+               flip_y=flip_y, deskew=deskew, method=method, compare=compare, as_written=as_written,
+               **changed, **more)  # fmt: skip
         return build_from_clouds(
             clouds, output, work, options=CloudOptions(**cloud_options), resolution=resolution,
             size=size, origin=origin, layers=layers, range_min=range_min, poses=poses,
@@ -533,10 +512,8 @@ def build(
     resolution = 0.05 if resolution is None else resolution
     chosen: dict[mapping.Method, dict[str, Any]] = {method or "log-odds": more}
     if compare:
-        refuse(
-            "cannot be given together with --compare",
-            method=method, values=more.get("values"), layers=layers, image=work.settings.image
-        )  # fmt: skip
+        refuse("cannot be given together with --compare", method=method,
+               values=more.get("values"), layers=layers, image=work.settings.image)  # fmt: skip
         chosen = {method: {name: more[name] for name in parameters_of(kind) if name in more}
                   for method, kind in mapping.METHODS.items()}  # fmt: skip
     if as_written:
@@ -595,7 +572,7 @@ def _compared(
     results, bytes_per_cell = _results(builders, seconds)
     grid = next(iter(results.values())).grid
     _warn_if_unknown(grid, source.named)
-    name, extent = Path(source.named.name.removesuffix(".gz")).stem, work.settings.image_extent
+    name = Path(source.named.name.removesuffix(".gz")).stem
     for method, built in results.items():
         write_grid(transaction, maps[method], built.grid)
         label = f"{count_text(len(built.vanished), 'group')} of hits vanished"
@@ -607,7 +584,7 @@ def _compared(
         first, second = (states_of(results[method].grid.occupancy) for method in pair)
         pair_figures.append(_pair_figures(pair, first, second))
         title = one_line(f"{name}: {pair[0]} and {pair[1]}")
-        look = {"title": title, "image_extent": extent, "only_in": pair}
+        look = {"title": title, "image_extent": work.settings.image_extent, "only_in": pair}
         transaction.write(path, partial(_draw_changes, first, second, grid.frame, look))
     document = {
         "format": _FORMAT, "version": __version__, "inputs": [file.name for file in source.files],
@@ -615,10 +592,8 @@ def _compared(
         "resolution": grid.resolution, "origin": list(grid.origin), **asdict(counts),
         "cells_hit_three_times": hit_cells, "groups_hit_three_times": len(groups),
         "methods": {
-            method: {
-                "parameters": mapping.all_parameters(method, building.methods[method]),
-                **_method_figures(built, bytes_per_cell[method]),
-            }
+            method: {"parameters": mapping.all_parameters(method, building.methods[method]),
+                     **_method_figures(built, bytes_per_cell[method])}
             for method, built in results.items()
         },
         "pairs": pair_figures,
@@ -648,25 +623,22 @@ def _results(
 def _method_figures(built: mapping.BuiltMap, bytes_per_cell: int) -> Figures:
     grid, vanished = built.grid, built.vanished
     middles = vanished.middles_xy(grid.frame)[:_MOST_VANISHED].tolist()
-    figures = grid.figures()
-    thickness = thickness_of(grid.occupancy == OCCUPIED)
+    counts, thickness = grid.figures(), thickness_of(grid.occupancy == OCCUPIED)
     one_wide = int(np.count_nonzero(thickness == 1))
-    mean = float(thickness.mean()) if len(thickness) else None
-    return {
-        **{state: figures[state] for state in _STATES},
-        "one_cell_wide": one_wide,
-        "one_cell_wide_share": round(one_wide / len(thickness), 6) if len(thickness) else None,
-        "mean_thickness_cells": None if mean is None else round(mean, 6),
-        "mean_thickness_m": None if mean is None else round(mean * grid.resolution, 6),
-        "vanished_groups": len(vanished),
-        "vanished_cells": len(vanished.cells),
-        "vanished": [
-            {"x": round(x, 4), "y": round(y, 4), "cells": cells}
-            for (x, y), cells in zip(middles, vanished.sizes.tolist(), strict=False)
-        ],
-        "bytes_per_cell": bytes_per_cell,
-        "memory_bytes": bytes_per_cell * grid.occupancy.size,
-    }
+    share = mean = mean_m = None
+    if len(thickness):
+        share, mean = round(one_wide / len(thickness), 6), float(thickness.mean())
+        mean, mean_m = round(mean, 6), round(mean * grid.resolution, 6)
+    figures: Figures = {state: counts[state] for state in _STATES}
+    figures |= {"one_cell_wide": one_wide, "one_cell_wide_share": share}
+    figures |= {"mean_thickness_cells": mean, "mean_thickness_m": mean_m}
+    figures |= {"vanished_groups": len(vanished), "vanished_cells": len(vanished.cells)}
+    figures["vanished"] = [
+        {"x": round(x, 4), "y": round(y, 4), "cells": cells}
+        for (x, y), cells in zip(middles, vanished.sizes.tolist(), strict=False)
+    ]
+    size = bytes_per_cell * grid.occupancy.size
+    return {**figures, "bytes_per_cell": bytes_per_cell, "memory_bytes": size}
 
 
 def _pair_figures(

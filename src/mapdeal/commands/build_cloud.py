@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -57,11 +58,10 @@ class _Placed(NamedTuple):
                 rule = "the cloud has no heights: points need x, y and z"
                 raise MalformedInputError(rule, source=source)
             points = away_from_sensor(chunk[:, :3], range_min)
-            dropped = len(chunk) - len(points)
             if self.move is not None and self.turn is not None:
                 with np.errstate(invalid="ignore", over="ignore"):
                     points = rotated(self.turn, points) + self.move
-            yield points, dropped
+            yield points, len(chunk) - len(points)
 
 
 class _Clouds(NamedTuple):
@@ -79,40 +79,38 @@ def _of_files(names: Sequence[str], poses: Path | None) -> _Clouds:
         paths = [path for path in paths if not is_same_file(path, poses)]
     if not paths:
         raise MalformedInputError("there are no clouds", source=names[0])
-    moves = turns = places = None
+    sensors: list[tuple[Any, Any]] = [(None, None)] * len(paths)
+    places = None
     if poses is not None:
         moves, turns = _poses_in(poses)
-        if len(paths) == 1:  # a map, and places of the robot in it
-            moves, turns, places = None, None, moves
+        if len(paths) == 1:
+            places = moves  # of the robot in a map
         elif len(moves) != len(paths):
             rule = f"must have a pose for each of {len(paths)} clouds"
             raise MalformedInputError(rule, source=poses, got=len(moves))
+        else:
+            sensors = list(zip(moves, turns, strict=True))
     states = {path: state_of(path) for path in paths}
 
-    def chunks(path: Path) -> Callable[[Advance], Iterator[Points]]:
-        def read(advance: Advance) -> Iterator[Points]:
-            remaining = states[path].size // _KIB
-            for points in cloud_chunks(path):
-                yield points
-                step = min(remaining, len(points) * _OF_POINT // _KIB)
-                remaining -= step
-                advance(step)
-            check_state(path, states[path])
-            advance(remaining)
-
-        return read
+    def read(path: Path, advance: Advance) -> Iterator[Points]:
+        remaining = states[path].size // _KIB
+        for points in cloud_chunks(path):
+            yield points
+            step = min(remaining, len(points) * _OF_POINT // _KIB)
+            remaining -= step
+            advance(step)
+        check_state(path, states[path])
+        advance(remaining)
 
     def placed() -> Iterator[_Placed]:
-        for k, path in enumerate(paths):
-            if moves is None or turns is None:
-                yield _Placed(chunks(path), None, None)
-            else:
-                yield _Placed(chunks(path), moves[k], turns[k])
+        for path, (move, turn) in zip(paths, sensors, strict=True):
+            yield _Placed(partial(read, path), move, turn)
 
     steps = sum(state.size // _KIB for state in states.values())
     named = paths[0] if len(paths) == 1 else Path(f"{paths[0]} and {len(paths) - 1} more")
     files = (*paths, *([] if poses is None else [poses]))
-    return _Clouds(named, files, steps, placed, places, has_places=moves is not None)
+    has_places = poses is not None and places is None
+    return _Clouds(named, files, steps, placed, places, has_places)
 
 
 def _poses_in(path: Path) -> tuple[Points, Points]:
@@ -133,19 +131,18 @@ def _of_bag(path: Path, topics: Sequence[str], frames: FrameOptions, stack: Exit
     numbers = np.flatnonzero(posed.known)
     if not len(numbers):
         raise MalformedInputError("of no cloud it is known where the sensor was", source=path)
-    missing = len(posed.known) - len(numbers)
-    if missing:
+    if missing := len(posed.known) - len(numbers):
         text = f"{path}: {missing} of {len(posed.known)} clouds are left out: where the sensor was"
         emit_warning(f"{text} is not known")
 
+    def read(number: int, advance: Advance) -> Iterator[Points]:
+        yield bag.points(number)
+        advance(1)
+
     def placed() -> Iterator[_Placed]:
         for number in numbers.tolist():
-
-            def read(advance: Advance, number: int = number) -> Iterator[Points]:
-                yield bag.points(number)
-                advance(1)
-
-            yield _Placed(read, posed.translations[number], posed.quaternions[number])
+            move, turn = posed.translations[number], posed.quaternions[number]
+            yield _Placed(partial(read, number), move, turn)
 
     return _Clouds(path, bag.files, len(numbers), placed, has_places=True)
 
@@ -157,8 +154,7 @@ def _mapped(
     frame = frame_of(size, origin, FINEST if resolution is None else resolution)
 
     def claim_for_map(count: int, text: str) -> None:
-        hint = "--size and --origin bound the map"
-        claim(clouds.named, _LIBRARIES + count, what=text, hint=hint)
+        claim(clouds.named, _LIBRARIES + count, what=text, hint="--size and --origin bound the map")
 
     mapper = CloudMapper(options, resolution=resolution, frame=frame, claim=claim_for_map)
     with errors_named(clouds.named):
@@ -183,36 +179,32 @@ def _mapped(
             if cloud.move is not None and parts:
                 mapper.clear(np.concatenate(parts), cloud.move)
         cloud_map = mapper.result()
-    _warn(cloud_map, options, clouds.named)
+    for text in _warnings_on(cloud_map, options):
+        emit_warning(f"{clouds.named}: {text}")
     return cloud_map
 
 
-def _warn(cloud_map: CloudMap, options: CloudOptions, named: Path) -> None:
-    texts = []
+def _warnings_on(cloud_map: CloudMap, options: CloudOptions) -> Iterator[str]:
     if cloud_map.tilt > _TILTED and not options.level:
-        tilt = f"{cloud_map.tilt:.1f} degrees"
-        texts.append(f"the floor is tilted by {tilt}: --level turns the cloud")
+        yield f"the floor is tilted by {cloud_map.tilt:.1f} degrees: --level turns the cloud"
     rounded = sorted({round(height, 2) + 0.0 for height in cloud_map.storeys})
     heights = ", ".join(f"{height:.2f}" for height in rounded)
     if cloud_map.overlaid_m2 > 0:
         text = f"floors lie above each other on {decimal_text(cloud_map.overlaid_m2, 3)} m2"
-        text += f": --at X,Y,Z shows another storey, at {heights} m" if heights else ""
-        texts.append(text)
+        yield text + (f": --at X,Y,Z shows another storey, at {heights} m" if heights else "")
     elif heights:
-        texts.append(f"other floors are not on the map: --at X,Y,Z shows one, at {heights} m")
+        yield f"other floors are not on the map: --at X,Y,Z shows one, at {heights} m"
     if cloud_map.may_be_upside_down:
         text = "much hangs from the ceiling, for what stands on the floor: is z down?"
-        texts.append(f"{text} --up -z turns the cloud, --up z keeps it")
+        yield f"{text} --up -z turns the cloud, --up z keeps it"
     if not (np.asarray(cloud_map.grid.occupancy) == OCCUPIED).any():
         text = "nothing stands on the floor: the map has no obstacles"
-        texts.append(f"{text}; if walls were cut off, --floor Z states the floor")
+        yield f"{text}; if walls were cut off, --floor Z states the floor"
     if cloud_map.clearance > _COARSE * options.climb:
         text = "heights are coarse or noisy: obstacles and drops of less than"
-        texts.append(f"{text} {cloud_map.clearance:.2f} m look like floor")
+        yield f"{text} {cloud_map.clearance:.2f} m look like floor"
     if cloud_map.beyond:
-        texts.append(f"{cloud_map.beyond} points are too far from the others, and are ignored")
-    for text in texts:
-        emit_warning(f"{named}: {text}")
+        yield f"{cloud_map.beyond} points are too far from the others, and are ignored"
 
 
 def _notes_on(figures: Figures) -> Iterator[str]:
@@ -232,7 +224,7 @@ def _notes_on(figures: Figures) -> Iterator[str]:
 
 def _clouds_of(
     names: Sequence[str], topics: Sequence[str], frames: FrameOptions, stack: ExitStack
-) -> _Clouds:  # fmt: skip
+) -> _Clouds:
     if len(names) == 1 and is_bag(Path(names[0])):
         return _of_bag(Path(names[0]), topics, frames, stack)
     return _of_files(names, frames.poses)
@@ -251,15 +243,13 @@ def build_from_clouds(
         refuse("needs a bag for --cloud", topics=tuple(topics), **frames)
     with ExitStack() as stack:
         clouds = _clouds_of(names, topics, FrameOptions(poses=poses, **frames), stack)
-        passes = 1 + options.level + clouds.has_places
         work.outputs += [*output_paths(output), *([layers] if layers is not None else [])]
         transaction = work.begin(clouds.files)
-        with work.counted(passes * clouds.steps) as advance:
+        with work.counted((1 + options.level + clouds.has_places) * clouds.steps) as advance:
             cloud_map = _mapped(clouds, options, resolution, size, origin, range_min, advance)
     write_grid(transaction, output, cloud_map.grid)
     if layers is not None:
-        more = cloud_map.layers
-        transaction.write(layers, lambda file: write_npz(file, cloud_map.grid, more=more))
+        transaction.write(layers, partial(write_npz, grid=cloud_map.grid, more=cloud_map.layers))
     title, figures = f"{output.stem}: map of a cloud", cloud_map.figures()
     return GridResult(cloud_map.grid, title, figures=figures, notes=[*_notes_on(figures)])
 
