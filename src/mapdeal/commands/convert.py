@@ -42,15 +42,7 @@ from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import Source, as_occupancy, output_paths, write_grid
 from mapdeal.maps.world import WORLD_ENDINGS, mesh_of, obj_parts, sdf_parts, stl_parts
 from mapdeal.pictures.overlay import TrajectoriesOverlay
-from mapdeal.pipeline.inputs import (
-    InShell,
-    Work,
-    claim_work,
-    errors_named,
-    need_folder,
-    opened_input,
-    refuse,
-)
+from mapdeal.pipeline import inputs
 from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.esdf import field_view
@@ -65,7 +57,6 @@ SHAPE_ENDINGS = (*AREA_ENDINGS, *WORLD_ENDINGS)
 _PER_CELL, _PER_CORNER, _PER_RUN = 16.0, 240, 1500
 """Bytes of labels and masks for each cell; of points and lists for each corner, or run of walls."""
 _OUTLINE_LIBRARIES = 20_000_000  # bytes of parts of scipy
-
 _REACH_PER_CELL = 40.0
 _MANY_BOXES = 3000
 _HEIGHT = Condition("between 0.001 and 10000", lambda value: 0.001 <= value <= 10_000)
@@ -123,17 +114,16 @@ def convert_area(
         hint = "mapdeal rescale makes a coarser map"
         raise ParameterError(rule, place="tolerance", got=tolerance, hint=hint)
     is_drawing = output.suffix.lower() == ".svg"
-    of_robot = start is not None or footprint is not None
     if of == "obstacles":
-        refuse("applies to free space", footprint=footprint, start=start)
-    claim_work(source, grid, _PER_CELL, besides=_OUTLINE_LIBRARIES)
+        inputs.refuse("applies to free space", footprint=footprint, start=start)
+    inputs.claim_work(source, grid, _PER_CELL, besides=_OUTLINE_LIBRARIES)
     values = np.asarray(grid.occupancy)
     areas: list[tuple[str, Mask, str]] = []
     has_all = is_drawing and of is None
     if has_all:  # known cells in the colour of free ones; walls are drawn over them
         areas.append(("known", values != UNKNOWN, outlines.FREE_FILL))
-    if of_robot:
-        claim_work(source, grid, _REACH_PER_CELL)
+    if start is not None or footprint is not None:
+        inputs.claim_work(source, grid, _REACH_PER_CELL)
         reached = reach(grid, start=start, footprint=footprint).reachable
         areas.append(("reachable", reached.view(np.bool_), outlines.REACHABLE_FILL))
     elif of != "obstacles" and not has_all:
@@ -141,8 +131,7 @@ def convert_area(
     if has_all or of == "obstacles":
         areas.append(("obstacles", values == OCCUPIED, outlines.WALL_FILL))
     corners = sum(corner_count(cells) for _, cells, _ in areas)
-    claimed = _OUTLINE_LIBRARIES + _PER_CORNER * corners
-    claim_work(source, grid, _PER_CELL, besides=claimed)
+    inputs.claim_work(source, grid, _PER_CELL, besides=_OUTLINE_LIBRARIES + _PER_CORNER * corners)
     layers = [(outlines.outlines_of(cells, grid.frame, tolerance, name), fill)
               for name, cells, fill in areas]  # fmt: skip
     shown = layers[0][0]
@@ -187,10 +176,10 @@ def convert_world(
     walls = values == OCCUPIED
     if unknown == "occupied":
         walls |= values == UNKNOWN
-    count = int(np.count_nonzero(walls))
-    if not count:
+    if not (count := int(np.count_nonzero(walls))):
         raise MalformedInputError("has no occupied cell: there are no walls", source=source)
-    claim_work(source, grid, _PER_CELL, besides=_OUTLINE_LIBRARIES + _PER_RUN * run_count(walls))
+    besides = _OUTLINE_LIBRARIES + _PER_RUN * run_count(walls)
+    inputs.claim_work(source, grid, _PER_CELL, besides=besides)
     volume = count * grid.resolution**2 * wall_height
     figures: dict[str, Any] = {"file": str(output), "cells": count}
     figures |= {"volume_m3": volume, "wall_height": wall_height}
@@ -240,7 +229,7 @@ mapdeal convert examples/maps/office.yaml -o out/area.geojson --robot-radius 0.2
 mapdeal convert examples/maps/office.yaml -o out/office.sdf --wall-height 2.5""",
 )
 def convert(
-    source: Annotated[Path, Words("MAP", streams=True)], *, work: InShell, output: Path,
+    source: Annotated[Path, Words("MAP", streams=True)], *, work: inputs.InShell, output: Path,
     topic: Annotated[str | None, Words("TOPIC")] = None,
     index: Annotated[int | None, Words("N")] = None,
     takes_all: Annotated[bool, Words(name="all")] = False, read_as: ReadAs | None = None,
@@ -284,46 +273,45 @@ def convert(
     )
     layer, ending = more, "" if takes_all else output.suffix.lower()
     if ending not in AREA_ENDINGS:
-        refuse("applies to .geojson and .svg", footprint=footprint, robot=robot, **areas)
+        inputs.refuse("applies to .geojson and .svg", footprint=footprint, robot=robot, **areas)
     if ending not in WORLD_ENDINGS:
-        refuse("applies to .sdf, .stl and .obj", **worlds)
+        inputs.refuse("applies to .sdf, .stl and .obj", **worlds)
     if ending in SHAPE_ENDINGS:
-        refuse("applies to maps", mode=mode, encoding=encoding, static_layer=static_layer)
-        refuse("has no picture of its own", image=work.settings.image)
+        inputs.refuse("applies to maps", mode=mode, encoding=encoding, static_layer=static_layer)
+        inputs.refuse("has no picture of its own", image=work.settings.image)
     if layer and not static_layer:
         raise ParameterError("needs --static-layer", place=next(iter(layer)))
     not_with_all = "cannot be given together with --all"
     if takes_all:
-        need_folder(output)
-        image, is_amcl = work.settings.image, encoding == "amcl"
-        refuse(not_with_all, mode=mode, static_layer=static_layer, image=image, encoding=is_amcl)
+        inputs.need_folder(output)
+        image = work.settings.image
+        inputs.refuse(not_with_all, mode=mode, static_layer=static_layer, image=image)
+        inputs.refuse(not_with_all, encoding=encoding == "amcl")
     reads_bag, writes_bag = is_bag(source), output.suffix in BAG_OUTPUTS and not takes_all
-    if not takes_all:
-        if ending in SHAPE_ENDINGS:
-            work.outputs.append(output)
-        elif writes_bag:
-            work.outputs += bag_paths(output)
-        else:
-            work.outputs += output_paths(output, (*SHAPE_ENDINGS, *BAG_OUTPUTS))
+    if writes_bag:
+        work.outputs += bag_paths(output)
+    elif ending in SHAPE_ENDINGS:
+        work.outputs.append(output)
+    elif not takes_all:
+        work.outputs += output_paths(output, (*SHAPE_ENDINGS, *BAG_OUTPUTS))
     if not reads_bag:
-        refuse("applies to reading bags", index=index, read_as=read_as)
+        inputs.refuse("applies to reading bags", index=index, read_as=read_as)
     if not writes_bag:
-        refuse("applies to writing bags", frame_id=frame_id)
+        inputs.refuse("applies to writing bags", frame_id=frame_id)
     if not (reads_bag or writes_bag):
-        refuse("applies to bags", topic=topic)
-    elif takes_all:
-        refuse(not_with_all, index=index)
+        inputs.refuse("applies to bags", topic=topic)
     if takes_all:
+        inputs.refuse(not_with_all, index=index)
         return _convert_all(source, output, topic, read_as, cast("Encoding | None", encoding), work)
     if writes_bag:
-        refuse("applies to pixels, not to bags", mode=mode)
+        inputs.refuse("applies to pixels, not to bags", mode=mode)
     if static_layer and encoding != "costmap2d":
         raise ParameterError("needs --encoding costmap2d", place="static_layer")
     painted = overlay = None
     if reads_bag:
         read = _read_bag(source, topic, -1 if index is None else index, read_as)
     else:
-        with opened_input(source, work.settings) as file:
+        with inputs.opened_input(source, work.settings) as file:
             read = file.read()
             if mode is None and encoding is None:
                 painted = file.painting()
@@ -339,9 +327,9 @@ def convert(
     per_cell = 12.0 if mode == "scale" else 5.0
     if isinstance(read.grid, PotentialField):  # most of its layers are made when they are written
         per_cell = 76.0 if work.settings.image is None else 130.0
-    claim_work(source, read.grid, per_cell)
+    inputs.claim_work(source, read.grid, per_cell)
     transaction = work.begin(read.files)
-    with errors_named(source):
+    with inputs.errors_named(source):
         grid = _converted(read.grid, encoding, layer if static_layer else None)
     if writes_bag:
         _write_bag(transaction, output, grid, topic, frame_id)
@@ -355,18 +343,15 @@ def convert(
     states = None
     if encoding == "amcl" and isinstance(grid, OccupancyGrid):
         states = {"amcl": grid.amcl_states()}
-    extra = dict(read.metadata.extra) if read.metadata else {}
     scale: Encoding = "costmap2d" if encoding == "costmap2d" else "occupancy"
-    write_grid(
-        transaction, output, grid, mode=mode, encoding=scale, extra=extra, more=states,
-        painted=painted,
-    )  # fmt: skip
+    write_grid(transaction, output, grid, mode=mode, encoding=scale, more=states, painted=painted,
+               extra=dict(read.metadata.extra) if read.metadata else {})  # fmt: skip
     return GridResult(grid, source.stem, overlay=overlay)
 
 
-def _convert_poses(source: Path, output: Path, work: Work) -> Written:
+def _convert_poses(source: Path, output: Path, work: inputs.Work) -> Written:
     """Write each trajectory of a state to a file in TUM's format."""
-    with opened_input(source, work.settings) as file:
+    with inputs.opened_input(source, work.settings) as file:
         trajectories = file.trajectories()
         if not trajectories:
             raise ParameterError("has no trajectory to write as .txt", source=source)
@@ -384,7 +369,7 @@ def _convert_poses(source: Path, output: Path, work: Work) -> Written:
 
 def _convert_all(
     path: Path, folder: Path, topic: str | None, read_as: ReadAs | None,
-    encoding: Encoding | None, work: Work,
+    encoding: Encoding | None, work: inputs.Work,
 ) -> Written:  # fmt: skip
     """Write all maps or costmaps of a topic into a folder: 0000.yaml, 0001.yaml and so on."""
     from mapdeal.pipeline.bag_maps import GridTopic, from_bag  # not loaded for maps
@@ -423,9 +408,8 @@ def _write_bag(
     if isinstance(grid, FieldView):
         grid = grid.as_map()
     if not isinstance(grid, (OccupancyGrid, Costmap)):
-        rule = f"ROS has no message for a {grid.kind}"
         hint = "mapdeal cost makes costs of it, which ROS has"
-        raise ParameterError(rule, source=output, hint=hint)
+        raise ParameterError(f"ROS has no message for a {grid.kind}", source=output, hint=hint)
     write_bag(transaction, output, grid, topic=topic, frame=FRAME if frame is None else frame)
 
 
