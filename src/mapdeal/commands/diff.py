@@ -43,9 +43,7 @@ from mapdeal.sensors.points import transform_document
 File = str | PathLike[str]
 
 _LIBRARIES = 37_000_000  # bytes that parts of scipy take
-_PER_CELL, _PER_WALL, _PER_LINE = 32, 120, 24
-"""Bytes for each cell of a grid around both maps, its rows and columns, and each occupied cell."""
-
+_PER_CELL, _PER_WALL, _PER_LINE = 32, 120, 24  # bytes per cell, occupied cell, row and column
 _SHOWN, _LISTED = 5, 20  # changes in the text and in the document
 _TWO_ROBOTS = "mapdeal diff MAP --params-file A --against B compares two robots"
 _METADATA = ("mode", "negate", "occupied_thresh", "free_thresh", "cost_scale")
@@ -138,9 +136,8 @@ class DiffReport(Difference, Result):
 
     def lines(self) -> Iterator[str]:
         yield f"{self.maps[0].name}, {self.maps[1].name}: {', '.join(self._verdict())}"
-        pairs = [("geometry", *item) for item in self.geometry.items()]
-        pairs += [("metadata", *item) for item in self.metadata.items()]
-        yield from (f"  {heading:<9} {name} {a} -> {b}" for heading, name, (a, b) in pairs)
+        for heading, pairs in (("geometry", self.geometry), ("metadata", self.metadata)):
+            yield from (f"  {heading:<9} {name} {a} -> {b}" for name, (a, b) in pairs.items())
         cells = f"  cells     {self.common_cells} in both, {self.differing} differ"
         if self.tolerance:
             cells += f", {self.beyond_tolerance} beyond a tolerance of {self.tolerance:g} cells"
@@ -285,8 +282,7 @@ def _maps_compared(
 ) -> DiffReport:  # fmt: skip
     a, b = maps
     advice = "--align places the first map by its walls" if move is None else ""
-    tolerance = limits["tolerance"]
-    found = compared([a, b], tolerance=tolerance, move=move, advice=advice, **reading)
+    found = compared(maps, tolerance=limits["tolerance"], move=move, advice=advice, **reading)
     bounds = found.bounds_of(limits["max_shift"], limits["max_differing"])
     two_maps.warn_of_uncovered(maps, bounds, found.not_compared)
     faults: tuple[finding.Fault, ...] = ()

@@ -37,6 +37,8 @@ from mapdeal.stages.structured import Goals
 
 _LIBRARIES = 18_000_000  # bytes of scipy.ndimage
 _PER_CELL, _PER_LINE = 30, 12  # bytes for each cell, row and column around both costmaps
+_PER_CELL_OF_ROBOTS = 175.0  # bytes of both costmaps, their difference and one reach
+Pair = tuple[Any, Any]
 _WORDS = {
     "closed": "now 253 or more", "opened": "no longer 253 or more", "unknown": "now unknown",
     "known": "no longer unknown", "rose": "cost more", "fell": "cost less",
@@ -53,7 +55,6 @@ def change_text(change: difference.CostChange) -> str:
 
 
 def costs_document(found: difference.CostDifference) -> dict[str, Any]:
-    """Return the document of two costmaps' differences, without their names."""
     return {
         "cost_scale": found.scale, "common_cells": found.common_cells,
         "differing": found.differing,
@@ -61,11 +62,9 @@ def costs_document(found: difference.CostDifference) -> dict[str, Any]:
         "known_only_in_first": found.not_compared,
         "changes": {
             change.kind: {
-                "cells": change.cells,
-                "area_m2": rounded(change.area),
+                "cells": change.cells, "area_m2": rounded(change.area),
                 **({"by_size": change.by_size} if change.by_size else {}),
-                "regions": change.regions,
-                "largest": [
+                "regions": change.regions, "largest": [
                     {"x": rounded(region.x), "y": rounded(region.y), "cells": len(region.cells),
                      "area_m2": rounded(region.area)}
                     for region in change.largest
@@ -166,12 +165,6 @@ def costmaps_compared(
     return CostmapDiff(found, bounds, maps, move)
 
 
-_PER_CELL_OF_ROBOTS = 175.0
-"""Bytes for each cell of a map: both costmaps, their difference and one reach."""
-
-Pair = tuple[Any, Any]
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class RobotDiff(Result):
     """What changes for a robot on one map between two versions of its parameters, A and B.
@@ -226,11 +219,10 @@ class RobotDiff(Result):
     @property
     def verdict(self) -> str:
         """What opens, closes, is gained and lost, in words."""
-        counts = (
-            (self.closed, "passage", "closes", "close"), (self.opened, "passage", "opens", "open"),
-            (self.lost, "goal", "is lost", "are lost"),
-            (self.gained, "goal", "is gained", "are gained"),
-        )  # fmt: skip
+        counts = ((self.closed, "passage", "closes", "close"),
+                  (self.opened, "passage", "opens", "open"),
+                  (self.lost, "goal", "is lost", "are lost"),
+                  (self.gained, "goal", "is gained", "are gained"))  # fmt: skip
         texts = [f"{count_text(len(places), noun)} {singular if len(places) == 1 else plural}"
                  for places, noun, singular, plural in counts if places]  # fmt: skip
         return ", ".join(texts) or "no passage closes or opens"
@@ -247,19 +239,13 @@ class RobotDiff(Result):
                 for robot in self.robots
             ],
             "parameters": {name: list(pair) for name, pair in self.parameters.items()},
-            "costs": costs_document(self.costs),
-            "start": list(first.start),
+            "costs": costs_document(self.costs), "start": list(first.start),
             "reachable_m2": [rounded(first.reachable_area), rounded(second.reachable_area)],
-            "passages": {
-                "closed": [*map(passage_document, self.closed)],
-                "opened": [*map(passage_document, self.opened)],
-            },
-            "goals": {
-                "lost": [result.goal.label for result in self.lost],
-                "gained": [result.goal.label for result in self.gained],
-            },
-            "reach": [reach_document(first), reach_document(second)],
-            "passes": self.passes,
+            "passages": {"closed": [*map(passage_document, self.closed)],
+                         "opened": [*map(passage_document, self.opened)]},
+            "goals": {"lost": [result.goal.label for result in self.lost],
+                      "gained": [result.goal.label for result in self.gained]},
+            "reach": [reach_document(first), reach_document(second)], "passes": self.passes,
         }  # fmt: skip
 
     def lines(self) -> Iterator[str]:
@@ -277,10 +263,8 @@ class RobotDiff(Result):
     def goal_rows(self) -> Iterator[tuple[str, str]]:
         """Yield "lost" or "gained" and the goal's name, with the reason if it is lost."""
         for result in self.lost:
-            reason = result.stopped_by or "no way leads there"
-            yield "lost", f"{result.goal.label}: {reason}"
-        for result in self.gained:
-            yield "gained", result.goal.label
+            yield "lost", f"{result.goal.label}: {result.stopped_by or 'no way leads there'}"
+        yield from (("gained", result.goal.label) for result in self.gained)
 
     def reach_text(self) -> str:
         """Return the areas that both versions reach, and how many goals."""
@@ -300,8 +284,8 @@ class RobotDiff(Result):
 
 
 def passage_text(passage: Passage) -> str:
-    place = f"{passage.x + 0.0:.4g},{passage.y + 0.0:.4g}"
-    return f"at {place}, {passage.width:.4g} m wide, {decimal_text(passage.cut_off)} m2 behind it"
+    text = f"at {passage.x + 0.0:.4g},{passage.y + 0.0:.4g}, {passage.width:.4g} m wide, "
+    return f"{text}{decimal_text(passage.cut_off)} m2 behind it"
 
 
 def value_text(value: Any) -> str:
@@ -372,11 +356,9 @@ def robots_compared(
     inputs.warn_of_robot(source.name, source.grid, *robots)
     masks = [inputs.used_mask(mask, robot) for robot in robots]
     steps = [step_for("cost", robot, {}) for robot in robots]
-    costs = [
-        keepout.costs_of(step, source.grid, source.path)[1] if keepout
-        else cast("Costmap", step.apply(source.grid, source.path))
-        for step, keepout in zip(steps, masks, strict=True)
-    ]  # fmt: skip
+    costs = [keepout.costs_of(step, source.grid, source.path)[1] if keepout
+             else cast("Costmap", step.apply(source.grid, source.path))
+             for step, keepout in zip(steps, masks, strict=True)]  # fmt: skip
     before, after = _reaches(source, robots, start, goals, masks)
     pairs = list(zip(before.goals, after.goals, strict=True))
     return RobotDiff(
@@ -416,11 +398,8 @@ def _reaches(
 
 def _closing(before: Reach, after: Reach) -> tuple[Passage, ...]:
     stops = [p for p in after.passages if not p.is_open and _is_passed(p, before)]
-    vanished = [
-        p for p in before.passages
-        if p.is_open and not any(_is_same(p, q, after) for q in after.passages)
-        and not _is_passed(p, after)
-    ]  # fmt: skip
+    vanished = [p for p in before.passages if p.is_open and not _is_passed(p, after)
+                and not any(_is_same(p, q, after) for q in after.passages)]  # fmt: skip
     # If the robot fits into a passage but does not get there, an earlier passage has closed.
     closed = stops + [p for p in vanished if not _near(p, after, after.headings)]
     return tuple(closed or vanished)
@@ -458,8 +437,6 @@ def _parameters_of(robot: RobotParameters) -> dict[str, Any]:
     del described["files"]
     if robot.robot_radius is not None:
         described["footprint"] = None  # its sixteen corners follow from the radius
-    own = {
-        f"{layer['name']}.{key}": value
-        for layer in layers for key, value in layer.items() if key != "name"
-    }  # fmt: skip
+    own = {f"{layer['name']}.{key}": value for layer in layers
+           for key, value in layer.items() if key != "name"}  # fmt: skip
     return described | {"layers": [layer["name"] for layer in layers]} | own
