@@ -30,9 +30,8 @@ from mapdeal.mapping.transforms import check_pose
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.png import write_png
 from mapdeal.pictures import overlay
-from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.cost_curve import cost_curve_image
-from mapdeal.pipeline.folder import PICTURE, files_of
+from mapdeal.pipeline.folder import PICTURE, files_of, together
 from mapdeal.pipeline.settings import Settings
 
 Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | Merged | Score | CostCurve
@@ -42,13 +41,11 @@ _NOTHING_OVER = {
 }  # fmt: skip
 _GRIDS = (OccupancyGrid, Costmap, DistanceField, PotentialField, Reach)
 
+# Pixels along the longest side: a notebook keeps its pictures, and shows few more. Maps of up to
+# so many cells look as those of commands do.
 _IN_NOTEBOOKS = 1200
-"""Pixels along the longest side: a notebook keeps its pictures, and shows few more. Maps of up to
-so many cells look as those of commands do."""
-
-_MOST_CELLS = 100_000_000
-_MOST_CELLS_OF_POTENTIAL = 4_000_000
-"""Of what notebooks draw unasked: about a second's work, and less than 1 GB."""
+# Of what notebooks draw unasked: about a second's work, and less than 1 GB.
+_MOST_CELLS, _MOST_CELLS_OF_POTENTIAL = 100_000_000, 4_000_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -155,17 +152,19 @@ def draw_picture(
         if isinstance(shown, kind) and (route is not None or pose is not None or robot is not None):
             raise ParameterError(f"nothing can be drawn over {name}", place="route, pose")
     if isinstance(shown, DiffReport | Merged | Score):
-        return _picture(shown.drawn(title=title, **look))
-    if isinstance(shown, CostCurve):
-        return _picture(cost_curve_image(shown, title=one_line(title or "cost curve")))
-    grid, name = _grid_in(shown)
-    if pose is None and isinstance(shown, LocalMap):
-        pose = shown.pose
-    over: list[overlay.Overlay] = [] if route is None else [overlay.RouteOverlay(route)]
-    over += [] if pose is None else [overlay.PoseOverlay(check_pose(pose))]
-    over += [] if robot is None else [overlay.RobotOverlay(robot)]
-    look["overlay"] = overlay.Overlays(tuple(over)) if over else None
-    return _picture(files_of(type(grid)).draw(grid, title=one_line(title or name), **look))
+        image = shown.drawn(title=title, **look)
+    elif isinstance(shown, CostCurve):
+        image = cost_curve_image(shown, title=one_line(title or "cost curve"))
+    else:
+        grid, name = _grid_in(shown)
+        if pose is None and isinstance(shown, LocalMap):
+            pose = shown.pose
+        over: list[overlay.Overlay] = [] if route is None else [overlay.RouteOverlay(route)]
+        over += [] if pose is None else [overlay.PoseOverlay(check_pose(pose))]
+        over += [] if robot is None else [overlay.RobotOverlay(robot)]
+        look["overlay"] = together(over)
+        image = files_of(type(grid)).draw(grid, title=one_line(title or name), **look)
+    return Picture(image.indices, image.palette)
 
 
 def write_picture(
@@ -230,7 +229,3 @@ def _grid_in(shown: object) -> tuple[Grid, str]:
         return shown, shown.kind
     rule = "must be a grid, a bit map, a local map, a map of scans, merged maps, a comparison, "
     raise ParameterError(f"{rule}a score or a cost curve", place="shown", got=shown)
-
-
-def _picture(image: Image) -> Picture:
-    return Picture(image.indices, image.palette)

@@ -50,16 +50,11 @@ class _OccupancyBits(BitMap):
         return int(value)
 
 
-_edits = partial(
-    command, group="Changing a map",
-    output=Output(
-        "OUT",
-        "The result: .yaml or .pgm (a pgm pair), .png (a pair), .npz, or of a .pbm also .pbm.",
-        paths=lambda path: (
-            bit_map_paths(path) if path.suffix == BIT_MAP else output_paths(path, (BIT_MAP,))
-        ),
-    ),
-)  # fmt: skip
+_edits = partial(command, group="Changing a map", output=Output(
+    "OUT", "The result: .yaml or .pgm (a pgm pair), .png (a pair), .npz, or of a .pbm also .pbm.",
+    paths=lambda path: (bit_map_paths(path) if path.suffix == BIT_MAP
+                        else output_paths(path, (BIT_MAP,))),
+))  # fmt: skip
 
 
 def _edited(
@@ -120,17 +115,15 @@ def _drawn(
     shapes = [*([] if file is None else read_shapes(file)), *shapes]
     start = _start(blank, background)
     for shape in shapes:
-        number = shape.value if shape.value is not None else value
-        name = ": ".join(part for part in (shape.source, shape.kind) if part)
+        number = value if shape.value is None else shape.value
+        name = f"{shape.source}: {shape.kind}" if shape.source else shape.kind
         if number is None:
             hint = f"{name} has no value of its own" if shape.source else None
             raise ParameterError("is needed to draw with", place="value", hint=hint)
         work.terminal.detail(f"{name}: value {number}")
-    return _edited(
-        source, lambda grid: draw(start(grid), shapes, value=value, overlay=overlay),
-        f"{', '.join(dict.fromkeys(shape.kind for shape in shapes))} drawn", work,
-        also=[] if file is None else [file],
-    )  # fmt: skip
+    return _edited(source, lambda grid: draw(start(grid), shapes, value=value, overlay=overlay),
+                   f"{', '.join(dict.fromkeys(shape.kind for shape in shapes))} drawn", work,
+                   also=[] if file is None else [file])  # fmt: skip
 
 
 @_edits(
@@ -243,7 +236,5 @@ def reset(
         rule = "one of the two is required" if at is None else "cannot be given together"
         raise ParameterError(rule, place="at, corner")
 
-    def change(grid: Any) -> Any:
-        return reset_region(start(grid), size_xy=size, center_xy=at, corner_xy=corner, value=value)
-
-    return _edited(source, change, "region reset", work)
+    change = partial(reset_region, size_xy=size, center_xy=at, corner_xy=corner, value=value)
+    return _edited(source, lambda grid: change(start(grid)), "region reset", work)

@@ -29,10 +29,9 @@ from mapdeal.planning import graph_drafts
 from mapdeal.planning.route_graphs import route_graph_of
 from mapdeal.ros.robot import RobotParameters
 
-_PER_CELL, _PER_COARSE_CELL = 46.0, 70.0
-"""Bytes for each cell, besides those of the reach, and for each of the skeleton."""
-
+_PER_CELL, _PER_COARSE_CELL = 46.0, 70.0  # bytes besides those of the reach, and of the skeleton
 _LIBRARIES = 55_000_000  # bytes that parts of scipy take
+_LITTLE = 1e-6  # of the area
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -79,19 +78,16 @@ class PlannedGraph(Result):
         }  # fmt: skip
 
     def lines(self) -> Iterator[str]:
-        yield (
-            f"{self.map.title}: {len(self.graph.nodes)} nodes, {len(self.graph.edges)} edges, "
-            f"covers {decimal_text(self.result.covered)} of "
-            f"{decimal_text(self.result.reachable)} m2 within {self.cover:g} m, "
-            f"least clearance {self.min_clearance:.2f} m"
-        )
+        text = f"{self.map.title}: {len(self.graph.nodes)} nodes, {len(self.graph.edges)} edges, "
+        areas = f"{decimal_text(self.result.covered)} of {decimal_text(self.result.reachable)} m2"
+        text += f"covers {areas} within {self.cover:g} m, "
+        yield f"{text}least clearance {self.min_clearance:.2f} m"
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
         """Return the graph over the map."""
-        return occupancy_image(
-            self.reach.grid, title=title or f"{self.map.title}: route graph",
-            **{"image_extent": "known", **look, "overlay": GraphOverlay(self.graph)},
-        )  # fmt: skip
+        look = {"image_extent": "known", **look, "overlay": GraphOverlay(self.graph)}
+        title = title or f"{self.map.title}: route graph"
+        return occupancy_image(self.reach.grid, title=title, **look)
 
     def write(self, transaction: Any, output: Path) -> None:
         """Write the graph as GeoJSON."""
@@ -191,10 +187,8 @@ def graph(
     inputs.need_ending(".geojson")
     also = robot.paths if robot else ()
     (source,) = inputs.open_inputs(map, names=("map",), also=also, **reading)
-    planned = graph_of(
-        source, options, start=start, goals=goals, through_unknown=through_unknown,
-        footprint=footprint, robot=robot, **reading,
-    )  # fmt: skip
+    planned = graph_of(source, options, start=start, goals=goals, through_unknown=through_unknown,
+                       footprint=footprint, robot=robot, **reading)  # fmt: skip
     result = planned.result
     if result.near_unknown and keep_from_unknown is None:
         radius = decimal_text(reach_radius(planned.reach.robot), 4)
@@ -211,13 +205,10 @@ def graph_of(
     robot: RobotParameters | None = None, **reading: Unpack[inputs.Reading],
 ) -> PlannedGraph:  # fmt: skip
     if footprint is None and robot is None:
-        emit_warning(
-            "no robot is given, by --robot-radius, --footprint or --params-file: the graph is that "
-            "of a point"
-        )
+        text = "no robot is given, by --robot-radius, --footprint or --params-file: the graph is"
+        emit_warning(f"{text} that of a point")
     shape = planned_shape(robot) if footprint is None and robot is not None else shape_of(footprint)
-    parameters: dict[str, Any] = {"footprint": shape, "through_unknown": through_unknown}
-    parameters |= {} if start is None else {"start": start}
+    parameters = {"footprint": shape, "through_unknown": through_unknown, "start": start}
     step = make_step("reach", {**parameters, "goals": goals})
     coarse = graph_drafts.coarse_step(reach_radius(shape), source.grid.resolution) ** 2
     per_cell = step.memory + _PER_CELL + _PER_COARSE_CELL / coarse
@@ -244,15 +235,12 @@ def graph_of(
             why = missed.stopped_by or "no way leads there"
             raise FindingError(f"goal {missed.goal.label} is not reachable: {why}")
         result = route_graph_of(found, options)
-    has_corners = shape is not None and bool(shape.vertices)
-    for text in _problems(result, options.cover, has_corners=has_corners):
+    for text in _problems(result, options.cover, shape is not None and bool(shape.vertices)):
         emit_warning(f"{source.name}: {text}")
     return PlannedGraph(source, found, result, options.cover)
 
 
-def _problems(
-    result: graph_drafts.GraphResult, cover: float, *, has_corners: bool
-) -> Iterator[str]:  # fmt: skip
+def _problems(result: graph_drafts.GraphResult, cover: float, has_corners: bool) -> Iterator[str]:
     missing = result.reachable - result.covered
     if missing > _LITTLE * result.reachable:
         why = "it would take too many nodes; take a longer cover"
@@ -268,6 +256,3 @@ def _problems(
         text = f"on {count_text(result.tight, 'connection')} the outline of the robot touches an "
         text += "obstacle, although the costs of the cells are open: less than a cell is to spare"
         yield text
-
-
-_LITTLE = 1e-6  # of the area
