@@ -37,12 +37,8 @@ from mapdeal.ros.ros2_files import read_ros2
 Report = dict[str, Any]
 Row = tuple[str, str]
 
-_OF_POTENTIAL, _OF_OTHERS = 62.0, 2.0
-"""Bytes for each cell that figures take; those of a potential are of layers made for them."""
-
-_ANSWERS = ("goals", "passages", "closed_passages")
-"""Figures of what can be reached that an npz does not hold."""
-
+_OF_POTENTIAL, _OF_OTHERS = 62.0, 2.0  # bytes per cell: figures of a potential need its layers
+_ANSWERS = ("goals", "passages", "closed_passages")  # figures of a reach that an npz lacks
 _SHOWN_KEYS = ("image", "mode", "negate", "occupied_thresh", "free_thresh")
 _OF_RUN = ("version", "inputs", "options", "stages", "figures", "warnings")
 
@@ -177,21 +173,18 @@ def _describe_robot(
     paths: Sequence[Path], costmap: CostmapName, namespace: str | None, dialect: Dialect,
     map_path: Path | None,
 ) -> Report:  # fmt: skip
+    up_to_kilted = dialect != "nav2"
     with errors.capture_warnings():
-        robot = read_robot(
-            paths, costmap=costmap, namespace=namespace, up_to_kilted=dialect != "nav2"
-        )
+        robot = read_robot(paths, costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted)
     report = {"file": str(paths[-1]), "kind": "robot parameters", **robot.described()}
     for entry, layer in zip(report["layers"], robot.layers, strict=True):
         entry["effect"] = effect_of(layer, robot)
     report["warnings"] = list(robot.remarks)
-    if robot.flavour == "nav2" and costmap == "global":
-        parameters = read_ros2(paths)
-        if has_server(parameters):
-            report["planners"] = [
-                {"name": entry.name, "plugin": entry.plugin, "parameters": dict(entry.settings)}
-                for entry in planners_of(robot, parameters)[0]
-            ]
+    if robot.flavour == "nav2" and costmap == "global" and has_server(own := read_ros2(paths)):
+        report["planners"] = [
+            {"name": entry.name, "plugin": entry.plugin, "parameters": dict(entry.settings)}
+            for entry in planners_of(robot, own)[0]
+        ]
     if map_path is not None:
         with open_map(map_path, dialect=dialect) as file:
             report |= {"map": str(map_path), "on_map": on_map(robot, file.frame().resolution)}
@@ -232,9 +225,7 @@ def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> Report
     with sums_of_reads() as sums, open_map(path, dialect=dialect, max_cells=max_cells) as file:
         if (reach := file.layers_of(Reach)) is not None:
             return _describe_reach(path, reach)
-        source = file.read()
-        described = file.described()
-        named = file.sums_by_name(sums)
+        source, described, named = file.read(), file.described(), file.sums_by_name(sums)
     grid = source.grid
     claim_work(path, grid, _OF_POTENTIAL if isinstance(grid, PotentialField) else _OF_OTHERS)
     report: Report = {"file": str(path), "kind": grid.kind}
@@ -281,15 +272,10 @@ def _describe_run(path: Path) -> Report:
 
 
 def _lines_of(report: Report) -> Iterator[str]:
-    name, width = str(report["file"]), 11
-    rows = _rows_of_file if "use" in report else _rows_of_map
-    if report["kind"] == "robot parameters":
-        names = [file["name"] for file in report["files"]]
-        name, width = ", ".join(names) if len(names) > 1 else name, 13
-        rows = _rows_of_robot
-    elif report["kind"] in ("bag", "run"):
-        rows = _rows_of_bag if report["kind"] == "bag" else _rows_of_run
-    yield from [name, *(f"  {key:<{width}} {value}" for key, value in rows(report))]
+    rows = _ROWS.get(report["kind"], _rows_of_file if "use" in report else _rows_of_map)
+    files = report["files"] if rows is _rows_of_robot else ()
+    yield ", ".join(file["name"] for file in files) if len(files) > 1 else str(report["file"])
+    yield from (f"  {key:<{13 if files else 11}} {value}" for key, value in rows(report))
 
 
 def _rows_of_run(report: Report) -> Iterator[Row]:
@@ -309,8 +295,8 @@ def _robot_of_run(robot: Any) -> str:
     """Return what a manifest says of the robot, on one line; changed by somebody, as it is."""
     try:
         names = ", ".join(file["name"] for file in robot["files"])
-        radii = [f"{name} {robot[name]:.6g} m" for name in _RADII]
-        return f"{robot['node']} of {names}, {', '.join(radii)}"
+        radii = ", ".join(f"{name} {robot[name]:.6g} m" for name in _RADII)
+        return f"{robot['node']} of {names}, {radii}"
     except (LookupError, TypeError, ValueError):
         return format_value(robot)
 
@@ -440,8 +426,8 @@ def _rows_of_robot(report: Report) -> Iterator[Row]:
         values = (f"{name} {format_value(value)}" for name, value in planner["parameters"].items())
         yield "planner", ", ".join([planner["name"], planner["plugin"], *values])
     for item in report.get("on_map", ()):
-        reach = f"{item['cell_inflation_radius']} cells, {item['reach']:.4g} m"
-        text = f"{Path(report['map']).name}: {item['layer']} reaches {reach}; cost at the"
+        text = f"{Path(report['map']).name}: {item['layer']} reaches "
+        text += f"{item['cell_inflation_radius']} cells, {item['reach']:.4g} m; cost at the"
         yield "on the map", f"{text} circumscribed radius {item['circumscribed_cost']}"
     for text in report["warnings"]:
         yield "warning", text
@@ -453,9 +439,12 @@ def _shape_of(report: Report) -> str:
     footprint, padding = report["footprint"], report["footprint_padding"]
     if isinstance(footprint, dict):
         return f"round, radius {footprint['radius']:.6g} m"
-    padded = f", moved outwards by {padding:.6g} m" if padding else ""
     if report["robot_radius"] is not None:
+        padded = f", moved outwards by {padding:.6g} m" if padding else ""
         radius = f"round, robot_radius {report['robot_radius']:g} m"
         return f"{radius}: a polygon of {len(footprint)} corners{padded}"
     corners = ", ".join(f"[{x:.6g}, {y:.6g}]" for x, y in footprint)
     return f"[{corners}]" + (f", with footprint_padding {padding:.6g} m" if padding else "")
+
+
+_ROWS = {"robot parameters": _rows_of_robot, "bag": _rows_of_bag, "run": _rows_of_run}
