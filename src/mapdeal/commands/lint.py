@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -36,11 +36,11 @@ from mapdeal.grid.reach import Goal, reach_radius
 from mapdeal.grid.values import check_choice, count_text
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps import map_server
-from mapdeal.maps.dialects import Dialect, MapMetadata, cells_of, metadata_of
+from mapdeal.maps.dialects import Dialect, cells_of, metadata_of
 from mapdeal.maps.formats import or_other_formats
 from mapdeal.maps.images import open_strips
 from mapdeal.maps.listing import MapListing, list_maps
-from mapdeal.maps.reading import MapFile, open_map, output_paths, write_grid
+from mapdeal.maps.reading import open_map, output_paths, write_grid
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.batch import Job, Outcome, attempt, dispatch, jobs_at_once
 from mapdeal.pipeline.recipe import planned_shape
@@ -49,24 +49,20 @@ from mapdeal.ros.load import by_robot, flavour_of_file
 from mapdeal.ros.robot import CostmapName, RobotParameters
 from mapdeal.version import __version__
 
-T = TypeVar("T")
-
 Names = str | PathLike[str] | Iterable[str | PathLike[str]]
 
 _CELLS_PER_FILE = 250_000  # cells that can be checked in the time that opening a file takes
 _SAMPLED_MAPS = 16  # maps whose sizes are read to estimate the number of all cells
-_CELLS_WORTH_WORKERS = 500_000_000
-"""Cells checked in two or three seconds, about the time that two processes take to start."""
+_CELLS_WORTH_WORKERS = 500_000_000  # checked in 2 or 3 s, about the time to start two processes
 
 _COSTS_RULE = "holds costs, which are not repaired"
 _NUMBERS = ("resolution", "origin", "occupied_thresh", "free_thresh")
+_COPY_HINT = "mapdeal lint MAP --fix -o OUT writes a repaired copy"
 
 _GRAPH_BYTES_PER_CELL = 24  # distances, open cells, collisions of the robot
 _REPAIR_BYTES_PER_CELL = 3  # the cells, and the pixels being written
 _TURNED_BYTES_PER_CELL = 5  # of a turned map
 _RESAMPLED_BYTES_PER_CELL = 3  # of its resampled copy
-
-_COPY_HINT = "mapdeal lint MAP --fix -o OUT writes a repaired copy"
 
 
 def _as_names(argument: Names) -> tuple[str, ...]:
@@ -80,7 +76,6 @@ def _as_names(argument: Names) -> tuple[str, ...]:
 
 
 def _split_names(texts: Iterable[str]) -> tuple[str, ...]:
-    """Return the names in a repeated option, which commas may separate."""
     return tuple(name.strip() for text in texts for name in text.split(","))
 
 
@@ -95,14 +90,11 @@ Checks = Annotated[Names, Words("IDS", _split_names, is_repeated=True, completed
 
 @command(
     group="CI and reports",
-    output=Output(
-        "OUT", f"{or_other_formats('Where to write the repaired copy: .yaml, .pgm, .png')}.",
-        is_required=False,
-    ),
-    shared=(
-        "footprint", "robot_radius", "footprint_padding", "robot_16_gon", "resolution", "origin",
-        "max_cells", "force", "max_memory",
-    ),
+    output=Output("OUT", is_required=False, about=(
+        f"{or_other_formats('Where to write the repaired copy: .yaml, .pgm, .png')}."
+    )),
+    shared=("footprint", "robot_radius", "footprint_padding", "robot_16_gon", "resolution",
+            "origin", "max_cells", "force", "max_memory"),
     texts={
         "footprint": "Corners of the robot around its centre, metres: find rooms that it "
         "cannot enter, by its inscribed radius.",
@@ -247,9 +239,7 @@ def lint(
         rule, hint = "cannot be given together with --fix", "--fix repairs maps only"
         if robots:
             raise errors.ParameterError("is a parameter file", source=robots[0][0], hint=hint)
-        if files or footprint is not None:
-            place = "params_file" if files else "footprint"
-            raise errors.ParameterError(rule, place=place, hint=hint)
+        inputs.refuse(rule, hint, params_file=files, footprint=footprint)
         if output is None and not in_place:
             raise errors.ParameterError("needs -o OUT or --in-place", place="fix")
         inputs.refuse(rule, graph=graph, filter_mask=filter_mask)
@@ -298,13 +288,10 @@ def lint(
             robot = first_robot(robots[0], costmap=costmap, namespace=namespace)
         if footprint is None and robot is not None:
             footprint, shape = robot.footprint, planned_shape(robot)
-        lint_maps = _Lint(
-            Selections(_as_names(select), _as_names(ignore), strict=strict, config=config),
-            settings,
-            radius=None if footprint is None or not maps else reach_radius(footprint),
-            jobs=processes,
-            graph=None if graph is None else (Path(graph), shape, robot),
-        )
+        selections = Selections(_as_names(select), _as_names(ignore), strict=strict, config=config)
+        radius = None if footprint is None or not maps else reach_radius(footprint)
+        graph_and_robot = None if graph is None else (Path(graph), shape, robot)
+        lint_maps = _Lint(selections, settings, radius, processes, graph_and_robot)
         reports: list[MapReport] = []
         for robot_files in robots:
             reports += lint_maps.parameters(robot_files, costmap, namespace, maps)
@@ -313,10 +300,8 @@ def lint(
         if filter_mask is not None:
             with errors.capture_warnings():  # the findings include them
                 map_read = inputs.map_input(inputs.read_input(maps[0], settings), maps[0])
-            mask_report = lint_maps.mask(
-                Path(filter_mask), map_read, mask_kind, footprint, start, goals
-            )
-            reports.append(mask_report)
+            mask = Path(filter_mask)
+            reports.append(lint_maps.mask(mask, map_read, mask_kind, footprint, start, goals))
         problems = _repair_in_place(maps, reports, lint_maps) if in_place else []
     report = LintReport(tuple(reports), __version__, form, tuple(problems), only_counts=statistics)
     if work is not None:
@@ -336,10 +321,8 @@ def _maps_and_robots(names: Sequence[str]) -> tuple[list[str], list[tuple[Path, 
 def _parameters_in_folders(listing: MapListing) -> dict[Path, list[Path]]:
     """Return the parameter files in each folder that holds neither maps nor runs."""
     marks = (RUN_FOLDERS.mark, RUN_FOLDERS.summary)
-    folders = [
-        entry.path for entry in listing.maps
-        if source.is_folder(entry.path) and not any(source.exists(entry.path / m) for m in marks)
-    ]  # fmt: skip
+    folders = [entry.path for entry in listing.maps if source.is_folder(entry.path)
+               and not any(source.exists(entry.path / mark) for mark in marks)]  # fmt: skip
     files = [path for path in listing.left_out if flavour_of_file(path)] if folders else []
     found = {folder: [path for path in files if folder in path.parents] for folder in folders}
     return {folder: paths for folder, paths in found.items() if paths}
@@ -367,15 +350,14 @@ class _Lint:
         """Check a robot's parameter files, also against the frames of maps."""
         for path in maps:
             self.selections.of(path)  # errors in configurations come first
-        read: Any = partial(_from_header, settings=self.settings, read=lambda file: file.frame())
-        frames = [(path.name, frame) for path in maps if (frame := read(path)) is not None]
+        named = ((path.name, _frame_of(path, self.settings)) for path in maps)
+        frames = [(name, frame) for name, frame in named if frame is not None]
         findings = checks.check_parameters(files, costmap, namespace, frames)
-        reports = [self._report(path, found) for path, found in findings.items()]
-        return [replace(report, is_parameters=True) for report in reports]
+        return [self._report(path, found, is_parameters=True) for path, found in findings.items()]
 
     def __call__(self, paths: Sequence[Path], advance: Callable[[int], object]) -> list[MapReport]:
-        robot_checks = checks.checks_of(RoomFacts)
-        selected = [path for path in paths if self.selections.of(path).checks & {*robot_checks}]
+        robot_checks = {*checks.checks_of(RoomFacts)}
+        selected = [path for path in paths if self.selections.of(path).checks & robot_checks]
         radii = {} if self.radius is None else dict.fromkeys(selected, self.radius)
         findings_of: dict[int, checks.Findings] = {}
 
@@ -394,15 +376,13 @@ class _Lint:
             if self.graph is not None:
                 graph_findings = _graph_findings(path, *self.graph, self.settings)
                 findings = replace(findings, findings=(*findings.findings, *graph_findings))
-            report = self._report(path, findings)
-            reports.append(replace(report, is_folder=source.is_folder(path)))
+            reports.append(self._report(path, findings, is_folder=source.is_folder(path)))
         return reports
 
     def mask(
         self, path: Path, map_read: inputs.MapInput, kind: FilterKind | None,
         robot: Footprint | None, start: tuple[float, ...] | None, goals: Sequence[Goal],
     ) -> MapReport:  # fmt: skip
-        """Check the mask of a costmap filter against a map."""
         mask, pair = read_mask(path, self.settings, map_read)
         ends: Any = {"start": start, "goals": tuple(goals)}
         info = info_of(pair.metadata, kind)
@@ -412,17 +392,16 @@ class _Lint:
         findings = tuple(checks.lint_mask(path, facts))
         return self._report(path, checks.Findings(findings, read_ignored_names(path)))
 
-    def _report(self, path: Path, found: checks.Findings) -> MapReport:
+    def _report(self, path: Path, found: checks.Findings, **kind: Any) -> MapReport:
         selection = self.selections.of(path)
         judged = selection.apply(found.findings, found.ignored_names)
-        return MapReport(str(path), *judged, selection.strict)
+        return MapReport(str(path), *judged, selection.strict, **kind)
 
 
 def _graph_findings(
     path: Path, graph: Path, shape: Footprint | None, robot: RobotParameters | None,
     settings: Settings,
 ) -> Sequence[Finding]:  # fmt: skip
-    """Check a route graph on a map."""
     from mapdeal.checks.graph_checks import check_graph  # rarely used, and slow to import
 
     try:
@@ -458,8 +437,8 @@ def _repair_in_place(
     return problems
 
 
-def _from_header(path: Path, settings: Settings, read: Callable[[MapFile], T]) -> T | None:
-    """Return the result of a function of a map's header; None if that is unreadable."""
+def _frame_of(path: Path, settings: Settings) -> Frame | None:
+    """Return the frame in a map's header; None if that is unreadable."""
     if source.is_folder(path):
         return None
     with (
@@ -467,7 +446,7 @@ def _from_header(path: Path, settings: Settings, read: Callable[[MapFile], T]) -
         suppress(errors.MapdealError),
         open_map(path, max_cells=settings.max_cells) as file,
     ):
-        return read(file)
+        return file.frame()
     return None
 
 
@@ -480,8 +459,8 @@ def _are_worth_workers(paths: Sequence[Path], settings: Settings) -> bool:
     for path in paths[::step]:
         if cells >= _CELLS_WORTH_WORKERS:
             return True
-        height, width = _from_header(path, settings, lambda file: file.shape()) or (0, 0)
-        cells += step * height * width
+        frame = _frame_of(path, settings)
+        cells += 0 if frame is None else step * frame.height * frame.width
     return cells >= _CELLS_WORTH_WORKERS
 
 
@@ -500,9 +479,8 @@ def _lint_in_processes(
             result = checks.check_map(path, settings.max_cells, radii.get(path))
         advance(index, result)
 
-    memory_per_job = inputs.memory_budget(settings.max_memory, jobs)
-    is_chosen = settings.max_memory is not None
-    shared = replace(settings, max_memory=memory_per_job, memory_is_chosen=is_chosen)
+    memory = inputs.memory_budget(settings.max_memory, jobs)
+    shared = replace(settings, max_memory=memory, memory_is_chosen=settings.max_memory is not None)
     all_jobs = [Job(path, path, str(path), str(path)) for path in paths]
     work = partial(attempt, partial(_check_job, shared, radii))
     dispatch(len(paths), all_jobs.__getitem__, work, ProcessWorkers(jobs), collect)
@@ -537,9 +515,8 @@ def repaired(
         changes.append(f"yaw {yaw:g} rad is in the cells now")
         lattice = Frame(1, 1, resolution)
         region = region_around(lattice, grid.frame)
-        turned_bytes = _TURNED_BYTES_PER_CELL * grid.occupancy.size
-        resampled_bytes = _RESAMPLED_BYTES_PER_CELL * region.cells
-        source.claim(path, turned_bytes + resampled_bytes + source.PIECES)
+        needed = _TURNED_BYTES_PER_CELL * grid.occupancy.size + source.PIECES
+        source.claim(path, needed + _RESAMPLED_BYTES_PER_CELL * region.cells)
         grid = resampled(grid, region.frame_in(lattice))  # keeps every obstacle
     elif yaw:
         grid = OccupancyGrid(grid.occupancy, resolution, (x, y, 0.0))
@@ -621,12 +598,7 @@ def _image_name(pair: PairFacts, checks_found: Collection[str]) -> str | None:
     return None if ".." in relative.parts else relative.as_posix()
 
 
-def _shown(value: Any) -> str:
-    return ", ".join(map(repr, value)) if isinstance(value, tuple) else str(value)
-
-
 def _repaired_copy(paths: Sequence[Path], output: Path, settings: Settings) -> LintReport:
-    """Write a repaired map, and report the changes."""
     if len(paths) != 1:
         hint = "--in-place repairs any number of maps"
         raise errors.ParameterError("takes one map", source="-o", got=len(paths), hint=hint)
@@ -660,14 +632,17 @@ def _repaired_in_place(path: Path, checks_found: Collection[str], settings: Sett
         return []
     states[pair.image_path] = source.state_of(pair.image_path)
     geometry = {"resolution", "origin"} if needs_cells else set()  # reported with the cells
-    changes = [f"{key} {_shown(value)}" for key, value in values.items() if key not in geometry]
+    texts = {key: str(value) for key, value in values.items() if key not in geometry}
+    if "origin" in texts:
+        texts["origin"] = ", ".join(map(repr, values["origin"]))
+    changes = [f"{key} {text}" for key, text in texts.items()]
     outputs = [target := source.real_path(pair.path)]
     image = target.with_name(f"{target.stem}_turned.pgm")
     if needs_cells:
         is_link = target.parent != source.real_path(pair.path.parent)
         if is_link or source.exists(image):
-            where = "beside a link to the YAML" if is_link else "which exists"
-            rule = f"its turned image would be {image.name}, {where}"
+            rule = f"its turned image would be {image.name}, "
+            rule += "beside a link to the YAML" if is_link else "which exists"
             raise errors.FileAccessError(rule, source=pair.path, hint=_COPY_HINT)
         outputs = [image, target]
         changes.append(f"{image.name} written beside {pair.image_path.name}")
@@ -679,25 +654,23 @@ def _repaired_in_place(path: Path, checks_found: Collection[str], settings: Sett
         if needs_cells:
             grid, cell_changes = repaired(pair.path, pair, max_cells=settings.max_cells)
             changes = [*cell_changes, *changes]
-            repaired_values: dict[str, Any] = {
+            turned: dict[str, Any] = {
                 "mode": map_server.write_map_image(transaction, image, grid),
                 "resolution": grid.resolution, "origin": tuple(grid.origin), "negate": 0,
                 "occupied_thresh": 0.65, "free_thresh": 0.196, "image": image.name,
             }  # fmt: skip
-            values |= {key: value for key, value in repaired_values.items()
-                       if getattr(pair.metadata, key) != value}  # fmt: skip
+            values |= {
+                k: value for k, value in turned.items() if getattr(pair.metadata, k) != value
+            }
         has_mark = source.head_of(pair.path, len(BOM_UTF8)) == BOM_UTF8
         data = (BOM_UTF8 if has_mark else b"") + with_values(pair.entries, values)
-        if _metadata_in(data, pair.path) != replace(pair.metadata, **values):
+        edited = None
+        with errors.capture_warnings(), suppress(errors.MalformedInputError):
+            edited = metadata_of(parse_mapping(pair.path, data), pair.path)
+        if edited != replace(pair.metadata, **values):
             rule = "its YAML is written in a way that cannot be edited"
             raise errors.MalformedInputError(rule, source=pair.path, hint=_COPY_HINT)
         transaction.write_bytes(target, data)
         for path, state in states.items():
             source.check_state(path, state)
     return changes
-
-
-def _metadata_in(data: bytes, path: Path) -> MapMetadata | None:
-    with errors.capture_warnings(), suppress(errors.MalformedInputError):
-        return metadata_of(parse_mapping(path, data), path)
-    return None
