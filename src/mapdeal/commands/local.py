@@ -42,21 +42,17 @@ ROUTE, PICTURE, STEPS = "route.json", "route.png", "routes.json"
 
 
 class LocalMaps(Batch):
-    """Outcomes of the clouds of a sequence."""
-
     noun = "cloud"
     is_brief = True
 
     def lines(self) -> Iterator[str]:
         done, unchanged = self.count("done"), self.count("unchanged")
         text = f"{self.output}: {done} done, {unchanged} unchanged, {self.count('failed')} failed"
-        is_all = done == len(self.jobs)
-        yield text + (f", {done / self.seconds:.3g} maps a second" if is_all else "")
+        rate = f", {done / self.seconds:.3g} maps a second" if done == len(self.jobs) else ""
+        yield text + rate
 
 
 class Costmaps(LocalMaps):
-    """Outcomes of the costmaps of a replay."""
-
     noun = "costmap"
 
 
@@ -110,8 +106,7 @@ class WindowPlanner:
 
     def plan_steps(self, jobs: Sequence[LocalJob], output: Path) -> str:
         """Plan at each pose; write all routes and the path driven, and return a line about them."""
-        last = len(jobs) - 1
-        routes = [self.plan(job, k, is_last=k == last) for k, job in enumerate(jobs)]
+        routes = [self.plan(job, k, is_last=job is jobs[-1]) for k, job in enumerate(jobs)]
         driven = np.array([job.pose[:2] for job in jobs])
         length = float(np.hypot(*np.diff(driven, axis=0).T).sum())
         steps = [{"folder": job.folder.name, **route_document(route)}
@@ -125,8 +120,8 @@ class WindowPlanner:
         if reached + beyond < len(routes):
             rule = f"no route leads on from {len(routes) - reached - beyond} of {len(routes)} poses"
             raise FindingError(rule, source=output / STEPS)
-        text = f"{len(routes)} routes, {reached} to the goal, driven {length:.2f} m"
-        return f"{output / STEPS}: {text}"
+        text = f"{output / STEPS}: {len(routes)} routes, {reached} to the goal"
+        return f"{text}, driven {length:.2f} m"
 
     def _canvas(self, jobs: Sequence[LocalJob]) -> Costmap:
         """Return what all steps are drawn on: the costs of the global map, or of all windows."""
@@ -140,9 +135,8 @@ class WindowPlanner:
         values = np.full((places + shapes).max(axis=0), costs[0].unknown_value)
         for window, (row, col), (height, width) in zip(costs, places, shapes, strict=True):
             values[row : row + height, col : col + width] = window.cost
-        x, y = lows.min(axis=0).tolist()
         layer: Any = values.astype(costs[0].cost.dtype)
-        return Costmap(layer, side, (x, y, yaw), costs[0].scale)
+        return Costmap(layer, side, (*lows.min(axis=0).tolist(), yaw), costs[0].scale)
 
     def costs_in(self, folder: Path) -> Costmap:
         with adding_warnings([]):  # the run that wrote these costs has shown its warnings
@@ -162,7 +156,6 @@ class WindowPlanner:
 
 
 def describe(route: Route, path: Path) -> str:
-    """Return a line about a route; raise FindingError if there is none."""
     if not (route.reached or route.beyond_window):
         raise FindingError("no route leads to the goal, nor to the border", source=path)
     ending = "to the goal" if route.reached else "to the border, the goal is beyond it"
@@ -258,11 +251,10 @@ def local(
     frames = {name: more.pop(name) for name in parameters_of(FrameOptions) if name in more}
     if bag is not None:
         rule = "applies to clouds, not to the replay of a bag"
-        refuse(
-            rule, clouds=clouds, pose=pose, poses=poses, topic=topics, **frames, index=index,
-            all=takes_all, keep=keep, require_points=require_points, set=changes,
-            route_to=route_to, footprint=footprint, recipe=recipe != LOCAL_RECIPE, **more,
-        )  # fmt: skip
+        refuse(rule, clouds=clouds, pose=pose, poses=poses, topic=topics, **frames, index=index,
+               all=takes_all, keep=keep, require_points=require_points, set=changes,
+               route_to=route_to, footprint=footprint, recipe=recipe != LOCAL_RECIPE,
+               **more)  # fmt: skip
         return _replay(bag, output, robot, global_map, work, until=until, every=every, why=why)
     refuse("applies to the replay of a bag, BAG", until=until, every=every, why=why)
     bag = Path(clouds[0]) if clouds and len(clouds) == 1 and is_bag(Path(clouds[0])) else None
@@ -289,14 +281,14 @@ def local(
     else:
         refuse("applies to a sequence: it needs --poses", keep=keep)
     if more.get("unknown") == "keep" and global_map is None and keep is None:
-        rule = "has no effect without --map or --keep: cells without points are free"
-        emit_warning(f"--unknown keep {rule}")
+        text = "--unknown keep has no effect without --map or --keep: cells without points are free"
+        emit_warning(text)
     known = None if global_map is None else local_maps.read_global_map(global_map, work.settings)
     if known is not None and not clouds:
         more.setdefault("resolution", known.grid.resolution)
     loaded = load_recipe(recipe, changes, footprint=footprint, robot=robot)
     options = LocalOptions(**more)
-    common = local_maps.LocalCommon(options, loaded, work.settings, known, require_points, keep)
+    common = LocalCommon(options, loaded, work.settings, known, require_points, keep)
     planner = None if route_to is None else WindowPlanner.for_goal(route_to, common)
     for step in loaded.steps:
         work.terminal.detail(step_line(step))
@@ -305,7 +297,7 @@ def local(
         return _sequence(jobs, output, common, work, planner)
     if bag is None:
         cloud = local_maps.only_cloud(clouds) if clouds else None
-        return _single(local_maps.LocalJob(cloud, pose or (), output), common, work, planner)
+        return _single(LocalJob(cloud, pose or (), output), common, work, planner)
     from mapdeal.pipeline import bag_maps  # few commands read bags
 
     trajectory = poses if poses is not None and has_times(poses) else None
@@ -320,8 +312,7 @@ def local(
             return _sequence(jobs, output, common, work, planner)
         number = source.number(index)
         place = source.pose(number) if pose is None else pose
-        job = local_maps.LocalJob(source.cloud(number), place, output)
-        return _single(job, common, work, planner)
+        return _single(LocalJob(source.cloud(number), place, output), common, work, planner)
 
 
 def _replay(
@@ -355,9 +346,8 @@ def _replay(
 
 
 def _single(
-    job: local_maps.LocalJob, common: local_maps.LocalCommon, work: Work,
-    planner: WindowPlanner | None,
-) -> RunReport:  # fmt: skip
+    job: LocalJob, common: LocalCommon, work: Work, planner: WindowPlanner | None
+) -> RunReport:
     report = local_maps.make_local(job, common)
     if planner is not None:
         work.terminal.summary([describe(planner.plan(job), job.folder / ROUTE)])
@@ -365,11 +355,10 @@ def _single(
 
 
 def _sequence(
-    sequence: Sequence[local_maps.LocalJob], output: Path, common: local_maps.LocalCommon,
-    work: Work, planner: WindowPlanner | None,
+    sequence: Sequence[LocalJob], output: Path, common: LocalCommon, work: Work,
+    planner: WindowPlanner | None,
 ) -> LocalMaps:  # fmt: skip
-    unrelated = local_maps.other_folders(sequence, output)
-    if unrelated:
+    if unrelated := local_maps.other_folders(sequence, output):
         emit_warning(f"{len(unrelated)} folders are not of this sequence, such as {unrelated[0]}")
     numbers = {job.folder: number for number, job in enumerate(sequence)}
     rolling = None if common.keep is None else local_maps.RollingRun(sequence, common)

@@ -12,19 +12,11 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
+from mapdeal import errors
 from mapdeal.command import POSE, Output, Words, command
 from mapdeal.commands.plan_changes import Change, PlannerOnMap, changes_for, is_cut_off, margins_of
 from mapdeal.commands.reach import start_of
 from mapdeal.compatibility import Unpack
-from mapdeal.errors import (
-    BatchError,
-    FindingError,
-    MalformedInputError,
-    MapdealError,
-    ParameterError,
-    emit_warning,
-    one_line,
-)
 from mapdeal.files.json_values import PLAN_FORMAT, JsonValue, read_document
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.values import OneLineRepr, count_text, table_lines
@@ -110,17 +102,13 @@ class GoalPlan(OneLineRepr):
 
     def document(self) -> dict[str, Any]:
         goal, plan = self.goal, self.plan
-        document: dict[str, Any] = {
-            **({} if goal.name is None else {"name": goal.name}),
-            "x": rounded(goal.x), "y": rounded(goal.y), "yaw": rounded(goal.yaw),
-            **plan_entries(plan),
-        }  # fmt: skip
+        document: dict[str, Any] = {} if goal.name is None else {"name": goal.name}
+        document |= {"x": rounded(goal.x), "y": rounded(goal.y), "yaw": rounded(goal.yaw)}
+        document |= plan_entries(plan)
         if plan.found:
-            document |= {
-                "clearance_m": rounded(self.clearance),
-                "narrowest": rounded_place(*(self.narrowest or (math.nan, math.nan))),
-                "margins": list(self.margins),
-            }
+            narrowest = rounded_place(*(self.narrowest or (math.nan, math.nan)))
+            document |= {"clearance_m": rounded(self.clearance), "narrowest": narrowest}
+            document["margins"] = list(self.margins)
         elif self.changes is not None:
             changes = [{**change, "text": change_text(change)} for change in self.changes]
             document["changes"] = changes
@@ -162,17 +150,13 @@ class GoalPlan(OneLineRepr):
 
 def plan_entries(plan: Plan) -> dict[str, Any]:
     """Return the verdict of a plan for JSON, and its length and cost."""
-    return {
-        "found": plan.found if plan.is_known else None,
-        "reason": plan.reason,
-        **({} if plan.detail is None else {"detail": plan.detail}),
-        "length_m": rounded(plan.length) if plan.found else None,
-        **({} if plan.cost is None else {"cost": rounded(plan.cost)}),
-    }
+    entries: dict[str, Any] = {"found": plan.found if plan.is_known else None}
+    entries |= {"reason": plan.reason} | ({} if plan.detail is None else {"detail": plan.detail})
+    entries["length_m"] = rounded(plan.length) if plan.found else None
+    return entries | ({} if plan.cost is None else {"cost": rounded(plan.cost)})
 
 
 def change_text(change: Change) -> str:
-    """Describe a change of a parameter, or of the map."""
     place = _at((change["x"], change["y"])) if "map" in change else ""
     if change.get("map") == "passage":
         text = f"the passage at {place}, {change['from']:.4g} m wide, "
@@ -195,7 +179,7 @@ def change_text(change: Change) -> str:
 def _refuse_differences(differences: Sequence[str] | None, source: str | None = None) -> None:
     if differences:
         rule = f"the plans differ from those expected: {differences[0]}"
-        raise FindingError(rule, source=source)
+        raise errors.FindingError(rule, source=source)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -232,26 +216,21 @@ class PlanReport(Spread):
 
     def document(self) -> dict[str, Any]:
         listed, robot = self.work.listed, self.work.robot
-        document: dict[str, Any] = {
-            "format": PLAN_FORMAT,
-            "map": self.work.source.document(),
+        return {
+            "format": PLAN_FORMAT, "map": self.work.source.document(),
             "files": [{"name": file.path.name, "sha256": file.sha256} for file in robot.files],
-            "planner": {
-                "name": listed.name, "plugin": listed.plugin, "parameters": dict(listed.settings)
-            },
+            "planner": {"name": listed.name, "plugin": listed.plugin,
+                        "parameters": dict(listed.settings)},
             "start": [rounded(value) for value in self.start],
             "goals": [goal.document() for goal in self.goals],
+            **({} if self.differences is None else {"differences": list(self.differences)}),
         }  # fmt: skip
-        if self.differences is not None:
-            document["differences"] = list(self.differences)
-        return document
 
     def parts(self) -> Iterator[str]:
         yield spread_json(self.document(), "goals")
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
-        """Rows of a table, one for each goal."""
         head = self.work.source.name, str(self.work.robot.paths[-1])
         plans = ((plan.goal.label, plan.verdict, plan.best_change or "-") for plan in self.goals)
         return [(*head, *row) for row in plans]
@@ -262,8 +241,7 @@ class PlanReport(Spread):
         yield f"{head}, from {_at(self.start[:2])}"
         for goal in self.goals:
             yield from goal.lines()
-        for text in self.differences or ():
-            yield f"  differs: {text}"
+        yield from (f"  differs: {text}" for text in self.differences or ())
 
     def summary(self, output: Path) -> Iterator[str]:
         found = sum(goal.plan.found for goal in self.goals)
@@ -292,10 +270,9 @@ class PlanReport(Spread):
         first, *more = [goal for goal in self.goals if not goal.plan.found]
         verdict = "no path" if first.plan.is_known else "not known whether a path leads"
         rule = f"{verdict} to goal {first.goal.label}: {first.plan.detail or first.plan.reason}"
-        if more:
-            rule += f"; {len(more)} more without a path"
+        rule += f"; {len(more)} more without a path" if more else ""
         hint = f"this makes one: {first.best_change}" if first.changes else None
-        raise FindingError(rule, source=self.work.source.name, hint=hint)
+        raise errors.FindingError(rule, source=self.work.source.name, hint=hint)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -310,22 +287,20 @@ class PlanTable(Spread):
         Differences from an expected table, if one was given.
     """
 
-    reports: Sequence[PlanReport | MapdealError]
+    reports: Sequence[PlanReport | errors.MapdealError]
     differences: tuple[str, ...] | None = None
 
     @property
-    def failed(self) -> list[MapdealError]:
-        return [report for report in self.reports if isinstance(report, MapdealError)]
+    def failed(self) -> list[errors.MapdealError]:
+        return [report for report in self.reports if isinstance(report, errors.MapdealError)]
 
     def _repr_parts(self) -> Iterator[str]:
         yield f"{count_text(len(self.reports), 'plan')}, {len(self.failed)} failed"
 
     def document(self) -> dict[str, Any]:
-        plans = [
-            report.document() if isinstance(report, PlanReport)
-            else {"exit_code": report.exit_code, "error": str(report)}
-            for report in self.reports
-        ]  # fmt: skip
+        plans = [report.document() if isinstance(report, PlanReport)
+                 else {"exit_code": report.exit_code, "error": str(report)}
+                 for report in self.reports]  # fmt: skip
         differs = {} if self.differences is None else {"differences": list(self.differences)}
         return {"plans": plans, **differs}
 
@@ -340,17 +315,18 @@ class PlanTable(Spread):
         found = [report.rows for report in self.reports if isinstance(report, PlanReport)]
         head = ("map", "parameters", "goal", "path", "a change that makes one")
         yield from table_lines([head, *(row for rows in found for row in rows)])
-        yield from (f"failed ({error.exit_code}): {one_line(str(error))}" for error in self.failed)
+        for error in self.failed:
+            yield f"failed ({error.exit_code}): {errors.one_line(str(error))}"
         yield from (f"differs: {text}" for text in self.differences or ())
 
     def check(self) -> None:
         if self.failed:
-            raise BatchError(f"{len(self.failed)} of {len(self.reports)} plans failed")
+            raise errors.BatchError(f"{len(self.failed)} of {len(self.reports)} plans failed")
         _refuse_differences(self.differences)
         reports = [report for report in self.reports if isinstance(report, PlanReport)]
         missed = sum(not goal.plan.found for report in reports for goal in report.goals)
         if missed and self.differences is None:
-            raise FindingError(f"no path found to {count_text(missed, 'goal')}")
+            raise errors.FindingError(f"no path found to {count_text(missed, 'goal')}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -371,9 +347,9 @@ class PairedPlans(Spread):
                 number = {"pair": self.counts["pairs"]}
                 try:
                     if row in block.errors:
-                        raise ParameterError(block.errors[row])
+                        raise errors.ParameterError(block.errors[row])
                     start, goal = check_pose(numbers[:3], "start"), check_pose(numbers[3:], "goal")
-                except ParameterError as error:
+                except errors.ParameterError as error:
                     self.counts["failed"] += 1
                     yield {**number, "line": line, "error": str(error)}
                     continue
@@ -384,7 +360,7 @@ class PairedPlans(Spread):
                     entry["changes"] = changes_for(self.work, start, goal, plan)
                 yield entry
         if not self.counts["pairs"]:
-            raise MalformedInputError("holds no pairs of poses", source=self.pairs_in)
+            raise errors.MalformedInputError("holds no pairs of poses", source=self.pairs_in)
 
     def parts(self) -> Iterator[str]:
         return map(json.dumps, self.entries())
@@ -405,11 +381,10 @@ class PairedPlans(Spread):
     def check(self) -> None:
         if failed := self.counts["failed"]:
             rule = f"{failed} of {self.counts['pairs']} lines are no pairs of poses"
-            raise BatchError(rule, source=self.pairs_in)
+            raise errors.BatchError(rule, source=self.pairs_in)
 
 
 def pose_of(numbers: Sequence[float], name: str) -> Pose:
-    """Return a pose, with yaw 0 if there is none."""
     return check_pose((*numbers, 0.0) if len(numbers) == 2 else numbers, name)
 
 
@@ -453,26 +428,26 @@ def _places_of(goals: Any) -> list[PlanGoal]:
 def planner_of(robot: RobotParameters, planner: str | None) -> tuple[Ros2Parameters, ListedPlanner]:
     if robot.flavour != "nav2":
         rule = "contains no parameters of ROS 2, and only Nav2's planners are modelled"
-        raise ParameterError(rule, source=robot.paths[-1])
+        raise errors.ParameterError(rule, source=robot.paths[-1])
     if robot.costmap != "global":
-        raise ParameterError("planners use the global costmap", place="robot", got=robot.node)
+        rule = "planners use the global costmap"
+        raise errors.ParameterError(rule, place="robot", got=robot.node)
     parameters = read_ros2(robot.paths)
     listed, problems = planners_of(robot, parameters)
-    for problem in problems:
-        if problem.level == "refused":
-            raise error_of(problem, robot.paths)
+    if refused := next((problem for problem in problems if problem.level == "refused"), None):
+        raise error_of(refused, robot.paths)
     if not has_server(parameters):
-        text = f"{robot.paths[-1]}: has no {PLANNER_SERVER}; Nav2's default planner is taken, NavFn"
-        emit_warning(text)
+        text = f"has no {PLANNER_SERVER}; Nav2's default planner is taken, NavFn"
+        errors.emit_warning(f"{robot.paths[-1]}: {text}")
     by_name = {entry.name: entry for entry in listed}
     if planner is not None and planner not in by_name:
         known = f"the file lists {', '.join(by_name) or 'none'}"
-        raise ParameterError("no such planner", place="planner", got=planner, hint=known)
+        raise errors.ParameterError("no such planner", place="planner", got=planner, hint=known)
     if not listed:
-        raise MalformedInputError("lists no planner", source=robot.paths[-1])
+        raise errors.MalformedInputError("lists no planner", source=robot.paths[-1])
     chosen = listed[0] if planner is None else by_name[planner]
     if chosen.planner is None:
-        emit_warning(f"{robot.paths[-1]}: {chosen.plugin} is not modelled")
+        errors.emit_warning(f"{robot.paths[-1]}: {chosen.plugin} is not modelled")
     return parameters, chosen
 
 
@@ -481,7 +456,7 @@ def check_map(
 ) -> None:
     """Refuse costs, and maps that take too much memory; warn of what planners ignore."""
     if isinstance(source.grid, Costmap):
-        raise ParameterError("holds costs; planners are tried on a map", source=source.name)
+        raise errors.ParameterError("holds costs; planners are tried on a map", source=source.name)
     inputs.warn_of_values(source)
     inputs.claim_cells(source, _PER_CELL, measures=True, **reading)
     inputs.warn_of_robot(source.name, source.occupancy, *robots)
@@ -491,8 +466,7 @@ def check_map(
     group="Questions about a map",
     output=Output(
         "PLAN.json", "Write the result to a file, with --pairs a .jsonl; by default it is printed, "
-        "on a terminal as lines, elsewhere as JSON.",
-        is_required=False, streams=False,
+        "on a terminal as lines, elsewhere as JSON.", is_required=False, streams=False,
     ),
     json="default",
     shared=("params_file", "namespace", "mask", "files"),
@@ -504,25 +478,19 @@ mapdeal plan examples/maps/office.yaml \\
 def plan(
     map: Annotated[  # noqa: A002 - what it is
         inputs.Map | Sequence[inputs.Map], Words("MAP...", typed=list[Path], streams=True)
-    ],
-    *,
-    robot: Annotated[Robot | None, Words()] = None,
+    ], *, robot: Annotated[Robot | None, Words()] = None,
     start: Annotated[Sequence[float] | None, POSE, Words("X,Y[,YAW]", start_of, "from")] = None,
     goals: Annotated[
         Sequence[PlanGoal | Sequence[float]] | Mapping[str, Sequence[float]],
         Words("[NAME=]X,Y[,YAW]", goals_of, "to", is_repeated=True),
     ] = (),
-    pairs: Annotated[Path | None, Words("FILE|-")] = None,
-    planner: str | None = None,
-    no_changes: bool = False,
-    layers: Annotated[Path | None, Words("OUT.npz")] = None,
+    pairs: Annotated[Path | None, Words("FILE|-")] = None, planner: str | None = None,
+    no_changes: bool = False, layers: Annotated[Path | None, Words("OUT.npz")] = None,
     expect: Annotated[Path | None, Words("PLAN.json")] = None,
     against: Annotated[
         Sequence[Robot],
         Words("FILE", lambda sets: [[*map(Path, t.split(","))] for t in sets], is_repeated=True),
-    ] = (),
-    mask: Annotated[inputs.Map | None, Words()] = None,
-    **reading: Unpack[inputs.Reading],
+    ] = (), mask: Annotated[inputs.Map | None, Words()] = None, **reading: Unpack[inputs.Reading],
 ) -> PlanReport | PlanTable | PairedPlans:  # fmt: skip
     """Show whether the robot's own planner finds a path, or the smallest change that lets it.
 
@@ -581,16 +549,16 @@ def plan(
     """
     settings = inputs.settings_of(**reading)
     if robot is None:
-        raise ParameterError("is required: the robot's Nav2 parameters", place="robot")
+        raise errors.ParameterError("is required: the robot's Nav2 parameters", place="robot")
     robots = [_robot_of(robot, settings.dialect, None)]
     robots += [_robot_of(file, settings.dialect, robots[0].namespace) for file in against]
     if pairs is not None:
-        inputs.refuse(
-            "applies to one start, not to pairs", start=start, goals=tuple(goals), layers=layers,
-            expect=expect, against=tuple(against), image=settings.image,
-        )  # fmt: skip
+        of_one: dict[str, Any] = {"start": start, "goals": tuple(goals), "layers": layers}
+        of_one |= {"expect": expect, "against": tuple(against), "image": settings.image}
+        inputs.refuse("applies to one start, not to pairs", **of_one)
     elif start is None or not goals:
-        raise ParameterError("both are required, unless pairs are given", place="start, goals")
+        rule = "both are required, unless pairs are given"
+        raise errors.ParameterError(rule, place="start, goals")
     first = pose_of((0.0, 0.0) if start is None else start, "start")
     places = _places_of(goals)
     work = inputs.Work.current.get()
@@ -600,7 +568,7 @@ def plan(
         listing.print_notes(work.terminal, "planned on")
         maps = [listed.path for listed in listing.maps]
     if not maps:
-        raise ParameterError("needs at least one", place="map")
+        raise errors.ParameterError("needs at least one", place="map")
     is_table = len(maps) * len(robots) > 1
     if is_table:
         rule = "applies to one map and one --params-file"
@@ -612,7 +580,7 @@ def plan(
     if layers is not None:
         check_ends_in_npz(layers)
         if work is None:
-            raise ParameterError("is written on the command line alone", place="layers")
+            raise errors.ParameterError("is written on the command line alone", place="layers")
         work.outputs.append(layers)
     also = [*files, *(over.files if over else ())]
     also += [Path(source) for source in maps if isinstance(source, str | PathLike)]
@@ -625,11 +593,11 @@ def plan(
         return [PlannerOnMap(opened, own, *chosen, over, up_to_kilted) for own, chosen in pairs]
 
     if is_table:
-        reports: list[PlanReport | MapdealError] = []
+        reports: list[PlanReport | errors.MapdealError] = []
         for source in maps:
             try:
                 found = [report_on(own, first, places, not no_changes) for own in works_on(source)]
-            except MapdealError as error:
+            except errors.MapdealError as error:
                 reports.append(error)
             else:  # without their costmaps
                 reports += [replace(report, work=replace(report.work)) for report in found]
@@ -669,19 +637,18 @@ def report_on(
 
 def _potential(work: PlannerOnMap, start: Pose, goals: Sequence[PlanGoal]) -> Any:
     if len(goals) != 1:
-        raise ParameterError("needs one goal", place="layers")
+        raise errors.ParameterError("needs one goal", place="layers")
     potential = getattr(work.listed.planner, "potential", None)
     if potential is None:
         rule = f"are those of NavFn, and {work.listed.name} is {work.listed.plugin}"
-        raise ParameterError(rule, place="layers")
-    potentials = potential(work.grid, start, goals[0].pose)
-    if potentials is None:
-        raise ParameterError("the start lies in the last half cell: Nav2's search has no place")
+        raise errors.ParameterError(rule, place="layers")
+    if (potentials := potential(work.grid, start, goals[0].pose)) is None:
+        rule = "the start lies in the last half cell: Nav2's search has no place"
+        raise errors.ParameterError(rule)
     return potentials
 
 
-def _differences(reports: Sequence[PlanReport | MapdealError], path: Path) -> Iterator[str]:
-    """Yield what differs between plans and those of a stored document."""
+def _differences(reports: Sequence[PlanReport | errors.MapdealError], path: Path) -> Iterator[str]:
     document = read_document(path)
     stored = [document] if len(reports) == 1 else document["plans"].items()
     if len(stored) != len(reports):
@@ -708,7 +675,6 @@ def _differences_of(report: PlanReport, document: JsonValue) -> Iterator[str]:
             before = stored[key].or_none(read)
             if before != now[key]:
                 yield f"{label}: {key} {now[key]}, expected {before}"
-        before = stored["length_m"].or_none(JsonValue.number)
-        length = now["length_m"]
+        before, length = stored["length_m"].or_none(JsonValue.number), now["length_m"]
         if before is not None and length is not None and abs(before - length) > _SAME:
             yield f"{label}: {length:.6g} m, expected {before:.6g} m"

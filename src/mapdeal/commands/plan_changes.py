@@ -9,26 +9,19 @@ import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import capture_warnings
+from mapdeal.grid import values as codes
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Frame, as_float32
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Bottleneck, Goal
 from mapdeal.grid.reaching import Ground, reach_on, squares_to
-from mapdeal.grid.values import (
-    FREE,
-    INSCRIBED_INFLATED_OBSTACLE,
-    LETHAL_OBSTACLE,
-    NO_INFORMATION,
-    OCCUPIED,
-    UNKNOWN,
-)
 from mapdeal.kernels.navfn import UNREACHED
 from mapdeal.pipeline.folder import rounded_place
 from mapdeal.pipeline.inputs import KeepoutMask, MapInput
@@ -50,8 +43,8 @@ _STEPS_AFTER = 4  # tried beyond a value with a path, to see whether the path st
 _MOST_OBSTACLES = 20  # that are removed one at a time
 _LARGEST_OBSTACLE = 5.0  # square metres
 _WHY_CLOSED = {
-    INSCRIBED_INFLATED_OBSTACLE: "nearer to an obstacle than the inscribed radius",
-    LETHAL_OBSTACLE: "in an obstacle", NO_INFORMATION: "in unknown space",
+    codes.INSCRIBED_INFLATED_OBSTACLE: "nearer to an obstacle than the inscribed radius",
+    codes.LETHAL_OBSTACLE: "in an obstacle", codes.NO_INFORMATION: "in unknown space",
 }  # fmt: skip
 _EIGHT_NEIGHBOURS = np.ones((3, 3), bool)
 _CACHED_BYTES = 1 << 26  # of costmaps
@@ -81,7 +74,6 @@ class PlannerOnMap:
         return self.costmap_on(self.robot, self.source.occupancy)
 
     def costmap_on(self, robot: RobotParameters, grid: OccupancyGrid) -> Costmap:
-        """Return the costmap that a robot has of a map."""
         mask = self.mask if robot.why_mask_unused is None else None
         costs: Any = grid
         for step in load_recipe(None, robot=robot).steps:
@@ -108,21 +100,19 @@ class PlannerOnMap:
         with capture_warnings():
             robot, problems = robot_in(
                 self.parameters, namespace=self.robot.namespace, up_to_kilted=self.up_to_kilted,
-                overrides=values,
-            )  # fmt: skip
+                overrides=values)  # fmt: skip
             if robot is None or any(problem.level == "refused" for problem in problems):
                 return None
             return grid_of(self.costmap_on(robot, self.source.occupancy), robot)
 
     def plan_with(self, start: Pose, goal: Pose, override: Override) -> Plan:
-        """Return the plan with another value of a parameter of the costmap."""
         if (grid := self._grids(override)) is None:
             return no_plan("PlannerException")
         return plan_quickly(self.listed, grid, start, goal)
 
     @cached_property
     def _clearances(self) -> NDArray[np.float64]:
-        squares = squares_to(self.grid.costs == LETHAL_OBSTACLE)
+        squares = squares_to(self.grid.costs == codes.LETHAL_OBSTACLE)
         return np.asarray(np.sqrt(squares) * self.grid.resolution)
 
     def least_clearance(self, plan: Plan) -> tuple[float, tuple[float, float]]:
@@ -148,7 +138,7 @@ class PlannerOnMap:
         x, y = _centres(self, rows, cols)
         nearest = int(np.argmin((x - goal[0]) ** 2 + (y - goal[1]) ** 2))
         is_unknown_open = self.listed.settings.get("allow_unknown", True)
-        closed_costs = _WHY_CLOSED.keys() - ({NO_INFORMATION} if is_unknown_open else set())
+        closed_costs = _WHY_CLOSED.keys() - ({codes.NO_INFORMATION} if is_unknown_open else set())
         texts = []
         for end, cell in cells.items():
             cost = int(self.grid.costs[cell])
@@ -160,7 +150,7 @@ class PlannerOnMap:
     def plan_without(self, start: Pose, goal: Pose, cleared: Mask) -> Plan:
         """Return the plan on the map with some cells made free."""
         grid = self.source.occupancy
-        cells = np.where(cleared, np.int8(FREE), np.asarray(grid.occupancy))
+        cells = np.where(cleared, np.int8(codes.FREE), np.asarray(grid.occupancy))
         with capture_warnings():
             costs = self.costmap_on(self.robot, OccupancyGrid(cells, grid.resolution, grid.origin))
             return plan_quickly(self.listed, grid_of(costs, self.robot), start, goal)
@@ -168,23 +158,12 @@ class PlannerOnMap:
 
 def grid_of(costs: Costmap, robot: RobotParameters) -> PlannerGrid:
     """Return a costmap as planners see it."""
-    is_round = robot.robot_radius is not None
+    vertices = np.array(robot.footprint.vertices, dtype=np.float64)
+    shape = vertices if robot.robot_radius is None else None
+    origin = float(costs.origin[0]), float(costs.origin[1])
     return PlannerGrid(
-        np.ascontiguousarray(costs.cost),
-        as_float32(costs.resolution),
-        (float(costs.origin[0]), float(costs.origin[1])),
-        None if is_round else np.array(robot.footprint.vertices, dtype=np.float64),
+        np.ascontiguousarray(costs.cost), as_float32(costs.resolution), origin, shape
     )
-
-
-def _open_cells(values: Mapping[str, Any], grid: PlannerGrid, start: Pose, size: int) -> Mask:
-    """Return the cells that a robot's centre may be in, with a square of `size` at its start."""
-    is_open = grid.costs < INSCRIBED_INFLATED_OBSTACLE
-    if values.get("allow_unknown", True):
-        is_open |= grid.costs == NO_INFORMATION
-    row, col = grid.cell_of(start) or (0, 0)
-    is_open[row : row + size, col : col + size] = True
-    return is_open
 
 
 def _cells_near(values: Mapping[str, Any], grid: PlannerGrid, goal: Pose) -> Mask:
@@ -203,7 +182,11 @@ def _regions(listed: ListedPlanner, grid: PlannerGrid, start: Pose) -> NDArray[n
 
     is_diagonal = listed.planner is None or listed.planner.moves_diagonally
     size = 1 if listed.planner is not None and is_diagonal else 2  # NavFn rounds the start up
-    is_open = _open_cells(listed.settings, grid, start, size)
+    is_open = grid.costs < codes.INSCRIBED_INFLATED_OBSTACLE
+    if listed.settings.get("allow_unknown", True):
+        is_open |= grid.costs == codes.NO_INFORMATION
+    row, col = grid.cell_of(start) or (0, 0)
+    is_open[row : row + size, col : col + size] = True
     if listed.planner is None:
         # planners with headings check poses that are up to three cells apart
         is_open = ndimage.binary_dilation(is_open, _EIGHT_NEIGHBOURS, iterations=2)
@@ -243,9 +226,6 @@ class Adjustment:
     scales: Sequence[float] = ()  # of a footprint, for each candidate
     inscribed_radius: float = 0.0
 
-    def planned(self, index: int) -> Plan:
-        return self.plan(self.candidates[index])
-
     def change(self, index: int, *, is_monotonic: bool = True) -> Change:
         """Return the change to a candidate; -1 stands for the value itself."""
         value = self.value if index < 0 else self.candidates[index]
@@ -260,18 +240,19 @@ class Adjustment:
 
 
 def first_success(
-    count: int, plan: Callable[[int], Plan], *, current_plan: Plan
+    candidates: Sequence[Any], plan: Callable[[Any], Plan], *, current_plan: Plan
 ) -> tuple[int, bool] | None:
-    """Return the first of `count` candidates with a path, and whether paths stay beyond it.
+    """Return the index of the first candidate with a path, and whether paths stay beyond it.
 
     Reaching the goal is assumed to be monotonic. Finding a path is not: tracing it back may fail
     for single values.
     """
+    count = len(candidates)
     plans: dict[int, Plan] = {}
 
     def planned(index: int) -> Plan:
         if index not in plans:
-            plans[index] = plan(index)
+            plans[index] = plan(candidates[index])
         return plans[index]
 
     def reaches(index: int) -> bool:
@@ -294,14 +275,14 @@ def changes_for(work: PlannerOnMap, start: Pose, goal: Pose, plan: Plan) -> list
         return None
     if plan.reason in ("StartOutsideMapBounds", "GoalOutsideMapBounds"):
         return []
-    changes = []
-    for adjustment in _Query(work, start, goal).adjustments(plan):
-        count = len(adjustment.candidates)
-        if success := first_success(count, adjustment.planned, current_plan=plan):
-            changes.append(adjustment.change(success[0], is_monotonic=success[1]))
+    changes = [
+        adjustment.change(success[0], is_monotonic=success[1])
+        for adjustment in _Query(work, start, goal).adjustments(plan)
+        if (success := first_success(adjustment.candidates, adjustment.plan, current_plan=plan))
+    ]
     if not plan.is_reached:
-        lethal = work.grid.costs == LETHAL_OBSTACLE
-        occupied = lethal & (np.asarray(work.source.occupancy.occupancy) > FREE)
+        lethal = work.grid.costs == codes.LETHAL_OBSTACLE
+        occupied = lethal & (np.asarray(work.source.occupancy.occupancy) > codes.FREE)
         changes += _wider_passage(work, start, goal, plan, occupied)
         changes += _obstacle_in_the_way(work, start, goal, occupied)
     return changes
@@ -369,7 +350,6 @@ class _Query:
         return self.of_costmap("footprint", "string", text, [*map(scaled, scales)], scales=scales)
 
     def adjustments(self, plan: Plan) -> Iterator[Adjustment]:
-        """Yield the adjustments that may make a path exist."""
         work, robot, values = self.work, self.work.robot, self.work.planner.values
         for layer in robot.inflation_layers:
             name, radius = f"{layer.name}.inflation_radius", layer.inflation_radius
@@ -401,11 +381,8 @@ class _Query:
     def margins(self) -> Iterator[Adjustment]:
         """Yield the adjustments that may lose a path."""
         radius, values = self.work.robot.robot_radius or 0.0, self.work.planner.values
-        radii, scales = (
-            _steps_up(radius, radius + _LARGEST_INCREASE),
-            _steps_up(1.0, _LARGEST_SCALE),
-        )
-        yield self.of_size(radii, scales)
+        radii = _steps_up(radius, radius + _LARGEST_INCREASE)
+        yield self.of_size(radii, _steps_up(1.0, _LARGEST_SCALE))
         if "tolerance" in values:
             yield self.of_planner("tolerance", _steps_down(values["tolerance"], 0.0))
         if values.get("allow_unknown"):
@@ -426,11 +403,10 @@ def _wider_passage(
     squares = (x - place["x"]) ** 2 + (y - place["y"]) ** 2
     widths = _steps_up(limit.width - 2 * _STEP, limit.width + _LARGEST_INCREASE)
 
-    def plan_with(index: int) -> Plan:
-        cleared = occupied & (squares <= (widths[index] / 2) ** 2)
-        return work.plan_without(start, goal, cleared)
+    def plan_with(width: float) -> Plan:
+        return work.plan_without(start, goal, occupied & (squares <= (width / 2) ** 2))
 
-    if success := first_success(len(widths), plan_with, current_plan=plan):
+    if success := first_success(widths, plan_with, current_plan=plan):
         index, is_monotonic = success
         change = {"map": "passage", **place, "from": round(limit.width, 6), "width": widths[index]}
         yield change if is_monotonic else {**change, "monotonic": False}
@@ -441,23 +417,20 @@ def _bottleneck(work: PlannerOnMap, start: Pose, goal: Pose) -> Bottleneck | Non
     costs, grid = work.grid.costs, work.grid
     height, width = costs.shape
     frame = Frame(height, width, grid.resolution, (*grid.origin, 0.0))  # planners ignore the yaw
-    cells = np.where(costs == NO_INFORMATION, np.int8(UNKNOWN), np.int8(FREE))
-    cells[costs == LETHAL_OBSTACLE] = OCCUPIED
+    cells = np.where(costs == codes.NO_INFORMATION, np.int8(codes.UNKNOWN), np.int8(codes.FREE))
+    cells[costs == codes.LETHAL_OBSTACLE] = codes.OCCUPIED
     ground = Ground(cells, frame, work.planner.flag("allow_unknown"))
     if ground.blocked[grid.cell_of(start)]:
         return None
     # Points on the map's border may lie outside by the last bit: the middles of their cells do not.
     start_xy, goal_xy = (_centres(work, *(grid.cell_of(pose) or (0, 0))) for pose in (start, goal))
     with capture_warnings():
-        reach = reach_on(
-            ground, None, start=start_xy, goals=[Goal(*goal_xy)], headings=4, margin=0.0,
-            min_area=math.inf,
-        )  # fmt: skip
+        reach = reach_on(ground, None, start=start_xy, goals=[Goal(*goal_xy)], headings=4,
+                         margin=0.0, min_area=math.inf)  # fmt: skip
     return reach.goals[0].limited_by
 
 
 def _centres(work: PlannerOnMap, rows: Any, cols: Any) -> tuple[Any, Any]:
-    """Return x and y of the centres of cells."""
     (x, y), resolution = work.grid.origin, work.grid.resolution
     return x + (cols + 0.5) * resolution, y + (rows + 0.5) * resolution
 
@@ -498,10 +471,8 @@ def _obstacles_between(
     grid = work.grid
     regions = _regions(work.listed, grid, start)
     near_goal = _cells_near(work.planner.values, grid, goal)
-    places = ndimage.distance_transform_edt(
-        labels == 0, return_distances=False, return_indices=True
-    )
-    nearest_label = labels[tuple(places)]
+    nearest = partial(ndimage.distance_transform_edt, return_distances=False, return_indices=True)
+    nearest_label = labels[tuple(nearest(labels == 0))]
 
     def labels_beside(region: Mask) -> set[int]:
         is_beside = ndimage.binary_dilation(region, _EIGHT_NEIGHBOURS) & (regions == 0)
