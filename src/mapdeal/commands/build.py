@@ -98,12 +98,10 @@ def _built(
     if vanished := built.vanished:
         x, y = vanished.middles_xy(built.grid.frame)[0]
         largest = "it" if len(vanished) == 1 else "the largest"
-        emit_warning(
-            f"{source.named}: {count_text(len(vanished), 'group')} of cells hit {OFTEN} times and "
-            f"more left nothing occupied within {NEAR} cells; {largest} has {vanished.sizes[0]} "
-            f"cells, around {x:.2f}, {y:.2f}; {builder.advice(vanished)}; --compare shows what "
-            "each method loses"
-        )
+        text = f"{count_text(len(vanished), 'group')} of cells hit {OFTEN} times and more left "
+        text += f"nothing occupied within {NEAR} cells; {largest} has {vanished.sizes[0]} cells, "
+        text += f"around {x:.2f}, {y:.2f}; {builder.advice(vanished)}"
+        emit_warning(f"{source.named}: {text}; --compare shows what each method loses")
     return built
 
 
@@ -286,10 +284,8 @@ class Comparison(Result):
             first, second, cells = pair["first"], pair["second"], pair["cells"]
             only_first = sum(cells["occupied"][state] for state in ("free", "unknown"))
             only_second = sum(cells[state]["occupied"] for state in ("free", "unknown"))
-            yield (
-                f"  {first}, {second}: {pair['differing']} cells differ, {only_first} occupied "
-                f"only by {first}, {only_second} only by {second}"
-            )
+            text = f"  {first}, {second}: {pair['differing']} cells differ, {only_first} occupied"
+            yield f"{text} only by {first}, {only_second} only by {second}"
 
 
 def _map_of_world(
@@ -493,21 +489,19 @@ def build(
                ranges=ranges, flip_y=flip_y, topics=topics, deskew=deskew, method=method,
                compare=compare, as_written=as_written, layers=layers, **frames, **more,
                range_min=range_min or None, **changed)  # fmt: skip
-        return build_from_world(
-            world, output, work, options=WorldOptions(**world_options), robot_options=cloud_options,
-            model_path=model_path, resolution=0.05 if resolution is None else resolution,
-            size=size, origin=origin,
-        )  # fmt: skip
+        return build_from_world(world, output, work, options=WorldOptions(**world_options),
+                                robot_options=cloud_options, model_path=model_path,
+                                resolution=0.05 if resolution is None else resolution, size=size,
+                                origin=origin)  # fmt: skip
     refuse("applies to worlds: it needs --world", model_path=model_path, **world_options)
     if clouds:
         refuse("applies to laser scans, not to clouds", log=log, angles=angles, ranges=ranges,
                flip_y=flip_y, deskew=deskew, method=method, compare=compare, as_written=as_written,
                **changed, **more)  # fmt: skip
-        return build_from_clouds(
-            clouds, output, work, options=CloudOptions(**cloud_options), resolution=resolution,
-            size=size, origin=origin, layers=layers, range_min=range_min, poses=poses,
-            topics=topics, frames=frames,
-        )  # fmt: skip
+        return build_from_clouds(clouds, output, work, options=CloudOptions(**cloud_options),
+                                 resolution=resolution, size=size, origin=origin, layers=layers,
+                                 range_min=range_min, poses=poses, topics=topics,
+                                 frames=frames)  # fmt: skip
     refuse("applies to clouds: it needs --cloud", **cloud_options)
     resolution = 0.05 if resolution is None else resolution
     chosen: dict[mapping.Method, dict[str, Any]] = {method or "log-odds": more}
@@ -556,7 +550,6 @@ def build(
 def _compared(
     source: ScanSource, folder: Path, building: _Building, work: Work, advance: Advance
 ) -> Comparison:
-    """Make maps from scans by several methods on one grid; write maps and differences."""
     need_folder(folder)
     methods = combinations(building.methods, 2)
     pairs = {(first, second): folder / f"{first}_{second}.png" for first, second in methods}
@@ -568,8 +561,15 @@ def _compared(
     builders, seconds = _builders(source, building, _COMPARE_BYTES_PER_CELL, advance)
     first_builder = next(iter(builders.values()))
     counts, (hit_cells, groups) = first_builder.counts, first_builder.hit_groups()
-    del first_builder  # `_results` frees its memory
-    results, bytes_per_cell = _results(builders, seconds)
+    del first_builder  # which would keep its memory
+    bytes_per_cell = {method: builder.bytes_per_cell for method, builder in builders.items()}
+    results: dict[mapping.Method, mapping.BuiltMap] = {}
+    # the method with the largest evidence comes first, so that its memory is free for the others
+    for method in sorted(builders, key=lambda method: -bytes_per_cell[method]):
+        started = time.perf_counter()
+        results[method] = builders.pop(method).result(with_layers=False)
+        seconds[method] += time.perf_counter() - started
+    results = {method: results[method] for method in bytes_per_cell}
     grid = next(iter(results.values())).grid
     _warn_if_unknown(grid, source.named)
     name = Path(source.named.name.removesuffix(".gz")).stem
@@ -582,7 +582,14 @@ def _compared(
     pair_figures = []
     for pair, path in pairs.items():
         first, second = (states_of(results[method].grid.occupancy) for method in pair)
-        pair_figures.append(_pair_figures(pair, first, second))
+        table = confusion_of(first, second)[:3, :3]
+        figures = {
+            "first": pair[0],
+            "second": pair[1],
+            "differing": int(table.sum() - table.trace()),
+        }
+        rows = [dict(zip(_STATES, row, strict=True)) for row in table.tolist()]
+        pair_figures.append({**figures, "cells": dict(zip(_STATES, rows, strict=True))})
         title = one_line(f"{name}: {pair[0]} and {pair[1]}")
         look = {"title": title, "image_extent": work.settings.image_extent, "only_in": pair}
         transaction.write(path, partial(_draw_changes, first, second, grid.frame, look))
@@ -608,18 +615,6 @@ def _draw_changes(first: States, second: States, frame: Frame, look: Any, file: 
     write_png(file, image.indices, image.palette)
 
 
-def _results(
-    builders: dict[mapping.Method, mapping.MapBuilder], seconds: dict[mapping.Method, float]
-) -> tuple[dict[mapping.Method, mapping.BuiltMap], dict[mapping.Method, int]]:
-    results, sizes = {}, {method: builder.bytes_per_cell for method, builder in builders.items()}
-    # the method with the largest evidence comes first, so that its memory is free for the others
-    for method in sorted(builders, key=lambda method: -sizes[method]):
-        started = time.perf_counter()
-        results[method] = builders.pop(method).result(with_layers=False)
-        seconds[method] += time.perf_counter() - started
-    return {method: results[method] for method in sizes}, sizes
-
-
 def _method_figures(built: mapping.BuiltMap, bytes_per_cell: int) -> Figures:
     grid, vanished = built.grid, built.vanished
     middles = vanished.middles_xy(grid.frame)[:_MOST_VANISHED].tolist()
@@ -639,12 +634,3 @@ def _method_figures(built: mapping.BuiltMap, bytes_per_cell: int) -> Figures:
     ]
     size = bytes_per_cell * grid.occupancy.size
     return {**figures, "bytes_per_cell": bytes_per_cell, "memory_bytes": size}
-
-
-def _pair_figures(
-    pair: tuple[mapping.Method, mapping.Method], first: States, second: States
-) -> Figures:
-    table = confusion_of(first, second)[:3, :3]
-    differing, rows = int(table.sum() - table.trace()), zip(_STATES, table.tolist(), strict=True)
-    cells = {state: dict(zip(_STATES, row, strict=True)) for state, row in rows}
-    return {"first": pair[0], "second": pair[1], "differing": differing, "cells": cells}

@@ -82,7 +82,13 @@ def _of_files(names: Sequence[str], poses: Path | None) -> _Clouds:
     sensors: list[tuple[Any, Any]] = [(None, None)] * len(paths)
     places = None
     if poses is not None:
-        moves, turns = _poses_in(poses)
+        if has_times(poses):
+            _, moves, quaternions = read_trajectory(poses)
+            turns = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+        else:
+            planar = read_poses(poses)
+            moves = np.column_stack([planar[:, :2], np.zeros(len(planar))])
+            turns = from_yaw(planar[:, 2])
         if len(paths) == 1:
             places = moves  # of the robot in a map
         elif len(moves) != len(paths):
@@ -111,14 +117,6 @@ def _of_files(names: Sequence[str], poses: Path | None) -> _Clouds:
     files = (*paths, *([] if poses is None else [poses]))
     has_places = poses is not None and places is None
     return _Clouds(named, files, steps, placed, places, has_places)
-
-
-def _poses_in(path: Path) -> tuple[Points, Points]:
-    if has_times(path):
-        _, moves, quaternions = read_trajectory(path)
-        return moves, quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-    planar = read_poses(path)
-    return np.column_stack([planar[:, :2], np.zeros(len(planar))]), from_yaw(planar[:, 2])
 
 
 def _of_bag(path: Path, topics: Sequence[str], frames: FrameOptions, stack: ExitStack) -> _Clouds:
@@ -209,17 +207,14 @@ def _warnings_on(cloud_map: CloudMap, options: CloudOptions) -> Iterator[str]:
 
 def _notes_on(figures: Figures) -> Iterator[str]:
     floor, obstacle = (f"{100 * figures[name]:.1f} %" for name in ("floor_share", "obstacle_share"))
-    yield (
-        f"  {figures['points']} points: floor {figures['floor_m2']:.5g} m2 ({floor}), "
-        f"obstacles {figures['obstacle_m2']:.5g} m2 ({obstacle})"
-    )
+    text = f"  {figures['points']} points: floor {figures['floor_m2']:.5g} m2 ({floor}), "
+    yield f"{text}obstacles {figures['obstacle_m2']:.5g} m2 ({obstacle})"
     low, high = figures["floor_height_min"], figures["floor_height_max"]
     if figures["at_sensor"]:
         yield f"  {figures['at_sensor']} points at the sensor are left out"
-    yield (
-        f"  floor at {low:.2f} to {high:.2f} m, tilted by {figures['tilt_deg']:.2f} degrees; "
-        f"noise {figures['noise']:.3f} m, obstacles from {figures['clearance']:.2f} m above it"
-    )
+    text = f"  floor at {low:.2f} to {high:.2f} m, tilted by {figures['tilt_deg']:.2f} degrees; "
+    text += f"noise {figures['noise']:.3f} m, "
+    yield f"{text}obstacles from {figures['clearance']:.2f} m above it"
 
 
 def _clouds_of(

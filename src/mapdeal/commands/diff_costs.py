@@ -39,10 +39,8 @@ _LIBRARIES = 18_000_000  # bytes of scipy.ndimage
 _PER_CELL, _PER_LINE = 30, 12  # bytes for each cell, row and column around both costmaps
 _PER_CELL_OF_ROBOTS = 175.0  # bytes of both costmaps, their difference and one reach
 Pair = tuple[Any, Any]
-_WORDS = {
-    "closed": "now 253 or more", "opened": "no longer 253 or more", "unknown": "now unknown",
-    "known": "no longer unknown", "rose": "cost more", "fell": "cost less",
-}  # fmt: skip
+_WORDS = {"closed": "now 253 or more", "opened": "no longer 253 or more", "unknown": "now unknown",
+          "known": "no longer unknown", "rose": "cost more", "fell": "cost less"}  # fmt: skip
 
 
 def change_text(change: difference.CostChange) -> str:
@@ -361,8 +359,14 @@ def robots_compared(
              for step, keepout in zip(steps, masks, strict=True)]  # fmt: skip
     before, after = _reaches(source, robots, start, goals, masks)
     pairs = list(zip(before.goals, after.goals, strict=True))
+    first, second = map(_parameters_of, robots)
+    parameters = {
+        name: (value, second[name])
+        for name, value in first.items()
+        if name in second and value_text(value) != value_text(second[name])
+    }
     return RobotDiff(
-        source, robots, _differing_parameters(*robots), difference.compare_costmaps(*costs),
+        source, robots, parameters, difference.compare_costmaps(*costs),
         (costs[0], costs[1]), (before, after), _closing(before, after), _closing(after, before),
         tuple(result for earlier, result in pairs if earlier.reachable and not result.reachable),
         tuple(result for earlier, result in pairs if result.reachable and not earlier.reachable),
@@ -420,15 +424,6 @@ def _near(passage: Passage, reach: Reach, layer: NDArray[np.uint8]) -> bool:
 def _is_same(first: Passage, second: Passage, reach: Reach) -> bool:
     nearest = max(2 * reach.resolution, max(first.width, second.width) / 2)
     return math.dist((first.x, first.y), (second.x, second.y)) <= nearest
-
-
-def _differing_parameters(first: RobotParameters, second: RobotParameters) -> dict[str, Pair]:
-    values = _parameters_of(second)
-    return {
-        name: (value, values[name])
-        for name, value in _parameters_of(first).items()
-        if name in values and value_text(value) != value_text(values[name])
-    }
 
 
 def _parameters_of(robot: RobotParameters) -> dict[str, Any]:

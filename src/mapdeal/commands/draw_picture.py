@@ -36,9 +36,8 @@ from mapdeal.pipeline.settings import Settings
 
 Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | Merged | Score | CostCurve
 
-_NOTHING_OVER = {
-    DiffReport: "a comparison", Merged: "merged maps", Score: "a score", CostCurve: "a cost curve"
-}  # fmt: skip
+_NOTHING_OVER = {DiffReport: "a comparison", Merged: "merged maps", Score: "a score",
+                 CostCurve: "a cost curve"}  # fmt: skip
 _GRIDS = (OccupancyGrid, Costmap, DistanceField, PotentialField, Reach)
 
 # Pixels along the longest side: a notebook keeps its pictures, and shows few more. Maps of up to

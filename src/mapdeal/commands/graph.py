@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 from mapdeal.command import ABOVE_0, METRES, POSE, Output, Result, Words, command
 from mapdeal.commands.reach import goals_of, lethal_costs, start_of
@@ -228,9 +228,7 @@ def graph_of(
         if options.keep_from_unknown is not None:
             published = grid.to_occupancy() if isinstance(grid, Costmap) else grid
             mask = graph_drafts.band_around_unknown(published, options.keep_from_unknown)
-        found = step.apply(grid, source.path, mask=mask)
-        if not isinstance(found, Reach):
-            raise TypeError("the stage reach must make a Reach")
+        found = cast("Reach", step.apply(grid, source.path, mask=mask))
         if missed := next((goal for goal in found.goals if not goal.reachable), None):
             why = missed.stopped_by or "no way leads there"
             raise FindingError(f"goal {missed.goal.label} is not reachable: {why}")

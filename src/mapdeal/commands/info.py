@@ -214,10 +214,9 @@ def figures_of(path: Path, kind: FileKind) -> Report:
         return kind.figures()
     from mapdeal.sensors import clouds, scans  # not loaded for a map
 
-    readers = {
-        "PLY": clouds.ply_figures, "PCD": clouds.pcd_figures, "OctoMap": clouds.octree_figures,
-        "npy": clouds.npy_figures, "CARMEN": scans.log_figures,
-    }  # fmt: skip
+    readers = {"PLY": clouds.ply_figures, "PCD": clouds.pcd_figures,
+               "OctoMap": clouds.octree_figures, "npy": clouds.npy_figures,
+               "CARMEN": scans.log_figures}  # fmt: skip
     return readers[kind.form](path)
 
 
@@ -303,8 +302,12 @@ def _robot_of_run(robot: Any) -> str:
 
 def _rows_of_file(report: Report) -> Iterator[Row]:
     yield "kind", str(report["is"])
-    if report["figures"]:
-        yield "holds", _measured(report["figures"])
+    parts = []
+    for name, value in report["figures"].items():
+        text = f"{value} {name}" if isinstance(value, int) else f"{name} {format_value(value)}"
+        parts.append(text.removesuffix("s") if value == 1 else text)
+    if parts:
+        yield "holds", ", ".join(parts)
     yield "use", str(report["use"])
 
 
@@ -320,14 +323,6 @@ def _listed(values: object, *, with_values: bool = True) -> str:
         return format_value(values)
     return ", ".join(f"{key} {format_value(value)}" if with_values else key
                      for key, value in values.items())  # fmt: skip
-
-
-def _measured(figures: Report) -> str:
-    parts = []
-    for name, value in figures.items():
-        text = f"{value} {name}" if isinstance(value, int) else f"{name} {format_value(value)}"
-        parts.append(text.removesuffix("s") if value == 1 else text)
-    return ", ".join(parts)
 
 
 def _rows_of_map(report: Report) -> Iterator[Row]:

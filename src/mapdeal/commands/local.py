@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import numpy as np
 
@@ -132,18 +132,16 @@ class WindowPlanner:
         lows = np.array([window.origin[:2] for window in costs])
         shapes = np.array([window.shape for window in costs])
         places = np.rint((lows - lows.min(axis=0)) / side).astype(int)[:, ::-1]
-        values = np.full((places + shapes).max(axis=0), costs[0].unknown_value)
+        extent, kind = (places + shapes).max(axis=0), costs[0].cost.dtype
+        values: Any = np.full(extent, costs[0].unknown_value, kind)
         for window, (row, col), (height, width) in zip(costs, places, shapes, strict=True):
             values[row : row + height, col : col + width] = window.cost
-        layer: Any = values.astype(costs[0].cost.dtype)
-        return Costmap(layer, side, (*lows.min(axis=0).tolist(), yaw), costs[0].scale)
+        return Costmap(values, side, (*lows.min(axis=0).tolist(), yaw), costs[0].scale)
 
     def costs_in(self, folder: Path) -> Costmap:
         with adding_warnings([]):  # the run that wrote these costs has shown its warnings
-            costs = read_map(folder / f"{self.common.recipe.steps[-1].stage.product}.npz")
-        if not isinstance(costs, Costmap):
-            raise TypeError("the recipe of a planner ends in costs")
-        return costs
+            file = folder / f"{self.common.recipe.steps[-1].stage.product}.npz"
+            return cast("Costmap", read_map(file))
 
     def write(
         self, files: tuple[Path, Path], document: Any, costs: Costmap, title: str, overlay: Overlay
@@ -153,13 +151,6 @@ class WindowPlanner:
             transaction.write_json(files[0], document)
             if settings.images:
                 write_picture(transaction, files[1], costs, title, settings, overlay)
-
-
-def describe(route: Route, path: Path) -> str:
-    if not (route.reached or route.beyond_window):
-        raise FindingError("no route leads to the goal, nor to the border", source=path)
-    ending = "to the goal" if route.reached else "to the border, the goal is beyond it"
-    return f"{path}: {route.length:.2f} m {ending}"
 
 
 @command(
@@ -350,7 +341,11 @@ def _single(
 ) -> RunReport:
     report = local_maps.make_local(job, common)
     if planner is not None:
-        work.terminal.summary([describe(planner.plan(job), job.folder / ROUTE)])
+        route, path = planner.plan(job), job.folder / ROUTE
+        if not (route.reached or route.beyond_window):
+            raise FindingError("no route leads to the goal, nor to the border", source=path)
+        ending = "to the goal" if route.reached else "to the border, the goal is beyond it"
+        work.terminal.summary([f"{path}: {route.length:.2f} m {ending}"])
     return report
 
 

@@ -149,7 +149,6 @@ class GoalPlan(OneLineRepr):
 
 
 def plan_entries(plan: Plan) -> dict[str, Any]:
-    """Return the verdict of a plan for JSON, and its length and cost."""
     entries: dict[str, Any] = {"found": plan.found if plan.is_known else None}
     entries |= {"reason": plan.reason} | ({} if plan.detail is None else {"detail": plan.detail})
     entries["length_m"] = rounded(plan.length) if plan.found else None
@@ -231,6 +230,7 @@ class PlanReport(Spread):
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
+        """Rows of a table, one for each goal."""
         head = self.work.source.name, str(self.work.robot.paths[-1])
         plans = ((plan.goal.label, plan.verdict, plan.best_change or "-") for plan in self.goals)
         return [(*head, *row) for row in plans]

@@ -42,10 +42,9 @@ _STEPS_BEYOND = 25  # tried where the goal can be reached, but the planner fails
 _STEPS_AFTER = 4  # tried beyond a value with a path, to see whether the path stays
 _MOST_OBSTACLES = 20  # that are removed one at a time
 _LARGEST_OBSTACLE = 5.0  # square metres
-_WHY_CLOSED = {
-    codes.INSCRIBED_INFLATED_OBSTACLE: "nearer to an obstacle than the inscribed radius",
-    codes.LETHAL_OBSTACLE: "in an obstacle", codes.NO_INFORMATION: "in unknown space",
-}  # fmt: skip
+_WHY_CLOSED = {codes.INSCRIBED_INFLATED_OBSTACLE: "nearer to an obstacle than the inscribed radius",
+               codes.LETHAL_OBSTACLE: "in an obstacle",
+               codes.NO_INFORMATION: "in unknown space"}  # fmt: skip
 _EIGHT_NEIGHBOURS = np.ones((3, 3), bool)
 _CACHED_BYTES = 1 << 26  # of costmaps
 
@@ -81,9 +80,7 @@ class PlannerOnMap:
                 costs, mask = step.apply(costs, self.source.path, mask=mask.grid), None
             else:
                 costs = step.apply(costs, self.source.path)
-        if not isinstance(costs, Costmap):
-            raise TypeError("the layers of a robot must end in costs")
-        return costs if mask is None else mask.over(costs)
+        return cast("Costmap", costs if mask is None else mask.over(costs))
 
     @cached_property
     def grid(self) -> PlannerGrid:
