@@ -80,8 +80,7 @@ class Written(Result):
 
 def convert_area(
     source: Path, read: Source, output: Path, transaction: Transaction, *,
-    of: outlines.Area | None = None,
-    tolerance: Annotated[float, AT_LEAST_0, METRES] | None = None,
+    of: outlines.Area | None = None, tolerance: Annotated[float, AT_LEAST_0, METRES] | None = None,
     start: Annotated[tuple[float, ...] | None, Words("X,Y[,YAW]", start_of, "from")] = None,
     footprint: Footprint | None = None,
 ) -> Written:  # fmt: skip

@@ -294,15 +294,10 @@ def value_text(value: Any) -> str:
 
 
 def compare_robots(
-    map: inputs.Map,  # noqa: A002 - what it is
-    first: RobotParameters,
-    second: RobotParameters,
-    *,
-    start: Annotated[tuple[float, ...], POSE] | None = None,
-    goals: Goals = (),
-    mask: Annotated[inputs.Map | None, Words()] = None,
-    **reading: Unpack[inputs.Reading],
-) -> RobotDiff:
+    map: inputs.Map, first: RobotParameters, second: RobotParameters, *,  # noqa: A002 - what it is
+    start: Annotated[tuple[float, ...], POSE] | None = None, goals: Goals = (),
+    mask: Annotated[inputs.Map | None, Words()] = None, **reading: Unpack[inputs.Reading],
+) -> RobotDiff:  # fmt: skip
     """Compare the costs and reach of two versions of a robot's parameters on a map.
 
     Parameters

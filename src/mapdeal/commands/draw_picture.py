@@ -170,8 +170,7 @@ def write_picture(
     path: str | PathLike[str], shown: Drawable | Picture, *, title: str | None = None,
     route: Route | None = None, pose: Sequence[float] | None = None, robot: Footprint | None = None,
     image_max: int = overlay.DEFAULT_IMAGE_MAX,
-    image_extent: overlay.ImageExtent = overlay.DEFAULT_EXTENT,
-    force: bool = False,
+    image_extent: overlay.ImageExtent = overlay.DEFAULT_EXTENT, force: bool = False,
 ) -> None:  # fmt: skip
     """Write a picture of a grid, a result or a cost curve as a PNG.
 

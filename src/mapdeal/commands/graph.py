@@ -105,21 +105,17 @@ mapdeal graph examples/maps/office.yaml --robot-radius 0.22 \\
     --to kitchen=3,-4 lab=9,4 --slow-below 0.6 -o out/slow.geojson""",
 )
 def graph(
-    map: inputs.Map,  # noqa: A002 - what it is
-    *,
+    map: inputs.Map, *,  # noqa: A002 - what it is
     start: Annotated[tuple[float, ...] | None, POSE, Words("X,Y[,YAW]", start_of, "from")] = None,
     goals: Annotated[Sequence[Goal], Words("NAME=X,Y", goals_of, "to", is_repeated=True)] = (),
-    spacing: Annotated[float, ABOVE_0, METRES] = 2.0,
-    hall: Annotated[float, ABOVE_0, METRES] = 4.0,
+    spacing: Annotated[float, ABOVE_0, METRES] = 2.0, hall: Annotated[float, ABOVE_0, METRES] = 4.0,
     cover: Annotated[float, ABOVE_0, METRES] = 3.0,
     slow_below: Annotated[float | None, ABOVE_0, METRES] = None,
     one_way: graph_drafts.LaneSide | None = None,
     keep_from_unknown: Annotated[float | None, ABOVE_0, METRES] = None,
-    through_unknown: bool = False,
-    footprint: FootprintLike | None = None,
-    robot: Annotated[RobotParameters | None, Words()] = None,
-    **reading: Unpack[inputs.Reading],
-) -> PlannedGraph:
+    through_unknown: bool = False, footprint: FootprintLike | None = None,
+    robot: Annotated[RobotParameters | None, Words()] = None, **reading: Unpack[inputs.Reading],
+) -> PlannedGraph:  # fmt: skip
     """Make a graph of nodes and edges for Nav2's route server.
 
     Nodes lie in the middle of corridors, doors and crossings, and on a lattice in halls. Every edge
