@@ -83,11 +83,9 @@ class Alignment(Placement, Result):
             "bend_xy": None if self.bend_xy is None else list(self.bend_xy),
             "chosen_by": "score" if self.chosen is None else "user",
             "candidates": [
-                {
-                    **transform_document(candidate.transform), "score": candidate.score,
-                    "overlap": candidate.overlap, "agreement": candidate.agreement,
-                    "contradicting_m": candidate.contradicting,
-                }
+                {**transform_document(candidate.transform), "score": candidate.score,
+                 "overlap": candidate.overlap, "agreement": candidate.agreement,
+                 "contradicting_m": candidate.contradicting}
                 for candidate in self.candidates
             ],
         }  # fmt: skip

@@ -65,8 +65,6 @@ _CELLS = {"free": "free", "obstacles": "occupied", "known": "known", "reachable"
 
 @dataclass(frozen=True, repr=False)
 class Written(Result):
-    """The file written for another program, in words and in numbers."""
-
     output: Path
     figures: dict[str, Any]
     text: str

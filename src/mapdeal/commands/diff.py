@@ -125,10 +125,8 @@ class DiffReport(Difference, Result):
             "confusion": {state: dict(row) for state, row in self.confusion.items()},
             "symmetry": self.symmetry, "faults": finding.document_of(self.faults),
             "transform": self.transform and transform_document(self.transform),
-            "changes": [
-                {"kind": record.kind, "area_m2": record.area, "x": record.x, "y": record.y}
-                for record in self.largest_changes(_LISTED)[0]
-            ],
+            "changes": [{"kind": record.kind, "area_m2": record.area, "x": record.x, "y": record.y}
+                        for record in self.largest_changes(_LISTED)[0]],
             "walls": {name: shift and asdict(shift) for name, shift in shifts.items()},
             "bounds": {bound.name.replace("-", "_"): bound.document() for bound in self.bounds},
             "passes": self.passes,
@@ -151,14 +149,12 @@ class DiffReport(Difference, Result):
         for number, fault in enumerate(self.faults):
             yield f"  {'and' if number else 'B has':<9} {fault.text}"
         largest, unlisted = self.largest_changes(_SHOWN)
-        for change in largest:
-            yield f"  {change.kind:<9} {change.place}"
+        yield from (f"  {change.kind:<9} {change.place}" for change in largest)
         if unlisted:
             yield f"  {'':<9} and {count_text(unlisted, 'smaller change')}"
         yield f"  walls     {_shift_text('A to B', self.first_to_second)}"
         yield f"  walls     {_shift_text('B to A', self.second_to_first)}"
-        for bound in self.bounds:
-            yield f"  bound     {bound.text}"
+        yield from (f"  bound     {bound.text}" for bound in self.bounds)
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
         """Return the picture of `changes`."""

@@ -117,13 +117,13 @@ class CostmapDiff(Result):
         if self.bounds:
             verdict += f", {'within' if self.passes else 'beyond'} the bounds"
         yield f"{self.maps[0].name}, {self.maps[1].name}: {verdict}"
-        for name, (a, b) in self.costs.geometry.items():
-            yield f"  geometry  {name} {a} -> {b}"
+        yield from (
+            f"  geometry  {name} {a} -> {b}" for name, (a, b) in self.costs.geometry.items()
+        )
         yield from costs_lines(self.costs)
         if self.transform is not None:
             yield two_maps.moved_line(self.transform)
-        for bound in self.bounds:
-            yield f"  bound     {bound.text}"
+        yield from (f"  bound     {bound.text}" for bound in self.bounds)
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
         names = two_maps.names_of_two(*(Path(source.name) for source in self.maps))
@@ -253,10 +253,8 @@ class RobotDiff(Result):
         yield from costs_lines(self.costs)
         yield f"  reach     {self.reach_text()}"
         for word, passages in (("closes", self.closed), ("opens", self.opened)):
-            for passage in passages:
-                yield f"  {word:<9} passage {passage_text(passage)}"
-        for word, text in self.goal_rows():
-            yield f"  {word:<9} goal {text}"
+            yield from (f"  {word:<9} passage {passage_text(passage)}" for passage in passages)
+        yield from (f"  {word:<9} goal {text}" for word, text in self.goal_rows())
 
     def goal_rows(self) -> Iterator[tuple[str, str]]:
         """Yield "lost" or "gained" and the goal's name, with the reason if it is lost."""

@@ -1,7 +1,4 @@
-"""Draw into a map or costmap, or reset a part of it.
-
-Points are in metres in the map frame; the yaw of the map is honoured.
-"""
+"""``mapdeal edit``: draw into a map or costmap, or reset a part of it, at points in its frame."""
 
 from __future__ import annotations
 

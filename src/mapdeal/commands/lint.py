@@ -312,7 +312,6 @@ def lint(
 
 
 def _maps_and_robots(names: Sequence[str]) -> tuple[list[str], list[tuple[Path, ...]]]:
-    """Return the names of maps, and the parameter files of each robot."""
     groups = list(by_robot(names))
     maps = [name for flavour, group in groups if flavour is None for name in group]
     return maps, [tuple(map(Path, group)) for flavour, group in groups if flavour is not None]
@@ -335,8 +334,6 @@ def _no_standard_input() -> Iterable[bytes]:
 
 @dataclass
 class _Lint:
-    """The selected checks of parameter files, masks and maps; of many maps in processes."""
-
     selections: Selections
     settings: Settings
     radius: float | None = None
@@ -347,7 +344,6 @@ class _Lint:
         self, files: Sequence[Path], costmap: CostmapName | None, namespace: str | None,
         maps: Sequence[Path],
     ) -> list[MapReport]:  # fmt: skip
-        """Check a robot's parameter files, also against the frames of maps."""
         for path in maps:
             self.selections.of(path)  # errors in configurations come first
         named = ((path.name, _frame_of(path, self.settings)) for path in maps)
@@ -451,7 +447,6 @@ def _frame_of(path: Path, settings: Settings) -> Frame | None:
 
 
 def _are_worth_workers(paths: Sequence[Path], settings: Settings) -> bool:
-    """Return whether processes save more time than they take to start."""
     if len(paths) < 2:
         return False
     cells = _CELLS_PER_FILE * len(paths)
@@ -494,7 +489,6 @@ def _check_job(settings: Settings, radii: Mapping[Path, float], job: Job) -> che
 def repaired(
     path: Path, pair: PairFacts | None, *, max_cells: int | None = None
 ) -> tuple[OccupancyGrid, list[str]]:
-    """Return a repaired map, and a line on each change."""
     changes: list[str] = []
     with errors.capture_warnings():  # lint has reported these already
         if pair is not None:
@@ -620,7 +614,6 @@ def _repaired_copy(paths: Sequence[Path], output: Path, settings: Settings) -> L
 
 
 def _repaired_in_place(path: Path, checks_found: Collection[str], settings: Settings) -> list[str]:
-    """Repair a map in its own files; return a line on each change."""
     # In the YAML file only values are replaced: comments, order and other keys stay. A map that is
     # turned gets a new image beside the YAML, since other maps may use the old one.
     states = {path: source.state_of(path)}  # before the first read

@@ -165,11 +165,9 @@ def change_text(change: Change) -> str:
     elif "scale" in change:
         text = f"{change['parameter']} of {100 * change['scale']:.0f} % of its size"
     else:
-        was, value = (
-            f"{number:.10g}" if isinstance(number, float)
-            else json.dumps(number) if isinstance(number, bool) else str(number)
-            for number in (change["from"], change["to"])
-        )  # fmt: skip
+        was, value = (f"{number:.10g}" if isinstance(number, float)
+                      else json.dumps(number) if isinstance(number, bool) else str(number)
+                      for number in (change["from"], change["to"]))  # fmt: skip
         text = f"{change['parameter']} {value} (now {was})"
     text += f"; {change['note']}" if "note" in change else ""
     return text + ("" if change.get("monotonic", True) else "; some values beyond fail again")

@@ -55,8 +55,6 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class PlannerOnMap:
-    """A robot's planner, and the costmaps that it has of a map."""
-
     source: MapInput
     robot: RobotParameters
     parameters: Ros2Parameters
@@ -127,8 +125,7 @@ class PlannerOnMap:
             return None, None
         reached = _reached_cells(self.listed, self.grid, start)
         if compute_potential := getattr(self.listed.planner, "potential", None):
-            potential = compute_potential(self.grid, start, goal)
-            if potential is None:
+            if (potential := compute_potential(self.grid, start, goal)) is None:
                 return None, None  # the start lies in the last half cell
             reached = potential < UNREACHED
         rows, cols = np.nonzero(reached)
@@ -145,7 +142,6 @@ class PlannerOnMap:
         return place, " and ".join(texts) or None
 
     def plan_without(self, start: Pose, goal: Pose, cleared: Mask) -> Plan:
-        """Return the plan on the map with some cells made free."""
         grid = self.source.occupancy
         cells = np.where(cleared, np.int8(codes.FREE), np.asarray(grid.occupancy))
         with capture_warnings():
@@ -376,7 +372,6 @@ class _Query:
             yield self.of_planner("max_cycles_factor", factors)
 
     def margins(self) -> Iterator[Adjustment]:
-        """Yield the adjustments that may lose a path."""
         radius, values = self.work.robot.robot_radius or 0.0, self.work.planner.values
         radii = _steps_up(radius, radius + _LARGEST_INCREASE)
         yield self.of_size(radii, _steps_up(1.0, _LARGEST_SCALE))
@@ -390,8 +385,7 @@ def _wider_passage(
     work: PlannerOnMap, start: Pose, goal: Pose, plan: Plan, occupied: Mask
 ) -> Iterator[Change]:
     """Yield the narrowest passage with which the planner finds a path, at the first bottleneck."""
-    limit = _bottleneck(work, start, goal)
-    if limit is None:
+    if (limit := _bottleneck(work, start, goal)) is None:
         return
     height, width = work.grid.costs.shape
     x, y = _centres(work, np.arange(height)[:, np.newaxis], np.arange(width))
