@@ -41,7 +41,7 @@ from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.overlay import RingOverlay
 from mapdeal.pipeline.folder import write_picture
-from mapdeal.pipeline.inputs import InShell, Work, errors_named, need_folder, refuse
+from mapdeal.pipeline.inputs import InShell, Work, errors_named, need_folder, pop_parameters, refuse
 from mapdeal.pipeline.settings import Settings
 from mapdeal.sensors.scans import DEFAULT_MAX_BAD, ScanSource, ScanTexts, open_log
 from mapdeal.sensors.worlds import World, read_world
@@ -237,7 +237,7 @@ def build_map_from_log(
         be made.
     """
     settings = Settings(max_memory=max_memory, threads=threads)
-    frames = {name: more.pop(name) for name in parameters_of(FrameOptions) if name in more}
+    frames = pop_parameters(more, FrameOptions)
     if frames.get("mount") is not None:
         frames["mount"] = check_pose(frames["mount"], "mount")
     limits = BeamLimits(range_min, range_max, clear_max)
@@ -255,16 +255,13 @@ def _beams_line(figures: Figures) -> str:
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Result):
     figures: Figures
-    seconds: dict[mapping.Method, float]
     folder: Path
 
     def document(self) -> Figures:
-        methods = {method: {**figures, "seconds": round(self.seconds[method], 4)}
-                   for method, figures in self.figures["methods"].items()}  # fmt: skip
-        return {**self.figures, "methods": methods}
+        return self.figures
 
     def lines(self) -> Iterator[str]:
-        figures = self.document()
+        figures = self.figures
         x, y, _ = figures["origin"]
         yield f"{self.folder}: {figures['width']} x {figures['height']} cells at {x:.10g}, {y:.10g}"
         yield _beams_line(figures)
@@ -477,10 +474,8 @@ def build(
     **more
         Parameters of the method, and of `FrameOptions`, `CloudOptions` and `WorldOptions`.
     """
-    frames, cloud_options, world_options = (
-        {name: more.pop(name) for name in parameters_of(kind) if name in more}
-        for kind in (FrameOptions, CloudOptions, WorldOptions)
-    )
+    frames, cloud_options = pop_parameters(more, FrameOptions), pop_parameters(more, CloudOptions)
+    world_options = pop_parameters(more, WorldOptions)
     beam_options = {"range_max": (range_max, 30.0), "clear_max": (clear_max, 0.0),
                     "max_bad": (max_bad, DEFAULT_MAX_BAD)}  # fmt: skip
     changed = {name: value for name, (value, default) in beam_options.items() if value != default}
@@ -606,7 +601,9 @@ def _compared(
         "pairs": pair_figures,
     }  # fmt: skip
     transaction.write_bytes(folder / DOCUMENT, encode_json(document))
-    return Comparison(document, seconds, folder)
+    for method, figures in document["methods"].items():
+        figures["seconds"] = round(seconds[method], 4)  # not in the file, which is the same again
+    return Comparison(document, folder)
 
 
 def _draw_changes(first: States, second: States, frame: Frame, look: Any, file: BinaryIO) -> None:

@@ -10,16 +10,7 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 
 from mapdeal.bags.bag import BAG_OUTPUTS, bag_paths
-from mapdeal.command import (
-    AT_LEAST_0,
-    METRES,
-    Condition,
-    Output,
-    Result,
-    Words,
-    command,
-    parameters_of,
-)
+from mapdeal.command import AT_LEAST_0, METRES, Condition, Output, Result, Words, command
 from mapdeal.commands.pack import GridResult
 from mapdeal.commands.reach import start_of
 from mapdeal.errors import MalformedInputError, ParameterError
@@ -86,12 +77,6 @@ def convert_area(
 
     Parameters
     ----------
-    source, read : path, Source
-        The map, and its file.
-    output : path
-        File to write, .geojson or .svg.
-    transaction : Transaction
-        What writes it.
     of : {'free', 'obstacles'}, optional
         Areas to outline: free space or obstacles; with a robot's shape or --from, free space is
         what the robot's centre can reach. [default: free; a drawing has both]
@@ -157,12 +142,6 @@ def convert_world(
 
     Parameters
     ----------
-    source, read : path, Source
-        The map, and its file.
-    output : path
-        File to write, .sdf, .stl or .obj.
-    transaction : Transaction
-        What writes it.
     wall_height : float
         Height of the walls, metres.
     unknown : {'free', 'occupied'}
@@ -264,10 +243,8 @@ def convert(
     """
     if output.suffix == ".txt" and not takes_all:
         return _convert_poses(source, output, work)
-    areas, worlds = (
-        {name: more.pop(name) for name in parameters_of(function) if name in more}
-        for function in (convert_area, convert_world)
-    )
+    areas = inputs.pop_parameters(more, convert_area)
+    worlds = inputs.pop_parameters(more, convert_world)
     layer, ending = more, "" if takes_all else output.suffix.lower()
     if ending not in AREA_ENDINGS:
         inputs.refuse("applies to .geojson and .svg", footprint=footprint, robot=robot, **areas)

@@ -18,11 +18,10 @@ from mapdeal.commands.score import Score
 from mapdeal.errors import ParameterError, one_line
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.bit_map import BitMap
-from mapdeal.grid.costmap import CostCurve, Costmap
-from mapdeal.grid.field import DistanceField, PotentialField
+from mapdeal.grid.costmap import CostCurve
+from mapdeal.grid.field import PotentialField
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.reach import Reach, Route
+from mapdeal.grid.reach import Route
 from mapdeal.grid.values import OneLineRepr
 from mapdeal.mapping.build import BuiltMap
 from mapdeal.mapping.local_map import LocalMap
@@ -38,7 +37,6 @@ Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | Merged | Score | C
 
 _NOTHING_OVER = {DiffReport: "a comparison", Merged: "merged maps", Score: "a score",
                  CostCurve: "a cost curve"}  # fmt: skip
-_GRIDS = (OccupancyGrid, Costmap, DistanceField, PotentialField, Reach)
 
 # Pixels along the longest side: a notebook keeps its pictures, and shows few more. Maps of up to
 # so many cells look as those of commands do.
@@ -223,7 +221,7 @@ def _grid_in(shown: object) -> tuple[Grid, str]:
         return shown.grid, "local map" if isinstance(shown, LocalMap) else "map of scans"
     if isinstance(shown, BitMap):
         return shown.to_occupancy(), shown.kind
-    if isinstance(shown, _GRIDS):
+    if isinstance(shown, Grid):
         return shown, shown.kind
     rule = "must be a grid, a bit map, a local map, a map of scans, merged maps, a comparison, "
     raise ParameterError(f"{rule}a score or a cost curve", place="shown", got=shown)

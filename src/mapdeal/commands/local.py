@@ -12,7 +12,7 @@ from typing import Annotated, Any, cast
 
 import numpy as np
 
-from mapdeal.command import POINT, Output, Words, command, parameters_of
+from mapdeal.command import POINT, Output, Words, command
 from mapdeal.commands.route import route_document, warn_of_border
 from mapdeal.errors import FindingError, ParameterError, emit_warning, strict_warnings
 from mapdeal.files.transaction import Transaction
@@ -28,7 +28,7 @@ from mapdeal.pictures.overlay import Overlay, RouteOverlay, StepsOverlay
 from mapdeal.pipeline import local as local_maps
 from mapdeal.pipeline.batch import Batch, Job, run_and_report
 from mapdeal.pipeline.folder import rounded, rounded_place, step_line, write_picture
-from mapdeal.pipeline.inputs import InShell, Work, refuse
+from mapdeal.pipeline.inputs import InShell, Work, pop_parameters, refuse
 from mapdeal.pipeline.local import LocalCommon, LocalJob
 from mapdeal.pipeline.recipe import Changes, RecipeName, load_recipe
 from mapdeal.pipeline.run import LOCAL_RECIPE, RunReport
@@ -239,7 +239,7 @@ def local(
     **more
         Fields of `LocalOptions` and of `FrameOptions`.
     """
-    frames = {name: more.pop(name) for name in parameters_of(FrameOptions) if name in more}
+    frames = pop_parameters(more, FrameOptions)
     if bag is not None:
         rule = "applies to clouds, not to the replay of a bag"
         refuse(rule, clouds=clouds, pose=pose, poses=poses, topic=topics, **frames, index=index,

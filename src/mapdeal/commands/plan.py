@@ -38,6 +38,8 @@ from mapdeal.ros.robot import RobotParameters
 from mapdeal.ros.ros2_files import Ros2Parameters, read_ros2
 from mapdeal.sensors.points import read_pose_pairs
 
+Robot = RobotParameters | str | PathLike[str] | Sequence[str | PathLike[str]]
+
 _PER_CELL = 70.0  # bytes for each cell, those of the costmaps of changed parameters included
 _SAME = 1e-6  # metres between lengths of a plan and of an expected one
 
@@ -395,9 +397,6 @@ def plan_on(work: PlannerOnMap, start: Pose, goal: Pose) -> Plan:
         text += "; cells closed to the robot's centre separate start and goal for every planner"
         return no_plan("NoValidPathCouldBeFound", text)
     return Plan(False, detail=f"{text}; mapdeal reach shows whether the footprint gets there")
-
-
-Robot = RobotParameters | str | PathLike[str] | Sequence[str | PathLike[str]]
 
 
 def _robot_of(robot: Robot, dialect: Dialect, namespace: str | None) -> RobotParameters:

@@ -14,7 +14,7 @@ from typing import Annotated, Any, NamedTuple, Protocol, TypedDict, TypeVar, cas
 
 import numpy as np
 
-from mapdeal.command import OnlyInPython, grid_hint, is_plain
+from mapdeal.command import OnlyInPython, grid_hint, is_plain, parameters_of
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning, one_line
 from mapdeal.files import source as sources
@@ -470,6 +470,11 @@ def refuse(rule: str, hint: str | None = None, /, **values: object) -> None:
     for name, value in values.items():
         if value is not None and value is not False and value != ():
             raise ParameterError(rule, place=name, hint=hint)
+
+
+def pop_parameters(values: dict[str, Any], kind: Any) -> dict[str, Any]:
+    """Remove the parameters of a function or class from keyword arguments, and return them."""
+    return {name: values.pop(name) for name in parameters_of(kind) if name in values}
 
 
 def transform_of(value: object, *, place: str | None = None) -> Transform | None:
