@@ -272,6 +272,11 @@ def accept_parameters(
     return values
 
 
+def accepted_by(function: Callable[..., Any], values: Mapping[str, object]) -> dict[str, Any]:
+    """Return all keyword-only arguments of a function: the checked values, and defaults."""
+    return accept_parameters(parameters_of(function), values, function.__name__)
+
+
 def unknown_parameter(name: str, known: Iterable[str], owner: str) -> ParameterError:
     error = unknown_name("parameter", name, known)
     return ParameterError(error.rule, place=f"{owner}.{name}", hint=error.hint)

@@ -474,6 +474,7 @@ def build(
     **more
         Parameters of the method, and of `FrameOptions`, `CloudOptions` and `WorldOptions`.
     """
+    cell_size = 0.05 if resolution is None else resolution
     frames, cloud_options = pop_parameters(more, FrameOptions), pop_parameters(more, CloudOptions)
     world_options = pop_parameters(more, WorldOptions)
     beam_options = {"range_max": (range_max, 30.0), "clear_max": (clear_max, 0.0),
@@ -486,8 +487,7 @@ def build(
                range_min=range_min or None, **changed)  # fmt: skip
         return build_from_world(world, output, work, options=WorldOptions(**world_options),
                                 robot_options=cloud_options, model_path=model_path,
-                                resolution=0.05 if resolution is None else resolution, size=size,
-                                origin=origin)  # fmt: skip
+                                resolution=cell_size, size=size, origin=origin)  # fmt: skip
     refuse("applies to worlds: it needs --world", model_path=model_path, **world_options)
     if clouds:
         refuse("applies to laser scans, not to clouds", log=log, angles=angles, ranges=ranges,
@@ -498,7 +498,6 @@ def build(
                                  range_min=range_min, poses=poses, topics=topics,
                                  frames=frames)  # fmt: skip
     refuse("applies to clouds: it needs --cloud", **cloud_options)
-    resolution = 0.05 if resolution is None else resolution
     chosen: dict[mapping.Method, dict[str, Any]] = {method or "log-odds": more}
     if compare:
         refuse("cannot be given together with --compare", method=method,
@@ -508,7 +507,7 @@ def build(
     if as_written:
         chosen["tsdf" if compare else next(iter(chosen))]["as_written"] = True
     limits = BeamLimits(range_min, range_max, clear_max)
-    building = _Building(chosen, limits, resolution, size, origin)
+    building = _Building(chosen, limits, cell_size, size, origin)
     with ExitStack() as stack:
         if log is not None:
             texts = {"angles": angles, "ranges": ranges, "flip_y": flip_y}
@@ -578,13 +577,10 @@ def _compared(
     for pair, path in pairs.items():
         first, second = (states_of(results[method].grid.occupancy) for method in pair)
         table = confusion_of(first, second)[:3, :3]
-        figures = {
-            "first": pair[0],
-            "second": pair[1],
-            "differing": int(table.sum() - table.trace()),
-        }
-        rows = [dict(zip(_STATES, row, strict=True)) for row in table.tolist()]
-        pair_figures.append({**figures, "cells": dict(zip(_STATES, rows, strict=True))})
+        rows = (dict(zip(_STATES, row, strict=True)) for row in table.tolist())
+        named: Figures = {"first": pair[0], "second": pair[1]}
+        named |= {"differing": int(table.sum() - table.trace())}
+        pair_figures.append({**named, "cells": dict(zip(_STATES, rows, strict=True))})
         title = one_line(f"{name}: {pair[0]} and {pair[1]}")
         look = {"title": title, "image_extent": work.settings.image_extent, "only_in": pair}
         transaction.write(path, partial(_draw_changes, first, second, grid.frame, look))

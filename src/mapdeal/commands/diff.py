@@ -9,17 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
-from mapdeal.command import (
-    AT_LEAST_0,
-    CELLS,
-    METRES,
-    PERCENT,
-    Result,
-    Words,
-    accept_parameters,
-    command,
-    parameters_of,
-)
+from mapdeal.command import AT_LEAST_0, CELLS, METRES, PERCENT, Result, Words, accepted_by, command
 from mapdeal.commands import two_maps
 from mapdeal.commands.diff_costs import compare_robots, costmaps_compared, robots_compared
 from mapdeal.commands.reach import goals_in, goals_of, start_of
@@ -264,7 +254,7 @@ def diff(
     1
     """
     values = {"tolerance": tolerance, "max_shift": max_shift, "max_differing": max_differing}
-    limits = accept_parameters(parameters_of(diff), values, "diff")
+    limits = accepted_by(diff, values)
     maps, move = two_maps.opened_in_one_frame(first, second, align=align, by=by, **reading)
     if two_maps.are_costs(maps):
         hint = "compare_costmaps compares costs"
@@ -351,7 +341,7 @@ def differences(
     of_one = {"robot": robot, "against": against, "mask": mask, "start": start, "goals": goals}
     inputs.refuse("applies to one map", _TWO_ROBOTS, **of_one, points=points)
     align, by = parameters.pop("align", False), parameters.pop("by", None)
-    limits = accept_parameters(parameters_of(diff), parameters, "diff")
+    limits = accepted_by(diff, parameters)
     try:
         maps, move = two_maps.opened_in_one_frame(first, second, align=align, by=by)
     except MalformedInputError as error:

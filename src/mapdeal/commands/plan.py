@@ -99,8 +99,7 @@ class GoalPlan(OneLineRepr):
     stopped_at: tuple[float, float] | None = None
 
     def _repr_parts(self) -> Iterator[str]:
-        yield repr(self.goal)
-        yield self.verdict
+        yield from (repr(self.goal), self.verdict)
 
     def document(self) -> dict[str, Any]:
         goal, plan = self.goal, self.plan
@@ -308,8 +307,7 @@ class PlanTable(Spread):
         yield spread_json(self.document(), "plans")
 
     def summary(self, output: Path) -> Iterator[str]:
-        yield f"{output}:"
-        yield from self.lines()
+        yield from (f"{output}:", *self.lines())
 
     def lines(self) -> Iterator[str]:
         found = [report.rows for report in self.reports if isinstance(report, PlanReport)]
