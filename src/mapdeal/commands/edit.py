@@ -1,4 +1,7 @@
-"""``mapdeal edit``: draw into a map or costmap, or reset a part of it, at points in its frame."""
+"""Draw into a map or costmap, or reset a part of it.
+
+Points are in metres in the map frame; the yaw of the map is honoured.
+"""
 
 from __future__ import annotations
 
