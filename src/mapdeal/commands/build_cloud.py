@@ -49,14 +49,11 @@ class _Placed(NamedTuple):
     move: Points | None
     turn: Points | None
 
-    def points(
-        self, range_min: float, advance: Advance, source: Path
-    ) -> Iterator[tuple[Points, int]]:
+    def points(self, range_min: float, advance: Advance) -> Iterator[tuple[Points, int]]:
         """Yield points in the frame of the map, and how many were too near to the sensor."""
         for chunk in self.chunks(advance):
             if chunk.shape[1] < 3:
-                rule = "the cloud has no heights: points need x, y and z"
-                raise MalformedInputError(rule, source=source)
+                raise MalformedInputError("the cloud has no heights: points need x, y and z")
             points = away_from_sensor(chunk[:, :3], range_min)
             if self.move is not None and self.turn is not None:
                 with np.errstate(invalid="ignore", over="ignore"):
@@ -159,19 +156,19 @@ def _mapped(
         if options.level:
             tilt = Tilt()
             for cloud in clouds.placed():
-                for points, _ in cloud.points(range_min, advance, clouds.named):
+                for points, _ in cloud.points(range_min, advance):
                     tilt.add(upright(points, options.up))
             mapper.turn(tilt)
         for cloud in clouds.placed():
             mapper.add_place(cloud.move)
-            for points, dropped in cloud.points(range_min, advance, clouds.named):
+            for points, dropped in cloud.points(range_min, advance):
                 mapper.at_sensor += dropped
                 mapper.add(points)
         for place in () if clouds.places is None else clouds.places:
             mapper.add_place(place)
         mapper.settle(follows_beams=clouds.has_places)
         for cloud in clouds.placed() if clouds.has_places else ():
-            parts = [points for points, _ in cloud.points(range_min, advance, clouds.named)]
+            parts = [points for points, _ in cloud.points(range_min, advance)]
             count = sum(map(len, parts))
             claim(clouds.named, _OF_SCAN * count, what=f"a cloud of {count} points")
             if cloud.move is not None and parts:

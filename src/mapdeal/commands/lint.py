@@ -233,7 +233,9 @@ def lint(
     settings = Settings(max_cells=max_cells, max_memory=max_memory, force=force)
     if (work := inputs.Work.current.get()) is not None:  # also has the resolution of bare images
         settings = work.settings
-    names, robots = _maps_and_robots(_as_names(paths))
+    groups = list(by_robot(_as_names(paths)))
+    names = [name for flavour, group in groups if flavour is None for name in group]
+    robots = [tuple(map(Path, group)) for flavour, group in groups if flavour is not None]
     files = tuple(map(Path, _as_names(params_file)))
     if fix:
         rule, hint = "cannot be given together with --fix", "--fix repairs maps only"
@@ -311,12 +313,6 @@ def lint(
     return report
 
 
-def _maps_and_robots(names: Sequence[str]) -> tuple[list[str], list[tuple[Path, ...]]]:
-    groups = list(by_robot(names))
-    maps = [name for flavour, group in groups if flavour is None for name in group]
-    return maps, [tuple(map(Path, group)) for flavour, group in groups if flavour is not None]
-
-
 def _parameters_in_folders(listing: MapListing) -> dict[Path, list[Path]]:
     """Return the parameter files in each folder that holds neither maps nor runs."""
     marks = (RUN_FOLDERS.mark, RUN_FOLDERS.summary)
@@ -361,7 +357,7 @@ class _Lint:
             findings_of[index] = findings
             advance(1)
 
-        if self.jobs > 1 and _are_worth_workers(paths, self.settings):
+        if self.jobs > 1 and len(paths) > 1 and _are_worth_workers(paths, self.settings):
             _lint_in_processes(paths, self.settings, radii, min(self.jobs, len(paths)), collect)
         else:
             for index, path in enumerate(paths):
@@ -435,8 +431,6 @@ def _repair_in_place(
 
 def _frame_of(path: Path, settings: Settings) -> Frame | None:
     """Return the frame in a map's header; None if that is unreadable."""
-    if source.is_folder(path):
-        return None
     with (
         errors.capture_warnings(),  # checks repeat them
         suppress(errors.MapdealError),
@@ -447,8 +441,6 @@ def _frame_of(path: Path, settings: Settings) -> Frame | None:
 
 
 def _are_worth_workers(paths: Sequence[Path], settings: Settings) -> bool:
-    if len(paths) < 2:
-        return False
     cells = _CELLS_PER_FILE * len(paths)
     step = -(-len(paths) // _SAMPLED_MAPS)
     for path in paths[::step]:
@@ -652,9 +644,7 @@ def _repaired_in_place(path: Path, checks_found: Collection[str], settings: Sett
                 "resolution": grid.resolution, "origin": tuple(grid.origin), "negate": 0,
                 "occupied_thresh": 0.65, "free_thresh": 0.196, "image": image.name,
             }  # fmt: skip
-            values |= {
-                k: value for k, value in turned.items() if getattr(pair.metadata, k) != value
-            }
+            values |= {k: v for k, v in turned.items() if getattr(pair.metadata, k) != v}
         has_mark = source.head_of(pair.path, len(BOM_UTF8)) == BOM_UTF8
         data = (BOM_UTF8 if has_mark else b"") + with_values(pair.entries, values)
         edited = None

@@ -51,6 +51,7 @@ _CACHED_BYTES = 1 << 26  # of costmaps
 Override = tuple[str, str, Any]  # name, type and value of a costmap's parameter
 Change = dict[str, Any]
 Mask = NDArray[np.bool_]
+Labels = NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,12 +152,11 @@ class PlannerOnMap:
 
 def grid_of(costs: Costmap, robot: RobotParameters) -> PlannerGrid:
     """Return a costmap as planners see it."""
+    cells: Any = np.ascontiguousarray(costs.cost)
     vertices = np.array(robot.footprint.vertices, dtype=np.float64)
     shape = vertices if robot.robot_radius is None else None
     origin = float(costs.origin[0]), float(costs.origin[1])
-    return PlannerGrid(
-        np.ascontiguousarray(costs.cost), as_float32(costs.resolution), origin, shape
-    )
+    return PlannerGrid(cells, as_float32(costs.resolution), origin, shape)
 
 
 def _cells_near(values: Mapping[str, Any], grid: PlannerGrid, goal: Pose) -> Mask:
@@ -169,7 +169,7 @@ def _cells_near(values: Mapping[str, Any], grid: PlannerGrid, goal: Pose) -> Mas
     return near
 
 
-def _regions(listed: ListedPlanner, grid: PlannerGrid, start: Pose) -> NDArray[np.int32]:
+def _regions(listed: ListedPlanner, grid: PlannerGrid, start: Pose) -> Labels:
     """Return the number of each open cell's connected region, 0 for closed cells."""
     from scipy import ndimage  # slow to import
 
@@ -449,9 +449,7 @@ def _obstacle_in_the_way(
             return
 
 
-def _obstacles_between(
-    work: PlannerOnMap, start: Pose, goal: Pose, labels: NDArray[np.int32]
-) -> set[int]:
+def _obstacles_between(work: PlannerOnMap, start: Pose, goal: Pose, labels: Labels) -> set[int]:
     """Return the obstacles that close cells beside the region of the start and that of the goal.
 
     A path that one removed obstacle opens leaves the first region and enters the last one through
