@@ -25,39 +25,19 @@ from typing import Any, ClassVar, TypeVar
 import yaml
 
 from mapdeal.errors import MalformedInputError
+from mapdeal.files import yaml_text
 from mapdeal.files.source import read_file
-from mapdeal.files.yaml_text import (
-    YamlLimits,
-    compose_documents,
-    flattened,
-    one_line_of,
-    source_text,
-)
 from mapdeal.layers.area import CostmapArea
 from mapdeal.layers.catalogue import ROS1_PLUGINS
 from mapdeal.layers.layer import PluginEntry
+from mapdeal.ros import robot
 from mapdeal.ros.robot import (
-    INJECTED,
-    NOT_MODELLED,
-    Corners,
     CostmapName,
-    FootprintStringError,
     Level,
     ListedLayer,
-    ParameterFile,
     ParameterValue,
     Problem,
     RobotParameters,
-    Shape,
-    corners_of_string,
-    erasing_layers,
-    hint_on_class,
-    other_maps,
-    repetition,
-    shape_of,
-    sixteen_corners,
-    suggested_class,
-    syntax_problem,
 )
 
 _INT32 = 1 << 31
@@ -69,7 +49,7 @@ def _value_of(source: Path, node: yaml.Node) -> Any:
     # If a tag does not fit its value, PyYAML's constructors raise any of these.
     except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError,
             OverflowError) as error:  # fmt: skip
-        rule = f"cannot be read ({one_line_of(error)})"
+        rule = f"cannot be read ({yaml_text.one_line_of(error)})"
         raise MalformedInputError(rule, source=source, place=f"line {_line_of(node)}") from None
 
 
@@ -78,11 +58,8 @@ def _line_of(node: yaml.Node) -> int:
 
 
 def _kind_of(value: Any) -> str:
-    for kind, name in ((bool, "bool"), (int, "int"), (float, "double"), (str, "string"),
-                       (list, "list"), (dict, "struct")):  # fmt: skip
-        if isinstance(value, kind):
-            return name
-    return "nothing" if value is None else type(value).__name__
+    names = {bool: "bool", int: "int", float: "double", str: "string", list: "list", dict: "struct"}
+    return "nothing" if value is None else names.get(type(value), type(value).__name__)
 
 
 def why_unsendable(value: Any) -> tuple[str, str, str | None] | None:
@@ -93,9 +70,8 @@ def why_unsendable(value: Any) -> tuple[str, str, str | None] | None:
     if isinstance(value, bool | str | float):
         return None
     if isinstance(value, int):
-        fits_int32 = -_INT32 <= value < _INT32
         text = "roslaunch sends 32-bit integers only"
-        return None if fits_int32 else ("params.type", text, None)
+        return None if -_INT32 <= value < _INT32 else ("params.type", text, None)
     if isinstance(value, list):
         return next(filter(None, map(why_unsendable, value)), None)
     if isinstance(value, dict):
@@ -106,10 +82,8 @@ def why_unsendable(value: Any) -> tuple[str, str, str | None] | None:
     return "params.type", text, "put it in quotes"
 
 
-_LIMITS = YamlLimits(bytes=1 << 20, nodes=50_000, aliases=200)
-_ROOT = ""
-"""Top-level key, in a file's tree, of the names that begin with a slash."""
-
+_LIMITS = yaml_text.YamlLimits(bytes=1 << 20, nodes=50_000, aliases=200)
+_ROOT = ""  # top-level key, in a file's tree, of the names that begin with a slash
 _UNSENDABLE = "unsendable"  # kind of a value that roslaunch cannot send, reported as a fault
 
 _Path = tuple[str, ...]
@@ -183,9 +157,13 @@ def read_ros1_parameters(path: Path) -> Ros1File:
 
 def parse_ros1_parameters(path: Path, data: bytes) -> Ros1File:
     reader = _Reader(path)
-    documents = compose_documents(path, data, _LIMITS)
+    documents = yaml_text.compose_documents(path, data, _LIMITS)
     for node in documents:
-        reader.read(node)
+        if not isinstance(node, yaml.MappingNode):
+            kind = "list" if isinstance(node, yaml.SequenceNode) else "single value"
+            rule = f"must be a mapping of parameters, is a {kind}"
+            raise MalformedInputError(rule, source=path)
+        reader.add((), node)
     if len(documents) > 1:
         text = "roslaunch reads files of one document"
         hint = "remove the ---, or load the file with rosparam load"
@@ -207,21 +185,14 @@ class _Reader:
     ) -> None:  # fmt: skip
         self.faults.append(Problem(check, level, text, parameter, self.source, line, got, hint))
 
-    def read(self, node: yaml.Node) -> None:
-        if not isinstance(node, yaml.MappingNode):
-            kind = "list" if isinstance(node, yaml.SequenceNode) else "single value"
-            rule = f"must be a mapping of parameters, is a {kind}"
-            raise MalformedInputError(rule, source=self.source)
-        self._add((), node)
-
-    def _add(self, path: _Path, node: yaml.MappingNode) -> None:
+    def add(self, path: _Path, node: yaml.MappingNode) -> None:
         for key, value in self._pairs(path, node):
             parameter = _joined(path, key)
             if not parameter:
                 continue
             if isinstance(value, yaml.MappingNode) and not value.tag.startswith("!"):
                 self.tree.below(parameter, self.source, _line_of(value))
-                self._add(parameter, value)
+                self.add(parameter, value)
             else:
                 self._set(parameter, value)
 
@@ -229,7 +200,7 @@ class _Reader:
         """Yield names and nodes of a mapping; of a repeated name only the last node."""
         pairs: dict[str, tuple[int, yaml.Node]] = {}
         own_keys = {id(key) for key, _ in node.value}
-        for key, value in flattened(self.source, node):
+        for key, value in yaml_text.flattened(self.source, node):
             name, line = _value_of(self.source, key), _line_of(key)
             if not isinstance(name, str):
                 parameter, got = "/".join((*path, str(key.value))), f"{_kind_of(name)} {key.value}"
@@ -237,28 +208,23 @@ class _Reader:
                            "put it in quotes")  # fmt: skip
                 continue
             if name in pairs and id(key) in own_keys and pairs[name][0] > 0:
-                self._twice((*path, name), *pairs[name], line, value)
+                first, earlier = pairs[name]
+                is_equal = _value_of(self.source, earlier) == _value_of(self.source, value)
+                problem = robot.repetition(first, line, is_equal=is_equal)
+                self.fault(*problem, line, "/".join((*path, name)))
             pairs.pop(name, None)
             pairs[name] = (line if id(key) in own_keys else 0, value)
         for name, (_, value) in pairs.items():
             yield name, value
 
-    def _twice(
-        self, path: _Path, first: int, earlier: yaml.Node, line: int, value: yaml.Node
-    ) -> None:
-        is_equal = _value_of(self.source, earlier) == _value_of(self.source, value)
-        self.fault(*repetition(first, line, is_equal=is_equal), line, "/".join(path))
-
     def _set(self, path: _Path, node: yaml.Node) -> None:
         value = _value_of(self.source, node)
-        text, line = source_text(node), _line_of(node)
+        text, line = yaml_text.source_text(node), _line_of(node)
         kind = _kind_of(value)
-        reason = why_unsendable(value)
-        if reason is not None:
+        if (reason := why_unsendable(value)) is not None:
             check, rule, hint = reason
             kind = _UNSENDABLE
-            name = "/".join(path).lstrip("/")
-            self.fault(check, "refused", rule, line, name, text or None, hint)
+            self.fault(check, "refused", rule, line, "/".join(path).lstrip("/"), text or None, hint)
         self.tree.set(path, ParameterValue(value, kind, self.source, line, text))
 
 
@@ -298,8 +264,7 @@ class Ros1Server:
     def search(self, name: str) -> tuple[_Path, ParameterValue | Ros1Namespace] | None:
         """Return what ``searchParam`` finds: in the costmap's namespace, or the nearest above."""
         for depth in range(len(self.path), -1, -1):
-            member = self.root.get((*self.path[:depth], name))
-            if member is not None:
+            if (member := self.root.get((*self.path[:depth], name))) is not None:
                 return self.path[:depth], member
         return None
 
@@ -359,8 +324,7 @@ class Ros1Server:
         elif not self.refuse_substitution(value, _KINDS[kind], below):
             shown = f"{float(default):g}" if kind == "double" else str(default).lower()
             text = f"must be {_KINDS[kind]}; roscpp silently uses its default, {shown}{unit}"
-            hint = _type_hint(value, kind)
-            self.problem("params.silent-default", "warning", text, below, hint)
+            self.problem("params.silent-default", "warning", text, below, _type_hint(value, kind))
         return default
 
     def refuse_substitution(
@@ -379,14 +343,10 @@ class Ros1Server:
         self, check: str, level: Level, text: str, below: _Path = (), hint: str | None = None,
         value: ParameterValue | Ros1Namespace | None = None,
     ) -> None:  # fmt: skip
-        if value is None and below:
-            value = self.find(*below)
-        value = value or Ros1Namespace()
+        value = value or (self.find(*below) if below else None) or Ros1Namespace()
         source = value.source or (self.files[-1].source if self.files else None)
-        name, line = "/".join(below), value.line or None
-        self.problems.append(
-            Problem(check, level, text, name, source, line, value.text or None, hint)
-        )
+        place = "/".join(below), source, value.line or None, value.text or None
+        self.problems.append(Problem(check, level, text, *place, hint))
 
 
 def _type_hint(value: ParameterValue | Ros1Namespace, kind: str) -> str | None:
@@ -412,7 +372,7 @@ def load_server(
             files.append(read_ros1_parameters(path))
             problems += files[-1].faults
         except MalformedInputError as error:
-            problems.append(syntax_problem(error, path))
+            problems.append(robot.syntax_problem(error, path))
     nodes_by_file = [_nodes_in(file.parameters) for file in files]
     node, problem = _select_node(list(chain.from_iterable(nodes_by_file)), namespace)
     server = Ros1Server(node, costmap, tuple(files), problems=problems)
@@ -423,17 +383,12 @@ def load_server(
         if not nodes and len(files) > 1 and _costmap_of_name(file.source) not in (None, costmap):
             problems.append(_other_costmap(file.source, costmap))
         else:
-            _merge_file(server, file, _place_of(nodes, node, costmap))
+            members = dict(file.parameters.members)
+            absolute = members.pop(_ROOT, None)
+            server.root.merge(_place_of(nodes, node, costmap), Ros1Namespace(members=members))
+            if isinstance(absolute, Ros1Namespace):  # names with a leading slash
+                server.root.merge((), absolute)
     return server, len(files) == len(paths)
-
-
-def _merge_file(server: Ros1Server, file: Ros1File, place: _Path) -> None:
-    """Merge a file's parameters: names with a leading slash at the root, all others at a place."""
-    members = dict(file.parameters.members)
-    absolute = members.pop(_ROOT, None)
-    server.root.merge(place, Ros1Namespace(members=members))
-    if isinstance(absolute, Ros1Namespace):
-        server.root.merge((), absolute)
 
 
 def _other_costmap(path: Path, costmap: CostmapName) -> Problem:
@@ -519,7 +474,7 @@ _LARGEST_SINGLE = 3.4e38
 _POLYGON_HINT = "write [[x1, y1], [x2, y2], [x3, y3], ...], metres"
 
 
-def _shape(server: Ros1Server) -> Shape | None:
+def _shape(server: Ros1Server) -> robot.Shape | None:
     padding = server.double(0.01, "footprint_padding", unit=" m")
     place, value = server.search(_FOOTPRINT) or ((), None)
     corners = None if value is None else _corners(server, place, value)
@@ -528,17 +483,17 @@ def _shape(server: Ros1Server) -> Shape | None:
         if any(p.level == "refused" and p.parameter == _FOOTPRINT for p in server.problems):
             return None
         radius = _radius(server)
-        corners = sixteen_corners(radius)
+        corners = robot.sixteen_corners(radius)
 
     def report(check: str, level: Level, text: str) -> None:
         server.problem(check, level, text, (_FOOTPRINT,), value=value)
 
-    return shape_of(corners, padding, radius, report)
+    return robot.shape_of(corners, padding, radius, report)
 
 
 def _corners(
     server: Ros1Server, place: _Path, value: ParameterValue | Ros1Namespace
-) -> Corners | None:
+) -> robot.Corners | None:
     def report(text: str, check: str = "params.footprint-unused", level: Level = "warning") -> None:
         server.problem(check, level, text, (_FOOTPRINT,), _POLYGON_HINT, value)
 
@@ -546,8 +501,7 @@ def _corners(
     if value.kind == _UNSENDABLE:
         return None
     if value.kind == "list":
-        reason = _footprint_fault(points)
-        if reason is None:
+        if (reason := _footprint_fault(points)) is None:
             return _round_trip(points)
         report(f"{reason}; move_base exits", "params.footprint", "refused")
     elif value.kind != "string":
@@ -556,8 +510,8 @@ def _corners(
         value, "a list of points", (_FOOTPRINT,), "the points themselves"
     ):
         try:
-            return _round_trip(corners_of_string(points))
-        except FootprintStringError as error:
+            return _round_trip(robot.corners_of_string(points))
+        except robot.FootprintStringError as error:
             if place != server.path or server.search(_RADIUS) is not None:
                 report(f"{error}; it is ignored, and robot_radius is used")
             else:
@@ -566,10 +520,11 @@ def _corners(
     return None
 
 
-def _round_trip(points: Sequence[Sequence[float]]) -> Corners:
+def _round_trip(points: Sequence[Sequence[float]]) -> robot.Corners:
     # writeFootprintToParam prints doubles as a C++ stream does, with six significant digits;
     # readFootprintFromConfig parses that text
-    return corners_of_string(f"[{','.join(f'[{float(x):g},{float(y):g}]' for x, y in points)}]")
+    text = ",".join(f"[{float(x):g},{float(y):g}]" for x, y in points)
+    return robot.corners_of_string(f"[{text}]")
 
 
 def _footprint_fault(points: list[object]) -> str | None:
@@ -628,13 +583,12 @@ def ros1_robot(
     server, is_complete = load_server(paths, costmap, namespace)
     if not is_complete or not _has_costmap(server):
         return None, tuple(server.problems)
-    robot = _robot_from(server)
-    if server.is_substituted:
-        robot = None  # the launch file's value is unknown
+    resolved = _robot_from(server)
     distinct: dict[object, Problem] = {}
     for p in server.problems:
         distinct.setdefault((p.check, p.source, p.line, p.parameter), p)
-    return robot, tuple(distinct.values())
+    # of a robot with substitutions the values that the launch file sets are unknown
+    return None if server.is_substituted else resolved, tuple(distinct.values())
 
 
 def _has_costmap(server: Ros1Server) -> bool:
@@ -670,54 +624,47 @@ def _robot_from(server: Ros1Server) -> RobotParameters | None:
     shape = _shape(server)
     inscribed = 0.0 if shape is None else shape.inscribed_radius
     layers = tuple(_layer(server, name, kind, inscribed) for name, kind in plugins or ())
-    _warn_of_other_maps(server, layers)
+    statics = [entry.name for entry in layers if entry.plugin == _STATIC and entry.is_enabled]
+    places = [server.place(name, "map_topic") for name in statics]
+    topics = ((place, server.text("map", *place).lstrip("/")) for place in places)
+    for place, text in robot.other_maps(topics):
+        server.problem("params.other-map", "warning", text, place)
     if plugins is None or shape is None:  # after reading the layers, to report their problems
         return None
-    for name, text in erasing_layers(layers):
+    for name, text in robot.erasing_layers(layers):
         server.problem("params.erases-map", "warning", text, (name, "combination_method"))
     if not any(listed.plugin == _STATIC for listed in layers):
         if server.costmap == "local":
-            static = ROS1_PLUGINS[_STATIC](INJECTED)
-            layers = (ListedLayer(INJECTED, _STATIC, static), *layers)
+            static = ROS1_PLUGINS[_STATIC](robot.INJECTED)
+            layers = (ListedLayer(robot.INJECTED, _STATIC, static), *layers)
         else:
             text = "no static layer: the costmap does not read the map, and all cells are "
             text += "255, unknown" if track else "0, free"
             hint = _PLUGIN_HINT if has_list else "set static_map: true"
             server.problem("params.no-static-layer", "warning", text, hint=hint)
-    files = [ParameterFile(file.source, file.sha256) for file in server.files]
-    node = "/" + "/".join(server.path)
-    area = _area(server, is_rolling=is_rolling)
+    files = [robot.ParameterFile(file.source, file.sha256) for file in server.files]
+    node, area = "/" + "/".join(server.path), _area(server, is_rolling=is_rolling)
     base_frame = server.text("base_link", "robot_base_frame")
     return shape.robot(
         "ros1", server.costmap, node, layers, files, track=track, area=area, base_frame=base_frame
     )
 
 
-def _warn_of_other_maps(server: Ros1Server, layers: Sequence[ListedLayer]) -> None:
-    statics = [entry.name for entry in layers if entry.plugin == _STATIC and entry.is_enabled]
-    places = [server.place(name, "map_topic") for name in statics]
-    topics = ((place, server.text("map", *place).lstrip("/")) for place in places)
-    for place, text in other_maps(topics):
-        server.problem("params.other-map", "warning", text, place)
-
-
 def _area(server: Ros1Server, *, is_rolling: bool) -> CostmapArea | None:
-    problem_count = len(server.problems)
-    area = None
+    problem_count, area = len(server.problems), None
     number = server.double(0.05, "resolution")
     resolution = server.clamp(number, 50.0, _RECONFIGURE, ("resolution",))
     if resolution > 0:
-        height, width = (
-            int(max(server.integer(10, side), 0) / resolution) for side in ("height", "width")
-        )
+        sides = [max(server.integer(10, side), 0) for side in ("height", "width")]
         area = CostmapArea(
-            height, width, resolution,
+            int(sides[0] / resolution), int(sides[1] / resolution), resolution,
             (server.double(0.0, "origin_x"), server.double(0.0, "origin_y")),
             is_rolling=is_rolling, size_margin=0.5, global_frame=server.text("map", "global_frame"),
         )  # fmt: skip
     # If a map defines the size, these values have no effect: a note suffices.
-    new_problems = server.problems[problem_count:]
-    server.problems[problem_count:] = [replace(p, level="note") for p in new_problems]
+    server.problems[problem_count:] = [
+        replace(problem, level="note") for problem in server.problems[problem_count:]
+    ]
     return area
 
 
@@ -738,8 +685,7 @@ def _plugins(server: Ros1Server) -> list[tuple[str, str]] | None:
         checked = [(index, _plugin_fault(entry)) for index, entry in enumerate(value.value, 1)]
         faults = [(f"entry {index} {fault[0]}", fault[1]) for index, fault in checked if fault]
     for rule, hint in faults:
-        text = f"{rule}; move_base exits"
-        server.problem("params.plugins", "refused", text, ("plugins",), hint)
+        server.problem("params.plugins", "refused", f"{rule}; move_base exits", ("plugins",), hint)
     return None if faults or value is None else [(e["name"], e["type"]) for e in value.value]
 
 
@@ -750,7 +696,7 @@ def _plugin_fault(entry: object) -> tuple[str, str] | None:
     for key in ("name", "type"):
         if not isinstance(entry.get(key), str) or not entry[key]:
             return f"has no {key}", _PLUGIN_HINT
-    nearest = suggested_class(entry["type"], tuple(ROS1_PLUGINS), _PREFIX)
+    nearest = robot.suggested_class(entry["type"], tuple(ROS1_PLUGINS), _PREFIX)
     hint = f"did you mean {nearest}?"
     return None if nearest is None else (f"has an unknown type, {entry['type']}", hint)
 
@@ -758,24 +704,20 @@ def _plugin_fault(entry: object) -> tuple[str, str] | None:
 def _layer(server: Ros1Server, name: str, kind: str, inscribed: float) -> ListedLayer:
     is_enabled, layer_class = server.boolean(True, name, "enabled"), ROS1_PLUGINS.get(kind)
     if layer_class is not None:
-        _report_overridden(server, name, layer_class.ros1_costmap_parameters)
+        for parameter in layer_class.ros1_costmap_parameters:
+            local, above = server.find(name, parameter), server.find(parameter)
+            if local is not None and above is not None and local.value != above.value:
+                text = (
+                    f"has no effect: the costmap's own {parameter}, {above.text}, takes its place"
+                )
+                file = f" of {above.source.name}" if above.source != local.source else ""
+                hint = f"remove one of them; the other stands on line {above.line}{file}"
+                server.problem("params.overridden", "warning", text, (name, parameter), hint)
         layer = layer_class.from_ros1(server, PluginEntry(name, kind, inscribed))
         sensing = layer_class.sensing_from_ros1(server, name)
         return ListedLayer(name, kind, layer, is_enabled, sensing=sensing)
     if is_enabled:
         text = f"{name} ({kind}) is not modelled: its costs are left out"
-        hint = hint_on_class(kind, _PREFIX)
+        hint = robot.hint_on_class(kind, _PREFIX)
         server.problem("params.not-modelled", "warning", text, ("plugins",), hint)
-    return ListedLayer(name, kind, None, is_enabled, why_ignored=NOT_MODELLED)
-
-
-def _report_overridden(server: Ros1Server, name: str, parameters: Sequence[str]) -> None:
-    """Warn if the costmap's own value overrides a layer's."""
-    for parameter in parameters:
-        local, above = server.find(name, parameter), server.find(parameter)
-        if local is not None and above is not None and local.value != above.value:
-            text = f"has no effect: the costmap's own {parameter}, {above.text}, takes its place"
-            hint = f"remove one of them; the other stands on line {above.line}"
-            if above.source != local.source:
-                hint += f" of {above.source.name}"
-            server.problem("params.overridden", "warning", text, (name, parameter), hint)
+    return ListedLayer(name, kind, None, is_enabled, why_ignored=robot.NOT_MODELLED)
