@@ -19,6 +19,7 @@ from mapdeal.compatibility import Self
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files import source as sources
 from mapdeal.files.transaction import PREFIX
+from mapdeal.kernels.arrays import Integers
 
 BAG_OUTPUTS = (".bag", ".mcap", ".db3")  # suffixes of bags
 _TOPIC_PART = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -67,8 +68,6 @@ Encoding = Literal["ros1", "cdr", ""]
 
 CAN_BE_READ: tuple[Encoding, ...] = ("ros1", "cdr")
 
-Integers = NDArray[np.int64]
-
 
 @dataclass(frozen=True)
 class Connection:
@@ -107,8 +106,7 @@ class MessageSpan:
         if not (second.count and self.count):
             return self if self.count else second
         first = min(self.first, second.first)
-        last = max(self.last, second.last)
-        return MessageSpan(self.count + second.count, first, last)
+        return MessageSpan(self.count + second.count, first, max(self.last, second.last))
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,8 +158,7 @@ class Bag(ABC):
     # few chunks in memory at most.
     def __init__(self, path: Path, form: str) -> None:
         self.path = path
-        self.form = form
-        """Type of the bag, with an article: ``a ROS 1 bag``."""
+        self.form = form  # type of the bag, with an article: ``a ROS 1 bag``
         self._warnings: list[str] = []
 
     @property
@@ -265,11 +262,10 @@ def decompress(
     return content
 
 
-def import_rosbags(source: Path | str, *modules: str) -> None:
-    """Import modules of rosbags, or raise the error that it is not installed."""
+def import_rosbags(source: Path | str, *modules: str) -> Any:
+    """Return the last of some modules of rosbags; refuse to go on if it is not installed."""
     try:
-        for module in modules or ("rosbags.typesys",):
-            import_module(module)
+        return [import_module(module) for module in modules][-1]
     except ImportError as error:
         if error.path and not error.path.endswith(".py"):
             raise  # a compiled module that fails to load, for example without memory
@@ -279,18 +275,14 @@ def import_rosbags(source: Path | str, *modules: str) -> None:
         raise ParameterError(f"needs the extra 'bags'{reason}", source=source, hint=hint) from None
 
 
-def _module(path: Path, name: str) -> Any:
-    import_rosbags(path, name)
-    return import_module(name)
-
-
 def zstd_module(path: Path) -> Any:
     """Return the module that reads zstd: Python's since 3.14, before that rosbags' dependency."""
-    return _module(path, "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
+    is_in_python = sys.version_info >= (3, 14)
+    return import_rosbags(path, "compression.zstd" if is_in_python else "backports.zstd")
 
 
 _EXPANDERS: dict[str, Callable[[Path], Any]] = {
     "bz2": lambda _: bz2.BZ2Decompressor(),
-    "lz4": lambda path: _module(path, "lz4.frame").LZ4FrameDecompressor(),
+    "lz4": lambda path: import_rosbags(path, "lz4.frame").LZ4FrameDecompressor(),
     "zstd": lambda path: zstd_module(path).ZstdDecompressor(),
 }

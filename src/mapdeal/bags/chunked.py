@@ -26,8 +26,9 @@ from zlib import crc32
 
 import numpy as np
 
-from mapdeal.bags.bag import Bag, Connection, Encoding, Integers, MessageIndex, Place, decompress
+from mapdeal.bags.bag import Bag, Connection, Encoding, MessageIndex, Place, decompress
 from mapdeal.files.source import access_to, claim, status_of
+from mapdeal.kernels.arrays import Integers
 
 _MOST_CACHED_BYTES = 1 << 25
 _MOST_CACHED = 8

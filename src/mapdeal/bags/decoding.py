@@ -105,7 +105,8 @@ def decoder_of(name: str, definition: str, *, is_ros1: bool) -> Callable[[bytes]
 @lru_cache(maxsize=32)
 def _types_in(name: str, definition: str) -> _Types:
     """Return the fields of all types in a definition, single numbers of equal size in groups."""
-    check_length(definition)
+    if len(definition) > _LONGEST_DEFINITION:
+        raise ValueError(f"{len(definition)} characters, the limit is {_LONGEST_DEFINITION}")
     texts = dict(KNOWN)
     if definition:
         texts = {key: KNOWN[key] for key in KNOWN if key.startswith("builtin_interfaces/")}
@@ -113,11 +114,12 @@ def _types_in(name: str, definition: str) -> _Types:
         for section in sections:
             title, _, lines = section.partition("\n")
             texts[title.strip()] = lines
-    fields_by_type: dict[str, list[_Field]] = {}
-    for key, lines in texts.items():
-        fields_by_type[normalised_type(key)] = _fields_of(lines, key.partition("/")[0])
-    lengths = [field.length for fields in fields_by_type.values() for field in fields]
-    check_array_lengths([length for length in lengths if length])
+    fields_by_type = {
+        normalised_type(key): _fields_of(lines, key.partition("/")[0])
+        for key, lines in texts.items()
+    }
+    fields = [field for fields in fields_by_type.values() for field in fields]
+    check_array_lengths([field.length for field in fields if field.length])
     return {
         key: [
             (size, members, "".join(_FORMATS.get(member.kind, "") for member in members))
@@ -153,11 +155,6 @@ def check_array_lengths(lengths: Sequence[int]) -> None:
     if min(lengths, default=1) < 1 or sum(lengths) > _LONGEST_ARRAYS:
         rule = f"fixed lengths of arrays must be 1 or more, and {_LONGEST_ARRAYS} together at most"
         raise ValueError(rule)
-
-
-def check_length(definition: str) -> None:
-    if len(definition) > _LONGEST_DEFINITION:
-        raise ValueError(f"{len(definition)} characters, the limit is {_LONGEST_DEFINITION}")
 
 
 class _Message:

@@ -356,8 +356,7 @@ class Decoder:
     def _deserializer(self, connection: bags.Connection) -> Callable[[bytes], Any]:
         name = connection.type
         try:
-            is_ros1 = connection.encoding == "ros1"
-            return decoder_of(name, connection.definition, is_ros1=is_ros1)
+            return decoder_of(name, connection.definition, is_ros1=connection.encoding == "ros1")
         except Exception as error:  # noqa: BLE001 - parsers of damaged texts fail in many ways
             rule = f"its type {name} cannot be parsed: {error}"
             raise self._bag.malformed(rule, connection.topic) from None

@@ -35,13 +35,11 @@ _MOST_NAMED = 12
 _TOPICS = "topics_with_message_count"
 
 
-class _Metadata(NamedTuple):
-    """Contents of ``metadata.yaml``: storage, files, compression, serialization by topic."""
-
+class _Metadata(NamedTuple):  # contents of ``metadata.yaml``
     storage: str
     files: tuple[str, ...]
     compression: str
-    serializations: Mapping[str, str]
+    serializations: Mapping[str, str]  # by topic
 
 
 class FolderBag(bags.Bag):
@@ -50,11 +48,15 @@ class FolderBag(bags.Bag):
     def __init__(self, path: Path) -> None:
         super().__init__(path, "a folder with a ROS 2 bag")
         self._stack = ExitStack()
+        self._parts: list[bags.Bag] = []
         try:
             metadata = self._metadata()
             self._compresses_messages = metadata.compression == "message"
-            parts = (self._open_part(path / name, metadata.storage) for name in metadata.files)
-            self._parts = [self._stack.enter_context(part) for part in parts]
+            for name in metadata.files:
+                file = self._stack.enter_context(_plain_file(path / name))
+                part = self._stack.enter_context(_STORAGES[metadata.storage](file))
+                part.path = path / name  # errors name this file, not the temporary one
+                self._parts.append(part)
         except BaseException:
             self._stack.close()
             raise
@@ -103,9 +105,8 @@ class FolderBag(bags.Bag):
     def _metadata(self) -> _Metadata:
         path = self.path / bags.METADATA
         if not sources.exists(path):
-            return self._metadata_from_files(
-                f"has no {bags.METADATA}, as left by a recorder that was killed"
-            )
+            reason = f"has no {bags.METADATA}, as left by a recorder that was killed"
+            return self._metadata_from_files(reason)
         top = read_mapping(path, _LIMITS).get(_TOP_KEY)
         fields = {} if top is None else top.fields()
         for key in ("storage_identifier", "relative_file_paths"):
@@ -114,9 +115,8 @@ class FolderBag(bags.Bag):
                 raise MalformedInputError("missing", source=path, place=place)
         storage = _text_of(fields, "storage_identifier")
         if not storage:
-            return self._metadata_from_files(
-                f"{bags.METADATA} names no storage, as ros2 bag reindex leaves it"
-            )
+            reason = f"{bags.METADATA} names no storage, as ros2 bag reindex leaves it"
+            return self._metadata_from_files(reason)
         if storage not in _STORAGES:
             raise fields["storage_identifier"].error("must be sqlite3 or mcap")
         mode = _text_of(fields, "compression_mode").lower() or "none"
@@ -148,12 +148,6 @@ class FolderBag(bags.Bag):
                 self.warn_once(reason)
                 return _Metadata(storage, tuple(files), "none", {})
         raise self.malformed("is a folder without .db3 and .mcap files")
-
-    @contextmanager
-    def _open_part(self, path: Path, storage: str) -> Iterator[bags.Bag]:
-        with _plain_file(path) as file, _STORAGES[storage](file) as bag:
-            bag.path = path  # errors name this file, not the temporary one
-            yield bag
 
 
 @contextmanager
@@ -208,21 +202,19 @@ def open_bag(path: Path) -> Iterator[bags.Bag]:
         if sources.is_folder(path):
             bag: bags.Bag = stack.enter_context(FolderBag(path))
         else:
-            bag = stack.enter_context(_open_file(path, stack.enter_context(_plain_file(path))))
+            file = stack.enter_context(_plain_file(path))
+            head = sources.head_of(file, 16)
+            kind = next((kind for magic, kind in _KINDS.items() if head.startswith(magic)), None)
+            if kind is None:
+                rule = "is not a bag of ROS 1 or ROS 2" if head else "is empty"
+                raise MalformedInputError(rule, source=path)
+            bag = stack.enter_context(kind(file))
             bag.path = path
         names = sorted({connection.serialization for connection in bag.connections})
         if names and not any(known.encoding in bags.CAN_BE_READ for known in bag.connections):
             formats = ", ".join(map(repr, names))
             raise bag.malformed(f"its messages are serialized as {formats}; cdr and ros1 are read")
         yield bag
-
-
-def _open_file(path: Path, file: Path) -> bags.Bag:
-    head = sources.head_of(file, 16)
-    for magic, kind in _KINDS.items():
-        if head.startswith(magic):
-            return kind(file)
-    raise MalformedInputError("is not a bag of ROS 1 or ROS 2" if head else "is empty", source=path)
 
 
 def select_connections(

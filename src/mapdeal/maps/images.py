@@ -31,21 +31,8 @@ from numpy.typing import NDArray
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.files import source as sources
 from mapdeal.kernels.blocks import Layer
-from mapdeal.maps.picture import (
-    HEAD,
-    LARGEST_CELLS,
-    ImageFormat,
-    OpenFile,
-    OpenImage,
-    Picture,
-    Samples,
-    Strips,
-    check_size,
-    opened,
-    strips_at_places,
-    strips_of,
-    warn_of,
-)
+from mapdeal.maps import picture as pictures
+from mapdeal.maps.picture import ImageFormat, OpenFile, OpenImage, Picture, Samples, Strips, warn_of
 
 _NOT_AN_IMAGE = "is not an image in a supported format: pgm, pbm, ppm, png, bmp, tiff"
 _COMMENT_OR_WORD = re.compile(rb"#[^\n\r]*|[^ \t\n\v\f\r#]+")
@@ -102,8 +89,8 @@ def is_pnm(data: bytes) -> bool:
 
 class PnmImage(OpenImage):
     # By the netpbm standard 1 is black in P1 and P4; the ROS 1 reader takes bits for grey levels.
-    def __init__(self, file: OpenFile, limit: int = LARGEST_CELLS) -> None:
-        self._header = _read_header(file.read(0, HEAD), file.path)
+    def __init__(self, file: OpenFile, limit: int = pictures.LARGEST_CELLS) -> None:
+        self._header = _read_header(file.read(0, pictures.HEAD), file.path)
         super().__init__(file, self._header.height, self._header.width, limit)
 
     def memory(self) -> int:
@@ -130,7 +117,7 @@ class PnmImage(OpenImage):
         samples = _plain(data, self._header, self.file.path)
         if self._header.is_bits:
             samples = np.where(samples, np.uint8(0), np.uint8(255))
-        return strips_of(self._header.picture(samples))
+        return pictures.strips_of(self._header.picture(samples))
 
     def bits(self) -> NDArray[np.uint8]:
         """Return the bits of a P1 or P4 file, packed, row 0 in the north."""
@@ -160,7 +147,7 @@ class PnmImage(OpenImage):
         """Return the offset of the first pixel of a binary file; check the file's length."""
         file, path = self.file, self.file.path
         expected = self._header.row_bytes * self.height
-        start = _start_of_data(file.read(0, HEAD), file.size, self._header, expected, path)
+        start = _start_of_data(file.read(0, pictures.HEAD), file.size, self._header, expected, path)
         actual = file.size - start
         if actual < expected:
             rule = f"the pixels end early: expected {expected} bytes"
@@ -192,7 +179,7 @@ class BinaryRows:
         """Return the strips of a range of rows, counted from the south."""
         north = self.header.height - rows.stop
         shape = (rows.stop - rows.start, self.header.width)
-        return strips_at_places(
+        return pictures.strips_at_places(
             shape, self.header.row_bytes,
             lambda first, end: self._picture(north + first, north + end),
         )  # fmt: skip
@@ -356,7 +343,7 @@ def _check_count(actual: int, expected: int, source: Path) -> None:
 
 PNM = ImageFormat(
     name="PNM", suffixes=(".pgm", ".pbm", ".ppm", ".pnm"), recognises=is_pnm, open=PnmImage,
-    max_cells=LARGEST_CELLS, comments=pnm_comments,
+    max_cells=pictures.LARGEST_CELLS, comments=pnm_comments,
 )  # fmt: skip
 
 
@@ -468,7 +455,7 @@ class PillowImage(OpenImage):
                 rows = image.crop((0, first, width, end))
             return _picture_of(rows, name=name, raw_mode=raw_mode, info=info, path=path)
 
-        return strips_at_places((self.height, width), 4 * width, rows_at)
+        return pictures.strips_at_places((self.height, width), 4 * width, rows_at)
 
     def _check_room(self) -> None:
         """Refuse more pixels than the file can expand to or than fit into memory."""
@@ -537,7 +524,7 @@ def _opened(name: str, file: OpenFile, data: BinaryIO | None = None) -> Any:
         except UnidentifiedImageError:
             raise MalformedInputError(_NOT_AN_IMAGE, source=path) from None
         frames = getattr(image, "n_frames", 1)
-    check_size(path, image.width, image.height)
+    pictures.check_size(path, image.width, image.height)
     if frames > 1:
         raise MalformedInputError("holds more than one picture", source=path)
     if not image.tile:
@@ -692,8 +679,8 @@ def recognised_format(head: bytes) -> ImageFormat | None:
 
 @contextmanager
 def open_image(path: Path, *, max_cells: int | None = None) -> Iterator[OpenImage]:
-    with opened(path) as file:
-        head = file.read(0, HEAD)
+    with pictures.opened(path) as file:
+        head = file.read(0, pictures.HEAD)
         image_format = recognised_format(head)
         if image_format is not None:
             limit = image_format.max_cells if max_cells is None else max_cells
@@ -721,7 +708,7 @@ def open_for_one_pass(
     with open_image(path, max_cells=max_cells) as image:
         height, width = image.shape
         with sources.holding(-height * width), image.strips() as strips:
-            yield strips, image.file.read(0, HEAD)
+            yield strips, image.file.read(0, pictures.HEAD)
 
 
 def read_image_size(path: Path, *, max_cells: int | None = None) -> tuple[int, int]:

@@ -200,14 +200,12 @@ def _kind_of_cloud(path: Path, head: bytes) -> FileKind | None:
     if form:
         return FileKind(CLOUD, f"a point cloud ({form})", _CLOUD_USE, form=form)
     if head.startswith(b"# Octomap OcTree"):
-        octree = "an octree of occupied voxels (OctoMap)"
-        return FileKind(CLOUD, octree, _CLOUD_USE, form="OctoMap")
+        return FileKind(CLOUD, "an octree of occupied voxels (OctoMap)", _CLOUD_USE, form="OctoMap")
     if path.suffix.lower() == ".bin" and _looks_like_kitti(head, _size_of(path)):
         points = {"points": _size_of(path) // _KITTI_POINT}
         return FileKind(CLOUD, "a point cloud (KITTI)", _CLOUD_USE, lambda: points)
     if head.startswith(b"\x93NUMPY"):
-        use = f"of points, {_CLOUD_USE}"
-        return FileKind(CLOUD, "an array of numpy (npy)", use, form="npy")
+        return FileKind(CLOUD, "an array of numpy (npy)", f"of points, {_CLOUD_USE}", form="npy")
     return None
 
 

@@ -119,8 +119,7 @@ class Message:
             raise self.error(f"the integers of field {field} are damaged")
         starts = np.append(0, ends[:-1] + 1)
         places = np.arange(len(data)) - np.repeat(starts, ends + 1 - starts)
-        bits = (data & 127).astype(np.int64) << 7 * np.minimum(places, 7)
-        return np.add.reduceat(bits, starts)
+        return np.add.reduceat((data & 127).astype(np.int64) << 7 * np.minimum(places, 7), starts)
 
 
 def _planar(pose: Message) -> Floats:

@@ -96,8 +96,7 @@ def opaque_greys(kind: Picture) -> Picture:
     """Return a picture of the same kind as another: one row of all opaque greys 0 .. maxval."""
     # With a palette the row has all indices.
     dtype = kind.samples.dtype
-    count = kind.maxval + 1 if kind.palette is None else len(kind.palette)
-    greys = np.arange(count)[np.newaxis]
+    greys = np.arange(kind.maxval + 1 if kind.palette is None else len(kind.palette))[np.newaxis]
     alpha = None if kind.alpha is None else np.full_like(greys, kind.opaque, kind.alpha.dtype)
     samples = greys.astype(dtype)
     if kind.samples.ndim == 3:

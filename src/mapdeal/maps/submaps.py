@@ -175,8 +175,7 @@ def _box_filter(row: Floats) -> BoxFilter:
     width, bits = math.ceil(size + 1), math.floor(math.log2(128 / size)) + 1
     place = (np.arange(1 << bits) + 0.5) / (1 << bits)
     first = np.ceil(place - width / 2 - 0.5) - place + 0.5
-    beyond = (size + 1) / 2 - np.abs(first[:, np.newaxis] + np.arange(width))
-    overlap = np.clip(beyond, 0, 1)
+    overlap = np.clip((size + 1) / 2 - np.abs(first[:, np.newaxis] + np.arange(width)), 0, 1)
     share = 1 / overlap.sum(axis=1, keepdims=True)
     weights = (np.floor(overlap * _UNIT) * share).astype(np.int64)
     weights[:, width // 2] += _UNIT - weights.sum(axis=1)

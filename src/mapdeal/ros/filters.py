@@ -159,8 +159,7 @@ class FilterServers:
 
     info: tuple[InfoServer, ...]
     mask_topics: tuple[str, ...]
-    managed: tuple[str, ...]
-    """Names of the nodes that lifecycle managers in the files activate."""
+    managed: tuple[str, ...]  # names of the nodes that lifecycle managers in the files activate
 
 
 def filter_servers(parameters: Ros2Parameters) -> FilterServers:

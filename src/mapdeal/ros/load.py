@@ -12,17 +12,10 @@ from typing import TypeVar
 
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning
 from mapdeal.files.source import exists, is_folder, read_file
+from mapdeal.ros import ros1
 from mapdeal.ros.names import Name, listed_plugins, misspelt_names, unusual_lengths
 from mapdeal.ros.nav2 import nav2_robot
 from mapdeal.ros.robot import CostmapName, Flavour, ParameterValue, Problem, RobotParameters
-from mapdeal.ros.ros1 import (
-    Ros1Namespace,
-    costmaps_named,
-    load_server,
-    read_ros1_parameters,
-    ros1_robot,
-    settings_of_robot,
-)
 from mapdeal.ros.ros2_files import read_ros2
 
 F = TypeVar("F", str, Path)
@@ -80,9 +73,8 @@ def load_robot(
         return None, (without_key,)
     else:
         flavour = "ros1"
-        robot, problems = ros1_robot(paths, costmap=costmap, namespace=namespace)
-    node = node_of(robot, costmap, namespace)
-    values = costmap_values(paths, flavour, costmap, node, namespace)
+        robot, problems = ros1.ros1_robot(paths, costmap=costmap, namespace=namespace)
+    values = costmap_values(paths, flavour, costmap, node_of(robot, costmap, namespace), namespace)
     plugins = listed_plugins(flavour, values, robot)
     lengths = tuple(unusual_lengths(flavour, values, robot))
     if lengths:  # advice on the costs would be misleading
@@ -133,7 +125,7 @@ def _settings_of_robot(path: Path) -> set[Name]:
         if is_ros2(path):
             nodes = read_ros2([path]).nodes
             return {(node.name,) for node in nodes if "plugins" in dict(node.entries)}
-        return settings_of_robot(read_ros1_parameters(path))
+        return ros1.settings_of_robot(ros1.read_ros1_parameters(path))
     return set()
 
 
@@ -155,9 +147,7 @@ def _without_key(path: Path) -> Problem | None:
             name = (match[1] or match[2]).decode()
             rule = f"has no key {_KEY.decode()}, without which Nav2 does not start"
             hint = "did you mean that key?" if match[1] else "each node's parameters lie below it"
-            return Problem(
-                "params.syntax", "refused", rule, source=path, line=number, got=name, hint=hint
-            )
+            return Problem("params.syntax", "refused", rule, "", path, number, name, hint)
     return None
 
 
@@ -166,16 +156,14 @@ def error_of(problem: Problem, paths: Sequence[Path]) -> MalformedInputError:
     if problem.parameter:
         place = f"{problem.parameter} ({place})" if place else problem.parameter
     extra = {} if problem.got is None else {"got": problem.got}
-    return MalformedInputError(
-        problem.text, source=problem.source or paths[-1], place=place, hint=problem.hint, **extra
-    )
+    source = problem.source or paths[-1]
+    return MalformedInputError(problem.text, source=source, place=place, hint=problem.hint, **extra)
 
 
 def _line_of(problem: Problem, paths: Sequence[Path]) -> str:
-    text = str(problem.source or paths[-1])
-    if problem.line is not None:
-        text += f":{problem.line}"
-    text += f": {problem.parameter}: {problem.text}" if problem.parameter else f": {problem.text}"
+    line = "" if problem.line is None else f":{problem.line}"
+    parameter = f"{problem.parameter}: " if problem.parameter else ""
+    text = f"{problem.source or paths[-1]}{line}: {parameter}{problem.text}"
     return f"{text}; {problem.hint}" if problem.hint else text
 
 
@@ -188,8 +176,8 @@ def costmaps_in(
 ) -> tuple[CostmapName, ...]:
     if flavour == "nav2":
         return ("global", "local")
-    server, _ = load_server(paths, "global", namespace)
-    return costmaps_named(server.files) or ("global",)
+    server, _ = ros1.load_server(paths, "global", namespace)
+    return ros1.costmaps_named(server.files) or ("global",)
 
 
 def costmap_values(
@@ -202,9 +190,9 @@ def costmap_values(
         except MalformedInputError:  # load_robot reports this error
             return {}
         return {tuple(name.split(".")): value for name, value in parameters.items()}
-    server, _ = load_server(paths, costmap, namespace)
+    server, _ = ros1.load_server(paths, costmap, namespace)
     member = server.root.get(server.path)
-    values = dict(member.values()) if isinstance(member, Ros1Namespace) else {}
+    values = dict(member.values()) if isinstance(member, ros1.Ros1Namespace) else {}
     for name in ("footprint", "robot_radius"):
         inherited = server.search(name)
         if inherited is not None and isinstance(inherited[1], ParameterValue):

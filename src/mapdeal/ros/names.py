@@ -11,15 +11,13 @@ from mapdeal.ros.nav2 import DECLARED
 from mapdeal.ros.robot import Flavour, ParameterValue, Problem, RobotParameters
 from mapdeal.ros.ros1 import COSTMAP_PARAMETERS
 
-Name = tuple[str, ...]
-"""A parameter's name below its costmap, in parts: ``("inflation_layer", "inflation_radius")``."""
-
+Name = tuple[str, ...]  # of a parameter in a costmap: ("inflation_layer", "inflation_radius")
 Values = Mapping[Name, ParameterValue]
 Plugins = tuple[tuple[str, str], ...]  # names and classes
 
 _LEAST_SIMILARITY = 0.85
+# Limits of the search for misspelt names, which compares each name with all known ones.
 MOST_NAMES, _LONGEST_NAME = 1000, 60
-"""Limits of the search for misspelt names, which compares each name with all known ones."""
 
 _COSTMAP: dict[Flavour, frozenset[str]] = {
     "ros1": COSTMAP_PARAMETERS | {

@@ -21,30 +21,8 @@ from mapdeal.grid.values import few_text
 from mapdeal.layers.area import CostmapArea
 from mapdeal.layers.catalogue import NAV2_PLUGINS
 from mapdeal.layers.layer import PluginEntry
-from mapdeal.ros.robot import (
-    INJECTED,
-    LONGEST_CLASS_NAME,
-    NOT_MODELLED,
-    Corners,
-    CostmapName,
-    FootprintStringError,
-    Level,
-    ListedLayer,
-    ParameterValue,
-    Problem,
-    RobotParameters,
-    corners_of_string,
-    erasing_layers,
-    hint_on_class,
-    most_alike,
-    other_maps,
-    padded_corners,
-    repetition,
-    shape_of,
-    sixteen_corners,
-    suggested_class,
-    syntax_problem,
-)
+from mapdeal.ros import robot
+from mapdeal.ros.robot import CostmapName, Level, ListedLayer, ParameterValue, Problem
 from mapdeal.ros.ros2_files import Ros2Node, Ros2Parameters, matches, read_ros2
 
 _ARTICLES = {
@@ -61,9 +39,7 @@ class Nav2Values:
         self, parameters: Mapping[str, ParameterValue], node: str, source: Path, *,
         up_to_kilted: bool,
     ) -> None:  # fmt: skip
-        self.parameters = parameters
-        self.node = node
-        self.source = source
+        self.parameters, self.node, self.source = parameters, node, source
         self.up_to_kilted = up_to_kilted
         self.problems: list[Problem] = []
         self._known: set[str] = set()
@@ -80,11 +56,17 @@ class Nav2Values:
             self._report_hidden(name, parameter, parameter.ignored)
         if parameter.replaced is not None:
             earlier, is_equal = parameter.replaced, parameter.value == parameter.replaced.value
-            self.problem(*repetition(earlier.line, parameter.line, is_equal=is_equal), name)
+            self.problem(*robot.repetition(earlier.line, parameter.line, is_equal=is_equal), name)
         if parameter.kind == kind:
             return parameter.value
         if name not in self._known:
-            self._report_type(name, kind, parameter, level)
+            rule = f"must be {_ARTICLES[kind]}"
+            if _is_substitution(parameter) and kind != "string":
+                hint = robot.hint_on_launch("value")
+                self.problem("params.substitution", level, rule, name, hint)
+            else:
+                text = f"{rule}, is {_ARTICLES[parameter.kind]}; Nav2 does not start"
+                self.problem("params.type", level, text, name, _hint(kind, parameter))
         self._known.add(name)
         if kind == "double" and parameter.kind == "integer":
             return float(parameter.value)
@@ -119,15 +101,6 @@ class Nav2Values:
             problem = replace(problem, source=value.source, line=value.line, got=value.text)
         if problem not in self.problems:
             self.problems.append(problem)
-
-    def _report_type(self, name: str, kind: str, parameter: ParameterValue, level: Level) -> None:
-        rule = f"must be {_ARTICLES[kind]}"
-        if _is_substitution(parameter) and kind != "string":
-            hint = "launch files replace it; pass the file that the node gets, or write the value"
-            self.problem("params.substitution", level, rule, name, hint)
-            return
-        text = f"{rule}, is {_ARTICLES[parameter.kind]}; Nav2 does not start"
-        self.problem("params.type", level, text, name, _hint(kind, parameter))
 
     def _report_hidden(self, name: str, used: ParameterValue, ignored: ParameterValue) -> None:
         self._known.add(name)
@@ -208,7 +181,7 @@ def _listed_layers(values: Nav2Values, inscribed: float) -> tuple[ListedLayer, .
     parameters = [f"{name}.map_topic" for name in statics]
     topics = [values.get(parameter, "string", "") or default_topic for parameter in parameters]
     named = zip(parameters, (topic.lstrip("/") for topic in topics), strict=True)
-    for parameter, text in other_maps(named):
+    for parameter, text in robot.other_maps(named):
         values.problem("params.other-map", "warning", text, parameter)
     return layers
 
@@ -220,17 +193,17 @@ def _class_of(values: Nav2Values, name: str, default: str | None) -> str | None:
     if kind is None and parameter not in values.parameters:
         text = f"{name} is listed, but has no {parameter}; Nav2 does not start"
         classes = {plugin.removeprefix(_PREFIX).lower(): plugin for plugin in _KNOWN_CLASSES}
-        plain_name = name.replace("_", "").lower()[:LONGEST_CLASS_NAME]
-        guess = classes[most_alike(plain_name, list(classes), least=0.0) or ""]
+        plain_name = name.replace("_", "").lower()[: robot.LONGEST_CLASS_NAME]
+        guess = classes[robot.most_alike(plain_name, list(classes), least=0.0) or ""]
         hint = f'write {name}: {{plugin: "{guess}"}}, or take it out of the list'
         is_filter = name in values.get("filters", "string_array", ())
         place = "filters" if is_filter else "plugins"
         values.problem("params.plugins", "refused", text, place, hint)
     if kind is None:
         return None
-    suggested = suggested_class(kind, _KNOWN_CLASSES, _PREFIX)
+    suggested = robot.suggested_class(kind, _KNOWN_CLASSES, _PREFIX)
     if suggested is not None:
-        text = f"unknown class {kind[:LONGEST_CLASS_NAME]}; Nav2 does not start"
+        text = f"unknown class {kind[: robot.LONGEST_CLASS_NAME]}; Nav2 does not start"
         values.problem("params.plugins", "refused", text, parameter, f"did you mean {suggested}?")
     return suggested or kind
 
@@ -249,9 +222,9 @@ def _layer(values: Nav2Values, name: str, kind: str, inscribed: float) -> Listed
         return ListedLayer(name, kind, layer, is_enabled, sensing=sensing)
     if is_enabled and kind not in _COSTLESS_FILTERS:
         text = f"{kind} is not modelled: its costs are left out"
-        hint = None if kind in _KNOWN_CLASSES else hint_on_class(kind, _PREFIX)
+        hint = None if kind in _KNOWN_CLASSES else robot.hint_on_class(kind, _PREFIX)
         values.problem("params.not-modelled", "warning", text, f"{name}.plugin", hint)
-    why = _COSTLESS_FILTERS.get(kind, NOT_MODELLED)
+    why = _COSTLESS_FILTERS.get(kind, robot.NOT_MODELLED)
     return ListedLayer(name, kind, None, is_enabled, why_ignored=why)
 
 
@@ -279,18 +252,18 @@ _LONGEST_NAMESPACE = 245  # characters of a node's namespace in ROS 2, including
 def nav2_robot(
     paths: Sequence[Path], *, costmap: CostmapName = "global", namespace: str | None = None,
     up_to_kilted: bool = False,
-) -> tuple[RobotParameters | None, tuple[Problem, ...]]:  # fmt: skip
+) -> tuple[robot.RobotParameters | None, tuple[Problem, ...]]:  # fmt: skip
     try:
         parameters = read_ros2(paths)
     except MalformedInputError as error:
-        return None, (syntax_problem(error, Path(error.source or paths[0])),)
+        return None, (robot.syntax_problem(error, Path(error.source or paths[0])),)
     return robot_in(parameters, costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted)
 
 
 def robot_in(
     parameters: Ros2Parameters, *, costmap: CostmapName = "global", namespace: str | None = None,
     up_to_kilted: bool = False, overrides: Mapping[str, ParameterValue] | None = None,
-) -> tuple[RobotParameters | None, tuple[Problem, ...]]:  # fmt: skip
+) -> tuple[robot.RobotParameters | None, tuple[Problem, ...]]:  # fmt: skip
     """Return the robot in parameters that were read, some with other values, and the problems."""
     node, problems = _node_of(parameters, costmap, namespace)
     if node is None:
@@ -298,9 +271,8 @@ def robot_in(
     own_values = {**parameters.for_node(node), **(overrides or {})}
     values = Nav2Values(own_values, node, parameters.files[-1].path, up_to_kilted=up_to_kilted)
     values.problems += (*problems, *_single_level_nodes(parameters, node, "warning"))
-    text = (
-        "ROS 2 does not support aliases; nav2_bringup's launch files write the value in its place"
-    )
+    text = "ROS 2 does not support aliases"
+    text += "; nav2_bringup's launch files write the value in its place"
     hint = "other launch files need the value itself"
     values.problems += [
         Problem("params.alias", "warning", text, "", *alias, hint) for alias in parameters.aliases
@@ -326,16 +298,16 @@ def _warn_of_old_plugins(values: Nav2Values) -> None:
             continue
         form = f"{listed}, a list of mappings as in ROS 1" if mappings else " and ".join(pairs)
         found = values.parameters[(mappings or pairs)[0]]
-        text = f"Nav2 does not read {form}: {effect}"
+        text, place = f"Nav2 does not read {form}: {effect}", (found.source, found.line)
         hint = f'write {listed}: ["NAME", ...], and NAME: {{plugin: "CLASS"}} for each'
         values.problems.append(
-            Problem("params.old-plugins", "warning", text, "", found.source, found.line, hint=hint)
+            Problem("params.old-plugins", "warning", text, "", *place, hint=hint)
         )
 
 
 def _resolved(
     values: Nav2Values, parameters: Ros2Parameters, costmap: CostmapName
-) -> RobotParameters | None:
+) -> robot.RobotParameters | None:
     values.check_types(DECLARED)
     # Sizes with which the node fails to configure are reported even if a map overrides them.
     for name in ("width", "height"):
@@ -349,7 +321,8 @@ def _resolved(
         values.problem("params.not-positive", "refused", text, "resolution")
     padding = as_float32(values.number("footprint_padding", 0.01))
     radius, corners = _outline(values)
-    if not max(abs(v) for corner in padded_corners(corners, padding) for v in corner) <= _LARGEST:
+    padded = robot.padded_corners(corners, padding)
+    if not max(abs(v) for corner in padded for v in corner) <= _LARGEST:
         name = "footprint" if radius is None else "robot_radius"
         text = f"must be within {_LARGEST:g} m of the robot's centre, padding included"
         values.problem("params.too-large", "refused", text, name)
@@ -358,11 +331,11 @@ def _resolved(
     def report(check: str, level: Level, text: str) -> None:
         values.problem(check, level, text, "footprint")
 
-    shape = shape_of(corners, padding, radius, report)
+    shape = robot.shape_of(corners, padding, radius, report)
     layers = None if shape is None else _listed_layers(values, shape.inscribed_radius)
     if shape is None or layers is None:
         return None
-    for name, text in erasing_layers(layers):
+    for name, text in robot.erasing_layers(layers):
         values.problem("params.erases-map", "warning", text, f"{name}.combination_method")
     layers = _with_static(values, layers, costmap)
     track, area = values.flag("track_unknown_space"), _area(values) if has_cells else None
@@ -374,9 +347,8 @@ def _resolved(
 
 def _area(values: Nav2Values) -> CostmapArea:
     resolution = values.get("resolution", "double", 0.1)
-    height, width = (
-        int(values.get(side, "integer", 5) / resolution) for side in ("height", "width")
-    )
+    sides = [values.get(side, "integer", 5) for side in ("height", "width")]
+    height, width = (int(side / resolution) for side in sides)
     return CostmapArea(
         height, width, resolution,
         (values.number("origin_x", 0.0), values.number("origin_y", 0.0)),
@@ -386,13 +358,21 @@ def _area(values: Nav2Values) -> CostmapArea:
     )  # fmt: skip
 
 
-def _outline(values: Nav2Values) -> tuple[float | None, Corners]:
+def _outline(values: Nav2Values) -> tuple[float | None, robot.Corners]:
     text = values.get("footprint", "string", "[]")
     if text not in ("", "[]"):
         try:
-            return None, corners_of_string(text)
-        except FootprintStringError as error:
-            _report_footprint(values, text, str(error))
+            return None, robot.corners_of_string(text)
+        except robot.FootprintStringError as error:
+            if "$(" in text or text.startswith("<"):
+                rule, hint = "must be a list of points", robot.hint_on_launch("points")
+                values.problem("params.substitution", "refused", rule, "footprint", hint)
+            else:
+                name = "robot_radius" if "robot_radius" in values.parameters else "a radius"
+                used = f"{name} of {values.get('robot_radius', 'double', 0.1):g} m"
+                rule = f"{error}; Nav2 uses {used} in its place"
+                hint = 'write "[[x1, y1], [x2, y2], [x3, y3], ...]", metres'
+                values.problem("params.footprint-unused", "warning", rule, "footprint", hint)
     elif "robot_radius" not in values.parameters:
         rule = "neither footprint nor robot_radius is set; Nav2 uses a radius of 0.1 m"
         values.problem("params.no-shape", "warning", rule, hint="set one of them")
@@ -400,20 +380,7 @@ def _outline(values: Nav2Values) -> tuple[float | None, Corners]:
     if radius <= 0:
         effect = "accepts it, and the robot has no size" if radius == 0 else f"uses {-radius:g} m"
         values.problem("params.range", "warning", f"must be above 0; Nav2 {effect}", "robot_radius")
-    return radius, sixteen_corners(radius)
-
-
-def _report_footprint(values: Nav2Values, text: str, reason: str) -> None:
-    if "$(" in text or text.startswith("<"):
-        hint = "launch files replace it; pass the file that the node gets, or write the points"
-        rule = "must be a list of points"
-        values.problem("params.substitution", "refused", rule, "footprint", hint)
-        return
-    radius = values.get("robot_radius", "double", 0.1)
-    radius_name = "robot_radius" if "robot_radius" in values.parameters else "a radius"
-    rule = f"{reason}; Nav2 uses {radius_name} of {radius:g} m in its place"
-    hint = 'write "[[x1, y1], [x2, y2], [x3, y3], ...]", metres'
-    values.problem("params.footprint-unused", "warning", rule, "footprint", hint)
+    return radius, robot.sixteen_corners(radius)
 
 
 def _with_static(
@@ -421,8 +388,8 @@ def _with_static(
 ) -> tuple[ListedLayer, ...]:
     statics = [listed for listed in layers if listed.plugin == _STATIC]
     if not statics and costmap == "local":
-        static = NAV2_PLUGINS[_STATIC].from_nav2(values, PluginEntry(INJECTED, _STATIC, 0.0))
-        return (ListedLayer(INJECTED, _STATIC, static), *layers)
+        static = NAV2_PLUGINS[_STATIC].from_nav2(values, PluginEntry(robot.INJECTED, _STATIC, 0.0))
+        return (ListedLayer(robot.INJECTED, _STATIC, static), *layers)
     if not any(listed.is_enabled for listed in statics):
         value = "255, unknown" if values.flag("track_unknown_space") else "0, free"
         reason = "the static layer is switched off" if statics else "no static layer"

@@ -123,12 +123,11 @@ def _listed_planner(values: Nav2Values, name: str, plugin: str) -> ListedPlanner
         text = f"{name} is listed, but has no {name}.plugin; Nav2 does not start"
         values.problem("params.plugins", "refused", text, "planner_plugins")
     planner_class = planner_classes().get(plugin)
-    declared = PLANNER_PARAMETERS.get(full_name(plugin), {})
     settings = {
         key: values.number(f"{name}.{key}", default)
         if isinstance(default, float)
         else values.get(f"{name}.{key}", _KINDS[type(default)], default)
-        for key, default in declared.items()
+        for key, default in PLANNER_PARAMETERS.get(full_name(plugin), {}).items()
     }
     planner = None if planner_class is None else planner_class(settings)
     return ListedPlanner(name, plugin, settings, planner)

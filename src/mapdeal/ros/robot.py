@@ -89,17 +89,13 @@ def other_maps(topics: Iterable[tuple[T, str]]) -> Iterator[tuple[T, str]]:
     for parameter, topic in topics:
         first_topic = first_topic or topic
         if topic != first_topic:
-            yield (
-                parameter,
-                f"reads {topic}, another map than {first_topic}; here it gets the same map",
-            )
+            text = f"reads {topic}, another map than {first_topic}; here it gets the same map"
+            yield parameter, text
 
 
 Corners = tuple[tuple[float, float], ...]
 
-MOST_CORNERS = 2000
-"""Most corners of a footprint: the search for crossing edges takes quadratic time."""
-
+MOST_CORNERS = 2000  # of a footprint: the search for crossing edges takes quadratic time
 _NUMBER = re.compile(
     r"[ \t\n\v\f\r]*([-+]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]*)?|\.?))"
 )
@@ -200,11 +196,8 @@ def oddities_of(corners: Corners) -> Iterator[str]:
         yield "the robot's centre (0, 0) lies outside of the outline"
 
 
-NOT_MODELLED = "not modelled"
-"""Reason for leaving out a layer that sets costs."""
-
-INJECTED = "injected_static"
-"""Name of the static layer that mapdeal adds to a local costmap without one."""
+NOT_MODELLED = "not modelled"  # why a layer that sets costs is left out
+INJECTED = "injected_static"  # the static layer that mapdeal adds to a local costmap without one
 
 
 @dataclass(frozen=True)
@@ -316,9 +309,8 @@ class RobotParameters(OneLineRepr):
         return replace(layers, area=area, footprint=self.footprint)
 
     def _enabled_layers(self) -> CostmapLayers:
-        layers = tuple(
-            listed.layer for listed in self.layers if listed.layer is not None and listed.is_enabled
-        )
+        enabled = (listed.layer for listed in self.layers if listed.is_enabled)
+        layers = tuple(layer for layer in enabled if layer is not None)
         cost = NO_INFORMATION if self.track_unknown_space else FREE_SPACE
         return CostmapLayers(layers, cost, self.circumscribed_radius)
 
@@ -385,16 +377,15 @@ class RobotParameters(OneLineRepr):
 
         Inflation layers get its inscribed radius, unless the file sets one for them.
         """
-        inscribed = self.inscribed_radius
-        layers = tuple(
-            replace(
-                item, layer=item.layer and item.layer.with_inscribed_radius(inscribed, footprint)
+        layers = []
+        for item in self.layers:
+            layer = item.layer and item.layer.with_inscribed_radius(
+                self.inscribed_radius, footprint
             )
-            for item in self.layers
-        )
+            layers.append(replace(item, layer=layer))
         return replace(
             self, footprint=footprint, footprint_padding=0.0,
-            robot_radius=footprint.radius or None, layers=layers,
+            robot_radius=footprint.radius or None, layers=tuple(layers),
             inscribed_radius=footprint.inscribed_radius,
             circumscribed_radius=footprint.circumscribed_radius,
         )  # fmt: skip
@@ -481,6 +472,10 @@ def suggested_class(kind: str, classes: Sequence[str], prefix: str) -> str | Non
         known = (nearest or "").removeprefix(prefix)
         return None if plain != known and plain.endswith(known) else nearest  # MyStaticLayer
     return most_alike(kind[:LONGEST_CLASS_NAME], classes)
+
+
+def hint_on_launch(replacement: str) -> str:
+    return f"launch files replace it; pass the file that the node gets, or write the {replacement}"
 
 
 def hint_on_class(kind: str, prefix: str) -> str | None:

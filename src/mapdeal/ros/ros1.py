@@ -31,14 +31,8 @@ from mapdeal.layers.area import CostmapArea
 from mapdeal.layers.catalogue import ROS1_PLUGINS
 from mapdeal.layers.layer import PluginEntry
 from mapdeal.ros import robot
-from mapdeal.ros.robot import (
-    CostmapName,
-    Level,
-    ListedLayer,
-    ParameterValue,
-    Problem,
-    RobotParameters,
-)
+from mapdeal.ros.robot import CostmapName, Level, ListedLayer, ParameterValue, Problem
+from mapdeal.ros.ros2_files import line_of
 
 _INT32 = 1 << 31
 
@@ -50,11 +44,7 @@ def _value_of(source: Path, node: yaml.Node) -> Any:
     except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError,
             OverflowError) as error:  # fmt: skip
         rule = f"cannot be read ({yaml_text.one_line_of(error)})"
-        raise MalformedInputError(rule, source=source, place=f"line {_line_of(node)}") from None
-
-
-def _line_of(node: yaml.Node) -> int:
-    return int(node.start_mark.line) + 1
+        raise MalformedInputError(rule, source=source, place=f"line {line_of(node)}") from None
 
 
 def _kind_of(value: Any) -> str:
@@ -167,7 +157,7 @@ def parse_ros1_parameters(path: Path, data: bytes) -> Ros1File:
     if len(documents) > 1:
         text = "roslaunch reads files of one document"
         hint = "remove the ---, or load the file with rosparam load"
-        reader.fault("params.syntax", "refused", text, _line_of(documents[1]), hint=hint)
+        reader.fault("params.syntax", "refused", text, line_of(documents[1]), hint=hint)
     return Ros1File(path, hashlib.sha256(data).hexdigest(), reader.tree, tuple(reader.faults))
 
 
@@ -191,7 +181,7 @@ class _Reader:
             if not parameter:
                 continue
             if isinstance(value, yaml.MappingNode) and not value.tag.startswith("!"):
-                self.tree.below(parameter, self.source, _line_of(value))
+                self.tree.below(parameter, self.source, line_of(value))
                 self.add(parameter, value)
             else:
                 self._set(parameter, value)
@@ -201,7 +191,7 @@ class _Reader:
         pairs: dict[str, tuple[int, yaml.Node]] = {}
         own_keys = {id(key) for key, _ in node.value}
         for key, value in yaml_text.flattened(self.source, node):
-            name, line = _value_of(self.source, key), _line_of(key)
+            name, line = _value_of(self.source, key), line_of(key)
             if not isinstance(name, str):
                 parameter, got = "/".join((*path, str(key.value))), f"{_kind_of(name)} {key.value}"
                 self.fault("params.name", "refused", "names must be text", line, parameter, got,
@@ -219,7 +209,7 @@ class _Reader:
 
     def _set(self, path: _Path, node: yaml.Node) -> None:
         value = _value_of(self.source, node)
-        text, line = yaml_text.source_text(node), _line_of(node)
+        text, line = yaml_text.source_text(node), line_of(node)
         kind = _kind_of(value)
         if (reason := why_unsendable(value)) is not None:
             check, rule, hint = reason
@@ -579,7 +569,7 @@ _PLUGIN_HINT = 'write - {name: static_layer, type: "costmap_2d::StaticLayer"}'
 
 def ros1_robot(
     paths: Sequence[Path], *, costmap: CostmapName = "global", namespace: str | None = None
-) -> tuple[RobotParameters | None, tuple[Problem, ...]]:
+) -> tuple[robot.RobotParameters | None, tuple[Problem, ...]]:
     server, is_complete = load_server(paths, costmap, namespace)
     if not is_complete or not _has_costmap(server):
         return None, tuple(server.problems)
@@ -616,7 +606,7 @@ def _has_costmap(server: Ros1Server) -> bool:
     return False
 
 
-def _robot_from(server: Ros1Server) -> RobotParameters | None:
+def _robot_from(server: Ros1Server) -> robot.RobotParameters | None:
     is_rolling = server.boolean(False, "rolling_window")
     track = server.boolean(False, "track_unknown_space")
     has_list = server.root.get((*server.path, "plugins")) is not None
@@ -711,8 +701,8 @@ def _layer(server: Ros1Server, name: str, kind: str, inscribed: float) -> Listed
                     f"has no effect: the costmap's own {parameter}, {above.text}, takes its place"
                 )
                 file = f" of {above.source.name}" if above.source != local.source else ""
-                hint = f"remove one of them; the other stands on line {above.line}{file}"
-                server.problem("params.overridden", "warning", text, (name, parameter), hint)
+                advice = f"remove one of them; the other stands on line {above.line}{file}"
+                server.problem("params.overridden", "warning", text, (name, parameter), advice)
         layer = layer_class.from_ros1(server, PluginEntry(name, kind, inscribed))
         sensing = layer_class.sensing_from_ros1(server, name)
         return ListedLayer(name, kind, layer, is_enabled, sensing=sensing)

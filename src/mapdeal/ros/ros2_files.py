@@ -29,7 +29,7 @@ import yaml
 
 from mapdeal.files import yaml_text
 from mapdeal.files.source import read_file
-from mapdeal.ros.robot import ParameterFile, ParameterFileError, ParameterValue
+from mapdeal.ros.robot import ParameterFile, ParameterFileError, ParameterValue, hint_on_launch
 
 _TRUE = ["Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"]
 _FALSE = ["N", "n", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"]
@@ -74,9 +74,7 @@ def _double(text: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-_PLAIN = (("bool", _BOOLS.get), ("integer", _integer), ("double", _double))
-"""Types and their parsers."""
-
+_PLAIN = (("bool", _BOOLS.get), ("integer", _integer), ("double", _double))  # with their parsers
 PARAMETERS_KEY = "ros__parameters"
 _LONGEST_TEXT = 200
 _MOST_ALIASES = 200
@@ -87,7 +85,6 @@ _PRECEDENCE = (
     "bool_array", "integer_array", "double_array", "string_array",
 )  # fmt: skip
 _NESTING = f"parameters stand below NODE: {PARAMETERS_KEY}: NAME: VALUE"
-_LAUNCH = "launch files replace it; pass the file that the node gets, or write the name itself"
 _NO_LISTS_OF_LISTS = 'ROS 2 has none; put a footprint in quotes: "[[x1, y1], [x2, y2], ...]"'
 
 
@@ -116,8 +113,7 @@ class Ros2Node:
         self.name = name if name.startswith("/") else f"/{name}"
         self.source, self.line = source, line
         self.slots: list[Slot] = []
-        self.entries: tuple[tuple[str, ParameterValue], ...] = ()
-        """Names and values; filled after all files are read."""
+        self.entries: tuple[tuple[str, ParameterValue], ...] = ()  # set after all files are read
         self._places: dict[str, list[int]] = defaultdict(list)
 
     def find(self, name: str, unset: ParameterValue) -> int:
@@ -140,11 +136,10 @@ class FileReader:
     def __init__(self, path: Path, nodes: dict[str, Ros2Node]) -> None:
         self._path, self._nodes = path, nodes
         self._node: Ros2Node | None = next(iter(nodes.values()), None)
-        self._index = 0
+        self._index = self._depth = 0
         self._is_key, self._is_sequence, self._starts_mapping = True, False, False
         self._in_parameters = False
         self._key = ""  # the last key, for errors
-        self._depth = 0
         self._anchored: dict[str | None, yaml.ScalarEvent] = {}
         self.aliases: list[yaml.AliasEvent] = []
         self._items: list[Any] = []
@@ -207,8 +202,7 @@ class FileReader:
         if self._is_key:
             raise self._error("a list stands where a key should be", event)
         if not self._in_parameters:
-            rule = f"a list stands outside of {PARAMETERS_KEY}"
-            raise self._error(rule, event, hint=_NESTING)
+            raise self._error(f"a list stands outside of {PARAMETERS_KEY}", event, hint=_NESTING)
         self._is_sequence = True
         self._items_kind, self._sequence = None, event
         slot = self._slot()
@@ -235,7 +229,7 @@ class FileReader:
             raise self._error(rule, event, hint=_NESTING)
         fault = name_fault(name)
         if fault:
-            hint = _LAUNCH if any(mark in name for mark in "<$") else None
+            hint = hint_on_launch("name itself") if any(mark in name for mark in "<$") else None
             raise self._error(f"not a name of a node: {fault}", event, got=name, hint=hint)
         if name not in self._nodes:
             self._nodes[name] = Ros2Node(name, self._path, line_of(event))
@@ -307,12 +301,10 @@ class FileReader:
             raise self._error(rule, event, got=f"{_short(event.value)} ({kind})", hint=hint)
         self._items.append(value)
         first = self._sequence or event
-        text = _between(first, event) + "]"
-        self._set(self._value_of(self._items, f"{kind}_array", first, text))
+        self._set(self._value_of(self._items, f"{kind}_array", first, _between(first, event) + "]"))
 
     def _set(self, value: ParameterValue) -> None:
-        slot = self._slot()
-        if slot is not None:
+        if (slot := self._slot()) is not None:
             earlier = slot.values.pop(value.kind, None)  # values of other types remain
             if earlier and earlier.source == value.source and earlier.line != value.line:
                 value = replace(value, replaced=earlier)
@@ -343,11 +335,10 @@ class _Names:
 
     def add(self, name: str) -> None:
         if not self.count or self.text is None:
-            self.text = name
+            self.replace(name)
         else:
             joint = "" if self.text.endswith(self._separator) else self._separator
-            self.text += joint + name
-        self.count += 1
+            self.replace(self.text + joint + name)
 
     def replace(self, text: str) -> None:
         self.text = text
@@ -388,7 +379,7 @@ def name_fault(name: str) -> str | None:
     return "it is too long" if len(last) > _LONGEST_NODE_NAME else None
 
 
-def line_of(event: yaml.Event) -> int:
+def line_of(event: yaml.Event | yaml.Node) -> int:
     return int(event.start_mark.line) + 1 if event.start_mark else 1
 
 

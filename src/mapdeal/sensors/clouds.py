@@ -208,8 +208,7 @@ def _pcd_points(file: BinaryIO, path: Path) -> Iterator[Points]:
         yield from _binary_points(file, record, axes, count)
     else:
         yield from _compressed_points(file, record, axes, count, path)
-    trailing = file.read(1 << 16)
-    if trailing.strip(b"\0 \r\n\t"):  # these are padding
+    if file.read(1 << 16).strip(b"\0 \r\n\t"):  # these are padding
         emit_warning(f"{path}: data after the points are ignored")
 
 
@@ -342,8 +341,7 @@ def _ply_points(file: BinaryIO, path: Path) -> Iterator[Points]:
         if element.name == "vertex":
             axes = record.axes(place)
             if encoding == "ascii":
-                width = len(record.names)
-                yield from _counted_points(file, path, axes, lines, count, width=width)
+                yield from _counted_points(file, path, axes, lines, count, width=len(record.names))
             else:
                 yield from _binary_points(file, record, axes, count)
             return

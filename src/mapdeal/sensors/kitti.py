@@ -28,8 +28,7 @@ def kitti_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
         rule = f"must have {_RECORD} bytes for each point: x, y, z and reflectance as float32"
         raise MalformedInputError(rule, source=path, got=f"{size} bytes")
     while data := file.read(_RECORD * _TOGETHER):
-        count = len(data) // _RECORD
-        singles = np.frombuffer(data, "<f4", 4 * count).reshape(-1, 4)[:, :3]
+        singles = np.frombuffer(data, "<f4", 4 * (len(data) // _RECORD)).reshape(-1, 4)[:, :3]
         with np.errstate(invalid="ignore"):  # conversion of a signalling nan
             numbers = singles.astype(np.float64)
         if (np.abs(numbers) > _FARTHEST).any():

@@ -252,8 +252,7 @@ def triangulate(
         if count > 3:
             spokes, edges = points - points[:, :1], np.roll(points, -1, axis=1) - points
             normals = np.cross(spokes, np.roll(spokes, -1, axis=1)).sum(axis=1)
-            bends = np.cross(np.roll(edges, 1, axis=1), edges)
-            turns = np.einsum("nkj,nj->nk", bends, normals)
+            turns = np.einsum("nkj,nj->nk", np.cross(np.roll(edges, 1, axis=1), edges), normals)
             # a fan of a concave face would cover its notches, such as doors
             is_concave = (turns < -1e-9 * np.abs(turns).max(axis=1, keepdims=True)).any(axis=1)
             for k in np.flatnonzero(is_concave).tolist():
@@ -262,8 +261,7 @@ def triangulate(
                 triangles.append(strips if normals[k, axis] > 0 else strips[:, ::-1])
                 faces.append(np.full(len(strips), numbers[k]))
             numbers, points = numbers[~is_concave], points[~is_concave]
-        fan = [[0, k, k + 1] for k in range(1, count - 1)]
-        triangles.append(points[:, fan].reshape(-1, 3, 3))
+        triangles.append(points[:, [[0, k, k + 1] for k in range(1, count - 1)]].reshape(-1, 3, 3))
         faces.append(np.repeat(numbers, count - 2))
     return np.concatenate(triangles), np.concatenate(faces)
 
@@ -425,8 +423,7 @@ def matrix_of(turn: Floats, move: Floats | float) -> Floats:
 
 def _axis_rotation(numbers: Floats) -> Floats:
     axis, half = numbers[:3] / (np.linalg.norm(numbers[:3]) or 1.0), math.radians(numbers[3]) / 2
-    quaternion = np.append(math.sin(half) * axis, math.cos(half))
-    return matrix_of(rotated(quaternion, np.eye(3)).T, 0.0)
+    return matrix_of(rotated(np.append(math.sin(half) * axis, math.cos(half)), np.eye(3)).T, 0.0)
 
 
 _TRANSFORMS: dict[str, tuple[int, Callable[[Floats], Floats]]] = {

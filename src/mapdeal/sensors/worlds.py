@@ -25,18 +25,8 @@ from mapdeal.grid.frame import FARTHEST
 from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.rotations import product, rotated
 from mapdeal.maps.kinds import WORLD, recognised
-from mapdeal.sensors.meshes import (
-    MESH_ENDINGS,
-    MOST_INSTANCES,
-    Part,
-    malformed,
-    matrix_of,
-    numbers_in,
-    read_mesh,
-    read_xml,
-    strips_of,
-    transform_triangles,
-)
+from mapdeal.sensors import meshes
+from mapdeal.sensors.meshes import MESH_ENDINGS, Part, malformed, matrix_of, numbers_in
 
 _VARIABLES = (
     "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "SDF_PATH", "GAZEBO_MODEL_PATH",
@@ -87,8 +77,7 @@ class _Scope:
             else:
                 rule = "depends on itself" if name in passed else "must be a frame here"
                 hint = None if name in passed else nearest_hint(name, self.frames)
-                place = f"{self.place}: relative_to"
-                raise malformed(self.path, rule, place, got=name, hint=hint)
+                raise malformed(self.path, rule, f"{self.place}: relative_to", got=name, hint=hint)
             pose = product(relative, pose)
         return pose
 
@@ -114,7 +103,7 @@ class _Reader:
         if path in self.roots:
             return self.roots[path]
         self.files[path] = None
-        root = self.roots[path] = read_xml(path)
+        root = self.roots[path] = meshes.read_xml(path)
         for element in root.iter():
             texts = (element.text or "", *element.attrib.values())
             is_open = any(mark in text for text in texts for mark in ("${", "$("))
@@ -355,13 +344,12 @@ class _Reader:
             self._add(self._polylines(lines, path, f"{place}: polyline"), matrix)
 
     def _add(self, triangles: Floats, matrix: Floats) -> None:
-        if len(self.shapes) > MOST_INSTANCES:
-            raise MalformedInputError(f"has more than {MOST_INSTANCES} shapes")
+        if len(self.shapes) > meshes.MOST_INSTANCES:
+            raise MalformedInputError(f"has more than {meshes.MOST_INSTANCES} shapes")
         self.bytes += triangles.nbytes
         claim(next(iter(self.files)), 3 * self.bytes, what="its triangles")
-        self.shapes.append(
-            (transform_triangles(matrix, triangles), len(self.shapes) + len(self.planes))
-        )
+        number = len(self.shapes) + len(self.planes)
+        self.shapes.append((meshes.transform_triangles(matrix, triangles), number))
 
     def add_plane(self, point: Floats, normal: Floats, side: float) -> None:
         self.planes.append((np.append(point, side), normal, len(self.shapes) + len(self.planes)))
@@ -391,7 +379,7 @@ class _Reader:
             low, low_end = (upper * [1, 1, 0] for upper in (begin, end))
             sides = (low, low_end, end), (low, end, begin)
             triangles += [np.stack(corners, axis=1) for corners in sides]
-        cap = strips_of(rings, path)
+        cap = meshes.strips_of(rings, path)
         return np.concatenate([*triangles, cap, cap[:, ::-1] * [1, 1, 0]])
 
     def _mesh(self, mesh: Element, path: Path, place: str) -> Floats:
@@ -414,14 +402,14 @@ class _Reader:
         if submesh is not None and (submesh.findtext("center") or "").strip() in _TRUE:
             triangles = triangles - (triangles.min(axis=(0, 1)) + triangles.max(axis=(0, 1))) / 2
         scale = self._numbers(mesh, "scale", path, place, 3, "1 1 1")
-        return transform_triangles(np.diag([*scale, 1.0]), triangles)
+        return meshes.transform_triangles(np.diag([*scale, 1.0]), triangles)
 
     def read_parts(self, file: Path) -> list[Part]:
         if file.suffix.lower() not in MESH_ENDINGS:
             raise MalformedInputError(f"must be a mesh: {', '.join(MESH_ENDINGS)}", source=file)
         self.files[file] = None
         with recognised(file, "a mesh", WORLD):
-            return read_mesh(file)
+            return meshes.read_mesh(file)
 
     def _file_of(self, uri: str, source: Path, place: str) -> Path:
         scheme, mark, name = uri.partition("://")
