@@ -45,8 +45,7 @@ class ChunkCache:
         self._chunks: OrderedDict[int, bytes] = OrderedDict()
 
     def __getitem__(self, number: int) -> bytes:
-        chunk = self._chunks.get(number)
-        if chunk is not None:
+        if (chunk := self._chunks.get(number)) is not None:
             self._chunks.move_to_end(number)
             return chunk
         while len(self._chunks) >= _MOST_CACHED or self._bytes > _MOST_CACHED_BYTES:
@@ -263,8 +262,7 @@ class Ros1Bag(ChunkedBag):
 
     def _walk(self) -> None:
         magic = self._file.readline(64)
-        match = _ROS1_MAGIC.fullmatch(magic)
-        if match is None:
+        if (match := _ROS1_MAGIC.fullmatch(magic)) is None:
             raise self.malformed("is not a ROS 1 bag: it must begin with #ROSBAG V2.0")
         if match[1] != b"2":
             version = f"{int(match[1])}.{int(match[2])}"

@@ -113,8 +113,7 @@ class FolderBag(bags.Bag):
             if key not in fields:
                 place = _TOP_KEY if top is None else key
                 raise MalformedInputError("missing", source=path, place=place)
-        storage = _text_of(fields, "storage_identifier")
-        if not storage:
+        if not (storage := _text_of(fields, "storage_identifier")):
             reason = f"{bags.METADATA} names no storage, as ros2 bag reindex leaves it"
             return self._metadata_from_files(reason)
         if storage not in _STORAGES:
@@ -143,8 +142,7 @@ class FolderBag(bags.Bag):
     def _metadata_from_files(self, reason: str) -> _Metadata:
         names = sorted(sources.contents_of(self.path)[1], key=natural_key)
         for suffix, storage in _SUFFIXES.items():
-            files = [name for name in names if _plain(name).endswith(suffix)]
-            if files:
+            if files := [name for name in names if _plain(name).endswith(suffix)]:
                 self.warn_once(reason)
                 return _Metadata(storage, tuple(files), "none", {})
         raise self.malformed("is a folder without .db3 and .mcap files")
@@ -224,8 +222,7 @@ def select_connections(
         raise bag.malformed("holds no messages")
     candidates = bag.of_types(*types)
     if not topics:
-        names = sorted({connection.topic for connection in candidates})
-        if not names:
+        if not (names := sorted({connection.topic for connection in candidates})):
             raise _error(bag, f"has no topic of {kind}", bag.connections, "its topics")
         if len(names) > 1:
             rule = f"has {len(names)} topics of {kind}"

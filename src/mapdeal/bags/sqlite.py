@@ -132,8 +132,7 @@ class SqliteBag(Bag):
         db = sqlite3.connect(address, uri=True, check_same_thread=False)
         db.text_factory = lambda text: text.decode("utf-8", "replace")
         db.set_progress_handler(self._exceeds_steps, _STEPS)
-        most = sources.room()
-        if most is not None:
+        if (most := sources.room()) is not None:
             db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(most // 2, _LONGEST_ROW))
         db.execute("PRAGMA trusted_schema = OFF")
         return db
@@ -220,8 +219,7 @@ class SqliteBag(Bag):
 @contextmanager
 def _whole_pages(path: Path) -> Iterator[Path]:
     """Yield a file without an incomplete last page, which SQLite would fill with zeros."""
-    surplus = _surplus_bytes(path)
-    if not surplus:
+    if not (surplus := _surplus_bytes(path)):
         yield path
         return
     with temporary_folder() as folder:

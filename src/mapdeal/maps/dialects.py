@@ -59,13 +59,11 @@ def read_metadata(path: Path, *, dialect: Dialect = "nav2", mend: bool = False) 
 def metadata_of(
     entries: dict[str, Entry], path: Path, *, dialect: Dialect = "nav2", mend: bool = False
 ) -> MapMetadata:
-    missing = [key for key in _REQUIRED if key not in entries]
-    if missing:
+    if missing := [key for key in _REQUIRED if key not in entries]:
         rule = f"missing key{'s' if len(missing) > 1 else ''} {', '.join(missing)}"
         raise MalformedInputError(rule, source=path, hint=_typo_hint(missing, entries))
     defaults = {"negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196"}
-    absent = {key: value for key, value in defaults.items() if key not in entries}
-    if absent:
+    if absent := {key: value for key, value in defaults.items() if key not in entries}:
         them = "them" if len(absent) > 1 else "it"
         text = f"{', '.join(absent)} (ROS requires {them}); assuming {', '.join(absent.values())}"
         _warn(path, "missing", text, "yaml.defaults")
@@ -188,8 +186,7 @@ def _negate(path: Path, entries: dict[str, Entry], dialect: Dialect) -> bool:
 
 def _mode(path: Path, entries: dict[str, Entry], dialect: Dialect) -> Mode:
     if "mode" not in entries:
-        legacy = [key for key in _LEGACY_MODES if key in entries]
-        if not legacy:
+        if not (legacy := [key for key in _LEGACY_MODES if key in entries]):
             return "trinary"
         text = "old key; its meaning is written mode: trinary, scale or raw"
         _warn(path, legacy[0], text, "yaml.legacy-mode")
@@ -225,8 +222,7 @@ def _view(entries: dict[str, Entry], mode: Mode) -> ViewScale | None:
     if view not in get_args(View):
         raise entries["view"].error("must be metric or per-map")
     keys = ViewScale.keys_of(view)
-    missing = [key for key in keys if key not in entries]
-    if missing:
+    if missing := [key for key in keys if key not in entries]:
         rule = f"needs key{'s' if len(missing) > 1 else ''} {', '.join(missing)}"
         raise layer.error(rule, hint=f"a view {view} is described by {', '.join(keys)}")
     numbers = {key: _number(entries[key]) for key in keys}

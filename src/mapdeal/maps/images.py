@@ -108,8 +108,7 @@ class PnmImage(OpenImage):
         return 3 * self.file.size + per_cell * header.width * header.height
 
     def _decoded(self) -> Strips:
-        rows = self.rows()
-        if rows is not None:
+        if (rows := self.rows()) is not None:
             self._claim(self.memory())
             return rows.strips()
         data = self.file.read_all()
@@ -681,8 +680,7 @@ def recognised_format(head: bytes) -> ImageFormat | None:
 def open_image(path: Path, *, max_cells: int | None = None) -> Iterator[OpenImage]:
     with pictures.opened(path) as file:
         head = file.read(0, pictures.HEAD)
-        image_format = recognised_format(head)
-        if image_format is not None:
+        if (image_format := recognised_format(head)) is not None:
             limit = image_format.max_cells if max_cells is None else max_cells
             yield image_format.open(file, limit)
             return

@@ -42,8 +42,7 @@ def _files_of(name: str, suffixes: Sequence[str], not_in_folders: Sequence[str])
     else:
         sources.status_of(path)  # raises if it is missing
         return [path]
-    files = [file for file in inside if file.suffix.lower() in suffixes]
-    if not files:
+    if not (files := [file for file in inside if file.suffix.lower() in suffixes]):
         rule = f"no file that ends in {', '.join(suffixes)}"
         if sources.exists(path):
             raise FileAccessError(f"the folder holds {rule}", source=name)
@@ -298,8 +297,7 @@ def _expand(
         matches = list_files([name], MAP_ENDINGS)
         candidates = [file for file in matches if not _lies_in(file.parent, output)]
         candidates = _without_images(candidates, keep_all=path.suffix.lower() == sources.BIT_MAP)
-        maps = [file for file in candidates if format_of(file).holds_map(file)]
-        if not maps:
+        if not (maps := [file for file in candidates if format_of(file).holds_map(file)]):
             raise ParameterError(f"matches no map: {_NO_MAP}{_outside_of(output)}", source=name)
         # the fixed folders before the first wildcard
         root = Path(*takewhile(lambda part: not has_magic(part), path.parts))

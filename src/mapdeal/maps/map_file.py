@@ -182,8 +182,7 @@ def warn_of_nothing_known(path: Path, occupancy: blocks.Layer, *, has_pixels: bo
 
 def warn_of_cost_figures(path: Path, figures: Figures) -> None:
     """Warn if nearly all open cells cost the same, or no cell is open."""
-    common = figures["most_common"]
-    if common is None:
+    if (common := figures["most_common"]) is None:
         is_blocked = figures["lethal"] + figures.get("inscribed", 0) > 0
         finding = "known cell is lethal or inscribed" if is_blocked else "cell is unknown"
         warn_of(path, f"every {finding}", "run.uniform-cost")

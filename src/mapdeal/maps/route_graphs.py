@@ -130,8 +130,7 @@ class _Reader:
         return feature.get("properties") or JsonValue(feature.source, {}, place)
 
     def _id(self, properties: JsonValue, key: str, owner: str) -> int | None:
-        found = properties.get(key)
-        if found is None:
+        if (found := properties.get(key)) is None:
             self._report("refused", f"{owner} ({properties.place}) has no {key}")
             return None
         value = found.value
@@ -156,8 +155,7 @@ class _Reader:
         if len(coordinates) not in (2, 3):
             raise feature["geometry"]["coordinates"].error("must be two numbers [x, y]")
         x, y = (coordinate.number() for coordinate in coordinates[:2])
-        number = self._id(properties, "id", "a node")
-        if number is None:
+        if (number := self._id(properties, "id", "a node")) is None:
             return
         self._note_id(number, "node", (x, y))
         frame = properties.get("frame")

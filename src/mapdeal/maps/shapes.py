@@ -92,8 +92,7 @@ class _Reader:
             if kind == "LineString":
                 thickness = self._number(properties, "thickness", place) or 0.0
                 return Line(self._points(part, place), thickness, cell_value, source)
-            radius = self._number(properties, "radius", place)
-            if radius is None:
+            if (radius := self._number(properties, "radius", place)) is None:
                 rule = "a Point needs a property radius, in metres, to be a circle"
                 raise self.error(rule, place)
             return Circle(self._points([part], place)[0], radius, cell_value, source)

@@ -50,8 +50,7 @@ def read_zones(path: Path, kind: FilterKind | None = None) -> list[Zone]:
         features = geojson_features(read_document(path))
     numbered = enumerate(features, 1)
     zones = [_zone(path, number, *feature, kind) for number, feature in numbered if feature[1]]
-    found = [zone for zone in zones if kind in (None, zone.kind)]
-    if not found:
+    if not (found := [zone for zone in zones if kind in (None, zone.kind)]):
         rule = "holds no zone" if kind is None else f"holds no {kind} zone"
         kinds = ", ".join(dict.fromkeys(zone.kind for zone in zones))
         hint = f"its zones are of the kind {kinds}" if kinds else None

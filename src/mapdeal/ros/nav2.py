@@ -201,8 +201,7 @@ def _class_of(values: Nav2Values, name: str, default: str | None) -> str | None:
         values.problem("params.plugins", "refused", text, place, hint)
     if kind is None:
         return None
-    suggested = robot.suggested_class(kind, _KNOWN_CLASSES, _PREFIX)
-    if suggested is not None:
+    if (suggested := robot.suggested_class(kind, _KNOWN_CLASSES, _PREFIX)) is not None:
         text = f"unknown class {kind[: robot.LONGEST_CLASS_NAME]}; Nav2 does not start"
         values.problem("params.plugins", "refused", text, parameter, f"did you mean {suggested}?")
     return suggested or kind
@@ -441,8 +440,7 @@ def _node_of(
         text = f"holds several robots, in the namespaces {few_text(robots, _MOST_LISTED)}"
         hint = f"choose one with --namespace {robots[0]}"
     else:
-        single_level = tuple(_single_level_nodes(parameters, node, "refused"))
-        if single_level:
+        if single_level := tuple(_single_level_nodes(parameters, node, "refused")):
             return None, single_level
         check = "params.no-node"
         names = few_text([entry.name for entry in parameters.nodes], _MOST_LISTED)

@@ -504,8 +504,7 @@ def _layer_document(listed: ListedLayer) -> dict[str, Any]:
 
 
 def effect_of(listed: ListedLayer, robot: RobotParameters) -> str:
-    layer = listed.layer
-    if layer is None:
+    if (layer := listed.layer) is None:
         return f"ignored: {listed.why_ignored}"
     if not listed.is_enabled:
         return "switched off"

@@ -177,8 +177,7 @@ class _Reader:
 
     def add(self, path: _Path, node: yaml.MappingNode) -> None:
         for key, value in self._pairs(path, node):
-            parameter = _joined(path, key)
-            if not parameter:
+            if not (parameter := _joined(path, key)):
                 continue
             if isinstance(value, yaml.MappingNode) and not value.tag.startswith("!"):
                 self.tree.below(parameter, self.source, line_of(value))
@@ -531,8 +530,7 @@ def _footprint_fault(points: list[object]) -> str | None:
 
 
 def _radius(server: Ros1Server) -> float:
-    found_radius = server.search(_RADIUS)
-    if found_radius is None:
+    if (found_radius := server.search(_RADIUS)) is None:
         text = f"neither footprint nor robot_radius is set; ROS uses a radius of {_DEFAULT_RADIUS}"
         server.problem("params.no-shape", "warning", f"{text} m", hint="set one of them")
         return _DEFAULT_RADIUS
@@ -583,8 +581,7 @@ def ros1_robot(
 
 def _has_costmap(server: Ros1Server) -> bool:
     """Return whether the files have parameters of the costmap; record a problem if not."""
-    costmap = server.root.get(server.path)
-    if costmap is None:
+    if (costmap := server.root.get(server.path)) is None:
         text = f"no parameters of /{'/'.join(server.path)}"
         hint = f"write {server.costmap}_costmap: at the top of its file, or no name of a costmap"
         (sibling,) = set(_NAMES) - {server.costmap}

@@ -48,8 +48,7 @@ def typed_scalar(text: str, *, is_quoted: bool) -> tuple[str, Any]:
     text = text.partition("\0")[0]  # C's strings end there
     if not is_quoted:
         for kind, read in _PLAIN:
-            value = read(text)
-            if value is not None:
+            if (value := read(text)) is not None:
                 return kind, value
     return "string", text
 
@@ -117,8 +116,7 @@ class Ros2Node:
         self._places: dict[str, list[int]] = defaultdict(list)
 
     def find(self, name: str, unset: ParameterValue) -> int:
-        places = self._places[name]
-        if not places:
+        if not (places := self._places[name]):
             self.slots.append(Slot(name, unset))
             places.append(len(self.slots) - 1)
         return places[0]
@@ -174,8 +172,7 @@ class FileReader:
     def _resolved(self, alias: yaml.AliasEvent) -> yaml.ScalarEvent:
         # rcl refuses aliases. nav2_bringup's RewrittenYaml loads and dumps files, which replaces
         # aliases of scalars by values, but writes those of lists and mappings as aliases again.
-        scalar = self._anchored.get(alias.anchor)
-        if scalar is None:
+        if (scalar := self._anchored.get(alias.anchor)) is None:
             rule, got = "ROS 2 does not support aliases", f"*{alias.anchor}"
             raise self._error(rule, alias, got=got, hint="write the value itself")
         if len(self.aliases) >= _MOST_ALIASES:
@@ -223,12 +220,10 @@ class FileReader:
         self._is_key = False
 
     def _handle_parameters_key(self, event: yaml.ScalarEvent) -> None:
-        name = self._node_names.text
-        if name is None:
+        if (name := self._node_names.text) is None:
             rule = f"no name of a node stands above {PARAMETERS_KEY}"
             raise self._error(rule, event, hint=_NESTING)
-        fault = name_fault(name)
-        if fault:
+        if fault := name_fault(name):
             hint = hint_on_launch("name itself") if any(mark in name for mark in "<$") else None
             raise self._error(f"not a name of a node: {fault}", event, got=name, hint=hint)
         if name not in self._nodes:
@@ -238,13 +233,11 @@ class FileReader:
         self._key = f"{PARAMETERS_KEY} of {name}"
 
     def _handle_parameter(self, key: str, event: yaml.ScalarEvent) -> None:
-        node = self._node
-        if node is None:
+        if (node := self._node) is None:
             raise self._error("a key before any node", event)
         unset = self._value_of(None, "not set", event, "{}")
         if self._starts_mapping:
-            slot = self._slot()
-            if slot is None:
+            if (slot := self._slot()) is None:
                 raise self._error("a mapping stands where a value should be", event)
             self._parameter_names.replace(slot.name)
             self._starts_mapping = False

@@ -241,8 +241,7 @@ def _read_pcd_header(file: BinaryIO) -> _PcdHeader:
 
 
 def _record_of(entries: dict[str, list[str]]) -> Record:
-    names = entries.get("FIELDS", entries.get("COLUMNS"))
-    if not names:
+    if not (names := entries.get("FIELDS", entries.get("COLUMNS"))):
         raise MalformedInputError("missing", place="FIELDS")
     lists = {"COUNT": ["1"] * len(names), **entries}
     for key in ("SIZE", "TYPE", "COUNT"):
@@ -297,8 +296,7 @@ def _compressed_points(
     if remaining < compressed:  # before memory is allocated
         raise MalformedInputError(f"ends after {remaining} of {compressed} bytes", place="DATA")
     claim(path, compressed + length + min(PIECES, length), what=f"{count} compressed points")
-    data = lzf_expanded(file.read(compressed), length)
-    if data is None:
+    if (data := lzf_expanded(file.read(compressed), length)) is None:
         raise MalformedInputError("the compressed data are damaged", place="DATA")
     columns = []
     for column in axes:

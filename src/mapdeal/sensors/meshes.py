@@ -310,8 +310,7 @@ class _Collada:
         scale = numbers_in(metre, self.path, "asset: unit: meter", 1)[0]
         up = (self.root.findtext("asset/up_axis") or "").strip()
         matrix = matrix_of(np.array(_UP.get(up, np.eye(3))) * scale, 0.0)
-        scene = self.root.find("scene/instance_visual_scene")
-        if scene is not None:
+        if (scene := self.root.find("scene/instance_visual_scene")) is not None:
             self._add_nodes(self._target(scene, "visual_scene"), matrix, ())
         else:
             for geometry in self.root.iterfind("library_geometries/geometry"):

@@ -213,8 +213,7 @@ def _headings(quaternions: NDArray[np.float64], path: Path) -> NDArray[np.float6
 
 
 def _warn_of(mask: NDArray[np.bool_], fault: str, path: Path) -> None:
-    count = int(np.count_nonzero(mask))
-    if count:
+    if count := int(np.count_nonzero(mask)):
         first = int(np.argmax(mask)) + 1
         text = f"{path}: {count} of {len(mask)} poses, the first of them pose {first}, have {fault}"
         emit_warning(text)
@@ -369,8 +368,7 @@ def _parse_lines(text: bytes, first: int, form: _LineFormat) -> NumberLines:
         head, end, body = text.partition(b"\n")
         if end and form.is_header(_text_of(head)):
             text, first = body, 2
-    at_once = _parse_at_once(text, first, form)
-    if at_once is not None:
+    if (at_once := _parse_at_once(text, first, form)) is not None:
         return NumberLines(*at_once, {})
     rows: list[Sequence[float]] = []
     numbers_of_lines: list[int] = []

@@ -252,8 +252,7 @@ class _Reader:
 
     def _pose(self, element: Element, path: Path, place: str) -> tuple[str, Floats]:
         """Return the frame that a pose is relative to, and the pose as a matrix."""
-        pose = element.find("pose")
-        if pose is None:
+        if (pose := element.find("pose")) is None:
             return "", np.eye(4)
         relative_to = pose.get("relative_to") or pose.get("frame") or ""
         if not (pose.text or "").strip():
@@ -302,8 +301,7 @@ class _Reader:
                 self._add_geometry(shape, at, path, place)
 
     def _origin(self, element: Element, path: Path, place: str) -> Floats:
-        origin = element.find("origin")
-        if origin is None:
+        if (origin := element.find("origin")) is None:
             return np.eye(4)
         move, angles = (
             numbers_in(origin.get(key, "0 0 0"), path, f"{place}: origin: {key}", 3)
@@ -393,8 +391,7 @@ class _Reader:
         if submesh is not None:
             name = (submesh.findtext("name") or "").strip()
             known = sorted({part_name for part in parts for part_name in part.names if part_name})
-            parts = [part for part in parts if name in part.names]
-            if not parts:
+            if not (parts := [part for part in parts if name in part.names]):
                 hint = nearest_hint(name, known)
                 place += ": submesh"
                 raise malformed(path, f"must be a part of {file}", place, got=name, hint=hint)
