@@ -126,7 +126,7 @@ def convert_area(
     transaction.write_parts(output, parts)
     texts, figures = [], {}
     for layer, _ in layers:
-        area, count, corners = layer.area, len(layer.polygons), layer.corners
+        area, count, corners = layer.area, len(layer.polygons), len(layer.polygons.corners)
         figures[layer.name] = {"area_m2": area, "polygons": count, "corners": corners}
         text = f"{layer.name} {decimal_text(area)} m2 in {count_text(count, 'polygon')}"
         texts.append(f"{text}, {count_text(corners, 'corner')}")

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, get_args
@@ -52,8 +52,8 @@ class MapMetadata:
     extra: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
 
 
-def read_metadata(path: Path, *, dialect: Dialect = "nav2", mend: bool = False) -> MapMetadata:
-    return metadata_of(read_mapping(path), path, dialect=dialect, mend=mend)
+def read_metadata(path: Path, *, dialect: Dialect = "nav2") -> MapMetadata:
+    return metadata_of(read_mapping(path), path, dialect=dialect)
 
 
 def metadata_of(
@@ -174,8 +174,7 @@ def _negate(path: Path, entries: dict[str, Entry], dialect: Dialect) -> bool:
         return False
     entry = entries["negate"]
     word = entry.text().lower()
-    quoted_word = getattr(entry.node, "style", None) and not word.isdigit()
-    if word not in (*_NO, *_YES) or quoted_word:
+    if word not in (*_NO, *_YES) or (getattr(entry.node, "style", None) and not word.isdigit()):
         raise entry.error("must be 0 or 1")
     value = word in _YES
     if dialect == "ros1" and not word.isdigit():
@@ -242,9 +241,7 @@ def _image(entry: Entry) -> str:
     return text
 
 
-Reader = Callable[[Picture, MapMetadata], NDArray[np.int8]]
-"""Function from a picture to occupancy, int8 of shape (H, W), row 0 in the north."""
-
+Reader = Callable[[Picture, MapMetadata], NDArray[np.int8]]  # occupancy (H, W), row 0 in the north
 _PIXELS_AT_ONCE = 1 << 17
 
 
@@ -259,8 +256,7 @@ def _as_nav2(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
     elif picture.colour == "rgb":
         occupancy = by_grey[_grey_of_rgb(picture.samples, picture.maxval)]
     else:
-        grey = to_16_bit(picture.maxval) // 257
-        occupancy = by_sample(by_grey[grey], picture.samples)
+        occupancy = by_sample(by_grey[to_16_bit(picture.maxval) // 257], picture.samples)
     if alpha is not None and metadata.mode != "raw":
         opaque = to_16_bit(picture.maxval) // 257 == 255
         occupancy[~opaque[alpha]] = UNKNOWN
@@ -303,8 +299,7 @@ def _as_humble(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
     if picture.palette is not None:
         colours, opacities = picture.palette[:, :3], picture.palette[:, 3]
         opacity = wide[opacities] if (opacities < 255).any() else None
-        by_index = _humble_occupancy(_sum(wide, colours), opacity, metadata)
-        return by_sample(by_index, picture.samples)
+        return by_sample(_humble_occupancy(_sum(wide, colours), opacity, metadata), picture.samples)
     opacity = None if picture.alpha is None else wide[picture.alpha]
     if picture.colour == "rgb":
         return _humble_occupancy(_sum(wide, picture.samples), opacity, metadata)
@@ -448,8 +443,7 @@ def _by_sum(
     """Return the occupancy of each possible sum of `channels` 8-bit samples."""
     # With `decided_only`, values between the thresholds stay unknown even in mode scale.
     average = np.arange(channels * 255 + 1) / channels
-    if metadata.negate:
-        average = 255 - average
+    average = 255 - average if metadata.negate else average
     if metadata.mode == "raw":
         return _raw(np.trunc(average))
     darkness = (255 - average) / 255.0
@@ -466,7 +460,8 @@ def cells_of(
     out: NDArray[np.int8] | None = None,
 ) -> NDArray[np.int8]:  # fmt: skip
     """Return the occupancy that a reader gives each cell, shape (H, W), row 0 in the south."""
-    picture = picture.from_the_south()
+    alpha = None if picture.alpha is None else picture.alpha[::-1]
+    picture = replace(picture, samples=picture.samples[::-1], alpha=alpha)
     is_byte = picture.samples.dtype == np.uint8 and picture.samples.ndim == 2
     if is_byte and picture.file_format == "PNM":  # all readers look the pixels up in a table
         values = DIALECTS[dialect](picture, metadata)
@@ -476,12 +471,10 @@ def cells_of(
         return out
     # colours and opacities become wide numbers, so only some rows are converted at once
     cells = np.empty(picture.shape, dtype=np.int8) if out is None else out
-    read = reader_of(picture, metadata, dialect)
-    first = 0
+    read, first = reader_of(picture, metadata, dialect), 0
     for band in picture.bands(_PIXELS_AT_ONCE):
-        stop = first + band.shape[0]
-        cells[first:stop] = read(band)
-        first = stop
+        cells[first : first + band.shape[0]] = read(band)
+        first += band.shape[0]
     return cells
 
 

@@ -108,9 +108,9 @@ class PnmImage(OpenImage):
         return 3 * self.file.size + per_cell * header.width * header.height
 
     def _decoded(self) -> Strips:
-        if (rows := self.rows()) is not None:
+        if (read := self.rows()) is not None:
             self._claim(self.memory())
-            return rows.strips()
+            return read(slice(0, self.height))
         data = self.file.read_all()
         self._claim(self.memory())
         samples = _plain(data, self._header, self.file.path)
@@ -124,8 +124,8 @@ class PnmImage(OpenImage):
         data = self.file.read_all()
         sources.note_sum(path, self.file.sha256)
         if not header.is_bits:
-            rule = "must be a bit map, P1 or P4"
-            raise MalformedInputError(rule, source=path, place="header", got=f"P{header.magic}")
+            rule, got = "must be a bit map, P1 or P4", f"P{header.magic}"
+            raise MalformedInputError(rule, source=path, place="header", got=got)
         self.check_limit()
         self._claim(self._memory_of_text())
         if header.is_text:
@@ -137,10 +137,34 @@ class PnmImage(OpenImage):
     def _claim(self, count: int) -> None:
         sources.claim(self.file.path, count, what=f"{self.width} x {self.height} cells")
 
-    def rows(self) -> BinaryRows | None:
-        """Return the rows of a P4, P5 or P6 file; None for a text, whose rows vary in length."""
+    def rows(self) -> Callable[[slice], Strips] | None:
+        """Return a reader of ranges of rows, counted from the south; None for P1 to P3, texts."""
+        return None if self._header.is_text else partial(self._part, self._start())
+
+    def _part(self, start: int, rows: slice) -> Strips:
+        north = self.height - rows.stop
+        return pictures.strips_at_places(
+            (rows.stop - rows.start, self.width), self._header.row_bytes,
+            lambda first, end: self._picture(start, north + first, north + end),
+        )  # fmt: skip
+
+    def _picture(self, start: int, first: int, end: int) -> Picture:
         header = self._header
-        return None if header.is_text else BinaryRows(self.file, header, self._start())
+        count = (end - first) * header.row_bytes
+        data = self.file.read(start + first * header.row_bytes, count)
+        if len(data) < count:
+            raise FileAccessError(sources.CHANGED, source=self.file.path)
+        samples: Samples = np.frombuffer(data, dtype=np.uint8)
+        if header.is_bits:
+            bits = np.unpackbits(samples.reshape(-1, header.row_bytes), axis=1, count=header.width)
+            np.subtract(bits, 1, out=bits)  # 0 becomes 255, and 1 becomes 0
+            return header.picture(bits)
+        if header.maxval > 255:
+            samples = np.frombuffer(data, dtype=">u2").astype(np.uint16)
+        if header.maxval not in (255, 65535):
+            before = first * header.width * header.channels
+            check_pixels(samples, header.maxval, before, self.file.path)
+        return header.picture(samples)
 
     def _start(self) -> int:
         """Return the offset of the first pixel of a binary file; check the file's length."""
@@ -157,49 +181,6 @@ class PnmImage(OpenImage):
             text = f"{actual - expected} bytes after the picture were ignored"
             warn_of(path, text, "image.trailing-bytes")
         return start
-
-
-@dataclass(frozen=True)
-class BinaryRows:
-    """The pixels of an open P4, P5 or P6 file; rows can be read in any order."""
-
-    file: OpenFile
-    header: _Header
-    start: int
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        return self.header.height, self.header.width
-
-    def strips(self) -> Strips:
-        return self.part(slice(0, self.header.height))
-
-    def part(self, rows: slice) -> Strips:
-        """Return the strips of a range of rows, counted from the south."""
-        north = self.header.height - rows.stop
-        shape = (rows.stop - rows.start, self.header.width)
-        return pictures.strips_at_places(
-            shape, self.header.row_bytes,
-            lambda first, end: self._picture(north + first, north + end),
-        )  # fmt: skip
-
-    def _picture(self, first: int, end: int) -> Picture:
-        header = self.header
-        count = (end - first) * header.row_bytes
-        data = self.file.read(self.start + first * header.row_bytes, count)
-        if len(data) < count:
-            raise FileAccessError(sources.CHANGED, source=self.file.path)
-        samples: Samples = np.frombuffer(data, dtype=np.uint8)
-        if header.is_bits:
-            bits = np.unpackbits(samples.reshape(-1, header.row_bytes), axis=1, count=header.width)
-            np.subtract(bits, 1, out=bits)  # 0 becomes 255, and 1 becomes 0
-            return header.picture(bits)
-        if header.maxval > 255:
-            samples = np.frombuffer(data, dtype=">u2").astype(np.uint16)
-        if header.maxval not in (255, 65535):
-            before = first * header.width * header.channels
-            check_pixels(samples, header.maxval, before, self.file.path)
-        return header.picture(samples)
 
 
 def check_pixels(samples: NDArray[Any], maxval: int, first: int, source: Path) -> None:
@@ -231,8 +212,7 @@ def _read_header(data: bytes, source: Path) -> _Header:
             rule = "must be a whole number"
             raise MalformedInputError(rule, source=source, place=f"header {name}", got=text)
         numbers.append(int(text))
-    width, height = numbers[:2]
-    maxval = numbers[2] if len(numbers) == 3 else 1
+    width, height, maxval = (*numbers, 1)[:3]
     if not 1 <= maxval <= 65535:
         rule = "must lie between 1 and 65535"
         raise MalformedInputError(rule, source=source, place="header maxval", got=maxval)
@@ -335,9 +315,8 @@ def _whole_numbers(text: bytes, first: int, maxval: int, source: Path) -> NDArra
 
 def _check_count(actual: int, expected: int, source: Path) -> None:
     if actual != expected:
-        rule = f"must hold {expected} pixel values"
-        raise MalformedInputError(rule, source=source, place=f"pixel {min(actual, expected)}",
-                                  got=actual)  # fmt: skip
+        rule, place = f"must hold {expected} pixel values", f"pixel {min(actual, expected)}"
+        raise MalformedInputError(rule, source=source, place=place, got=actual)
 
 
 PNM = ImageFormat(
@@ -374,19 +353,17 @@ def _write_rows(file: BinaryIO, rows: NDArray[np.uint8]) -> None:
 
 _EXIF_ORIENTATION = 0x0112
 
+# Bits of a sample in PNG files with fewer than 8, by Pillow's raw modes.
 _DEPTHS = {"1": 1, "L;2": 2, "L;4": 4, "P;1": 1, "P;2": 2, "P;4": 4}
-"""Bits of a sample in PNG files with fewer than 8, by Pillow's raw modes."""
-
+# Bits of a pixel in files by Pillow's modes, and the most that any other mode has.
 _BITS = {"1": 1, "L": 8, "P": 8, "I;16": 16, "I;16B": 16, "LA": 16, "RGB": 24}
 _WIDE = 32
-"""Bits of a pixel in files by Pillow's modes, and the most that any other mode has."""
-
 _IN_MEMORY = {"1": 1, "L": 1, "P": 1, "I;16": 2, "I;16B": 2}
 _MOST_IN_MEMORY = 4  # bytes of a pixel in Pillow's memory
 _RAW_BMP, _RAW_TIFF = 0, "raw"
 _BITS_PER_SAMPLE, _SAMPLES, _ROWS_PER_STRIP, _PLANAR = 258, 277, 278, 284
+# Tags of a TIFF file: offsets and sizes of parts, and width and height of a tile.
 _STRIPS, _TILES, _TILE = (273, 279), (324, 325), (322, 323)
-"""Tags of a TIFF file: offsets and sizes of parts, and width and height of a tile."""
 
 # Pillow's limit, the warning filters and standard error, to which libtiff writes, belong to the
 # process: two threads that replace and restore them at once would leave them replaced.
@@ -669,7 +646,6 @@ _FORMATS = (
 )  # fmt: skip
 IMAGE_FORMATS = {entry.name: entry for entry in _FORMATS}  # the formats that maps may have, by name
 IMAGE_SUFFIXES = tuple(suffix for entry in _FORMATS for suffix in entry.suffixes)
-"""The endings of their file names."""
 
 
 def recognised_format(head: bytes) -> ImageFormat | None:

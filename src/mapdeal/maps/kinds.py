@@ -191,14 +191,12 @@ def _kind_of_world(path: Path, head: bytes) -> FileKind | None:
 
 
 def _kind_of_cloud(path: Path, head: bytes) -> FileKind | None:
-    form = ""
-    lines = [line for line in head.splitlines() if line.strip() and not line.startswith(b"#")]
+    lines = (line for line in head.splitlines() if line.strip() and not line.startswith(b"#"))
+    first_word = next(lines, b"#").split(maxsplit=1)[0]
     if head.startswith((b"ply\n", b"ply\r")):
-        form = "PLY"
-    elif lines and lines[0].split(maxsplit=1)[0] in (b"VERSION", b"FIELDS", b"COLUMNS"):
-        form = "PCD"
-    if form:
-        return FileKind(CLOUD, f"a point cloud ({form})", _CLOUD_USE, form=form)
+        return FileKind(CLOUD, "a point cloud (PLY)", _CLOUD_USE, form="PLY")
+    if first_word in (b"VERSION", b"FIELDS", b"COLUMNS"):
+        return FileKind(CLOUD, "a point cloud (PCD)", _CLOUD_USE, form="PCD")
     if head.startswith(b"# Octomap OcTree"):
         return FileKind(CLOUD, "an octree of occupied voxels (OctoMap)", _CLOUD_USE, form="OctoMap")
     if path.suffix.lower() == ".bin" and _looks_like_kitti(head, _size_of(path)):
@@ -248,9 +246,8 @@ def _kind_of_image(path: Path, head: bytes) -> FileKind | None:
         return {"pixels": f"{width} x {height}"}
 
     beside = [p for p in map(path.with_suffix, source.YAML) if p != path and source.exists(p)]
-    use = (
-        "pass its .yaml; mapdeal convert {path} --resolution R -o MAP.yaml makes a map without one"
-    )
+    use = "pass its .yaml; mapdeal convert {path} --resolution R -o MAP.yaml makes a map "
+    use += "without one"
     if beside:
         use = f"pass the map: {str(beside[0]).replace('{', '{{').replace('}', '}}')}"
     return FileKind(IMAGE, f"an image ({image.name})", use, figures)
@@ -330,14 +327,15 @@ def _shapes(form: str, figures: dict[str, Any]) -> FileKind:
 def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
     if b":" not in head or b"\0" in head or _JSON_START.match(head):
         return None
-    is_map = source.IMAGE_KEY.search(head)
+    if source.IMAGE_KEY.search(head):
+        return FileKind(MAP, "a map", _MAP_USE)
     entries = {}
     try:
-        entries = {} if is_map else read_mapping(path, OF_SHAPES)
+        entries = read_mapping(path, OF_SHAPES)
     except MalformedInputError:
         if path.suffix.lower() not in source.YAML or _STAGES_KEY.search(head):
             return None
-    if is_map or "image" in entries:
+    if "image" in entries:
         return FileKind(MAP, "a map", _MAP_USE)
     if "stages" in entries:
         use = "mapdeal run MAP -o DIR --recipe {path} takes it"

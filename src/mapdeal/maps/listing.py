@@ -183,7 +183,6 @@ class MapListing:
     repeated: tuple[Path, ...]
 
     def print_notes(self, terminal: Any, participle: str) -> None:
-        """Print notes on files that were left out, and on maps named more than once."""
         no_maps = "YAML file{} without the key image {} left out"
         duplicates = f"map{{}} {{}} named more than once, and {{}} {participle} once"
         for paths, template in ((self.left_out, no_maps), (self.repeated, duplicates)):
@@ -216,8 +215,7 @@ def list_maps(
     expansions: list[_Expansion] = []
     for name in names:
         is_list = name.startswith("@")
-        lines = _lines_of(name[1:], standard_input) if is_list else [name]
-        for line in lines:
+        for line in _lines_of(name[1:], standard_input) if is_list else [name]:
             try:
                 expansions.append(_expand(line, output, exempt, is_listed=is_list))
             except MapdealError as error:
@@ -242,13 +240,10 @@ def list_maps(
                 repeated[key] = path
             else:
                 maps[key] = ListedMap(path, name, expansion.error)
-    left_out = {
-        sources.real_path(path): path for expansion in expansions for path in expansion.left_out
-    }
+    ignored = (path for expansion in expansions for path in expansion.left_out)
+    left_out = tuple({sources.real_path(path): path for path in ignored}.values())
     is_set = any(expansion.root is not None for expansion in expansions)
-    return MapListing(
-        tuple(maps.values()), is_set, tuple(left_out.values()), tuple(repeated.values())
-    )
+    return MapListing(tuple(maps.values()), is_set, left_out, tuple(repeated.values()))
 
 
 def _lines_of(name: str, standard_input: Callable[[], Iterable[bytes]]) -> list[str]:
@@ -264,8 +259,7 @@ def _lines_of(name: str, standard_input: Callable[[], Iterable[bytes]]) -> list[
         line = error.object[: error.start].count(b"\n") + 1
         rule = "a list of maps must be UTF-8 text"
         raise ParameterError(rule, source=source, place=f"line {line}") from None
-    stripped = map(str.strip, text.split("\n"))
-    lines = [line for line in stripped if line and not line.startswith("#")]
+    lines = [line for line in map(str.strip, text.split("\n")) if line and not line.startswith("#")]
     if not lines:
         raise ParameterError("the list names no map", source=source)
     if any("\0" in line for line in lines):
@@ -339,8 +333,8 @@ def _lies_in(folder: Path, output: Path | None) -> bool:
 
 
 def _is_of_run(folder: Path, files: Sequence[str]) -> bool:
-    name = "manifest.json"
-    return name in files and document_kind(read_json(folder / name)) == MANIFEST
+    manifest = "manifest.json"
+    return manifest in files and document_kind(read_json(folder / manifest)) == MANIFEST
 
 
 def _below_folder(

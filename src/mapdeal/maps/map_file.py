@@ -47,12 +47,9 @@ class Painting(NamedTuple):
 
 
 class MapFile(ABC):
-    metadata: MapMetadata | None = None
-    """The YAML of a pair."""
-    shape_by_rows: tuple[int, int] | None = None
-    """Rows and columns, if `by_rows` reads them in any order."""
-    has_lazy_rows = False
-    """Whether `by_rows` reads them in order."""
+    metadata: MapMetadata | None = None  # the YAML of a pair
+    shape_by_rows: tuple[int, int] | None = None  # if `by_rows` reads rows in any order
+    has_lazy_rows = False  # whether `by_rows` reads them in order
 
     def __init__(self, path: Path, states: Mapping[Path, FileState] | None = None) -> None:
         self.path = path
@@ -89,7 +86,6 @@ class MapFile(ABC):
         return {}
 
     def evidence(self) -> dict[str, NDArray[Any]]:
-        """Return the layers of evidence for a map, by name."""
         return {}
 
     def remark(self, grid: Grid) -> None:

@@ -7,7 +7,7 @@ pairs of a ``.pbm`` and a YAML file whose bits stay packed in memory.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import replace
@@ -23,7 +23,6 @@ from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
     MapdealError,
-    MapdealWarning,
     ParameterError,
     capture_warnings,
     emit_warning,
@@ -40,26 +39,17 @@ from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale, join_words, 
 from mapdeal.kernels import blocks
 from mapdeal.kernels.lookup import look_up
 from mapdeal.maps.dialects import Dialect, MapMetadata, Mode, cells_of, read_metadata, yaml_of
-from mapdeal.maps.images import (
-    IMAGE_SUFFIXES,
-    BinaryRows,
-    PnmImage,
-    begin_pgm,
-    open_image,
-    write_pbm,
-)
+from mapdeal.maps.images import IMAGE_SUFFIXES, PnmImage, begin_pgm, open_image, write_pbm
 from mapdeal.maps.map_file import MapFile, MapFormat, Painting
-from mapdeal.maps.picture import LARGEST_CELLS, OpenImage, Picture, by_sample, opened, warn_of
+from mapdeal.maps.picture import OpenImage, Picture, Strips, by_sample, opened, warn_of
 from mapdeal.maps.png import write_png
 
 _HEAD = 1 << 20
 MAP_SAVER_UNKNOWN = 205  # the grey that map_saver writes for unknown cells
 USUAL_FREE_THRESH = 0.196  # default of free_thresh in ROS: just below the shade of that grey
+# Smallest share of the cells at which this grey is map_saver's rather than that of blurred edges:
+# anti-aliasing spreads a few percent of the cells over all greys.
 FREED_SHARE = 0.001
-"""Smallest share of the cells at which this grey is map_saver's rather than that of blurred edges.
-
-Anti-aliasing spreads a few percent of the cells over all greys.
-"""
 
 
 class FreedCells:
@@ -67,8 +57,7 @@ class FreedCells:
 
     def __init__(self, metadata: MapMetadata, dialect: Dialect) -> None:
         self.count = 0
-        self.stay_free = False
-        """Whether some of them stay free with the usual free_thresh."""
+        self.stay_free = False  # whether some of them stay free with the usual free_thresh
         usual_thresh = min(USUAL_FREE_THRESH, metadata.free_thresh)
         self._metadata, self._usual = metadata, replace(metadata, free_thresh=usual_thresh)
         self._dialect: Dialect = dialect
@@ -219,13 +208,13 @@ def is_bare_image(path: Path) -> bool:
 
 def bare_image(path: Path) -> MapMetadata | None:
     """Return the metadata of an image that is read without a YAML file; None for other files."""
-    plain_image = _bare_images.get()
-    if plain_image is None or not is_bare_image(path):
+    geometry = _bare_images.get()
+    if geometry is None or not is_bare_image(path):
         return None
     if sources.yaml_at(path):
         text = "is read with --resolution; the .yaml beside it is ignored"
-        emit_warning(MapdealWarning(f"{path}: {text}", "image.yaml-not-read"))
-    return MapMetadata(path.name, *plain_image)
+        warn_of(path, text, "image.yaml-not-read")
+    return MapMetadata(path.name, *geometry)
 
 
 def _header(path: Path) -> Path:
@@ -276,18 +265,16 @@ class PairFile(MapFile):
         return self._opened.enter_context(open_image(self.files[-1], max_cells=self._max_cells))
 
     @cached_property
-    def _rows(self) -> BinaryRows | None:
-        if self.metadata.cost_scale is not None:
-            return None
+    def _rows(self) -> Callable[[slice], Strips] | None:
         # Faults of the image are reported when the map is read.
         with capture_warnings() as self._remarks, suppress(MapdealError):
-            if isinstance(self._image, PnmImage):
+            if self.metadata.cost_scale is None and isinstance(self._image, PnmImage):
                 return self._image.rows()
         return None
 
     @property
     def shape_by_rows(self) -> tuple[int, int] | None:  # type: ignore[override]
-        return None if self._rows is None else self._rows.shape
+        return None if self._rows is None else (self._image.height, self._image.width)
 
     @property
     def has_lazy_rows(self) -> bool:  # type: ignore[override]
@@ -303,18 +290,29 @@ class PairFile(MapFile):
         return read_cells(self.path, self.metadata, self._image, self._dialect)
 
     def rows(self, block_height: int, budget: blocks.CacheBudget | None) -> OccupancyGrid:
-        if self._rows is None:
+        if (read := self._rows) is None:
             raise ValueError(f"{self.path} cannot be read by rows")
-        self._image.check_limit()
+        metadata, dialect, shape = self.metadata, self._dialect, self._image.shape
         for remark in self._remarks:
             emit_warning(remark)
-        grid = lazy_cells(self.metadata, self._rows, block_height, budget, self._dialect)
-        remarks = PixelRemarks(self.metadata, self._dialect)
-        for _, picture in self._rows.strips().placed():
+
+        def occupancy(rows: slice) -> NDArray[np.int8]:
+            part = read(rows)
+            cells = np.empty(part.shape, dtype=np.int8)
+            for cell_rows, picture in part.placed():
+                cells_of(picture, metadata, dialect, out=cells[cell_rows])
+            return cells
+
+        layer = blocks.lazy_layer(
+            shape, np.int8, occupancy, block_height=block_height, budget=budget
+        )
+        grid = _grid_of(layer, metadata)
+        remarks = PixelRemarks(metadata, dialect)
+        for _, picture in read(slice(0, shape[0])).placed():
             if not remarks.are_possible(picture):
                 break
-            remarks.add(picture, cells_of(picture, self.metadata, self._dialect))
-        remarks.warn(self.path, self._rows.file.path)
+            remarks.add(picture, cells_of(picture, metadata, dialect))
+        remarks.warn(self.path, self._image.file.path)
         return grid
 
     def _sum_of(self, path: Path) -> str:
@@ -342,24 +340,6 @@ def read_cells(
             remarks.add(picture, occupancy[rows])
     remarks.warn(yaml_path, image.file.path)
     return _grid_of(occupancy, metadata)
-
-
-def lazy_cells(
-    metadata: MapMetadata, pixels: BinaryRows, block_height: int,
-    budget: blocks.CacheBudget | None, dialect: Dialect,
-) -> OccupancyGrid:  # fmt: skip
-
-    def occupancy(rows: slice) -> NDArray[np.int8]:
-        part = pixels.part(rows)
-        cells = np.empty(part.shape, dtype=np.int8)
-        for cell_rows, picture in part.placed():
-            cells_of(picture, metadata, dialect, out=cells[cell_rows])
-        return cells
-
-    layer = blocks.lazy_layer(
-        pixels.shape, np.int8, occupancy, block_height=block_height, budget=budget
-    )
-    return _grid_of(layer, metadata)
 
 
 def _grid_of(occupancy: blocks.Layer, metadata: MapMetadata) -> OccupancyGrid:
@@ -458,8 +438,7 @@ Encoding = Literal["occupancy", "costmap2d"]
 
 _PIXELS_AT_ONCE = 1 << 20
 _FREE_PIXEL, _UNKNOWN_PIXEL, _OCCUPIED_PIXEL = 254, 205, 0
-_TRINARY_FREE, _TRINARY_OCCUPIED = 25, 65
-"""Percent; map_saver's defaults for values between free and occupied."""
+_TRINARY_FREE, _TRINARY_OCCUPIED = 25, 65  # map_saver's defaults for graded values, percent
 
 
 def pair_paths(output: Path) -> tuple[Path, Path]:
@@ -651,7 +630,7 @@ def read_bit_map_pair(
     if metadata.mode == "raw":
         raise refused("must be trinary for a bit map", place="mode", got=metadata.mode)
     with opened(path) as file:
-        image = PnmImage(file, LARGEST_CELLS if max_cells is None else max_cells)
+        image = PnmImage(file) if max_cells is None else PnmImage(file, max_cells)
         packed = image.bits()[::-1]  # image rows run from the north, grid rows from the south
     packed = ~packed if metadata.negate else packed
     bits = BitMap(packed, image.width, metadata.resolution, metadata.origin)

@@ -138,7 +138,7 @@ class NpzReader(ExitStack):
     def layer(self, name: str, dtype: type[np.generic]) -> Layer:
         header = self._checked(name, self._max_cells, np.dtype(dtype))
         if len(header.shape) != 2:
-            raise self._error(name, f"must have two axes, has {len(header.shape)}")
+            raise self.error(name, f"must have two axes, has {len(header.shape)}")
         if self._block_height is None or header.is_fortran:
             return self._values(name, header.nbytes * (1 + header.is_fortran))
         file, header = self.enter_context(self._open_entry(name))
@@ -173,7 +173,7 @@ class NpzReader(ExitStack):
     def whole_number(self, name: str) -> int:
         value = self.number(name)
         if value % 1 or abs(value) > _LARGEST_SMALL_NUMBER:  # nan % 1 and inf % 1 are nan
-            raise self._error(name, f"must be a whole number, is {value:g}")
+            raise self.error(name, f"must be a whole number, is {value:g}")
         return int(value)
 
     def text(self, name: str, choices: tuple[str, ...] | None) -> str:
@@ -182,16 +182,16 @@ class NpzReader(ExitStack):
         try:  # numpy would make broken strings of invalid code points
             text = little.tobytes().decode("utf-32-le").rstrip("\0")
         except UnicodeDecodeError:
-            raise self._error(name, "must be text, is not Unicode") from None
+            raise self.error(name, "must be text, is not Unicode") from None
         if choices is not None and text not in choices:
-            raise self._error(name, f"must be one of {', '.join(choices)}")
+            raise self.error(name, f"must be one of {', '.join(choices)}")
         return text
 
     def numbers(self, name: str, axes: int) -> NDArray[np.float64]:
         header = self._checked(name, self._max_cells)
         if header.dtype.kind not in "iuf" or len(header.shape) != axes:
             found = f"{header.dtype} of shape {header.shape}"
-            raise self._error(name, f"must be numbers with {axes} axes, is {found}")
+            raise self.error(name, f"must be numbers with {axes} axes, is {found}")
         return self._values(name, header.nbytes + 16 * header.elements).astype(np.float64)
 
     def rows(
@@ -202,15 +202,15 @@ class NpzReader(ExitStack):
         # `shape` if there is one. A table that is stored column by column is loaded at once.
         with self._open_entry(name) as (file, header):
             if shape is not None and header.shape != shape:
-                raise self._error(name, f"must have shape {shape}, has {header.shape}")
+                raise self.error(name, f"must have shape {shape}, has {header.shape}")
             least_width = 2 if shape is None else 0
             is_table = header.dtype.kind in "iuf" and len(header.shape) == 2
             if not is_table or header.shape[1] < least_width:
                 found = f"{header.dtype} of shape {header.shape}"
-                raise self._error(name, f"must be numbers of shape (N, 2) or wider, is {found}")
+                raise self.error(name, f"must be numbers of shape (N, 2) or wider, is {found}")
             height, width = header.shape
             if width > _MOST_COLUMNS:
-                raise self._error(name, f"{width} columns, above the limit of {_MOST_COLUMNS}")
+                raise self.error(name, f"{width} columns, above the limit of {_MOST_COLUMNS}")
             # as many rows as take little memory even as float64
             rows_at_once = max(1, _CHUNK // (max(1, width) * max(8, header.dtype.itemsize)))
             table = self._values(name, header.nbytes) if header.is_fortran else None
@@ -225,7 +225,7 @@ class NpzReader(ExitStack):
     def _single(self, name: str, kinds: str, description: str) -> NDArray[Any]:
         header = self._checked(name, _LARGEST_SMALL_ARRAY, shape=())
         if header.dtype.kind not in kinds or header.nbytes > _LARGEST_SMALL_ARRAY:
-            raise self._error(name, f"must be {description}, is {header.dtype}")
+            raise self.error(name, f"must be {description}, is {header.dtype}")
         return self._values(name, header.nbytes)
 
     def _checked(
@@ -233,15 +233,15 @@ class NpzReader(ExitStack):
     ) -> NpyHeader:
         header = self.header(name)
         if dtype is not None and header.dtype != dtype:
-            raise self._error(name, f"must be {dtype}, is {header.dtype}")
+            raise self.error(name, f"must be {dtype}, is {header.dtype}")
         if shape is not None and header.shape != shape:
-            raise self._error(name, f"must have shape {shape}, has {header.shape}")
+            raise self.error(name, f"must have shape {shape}, has {header.shape}")
         if header.elements > most:
-            raise self._error(name, f"{header.elements} elements, above the limit of {most}")
+            raise self.error(name, f"{header.elements} elements, above the limit of {most}")
         return header
 
-    def _error(self, name: str, rule: str) -> MalformedInputError:
-        return MalformedInputError(rule, source=self.path, place=name)
+    def error(self, name: str, rule: str, **details: Any) -> MalformedInputError:
+        return MalformedInputError(rule, source=self.path, place=name, **details)
 
     def _values(self, name: str, count: int) -> NDArray[Any]:
         with self._open_entry(name) as (file, header):
@@ -259,16 +259,16 @@ class NpzReader(ExitStack):
         try:
             info = self._zip.getinfo(f"{name}.npy")
         except KeyError:
-            raise self._error(name, "missing key") from None
+            raise self.error(name, "missing key") from None
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise self._error(name, "compressed by a method that npz files do not use")
+            raise self.error(name, "compressed by a method that npz files do not use")
         with self._damage_refused(name), self._zip.open(info) as file:
             header = read_npy_header(file)
             if header.dtype.hasobject:
-                raise self._error(name, "holds Python objects, which are never loaded")
+                raise self.error(name, "holds Python objects, which are never loaded")
             # A header may claim more bytes than the archive has.
             if header.start + header.nbytes != info.file_size:
-                raise self._error(name, "the array's size does not fit its data")
+                raise self.error(name, "the array's size does not fit its data")
             yield file, header
 
     @contextmanager
@@ -277,7 +277,7 @@ class NpzReader(ExitStack):
             yield
         except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError,
                 RuntimeError, OSError) as error:  # fmt: skip
-            raise self._error(name, f"damaged: {error}") from None
+            raise self.error(name, f"damaged: {error}") from None
 
 
 def _directory_size(path: Path) -> int:
@@ -390,7 +390,7 @@ def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
         size = 3 if reader.header("start").shape == (3,) else 2
         start = reader.small("start", np.float64, (size,))
         if not np.isfinite(start).all():
-            raise MalformedInputError("must be finite numbers", source=path, place="start")
+            raise reader.error("start", "must be finite numbers")
         robot = None
         if "robot" in reader.names():
             corners = reader.small("robot", np.float64, (*reader.header("robot").shape[:1], 2))
@@ -408,20 +408,6 @@ def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
         )  # fmt: skip
 
 
-def read_cloud_layers(path: Path, *, max_cells: int | None = None) -> CloudLayers | None:
-    """Return the map of a point cloud in an ``.npz`` file; None if it lacks one of the layers."""
-    with NpzReader(path, max_cells) as reader:
-        if not reader.names() >= set(CloudLayers.layer_names):
-            return None
-        with _geometry_in(reader) as (resolution, origin):
-            return CloudLayers(
-                reader.layer("occupancy", np.int8), resolution, origin,
-                floor_height=reader.layer("floor_height", np.float32),
-                obstacle_height=reader.layer("obstacle_height", np.float32),
-                slope=reader.layer("slope", np.float32), points=reader.layer("points", np.int32),
-            )  # fmt: skip
-
-
 def read_evidence(path: Path, *, max_cells: int | None = None) -> dict[str, NDArray[Any]]:
     with NpzReader(path, max_cells) as reader:
         names = reader.names()
@@ -434,26 +420,23 @@ def npz_frame(path: Path) -> Frame:
         layer = _layer_to_read(reader.names())
         shape = reader.header(layer).shape
         if len(shape) != 2:
-            rule = f"must have two axes, has {len(shape)}"
-            raise MalformedInputError(rule, source=path, place=layer)
+            raise reader.error(layer, f"must have two axes, has {len(shape)}")
         return Frame(*shape, *geometry)
 
 
 @contextmanager
 def _geometry_in(reader: NpzReader) -> Iterator[tuple[float, Origin]]:
     """Yield the resolution and origin of an open file; invalid values are errors of that file."""
-    path = reader.path
     if "format" not in reader.names():
         hint = "only npz files that mapdeal wrote can be read"
-        raise MalformedInputError("missing key", source=path, place="format", hint=hint)
-    found = reader.text("format", None)
-    if found != FORMAT:
-        raise MalformedInputError(f"must be {FORMAT}", source=path, place="format", got=found)
+        raise reader.error("format", "missing key", hint=hint)
+    if (found := reader.text("format", None)) != FORMAT:
+        raise reader.error("format", f"must be {FORMAT}", got=found)
     try:
         resolution = check_resolution(reader.number("resolution"))
         yield resolution, check_origin(reader.small("origin", np.float64, (3,)).tolist())
     except ParameterError as error:
-        raise error.in_file(path) from None
+        raise error.in_file(reader.path) from None
 
 
 def _read_costmap(reader: NpzReader, resolution: float, origin: Any) -> Costmap:
@@ -478,11 +461,9 @@ def _read_field(reader: NpzReader, resolution: float, origin: Any) -> DistanceFi
 
 def _read_potential(reader: NpzReader, resolution: float, origin: Any) -> PotentialField:
     # The attractive layer and the sums are computed again instead of read.
-    goal = None
-    if "goal" in reader.names():
-        x, y = reader.small("goal", np.float64, (2,)).tolist()
-        goal = (x, y)
-    has_lengths, weight = "cost_to_go" in reader.names(), "cost_travel_multiplier"
+    names, weight = reader.names(), "cost_travel_multiplier"
+    goal = reader.small("goal", np.float64, (2,)).tolist() if "goal" in names else None
+    has_lengths = "cost_to_go" in reader.names()
     return PotentialField(
         reader.layer("repulsive", np.float64), reader.layer("occupancy", np.int8), resolution,
         origin, goal=goal, attractive_gain=reader.number("attractive_gain"),
@@ -552,18 +533,24 @@ class NpzFile(MapFile):
         return self._opened.enter_context(lazy)
 
     def layers_of(self, kind: type[Any]) -> Any:
-        if kind is CloudLayers:
-            return read_cloud_layers(self.path, max_cells=self._max_cells)
-        is_reach = kind is Reach and _main_layer(self._names) == _REACH_LAYER
-        return read_reach(self.path, max_cells=self._max_cells) if is_reach else None
+        if kind is Reach and _main_layer(self._names) == _REACH_LAYER:
+            return read_reach(self.path, max_cells=self._max_cells)
+        if kind is not CloudLayers or not self._names >= set(CloudLayers.layer_names):
+            return None
+        with NpzReader(self.path, self._max_cells) as reader, _geometry_in(reader) as geometry:
+            return CloudLayers(
+                reader.layer("occupancy", np.int8), *geometry,
+                floor_height=reader.layer("floor_height", np.float32),
+                obstacle_height=reader.layer("obstacle_height", np.float32),
+                slope=reader.layer("slope", np.float32), points=reader.layer("points", np.int32),
+            )  # fmt: skip
 
     def evidence(self) -> dict[str, NDArray[Any]]:
         return read_evidence(self.path, max_cells=self._max_cells)
 
     def remark(self, grid: Grid) -> None:
         if type(grid) is OccupancyGrid and _main_layer(self._names) == _REACH_LAYER:
-            text = "is a result of reach; only its map is used"
-            emit_warning(f"{self.path}: {text}")
+            emit_warning(f"{self.path}: is a result of reach; only its map is used")
         super().remark(grid)
 
 

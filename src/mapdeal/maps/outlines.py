@@ -50,10 +50,6 @@ class Outlines:
         """Area of the polygons, square metres."""
         return float(self.polygons.areas.sum()) * self.frame.resolution**2
 
-    @property
-    def corners(self) -> int:
-        return len(self.polygons.corners)
-
     def points(
         self, transform: Callable[[Floats], Floats] = lambda points: points
     ) -> Iterator[list[_Rings]]:
@@ -97,11 +93,7 @@ def geojson_parts(layer: Outlines) -> Iterator[bytes]:
 
 
 def svg_parts(
-    layers: Sequence[tuple[Outlines, str]],
-    frame: Frame,
-    *,
-    title: str,
-    background: str | None = None,
+    layers: Sequence[tuple[Outlines, str]], frame: Frame, *, title: str, background: str | None
 ) -> Iterator[bytes]:
     """Yield an SVG drawing of layers at scale 1:1, each in one colour, the first at the bottom."""
     # User units are millimetres.
@@ -113,8 +105,7 @@ def svg_parts(
     sheet = np.array([[west, south], [east, south], [east, north], [west, north]])
 
     def on_sheet(points: Floats) -> Floats:
-        places: Floats = (points - (west, south)) * (_MM, -_MM) + (0, height * _MM)
-        return places
+        return np.asarray((points - (west, south)) * (_MM, -_MM) + (0, height * _MM))
 
     def path(rings: _Rings) -> str:
         paths = (" L".join(f"{_number(x)} {_number(y)}" for x, y in ring) for ring in rings)

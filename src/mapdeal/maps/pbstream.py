@@ -52,10 +52,10 @@ class Message:
         self.size, self._place = len(data), place
         self._fields: dict[int, list[Any]] = {}
         at = 0
+        value: Any
         while at < len(data):
             tag, at = self._varint(data, at)
             number, kind = tag >> 3, tag & 7
-            value: Any
             if kind == _VARINT:
                 value, at = self._varint(data, at)
             elif kind in (_BYTES, *_SIZES):
@@ -132,9 +132,7 @@ def _planar(pose: Message) -> Floats:
     return np.array([(a, b, x), (c, d, y), (0, 0, 1)])
 
 
-class Block(NamedTuple):
-    """Where the compressed bytes of a message lie."""
-
+class Block(NamedTuple):  # of the compressed bytes of a message
     offset: int
     length: int
 
@@ -171,17 +169,13 @@ def _blocks(file: BinaryIO, size: int) -> Iterator[Block]:
 
 
 @dataclass(frozen=True)
-class Submap:
-    """What a submap is without its cells."""
-
+class Submap:  # without its cells
     block: Block
     is_finished: bool
     resolution: float
     size: tuple[int, int]
-    known: tuple[slice, slice]
-    """Rows and columns around its known cells, which become the texture."""
-    in_frame: Floats
-    """The frame of the texture in that of the submap, shape (3, 3)."""
+    known: tuple[slice, slice]  # rows and columns around its known cells, which become the texture
+    in_frame: Floats  # the frame of the texture in that of the submap, shape (3, 3)
 
     @classmethod
     def of(cls, message: Message, block: Block, name: str) -> Submap:
@@ -219,8 +213,7 @@ class Submap:
         if cells.max() >= 2 * _UPDATED:
             raise message.error(f"cells must be 0..{2 * _UPDATED - 1}", got=int(cells.max()))
         texels = _texels(grid.number(6, 0.1), grid.number(7, 0.9))
-        texture: NDArray[np.uint32] = texels[cells.reshape(self.size)[self.known] % _UPDATED]
-        return texture
+        return np.asarray(texels[cells.reshape(self.size)[self.known] % _UPDATED])
 
 
 @lru_cache(maxsize=4)
@@ -240,10 +233,8 @@ def _texels(least_cost: float, most_cost: float) -> NDArray[np.uint32]:
 
 
 class Trajectory(NamedTuple):
-    ticks: Integers
-    """Times in steps of 100 ns since the year 1."""
-    poses: Floats
-    """x, y, z, metres, and the quaternion x, y, z, w, shape (N, 7)."""
+    ticks: Integers  # times in steps of 100 ns since the year 1
+    poses: Floats  # x, y, z, metres, and the quaternion x, y, z, w, shape (N, 7)
 
     @classmethod
     def of(cls, message: Message) -> Trajectory:
@@ -324,9 +315,8 @@ class StateFile(MapFile):
                 raise MalformedInputError(f"{rule}, too different from {self._resolution:g} m")
             (a, b, x), (c, d, y) = product(self._poses[key], submap.in_frame)[:2].tolist()
             turn, shift = np.array([(c, -d), (a, -b)]) * scale, np.array([x, -y]) / self._resolution
-            rows, cols = submap.known
-            size = cols.stop - cols.start, rows.stop - rows.start
-            placed.append((submap, Slice(*size, turn, shift)))
+            height, width = (side.stop - side.start for side in submap.known)
+            placed.append((submap, Slice(width, height, turn, shift)))
         return placed
 
     def frame(self) -> Frame:

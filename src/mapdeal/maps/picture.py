@@ -39,11 +39,6 @@ class Picture:
     palette: NDArray[np.uint8] | None = None  # red, green, blue, opacity of each index, (N, 4)
     display: tuple[str, ...] = ()  # gamma or colour profile, which no reader applies
 
-    def from_the_south(self) -> Picture:
-        """Return the picture with row 0 in the south, as grids have it."""
-        alpha = None if self.alpha is None else self.alpha[::-1]
-        return replace(self, samples=self.samples[::-1], alpha=alpha)
-
     def bands(self, most_pixels: int) -> Iterator[Picture]:
         """Yield views of bands of rows, each of at most so many pixels, or of one row."""
         height, width = self.shape
@@ -95,10 +90,9 @@ def by_sample(table: NDArray[Any], samples: Samples) -> NDArray[Any]:
 def opaque_greys(kind: Picture) -> Picture:
     """Return a picture of the same kind as another: one row of all opaque greys 0 .. maxval."""
     # With a palette the row has all indices.
-    dtype = kind.samples.dtype
     greys = np.arange(kind.maxval + 1 if kind.palette is None else len(kind.palette))[np.newaxis]
     alpha = None if kind.alpha is None else np.full_like(greys, kind.opaque, kind.alpha.dtype)
-    samples = greys.astype(dtype)
+    samples = greys.astype(kind.samples.dtype)
     if kind.samples.ndim == 3:
         samples = np.repeat(samples[..., np.newaxis], 3, axis=2)
     return replace(kind, samples=samples, alpha=alpha)
@@ -122,9 +116,7 @@ def to_16_bit(maxval: int) -> NDArray[np.uint16]:
     return ((2 * 65535 * values + maxval) // (2 * maxval)).astype(np.uint16)
 
 
-HEAD = 1 << 19
-"""Bytes at the start of a file that identify it: headers of images are not longer."""
-
+HEAD = 1 << 19  # bytes at the start of a file that identify it: headers of images are not longer
 _CHUNK = 1 << 20
 
 
@@ -227,9 +219,7 @@ def opened(path: Path) -> Iterator[OpenFile]:
         os.close(descriptor)
 
 
-STRIP = 1 << 20
-"""Bytes of the pixels in a strip, about: they stay in the processor's cache."""
-
+STRIP = 1 << 20  # bytes of the pixels in a strip, about: they stay in the processor's cache
 _PIXELS_AT_ONCE = 1 << 22
 
 
@@ -302,8 +292,7 @@ def strips_at_places(
     shape: tuple[int, int], row_bytes: int, rows_at: Callable[[int, int], Picture]
 ) -> Strips:
     """Return the strips of a picture, given a function that reads a range of rows."""
-    step = max(1, STRIP // max(shape[1], row_bytes))
-    # a row of bits has more pixels than bytes
+    step = max(1, STRIP // max(shape[1], row_bytes))  # a row of bits has more pixels than bytes
 
     def parts() -> Iterator[Picture]:
         for first in range(0, shape[0], step):

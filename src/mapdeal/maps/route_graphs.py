@@ -20,9 +20,7 @@ from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
 from mapdeal.maps.kinds import recognised
 
 _MOST_ID = (1 << 32) - 1  # the server's ids are unsigned int
-FRAME = "map"
-"""The server's route_frame, and the default frame of nodes."""
-
+FRAME = "map"  # the server's route_frame, and the default frame of nodes
 _EDGES = ("LineString", "MultiLineString")
 _DESCRIPTION = "a route graph (GeoJSON)"
 
@@ -79,8 +77,7 @@ def read_route_graph(path: Path | str) -> RouteGraph:
     return found.graph
 
 
-REFUSED = ("refused", "missing-end")
-"""Checks whose findings make the server refuse a file."""
+REFUSED = ("refused", "missing-end")  # checks whose findings make the server refuse a file
 
 
 def read_graph_file(path: Path) -> GraphFile:
@@ -201,8 +198,7 @@ class _Reader:
             self._report("mixed-limits", text, index[with_limit[0].start])
 
 
-FLOATS = ("speed_limit", "abs_speed_limit", "penalty")
-"""Keys of an edge's metadata that scorers read as floats."""
+FLOATS = ("speed_limit", "abs_speed_limit", "penalty")  # in metadata of edges, for scorers
 
 
 def _metadata(properties: JsonValue) -> Mapping[str, Any]:

@@ -202,12 +202,12 @@ def _shape_of(entry: Entry) -> Shape:
         if kind == "circle":
             center, radius = _point(required("center")), required("radius").number()
             return Circle(center, radius, value, source)
-        points = _points(required("points"))
+        points = list(map(_point, required("points").items()))
         if kind == "line":
             thickness = fields["thickness"].number() if "thickness" in fields else 0.0
             return Line(points, thickness, value, source)
         holes = fields["holes"].items() if "holes" in fields else []
-        return Polygon(points, [_points(hole) for hole in holes], value, source)
+        return Polygon(points, [list(map(_point, hole.items())) for hole in holes], value, source)
     except ParameterError as error:
         raise error.in_file(entry.source, entry.place) from None
 
@@ -227,10 +227,6 @@ def _with_known_keys(fields: dict[str, Entry], kind: str) -> dict[str, Entry]:
             raise field.error(f"is given twice, as {name} and as {key}")
         named[name] = field
     return named
-
-
-def _points(entry: Entry) -> list[Point]:
-    return [_point(item) for item in entry.items()]
 
 
 def _point(entry: Entry) -> Point:

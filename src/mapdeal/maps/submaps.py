@@ -46,8 +46,7 @@ class Slice(NamedTuple):
 class Canvas(NamedTuple):
     width: int
     height: int
-    origin: tuple[float, float]
-    """Place of the origin of the map on the canvas, pixels from its upper left corner."""
+    origin: tuple[float, float]  # of the map on the canvas, pixels from its upper left corner
 
 
 def canvas_of(slices: Iterable[tuple[Any, Slice]]) -> Canvas:
@@ -201,8 +200,7 @@ def _averaged(
             texels = wide[starts[1] + row, starts[0] + col]
             total += np.array([texels & 0xFFFF, texels >> 16]) * weight
     intensity, opacity = np.clip((total + _HALF) >> 16, 0, 255).astype(np.uint32)
-    texel: NDArray[np.uint32] = intensity | opacity << 16
-    return texel
+    return np.asarray(intensity | opacity << 16)
 
 
 def _interpolated(wide: NDArray[np.uint32], x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.uint32]:
@@ -219,8 +217,7 @@ def _interpolated(wide: NDArray[np.uint32], x: NDArray[Any], y: NDArray[Any]) ->
     above = _WEIGHTS - below
     intensity = ((upper & 0xFFFF) * above + (lower & 0xFFFF) * below) >> 14
     opacity = ((upper >> 16) * above + (lower >> 16) * below) >> 14
-    texel: NDArray[np.uint32] = intensity | opacity << 16
-    return texel
+    return np.asarray(intensity | opacity << 16)
 
 
 def _over(pixels: NDArray[np.uint8], texels: NDArray[np.uint32]) -> None:
