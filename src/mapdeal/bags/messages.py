@@ -382,14 +382,12 @@ _COPIES = 5  # peak memory, bytes per cell
 _Types = Mapping[str, Callable[..., Any]]
 _Record = tuple[str, str, int, Any]  # topic, type, time in nanoseconds, message
 
-_MODULES = ("rosbags.typesys", "rosbags.rosbag1", "rosbags.rosbag2")
-
 
 def write_bag(
     transaction: Transaction, output: Path, grid: OccupancyGrid | Costmap, *,
     topic: str | None = None, frame: str = FRAME,
 ) -> None:  # fmt: skip
-    bags.import_rosbags(output, *_MODULES)
+    bags.import_rosbags(output, "rosbags.typesys", "rosbags.rosbag1", "rosbags.rosbag2")
     claim(output, _COPIES * grid.layer.size, what="messages of this size")
     is_ros1 = output.suffix == ".bag"
     if topic is None:

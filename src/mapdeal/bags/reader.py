@@ -29,7 +29,6 @@ _KINDS: dict[bytes, Callable[[Path], bags.Bag]] = {
     b"#ROSBAG V": Ros1Bag, b"#ROSRECORD V": Ros1Bag, b"#ROSLOG V": Ros1Bag,
     MCAP_MAGIC: McapBag, SQLITE_MAGIC: SqliteBag,
 }  # fmt: skip
-_SUFFIXES = {".db3": "sqlite3", ".mcap": "mcap"}
 _PIECE = 1 << 20
 _MOST_NAMED = 12
 _TOPICS = "topics_with_message_count"
@@ -141,7 +140,7 @@ class FolderBag(bags.Bag):
 
     def _metadata_from_files(self, reason: str) -> _Metadata:
         names = sorted(sources.contents_of(self.path)[1], key=natural_key)
-        for suffix, storage in _SUFFIXES.items():
+        for suffix, storage in {".db3": "sqlite3", ".mcap": "mcap"}.items():
             if files := [name for name in names if _plain(name).endswith(suffix)]:
                 self.warn_once(reason)
                 return _Metadata(storage, tuple(files), "none", {})

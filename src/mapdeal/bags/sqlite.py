@@ -28,7 +28,6 @@ SQLITE_MAGIC = b"SQLite format 3\0"
 _ROWS_TOGETHER = 1 << 14
 _TOPIC_BYTES = 1000  # approximate memory of a topic besides its texts
 _SMALLEST_PAGE = 512
-_SMALL_CACHE = "PRAGMA cache_size = -16384"
 _TOO_LONG, _TOO_BIG = "interrupted", "too big"  # in SQLite's messages when a limit is reached
 _DESCRIPTIONS = {
     "not a database": "is not an SQLite file",
@@ -58,7 +57,7 @@ class SqliteBag(Bag):
         try:
             with self._sqlite_errors():
                 self._found = self._read_all_connections()
-                self._db.execute(_SMALL_CACHE)
+                self._db.execute("PRAGMA cache_size = -16384")
         except BaseException:
             self.close()
             raise

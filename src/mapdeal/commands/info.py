@@ -214,10 +214,9 @@ def figures_of(path: Path, kind: FileKind) -> Report:
         return kind.figures()
     from mapdeal.sensors import clouds, scans  # not loaded for a map
 
-    readers = {"PLY": clouds.ply_figures, "PCD": clouds.pcd_figures,
-               "OctoMap": clouds.octree_figures, "npy": clouds.npy_figures,
-               "CARMEN": scans.log_figures}  # fmt: skip
-    return readers[kind.form](path)
+    if kind.form == "CARMEN":
+        return scans.log_figures(path)
+    return clouds.header_figures(path, kind.form)
 
 
 def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> Report:

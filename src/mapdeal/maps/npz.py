@@ -306,7 +306,6 @@ def _fill(array: NDArray[Any], file: IO[bytes]) -> None:
 
 FORMAT = "mapdeal/1"
 _REACH_LAYER = "reachable"
-_BLOCK_HEIGHT = 512
 _EVIDENCE: dict[str, type[np.generic]] = {
     "log_odds": np.float64, "hits": np.int32, "misses": np.int32
 }  # fmt: skip
@@ -368,7 +367,7 @@ def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
 
 @contextmanager
 def open_npz(
-    path: Path, *, block_height: int = _BLOCK_HEIGHT, max_cells: int | None = None
+    path: Path, *, block_height: int = 512, max_cells: int | None = None
 ) -> Iterator[Grid]:
     """Open an ``.npz`` file: yield the grid of `read_npz` with lazy layers."""
     # Reading backwards starts again at the first row. A potential field is loaded at once.

@@ -21,8 +21,6 @@ from mapdeal.maps.kinds import recognised
 
 _MOST_ID = (1 << 32) - 1  # the server's ids are unsigned int
 FRAME = "map"  # the server's route_frame, and the default frame of nodes
-_EDGES = ("LineString", "MultiLineString")
-_DESCRIPTION = "a route graph (GeoJSON)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +79,7 @@ REFUSED = ("refused", "missing-end")  # checks whose findings make the server re
 
 
 def read_graph_file(path: Path) -> GraphFile:
-    with recognised(path, _DESCRIPTION, ROUTE_GRAPH):
+    with recognised(path, "a route graph (GeoJSON)", ROUTE_GRAPH):
         return parsed_graph(read_document(path))
 
 
@@ -108,7 +106,7 @@ class _Reader:
             kind = feature["geometry"]["type"].text()
             if kind == "Point":
                 self._node(feature)
-            elif kind in _EDGES:
+            elif kind in ("LineString", "MultiLineString"):
                 lines.append(feature)  # the nodes at their ends may follow later
         for feature in lines:
             self._edge(feature)

@@ -74,7 +74,6 @@ OTHER_NAMES: Mapping[str, frozenset[str]] = {
 }  # fmt: skip
 """Names that some release declares and that paths of main do not depend on."""
 
-_COSTMAP_NODE = "/global_costmap/global_costmap"
 _KINDS = {bool: "bool", int: "integer", float: "double", str: "string", tuple: "string_array"}
 
 
@@ -108,7 +107,7 @@ def planners_of(
 ) -> tuple[tuple[ListedPlanner, ...], tuple[Problem, ...]]:
     """Return the planners of a robot's planner server in order, and the problems found."""
     parameters = parameters or read_ros2(robot.paths)
-    node = f"{robot.node.removesuffix(_COSTMAP_NODE)}/{PLANNER_SERVER}"
+    node = f"{robot.node.removesuffix('/global_costmap/global_costmap')}/{PLANNER_SERVER}"
     values = Nav2Values(parameters.for_node(node), node, robot.paths[-1], up_to_kilted=False)
     for name, default in SERVER_PARAMETERS.items():
         values.get(name, _KINDS[type(default)], default)

@@ -34,7 +34,6 @@ from mapdeal.ros.robot import ParameterFile, ParameterFileError, ParameterValue,
 _TRUE = ["Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"]
 _FALSE = ["N", "n", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"]
 _BOOLS = {word: word in _TRUE for word in (*_TRUE, *_FALSE)}
-_TAG = "tag:yaml.org,2002:"
 
 _SPACES = " \t\n\v\f\r"  # what C's functions skip in front of a number
 _INTEGER = re.compile(r"([-+]?)(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)", re.ASCII)
@@ -77,7 +76,6 @@ _PLAIN = (("bool", _BOOLS.get), ("integer", _integer), ("double", _double))  # w
 PARAMETERS_KEY = "ros__parameters"
 _LONGEST_TEXT = 200
 _MOST_ALIASES = 200
-_LONGEST_NODE_NAME = 255
 
 _PRECEDENCE = (
     "bool", "integer", "double", "string",
@@ -257,7 +255,7 @@ class FileReader:
         if is_missing or not self._in_parameters or node is None or not node.slots:
             raise self._misplaced(event, is_missing=is_missing)
         if event.tag not in (None, "!"):
-            got, hint = event.tag.replace(_TAG, "!!"), "write the value without it"
+            got, hint = event.tag.replace("tag:yaml.org,2002:", "!!"), "write the value without it"
             raise self._error("a value has a tag", event, got=got, hint=hint)
         kind, value = typed_scalar(event.value, is_quoted=is_quoted)
         if self._is_sequence:
@@ -369,7 +367,7 @@ def name_fault(name: str) -> str | None:
             return f"only letters, digits and _ are allowed in {token!r}"
         if token[0].isdigit():
             return f"{token!r} starts with a digit"
-    return "it is too long" if len(last) > _LONGEST_NODE_NAME else None
+    return "it is too long" if len(last) > 255 else None
 
 
 def line_of(event: yaml.Event | yaml.Node) -> int:

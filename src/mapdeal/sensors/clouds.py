@@ -7,6 +7,7 @@ The Point Cloud Library's "The PCD (Point Cloud Data) file format", version 0.7.
 
 from __future__ import annotations
 
+import itertools
 import os
 import struct
 from collections.abc import Callable, Iterator, Sequence
@@ -92,10 +93,9 @@ def _counted_points(
 
 
 def _header_lines(file: BinaryIO) -> Iterator[tuple[int, str]]:
-    length, number = 0, 0
-    while True:
+    length = 0
+    for number in itertools.count(1):
         line = file.readline(4096)
-        number += 1
         length += len(line)
         if not line.endswith(b"\n") or length > _LONGEST_HEADER:
             raise MalformedInputError("the header does not end", place=f"line {number}")
@@ -164,18 +164,6 @@ def _npy_points(file: BinaryIO, path: Path) -> Iterator[Points]:
             yield np.stack(columns, axis=1).astype(np.float64)
 
 
-def npy_figures(path: Path) -> dict[str, Any]:
-    with binary_file(path) as file:
-        shape, _, dtype, _ = _npy_header(file)
-    return {"shape": " x ".join(map(str, shape)), "type": str(dtype)}
-
-
-def octree_figures(path: Path) -> dict[str, Any]:
-    with binary_file(path) as file:
-        header = read_octree_header(file)
-    return {"tree": header.tree, "voxel_m": header.resolution}
-
-
 def _npy_header(file: BinaryIO) -> NpyHeader:
     try:
         return read_npy_header(file)
@@ -183,9 +171,8 @@ def _npy_header(file: BinaryIO) -> NpyHeader:
         raise MalformedInputError(f"is not an npy file: {error}") from None
 
 
+# numpy's letter for each type, and the permitted sizes, bytes.
 _PCD_TYPES = {"I": ("i", (1, 2, 4, 8)), "U": ("u", (1, 2, 4, 8)), "F": ("f", (4, 8))}
-"""numpy's letter for each type, and the permitted sizes, bytes."""
-
 _PCD_KEYS = ("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT",
              "VIEWPOINT", "POINTS")  # fmt: skip
 
@@ -210,13 +197,6 @@ def _pcd_points(file: BinaryIO, path: Path) -> Iterator[Points]:
         yield from _compressed_points(file, record, axes, count, path)
     if file.read(1 << 16).strip(b"\0 \r\n\t"):  # these are padding
         emit_warning(f"{path}: data after the points are ignored")
-
-
-def pcd_figures(path: Path) -> dict[str, Any]:
-    with binary_file(path) as file:
-        header = _read_pcd_header(file)
-    fields = " ".join(header.record.names)
-    return {"encoding": header.encoding, "points": header.points, "fields": fields}
 
 
 def _read_pcd_header(file: BinaryIO) -> _PcdHeader:
@@ -355,15 +335,6 @@ def _ply_points(file: BinaryIO, path: Path) -> Iterator[Points]:
     raise MalformedInputError("has no element vertex")
 
 
-def ply_figures(path: Path) -> dict[str, Any]:
-    with binary_file(path) as file:
-        encoding, elements, _ = _read_ply_header(file)
-    vertices = [element for element in elements if element.name == "vertex"]
-    count = sum(vertex.count for vertex in vertices)
-    fields = " ".join(name for vertex in vertices for name in vertex.names)
-    return {"encoding": encoding, "points": count, "fields": fields}
-
-
 def _read_ply_header(file: BinaryIO) -> tuple[str, list[_Element], int]:
     encoding: str | None = None
     elements: list[_Element] = []
@@ -449,6 +420,25 @@ _READERS: dict[str, Callable[[BinaryIO, Path], Iterator[Points]]] = {
 }  # fmt: skip
 
 CLOUD_SUFFIXES = (*_READERS, ".npz")  # suffixes of point clouds
+
+
+def header_figures(path: Path, form: str) -> dict[str, Any]:
+    """Return what the header of a file says; `form` is that of its `FileKind`."""
+    with binary_file(path) as file:
+        if form == "npy":
+            shape, _, dtype, _ = _npy_header(file)
+            return {"shape": " x ".join(map(str, shape)), "type": str(dtype)}
+        if form == "OctoMap":
+            octree = read_octree_header(file)
+            return {"tree": octree.tree, "voxel_m": octree.resolution}
+        if form == "PCD":
+            record, count, encoding, _ = _read_pcd_header(file)
+            return {"encoding": encoding, "points": count, "fields": " ".join(record.names)}
+        encoding, elements, _ = _read_ply_header(file)
+    vertices = [element for element in elements if element.name == "vertex"]
+    count = sum(vertex.count for vertex in vertices)
+    fields = " ".join(name for vertex in vertices for name in vertex.names)
+    return {"encoding": encoding, "points": count, "fields": fields}
 
 
 def cloud_chunks(path: Path) -> Iterator[Points]:

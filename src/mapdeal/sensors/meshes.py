@@ -320,8 +320,7 @@ class _Collada:
     def _target(self, element: Element, kind: str, key: str = "url") -> Element:
         target = self.by_id.get(element.get(key, "").removeprefix("#"))
         if target is None or target.tag != kind:
-            place = f"{element.tag}: {key}"
-            rule = f"must refer to a {kind} of this file"
+            place, rule = f"{element.tag}: {key}", f"must refer to a {kind} of this file"
             raise malformed(self.path, rule, place, got=element.get(key))
         return target
 

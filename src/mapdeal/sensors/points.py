@@ -183,8 +183,7 @@ def _planar_poses(rows: Poses, path: Path) -> Poses:
     is_good = (np.abs(values) <= FARTHEST).all(axis=1) & np.isfinite(rows[:, 0])  # refuses nan too
     if not is_good.all():
         first = int(np.argmin(is_good))
-        rule = f"must be finite numbers within {FARTHEST:g}"
-        got = rows[first].tolist()
+        rule, got = f"must be finite numbers within {FARTHEST:g}", rows[first].tolist()
         raise MalformedInputError(rule, source=path, place=f"pose {first + 1}", got=got)
     if width == _PLANAR:
         is_odd = np.abs(rows[:, 2]) > 2 * math.pi
@@ -208,21 +207,18 @@ def _headings(quaternions: NDArray[np.float64], path: Path) -> NDArray[np.float6
     x, y, z, w = (quaternions / lengths[:, np.newaxis]).T
     upright = 1 - 2 * (x * x + y * y)  # the cosine of the angle between both z axes
     _warn_of(upright < math.cos(_MOST_TILT), _TILTED, path)
-    yaw: NDArray[np.float64] = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return yaw
+    return np.asarray(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
 
 
 def _warn_of(mask: NDArray[np.bool_], fault: str, path: Path) -> None:
     if count := int(np.count_nonzero(mask)):
-        first = int(np.argmax(mask)) + 1
-        text = f"{path}: {count} of {len(mask)} poses, the first of them pose {first}, have {fault}"
-        emit_warning(text)
+        which = f"{count} of {len(mask)} poses, the first of them pose {int(np.argmax(mask)) + 1}"
+        emit_warning(f"{path}: {which}, have {fault}")
 
 
 _LONGEST_LINE = 1 << 16
 _LINE_FEED = ord("\n")
 _Line = TypeVar("_Line")
-_PARSE_ERRORS = (ValueError, TypeError, LookupError, OverflowError, RecursionError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,14 +299,6 @@ def _read_numbers(
 read_points = partial(_read_numbers, _POINT)
 read_pose_lines = partial(_read_numbers, _POSE)
 read_pose_pairs = partial(_read_numbers, _POSE_PAIR)
-
-
-def read_pairs(chunks: Iterable[bytes], source: Path | str) -> Iterator[PairLine]:
-    return _read_lines(chunks, source, _PAIR, _pair_of, PairLine)
-
-
-def read_named_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NamedPointLine]:
-    return _read_lines(chunks, source, _NAMED_POINT, _named_point_of, NamedPointLine)
 
 
 def _read_lines(
@@ -408,7 +396,7 @@ def _parse_line(
         parsed = parse(text)
     except MalformedInputError as error:
         return (), f"{error.rule}, got {shown(text)}"
-    except _PARSE_ERRORS:
+    except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
         rule = form.json if _is_json(text) else form.plain
         return (), f"must be {rule}, got {shown(text)}" if text else "empty line"
     places = (place for place in parsed if isinstance(place, tuple))
@@ -456,6 +444,9 @@ def _pair_of(text: str) -> tuple[Point, Point]:
     return (start_x, start_y), (goal_x, goal_y)
 
 
+read_pairs = partial(_read_lines, form=_PAIR, parse=_pair_of, make=PairLine)
+
+
 def _named_point_of(text: str) -> tuple[Point, str | None]:
     if _is_json(text):
         value = json.loads(text)
@@ -470,3 +461,8 @@ def _named_point_of(text: str) -> tuple[Point, str | None]:
         raise ValueError
     x, y = _numbers_of(place)
     return (x, y), name.strip() or None
+
+
+read_named_points = partial(
+    _read_lines, form=_NAMED_POINT, parse=_named_point_of, make=NamedPointLine
+)

@@ -148,10 +148,9 @@ def _read_angles(path: Path) -> Floats:
     angles = table.reshape(-1)
     is_good = np.abs(angles) <= FARTHEST  # refuses nan too
     if not is_good.all():
-        index = int(np.argmin(is_good))
-        place = f"angle {index + 1}"
-        raise MalformedInputError("must be finite numbers", source=path, place=place,
-                                  got=angles[index])  # fmt: skip
+        index, rule = int(np.argmin(is_good)), "must be finite numbers"
+        place, got = f"angle {index + 1}", angles[index]
+        raise MalformedInputError(rule, source=path, place=place, got=got)
     return angles
 
 
@@ -170,19 +169,13 @@ _READINGS_TOGETHER = 1 << 18
 _POSE_TAGS = ("FLASER", "ROBOTLASER1")
 _TAGS = (*_POSE_TAGS, "RAWLASER1")
 _LONGEST_TAG = max(map(len, _TAGS)) + 1
-_GZIP = b"\x1f\x8b"
 _EXPANSION = 200  # largest ratio of a log's length to that of its gzip file; 4 to 10 is usual
-_SHORT_LINE = 20
-"""Bytes added to the length of each line, because many empty lines take long, too."""
-
-_BEFORE_TAG = b"\xef\xbb\xbf \t"
+_SHORT_LINE = 20  # bytes added to the length of each line: many empty lines take long, too
 _LARGEST_ANGLE = 100.0
 
+# Degrees between the readings of a half circle, by their number; the first is at -90 degrees.
 _FLASER_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
-"""Degrees between the readings of a half circle, by their number; the first is at -90 degrees."""
-
 _LINES_TOGETHER, _BYTES_TOGETHER = 512, 1 << 20
-_SHARED_PARTS = {"head", "middle"}
 _TYPES = {"head": "S40", "middle": "S40", "ranges": "f8", "pose": "f8", "time": "f8"}
 _NO_POSE = (0.0, 0.0, 0.0)
 
@@ -350,14 +343,14 @@ class CarmenLog(ScanSource):
                     rule = f"the gzip data expand to more than {_EXPANSION} times their size"
                     raise MalformedInputError(rule, source=self._path)
                 number += is_start
-                if is_start and (text := line.lstrip(_BEFORE_TAG)).startswith(starts):
+                if is_start and (text := line.lstrip(b"\xef\xbb\xbf \t")).startswith(starts):
                     yield number, text
                 is_start = line.endswith(b"\n")  # False if the line continues
 
     @contextmanager
     def _open(self) -> Iterator[BinaryIO]:
         with access_to(self._path), self._path.open("rb") as file:
-            is_compressed = file.read(2) == _GZIP
+            is_compressed = file.read(2) == b"\x1f\x8b"
             file.seek(0)
             if not is_compressed:
                 yield file
@@ -417,7 +410,7 @@ def _scans_at_once(lines: list[bytes]) -> list[_Scan] | None:
         table = np.loadtxt(lines, layout.record(), comments=None, encoding="ascii", ndmin=1)
     except (_BadLineError, ValueError):
         return None
-    for name in _SHARED_PARTS.intersection(layout.parts):
+    for name in {"head", "middle"}.intersection(layout.parts):
         if (table[name] != table[name][0]).any():
             return None
     times = table["time"][:, 0].tolist()

@@ -164,7 +164,7 @@ class _Reader:
                 self._place_model(scope, inner, name, child, here)
             elif child.tag == "include":
                 self._include(scope, child, here)
-            elif child.tag in _UNMODELLED:
+            elif child.tag in ("actor", "population", "road"):
                 self.skipped.append(here)
         return scope
 
@@ -335,7 +335,7 @@ class _Reader:
             else:
                 known = ", ".join([*_SHAPES, "plane", "polyline", "mesh"])
                 hint = nearest_hint(child.tag, known.split(", ")) or f"shapes are {known}"
-                rule = "is not supported" if child.tag in _REFUSED else "is no shape"
+                rule = "is not supported" if child.tag in ("heightmap", "image") else "is no shape"
                 raise malformed(path, rule, here, hint=hint)
         lines = [] if geometry is None else geometry.findall("polyline")
         if lines:
@@ -550,8 +550,6 @@ _SHAPES: dict[str, tuple[dict[str, int], Callable[..., Floats]]] = {
     "ellipsoid": ({"radii": 3}, lambda radii: _ball(radii.max()) * radii / radii.max()),
     "cone": ({"radius": 1, "length": 1}, lambda radius, length: _cone(radius[0], length[0])),
 }
-_REFUSED = ("heightmap", "image")
-_UNMODELLED = ("actor", "population", "road")
 
 
 def read_world(
