@@ -90,9 +90,8 @@ class _CutError(Exception):
 class ChunkedBag(Bag):
     """A file of records; one pass finds its chunks, connections, indices and loose messages."""
 
+    # Upper bounds of memory for an index record, a message outside of chunks, a chunk, etc.
     _ENTRY_BYTES, _LOOSE_BYTES, _CHUNK_BYTES, _CONNECTION_BYTES = 160, 40, 600, 1500
-    """Upper bounds of memory for an index record, a message outside of chunks, a chunk, etc."""
-
     _ENTRY: int  # bytes of an entry of an index record
 
     def __init__(self, path: Path, form: str) -> None:
@@ -226,9 +225,8 @@ class ChunkedBag(Bag):
 
 
 _ROS1_MAGIC = re.compile(rb"#ROS(?:BAG|RECORD|LOG) V(\d+)\.(\d+)\n")
-_ROS1_MESSAGE, _ROS1_BAG, _ROS1_INDEX, _ROS1_CHUNK, _ROS1_CHUNK_INFO, _ROS1_CONNECTION = (
-    bytes([op]) for op in range(2, 8)
-)
+_ROS1_MESSAGE, _ROS1_BAG, _ROS1_INDEX = b"\2", b"\3", b"\4"
+_ROS1_CHUNK, _ROS1_CHUNK_INFO, _ROS1_CONNECTION = b"\5", b"\6", b"\7"
 _LONGEST_HEADER = 1 << 20
 _MOST_DESCRIPTIONS = 100  # of connections; some writers' indices point to them, not the message
 _U32 = struct.Struct("<I")
@@ -277,9 +275,8 @@ class Ros1Bag(ChunkedBag):
                 self._warn_of_early_end(f" ({error})")
                 return
         if not self._has_summary and self._chunks:
-            self.warn_once(
-                "has no index, as left by a recorder that was killed; all records are read"
-            )
+            cause = "as left by a recorder that was killed"
+            self.warn_once(f"has no index, {cause}; all records are read")
 
     def _walk_record(self, position: int) -> int:
         self._file.seek(position)
@@ -400,19 +397,13 @@ _BEFORE_DATA = 22  # bytes of a message's record before its data
 _ENCODINGS: dict[str, Encoding] = {"cdr": "cdr", "ros1": "ros1"}
 
 
-class _Schema(NamedTuple):
-    name: str
-    encoding: str
-    text: str
-
-
 class McapBag(ChunkedBag):
     # The summary at the end is ignored. Chunks without index records are decompressed to find their
     # messages.
     _ENTRY = 16
 
     def __init__(self, path: Path) -> None:
-        self._schemas: dict[int, _Schema] = {}
+        self._schemas: dict[int, tuple[str, ...]] = {}  # names, encodings and texts
         super().__init__(path, "a bag (MCAP)")
 
     def read_message(self, place: Place) -> bytes:
@@ -493,7 +484,7 @@ class McapBag(ChunkedBag):
                 (number,) = struct.unpack_from("<H", data)
                 if number not in self._schemas:
                     self._note_memory(self._CONNECTION_BYTES + 2 * len(data))
-                    self._schemas[number] = _Schema(*_texts(data, 2, 3))
+                    self._schemas[number] = tuple(_texts(data, 2, 3))
                 return
             number, schema_number = struct.unpack_from("<HH", data)
             if number in self._found:
@@ -502,10 +493,10 @@ class McapBag(ChunkedBag):
             topic, serialization = _texts(data, 4, 2)
         except (struct.error, _CutError):
             raise self.malformed("a schema or channel is damaged") from None
-        schema = self._schemas.get(schema_number, _Schema("", "", ""))
+        name, encoding, text = self._schemas.get(schema_number, ("", "", ""))
         self._found[number] = Connection(
-            number, topic, schema.name, _ENCODINGS.get(serialization, ""),
-            schema.text if schema.encoding in ("ros2msg", "ros1msg") else "", serialization,
+            number, topic, name, _ENCODINGS.get(serialization, ""),
+            text if encoding in ("ros2msg", "ros1msg") else "", serialization,
         )  # fmt: skip
 
     def _note_described(self, record: _Record) -> None:

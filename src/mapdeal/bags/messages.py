@@ -36,9 +36,8 @@ TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 GRID_TYPES = (OCCUPANCY_GRID, NAV2_COSTMAP)
 
 _SECOND = 10**9
+# numpy's types for the constants of a PointField.
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-"""numpy's types for the constants of a PointField."""
-
 _UPRIGHT = math.cos(math.radians(10))
 _MOST_POINTS = 1 << 32
 _LARGEST_ANGLE = 1000.0
@@ -314,7 +313,13 @@ class Decoder:
     def message(self, place: bags.Place) -> Any:
         connection = self._connections[place.connection]
         if connection.id not in self._deserializers:
-            self._deserializers[connection.id] = self._deserializer(connection)
+            name, is_ros1 = connection.type, connection.encoding == "ros1"
+            try:
+                decode = decoder_of(name, connection.definition, is_ros1=is_ros1)
+            except Exception as error:  # noqa: BLE001 - parsers of damaged texts fail in many ways
+                rule = f"its type {name} cannot be parsed: {error}"
+                raise self._bag.malformed(rule, connection.topic) from None
+            self._deserializers[connection.id] = decode
         data = self._bag.read_message(place)
         needed = (_OBJECT_FACTOR if connection.type in TF_TYPES else _ARRAY_FACTOR) * len(data)
         claim(self._bag.path, needed, what=f"the {len(data)} bytes of a message")
@@ -351,31 +356,12 @@ class Decoder:
         except (struct.error, ValueError):
             rule = f"a message at {place.time} ns has no header"
             raise self._bag.malformed(rule, connection.topic) from None
-        return seconds * 10**9 + nanoseconds, text.lstrip("/")
-
-    def _deserializer(self, connection: bags.Connection) -> Callable[[bytes], Any]:
-        name = connection.type
-        try:
-            return decoder_of(name, connection.definition, is_ros1=connection.encoding == "ros1")
-        except Exception as error:  # noqa: BLE001 - parsers of damaged texts fail in many ways
-            rule = f"its type {name} cannot be parsed: {error}"
-            raise self._bag.malformed(rule, connection.topic) from None
-
-
-def costmap_types() -> Any:
-    """Return the types of Nav2's costmap, which are missing in rosbags."""
-    from rosbags.typesys import get_types_from_msg
-
-    names = ("nav2_msgs/Costmap", "nav2_msgs/CostmapMetaData")
-    texts = {bags.normalised_type(name): KNOWN[name].replace("; ", "\n") for name in names}
-    found = [get_types_from_msg(text, name) for name, text in texts.items()]
-    return {**found[0], **found[1]}
+        return seconds * _SECOND + nanoseconds, text.lstrip("/")
 
 
 MAP_TOPIC, COSTS_TOPIC, FRAME = "/map", "/costmap", "map"
 
-_STAMP = 1  # seconds: constant, so that equal maps give equal bytes; ROS 1 refuses 0
-_NANOSECONDS = _STAMP * 10**9
+_NANOSECONDS = _SECOND  # constant, so that equal maps give equal bytes; ROS 1 refuses 0
 _VERSION: Literal[8] = 8  # of the metadata: Humble cannot read version 9
 _COPIES = 5  # peak memory, bytes per cell
 
@@ -488,10 +474,14 @@ def _write_ros2(
 ) -> None:
     from rosbags import interfaces as qos
     from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    store.register(costmap_types())
+    costmap_types: dict[str, Any] = {}
+    for name in ("nav2_msgs/Costmap", "nav2_msgs/CostmapMetaData"):  # missing in rosbags
+        text = KNOWN[name].replace("; ", "\n")
+        costmap_types |= get_types_from_msg(text, bags.normalised_type(name))
+    store.register(costmap_types)
     plugin = StoragePlugin.MCAP if suffix == ".mcap" else StoragePlugin.SQLITE3
     unset = qos.QosTime(sec=0, nsec=0)
     # as map_server publishes: later subscribers get the last message, too
@@ -595,8 +585,7 @@ def add_checksums(path: Path) -> None:
 
 
 def _mcap_records(file: IO[bytes]) -> Iterator[tuple[int, int, int]]:
-    position = _MCAP_MAGIC
-    opcode = 0
+    position, opcode = _MCAP_MAGIC, 0
     while opcode != _FOOTER:
         file.seek(position)
         opcode, length = struct.unpack("<BQ", file.read(9))

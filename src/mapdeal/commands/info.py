@@ -215,7 +215,7 @@ def figures_of(path: Path, kind: FileKind) -> Report:
     from mapdeal.sensors import clouds, scans  # not loaded for a map
 
     if kind.form == "CARMEN":
-        return scans.log_figures(path)
+        return {"scans": scans.CarmenLog(path, max_bad=0).count}
     return clouds.header_figures(path, kind.form)
 
 

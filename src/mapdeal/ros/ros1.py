@@ -165,8 +165,7 @@ class _Reader:
     """Converter from the nodes of a file to parameters, which collects faults."""
 
     def __init__(self, source: Path) -> None:
-        self.source = source
-        self.tree = Ros1Namespace(1, source)
+        self.source, self.tree = source, Ros1Namespace(1, source)
         self.faults: list[Problem] = []
 
     def fault(

@@ -141,8 +141,7 @@ class FileReader:
         self._items: list[Any] = []
         self._items_kind: str | None = None
         self._sequence: yaml.Event | None = None
-        self._node_names = _Names("/")
-        self._parameter_names = _Names(".")
+        self._node_names, self._parameter_names = _Names("/"), _Names(".")
 
     def handle(self, event: yaml.Event) -> None:
         if isinstance(event, yaml.AliasEvent):

@@ -339,8 +339,7 @@ def _read_ply_header(file: BinaryIO) -> tuple[str, list[_Element], int]:
     encoding: str | None = None
     elements: list[_Element] = []
     for number, line in _header_lines(file):
-        place = f"line {number}"
-        words = line.split()
+        place, words = f"line {number}", line.split()
         if number == 1:
             if line != "ply":
                 raise MalformedInputError("must be ply", place=place, got=line)

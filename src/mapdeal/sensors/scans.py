@@ -199,8 +199,7 @@ class _Layout(NamedTuple):
     parts: dict[str, int]
 
     def part(self, name: str, words: list[bytes]) -> list[bytes]:
-        preceding = takewhile(lambda part: part != name, self.parts)
-        start = sum(self.parts[part] for part in preceding)
+        start = sum(self.parts[part] for part in takewhile(lambda part: part != name, self.parts))
         return words[start : start + self.parts[name]]
 
     def record(self) -> np.dtype[np.void]:
@@ -222,10 +221,6 @@ class _Scan(NamedTuple):
 
 class _BadLineError(Exception):
     """A line that breaks the format of its first word."""
-
-
-def log_figures(path: Path) -> dict[str, int]:
-    return {"scans": CarmenLog(path, max_bad=0).count}
 
 
 class CarmenLog(ScanSource):
