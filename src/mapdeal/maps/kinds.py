@@ -394,12 +394,11 @@ def _kind_of_numbers(path: Path, head: bytes) -> FileKind | None:
     return FileKind(NUMBERS, description, use, figures)
 
 
+# Tried in this order, the fastest first; the first result counts.
 _DETECTORS: tuple[Callable[[Path, bytes], FileKind | None], ...] = (
     _kind_by_magic, _kind_of_map, _kind_of_cloud, _kind_of_npz, _kind_of_image, _kind_of_log,
     _kind_of_json, _kind_of_world, _kind_of_numbers, _kind_of_yaml,
 )  # fmt: skip
-"""Tried in this order, the fastest first; the first result counts."""
-
 
 STDIN, STDOUT = "standard input", "standard output"
 

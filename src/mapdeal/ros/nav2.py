@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -146,13 +147,12 @@ _FILTERS = (_PREFIX + "KeepoutFilter", *_COSTLESS_FILTERS)
 _KNOWN_CLASSES = (*NAV2_PLUGINS, *_COSTLESS_FILTERS, _PREFIX + "PluginContainerLayer")
 _MOST_LAYERS, _MOST_LISTED = 200, 8
 
+# The layers of a costmap without a list of plugins.
 _DEFAULTS = {
     "static_layer": _STATIC,
     "obstacle_layer": _PREFIX + "ObstacleLayer",
     "inflation_layer": _PREFIX + "InflationLayer",
 }
-"""The layers of a costmap without a list of plugins."""
-
 _NEWER_PARAMETERS = frozenset(
     {"inscribed_obstacle_cost_value", "subscribe_to_stamped_footprint",
      "footprint_clearing_enabled", "restore_cleared_footprint"}
@@ -326,11 +326,7 @@ def _resolved(
         text = f"must be within {_LARGEST:g} m of the robot's centre, padding included"
         values.problem("params.too-large", "refused", text, name)
         return None
-
-    def report(check: str, level: Level, text: str) -> None:
-        values.problem(check, level, text, "footprint")
-
-    shape = robot.shape_of(corners, padding, radius, report)
+    shape = robot.shape_of(corners, padding, radius, partial(values.problem, name="footprint"))
     layers = None if shape is None else _listed_layers(values, shape.inscribed_radius)
     if shape is None or layers is None:
         return None

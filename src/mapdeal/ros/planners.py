@@ -28,9 +28,8 @@ SERVER_PARAMETERS: Mapping[str, Default] = {
     "action_server_result_timeout": 10.0, "introspection_mode": "disabled",
     "bond_heartbeat_period": 0.25, "use_sim_time": False,
 }  # fmt: skip
+# Names and classes of the planners of a server without ``planner_plugins``.
 DEFAULT_PLANNERS: Mapping[str, str] = {"GridBased": "nav2_navfn_planner::NavfnPlanner"}
-"""Names and classes of the planners of a server without ``planner_plugins``."""
-
 _SMAC_WITH_HEADINGS: Mapping[str, Default] = {
     **SMAC,
     "smooth_path": True, "cache_obstacle_heuristic": False, "reverse_penalty": 2.0,
@@ -48,6 +47,7 @@ def full_name(plugin: str) -> str:
     return plugin.replace("/", "::")
 
 
+# Parameters below a planner's name. ``lattice_filepath`` has a file of Nav2 as its default.
 PLANNER_PARAMETERS: Mapping[str, Mapping[str, Default]] = {
     "nav2_smac_planner::SmacPlannerHybrid": {
         **_SMAC_WITH_HEADINGS, "downsample_costmap": False, "downsampling_factor": 1,
@@ -60,8 +60,7 @@ PLANNER_PARAMETERS: Mapping[str, Mapping[str, Default]] = {
     },
     **{full_name(plugin): planner.parameters for plugin, planner in planner_classes().items()},
 }  # fmt: skip
-"""Parameters below a planner's name. ``lattice_filepath`` has a file of Nav2 as its default."""
-
+# Names that some release declares and that paths of main do not depend on.
 OTHER_NAMES: Mapping[str, frozenset[str]] = {
     PLANNER_SERVER: frozenset({
         "allow_parameter_qos_overrides", "autostart_node", "service_introspection_mode",
@@ -72,8 +71,6 @@ OTHER_NAMES: Mapping[str, frozenset[str]] = {
     "nav2_smac_planner::SmacPlannerLattice": frozenset({"viz_expansions"}),
     "nav2_theta_star_planner::ThetaStarPlanner": frozenset({"w_heuristic_cost"}),
 }  # fmt: skip
-"""Names that some release declares and that paths of main do not depend on."""
-
 _KINDS = {bool: "bool", int: "integer", float: "double", str: "string", tuple: "string_array"}
 
 

@@ -18,6 +18,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -472,10 +473,7 @@ def _shape(server: Ros1Server) -> robot.Shape | None:
             return None
         radius = _radius(server)
         corners = robot.sixteen_corners(radius)
-
-    def report(check: str, level: Level, text: str) -> None:
-        server.problem(check, level, text, (_FOOTPRINT,), value=value)
-
+    report = partial(server.problem, below=(_FOOTPRINT,), value=value)
     return robot.shape_of(corners, padding, radius, report)
 
 
