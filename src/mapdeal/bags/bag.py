@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.compatibility import Self
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files import source as sources
 from mapdeal.files.transaction import PREFIX
-from mapdeal.kernels.arrays import Integers
+from mapdeal.kernels.arrays import Integers, Mask
 
 BAG_OUTPUTS = (".bag", ".mcap", ".db3")  # suffixes of bags
 _TOPIC_PART = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -133,7 +132,7 @@ class MessageIndex:
     def columns(self) -> tuple[Integers, Integers, Integers, Integers]:
         return self.connections, self.times, self.blocks, self.offsets
 
-    def select(self, selection: NDArray[np.bool_] | Integers) -> MessageIndex:
+    def select(self, selection: Mask | Integers) -> MessageIndex:
         return MessageIndex(*(column[selection] for column in self.columns))
 
     def sorted_by_time(self) -> MessageIndex:

@@ -26,6 +26,7 @@ from mapdeal.files.yaml_text import Entry, read_mapping, yaml_document
 from mapdeal.grid.field import ESDF_VIEW, View, ViewScale
 from mapdeal.grid.frame import Origin, check_origin, check_resolution
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale
+from mapdeal.kernels.arrays import Bytes, Floats
 from mapdeal.maps.picture import Picture, Samples, by_sample, opaque_greys, to_16_bit
 
 Mode = Literal["trinary", "scale", "raw"]
@@ -241,11 +242,12 @@ def _image(entry: Entry) -> str:
     return text
 
 
-Reader = Callable[[Picture, MapMetadata], NDArray[np.int8]]  # occupancy (H, W), row 0 in the north
+Occupancy = NDArray[np.int8]  # shape (H, W), row 0 in the north unless another is named
+Reader = Callable[[Picture, MapMetadata], Occupancy]
 _PIXELS_AT_ONCE = 1 << 17
 
 
-def _as_nav2(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
+def _as_nav2(picture: Picture, metadata: MapMetadata) -> Occupancy:
     """Read as Nav2 since jazzy: luma, float32, inclusive thresholds, transparent is unknown."""
     by_grey = _by_grey_level(metadata)
     alpha = picture.alpha
@@ -263,15 +265,13 @@ def _as_nav2(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
     return occupancy
 
 
-def _grey_of_rgb(
-    rgb: NDArray[np.uint8] | NDArray[np.uint16], maxval: int
-) -> NDArray[np.integer[Any]]:
+def _grey_of_rgb(rgb: Bytes | NDArray[np.uint16], maxval: int) -> NDArray[np.integer[Any]]:
     """Return the grey level 0..255: a rounded 16-bit luma, then truncated to 8 bits."""
     red, green, blue = (to_16_bit(maxval).astype(np.int64)[rgb[..., c]] for c in range(3))
     return (299 * red + 587 * green + 114 * blue + 500) // 1000 // 257
 
 
-def _by_grey_level(metadata: MapMetadata) -> NDArray[np.int8]:
+def _by_grey_level(metadata: MapMetadata) -> Occupancy:
     grey = np.arange(256)
     if metadata.mode == "raw":
         return _raw(grey)
@@ -293,7 +293,7 @@ def _by_grey_level(metadata: MapMetadata) -> NDArray[np.int8]:
 _OPAQUE = 65535
 
 
-def _as_humble(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
+def _as_humble(picture: Picture, metadata: MapMetadata) -> Occupancy:
     """Read as Nav2 humble and iron: mean of the channels in float64, strict thresholds."""
     wide = to_16_bit(picture.maxval).astype(np.int32)
     if picture.palette is not None:
@@ -317,7 +317,7 @@ def _sum(wide: NDArray[np.int32], rgb: Samples) -> NDArray[np.int32]:
 
 def _humble_occupancy(
     total: NDArray[np.int32], opacity: NDArray[np.int32] | None, metadata: MapMetadata
-) -> NDArray[np.int8]:
+) -> Occupancy:
     """Return the occupancy for sums of three 16-bit samples, and for an opacity if there is one."""
     if metadata.mode == "trinary" and opacity is not None:
         return _of_sum(total + opacity, 4, metadata)
@@ -327,9 +327,7 @@ def _humble_occupancy(
     return occupancy
 
 
-def _of_sum(
-    sums: NDArray[np.int32], channels: int, metadata: MapMetadata
-) -> NDArray[np.int8]:  # fmt: skip
+def _of_sum(sums: NDArray[np.int32], channels: int, metadata: MapMetadata) -> Occupancy:
     shade = sums / channels / 65535
     if metadata.mode == "raw":
         return _raw(np.floor(shade * 255 + 0.5))
@@ -339,14 +337,13 @@ def _of_sum(
     return _by_darkness(darkness, metadata, lambda share: np.rint(share * 100))
 
 
-def _raw(grey: NDArray[Any]) -> NDArray[np.int8]:
+def _raw(grey: NDArray[Any]) -> Occupancy:
     return np.where(grey <= 100, grey, UNKNOWN).astype(np.int8)
 
 
 def _by_darkness(
-    darkness: NDArray[np.float64], metadata: MapMetadata,
-    scaled: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
-) -> NDArray[np.int8]:  # fmt: skip
+    darkness: Floats, metadata: MapMetadata, scaled: Callable[[Floats], Floats] | None = None
+) -> Occupancy:
     """Return the occupancy by the strict thresholds of the older readers."""
     # `scaled` maps the position between the thresholds, 0..1, to a value; without it: unknown.
     occupied_thresh, free_thresh = metadata.occupied_thresh, metadata.free_thresh
@@ -363,7 +360,7 @@ def _by_darkness(
     return values
 
 
-def _as_ros1(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
+def _as_ros1(picture: Picture, metadata: MapMetadata) -> Occupancy:
     """Read as ROS 1: mean of the channels, alpha averaged in, palettes read as indices."""
     # Two bugs of the reader are reproduced, since people adjust maps to its results: a palette
     # index counts as a grey level, and in mode scale a pixel between the thresholds is unknown if
@@ -381,7 +378,7 @@ def _as_ros1(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
     return _ros1_occupancy(channels, 3, last, metadata)
 
 
-def _as_stored(picture: Picture) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+def _as_stored(picture: Picture) -> tuple[Bytes, Bytes | None]:
     """Return the 8-bit samples and opacities that this reader's image library stores."""
     samples = _to_8_bit(picture.samples, picture)
     alpha = None if picture.alpha is None else _to_8_bit(picture.alpha, picture)
@@ -403,7 +400,7 @@ def _as_stored(picture: Picture) -> tuple[NDArray[np.uint8], NDArray[np.uint8] |
     return samples, alpha
 
 
-def _to_8_bit(samples: Samples, picture: Picture) -> NDArray[np.uint8]:
+def _to_8_bit(samples: Samples, picture: Picture) -> Bytes:
     if picture.maxval == 255:
         return samples.astype(np.uint8, copy=False)
     if picture.file_format == "PNM":
@@ -412,9 +409,7 @@ def _to_8_bit(samples: Samples, picture: Picture) -> NDArray[np.uint8]:
     return (samples >> 8).astype(np.uint8)
 
 
-def _palette_as_stored(
-    picture: Picture, palette: NDArray[np.uint8]
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+def _palette_as_stored(picture: Picture, palette: Bytes) -> tuple[Bytes, Bytes | None]:
     indices = picture.samples.astype(np.uint8, copy=False)
     opacities = palette[:, 3]
     one_key = np.count_nonzero(opacities == 0) == 1 and np.count_nonzero(opacities < 255) == 1
@@ -425,8 +420,8 @@ def _palette_as_stored(
 
 
 def _ros1_occupancy(
-    channels: list[NDArray[np.uint8]], divisor: int, last: NDArray[np.uint8], metadata: MapMetadata
-) -> NDArray[np.int8]:
+    channels: list[Bytes], divisor: int, last: Bytes, metadata: MapMetadata
+) -> Occupancy:
     total = np.zeros(channels[0].shape, dtype=np.int32)
     for channel in channels:
         total += channel
@@ -437,9 +432,7 @@ def _ros1_occupancy(
     return occupancy
 
 
-def _by_sum(
-    channels: int, metadata: MapMetadata, *, decided_only: bool = False
-) -> NDArray[np.int8]:  # fmt: skip
+def _by_sum(channels: int, metadata: MapMetadata, *, decided_only: bool = False) -> Occupancy:
     """Return the occupancy of each possible sum of `channels` 8-bit samples."""
     # With `decided_only`, values between the thresholds stay unknown even in mode scale.
     average = np.arange(channels * 255 + 1) / channels
@@ -456,9 +449,8 @@ DIALECTS: dict[Dialect, Reader] = {"nav2": _as_nav2, "humble": _as_humble, "ros1
 
 
 def cells_of(
-    picture: Picture, metadata: MapMetadata, dialect: Dialect, *,
-    out: NDArray[np.int8] | None = None,
-) -> NDArray[np.int8]:  # fmt: skip
+    picture: Picture, metadata: MapMetadata, dialect: Dialect, *, out: Occupancy | None = None
+) -> Occupancy:
     """Return the occupancy that a reader gives each cell, shape (H, W), row 0 in the south."""
     alpha = None if picture.alpha is None else picture.alpha[::-1]
     picture = replace(picture, samples=picture.samples[::-1], alpha=alpha)
@@ -480,7 +472,7 @@ def cells_of(
 
 def reader_of(
     kind: Picture, metadata: MapMetadata, dialect: Dialect
-) -> Callable[[Picture], NDArray[np.int8]]:
+) -> Callable[[Picture], Occupancy]:
     """Return a function that reads pictures of one kind, such as the strips of a picture."""
     # Few pixels of a map are coloured or transparent, so grey opaque ones go through a table that
     # the reader has filled.
@@ -489,9 +481,9 @@ def reader_of(
         return lambda picture: read(picture, metadata)
     by_grey = read(opaque_greys(kind), metadata)[0]
 
-    def occupancy(picture: Picture) -> NDArray[np.int8]:
+    def occupancy(picture: Picture) -> Occupancy:
         grey, exceptions = picture.greys_and_exceptions()
-        values: NDArray[np.int8] = by_sample(by_grey, np.ascontiguousarray(grey))
+        values: Occupancy = by_sample(by_grey, np.ascontiguousarray(grey))
         if exceptions.any():
             values[exceptions] = read(picture.only(exceptions), metadata)[0]
         return values

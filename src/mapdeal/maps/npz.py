@@ -33,6 +33,7 @@ from mapdeal.grid.frame import Frame, Origin, check_origin, check_resolution
 from mapdeal.grid.occupancy import CloudLayers, OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import OCCUPIED, UNKNOWN, Convention
+from mapdeal.kernels.arrays import Floats
 from mapdeal.kernels.blocks import CacheBudget, Layer, LazyLayer, is_lazy
 from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.images import PROCESS_WIDE_LOCK
@@ -187,7 +188,7 @@ class NpzReader(ExitStack):
             raise self.error(name, f"must be one of {', '.join(choices)}")
         return text
 
-    def numbers(self, name: str, axes: int) -> NDArray[np.float64]:
+    def numbers(self, name: str, axes: int) -> Floats:
         header = self._checked(name, self._max_cells)
         if header.dtype.kind not in "iuf" or len(header.shape) != axes:
             found = f"{header.dtype} of shape {header.shape}"
@@ -196,7 +197,7 @@ class NpzReader(ExitStack):
 
     def rows(
         self, name: str, columns: int, *, shape: tuple[int, int] | None = None
-    ) -> Iterator[NDArray[np.float64]]:
+    ) -> Iterator[Floats]:
         """Yield the first `columns` numbers of each row of a table, many rows at a time."""
         # Shorter rows are yielded as they are, but a row needs two numbers. The table must have
         # `shape` if there is one. A table that is stored column by column is loaded at once.
@@ -505,9 +506,7 @@ def _main_layer(names: Collection[str]) -> str:
 class NpzFile(MapFile):
     has_lazy_rows = True
 
-    def __init__(
-        self, path: Path, opened: ExitStack, _: Dialect, max_cells: int | None
-    ) -> None:  # fmt: skip
+    def __init__(self, path: Path, opened: ExitStack, _: Dialect, max_cells: int | None) -> None:
         super().__init__(path)
         self._opened, self._max_cells = opened, max_cells
         with NpzReader(path) as reader, _geometry_in(reader):

@@ -23,7 +23,7 @@ from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.files import source as sources
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.kernels.arrays import Floats, Integers
+from mapdeal.kernels.arrays import Bytes, Floats, Integers
 from mapdeal.kernels.rotations import inverse_matrices, product
 from mapdeal.maps.dialects import Dialect, MapMetadata, cells_of
 from mapdeal.maps.map_file import Grid, MapFile, MapFormat, Painting
@@ -258,9 +258,7 @@ class Trajectory(NamedTuple):
 class StateFile(MapFile):
     """An open state, whose map is that of Cartographer's own program."""
 
-    def __init__(
-        self, path: Path, _: ExitStack, dialect: Dialect, max_cells: int | None
-    ) -> None:  # fmt: skip
+    def __init__(self, path: Path, _: ExitStack, dialect: Dialect, max_cells: int | None) -> None:
         super().__init__(path)
         self._dialect: Dialect = dialect
         self._max_cells = LARGEST_CELLS if max_cells is None else max_cells
@@ -334,7 +332,7 @@ class StateFile(MapFile):
         return Painting(self._pixels, f"Cartographer map; {self._resolution:g} m/pixel")
 
     @cached_property
-    def _pixels(self) -> NDArray[np.uint8]:
+    def _pixels(self) -> Bytes:
         height, width = self.shape()
         sources.claim(self.path, self.memory_to_read(), what=f"{width} x {height} cells")
         pixels = np.full((height, width), UNKNOWN_GREY, dtype=np.uint8)

@@ -22,6 +22,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels.arrays import Bytes
 from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy
 from mapdeal.kernels.threads import ThreadPool, thread_count
 
@@ -97,9 +98,7 @@ _SIGNATURE, _ZLIB_HEADER = b"\x89PNG\r\n\x1a\n", b"\x78\x01"
 _GREY, _PALETTE, _RGBA = 0, 3, 6
 
 
-def write_png(
-    file: BinaryIO, pixels: NDArray[np.uint8], palette: NDArray[np.uint8] | None = None
-) -> None:
+def write_png(file: BinaryIO, pixels: Bytes, palette: Bytes | None = None) -> None:
     """Write pixels, row 0 in the north: grey or indices, (H, W), or with opacity, (H, W, 4)."""
     colour_type = _RGBA if pixels.ndim == 3 else _GREY if palette is None else _PALETTE
     height, width = pixels.shape[:2]

@@ -43,9 +43,7 @@ def open_map(
         yield file
 
 
-def read_source(
-    path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None
-) -> Source:  # fmt: skip
+def read_source(path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None) -> Source:
     with open_map(path, dialect=dialect, max_cells=max_cells) as file:
         return file.read()
 

@@ -17,12 +17,11 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError, one_line
 from mapdeal.files.text import decimal_without_zeros
 from mapdeal.grid.frame import Frame
-from mapdeal.kernels.arrays import Integers
+from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.solids import Rectangles, Surface
 
 WORLD_ENDINGS = (".sdf", ".stl", ".obj")
@@ -80,7 +79,7 @@ _END = "</link>\n</model>\n</world>\n</sdf>\n"
 class Mesh:
     """Corners of a surface in the map frame, shape (N, 3), metres, and its triangles, (M, 3)."""
 
-    corners: NDArray[np.float64]
+    corners: Floats
     triangles: Integers
 
 
@@ -140,7 +139,7 @@ def stl_parts(mesh: Mesh, source: Path, resolution: float) -> Iterator[bytes]:
         yield records.tobytes()
 
 
-def _area_vectors(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+def _area_vectors(corners: Floats) -> Floats:
     """Return the normals of triangles, shape (N, 3), as long as twice their areas."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
