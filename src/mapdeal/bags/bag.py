@@ -56,13 +56,6 @@ def check_topic(topic: str) -> str:
     return name
 
 
-def check_frame(frame: str) -> str:
-    if not frame or not frame.isprintable() or frame.startswith("/"):
-        rule = "must be the name of a frame, without a slash in front"
-        raise ParameterError(rule, source="--frame-id", got=frame)
-    return frame
-
-
 Encoding = Literal["ros1", "cdr", ""]
 
 CAN_BE_READ: tuple[Encoding, ...] = ("ros1", "cdr")

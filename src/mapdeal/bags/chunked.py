@@ -394,6 +394,7 @@ MCAP_MAGIC = b"\x89MCAP0\r\n"
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX, _DATA_END = 2, 3, 4, 5, 6, 7, 15
 _LONGEST_RECORD = 1 << 24  # bytes of a schema or a channel
 _BEFORE_DATA = 22  # bytes of a message's record before its data
+_LATEST = (1 << 63) - 1  # time; later ones occur in damaged files only
 _ENCODINGS: dict[str, Encoding] = {"cdr": "cdr", "ros1": "ros1"}
 
 
@@ -459,7 +460,7 @@ class McapBag(ChunkedBag):
             self._note_index(channel, start + 6, size // self._ENTRY)
         elif opcode == _MESSAGE and length >= _BEFORE_DATA:
             channel, _, time = struct.unpack("<HIQ", self._read(14))
-            self._note_loose(channel, _signed(time), position)
+            self._note_loose(channel, min(time, _LATEST), position)
 
     def _add_chunk(self, start: int, length: int, *, is_cut: bool = False) -> None:
         head = self._file.read(min(length, 32))
@@ -507,7 +508,7 @@ class McapBag(ChunkedBag):
         if record.head != _MESSAGE or record.end - record.start < _BEFORE_DATA:
             return None
         channel, _, time = struct.unpack_from("<HIQ", record.chunk, record.start)
-        return Place(channel, _signed(time), number, record.position)
+        return Place(channel, min(time, _LATEST), number, record.position)
 
     def _entries(self, data: bytes) -> tuple[Integers, Integers]:
         times, offsets = np.frombuffer(data, "<i8").reshape(-1, 2).T
@@ -530,8 +531,3 @@ def _texts(data: bytes, position: int, count: int) -> Iterator[str]:
         if position > len(data):
             raise _CutError
         yield data[position - length : position].decode("utf-8", "replace")
-
-
-def _signed(time: int) -> int:
-    """Return a time limited to int64; later ones occur in damaged files only."""
-    return min(time, (1 << 63) - 1)

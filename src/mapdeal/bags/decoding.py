@@ -158,13 +158,12 @@ def check_array_lengths(lengths: Sequence[int]) -> None:
 
 
 class _Message:
-    """A serialised message and the place up to which it has been read."""
-
     def __init__(self, data: bytes, types: _Types, *, is_ros1: bool) -> None:
         if not is_ros1 and data[:2] not in (b"\0\0", b"\0\1"):
             raise ValueError(f"is in another encoding than CDR: {data[:2].hex()}")
         self._data, self._types, self._is_ros1 = data, types, is_ros1
-        self.at = 0 if is_ros1 else 4  # behind the header of CDR, whose second byte is the order
+        # the place up to which it has been read; CDR has a header, whose second byte is the order
+        self.at = 0 if is_ros1 else 4
         self._order = "<" if is_ros1 or data[1] & 1 else ">"
 
     def read(self, kind: str) -> SimpleNamespace:

@@ -382,7 +382,10 @@ def write_bag(
         text = f"{output}: ROS 1 publishes costs as 0 to 100; those of costmap_2d are made so"
         emit_warning(text)
         grid = grid.to_occupancy()
-    topic, frame = bags.check_topic(topic), bags.check_frame(frame)
+    topic = bags.check_topic(topic)
+    if not frame or not frame.isprintable() or frame.startswith("/"):
+        rule = "must be the name of a frame, without a slash in front"
+        raise ParameterError(rule, source="--frame-id", got=frame)
     name = NAV2_COSTMAP if _is_nav2_costmap(grid) else OCCUPANCY_GRID
 
     def records(types: _Types) -> Iterator[_Record]:

@@ -563,7 +563,6 @@ def _palette(image: Any, info: Mapping[str, Any]) -> NDArray[np.uint8]:
 
 
 def _with_png_facts(picture: Picture, raw_mode: str, info: Mapping[str, Any]) -> Picture:
-    """Return a picture with its gamma and profile, and the opacity of a transparent colour."""
     # a file may store texts under any name, these included
     facts = [(key, value) for key, value in info.items() if not isinstance(value, str)]
     display = [f"a gamma of {value:g}" if key == "gamma" else "a colour profile"

@@ -89,7 +89,6 @@ class MapFile(ABC):
         return {}
 
     def remark(self, grid: Grid) -> None:
-        """Warn of a grid that says little."""
         if isinstance(grid, Costmap):
             warn_of_cost_figures(self.path, grid.figures())
         elif isinstance(grid, OccupancyGrid):

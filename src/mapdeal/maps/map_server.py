@@ -541,8 +541,7 @@ def _occupancy_writer(image: Path, grid: OccupancyGrid, mode: Mode) -> Writer:
         return _pixel_writer(image, _raw_pixels(values), grid)
     if mode == "trinary":
         table = np.full(256, _UNKNOWN_PIXEL, dtype=np.uint8)
-        table[FREE] = _FREE_PIXEL
-        table[OCCUPIED] = _OCCUPIED_PIXEL
+        table[FREE], table[OCCUPIED] = _FREE_PIXEL, _OCCUPIED_PIXEL
         return _pixel_writer(image, _pixels_of(values, table), grid)
     values = np.asarray(values)  # the opacity of unknown cells is a second layer
     shades = (100 - np.clip(np.arange(256), 0, 100)) / 100 * 255

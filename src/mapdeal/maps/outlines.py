@@ -38,9 +38,7 @@ _number = partial(decimal_without_zeros, decimals=_DECIMALS)
 
 
 @dataclass(frozen=True, eq=False)
-class Outlines:
-    """Polygons around a set of cells."""
-
+class Outlines:  # of the areas of a set of cells
     polygons: Polygons
     frame: Frame
     name: str

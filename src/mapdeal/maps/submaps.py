@@ -91,7 +91,9 @@ def paint(pixels: NDArray[np.uint8], texture: NDArray[np.uint32], place: Slice) 
             texels = _interpolated(wide, x, y)
         else:
             texels = _averaged(texture, x + _HALF, y + _HALF, *filters)
-        _over(pixels[first : rows[-1] + 1, west:east], texels)
+        area = pixels[first : rows[-1] + 1, west:east]
+        shown = area * (255 - (texels >> 16)) + 128
+        area[...] = np.minimum(((shown + (shown >> 8)) >> 8) + (texels & 0xFFFF), 255)
 
 
 def _covered(place: Slice, inverse: Floats, shape: tuple[int, ...]) -> list[int]:
@@ -218,8 +220,3 @@ def _interpolated(wide: NDArray[np.uint32], x: NDArray[Any], y: NDArray[Any]) ->
     intensity = ((upper & 0xFFFF) * above + (lower & 0xFFFF) * below) >> 14
     opacity = ((upper >> 16) * above + (lower >> 16) * below) >> 14
     return np.asarray(intensity | opacity << 16)
-
-
-def _over(pixels: NDArray[np.uint8], texels: NDArray[np.uint32]) -> None:
-    product = pixels * (255 - (texels >> 16)) + 128
-    pixels[...] = np.minimum(((product + (product >> 8)) >> 8) + (texels & 0xFFFF), 255)

@@ -154,9 +154,7 @@ class InfoServer:
 
 
 @dataclass(frozen=True)
-class FilterServers:
-    """Nodes that costmap filters need, as parameter files list them."""
-
+class FilterServers:  # as parameter files list them
     info: tuple[InfoServer, ...]
     mask_topics: tuple[str, ...]
     managed: tuple[str, ...]  # names of the nodes that lifecycle managers in the files activate

@@ -241,10 +241,14 @@ DECLARED = {
     "update_frequency": "double", "use_maximum": "bool",
     "subscribe_to_stamped_footprint": "bool",
 }  # fmt: skip
-_OF_ANY_NODE = frozenset(
-    {"global_frame", "map_topic", "resolution", "robot_base_frame", "transform_tolerance"}
+# Parameters of costmaps that other nodes of Nav2 declare, too.
+_OF_ANY_NODE = (
+    "global_frame",
+    "map_topic",
+    "resolution",
+    "robot_base_frame",
+    "transform_tolerance",
 )
-"""Parameters of costmaps that other nodes of Nav2 declare, too."""
 _LONGEST_NAMESPACE = 245  # characters of a node's namespace in ROS 2, including the slash
 
 
@@ -461,9 +465,8 @@ def _single_level_nodes(parameters: Ros2Parameters, node: str, level: Level) -> 
 def _is_meant_for(entry: Ros2Node, node: str) -> bool:
     """Return whether an entry is for the node by its name, or by parameters of costmaps only."""
     is_named = node.rpartition("/")[2] in entry.name.split("/")
-    return matches(entry.name, node) and (
-        is_named or any(_is_costmap_parameter(name) for name, _ in entry.entries)
-    )
+    parameters = (name for name, _ in entry.entries)
+    return matches(entry.name, node) and (is_named or any(map(_is_costmap_parameter, parameters)))
 
 
 def _is_costmap_parameter(name: str) -> bool:

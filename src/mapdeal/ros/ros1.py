@@ -163,8 +163,6 @@ def parse_ros1_parameters(path: Path, data: bytes) -> Ros1File:
 
 
 class _Reader:
-    """Converter from the nodes of a file to parameters, which collects faults."""
-
     def __init__(self, source: Path) -> None:
         self.source, self.tree = source, Ros1Namespace(1, source)
         self.faults: list[Problem] = []

@@ -104,8 +104,6 @@ class Slot:
 
 
 class Ros2Node:
-    """The parameters below one name of a node."""
-
     def __init__(self, name: str, source: Path, line: int) -> None:
         self.name = name if name.startswith("/") else f"/{name}"
         self.source, self.line = source, line

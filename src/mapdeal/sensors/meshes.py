@@ -294,8 +294,6 @@ _NO_SURFACE = ("source", "vertices", "lines", "linestrips", "extra")
 
 
 class _Collada:
-    """A scene of COLLADA: geometries, placed by a tree of nodes."""
-
     def __init__(self, path: Path) -> None:
         self.path, self.root = path, read_xml(path)
         self.by_id = {element.get("id"): element for element in self.root.iter()}

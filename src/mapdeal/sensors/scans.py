@@ -181,9 +181,7 @@ _NO_POSE = (0.0, 0.0, 0.0)
 
 
 class _Laser(NamedTuple):
-    """The geometry of a scanner: first angle, step, number of readings."""
-
-    start: float
+    start: float  # angle of the first reading, radians
     step: float
     readings: int
 
