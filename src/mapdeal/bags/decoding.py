@@ -16,46 +16,37 @@ from mapdeal.bags.bag import normalised_type
 
 # As in the latest ROS 2, for bags without definitions, which are older than Iron. These types have
 # never changed.
-KNOWN = {
-    "builtin_interfaces/Time": "int32 sec; uint32 nanosec",
-    "builtin_interfaces/Duration": "int32 sec; uint32 nanosec",
-    "std_msgs/Header": "builtin_interfaces/Time stamp; string frame_id",
-    "geometry_msgs/Vector3": "float64 x; float64 y; float64 z",
-    "geometry_msgs/Point": "float64 x; float64 y; float64 z",
-    "geometry_msgs/Quaternion": "float64 x; float64 y; float64 z; float64 w",
-    "geometry_msgs/Pose": "Point position; Quaternion orientation",
-    "geometry_msgs/PoseWithCovariance": "Pose pose; float64[36] covariance",
-    "geometry_msgs/Twist": "Vector3 linear; Vector3 angular",
-    "geometry_msgs/TwistWithCovariance": "Twist twist; float64[36] covariance",
-    "geometry_msgs/Transform": "Vector3 translation; Quaternion rotation",
-    "geometry_msgs/TransformStamped": "Header header; string child_frame_id; Transform transform",
-    "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms",
-    "nav_msgs/Odometry": (
-        "Header header; string child_frame_id; geometry_msgs/PoseWithCovariance pose; "
-        "geometry_msgs/TwistWithCovariance twist"
-    ),
-    "nav_msgs/MapMetaData": (
-        "builtin_interfaces/Time map_load_time; float32 resolution; uint32 width; "
-        "uint32 height; geometry_msgs/Pose origin"
-    ),
-    "nav_msgs/OccupancyGrid": "Header header; MapMetaData info; int8[] data",
-    "nav2_msgs/CostmapMetaData": (
-        "builtin_interfaces/Time map_load_time; builtin_interfaces/Time update_time; "
-        "string layer; float32 resolution; uint32 size_x; uint32 size_y; "
-        "geometry_msgs/Pose origin"
-    ),
-    "nav2_msgs/Costmap": "Header header; CostmapMetaData metadata; uint8[] data",
-    "sensor_msgs/LaserScan": (
-        "Header header; float32 angle_min; float32 angle_max; float32 angle_increment; "
-        "float32 time_increment; float32 scan_time; float32 range_min; float32 range_max; "
-        "float32[] ranges; float32[] intensities"
-    ),
-    "sensor_msgs/PointField": "string name; uint32 offset; uint8 datatype; uint32 count",
-    "sensor_msgs/PointCloud2": (
-        "Header header; uint32 height; uint32 width; PointField[] fields; bool is_bigendian; "
-        "uint32 point_step; uint32 row_step; uint8[] data; bool is_dense"
-    ),
-}
+_TYPES = """\
+builtin_interfaces/Time: int32 sec; uint32 nanosec
+builtin_interfaces/Duration: int32 sec; uint32 nanosec
+std_msgs/Header: builtin_interfaces/Time stamp; string frame_id
+geometry_msgs/Vector3: float64 x; float64 y; float64 z
+geometry_msgs/Point: float64 x; float64 y; float64 z
+geometry_msgs/Quaternion: float64 x; float64 y; float64 z; float64 w
+geometry_msgs/Pose: Point position; Quaternion orientation
+geometry_msgs/PoseWithCovariance: Pose pose; float64[36] covariance
+geometry_msgs/Twist: Vector3 linear; Vector3 angular
+geometry_msgs/TwistWithCovariance: Twist twist; float64[36] covariance
+geometry_msgs/Transform: Vector3 translation; Quaternion rotation
+geometry_msgs/TransformStamped: Header header; string child_frame_id; Transform transform
+tf2_msgs/TFMessage: geometry_msgs/TransformStamped[] transforms
+nav_msgs/Odometry: Header header; string child_frame_id; geometry_msgs/PoseWithCovariance pose; \
+geometry_msgs/TwistWithCovariance twist
+nav_msgs/MapMetaData: builtin_interfaces/Time map_load_time; float32 resolution; uint32 width; \
+uint32 height; geometry_msgs/Pose origin
+nav_msgs/OccupancyGrid: Header header; MapMetaData info; int8[] data
+nav2_msgs/CostmapMetaData: builtin_interfaces/Time map_load_time; \
+builtin_interfaces/Time update_time; string layer; float32 resolution; uint32 size_x; \
+uint32 size_y; geometry_msgs/Pose origin
+nav2_msgs/Costmap: Header header; CostmapMetaData metadata; uint8[] data
+sensor_msgs/LaserScan: Header header; float32 angle_min; float32 angle_max; \
+float32 angle_increment; float32 time_increment; float32 scan_time; float32 range_min; \
+float32 range_max; float32[] ranges; float32[] intensities
+sensor_msgs/PointField: string name; uint32 offset; uint8 datatype; uint32 count
+sensor_msgs/PointCloud2: Header header; uint32 height; uint32 width; PointField[] fields; \
+bool is_bigendian; uint32 point_step; uint32 row_step; uint8[] data; bool is_dense
+"""
+KNOWN = {name: fields for name, _, fields in (line.partition(": ") for line in _TYPES.splitlines())}
 
 _FORMATS = {
     "bool": "?", "byte": "B", "char": "B", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H",

@@ -332,8 +332,6 @@ def _of_sum(sums: NDArray[np.int32], channels: int, metadata: MapMetadata) -> Oc
     if metadata.mode == "raw":
         return _raw(np.floor(shade * 255 + 0.5))
     darkness = shade if metadata.negate else 1 - shade
-    if metadata.mode == "trinary":
-        return _by_darkness(darkness, metadata)
     return _by_darkness(darkness, metadata, lambda share: np.rint(share * 100))
 
 
@@ -345,10 +343,10 @@ def _by_darkness(
     darkness: Floats, metadata: MapMetadata, scaled: Callable[[Floats], Floats] | None = None
 ) -> Occupancy:
     """Return the occupancy by the strict thresholds of the older readers."""
-    # `scaled` maps the position between the thresholds, 0..1, to a value; without it: unknown.
+    # In mode scale `scaled` maps the position between the thresholds, 0..1, to a value.
     occupied_thresh, free_thresh = metadata.occupied_thresh, metadata.free_thresh
     values = np.full(darkness.shape, UNKNOWN, dtype=np.int8)
-    if scaled is not None:
+    if scaled is not None and metadata.mode == "scale":
         between = (darkness >= free_thresh) & (darkness <= occupied_thresh)
         if free_thresh == occupied_thresh:
             values[between] = FREE  # 0 / 0 in these readers
@@ -440,7 +438,7 @@ def _by_sum(channels: int, metadata: MapMetadata, *, decided_only: bool = False)
     if metadata.mode == "raw":
         return _raw(np.trunc(average))
     darkness = (255 - average) / 255.0
-    if metadata.mode == "trinary" or decided_only:
+    if decided_only:
         return _by_darkness(darkness, metadata)
     return _by_darkness(darkness, metadata, lambda share: np.trunc(1 + 98 * share))
 

@@ -19,14 +19,8 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import (
-    FileAccessError,
-    MalformedInputError,
-    MapdealError,
-    ParameterError,
-    capture_warnings,
-    emit_warning,
-)
+from mapdeal import errors
+from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files import source as sources
 from mapdeal.files.transaction import RowsWriter, Transaction, Writer
 from mapdeal.files.yaml_text import read_mapping
@@ -237,7 +231,7 @@ def _is_yaml_of_map(path: Path) -> bool:
         return sources.IMAGE_KEY.search(head) is not None or "image" in read_mapping(path)
     except FileAccessError:
         return True  # reading it as a map reports the error
-    except MapdealError:
+    except errors.MapdealError:
         return False
 
 
@@ -267,7 +261,7 @@ class PairFile(MapFile):
     @cached_property
     def _rows(self) -> Callable[[slice], Strips] | None:
         # Faults of the image are reported when the map is read.
-        with capture_warnings() as self._remarks, suppress(MapdealError):
+        with errors.capture_warnings() as self._remarks, suppress(errors.MapdealError):
             if self.metadata.cost_scale is None and isinstance(self._image, PnmImage):
                 return self._image.rows()
         return None

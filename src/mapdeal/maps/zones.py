@@ -9,13 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from mapdeal.errors import (
-    MalformedInputError,
-    ParameterError,
-    capture_warnings,
-    emit_warning,
-    nearest_hint,
-)
+from mapdeal import errors
+from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.json_values import read_document
 from mapdeal.grid.bit_map import blank, draw
 from mapdeal.grid.filters import KINDS, FilterInfo, FilterKind, SpeedUnit, info_for
@@ -70,7 +65,9 @@ def _zone(
         kind = "speed" if speed is not None else default_kind
     if kind not in KINDS:
         rule = f"needs a property kind: {', '.join(KINDS)}"
-        hint = nearest_hint(str(kind), KINDS) if kind is not None else "or choose one with --kind"
+        hint = (
+            "or choose one with --kind" if kind is None else errors.nearest_hint(str(kind), KINDS)
+        )
         raise MalformedInputError(rule, source=path, place=place, got=kind, hint=hint)
     if kind == "speed":
         speed = _speed(path, place, speed)
@@ -126,7 +123,7 @@ def name_at(zones: Sequence[Zone], grid: OccupancyGrid, xy: Point) -> str | None
     """Return the name of the first zone that covers the cell of a point."""
     row, col = grid.frame.unbounded_rowcol_from_xy([xy])[0].tolist()
     for zone in zones:
-        with capture_warnings():  # drawing the mask has already emitted these
+        with errors.capture_warnings():  # drawing the mask has already emitted these
             drawn = draw(blank(grid, FREE), zone.shapes_with(OCCUPIED)).occupancy
         if drawn[row, col]:
             return zone.name

@@ -161,20 +161,13 @@ class FilterServers:  # as parameter files list them
 
 
 def filter_servers(parameters: Ros2Parameters) -> FilterServers:
-    info: list[InfoServer] = []
-    topics: list[str] = []
-    managed: list[str] = []
-    for node in parameters.nodes:
-        if "*" in node.name:
-            continue
-        values = parameters.for_node(node.name)
-        if "mask_topic" in values:
-            info.append(InfoServer(node.name, values))
-        if "topic_name" in values:
-            topics.append(str(values["topic_name"].value))
-        names = values["node_names"].value if "node_names" in values else ()
-        managed += map(str, names if isinstance(names, tuple) else ())
-    return FilterServers(tuple(info), tuple(topics), tuple(managed))
+    names = [node.name for node in parameters.nodes if "*" not in node.name]
+    servers = [InfoServer(name, parameters.for_node(name)) for name in names]
+    info = tuple(server for server in servers if "mask_topic" in server.values)
+    topics = tuple(str(node.get("topic_name")) for node in servers if "topic_name" in node.values)
+    managed = [server.get("node_names") for server in servers]
+    managed_names = (name for names in managed if isinstance(names, tuple) for name in names)
+    return FilterServers(info, topics, tuple(map(str, managed_names)))
 
 
 def topic_of(text: object) -> str:

@@ -329,9 +329,8 @@ class RobotParameters(OneLineRepr):
         filters = self._keepout_filters
         if filters and not self.has_keepout_filter:
             return f"{' and '.join(listed.name for listed in filters)} is switched off"
-        if self._enabled_layers().loses_keepout:
-            return "a layer after the keepout filter overwrites its costs"
-        return None
+        is_lost = self._enabled_layers().loses_keepout
+        return "a layer after the keepout filter overwrites its costs" if is_lost else None
 
     @property
     def inflates_keepout(self) -> bool:
