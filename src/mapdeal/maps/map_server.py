@@ -7,8 +7,8 @@ pairs of a ``.pbm`` and a YAML file whose bits stay packed in memory.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack, suppress
 from contextvars import ContextVar
 from dataclasses import replace
 from functools import cached_property, partial
@@ -32,6 +32,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale, join_words, occupancy_from_cost
 from mapdeal.kernels import blocks
 from mapdeal.kernels.lookup import look_up
+from mapdeal.kernels.threads import set_within
 from mapdeal.maps.dialects import Dialect, MapMetadata, Mode, cells_of, read_metadata, yaml_of
 from mapdeal.maps.images import IMAGE_SUFFIXES, PnmImage, begin_pgm, open_image, write_pbm
 from mapdeal.maps.map_file import MapFile, MapFormat, Painting
@@ -182,14 +183,9 @@ def remark_on_lost(count: int) -> str:
 _bare_images: ContextVar[tuple[float, Origin] | None] = ContextVar("bare_images", default=None)
 
 
-@contextmanager
-def bare_images(resolution: float, origin: Origin) -> Iterator[None]:
+def bare_images(resolution: float, origin: Origin) -> AbstractContextManager[None]:
     """Read images named in place of a YAML file as maps, with the usual thresholds."""
-    token = _bare_images.set((resolution, origin))
-    try:
-        yield
-    finally:
-        _bare_images.reset(token)
+    return set_within(_bare_images, (resolution, origin))
 
 
 def chosen_geometry() -> tuple[float, Origin] | None:

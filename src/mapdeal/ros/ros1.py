@@ -152,8 +152,7 @@ def parse_ros1_parameters(path: Path, data: bytes) -> Ros1File:
     for node in documents:
         if not isinstance(node, yaml.MappingNode):
             kind = "list" if isinstance(node, yaml.SequenceNode) else "single value"
-            rule = f"must be a mapping of parameters, is a {kind}"
-            raise MalformedInputError(rule, source=path)
+            raise MalformedInputError(f"must be a mapping of parameters, is a {kind}", source=path)
         reader.add((), node)
     if len(documents) > 1:
         text = "roslaunch reads files of one document"
