@@ -148,10 +148,8 @@ def _kind_of_folder(path: Path) -> FileKind | None:
     return None
 
 
-_MAGIC: tuple[tuple[bytes, tuple[str, ...], str], ...] = (
-    (b"#ROSBAG V", (), "a ROS 1 bag"),
-    (b"#ROSRECORD V", (), "a ROS 1 bag"),  # before version 2.0
-    (b"#ROSLOG V", (), "a ROS 1 bag"),
+_MAGIC: tuple[tuple[bytes | tuple[bytes, ...], tuple[str, ...], str], ...] = (
+    ((b"#ROSBAG V", b"#ROSRECORD V", b"#ROSLOG V"), (), "a ROS 1 bag"),
     (b"\x89MCAP0\r\n", (), "a bag (MCAP)"),
     (b"SQLite format 3\0", (".db3",), "a ROS 2 bag (SQLite)"),
     (b"SQLite format 3\0", (), "an SQLite database"),

@@ -77,8 +77,7 @@ def files_matching(pattern: str) -> list[Path]:
 
 def _folders_matching(folders: Iterable[Path], part: str) -> Iterator[Path]:
     if part == _ANY_FOLDERS:
-        for folder, _ in folders_below(folders, _readable):
-            yield folder
+        yield from (folder for folder, _ in folders_below(folders, _readable))
     elif has_magic(part):
         for folder in folders:
             yield from (folder / name for name in _matching(_readable(folder)[0], part))
@@ -86,10 +85,9 @@ def _folders_matching(folders: Iterable[Path], part: str) -> Iterator[Path]:
         yield from (folder / part for folder in folders if sources.is_folder(folder / part))
 
 
-def _matching(names: Iterable[str], part: str) -> Iterator[str]:
-    for name in fnmatch.filter(names, part):
-        if not name.startswith(".") or part.startswith("."):
-            yield name
+def _matching(names: Iterable[str], part: str) -> list[str]:
+    shows_hidden = part.startswith(".")
+    return [n for n in fnmatch.filter(names, part) if shows_hidden or not n.startswith(".")]
 
 
 def _readable(folder: Path) -> Contents:

@@ -13,9 +13,6 @@ from mapdeal.grid.filters import FilterInfo, FilterKind
 from mapdeal.ros.robot import ParameterValue
 from mapdeal.ros.ros2_files import Ros2Parameters
 
-_PLUGINS: dict[FilterKind, str] = {
-    "keepout": "KeepoutFilter", "speed": "SpeedFilter", "binary": "BinaryFilter"
-}  # fmt: skip
 _EXTRA_PARAMETERS: dict[FilterKind, str] = {
     "keepout": "",
     "speed": '        speed_limit_topic: "/speed_limit"\n',
@@ -23,9 +20,6 @@ _EXTRA_PARAMETERS: dict[FilterKind, str] = {
     '        binary_state_topic: "/binary_state"\n'
     "        flip_threshold: 50.0\n",
 }
-_COSTMAPS: dict[FilterKind, tuple[str, ...]] = {
-    "keepout": ("global", "local"), "speed": ("global",), "binary": ("global",)
-}  # fmt: skip
 MANAGER = "lifecycle_manager_costmap_filters"
 
 
@@ -60,7 +54,7 @@ def filter_parameters(infos: Sequence[FilterInfo]) -> str:
     parts[-1] += f"    node_names: [{node_names}]\n"
     parts.append("# The filters, for the costmaps of the robot's own parameter file.\n")
     for costmap in ("global", "local"):
-        costmap_kinds = [kind for kind in kinds if costmap in _COSTMAPS[kind]]
+        costmap_kinds = [kind for kind in kinds if costmap == "global" or kind == "keepout"]
         if costmap_kinds:
             parts.append(_costmap(costmap, costmap_kinds))
     return "\n".join(parts)
@@ -73,7 +67,7 @@ def _costmap(costmap: str, kinds: Sequence[FilterKind]) -> str:
     for kind in kinds:
         text += f"""\
       {kind}_filter:
-        plugin: "nav2_costmap_2d::{_PLUGINS[kind]}"
+        plugin: "nav2_costmap_2d::{kind.capitalize()}Filter"
         enabled: true
         filter_info_topic: "/{kind}_costmap_filter_info"
         transform_tolerance: 0.1

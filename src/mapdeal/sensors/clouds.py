@@ -13,7 +13,7 @@ import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -177,13 +177,6 @@ _PCD_KEYS = ("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "
              "VIEWPOINT", "POINTS")  # fmt: skip
 
 
-class _PcdHeader(NamedTuple):
-    record: Record
-    points: int
-    encoding: str
-    lines: int
-
-
 def _pcd_points(file: BinaryIO, path: Path) -> Iterator[Points]:
     # Like the Point Cloud Library, this ignores the viewpoint.
     record, count, encoding, lines = _read_pcd_header(file)
@@ -199,7 +192,8 @@ def _pcd_points(file: BinaryIO, path: Path) -> Iterator[Points]:
         emit_warning(f"{path}: data after the points are ignored")
 
 
-def _read_pcd_header(file: BinaryIO) -> _PcdHeader:
+def _read_pcd_header(file: BinaryIO) -> tuple[Record, int, str, int]:
+    """Return the layout and the number of points, their encoding, and the number of lines."""
     entries: dict[str, list[str]] = {}
     number = 0
     for number, line in _header_lines(file):
@@ -217,7 +211,7 @@ def _read_pcd_header(file: BinaryIO) -> _PcdHeader:
     if encoding not in ("ascii", "binary", "binary_compressed"):
         rule = "must be ascii, binary or binary_compressed"
         raise MalformedInputError(rule, place="DATA", got=encoding)
-    return _PcdHeader(_record_of(entries), _number_of_points(entries), encoding, number)
+    return _record_of(entries), _number_of_points(entries), encoding, number
 
 
 def _record_of(entries: dict[str, list[str]]) -> Record:

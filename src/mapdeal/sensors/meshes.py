@@ -46,9 +46,8 @@ class Part(NamedTuple):
 def read_mesh(path: Path) -> list[Part]:
     """Return the parts of a mesh, in metres and with z up if the file states its units and axes."""
     parts = [part for part in _READERS[path.suffix.lower()](path) if len(part.triangles)]
-    for part in parts:
-        if not np.isfinite(part.triangles).all():
-            raise MalformedInputError("has coordinates that are not finite", source=path)
+    if not all(np.isfinite(part.triangles).all() for part in parts):
+        raise MalformedInputError("has coordinates that are not finite", source=path)
     if not parts:
         raise MalformedInputError("has no triangles", source=path)
     return parts
