@@ -162,14 +162,11 @@ def _is_bilinear(inverse: Floats, shift: Floats) -> bool:
     return bool(((squares < 16 / 9) | is_half).all())
 
 
-class BoxFilter(NamedTuple):
-    """Weights of texels, in fixed point, for places between them: shape (2**bits, width)."""
-
-    bits: int
-    weights: NDArray[np.int64]
+_BoxFilter = tuple[int, NDArray[np.int64]]
+"""Weights of texels, in fixed point, for places between them: bits, and shape (2**bits, width)."""
 
 
-def _box_filter(row: Floats) -> BoxFilter:
+def _box_filter(row: Floats) -> _BoxFilter:
     """Return the filter by which cairo averages along an axis of a smaller picture."""
     size = min(math.hypot(*row), 16.0)
     size = size if size >= 1 / 0.75 else 1.0
@@ -180,15 +177,15 @@ def _box_filter(row: Floats) -> BoxFilter:
     share = 1 / overlap.sum(axis=1, keepdims=True)
     weights = (np.floor(overlap * _UNIT) * share).astype(np.int64)
     weights[:, width // 2] += _UNIT - weights.sum(axis=1)
-    return BoxFilter(bits, weights)
+    return bits, weights
 
 
 def _averaged(
-    texture: NDArray[np.uint32], x: NDArray[Any], y: NDArray[Any], *filters: BoxFilter
+    texture: NDArray[np.uint32], x: NDArray[Any], y: NDArray[Any], *filters: _BoxFilter
 ) -> NDArray[np.uint32]:
     """Return the means of texels around places in fixed point; those outside are 0."""
     starts, weights = [], []
-    border = max(f.weights.shape[1] for f in filters) + 1
+    border = max(table.shape[1] for _, table in filters) + 1
     for values, size, (bits, table) in zip((x, y), texture.shape[::-1], filters, strict=True):
         middle = (values >> 16 - bits << 16 - bits) + (1 << 16 - bits) // 2
         weights.append(table[(middle & _UNIT - 1) >> 16 - bits])

@@ -422,8 +422,8 @@ def header_figures(path: Path, form: str) -> dict[str, Any]:
             shape, _, dtype, _ = _npy_header(file)
             return {"shape": " x ".join(map(str, shape)), "type": str(dtype)}
         if form == "OctoMap":
-            octree = read_octree_header(file)
-            return {"tree": octree.tree, "voxel_m": octree.resolution}
+            _, tree, side = read_octree_header(file)
+            return {"tree": tree, "voxel_m": side}
         if form == "PCD":
             record, count, encoding, _ = _read_pcd_header(file)
             return {"encoding": encoding, "points": count, "fields": " ".join(record.names)}

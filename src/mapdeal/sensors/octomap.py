@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,13 +37,8 @@ _RECORDS = {
 """Layout of the nodes in a ``.ot`` file; in a ``.bt`` file each child has two bits."""
 
 
-class OctreeHeader(NamedTuple):
-    is_binary: bool
-    tree: str
-    resolution: float
-
-
-def read_octree_header(file: BinaryIO) -> OctreeHeader:
+def read_octree_header(file: BinaryIO) -> tuple[bool, str, float]:
+    """Return whether a tree is binary, its kind, and the side of its voxels in metres."""
     first, entries = file.readline(256), {"id": "", "res": ""}
     for _ in range(_MOST_LINES):
         key, _, value = file.readline(4096).decode("latin-1").strip().partition(" ")
@@ -57,20 +52,19 @@ def read_octree_header(file: BinaryIO) -> OctreeHeader:
         raise MalformedInputError(f"must be one of {', '.join(_RECORDS)}", place="id", got=tree)
     if not is_number(side) or not 1e-4 <= float(side) <= 1e3:
         raise MalformedInputError("must be the side of a voxel, metres", place="res", got=side)
-    return OctreeHeader(b"binary" in first, tree, float(side))
+    return b"binary" in first, tree, float(side)
 
 
 def octree_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
-    header = read_octree_header(file)
-    record = np.dtype("<u2") if header.is_binary else _RECORDS[header.tree]
+    is_binary, tree, resolution = read_octree_header(file)
+    record = np.dtype("<u2") if is_binary else _RECORDS[tree]
     size = os.fstat(file.fileno()).st_size - file.tell()
     claim(path, _BYTES_PER_NODE * (size // record.itemsize), what="the nodes of an octree")
     data = file.read(size)
     nodes: NDArray[Any] = np.frombuffer(data, record, len(data) // record.itemsize)
     if not len(nodes):
         return
-    leaves = _leaves_of_binary(nodes) if header.is_binary else _leaves_of_full(nodes)
-    leaves_by_height = list(leaves)
+    leaves_by_height = list(_leaves_of_binary(nodes) if is_binary else _leaves_of_full(nodes))
     count = sum(len(corners) << 3 * height for height, corners in leaves_by_height)
     claim(path, _BYTES_PER_POINT * count, what=f"{count} voxels")
     for height, corners in leaves_by_height:
@@ -80,7 +74,7 @@ def octree_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
         for start in range(0, len(corners), batch_size):
             voxels = corners[start : start + batch_size, np.newaxis] + within
             centres = voxels.reshape(-1, 3) - (_MIDDLE - 0.5)
-            yield np.asarray(centres * header.resolution, dtype=np.float64)
+            yield np.asarray(centres * resolution, dtype=np.float64)
 
 
 def _leaves_of_binary(nodes: NDArray[Any]) -> Iterator[tuple[int, Integers]]:
