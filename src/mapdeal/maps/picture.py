@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import os
 import sys
@@ -15,7 +16,6 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.compatibility import file_digest
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, emit_warning
 from mapdeal.files import source as sources
 from mapdeal.kernels.lookup import look_up
@@ -117,6 +117,7 @@ def to_16_bit(maxval: int) -> NDArray[np.uint16]:
 
 
 HEAD = 1 << 19  # bytes at the start of a file that identify it: headers of images are not longer
+_CHUNK = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -171,7 +172,11 @@ class OpenFile:
             raise FileAccessError(rule, source=self.path, got=self.size) from None
 
     def sha256(self) -> str:
-        return str(file_digest(_Stream(self), "sha256").hexdigest())
+        checksum, offset = hashlib.sha256(), 0
+        while chunk := self.read(offset, _CHUNK):
+            checksum.update(chunk)
+            offset += len(chunk)
+        return checksum.hexdigest()
 
     def stream(self) -> BinaryIO:
         return io.BufferedReader(_Stream(self))
