@@ -86,8 +86,8 @@ def test_what_lint_has_found(read):
     results = read(LINT)
     parameters, map_part = results.parts
     assert results.files == ("nav2.yaml", "a<b>.yaml")
-    assert (parameters.items, parameters.is_map, parameters.is_clean) == ([], False, True)
-    assert (map_part.name, map_part.is_map, map_part.is_clean) == ("a<b>.yaml", True, False)
+    assert (parameters.items, parameters.claims) == ([], ())
+    assert (map_part.name, len(map_part.claims)) == ("a<b>.yaml", 1)
     assert dict(map_part.tables[0].rows) == {
         "errors": "0", "warnings": "1", "notes": "1", "suppressed": "2",
         "repair 1": "free_thresh 0.196",
@@ -284,7 +284,7 @@ def test_findings_come_back_as_they_were_written_whatever_they_say(read):
     assert second.text.startswith(r"yaml.origin: <img onerror=1>\x1b[2Jxxx")
     assert (second.text.isprintable(), len(second.text) < 500, second.place) == (True, True, None)
     assert (len(faulty.items), last.text) == (MOST_ITEMS + 1, "2 more findings not listed")
-    assert sound.is_clean
+    assert not sound.items
     assert dict(faulty.tables[0].rows) == {
         "errors": str(MOST_ITEMS + 1), "warnings": "1", "notes": "0", "suppressed": "1",
     }  # fmt: skip

@@ -8,7 +8,7 @@ from contextlib import suppress
 from contextvars import copy_context
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from itertools import islice
+from itertools import islice, tee
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,12 +16,10 @@ from typing import Annotated, Any
 from mapdeal import errors
 from mapdeal.checks.lint import LintReport
 from mapdeal.command import Output, Result, Words, command
-from mapdeal.commands import report_documents as documents, report_entries as entries
-from mapdeal.commands.build import DOCUMENT
+from mapdeal.commands import build, reach, report_documents as documents, report_entries as entries
 from mapdeal.commands.lint import lint
 from mapdeal.commands.plan import PlanGoal, check_map, planner_of, pose_of, report_on
 from mapdeal.commands.plan_changes import PlannerOnMap
-from mapdeal.commands.reach import Reachability, reach_on_input
 from mapdeal.commands.report_entries import Draft, Grids, Opened
 from mapdeal.files import json_values, source
 from mapdeal.files.json_values import JsonValue, encode_json
@@ -31,25 +29,26 @@ from mapdeal.grid.filters import FilterInfo, mask_description, mask_rows
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
-from mapdeal.grid.values import count_text
+from mapdeal.grid.values import count_text, few_text
 from mapdeal.kernels.threads import use_threads
-from mapdeal.maps.dialects import Dialect, read_metadata
-from mapdeal.maps.formats import MAP_ENDINGS
-from mapdeal.maps.kinds import SHAPES, kind_of
-from mapdeal.maps.map_server import is_bare_image
-from mapdeal.pipeline.batch import SUMMARY
+from mapdeal.maps import dialects, formats, kinds, map_server
+from mapdeal.pipeline import batch, recipe
 from mapdeal.pipeline.folder import MANIFEST, reach_document
 from mapdeal.pipeline.inputs import KeepoutMask, Work, map_input, mask_of, read_input
-from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.pipeline.settings import Settings, adding_warnings
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.report.document import Claim, Report, State, Table, Verdict, page_layers, worst_of
 from mapdeal.report.page import page_of
 from mapdeal.report.verdict import most_urgent, portable_command, verdicts_of
-from mapdeal.ros.planners import has_server, planners_of
+from mapdeal.ros import planners, ros2_files
 from mapdeal.ros.robot import RobotParameters
-from mapdeal.ros.ros2_files import read_ros2
 from mapdeal.version import __version__
+
+File = str | PathLike[str]
+_LARGEST_PAGE = 25_000_000  # bytes: the limit of many e-mail servers
+_PAGE, VERDICT, _VERDICT_FORMAT = "report.html", "report.json", "mapdeal-report/1"
+ENDINGS = (".html", ".htm")
+_GENERATOR, _HEAD = b'<meta name="generator" content="mapdeal', 1 << 12
 
 
 @dataclass(frozen=True)
@@ -73,13 +72,9 @@ class RunChecks:
     _answered: set[int] = field(default_factory=set)
 
     @property
-    def has_goals(self) -> bool:
-        return bool(self.goals) or self.start is not None
-
-    @property
     def _shape(self) -> Footprint | None:
         if self.footprint is None and self.robot is not None:
-            return planned_shape(self.robot)
+            return recipe.planned_shape(self.robot)
         return self.footprint
 
     @property
@@ -94,17 +89,16 @@ class RunChecks:
         mask = self.settings.mask
         words += [] if mask is None else ["--mask", documents.typed_path(mask)]
         planner = "plan" if self._is_planned else "route"
-        start, goals = tuple(self.start or ()), tuple(self.goals)
-        return documents.ReachQuestion(start, goals, tuple(words), planner)
+        ends = tuple(self.start or ()), tuple(self.goals)
+        return documents.ReachQuestion(*ends, tuple(words), planner)
 
     @cached_property
     def _is_planned(self) -> bool:
-        """Whether the parameter files name a planner that mapdeal models."""
         robot = None if self.footprint is not None else self.robot
         if robot is None or (robot.flavour, robot.costmap) != ("nav2", "global"):
             return False
-        listed, _ = planners_of(robot, parameters := read_ros2(robot.paths))
-        return has_server(parameters) and bool(listed) and listed[0].planner is not None
+        listed, _ = planners.planners_of(robot, parameters := ros2_files.read_ros2(robot.paths))
+        return planners.has_server(parameters) and bool(listed) and listed[0].planner is not None
 
     @cached_property
     def _mask(self) -> KeepoutMask | None:
@@ -112,9 +106,8 @@ class RunChecks:
 
     @cached_property
     def _step(self) -> Step:
-        start = {} if self.start is None else {"start": self.start}
         robot = {"goals": tuple(self.goals), "footprint": self._shape}
-        return make_step("reach", {**start, **robot})
+        return make_step("reach", robot if self.start is None else {"start": self.start, **robot})
 
     def findings(self, paths: Sequence[Path]) -> documents.Results:
         def linted() -> LintReport:
@@ -125,10 +118,10 @@ class RunChecks:
         document = json.loads(encode_json(copy_context().run(linted).document()))
         return documents.results_of(JsonValue(Path("lint"), document))
 
-    def reachability(self, path: Path) -> Reachability:
+    def reachability(self, path: Path) -> reach.Reachability:
         source = map_input(read_input(path, self.settings), path)
-        found = reach_on_input(source, self._step, self.robot, self._mask)
-        return Reachability(source, found, self._step.title)
+        found = reach.reach_on_input(source, self._step, self.robot, self._mask)
+        return reach.Reachability(source, found, self._step.title)
 
     def plans(self, path: Path) -> documents.Results | None:
         """Return the plans of the robot's own planner to each goal, if it is modelled."""
@@ -136,9 +129,8 @@ class RunChecks:
             return None
         source = map_input(read_input(path, self.settings), path)
         check_map(source)
-        up_to_kilted = self.settings.dialect != "nav2"
-        planner = planner_of(self.robot, None)
-        work = PlannerOnMap(source, self.robot, *planner, self._mask, up_to_kilted)
+        mask, up_to_kilted = self._mask, self.settings.dialect != "nav2"
+        work = PlannerOnMap(source, self.robot, *planner_of(self.robot, None), mask, up_to_kilted)
         goals = [PlanGoal(goal.x, goal.y, name=goal.name) for goal in self.goals]
         plans = report_on(work, pose_of(self.start, "start"), goals, has_changes=False)
         results = documents.results_of(JsonValue(path, plans.document()))
@@ -146,25 +138,24 @@ class RunChecks:
         return replace(results, items=items)
 
     def answer(self, path: Path) -> GoalAnswer:
-        lines: list[str] = []
-        document: dict[str, Any] = {}
-        problem = None
+        answer = GoalAnswer(path, [], {})
         try:
             found = self.reachability(path)
             with_goals = islice(found.lines(), 1 + len(found.reach.goals))  # without passages
-            lines, document = list(with_goals), found.document()
+            answer = GoalAnswer(path, list(with_goals), found.document())
             found.check()
         except errors.MapdealError as error:
-            problem = str(error.found_in(path))
-        return GoalAnswer(path, lines, document, problem)
+            answer = replace(answer, problem=str(error.found_in(path)))
+        return answer
 
     def add_reach(self, draft: Draft, path: Path, *, with_layer: bool, grid_bytes: int) -> None:
         """Add the reach of the robot on a map to its draft, unless its recipe computed it."""
         is_computed = any(claim.about == "goals" for claim in draft.claims)
-        if is_computed and (not self.has_goals or id(draft) in self._answered):
+        has_goals = bool(self.goals) or self.start is not None
+        if is_computed and (not has_goals or id(draft) in self._answered):
             return
         self._answered.add(id(draft))
-        if self._shape is None and not self.has_goals:
+        if self._shape is None and not has_goals:
             text = "Where a robot can go was not checked: no robot and no goals were given"
             draft.claims.append(Claim("goals", "unknown", text))
             return
@@ -174,9 +165,9 @@ class RunChecks:
                 found = self.reachability(path).reach
                 plans = self.plans(path)
         except errors.MapdealError as error:
-            is_too_large = error.hint is not None and "--max-memory" in error.hint
-            state: State = "unknown" if is_too_large else "error"
-            if is_too_large:
+            state: State = "error"
+            if error.hint is not None and "--max-memory" in error.hint:  # the map is too large
+                state = "unknown"
                 draft.lacks("where the robot can go", path, error)
             rule = ": ".join(filter(None, (error.place, error.rule)))
             words = f"Where the robot can go was not found: {rule}"
@@ -193,17 +184,6 @@ class RunChecks:
             title, name = self._step.title, draft.free_name("reach")
             # only reachable cells: distances would enlarge the page
             draft.layers += page_layers(found, name, title[:1].upper() + title[1:])[-1:]
-
-
-File = str | PathLike[str]
-
-_LARGEST_PAGE = 25_000_000  # bytes: the limit of many e-mail servers
-_PAGE, VERDICT = "report.html", "report.json"
-_VERDICT_FORMAT = "mapdeal-report/1"
-_VERDICT_MARK = _VERDICT_FORMAT.encode()
-ENDINGS = (".html", ".htm")
-_GENERATOR, _HEAD = b'<meta name="generator" content="mapdeal', 1 << 12
-_INPUT = "input"  # the name of the layer with the map that a run was given
 
 
 @dataclass(frozen=True, repr=False)
@@ -283,7 +263,7 @@ mapdeal report out/office examples/maps/office.yaml -o out/report.html""",
 )
 def write_report(
     path: File, sources: Annotated[File | Sequence[File], Words("PATH...", typed=list[Path])], *,
-    dialect: Dialect = "nav2", max_cells: int | None = None, force: bool = False,
+    dialect: dialects.Dialect = "nav2", max_cells: int | None = None, force: bool = False,
     threads: int | None = None, max_memory: int | None = None,
 ) -> WrittenReport:  # fmt: skip
     """Write one HTML page about runs, maps, findings and routes.
@@ -341,27 +321,21 @@ def write_report(
 
 
 def written(
-    output: Path, paths: Sequence[Path], settings: Settings, *, inputs: Sequence[Path] = (),
-    checks: RunChecks | None = None,
-) -> WrittenReport:  # fmt: skip
+    output: Path, paths: Sequence[Path], settings: Settings, checks: RunChecks | None = None
+) -> WrittenReport:
     # With what a run has asked of its maps, the verdict goes beside the page as JSON.
     if output.suffix.lower() not in ENDINGS:
         raise errors.ParameterError("the page must end in .html", source=output)
     with settings.reading(), use_threads(settings.threads), Grids(settings) as grids:
-        report = gathered(paths, grids, inputs=inputs, checks=checks)
+        report = gathered(paths, grids, checks)
         read = [*paths, *grids.files]
         verdict = [] if checks is None else [output.with_name(VERDICT)]
         verdicts = verdicts_of(report.entries)
         with Transaction([output, *verdict], inputs=read, force=settings.force) as transaction:
-            sizes: list[int] = []
-
-            def measured() -> Iterator[bytes]:
-                for part in page_of(report, size=_LARGEST_PAGE):
-                    sizes.append(len(part))
-                    yield part
-
-            transaction.write_parts(output, measured())
-            report_written = WrittenReport(output, len(report.entries), sum(sizes), verdicts)
+            parts, written_parts = tee(page_of(report, size=_LARGEST_PAGE))
+            transaction.write_parts(output, parts)
+            size = sum(map(len, written_parts))
+            report_written = WrittenReport(output, len(report.entries), size, verdicts)
             for path in verdict:
                 transaction.write_json(path, report_written.document())
     return report_written
@@ -370,21 +344,19 @@ def written(
 def page_in(folder: Path) -> Path:
     """Return where the page of runs goes; refuse to replace there what mapdeal has not made."""
     page, verdict = folder / _PAGE, folder / VERDICT
-    for path, noun, mark in ((page, "page", _GENERATOR), (verdict, "verdict", _VERDICT_MARK)):
+    marks = {page: ("page", _GENERATOR), verdict: ("verdict", _VERDICT_FORMAT.encode())}
+    for path, (noun, mark) in marks.items():
         if exists(path) and mark not in source.head_of(path, _HEAD):
             rule = f"exists, and is not a {noun} written by mapdeal"
             raise errors.FileAccessError(rule, source=path, hint="move it: --report writes there")
     return page
 
 
-def gathered(
-    paths: Sequence[Path], grids: Grids, *, inputs: Sequence[Path] = (),
-    checks: RunChecks | None = None,
-) -> Report:  # fmt: skip
+def gathered(paths: Sequence[Path], grids: Grids, checks: RunChecks | None = None) -> Report:
     gathering = _Gathering(grids)
     known_paths: set[object] = set()
-    paths = [path for path in paths if _is_first(path, known_paths)]
     known: set[object] = set()
+    paths = [path for path in paths if _is_first(path, known_paths)]
     entries_of = {path: _entries_of(path, grids, known) for path in paths}
     gathering.runs = [draft for found in entries_of.values() for draft in found or ()]
     if checks is not None:
@@ -399,13 +371,13 @@ def gathered(
             gathering.add_grid(path)
         else:
             gathering.add_document(path)
-    for path in inputs:
-        with suppress(errors.MapdealError):  # the run has reported this error
-            for run in gathering.add_input(grids.open(path, quietly=True)):
-                if checks is not None:
+    if checks is not None:
+        inputs = list(checks.map_of_folder.values())
+        for path in inputs:
+            with suppress(errors.MapdealError):  # the run has reported this error
+                for run in gathering.add_input(grids.open(path, quietly=True)):
                     memory = grids.bytes_in_memory
                     checks.add_reach(run, path, with_layer=len(inputs) == 1, grid_bytes=memory)
-    if checks is not None:
         gathering.add_lint(inputs, checks)
     gathering.settle(paths[0])
     files = {*paths, *grids.files, *(place for draft in gathering.drafts for place in draft.places)}
@@ -417,11 +389,11 @@ def gathered(
 
 
 def _entries_of(path: Path, grids: Grids, known: set[object]) -> list[Draft] | None:
-    folder = path.parent if path.name in (MANIFEST, SUMMARY, DOCUMENT) else path
+    folder = path.parent if path.name in (MANIFEST, batch.SUMMARY, build.DOCUMENT) else path
     source.status_of(folder)
     if not source.is_folder(folder):
         return None
-    if exists(folder / DOCUMENT):
+    if exists(folder / build.DOCUMENT):
         return [entries.methods_in(folder, grids)] if _is_first(folder, known) else []
     found = entries.runs_in(folder)
     if found is None:
@@ -440,25 +412,17 @@ def _entries_of(path: Path, grids: Grids, known: set[object]) -> list[Draft] | N
     return found
 
 
-def _filter_of(path: Path) -> FilterInfo | None:
-    if path.suffix not in source.YAML:
-        return None
-    with errors.capture_warnings():  # said when the map was read
-        return FilterInfo.of(read_metadata(path).extra)
-
-
 def _is_first(path: Path, known: set[object]) -> bool:
-    key = source.identity_of(path) or path
-    is_first = key not in known
-    known.add(key)
-    return is_first
+    count = len(known)
+    known.add(source.identity_of(path) or path)
+    return len(known) > count
 
 
 def _is_grid(path: Path) -> bool:
-    if path.suffix.lower() not in MAP_ENDINGS:
-        return is_bare_image(path)
-    kind = kind_of(path)
-    return kind is None or kind.name != SHAPES
+    if path.suffix.lower() not in formats.MAP_ENDINGS:
+        return map_server.is_bare_image(path)
+    kind = kinds.kind_of(path)
+    return kind is None or kind.name != kinds.SHAPES
 
 
 class _Gathering:
@@ -489,10 +453,12 @@ class _Gathering:
         draft.sums |= set(opened.sums.values())
         figures = grid.figures()
         draft.figures |= {**entries.columns_of({name: figures}), **draft.figures}
-        info = _filter_of(path)
-        if info is not None and isinstance(grid, OccupancyGrid):
-            rows = tuple(mask_rows(mask_description(info, grid)))
-            draft.tables.append(Table(f"{name}: zones", rows))
+        if path.suffix in source.YAML and isinstance(grid, OccupancyGrid):
+            with errors.capture_warnings():  # they were given when the map was read
+                info = FilterInfo.of(dialects.read_metadata(path).extra)
+            if info is not None:
+                rows = tuple(mask_rows(mask_description(info, grid)))
+                draft.tables.append(Table(f"{name}: zones", rows))
         draft.tables.append(Table(f"{name}: figures", entries.rows_of(figures)))
         draft.tables.append(Table(f"{name}: SHA-256", entries.rows_of(opened.sums)))
         draft.items += documents.trajectory_items(opened.trajectories)
@@ -501,7 +467,7 @@ class _Gathering:
     def add_input(self, opened: Opened) -> list[Draft]:
         runs = [run for run in self.runs if opened.sums and run.sums >= {*opened.sums.values()}]
         for run in runs:
-            name, above = run.free_name(_INPUT), run.layers
+            name, above = run.free_name("input"), run.layers
             run.layers = self._grids.layers(opened.path, name, "Map as read")
             entries.add_layers(run, above)
             of_map = entries.columns_of({name: self._grids.grid(opened.path).figures()})
@@ -533,7 +499,7 @@ class _Gathering:
         )
         if not self.drafts:
             for _, results in linted:
-                self._add_maps(Path(part.name) for part in results.parts if part.is_map)
+                self._add_maps(Path(part.name) for part in results.parts if part.claims)
             maps = [(own, path) for path, results in scored for own in results.maps]
             places = (entries.place_of(own.file, path) for own, path in maps if own is not None)
             self._add_maps(places)
@@ -578,9 +544,7 @@ class _Gathering:
                 drafts = self.drafts
             for draft in drafts:
                 draft.add(part)
-            if not drafts and not part.is_clean:
-                lost.append(part.name)
+            lost += [errors.one_line(part.name)] if part.items and not drafts else []
         if lost:
-            names = errors.one_line(lost[0]) + (f" and {len(lost) - 1} more" if lost[1:] else "")
-            rule = f"findings of {names} are left out: the map is not shown here"
+            rule = f"findings of {few_text(lost, 1)} are left out: the map is not shown here"
             errors.emit_warning(f"{path}: {rule}")

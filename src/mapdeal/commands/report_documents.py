@@ -27,14 +27,12 @@ from mapdeal.errors import MalformedInputError, ParameterError, one_line
 from mapdeal.files import json_values
 from mapdeal.files.json_values import JsonValue, NamedMap
 from mapdeal.files.source import absolute_path, head_of
-from mapdeal.grid import reach
-from mapdeal.grid.filters import KINDS
+from mapdeal.grid import filters, reach, route_graph
 from mapdeal.grid.footprint import Footprint, checked_corners
 from mapdeal.grid.frame import FARTHEST, Frame, Point, Transform
 from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Method, Passage, PlaceOfLimit, Route
-from mapdeal.grid.route_graph import RouteNode
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
-from mapdeal.grid.values import CostScale, count_text, decimal_text
+from mapdeal.grid.values import CostScale, count_text, decimal_text, place_text
 from mapdeal.maps.kinds import SHAPES, recognised
 from mapdeal.maps.route_graphs import parsed_graph
 from mapdeal.maps.shapes import geojson_shapes, read_shapes
@@ -42,37 +40,28 @@ from mapdeal.report.document import About, Claim, Item, State, Table, Tone, Zone
 from mapdeal.report.verdict import GEOMETRY, MOST_CLAIMS, on_findings, on_goals
 from mapdeal.ros.robot import CostmapName
 
-MOST_ITEMS = 1000
-"""Largest number of listed items of one kind; pages with a million of them do not open."""
-
-MOST_POINTS = 20_000
-"""Largest number of points of a route on a page; a million of them take some megabytes."""
-
+MOST_ITEMS = 1000  # listed items of one kind: pages with a million of them do not open
+MOST_POINTS = 20_000  # of a route on a page: a million of them take some megabytes
 _MOST_OF_A_CHANGE = 5  # regions that are listed of costs that changed in one way
 MOST_CHANGES = 20  # places that are listed of obstacles that are new, or gone
 _MOST_ROWS = 200
 _LONGEST = 400
 _CORNERS_OF_CIRCLE = 64
-_WIDEST, _MOST_CORNERS = 1000.0, 500
-"""Largest coordinate of a robot's corner, metres, and how many corners it may have."""
-
+_WIDEST, _MOST_CORNERS = 1000.0, 500  # of a robot: coordinates in metres, and the number of corners
+_RADIUS_DIGITS = 4  # to which the radii of two robots are compared
 _LARGEST = FARTHEST**2
 _KNOWN_DOCUMENTS = (
     "what lint, reach, route, plan of one map, diff, align, score or build --compare writes as "
     "JSON, nor a file of shapes"
 )
-
-
-@dataclass(frozen=True)
-class Part:
-    """What a document says of one of several maps, or of one of several ways to make one."""
-
-    name: str
-    items: list[Item]
-    tables: list[Table]
-    is_map: bool = True
-    is_clean: bool = False
-    claims: tuple[Claim, ...] = ()
+_COUNTS = {  # of a diff
+    "common_cells": "common cells", "differing": "differing",
+    "beyond_tolerance": "beyond the tolerance", "known_only_in_first": "known in the first alone",
+}  # fmt: skip
+_BY_URGENCY: tuple[About, ...] = ("run", "map", "goals")
+_OF_TWO_MAPS: set[About] = {"obstacles", "cells", "geometry"}
+_SHAPES = {"--robot-radius", "--footprint", "--params-file"}
+_NAV2_RADIUS = ("--robot-radius", "0.22")  # the default of Nav2
 
 
 @dataclass(frozen=True)
@@ -88,12 +77,9 @@ class Subject:
         return any(a != b for a, b in pairs if a is not None and b is not None)
 
 
-_RADIUS_DIGITS = 4
-
-
 def robot_subject(text: str, *radii: float | None) -> Subject:
-    rounded = (None if radius is None else round(radius, _RADIUS_DIGITS) for radius in radii)
-    return Subject("robot", tuple(rounded), text)
+    key = tuple(radius and round(radius, _RADIUS_DIGITS) for radius in radii)
+    return Subject("robot", key, text)
 
 
 def costmap_subject(name: str, files: Iterable[tuple[str, str]]) -> Subject:
@@ -115,7 +101,7 @@ class Results:
     kind: str
     items: list[Item] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
-    parts: list[Part] = field(default_factory=list)
+    parts: list[Results] = field(default_factory=list)  # maps of lint, methods of a comparison
     maps: tuple[NamedMap | None, ...] = ()
     truth: str | None = None  # name of its file
     transform: Transform | None = None
@@ -126,6 +112,7 @@ class Results:
     start: tuple[float, ...] = ()
     goals: tuple[Goal, ...] = ()
     robots: tuple[NamedRobot, ...] = ()  # whose parameters are compared
+    name: str = ""  # of a part
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -157,14 +144,15 @@ def results_of(document: JsonValue) -> Results:
 
 
 def _lint(document: JsonValue) -> Results:
-    parts = [_part_of_lint(file, is_map=False) for file in document.items_of("parameter_files")]
-    parts += [_part_of_lint(file, is_map=True) for file in document["maps"].items()]
+    files = map(_part_of_lint, document.items_of("parameter_files"))
+    parts = [replace(part, claims=()) for part in files]  # only maps have claims
+    parts += map(_part_of_lint, document["maps"].items())
     for key in ("errors", "warnings", "notes", "suppressed"):
         document[key].integer()
     return Results(json_values.LINT, parts=parts)
 
 
-def _part_of_lint(document: JsonValue, *, is_map: bool) -> Part:
+def _part_of_lint(document: JsonValue) -> Results:
     file = document["file"].text()
     findings = [
         Finding(
@@ -183,8 +171,8 @@ def _part_of_lint(document: JsonValue, *, is_map: bool) -> Part:
     for number, repair in enumerate(document.items_of("repairs"), start=1):
         rows.append((f"repair {number}", short(repair.text())))
     items = _shortened((item for found in findings for item in _items_of(found)), "finding")
-    claims = (on_findings(texts),) if is_map else ()
-    return Part(file, items, [Table("Lint", tuple(rows))], is_map, not findings, claims)
+    tables, claims = [Table("Lint", tuple(rows))], (on_findings(texts),)
+    return Results(json_values.LINT, items, tables, claims=claims, name=file)
 
 
 def _items_of(finding: Finding) -> Iterator[Item]:
@@ -218,8 +206,8 @@ def _reach(document: JsonValue) -> Results:
         ("goals reached", f"{sum(goal.reachable for goal in goals)} of {len(goals)}"),
         ("passages", f"{len(passages)}, {closed} of them closed"),
     )
-    heading = "" if yaw is None else f", yaw {yaw:.4g}"
-    start = Item("start", f"start at {_at(place)}{heading}: {text}", place=place, label="start")
+    at = place_text(place) + ("" if yaw is None else f", yaw {yaw:.4g}")
+    start = Item("start", f"start at {at}: {text}", place=place, label="start")
     subjects, words = [], [*robot_words(robot), *(["--through-unknown"] if is_open else [])]
     if robot is not None:
         outer = robot.circumscribed_radius if robot.vertices else None
@@ -231,8 +219,7 @@ def _reach(document: JsonValue) -> Results:
     share_of_open = min(areas[0] / areas[1], 1.0) if areas[1] else 1.0
     start_pose = place if yaw is None else (*place, yaw)
     return Results(
-        json_values.REACH,
-        [start, *goal_items(goals, robot, headings), *passage_items(passages)],
+        json_values.REACH, [start, *goal_items(goals, robot, headings), *passage_items(passages)],
         [Table("What the robot can reach", rows)],
         claims=(on_goals(goals, passages, robot, share=share_of_open),),
         maps=_maps(document, "map"), subjects=tuple(subjects),
@@ -304,8 +291,7 @@ def goal_items(goals: Iterable[GoalReach], robot: Footprint | None, headings: in
             text += "; by no robot, however small"
         elif math.isfinite(widest):
             text += f"; a round robot gets there with a radius below {_metres(widest)}"
-        if limit is not None and math.isfinite(limit.width):
-            text += f": {limit.text}"
+        text += f": {limit.text}" if limit is not None and math.isfinite(limit.width) else ""
         tone: Tone = "good" if answer.reachable else "error"
         label = short(answer.goal.name or "goal")
         items.append(Item("goal", short(text), tone, place, label=label))
@@ -331,8 +317,8 @@ def _route(document: JsonValue) -> Results:
     rows = (
         ("method", route.method),
         ("reached", "yes" if route.reached else "no"),
-        ("start", _at(route.start)),
-        ("goal", _at(route.goal)),
+        ("start", place_text(route.start)),
+        ("goal", place_text(route.goal)),
         ("length", _metres(route.length)),
         ("least clearance", _metres(route.min_clearance)),
         ("mean clearance", _metres(route.mean_clearance)),
@@ -361,8 +347,8 @@ def route_items(route: Route) -> list[Item]:
     tone: Tone = "good" if route.reached else "error"
     label = "goal" if route.reached else "goal, not reached"
     ends = [
-        Item("start", f"start at {_at(route.start)}", place=route.start, label="start"),
-        Item("goal", f"{label}, at {_at(route.goal)}", tone, route.goal, label=label),
+        Item("start", f"start at {place_text(route.start)}", place=route.start, label="start"),
+        Item("goal", f"{label}, at {place_text(route.goal)}", tone, route.goal, label=label),
     ]
     text, points_xy = f"route by {route.method}", route.points_xy
     if not len(points_xy):
@@ -370,10 +356,9 @@ def route_items(route: Route) -> list[Item]:
     text += f" of {_metres(route.length)}"
     if math.isfinite(route.min_clearance):
         text += f", at least {_metres(route.min_clearance)} from obstacles"
-    if math.isfinite(route.cost):
-        text += f", cost {route.cost:.4g}"
+    text += f", cost {route.cost:.4g}" if math.isfinite(route.cost) else ""
     if route.local_minimum is not None:
-        text += f"; it ends in a local minimum at {_at(route.local_minimum)}"
+        text += f"; it ends in a local minimum at {place_text(route.local_minimum)}"
     elif not route.reached:
         text += "; it does not reach the goal"
     return [*ends, _along(Item("route", text, tone), points_xy)]
@@ -398,14 +383,13 @@ def trajectory_items(trajectories: Mapping[int, Any]) -> list[Item]:
 
 
 def _plan(document: JsonValue) -> Results:
-    """Return paths of a planner, and the changes that make one to the other goals."""
     start = _xy(document["start"])
-    items = [Item("start", f"start at {_at(start)}", place=start, label="start")]
+    items = [Item("start", f"start at {place_text(start)}", place=start, label="start")]
     rows, missed = [], []
     for goal in document["goals"].items():
         place, is_found = _place(goal), goal["found"].or_none(JsonValue.flag)
         name = goal.optional("name", JsonValue.text)
-        label = _at(place) if name is None else name
+        label = place_text(place) if name is None else name
         text = f"no path, {goal['reason'].or_none(JsonValue.text) or 'not known'}"
         tone: Tone = "good" if is_found else "note" if is_found is None else "error"
         points_xy = np.array([_xy(pose) for pose in goal["points"].items()]).reshape(-1, 2)
@@ -431,7 +415,6 @@ def _plan(document: JsonValue) -> Results:
 
 
 def _xy(numbers: JsonValue) -> Point:
-    """Return x and y of a pose [x, y, yaw]."""
     pose = [number.number() for number in numbers.items()]
     if len(pose) != 3:
         raise numbers.error("must be [x, y, yaw]")
@@ -451,11 +434,11 @@ def _route_graph(document: JsonValue) -> Results:
     return Results(json_values.ROUTE_GRAPH, items, [Table("Route graph", rows)])
 
 
-def _node_item(node: RouteNode) -> Item:
+def _node_item(node: route_graph.RouteNode) -> Item:
     metadata = ", ".join(f"{key} {value}" for key, value in node.metadata.items())
-    text = f"node {node.id} at {_at((node.x, node.y))}" + (f": {metadata}" if metadata else "")
-    label = short(str(node.metadata.get("name") or ""))
-    return Item("graph", short(text), "note", (node.x, node.y), label=label)
+    place, label = (node.x, node.y), short(str(node.metadata.get("name") or ""))
+    text = ": ".join(filter(None, (f"node {node.id} at {place_text(place)}", metadata)))
+    return Item("graph", short(text), "note", place, label=label)
 
 
 def shape_items(shapes: Sequence[Shape], zones: Sequence[Zone] = ()) -> list[Item]:
@@ -482,7 +465,7 @@ def zones_in(document: object) -> list[Zone]:
         known = known if isinstance(known, dict) else {}
         kind, name, speed = (known.get(key) for key in ("kind", "name", "speed"))
         number = None if isinstance(speed, bool) or not isinstance(speed, int | float) else speed
-        if kind not in KINDS:
+        if kind not in filters.KINDS:
             return []
         is_speed = kind == "speed" and number is not None and 0 < number <= _LARGEST
         label = short(name) if isinstance(name, str) else ""
@@ -509,8 +492,7 @@ def _shape_item(shape: Shape) -> Item:
         lines = (np.array(shape.center_xy, dtype=np.float64) + shape.radius * unit,)
         text = f"circle of radius {_metres(shape.radius)}"
     if lines:
-        x, y = ((lines[0].min(axis=0) + lines[0].max(axis=0)) / 2).tolist()
-        place = x, y
+        place = tuple(((lines[0].min(axis=0) + lines[0].max(axis=0)) / 2).tolist())
     text += "" if shape.value is None else f", value {shape.value}"
     return Item("shape", text, place=place, lines=lines)
 
@@ -532,22 +514,14 @@ def _alignment(document: JsonValue) -> Results:
         ("walls in common that agree", f"{100 * shares[1]:.0f} %"),
         *map(_candidate_row, count(1), document.items_of("candidates")),
     )
-    table = Table("Alignment", rows)
+    tables, maps = [Table("Alignment", rows)], _maps(document, "first", "second")
     words = f"The two maps overlap by {100 * shares[0]:.0f} %, "
     words += f"and {100 * shares[1]:.0f} % of their common walls agree"
     if not is_same:
         words = f"It is uncertain whether the two maps show the same place: {reason}"
-    claims = (Claim("geometry", "good" if is_same else "warning", words, table.title),)
-    return Results(
-        json_values.ALIGNMENT, tables=[table], maps=_maps(document, "first", "second"),
-        transform=transform, claims=claims,
-    )  # fmt: skip
-
-
-_COUNTS_OF_DIFF = {
-    "common_cells": "common cells", "differing": "differing",
-    "beyond_tolerance": "beyond the tolerance", "known_only_in_first": "known in the first alone",
-}  # fmt: skip
+    claim = Claim("geometry", "good" if is_same else "warning", words, "Alignment")
+    found: Any = {"tables": tables, "maps": maps, "transform": transform, "claims": (claim,)}
+    return Results(json_values.ALIGNMENT, **found)
 
 
 def _diff(document: JsonValue) -> Results:
@@ -556,9 +530,8 @@ def _diff(document: JsonValue) -> Results:
     rows = [(key, "yes" if document[key].flag() else "no") for key in ("equal", "passes")]
     for title, named in zip(("first map", "second map"), maps, strict=True):
         rows += [] if named is None else [(title, short(named.file))]
-    counts = _COUNTS_OF_DIFF.keys() - ({"beyond_tolerance"} if is_of_costs else set())
-    rows += [(title, str(document[key].integer()))
-             for key, title in _COUNTS_OF_DIFF.items() if key in counts]  # fmt: skip
+    counts = _COUNTS.keys() - ({"beyond_tolerance"} if is_of_costs else set())
+    rows += [(name, str(document[key].integer())) for key, name in _COUNTS.items() if key in counts]
     pairs, tolerance = _pairs(document["geometry"]), None
     if is_of_costs:
         rows.append(("cost scale", document["cost_scale"].word(*get_args(CostScale))))
@@ -607,9 +580,8 @@ def _robot_diff(document: JsonValue) -> Results:
 
 def _named_robot(robot: JsonValue) -> NamedRobot:
     costmap = cast("CostmapName", robot["costmap"].word(*get_args(CostmapName)))
-    return NamedRobot(
-        _named_files(robot, "file"), costmap, robot["namespace"].or_none(JsonValue.text)
-    )  # fmt: skip
+    files, namespace = _named_files(robot, "file"), robot["namespace"].or_none(JsonValue.text)
+    return NamedRobot(files, costmap, namespace)
 
 
 def passage_change_items(passages: Iterable[Passage], word: str, tone: Tone) -> list[Item]:
@@ -672,9 +644,8 @@ def change_items(changes: Sequence[Change], unlisted: int, frame: Frame) -> list
         count = sum(map(len, lines))
         lines = lines if count <= room else []  # of a map that has nothing in common with the other
         room -= count if lines else 0
-        place = change.x, change.y
-        at = ", ".join(f"{round(part, 2) + 0.0:.6g}" for part in place)
-        text = f"{number}. {decimal_text(change.area, 3)} m2 at {at}"
+        at = place_text([round(change.x, 2), round(change.y, 2)])
+        text, place = f"{number}. {decimal_text(change.area, 3)} m2 at {at}", (change.x, change.y)
         items.append(Item(change.kind, text, "plain", place, tuple(lines), str(number)))
     if unlisted:
         items.append(Item(changes[-1].kind, f"{count_text(unlisted, 'smaller change')} not listed"))
@@ -697,7 +668,7 @@ def _comparison(document: JsonValue) -> Results:
     return Results(json_values.COMPARISON, [], tables, parts)
 
 
-def _method(name: str, document: JsonValue) -> Part:
+def _method(name: str, document: JsonValue) -> Results:
     rows = []
     for key, figure in document.fields().items():
         if key not in ("parameters", "vanished"):
@@ -708,8 +679,8 @@ def _method(name: str, document: JsonValue) -> Part:
         count, group = count_text(place["cells"].integer(), "cell"), short(f"{name}: hits vanished")
         text = short(f"{name}: {count} with hits vanished")
         items.append(Item("finding", text, "note", _place(place), group=group))
-    table = Table(short(f"Method {name}"), tuple(rows))
-    return Part(name, _shortened(items, "group of hits"), [table])
+    listed, table = _shortened(items, "group of hits"), Table(short(f"Method {name}"), tuple(rows))
+    return Results(json_values.COMPARISON, listed, [table], name=name)
 
 
 def _score(document: JsonValue) -> Results:
@@ -746,8 +717,7 @@ def _figures(values: JsonValue) -> dict[str, float | None]:
     found: dict[str, float | None] = {}
     for name, value in values.fields().items():
         if isinstance(value.value, dict):
-            for part, inner in value.fields().items():
-                found[f"{name}.{part}"] = _figure(inner)
+            found |= {f"{name}.{part}": _figure(inner) for part, inner in value.fields().items()}
         elif not isinstance(value.value, list):  # sizes are also in the lattice
             found[name] = _figure(value)
     return found
@@ -776,11 +746,6 @@ def _metres(value: float) -> str:
     return f"{value:.4g} m" if math.isfinite(value) else "-"
 
 
-def _at(point: Sequence[float]) -> str:
-    x, y = point
-    return f"{x + 0.0:.6g}, {y + 0.0:.6g}"
-
-
 _READERS: dict[str | None, Callable[[JsonValue], Results]] = {
     json_values.LINT: _lint, json_values.REACH: _reach, json_values.ROUTE: _route,
     json_values.DIFF: _diff, json_values.COST_DIFF: _diff,
@@ -788,11 +753,6 @@ _READERS: dict[str | None, Callable[[JsonValue], Results]] = {
     json_values.SCORE: _score, json_values.ALIGNMENT: _alignment,
     json_values.ROUTE_GRAPH: _route_graph, json_values.PLAN: _plan,
 }  # fmt: skip
-
-_BY_URGENCY: tuple[About, ...] = ("run", "map", "goals")
-_OF_TWO_MAPS: set[About] = {"obstacles", "cells", "geometry"}
-_SHAPES = {"--robot-radius", "--footprint", "--params-file"}
-_NAV2_RADIUS = ("--robot-radius", "0.22")  # the default of Nav2
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path, PurePath
 from typing import Any, TypeGuard, TypeVar
@@ -17,7 +18,7 @@ from mapdeal import errors
 from mapdeal.commands import diff_costs, report_documents as documents
 from mapdeal.commands.build import DOCUMENT
 from mapdeal.commands.diff import compared
-from mapdeal.commands.report_documents import Part, ReachQuestion, Results, Subject, next_command
+from mapdeal.commands.report_documents import ReachQuestion, Results, Subject, next_command
 from mapdeal.commands.two_maps import names_of_two
 from mapdeal.compare.difference import CostDifference
 from mapdeal.files import source as file_source
@@ -27,9 +28,8 @@ from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.occupancy import CloudLayers, OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy, lazy_layer
+from mapdeal.maps import map_file, map_server
 from mapdeal.maps.listing import folders_below
-from mapdeal.maps.map_file import Grid, MapFile
-from mapdeal.maps.map_server import is_bare_image
 from mapdeal.maps.reading import open_map
 from mapdeal.pictures.styles import cost_change_style, difference_style
 from mapdeal.pipeline.batch import SUMMARY
@@ -37,20 +37,31 @@ from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, product
 from mapdeal.pipeline.inputs import Reading, bytes_of, map_input, mask_of, read_together
 from mapdeal.pipeline.settings import Settings, adding_warnings, portable
 from mapdeal.pipeline.step import Step, make_step
-from mapdeal.report import verdict
+from mapdeal.report import tiles, verdict
 from mapdeal.report.document import MAP, Claim, Entry, Item, PageLayer, Table, kinds_of, page_layers
-from mapdeal.report.tiles import extent_of
 from mapdeal.ros.load import read_robot
 
 Kind = TypeVar("Kind")
 
-_MOST_LISTED = 5000
-"""Items, tables, rows of a table, and warnings of an entry: browsers get slow beyond that."""
-
+_MOST_LISTED = 5000  # items, tables, rows or warnings of an entry: browsers get slow beyond
 _ABSOLUTE = re.compile(r"(?<![\w./\\-])(?=/|[A-Za-z]:[\\/]|\\\\)")
 _SEPARATOR = re.compile(r"[\\/]")
-_MOST_SEPARATORS = 32
-"""Separators up to which a name in a text is compared with folders, for linear time."""
+_MOST_SEPARATORS = 32  # up to which a name in a text is compared with folders, for linear time
+_BYTES_OF_PAGE = 20_000_000  # while it is made
+_BYTES_PER_LINE = 16  # per row and column of a map
+_GRIDS_SHARE = 4  # grids in memory may use a quarter of the free memory
+_BAND_ROWS = 512  # of a file that is read by rows
+_BAND_COPIES = 9  # held at a time
+_NO_LIMIT = 1 << 62
+NOT_SHOWN = "not shown"  # the status of a run of a batch that is in no folder of it
+_GRIDS = (".npz", ".yaml")  # the files of a product that hold its values, the most exact first
+_MOST_WRONG = 20  # files of a run that are warned of one by one
+_LARGEST_FIGURE = 1e15  # floats represent all integers up to here
+_FINISHED = ("done", "unchanged")
+_DIGITS = 6  # of numbers as people write them: ROS's float32 has 0.19 as 0.19000000692903996
+_LARGEST_ROUNDED = 1e6
+_MAP_COLUMNS = ("occupied %", "free %", "unknown %")
+_UNKNOWN_MAP = np.full((1, 1), -1, dtype=np.int8)
 
 
 @dataclass
@@ -91,9 +102,7 @@ class Draft:
     def lacks(self, content: str, file: Path, error: errors.MapdealError) -> None:
         self.miss(f"{errors.one_line(str(error))}, so {content} is not shown", file)
 
-    def compare_sums(
-        self, file: Path, found: Collection[object], named: Collection[object], claim: str
-    ) -> None:
+    def compare_sums(self, file: Path, found: object, named: object, claim: str) -> None:
         if named and found != named:
             self.miss(f"{file}: is not the map that {claim}: its checksum differs", file)
 
@@ -114,12 +123,11 @@ class Draft:
         self.add_subjects(path, results.subjects)
         self.add(results)
 
-    def add(self, results: Part | Results) -> None:
+    def add(self, results: Results) -> None:
         self.items += results.items
         self.tables += results.tables
         self.claims += results.claims
-        if isinstance(results, Results):
-            self.question = self.question or results.question
+        self.question = self.question or results.question
 
     def free_name(self, name: str) -> str:
         used = {layer.name for layer in self.layers}
@@ -129,7 +137,7 @@ class Draft:
     def next_command(self, settings: Settings, claims: Iterable[Claim]) -> str:
         named = next(path for path in (self.path, *self.path.parents) if exists(path))
         options = [] if settings.max_cells is None else ["--max-cells", str(settings.max_cells)]
-        if self.map_path is not None and is_bare_image(self.map_path) and self.layers:
+        if self.map_path is not None and map_server.is_bare_image(self.map_path) and self.layers:
             frame = self.layers[0].frame
             origin = ",".join(f"{value:.9g}" for value in frame.origin)
             options += ["--resolution", f"{frame.resolution:.9g}", "--origin", origin]
@@ -139,10 +147,7 @@ class Draft:
     def entry(self, settings: Settings, folders: Collection[str] = ()) -> Entry:
         """Return the entry; lists of thousands of items, tables or rows are cut off."""
         # Names of files in texts lose the absolute `folders` of this machine or the document's.
-
-        def shown(text: str) -> str:
-            return without_folders(text, folders)
-
+        shown = partial(without_folders, folders=folders)
         items = _first(self.items, lambda text: Item("finding", text, "note"))
         tables = []
         for table in _first(self.tables, lambda text: Table(text, ())):
@@ -153,7 +158,7 @@ class Draft:
             shown(self.name), tuple(self.layers),
             tuple(replace(item, text=shown(item.text)) for item in items), tuple(tables),
             tuple(map(shown, _first(tuple(self.warnings), str))), self.status,
-            dict(self.figures), self.curve, self.compared, extent_of(self.layers, self.items),
+            dict(self.figures), self.curve, self.compared, tiles.extent_of(self.layers, self.items),
             tuple(replace(claim, text=shown(claim.text)) for claim in claims),
             self.opens_swiped, self.next_command(settings, claims), bool(self.replays),
         )  # fmt: skip
@@ -181,14 +186,6 @@ def _first(items: Sequence[Kind], make_item: Callable[[str], Kind]) -> tuple[Kin
     return (*items[:_MOST_LISTED], make_item(f"{len(items) - _MOST_LISTED} more are not listed"))
 
 
-_BYTES_OF_PAGE = 20_000_000  # while it is made
-_BYTES_PER_LINE = 16  # per row and column of a map
-_GRIDS_SHARE = 4  # grids in memory may use a quarter of the free memory
-_BAND_ROWS = 512  # of a file that is read by rows
-_BAND_COPIES = 9  # held at a time
-_NO_LIMIT = 1 << 62
-
-
 @dataclass(frozen=True)
 class Opened:
     path: Path
@@ -199,7 +196,7 @@ class Opened:
     trajectories: Mapping[int, Any]
 
 
-class Grids:
+class Grids(AbstractContextManager["Grids"]):
     """The grids of files, as many of them in memory as there is room for."""
 
     # Files that are read row by row stay open until the ``with`` block ends.
@@ -210,11 +207,8 @@ class Grids:
         self._room = _NO_LIMIT if free is None else free // _GRIDS_SHARE
         self._stack = ExitStack()
         self._opened: dict[Path, Opened] = {}
-        self._grids: OrderedDict[Path, Grid] = OrderedDict()
+        self._grids: OrderedDict[Path, map_file.Grid] = OrderedDict()
         self._layer_read: tuple[tuple[Path, int], Layer] | None = None
-
-    def __enter__(self) -> Grids:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._grids.clear()
@@ -241,9 +235,8 @@ class Grids:
                 grid, file = self._read(path)
                 sums = file.sums_by_name(read)
             self._keep(path, grid)
-            self._opened[path] = Opened(
-                path, type(grid), file.files, sums, tuple(texts), file.trajectories()
-            )
+            results = tuple(texts), file.trajectories()
+            self._opened[path] = Opened(path, type(grid), file.files, sums, *results)
         return self._opened[path]
 
     def is_there(self, path: Path, draft: Draft, content: str, *, quietly: bool = False) -> bool:
@@ -255,7 +248,7 @@ class Grids:
             return False
         return True
 
-    def grid(self, path: Path) -> Grid:
+    def grid(self, path: Path) -> map_file.Grid:
         # Raises `FileAccessError` if the file has changed since it was opened.
         if path not in self._grids:
             # the warnings were given when it was opened
@@ -273,14 +266,13 @@ class Grids:
         kinds = enumerate(kinds_of(grid))
         return [self._reread(kind.of(grid, name, title), path, index) for index, kind in kinds]
 
-    def _read(self, path: Path) -> tuple[Grid, MapFile]:
+    def _read(self, path: Path) -> tuple[map_file.Grid, map_file.MapFile]:
         settings = self.settings
         with ExitStack() as stack:
             opened = open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
             file = stack.enter_context(opened)
-            page_bytes = _BYTES_OF_PAGE
-            page_bytes += file_source.bytes_of_lines(file.shape(), _BYTES_PER_LINE)
-            claim(path, page_bytes)
+            lines_bytes = file_source.bytes_of_lines(file.shape(), _BYTES_PER_LINE)
+            claim(path, page_bytes := _BYTES_OF_PAGE + lines_bytes)
             for kind in (Reach, CloudLayers):
                 if (grid := file.layers_of(kind)) is not None:
                     return grid, file
@@ -307,7 +299,7 @@ class Grids:
         values = lazy_layer(layer.frame.shape, dtype, read_rows, block_height=_BAND_ROWS)
         return replace(layer, values=values)
 
-    def _keep(self, path: Path, grid: Grid) -> None:
+    def _keep(self, path: Path, grid: map_file.Grid) -> None:
         """Store a grid, and drop the least recently used ones if memory runs out."""
         self._grids[path] = grid
         while len(self._grids) > 1 and self.bytes_in_memory > self._room:
@@ -316,25 +308,13 @@ class Grids:
                 self._layer_read = None
 
 
-NOT_SHOWN = "not shown"  # the status of a run of a batch that is in no folder of it
-_GRIDS = (".npz", ".yaml")  # the files of a product that hold its values, the most exact first
-_MOST_WRONG = 20  # files of a run that are warned of one by one
-_LARGEST_FIGURE = 1e15  # floats represent all integers up to here
-_FINISHED = ("done", "unchanged")
-
-_MAP_COLUMNS = ("occupied %", "free %", "unknown %")
-_UNKNOWN_MAP = np.full((1, 1), -1, dtype=np.int8)
-
-
 def runs_in(folder: Path) -> list[Draft] | None:
     """Return a draft for each run in a folder: its own, those of a batch, or those below it."""
     # The draft of a failed run comes from the summary of its batch.
     if exists(folder / MANIFEST):
         local = (name for name in contents_of(folder)[0] if exists(folder / name / MANIFEST))
-        return [
-            Draft(folder.name or str(folder), folder),
-            *(Draft(f"{folder.name}/{name}", folder / name) for name in local),
-        ]
+        drafts = [Draft(f"{folder.name}/{name}", folder / name) for name in local]
+        return [Draft(folder.name or str(folder), folder), *drafts]
     entries = _within(read_json(folder / SUMMARY), "maps")
     if isinstance(entries, list) and entries and all(isinstance(row, dict) for row in entries):
         drafts = [draft for record in entries for draft in _drafts_of_batch(folder, record)]
@@ -411,7 +391,10 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
     _check_outputs(draft, manifest)
     for stage in manifest["stages"]:
         name, parameters = next(iter(stage.items()))
-        _add_product(draft, name, parameters, manifest, grids)
+        step: Step | None = None
+        with suppress(errors.ParameterError):
+            step = make_step(name, parameters)
+        _add_product(draft, name, name if step is None else step.title, manifest["outputs"], grids)
         if (document := f"{product_of(name)}.json") in manifest["outputs"]:
             try:
                 draft.add(documents.read_results(draft.path / document))
@@ -420,7 +403,11 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
         figures = manifest["figures"].get(name)
         draft.tables.append(Table(f"{name}: parameters", rows_of(parameters)))
         draft.tables.append(Table(f"{name}: figures", rows_of(figures)))
-        draft.curve = _curve_of(name, parameters, figures) or draft.curve
+        resolution = _within(figures, "resolution")
+        with suppress(errors.MapdealError):
+            if step is not None and _is_figure(resolution):
+                curve = step.curve_on(OccupancyGrid(_UNKNOWN_MAP, resolution))
+                draft.curve = curve or draft.curve
     version = ("mapdeal", format_value(manifest.get("version")))
     draft.tables += [
         Table("Run", (version, *rows_of(manifest.get("options")))),
@@ -478,19 +465,14 @@ def _check_outputs(draft: Draft, manifest: Mapping[str, Any]) -> None:
         draft.miss(f"{draft.path / MANIFEST}: {rule}", draft.path / MANIFEST)
 
 
-def _add_product(
-    draft: Draft, stage: str, parameters: Mapping[str, Any], manifest: Mapping[str, Any],
-    grids: Grids,
-) -> None:  # fmt: skip
+def _add_product(draft: Draft, stage: str, title: str, outputs: Any, grids: Grids) -> None:
     product = product_of(stage)
     names = [f"{product}{ending}" for ending in _GRIDS]
-    path = next((draft.path / name for name in names if name in manifest["outputs"]), None)
+    path = next((draft.path / name for name in names if name in outputs), None)
     if path is None:
         rule = f"the run wrote no values of stage {stage}"
         draft.miss(f"{draft.path / MANIFEST}: {rule}", draft.path / MANIFEST)
     elif grids.is_there(path, draft, f"layer {product}", quietly=True):  # the run has warned of it
-        step = _step_of(stage, parameters)
-        title = stage if step is None else step.title
         add_layers(draft, grids.layers(path, product, title[:1].upper() + title[1:]))
 
 
@@ -516,25 +498,11 @@ def _are_equal(layer: PageLayer, earlier: PageLayer) -> bool:
     return all(np.array_equal(layer.values[rows], earlier.values[rows]) for rows in blocks)
 
 
-def _step_of(stage: str, parameters: Mapping[str, Any]) -> Step | None:
-    with suppress(errors.ParameterError):
-        return make_step(stage, parameters)
-    return None
-
-
-def _curve_of(stage: str, parameters: Mapping[str, Any], figures: object) -> CostCurve | None:
-    resolution, step = _within(figures, "resolution"), _step_of(stage, parameters)
-    with suppress(errors.MapdealError):
-        if step is not None and _is_figure(resolution):
-            return step.curve_on(OccupancyGrid(_UNKNOWN_MAP, resolution))
-    return None
-
-
 def columns_of(figures: Mapping[str, Any]) -> dict[str, str | float]:
     columns: dict[str, str | float] = {}
     for record in figures.values():
-        grid_columns = _columns_of_grid(record) if isinstance(record, dict) else {}
-        columns = {**columns, **grid_columns, **columns}  # the first record counts
+        if isinstance(record, dict):
+            columns |= {**_columns_of_grid(record), **columns}  # the first record counts
     return columns
 
 
@@ -563,13 +531,9 @@ def _is_figure(value: object) -> TypeGuard[int | float]:
 
 
 def rows_of(values: object) -> tuple[tuple[str, str], ...]:
-    values = values if isinstance(values, dict) else {}
-    texts = {str(name): format_value(_as_written(value)) for name, value in values.items()}
+    pairs = values.items() if isinstance(values, dict) else ()
+    texts = {str(name): format_value(_as_written(value)) for name, value in pairs}
     return tuple((name, errors.one_line(text)) for name, text in texts.items())
-
-
-_DIGITS = 6  # of numbers as people write them: ROS's float32 has 0.19 as 0.19000000692903996
-_LARGEST_ROUNDED = 1e6
 
 
 def _as_written(value: object) -> object:
@@ -588,13 +552,10 @@ def drafts_about(file: str, drafts: Sequence[Draft]) -> list[Draft]:
     # batch ends the path; then the only run that read a file of this name.
     path = Path(file)
     same = [draft for draft in drafts if any(is_same_file(path, place) for place in draft.places)]
-    ends = [draft for draft in drafts if any(_is_end(path, Path(name)) for name in draft.names)]
+    tails = {path.parts[k:] for k in range(len(path.parts))}
+    ends = [draft for draft in drafts if any(Path(name).parts in tails for name in draft.names)]
     named = [draft for draft in drafts if path.name in draft.files]
     return same or ends or (named if len(named) == 1 else [])
-
-
-def _is_end(path: Path, name: Path) -> bool:
-    return path.parts[len(path.parts) - len(name.parts) :] == name.parts != ()
 
 
 def place_of(name: str, document: Path) -> Path:
@@ -686,9 +647,8 @@ def _add_difference(draft: Draft, paths: Sequence[Path], grids: Grids, results: 
         maps = [map_input(grid, path) for path, grid in sources]
         reading: Reading = {"max_memory": settings.max_memory}
         if results.kind == DIFF:
-            difference = compared(
-                maps, tolerance=results.tolerance, move=results.transform, **reading
-            )
+            move, tolerance = results.transform, results.tolerance
+            difference = compared(maps, tolerance=tolerance, move=move, **reading)
     if results.kind == COST_DIFF:
         try:
             costs = diff_costs.costmaps_compared(maps, results.transform, None, **reading).costs
@@ -739,16 +699,14 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
                 draft.miss(f"{file.path}: is not the file that {path.name} names", file.path)
     draft.name = f"{Path(place).stem}: {' → '.join(comparison.names)}"
     draft.layers += grids.layers(place, "map", f"Map: {place.name}")[-1:]
-    for name, shown, costmap in zip(
-        ("first", "second"), comparison.names, comparison.costmaps, strict=True
-    ):
+    named_costs = zip(("first", "second"), comparison.names, comparison.costmaps, strict=True)
+    for name, shown, costmap in named_costs:
         draft.layers += page_layers(costmap, name, f"Costs of {shown}")
     pairs = {name: " → ".join(map(diff_costs.value_text, pair))
              for name, pair in comparison.parameters.items()}  # fmt: skip
     draft.tables.append(Table("Parameters that differ", rows_of(pairs)))
-    draft.tables.append(
-        Table("Reach", (("reached", comparison.reach_text()), *comparison.goal_rows()))
-    )
+    reach_rows = ("reached", comparison.reach_text()), *comparison.goal_rows()
+    draft.tables.append(Table("Reach", reach_rows))
     draft.compared, draft.opens_swiped = ("first", "second"), False
     after = comparison.reaches[1]
     draft.items += documents.passage_change_items(comparison.closed, "closes", "error")

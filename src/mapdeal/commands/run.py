@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, overload
@@ -301,9 +302,8 @@ def run_maps(
         also_written = [output / batch.SUMMARY] if is_batch else []
         also_written += [page, output / VERDICT] if page else []
         plans = batch.Plans([batch.plan_of(job, map_run) for job in all_jobs], size, also_written)
-        error = plans.plans[0].error
-        if not is_batch and error is not None:
-            raise error
+        if not is_batch and plans.plans[0].error is not None:
+            raise plans.plans[0].error
         return RunAnswer(plans)
     workers: batch.Workers | None = None
     is_default = recipe is None and robot is None
@@ -324,14 +324,12 @@ def run_maps(
             answer = RunAnswer(batch.run_and_report(*place, workers=workers), assumed)
         else:
             (job,) = all_jobs
-            outcome = _on_cluster(job, map_run, workers, terminal) if workers else map_run(job)
-            answer = RunAnswer(outcome, assumed if outcome.status == "done" else [], job)
+            run_report = _on_cluster(job, map_run, workers, terminal) if workers else map_run(job)
+            answer = RunAnswer(run_report, assumed if run_report.status == "done" else [], job)
     if goal_check is not None:
         if page is not None:
-            with_map = [job.path for job in all_jobs if job.error is None]
             folders = [output] if is_batch else [all_jobs[0].folder]
-            settings = replace(settings, force=True)
-            shown = written(page, folders, settings, inputs=with_map, checks=goal_check)
+            shown = written(page, folders, replace(settings, force=True), goal_check)
             answer = replace(answer, page=shown)
         else:
             paths = [job.path for job in all_jobs]
@@ -339,7 +337,8 @@ def run_maps(
                 paths = answer.outcome.done_paths()
             answer = replace(answer, goals=[goal_check.answer(path) for path in paths])
         errors.refuse_warnings("; the maps are written")
-    if golden is None or answer.has_failed:
+    outcome = answer.outcome
+    if golden is None or (isinstance(outcome, batch.Batch) and outcome.count("failed")):
         return answer
     runs = [(job.folder, job.place) for job in all_jobs]
     if around is not None:
@@ -363,10 +362,6 @@ class RunAnswer(Result):
     differing: Sequence[str] = ()
     goals: Sequence[GoalAnswer] = ()  # empty if a page has them
 
-    @property
-    def has_failed(self) -> bool:
-        return isinstance(self.outcome, batch.Batch) and self.outcome.count("failed") > 0
-
     def document(self) -> dict[str, Any]:
         document = self.outcome.document()
         if self.job is not None:
@@ -383,12 +378,9 @@ class RunAnswer(Result):
 
     def lines(self) -> Iterator[str]:
         lines = [self.assumed, self.outcome.lines()]  # the last line of a batch counts its maps
-        for some in lines if self.job is None else reversed(lines):
-            yield from some
-        if self.page is not None:
-            yield from self.page.lines()
-        for answer in self.goals:
-            yield from answer.lines
+        yield from chain.from_iterable(lines if self.job is None else reversed(lines))
+        yield from () if self.page is None else self.page.lines()
+        yield from chain.from_iterable(answer.lines for answer in self.goals)
         yield from self.stored
         if self.golden is not None and not self.differing:
             yield f"{self.golden}: all stages as stored"
@@ -418,18 +410,14 @@ def _assumed(
     recipe: recipes.Recipe, changes: Sequence[str], footprint: Footprint | None
 ) -> Iterator[str]:
     radii = [step.parameters["radius"] for step in recipe.steps if step.name == "inflate"]
+    advice = "--params-file FILE, or --recipe nav2"
     if radii and footprint is not None:
         shape = "--footprint F" if footprint.vertices else f"--robot-radius {footprint.radius:g}"
-        yield (
-            f"recipe default: walls are inflated by {radii[0]:g} m for {robot_text(footprint)}, "
-            "in place of inscribed costs; --params-file FILE, or --recipe nav2 "
-            f"{shape}, makes the costmap of Nav2"
-        )
+        text = f"recipe default: walls are inflated by {radii[0]:g} m for {robot_text(footprint)}, "
+        yield f"{text}in place of inscribed costs; {advice} {shape}, makes the costmap of Nav2"
     elif radii and not any(text.strip().startswith("inflate.") for text in changes):
-        yield (
-            f"no robot is given: walls are inflated by {radii[0]:g} m; --params-file FILE, or "
-            "--recipe nav2 --robot-radius R, makes the costmap of a robot"
-        )
+        text = f"no robot is given: walls are inflated by {radii[0]:g} m; {advice}"
+        yield f"{text} --robot-radius R, makes the costmap of a robot"
 
 
 def _around(
@@ -443,14 +431,11 @@ def _around(
     if cloud is None:
         refuse("needs --cloud", frame=frame)
     try:
-        return Around(
-            check_pose(pose, "--pose"),
-            recipes.load_recipe(
-                pipeline.LOCAL_RECIPE if recipe is None else recipe, footprint=footprint
-            ),
-            LocalOptions(frame or "robot"),
-            None if cloud is None else only_cloud([cloud]).path,
-        )
+        place = check_pose(pose, "--pose")
+        name = pipeline.LOCAL_RECIPE if recipe is None else recipe
+        loaded = recipes.load_recipe(name, footprint=footprint)
+        cloud_path = None if cloud is None else only_cloud([cloud]).path
+        return Around(place, loaded, LocalOptions(frame or "robot"), cloud_path)
     except errors.ParameterError as error:
         if error.place == "recipe":
             error.place = "local_recipe"

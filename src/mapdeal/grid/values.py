@@ -121,6 +121,10 @@ def numbers_text(numbers: Iterable[float]) -> str:
     return f"({', '.join(f'{number + 0.0:.10g}' for number in numbers)})"
 
 
+def place_text(place: Iterable[float]) -> str:
+    return ", ".join(f"{coordinate + 0.0:.6g}" for coordinate in place)
+
+
 def points_text(points: Sequence[Sequence[float]]) -> str:
     """Return a few points in brackets, or the number of many and the first one."""
     if len(points) > _MOST_LISTED:
