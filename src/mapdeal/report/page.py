@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from mapdeal.compare.difference import ChangeKind
 from mapdeal.errors import one_line
 from mapdeal.grid.costmap import CostCurve
-from mapdeal.grid.values import count_text
+from mapdeal.grid.values import count_text, place_text
 from mapdeal.maps.png import write_png
 from mapdeal.pictures.colours import ColourBar, LayerStyle
 from mapdeal.pictures.cost_curve import cost_curve_image, curve_text
@@ -32,12 +32,37 @@ from mapdeal.report.document import Claim, Entry, Item, PageLayer, Report, State
 from mapdeal.report.tiles import TILE, encoded
 from mapdeal.report.verdict import MOST_CLAIMS, most_urgent, shared_by, state_of, verdicts_of
 
-Value = str | int | float | bool | None
-"""Value of an attribute: True writes its name alone, False and None omit it."""
+Value = str | int | float | bool | None  # of an attribute: True writes its name, False omits it
 
 _PNG = "data:image/png;base64,"
 _VOID = {"input", "meta", "br", "wbr", "img", "rect", "line", "circle", "path", "polyline", "stop"}
 _RAW = {"script", "style"}
+_BAR_WIDTH, _BAR, _LABEL = 288, 12, 11  # of a colour bar, in pixels of the panel
+_BAR_LETTER = 6.5  # pixels at most that a character takes
+_CLOSE = 2.0  # levels that a gradient may differ from the palette
+_KINDS = {  # what items are called, in the order in which they are listed
+    "added": "Added", "removed": "Removed", "closed": "Now closed", "opened": "No longer closed",
+    "unknown": "Now unknown", "known": "No longer unknown", "rose": "Higher cost",
+    "fell": "Lower cost", "passage": "Passages", "start": "Starts", "goal": "Goals",
+    "route": "Routes", "trajectory": "Trajectories", "graph": "Route graphs",
+    "finding": "Findings", "shape": "Shapes",
+}  # fmt: skip
+_IN_ONE_LIST = dict.fromkeys(get_args(ChangeKind), "Largest changes")
+# states of a verdict, which also have colours: no reader depends on these
+_STATES = {"error": "Problem", "warning": "Check", "unknown": "Not checked", "good": "OK"}
+_MODES = {"layers": "Layers", "swipe": "Swipe", "beside": "Side by side", "blink": "Blink"}
+_COUNTS = ("Errors", "Warnings")
+_HEADS = {"cells": "Cells", "m per cell": "Cell, m"}
+_MOST_NOTES = 3  # kinds of notes that a list shows one by one
+_PLACE = "place "  # what the text of a further place of a finding begins with
+_FAILED = "failed"
+_IN_SIZE_TEXT = ("cells", "m per cell")
+_MOST_NAMED = 3  # maps that a line of the verdict on several maps names
+SCRIPTS = (
+    "start.js", "decode.js", "geometry.js", "tiles.js", "draw.js", "readout.js", "overlay.js",
+    "viewer.js", "zones.js", "main.js",
+)  # fmt: skip
+_HEADER_SHARE = 0.02  # of the room for tiles: their offsets, which the header contains
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +91,7 @@ def joined(content: Iterable[Content]) -> Markup:
 
 
 def escaped(text: str) -> str:
-    """Return text as markup shows it; characters that cannot be seen are spelled out."""
-    # Such are control characters, those that turn the direction of what follows, and halves of
-    # surrogate pairs, which names of files can hold.
+    """Return text as markup, with control, bidirectional and surrogate characters spelled out."""
     return html.escape(one_line(text), quote=True)
 
 
@@ -86,15 +109,8 @@ def _attribute(name: str, value: Value) -> str:
     return f' {name}="{escaped(text)}"'
 
 
-_BAR_WIDTH, _BAR, _LABEL = 288, 12, 11  # of a colour bar, in pixels of the panel
-_BAR_LETTER = 6.5  # pixels at most that a character takes
-_CLOSE = 2.0  # levels that a gradient may differ from the palette
-
-
 def legend_of(style: LayerStyle, key: str) -> Markup:
-    parts: list[Content] = []
-    if style.bar is not None:
-        parts.append(_bar(style, style.bar, key))
+    parts = [] if style.bar is None else [_bar(style, style.bar, key)]
     if style.swatches:
         colours = style.colours
         swatches = [element("li", swatch(colours[shown.index]), " ", shown.label)
@@ -118,9 +134,8 @@ def _bar(style: LayerStyle, bar: ColourBar, key: str) -> Markup:
     stops = [element("stop", offset=round(k / max(last, 1), 4), stop_color=hex_of(colours[k]))
              for k in _stops(colours.astype(np.float64))]  # fmt: skip
     gradient = element("linearGradient", *stops, id=key)
-    area = element(
-        "rect", x=0.5, y=0.5, width=_BAR_WIDTH - 1, height=_BAR, fill=f"url(#{key})", class_="edge"
-    )
+    box: Any = {"x": 0.5, "y": 0.5, "width": _BAR_WIDTH - 1, "height": _BAR}
+    area = element("rect", **box, fill=f"url(#{key})", class_="edge")
     label = f"{bar.unit}: " + ", ".join(text for _, text in sorted(bar.ticks))
     bar_drawn = element(
         "svg", element("defs", gradient), area, *_ticks(bar.ticks),
@@ -136,10 +151,9 @@ def _stops(colours: NDArray[np.float64]) -> list[int]:
         share = np.linspace(0.0, 1.0, last - first + 1)[:, np.newaxis]
         line = colours[first] * (1 - share) + colours[last] * share
         off = np.abs(colours[first : last + 1] - line).max(axis=1)
-        worst = int(np.argmax(off))
-        if off[worst] <= _CLOSE:
+        if off.max() <= _CLOSE:
             return []
-        middle = first + worst
+        middle = first + int(np.argmax(off))
         return [*between(first, middle), middle, *between(middle, last)]
 
     last = len(colours) - 1
@@ -150,8 +164,7 @@ def _ticks(ticks: Sequence[tuple[float, str]]) -> list[Markup]:
     used_ranges: list[tuple[float, float]] = []
     parts = []
     for share, text in sorted(ticks, key=lambda tick: (0 < tick[0] < 1, tick[0])):
-        x = 0.5 + share * (_BAR_WIDTH - 1)
-        width = _BAR_LETTER * len(text)
+        x, width = 0.5 + share * (_BAR_WIDTH - 1), _BAR_LETTER * len(text)
         start = min(max(x - width / 2, 0.0), _BAR_WIDTH - width)
         if any(start < end + 4 and begin < start + width + 4 for begin, end in used_ranges):
             continue
@@ -172,25 +185,6 @@ def curve_figure(curve: CostCurve) -> Markup:
     return element("figure", plot, class_="curve")
 
 
-_KINDS = {
-    "added": "Added", "removed": "Removed", "closed": "Now closed", "opened": "No longer closed",
-    "unknown": "Now unknown", "known": "No longer unknown", "rose": "Higher cost",
-    "fell": "Lower cost", "passage": "Passages", "start": "Starts",
-    "goal": "Goals", "route": "Routes", "trajectory": "Trajectories", "graph": "Route graphs",
-    "finding": "Findings", "shape": "Shapes",
-}  # fmt: skip
-"""What items are called, in the order in which they are listed."""
-
-_IN_ONE_LIST = dict.fromkeys(get_args(ChangeKind), "Largest changes")
-
-_STATES = {"error": "Problem", "warning": "Check", "unknown": "Not checked", "good": "OK"}
-"""Words for the states of a verdict, which also have colours: no reader depends on these."""
-
-_FAILED = "failed"
-_IN_SIZE_TEXT = ("cells", "m per cell")
-_MOST_NAMED = 3  # maps that a line of the verdict on several maps names
-
-
 def body_of(report: Report) -> Markup:
     several = len(report.entries) > 1
     parts = [_maps(report.entries)] if several else []
@@ -199,8 +193,8 @@ def body_of(report: Report) -> Markup:
 
 
 def subtitle_of(report: Report) -> str:
-    if len(report.entries) > 1:
-        entries = report.entries
+    entries = report.entries
+    if len(entries) > 1:
         shared = shared_by(entries)
         errors, warnings = map(sum, zip(*map(_counts, entries), strict=True))
         counts = {
@@ -212,16 +206,14 @@ def subtitle_of(report: Report) -> str:
         texts += [count_text(errors, "error"), count_text(warnings, "warning")]
         texts += [f"{count} {words}" for words, count in counts.items() if count]
         return ", ".join(texts)
-    entry = report.entries[0]
-    figures = [_figure(k, v) for k, v in entry.figures.items() if k not in _IN_SIZE_TEXT]
-    return ", ".join([_size_text(entry), *figures])
+    figures = [_figure(k, v) for k, v in entries[0].figures.items() if k not in _IN_SIZE_TEXT]
+    return ", ".join([_size_text(entries[0]), *figures])
 
 
 def _figure(name: str, value: str | float) -> str:
     words, _, unit = name.rpartition(" ")
-    if words and unit in ("%", "m", "m2", "m\u00b2"):
-        return f"{words} {_text(value)} {unit}"
-    return f"{name} {_text(value)}"
+    is_unit = words and unit in ("%", "m", "m2", "m\u00b2")
+    return f"{words} {_text(value)} {unit}" if is_unit else f"{name} {_text(value)}"
 
 
 def _size_text(entry: Entry) -> str:
@@ -256,23 +248,20 @@ def _verdict(claims: Iterable[Content], command: str) -> Markup:
 
 
 def _claim(state: State, *content: Content) -> Markup:
-    return element("li", _sign(state), " ", element("span", *content), class_=f"claim {state}")
-
-
-def _sign(state: State) -> Markup:
-    return element("b", _STATES[state], class_=f"sign {state}")
+    sign = element("b", _STATES[state], class_=f"sign {state}")
+    return element("li", sign, " ", element("span", *content), class_=f"claim {state}")
 
 
 def _verdict_on(entry: Entry, number: int) -> Markup:
-    places = {kind: (f"list-{number}-{k}", title) for k, (title, kinds) in enumerate(_lists(entry))
-              for kind in kinds}  # fmt: skip
-    titles = [table.title for table in entry.tables]
-    tables = {title: (f"table-{number}-{k}", title) for k, title in enumerate(titles)}
+    places = {table.title: (f"table-{number}-{k}", table.title)
+              for k, table in enumerate(entry.tables)}  # fmt: skip
+    for k, (title, kinds) in enumerate(_lists(entry)):
+        places |= dict.fromkeys(kinds, (f"list-{number}-{k}", title))
     claims: list[Content] = []
     for claim in sorted(entry.claims, key=lambda claim: get_args(State).index(claim.state)):
         text: list[Content] = [f"{claim.text}."]
-        if (tables | places).get(claim.evidence):
-            place, title = (tables | places)[claim.evidence]
+        if claim.evidence in places:
+            place, title = places[claim.evidence]
             text += [" ", element("a", title, href=f"#{place}", class_="evidence")]
         claims.append(_claim(claim.state, *text))
     return _verdict(claims, entry.next_command)
@@ -283,9 +272,8 @@ def _verdict_on_all(entries: tuple[Entry, ...]) -> Markup:
     numbers_by_state: dict[State, list[int]] = {state: [] for state in get_args(State)}
     for number in _by_urgency(entries):
         numbers_by_state[state_of(entries[number], shared)].append(number)
-    states: tuple[State, ...] = ("error", "warning")
-    claims = [_claim_on(state, numbers_by_state[state], entries)
-              for state in states if numbers_by_state[state]]  # fmt: skip
+    claims = [_claim_on(state, numbers, entries) for state, numbers in numbers_by_state.items()
+              if numbers and state in ("error", "warning")]  # fmt: skip
     claims += [_claim(claim.state, f"All maps: {claim.text}.") for claim in shared]
     good, unknown = len(numbers_by_state["good"]), len(numbers_by_state["unknown"])
     counts = [f"{good} {'is' if good == 1 else 'are'} sound"] if good else []
@@ -296,13 +284,11 @@ def _verdict_on_all(entries: tuple[Entry, ...]) -> Markup:
 
 
 def _claim_on(state: State, numbers: Sequence[int], entries: tuple[Entry, ...]) -> Markup:
-    """Return the claim about the entries in one state, with links to the first of them."""
+    verb = "should be checked"
     if state == "error":
         verb = "has a problem" if len(numbers) == 1 else "have a problem"
         failed = sum(entry.status == _FAILED for entry in entries)
         verb += f" ({failed} failed)" if failed else ""
-    else:
-        verb = "should be checked"
     text = f"{len(numbers)} of {count_text(len(entries), 'map')} {verb}: "
     return _claim(state, text, *_links(numbers, entries))
 
@@ -315,37 +301,30 @@ def _links(numbers: Sequence[int], entries: tuple[Entry, ...]) -> Iterator[Conte
 
 
 def _with_line_breaks(path: str) -> Iterator[Content]:
-    """Yield the name of a file, which may continue on a new line after each slash."""
-    for index, name in enumerate(path.split("/")):
-        if index:
-            yield joined(["/", element("wbr")])
-        yield name
+    first, *names = path.split("/")
+    yield first
+    for name in names:
+        yield from ("/", element("wbr"), name)
 
 
 def _maps(entries: tuple[Entry, ...]) -> Markup:
-    names = _columns(entries)
+    columns: dict[tuple[object, ...], str] = {}  # without those that repeat another
+    for name in dict.fromkeys(name for entry in entries for name in entry.figures):
+        columns.setdefault(tuple(entry.figures.get(name) for entry in entries), name)
+    names = list(columns.values())
     cells = [_head(name, entries) for name in ["Map", "Verdict", "Errors", "Warnings", *names]]
     shared = shared_by(entries)
     rows = [_row(entries[k], k, names, shared) for k in _by_urgency(entries)]
     field = element("input", type="search", id="filter", autocomplete="off")
     count = element("span", f"{len(entries)} maps", id="count", role="status")
-    title = "maps-title"
-    table = element(
-        "div", _with_heads(cells, rows), class_="wide", tabindex=0, role="group",
-        aria_labelledby=title,
-    )  # fmt: skip
+    by_title: Any = {"aria_labelledby": "maps-title"}
+    table = _with_heads(cells, rows)
     return element(
-        "section", _verdict_on_all(entries), element("h2", "Maps", id=title, tabindex=-1),
-        element("p", element("label", "Filter ", field), " ", count, class_="search"), table,
-        id="maps", aria_labelledby=title,
+        "section", _verdict_on_all(entries), element("h2", "Maps", id="maps-title", tabindex=-1),
+        element("p", element("label", "Filter ", field), " ", count, class_="search"),
+        element("div", table, class_="wide", tabindex=0, role="group", **by_title),
+        id="maps", **by_title,
     )  # fmt: skip
-
-
-def _columns(entries: tuple[Entry, ...]) -> list[str]:
-    columns: dict[tuple[object, ...], str] = {}
-    for name in dict.fromkeys(name for entry in entries for name in entry.figures):
-        columns.setdefault(tuple(entry.figures.get(name) for entry in entries), name)
-    return list(columns.values())
 
 
 def _by_urgency(entries: tuple[Entry, ...]) -> list[int]:
@@ -378,10 +357,6 @@ def _head(name: str, entries: tuple[Entry, ...]) -> Markup:
     return element("th", button, scope="col", class_=css)
 
 
-_COUNTS = ("Errors", "Warnings")
-_HEADS = {"cells": "Cells", "m per cell": "Cell, m"}
-
-
 def _is_number(name: str, values: Sequence[object]) -> bool:
     return name in (*_COUNTS, "cells") or any(not isinstance(value, str) for value in values)
 
@@ -391,19 +366,13 @@ def _css(**classes: bool) -> str | None:
 
 
 def _row(entry: Entry, number: int, names: list[str], shared: Sequence[Claim]) -> Markup:
-    thumb: Content = "" if not entry.layers else element(
-        "canvas", width=144, height=108, data_entry=number, role="img",
-        aria_label=f"Thumbnail of {entry.name}",
-    )  # fmt: skip
-    state = state_of(entry, shared)
-    is_failed = entry.status == _FAILED
-    sign = element("b", "Failed", class_=f"sign {state}") if is_failed else _sign(state)
+    look: Any = {"role": "img", "aria_label": f"Thumbnail of {entry.name}"}
+    canvas = element("canvas", width=144, height=108, data_entry=number, **look)
+    state, is_failed = state_of(entry, shared), entry.status == _FAILED
+    sign = element("b", "Failed" if is_failed else _STATES[state], class_=f"sign {state}")
     rank = list(_STATES).index(state) - is_failed
-    cells = [
-        element("td", thumb, class_="thumb"),
-        _row_head(entry, number, shared),
-        element("td", sign, data_value=str(rank)),
-    ]
+    cells = [element("td", canvas if entry.layers else "", class_="thumb")]
+    cells += [_row_head(entry, number, shared), element("td", sign, data_value=str(rank))]
     cells += [
         element("td", str(count), class_=_css(number=True, none=not count), data_count=name)
         for name, count in zip(_COUNTS, _counts(entry), strict=True)
@@ -417,18 +386,14 @@ def _row(entry: Entry, number: int, names: list[str], shared: Sequence[Claim]) -
 
 
 def _row_head(entry: Entry, number: int, shared: Sequence[Claim]) -> Markup:
-    """Return the name of a map, and the most urgent reason to check it."""
-    link = element("a", *_with_line_breaks(entry.name), href=f"#entry-{number}")
-    own_claims = [claim for claim in entry.claims if claim not in shared]
-    reasons = [_reason(claim) for state in ("error", "warning") for claim in own_claims
-               if claim.state == state]  # fmt: skip
-    reason = [element("span", reasons[0], class_="reason")] if reasons else []
-    return element("th", link, *reason, scope="row", data_value=entry.name)
-
-
-def _reason(claim: Claim) -> str:
-    """Return the reason to check a map, without the counts, which the row has."""
-    return claim.text.partition(": ")[2] if claim.about == "map" else claim.text
+    parts = [element("a", *_with_line_breaks(entry.name), href=f"#entry-{number}")]
+    claims = [claim for claim in entry.claims if claim not in shared]
+    worst = min(claims, key=lambda claim: get_args(State).index(claim.state), default=None)
+    if worst is not None and worst.state in ("error", "warning"):
+        # the text on findings without the counts, which the row has
+        reason = worst.text.partition(": ")[2] if worst.about == "map" else worst.text
+        parts.append(element("span", reason, class_="reason"))
+    return element("th", *parts, scope="row", data_value=entry.name)
 
 
 def _entry(entry: Entry, number: int, *, several: bool) -> Markup:
@@ -440,14 +405,17 @@ def _entry(entry: Entry, number: int, *, several: bool) -> Markup:
         parts.append(element("p", ", ".join(filter(None, (entry.status, size))), class_="subtitle"))
     else:
         parts.append(element("h2", entry.name, class_="unseen"))  # between headings 1 and 3
-    if entry.claims or entry.next_command:
-        parts.append(_verdict_on(entry, number))
+    parts += [_verdict_on(entry, number)] if entry.claims or entry.next_command else []
     if entry.warnings and not (entry.status == _FAILED and entry.claims):  # then claims name them
         lines = element("ul", *(element("li", text) for text in entry.warnings))
         noun = "error" if entry.status == _FAILED else "warning"
         title = count_text(len(entry.warnings), noun)
         parts.append(_section(title, lines, class_=f"warnings {noun}"))
-    below = element("div", *_below(entry, number), class_="rest")
+    tables = [_table(table, f"table-{number}-{k}") for k, table in enumerate(entry.tables)]
+    if entry.curve is not None:
+        figure = curve_figure(entry.curve)
+        tables.insert(0, _section("Costs over distance", figure, label="Cost curve"))
+    below = element("div", *tables, class_="rest")
     if entry.layers:
         slot = element("div", class_="slot")
         parts.append(element("div", slot, _panels(entry, number), below, class_="work"))
@@ -457,47 +425,33 @@ def _entry(entry: Entry, number: int, *, several: bool) -> Markup:
     return element("section", *parts, class_="entry", id=f"entry-{number}", aria_label=entry.name)
 
 
-def _below(entry: Entry, number: int) -> Iterator[Markup]:
-    if entry.curve is not None:
-        yield _section("Costs over distance", curve_figure(entry.curve), label="Cost curve")
-    for k, table in enumerate(entry.tables):
-        yield _table(table, f"table-{number}-{k}")
-
-
 def _panels(entry: Entry, number: int) -> Markup:
     count = len(entry.layers)
     on = (count - 1,) if entry.is_sequence else (0, count - 1)
     rows = [_layer(entry.layers[k], k, number, k in on) for k in reversed(range(count))]
     parts = [_section("Layers", element("ul", *rows), class_="layers")]
     if entry.is_sequence:
-        slider = element(
-            "input", type="range", name="time", min=0, max=count - 1, value=count - 1,
-            autocomplete="off", aria_label="Time of the costmap",
-        )  # fmt: skip
+        slider = _slider(count - 1, "Time of the costmap", name="time")
         parts.insert(0, _section("Time", slider, class_="time scripted-only"))
     below = [_readout(entry.layers), _items(entry, number)]
     parts += below if entry.compared is None or entry.opens_swiped else below[::-1]
-    if count > 1:
-        parts.append(_compare(entry, number))
+    parts += [_compare(entry, number)] if count > 1 else []
     return element("div", *parts, class_="panels")
 
 
 def _layer(layer: PageLayer, k: int, number: int, is_on: bool) -> Markup:
     box = element("input", type="checkbox", checked=is_on, autocomplete="off")
-    slider = element(
-        "input", type="range", min=0, max=100, value=100, autocomplete="off",
-        aria_label=f"Opacity of {layer.title}",
-    )  # fmt: skip
-    only = element(
-        "button", "only", type="button", data_only=k, class_="only",
-        aria_label=f"Show only {layer.title}",
-    )  # fmt: skip
+    slider, label = _slider(100, f"Opacity of {layer.title}"), f"Show only {layer.title}"
+    look: Any = {"type": "button", "data_only": k, "class_": "only", "aria_label": label}
+    only = element("button", "only", **look)
     head = element("div", element("label", box, " ", layer.title), slider, only, class_="head")
     legend = element("div", legend_of(layer.style, f"bar-{number}-{k}"), class_="legend")
     return element("li", head, legend, class_="layer", data_layer=k)
 
 
-_MODES = {"layers": "Layers", "swipe": "Swipe", "beside": "Side by side", "blink": "Blink"}
+def _slider(largest: int, label: str, **name: Value) -> Markup:
+    ends: Any = {"min": 0, "max": largest, "value": largest, "autocomplete": "off"}
+    return element("input", type="range", **name, **ends, aria_label=label)
 
 
 def _compare(entry: Entry, number: int) -> Markup:
@@ -511,11 +465,9 @@ def _compare(entry: Entry, number: int) -> Markup:
         selects.append(element("label", f"{side} ", select))
     first = "swipe" if entry.compared is not None and entry.opens_swiped else "layers"
     modes = []
+    look: Any = {"type": "radio", "name": f"view-{number}"}
     for mode, text in _MODES.items():
-        button = element(
-            "input", type="radio", name=f"view-{number}", value=mode, autocomplete="off",
-            checked=mode == first,
-        )  # fmt: skip
+        button = element("input", **look, value=mode, autocomplete="off", checked=mode == first)
         modes.append(element("label", button, f" {text}", class_="toggle"))
     row = element("p", *modes, class_="toggles modes", role="group", aria_label="View")
     return _section("Compare", row, *selects, class_="compare scripted-only")
@@ -531,8 +483,7 @@ def _readout(layers: tuple[PageLayer, ...]) -> Markup:
 
 def _lists(entry: Entry) -> list[tuple[str, list[str]]]:
     lists: dict[str, list[str]] = {}
-    kinds = {item.kind for item in entry.items}
-    for kind in (kind for kind in _KINDS if kind in kinds):
+    for kind in sorted({item.kind for item in entry.items}, key=list(_KINDS).index):
         lists.setdefault(_IN_ONE_LIST.get(kind, _KINDS[kind]), []).append(kind)
     return list(lists.items())
 
@@ -544,23 +495,19 @@ def _items(entry: Entry, number: int) -> Markup:
     boxes = []
     for kind in (kind for _, kinds in _lists(entry) for kind in kinds):
         box = element("input", type="checkbox", value=kind, checked=True, autocomplete="off")
-        boxes.append(element("label", box, f" {_KINDS[kind]} ({_count(items, kind)})"))
+        of_kind = [item for item in items if item.kind == kind]
+        if kind in _IN_ONE_LIST:  # without the line about changes that are left out
+            of_kind = [item for item in of_kind if item.place is not None]
+        boxes.append(element("label", box, f" {_KINDS[kind]} ({len(of_kind)})"))
     lists = []
     for index, (title, kinds) in enumerate(_lists(entry)):
         groups: dict[object, list[int]] = {}
         for k, item in enumerate(items):
             if item.kind in kinds:
                 groups.setdefault(item.group or k, []).append(k)
-        rows = _fold_notes(items, groups.values())
-        name = f"list-{number}-{index}"
+        rows, name = _fold_notes(items, groups.values()), f"list-{number}-{index}"
         lists.append(element("ul", *rows, aria_label=title, id=name, tabindex=-1))
     return _section("On the map", element("p", *boxes, class_="kinds"), *lists, class_="items")
-
-
-def _count(items: Sequence[Item], kind: str) -> int:
-    """Return the number of items of a kind, without the line about changes that are left out."""
-    of_kind = [item for item in items if item.kind == kind]
-    return sum(item.place is not None for item in of_kind) if kind in _IN_ONE_LIST else len(of_kind)
 
 
 def _fold_notes(items: Sequence[Item], groups: Iterable[Sequence[int]]) -> list[Markup]:
@@ -590,19 +537,11 @@ def _group(items: Sequence[Item], group: Sequence[int]) -> Markup:
     for k, text in zip(group, texts, strict=True):
         place = items[k].place
         if place is not None and text.startswith(_PLACE):
-            text = f"{text} at {_at(place)}"
+            text = f"{text} at {place_text(place)}"
         rows.append(_item(items[k], k, text, has_tone=False))
     head = element("summary", _with_tone(first, first.text), " ", element("i", f"({count})"))
     css = _css(notes=first.tone == "note")
     return element("li", element("details", head, element("ul", *rows), class_=css))
-
-
-_MOST_NOTES = 3  # kinds of notes that a list shows one by one
-_PLACE = "place "  # what the text of a further place of a finding begins with
-
-
-def _at(place: tuple[float, float]) -> str:
-    return ", ".join(f"{coordinate + 0.0:.6g}" for coordinate in place)
 
 
 def _item(item: Item, number: int, words: str, *, has_tone: bool = True) -> Markup:
@@ -624,14 +563,6 @@ def _table(table: Table, name: str) -> Markup:
             for key, value in table.rows]  # fmt: skip
     body = element("table", element("tbody", *rows))
     return element("details", element("summary", table.title), body, id=name)
-
-
-SCRIPTS = (
-    "start.js", "decode.js", "geometry.js", "tiles.js", "draw.js", "readout.js", "overlay.js",
-    "viewer.js", "zones.js", "main.js",
-)  # fmt: skip
-
-_HEADER_SHARE = 0.02  # of the room for tiles: their offsets, which the header contains
 
 
 def page_of(report: Report, *, size: int) -> Iterator[bytes]:
@@ -662,8 +593,7 @@ def _header(report: Report, tiles: list[dict[str, Any]]) -> dict[str, Any]:
     tiles_of_layers = iter(tiles)
     entries = []
     for entry in report.entries:
-        layers = []
-        areas = [layer.frame for layer in entry.layers]
+        layers, areas = [], [layer.frame for layer in entry.layers]
         for layer in entry.layers:
             style = styles.setdefault(_json(_style(layer.style)), len(styles))
             references = {"style": style, "area": areas.index(layer.frame)}
@@ -673,7 +603,6 @@ def _header(report: Report, tiles: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def script_text() -> str:
-    """Return the script of every page, without comments and empty lines."""
     lines = "\n".join(_part(name) for name in SCRIPTS).splitlines()
     return "\n".join(line for line in lines if line.strip() and not line.lstrip().startswith("//"))
 
@@ -717,21 +646,12 @@ def _style(style: LayerStyle) -> dict[str, Any]:
 
 
 def _page_layer(layer: PageLayer) -> dict[str, Any]:
-    frame = layer.frame
-    x, y, yaw = frame.origin
+    frame = {key: getattr(layer.frame, key) for key in ("width", "height", "resolution")}
     return {
-        "name": one_line(layer.name),
-        "title": one_line(layer.title),
-        "unit": one_line(layer.unit),
-        "frame": {
-            "width": frame.width, "height": frame.height, "resolution": frame.resolution,
-            "x": x, "y": y, "yaw": yaw,
-        },
-        "states": layer.states,
-        "convention": layer.convention,
-        "lethal": layer.lethal_threshold,
-        "pooled": layer.pooled,
-        "opaque": layer.is_bytes or layer.style.nowhere is not None,
+        **{name: one_line(getattr(layer, name)) for name in ("name", "title", "unit")},
+        "frame": frame | dict(zip(("x", "y", "yaw"), layer.frame.origin, strict=True)),
+        "states": layer.states, "convention": layer.convention, "lethal": layer.lethal_threshold,
+        "pooled": layer.pooled, "opaque": layer.is_bytes or layer.style.nowhere is not None,
     }  # fmt: skip
 
 
