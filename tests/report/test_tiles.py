@@ -288,16 +288,16 @@ def test_what_is_too_large_gets_coarser_cells_where_that_saves_most():
     layers = [_noise(300, 1), _noise(600, 2), _noise(600, 3), _noise(450, 4)]
     complete = encoded(layers, size=ROOM)
     assert _reduces(complete) == [[4, 1], [4, 1], [4, 1], [4, 1]]
-    result = encoded(layers, size=complete.size - 1)
+    result = encoded(layers, size=sum(map(len, complete.data)) - 1)
     assert _reduces(result) == [[4, 1], [8, 2], [8, 2], [4, 1]]
     np.testing.assert_array_equal(_decoded(result, 3)[1], layers[3].values)
     np.testing.assert_array_equal(_decoded(result, 2)[2], _pooled(layers[2].values, 2, max))
     np.testing.assert_array_equal(_decoded(result, 2)[8], _pooled(layers[2].values, 8, max))
-    again = encoded(layers, size=result.size)
+    again = encoded(layers, size=sum(map(len, result.data)))
     assert (again.layers, again.data) == (result.layers, result.data)
-    smaller = encoded(layers, size=result.size - 1)
+    smaller = encoded(layers, size=sum(map(len, result.data)) - 1)
     assert _reduces(smaller) == [[4, 1], [8, 2], [8, 2], [2]]
-    assert smaller.encoded[3].reduce == 2
+    assert smaller.encoded[3].levels[-1].reduce == 2
 
 
 def test_there_is_an_end_to_how_coarse_cells_become():

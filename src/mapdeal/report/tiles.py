@@ -12,15 +12,16 @@ import struct
 import zlib
 from base64 import b64encode
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.values import Convention
 from mapdeal.kernels.lookup import look_up, pooled
 from mapdeal.kernels.threads import ThreadPool, thread_count
 from mapdeal.pictures.overlay import OtherThan, known_box
@@ -28,6 +29,23 @@ from mapdeal.report.document import Item, PageLayer
 
 _MARGIN = 0.04  # width of the border around the known cells, as a share of the longer side
 _UNKNOWN = 255  # of maps and of costs, as bytes
+Numbers = NDArray[np.float32]
+SQUARE_ERROR = 1e-4  # metres that a distance coded by its square may be off; else it is by steps
+STEP = 1e-3  # metres of a step
+_STEP_ERROR = 0.51 * STEP
+_MOST_EXCEPTIONS = 8
+_LARGEST = 2.0**31 - 16
+_HIDDEN_BITS = 8
+_RELATIVE_ERROR = 2.0**-16
+_SMALLEST_ERROR = 1e-30
+Cells = NDArray[Any]
+TILE = 512  # cells of a tile's side; those at the north and east edges have fewer
+ALL_CELLS_SIDE = 4096  # side up to which a layer's own cells are kept, if there is room for them
+MOST_CELLS = 1 << 26  # of the finest level of a larger layer: three layers take some ten seconds
+_COARSEST_SIDE = 256
+# zlib's 8 takes a tenth off fields and a third off maps; 9 as much again for twice the time. Of
+# coarser cells, which differ more from their neighbours, there is less to gain.
+_COMPRESSION, _COMPRESSION_OF_LARGE = 8, 6
 
 
 def extent_of(
@@ -35,8 +53,8 @@ def extent_of(
 ) -> tuple[float, float, float, float] | None:
     """Return the box in the map frame of the known cells of all layers, and of all items."""
     points = []
-    own = (layer for layer in layers if layer.style.labels.get(_UNKNOWN) == "unknown")
-    by_frame = {layer.frame: layer for layer in reversed([*own])}  # the first of each
+    own = [layer for layer in layers if layer.style.labels.get(_UNKNOWN) == "unknown"]
+    by_frame = {layer.frame: layer for layer in reversed(own)}  # the first of each
     for frame, layer in by_frame.items():
         if (box := known_box(layer.values, OtherThan(_UNKNOWN))) is not None:
             rows, cols = (box.row, box.row + box.height), (box.col, box.col + box.width)
@@ -46,26 +64,11 @@ def extent_of(
         return None
     for item in items:
         points += [line for line in item.lines if len(line)]
-        if item.place is not None:
-            points.append(np.array([item.place], dtype=np.float64))
+        points += [] if item.place is None else [np.array([item.place], dtype=np.float64)]
     every = np.vstack(points)
     low, high = every.min(axis=0), every.max(axis=0)
     margin = _MARGIN * float((high - low).max())
     return (*(low - margin).tolist(), *(high + margin).tolist())
-
-
-Numbers = NDArray[np.float32]
-
-SQUARE_ERROR = 1e-4
-"""Metres that a distance coded by its square may be off; otherwise it is coded by steps."""
-
-STEP = 1e-3  # metres of a step
-_STEP_ERROR = 0.51 * STEP
-_MOST_EXCEPTIONS = 8
-_LARGEST = 2.0**31 - 16
-_HIDDEN_BITS = 8
-_RELATIVE_ERROR = 2.0**-16
-_SMALLEST_ERROR = 1e-30
 
 
 # A coding represents numbers by integers: `integers_of` returns the nearest integer of each value,
@@ -95,9 +98,6 @@ class Squares:
     def is_near(self, found: Numbers, values: Numbers) -> NDArray[np.bool_]:
         return np.asarray(np.abs(found - values) <= SQUARE_ERROR)
 
-    def header(self) -> dict[str, Any]:
-        return {"kind": "squares", "above": list(self.above), "below": list(self.below)}
-
     def _offset_and_unit(self, is_below: NDArray[np.bool_]) -> Iterator[NDArray[Any]]:
         return (np.where(is_below, *two) for two in zip(self.below, self.above, strict=True))
 
@@ -114,9 +114,6 @@ class Steps:
 
     def is_near(self, found: Numbers, values: Numbers) -> NDArray[np.bool_]:
         return np.asarray(np.abs(found - values) <= _STEP_ERROR)
-
-    def header(self) -> dict[str, Any]:
-        return {"kind": "steps", "step": self.step}
 
 
 @dataclass(frozen=True)
@@ -142,25 +139,21 @@ class Bits:
         error = _RELATIVE_ERROR * np.abs(values) + _SMALLEST_ERROR
         return np.asarray(np.abs(found - values) <= error)
 
-    def header(self) -> dict[str, Any]:
-        return {"kind": "bits", "hidden": self.hidden}
-
 
 Coding = Squares | Steps | Bits
 
 
-def codings_of(
-    resolution: float, convention: Convention | None, strength: float, *, are_metres: bool
-) -> tuple[Coding, ...]:
+def _codings_of(layer: PageLayer) -> tuple[Coding, ...]:
     """Return the codings of a layer's numbers, the best first, the last one always fitting."""
-    if not are_metres:
+    resolution, convention = layer.frame.resolution, layer.convention
+    if convention is None and layer.unit != "m":
         return Bits(_HIDDEN_BITS), Bits()
     if convention is None:  # a clearance, or a width
         by_cell, by_two = (0.0, resolution), (0.0, 2 * resolution)
         return Squares(by_cell, by_cell), Squares(by_two, by_two), Steps(), Bits()
     offsets = {"fast-planner": (0.0, 1.0), "center": (0.0, 0.0), "border": (0.5, 0.5)}
     above, below = offsets[convention]
-    return Squares((above, resolution * strength), (below, resolution)), Steps(), Bits()
+    return Squares((above, resolution * layer.strength), (below, resolution)), Steps(), Bits()
 
 
 def packed(values: Numbers, codings: Sequence[Coding]) -> bytes:
@@ -202,19 +195,6 @@ def _planes(numbers: NDArray[np.uint32]) -> list[bytes]:
     return [by_byte[..., place].tobytes() for place in range(count)]
 
 
-Cells = NDArray[Any]
-
-TILE = 512  # cells of a tile's side; those at the north and east edges have fewer
-ALL_CELLS_SIDE = 4096  # side up to which a layer's own cells are kept, if there is room for them
-MOST_CELLS = 1 << 26
-"""Cells of the finest level of a larger layer: of three layers they take some ten seconds."""
-
-_COARSEST_SIDE = 256
-_COMPRESSION, _COMPRESSION_OF_LARGE = 8, 6
-"""zlib's 8 takes a tenth off fields and a third off maps; 9 as much again for twice the time. Of
-coarser cells, which differ more from their neighbours, there is less to gain."""
-
-
 @dataclass(frozen=True)
 class Level:
     reduce: int
@@ -228,10 +208,6 @@ class EncodedLayer:
     coding: dict[str, Any]
     levels: tuple[Level, ...]
 
-    @property
-    def reduce(self) -> int:
-        return self.levels[-1].reduce
-
 
 @dataclass(frozen=True)
 class Encoded:
@@ -239,14 +215,11 @@ class Encoded:
 
     @property
     def layers(self) -> list[dict[str, Any]]:
-        headers, offset = [], 0
+        headers, offsets = [], accumulate(map(len, self.data), initial=0)
         for layer in self.encoded:
             levels = []
             for level in layer.levels:
-                tiles = []
-                for tile in level.tiles:
-                    tiles.append([offset, len(tile)])
-                    offset += len(tile)
+                tiles = [[next(offsets), len(tile)] for tile in level.tiles]
                 size = {"width": level.shape[1], "height": level.shape[0]}
                 levels.append({"reduce": level.reduce, **size, "tiles": tiles})
             headers.append({"coding": layer.coding, "levels": levels})
@@ -256,10 +229,6 @@ class Encoded:
     def data(self) -> list[bytes]:
         return [tile for layer in self.encoded for level in layer.levels for tile in level.tiles]
 
-    @property
-    def size(self) -> int:
-        return sum(map(len, self.data))
-
 
 def encoded(layers: Sequence[PageLayer], *, size: int) -> Encoded:
     # A level is four times coarser than the next; the coarsest is 256 cells a side or less. The
@@ -267,13 +236,12 @@ def encoded(layers: Sequence[PageLayer], *, size: int) -> Encoded:
     # 2^26 allow. If all is too large, the cells of the finest level become twice as long, of all
     # layers of one shape, so that those on one another agree: of the shape that this saves most of,
     # as often as it takes.
-    threads = thread_count()
-    shapes = [layer.frame.shape for layer in layers]
+    threads, shapes = thread_count(), [layer.frame.shape for layer in layers]
     sizes: dict[tuple[int, int], list[int]] = {}
     dropped: dict[tuple[int, int], int] = {}  # how many resolutions have only sizes
     encoded_layers: list[EncodedLayer] = []
     with ThreadPool(threads if threads > 1 else 0) as pool:  # without threads submit does it
-        compressor = _Compressor(pool, threads)
+        compressor = _Compressor(pool, 2 * threads)
         for layer in layers:
             new, shape = _encoded_layer(layer, compressor), layer.frame.shape
             sums = sizes.setdefault(shape, [0] * len(new.levels))
@@ -303,10 +271,8 @@ def _fitted(
     layers: Sequence[EncodedLayer], shapes: Sequence[tuple[int, int]],
     sizes: Mapping[tuple[int, int], Sequence[int]], size: int,
 ) -> Iterator[EncodedLayer]:  # fmt: skip
-    """Yield each layer, given in all of its resolutions, in those that fit together.
-
-    `sizes` are those of all layers of a shape, if no resolution is left out, or one, or two.
-    """
+    # Yields each layer, given in all of its resolutions, in those that fit together. `sizes` are
+    # those of all layers of a shape, if no resolution is left out, or one, or two.
     finest = dict.fromkeys(shapes, 0)  # how many resolutions are left out
     total = sum(of_shape[0] for of_shape in sizes.values())
     while total > size:
@@ -336,20 +302,19 @@ def _without_finest(layer: EncodedLayer, count: int) -> EncodedLayer:
     return replace(layer, levels=(*layer.levels[:first], *dropped))
 
 
+@dataclass(eq=False)
 class _Compressor:
     """Compresses tiles in threads; holds only the cells on which they work."""
 
-    def __init__(self, pool: ThreadPool, threads: int) -> None:
-        self._pool = pool
-        self._most = 2 * threads
-        self._waiting: deque[Future[bytes]] = deque()
+    pool: ThreadPool
+    most_waiting: int
+    _waiting: deque[Future[bytes]] = field(default_factory=deque)
 
     def submit(self, cells: Cells, codings: Sequence[Coding], compression: int) -> Future[bytes]:
-        while len(self._waiting) >= self._most:
+        while len(self._waiting) >= self.most_waiting:
             self._waiting.popleft().result()
-        future = self._pool.submit(_tile, cells, codings, compression)
-        self._waiting.append(future)
-        return future
+        self._waiting.append(self.pool.submit(_tile, cells, codings, compression))
+        return self._waiting[-1]
 
 
 def _tile(cells: Cells, codings: Sequence[Coding], compression: int) -> bytes:
@@ -358,29 +323,28 @@ def _tile(cells: Cells, codings: Sequence[Coding], compression: int) -> bytes:
 
 
 def _encoded_layer(layer: PageLayer, compressor: _Compressor) -> EncodedLayer:
-    codings: tuple[Coding, ...] = ()
-    coding: dict[str, Any] = {"kind": "bytes"}
-    if not layer.is_bytes:
-        are_metres, cell = layer.unit == "m" or layer.convention is not None, layer.frame.resolution
-        codings = codings_of(cell, layer.convention, layer.strength, are_metres=are_metres)
-        coding = {"kind": "numbers", "ways": [own.header() for own in codings]}
-    pooling = _Pooling.of(layer)
-    shape = layer.frame.shape
+    codings = () if layer.is_bytes else _codings_of(layer)
+    headers = [{"kind": type(coding).__name__.lower(), **asdict(coding)} for coding in codings]
+    header: dict[str, Any] = {"kind": "numbers", "ways": headers} if codings else {"kind": "bytes"}
+    pooling, shape = _Pooling.of(layer), layer.frame.shape
     reduces = [finest_reduce(shape)]
     while max(shape) > reduces[-1] * _COARSEST_SIDE:
         reduces.append(2 * reduces[-1])
     if len(reduces) > 1:  # every second one, too, has a level as small as that
         reduces.append(2 * reduces[-1])
+    compression = _COMPRESSION if max(shape) <= ALL_CELLS_SIDE else _COMPRESSION_OF_LARGE
+    submit = partial(compressor.submit, codings=codings, compression=compression)
     maker: _LevelMaker | None = None
     makers = []
     for reduce in reversed(reduces):
-        maker = _LevelMaker(reduce, shape, pooling, codings, compressor, coarser=maker)
+        level_shape = -(-shape[0] // reduce), -(-shape[1] // reduce)
+        maker = _LevelMaker(reduce, level_shape, pooling, submit, maker)
         makers.append(maker)
     finest = makers[-1]
     for first in range(0, shape[0], TILE):  # a multiple of any `finest.reduce`
         rows = np.asarray(layer.values[first : first + TILE])
         finest.add(pooling.pooled(pooling.ranked(rows), finest.reduce))
-    return EncodedLayer(coding, tuple(maker.level() for maker in makers))
+    return EncodedLayer(header, tuple(maker.level() for maker in makers))
 
 
 @dataclass(frozen=True)
@@ -388,16 +352,17 @@ class _Pooling:
     """Rule for the value that represents several cells."""
 
     choose: np.ufunc
-    order: NDArray[np.uint8] | None
+    order: NDArray[np.uint8] | None = None
 
     @classmethod
     def of(cls, layer: PageLayer) -> _Pooling:
         is_largest = layer.pooled == "largest"
         if not layer.is_bytes:
-            return cls(np.fmax if is_largest else np.fmin, None)
-        order = None if layer.rank is None else np.argsort(layer.rank, kind="stable")
+            return cls(np.fmax if is_largest else np.fmin)
         choose = np.maximum if is_largest else np.minimum
-        return cls(choose, None if order is None else order.astype(np.uint8))
+        if layer.rank is None:
+            return cls(choose)
+        return cls(choose, np.argsort(layer.rank, kind="stable").astype(np.uint8))
 
     def ranked(self, rows: Cells) -> Cells:
         """Return bytes by their places in the order; of equal rank the larger comes later."""
@@ -412,28 +377,23 @@ class _Pooling:
         return cells if step == 1 else pooled(cells, step, self.choose)
 
 
+@dataclass(eq=False)
 class _LevelMaker:
-    def __init__(
-        self, reduce: int, shape: tuple[int, int], pooling: _Pooling, codings: Sequence[Coding],
-        compressor: _Compressor, *, coarser: _LevelMaker | None,
-    ) -> None:  # fmt: skip
-        self.reduce = reduce
-        self._is_small = max(shape) <= ALL_CELLS_SIDE
-        self._shape = -(-shape[0] // reduce), -(-shape[1] // reduce)
-        self._pooling = pooling
-        self._codings = codings
-        self._compressor = compressor
-        self._coarser = coarser
-        self._band = np.empty((0, 0))
-        self._filled = 0
-        self._rows_cut = 0
-        self._tiles: list[Future[bytes]] = []
+    reduce: int
+    shape: tuple[int, int]
+    pooling: _Pooling
+    submit: Callable[[Cells], Future[bytes]]
+    coarser: _LevelMaker | None
+    _band: Cells = field(default_factory=lambda: np.empty((0, 0)))
+    _filled: int = 0
+    _rows_cut: int = 0
+    _tiles: list[Future[bytes]] = field(default_factory=list)
 
     def add(self, rows: Cells) -> None:
         while len(rows):
             if not self._filled:
-                height = min(TILE, self._shape[0] - self._rows_cut)
-                self._band = np.empty((height, self._shape[1]), dtype=rows.dtype)
+                height = min(TILE, self.shape[0] - self._rows_cut)
+                self._band = np.empty((height, self.shape[1]), dtype=rows.dtype)
             part = rows[: len(self._band) - self._filled]
             self._band[self._filled : self._filled + len(part)] = part
             self._filled += len(part)
@@ -444,14 +404,12 @@ class _LevelMaker:
     def _cut(self) -> None:
         band, self._filled = self._band, 0
         self._rows_cut += len(band)
-        if self._coarser is not None:
-            self._coarser.add(self._pooling.pooled(band, 2))
-        values = self._pooling.values(band)
+        if self.coarser is not None:
+            self.coarser.add(self.pooling.pooled(band, 2))
+        values = self.pooling.values(band)
         for first in range(0, values.shape[1], TILE):
-            tile = np.ascontiguousarray(values[:, first : first + TILE])
-            compression = _COMPRESSION if self._is_small else _COMPRESSION_OF_LARGE
-            self._tiles.append(self._compressor.submit(tile, self._codings, compression))
+            self._tiles.append(self.submit(np.ascontiguousarray(values[:, first : first + TILE])))
 
     def level(self) -> Level:
         tiles = tuple(tile.result() for tile in self._tiles)
-        return Level(self.reduce, self._shape, tiles, sum(map(len, tiles)))
+        return Level(self.reduce, self.shape, tiles, sum(map(len, tiles)))
