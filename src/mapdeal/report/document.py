@@ -9,7 +9,6 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.field import DistanceField, FieldView, PotentialField
 from mapdeal.grid.frame import Frame
@@ -18,24 +17,23 @@ from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import FREE, OCCUPIED, Convention
 from mapdeal.kernels.blocks import Layer, counts_of, mapped
 from mapdeal.kernels.outlines import outlines
-from mapdeal.pictures import styles
-from mapdeal.pictures.colours import LayerStyle
+from mapdeal.pictures import colours, styles
 from mapdeal.pictures.styles import FieldEnds
 
 Points = NDArray[np.float64]
 
+# Severity of an item: its colour on the page, never the only sign of it.
 Tone = Literal["error", "warning", "note", "good", "plain"]
-"""Severity of an item: its colour on the page, never the only sign of it."""
 
 ItemKind = Literal[
     "finding", "passage", "start", "goal", "route", "trajectory", "graph", "shape", "added",
     "removed", "closed", "opened", "unknown", "known", "rose", "fell",
 ]  # fmt: skip
 
+# What a claim comes to, the worst first; unknown if nobody has looked.
 State = Literal["error", "warning", "unknown", "good"]
-"""What a claim comes to, the worst first; ``unknown`` if nobody has looked."""
-
 About = Literal["run", "map", "costmap", "goals", "obstacles", "cells", "geometry"]
+MAP = "map"  # the ending of the name of a layer with the map that a field was made of
 
 
 @dataclass(frozen=True)
@@ -57,8 +55,8 @@ class PageLayer:
     name: str
     title: str
     frame: Frame
-    values: Layer
-    style: LayerStyle
+    values: Layer  # uint8 or float32, of the shape of the frame
+    style: colours.LayerStyle
     unit: str = ""
     pooled: Literal["largest", "smallest"] = "largest"
     rank: NDArray[np.uint8] | None = None
@@ -66,13 +64,6 @@ class PageLayer:
     convention: Convention | None = None
     lethal_threshold: int = 100
     strength: float = 1.0
-
-    def __post_init__(self) -> None:
-        if self.values.shape != self.frame.shape:
-            rule = f"layer {self.name} must have the shape of its frame, {self.frame.shape}"
-            raise ParameterError(rule, got=self.values.shape)
-        if self.values.dtype not in (np.uint8, np.float32):
-            raise ParameterError("a layer holds uint8 or float32", got=self.values.dtype.name)
 
     @property
     def is_bytes(self) -> bool:
@@ -91,7 +82,6 @@ class Item:
     """Something to be listed beside the map and, if it has a place, to be shown on it."""
 
     # Items of one kind and `group` are one line of the list, which opens to show each of them.
-
     kind: ItemKind
     text: str
     tone: Tone = "plain"
@@ -141,9 +131,6 @@ class Report:
     version: str
 
 
-MAP = "map"  # the ending of the name of a layer with the map that a field was made of
-
-
 @dataclass(frozen=True)
 class LayerKind:
     ending: str
@@ -162,8 +149,6 @@ class LayerKind:
 
 
 def kinds_of(grid: Any) -> tuple[LayerKind, ...]:
-    if type(grid) not in _KINDS:
-        raise TypeError(f"it is not known how a page shows a {type(grid).__name__}")
     return _KINDS[type(grid)]
 
 
@@ -171,23 +156,22 @@ def page_layers(grid: Any, name: str, title: str) -> list[PageLayer]:
     return [kind.of(grid, name, title) for kind in kinds_of(grid)]
 
 
-def _of_cells(style: LayerStyle) -> LayerStyle:
+def _of_cells(style: colours.LayerStyle) -> colours.LayerStyle:
     """Return a style without the swatches of colours that no value takes."""
     used: set[int | None] = set() if style.by_value is None else set(style.by_value.tolist())
     if style.scale is not None:
         levels = range(style.scale.first, style.scale.first + style.scale.levels)
         used = {*levels, style.nowhere, style.line}
         used |= {level + style.faded_by for level in levels if style.faded_by is not None}
-    swatches = tuple(swatch for swatch in style.swatches if swatch.index in used)
-    return replace(style, swatches=swatches)
+    return replace(style, swatches=tuple(shown for shown in style.swatches if shown.index in used))
 
 
 def _as_bytes(layer: Layer) -> Layer:
     return mapped(layer, np.uint8, lambda values: values.view(np.uint8))
 
 
+# Where cells share a pixel, the rank of each value: unknown, 255, shows last.
 _ABOVE_UNKNOWN = (np.arange(256) + 1).astype(np.uint8)
-"""Where cells share a pixel, the rank of each value: unknown, 255, shows last."""
 _ABOVE_UNKNOWN.flags.writeable = False
 
 

@@ -13,18 +13,13 @@ from mapdeal.compare.difference import Change, CostDifference, Difference
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import RADIUS_TOLERANCE
 from mapdeal.grid.reach import GoalReach, Passage, reach_radius
-from mapdeal.grid.values import count_text, decimal_text
+from mapdeal.grid.values import count_text, decimal_text, few_text
 from mapdeal.report.document import About, Claim, Entry, State, Verdict, worst_of
 
+GEOMETRY, COST_CHANGES = "Geometry and metadata, first \u2192 second", "Changes of the cost"
 MOST_CLAIMS = 3  # claims of an entry, and names in one of them: more is not read
-_NEARLY_ALL = 0.9
-"""Share of the area that a robot fits in: beyond it lie corners behind shelves, not rooms."""
-
-_FEWEST_SHARING = 2
-
-_NOT_MODELLED = "not modelled"
-"""Why a map's costs lack a layer of a robot's costmap: it would add nothing to them."""
-
+_NEARLY_ALL = 0.9  # of the area that a robot fits in: the rest is corners behind shelves, not rooms
+_NOT_MODELLED = "not modelled"  # of a layer that would add nothing to the costs of a map
 _ABOUT_COSTS = {
     "inscribed_radius": "inscribed radius {:.4g} m",
     "inflation_radius": "inflation radius {:.4g} m",
@@ -41,9 +36,8 @@ def settled(claims: Iterable[Claim]) -> tuple[Claim, ...]:
         if known is None or worst_of([claim.state, known.state]) != known.state:
             chosen[claim.about] = claim
     if "run" in chosen and chosen["run"].state == "error":
-        chosen = {"run": chosen["run"]}
-    about = get_args(About)
-    return tuple(sorted(chosen.values(), key=lambda claim: about.index(claim.about))[:MOST_CLAIMS])
+        return (chosen["run"],)
+    return tuple(chosen[about] for about in get_args(About) if about in chosen)[:MOST_CLAIMS]
 
 
 def on_failure(reason: str) -> Claim:
@@ -72,11 +66,9 @@ def on_costs(manifest: Mapping[str, Any]) -> Claim | None:
         return None
     if isinstance(robot, dict):
         return _on_robot(robot, has_mask=bool(manifest.get("mask")))
-    parts = []
-    radius = stages.get("inflate", {})
-    radius = radius.get("radius") if isinstance(radius, dict) else None
-    if _is_number(radius) and radius:
-        parts.append(f"walls inflated by {radius:.4g} m")
+    inflation = stages.get("inflate")
+    radius = inflation.get("radius") if isinstance(inflation, dict) else None
+    parts = [f"walls inflated by {radius:.4g} m"] if _is_number(radius) and radius else []
     parts += [text.format(costs[name]) for name, text in _ABOUT_COSTS.items()
               if _is_number(costs.get(name)) and costs[name]]  # fmt: skip
     assumptions = f", but with {', '.join(parts)}" if parts else ""
@@ -94,10 +86,8 @@ def _on_robot(robot: Mapping[str, Any], *, has_mask: bool) -> Claim:
     masked = [] if has_mask else [layer for layer in layers if layer.get("needs") == "mask"]
     left_out += [f"{layer.get('name')}, whose mask was not given (--mask)"
                  for layer in masked if layer.get("enabled")]  # fmt: skip
-    if left_out:
-        text += f", but lacks {', '.join(left_out)}"
-        return Claim("costmap", "warning", text, "Robot")
-    return Claim("costmap", "good", text, "Robot")
+    text += f", but lacks {', '.join(left_out)}" if left_out else ""
+    return Claim("costmap", "warning" if left_out else "good", text, "Robot")
 
 
 def _dicts_in(value: object) -> list[dict[str, Any]]:
@@ -121,12 +111,10 @@ def on_goals(
     shut = f"{count_text(len(closed), 'passage')} {verb} closed to it"
     if missed:
         text = f"{who} reaches {len(goals) - len(missed)} of {count_text(len(goals), 'goal')}. "
-        if len(closed) > 1:
-            text += f"{shut}. "
-        text += "Not reached: "
+        text += f"{shut}. Not reached: " if len(closed) > 1 else "Not reached: "
         names = [_named(answer, robot) for answer in missed[:MOST_CLAIMS]]
-        more = [f"{len(missed) - MOST_CLAIMS} more"] if len(missed) > MOST_CLAIMS else []
-        return Claim("goals", "error", text + "; ".join([*names, *more]), "goal")
+        names += [f"{len(missed) - MOST_CLAIMS} more"] if len(missed) > MOST_CLAIMS else []
+        return Claim("goals", "error", text + "; ".join(names), "goal")
     state: State = "good" if robot is not None else "warning"
     if goals:
         every = {1: "its goal", 2: "both goals"}.get(len(goals), f"all {len(goals)} goals")
@@ -138,8 +126,8 @@ def on_goals(
     text = f"{who} gets to {100 * share:.3g} % of the area that it fits in"
     if closed:
         return Claim("goals", "warning", f"{text}: {shut}", "passage")
-    text += "; no goals were given"
-    return Claim("goals", state if share >= _NEARLY_ALL else "warning", text, "start")
+    state = state if share >= _NEARLY_ALL else "warning"
+    return Claim("goals", state, f"{text}; no goals were given", "start")
 
 
 def _named(answer: GoalReach, robot: Footprint | None) -> str:
@@ -153,17 +141,14 @@ def _named(answer: GoalReach, robot: Footprint | None) -> str:
 
 
 def on_difference(found: Difference, changes: Sequence[Change], unlisted: int) -> list[Claim]:
-    cell = found.frame.resolution**2
     if not found.common_cells:
         return [Claim("obstacles", "error", "The maps have no cell in common")]
     claims = []
     if changes:
-        count = Counter(change.kind for change in changes)
         parts = []
-        for kind in count:
+        for kind, count in Counter(change.kind for change in changes).items():
             area = sum(change.area for change in changes if change.kind == kind)
-            place = count_text(count[kind], "place")
-            parts.append(f"{decimal_text(area, 3)} m2 {kind} in {place}")
+            parts.append(f"{decimal_text(area, 3)} m2 {kind} in {count_text(count, 'place')}")
         more = f", and {count_text(unlisted, 'smaller change')}" if unlisted else ""
         text = f"Obstacles differ: {' and '.join(parts)}{more}"
         claims.append(Claim("obstacles", "warning", text, changes[0].kind))
@@ -173,17 +158,13 @@ def on_difference(found: Difference, changes: Sequence[Change], unlisted: int) -
     alone = found.not_compared
     text = f"{share:.3g} % of the common cells differ" if share else "All common cells are equal"
     if alone:
-        text += f"; {decimal_text(alone * cell, 3)} m2 are known in the first map alone"
+        known = decimal_text(alone * found.frame.resolution**2, 3)
+        text += f"; {known} m2 are known in the first map alone"
     claims.append(Claim("cells", "warning" if share or alone else "good", text, "What differs"))
-    if found.symmetry is not None:
-        text = f"The second map would be much more like the first if {found.symmetry}"
-        claims.append(Claim("geometry", "error", text, "What differs"))
-    else:
-        claims.append(_on_geometry(found.geometry))
-    return claims
-
-
-GEOMETRY = "Geometry and metadata, first \u2192 second"
+    if found.symmetry is None:
+        return [*claims, _on_geometry(found.geometry)]
+    text = f"The second map would be much more like the first if {found.symmetry}"
+    return [*claims, Claim("geometry", "error", text, "What differs")]
 
 
 def _on_geometry(geometry: Mapping[str, object]) -> Claim:
@@ -192,9 +173,6 @@ def _on_geometry(geometry: Mapping[str, object]) -> Claim:
     names = ", ".join(geometry)
     text = f"The maps do not cover the same cells: {names} differ{'s' * (',' not in names)}"
     return Claim("geometry", "warning", text, GEOMETRY)
-
-
-COST_CHANGES = "Changes of the cost"
 
 
 def on_cost_difference(found: CostDifference) -> list[Claim]:
@@ -223,8 +201,7 @@ def on_robots(
     parameters: Sequence[str], verdict: str, reach: str, costs: CostDifference, *, passes: bool
 ) -> list[Claim]:
     text = f"{count_text(len(parameters), 'parameter')} of the costmap differ"
-    text += f": {', '.join(parameters[:MOST_CLAIMS])}" if parameters else ""
-    text += f" and {len(parameters) - MOST_CLAIMS} more" if len(parameters) > MOST_CLAIMS else ""
+    text += f": {few_text(parameters, MOST_CLAIMS)}" if parameters else ""
     state: State = "good" if passes else "error"
     text_on_goals = f"{verdict[:1].upper()}{verdict[1:]}; reached {reach}"
     return [
@@ -260,7 +237,7 @@ def most_urgent(verdicts: Sequence[Verdict]) -> str:
 def shared_by(entries: Sequence[Entry]) -> tuple[Claim, ...]:
     """Return the claims that hold alike for all of several maps on which anything was found."""
     found = [entry.claims for entry in entries if entry.layers and entry.claims]
-    if len(found) < _FEWEST_SHARING:
+    if len(found) < 2:
         return ()
     return tuple(claim for claim in found[0] if all(claim in claims for claims in found))
 
@@ -268,10 +245,8 @@ def shared_by(entries: Sequence[Entry]) -> tuple[Claim, ...]:
 def state_of(entry: Entry, shared: Sequence[Claim] = ()) -> State:
     """Return what an entry comes to, leaving out what holds for all; by its items if without."""
     own = worst_of(claim.state for claim in entry.claims if claim not in shared)
-    if own is not None:
-        return own
-    if shared and entry.claims:
-        return "good"
+    if own is not None or (shared and entry.claims):
+        return own or "good"
     tones = {item.tone for item in entry.items}
     if "error" in tones:
         return "error"
