@@ -17,18 +17,16 @@ from mapdeal.commands import two_maps
 from mapdeal.compare import merge as merging
 from mapdeal.compare.align import bytes_to_align, placed as placed_on
 from mapdeal.compatibility import Unpack
-from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
+from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line, require
 from mapdeal.files.source import bytes_of_lines, claim, holding
-from mapdeal.grid.frame import Frame, Transform
+from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, check_choice, count_text
 from mapdeal.kernels.lookup import histogram
 from mapdeal.maps.formats import format_of
 from mapdeal.maps.reading import open_map, output_paths, write_grid
-from mapdeal.pictures.canvas import Image
-from mapdeal.pictures.comparisons import merge_image
-from mapdeal.pipeline import inputs
-from mapdeal.pipeline.folder import written_line
+from mapdeal.pictures import canvas, comparisons
+from mapdeal.pipeline import folder, inputs
 from mapdeal.sensors.points import transform_document
 
 _BYTES_PER_CELL = 26  # of the result; one more for each map
@@ -92,27 +90,18 @@ class Merged(Result):
         return int(np.count_nonzero(self.conflicts))
 
     def document(self) -> dict[str, Any]:
-        return {
-            "rule": self.rule,
-            "merged": [
-                {
-                    **(self.inputs[k].document() or {"file": None, "sha256": None}),
-                    "transform": transform_document(self.transforms[k]),
-                    **asdict(counts),
-                    "conflicts": counts.conflicts,
-                    "conflict_share": counts.conflict_share,
-                }
-                for k, counts in enumerate(self.maps)
-            ],
-            "common": self.common,
-            "conflicts": self.conflict_count,
-            "thickness": self.thickness,
-            "kept": self.kept,
-            "figures": self.grid.figures(),
-        }
+        merged = []
+        for source, transform, cells in zip(self.inputs, self.transforms, self.maps, strict=True):
+            named = source.document() or {"file": None, "sha256": None}
+            placed = {"transform": transform_document(transform), **asdict(cells)}
+            conflicts = {"conflicts": cells.conflicts, "conflict_share": cells.conflict_share}
+            merged.append({**named, **placed, **conflicts})
+        counts = {"common": self.common, "conflicts": self.conflict_count}
+        figures = {"thickness": self.thickness, "kept": self.kept, "figures": self.grid.figures()}
+        return {"rule": self.rule, "merged": merged, **counts, **figures}
 
     def summary(self, output: Path) -> Iterator[str]:
-        yield written_line(output, self.grid.figures(), with_origin=True)
+        yield folder.written_line(output, self.grid.figures(), with_origin=True)
         yield from self.lines()
 
     def lines(self) -> Iterator[str]:
@@ -145,12 +134,12 @@ class Merged(Result):
                 text += f", {share:.1f} % within {counts.same_wall:.3g} m"
             yield text
 
-    def drawn(self, *, title: str | None = None, **look: Any) -> Image:
+    def drawn(self, *, title: str | None = None, **look: Any) -> canvas.Image:
         names = [source.title for source in self.inputs]
         if len(set(names)) < len(names):
             names = [f"map {number}" for number in range(1, len(names) + 1)]
-        title = None if title is None else one_line(title)
-        return merge_image(self.grid, self.conflicts, names=names, title=title, **look)
+        look["title"] = None if title is None else one_line(title)
+        return comparisons.merge_image(self.grid, self.conflicts, names=names, **look)
 
     def write(self, transaction: Any, output: Path) -> None:
         metadata = self.inputs[0].metadata
@@ -273,8 +262,7 @@ def merge(
     [[100, 0, 100, 100, 0]]
     """
     check_choice(rule, merging.Rule, "rule")
-    if len(maps) < merging.FEWEST:
-        raise ParameterError("takes two maps or more", place="maps", got=len(maps))
+    require(len(maps) >= merging.FEWEST, "takes two maps or more", "maps", got=len(maps))
     names = [f"map {number}" for number in range(1, len(maps) + 1)]
     named = () if transforms is None or isinstance(transforms, str) else transforms
     files = [Path(file) for file in named if isinstance(file, str | PathLike)]
@@ -284,28 +272,26 @@ def merge(
     with settings.reading(), holding(sum(map(inputs.bytes_of, grids))):
         claim(sources[0].name, max(bytes_of_lines(grid.shape, _BYTES_PER_ROW) for grid in grids))
         layers = _evidence_of(sources, rule, evidence, settings.max_cells)
-        if transforms == "align":
-            found_transforms = _by_walls(grids, sources)
-        else:
-            found_transforms = _transforms_of(transforms, sources)
+        by_walls = transforms == "align"
+        placed = _by_walls(grids, sources) if by_walls else _transforms_of(transforms, sources)
     frames = [
         grid.frame if transform is None else transform.inverse().frame(grid.frame)
-        for grid, transform in zip(grids, found_transforms, strict=True)
+        for grid, transform in zip(grids, placed, strict=True)
     ]
     frames[1:] = [merging.snapped(frame, frames[0]) for frame in frames[1:]]
     with inputs.errors_named(sources[0].name):
         lattice = merging.lattice_around(grids, frames)
-    needed = _bytes_to_merge(
-        lattice, grids, layers, sums=rule == "evidence", is_drawn=settings.image is not None
-    )
+    per_cell = _BYTES_PER_CELL + len(grids) + _EVIDENCE_BYTES_PER_CELL * (rule == "evidence")
+    per_cell += _PICTURE_BYTES_PER_CELL * (settings.image is not None)
+    wall_cells = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
+    needed = sum(map(inputs.bytes_of, grids)) + _bytes_in(layers)
+    needed += _BYTES_PER_WALL_CELL * wall_cells + per_cell * lattice.height * lattice.width
     with settings.reading():
         size = f"{lattice.width} x {lattice.height} cells around all maps"
         claim(sources[0].name, needed, what=size)
     parts = merging.merged_on(lattice, grids, frames, rule, layers, same_wall)
-    merged = Merged(
-        **vars(parts), inputs=tuple(sources), rule=rule,
-        transforms=tuple(transform or Transform() for transform in found_transforms),
-    )  # fmt: skip
+    from_first = tuple(transform or Transform() for transform in placed)
+    merged = Merged(**vars(parts), inputs=tuple(sources), rule=rule, transforms=from_first)
     advice = _warn_of_frames(sources) if transforms is None else ""
     for text in _remarks_on(merged, [not layer for layer in layers], advice):
         emit_warning(text)
@@ -329,26 +315,13 @@ def _transforms_of(transforms: Any, maps: Sequence[inputs.MapInput]) -> list[Tra
     return found
 
 
-def _bytes_to_merge(
-    lattice: Frame, grids: Sequence[OccupancyGrid], layers: Sequence[merging.ChosenLayers], *,
-    sums: bool, is_drawn: bool,
-) -> int:  # fmt: skip
-    per_cell = _BYTES_PER_CELL + len(grids)
-    per_cell += _EVIDENCE_BYTES_PER_CELL * sums + _PICTURE_BYTES_PER_CELL * is_drawn
-    wall_cells = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
-    needed = sum(map(inputs.bytes_of, grids)) + _bytes_in(layers)
-    needed += _BYTES_PER_WALL_CELL * wall_cells
-    return needed + per_cell * lattice.height * lattice.width
-
-
 def _warn_of_frames(sources: Sequence[inputs.MapInput]) -> str:
     """Warn of maps that hardly share their frame; return the advice for maps that contradict."""
     is_shell = inputs.Work.current.get() is not None
     by_walls = ("--by align" if is_shell else "transforms='align'") + " places maps by their walls"
     pairs = [(sources[0], second) for second in sources[1:]]
     is_warned = [two_maps.warn_of_frames(pair, by_walls) for pair in pairs]
-    is_advised = is_shell and not any(is_warned)
-    return f"; {by_walls}" if is_advised else ""
+    return f"; {by_walls}" if is_shell and not any(is_warned) else ""
 
 
 def _evidence_of(
@@ -357,9 +330,9 @@ def _evidence_of(
 ) -> list[merging.ChosenLayers]:  # fmt: skip
     if layers_given is not None and rule != "evidence":
         raise ParameterError("is for rule evidence alone", place="evidence")
-    if layers_given is not None and len(layers_given) != len(maps):
-        text = f"must be {len(maps)}, one for each map"
-        raise ParameterError(text, place="evidence", got=len(layers_given))
+    if layers_given is not None:
+        text, count = f"must be {len(maps)}, one for each map", len(layers_given)
+        require(count == len(maps), text, "evidence", got=count)
     chosen: list[merging.ChosenLayers] = []
     for source, layers in zip(maps, layers_given or [None] * len(maps), strict=True):
         path = source.path if layers_given is None and rule == "evidence" else None
@@ -388,9 +361,9 @@ def _by_walls(
     claim(maps[0].name, bytes_to_align(sorted(cells)[-2:]), what="maps that are aligned")
     from_first = {0: Transform()}
     reasons: dict[int, str] = {}
-    placed_last = [0]
-    while placed_last:
-        bases, placed_last = placed_last, []
+    bases = [0]
+    while bases:
+        known = set(from_first)
         for number in range(1, len(grids)):
             for base in bases:
                 if number in from_first:
@@ -399,16 +372,15 @@ def _by_walls(
                     alignment = placed_on(grids[base], grids[number])
                 if alignment.same_place:
                     from_first[number] = alignment.transform.after(from_first[base])
-                    placed_last.append(number)
                 else:
                     reasons.setdefault(number, str(alignment.reason))  # that of the first map
-    for number, reason in reasons.items():
-        if number not in from_first:
-            first, name = maps[0].name, maps[number].name
-            elsewhere = " or on another" if len(from_first) > 1 else ""
-            rule = f"its placement on {first}{elsewhere} is uncertain: {reason}"
-            hint = f"mapdeal align {first} {name} shows the result; --by FILE.json uses it"
-            raise FindingError(rule, source=name, hint=hint)
+        bases = [number for number in from_first if number not in known]
+    for number in (number for number in reasons if number not in from_first):
+        first, name = maps[0].name, maps[number].name
+        elsewhere = " or on another" if len(from_first) > 1 else ""
+        rule = f"its placement on {first}{elsewhere} is uncertain: {reasons[number]}"
+        hint = f"mapdeal align {first} {name} shows the result; --by FILE.json uses it"
+        raise FindingError(rule, source=name, hint=hint)
     return [None, *(from_first[number] for number in range(1, len(grids)))]
 
 
@@ -425,8 +397,7 @@ def _remarks_on(merged: Merged, is_bare: Sequence[bool], advice: str) -> Iterato
         elif not counts.added and (merged.rule == "occupied" or not counts.conflicts):
             yield f"{name}: adds nothing: the maps before it know all of its cells and obstacles"
         if counts.is_contradicted:
-            yield (
-                f"{name}: contradicts the other maps on {100 * counts.conflict_share:.1f} % of the "
-                f"cells that it shares with them, and only {counts.met} of its {counts.walls} wall "
-                f"cells there have a wall of theirs near: it is hardly aligned{advice}"
-            )
+            share = 100 * counts.conflict_share
+            text = f"{name}: contradicts the other maps on {share:.1f} % of the "
+            text += f"cells that it shares with them, and only {counts.met} of its {counts.walls} "
+            yield f"{text}wall cells there have a wall of theirs near: it is hardly aligned{advice}"

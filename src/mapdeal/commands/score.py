@@ -26,15 +26,12 @@ from mapdeal.pictures.comparisons import ScoredWalls, score_image
 from mapdeal.pipeline import inputs
 from mapdeal.sensors.points import transform_document
 
+# How the maps were placed: by their files, by a transform, or by aligning them.
 Placement = Literal["frames", "transform", "align"]
-"""How the maps were placed: by their files, by a transform, or by aligning them."""
 
 _COLUMNS = (
     ("n", "n", score_bounds.COUNT, 9),
-    ("mean", "mean", score_bounds.METRES, 13),
-    ("median", "median", score_bounds.METRES, 13),
-    ("p95", "p95", score_bounds.METRES, 13),
-    ("max", "max", score_bounds.METRES, 13),
+    *((name, name, score_bounds.METRES, 13) for name in ("mean", "median", "p95", "max")),
     ("within 0.1 m", "share_le_0p1", score_bounds.SHARE, 14),
 )
 _AFTER_THICKNESS = (
@@ -93,21 +90,16 @@ class Score(Result):
 
     def document(self) -> dict[str, Any]:
         """Return what ``--json`` prints; ``map`` and ``truth`` are None for grids."""
-        frame = self.frame
         transform = None
         if self.transform is not None:
             transform = {**transform_document(Transform(*self.transform)), "by": self.placement}
+        lattice = {key: getattr(self.frame, key) for key in ("width", "height", "resolution")}
         return {
             "format": SCORE_FORMAT,
             "map": self.maps[0].document(),
             "truth": self.maps[1].document() if len(self.maps) > 1 else None,
             "transform": transform,
-            "lattice": {
-                "width": frame.width,
-                "height": frame.height,
-                "resolution": frame.resolution,
-                "origin": list(frame.origin),
-            },
+            "lattice": {**lattice, "origin": list(self.frame.origin)},
             "verdict": finding.verdict(self.faults) if self.values.get("known_in_both") else None,
             "faults": finding.document_of(self.faults),
             "values": self.values,
@@ -321,7 +313,11 @@ def score(
     _claim(maps, reading, aligns=align)
     estimate, *truths = (source.occupancy for source in maps)
     with inputs.errors_named(maps[0].name):
-        _warn_of_values(maps)
+        for source in maps:
+            between = int(histogram(source.occupancy.occupancy)[FREE + 1 : OCCUPIED].sum())
+            if between:
+                cells = f"{count_text(between, 'cell')} of 1..99 count{'s' * (between == 1)}"
+                emit_warning(f"{source.name}: {cells} as unknown")
         if not truths:
             values = scoring.score_alone(scoring.states_of(estimate.occupancy), estimate.frame)
             if not values["wall_cells"]:
@@ -337,40 +333,24 @@ def score(
             two_maps.warn_of_frames(maps, "--align places the map by its walls")
         comparison = scoring.compare_to_truth(estimate, truths[0], move)
         _warn_of_overlap(comparison, maps)
-    return Score(
-        values=comparison.values,
-        bounds=score_bounds.judged(limits, comparison.values),
-        frame=comparison.frame,
-        maps=tuple(maps),
-        transform=move.pose,
-        placement=placement,
-        comparison=comparison,
-        faults=finding.faults_of(comparison.estimate, comparison.truth, comparison.frame),
-    )
+    values, frame = comparison.values, comparison.frame
+    faults = finding.faults_of(comparison.estimate, comparison.truth, frame)
+    found = tuple(maps), move.pose, placement, comparison, faults
+    return Score(values, score_bounds.judged(limits, values), frame, *found)
 
 
 def _claim(maps: Sequence[inputs.MapInput], reading: inputs.Reading, *, aligns: bool) -> None:
     grids = [source.occupancy for source in maps]
     shape = grids[-1].shape
     walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
+    needed, of_picture = scoring.bytes_alone(shape, walls), 0
     if len(grids) > 1:
         needed = scoring.bytes_to_compare(shape, walls)
         of_picture = scoring.bytes_to_compare(shape, walls, is_drawn=True)
-    else:
-        needed = scoring.bytes_alone(shape, walls)
-        of_picture = 0
     lines = bytes_of_lines(shape, _BYTES_PER_LINE)
     needed = max(needed + lines, two_maps.bytes_to_place(maps) if aligns else 0)
     size = f"{shape[1]} x {shape[0]} cells"
     inputs.claim_for(maps, needed, size, of_picture=of_picture + lines, **reading)
-
-
-def _warn_of_values(maps: Sequence[inputs.MapInput]) -> None:
-    for source in maps:
-        between = int(histogram(source.occupancy.occupancy)[FREE + 1 : OCCUPIED].sum())
-        if between:
-            cells = f"{count_text(between, 'cell')} of 1..99 count{'s' * (between == 1)}"
-            emit_warning(f"{source.name}: {cells} as unknown")
 
 
 def _warn_of_overlap(comparison: scoring.Comparison, maps: Sequence[inputs.MapInput]) -> None:
