@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import numpy as np
 
@@ -21,14 +21,12 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
 from mapdeal.grid.values import OCCUPIED, UNKNOWN, count_text, decimal_text
 from mapdeal.kernels.lookup import histogram
-from mapdeal.maps.dialects import MapMetadata, Mode
-from mapdeal.maps.map_server import pair_paths
+from mapdeal.maps import dialects, map_server
 from mapdeal.maps.reading import write_grid
 from mapdeal.maps.zones import Zone, filter_mask, name_at, read_zones
 from mapdeal.pictures.canvas import Image
-from mapdeal.pipeline import inputs
+from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.inputs import InShell, KeepoutMask, MapInput, refuse
-from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.pipeline.settings import Settings
 from mapdeal.ros.filters import filter_launch, filter_parameters
 from mapdeal.ros.robot import RobotParameters
@@ -51,7 +49,7 @@ class FilterMask:
         return self.info.kind
 
     @property
-    def mode(self) -> Mode:
+    def mode(self) -> dialects.Mode:
         if self.kind == "speed":
             return "scale"  # greys that all readers take for 0..100, with thresholds 1 and 0
         return "raw" if histogram(self.grid.occupancy)[1:OCCUPIED].any() else "trinary"
@@ -82,10 +80,9 @@ class FilterMasks(Result):
     problems: tuple[str, ...] = ()  # findings about the masks, a line each
 
     def document(self) -> dict[str, Any]:
-        return {
-            "map": self.map.name, "masks": [mask.document() for mask in self.masks],
-            "parameters": _PARAMETERS, "launch": _LAUNCH,
-        }  # fmt: skip
+        masks = [mask.document() for mask in self.masks]
+        files = {"parameters": _PARAMETERS, "launch": _LAUNCH}
+        return {"map": self.map.name, "masks": masks, **files}
 
     def lines(self) -> Iterator[str]:
         yield f"{self.folder}:"
@@ -163,12 +160,12 @@ def mask(
     if "keepout" not in kinds:
         refuse("applies to keepout zones, and there are none", start=start, goals=tuple(goals))
     paths = [output / f"{kind}_mask.yaml" for kind in kinds]
-    work.outputs += [file for path in paths for file in pair_paths(path)]
+    work.outputs += [file for path in paths for file in map_server.pair_paths(path)]
     work.outputs += [output / _PARAMETERS, output / _LAUNCH]
     also = [file, *(robot.paths if robot else ())]
     (map_read,) = inputs.open_inputs(source, names=("the map",), also=also)
     inputs.claim_cells(map_read, PER_CELL)
-    shape = planned_shape(robot) if footprint is None and robot is not None else footprint
+    shape = recipe.planned_shape(robot) if footprint is None and robot is not None else footprint
     options: Any = {"unit": speed_unit, "base": base, "multiplier": multiplier}
     ends: Any = {"robot": shape, "start": start, "goals": goals}
     masks, problems = [], []
@@ -205,13 +202,11 @@ def read_mask(path: Path, settings: Settings, beside: MapInput) -> tuple[Keepout
         rule, hint = "is no mask that Nav2 loads", "pass the .yaml of a mask"
         raise errors.MalformedInputError(rule, source=path, hint=hint)
     with errors.capture_warnings():  # warnings about maps do not apply to masks
-        mask = inputs.mask_of(path, settings, beside.grid)
-    if mask is None:
-        raise TypeError("there is a mask")
+        mask = cast("KeepoutMask", inputs.mask_of(path, settings, beside.grid))
     return mask, pair
 
 
-def info_of(metadata: MapMetadata, kind: FilterKind | None) -> FilterInfo:
+def info_of(metadata: dialects.MapMetadata, kind: FilterKind | None) -> FilterInfo:
     """Return the kind of a mask and the meaning of its values: by its YAML, `kind` or its mode."""
     own = FilterInfo.of(metadata.extra)
     if own is not None and kind in (None, own.kind):

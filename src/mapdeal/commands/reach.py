@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,8 @@ from mapdeal.maps.npz import Grid, check_ends_in_npz
 from mapdeal.maps.reading import as_occupancy, write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.overlay import KeepoutOverlay
-from mapdeal.pipeline import inputs
+from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.folder import Spread, reach_document, spread_json, summary_of
-from mapdeal.pipeline.recipe import load_recipe, planned_shape
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.cost import closed_by
@@ -43,12 +42,8 @@ class Reachability(Spread):
     robot: RobotParameters | None = None
 
     @property
-    def missed(self) -> list[GoalReach]:
-        return [goal for goal in self.reach.goals if not goal.reachable]
-
-    @property
     def passes(self) -> bool:  # type: ignore[override]
-        return not self.missed
+        return all(goal.reachable for goal in self.reach.goals)
 
     def document(self) -> dict[str, Any]:
         described = {} if self.robot is None else self.robot.described()
@@ -82,9 +77,9 @@ class Reachability(Spread):
         return reach_image(self.reach, title=title, overlay=overlay, **look)
 
     def check(self) -> None:
-        if not self.missed:
+        if self.passes:
             return
-        first, *more = self.missed
+        first, *more = (goal for goal in self.reach.goals if not goal.reachable)
         rule = not_reachable_text(first, self.reach)
         if more:
             verb = "is" if len(more) == 1 else "are"
@@ -97,12 +92,9 @@ class Reachability(Spread):
             hint += "" if self.reach.reachable[row, col] else ", but it is not reachable either"
         elif first.limited_by is None and self.keepout is not None:
             hint = "the cells of the keepout mask are closed"
-        elif (
-            first.limited_by is None
-            and not self.reach.through_unknown
-            and (self.reach.occupancy == UNKNOWN).any()
-        ):
-            hint = "unknown cells are closed; --through-unknown opens them"
+        elif first.limited_by is None and not self.reach.through_unknown:
+            has_unknown = (self.reach.occupancy == UNKNOWN).any()
+            hint = "unknown cells are closed; --through-unknown opens them" if has_unknown else hint
         raise errors.FindingError(rule, source=self.map.name, hint=hint)
 
 
@@ -151,13 +143,13 @@ def chosen_goals(goals: Sequence[Goal | str], points: Path | None) -> list[Goal]
     listed = [] if points is None else goals_in(points)
     names = [goal for goal in goals if isinstance(goal, str)]
     by_name = {goal.name: goal for goal in listed if goal.name is not None}
-    for name in names:
-        if name not in by_name:
-            rule, hint = "must be [NAME=]X,Y", "a name alone is that of a point in --points FILE"
-            if points is not None:
-                rule, known = f"{points} has no such name", ", ".join(by_name) or "no point"
-                hint = errors.nearest_hint(name, by_name) or f"it names {known}"
-            raise errors.ParameterError(rule, place="goals", got=name, hint=hint)
+    unknown = [name for name in names if name not in by_name]
+    if unknown:
+        rule, hint = "must be [NAME=]X,Y", "a name alone is that of a point in --points FILE"
+        if points is not None:
+            rule, known = f"{points} has no such name", ", ".join(by_name) or "no point"
+            hint = errors.nearest_hint(unknown[0], by_name) or f"it names {known}"
+        raise errors.ParameterError(rule, place="goals", got=unknown[0], hint=hint)
     chosen = [by_name[goal] if isinstance(goal, str) else goal for goal in goals]
     return chosen if names else [*chosen, *listed]
 
@@ -242,30 +234,27 @@ def reachability(
         As for the stage `reach`.
     """
     if footprint is None and robot is None:
-        errors.emit_warning(
-            "no robot is given, by --robot-radius, --footprint or --params-file: the result is "
-            "that of a point; widest_radius_m is the radius of the largest round robot"
-        )
+        text = "no robot is given, by --robot-radius, --footprint or --params-file: the result is "
+        text += "that of a point; widest_radius_m is the radius of the largest round robot"
+        errors.emit_warning(text)
     inputs.need_ending(".json")
     if layers is not None:
         check_ends_in_npz(layers)
         work.outputs.append(layers)
     parameters["goals"] = tuple(chosen_goals(parameters.get("goals", ()), points))
-    shape = planned_shape(robot) if footprint is None and robot is not None else footprint
+    shape = recipe.planned_shape(robot) if footprint is None and robot is not None else footprint
     step = make_step("reach", {**parameters, "footprint": shape})
     mask = inputs.mask_of(work.settings.mask, work.settings)
     also = [*(robot.paths if robot else ()), *([points] if points else ())]
-    (map_read,) = inputs.open_inputs(
-        map, names=("map",), also=[*also, *(mask.files if mask else ())]
-    )
+    also += mask.files if mask else ()
+    (map_read,) = inputs.open_inputs(map, names=("map",), also=also)
     if robot is not None and not isinstance(map_read.grid, Costmap):
         inputs.warn_of_robot(map_read.name, map_read.grid, robot)
     found = reach_on_input(map_read, step, robot, mask)
     if "start" not in parameters:
-        x, y = found.start[:2]
-        errors.emit_warning(
-            f"no start is given: it is {x:.10g},{y:.10g}, the widest place of the largest open area"
-        )
+        at = ",".join(f"{coordinate:.10g}" for coordinate in found.start[:2])
+        text = f"no start is given: it is {at}, the widest place of the largest open area"
+        errors.emit_warning(text)
     if layers is not None:
         write_grid(work.begin(), layers, found)
     closed = None if mask is None else closed_by(mask.grid, found.frame)
@@ -291,25 +280,22 @@ def reach_on_input(
                 if mask is not None and robot.inflates_keepout and isinstance(grid, Costmap):
                     grid, mask = mask.over(grid), None
         found = step.apply(grid, map_read.path, mask=None if mask is None else mask.grid)
-    if not isinstance(found, Reach):
-        raise TypeError("the stage reach must make a Reach")
-    return found
+    return cast("Reach", found)
 
 
 def lethal_costs(robot: RobotParameters, map_read: inputs.MapInput) -> Grid:
     """Return a map with only its lethal and unknown cells, as the robot's costmap has them."""
     # Inscribed costs would cover unknown cells.
     grid = map_read.grid
-    for step in load_recipe(None, robot=robot.without_inflation()).steps:
+    for step in recipe.load_recipe(None, robot=robot.without_inflation()).steps:
         grid = step.apply(grid, map_read.path)
     if not isinstance(grid, Costmap):
         return grid
     is_unknown = grid.cost == grid.unknown_value
-    layers = robot.inflation_layers
-    if any(layer.inflate_around_unknown and layer.inflation_radius > 0 for layer in layers):
-        lethal = np.where(is_unknown, LETHAL_OBSTACLE, grid.cost)
-        return grid.with_values(lethal.astype(np.uint8))
-    return grid
+    layers = (layer for layer in robot.inflation_layers if layer.inflation_radius > 0)
+    if not any(layer.inflate_around_unknown for layer in layers):
+        return grid
+    return grid.with_values(np.where(is_unknown, LETHAL_OBSTACLE, grid.cost).astype(np.uint8))
 
 
 def lethal_cells(robot: RobotParameters, map_read: inputs.MapInput) -> OccupancyGrid:

@@ -15,17 +15,15 @@ from typing import Annotated, Any, Literal, overload
 from mapdeal import errors
 from mapdeal.command import FACTOR, METRES, REPULSION, OnlyInPython, Output, Words, command
 from mapdeal.compatibility import Unpack
+from mapdeal.grid import reaching, route_graph
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint, FootprintLike, shape_of
 from mapdeal.grid.frame import Point
 from mapdeal.grid.reach import Method, Route, reach_radius
-from mapdeal.grid.reaching import largest_closed_square, squares_to
-from mapdeal.grid.route_graph import RouteGraph
 from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE, OCCUPIED, count_text
 from mapdeal.maps.route_graphs import read_route_graph
-from mapdeal.pictures.canvas import Image
-from mapdeal.pictures.layers import cost_image
+from mapdeal.pictures import canvas, layers
 from mapdeal.pictures.overlay import Overlays, RouteOverlay
 from mapdeal.pictures.reach import GraphOverlay
 from mapdeal.pipeline import inputs
@@ -40,29 +38,22 @@ from mapdeal.stages.potential import CAP, GAIN, potential
 
 Heuristic = Literal["octile", "field"]
 
+# Uses of the distance field: none, in the cost of a step, or in the heuristic.
 SEARCHES = ("plain", "cost", "heuristic")
-"""Uses of the distance field: none, in the cost of a step, or in the heuristic."""
 
 _RECIPE = "nav2"
-_PER_CELL: dict[Method, float] = {
-    "astar": 36.0, "descent": 126.0, "geodesic": 56.0, "graph": 36.0,
-}  # fmt: skip
-"""Bytes for each cell, those of the recipe included."""
-
-_PER_CELL_OF_PAIRS = 60.0
-_PER_CELL_OF_HEURISTIC = 16.0  # bytes
-_HEURISTIC_WEIGHT = 2.0
-"""Default penalty of the heuristic field at an obstacle, metres: the lack of a clearance of 2 m."""
-
+# bytes for each cell, those of the recipe included
+_PER_CELL: dict[Method, float] = {"astar": 36, "descent": 126, "geodesic": 56, "graph": 36}
+_PER_CELL_OF_PAIRS, _PER_CELL_OF_HEURISTIC = 60.0, 16.0
+_HEURISTIC_WEIGHT = 2.0  # default at an obstacle, metres: the lack of a clearance of 2 m
 _FIELD_WEIGHT = 1.0  # default for the search cost: at an obstacle a metre costs one more
-_MEANS = {
-    "mean clearance": ("mean_clearance", "{:.3f} m"),
-    "min clearance": ("min_clearance", "{:.3f} m"),
-    "length": ("length", "{:.2f} m"),
-    "cost": ("cost", "{:.2f}"),
-    "expanded": ("expanded", "{:.0f}"),
+_MEANS = {  # columns of the table of means: attributes of routes, and how they are written
+    "mean_clearance": "{:.3f} m",
+    "min_clearance": "{:.3f} m",
+    "length": "{:.2f} m",
+    "cost": "{:.2f}",
+    "expanded": "{:.0f}",
 }
-"""Columns of the table of means: attributes of routes, and how they are written."""
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -83,7 +74,7 @@ class PlannedRoute(Route, Spread):
 
     map: inputs.MapInput
     costs: Costmap
-    graph: RouteGraph | None = None
+    graph: route_graph.RouteGraph | None = None
     has_robot: bool = True
 
     @property
@@ -105,12 +96,11 @@ class PlannedRoute(Route, Spread):
         if math.isfinite(self.min_clearance):
             text += f", at least {self.min_clearance:.2f} m from obstacles"
             text += f", {self.mean_clearance:.2f} m on average"
-        if not self.has_robot:
-            text += f"; no robot is given: recipe {_RECIPE}, radius 0.22 m"
+        text += "" if self.has_robot else f"; no robot is given: recipe {_RECIPE}, radius 0.22 m"
         ending = "to the border, the goal is beyond it" if self.beyond_window else "not reached"
         yield text if self.reached else f"{ending}: {text}"
 
-    def drawn(self, *, title: str | None = None, **look: Any) -> Image:
+    def drawn(self, *, title: str | None = None, **look: Any) -> canvas.Image:
         """Return the route over the costs."""
         if title is None:
             title = f"{self.map.title}: route, {self.method}"
@@ -118,14 +108,13 @@ class PlannedRoute(Route, Spread):
             title += ", field in the heuristic" if has_field else ""
         below = () if self.graph is None else (GraphOverlay(self.graph, is_below=True),)
         overlay = Overlays((*below, RouteOverlay(self)))
-        return cost_image(self.costs, title=title, overlay=overlay, **look)
+        return layers.cost_image(self.costs, title=title, overlay=overlay, **look)
 
     def check(self) -> None:
         """Raise FindingError if the goal is not reached, nor the border on the way to it."""
         if self.passes:
             return
-        goal = f"{self.goal[0]:.10g}, {self.goal[1]:.10g}"
-        hint = None
+        goal, hint = f"{self.goal[0]:.10g}, {self.goal[1]:.10g}", None
         if self.local_minimum is not None:
             x, y = (round(value, 3) + 0.0 for value in self.local_minimum)
             rule = f"stopped at {x:.10g}, {y:.10g}, in a local minimum of the potential over "
@@ -164,14 +153,12 @@ class PairedRoutes(Spread):
                 self.counts["failed"] += 1
                 yield json.dumps({"pair": number, "line": pair.line, **failure})
                 continue
-            if all(route.reached for route in found.values()):
-                for search, route in found.items():
-                    for name, _ in _MEANS.values():
-                        figure = getattr(route, name)
-                        self.sums[search, name] += math.nan if figure is None else figure
-            else:
-                self.counts["unreached"] += 1
+            is_reached = all(route.reached for route in found.values())
+            self.counts["unreached"] += not is_reached
             for search, route in found.items():
+                for name in _MEANS if is_reached else ():
+                    figure = getattr(route, name)
+                    self.sums[search, name] += math.nan if figure is None else figure
                 yield json.dumps({"pair": number, "method": search, **_entries(route)})
         if not self.counts["pairs"]:
             raise errors.MalformedInputError("holds no pairs of points", source=self.pairs_in)
@@ -197,23 +184,23 @@ class PairedRoutes(Spread):
 
     def lines(self) -> Iterator[str]:
         for entry in map(json.loads, self.parts()):
-            text = f"pair {entry['pair']}"
+            text = "not reached"
             if "error" in entry:
-                yield f"{text}: {entry['error']}"
+                text = entry["error"]
             elif entry["reached"]:
-                length, cost = entry["length_m"], entry["cost"]
-                yield f"{text}, {entry['method']}: {length:.2f} m, cost {cost:.2f}"
-            else:
-                yield f"{text}, {entry['method']}: not reached"
+                text = f"{entry['length_m']:.2f} m, cost {entry['cost']:.2f}"
+            by = f", {entry['method']}" if "method" in entry else ""
+            yield f"pair {entry['pair']}{by}: {text}"
 
     def remarks(self) -> Iterator[str]:
         if not self.reached:
             return
-        rows = [[f"means of {count_text(self.reached, 'pair')}", *_MEANS]]
+        titles = (name.replace("_", " ") for name in _MEANS)
+        rows = [[f"means of {count_text(self.reached, 'pair')}", *titles]]
         for search in self.searches:
-            means = {name: self.sums[search, name] / self.reached for name, _ in _MEANS.values()}
-            texts = [form.format(means[name]) if math.isfinite(means[name]) else "-"
-                     for name, form in _MEANS.values()]  # fmt: skip
+            means = {name: self.sums[search, name] / self.reached for name in _MEANS}
+            texts = [_MEANS[name].format(mean) if math.isfinite(mean) else "-"
+                     for name, mean in means.items()]  # fmt: skip
             rows.append([f"  {search}", *texts])
         first, *widths = (max(map(len, column)) for column in zip(*rows, strict=True))
         for head, *texts in rows:
@@ -232,8 +219,7 @@ class PairedRoutes(Spread):
 def route_document(route: Route) -> dict[str, Any]:
     document = {"method": route.method, **_entries(route)}
     if route.method == "descent":
-        minimum = route.local_minimum
-        document["local_minimum"] = None if minimum is None else rounded_place(*minimum)
+        document["local_minimum"] = route.local_minimum and rounded_place(*route.local_minimum)
     if route.beyond_window:
         document["beyond_window"] = True
     return {**document, "points": [list(map(rounded, point)) for point in route.points_xy.tolist()]}
@@ -374,13 +360,11 @@ def route(
     (True, 2.414214)
     """
     footprint = shape_of(footprint, robot_radius)
-    gains = _without_none(
-        attractive_gain=attractive_gain, repulsive_gain=repulsive_gain, repulsive_cap=repulsive_cap
-    )
+    repulsion: Any = {"repulsive_gain": repulsive_gain, "repulsive_cap": repulsive_cap}
+    gains = _without_none(attractive_gain=attractive_gain, **repulsion)
     of_field = _without_none(field_weight=field_weight, heuristic_weight=heuristic_weight)
-    weights: dict[str, Any] = {
-        "cost_travel_multiplier": cost_travel_multiplier, "through_unknown": through_unknown
-    }  # fmt: skip
+    weights: Any = {"cost_travel_multiplier": cost_travel_multiplier}
+    weights["through_unknown"] = through_unknown
     if method is None:
         method = "astar" if graph is None else "graph"
     if method == "graph" and graph is None:
@@ -392,8 +376,7 @@ def route(
         image = inputs.settings_of(**reading).image
         inputs.refuse("applies to one route, not to pairs", **of_one, image=image)
         if method == "graph":
-            rule = "are for methods astar, descent and geodesic"
-            raise errors.ParameterError(rule, place="pairs")
+            inputs.refuse("are for methods astar, descent and geodesic", pairs=pairs)
         compared: tuple[str, ...] = (method,)
         if method == "astar":
             compared = tuple(dict.fromkeys(SEARCHES if compare is None else compare))
@@ -436,9 +419,8 @@ def route(
     files = [] if graph is None else [graph]
     shape = (footprint, robot, mask, files, per_cell, reading)
     source, costs = _costs_of(map, *shape, is_local=global_map is not None)
-    known = None
-    if global_map is not None:
-        known = routes.Terrain.of(_costs_of(global_map, *shape)[1], **weights)
+    global_costs = None if global_map is None else _costs_of(global_map, *shape)[1]
+    known = None if global_costs is None else routes.Terrain.of(global_costs, **weights)
     with inputs.errors_named(source.name):
         terrain = routes.Terrain.of(costs, **weights, **_without_none(field_weight=field_weight))
         if followed is not None:
@@ -531,9 +513,9 @@ def _closed_to(robot: Footprint, costs: Costmap, *, obstacles: bool) -> Costmap:
     # Without `obstacles` the costs have the last word around these, to the last bit.
     cost = costs.cost.copy()
     is_lethal = cost == LETHAL_OBSTACLE
-    squared = squares_to(is_lethal & obstacles)
-    closed = largest_closed_square(reach_radius(robot), costs.frame)
-    cost[(squared <= closed) & ~is_lethal] = INSCRIBED_INFLATED_OBSTACLE
+    closed = reaching.largest_closed_square(reach_radius(robot), costs.frame)
+    is_closed = reaching.squares_to(is_lethal & obstacles) <= closed
+    cost[is_closed & ~is_lethal] = INSCRIBED_INFLATED_OBSTACLE
     return replace(costs, cost=cost)
 
 
