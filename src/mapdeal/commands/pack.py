@@ -21,8 +21,7 @@ from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.overlay import Overlay
-from mapdeal.pipeline.folder import files_of, summary_of, written_line
-from mapdeal.pipeline.inputs import Map, Work, claim_cells, claim_work, open_inputs
+from mapdeal.pipeline import folder, inputs
 
 PER_CELL = 3.0  # bytes for each cell of a bit map: mask, cells and output
 
@@ -43,16 +42,16 @@ class GridResult(Result):
         return {**self.grid.figures(), **self.figures}
 
     def lines(self) -> Iterator[str]:
-        yield from (summary_of(self.document()), *self.notes)
+        yield from (folder.summary_of(self.document()), *self.notes)
 
     def summary(self, output: Path) -> Iterator[str]:
-        yield written_line(output, self.document(), with_origin=bool(self.notes))
+        yield folder.written_line(output, self.document(), with_origin=bool(self.notes))
         yield from self.notes
 
     def drawn(self, **look: Any) -> Image:
         grid = self.grid.to_occupancy() if isinstance(self.grid, BitMap) else self.grid
         title = one_line(self.title)
-        return files_of(type(grid)).draw(grid, title=title, overlay=self.overlay, **look)
+        return folder.files_of(type(grid)).draw(grid, title=title, overlay=self.overlay, **look)
 
     def write(self, transaction: Any, output: Path) -> None:
         extra = dict(self.extra)
@@ -63,11 +62,11 @@ class GridResult(Result):
 
 
 def read_bits(
-    path: Path, work: Work, *, also: Sequence[Path] = ()
+    path: Path, work: inputs.Work, *, also: Sequence[Path] = ()
 ) -> tuple[BitMap, Mapping[str, Any]]:  # fmt: skip
     with work.settings.reading():
         bits, metadata, files = read_bit_map_pair(path, max_cells=work.settings.max_cells)
-        claim_work(path, bits, PER_CELL)
+        inputs.claim_work(path, bits, PER_CELL)
     work.begin([*files, *also])
     return bits, metadata.extra
 
@@ -75,12 +74,11 @@ def read_bits(
 @command(
     group="Formats",
     output=Output(
-        "OUT.pbm", "Bit map to write, with its .yaml.", streams=False,
-        paths=lambda path: list(bit_map_paths(path)),
+        "OUT.pbm", "Bit map to write, with its .yaml.", streams=False, paths=bit_map_paths,
     ),
     example="mapdeal pack examples/maps/office.yaml -o out/office.pbm",
 )  # fmt: skip
-def pack(source: Map, *, lethal_threshold: LethalThreshold | None = None) -> GridResult:
+def pack(source: inputs.Map, *, lethal_threshold: LethalThreshold | None = None) -> GridResult:
     """Write the obstacles of a map as a bit map (PBM P4).
 
     Parameters
@@ -91,8 +89,8 @@ def pack(source: Map, *, lethal_threshold: LethalThreshold | None = None) -> Gri
     lethal_threshold : int, optional
         Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a field.
     """
-    (read,) = open_inputs(source, names=("map",))
-    claim_cells(read, PER_CELL)
+    (read,) = inputs.open_inputs(source, names=("map",))
+    inputs.claim_cells(read, PER_CELL)
     if isinstance(read.grid, (DistanceField, PotentialField)):
         if lethal_threshold is not None:
             raise ParameterError("a field has its own", source=read.name, place="lethal_threshold")

@@ -23,8 +23,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint, FootprintRule, sample_poses
 from mapdeal.kernels.lookup import look_up
-from mapdeal.pipeline import inputs
-from mapdeal.pipeline.recipe import step_for
+from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.step import make_step
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import NumberLines, read_points, read_pose_lines
@@ -33,16 +32,14 @@ from mapdeal.stages.esdf import esdf
 _END = "}\n"  # of an answer
 _STATES = ("free", "occupied", "unknown")
 _FREE, _OCCUPIED, _UNKNOWN = range(len(_STATES))
-
 _STATES_OF_COSTS = ("free", "collision", "unknown", "outside")
 _FREE_COST, _COLLISION, _UNKNOWN_COST, _OUTSIDE = range(len(_STATES_OF_COSTS))
-
+# of x, y, row, col, distance, both slopes, and the distance of the cell
 _OF_POINTS = [*[Kind.EXACT] * 2, *[Kind.INTEGER] * 2, *[Kind.SINGLE] * 4]
-"""Of x, y, row, col, distance, both slopes, and the distance of the cell."""
-
 _OF_POSES = [*[Kind.EXACT] * 3, Kind.INTEGER]  # of x, y, yaw and the cost
-_PER_CELL, _OF_ROBOT = 1.0, 3.0
-"""Bytes for each cell: the costs of a map, and what a robot's take to make."""
+_PER_CELL, _OF_ROBOT = 1.0, 3.0  # bytes: the costs of a map, and what a robot's take to make
+# Returns a JSON object for each line that asks, and which of the places are inside of the map.
+Answer = Callable[[NumberLines], tuple[str, NDArray[np.bool_]]]
 
 
 def _form(template: str) -> Form:
@@ -70,9 +67,6 @@ def _forms_of_poses() -> Iterator[Form]:
 
 
 _FORMS_OF_POINTS, _FORMS_OF_POSES = list(_forms_of_points()), list(_forms_of_poses())
-
-Answer = Callable[[NumberLines], tuple[str, NDArray[np.bool_]]]
-"""Returns a JSON object for each line that asks, and which of the places are inside of the map."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,8 +101,8 @@ class Answers(Result):
             yield from map(_answer_text, map(json.loads, part.splitlines()))
 
     def details(self) -> Iterator[str]:
-        count, outside = self.counts["all"], self.counts["outside"]
-        yield f"{count} {self.unit}s, {outside} of them outside of the map"
+        counts = self.counts
+        yield f"{counts['all']} {self.unit}s, {counts['outside']} of them outside of the map"
 
     def check(self) -> None:
         counts, count = self.counts, self.counts["all"]
@@ -259,9 +253,8 @@ def _answers_of(field: DistanceField, questions: NumberLines) -> tuple[str, NDAr
     cells, inside = field.frame.bounded_rowcol_from_xy(questions.numbers)
     samples = field.query(questions.numbers)
     at = cells[:, 0], cells[:, 1]
-    columns = np.column_stack(
-        [questions.numbers, cells, samples.distance, samples.gradient, field.distance[at]]
-    )
+    measured = samples.distance, samples.gradient, field.distance[at]
+    columns = np.column_stack([questions.numbers, cells, *measured])
     occupancy = field.occupancy[at]
     states = np.where(occupancy >= field.lethal_threshold, _OCCUPIED, _FREE)
     states[occupancy == values.UNKNOWN] = _UNKNOWN  # whatever the field counts unknown cells as
@@ -290,13 +283,13 @@ def _costs_of(
     inputs.warn_of_values(source)
     with inputs.errors_named(source.name):
         if robot is not None:
-            step = step_for("cost", robot, {})
+            step = recipe.step_for("cost", robot, {})
             if mask is not None:
                 return mask.costs_of(step, grid, source.path)[1]
             return cast("Costmap", step.apply(grid, source.path))
         table = values.static_layer_cost_from_occupancy(inscribed_value=None)
-        cost = look_up(source.occupancy.occupancy, table)
-        costs = Costmap(cost, source.occupancy.resolution, source.occupancy.origin)
+        cells = source.occupancy
+        costs = Costmap(look_up(cells.occupancy, table), cells.resolution, cells.origin)
         return costs if mask is None else mask.over(costs)
 
 

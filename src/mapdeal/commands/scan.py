@@ -13,20 +13,8 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import (
-    ABOVE_0,
-    AT_LEAST_0,
-    AT_LEAST_1,
-    METRES,
-    POSE,
-    RADIANS,
-    Condition,
-    Output,
-    Result,
-    Words,
-    command,
-    parameters_of,
-)
+from mapdeal import command as definitions
+from mapdeal.command import ABOVE_0, AT_LEAST_0, AT_LEAST_1, METRES, POSE, RADIANS, Condition, Words
 from mapdeal.commands.graph import graph_of
 from mapdeal.commands.reach import start_of
 from mapdeal.compatibility import Unpack
@@ -79,7 +67,7 @@ def _paths(output: Path) -> Iterable[Path]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SimulatedScans(Result):
+class SimulatedScans(definitions.Result):
     """Scans of a simulated laser scanner on a map, and the run that they are from.
 
     Parameters
@@ -126,27 +114,24 @@ class SimulatedScans(Result):
 
     def lines(self) -> Iterator[str]:
         figures = self.document()
-        yield (
-            f"{count_text(figures['scans'], 'scan')} of {self.scanner.beams} beams along "
-            f"{self.length:.2f} m in {figures['duration_s']:g} s: {figures['hits']} hits, "
-            f"{figures['no_return']} without return, {figures['too_near']} too near"
-        )
+        text = f"{count_text(figures['scans'], 'scan')} of {self.scanner.beams} beams along "
+        text += f"{self.length:.2f} m in {figures['duration_s']:g} s: {figures['hits']} hits, "
+        yield f"{text}{figures['no_return']} without return, {figures['too_near']} too near"
         if self.visible_count is not None:
             share = 100 * (self.seen_count or 0) / max(self.visible_count, 1)
             yield f"  sees {share:.2f} % of {self.visible_count} visible wall cells"
 
     def summary(self, output: Path) -> Iterator[str]:
         first, *more = self.lines()
-        yield f"{output}: {first}"
-        yield from more
+        yield from (f"{output}: {first}", *more)
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
         """Return the robot's way over the map."""
         line = self.robot_poses[:, :2]
         start, goal = ((float(x), float(y)) for x, y in line[[0, -1]])
-        route = Route("graph", True, start, goal, line, self.length)
-        look |= {"title": title or f"{self.map.title}: simulated scans"}
-        return occupancy_image(self.map.occupancy, **{**look, "overlay": RouteOverlay(route)})
+        overlay = RouteOverlay(Route("graph", True, start, goal, line, self.length))
+        look |= {"title": title or f"{self.map.title}: simulated scans", "overlay": overlay}
+        return occupancy_image(self.map.occupancy, **look)
 
     def write(self, transaction: Any, output: Path) -> None:
         """Write the log: .npz, a CARMEN .log, or a bag of ROS 2."""
@@ -261,10 +246,10 @@ def scan(
     if sum(sources.values()) != 1:
         hint = "--tour drives past all visible walls"
         raise ParameterError("exactly one of these is needed", place=", ".join(sources), hint=hint)
-    for key, value, kind in (("poses", poses, Sized), ("route", route, Route)):
+    kinds = {"poses": (poses, Sized, "poses"), "route": (route, Route, "a Route")}
+    for key, (value, kind, noun) in kinds.items():
         if value is not None and not isinstance(value, (str, PathLike, kind)):
-            rule = "must be a file or poses" if key == "poses" else "must be a file or a Route"
-            raise ParameterError(rule, place=key, got=value)
+            raise ParameterError(f"must be a file or {noun}", place=key, got=value)
     if not tour:
         inputs.refuse("applies to a tour", start=start, footprint=footprint, robot=robot)
     numbers = {
@@ -272,7 +257,7 @@ def scan(
         "beams": beams, "noise": noise, "dropout": dropout, "odom_noise": odom_noise,
     }  # fmt: skip
     for key, value in numbers.items():
-        parameters_of(scan)[key].accept(value)
+        definitions.parameters_of(scan)[key].accept(value)
     BeamLimits(range_min, range_max)
     mount = check_pose(sensor_at, "sensor_at")
     scanner = Scanner(range_min, range_max, fov, beams, noise, dropout, mount)
@@ -283,10 +268,8 @@ def scan(
     around = Surroundings(source.occupancy, through_unknown)
     is_hit, is_visible = np.zeros((2, around.cells), dtype=np.bool_)
     if poses is not None:
-        if files:
-            robot_poses = read_poses(files[0])
-        else:
-            robot_poses = Scans(poses, np.empty(0), np.empty((len(poses), 0))).poses.copy()
+        scanned = None if files else Scans(poses, np.empty(0), np.empty((len(poses), 0)))
+        robot_poses = read_poses(files[0]) if scanned is None else scanned.poses.copy()
         robot_poses[:, 2] = np.unwrap(robot_poses[:, 2])
     elif tour:
         planned = graph_of(
@@ -356,7 +339,7 @@ class _ScanRun(batch.BatchWork):
 
 
 @dataclass(frozen=True)
-class _Log(Result):
+class _Log(definitions.Result):
     figures: dict[str, Any]
     texts: list[str]
     status: ClassVar[str] = "done"
@@ -379,10 +362,10 @@ class ScanLogs(batch.Batch):
         yield f"{self.output}: {self.count('done')} done, {self.count('failed')} failed"
 
 
-@command(
+@definitions.command(
     name="scan",
     group="Laser scans and point clouds",
-    output=Output(
+    output=definitions.Output(
         "LOG", "Where to write the scans: .npz, .log (CARMEN), .mcap, or a folder .db3; for "
         "several maps a folder.", streams=False,
     ),
@@ -441,5 +424,5 @@ def scan_maps(
         from mapdeal.pipeline.workers import ProcessWorkers  # slow to import
 
         workers = ProcessWorkers(size)
-    run = batch.run_and_report
-    return run(scan_jobs, output, scan_run, ScanLogs, work.terminal, workers=workers)
+    place = output, scan_run, ScanLogs, work.terminal
+    return batch.run_and_report(scan_jobs, *place, workers=workers)

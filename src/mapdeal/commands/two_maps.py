@@ -22,9 +22,7 @@ from mapdeal.kernels.distance import within_distance
 from mapdeal.pipeline import inputs
 from mapdeal.sensors.points import TransformFile, read_transform
 
-_NEAR = 0.15
-"""Metres, and at least one and a half cells, within which walls of two maps count as one."""
-
+_NEAR = 0.15  # metres, and 1.5 cells at least, within which walls of two maps count as one
 _MUCH_BETTER = 0.3  # of all walls: the share that must meet more than before
 _MOST_WALLS = 20_000
 _MEET_ANYWAY = 0.7  # share of walls that meet where maps certainly lie in one frame
@@ -58,8 +56,7 @@ def transform_in(
 
 def opened_in_one_frame(
     first: inputs.Map, second: inputs.Map, *, align: bool,
-    by: str | PathLike[str] | Transform | Sequence[float] | None,
-    **reading: Unpack[inputs.Reading],
+    by: str | PathLike[str] | Transform | Sequence[float] | None, **reading: Unpack[inputs.Reading],
 ) -> tuple[list[inputs.MapInput], Transform | None]:  # fmt: skip
     if align and by is not None:
         raise ParameterError("cannot be given together with --by", place="align")
@@ -68,9 +65,7 @@ def opened_in_one_frame(
     if align:
         inputs.claim_for(maps, bytes_to_place(maps), "maps that are aligned", **reading)
         return maps, aligned(maps, hint="--by FILE uses a transform as it is")
-    if transform is not None:
-        return maps, transform_in(transform, files, maps)
-    return maps, None
+    return maps, None if transform is None else transform_in(transform, files, maps)
 
 
 def are_costs(maps: Sequence[inputs.MapInput]) -> bool:
@@ -127,18 +122,15 @@ def warn_of_frames(maps: Sequence[inputs.MapInput], advice: str) -> bool:
     if after - before < _MUCH_BETTER:
         return False
     x, y, yaw = (round(value, 3) + 0.0 for value in found.transform.pose)
-    emit_warning(
-        f"{maps[0].name}, {maps[1].name}: do not lie in one frame: {100 * before:.0f} % of the "
-        f"walls of the first lie on walls of the second, and {100 * after:.0f} % once it is moved "
-        f"by x {x:g} m, y {y:g} m, yaw {yaw:g} rad; {advice}",
-    )
+    text = f"{maps[0].name}, {maps[1].name}: do not lie in one frame: {100 * before:.0f} % of the "
+    text += f"walls of the first lie on walls of the second, and {100 * after:.0f} % once it is "
+    emit_warning(f"{text}moved by x {x:g} m, y {y:g} m, yaw {yaw:g} rad; {advice}")
     return True
 
 
 def _meeting(first: OccupancyGrid, second: OccupancyGrid, transform: Transform) -> float | None:
     """Return the share of the first map's walls on walls of the second, if both have walls."""
-    walls = np.flatnonzero(first.occupied())
-    there = second.occupied()
+    walls, there = np.flatnonzero(first.occupied()), second.occupied()
     if not len(walls) or not there.any():
         return None
     walls = walls[:: -(-len(walls) // _MOST_WALLS)]

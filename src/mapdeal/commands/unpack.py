@@ -14,9 +14,7 @@ from mapdeal.pipeline.inputs import InShell
 @command(
     group="Formats",
     output=Output(
-        "OUT",
-        "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz.",
-        paths=lambda path: list(output_paths(path)),
+        "OUT", "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz.", paths=output_paths
     ),
     shared=("image", "max_cells", "force", "threads", "max_memory"),
     example="""\

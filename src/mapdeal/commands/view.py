@@ -71,10 +71,8 @@ def view(
     if first.suffix.lower() in ENDINGS and not following:
         page = absolute_path(first)
     else:
-        settings = work.settings
         name = first.name if is_folder(first) else first.stem
         page = lasting_folder() / f"{name or 'report'}.html"
-        report = write_report(
-            page, [first, *following], dialect=settings.dialect, max_cells=settings.max_cells
-        )
+        limits: Any = {key: getattr(work.settings, key) for key in ("dialect", "max_cells")}
+        report = write_report(page, [first, *following], **limits)
     return Viewed(page, browser and webbrowser.open(page.as_uri()), browser, report)
