@@ -154,13 +154,11 @@ class BitMap(Framed):
         self, points_xy: Sequence[Point], *, thickness: float = 0.0, value: bool = True
     ) -> BitMap:  # fmt: skip
         """Return a bit map with a `mapdeal.Line` drawn, clipped to the grid."""
-        spans = Line(points_xy, thickness).spans(self.frame)
-        return self.painted((part, value) for part in spans)
+        return self.painted((part, value) for part in Line(points_xy, thickness).spans(self.frame))
 
     def circle(self, center_xy: Point, radius: float, *, value: bool = True) -> BitMap:
         """Return a bit map with a `mapdeal.Circle` drawn, clipped to the grid."""
-        spans = Circle(center_xy, radius).spans(self.frame)
-        return self.painted((part, value) for part in spans)
+        return self.painted((part, value) for part in Circle(center_xy, radius).spans(self.frame))
 
     def copy(self) -> BitMap:
         """Return a copy with its own bytes."""
@@ -169,8 +167,7 @@ class BitMap(Framed):
     def count(self) -> int:
         """Return the number of ones."""
         every_byte = np.arange(256, dtype=np.uint8)[:, np.newaxis]
-        bits_per_byte = np.unpackbits(every_byte, axis=1).sum(axis=1)
-        return int(histogram(self.packed) @ bits_per_byte)
+        return int(histogram(self.packed) @ np.unpackbits(every_byte, axis=1).sum(axis=1))
 
     def with_packed(self, packed: NDArray[np.uint8]) -> Self:
         """Return a bit map with the same geometry and other bits."""

@@ -14,6 +14,7 @@ from mapdeal.errors import ParameterError, require
 from mapdeal.grid import values as map_values
 from mapdeal.grid.frame import Figures, Origin, ValueGrid, as_layer, library
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels.arrays import Floats
 from mapdeal.kernels.blocks import counts_of, is_lazy
 from mapdeal.kernels.distance import squares_between_cells
 from mapdeal.kernels.lookup import look_up
@@ -192,9 +193,7 @@ class Costmap(ValueGrid):
         return cls(look_up(grid.occupancy, table), grid.resolution, grid.origin)
 
 
-def travel_weights(
-    costmap: Costmap, multiplier: float, *, through_unknown: bool = False
-) -> NDArray[np.float64]:
+def travel_weights(costmap: Costmap, multiplier: float, *, through_unknown: bool = False) -> Floats:
     """Return the cost of a cell's length by the byte of its cost, shape (256,); 0 if closed."""
     # ``getTraversalCost`` of Nav2's Smac 2D planner. NavFn gives unknown cells the highest cost
     # that is open, too.

@@ -16,6 +16,7 @@ from mapdeal.grid.canvas import FieldGrid, embedded, layer_of_box, padded
 from mapdeal.grid.frame import Figures, Origin, Point, Region, as_layer, as_points, check_point
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.values import OCCUPIED, UNKNOWN, count_text, numbers_text
+from mapdeal.kernels.arrays import Floats
 from mapdeal.kernels.blocks import mapped, swept
 from mapdeal.kernels.lookup import interpolate
 from mapdeal.kernels.threads import in_parallel
@@ -487,8 +488,7 @@ class PotentialField(FieldGrid):
             return None
         row, col = self.frame.continuous_rowcol_from_xy([self.goal])[0]
         rows = np.arange(self.shape[0])[:, np.newaxis] + 0.5 - row
-        distance = np.hypot(rows, np.arange(self.shape[1]) + 0.5 - col)
-        return np.asarray(distance * self.resolution)
+        return np.asarray(np.hypot(rows, np.arange(self.shape[1]) + 0.5 - col) * self.resolution)
 
     @layer_of_box
     def potential(self) -> NDArray[np.float64]:
@@ -501,9 +501,7 @@ class PotentialField(FieldGrid):
     def normalised(self) -> NDArray[np.float64]:
         """Potential scaled to 0..10, shape (H, W); all 0 if it is constant."""
         low, high = float(self.potential.min()), float(self.potential.max())
-        if high == low:
-            return np.zeros(self.shape)
-        return 10 * (self.potential - low) / (high - low)
+        return np.zeros(self.shape) if high == low else 10 * (self.potential - low) / (high - low)
 
     @layer_of_box
     def gradient(self) -> NDArray[np.float64]:
@@ -555,9 +553,7 @@ class PotentialField(FieldGrid):
         along_cols = np.gradient(values, axis=1) if width > 1 else np.zeros(self.shape)
         return self._along_map_axes(along_rows, along_cols)
 
-    def _along_map_axes(
-        self, along_rows: NDArray[np.float64], along_cols: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _along_map_axes(self, along_rows: Floats, along_cols: Floats) -> Floats:
         cos, sin = math.cos(self.origin[2]), math.sin(self.origin[2])
         slopes = np.empty((2, *self.shape))
         np.subtract(along_cols * cos, along_rows * sin, out=slopes[0])

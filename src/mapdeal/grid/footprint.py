@@ -17,6 +17,7 @@ from mapdeal.errors import ParameterError, emit_warning, require
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Frame, Point, are_near, as_float32, as_numbers, turned
 from mapdeal.grid.values import OneLineRepr, check_choice, points_text
+from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.polygons import Lattice, Spans, costs_at_poses, edges_of_rings, stacked_spans
 
 
@@ -55,17 +56,14 @@ def check_simple(points: Sequence[Point], shape: str) -> None:
     is_few = len(points) <= _FEW
     for i, candidates in _near_edges_of_few(points) if is_few else _near_edges(starts, ends):
         a, b, c, d = starts[i], ends[i], starts[candidates], ends[candidates]
-        apart = _side(a, b, c) * _side(a, b, d) < 0
-        crosses = apart & (_side(c, d, a) * _side(c, d, b) < 0)
+        crosses = (_side(a, b, c) * _side(a, b, d) < 0) & (_side(c, d, a) * _side(c, d, b) < 0)
         if crosses.any():
             crossed = int(candidates[np.argmax(crosses)])
             rule = f"the edge crosses the one that starts at vertex {crossed + 1}"
             raise ParameterError(rule, place=f"{shape} vertex {i + 1}", got=points[i])
 
 
-def _near_edges(
-    starts: NDArray[np.float64], ends: NDArray[np.float64]
-) -> Iterator[tuple[int, NDArray[np.int64]]]:
+def _near_edges(starts: Floats, ends: Floats) -> Iterator[tuple[int, Integers]]:
     """Yield each edge, and the later ones whose bounding boxes meet its own."""
     low, high = np.minimum(starts, ends), np.maximum(starts, ends)
     for i in range(len(starts) - 1):
@@ -79,10 +77,9 @@ def _near_edges_of_few(points: Sequence[Point]) -> Iterator[tuple[int, NDArray[n
     edges = edges_of(points)
     boxes = [(min(ax, bx), max(ax, bx), min(ay, by), max(ay, by)) for (ax, ay), (bx, by) in edges]
     for i, (low_x, high_x, low_y, high_y) in enumerate(boxes):
-        end = len(boxes) - (i == 0)
         later = [
             j
-            for j in range(i + 2, end)
+            for j in range(i + 2, len(boxes) - (i == 0))
             if boxes[j][0] <= high_x and boxes[j][1] >= low_x
             and boxes[j][2] <= high_y and boxes[j][3] >= low_y
         ]  # fmt: skip
@@ -119,9 +116,7 @@ def is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
-def _side(
-    a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _side(a: Floats, b: Floats, p: Floats) -> Floats:
     """Return the side of the line through `a` and `b` on which a point lies: -1, 1, or 0 on it."""
     # Decimal coordinates that touch exactly differ by rounding; they still count as touching.
     along, beside = b - a, p - a
@@ -283,9 +278,7 @@ def footprint_spans(footprint: Footprint, frame: Frame, heading_count: int) -> t
     return tuple(spans)
 
 
-def _corner_cells(
-    corners: NDArray[np.float64], turn: float, resolution: float
-) -> NDArray[np.int64]:
+def _corner_cells(corners: Floats, turn: float, resolution: float) -> Integers:
     with np.errstate(over="ignore"):
         cells = np.floor(0.5 + turned(corners, turn)[:, ::-1] / resolution + _ROUNDING)
     return np.clip(cells, -_FARTHEST, _FARTHEST).astype(np.int64)

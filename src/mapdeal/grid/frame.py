@@ -24,6 +24,7 @@ from mapdeal.grid.values import (
     count_text,
     numbers_text,
 )
+from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
 from mapdeal.kernels.polygons import Spans, paint
 from mapdeal.kernels.sensing import cells_of_points
@@ -195,8 +196,7 @@ class Frame:
             first = points[near.all(axis=1).argmin()]
             raise ParameterError(rule, place="point", got=tuple(first.tolist()))
         x, y, yaw = self.origin
-        cells_xy = turned(points - np.array([x, y]), -yaw) / self.resolution
-        return cells_xy[:, ::-1]
+        return (turned(points - np.array([x, y]), -yaw) / self.resolution)[:, ::-1]
 
     def tolerance_at(self, points_xy: ArrayLike) -> NDArray[np.float64]:
         """Return the rounding error of coordinates in cells, shape (N, 1), larger far away."""
@@ -280,9 +280,7 @@ class Frame:
         row, col = np.clip(places[0], cell + CELL_TOLERANCE, cell + 1 - CELL_TOLERANCE).tolist()
         return row, col
 
-    def _bounded(
-        self, points_xy: ArrayLike
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+    def _bounded(self, points_xy: ArrayLike) -> tuple[Floats, Mask, Floats]:
         """Return the places of points, which are inside, and the tolerance of each place."""
         points = np.asarray(points_xy, dtype=np.float64).reshape(-1, 2)
         near = np.abs(points) <= FARTHEST  # refuses nan too
@@ -448,9 +446,7 @@ class Region(NamedTuple):
     width: int
 
     @classmethod
-    def spanning(
-        cls, in_rows: NDArray[np.bool_], in_cols: NDArray[np.bool_], *, grow: int = 0
-    ) -> Region | None:
+    def spanning(cls, in_rows: Mask, in_cols: Mask, *, grow: int = 0) -> Region | None:
         """Return the region of all marked rows and columns, grown by cells within the grid."""
         spans = []
         for lines in (in_rows, in_cols):

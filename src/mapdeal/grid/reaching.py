@@ -34,7 +34,7 @@ from mapdeal.grid.reach import (
 )
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels import components, paths
-from mapdeal.kernels.arrays import Bytes, Mask, SquaredDistances
+from mapdeal.kernels.arrays import Bytes, Floats, Mask, SquaredDistances
 from mapdeal.kernels.components import ClearanceTree, RootedTree, joined
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.polygons import Pose
@@ -140,8 +140,7 @@ class PassageTree:
             return None
         is_wider = tree.squares > closed_up_to
         labels, _ = joined(len(areas), tree.firsts[is_wider], tree.seconds[is_wider])
-        largest = np.argmax(np.bincount(labels, weights=areas))
-        return self.cells_of(labels == largest, closed_up_to)
+        return self.cells_of(labels == np.argmax(np.bincount(labels, weights=areas)), closed_up_to)
 
     def cells_of(self, is_chosen: NDArray[np.bool_], closed_up_to: int) -> NDArray[np.bool_]:
         """Return the cells of the chosen basins whose square is above a limit, shape (H, W)."""
@@ -327,8 +326,7 @@ def _passage_order(passage: Passage) -> tuple[object, ...]:
 def disconnected(grid: OccupancyGrid, radius: float, min_area: float) -> list[Passage]:
     # Where no path at all connects two components of the map, passages are those seen from the
     # largest area of each.
-    ground = Ground(grid.occupancy, grid.frame, through_unknown=False)
-    passage_tree = ground.passage_tree()
+    passage_tree = Ground(grid.occupancy, grid.frame, through_unknown=False).passage_tree()
     tree = passage_tree.tree
     is_open = passage_tree.is_open(largest_closed_square(radius, grid.frame))
     counts, basins = _regions(passage_tree, is_open, radius)
@@ -398,9 +396,8 @@ def _meetings(
 
 
 def _closed_meetings(
-    ends: NDArray[np.intp], sizes: NDArray[np.float64], is_region: NDArray[np.bool_],
-    is_large: NDArray[np.bool_], min_count: float,
-) -> NDArray[np.intp]:  # fmt: skip
+    ends: NDArray[np.intp], sizes: Floats, is_region: Mask, is_large: Mask, min_count: float
+) -> NDArray[np.intp]:
     # Adjacent small regions beyond a closed passage are counted as one region.
     count = len(sizes)
     regions, edges = joined(count, ends[0], ends[1], is_region)
@@ -561,8 +558,7 @@ class _RoundPoses(paths.OpenPoses):
         return np.full(self._heading_count, self.headings[row, col] > 0)
 
     def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell]) -> tuple[Bytes, Mask]:
-        from_start = self._passage_tree.rooted_at(seeds[0][1:])
-        reachable = from_start.reachable(self._closed_up_to)
+        reachable = self._passage_tree.rooted_at(seeds[0][1:]).reachable(self._closed_up_to)
         is_reached = np.array([reachable[cell] > 0 for cell in cells], dtype=np.bool_)
         return reachable, np.repeat(is_reached[:, np.newaxis], self._heading_count, axis=1)
 

@@ -15,6 +15,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint, sample_poses
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION, OneLineRepr, count_text
+from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.lookup import least_along, places_along
 
 _SAMPLES = 1 << 17  # positions that are checked at once; their arrays stay in the cache
@@ -131,9 +132,8 @@ class Sweeps:
         return Costmap(self.closed, self.frame.resolution, self.frame.origin)
 
     def along(
-        self, starts: NDArray[np.float64], ends: NDArray[np.float64], *, touches: bool = True,
-        step: float = _STEP,
-    ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:  # fmt: skip
+        self, starts: Floats, ends: Floats, *, touches: bool = True, step: float = _STEP
+    ) -> tuple[Mask, Floats]:
         """Return whether lines can be driven both ways, and their least clearances in cells."""
         # Lines are given by continuous rows and columns, shape (N, 2) each. The robot looks along
         # its line, and is tried at every `step`, in cells: its centre must be in an open cell, and
@@ -160,9 +160,7 @@ class Sweeps:
                 is_clear[lines] = self._fits(first[lines], last[lines], counts[lines], reach)
         return is_clear, least * is_inside
 
-    def distance_to(
-        self, cost: int, start: NDArray[np.float64], end: NDArray[np.float64], reach: float
-    ) -> float:
+    def distance_to(self, cost: int, start: Floats, end: Floats, reach: float) -> float:
         """Return the exact distance of a line to the squares of cells of a cost within a reach."""
         low = np.maximum(np.minimum(start, end) - reach - 1, 0).astype(np.int64)
         high = (np.maximum(start, end) + reach).astype(np.int64) + 1
@@ -176,9 +174,7 @@ class Sweeps:
         gaps += [*np.maximum(np.maximum(squares - tips, tips - squares - 1), 0)]
         return float(np.hypot(*np.concatenate(gaps).T).min(initial=np.inf))
 
-    def worst_place(
-        self, start: NDArray[np.float64], end: NDArray[np.float64], *, touches: bool
-    ) -> NDArray[np.float64]:
+    def worst_place(self, start: Floats, end: Floats, *, touches: bool) -> Floats:
         """Return the place with the least clearance on a line that the robot cannot pass."""
         count = math.ceil(float(np.hypot(*(end - start))) / _STEP) + 1
         places = start + np.linspace(0, 1, count)[:, np.newaxis] * (end - start)
@@ -186,10 +182,7 @@ class Sweeps:
         is_free, least = self.along(places[:-1], places[1:], touches=touches)
         return np.asarray(places[np.where(is_free, np.inf, least).argmin()])
 
-    def _fits(
-        self, starts: NDArray[np.float64], ends: NDArray[np.float64], counts: NDArray[np.int64],
-        reach: float,
-    ) -> NDArray[np.bool_]:  # fmt: skip
+    def _fits(self, starts: Floats, ends: Floats, counts: Integers, reach: float) -> Mask:
         """Return which lines are free for the footprint, tested only near obstacles."""
         places, lines, firsts = places_along(starts, ends, counts)
         rows, cols = places.astype(np.int64).T
@@ -200,9 +193,7 @@ class Sweeps:
         is_free[tight] = self._is_free(places_xy, np.arctan2(directions[:, 1], directions[:, 0]))
         return np.asarray(np.logical_and.reduceat(is_free, firsts), dtype=np.bool_)
 
-    def _is_free(
-        self, places_xy: NDArray[np.float64], yaws: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
+    def _is_free(self, places_xy: Floats, yaws: Floats) -> Mask:
         """Return where the robot is free in both directions of a line."""
         # Unknown cells count only for robots with corners. Rounding may put a corner into either of
         # two cells, so both must be free: the padded shape tests the outer ones.

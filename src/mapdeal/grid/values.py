@@ -57,8 +57,7 @@ def occupancy_from_cost() -> NDArray[np.int8]:
 
 def cost_from_occupancy() -> NDArray[np.uint8]:
     table = np.full(256, NO_INFORMATION, dtype=np.uint8)
-    values = np.arange(OCCUPIED + 1)
-    table[: OCCUPIED + 1] = (LETHAL_OBSTACLE * values + OCCUPIED // 2) // OCCUPIED
+    table[: OCCUPIED + 1] = (LETHAL_OBSTACLE * np.arange(OCCUPIED + 1) + OCCUPIED // 2) // OCCUPIED
     return table
 
 

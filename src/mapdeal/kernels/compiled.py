@@ -228,8 +228,7 @@ class OpenPoses:
 
         def unpack(rows: slice) -> None:
             bits = reached[rows].view(np.uint8)
-            cells = np.unpackbits(bits, axis=1, count=self.shape[1], bitorder="little")
-            reachable[rows] = cells
+            reachable[rows] = np.unpackbits(bits, axis=1, count=self.shape[1], bitorder="little")
 
         for_rows(unpack, self.shape)
         return reachable, headings

@@ -222,8 +222,7 @@ class Components:
             lowest = middles[first:stop]
             if len(lowest) > MOST_PLACES:
                 lowest = np.partition(lowest, MOST_PLACES)[:MOST_PLACES]
-            places = self._places.get(size, []) + lowest.tolist()
-            self._places[size] = sorted(places)[:MOST_PLACES]
+            self._places[size] = sorted(self._places.get(size, []) + lowest.tolist())[:MOST_PLACES]
 
 
 def _runs(marked: Mask) -> tuple[Integers, Integers]:
@@ -275,8 +274,7 @@ def _ridge(squared: SquaredDistances, basins: NDArray[np.int32], cell: tuple[int
         around = [(row + down, col + along) for down, along in _STEPS]
         inside = [(r, c) for r, c in around if 0 <= r < height and 0 <= c < width]
         beside = [place for place in inside if basins[place] >= 0]
-        is_end = any(squared[place] > square for place in beside)
-        if is_end and (row, col) != cell:
+        if any(squared[place] > square for place in beside) and (row, col) != cell:
             continue
         for place in beside:
             if squared[place] == square and place not in ridge:
@@ -314,15 +312,13 @@ def _opposite_pair(
     away, away_across = (sides**2).sum(axis=1), (across**2).sum(axis=1)
     near = away <= (math.sqrt(square) + 1) ** 2
     sides, away = sides[near], away[near]
-    lengths = np.sqrt(away[:, np.newaxis] * away_across)
-    cosine = (sides @ across.T) / np.maximum(lengths, 1)
+    cosine = (sides @ across.T) / np.maximum(np.sqrt(away[:, np.newaxis] * away_across), 1)
     apart = ((sides[:, np.newaxis] - across) ** 2).sum(axis=2)
     for limit in (_OPPOSITE, _ROUGHLY_OPPOSITE):
         is_opposite = cosine <= limit
         if is_opposite.any():
             score = np.where(is_opposite, apart, np.inf)
-            best = score == score.min()
-            nearer = np.where(best, away[:, np.newaxis] + away_across, np.inf)
+            nearer = np.where(score == score.min(), away[:, np.newaxis] + away_across, np.inf)
             i, j = np.unravel_index(np.argmin(nearer), nearer.shape)
             return sides[i], across[j]
     return None

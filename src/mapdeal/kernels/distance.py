@@ -133,8 +133,7 @@ _HALOS_OF_A_BAND = 2  # rows of a band in reaches: those around it are read twic
 def dilate_square(marked: Mask, reach: int) -> Mask:
     if _is_drawn(marked, reach):
         return _covered(marked, reach, None)
-    by_columns = _widened(marked, reach)
-    return _widened(by_columns.T, reach).T
+    return _widened(_widened(marked, reach).T, reach).T
 
 
 def beside(cells: Mask) -> Mask:

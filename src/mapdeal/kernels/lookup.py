@@ -401,8 +401,7 @@ def _gather(found: Bytes, values: Bytes, lattice: Lattice) -> None:
             for down, right in steps:
                 value = flat[place + (down * stride + right)]
                 more = np.flatnonzero(value > best)
-                overlap = _overlap(right - x_off[more], down - y_off[more], lattice)
-                more = more[overlap]
+                more = more[_overlap(right - x_off[more], down - y_off[more], lattice)]
                 best[more] = value[more]
             own[which] = best
         found[part] = own.reshape(-1, found.shape[1])

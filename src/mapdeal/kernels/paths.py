@@ -108,8 +108,7 @@ def _cheapest_path(
             if total < costs.get(following, math.inf) and following not in closed:
                 costs[following], before[following] = total, cell
                 turn -= 1
-                remaining = estimate(row + rows, col + cols)
-                heapq.heappush(heap, (total + remaining, turn, following))
+                heapq.heappush(heap, (total + estimate(row + rows, col + cols), turn, following))
     return np.empty(0, dtype=np.int64), math.inf, expanded
 
 

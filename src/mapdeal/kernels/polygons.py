@@ -290,8 +290,7 @@ def _covered(spans: Spans, kinds: Integers, width: int) -> Spans:
     solid = (counts & _ONE_COUNT) > 0
     hollow = ((counts >> _COUNT_BITS) & _ONE_COUNT) > 0
     rim = (counts >> (2 * _COUNT_BITS)) > 0
-    covered = solid & (~hollow | rim)
-    change = np.diff(covered.astype(np.int8), prepend=0)
+    change = np.diff((solid & (~hollow | rim)).astype(np.int8), prepend=0)
     rows, begins = np.divmod(keys[change == 1], width + 1)
     return Spans(rows, begins, keys[change == -1] % (width + 1))
 
@@ -373,8 +372,7 @@ def _corner_cells(
         dy = y + (corners[:, 0] * sin + corners[:, 1] * cos) - lattice.y
         along, across = dx * grid_cos + dy * grid_sin, dy * grid_cos - dx * grid_sin
         cols, rows = along / lattice.resolution, across / lattice.resolution
-    is_inside = (along >= 0) & (across >= 0) & (cols < width) & (rows < height)
-    inside: Mask = is_inside.all(axis=1)
+    inside: Mask = ((along >= 0) & (across >= 0) & (cols < width) & (rows < height)).all(axis=1)
     return rows[inside].astype(np.int64), cols[inside].astype(np.int64), inside
 
 

@@ -215,8 +215,7 @@ def _spanning(firsts: Basins, seconds: Basins, count: int) -> Integers:
     _, order = np.unique(low * count + high, return_index=True)
     weights = order + 1.0  # scipy reads weight 0 as no edge
     ends = low[order].astype(np.int32), high[order].astype(np.int32)  # older scipy needs int32
-    graph = coo_array((weights, ends), shape=(count, count))
-    positions = minimum_spanning_tree(graph.tocsr()).data
+    positions = minimum_spanning_tree(coo_array((weights, ends), shape=(count, count)).tocsr()).data
     return np.sort(positions.astype(np.int64)) - 1
 
 
@@ -270,8 +269,7 @@ def _metres(squared: SquaredDistances, resolution: float, endless: int) -> Float
 
 
 def basin_areas(basins: Basins, squared: SquaredDistances, above: int, count: int) -> Integers:
-    counted = basins[(basins >= 0) & (squared > above)]
-    return np.bincount(counted, minlength=count).astype(np.int64)
+    return np.bincount(basins[(basins >= 0) & (squared > above)], minlength=count).astype(np.int64)
 
 
 class OpenPoses:

@@ -202,8 +202,7 @@ def far_from(is_open: Mask, places: Floats, limit: int) -> Mask:
     # First over blocks of open cells, which are fewer: an upper bound for all cells of a block.
     step: int = max(1, min(limit // (15 * STRAIGHT), max(is_open.shape)))
     open_blocks = largest_of_blocks((~is_open).view(np.uint8), step) == 0
-    cells = flat_cells(places, is_open.shape, step)
-    rough = lengths_from(open_blocks, cells, limit=limit // step)
+    rough = lengths_from(open_blocks, flat_cells(places, is_open.shape, step), limit=limit // step)
     most = rough.astype(np.int64) * step + 3 * step * STRAIGHT
     is_near = (rough >= 0) & (most <= limit)
     height, width = is_open.shape
@@ -214,10 +213,8 @@ def far_from(is_open: Mask, places: Floats, limit: int) -> Mask:
     around = dilate_square(unproven, 1) & is_open
     rows, cols = np.nonzero(around & is_proven)
     sources = np.concatenate([flat_cells(places, is_open.shape), rows * width + cols])
-    known = most[rows // step, cols // step]
-    starts = np.concatenate([np.zeros(len(places), np.int64), known])
-    lengths = lengths_from(around, sources, start_lengths=starts, limit=limit)
-    return unproven & (lengths < 0)
+    starts = np.concatenate([np.zeros(len(places), np.int64), most[rows // step, cols // step]])
+    return unproven & (lengths_from(around, sources, start_lengths=starts, limit=limit) < 0)
 
 
 class Neighbours(NamedTuple):

@@ -14,6 +14,7 @@ from mapdeal.command import ABOVE_0, Parameter, accept_parameters, structured
 from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import MOST_CELLS, Frame, Origin, as_float32, turned
+from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.sensing import CellRays
 
 Pose = tuple[float, float, float]
@@ -111,9 +112,7 @@ def cells_below(area: Frame, map_to_area: Pose | None, map_frame: Frame, rows: s
     return _cells_of(x, y, map_frame.origin, as_float32(map_frame.resolution))
 
 
-def _transformed(
-    transform: Pose, x: NDArray[np.float64], y: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _transformed(transform: Pose, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     shift_x, shift_y, yaw = transform
     z, w = math.sin(yaw / 2), math.cos(yaw / 2)
     scaled = z * (2.0 / (z * z + w * w))
@@ -121,9 +120,7 @@ def _transformed(
     return cos * x + -sin * y + shift_x, sin * x + cos * y + shift_y
 
 
-def _cells_of(
-    x: NDArray[np.float64], y: NDArray[np.float64], origin: Origin, cell_size: float
-) -> Cells:
+def _cells_of(x: Floats, y: Floats, origin: Origin, cell_size: float) -> Cells:
     """Return the cells of points, as costmap_2d's ``worldToMap``."""
     x, y, yaw = x - origin[0], y - origin[1], origin[2]
     if yaw != 0.0:  # costmap_2d ignores the yaw
@@ -132,9 +129,7 @@ def _cells_of(
     return np.floor(y / cell_size).astype(np.int64), np.floor(x / cell_size).astype(np.int64)
 
 
-def covered_cells(
-    footprint: Footprint, pose: Pose, area: Frame, cell_size: float
-) -> NDArray[np.bool_] | None:
+def covered_cells(footprint: Footprint, pose: Pose, area: Frame, cell_size: float) -> Mask | None:
     """Return the cells of a costmap that a footprint covers; None if a corner lies outside."""
     # As transformFootprint in footprint.cpp, and setConvexPolygonCost in costmap_2d.cpp, which
     # fills each column from the lowest to the highest cell of the outline.

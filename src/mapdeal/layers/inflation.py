@@ -22,6 +22,7 @@ from mapdeal.grid.values import (
     LETHAL_OBSTACLE,
     NO_INFORMATION,
 )
+from mapdeal.kernels.arrays import Bytes, Floats, Integers
 from mapdeal.kernels.distance import bytes_by_distance, queued_squares
 from mapdeal.kernels.lookup import raise_bytes
 from mapdeal.layers import layer as base
@@ -334,9 +335,8 @@ def cost_table(
 
 
 def _costs_of_squares(
-    squares: NDArray[np.int64] | NDArray[np.float64], layer: InflationLayer, cell_size: float, *,
-    is_tolerant: bool,
-) -> NDArray[np.uint8]:  # fmt: skip
+    squares: Integers | Floats, layer: InflationLayer, cell_size: float, *, is_tolerant: bool
+) -> Bytes:
     if layer.lookup == "nav2":
         # in float32 and rounded as Nav2's inflation layer does
         cells = np.sqrt(squares.astype(np.float32))
@@ -348,8 +348,7 @@ def _costs_of_squares(
     else:
         metres = np.sqrt(squares.astype(np.float64)) * cell_size
         beyond = np.maximum(metres - layer.inscribed_radius, 0.0)
-        decay = np.exp(-layer.cost_scaling_factor * beyond)
-        costs = (HIGHEST_GRADED * decay).astype(np.uint8)
+        costs = (HIGHEST_GRADED * np.exp(-layer.cost_scaling_factor * beyond)).astype(np.uint8)
         is_within = metres <= layer.inscribed_radius + RADIUS_TOLERANCE * is_tolerant
         costs[is_within] = INSCRIBED_INFLATED_OBSTACLE
     costs[squares == 0] = LETHAL_OBSTACLE
@@ -429,9 +428,7 @@ def inflation_curve(
     )
 
 
-def _decay(
-    metres: NDArray[np.float64], *, layers: Sequence[InflationLayer], reaches: Sequence[float]
-) -> NDArray[np.float64]:
+def _decay(metres: Floats, *, layers: Sequence[InflationLayer], reaches: Sequence[float]) -> Floats:
     """Return the highest of the layers' costs within their reaches, before truncation."""
     highest = np.zeros_like(metres)
     for layer, reach in zip(layers, reaches, strict=True):

@@ -14,6 +14,7 @@ from mapdeal.errors import emit_warning
 from mapdeal.grid.frame import Frame, cells_at
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import NO_INFORMATION, UNKNOWN, CostScale, cost_from_occupancy
+from mapdeal.kernels.arrays import Integers
 from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.threads import for_rows
 from mapdeal.layers.layer import CostmapLayer, MasterGrid, Nav2Values, PluginEntry
@@ -98,9 +99,7 @@ class MaskCosts:
             emit_warning(text)
 
 
-def cells_at_centres(
-    target: Frame, source: Frame, rows: slice
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def cells_at_centres(target: Frame, source: Frame, rows: slice) -> tuple[Integers, Integers]:
     # If both have the same yaw, the results are a column and a row that broadcast.
     target_row = np.arange(rows.start, rows.stop)[:, np.newaxis]
     target_col = np.arange(target.width)[np.newaxis, :]

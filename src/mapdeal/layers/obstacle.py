@@ -457,8 +457,7 @@ class ObstacleGrid(base.LiveLayer):
         away = ends - start
         distance = np.hypot(*away)
         scale = np.fmin(1.0, observation.source.raytrace_max_range / distance)
-        is_far = distance >= self._least_range(observation.source)
-        bounds.touch(*(start + away * scale)[:, is_far])
+        bounds.touch(*(start + away * scale)[:, distance >= self._least_range(observation.source)])
 
 
 class VoxelGrid(ObstacleGrid):
@@ -544,8 +543,7 @@ class VoxelGrid(ObstacleGrid):
             t = np.where(is_cut, t - np.sign(t) * _WORLD_EPSILON, t)
         ends = origin + away * t
         places, is_inside = self._voxels_at(ends)
-        rays = self._traced(start, places[:, is_inside], observation.source)
-        return rays, ends[:2, is_inside]
+        return self._traced(start, places[:, is_inside], observation.source), ends[:2, is_inside]
 
     def _voxels_at(self, points: Floats) -> tuple[Floats, Mask]:
         """Return fractional column, row and level, and which points lie in the voxels' grid."""

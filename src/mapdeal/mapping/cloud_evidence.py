@@ -149,8 +149,7 @@ def floor_in(
     for level in _in_order(levels, named):
         tiles, own, above = levels.floor_from(level, claim)
         evidence, spacing = _evidence_of(sample, every, tiles, own, tile, limits)
-        may_be_above = at is not None or level == named
-        known = evidence._replace(below=0.0) if may_be_above else evidence
+        known = evidence._replace(below=0.0) if at is not None or level == named else evidence
         reason = None if at is not None else known.contradiction(area)
         if reason is None:
             tilt, (overlaid, storeys) = tilt_of(own, levels.side), above

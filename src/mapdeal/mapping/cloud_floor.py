@@ -138,8 +138,7 @@ def _thin_layers(columns: Columns, limits: Limits) -> tuple[Integers, Integers, 
     is_dense = weights >= _FEW
     if np.mean(is_dense) < _SHARE_DENSE:  # only walls are: the cloud was thinned, or is sparse
         is_dense[:] = True
-    thin = _thin(np.sqrt(variances[is_dense]), limits.steps)
-    good = variances <= thin**2
+    good = variances <= _thin(np.sqrt(variances[is_dense]), limits.steps) ** 2
     return row[good], col[good], z[good]
 
 

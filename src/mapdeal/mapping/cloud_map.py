@@ -265,8 +265,7 @@ class CloudMapper:
         """Add points, shape (N, 3), metres."""
         points = np.asarray(points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] < 3:
-            rule = "the cloud has no heights: points need x, y and z"
-            raise MalformedInputError(rule)
+            raise MalformedInputError("the cloud has no heights: points need x, y and z")
         away = away_from_sensor(points[:, :3])
         self.at_sensor += len(points) - len(away)
         self._voxels.add(self._upright(away))
@@ -298,8 +297,7 @@ class CloudMapper:
         if self._may_choose:
             columns = fitting(columns)
         # a voxel filter puts heights, and so the floor, on steps
-        steps = steps_of(columns)
-        limits = Limits(options.climb, options.robot_height, options.max_slope, steps)
+        limits = Limits(options.climb, options.robot_height, options.max_slope, steps_of(columns))
         tile = max(3, round(TILE / columns.cell))
         corner = np.array([*columns.corner, 0.0])
         if options.floor is not None:
@@ -443,8 +441,7 @@ class CloudMapper:
         if self._scans is None:
             self._scans = np.zeros((2, *contents.obstacles.shape), np.int32)
         rows, cols = (slice(low[k], low[k] + window[k]) for k in (0, 1))
-        slabs = len(contents.obstacles)
-        tall = (self.options.robot_height - contents.clearance) / slabs
+        tall = (self.options.robot_height - contents.clearance) / len(contents.obstacles)
         stop = 1.0 - (1.5 + 2 * contents.noise / cell) / length
         rise = np.where(np.abs(z1 - z0) < _LEVEL, _LEVEL, z1 - z0)
         for slab, (hits, misses) in enumerate(zip(*self._scans, strict=True)):

@@ -42,8 +42,7 @@ def stances(translations: Floats, quaternions: Floats) -> Stances:
     ahead = rotated(quaternions, np.array([1.0, 0.0, 0.0]))
     up = rotated(quaternions, np.array([0.0, 0.0, 1.0]))
     aside = np.hypot(up[:, 0], up[:, 1])
-    yaws = np.arctan2(ahead[:, 1], ahead[:, 0])
-    poses = np.column_stack([translations[:, :2], yaws])
+    poses = np.column_stack([translations[:, :2], np.arctan2(ahead[:, 1], ahead[:, 0])])
     return Stances(poses, up[:, 2] < 0, aside < _LEVEL, aside > math.sin(MOST_LEANING))
 
 
@@ -544,12 +543,10 @@ def thin_blocks(chosen: Mask, size: Floats) -> None:
     # Noise makes such blocks where the sign alternates. Cells far from zero are removed first.
     padded = np.pad(chosen, 1)
     blocks = padded[1:, 1:] & padded[1:, :-1] & padded[:-1, 1:] & padded[:-1, :-1]
-    in_block = blocks[1:, 1:] | blocks[1:, :-1] | blocks[:-1, 1:] | blocks[:-1, :-1]
-    cells = np.argwhere(in_block)
+    cells = np.argwhere(blocks[1:, 1:] | blocks[1:, :-1] | blocks[:-1, 1:] | blocks[:-1, :-1])
     for index in np.argsort(-size[tuple(cells.T)], kind="stable").tolist():
         row, col = cells[index].tolist()
-        ring = [bool(padded[row + 1 + y, col + 1 + x]) for y, x in _RING]
-        if _is_spare(ring):
+        if _is_spare([bool(padded[row + 1 + y, col + 1 + x]) for y, x in _RING]):
             padded[row + 1, col + 1] = chosen[row, col] = False
 
 
@@ -705,8 +702,7 @@ class TsdfAsWritten(Tsdf):
         field, walls = self._sums, np.full(self.frame.shape, UNKNOWN, dtype=np.int8)
         pairs = [np.s_[1:, :], np.s_[:-1, :]], [np.s_[:1, 1:], np.s_[:1, :-1]]
         # the search returns to the first cell, which is unmarked, from the next cell of its row
-        width = self.frame.width
-        back = [np.s_[:1, :1], np.s_[:1, 1:2] if width > 1 else np.s_[1:2, :1]]
+        back = [np.s_[:1, :1], np.s_[:1, 1:2] if self.frame.width > 1 else np.s_[1:2, :1]]
         for reached, source in (*pairs, back):
             if not field[source].size:  # a map of one cell
                 continue

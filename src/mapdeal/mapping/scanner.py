@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mapdeal.grid.frame import as_float32
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import UNKNOWN
-from mapdeal.kernels.arrays import Floats, Integers
+from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.sensing import cast_rays, room_around
 from mapdeal.mapping.evidence import Scans
 
@@ -111,9 +111,7 @@ class Scanner:
         turns = np.full(len(moves), yaw)
         return np.asarray(robot_poses + np.column_stack([moves.real, moves.imag, turns]))
 
-    def scans(
-        self, around: Surroundings, robot_poses: Floats, is_hit: NDArray[np.bool_] | None = None
-    ) -> Scans:
+    def scans(self, around: Surroundings, robot_poses: Floats, is_hit: Mask | None = None) -> Scans:
         """Return the scans at poses of the robot, and mark the cells that beams hit."""
         # the seed is fixed: the same input gives the same bytes
         random = np.random.default_rng(_SEED)

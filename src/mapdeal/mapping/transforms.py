@@ -199,8 +199,7 @@ class _Samples:
         known = times >= known_times[0] - _TIME_TOLERANCE
         known &= times <= known_times[-1] + _TIME_TOLERANCE
         after = np.clip(np.searchsorted(known_times, times), 0, len(known_times) - 1)
-        is_exact = known_times[after] == times
-        before = np.where(is_exact, after, np.maximum(after - 1, 0))
+        before = np.where(known_times[after] == times, after, np.maximum(after - 1, 0))
         span = known_times[after] - known_times[before]
         # integer differences: float64 has steps of 256 ns at times of this century
         share = (times - known_times[before]) / np.maximum(span, 1)

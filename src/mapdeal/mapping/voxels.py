@@ -107,8 +107,7 @@ class Voxels:
         keys = np.sort(np.concatenate(self._waiting))
         self._waiting, self._count = [], 0
         starts = starts_of(keys)
-        counts = np.diff(starts, append=len(keys)).astype(np.int32)
-        self._parts.append((keys[starts], counts))
+        self._parts.append((keys[starts], np.diff(starts, append=len(keys)).astype(np.int32)))
         first, *later = (len(keys) for keys, _ in self._parts)
         if later and sum(later) >= first:
             self._merge()
@@ -391,8 +390,7 @@ class Tilt:
         cells = np.floor(points / _SAMPLE_VOXEL).astype(np.int64)
         _, first = np.unique(cells, axis=0, return_index=True)
         points = points[np.sort(first)]
-        cubes = np.floor(points / _CUBE).astype(np.int64)
-        _, whose = np.unique(cubes, axis=0, return_inverse=True)
+        _, whose = np.unique(np.floor(points / _CUBE).astype(np.int64), axis=0, return_inverse=True)
         whose = whose.ravel()
         n = np.bincount(whose).astype(np.float64)
         sums = np.stack([np.bincount(whose, values) for values in points.T], axis=1)
@@ -470,12 +468,9 @@ def away_from_sensor(points: Floats, range_min: float = 0.0) -> Floats:
     """Remove points at the sensor, where drivers put beams without return."""
     if range_min > 0:
         with np.errstate(over="ignore"):
-            squares = np.einsum("ij,ij->i", points, points)
-            return np.asarray(points[~(squares < range_min**2)])
+            return np.asarray(points[~(np.einsum("ij,ij->i", points, points) < range_min**2)])
     at_x = np.flatnonzero(points[:, 0] == 0)
-    if len(at_x):
-        return np.delete(points, at_x[~points[at_x].any(axis=1)], axis=0)
-    return points
+    return np.delete(points, at_x[~points[at_x].any(axis=1)], axis=0) if len(at_x) else points
 
 
 def levelled(points: Floats, up: Floats) -> Floats:

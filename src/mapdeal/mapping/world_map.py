@@ -145,8 +145,7 @@ def surface_cells(section: Section, frame: Frame, runs: _Runs) -> Mask:
         whose, col = enumerated(start, last)
         found = (section.solid[edge] * frame.height + row)[whose] * frame.width + col
         keys = _distinct(np.concatenate([keys, _distinct(found)]))
-    shape = int(section.solid.max()) + 1, *frame.shape
-    solid, row, col = np.unravel_index(keys, shape)
+    solid, row, col = np.unravel_index(keys, (int(section.solid.max()) + 1, *frame.shape))
     is_near = np.zeros(frame.shape, np.bool_)
     is_near[row, col] = True
     inside, size = runs.hold(solid, row, col), is_near.size

@@ -54,8 +54,7 @@ class NavfnPlanner(Planner):
         end = self._reached_point(grid, potential, goal)
         if end is None:
             return no_plan("NoValidPathCouldBeFound")
-        factor = min(self.integer("max_cycles_factor"), _MOST_CYCLES)
-        turns = factor * max(grid.costs.shape)
+        turns = min(self.integer("max_cycles_factor"), _MOST_CYCLES) * max(grid.costs.shape)
         if turns < 1:
             plan = no_plan("NoValidPathCouldBeFound", "max_cycles_factor leaves no turns")
             return replace(plan, is_reached=True)

@@ -13,6 +13,7 @@ from mapdeal import command
 from mapdeal.grid import values as map_values
 from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, obstacles_in
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels.arrays import Floats
 from mapdeal.kernels.blocks import Halo, blocks_of, holds_everywhere, made_by_rows, swept
 from mapdeal.kernels.distance import halos_of, runs_of, signed_distance
 from mapdeal.kernels.lookup import bytes_of_distances, squares_of_distances
@@ -26,9 +27,7 @@ _LARGEST_TABLE = 1 << 22
 _CLIP_TOLERANCE = 2.0**-23  # relative: distances are float32, the clip is not
 
 
-def squares_in(
-    field: DistanceField, obstacles: Mask, rows: slice = slice(None)
-) -> NDArray[np.float64]:
+def squares_in(field: DistanceField, obstacles: Mask, rows: slice = slice(None)) -> Floats:
     """Return the squared distance to the nearest obstacle centre, in cells."""
     # Undoes convention and strength, then rounds: distances between cell centres are square roots
     # of whole numbers n of cells. A float32 is off by 2**-24 of its value at most, so its square by
@@ -42,10 +41,7 @@ def bytes_in(field: DistanceField, obstacles: Mask, table: NDArray[np.uint8]) ->
 
 
 def _bytes_of_metres(
-    field: DistanceField,
-    obstacles: Mask,
-    value_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    farthest: float,
+    field: DistanceField, obstacles: Mask, value_of: Callable[[Floats], Floats], farthest: float
 ) -> NDArray[np.int8]:
     """Return a function's values of each cell's distance, the same from the farthest on."""
     furthest = furthest_kept(field)

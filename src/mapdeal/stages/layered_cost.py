@@ -18,6 +18,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Framed, as_float32, warn_of_degrees
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OCCUPIED, UNKNOWN
+from mapdeal.kernels.arrays import Bytes, Integers, Mask
 from mapdeal.kernels.blocks import Layer, made_by_windows
 from mapdeal.kernels.lookup import set_where
 from mapdeal.layers.area import CostmapArea, cells_below, covered_cells
@@ -201,9 +202,7 @@ def layered_cost(
     if mask is not None and not stack.has_keepout:
         applied = (*applied, KeepoutFilter())
 
-    def costs(
-        rows: slice, occupancy: NDArray[np.int8], in_map: NDArray[np.bool_] | None = None
-    ) -> NDArray[np.uint8]:
+    def costs(rows: slice, occupancy: NDArray[np.int8], in_map: Mask | None = None) -> Bytes:
         master = MasterGrid(
             np.full(occupancy.shape, default_cost, dtype=np.uint8), rows, frame.shape, cell_size,
             default_cost, occupancy, in_map, keepout,
@@ -218,10 +217,9 @@ def layered_cost(
         all_rows = slice(0, frame.height)
         cost = costs(all_rows, *_sampled(source, *cells_of(source.frame, all_rows)))
     else:
-        halo = sum(layer.halo(frame.shape, cell_size) for layer in applied)
         cost = made_by_windows(
             source.occupancy, np.uint8, lambda rows: costs(rows, _occupancy(source, rows)),
-            halo=halo,
+            halo=sum(layer.halo(frame.shape, cell_size) for layer in applied),
         )  # fmt: skip
     inflations = replace(stack, layers=applied).inflation_layers
     at_circumscribed = None
@@ -258,13 +256,10 @@ def _occupancy(source: ObstacleSource, rows: slice) -> NDArray[np.int8]:
     return values
 
 
-def _sampled(
-    source: ObstacleSource, row: NDArray[np.int64], col: NDArray[np.int64]
-) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
+def _sampled(source: ObstacleSource, row: Integers, col: Integers) -> tuple[NDArray[np.int8], Mask]:
     """Return the map's values at cells, and which of the cells lie in the map."""
     height, width = source.shape
     in_map = (row >= 0) & (row < height) & (col >= 0) & (col < width)
     row, col = np.clip(row, 0, height - 1), np.clip(col, 0, width - 1)
     first = int(row.min())
-    block = _occupancy(source, slice(first, int(row.max()) + 1))
-    return block[row - first, col], in_map
+    return _occupancy(source, slice(first, int(row.max()) + 1))[row - first, col], in_map

@@ -71,8 +71,7 @@ def _curve_of_thresholds(
     elif view == "metric":
         scale = ViewScale(view, view_range)
     else:
-        field = _field_of(source, parameters["lethal_threshold"])
-        scale = Viewer(field, view, view_range).scale
+        scale = Viewer(_field_of(source, parameters["lethal_threshold"]), view, view_range).scale
     return _Rule(source, scale, **parameters).curve(scale, strength, source.resolution)
 
 
@@ -216,8 +215,7 @@ class _Rule:
         highest = _HIGHEST_BELOW_OBSTACLE  # also the largest useful factor: the least view is 1
         factors = (min(factor, highest) for factor in self.factors)
         products = np.where(self.is_near(view, metres), *factors) * view
-        costs = np.minimum(truncated(products), highest)
-        return np.where(self.is_beyond(view, metres), 0.0, costs)
+        return np.where(self.is_beyond(view, metres), 0.0, np.minimum(truncated(products), highest))
 
     def table(self) -> NDArray[np.int8]:
         """Return the cost of each byte of a view, shape (256,); the last one is -1."""

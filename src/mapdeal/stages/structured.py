@@ -27,8 +27,7 @@ _GOALS_EXAMPLE = "{kitchen: [7.1, 3.2], ...} or [[7.1, 3.2], ...]"
 
 def accept_goals(name: str, value: object) -> tuple[Goal, ...]:
     goals = tuple(_goals(name, value))
-    names = Counter(goal.name for goal in goals if goal.name is not None)
-    for goal_name, count in names.items():
+    for goal_name, count in Counter(goal.name for goal in goals if goal.name is not None).items():
         require(count == 1, "two goals have this name", name, got=goal_name)
     return goals
 
@@ -54,8 +53,7 @@ def _goals(name: str, value: object) -> Iterator[Goal]:
     for number, item in enumerate(value, start=1):
         place = f"{name} {number}"
         if isinstance(item, Mapping):
-            rule = "must be a place, or one name and its place"
-            require(len(item) == 1, rule, place, got=item)
+            require(len(item) == 1, "must be a place, or one name and its place", place, got=item)
             ((key, xy),) = item.items()
             yield _goal(f"{name} {key}", xy, _goal_name(name, key))
         elif isinstance(item, Goal):
