@@ -56,7 +56,6 @@ class BitMap(Framed):
 
     kind = "bit map"
     layer_names = ("packed",)
-
     packed: NDArray[np.uint8]
     width: int
     resolution: float
@@ -273,7 +272,10 @@ def draw(
     for index, (shape, name) in enumerate(_numbered(shape_list)):
         with _located_errors(shape, name):  # cells are made when they are painted, but refused here
             spans = None if plain.is_plain[index] else shape.spans(grid.frame)
-            strokes.append((spans, _value_of(grid, shape, value)))
+            number = value if shape.value is None else shape.value
+            if number is None:
+                raise ParameterError("needs a value to be drawn with")
+            strokes.append((spans, grid.accept_value(number)))
     for index, (shape, name) in enumerate(_numbered(shape_list)):
         for text, consequence in () if plain.fits[index] else _drawing_problems(grid, shape):
             if strict:
@@ -308,13 +310,6 @@ def _numbered(shapes: Sequence[Shape]) -> Iterator[tuple[Shape, str]]:
     for index, shape in enumerate(shapes):
         alone = shape.source or len(shapes) == 1
         yield shape, shape.kind if alone else f"shape {index + 1}, {shape.kind}"
-
-
-def _value_of(grid: ValueGrid | BitMap, shape: Shape, value: int | None) -> int:
-    number = shape.value if shape.value is not None else value
-    if number is None:
-        raise ParameterError("needs a value to be drawn with")
-    return grid.accept_value(number)
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ V = TypeVar("V", bound=ValueGrid)
 
 
 def resampled(grid: V, frame: Frame, *, rule: ResamplingRule = "area") -> V:
-    check_rule(rule)
+    check_choice(rule, ResamplingRule, "rule")
     check_values(grid)
     part = _under(frame, grid.values, grid.frame)
     values = np.full(frame.shape, grid.unknown_value, dtype=grid.values.dtype)
@@ -45,10 +45,6 @@ def resampled(grid: V, frame: Frame, *, rule: ResamplingRule = "area") -> V:
             np.subtract(largest, 1, out=values.view(np.uint8), where=largest > 0)
     layers: dict[str, Any] = {grid.layer_names[0]: values}
     return replaced(grid, resolution=frame.resolution, origin=frame.origin, **layers)
-
-
-def check_rule(rule: str) -> None:
-    check_choice(rule, ResamplingRule, "rule")
 
 
 def check_values(grid: object) -> None:
@@ -295,9 +291,7 @@ def embedded(
 
 
 def replaced(grid: G, **changes: Any) -> G:
-    grid_of_any_type: Any = grid
-    changed: G = replace(grid_of_any_type, **changes)
-    return changed
+    return cast("G", replace(cast("Any", grid), **changes))
 
 
 def padded(layer: Layer, shape: tuple[int, int], place: Region, fill: float) -> Layer:

@@ -48,7 +48,6 @@ class Costmap(ValueGrid):
 
     kind = "costmap"
     layer_names = ("cost",)
-
     cost: NDArray[np.uint8] | NDArray[np.int8]
     resolution: float
     origin: Origin = (0.0, 0.0, 0.0)
@@ -207,19 +206,18 @@ def travel_weights(costmap: Costmap, multiplier: float, *, through_unknown: bool
     return weights
 
 
+_NAMED_COSTS: dict[map_values.CostScale, dict[str, int]] = {
+    "costmap2d": {"lethal": 254, "inscribed": 253, "unknown": 255},
+    "occupancy": {"lethal": 100, "unknown": -1},
+}
+
+
 def figures_of_costs(counts: NDArray[np.int64], scale: map_values.CostScale) -> Figures:
     figures: Figures = {"cost_scale": scale, "free": int(counts[0])}
-    if scale == "costmap2d":
-        figures["lethal"] = int(counts[map_values.LETHAL_OBSTACLE])
-        figures["inscribed"] = int(counts[map_values.INSCRIBED_INFLATED_OBSTACLE])
-        figures["unknown"] = int(counts[map_values.NO_INFORMATION])
-    else:
-        figures["lethal"] = int(counts[map_values.OCCUPIED])
-        figures["unknown"] = int(counts[map_values.UNKNOWN])
-    named = sum(figures.get(name, 0) for name in ("free", "lethal", "inscribed", "unknown"))
-    figures["graded"] = int(counts.sum()) - named
-    figures["most_common"] = _most_common(counts, scale)
-    return figures
+    figures |= {name: int(counts[cost]) for name, cost in _NAMED_COSTS[scale].items()}
+    named = sum(figures[name] for name in ("free", *_NAMED_COSTS[scale]))
+    common = _most_common(counts, scale)
+    return {**figures, "graded": int(counts.sum()) - named, "most_common": common}
 
 
 def _most_common(counts: NDArray[np.int64], scale: map_values.CostScale) -> Figures | None:

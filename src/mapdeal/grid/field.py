@@ -86,7 +86,6 @@ class DistanceField(FieldGrid):
     kind = "distance field"
     layer_names = ("distance", "occupancy")
     parameter_names = ("unknown", "max_distance", "strength", "lethal_threshold")
-
     distance: NDArray[np.float32]
     occupancy: NDArray[np.int8]
     resolution: float
@@ -238,7 +237,6 @@ def obstacles_in(
 
 
 View = Literal["metric", "per-map"]
-
 ESDF_VIEW = "esdf_view"  # name of the layer in files
 
 
@@ -329,7 +327,6 @@ class FieldView(OccupancyGrid):
     """
 
     kind = "view of a distance field"
-
     scale: ViewScale = ViewScale()
 
     def _with_values(self, values: NDArray[Any], origin: Origin) -> FieldView:
@@ -392,7 +389,6 @@ class PotentialField(FieldGrid):
     kind = "potential field"
     layer_names = ("repulsive", "occupancy")
     parameter_names = ("attractive_gain", "repulsive_gain", "repulsive_cap")
-
     repulsive: NDArray[np.float64]
     occupancy: NDArray[np.int8]
     resolution: float
@@ -408,10 +404,8 @@ class PotentialField(FieldGrid):
 
     def __post_init__(self) -> None:
         repulsive = as_layer(self.repulsive, np.float64, "repulsive")
-        if repulsive.size and (  # `_find_region` checks nan
-            np.fmin.reduce(repulsive, axis=None) < 0
-            or np.fmax.reduce(repulsive, axis=None) > LARGEST_REPULSION
-        ):
+        lowest, highest = (f.reduce(repulsive, axis=None, initial=0.0) for f in (np.fmin, np.fmax))
+        if lowest < 0 or highest > LARGEST_REPULSION:  # `_find_region` checks nan
             raise ParameterError(f"repulsive must lie between 0 and {LARGEST_REPULSION:g}")
         for name in ("attractive_gain", "repulsive_gain"):
             gain, rule = getattr(self, name), f"must lie between 0 and {LARGEST_GAIN:g}"
@@ -470,12 +464,8 @@ class PotentialField(FieldGrid):
             entries["cost_travel_multiplier"] = np.float64(self.cost_travel_multiplier)
         if self.goal is not None:
             entries["goal"] = np.array(self.goal)
-        return entries | {
-            "occupancy": self.occupancy,
-            "attractive_gain": np.float64(self.attractive_gain),
-            "repulsive_gain": np.float64(self.repulsive_gain),
-            "repulsive_cap": np.float64(self.repulsive_cap),
-        }
+        parameters = {name: np.float64(getattr(self, name)) for name in self.parameter_names}
+        return {**entries, "occupancy": self.occupancy, **parameters}
 
     def obstacles(self) -> NDArray[np.bool_]:
         """Return the mask of obstacle cells."""

@@ -23,12 +23,9 @@ from mapdeal.kernels.lookup import histogram
 
 FilterKind = Literal["keepout", "speed", "binary"]
 SpeedUnit = Literal["percent", "m/s"]
-
 KINDS: tuple[FilterKind, ...] = get_args(FilterKind)
-
 _TYPES = {("keepout", None): 0, ("speed", "percent"): 1, ("speed", "m/s"): 2, ("binary", None): 3}
 _KEY, _UNIT, _BASE, _MULTIPLIER = "filter", "speed_unit", "filter_base", "filter_multiplier"
-
 FILTER_KEYS = (_KEY, _UNIT, _BASE, _MULTIPLIER)  # keys that mapdeal adds to a mask's YAML file
 _STEPS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.25, 0.5, 1.0)  # multipliers in m/s
 _SLACK = 1e-6

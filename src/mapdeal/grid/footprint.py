@@ -15,31 +15,36 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError, emit_warning, require
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.frame import Frame, Point, are_near, as_float32, as_numbers, turned
+from mapdeal.grid.frame import FARTHEST, Frame, Point, are_near, as_float32, as_numbers, turned
 from mapdeal.grid.values import OneLineRepr, check_choice, points_text
 from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.polygons import Lattice, Spans, costs_at_poses, edges_of_rings, stacked_spans
 
 
 def checked_corners(
-    points: Sequence[Sequence[float]], shape: str, *, within: float, least: int, most: int
+    points: Sequence[Sequence[float]],
+    name: str,
+    *,
+    least: int,
+    most: int,
+    within: float = FARTHEST,
 ) -> tuple[Point, ...]:
     is_list = isinstance(points, Iterable) and not isinstance(points, (str, bytes))
-    require(is_list, f"a {shape} takes a list of vertices [x, y]", shape, got=points)
+    require(is_list, f"a {name} takes a list of vertices [x, y]", name, got=points)
     points = list(points)
     count = len(points)
-    require(count <= most, f"a {shape} has at most {most} vertices", shape, got=count)
+    require(count <= most, f"a {name} has at most {most} vertices", name, got=count)
     corners: list[Point] = []
     for number, vertex in enumerate(points, start=1):
         numbers = as_numbers(vertex)
         if len(numbers) != 2 or not are_near(numbers, within):
-            place, rule = f"{shape} vertex {number}", "a vertex must be a pair of numbers [x, y]"
+            place, rule = f"{name} vertex {number}", "a vertex must be a pair of numbers [x, y]"
             require(len(numbers) == 2, rule, place, got=vertex)
             rule = f"coordinates must be finite and within {within:g} m"
             raise ParameterError(rule, place=place, got=numbers)
         corners.append((numbers[0], numbers[1]))
     words = {1: "one vertex", 2: "two vertices", 3: "three vertices"}[least]
-    require(count >= least, f"a {shape} needs at least {words}", shape, got=count)
+    require(count >= least, f"a {name} needs at least {words}", name, got=count)
     return tuple(corners)
 
 

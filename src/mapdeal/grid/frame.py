@@ -16,14 +16,8 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from mapdeal.compatibility import Self
 from mapdeal.errors import ParameterError, emit_warning, is_called_by_user, require
-from mapdeal.grid.values import (
-    MOST_COUNTED,
-    Drawn,
-    OneLineRepr,
-    OverlayType,
-    count_text,
-    numbers_text,
-)
+from mapdeal.grid import values as map_values
+from mapdeal.grid.values import OneLineRepr, OverlayType, numbers_text
 from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
 from mapdeal.kernels.polygons import Spans, paint
@@ -31,7 +25,6 @@ from mapdeal.kernels.sensing import cells_of_points
 
 CELL_TOLERANCE = 1e-9  # cells: a length divided by the resolution may be off by 1e-16 of itself
 RADIUS_TOLERANCE = 1e-9  # metres: 6 * 0.05 and 0.3 differ in their last bits
-
 Origin = tuple[float, float, float]
 Point = tuple[float, float]
 CloudFrame = Literal["robot", "map"]  # of the coordinates in a point cloud
@@ -399,9 +392,7 @@ class Transform(OneLineRepr):
         object.__setattr__(self, "yaw", math.remainder(self.yaw, 2 * math.pi))
 
     def _repr_parts(self) -> Iterator[str]:
-        yield f"x {self.x:.10g} m"
-        yield f"y {self.y:.10g} m"
-        yield f"yaw {self.yaw:.10g} rad"
+        yield from (f"x {self.x:.10g} m", f"y {self.y:.10g} m", f"yaw {self.yaw:.10g} rad")
 
     @property
     def pose(self) -> tuple[float, float, float]:
@@ -491,10 +482,8 @@ def region_of(
     if corner_xy is not None and center_xy is None:
         row, col = frame.unbounded_rowcol_from_xy([check_point(corner_xy, "corner")])[0].tolist()
     elif center_xy is not None and corner_xy is None:
-        center, half = (
-            [check_point(center_xy, "center")],
-            np.divide(size[::-1], frame.resolution) / 2,
-        )
+        center = [check_point(center_xy, "center")]
+        half = np.divide(size[::-1], frame.resolution) / 2
         first = frame.continuous_rowcol_from_xy(center)[0] - half
         row, col = cells_at(first, frame.tolerance_at(center)[0]).tolist()
     else:
@@ -519,7 +508,7 @@ def _overlap(first: int, count: int, size: int) -> slice:
 Figures = dict[str, Any]  # the figures of a grid, as JSON can hold them
 
 
-class Framed(Drawn, ABC):
+class Framed(map_values.Drawn, ABC):
     """Base class of all grids; layers are arrays or lazy: `layer[rows]` works for both."""
 
     kind: ClassVar[str]  # name of the type in messages
@@ -531,8 +520,7 @@ class Framed(Drawn, ABC):
     @property
     def layer(self) -> Layer:
         """Main layer, whose shape all other layers share."""
-        layer: Layer = getattr(self, self.layer_names[0])
-        return layer
+        return cast("Layer", getattr(self, self.layer_names[0]))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -583,7 +571,7 @@ class Framed(Drawn, ABC):
         yield f"{self.resolution:.10g} m"
         yield f"origin {numbers_text(self.origin)}"
         yield from self._repr_parameters()
-        if not self.is_lazy and height * width <= MOST_COUNTED:
+        if not self.is_lazy and height * width <= map_values.MOST_COUNTED:
             yield from self._repr_values()
 
     def _repr_parameters(self) -> Iterator[str]:
@@ -772,7 +760,7 @@ class CellSamples(NamedTuple):
     inside: NDArray[np.bool_]
 
     def __repr__(self) -> str:
-        points = count_text(len(self.values), "point")
+        points = map_values.count_text(len(self.values), "point")
         return f"CellSamples({points}, {np.count_nonzero(self.inside)} inside)"
 
 
@@ -865,8 +853,8 @@ class ValueGrid(Framed):
         if message_type is None:
             return document
         message = message_type()
-        is_map = hasattr(message, "header")
-        require(is_map, "must be nav_msgs.msg.OccupancyGrid", "message_type", got=message_type)
+        rule = "must be nav_msgs.msg.OccupancyGrid"
+        require(hasattr(message, "header"), rule, "message_type", got=message_type)
         _fill(message, document)
         return message
 
@@ -885,8 +873,7 @@ class ValueGrid(Framed):
         if origin is None and shape != self.shape:
             rule = f"must have the shape of the grid, {self.shape}, unless an origin is given"
             raise ParameterError(rule, place="values", got=shape)
-        remade: Self = self._with_values(values, origin or self.origin)
-        return remade
+        return cast("Self", self._with_values(values, origin or self.origin))
 
     @abstractmethod
     def _with_values(self, values: NDArray[Any], origin: Origin) -> Any: ...

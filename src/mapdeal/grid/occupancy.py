@@ -44,7 +44,6 @@ class OccupancyGrid(ValueGrid):
 
     kind = "occupancy grid"
     layer_names: ClassVar[tuple[str, ...]] = ("occupancy",)
-
     occupancy: NDArray[np.int8]
     resolution: float
     origin: Origin = (0.0, 0.0, 0.0)
@@ -121,7 +120,6 @@ class CloudLayers(OccupancyGrid):
 
     kind = "cloud"
     layer_names = ("occupancy", "floor_height", "obstacle_height", "slope", "points")
-
     floor_height: NDArray[np.float32]
     obstacle_height: NDArray[np.float32]
     slope: NDArray[np.float32]

@@ -19,7 +19,6 @@ from mapdeal.grid.values import UNKNOWN, OneLineRepr, count_text, decimal_text, 
 
 PlaceOfLimit = Literal["passage", "start", "goal"]
 Method = Literal["astar", "descent", "geodesic", "graph"]
-
 _ROUNDING = 12  # decimals of widths: twice six cells of 0.05 m are 0.6 m, not a last bit more
 _DECIMALS = 9  # of figures; further digits are rounding errors
 MOST_HEADINGS = 255  # as many as a byte of the layer `Reach.headings` can count
@@ -208,7 +207,6 @@ class Reach(Framed):
     kind = "reach"
     layer_names = ("reachable", "headings", "clearance", "widest", "occupancy")
     parameter_names = ("start", "robot", "heading_count", "through_unknown")
-
     reachable: NDArray[np.uint8]
     headings: NDArray[np.uint8]
     clearance: NDArray[np.float32]

@@ -12,26 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.grid import frame as frames, reach
 from mapdeal.grid.footprint import Footprint, footprint_spans
-from mapdeal.grid.frame import (
-    CELL_TOLERANCE,
-    Frame,
-    Point,
-    check_point,
-    largest_square_within,
-    warn_of_degrees,
-)
+from mapdeal.grid.frame import Frame, Point, check_point
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.reach import (
-    Bottleneck,
-    Goal,
-    GoalReach,
-    Passage,
-    Reach,
-    reach_radius,
-    robot_text,
-    width_of,
-)
+from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage, Reach
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels import components, paths
 from mapdeal.kernels.arrays import Bytes, Floats, Mask, SquaredDistances
@@ -111,7 +96,7 @@ class PassageTree:
 
     def min_count(self, area: float) -> float:
         """Return the cells in an area in square metres, slightly less to allow for rounding."""
-        return area / self.cell_area * (1 - CELL_TOLERANCE)
+        return area / self.cell_area * (1 - frames.CELL_TOLERANCE)
 
     def gap(self, saddle: int) -> tuple[Point, Point]:
         """Return the ends of the gap around a cell, given by its flat index; computed once."""
@@ -253,22 +238,15 @@ def _squares_to_border(length: int) -> NDArray[np.int64]:
 def largest_closed_square(radius: float, frame: Frame) -> int:
     """Return the largest squared distance in cells that is closed to a round robot."""
     # Cells at this distance have cost 253 around an obstacle, those beyond it less.
-    return largest_square_within(min(radius, max(frame.size_xy)), frame.resolution)
+    return frames.largest_square_within(min(radius, max(frame.size_xy)), frame.resolution)
 
 
 DEFAULT_HEADINGS = 72
 
 
-class _Level(NamedTuple):
-    """A range of squared clearances: above `lower`, up to `upper`."""
-
-    upper: int
-    lower: int
-
-
 def passages(
     passage_tree: PassageTree, is_open: NDArray[np.bool_], start: Cell, *,
-    radius: float, margin: float, min_area: float, circumscribed_radius: float | None = None,
+    radius: float, min_area: float, margin: float = 0.0, circumscribed_radius: float | None = None,
     is_reached: NDArray[np.bool_] | None = None,
 ) -> tuple[Passage, ...]:  # fmt: skip
     """Return the passages that stop a robot, or a robot larger by a margin, and cut off an area."""
@@ -278,41 +256,41 @@ def passages(
         return ()
     closed = largest_closed_square(radius, passage_tree.frame)
     tight = largest_closed_square(radius + margin, passage_tree.frame)
-    levels = [_Level(closed, -1), _Level(tight, closed)]
+    levels = [(closed, -1), (tight, closed)]
     if is_reached is not None and circumscribed_radius is not None:
-        circumscribed = largest_closed_square(circumscribed_radius, passage_tree.frame)
-        levels.append(_Level(circumscribed, tight))
-    levels = [level for level in levels if level.upper > level.lower]
+        levels.append((largest_closed_square(circumscribed_radius, passage_tree.frame), tight))
+    levels = [(upper, lower) for upper, lower in levels if upper > lower]
     counts, min_count = passage_tree.counts(is_open), passage_tree.min_count(min_area)
-    edges_of_levels = [_meetings(tree, counts, root, level, min_count) for level in levels]
+    edges_of_levels = [_meetings(tree, counts, root, *level, min_count) for level in levels]
     edges = np.concatenate(edges_of_levels)
     if not len(edges):
         return ()
     values = counts[:, np.newaxis]
     if is_reached is not None:
         values = np.column_stack([counts, passage_tree.counts(is_reached)])
-    sides = _sides_of(tree, edges, root, values)
-    open_beyond = sides.beyond[:, 0]
+    beyond, before, basins_beyond = _sides_of(tree, edges, root, values)
+    open_beyond = beyond[:, 0]
     is_passed = tree.squares[edges] > closed
     is_kept = open_beyond > 0  # nan if the root is not connected to the edge
     if is_reached is not None:
-        is_passed = sides.beyond[:, 1] >= np.minimum(min_count, open_beyond / 2)
+        is_passed = beyond[:, 1] >= np.minimum(min_count, open_beyond / 2)
         # Behind a closed passage, a further passage certainly stops the robot only if it is too
         # narrow for the inscribed circle.
         limits = np.where(is_passed, tight, closed)
-        is_kept &= (tree.squares[edges] <= limits) | (~is_passed & (sides.before[:, 1] > 0))
+        is_kept &= (tree.squares[edges] <= limits) | (~is_passed & (before[:, 1] > 0))
     doors = [(int(tree.cells[edges[index]]), index) for index in np.flatnonzero(is_kept).tolist()]
     stops = is_kept & ~is_passed
     begin = 0
     for level_edges in edges_of_levels:
         level = slice(begin, begin := begin + len(level_edges))
         if stops[level].any():
-            basins_beyond = sides.basins_beyond[level]
-            further = _further_doors(passage_tree, level_edges, basins_beyond, open_beyond[level])
+            ends = basins_beyond[level], open_beyond[level]
+            further = _further_doors(passage_tree, level_edges, *ends)
             doors += [(cell, level.start + i) for cell, i in further if stops[level][i]]
     found = []
     for cell, index in doors:
-        width = width_of(int(passage_tree.squared.flat[cell]), passage_tree.frame.resolution)
+        square = int(passage_tree.squared.flat[cell])
+        width = reach.width_of(square, passage_tree.frame.resolution)
         area = float(open_beyond[index]) * passage_tree.cell_area
         x, y = passage_tree.middle(cell)
         found.append(Passage(x, y, width, area, bool(is_passed[index]), passage_tree.gap(cell)))
@@ -330,19 +308,15 @@ def disconnected(grid: OccupancyGrid, radius: float, min_area: float) -> list[Pa
     tree = passage_tree.tree
     is_open = passage_tree.is_open(largest_closed_square(radius, grid.frame))
     counts, basins = _regions(passage_tree, is_open, radius)
-    components_of_basins, _ = joined(len(counts), tree.firsts, tree.seconds)
-    _, first, component = np.unique(
-        components_of_basins[basins], return_index=True, return_inverse=True
-    )
+    labels, _ = joined(len(counts), tree.firsts, tree.seconds)
+    _, first, component = np.unique(labels[basins], return_index=True, return_inverse=True)
     largest = counts[basins[first]]
     remaining = np.bincount(component, counts[basins], minlength=len(first)) - largest
     is_divided = np.minimum(largest, remaining) >= passage_tree.min_count(min_area)
     found: list[Passage] = []
     for basin in basins[first[is_divided]].tolist():
         start = divmod(int(tree.peak_cells[basin]), grid.frame.width)
-        found += passages(
-            passage_tree, is_open, start, radius=radius, margin=0.0, min_area=min_area
-        )
+        found += passages(passage_tree, is_open, start, radius=radius, min_area=min_area)
     return sorted(found, key=_passage_order)
 
 
@@ -355,41 +329,32 @@ def bottleneck_on_way(from_start: RootedPassageTree, goal: Cell) -> Bottleneck |
         return None
     at_start = int(squared[start])
     square = min(at_start, int(squared[goal]), int(rooted.bottlenecks[basin]))
-    width = width_of(square, passage_tree.frame.resolution)
-    edge = _first_edge(tree, rooted, basin, square)
-    if edge is not None:
-        x, y = passage_tree.middle(int(tree.cells[edge]))
-        return Bottleneck(x, y, width, "passage")
+    width = reach.width_of(square, passage_tree.frame.resolution)
+    while (edge := int(rooted.parent_edges[basin])) >= 0:  # the first one that is as narrow
+        if tree.squares[edge] <= square:
+            x, y = passage_tree.middle(int(tree.cells[edge]))
+            return Bottleneck(x, y, width, "passage")
+        basin = int(tree.firsts[edge]) + int(tree.seconds[edge]) - basin
     limits_at_start = at_start == square
     x, y = passage_tree.frame.xy_from_rowcol([start if limits_at_start else goal])[0].tolist()
     return Bottleneck(x, y, width, "start" if limits_at_start else "goal")
 
 
-def _first_edge(tree: ClearanceTree, rooted: RootedTree, basin: int, square: int) -> int | None:
-    """Return the first edge towards the root that is as narrow as a square."""
-    while (edge := int(rooted.parent_edges[basin])) >= 0:
-        if tree.squares[edge] <= square:
-            return edge
-        basin = int(tree.firsts[edge]) + int(tree.seconds[edge]) - basin
-    return None
-
-
 def _meetings(
-    tree: ClearanceTree, counts: NDArray[np.float64], root: int, level: _Level, min_count: float
+    tree: ClearanceTree, counts: Floats, root: int, upper: int, lower: int, min_count: float
 ) -> NDArray[np.intp]:
-    """Return the edges, of squares within a level, at which large regions meet."""
+    """Return the edges at which large regions meet, of squares above `lower`, up to `upper`."""
     # A region is a set of basins connected by wider edges; that of the root may be small.
-    begin = _first_not_above(tree.squares, level.upper)
-    end = _first_not_above(tree.squares, level.lower)
+    begin, end = (_first_not_above(tree.squares, limit) for limit in (upper, lower))
     count = len(counts)
     regions, _ = joined(count, tree.firsts[:begin], tree.seconds[:begin])
     sizes = np.bincount(regions, counts, minlength=count).astype(np.float64)
-    is_wide = tree.peaks > level.upper
+    is_wide = tree.peaks > upper
     is_large = sizes >= min_count
     is_large[regions[root]] = True
     is_large &= is_wide
     ends = regions[np.array([tree.firsts[begin:end], tree.seconds[begin:end]])]
-    if level.lower >= 0:
+    if lower >= 0:
         return begin + joined(count, ends[0], ends[1], is_large)[1]
     is_region = is_large | ((sizes > 0) & is_wide)
     return begin + _closed_meetings(ends, sizes, is_region, is_large, min_count)
@@ -413,17 +378,12 @@ def _closed_meetings(
     return edges[is_meeting]
 
 
-class _EdgeSides(NamedTuple):
-    """Both sides of each edge, as seen from a root."""
-
-    beyond: NDArray[np.float64]  # sums of values beyond it, shape (edges, values)
-    before: NDArray[np.float64]  # sums in the component just before it
-    basins_beyond: NDArray[np.intp]  # a basin of the component just beyond it, or -1
-
-
 def _sides_of(
-    tree: ClearanceTree, edges: NDArray[np.intp], root: int, values: NDArray[np.float64]
-) -> _EdgeSides:
+    tree: ClearanceTree, edges: NDArray[np.intp], root: int, values: Floats
+) -> tuple[Floats, Floats, NDArray[np.intp]]:
+    """Return the sums of values beyond each edge and in the component before it, from the root."""
+    # Their shape is (edges, values). The third array has a basin of the component just beyond each
+    # edge, or -1.
     labels = _components_without(tree, edges)
     ends = labels[np.array([tree.firsts[edges], tree.seconds[edges], np.full(len(edges), root)])]
     used, ends = np.unique(ends, return_inverse=True)
@@ -431,7 +391,7 @@ def _sides_of(
     columns = [np.bincount(labels, column, minlength=len(values)) for column in values.T]
     sums = np.column_stack(columns)[used]
     beyond, near, far = components.sums_behind(firsts, seconds, int(roots[0]), sums)
-    return _EdgeSides(beyond, sums[near], np.where(far < 0, -1, used[far]))
+    return beyond, sums[near], np.where(far < 0, -1, used[far])
 
 
 def _components_without(tree: ClearanceTree, edges: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -443,22 +403,18 @@ def _components_without(tree: ClearanceTree, edges: NDArray[np.intp]) -> NDArray
 
 def _further_doors(
     passage_tree: PassageTree, edges: NDArray[np.intp], basins_beyond: NDArray[np.intp],
-    open_beyond: NDArray[np.float64],
+    open_beyond: Floats,
 ) -> Iterator[tuple[int, int]]:  # fmt: skip
-    """Yield further doors between the areas that the edges separate.
-
-    Each edge is the widest door between its two areas. Yields the flat index of the door's
-    narrowest cell, and the index of the edge to the same area.
-    """
-    # Doors less than half as wide as that edge are skipped: walls seen by lasers are full of holes.
+    """Yield the narrowest cells of further doors, flat, and the edge to the same area."""
+    # Each edge is the widest door between its two areas. Doors less than half as wide as that edge
+    # are skipped: walls seen by lasers are full of holes.
     tree = passage_tree.tree
     areas = _components_without(tree, edges)
     areas_beyond = np.where(basins_beyond < 0, -1, areas[basins_beyond]).tolist()
     edge_to = {area: index for index, area in enumerate(areas_beyond) if area >= 0}
     cells, squares = tree.cells[edges].tolist(), tree.squares[edges].tolist()
-    for cell, *ends in components.saddles_between(
-        passage_tree.squared, tree.basins, areas
-    ).tolist():
+    saddles = components.saddles_between(passage_tree.squared, tree.basins, areas)
+    for cell, *ends in saddles.tolist():
         candidates = [edge_to[area] for area in ends if area in edge_to]
         if candidates and cell not in cells:
             # of two edges with equal areas beyond them, take the wider one
@@ -500,7 +456,7 @@ def reach_on(
         raise ParameterError("must be x,y or x,y,yaw", place="start", got=tuple(start))
     pose = None if start is None else tuple(start)
     if pose is not None and len(pose) == 3:
-        warn_of_degrees(pose[2], "start")
+        frames.warn_of_degrees(pose[2], "start")
     start_cell = None if pose is None else cell_of_point(ground.frame, (pose[0], pose[1]), "start")
     names = ["goal" if goal.name is None else f"goal {goal.name}" for goal in goals]
     points = [check_point((goal.x, goal.y), name) for goal, name in zip(goals, names, strict=True)]
@@ -517,7 +473,7 @@ def reach_on(
     has_corners = robot is not None and bool(robot.vertices)
     found = passages(
         passage_tree, is_open, poses.start_cell,
-        radius=reach_radius(robot), margin=margin, min_area=min_area,
+        radius=reach.reach_radius(robot), margin=margin, min_area=min_area,
         circumscribed_radius=robot.circumscribed_radius if robot is not None else None,
         is_reached=poses.reachable.view(np.bool_) if has_corners else None,
     )  # fmt: skip
@@ -536,7 +492,7 @@ def reach_on(
 def cells_open_to(ground: Ground, robot: Footprint | None, start: Cell) -> NDArray[np.bool_]:
     # Those that are open to a round robot need not all be connected.
     if robot is None or not robot.vertices:
-        closed_up_to = largest_closed_square(reach_radius(robot), ground.frame)
+        closed_up_to = largest_closed_square(reach.reach_radius(robot), ground.frame)
         return np.asarray((squares_to(ground.obstacles) > closed_up_to) & ~ground.blocked)
     footprints = footprint_spans(robot, ground.frame, DEFAULT_HEADINGS)
     poses = paths.open_poses(ground.untouchable, footprints, ground.keepout)
@@ -578,7 +534,7 @@ def _standing_poses(
     ground: Ground, robot: Footprint | None, heading_count: int, start_cell: Cell | None,
     start: tuple[float, ...] | None, goal_cells: Sequence[Cell],
 ) -> _StandingPoses:  # fmt: skip
-    closed_up_to = largest_closed_square(reach_radius(robot), ground.frame)
+    closed_up_to = largest_closed_square(reach.reach_radius(robot), ground.frame)
     passage_tree = None
     default_start = None
     poses: paths.OpenPoses
@@ -593,7 +549,7 @@ def _standing_poses(
         footprints = footprint_spans(robot, ground.frame, heading_count)
         poses = paths.open_poses(ground.untouchable, footprints, ground.keepout)
     if not poses.headings.any():
-        raise MalformedInputError(f"no cell is open to {robot_text(robot)}")
+        raise MalformedInputError(f"no cell is open to {reach.robot_text(robot)}")
     if start_cell is None or start is None:
         # The robot's corners may not fit at the default start, and its inscribed circle nowhere.
         start_cell = nearest_marked(poses.headings > 0, default_start or (0, 0)) or (0, 0)
@@ -638,8 +594,9 @@ def _headings_at(
     if not is_open[heading]:
         away = np.abs((open_headings - heading + count // 2) % count - count // 2)
         nearest = float(open_headings[np.argmin(away)]) * _TURN / count
-        rule = "the robot cannot stand there in this heading, "
-        rule += f"only in {len(open_headings)} of {count}"
+        rule = (
+            f"the robot cannot stand there in this heading, only in {len(open_headings)} of {count}"
+        )
         hint = f"the nearest open heading is {nearest:.4g}; without a yaw all that are open count"
         raise ParameterError(rule, place="start", got=tuple(start), hint=hint)
     return [heading]
@@ -656,12 +613,14 @@ def _closed_text(ground: Ground, cell: Cell, square: int, robot: Footprint | Non
         return "unknown"
     if robot is not None and robot.vertices:
         return "too narrow for the robot in every heading"
-    clearance = width_of(square, ground.frame.resolution) / 2
+    clearance = reach.width_of(square, ground.frame.resolution) / 2
     row, col = cell
     height, width = ground.frame.shape
     to_edge = min(row + 1, height - row, col + 1, width - col)
     nearest = "the map's edge" if to_edge**2 == square else "an obstacle"
-    return f"{clearance:.4g} m from {nearest}, the robot's radius is {reach_radius(robot):.4g} m"
+    return (
+        f"{clearance:.4g} m from {nearest}, the robot's radius is {reach.reach_radius(robot):.4g} m"
+    )
 
 
 def _answer(

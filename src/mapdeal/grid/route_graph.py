@@ -205,10 +205,7 @@ class Sweeps:
             poses = np.column_stack([places_xy, yaws + turn])
             for shape in (robot, robot.padded(_ROUNDING)):
                 costs, _ = sample_poses(self._costmap, shape, poses)
-                is_hit = costs == LETHAL_OBSTACLE
-                if robot.vertices:
-                    is_hit |= costs != FREE_SPACE
-                is_free &= ~is_hit
+                is_free &= (costs == FREE_SPACE) if robot.vertices else (costs != LETHAL_OBSTACLE)
         return is_free
 
 

@@ -63,7 +63,6 @@ class Polygon(OneLineRepr):
     holes_xy: Sequence[Sequence[Point]] = ()
     value: int | None = None
     source: str = field(default="", compare=False, repr=False)
-
     kind: ClassVar[str] = "polygon"
 
     def __post_init__(self) -> None:
@@ -134,13 +133,10 @@ class Line(OneLineRepr):
     thickness: float = 0.0
     value: int | None = None
     source: str = field(default="", compare=False, repr=False)
-
     kind: ClassVar[str] = "line"
 
     def __post_init__(self) -> None:
-        points = checked_corners(
-            self.points_xy, "line", within=FARTHEST, least=2, most=_MOST_VERTICES
-        )
+        points = checked_corners(self.points_xy, "line", least=2, most=_MOST_VERTICES)
         object.__setattr__(self, "points_xy", points)
         _check_length(self.thickness, "line thickness")
 
@@ -212,11 +208,10 @@ class Circle:
     radius: float
     value: int | None = None
     source: str = field(default="", compare=False, repr=False)
-
     kind: ClassVar[str] = "circle"
 
     def __post_init__(self) -> None:
-        (center,) = checked_corners([self.center_xy], "circle", within=FARTHEST, least=1, most=1)
+        (center,) = checked_corners([self.center_xy], "circle", least=1, most=1)
         object.__setattr__(self, "center_xy", center)
         _check_length(self.radius, "circle radius")
 
@@ -309,7 +304,7 @@ class PlainPolygons:
 
 
 def _ring(points: Sequence[Point], name: str, most: int = _MOST_VERTICES) -> tuple[Point, ...]:
-    corners = checked_corners(points, name, within=FARTHEST, least=3, most=most)
+    corners = checked_corners(points, name, least=3, most=most)
     check_simple(corners, name)
     return corners
 

@@ -29,10 +29,8 @@ FREE_SPACE: Final = 0
 INSCRIBED_INFLATED_OBSTACLE: Final = 253
 LETHAL_OBSTACLE: Final = 254
 NO_INFORMATION: Final = 255
-
 INSCRIBED_PUBLISHED: Final = 99  # of inscribed, as occupancy; planners enter cells below it
 DEFAULT_LETHAL_THRESHOLD: Final = 100
-
 CostScale = Literal["costmap2d", "occupancy"]
 UnknownPolicy = Literal["free", "occupied"]
 OverlayType = Literal["seq", "max", "min"]
@@ -84,7 +82,6 @@ def static_layer_cost_from_occupancy(
 Drawer = Callable[[object], bytes | None]  # from an object to its PNG, if it has a picture
 MOST_COUNTED = 100_000_000  # cells whose values a repr counts, in tenths of a second
 _MOST_LISTED = 6
-
 _drawers: list[Drawer] = []
 
 

@@ -37,13 +37,10 @@ class Halo:
 
 
 MakeRows = Callable[[slice], NDArray[Any]]
-
 ReportRows = Callable[[int, int], object]  # rows processed, rows of the layer
 _reported_to: ContextVar[ReportRows | None] = ContextVar("reported_to", default=None)
-
 activities: ContextVar[list[str] | None] = ContextVar("activities", default=None)
 """Names of the work under way, see `activity`; a progress display sets the list."""
-
 _CELLS_PER_TEST = 1 << 20
 
 

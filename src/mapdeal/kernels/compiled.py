@@ -24,7 +24,6 @@ from mapdeal.kernels.threads import claim_tables, for_rows, in_bands
 if TYPE_CHECKING:
     from mapdeal.kernels._compiled import Transform
 
-
 LONGEST_SIDE = _compiled.longest_side  # cells; the scipy twin handles longer ones
 
 
@@ -187,7 +186,6 @@ def basin_areas(basins: Basins, squared: SquaredDistances, above: int, count: in
 
 
 Words = NDArray[np.uint64]
-
 _WORD, _SHIFTS, _WIDE = 64, 8, 16
 _BAND_ROWS = 32  # of poses at a time: more save work at edges, fewer stay in the cache
 _SHARE_WAITING = 64  # the share of tiles that may wait at a time is 1 / 64

@@ -91,7 +91,6 @@ def _costs_to_go(
 
 
 Place = tuple[float, float]
-
 # Cells around a goal whose lengths are exact where a straight line leads to it: there the costs of
 # the eikonal equation would be up to 4 % too high.
 _EXACT_WITHIN = 10

@@ -29,7 +29,6 @@ _TURNS = {
     14: (_E, _S, 0, 0), 13: (_N, _E, 0, -1), 11: (_S, _W, -1, 0), 7: (_W, _N, -1, -1),
 }  # fmt: skip
 _CROSSINGS = {9: (1, 8), 6: (2, 4)}
-
 MOST_TOLERANCE = 0.5  # cells: lattice lines are 1 apart, so moved outlines cannot meet
 _BELOW = 1 - 1e-6
 _LONG_EDGE = 2  # cells: steps of slanted walls are shorter on at least one side

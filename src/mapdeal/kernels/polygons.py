@@ -162,7 +162,6 @@ def _rim(start: Position, stop: Position, radius: float, y: Floats) -> list[_End
 
 Cell = tuple[int, int]
 Pose = tuple[int, int, int]  # heading, row and column
-
 FARTHEST_CELL = 1 << 30  # up to this cell index all products in this module fit 64 bits
 
 

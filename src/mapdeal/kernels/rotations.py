@@ -87,7 +87,6 @@ def undone(transforms: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
 
 _STEPS = (math.radians(0.5), math.radians(0.1), math.radians(0.02))
 """Steps of the search for the main direction, radians: each refines the previous result."""
-
 _MOST_POINTS = 20_000
 _SPREAD = (0.7548776662466927, 0.5698402909980532)  # Roberts' R2 sequence fills a square evenly
 _WIDTH = 2.0  # of the strips in the Hough spectrum for the main direction, cells

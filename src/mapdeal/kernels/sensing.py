@@ -129,11 +129,9 @@ def _expand(data: bytes, to: memoryview) -> bool:
 
 
 Counts = NDArray[np.int32]
-
 DISTANCE_UNIT = 1 << 20  # one truncation in `measure_rays`: integer sums are exact
 # marks of `weigh_rays`: an observed cell, one hit, and the number up to which hits count
 OBSERVED, A_HIT, MOST_HITS = 1, 2, 3
-
 _PARTS_PER_THREAD = 2  # each part of the rows reads every beam once more
 _CELLS_TOGETHER = 1 << 20
 _RAYS_TOGETHER = 1 << 16

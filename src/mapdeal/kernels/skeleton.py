@@ -26,10 +26,8 @@ from mapdeal.kernels.lookup import pooled
 
 RING = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
 """Steps to the neighbours of a cell, anticlockwise from the next column."""
-
 STRAIGHT, DIAGONAL = 12, 17
 """Lengths of steps: 17 / 12 is 0.2 % more than the root of 2, so lengths are never too small."""
-
 _FAR = (1 << 32) - 1
 
 

@@ -23,7 +23,6 @@ _ROWS_CELLS = 1 << 16  # of a part: temporary arrays of this size stay in the ca
 _MOST_THREADS = 1024  # more never help, and libraries refuse counts above C integers
 _STACK = 16 << 20  # bytes free before a thread starts: its stack, and some more
 _LONGEST_START = 2.0  # seconds
-
 _T = TypeVar("_T")
 _chosen: ContextVar[int | None] = ContextVar("threads", default=None)
 

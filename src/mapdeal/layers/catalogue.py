@@ -19,10 +19,8 @@ def _layer_classes() -> Iterator[type[CostmapLayer]]:
 
 
 LAYERS: tuple[type[CostmapLayer], ...] = tuple(_layer_classes())
-
 KINDS: dict[str, type[CostmapLayer]] = {layer.key: layer for layer in LAYERS}
 """Layer classes by their key in recipes."""
-
 NAV2_PLUGINS = {plugin: layer for layer in LAYERS for plugin in layer.nav2_plugins}
 ROS1_PLUGINS = {plugin: layer for layer in LAYERS for plugin in layer.ros1_plugins}
 

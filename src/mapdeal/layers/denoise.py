@@ -35,7 +35,6 @@ class DenoiseLayer(CostmapLayer):
     name: str = "denoise_layer"
     minimal_group_size: Annotated[int, AT_LEAST_0] = 2
     group_connectivity_type: Annotated[int, _CONNECTIVITY] = 8
-
     key: ClassVar[str] = "denoise"
     nav2_plugins: ClassVar[tuple[str, ...]] = ("nav2_costmap_2d::DenoiseLayer",)
     about: ClassVar[str] = "frees small groups of obstacle cells"

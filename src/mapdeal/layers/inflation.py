@@ -29,7 +29,6 @@ from mapdeal.layers import layer as base
 from mapdeal.layers.layer import CostmapLayer
 
 HIGHEST_GRADED = INSCRIBED_INFLATED_OBSTACLE - 1
-
 CostLookup = Literal["exact", "nav2"]  # "nav2" rounds distances to 1/100 cell
 
 
@@ -68,7 +67,6 @@ class InflationLayer(CostmapLayer):
     inflate_unknown: bool = False
     inflate_around_unknown: bool = False
     lookup: CostLookup = "exact"
-
     key: ClassVar[str] = "inflation"
     nav2_plugins: ClassVar[tuple[str, ...]] = (
         "nav2_costmap_2d::InflationLayer", "nav2_costmap_2d::LegacyInflationLayer",

@@ -35,7 +35,6 @@ class KeepoutFilter(CostmapLayer):
     """
 
     name: str = "keepout_filter"
-
     key: ClassVar[str] = "keepout"
     nav2_plugins: ClassVar[tuple[str, ...]] = ("nav2_costmap_2d::KeepoutFilter",)
     about: ClassVar[str] = "raises costs to those of the keepout mask, at its place in the list"

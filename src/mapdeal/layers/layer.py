@@ -205,10 +205,8 @@ class CostmapLayer(OneLineRepr):
     key: ClassVar[str] = ""  # kind of layer in recipes
     nav2_plugins: ClassVar[tuple[str, ...]] = ()
     ros1_plugins: ClassVar[tuple[str, ...]] = ()
-
     about: ClassVar[str] = ""  # for tables: what the layer does to the costs
     reads_map: ClassVar[bool] = False
-
     spreads: ClassVar[bool] = False  # costs around lethal cells
     marks_obstacles: ClassVar[bool] = False  # lethal costs that a later inflation sees
     needs: ClassVar[str] = ""  # input besides the map without which it is idle

@@ -149,7 +149,6 @@ class ObstacleLayer(CostmapLayer):
     track_unknown_space: bool = False
     combination_method: int = MAXIMUM
     footprint_clearing_enabled: bool = True
-
     key: ClassVar[str] = "obstacle"
     nav2_plugins: ClassVar[tuple[str, ...]] = ("nav2_costmap_2d::ObstacleLayer",)
     ros1_plugins: ClassVar[tuple[str, ...]] = ("costmap_2d::ObstacleLayer",)
@@ -169,7 +168,6 @@ class ObstacleLayer(CostmapLayer):
          "restore_cleared_footprint", "max_obstacle_distance", "restore_outdated_obstacles",
          "tf_tolerance"}
     )  # fmt: skip
-
     ros1_costmap_parameters: ClassVar[tuple[str, ...]] = (
         "max_obstacle_height", "raytrace_range", "obstacle_range", "track_unknown_space",
     )  # fmt: skip
@@ -304,7 +302,6 @@ class VoxelLayer(ObstacleLayer):
     """Settings of costmap_2d's voxel layer, without observations; those of `ObstacleLayer`."""
 
     name: str = "voxel_layer"
-
     key: ClassVar[str] = "voxel"
     nav2_plugins: ClassVar[tuple[str, ...]] = ("nav2_costmap_2d::VoxelLayer",)
     ros1_plugins: ClassVar[tuple[str, ...]] = ("costmap_2d::VoxelLayer",)

@@ -40,7 +40,6 @@ class RangeSensorLayer(CostmapLayer):
     name: str = "range_sensor_layer"
     clear_threshold: float = 0.2
     mark_threshold: float = 0.8
-
     key: ClassVar[str] = "range"
     nav2_plugins: ClassVar[tuple[str, ...]] = ("nav2_costmap_2d::RangeSensorLayer",)
     ros1_plugins: ClassVar[tuple[str, ...]] = ("range_sensor_layer::RangeSensorLayer",)

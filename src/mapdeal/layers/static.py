@@ -65,7 +65,6 @@ class StaticLayer(CostmapLayer):
     use_maximum: bool = False
     unknown_is_highest: bool = False
     footprint_clearing_enabled: bool = False
-
     key: ClassVar[str] = "static"
     nav2_plugins: ClassVar[tuple[str, ...]] = ("nav2_costmap_2d::StaticLayer",)
     ros1_plugins: ClassVar[tuple[str, ...]] = ("costmap_2d::StaticLayer",)

@@ -17,7 +17,6 @@ from mapdeal.grid.values import Drawn, count_text
 from mapdeal.mapping import evidence
 
 Method = Literal["log-odds", "counting", "tsdf"]
-
 METHODS: dict[Method, Callable[..., evidence.Evidence]] = {
     "log-odds": evidence.LogOdds, "counting": evidence.Counting, "tsdf": evidence.Tsdf
 }  # fmt: skip

@@ -338,7 +338,6 @@ class Evidence(ABC):
 
 _UNIT = 1 << 16
 """Fixed-point value of an evidence of 1: integer sums are exact in any order."""
-
 _EVEN, _FAR = 50, 1000
 
 
@@ -576,7 +575,6 @@ def _partners_of(crossings: Crossings, row: int, col: int) -> list[tuple[int, in
 
 _FARTHEST = 1000.0  # largest truncation distance, and reach of beams behind hits, in cells
 _TRUNCATION = Condition(f"1 to {_FARTHEST:g}", lambda value: 1 <= value <= _FARTHEST)
-
 _Truncation = Annotated[float, _TRUNCATION, CELLS]
 
 

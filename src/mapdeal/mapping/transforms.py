@@ -22,7 +22,6 @@ from mapdeal.kernels.rotations import composed, normalised, slerp, undone
 from mapdeal.kernels.sensing import cover_angles
 
 Pose = tuple[float, float, float]
-
 _TURN = 2 * math.pi
 _BINS = 1 << 14  # of CoveredAngles
 

@@ -16,7 +16,6 @@ from mapdeal.kernels.arrays import Floats, Integers
 
 Claim = Callable[[int, str], object]
 """Called with the bytes of an allocation and a description; it may raise an error."""
-
 FINEST = 0.05  # default side of a cell, metres
 _COARSEST = 16  # times FINEST: largest default, for sparse clouds
 _SORTED_AT_ONCE = 1 << 20  # points

@@ -6,7 +6,6 @@ from mapdeal.command import Stage, stages_among
 from mapdeal.stages import listed
 
 STAGES: tuple[Stage, ...] = stages_among(vars(listed))
-
 STAGE_NAMES: tuple[str, ...] = tuple(dict.fromkeys(stage.name for stage in STAGES))
 
 

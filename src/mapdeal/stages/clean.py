@@ -19,7 +19,6 @@ from mapdeal.kernels.distance import beside, dilate_square
 
 Mask = NDArray[np.bool_]
 Values = NDArray[np.int8]
-
 _ANY_SIZE = 1 << 62  # more cells than a map can have
 
 

@@ -21,7 +21,6 @@ from mapdeal.kernels.threads import for_rows
 from mapdeal.layers.stack import CostmapLayers
 
 Mask = NDArray[np.bool_]
-
 LARGER_MAX_DISTANCE = "make the field with a larger max_distance, or none"  # a hint
 _LARGEST_TABLE = 1 << 22
 _CLIP_TOLERANCE = 2.0**-23  # relative: distances are float32, the clip is not

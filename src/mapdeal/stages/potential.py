@@ -30,9 +30,7 @@ GAIN = command.Condition(
 CAP = command.Condition(
     f"above 0, at most {LARGEST_REPULSION:g}", lambda value: 0 < value <= LARGEST_REPULSION
 )
-
 MULTIPLIER = command.Condition("between 0 and 1e6", lambda value: 0 <= value <= 1e6)
-
 LEAST_DISTANCE = 0.001  # metres; nearer terms are omitted, as that of the cell itself
 
 

@@ -21,7 +21,6 @@ from mapdeal.stages.cost import check_lethal_threshold, closed_by, obstacles_of
 from mapdeal.stages.structured import Goals, accept_goals
 
 _MOST_SHOWN = 3
-
 _MEMORY = 15.0  # bytes per cell: four each for squares and basins; 14.3 were measured
 
 

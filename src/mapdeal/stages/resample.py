@@ -14,16 +14,15 @@ from numpy.typing import NDArray
 from mapdeal.command import ABOVE_0, METRES, RADIANS, Parameters, stage
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid import frame as frames
-from mapdeal.grid.canvas import ResamplingRule, check_rule, check_values, resampled
+from mapdeal.grid.canvas import ResamplingRule, check_values, resampled
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, check_choice
 from mapdeal.kernels.distance import beside
 
 _QUARTER = math.pi / 2
 _TOLERANCE = 2e-5  # radians; makes 1.5708 and 4.7124 quarter turns, and is 2 mm over 100 m
 _THICKEST_WALL = 5  # cells of a wall that count, from its open side
 V = TypeVar("V", bound=frames.ValueGrid)
-
 _angles: WeakKeyDictionary[frames.ValueGrid, float | None] = WeakKeyDictionary()
 """Results of `yaw_to_straighten`, which a turn needs twice: for its memory and for its cells."""
 
@@ -165,7 +164,7 @@ def rotate(grid: V, yaw: float = 0.0, *, rule: ResamplingRule = "area") -> V:
     check_values(grid)
     frame, quarters = _turned(grid.frame, yaw)
     if quarters is not None:
-        check_rule(rule)
+        check_choice(rule, ResamplingRule, "rule")
         return grid.with_values(np.rot90(grid.values, -quarters), frame.origin)
     lattice = frames.Frame(1, 1, frame.resolution)
     region = frames.region_around(lattice, frame)
@@ -351,7 +350,7 @@ def rescale(
     >>> rescale(grid, 0.025).shape
     (4, 8)
     """
-    check_rule(rule)
+    check_choice(rule, ResamplingRule, "rule")
     check_values(grid)
     frame = rescaled_frame(grid.frame, resolution)
     return grid if frame == grid.frame else resampled(grid, frame, rule=rule)

@@ -20,7 +20,6 @@ from mapdeal.stages.cost import ObstacleSource, cost_model
 from mapdeal.stages.esdf import LARGER_MAX_DISTANCE, Viewer, esdf, furthest_kept
 
 Floats = NDArray[np.float64]
-
 _HIGHEST_BELOW_OBSTACLE = 99
 _TOLERANCE = 1e-9  # metres; rounding may put a cell this far below a threshold
 
