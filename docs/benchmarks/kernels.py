@@ -13,7 +13,7 @@ from turns import Contender, head, in_turns, options, ratio, row
 
 from mapdeal.kernels.distance import bytes_by_distance, signed_distance, squared_distance
 from mapdeal.kernels.threads import use_threads
-from mapdeal.layers.inflation import InflationLayer, cost_table
+from mapdeal.layers.inflation import CostProfile, InflationLayer
 
 INSCRIBED, FACTOR, REACH = 0.3, 3.0, 1.75  # metres, 1 / metre, metres
 
@@ -49,7 +49,7 @@ def tasks(occupied: np.ndarray, threads: int) -> dict[str, dict[str, Contender]]
 
     def costs() -> np.ndarray:
         layer = InflationLayer(inscribed_radius=INSCRIBED, cost_scaling_factor=FACTOR)
-        return bytes_by_distance(occupied, cost_table(round(REACH / RESOLUTION), layer, RESOLUTION))
+        return bytes_by_distance(occupied, CostProfile(layer, occupied.shape, RESOLUTION).table)
 
     return {
         "signed field": {

@@ -17,6 +17,7 @@ from mapdeal.grid.frame import Figures, Frame, Framed, Region, ValueGrid
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import UNKNOWN, check_choice
+from mapdeal.kernels.arrays import Array
 from mapdeal.kernels.blocks import Layer, is_lazy, made_by_rows
 from mapdeal.kernels.lookup import TOUCHING, Lattice, largest_under, nearest_under
 from mapdeal.kernels.threads import for_rows
@@ -280,9 +281,7 @@ def cut_out(layer: Layer, region: Region) -> Layer:
     return made_by_rows(layer, layer.dtype, cut, shape=(region.height, region.width))
 
 
-def embedded(
-    values: NDArray[Any], shape: tuple[int, int], region: Region, fill: float = np.nan
-) -> NDArray[Any]:
+def embedded(values: Array, shape: tuple[int, int], region: Region, fill: float = np.nan) -> Array:
     extended = np.full((*values.shape[:-2], *shape), fill, dtype=values.dtype)
     rows, cols = region.shared_with(shape)
     extended[..., rows, cols] = values

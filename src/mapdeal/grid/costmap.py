@@ -323,8 +323,7 @@ class CostCurve(map_values.Drawn):
         """Return the cost at the nearest distance that occurs, given distances in cells."""
         reach = self.reach_cells  # the next distance beyond it has cost 0
         beyond = math.hypot(reach, 1.0) if self.metric == "euclidean" else reach + 1.0
-        known = np.append(self.cells, beyond)
-        costs = np.append(self.cost.astype(np.int64), 0)
+        known, costs = np.append(self.cells, beyond), np.append(self.cost.astype(np.int64), 0)
         return costs[np.searchsorted((known[1:] + known[:-1]) / 2, cells)]
 
     def listed(self) -> NDArray[np.intp]:

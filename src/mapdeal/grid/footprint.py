@@ -22,12 +22,7 @@ from mapdeal.kernels.polygons import Lattice, Spans, costs_at_poses, edges_of_ri
 
 
 def checked_corners(
-    points: Sequence[Sequence[float]],
-    name: str,
-    *,
-    least: int,
-    most: int,
-    within: float = FARTHEST,
+    points: Sequence[Sequence[float]], name: str, *, least: int, most: int, within: float = FARTHEST
 ) -> tuple[Point, ...]:
     is_list = isinstance(points, Iterable) and not isinstance(points, (str, bytes))
     require(is_list, f"a {name} takes a list of vertices [x, y]", name, got=points)

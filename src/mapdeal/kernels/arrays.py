@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 Basins = NDArray[np.int32]
 Bytes = NDArray[np.uint8]

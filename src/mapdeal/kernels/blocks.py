@@ -220,9 +220,7 @@ def made_by_rows(
     return cast("Layer", layer)
 
 
-def made_by_windows(
-    source: Layer, dtype: Any, change: Callable[[slice], NDArray[Any]], *, halo: int
-) -> Layer:
+def made_by_windows(source: Layer, dtype: Any, change: MakeRows, *, halo: int) -> Layer:
     """Return a layer of the rows that `change` computes from rows with a halo on both sides."""
     height = source.shape[0]
 

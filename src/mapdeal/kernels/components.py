@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.arrays import Basins, Floats, Integers, Mask, SquaredDistances
+from mapdeal.kernels.arrays import Array, Basins, Floats, Integers, Mask, SquaredDistances
 from mapdeal.kernels.polygons import enumerated
 from mapdeal.kernels.threads import for_rows
 
@@ -243,7 +243,7 @@ RowCol = tuple[float, float]
 
 
 def gap_at(
-    squared: SquaredDistances, basins: NDArray[np.int32], cell: tuple[int, int]
+    squared: SquaredDistances, basins: Basins, cell: tuple[int, int]
 ) -> tuple[RowCol, RowCol]:
     # In a thick wall all cells in the middle of a door are equally narrow, and any of them may be
     # the saddle. They are the ridge, up to cells with a wider neighbour, where the rooms begin.
@@ -264,7 +264,7 @@ def gap_at(
     return (first[0], first[1]), (second[0], second[1])
 
 
-def _ridge(squared: SquaredDistances, basins: NDArray[np.int32], cell: tuple[int, int]) -> Integers:
+def _ridge(squared: SquaredDistances, basins: Basins, cell: tuple[int, int]) -> Integers:
     height, width = squared.shape
     square = squared[cell]
     ridge = {cell}
@@ -283,9 +283,7 @@ def _ridge(squared: SquaredDistances, basins: NDArray[np.int32], cell: tuple[int
     return np.array(sorted(ridge))
 
 
-def _around(
-    layer: NDArray[Any], middle: tuple[int, int], reach: float, *, beyond: int
-) -> NDArray[Any]:
+def _around(layer: Array, middle: tuple[int, int], reach: float, *, beyond: int) -> Array:
     half = math.ceil(reach)
     around = np.full((2 * half + 1, 2 * half + 1), beyond, dtype=layer.dtype)
     first_row, first_col = middle[0] - half, middle[1] - half
@@ -395,9 +393,7 @@ def sums_behind(
     return behind, near, far
 
 
-def saddles_between(
-    squared: SquaredDistances, basins: NDArray[np.int32], labels: Integers
-) -> Integers:
+def saddles_between(squared: SquaredDistances, basins: Basins, labels: Integers) -> Integers:
     """Return the doors between regions of a grid: the widest cells of their borders."""
     first, second = _borders(basins, np.append(labels, -1).astype(np.int32))
     square, beyond = squared.reshape(-1)[first], squared.reshape(-1)[second]
@@ -429,7 +425,7 @@ def saddles_between(
     return np.array(found, dtype=np.int64).reshape(-1, 3)
 
 
-def _borders(basins: NDArray[np.int32], labels: NDArray[np.int32]) -> tuple[Integers, Integers]:
+def _borders(basins: Basins, labels: Basins) -> tuple[Integers, Integers]:
     """Return the pairs of neighbouring cells of different regions; basin -1 has the last label."""
     width = basins.shape[1]
     found: dict[int, list[Integers]] = {}

@@ -167,8 +167,7 @@ def bytes_of_distances(
 def interpolate(values: Metres, places_rowcol: Floats) -> tuple[Floats, Floats]:
     # Beyond the outermost centres the border cells are repeated: the slope across the border is 0.
     # The slopes are those of the interpolant itself, and jump at the lines of centres.
-    between = np.empty(len(places_rowcol))
-    slopes = np.empty((len(places_rowcol), 2))
+    between, slopes = np.empty(len(places_rowcol)), np.empty((len(places_rowcol), 2))
     if engine_name() == "compiled":
         values, places_rowcol = map(np.ascontiguousarray, (values, places_rowcol))
         _compiled.interpolate(values, places_rowcol, between, slopes)
@@ -328,8 +327,7 @@ def largest_under(values: Bytes, shape: tuple[int, int], lattice: Lattice) -> By
 
 
 def nearest_under(values: Bytes, shape: tuple[int, int], lattice: Lattice) -> tuple[Bytes, Mask]:
-    found = np.zeros(shape, dtype=np.uint8)
-    inside = np.zeros(shape, dtype=np.bool_)
+    found, inside = np.zeros(shape, dtype=np.uint8), np.zeros(shape, dtype=np.bool_)
     height, width = values.shape
     flat = np.ascontiguousarray(values).reshape(-1)
 

@@ -319,8 +319,7 @@ def _straighten(corners: Floats, chains: Integers, tolerances: Floats, stays_at:
                 if far <= tolerance:
                     continue
                 angle = math.atan2(up, right)
-                if base is None:
-                    base = angle
+                base = angle if base is None else base
                 angle = math.remainder(angle - base, math.tau)
                 if low <= angle <= high and (index % 2 or index == end):
                     best = index

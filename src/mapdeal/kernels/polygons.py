@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask
+from mapdeal.kernels.arrays import Array, Bytes, Floats, Integers, Mask
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.threads import for_rows
 
@@ -46,9 +45,7 @@ class Spans(NamedTuple):
         return Spans(self.rows[has_cells], starts[has_cells], stops[has_cells])
 
 
-def paint(
-    values: NDArray[Any], spans: Spans, value: int | Integers, *, over: Mask | None = None
-) -> None:
+def paint(values: Array, spans: Spans, value: int | Integers, *, over: Mask | None = None) -> None:
     """Set the cells of runs to a value, or to the value of each run in order."""
     if isinstance(value, np.ndarray):
         columns = (*spans, value)

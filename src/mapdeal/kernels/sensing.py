@@ -194,8 +194,7 @@ def measure_rays(
     keeps_means = sums.dtype == np.float64
     for whose, at, _ in _passed(starts, ends, sums.shape, with_end=not keeps_means):
         row, col = np.divmod(at, sums.shape[1])
-        y = row + 0.5 - sensors_rowcol[whose, 0]
-        x = col + 0.5 - sensors_rowcol[whose, 1]
+        y, x = row + 0.5 - sensors_rowcol[whose, 0], col + 0.5 - sensors_rowcol[whose, 1]
         distance = (ranges[whose] - np.sqrt(y * y + x * x) * cell) / truncation
         near = distance >= -behind
         share = np.minimum(np.maximum(distance[near], -1.0), 1.0)

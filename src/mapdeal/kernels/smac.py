@@ -91,8 +91,7 @@ def _search_grid(
         heappush(open_list, entry)
 
     push(0, start)
-    iterations = 0
-    iterations_near_goal = 0
+    iterations, iterations_near_goal = 0, 0
     nearest, nearest_distance = start, math.inf
     while iterations < most_iterations and open_list:
         cell = heappop(open_list).cell

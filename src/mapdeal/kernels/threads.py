@@ -117,9 +117,7 @@ def in_parallel(work: Callable[[int, int], object], count: int) -> None:
         raise errors[0]
 
 
-def for_rows(
-    work: Callable[[slice], object], shape: tuple[int, ...], step: int | None = None
-) -> None:
+def for_rows(work: Callable[[slice], object], shape: tuple[int, ...], step: int = 0) -> None:
     """Call `work` in threads on slices that together are all rows of an array."""
     height, width = shape
     step = step or max(1, _ROWS_CELLS // max(width, 1))

@@ -59,8 +59,7 @@ class CostmapArea:
         # As updateOrigin and getSizeInMetersX in costmap_2d.cpp.
         x, y = self.origin
         if self.is_rolling and pose is not None:
-            x = self._moved(x, self.width, pose[0])
-            y = self._moved(y, self.height, pose[1])
+            x, y = self._moved(x, self.width, pose[0]), self._moved(y, self.height, pose[1])
         return Frame(self.height, self.width, self.resolution, (x, y, 0.0))
 
     def _moved(self, corner: float, cells: int, robot: float) -> float:
@@ -108,16 +107,12 @@ def cells_below(area: Frame, map_to_area: Pose | None, map_frame: Frame, rows: s
     x = area.origin[0] + (across + 0.5) * area.resolution
     y = area.origin[1] + (along + 0.5) * area.resolution
     if map_to_area is not None:
-        x, y = _transformed(map_to_area, x, y)
+        shift_x, shift_y, yaw = map_to_area
+        z, w = math.sin(yaw / 2), math.cos(yaw / 2)
+        scaled = z * (2.0 / (z * z + w * w))
+        cos, sin = 1.0 - z * scaled, w * scaled
+        x, y = cos * x + -sin * y + shift_x, sin * x + cos * y + shift_y
     return _cells_of(x, y, map_frame.origin, as_float32(map_frame.resolution))
-
-
-def _transformed(transform: Pose, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    shift_x, shift_y, yaw = transform
-    z, w = math.sin(yaw / 2), math.cos(yaw / 2)
-    scaled = z * (2.0 / (z * z + w * w))
-    cos, sin = 1.0 - z * scaled, w * scaled
-    return cos * x + -sin * y + shift_x, sin * x + cos * y + shift_y
 
 
 def _cells_of(x: Floats, y: Floats, origin: Origin, cell_size: float) -> Cells:

@@ -110,9 +110,9 @@ class InflationLayer(CostmapLayer):
         return LiveInflation(self, place)
 
     def effect(self) -> str:
+        factor, radius = self.cost_scaling_factor, self.inflation_radius
         text = f"cost 253 as far as {self.inscribed_radius:.4g} m from obstacles, then falling "
-        text += f"with cost_scaling_factor {self.cost_scaling_factor:g} as far as "
-        text += f"{self.inflation_radius:g} m"
+        text += f"with cost_scaling_factor {factor:g} as far as {radius:g} m"
         if self.inflate_around_unknown:
             return f"{text}; unknown cells are lethal, and inflated, too"
         return f"{text}; unknown cells take costs, too" if self.inflate_unknown else text
@@ -166,14 +166,9 @@ class InflationLayer(CostmapLayer):
             text, hint = inflation_too_small(radius, inscribed_radius)
             place = server.place(name, "inflation_radius")
             server.problem("params.inflation-radius", "warning", text, place, hint)
-        return cls(
-            name=name,
-            inscribed_radius=inscribed_radius,
-            inflation_radius=radius,
-            cost_scaling_factor=number("cost_scaling_factor", 10.0, 100.0),
-            inflate_unknown=server.boolean(False, name, "inflate_unknown"),
-            lookup="exact",
-        )
+        factor = number("cost_scaling_factor", 10.0, 100.0)
+        takes_unknown = server.boolean(False, name, "inflate_unknown")
+        return cls(name, inscribed_radius, radius, factor, takes_unknown)
 
     def _repr_parts(self) -> Iterator[str]:
         yield self.name
@@ -256,8 +251,8 @@ def _factor_without_path(values: base.Nav2Values, name: str) -> float:
     wider = min(factors, key=factors.__getitem__)
     factor = max(factors.values())
     if factors[wider] < factor:
-        text = f"raises costs {wider} of the robot's path; here there is no path, and {factor:g} "
-        text += "counts on both sides"
+        text = f"raises costs {wider} of the robot's path; here there is no path, and "
+        text += f"{factor:g} counts on both sides"
         place = next(side for side in (sides[wider], *sides.values()) if side in values.parameters)
         values.problem("params.asymmetric", "note", text, place)
     return factor
@@ -289,7 +284,9 @@ class CostProfile:
             decay = math.log(HIGHEST_GRADED) / layer.cost_scaling_factor
             cells = min((layer.inscribed_radius + decay) / cell_size, self.reach)
             farthest = min(self.reach, math.ceil(cells) + 1)
-        self.table = cost_table(farthest, layer, cell_size, is_tolerant=is_tolerant)
+        squares = np.arange(farthest * farthest + 2)
+        self.table = _costs_of_squares(squares, layer, cell_size, is_tolerant=is_tolerant)
+        self.table[-1] = FREE_SPACE
 
     @property
     def cells(self) -> int:
@@ -310,26 +307,13 @@ class CostProfile:
         raise_bytes(cost, spread, least=least, unknown=NO_INFORMATION)
 
 
-@lru_cache(maxsize=8)
-def profile_of(layer: InflationLayer, shape: tuple[int, int], cell_size: float) -> CostProfile:
-    return CostProfile(layer, shape, cell_size)
-
-
+profile_of = lru_cache(maxsize=8)(CostProfile)
 _MOST_CELLS = 2.0**52  # limit of a reach: floats represent all whole numbers up to here
 
 
 def reach_in_cells(radius: float, cell_size: float, *, is_tolerant: bool = False) -> int:
     radius = min(radius, _MOST_CELLS * cell_size)
     return cells_to_cover(radius, cell_size) if is_tolerant else math.ceil(radius / cell_size)
-
-
-def cost_table(
-    reach: int, layer: InflationLayer, cell_size: float, *, is_tolerant: bool = False
-) -> NDArray[np.uint8]:
-    squares = np.arange(reach * reach + 2)
-    table = _costs_of_squares(squares, layer, cell_size, is_tolerant=is_tolerant)
-    table[-1] = FREE_SPACE
-    return table
 
 
 def _costs_of_squares(
@@ -407,6 +391,8 @@ def inflation_curve(
     if not layers:
         return CostCurve(resolution, np.sqrt(squares), cost)
     farthest, last = layers[int(np.argmax(reaches))], layers[-1]
+    others = (layer for layer in layers if layer is not farthest)
+    marks = ((f"inflation radius of {layer.name}", layer.inflation_radius) for layer in others)
     at_circumscribed = None if circumscribed_radius is None else last.cost_at(circumscribed_radius)
     return CostCurve(
         resolution,
@@ -416,11 +402,7 @@ def inflation_curve(
         circumscribed_radius=circumscribed_radius,
         circumscribed_cost=at_circumscribed,
         inflation_radius=farthest.inflation_radius,
-        marks=tuple(
-            (f"inflation radius of {layer.name}", layer.inflation_radius)
-            for layer in layers
-            if layer is not farthest
-        ),
+        marks=tuple(marks),
         note="distances rounded to 1/100 cell" if last.lookup == "nav2" else "",
         formula=partial(_decay, layers=layers, reaches=[reach * cell_size for reach in reaches]),
     )

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION
-from mapdeal.kernels.arrays import Floats, Integers
+from mapdeal.kernels.arrays import Array, Floats, Integers
 from mapdeal.kernels.sensing import VOXEL, CellRays, clear_cells, clear_voxels
 from mapdeal.layers import layer as base
 from mapdeal.layers.layer import CostmapLayer, Costs, Mask
@@ -220,17 +220,15 @@ class ObstacleLayer(CostmapLayer):
         path = (name, "track_unknown_space")
         is_overridden = "track_unknown_space" in cls.ros1_costmap_parameters
         place = server.place(*path) if is_overridden else path
-        method = cls._ros1_method(server.integer(MAXIMUM, name, "combination_method"))
+        method = server.integer(MAXIMUM, name, "combination_method")
+        if cls.key == "voxel":  # dynamic_reconfigure has limits here
+            method = min(max(method, OVERWRITE), KEEP_UNKNOWN)
         return cls(
             name=name,
             track_unknown_space=server.boolean(costmap_tracks, *place),
             combination_method=method if method in (OVERWRITE, MAXIMUM) else KEEP_UNKNOWN,
             footprint_clearing_enabled=server.boolean(True, name, "footprint_clearing_enabled"),
         )
-
-    @staticmethod
-    def _ros1_method(method: int) -> int:
-        return method
 
     def live(self, place: base.LivePlace, sensing: Sensing) -> ObstacleGrid:
         return ObstacleGrid(self, place, sensing)
@@ -312,10 +310,6 @@ class VoxelLayer(ObstacleLayer):
 
     def live(self, place: base.LivePlace, sensing: Sensing) -> VoxelGrid:
         return VoxelGrid(self, place, sensing)
-
-    @staticmethod
-    def _ros1_method(method: int) -> int:
-        return min(max(method, OVERWRITE), KEEP_UNKNOWN)  # dynamic_reconfigure has limits here
 
 
 def _places(frame: Frame, x: Floats, y: Floats) -> tuple[Floats, Floats, Mask]:
@@ -424,9 +418,7 @@ class ObstacleGrid(base.LiveLayer):
         start, cells = np.array([start_col, start_row]), np.array([col, row])[:, is_inside]
         return self._traced(start, cells, observation.source), np.array(ends)[:, is_inside]
 
-    def _traced(
-        self, start: NDArray[Any], ends: NDArray[Any], source: ObservationSource
-    ) -> CellRays:
+    def _traced(self, start: Array, ends: Array, source: ObservationSource) -> CellRays:
         """Return rays without the part that is too near, cut to the length of rays in cells."""
         most = cells_to(source.raytrace_max_range, self.frame.resolution)
         least = cells_to(self._least_range(source), self.frame.resolution)
@@ -475,8 +467,7 @@ class VoxelGrid(ObstacleGrid):
 
     def marks(self, observation: Observation) -> tuple[Integers, Integers, Integers]:
         points, col, row = super().marks(observation)
-        z = np.maximum(observation.points[points, 2], self.sensing.origin_z)
-        _, is_level = self._levels(z)
+        _, is_level = self._levels(np.maximum(observation.points[points, 2], self.sensing.origin_z))
         return points[is_level], col[is_level], row[is_level]
 
     def _mark(self, observation: Observation, bounds: base.Bounds) -> None:

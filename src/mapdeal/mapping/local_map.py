@@ -356,8 +356,7 @@ class Sightings:
     def add(self, sensor: Integers, ends: Integers, marks: Integers) -> None:
         self._count += 1
         corner = np.array(self._region[:2])
-        start = sensor - corner
-        ends = ends - corner
+        start, ends = sensor - corner, ends - corner
         if (np.abs(start) <= FARTHEST_CELL).all():
             ends = ends[(np.abs(ends) <= FARTHEST_CELL).all(axis=1)]
             starts = np.broadcast_to(start, ends.shape)

@@ -64,16 +64,16 @@ class NavfnPlanner(Planner):
             detail = _failure(grid, points, outcome, turns)
             return replace(no_plan("NoValidPathCouldBeFound", detail), is_reached=True)
         xy = np.array(grid.origin) + points[::-1].astype(np.float64) * grid.resolution
-        path_xy = _with_end(xy, end)
-        poses = np.pad(path_xy, ((0, 0), (0, 1)))
-        poses[-1, 2] = _final_yaw(path_xy) if approaches else goal[2]
+        poses = np.pad(_with_end(xy, end), ((0, 0), (0, 1)))
+        step = poses[-1] - poses[-2]
+        if len(poses) > 2 and (np.abs(step) < _SAME).all():
+            step = poses[-1] - poses[-3]
+        poses[-1, 2] = math.atan2(step[1], step[0]) if approaches else goal[2]
         return Plan(True, poses=poses)
 
     def potential(self, grid: PlannerGrid, start: Pose, goal: Pose) -> Metres | None:
-        """Return the potentials of the cells, 1e10 where the search did not come.
-
-        None if the start's cell lies behind the last one, where Nav2 writes beyond its arrays.
-        """
+        """Return the potentials of the cells, 1e10 where the search did not come."""
+        # None if the start's cell lies behind the last one, where Nav2 writes beyond its arrays.
         x, y = _rounded(grid, start[:2])
         rows, columns = grid.costs.shape
         if y * columns + x >= rows * columns:
@@ -132,14 +132,6 @@ def _with_end(path_xy: NDArray[np.float64], end: Point) -> NDArray[np.float64]:
         if step > from_before or from_last < _NEAR:
             return np.vstack([path_xy[:-1], end])
     return np.vstack([path_xy, end])
-
-
-def _final_yaw(path_xy: NDArray[np.float64]) -> float:
-    """Return the direction of the last step."""
-    step = path_xy[-1] - path_xy[-2]
-    if len(path_xy) > 2 and (np.abs(step) < _SAME).all():
-        step = path_xy[-1] - path_xy[-3]
-    return math.atan2(step[1], step[0])
 
 
 def _failure(grid: PlannerGrid, points: Metres, outcome: str, turns: int) -> str:
