@@ -198,9 +198,9 @@ class Footprint(OneLineRepr):
         """Create a polygon from a string in ROS form, ``[[x1, y1], [x2, y2], ...]``."""
         pairs = _pairs(text) if isinstance(text, str) else []
         corners = [[part.strip() for part in pair.split(",")] for pair in pairs]
-        if not corners or not all(_NUMBER.fullmatch(part) for pair in corners for part in pair):
-            rule = "a footprint must look like [[x1, y1], [x2, y2], ...]"
-            raise ParameterError(rule, place="footprint", got=text)
+        is_list = corners and all(_NUMBER.fullmatch(part) for pair in corners for part in pair)
+        rule = "a footprint must look like [[x1, y1], [x2, y2], ...]"
+        require(bool(is_list), rule, "footprint", got=text)
         # YAML's .nan and .inf are parsed, so that the error is about a number that is not finite
         return cls.polygon([[float(part.lower().replace(".n", "n").replace(".i", "i"))
                              for part in pair] for pair in corners])  # fmt: skip

@@ -468,9 +468,8 @@ class Region(NamedTuple):
         return from_first, slice(cols.start - self.col, cols.stop - self.col)
 
     def frame_in(self, frame: Frame) -> Frame:
-        if self.cells > MOST_CELLS:
-            rule = f"a window must not have more than {MOST_CELLS} cells"
-            raise ParameterError(rule, place="size", got=(self.width, self.height))
+        rule = f"a window must not have more than {MOST_CELLS} cells"
+        require(self.cells <= MOST_CELLS, rule, "size", got=(self.width, self.height))
         return frame.window(self.row, self.col, self.height, self.width)
 
 
@@ -870,9 +869,8 @@ class ValueGrid(Framed):
             If the values have another shape, and no origin is given.
         """
         shape = values.shape if is_lazy(values) else np.shape(values)
-        if origin is None and shape != self.shape:
-            rule = f"must have the shape of the grid, {self.shape}, unless an origin is given"
-            raise ParameterError(rule, place="values", got=shape)
+        rule = f"must have the shape of the grid, {self.shape}, unless an origin is given"
+        require(origin is not None or shape == self.shape, rule, "values", got=shape)
         return cast("Self", self._with_values(values, origin or self.origin))
 
     @abstractmethod

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mapdeal.command import parameters_of
-from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.errors import MalformedInputError, ParameterError, require
 from mapdeal.grid import frame as frames
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import Drawn, count_text
+from mapdeal.grid.values import Drawn, check_choice, count_text
 from mapdeal.mapping import evidence
+from mapdeal.mapping.evidence import Evidence
 
 Method = Literal["log-odds", "counting", "tsdf"]
-METHODS: dict[Method, Callable[..., evidence.Evidence]] = {
+EvidenceMaker = Callable[..., Evidence]
+METHODS: dict[Method, EvidenceMaker] = {
     "log-odds": evidence.LogOdds, "counting": evidence.Counting, "tsdf": evidence.Tsdf
 }  # fmt: skip
 MARGIN = 2
@@ -75,10 +77,8 @@ def frame_of(
     if size is None or origin is None:
         raise ParameterError("must be given together", place="size, origin")
     x, y = frames.check_point(origin, "origin")
-    width, height = frames.check_point(size, "size")
-    if not (width > 0 and height > 0):
-        rule = "must be two numbers of metres above 0"
-        raise ParameterError(rule, place="size", got=(width, height))
+    size_xy = width, height = frames.check_point(size, "size")
+    require(min(size_xy) > 0, "must be two numbers of metres above 0", "size", got=size_xy)
     checked = frames.check_resolution(resolution)
     rows, cols = (max(1, frames.cells_to_cover(length, checked)) for length in (height, width))
     return frames.Region(0, 0, rows, cols).frame_in(frames.Frame(1, 1, checked, (x, y, 0.0)))
@@ -172,12 +172,8 @@ class MapBuilder:
         return self._evidence.advice(vanished)
 
 
-def _evidence(
-    frame: frames.Frame, method: Method, parameters: Mapping[str, Any]
-) -> evidence.Evidence:
-    if method not in METHODS:
-        rule = f"must be one of {', '.join(get_args(Method))}"
-        raise ParameterError(rule, place="method", got=method)
+def _evidence(frame: frames.Frame, method: Method, parameters: Mapping[str, Any]) -> Evidence:
+    check_choice(method, Method, "method")
     kind, chosen = _kind_of(method, dict(parameters))
     known = parameters_of(kind)
     for name in chosen:
@@ -186,9 +182,7 @@ def _evidence(
     return kind(frame, **{name: known[name].accept(value) for name, value in chosen.items()})
 
 
-def _kind_of(
-    method: Method, chosen: dict[str, Any]
-) -> tuple[Callable[..., evidence.Evidence], dict[str, Any]]:
+def _kind_of(method: Method, chosen: dict[str, Any]) -> tuple[EvidenceMaker, dict[str, Any]]:
     is_as_written = method == "tsdf" and chosen.pop("as_written", False)
     return evidence.TsdfAsWritten if is_as_written else METHODS[method], chosen
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal import command
-from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.errors import MalformedInputError, require
 from mapdeal.grid.frame import Figures, Frame, Region, check_resolution
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, Drawn
@@ -90,12 +90,10 @@ class CloudOptions:
     def __post_init__(self) -> None:
         for name, parameter in command.parameters_of(CloudOptions).items():
             object.__setattr__(self, name, parameter.accept(getattr(self, name)))
-        if self.floor is not None and self.at is not None:
-            rule = "cannot be given together with floor"
-            raise ParameterError(rule, place="at", got=self.at)
-        if self.robot_height <= self.climb:
-            rule = f"must be above climb, {self.climb:g}"
-            raise ParameterError(rule, place="robot_height", got=self.robot_height)
+        is_one = self.floor is None or self.at is None
+        require(is_one, "cannot be given together with floor", "at", got=self.at)
+        rule = f"must be above climb, {self.climb:g}"
+        require(self.robot_height > self.climb, rule, "robot_height", got=self.robot_height)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -231,8 +229,7 @@ class CloudMapper:
         frame: Frame | None = None,
         claim: Claim | None = None,
     ) -> None:
-        if frame is not None and not isinstance(frame, Frame):
-            raise ParameterError("must be a Frame", place="frame", got=frame)
+        require(frame is None or isinstance(frame, Frame), "must be a Frame", "frame", got=frame)
         resolution = None if resolution is None else check_resolution(resolution)
         self.options = options or CloudOptions()
         self._frame, self._claim = frame, claim or (lambda *_: None)

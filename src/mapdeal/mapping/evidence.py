@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.command import CELLS, Condition, Words
-from mapdeal.errors import ParameterError
+from mapdeal.errors import ParameterError, require
 from mapdeal.grid.frame import FARTHEST, Frame, Region
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLineRepr, count_text
@@ -89,11 +89,9 @@ class Scans(OneLineRepr):
         poses, angles, ranges = (_floats(getattr(self, name), name) for name in names)
         if poses.ndim != 2 or poses.shape[1] != 3:
             raise ParameterError("must be an array of shape (N, 3)", place="poses", got=poses.shape)
-        if angles.ndim != 1:
-            raise ParameterError("must be an array of shape (M,)", place="angles", got=angles.shape)
-        if ranges.shape != (len(poses), len(angles)):
-            rule = f"must be an array of shape {(len(poses), len(angles))}"
-            raise ParameterError(rule, place="ranges", got=ranges.shape)
+        require(angles.ndim == 1, "must be an array of shape (M,)", "angles", got=angles.shape)
+        rule = f"must be an array of shape {(len(poses), len(angles))}"
+        require(ranges.shape == (len(poses), len(angles)), rule, "ranges", got=ranges.shape)
         for name, array in (("poses", poses), ("angles", angles), ("ranges", ranges)):
             if name != "ranges" and not (np.abs(array) <= FARTHEST_POSE).all():  # refuses nan too
                 raise ParameterError(f"must be finite and within {FARTHEST_POSE:g}", place=name)
@@ -152,9 +150,8 @@ class BeamLimits:
                 raise ParameterError("must be a number", place=name, got=value) from None
             if not 0 <= value <= FARTHEST_POSE:  # refuses nan too
                 raise ParameterError("must be a finite number, at least 0", place=name, got=value)
-        if self.range_max <= self.range_min:
-            rule = f"must be above range_min, {self.range_min:g}"
-            raise ParameterError(rule, place="range_max", got=self.range_max)
+        rule = f"must be above range_min, {self.range_min:g}"
+        require(self.range_max > self.range_min, rule, "range_max", got=self.range_max)
 
 
 @dataclass(frozen=True)
@@ -614,10 +611,10 @@ class Tsdf(Counting):
         super().__init__(frame)
         self._truncation, self._behind = truncation, truncation_behind
         self.reach_behind = truncation * truncation_behind
-        if not 1 <= self.reach_behind <= _FARTHEST:
-            least, most = 1 / truncation, _FARTHEST / truncation
-            rule = f"must be {least:.6g} to {most:.6g} truncations: 1 to {_FARTHEST:g} cells"
-            raise ParameterError(rule, place="truncation_behind", got=truncation_behind)
+        least, most = 1 / truncation, _FARTHEST / truncation
+        rule = f"must be {least:.6g} to {most:.6g} truncations: 1 to {_FARTHEST:g} cells"
+        is_cells = 1 <= self.reach_behind <= _FARTHEST
+        require(is_cells, rule, "truncation_behind", got=truncation_behind)
         self._sums: NDArray[Any] = np.zeros(frame.shape, dtype=np.int64)
         self._weights = np.zeros(frame.shape, dtype=np.int32)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.command import AT_LEAST_0, METRES, RADIANS, Words, parameters_of
-from mapdeal.errors import ParameterError
+from mapdeal.errors import ParameterError, require
 from mapdeal.grid import frame as frames, values as map_values
 from mapdeal.grid.canvas import contained_in, is_turned, obstacles_in, rows_and_cols_under
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -139,9 +139,8 @@ class SeenCloud:
 
     def add(self, points: ArrayLike) -> None:
         points = np.asarray(points, dtype=np.float64)
-        if points.ndim != 2 or points.shape[1] < 2:
-            rule = "must be an array of shape (N, 2) or wider"
-            raise ParameterError(rule, place="points", got=points.shape)
+        is_wide = points.ndim == 2 and points.shape[1] >= 2
+        require(is_wide, "must be an array of shape (N, 2) or wider", "points", got=points.shape)
         if self._options.asks_for_heights and points.shape[1] < 3:
             raise ParameterError("the cloud has no heights", place="min_height, max_height")
         points = self._in_fan(points)
@@ -200,8 +199,7 @@ class SeenCloud:
 
     @property
     def sensor(self) -> Integers:
-        cell: Integers = self._lattice.unbounded_rowcol_from_xy(self._sensor_xy())[0]
-        return cell
+        return np.asarray(self._lattice.unbounded_rowcol_from_xy(self._sensor_xy())[0])
 
     @property
     def marks(self) -> Integers:
@@ -396,8 +394,7 @@ class Sightings:
 
     def _place_of(self, region: frames.Region) -> frames.Region:
         """Return a region, its corner counted from that of the cells that are remembered."""
-        row, col = region.row - self._region.row, region.col - self._region.col
-        return frames.Region(row, col, region.height, region.width)
+        return region._replace(row=region.row - self._region.row, col=region.col - self._region.col)
 
 
 def lattice_of(options: LocalOptions, global_map: OccupancyGrid | None) -> frames.Frame:
@@ -601,8 +598,7 @@ class RollingMapper:
         global_map: OccupancyGrid | None = None,
         lethal_threshold: int = map_values.DEFAULT_LETHAL_THRESHOLD,
     ) -> None:  # fmt: skip
-        if keep is not None and keep < 1:
-            raise ParameterError("must be at least 1", place="keep", got=keep)
+        require(keep is None or keep >= 1, "must be at least 1", "keep", got=keep)
         self.poses: list[Pose] = [check_pose(pose) for pose in poses]
         """x, y (metres) and yaw (radians) of the robot for each cloud, -pi < yaw <= pi."""
         self._options, self._keep = options, keep
@@ -682,7 +678,6 @@ class RollingMapper:
         return LocalMap(grid, pose, newest.counts, from_map, newest.angles, clouds, earlier)
 
     def _next(self) -> int:
-        if self.turn >= len(self.poses):
-            rule = "must have a pose for each cloud"
-            raise ParameterError(rule, place="poses", got=len(self.poses))
+        count = len(self.poses)
+        require(self.turn < count, "must have a pose for each cloud", "poses", got=count)
         return self.turn

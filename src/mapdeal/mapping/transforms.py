@@ -14,8 +14,8 @@ from typing import Annotated
 import numpy as np
 
 from mapdeal.command import Words
-from mapdeal.errors import MalformedInputError, ParameterError
-from mapdeal.grid.frame import FARTHEST, warn_of_degrees
+from mapdeal.errors import MalformedInputError, ParameterError, require
+from mapdeal.grid.frame import FARTHEST, are_near, warn_of_degrees
 from mapdeal.grid.values import few_text
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.rotations import composed, normalised, slerp, undone
@@ -36,9 +36,8 @@ def check_pose(pose: Sequence[float], name: str = "pose") -> Pose:
         x, y, yaw = (float(value) for value in pose)
     except (TypeError, ValueError):
         raise ParameterError("must be three numbers x, y, yaw", place=name, got=pose) from None
-    if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(yaw) <= FARTHEST):  # nan too
-        rule = f"must be three numbers x, y, yaw within {FARTHEST:g}"
-        raise ParameterError(rule, place=name, got=(x, y, yaw))
+    rule = f"must be three numbers x, y, yaw within {FARTHEST:g}"
+    require(are_near((x, y, yaw)), rule, name, got=(x, y, yaw))
     warn_of_degrees(yaw, name)
     return x, y, wrapped(yaw)
 
@@ -289,8 +288,8 @@ class TransformTree:
     ) -> None:  # fmt: skip
         parent, child = parent.lstrip("/"), child.lstrip("/")
         length = math.hypot(*quaternion)
-        is_near = all(abs(value) <= FARTHEST for value in translation)  # refuses nan, too
-        if not (is_near and math.isfinite(length) and length > 0) or parent == child:
+        is_valid = are_near(translation) and math.isfinite(length) and length > 0
+        if not is_valid or parent == child:
             self.bad += 1
             return
         if not self._is_exact:

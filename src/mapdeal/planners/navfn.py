@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import ParameterError
+from mapdeal.errors import require
 from mapdeal.grid.frame import Point
 from mapdeal.grid.values import LETHAL_OBSTACLE
 from mapdeal.kernels.arrays import Metres
@@ -107,9 +107,8 @@ class NavfnPlanner(Planner):
     def _steps(self, grid: PlannerGrid, middle: float, axis: int) -> list[float]:
         """Return the coordinates within the tolerance along an axis, those on the map."""
         tolerance, first = self.number("tolerance"), grid.origin[axis]
-        if tolerance > _MOST_STEPS * grid.resolution:
-            rule = f"must be at most {_MOST_STEPS} cells; Nav2 tries all points within it"
-            raise ParameterError(rule, place="tolerance", got=tolerance)
+        rule = f"must be at most {_MOST_STEPS} cells; Nav2 tries all points within it"
+        require(tolerance <= _MOST_STEPS * grid.resolution, rule, "tolerance", got=tolerance)
         steps = [middle - tolerance]
         while steps[-1] <= middle + tolerance:
             steps.append(steps[-1] + grid.resolution)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.command import ABOVE_0, METRES, RADIANS, Parameters, stage
-from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.errors import ParameterError, emit_warning, require
 from mapdeal.grid import frame as frames
 from mapdeal.grid.canvas import ResamplingRule, check_values, resampled
 from mapdeal.grid.costmap import Costmap
@@ -168,9 +168,8 @@ def rotate(grid: V, yaw: float = 0.0, *, rule: ResamplingRule = "area") -> V:
         return grid.with_values(np.rot90(grid.values, -quarters), frame.origin)
     lattice = frames.Frame(1, 1, frame.resolution)
     region = frames.region_around(lattice, frame)
-    if region.cells > frames.MOST_CELLS:
-        text = f"the turned map must not have more than {frames.MOST_CELLS} cells"
-        raise ParameterError(text, place="yaw", got=(region.width, region.height))
+    text = f"the turned map must not have more than {frames.MOST_CELLS} cells"
+    require(region.cells <= frames.MOST_CELLS, text, "yaw", got=(region.width, region.height))
     there = grid.with_values(grid.values, frame.origin)
     return resampled(there, region.frame_in(lattice), rule=rule)
 
@@ -361,7 +360,6 @@ def rescaled_frame(frame: frames.Frame, resolution: float) -> frames.Frame:
     if side == frame.resolution:
         return frame
     width, height = (max(1, frames.cells_to_cover(length, side)) for length in frame.size_xy)
-    if height * width > frames.MOST_CELLS:
-        rule = f"the result must not have more than {frames.MOST_CELLS} cells"
-        raise ParameterError(rule, place="resolution", got=(width, height))
+    text = f"the result must not have more than {frames.MOST_CELLS} cells"
+    require(height * width <= frames.MOST_CELLS, text, "resolution", got=(width, height))
     return frames.Frame(height, width, side, frame.origin)

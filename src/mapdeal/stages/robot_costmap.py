@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal import command
-from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.errors import ParameterError, emit_warning, require
 from mapdeal.grid.costmap import CostCurve, Costmap, squares_up_to
 from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, truncated
 from mapdeal.grid.frame import Framed
@@ -154,9 +154,9 @@ def threshold_cost(
     """
     if isinstance(source, FieldView):
         scale = source.scale
-        if lethal_threshold not in (None, OCCUPIED):
-            text = "the view was made with a threshold of its own"
-            raise ParameterError(text, place="lethal_threshold", got=lethal_threshold)
+        text = "the view was made with a threshold of its own"
+        is_own = lethal_threshold in (None, OCCUPIED)
+        require(is_own, text, "lethal_threshold", got=lethal_threshold)
         if view != scale.view or (view == "metric" and ViewScale(view, view_range) != scale):
             text = f"cost: the input is a view already, {scale.described()}; it is used as it is"
             emit_warning(text)
