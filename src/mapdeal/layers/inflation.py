@@ -13,22 +13,18 @@ from numpy.typing import NDArray
 
 from mapdeal.command import AT_LEAST_0
 from mapdeal.errors import emit_warning
+from mapdeal.grid import values as map_values
 from mapdeal.grid.costmap import CostCurve, squares_up_to
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import RADIUS_TOLERANCE, as_float32, cells_to_cover
-from mapdeal.grid.values import (
-    FREE_SPACE,
-    INSCRIBED_INFLATED_OBSTACLE,
-    LETHAL_OBSTACLE,
-    NO_INFORMATION,
-)
+from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION
 from mapdeal.kernels.arrays import Bytes, Floats, Integers
 from mapdeal.kernels.distance import bytes_by_distance, queued_squares
 from mapdeal.kernels.lookup import raise_bytes
 from mapdeal.layers import layer as base
 from mapdeal.layers.layer import CostmapLayer
 
-HIGHEST_GRADED = INSCRIBED_INFLATED_OBSTACLE - 1
+HIGHEST_GRADED = map_values.INSCRIBED_INFLATED_OBSTACLE - 1
 CostLookup = Literal["exact", "nav2"]  # "nav2" rounds distances to 1/100 cell
 
 
@@ -303,7 +299,7 @@ class CostProfile:
 
     def raise_costs(self, cost: NDArray[np.uint8], spread: NDArray[np.uint8]) -> None:
         """Raise costs, in place, to `spread`, the cost at the distance to the nearest seed."""
-        least = 1 if self.layer.inflate_unknown else INSCRIBED_INFLATED_OBSTACLE
+        least = 1 if self.layer.inflate_unknown else map_values.INSCRIBED_INFLATED_OBSTACLE
         raise_bytes(cost, spread, least=least, unknown=NO_INFORMATION)
 
 
@@ -332,14 +328,14 @@ def _costs_of_squares(
         beyond = np.maximum(metres - layer.inscribed_radius, 0.0)
         costs = (HIGHEST_GRADED * np.exp(-layer.cost_scaling_factor * beyond)).astype(np.uint8)
         is_within = metres <= layer.inscribed_radius + RADIUS_TOLERANCE * is_tolerant
-        costs[is_within] = INSCRIBED_INFLATED_OBSTACLE
+        costs[is_within] = map_values.INSCRIBED_INFLATED_OBSTACLE
     costs[squares == 0] = LETHAL_OBSTACLE
     return costs
 
 
 def _cost_of(metres: float, layer: InflationLayer) -> int:
     if metres <= layer.inscribed_radius:
-        return INSCRIBED_INFLATED_OBSTACLE
+        return map_values.INSCRIBED_INFLATED_OBSTACLE
     decay = math.exp(-layer.cost_scaling_factor * (metres - layer.inscribed_radius))
     return int(HIGHEST_GRADED * decay)
 
@@ -415,6 +411,6 @@ def _decay(metres: Floats, *, layers: Sequence[InflationLayer], reaches: Sequenc
         beyond = np.maximum(metres - layer.inscribed_radius, 0.0)
         with np.errstate(over="ignore"):
             decay = HIGHEST_GRADED * np.exp(-layer.cost_scaling_factor * beyond)
-        decay[beyond == 0] = INSCRIBED_INFLATED_OBSTACLE
+        decay[beyond == 0] = map_values.INSCRIBED_INFLATED_OBSTACLE
         np.maximum(highest, decay, out=highest, where=metres <= reach * (1 + 1e-6))
     return highest

@@ -10,13 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.command import PERCENT, Condition
-from mapdeal.grid.values import (
-    FREE_SPACE,
-    INSCRIBED_INFLATED_OBSTACLE,
-    NO_INFORMATION,
-    OCCUPIED,
-    static_layer_cost_from_occupancy,
-)
+from mapdeal.grid import values as map_values
+from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OCCUPIED
 from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.layers import layer as base
 from mapdeal.layers.layer import CostmapLayer
@@ -115,7 +110,7 @@ class StaticLayer(CostmapLayer):
 
     def _costs_of_values(self) -> NDArray[np.uint8]:
         inscribed, unknown = self.inscribed_obstacle_cost_value, self.unknown_cost_value
-        table = static_layer_cost_from_occupancy(
+        table = map_values.static_layer_cost_from_occupancy(
             lethal_threshold=self.lethal_cost_threshold,
             trinary=self.trinary_costmap,
             track_unknown=self.track_unknown_space,
@@ -123,7 +118,7 @@ class StaticLayer(CostmapLayer):
             unknown_value=unknown,
         )
         if inscribed == NO_INFORMATION != unknown:  # the byte of -1
-            table[inscribed] = INSCRIBED_INFLATED_OBSTACLE
+            table[inscribed] = map_values.INSCRIBED_INFLATED_OBSTACLE
         return table
 
     def live(self, place: base.LivePlace, sensing: None) -> LiveStatic:

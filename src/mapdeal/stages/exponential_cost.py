@@ -14,6 +14,7 @@ from mapdeal.grid import values as map_values
 from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.frame import Framed, as_float32
+from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.blocks import counts_of, made_by_rows, made_by_windows
 from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.layers import inflation as inflation_layer
@@ -200,9 +201,7 @@ def exponential_cost(
     )  # fmt: skip
     field = None
     if isinstance(source, DistanceField) and profile.reach > 0:
-        has_same_obstacles = base.spread_from_obstacles(
-            source, around_unknown=inflate_around_unknown
-        )
+        has_same_obstacles = base.spread_from_obstacles(source, inflate_around_unknown)
         field = source if has_same_obstacles and _distinguishes(source, profile) else None
 
     def costs(rows: slice) -> NDArray[np.uint8]:
@@ -237,17 +236,16 @@ class BaseCosts:
         occupancy = self.source.occupancy[rows]
         cost: NDArray[np.uint8] = look_up(occupancy, self.table)
         if isinstance(self.source, DistanceField) and self.source.unknown == "occupied":
-            set_where(cost, occupancy == map_values.UNKNOWN, map_values.LETHAL_OBSTACLE)
+            set_where(cost, occupancy == UNKNOWN, map_values.LETHAL_OBSTACLE)
         return cost
 
-    def spread_from_obstacles(self, field: DistanceField, *, around_unknown: bool) -> bool:
+    def spread_from_obstacles(self, field: DistanceField, around_unknown: bool) -> bool:
         is_lethal = self.table == map_values.LETHAL_OBSTACLE
         differs = np.zeros(256, dtype=np.bool_)
         obstacles = np.arange(map_values.OCCUPIED + 1) >= field.lethal_threshold
         differs[: map_values.OCCUPIED + 1] = is_lethal[: map_values.OCCUPIED + 1] != obstacles
         if field.unknown == "free" and around_unknown:
-            is_tracked = self.table[map_values.UNKNOWN] == map_values.NO_INFORMATION
-            differs[map_values.UNKNOWN] = is_tracked
+            differs[UNKNOWN] = self.table[UNKNOWN] == map_values.NO_INFORMATION
         return not differs.any() or not counts_of(field.occupancy)[differs].any()
 
 

@@ -9,15 +9,8 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import (
-    AT_LEAST_0,
-    METRES,
-    InPlaceOf,
-    LethalThreshold,
-    RobotShape,
-    remark_on_obstacles,
-    stage,
-)
+from mapdeal import command
+from mapdeal.command import AT_LEAST_0, METRES, InPlaceOf, LethalThreshold, RobotShape
 from mapdeal.errors import emit_warning
 from mapdeal.grid.footprint import Footprint, FootprintLike
 from mapdeal.grid.frame import RADIUS_TOLERANCE, cells_to_cover, largest_square_within
@@ -27,7 +20,7 @@ from mapdeal.kernels.blocks import holds_everywhere, made_by_windows
 from mapdeal.kernels.distance import inflated
 
 
-@stage(
+@command.stage(
     name="inflate",
     group="Maps, distance fields, costmaps",
     example="""\
@@ -39,7 +32,7 @@ mapdeal inflate examples/maps/office.yaml -o out/shape.yaml \\
     title=lambda parameters: f"inflated by {parameters['radius']:.4g} m ({parameters['kernel']})",
     memory=2.0,
     robot=RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
-    remark=remark_on_obstacles,
+    remark=command.remark_on_obstacles,
     in_place_of={"footprint": InPlaceOf("radius", lambda p: p["footprint"].circumscribed_radius)},
 )
 def inflate(

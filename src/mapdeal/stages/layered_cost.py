@@ -21,14 +21,9 @@ from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OCCUPIED, UNKNOWN
 from mapdeal.kernels.arrays import Bytes, Integers, Mask
 from mapdeal.kernels.blocks import Layer, made_by_windows
 from mapdeal.kernels.lookup import set_where
+from mapdeal.layers import inflation as inflation_layer
 from mapdeal.layers.area import CostmapArea, cells_below, covered_cells
-from mapdeal.layers.inflation import (
-    InflationLayer,
-    advice_on,
-    circumscribed_cost,
-    inflation_curve,
-    warn_of_radii,
-)
+from mapdeal.layers.inflation import InflationLayer, advice_on, circumscribed_cost, inflation_curve
 from mapdeal.layers.keepout import KeepoutFilter, MaskCosts, cells_at_centres
 from mapdeal.layers.layer import MasterGrid
 from mapdeal.layers.stack import CostmapLayers
@@ -85,13 +80,9 @@ def _cells(_: Framed, parameters: command.Parameters) -> Iterator[int]:
 
 @cost_model(
     "layers",
-    title=lambda parameters: (
-        f"cost, {', '.join(layer.name for layer in parameters['layers']) or 'no layers'}"
-    ),
+    title=lambda p: f"cost, {', '.join(layer.name for layer in p['layers']) or 'no layers'}",
     memory=3.0,
-    more_memory=lambda parameters: max(
-        (layer.memory for layer in _stack_of(parameters).effective), default=0.0
-    ),
+    more_memory=lambda p: max((layer.memory for layer in _stack_of(p).effective), default=0.0),
     cells=_cells,
     moves=_has_own_area,
     advice=_advice,
@@ -185,7 +176,7 @@ def layered_cost(
     warn_of_strength(source, "layers")
     stack = CostmapLayers(layers, default_cost, area=area)
     for inflation in stack.inflation_layers:
-        warn_of_radii(inflation)
+        inflation_layer.warn_of_radii(inflation)
     _check_transform(stack, pose, map_to_odom)
     has_own_area = _has_own_area({"area": area, "pose": pose})
     if area is not None and has_own_area:
