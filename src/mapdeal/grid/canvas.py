@@ -142,9 +142,8 @@ def _quartered(frame: Frame, quarters: int) -> Frame:
     if quarters % 4 == 0:
         return frame
     x, y = frame.xy_from_continuous_rowcol([corners[quarters % 4]])[0].tolist()
-    yaw = frame.origin[2] + quarters * math.pi / 2
     shape = frame.shape if quarters % 2 == 0 else (width, height)
-    return Frame(*shape, frame.resolution, (x, y, yaw))
+    return Frame(*shape, frame.resolution, (x, y, frame.origin[2] + quarters * math.pi / 2))
 
 
 def _inside(frame: Frame, source: Frame) -> Mask:

@@ -268,7 +268,10 @@ def footprint_spans(footprint: Footprint, frame: Frame, heading_count: int) -> t
     # The robot's centre is the middle of its cell. The cells are those that costmap_2d draws.
     yaw, vertices = frame.origin[2], footprint.corners
     turns = [2 * math.pi * k / heading_count - yaw for k in range(heading_count)]
-    corners = [_corner_cells(vertices, turn, frame.resolution) for turn in turns]
+    with np.errstate(over="ignore"):
+        cells = [0.5 + turned(vertices, turn)[:, ::-1] / frame.resolution for turn in turns]
+    ends = -_FARTHEST, _FARTHEST
+    corners = [np.floor(places + _ROUNDING).clip(*ends).astype(np.int64) for places in cells]
     # a footprint larger than the grid fits nowhere
     fitting = [k for k, cells in enumerate(corners) if (np.ptp(cells, axis=0) < frame.shape).all()]
     spans = [Spans(cells[:, 0], cells[:, 1], cells[:, 1] + 1) for cells in corners]
@@ -276,12 +279,6 @@ def footprint_spans(footprint: Footprint, frame: Frame, heading_count: int) -> t
     for k, drawn_spans in zip(fitting, drawn, strict=True):
         spans[k] = drawn_spans
     return tuple(spans)
-
-
-def _corner_cells(corners: Floats, turn: float, resolution: float) -> Integers:
-    with np.errstate(over="ignore"):
-        cells = np.floor(0.5 + turned(corners, turn)[:, ::-1] / resolution + _ROUNDING)
-    return np.clip(cells, -_FARTHEST, _FARTHEST).astype(np.int64)
 
 
 def _polygon_cells(polygons: list[NDArray[np.int64]]) -> list[Spans]:

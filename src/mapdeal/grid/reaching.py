@@ -217,8 +217,9 @@ class RootedPassageTree:
 def squares_to(marked: NDArray[np.bool_]) -> SquaredDistances:
     """Return the squared distance of each cell to the nearest cell that is marked or outside."""
     squared = squared_distance(marked)
+    steps = (np.arange(1, length + 1, dtype=np.int64) for length in squared.shape)
     row_squares, col_squares = (
-        _squares_to_border(length).astype(squared.dtype) for length in squared.shape
+        (np.minimum(to, to[::-1]) ** 2).astype(squared.dtype) for to in steps
     )
 
     def lower(rows: slice) -> None:
@@ -227,12 +228,6 @@ def squares_to(marked: NDArray[np.bool_]) -> SquaredDistances:
 
     for_rows(lower, squared.shape)
     return squared
-
-
-def _squares_to_border(length: int) -> NDArray[np.int64]:
-    """Return the squared distance of each row (or column) to the nearest one outside."""
-    steps = np.arange(1, length + 1, dtype=np.int64)
-    return np.minimum(steps, steps[::-1]) ** 2
 
 
 def largest_closed_square(radius: float, frame: Frame) -> int:

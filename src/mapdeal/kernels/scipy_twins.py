@@ -277,11 +277,10 @@ class OpenPoses:
         self, blocked: Layer, footprints: Sequence[Spans], closed: Mask | None = None
     ) -> None:
         self.shape = blocked.shape
-        dilations = _Dilations(np.asarray(blocked))
+        dilated = [np.asarray(blocked)]
         closed = np.zeros(self.shape, dtype=np.bool_) if closed is None else closed
-        self._planes = [
-            np.packbits(dilations.open_cells(spans) & ~closed, axis=1) for spans in footprints
-        ]
+        opened = (_open_cells(dilated, spans) & ~closed for spans in footprints)
+        self._planes = [np.packbits(plane, axis=1) for plane in opened]
         self._all = range(len(footprints))
         self.headings = np.zeros(self.shape, dtype=np.uint8)
         for k in self._all:
@@ -334,29 +333,21 @@ class OpenPoses:
         return counts, np.concatenate(pairs, axis=1)
 
 
-class _Dilations:
-    """For each power of two the cells from which a run of that length meets a blocked cell."""
-
-    def __init__(self, blocked: Mask) -> None:
-        self._of_exponents = [blocked]
-        """Item e in column j: whether any of the columns j .. j + 2^e - 1 is blocked."""
-
-    def open_cells(self, spans: Spans) -> Mask:
-        height, width = self._of_exponents[0].shape
-        rows, cols = spans.places((height, width))
-        opened = np.zeros((height, width), dtype=np.bool_)
-        inner = opened[rows, cols]
-        inner[:] = True
-        if inner.size:
-            runs = (column.tolist() for column in halves(spans))
-            for row, start, exponent in zip(*runs, strict=True):
-                touched = self._dilated(exponent)[rows.start + row : rows.stop + row]
-                inner &= ~touched[:, cols.start + start : cols.stop + start]
-        return opened
-
-    def _dilated(self, exponent: int) -> Mask:
-        while len(self._of_exponents) <= exponent:
-            last = self._of_exponents[-1]
-            step = 1 << (len(self._of_exponents) - 1)
-            self._of_exponents.append(last[:, :-step] | last[:, step:])
-        return self._of_exponents[exponent]
+def _open_cells(dilated: list[Mask], spans: Spans) -> Mask:
+    """Return the cells around which no cell of spans is blocked."""
+    # Item e of `dilated` tells in column j whether any of the columns j .. j + 2^e - 1 is blocked;
+    # items are added as they are needed.
+    height, width = dilated[0].shape
+    rows, cols = spans.places((height, width))
+    opened = np.zeros((height, width), dtype=np.bool_)
+    inner = opened[rows, cols]
+    inner[:] = True
+    if inner.size:
+        runs = (column.tolist() for column in halves(spans))
+        for row, start, exponent in zip(*runs, strict=True):
+            while len(dilated) <= exponent:
+                step = 1 << (len(dilated) - 1)
+                dilated.append(dilated[-1][:, :-step] | dilated[-1][:, step:])
+            touched = dilated[exponent][rows.start + row : rows.stop + row]
+            inner &= ~touched[:, cols.start + start : cols.stop + start]
+    return opened

@@ -121,13 +121,12 @@ def for_rows(work: Callable[[slice], object], shape: tuple[int, ...], step: int 
     """Call `work` in threads on slices that together are all rows of an array."""
     height, width = shape
     step = step or max(1, _ROWS_CELLS // max(width, 1))
-    bands = -(-height // step)
 
     def work_on(first: int, end: int) -> None:
         for k in range(first, end):
             work(slice(k * step, min((k + 1) * step, height)))
 
-    in_bands(work_on, bands, height * width)
+    in_bands(work_on, -(-height // step), height * width)
 
 
 def in_bands(work: Callable[[int, int], object], bands: int, cells: int) -> None:

@@ -17,16 +17,8 @@ from numpy.typing import NDArray
 from mapdeal.errors import MalformedInputError
 from mapdeal.grid.values import decimal_text
 from mapdeal.kernels.arrays import Floats, Integers, Mask
-from mapdeal.mapping.cloud_floor import (
-    Levels,
-    Limits,
-    Patches,
-    Tiles,
-    heights_of,
-    patches_of,
-    tile_of,
-    tilt_of,
-)
+from mapdeal.mapping import cloud_floor
+from mapdeal.mapping.cloud_floor import Levels, Limits, Patches, Tiles, heights_of
 from mapdeal.mapping.voxels import Claim, Columns, median, starts_of
 
 _HINT = (
@@ -79,16 +71,14 @@ class Evidence(NamedTuple):
         if self.standing < least:
             lacks = f"{under + ' and ' if under else ''}nothing stands on it"
             return None if is_open and self.inner > _SHARE_INNER_BARE and not under else lacks
-        if self.below > self.standing or (
-            self.below > _SHARE_BELOW * self.standing and self.is_above_others
-        ):
+        least_below = _SHARE_BELOW * self.standing if self.is_above_others else self.standing
+        if self.below > least_below:
             return f"{under}, while things stand on {standing} m2"
         if is_open:
             return None
         if self.sunken > _SHARE_SUNKEN and self.level < _SHARE_OF_FLOOR * area:
-            return (
-                f"{self.sunken:.0%} of what stands there starts below it; --at X,Y,Z on it takes it"
-            )
+            share = f"{self.sunken:.0%}"
+            return f"{share} of what stands there starts below it; --at X,Y,Z on it takes it"
         is_scan = area <= _LARGEST_SCAN and self.level <= _LARGEST_OF_SCAN
         if self.inner < _SHARE_INNER and not is_scan:
             return "most of it is as narrow as walls"
@@ -129,7 +119,7 @@ _MOST_LEVELS = 6  # levels that are tested
 def floor_in(
     columns: Columns, tile: int, limits: Limits, places: Floats, at: Floats | None, claim: Claim
 ) -> Floor:
-    patches = patches_of(columns, tile, limits)
+    patches = cloud_floor.patches_of(columns, tile, limits)
     if not len(patches.z):
         rule = "no floor found: no level surface has room above it"
         raise MalformedInputError(rule, hint=f"{_HINT}; --level turns a tilted one")
@@ -141,10 +131,8 @@ def floor_in(
     area = len(tiles_with_points) * every * levels.side**2
     named = _level_under(levels, places if at is None else at[np.newaxis])
     if at is not None and named is None:
-        rule = f"no level is at or below {at[2]:g} m there"
-        raise MalformedInputError(
-            rule, place="--at", got=",".join(f"{coordinate:g}" for coordinate in at)
-        )
+        rule, got = f"no level is at or below {at[2]:g} m there", ",".join(f"{x:g}" for x in at)
+        raise MalformedInputError(rule, place="--at", got=got)
     refusals = []
     for level in _in_order(levels, named):
         tiles, own, above = levels.floor_from(level, claim)
@@ -152,12 +140,11 @@ def floor_in(
         known = evidence._replace(below=0.0) if at is not None or level == named else evidence
         reason = None if at is not None else known.contradiction(area)
         if reason is None:
-            tilt, (overlaid, storeys) = tilt_of(own, levels.side), above
-            storeys += tuple(
-                _other_floors(levels, level, sample, every, tile, limits, claim, evidence.height)
-            )
+            tilt, (overlaid, storeys) = cloud_floor.tilt_of(own, levels.side), above
+            height = evidence.height
+            others = _other_floors(levels, level, sample, every, tile, limits, claim, height)
             return Floor(
-                tiles, spacing, tilt, overlaid, storeys, evidence.may_be_ceiling,
+                tiles, spacing, tilt, overlaid, (*storeys, *others), evidence.may_be_ceiling,
                 evidence.is_above_others,
             )  # fmt: skip
         size = decimal_text(evidence.level, 3)
@@ -244,7 +231,7 @@ def _evidence_of(
     sample: Columns, every: int, tiles: Tiles, own: Patches, tile: int, limits: Limits
 ) -> tuple[Evidence, float]:
     """Measure a level, and the distance between points on it in metres."""
-    row, col, inside = tile_of(tiles, tile, sample.row, sample.col)
+    row, col, inside = cloud_floor.tile_of(tiles, tile, sample.row, sample.col)
     sunken = _sunken(sample.chosen(inside), tiles, tile, limits)
     near = inside & (tiles.away[row, col] <= _BESIDE)
     sample, whose = sample.chosen(near), (row * tiles.z.shape[1] + col)[near]
@@ -263,9 +250,8 @@ def _evidence_of(
     standing = count_in(is_high) >= _LEAST_VOXELS
     touching = standing & (count_in(is_high & (heights <= low + _FEET + limits.steps)) > 0)
     # closes gaps of a sparse floor and excludes its rim
-    closed = np.lib.stride_tricks.sliding_window_view(
-        np.pad(tiles.away <= _TILES_CLOSED * side, 2), (5, 5)
-    )
+    is_near = np.pad(tiles.away <= _TILES_CLOSED * side, 2)
+    closed = np.lib.stride_tricks.sliding_window_view(is_near, (5, 5))
     tile_count = len(starts_of(np.sort((own.row << 32) + own.col)))
     inner = closed.all(axis=(2, 3)).sum() / max(1.0, math.sqrt(tile_count) - 2) ** 2
     is_own = tiles.away == 0

@@ -124,12 +124,8 @@ def _most(counts: Floats, groups: Integers) -> Floats:
 def _ordered(*keys: Integers) -> Integers:
     """Return the result of `numpy.lexsort` for keys of at least 0."""
     # numpy sorts 16-bit words by counting, which is fast
-    words = [
-        (key >> shift).astype(np.uint16)
-        for key in keys
-        for shift in range(0, max(1, int(key.max()).bit_length()), 16)
-    ]
-    return np.lexsort(words)
+    shifts = [(key, range(0, max(1, int(key.max()).bit_length()), 16)) for key in keys]
+    return np.lexsort([(key >> shift).astype(np.uint16) for key, of in shifts for shift in of])
 
 
 def _thin_layers(columns: Columns, limits: Limits) -> tuple[Integers, Integers, Floats]:
@@ -142,12 +138,10 @@ def _thin_layers(columns: Columns, limits: Limits) -> tuple[Integers, Integers, 
     return row[good], col[good], z[good]
 
 
-def _open_layers(
-    columns: Columns, room: float
-) -> tuple[Integers, Integers, Floats, Floats, Floats]:
-    z, n = columns.heights, columns.counts.astype(np.float64)
+def _open_layers(part: Columns, room: float) -> tuple[Integers, Integers, Floats, Floats, Floats]:
+    z, n = part.heights, part.counts.astype(np.float64)
     begins = np.zeros(len(z), np.bool_)
-    begins[columns.starts] = True
+    begins[part.starts] = True
     starts = np.flatnonzero(np.append(True, np.diff(z) > _RUN_GAP) | begins)
     weights = np.add.reduceat(n, starts)
     means = np.add.reduceat(n * z, starts) / weights
@@ -155,11 +149,8 @@ def _open_layers(
     variances = np.add.reduceat(n * deviations**2, starts) / weights
     column = np.cumsum(begins[starts]) - 1
     is_open = np.append((z[starts[1:]] - z[starts[1:] - 1] >= room) | begins[starts[1:]], True)
-    column = column[is_open]
-    return (
-        columns.row[column], columns.col[column],
-        means[is_open], weights[is_open], variances[is_open],
-    )  # fmt: skip
+    column, measures = column[is_open], (means[is_open], weights[is_open], variances[is_open])
+    return part.row[column], part.col[column], *measures
 
 
 def _thin(spreads: Floats, steps: float) -> float:
@@ -229,6 +220,7 @@ def _lacks_room(patches: Patches, limits: Limits) -> Mask:
     return np.asarray(is_below & (beside >= _MOST_AT_A_RIM))
 
 
+Storeys = tuple[float, tuple[float, ...]]  # area below others, square metres, and their heights
 _WIDTH = 1 << 32
 _MOST_AT_A_RIM = 4  # of the 8 tiles around
 
@@ -310,20 +302,16 @@ class Levels:
             edge = edge[~grown[edge]]
         return grown
 
-    def floor_from(
-        self, level: int, claim: Claim
-    ) -> tuple[Tiles, Patches, tuple[float, tuple[float, ...]]]:
+    def floor_from(self, level: int, claim: Claim) -> tuple[Tiles, Patches, Storeys]:
         """Return the floor that continues a level, its patches, and its other storeys."""
         seeds = self.label == level
         allowed = self._connected == self._connected[level]
         main = seeds if (seeds == allowed).all() else self._grown(seeds, allowed)
         elsewhere, patches = np.flatnonzero(allowed & ~main), self.patches
         overlaid = len(np.unique(self.tile[elsewhere])) * self.side**2
-        sizes = np.bincount(self.label[elsewhere])
-        large = np.flatnonzero(sizes > _LEAST_STOREY * np.count_nonzero(main))
-        heights = sorted(
-            median(patches.z[elsewhere][self.label[elsewhere] == first]) for first in large
-        )
+        z, labels = patches.z[elsewhere], self.label[elsewhere]
+        large = np.flatnonzero(np.bincount(labels) > _LEAST_STOREY * np.count_nonzero(main))
+        heights = sorted(median(z[labels == first]) for first in large)
         apart = np.diff(heights, append=np.inf) > self.limits.robot_height  # a slab has two sides
         storeys = tuple(np.array(heights)[apart].tolist())
         for _ in range(_ROUNDS):

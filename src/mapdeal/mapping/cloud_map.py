@@ -25,22 +25,10 @@ from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.components import labelled, touching_groups
 from mapdeal.kernels.sensing import count_rays
 from mapdeal.kernels.threads import for_rows
+from mapdeal.mapping import voxels as cloud_voxels
 from mapdeal.mapping.cloud_evidence import Floor, floor_in, stated_floor
 from mapdeal.mapping.cloud_floor import TILE, Limits, heights_of, slopes_of, uppers_of
-from mapdeal.mapping.voxels import (
-    FINEST,
-    Claim,
-    Columns,
-    Tilt,
-    Voxels,
-    away_from_sensor,
-    check_extent,
-    check_upright,
-    fitting,
-    levelled,
-    steps_of,
-    upright,
-)
+from mapdeal.mapping.voxels import FINEST, Claim, Columns, Tilt, Voxels, levelled, upright
 
 Drops = Literal["occupied", "unknown"]
 Up = Literal["z", "-z", "y", "-y", "x", "-x"]
@@ -263,7 +251,7 @@ class CloudMapper:
         points = np.asarray(points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] < 3:
             raise MalformedInputError("the cloud has no heights: points need x, y and z")
-        away = away_from_sensor(points[:, :3])
+        away = cloud_voxels.away_from_sensor(points[:, :3])
         self.at_sensor += len(points) - len(away)
         self._voxels.add(self._upright(away))
 
@@ -290,18 +278,20 @@ class CloudMapper:
         if columns is None:
             rule = "holds no points" if not voxels.points else "holds no points that are finite"
             raise MalformedInputError(rule)
-        check_extent(columns)
+        cloud_voxels.check_extent(columns)
         if self._may_choose:
-            columns = fitting(columns)
+            columns = cloud_voxels.fitting(columns)
         # a voxel filter puts heights, and so the floor, on steps
-        limits = Limits(options.climb, options.robot_height, options.max_slope, steps_of(columns))
+        limits = Limits(
+            options.climb, options.robot_height, options.max_slope, cloud_voxels.steps_of(columns)
+        )
         tile = max(3, round(TILE / columns.cell))
         corner = np.array([*columns.corner, 0.0])
         if options.floor is not None:
             floor = stated_floor(columns, tile, options.floor, self._claim)
         else:
             if options.up is None:
-                check_upright(columns)
+                cloud_voxels.check_upright(columns)
             chosen = self._places[:: max(1, len(self._places) // _SEEDS)]
             places = np.reshape(chosen, (-1, 3)) - corner
             at = None if options.at is None else np.array(options.at) - corner
@@ -327,9 +317,8 @@ class CloudMapper:
             frame = self._frame
         height, width = frame.shape
         slabs = max(1, math.ceil((options.robot_height - gap) / _SLAB)) if follows_beams else 1
-        size_text = f"{width} x {height} cells"
         bytes_per_cell = _PER_CELL + _PER_SLAB * slabs
-        self._claim(bytes_per_cell * height * width, size_text)
+        self._claim(bytes_per_cell * height * width, f"{width} x {height} cells")
         rows, cols = columns.row - row, columns.col - col
         inside = (rows >= 0) & (cols >= 0) & (rows < height) & (cols < width)
         flat = np.where(inside, rows * width + cols, 0)
@@ -487,19 +476,17 @@ class CloudMapper:
         occupied, floor = _states(contents, counts, passed, options)
         values = np.full(contents.frame.shape, UNKNOWN, np.int8)
         values[floor], values[occupied] = FREE, OCCUPIED
-        everything = Region(0, 0, *contents.frame.shape)
-        box = box_of(values != UNKNOWN) if self._frame is None else everything
-        rows, cols = (slice(box.row, box.row + box.height), slice(box.col, box.col + box.width))
-        frame = box.frame_in(contents.frame)
-        grid = OccupancyGrid(values[rows, cols].copy(), frame.resolution, frame.origin)
-        known = values != UNKNOWN
+        known, everything = values != UNKNOWN, Region(0, 0, *contents.frame.shape)
+        box = box_of(known) if self._frame is None else everything
+        part, frame = box.shared_with(contents.frame.shape), box.frame_in(contents.frame)
+        grid = OccupancyGrid(values[part].copy(), frame.resolution, frame.origin)
         layers = {
             "floor_height": np.where(known, contents.floor, np.nan).astype(np.float32),
             "obstacle_height": np.where(occupied, highest, 0).astype(np.float32),
             "slope": np.where(known, contents.slope, np.nan).astype(np.float32),
             "points": contents.points,
         }
-        layers = {name: layer[rows, cols].copy() for name, layer in layers.items()}
+        layers = {name: layer[part].copy() for name, layer in layers.items()}
         return CloudMap(
             grid, layers, voxels.points + self.at_sensor, voxels.not_finite, voxels.beyond,
             math.degrees(tilt),

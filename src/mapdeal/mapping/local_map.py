@@ -357,11 +357,10 @@ class Sightings:
         start, ends = sensor - corner, ends - corner
         if (np.abs(start) <= FARTHEST_CELL).all():
             ends = ends[(np.abs(ends) <= FARTHEST_CELL).all(axis=1)]
-            starts = np.broadcast_to(start, ends.shape)
             # the increment reaches the upper bound from any value, so each cell becomes `word`
             word = Odds(2 * self._count, 1, 0, 2 * self._count)
             is_hit, touched = np.zeros(len(ends), np.bool_), np.zeros(self._words.shape, np.uint8)
-            weigh_rays(starts, ends, is_hit, word, self._words, touched)
+            weigh_rays(np.broadcast_to(start, ends.shape), ends, is_hit, word, self._words, touched)
         marks = marks[self._region.holds(marks)] - corner
         self._words[marks[:, 0], marks[:, 1]] = 2 * self._count + 1
 

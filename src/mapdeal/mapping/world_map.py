@@ -215,9 +215,8 @@ def frame_around(points_xy: Floats, resolution: float) -> Frame:
     height, width = (last - first + 1 + 2 * MARGIN).tolist()
     if height * width > MOST_CELLS:
         size = " x ".join(f"{side:.6g}" for side in (ends[1] - ends[0]).tolist())
-        rule = f"extends over {size} m: too far for a map"
         hint = "are lengths in millimetres? --size and --origin bound the map"
-        raise MalformedInputError(rule, hint=hint)
+        raise MalformedInputError(f"extends over {size} m: too far for a map", hint=hint)
     row, col = (first - MARGIN).tolist()
     return Region(row, col, height, width).frame_in(lattice)
 

@@ -75,9 +75,8 @@ def check_lethal_threshold(source: ObstacleSource, lethal_threshold: int | None)
 
 def refuse_view(source: ObstacleSource) -> None:
     if isinstance(source, FieldView):
-        rule = "is the 0..100 view of a distance field, not a map"
         hint = "only costs of model threshold are made of it; take the map or the npz of the field"
-        raise ParameterError(rule, hint=hint)
+        raise ParameterError("is the 0..100 view of a distance field, not a map", hint=hint)
 
 
 def warn_of_strength(source: ObstacleSource, model: str) -> None:

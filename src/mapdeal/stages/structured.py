@@ -42,7 +42,8 @@ def described_goals(goals: Sequence[Goal]) -> dict[str, list[float]] | list[Any]
 
 
 def _goals(name: str, value: object) -> Iterator[Goal]:
-    if isinstance(value, Goal) or _is_pair(value):
+    is_pair = isinstance(value, list | tuple) and value and all(is_number(x) for x in value)
+    if isinstance(value, Goal) or is_pair:  # one place, not a list of places
         value = [value]
     elif isinstance(value, str):  # such as ``7.1, 3.2 1.5,-2``
         value = ",".join(part.strip() for part in value.split(",")).split()
@@ -75,11 +76,6 @@ def _goal_name(place: str, value: object) -> str:
         hint = None if isinstance(value, str) else "put it into quotes"
         raise ParameterError("a goal's name must be text", place=place, got=value, hint=hint)
     return value
-
-
-def _is_pair(value: object) -> bool:
-    """Return whether a value is one place as two numbers, not a list of places."""
-    return isinstance(value, list | tuple) and bool(value) and all(is_number(x) for x in value)
 
 
 if TYPE_CHECKING:  # what callers pass; a stage gets the goals made of it
