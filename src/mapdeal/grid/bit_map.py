@@ -151,7 +151,7 @@ class BitMap(Framed):
 
     def line(
         self, points_xy: Sequence[Point], *, thickness: float = 0.0, value: bool = True
-    ) -> BitMap:  # fmt: skip
+    ) -> BitMap:
         """Return a bit map with a `mapdeal.Line` drawn, clipped to the grid."""
         return self.painted((part, value) for part in Line(points_xy, thickness).spans(self.frame))
 

@@ -917,7 +917,7 @@ def as_points(points_xy: ArrayLike) -> NDArray[np.float64]:
 
 def as_layer(
     values: ArrayLike, dtype: type[np.generic], name: str, *, true: int = 1, rule: str | None = None
-) -> Layer:  # fmt: skip
+) -> Layer:
     """Return `values` as a layer of `dtype`, refusing conversions that change a value.
 
     In place of True the layer has the value `true`.

@@ -145,6 +145,4 @@ def _cells_on(start: Place, end: Place) -> Iterator[Cell]:
             shares |= {(edge - first) / length for edge in edges}
     for before, after in pairwise(sorted(share for share in shares if 0 <= share <= 1)):
         middle = (before + after) / 2
-        yield (
-            math.floor(start[0] + middle * extent[0]), math.floor(start[1] + middle * extent[1])
-        )  # fmt: skip
+        yield (math.floor(start[0] + middle * extent[0]), math.floor(start[1] + middle * extent[1]))

@@ -122,9 +122,8 @@ def _pooled_rows(cells: NDArray[Any], step: int, choose: np.ufunc) -> NDArray[An
 
 
 def squares_of_distances(
-    distance: Metres, obstacles: Mask,
-    *, scale: float, shift: float, gain: float, clip: float,
-) -> Floats:  # fmt: skip
+    distance: Metres, obstacles: Mask, *, scale: float, shift: float, gain: float, clip: float
+) -> Floats:
     metres = distance.astype(np.float64)
     metres /= gain
     clipped = metres >= clip

@@ -117,7 +117,7 @@ def row_minima(values: Integers, exists: Mask) -> Integers:
 
 def _lowest_in(
     cells: Integers, low: Integers, high: Integers, sites: Integers, added: Integers
-) -> tuple[Integers, Integers]:  # fmt: skip
+) -> tuple[Integers, Integers]:
     lengths = high - low + 1
     starts = np.cumsum(lengths) - lengths
     candidates = np.arange(lengths.sum()) + np.repeat(low - starts, lengths)

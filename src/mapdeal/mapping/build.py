@@ -70,7 +70,7 @@ class Extent:
 
 def frame_of(
     size: Sequence[float] | None, origin: Sequence[float] | None, resolution: float
-) -> frames.Frame | None:  # fmt: skip
+) -> frames.Frame | None:
     """Return the frame of a size and a corner in metres, if they are set."""
     if size is None and origin is None:
         return None

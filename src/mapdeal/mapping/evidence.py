@@ -625,9 +625,8 @@ class Tsdf(Counting):
         sensors = self.frame.continuous_rowcol_from_xy(near.sensors_xy)
         ranges = np.where(near.is_hit, near.ranges / self.frame.resolution, np.inf)
         sensing.measure_rays(
-            starts, ends, sensors, ranges, self._truncation, self._behind,
-            self._sums, self._weights,
-        )  # fmt: skip
+            starts, ends, sensors, ranges, self._truncation, self._behind, self._sums, self._weights
+        )
 
     def occupancy(self) -> NDArray[np.int8]:
         values = np.full(self.frame.shape, UNKNOWN, dtype=np.int8)

@@ -368,9 +368,7 @@ class TransformTree:
         turns[~known] = np.nan
         return Posed(moves, turns, known)
 
-    def tf2_lookup(
-        self, fixed: str, frame: str, time: int, *, in_seconds: bool
-    ) -> Rigid | None:  # fmt: skip
+    def tf2_lookup(self, fixed: str, frame: str, time: int, *, in_seconds: bool) -> Rigid | None:
         """Return the transform, bit for bit as tf2 does; None at unknown times."""
         # `in_seconds` interpolates between float64 seconds, as in ROS 1.
         links = self._chains_between(fixed.lstrip("/"), frame.lstrip("/"))
