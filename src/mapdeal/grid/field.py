@@ -143,15 +143,11 @@ class DistanceField(FieldGrid):
         yield count_text(figures["obstacles"], "obstacle cell")
 
     def entries(self) -> dict[str, Any]:
-        return {
-            "distance": self.distance,
-            "occupancy": self.occupancy,
-            "convention": self.convention,
-            "strength": np.float64(self.strength),
-            "max_distance": np.float64(np.inf if self.max_distance is None else self.max_distance),
-            "lethal_threshold": np.int64(self.lethal_threshold),
-            "unknown": self.unknown,
-        }
+        limit = math.inf if self.max_distance is None else self.max_distance
+        entries = {**super().entries(), "convention": self.convention}
+        entries |= {"strength": np.float64(self.strength), "max_distance": np.float64(limit)}
+        entries["lethal_threshold"] = np.int64(self.lethal_threshold)
+        return {**entries, "unknown": self.unknown}
 
     def obstacles(self) -> NDArray[np.bool_]:
         """Return the mask of cells that the field counts as obstacles."""

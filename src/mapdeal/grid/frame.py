@@ -679,11 +679,8 @@ class Framed(map_values.Drawn, ABC):
         height, width = (count * self.frame.resolution for count in self.frame.shape)
         x, y, yaw = self.frame.origin
         place = library("matplotlib.transforms").Affine2D().rotate(yaw).translate(x, y)
-        look: Any = {
-            "origin": "lower",
-            "interpolation": "nearest",
-            "extent": (0.0, width, 0.0, height),
-        }
+        look: Any = {"origin": "lower", "interpolation": "nearest"}
+        look["extent"] = (0.0, width, 0.0, height)
         colours = {} if "norm" in options else self._colours()
         image = axes.imshow(self._drawn_values(), **{**look, **colours, **options})
         image.set_transform(place + axes.transData)

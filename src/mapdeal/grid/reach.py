@@ -224,13 +224,10 @@ class Reach(Framed):
     def __post_init__(self) -> None:
         count, rule = self.heading_count, f"must be from 1 to {MOST_HEADINGS}"
         require(1 <= count <= MOST_HEADINGS, rule, "heading_count", got=count)
-        self._freeze(
-            reachable=as_layer(self.reachable, np.uint8, "reachable"),
-            headings=as_layer(self.headings, np.uint8, "headings"),
-            clearance=as_layer(self.clearance, np.float32, "clearance"),
-            widest=as_layer(self.widest, np.float32, "widest"),
-            occupancy=as_occupancy_layer(self.occupancy),
-        )
+        dtypes: tuple[type[np.generic], ...] = (np.uint8, np.uint8, np.float32, np.float32)
+        named = zip(self.layer_names, dtypes, strict=False)  # the map is checked apart
+        layers = {name: as_layer(getattr(self, name), dtype, name) for name, dtype in named}
+        self._freeze(**layers, occupancy=as_occupancy_layer(self.occupancy))
 
     @property
     def grid(self) -> OccupancyGrid:
@@ -297,12 +294,9 @@ class Reach(Framed):
 
     def entries(self) -> dict[str, Any]:
         """Return the layers, the map, the start and the robot; the results are in the JSON."""
-        entries: dict[str, Any] = {
-            **super().entries(),
-            "start": np.array(self.start, dtype=np.float64),
-            "heading_count": np.uint8(self.heading_count),
-            "through_unknown": np.uint8(self.through_unknown),
-        }
+        entries = {**super().entries(), "start": np.array(self.start, dtype=np.float64)}
+        entries["heading_count"] = np.uint8(self.heading_count)
+        entries["through_unknown"] = np.uint8(self.through_unknown)
         if self.robot is not None:
             vertices = np.array(self.robot.vertices, dtype=np.float64).reshape(-1, 2)
             entries |= {"robot": vertices, "robot_radius": np.float64(self.robot.radius)}

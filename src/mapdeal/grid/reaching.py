@@ -208,19 +208,15 @@ class RootedPassageTree:
         squared = self.passage_tree.squared
         if self.rooted is None:
             return np.zeros(squared.shape, dtype=np.float32)
-        tree, resolution = self.passage_tree.tree, self.passage_tree.frame.resolution
-        return paths.widest_metres(
-            tree, self.rooted, squared, self.start, resolution, in_place=True
-        )
+        tree, side = self.passage_tree.tree, self.passage_tree.frame.resolution
+        return paths.widest_metres(tree, self.rooted, squared, self.start, side, in_place=True)
 
 
 def squares_to(marked: NDArray[np.bool_]) -> SquaredDistances:
     """Return the squared distance of each cell to the nearest cell that is marked or outside."""
     squared = squared_distance(marked)
     steps = (np.arange(1, length + 1, dtype=np.int64) for length in squared.shape)
-    row_squares, col_squares = (
-        (np.minimum(to, to[::-1]) ** 2).astype(squared.dtype) for to in steps
-    )
+    row_squares, col_squares = ((np.minimum(n, n[::-1]) ** 2).astype(squared.dtype) for n in steps)
 
     def lower(rows: slice) -> None:
         np.minimum(squared[rows], col_squares, out=squared[rows])
@@ -589,9 +585,8 @@ def _headings_at(
     if not is_open[heading]:
         away = np.abs((open_headings - heading + count // 2) % count - count // 2)
         nearest = float(open_headings[np.argmin(away)]) * _TURN / count
-        rule = (
-            f"the robot cannot stand there in this heading, only in {len(open_headings)} of {count}"
-        )
+        open_count = len(open_headings)
+        rule = f"the robot cannot stand there in this heading, only in {open_count} of {count}"
         hint = f"the nearest open heading is {nearest:.4g}; without a yaw all that are open count"
         raise ParameterError(rule, place="start", got=tuple(start), hint=hint)
     return [heading]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.arrays import Array, Basins, Floats, Integers, Mask, SquaredDistances
-from mapdeal.kernels.polygons import enumerated
+from mapdeal.kernels.polygons import Cell, enumerated
 from mapdeal.kernels.threads import for_rows
 
 _LABELS_TOGETHER = 1 << 20
@@ -93,9 +93,7 @@ def least_joined(first: Integers, second: Integers, count: int) -> Integers:
             least = nearer
 
 
-def _neighbour_pairs(
-    flat: Integers, cells: Integers, step: tuple[int, int], width: int
-) -> Integers:
+def _neighbour_pairs(flat: Integers, cells: Integers, step: Cell, width: int) -> Integers:
     """Return pairs of marked cells a step apart, shape (2, M), as positions in the list."""
     col = cells[:, 1] + step[1]
     inside = np.flatnonzero((col >= 0) & (col < width))
@@ -242,9 +240,7 @@ _OPPOSITE, _ROUGHLY_OPPOSITE = -0.7, -0.3  # cosines of the angle between both s
 RowCol = tuple[float, float]
 
 
-def gap_at(
-    squared: SquaredDistances, basins: Basins, cell: tuple[int, int]
-) -> tuple[RowCol, RowCol]:
+def gap_at(squared: SquaredDistances, basins: Basins, cell: Cell) -> tuple[RowCol, RowCol]:
     # In a thick wall all cells in the middle of a door are equally narrow, and any of them may be
     # the saddle. They are the ridge, up to cells with a wider neighbour, where the rooms begin.
     square = int(squared[cell])

@@ -21,6 +21,7 @@ from mapdeal.kernels.arrays import Bytes, Metres
 from mapdeal.kernels.engine import engine_name
 
 Cell = tuple[int, int]
+Point = tuple[float, float]
 UNREACHED = 1e10
 _OUTCOMES = ("found", "left map", "left reached cells", "no gradient", "no turns")
 _NEUTRAL, _CLOSED, _ROOM = 50, 254, 10_000
@@ -136,9 +137,7 @@ def traced_path(potential: Metres, start: Cell, goal: Cell, *, turns: int) -> tu
     return np.array(points, np.float32).reshape(-1, 2), name
 
 
-def _trace(
-    potential: Metres, start: Cell, goal: Cell, turns: int
-) -> tuple[list[tuple[float, float]], str]:
+def _trace(potential: Metres, start: Cell, goal: Cell, turns: int) -> tuple[list[Point], str]:
     height, width = potential.shape
     size = height * width
     cells = potential.ravel()
@@ -168,7 +167,7 @@ def _trace(
     def between(first: np.float32, second: np.float32, share: np.float32) -> np.float32:
         return single((1.0 - float(share)) * float(first) + float(share * second))
 
-    points: list[tuple[float, float]] = []
+    points: list[Point] = []
     cell, dx, dy = goal[1] * width + goal[0], single(0), single(0)
     for _ in range(turns):
         # numpy rounds halves to even, C away from zero
@@ -192,9 +191,9 @@ def _trace(
                 return points, "left reached cells"
             continue
         slopes = [gradient(cell + corner) for corner in (0, 1, width, width + 1)]
+        axes = zip(*slopes, strict=True)
         along_x, along_y = (
-            between(between(a, b, dx), between(c, d, dx), dy)
-            for a, b, c, d in zip(*slopes, strict=True)
+            between(between(a, b, dx), between(c, d, dx), dy) for a, b, c, d in axes
         )
         if along_x == 0 and along_y == 0:
             return points, "no gradient"

@@ -82,12 +82,9 @@ def halves(spans: Spans) -> tuple[Integers, Integers, Integers]:
     lengths = spans.stops - spans.starts
     exponents = np.frexp(lengths.astype(np.float64))[1].astype(np.int64) - 1
     second = np.flatnonzero(lengths != 1 << exponents)
-    second_starts = (spans.stops - (1 << exponents))[second]
-    return (
-        np.concatenate([spans.rows, spans.rows[second]]),
-        np.concatenate([spans.starts, second_starts]),
-        np.concatenate([exponents, exponents[second]]),
-    )
+    rows = np.concatenate([spans.rows, spans.rows[second]])
+    starts = np.concatenate([spans.starts, (spans.stops - (1 << exponents))[second]])
+    return rows, starts, np.concatenate([exponents, exponents[second]])
 
 
 def bands(starts: Integers, stops: Integers, height: int) -> Iterator[tuple[int, int]]:

@@ -154,10 +154,8 @@ def _flood(
     """Compute the same as flood.h, for all cells of a length at once."""
     latest = np.empty(len(lengths), dtype=np.int32)
     values, firsts = np.unique(starts, return_index=True)
-    waiting: dict[int, list[Integers]] = {
-        value: [cells]
-        for value, cells in zip(values.tolist(), np.split(sources, firsts)[1:], strict=True)
-    }
+    parts_of = zip(values.tolist(), np.split(sources, firsts)[1:], strict=True)
+    waiting: dict[int, list[Integers]] = {value: [cells] for value, cells in parts_of}
     length = 0
     while waiting:
         if length in waiting:
@@ -230,10 +228,7 @@ def neighbouring(
     same = np.flatnonzero(np.diff(cells[order]) == 0)
     pairs = [np.stack([order[same], order[same + 1]])]
     totals = [np.zeros(len(same), dtype=np.int64)]
-    for here, there in (
-        ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
-        ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
-    ):
+    for here, there in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1, :], np.s_[1:, :])):
         ends = np.stack([origin[here], origin[there]])
         at = np.nonzero((ends[0] != ends[1]) & (ends >= 0).all(axis=0))
         pairs.append(ends[:, at[0], at[1]].astype(np.int64))

@@ -138,15 +138,11 @@ class InflationLayer(CostmapLayer):
             parameter = f"{name}.inflation_radius"
             text, hint = inflation_too_small(radius, inscribed_radius)
             values.problem("params.inflation-radius", "warning", text, parameter, hint)
-        return cls(
-            name=name,
-            inscribed_radius=inscribed_radius,
-            inflation_radius=max(radius, 0.0),
-            cost_scaling_factor=factor,
-            inflate_unknown=values.flag(f"{name}.inflate_unknown"),
-            inflate_around_unknown=values.flag(f"{name}.inflate_around_unknown"),
-            lookup="exact" if is_legacy else "nav2",
-        )
+        takes_unknown = values.flag(f"{name}.inflate_unknown")
+        around_unknown = values.flag(f"{name}.inflate_around_unknown")
+        numbers = max(radius, 0.0), factor
+        lookup: CostLookup = "exact" if is_legacy else "nav2"
+        return cls(name, inscribed_radius, *numbers, takes_unknown, around_unknown, lookup)
 
     @classmethod
     def from_ros1(cls, server: base.Ros1Values, entry: base.PluginEntry) -> InflationLayer:

@@ -32,10 +32,8 @@ def grown(window: Window, cells: int) -> Window:
 
 def within(window: Window, outer: Window) -> Window:
     """Return a window as seen from the first cell of an outer one."""
-    rows, cols = (
-        slice(side.start - wide.start, side.stop - wide.start)
-        for side, wide in zip(window, outer, strict=True)
-    )
+    sides = zip(window, outer, strict=True)
+    rows, cols = (slice(side.start - wide.start, side.stop - wide.start) for side, wide in sides)
     return rows, cols
 
 

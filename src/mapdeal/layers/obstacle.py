@@ -119,6 +119,34 @@ def _typed(declared: Any) -> dict[str, str]:
     return {field.name: base.TYPES[type(field.default)] for field in fields(declared)[1:]}
 
 
+def _ros1_source(server: base.Ros1Values, source: str, below: tuple[str, ...]) -> ObservationSource:
+    place = (*below, source)
+
+    def text(parameter: str, default: str) -> str:
+        found = server.find(*place, parameter)
+        return str(found.value) if found is not None else default
+
+    def searched(parameter: str, default: float) -> float:  # also above the source
+        for depth in range(len(place), 0, -1):
+            if server.find(*place[:depth], parameter) is not None:
+                return server.double(default, *place[:depth], parameter)
+        found: Any = (server.search(parameter) or (None, None))[1]
+        is_number = getattr(found, "kind", "") in ("int", "double")
+        return float(found.value) if is_number else default
+
+    return ObservationSource(
+        source, text("topic", source), text("data_type", "PointCloud"),
+        text("sensor_frame", ""),
+        server.double(0.0, *place, "observation_persistence"),
+        server.double(0.0, *place, "expected_update_rate"),
+        server.double(0.0, *place, "min_obstacle_height"),
+        server.double(2.0, *place, "max_obstacle_height"),
+        server.boolean(False, *place, "inf_is_valid"),
+        server.boolean(True, *place, "marking"), server.boolean(False, *place, "clearing"),
+        searched("obstacle_range", 2.5), 0.0, searched("raytrace_range", 3.0), 0.0,
+    )  # fmt: skip
+
+
 @dataclass(frozen=True, repr=False)
 class ObstacleLayer(CostmapLayer):
     """Settings of costmap_2d's obstacle layer, without observations.
@@ -206,12 +234,9 @@ class ObstacleLayer(CostmapLayer):
         name = entry.name
         values.check_types(cls.nav2_parameters, f"{name}.")
         method = values.get(f"{name}.combination_method", "integer", MAXIMUM)
-        return cls(
-            name=name,
-            track_unknown_space=values.flag("track_unknown_space"),
-            combination_method=method if method in (OVERWRITE, KEEP_UNKNOWN) else MAXIMUM,
-            footprint_clearing_enabled=values.flag(f"{name}.footprint_clearing_enabled", True),
-        )
+        method = method if method in (OVERWRITE, KEEP_UNKNOWN) else MAXIMUM
+        tracks = values.flag("track_unknown_space")
+        return cls(name, tracks, method, values.flag(f"{name}.footprint_clearing_enabled", True))
 
     @classmethod
     def from_ros1(cls, server: base.Ros1Values, entry: base.PluginEntry) -> ObstacleLayer:
@@ -223,12 +248,9 @@ class ObstacleLayer(CostmapLayer):
         method = server.integer(MAXIMUM, name, "combination_method")
         if cls.key == "voxel":  # dynamic_reconfigure has limits here
             method = min(max(method, OVERWRITE), KEEP_UNKNOWN)
-        return cls(
-            name=name,
-            track_unknown_space=server.boolean(costmap_tracks, *place),
-            combination_method=method if method in (OVERWRITE, MAXIMUM) else KEEP_UNKNOWN,
-            footprint_clearing_enabled=server.boolean(True, name, "footprint_clearing_enabled"),
-        )
+        method = method if method in (OVERWRITE, MAXIMUM) else KEEP_UNKNOWN
+        tracks = server.boolean(costmap_tracks, *place)
+        return cls(name, tracks, method, server.boolean(True, name, "footprint_clearing_enabled"))
 
     def live(self, place: base.LivePlace, sensing: Sensing) -> ObstacleGrid:
         return ObstacleGrid(self, place, sensing)
@@ -255,43 +277,13 @@ class ObstacleLayer(CostmapLayer):
         below = () if listed is None else (name,)
         listed = server.find("observation_sources") if listed is None else listed
         names = str(listed.value).split() if listed is not None else []
-        sources = tuple(cls._ros1_source(server, source, below) for source in names)
+        sources = tuple(_ros1_source(server, source, below) for source in names)
         height = server.double(2.0, *server.place(name, "max_obstacle_height"))
         counts = [server.integer(getattr(Sensing, field), *server.place(name, field))
                   for field in ("z_voxels", "unknown_threshold", "mark_threshold")]  # fmt: skip
         return Sensing(
             sources, 0.0, height, server.double(0.0, *server.place(name, "origin_z")),
             server.double(0.2, *server.place(name, "z_resolution")), *counts,
-        )  # fmt: skip
-
-    @classmethod
-    def _ros1_source(
-        cls, server: base.Ros1Values, source: str, below: tuple[str, ...]
-    ) -> ObservationSource:
-        place = (*below, source)
-
-        def text(parameter: str, default: str) -> str:
-            found = server.find(*place, parameter)
-            return str(found.value) if found is not None else default
-
-        def searched(parameter: str, default: float) -> float:  # also above the source
-            for depth in range(len(place), 0, -1):
-                if server.find(*place[:depth], parameter) is not None:
-                    return server.double(default, *place[:depth], parameter)
-            found: Any = (server.search(parameter) or (None, None))[1]
-            is_number = getattr(found, "kind", "") in ("int", "double")
-            return float(found.value) if is_number else default
-
-        return ObservationSource(
-            source, text("topic", source), text("data_type", "PointCloud"),
-            text("sensor_frame", ""),
-            server.double(0.0, *place, "observation_persistence"),
-            server.double(0.0, *place, "expected_update_rate"),
-            server.double(0.0, *place, "min_obstacle_height"),
-            server.double(2.0, *place, "max_obstacle_height"),
-            server.boolean(False, *place, "inf_is_valid"),
-            server.boolean(True, *place, "marking"), server.boolean(False, *place, "clearing"),
-            searched("obstacle_range", 2.5), 0.0, searched("raytrace_range", 3.0), 0.0,
         )  # fmt: skip
 
 

@@ -104,11 +104,8 @@ class CostmapLayers:
         statics = [layer for layer in self.effective if isinstance(layer, StaticLayer)]
         # A static layer sees -1 as byte 255. Behind a field whose obstacles include unknown cells,
         # layers get 100 for them, so that no layer may treat the two values differently.
-        special = {
-            value
-            for layer in statics
-            for value in (layer.unknown_cost_value, layer.inscribed_obstacle_cost_value)
-        }
+        special = {layer.inscribed_obstacle_cost_value for layer in statics}
+        special |= {layer.unknown_cost_value for layer in statics}
         for layer in statics:
             if layer.lethal_cost_threshold > 0:  # with a threshold of 0 every cell is an obstacle
                 is_lethal = special.isdisjoint({NO_INFORMATION, OCCUPIED})

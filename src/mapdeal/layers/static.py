@@ -174,15 +174,11 @@ class StaticLayer(CostmapLayer):
         lethal = server.clamp(server.integer(100, *threshold), 100, "the static layer", threshold)
         unknown = server.place(name, "unknown_cost_value")
         use_maximum = server.boolean(False, name, "use_maximum")
-        return cls(
-            name=name,
-            track_unknown_space=server.boolean(True, *server.place(name, "track_unknown_space")),
-            lethal_cost_threshold=int(lethal),
-            trinary_costmap=server.boolean(True, name, "trinary_costmap"),
-            unknown_cost_value=server.integer(-1, *unknown) % 256,
-            use_maximum=use_maximum,
-            unknown_is_highest=use_maximum and server.boolean(False, "rolling_window"),
-        )
+        tracks = server.boolean(True, *server.place(name, "track_unknown_space"))
+        trinary = server.boolean(True, name, "trinary_costmap")
+        values = tracks, int(lethal), trinary, server.integer(-1, *unknown) % 256
+        is_highest = use_maximum and server.boolean(False, "rolling_window")
+        return cls(name, *values, use_maximum=use_maximum, unknown_is_highest=is_highest)
 
     def _repr_parts(self) -> Iterator[str]:
         yield self.name

@@ -282,9 +282,8 @@ class CloudMapper:
         if self._may_choose:
             columns = cloud_voxels.fitting(columns)
         # a voxel filter puts heights, and so the floor, on steps
-        limits = Limits(
-            options.climb, options.robot_height, options.max_slope, cloud_voxels.steps_of(columns)
-        )
+        steps = cloud_voxels.steps_of(columns)
+        limits = Limits(options.climb, options.robot_height, options.max_slope, steps)
         tile = max(3, round(TILE / columns.cell))
         corner = np.array([*columns.corner, 0.0])
         if options.floor is not None:
@@ -340,19 +339,12 @@ class CloudMapper:
         floor[out] = heights_of(tiles, tile, cell, *beyond, options.climb)
         upper = uppers_of(tiles, tile, cell, columns.row, columns.col)
         whose = columns.of_voxels()
-        counts = columns.counts
-        is_ledge = np.flatnonzero(np.isfinite(upper)[whose])
+        at_ledge = np.flatnonzero(np.isfinite(upper)[whose])
+        owners, counts = whose[at_ledge], columns.counts[at_ledge]
         on_top, on_foot = (
-            np.bincount(
-                whose[is_ledge],
-                np.where(
-                    np.abs(columns.heights[is_ledge] - level[whose[is_ledge]]) <= options.climb,
-                    counts[is_ledge], 0,
-                ),
-                len(floor),
-            )
-            for level in (upper, floor)
-        )  # fmt: skip
+            np.bincount(owners, counts * (np.abs(gap_to) <= options.climb), len(floor))
+            for gap_to in (columns.heights[at_ledge] - level[owners] for level in (upper, floor))
+        )
         # in a cell with both, at the edge, points on top stand on the lower floor
         is_upper = (on_top > 0) & (on_foot <= _SHARE_OF_EDGE * on_top)
         floor[is_upper] = upper[is_upper]

@@ -542,21 +542,17 @@ def thin_blocks(chosen: Mask, size: Floats) -> None:
     cells = np.argwhere(blocks[1:, 1:] | blocks[1:, :-1] | blocks[:-1, 1:] | blocks[:-1, :-1])
     for index in np.argsort(-size[tuple(cells.T)], kind="stable").tolist():
         row, col = cells[index].tolist()
-        if _is_spare([bool(padded[row + 1 + y, col + 1 + x]) for y, x in _RING]):
+        # Its neighbours stay 8-connected without it if Yokoi's connectivity number is 1. It is in a
+        # block if three consecutive neighbours, the middle one diagonal, are set.
+        ring = [bool(padded[row + 1 + y, col + 1 + x]) for y, x in _RING]
+        corners = [(ring[k], ring[k + 1], ring[(k + 2) % 8]) for k in (0, 2, 4, 6)]
+        number = sum(not first and (middle or last) for first, middle, last in corners)
+        if number == 1 and any(map(all, corners)):
             padded[row + 1, col + 1] = chosen[row, col] = False
 
 
 _RING = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
 """The neighbours of a cell, in order around it."""
-
-
-def _is_spare(ring: list[bool]) -> bool:
-    """Return whether a cell of a block can be removed, given its neighbours."""
-    # Its neighbours stay 8-connected without it if Yokoi's connectivity number is 1. A cell is in a
-    # block if three consecutive neighbours, the middle one diagonal, are set.
-    corners = [(ring[k], ring[k + 1], ring[(k + 2) % 8]) for k in (0, 2, 4, 6)]
-    number = sum(not first and (middle or last) for first, middle, last in corners)
-    return number == 1 and any(map(all, corners))
 
 
 def _partners_of(crossings: Crossings, row: int, col: int) -> list[tuple[int, int]]:

@@ -410,34 +410,31 @@ def window_around(pose: Pose, options: LocalOptions, lattice: frames.Frame) -> f
     return region
 
 
-@dataclass(frozen=True, eq=False)
-class _KnownMap:
-    """The global map, if there is one, whose obstacles and free space count."""
-
-    grid: OccupancyGrid | None
-    lethal_threshold: int
-
-    def joined_with(
-        self, values: NDArray[np.int8], frame: frames.Frame, *, keeps_unknown: bool
-    ) -> tuple[OccupancyGrid, int]:
-        """Add it to the evidence of clouds; also return its number of obstacle cells."""
-        # The larger value wins, as when costmap_2d combines its layers: obstacles win over free
-        # space, and free space over unknown.
-        from_map = 0
-        if self.grid is not None:
-            source = self.grid.frame
-            rows, cols = rows_and_cols_under(frame, source)
-            if rows.start < rows.stop and cols.start < cols.stop:
-                known = np.asarray(self.grid.occupancy[rows])[:, cols]
-                part = source.window(rows.start, cols.start, *known.shape)
-                obstacles = obstacles_in(frame, known >= self.lethal_threshold, part)
-                is_known = contained_in(frame, known != map_values.UNKNOWN, part)
-                values[is_known & (values == map_values.UNKNOWN)] = map_values.FREE
-                values[obstacles] = map_values.OCCUPIED
-                from_map = int(np.count_nonzero(obstacles))
-        if not keeps_unknown:
-            values[values == map_values.UNKNOWN] = map_values.FREE
-        return OccupancyGrid(values, frame.resolution, frame.origin), from_map
+def _joined(
+    global_map: OccupancyGrid | None,
+    lethal_threshold: int,
+    values: NDArray[np.int8],
+    frame: frames.Frame,
+    *,
+    keeps_unknown: bool,
+) -> tuple[OccupancyGrid, int]:
+    """Add the evidence of clouds to a global map; also return the number of its obstacle cells."""
+    # The larger value wins, as when costmap_2d combines its layers: obstacles win over free space,
+    # and free space over unknown.
+    from_map = 0
+    if global_map is not None:
+        rows, cols = rows_and_cols_under(frame, global_map.frame)
+        if rows.start < rows.stop and cols.start < cols.stop:
+            known = np.asarray(global_map.occupancy[rows])[:, cols]
+            part = global_map.frame.window(rows.start, cols.start, *known.shape)
+            obstacles = obstacles_in(frame, known >= lethal_threshold, part)
+            is_known = contained_in(frame, known != map_values.UNKNOWN, part)
+            values[is_known & (values == map_values.UNKNOWN)] = map_values.FREE
+            values[obstacles] = map_values.OCCUPIED
+            from_map = int(np.count_nonzero(obstacles))
+    if not keeps_unknown:
+        values[values == map_values.UNKNOWN] = map_values.FREE
+    return OccupancyGrid(values, frame.resolution, frame.origin), from_map
 
 
 def local_map(
@@ -516,7 +513,7 @@ class LocalMapper:
         *, lethal_threshold: int = map_values.DEFAULT_LETHAL_THRESHOLD,
     ) -> None:  # fmt: skip
         self._pose = check_pose(pose)
-        self._known = _KnownMap(global_map, lethal_threshold)
+        self._known = global_map, lethal_threshold
         lattice = lattice_of(options, global_map)
         self._window = window_around(self._pose, options, lattice)
         self._keeps_unknown = global_map is not None and options.unknown == "keep"
@@ -549,7 +546,7 @@ class LocalMapper:
             evidence = sightings.evidence(self._window)
         evidence[self._cloud.is_hit] = map_values.OCCUPIED
         keeps = self._keeps_unknown
-        grid, from_map = self._known.joined_with(evidence, self._frame, keeps_unknown=keeps)
+        grid, from_map = _joined(*self._known, evidence, self._frame, keeps_unknown=keeps)
         return LocalMap(grid, self._pose, self._cloud.counts, from_map, self._cloud.angles)
 
 
@@ -601,7 +598,7 @@ class RollingMapper:
         self.poses: list[Pose] = [check_pose(pose) for pose in poses]
         """x, y (metres) and yaw (radians) of the robot for each cloud, -pi < yaw <= pi."""
         self._options, self._keep = options, keep
-        self._known = _KnownMap(global_map, lethal_threshold)
+        self._known = global_map, lethal_threshold
         self._lattice = lattice_of(options, global_map)
         self._windows = [window_around(pose, options, self._lattice) for pose in self.poses]
         self._corners = np.array([window[:2] for window in self._windows]).reshape(-1, 2)
@@ -639,9 +636,8 @@ class RollingMapper:
     def add_in_parts(self, parts: Iterable[ArrayLike]) -> None:
         """Add the next cloud from several arrays of points; see `add`."""
         turn = self._next()
-        cloud = SeenCloud(
-            self.poses[turn], self._options, self._lattice, self._windows[turn], with_beams=True
-        )
+        pose, window = self.poses[turn], self._windows[turn]
+        cloud = SeenCloud(pose, self._options, self._lattice, window, with_beams=True)
         for points in parts:
             cloud.add(points)
         self._sightings.move(self._canvas(turn))
@@ -670,7 +666,7 @@ class RollingMapper:
         window = self._windows[turn]
         evidence, keeps = self._sightings.evidence(window), self._options.unknown == "keep"
         frame = window.frame_in(self._lattice)
-        grid, from_map = self._known.joined_with(evidence, frame, keeps_unknown=keeps)
+        grid, from_map = _joined(*self._known, evidence, frame, keeps_unknown=keeps)
         first = 0 if self._keep is None else max(0, self.turn - self._keep)
         clouds = int(np.count_nonzero(self._was_added[first : self.turn]))
         earlier, pose = self._sightings.count_earlier(window), self.poses[turn]

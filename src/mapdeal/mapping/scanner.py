@@ -71,10 +71,8 @@ class Surroundings:
             with np.errstate(invalid="ignore"):  # between two beams without return
                 steps = np.abs(np.diff(lengths, axis=1, append=lengths[:, :1]))
                 is_steep = steps < lengths * (2 * math.pi / count / math.tan(_GRAZING))
-            yield (
-                self.hit_cells(pose, angles, lengths),
-                self.hit_cells(pose, angles, np.where(is_steep, lengths, np.inf)),
-            )
+            steep = np.where(is_steep, lengths, np.inf)
+            yield self.hit_cells(pose, angles, lengths), self.hit_cells(pose, angles, steep)
 
 
 @dataclass(frozen=True)
@@ -146,7 +144,5 @@ def noisy_odometry(robot_poses: Floats, noise: float) -> tuple[Floats, Floats]:
     odometry = np.append(0.0, np.cumsum(moves * np.exp(1j * odometry_yaws[:-1])))
     frame_yaws = yaws - odometry_yaws
     frames = places - odometry * np.exp(1j * frame_yaws)
-    return (
-        np.column_stack([odometry.real, odometry.imag, odometry_yaws]),
-        np.column_stack([frames.real, frames.imag, frame_yaws]),
-    )
+    odometry_poses = np.column_stack([odometry.real, odometry.imag, odometry_yaws])
+    return odometry_poses, np.column_stack([frames.real, frames.imag, frame_yaws])

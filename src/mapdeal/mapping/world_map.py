@@ -127,9 +127,8 @@ def surface_cells(section: Section, frame: Frame, runs: _Runs) -> Mask:
     stop = np.clip(np.floor(np.maximum(*ys)) + 1, 0, frame.height).astype(np.int64)
     cost = np.cumsum(stop - first + np.minimum(length, frame.width))
     keys = np.zeros(0, np.int64)
-    for part in np.split(
-        np.arange(len(cost)), np.searchsorted(cost, np.arange(_AT_ONCE, cost[-1], _AT_ONCE))
-    ):
+    cuts = np.searchsorted(cost, np.arange(_AT_ONCE, cost[-1], _AT_ONCE))
+    for part in np.split(np.arange(len(cost)), cuts):
         edge, row = enumerated(first[part], stop[part])
         edge = part[edge]
         (x, y), (dx, dy) = begin[edge].T, along[edge].T

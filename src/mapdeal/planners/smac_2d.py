@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from mapdeal.errors import ParameterError
+from mapdeal.grid.frame import Point
 from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.polygons import Lattice, costs_at_poses
 from mapdeal.kernels.smac import grid_path, grid_step_costs, smooth_once
@@ -118,9 +119,7 @@ def _continuous_cell(grid: PlannerGrid, pose: Pose) -> tuple[float, float] | Non
     return (x, y) if is_inside else None
 
 
-def _is_zone_open(
-    open_costs: Mask, grid: PlannerGrid, goal_xy: tuple[float, float], tolerance: float
-) -> bool:
+def _is_zone_open(open_costs: Mask, grid: PlannerGrid, goal_xy: Point, tolerance: float) -> bool:
     """Return whether the goal's cell or a cell within a tolerance of at least 1 cell is open."""
     x, y = goal_xy
     if open_costs[grid.costs[int(y), int(x)]] or tolerance < 1:

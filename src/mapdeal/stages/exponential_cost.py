@@ -85,9 +85,7 @@ def _curve(source: Framed, parameters: command.Parameters) -> CostCurve:
     when_closed="lower inscribed_radius, or the radius of inflate",
     curve=_curve,
     robot=command.RobotShape(
-        "inscribed_radius",
-        _RADII,
-        lambda footprint: {name: getattr(footprint, name) for name in _RADII},
+        "inscribed_radius", _RADII, lambda shape: {name: getattr(shape, name) for name in _RADII}
     ),
     derived=_derived,
     parameters_from_layers=_parameters_from_layers,

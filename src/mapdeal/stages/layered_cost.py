@@ -45,14 +45,10 @@ def _advice(parameters: command.Parameters, cost: int) -> str:
 
 
 def _parameters_from_layers(layers: CostmapLayers) -> dict[str, object]:
+    names = ("layers", "default_cost", "circumscribed_radius", "area", "footprint")
+    parameters = {name: getattr(layers, name) for name in names}
     reaches = any(layer.spreads for layer in layers.effective)
-    return {
-        "layers": layers.layers,
-        "default_cost": layers.default_cost,
-        "circumscribed_radius": layers.circumscribed_radius if reaches else None,
-        "area": layers.area,
-        "footprint": layers.footprint,
-    }
+    return parameters if reaches else {**parameters, "circumscribed_radius": None}
 
 
 def _curve(source: Framed, parameters: command.Parameters) -> CostCurve | None:

@@ -24,9 +24,7 @@ from mapdeal.stages.cost import obstacles_of
 if TYPE_CHECKING:
     from mapdeal.grid.reaching import Ground
 
-GAIN = command.Condition(
-    f"between 0 and {LARGEST_GAIN:g}", lambda value: 0 <= value <= LARGEST_GAIN
-)
+GAIN = command.Condition(f"between 0 and {LARGEST_GAIN:g}", lambda v: 0 <= v <= LARGEST_GAIN)
 CAP = command.Condition(
     f"above 0, at most {LARGEST_REPULSION:g}", lambda value: 0 < value <= LARGEST_REPULSION
 )

@@ -143,16 +143,15 @@ def reach(
     shape = shape_of(footprint)
     if radius and shape is not None and not math.isclose(radius, reach_radius(shape)):
         raise ParameterError("cannot be given together with footprint", place="radius", got=radius)
+    occupancy = _occupancy_of(source, lethal_threshold)
+    closed = None if mask is None else closed_by(mask, source.frame)
+    ground = Ground(occupancy, source.frame, through_unknown, closed)
+    robot, named = _shape_of({"footprint": shape, "radius": radius}), accept_goals("goals", goals)
     return reach_on(
-        Ground(
-            _occupancy_of(source, lethal_threshold),
-            source.frame,
-            through_unknown,
-            None if mask is None else closed_by(mask, source.frame),
-        ),
-        _shape_of({"footprint": shape, "radius": radius}),
+        ground,
+        robot,
         start=start,
-        goals=accept_goals("goals", goals),
+        goals=named,
         headings=headings,
         margin=margin,
         min_area=min_area,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal import command
+from mapdeal.command import Parameters
 from mapdeal.errors import ParameterError, emit_warning, require
 from mapdeal.grid.costmap import CostCurve, Costmap, squares_up_to
 from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, truncated
@@ -60,9 +61,7 @@ def _advice(parameters: command.Parameters, cost: int) -> str:
     return f"{both}, or give up_distance and down_distance in metres"
 
 
-def _curve_of_thresholds(
-    source: ObstacleSource | FieldView, parameters: command.Parameters
-) -> CostCurve:
+def _curve_of_thresholds(source: ObstacleSource | FieldView, parameters: Parameters) -> CostCurve:
     view, view_range = parameters["view"], parameters["view_range"]
     strength = source.strength if isinstance(source, DistanceField) else 1.0
     if isinstance(source, FieldView):
@@ -258,9 +257,7 @@ def _refuse_order(
     raise ParameterError(f"must not be larger than up ({upper:g})", place="down", got=lower)
 
 
-def _value_at(
-    threshold: str, parameters: command.Parameters, scale: ViewScale, resolution: float
-) -> float:
+def _value_at(threshold: str, parameters: Parameters, scale: ViewScale, resolution: float) -> float:
     name = f"{threshold}_distance"
     value: float | None = parameters[threshold]
     distance: float | None = parameters[name]

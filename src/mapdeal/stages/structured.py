@@ -88,16 +88,17 @@ else:
 _LAYERS_EXAMPLE = "[{static: {}}, {inflation: {inflation_radius: 0.55}}]"
 
 
-def accept_layers(name: str, value: object) -> tuple[CostmapLayer, ...]:
+LayerList = tuple[CostmapLayer, ...]  # layers of a costmap as a parameter of a stage
+
+
+def accept_layers(name: str, value: object) -> LayerList:
     if not isinstance(value, list | tuple):
         rule = f"must be a list of layers such as {_LAYERS_EXAMPLE}"
         raise ParameterError(rule, place=name, got=value)
     return tuple(_layer(f"{name} {number}", item) for number, item in enumerate(value, start=1))
 
 
-def layers_with(
-    layers: tuple[CostmapLayer, ...], name: str, value: object
-) -> tuple[CostmapLayer, ...] | None:
+def layers_with(layers: LayerList, name: str, value: object) -> LayerList | None:
     """Return layers with a new value for a parameter that is named as in model ``exponential``."""
     from mapdeal.layers.catalogue import KINDS  # all layers: few runs need them
 
@@ -152,7 +153,5 @@ def _parameters_of(kind: type[CostmapLayer]) -> dict[str, Parameter]:
     parameters.pop("name")
     return parameters
 
-
-LayerList = tuple[CostmapLayer, ...]  # layers of a costmap as a parameter of a stage
 
 command.structured(LayerList, accept_layers)
