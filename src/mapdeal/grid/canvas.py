@@ -26,6 +26,7 @@ ResamplingRule = Literal["area", "nearest"]  # largest under the cell's area, or
 Mask = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
 V = TypeVar("V", bound=ValueGrid)
+_CELLS_AT_ONCE = 1 << 20
 
 
 def resampled(grid: V, frame: Frame, *, rule: ResamplingRule = "area") -> V:
@@ -165,9 +166,6 @@ def _inside(frame: Frame, source: Frame) -> Mask:
 def _corners_on(source: Frame, frame: Frame) -> NDArray[np.float64]:
     corners = [[row, col] for row in (0, frame.height) for col in (0, frame.width)]
     return source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(corners))
-
-
-_CELLS_AT_ONCE = 1 << 20
 
 
 class FieldGrid(Framed):

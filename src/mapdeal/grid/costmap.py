@@ -20,6 +20,15 @@ from mapdeal.kernels.distance import squares_between_cells
 from mapdeal.kernels.lookup import look_up
 
 UNIFORM_SHARE = 0.98  # of the open cells with one cost, above which a costmap is uniform
+_NAMED_COSTS: dict[map_values.CostScale, dict[str, int]] = {
+    "costmap2d": {"lethal": 254, "inscribed": 253, "unknown": 255},
+    "occupancy": {"lethal": 100, "unknown": -1},
+}
+Metric = Literal["euclidean", "chebyshev"]  # straight, or along the longer axis
+Formula = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # metres to costs
+FARTHEST_CELLS = 2048  # up to here, in cells, a curve has every distance between cells
+MOST_LISTED = 1000  # most distances of which a document lists every one
+_MOST_FAR = 1001
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -206,12 +215,6 @@ def travel_weights(costmap: Costmap, multiplier: float, *, through_unknown: bool
     return weights
 
 
-_NAMED_COSTS: dict[map_values.CostScale, dict[str, int]] = {
-    "costmap2d": {"lethal": 254, "inscribed": 253, "unknown": 255},
-    "occupancy": {"lethal": 100, "unknown": -1},
-}
-
-
 def figures_of_costs(counts: NDArray[np.int64], scale: map_values.CostScale) -> Figures:
     figures: Figures = {"cost_scale": scale, "free": int(counts[0])}
     figures |= {name: int(counts[cost]) for name, cost in _NAMED_COSTS[scale].items()}
@@ -234,13 +237,6 @@ def _most_common(counts: NDArray[np.int64], scale: map_values.CostScale) -> Figu
     if not open_.any():
         return None
     return {"cost": int(open_.argmax()), "share": int(open_.max()) / int(open_.sum())}
-
-
-Metric = Literal["euclidean", "chebyshev"]  # straight, or along the longer axis
-Formula = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # metres to costs
-FARTHEST_CELLS = 2048  # up to here, in cells, a curve has every distance between cells
-MOST_LISTED = 1000  # most distances of which a document lists every one
-_MOST_FAR = 1001
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -22,6 +22,10 @@ from mapdeal.kernels.lookup import interpolate
 from mapdeal.kernels.threads import in_parallel
 
 _POINTS_AT_ONCE = 1 << 13  # their arrays stay in the processor's cache
+View = Literal["metric", "per-map"]
+ESDF_VIEW = "esdf_view"  # name of the layer in files
+LARGEST_GAIN = 1e9
+LARGEST_REPULSION = 1e15  # more than any map has; up to here no layer overflows
 
 
 class FieldSamples(NamedTuple):
@@ -232,10 +236,6 @@ def obstacles_in(
     return mapped(occupancy, bool, are_obstacles)
 
 
-View = Literal["metric", "per-map"]
-ESDF_VIEW = "esdf_view"  # name of the layer in files
-
-
 def truncated(products: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return products truncated after rounding errors are removed: 0.58 * 50 gives 29, not 28."""
     return np.trunc(np.round(products, 9))
@@ -342,10 +342,6 @@ class FieldView(OccupancyGrid):
 
     def _own_figures(self) -> Figures:
         return {**super()._own_figures(), **self.scale.entries()}
-
-
-LARGEST_GAIN = 1e9
-LARGEST_REPULSION = 1e15  # more than any map has; up to here no layer overflows
 
 
 @dataclass(frozen=True, eq=False, repr=False)

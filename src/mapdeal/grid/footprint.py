@@ -20,6 +20,15 @@ from mapdeal.grid.values import OneLineRepr, check_choice, points_text
 from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.polygons import Lattice, Spans, costs_at_poses, edges_of_rings, stacked_spans
 
+_FEW = 16  # edges up to which plain Python is faster than numpy
+_LARGEST_COORDINATE = 1000.0
+_MOST_VERTICES = 500
+_NUMBER = re.compile(
+    r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?|[-+]?\.?[nN]a[nN]|[-+]?\.?[iI]nf"
+)
+_ROUNDING = 1e-9  # cells: a corner this close below an edge is in the upper cell
+_FARTHEST = float(1 << 40)  # cells; more than any grid has, and whole numbers still convert
+
 
 def checked_corners(
     points: Sequence[Sequence[float]], name: str, *, least: int, most: int, within: float = FARTHEST
@@ -45,9 +54,6 @@ def checked_corners(
 
 def edges_of(points: Sequence[Point]) -> list[tuple[Point, Point]]:
     return list(pairwise([*points, points[0]]))
-
-
-_FEW = 16  # edges up to which plain Python is faster than numpy
 
 
 def check_simple(points: Sequence[Point], shape: str) -> None:
@@ -132,13 +138,6 @@ def _near_product(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.
 
 def _cross(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
     return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
-
-
-_LARGEST_COORDINATE = 1000.0
-_MOST_VERTICES = 500
-_NUMBER = re.compile(
-    r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?|[-+]?\.?[nN]a[nN]|[-+]?\.?[iI]nf"
-)
 
 
 @dataclass(frozen=True, repr=False)
@@ -257,10 +256,6 @@ def _pairs(text: str) -> list[str]:
             return []
         pairs.append(inner)
     return [] if pieces[-1].strip() else pairs
-
-
-_ROUNDING = 1e-9  # cells: a corner this close below an edge is in the upper cell
-_FARTHEST = float(1 << 40)  # cells; more than any grid has, and whole numbers still convert
 
 
 def footprint_spans(footprint: Footprint, frame: Frame, heading_count: int) -> tuple[Spans, ...]:

@@ -36,6 +36,11 @@ FARTHEST = 1e12  # largest coordinate and length, metres
 _RESOLUTION_RULE = f"resolution must lie between {_SMALLEST_CELL:g} and {_LARGEST_CELL:g} m"
 _ORIGIN_RULE = f"origin must be three numbers x, y, yaw within {FARTHEST:g}"
 _POINT_RULE = f"must be two numbers x, y within {FARTHEST:g} m"
+ROUNDING = 4 * float(np.finfo(np.float64).eps)  # relative, of a coordinate less the origin, turned
+_PRECISION = (ROUNDING, CELL_TOLERANCE, FARTHEST)
+MOST_CELLS = 1_000_000_000  # of a new window
+_TOUCHING = 1e-6  # cells; borders that differ by less coincide
+Figures = dict[str, Any]  # the figures of a grid, as JSON can hold them
 
 
 def as_float32(value: float) -> float:
@@ -110,10 +115,6 @@ def turned(vectors_xy: NDArray[_Real], angle: float) -> NDArray[_Real]:
 
 def cells_at(places_rowcol: ArrayLike, tolerance: ArrayLike) -> NDArray[np.int64]:
     return np.floor(np.asarray(places_rowcol) + tolerance).astype(np.int64)
-
-
-ROUNDING = 4 * float(np.finfo(np.float64).eps)  # relative, of a coordinate less the origin, turned
-_PRECISION = (ROUNDING, CELL_TOLERANCE, FARTHEST)
 
 
 @dataclass(frozen=True, slots=True)
@@ -424,10 +425,6 @@ class Transform(OneLineRepr):
         return Frame(*frame.shape, frame.resolution, (float(x), float(y), yaw))
 
 
-MOST_CELLS = 1_000_000_000  # of a new window
-_TOUCHING = 1e-6  # cells; borders that differ by less coincide
-
-
 class Region(NamedTuple):
     """A rectangle of cells, which may reach beyond the grid: its first cell and its size."""
 
@@ -502,9 +499,6 @@ def region_around(frame: Frame, contents: Frame) -> Region:
 def _overlap(first: int, count: int, size: int) -> slice:
     start = min(max(first, 0), size)
     return slice(start, max(start, min(first + count, size)))
-
-
-Figures = dict[str, Any]  # the figures of a grid, as JSON can hold them
 
 
 class Framed(map_values.Drawn, ABC):

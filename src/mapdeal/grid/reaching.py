@@ -26,6 +26,9 @@ from mapdeal.kernels.polygons import Pose
 from mapdeal.kernels.threads import for_rows
 
 Cell = tuple[int, int]
+DEFAULT_HEADINGS = 72
+_TURN = 2 * math.pi
+_DECIMALS = 9
 
 
 def cell_of_point(frame: Frame, point: Point, name: str) -> Cell:
@@ -232,9 +235,6 @@ def largest_closed_square(radius: float, frame: Frame) -> int:
     return frames.largest_square_within(min(radius, max(frame.size_xy)), frame.resolution)
 
 
-DEFAULT_HEADINGS = 72
-
-
 def passages(
     passage_tree: PassageTree, is_open: NDArray[np.bool_], start: Cell, *,
     radius: float, min_area: float, margin: float = 0.0, circumscribed_radius: float | None = None,
@@ -432,10 +432,6 @@ def _regions(
     widest = order[np.flatnonzero(np.diff(labels[order], prepend=-1))]
     widest = widest[counts[widest] > 0]
     return counts, widest[np.lexsort((widest, -counts[widest]))]
-
-
-_TURN = 2 * math.pi
-_DECIMALS = 9
 
 
 def reach_on(

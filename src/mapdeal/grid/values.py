@@ -35,6 +35,10 @@ CostScale = Literal["costmap2d", "occupancy"]
 UnknownPolicy = Literal["free", "occupied"]
 OverlayType = Literal["seq", "max", "min"]
 Convention = Literal["fast-planner", "center", "border"]
+Drawer = Callable[[object], bytes | None]  # from an object to its PNG, if it has a picture
+MOST_COUNTED = 100_000_000  # cells whose values a repr counts, in tenths of a second
+_MOST_LISTED = 6
+_drawers: list[Drawer] = []
 
 
 def check_choice(value: object, choices: Any, name: str) -> None:
@@ -77,12 +81,6 @@ def static_layer_cost_from_occupancy(
         table[inscribed_value] = INSCRIBED_INFLATED_OBSTACLE
     table[unknown_value] = NO_INFORMATION if track_unknown else FREE_SPACE
     return table
-
-
-Drawer = Callable[[object], bytes | None]  # from an object to its PNG, if it has a picture
-MOST_COUNTED = 100_000_000  # cells whose values a repr counts, in tenths of a second
-_MOST_LISTED = 6
-_drawers: list[Drawer] = []
 
 
 def draw_with(drawer: Drawer) -> None:

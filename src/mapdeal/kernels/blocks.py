@@ -25,6 +25,12 @@ from mapdeal.kernels.threads import set_within, thread_count
 
 Layer = NDArray[Any]  # an array of shape (H, W), or a `LazyLayer`, which stands for one
 Runs = NDArray[np.uint32]
+MakeRows = Callable[[slice], NDArray[Any]]
+ReportRows = Callable[[int, int], object]  # rows processed, rows of the layer
+_reported_to: ContextVar[ReportRows | None] = ContextVar("reported_to", default=None)
+activities: ContextVar[list[str] | None] = ContextVar("activities", default=None)
+"""Names of the work under way, see `activity`; a progress display sets the list."""
+_CELLS_PER_TEST = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,14 +40,6 @@ class Halo:
     height: int
     before: tuple[Mask, Runs] | None
     after: tuple[Mask, Runs] | None
-
-
-MakeRows = Callable[[slice], NDArray[Any]]
-ReportRows = Callable[[int, int], object]  # rows processed, rows of the layer
-_reported_to: ContextVar[ReportRows | None] = ContextVar("reported_to", default=None)
-activities: ContextVar[list[str] | None] = ContextVar("activities", default=None)
-"""Names of the work under way, see `activity`; a progress display sets the list."""
-_CELLS_PER_TEST = 1 << 20
 
 
 class CacheBudget:

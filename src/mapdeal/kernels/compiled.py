@@ -25,6 +25,12 @@ if TYPE_CHECKING:
     from mapdeal.kernels._compiled import Transform
 
 LONGEST_SIDE = _compiled.longest_side  # cells; the scipy twin handles longer ones
+_MOST = arrays.unreachable(np.zeros(0, dtype=np.int32))
+Words = NDArray[np.uint64]
+_WORD, _SHIFTS, _WIDE = 64, 8, 16
+_BAND_ROWS = 32  # of poses at a time: more save work at edges, fewer stay in the cache
+_SHARE_WAITING = 64  # the share of tiles that may wait at a time is 1 / 64
+_FEWEST_WAITING = 1024
 
 
 def squares(marked: Mask, limit: int | None) -> SquaredDistances:
@@ -73,9 +79,6 @@ def _run(transform: Transform, cells: int) -> None:
     in_bands(transform.scan, transform.bands, cells)
     transform.join()
     in_bands(transform.solve, transform.bands, cells)
-
-
-_MOST = arrays.unreachable(np.zeros(0, dtype=np.int32))
 
 
 def fits(squared: SquaredDistances) -> bool:
@@ -183,13 +186,6 @@ def basin_areas(basins: Basins, squared: SquaredDistances, above: int, count: in
     for counts in free:
         areas += counts[1:]
     return areas
-
-
-Words = NDArray[np.uint64]
-_WORD, _SHIFTS, _WIDE = 64, 8, 16
-_BAND_ROWS = 32  # of poses at a time: more save work at edges, fewer stay in the cache
-_SHARE_WAITING = 64  # the share of tiles that may wait at a time is 1 / 64
-_FEWEST_WAITING = 1024
 
 
 class OpenPoses:

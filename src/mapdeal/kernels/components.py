@@ -20,6 +20,15 @@ from mapdeal.kernels.polygons import Cell, enumerated
 from mapdeal.kernels.threads import for_rows
 
 _LABELS_TOGETHER = 1 << 20
+MOST_PLACES = 20  # components of a size that are recorded by a cell
+_CELLS_TOGETHER = 1 << 15
+_NOWHERE = np.iinfo(np.int64).max
+_STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0))
+_MOST_CELLS = 20_000  # of a ridge; the others are ignored
+_MOST_ENDS = 400
+_OPPOSITE, _ROUGHLY_OPPOSITE = -0.7, -0.3  # cosines of the angle between both sides of a gap
+RowCol = tuple[float, float]
+BYTES_OF_BASIN, BYTES_OF_EDGE = 100, 16  # in all tables of a clearance tree
 
 
 def drop_small_groups(marked: Mask, min_cells: int, *, corners: bool = True) -> Mask:
@@ -115,11 +124,6 @@ def thickness_of(marked: Mask) -> Integers:
 def _lengths_along(marked: Mask) -> Integers:
     starts, stops = _runs(marked)
     return np.repeat(stops - starts, stops - starts)
-
-
-MOST_PLACES = 20  # components of a size that are recorded by a cell
-_CELLS_TOGETHER = 1 << 15
-_NOWHERE = np.iinfo(np.int64).max
 
 
 class _Front(NamedTuple):
@@ -231,13 +235,6 @@ def _runs(marked: Mask) -> tuple[Integers, Integers]:
     np.not_equal(marked[:, 1:], marked[:, :-1], out=edges[:, 1:-1])
     ends = np.flatnonzero(edges)
     return ends[::2], ends[1::2]
-
-
-_STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0))
-_MOST_CELLS = 20_000  # of a ridge; the others are ignored
-_MOST_ENDS = 400
-_OPPOSITE, _ROUGHLY_OPPOSITE = -0.7, -0.3  # cosines of the angle between both sides of a gap
-RowCol = tuple[float, float]
 
 
 def gap_at(squared: SquaredDistances, basins: Basins, cell: Cell) -> tuple[RowCol, RowCol]:
@@ -438,9 +435,6 @@ def _borders(basins: Basins, labels: Basins) -> tuple[Integers, Integers]:
     for_rows(compare, basins.shape)
     pairs = np.concatenate([part for start in sorted(found) for part in found[start]], axis=1)
     return pairs[0], pairs[1]
-
-
-BYTES_OF_BASIN, BYTES_OF_EDGE = 100, 16  # in all tables of a clearance tree
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,10 @@ from mapdeal.kernels.threads import for_rows
 with suppress(ImportError):  # then `engine_name` is never compiled
     from mapdeal.kernels import _dilation, _updates
 
+_LARGEST_TABLE = 1 << 20
+_BAND_ROWS = 64
+_HALOS_OF_A_BAND = 2  # rows of a band in reaches: those around it are read twice
+
 
 def squares_between_cells(reach: int) -> Integers:
     occurs = np.zeros(reach * reach + 1, dtype=np.bool_)
@@ -124,10 +128,6 @@ def _engine(marked: Mask, height: int = 0) -> ModuleType:
 # The compiled engine draws squares, discs and rings of up to 62 cells around all marked cells at
 # once, with a few byte operations for each cell and row of the shape. Larger discs are drawn by
 # distance, larger squares by shifted copies.
-
-_LARGEST_TABLE = 1 << 20
-_BAND_ROWS = 64
-_HALOS_OF_A_BAND = 2  # rows of a band in reaches: those around it are read twice
 
 
 def dilate_square(marked: Mask, reach: int) -> Mask:

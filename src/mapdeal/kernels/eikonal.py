@@ -27,6 +27,10 @@ from mapdeal.kernels.paths import ROOT_OF_2
 from mapdeal.kernels.polygons import Cell
 
 _LEAST_RISE = 0.7  # of a cell's weight, below 1 / sqrt(2) by more than rounding
+Place = tuple[float, float]
+# Cells around a goal whose lengths are exact where a straight line leads to it: there the costs of
+# the eikonal equation would be up to 4 % too high.
+_EXACT_WITHIN = 10
 
 
 def costs_to_go(classes: Bytes, weights: Floats, sources: Integers, starts: Floats) -> Floats:
@@ -88,12 +92,6 @@ def _costs_to_go(
             for turn in (-side, side):
                 beyond = weights[beside + turn] * ROOT_OF_2
                 lower((beside + turn)[beyond > 0], (cost + beyond)[beyond > 0])
-
-
-Place = tuple[float, float]
-# Cells around a goal whose lengths are exact where a straight line leads to it: there the costs of
-# the eikonal equation would be up to 4 % too high.
-_EXACT_WITHIN = 10
 
 
 def lengths_to(is_open: Mask, place: Place) -> Floats:

@@ -22,6 +22,9 @@ _COMPILED_MODULES = (
     "_clearance_tree", "_clouds", "_configuration_space", "_dilation", "_planners", "_rays",
     "_smac", "_updates",
 )  # fmt: skip
+_OPENBLAS = 80 << 20  # bytes that numpy and scipy each map for it, with its buffer of 32 MB
+_LOADERS = {"scipy.linalg._fblas", "scipy.special._ufuncs"}  # scipy's first users of OpenBLAS
+_EPOCH_DIGITS = 11  # up to the year 5138
 
 
 def engine_name() -> Literal["compiled", "scipy"]:
@@ -55,11 +58,6 @@ def version_text() -> str:
     from mapdeal.version import __version__
 
     return f"mapdeal {__version__} (kernels: {engine_name()})"
-
-
-_OPENBLAS = 80 << 20  # bytes that numpy and scipy each map for it, with its buffer of 32 MB
-_LOADERS = {"scipy.linalg._fblas", "scipy.special._ufuncs"}  # scipy's first users of OpenBLAS
-_EPOCH_DIGITS = 11  # up to the year 5138
 
 
 def check_room(size: int) -> None:

@@ -22,6 +22,9 @@ with suppress(ImportError):  # then `engine_name` is never compiled
     from mapdeal.kernels import _compiled
 
 EitherBytes = Bytes | NDArray[np.int8]
+TOUCHING = 1e-6  # in sides of the larger cell: exact borders coincide
+_LARGEST_GATHERED = 2.0  # up to this side each cell checks all that it may overlap
+_CELLS_TOGETHER = 1 << 16
 
 
 def look_up(values: EitherBytes, table: NDArray[Any]) -> NDArray[Any]:
@@ -268,11 +271,6 @@ def sum_of_inverse_distances(marked: Mask, *, scale: float = 1.0, least: float =
     total: Floats = fft.irfft2(spectrum, s=periods, overwrite_x=True, workers=workers)
     # far from marked cells rounding may make sums negative
     return np.maximum(total[:height, :width], 0.0)
-
-
-TOUCHING = 1e-6  # in sides of the larger cell: exact borders coincide
-_LARGEST_GATHERED = 2.0  # up to this side each cell checks all that it may overlap
-_CELLS_TOGETHER = 1 << 16
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,22 @@ from mapdeal.kernels.threads import for_rows
 
 _SHORT = 8  # runs up to this length are painted together, longer ones one by one
 MOST_TOGETHER = 1 << 20  # at a time, so that a shape needs no more memory than its map
+_TOLERANCE = 1e-9  # cells: centres exactly on the rim belong to the shape
+_LEVEL = 1e-12  # cells: a side that rises less is level and crosses at most one row of centres
+Position = tuple[float, float]
+_Ends = tuple[Floats, Floats]
+Cell = tuple[int, int]
+Pose = tuple[int, int, int]  # heading, row and column
+FARTHEST_CELL = 1 << 30  # up to this cell index all products in this module fit 64 bits
+_COUNT_BITS = 20  # of the count of runs of a kind that cover a cell; three share 64 bits
+_SOLID, _HOLLOW, _RIM = (1 << (_COUNT_BITS * k) for k in range(3))
+_ONE_COUNT = (1 << _COUNT_BITS) - 1
+LETHAL, UNKNOWN = 254, 255
+_CELLS_TOGETHER = 1 << 18  # of outlines that a thread looks up at a time, small in memory
+_POSES_TOGETHER = 1 << 14
+# Severity of a cost, and cost of a severity: 254 is the worst cost of a line, before 255.
+_SEVERITY = np.arange(256, dtype=np.uint8)
+_SEVERITY[[LETHAL, UNKNOWN]] = UNKNOWN, LETHAL
 
 
 class Spans(NamedTuple):
@@ -102,11 +118,6 @@ def bands(starts: Integers, stops: Integers, height: int) -> Iterator[tuple[int,
     yield from zip(edges.tolist(), [*edges[1:].tolist(), top], strict=True)
 
 
-_TOLERANCE = 1e-9  # cells: centres exactly on the rim belong to the shape
-_LEVEL = 1e-12  # cells: a side that rises less is level and crosses at most one row of centres
-Position = tuple[float, float]
-
-
 def capsule_spans(start: Position, stop: Position, radius: float, shape: tuple[int, int]) -> Spans:
     """Return the cells whose centre lies within a distance of the segment between two points."""
     reach = radius + _TOLERANCE
@@ -123,9 +134,6 @@ def capsule_spans(start: Position, stop: Position, radius: float, shape: tuple[i
     first = np.ceil(np.clip(low - 0.5, -1, shape[1] + 1))
     last = np.floor(np.clip(high - 0.5, -1, shape[1] + 1))
     return Spans(rows, first.astype(np.int64), last.astype(np.int64) + 1).clipped(shape[1])
-
-
-_Ends = tuple[Floats, Floats]
 
 
 def _disc(centre: Position, radius: float, y: Floats) -> _Ends:
@@ -152,11 +160,6 @@ def _rim(start: Position, stop: Position, radius: float, y: Floats) -> list[_End
         within = (share >= 0) & (share <= 1)
         sides.append((np.where(within, x, np.inf), np.where(within, x, -np.inf)))
     return sides
-
-
-Cell = tuple[int, int]
-Pose = tuple[int, int, int]  # heading, row and column
-FARTHEST_CELL = 1 << 30  # up to this cell index all products in this module fit 64 bits
 
 
 class Edges(NamedTuple):
@@ -211,11 +214,6 @@ def runs(edges: Edges, bottom: int, top: int) -> tuple[Integers, Spans]:
     lowest = np.where(to_the_right, col + first, col - last)
     highest = np.where(to_the_right, col + last, col - first)
     return which, Spans(rows, lowest, highest + 1)
-
-
-_COUNT_BITS = 20  # of the count of runs of a kind that cover a cell; three share 64 bits
-_SOLID, _HOLLOW, _RIM = (1 << (_COUNT_BITS * k) for k in range(3))
-_ONE_COUNT = (1 << _COUNT_BITS) - 1
 
 
 def polygon_spans(rings: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> Iterator[Spans]:
@@ -286,15 +284,6 @@ def _covered(spans: Spans, kinds: Integers, width: int) -> Spans:
     change = np.diff((solid & (~hollow | rim)).astype(np.int8), prepend=0)
     rows, begins = np.divmod(keys[change == 1], width + 1)
     return Spans(rows, begins, keys[change == -1] % (width + 1))
-
-
-LETHAL, UNKNOWN = 254, 255
-_CELLS_TOGETHER = 1 << 18  # of outlines that a thread looks up at a time, small in memory
-_POSES_TOGETHER = 1 << 14
-
-# Severity of a cost, and cost of a severity: 254 is the worst cost of a line, before 255.
-_SEVERITY = np.arange(256, dtype=np.uint8)
-_SEVERITY[[LETHAL, UNKNOWN]] = UNKNOWN, LETHAL
 
 
 class Lattice(NamedTuple):

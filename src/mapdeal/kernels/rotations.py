@@ -17,6 +17,12 @@ from mapdeal.kernels.distance import beside
 from mapdeal.kernels.threads import in_parallel
 
 _NEARLY_EQUAL = 1.0 - 1e-9  # cosine of half an angle; above, slerp takes a straight line
+_STEPS = (math.radians(0.5), math.radians(0.1), math.radians(0.02))
+"""Steps of the search for the main direction, radians: each refines the previous result."""
+_MOST_POINTS = 20_000
+_SPREAD = (0.7548776662466927, 0.5698402909980532)  # Roberts' R2 sequence fills a square evenly
+_WIDTH = 2.0  # of the strips in the Hough spectrum for the main direction, cells
+_DISTINCT = 1.1  # least ratio of the best direction to the median; 1.08 in noise
 
 
 def normalised(quaternions: ArrayLike) -> Floats:
@@ -83,14 +89,6 @@ def undone(transforms: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
     move, turn = transforms
     back: Floats = turn * np.array([-1.0, -1.0, -1.0, 1.0])
     return -rotated(back, move), back
-
-
-_STEPS = (math.radians(0.5), math.radians(0.1), math.radians(0.02))
-"""Steps of the search for the main direction, radians: each refines the previous result."""
-_MOST_POINTS = 20_000
-_SPREAD = (0.7548776662466927, 0.5698402909980532)  # Roberts' R2 sequence fills a square evenly
-_WIDTH = 2.0  # of the strips in the Hough spectrum for the main direction, cells
-_DISTINCT = 1.1  # least ratio of the best direction to the median; 1.08 in noise
 
 
 def hough_spectrum(points_xy: Floats, angles: Floats, width: float) -> Floats:

@@ -16,6 +16,10 @@ from mapdeal.kernels.components import BYTES_OF_BASIN, ClearanceTree, RootedTree
 from mapdeal.kernels.polygons import Cell, Pose, Spans, enumerated, halves
 from mapdeal.kernels.threads import claim_tables, for_rows
 
+_CELLS_TOGETHER = 1 << 18
+_NONE = np.iinfo(np.int64).max
+_CLOSED = -1
+
 
 def squares(marked: Mask, limit: int | None) -> SquaredDistances:
     squared = _squares_to(marked)
@@ -46,10 +50,6 @@ def metres(
     np.clip(distance, -clip, clip, out=distance)
     np.multiply(distance, gain, out=distance, where=~marked)
     return distance.astype(np.float32)
-
-
-_CELLS_TOGETHER = 1 << 18
-_NONE = np.iinfo(np.int64).max
 
 
 def squares_of_block(marked: Mask, halo: Halo) -> Integers:
@@ -144,9 +144,6 @@ def _squares_to(marked: Mask) -> SquaredDistances:
     rows += cols
     squared: SquaredDistances = rows
     return squared
-
-
-_CLOSED = -1
 
 
 def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> ClearanceTree:

@@ -27,6 +27,20 @@ with suppress(ImportError):  # then `engine_name` is never compiled
     from mapdeal.kernels import _clouds, _compiled, _rays, _updates
 
 _TURN = 2 * math.pi
+MOST_EXPANSION = 132  # of LZF: two bytes of data copy at most 264 bytes
+Counts = NDArray[np.int32]
+DISTANCE_UNIT = 1 << 20  # one truncation in `measure_rays`: integer sums are exact
+# marks of `weigh_rays`: an observed cell, one hit, and the number up to which hits count
+OBSERVED, A_HIT, MOST_HITS = 1, 2, 3
+_PARTS_PER_THREAD = 2  # each part of the rows reads every beam once more
+_CELLS_TOGETHER = 1 << 20
+_RAYS_TOGETHER = 1 << 16
+_MOST_ROOM = 253  # cells that a ray may jump: bytes hold it above two marks, see rays.h
+_MOST_STEPS = 1 << 20  # cells of rays that are computed together
+# the lowest voxel of a column: bits 16 to 31 are marked, bits 0 to 15 marked or unknown
+VOXEL = np.uint32(1 << 16 | 1)
+_BITS = np.array([byte.bit_count() for byte in range(256)], dtype=np.uint8)
+_NO_COLUMNS = np.empty((0, 0), dtype=np.uint32)
 
 
 def mark_cloud(
@@ -83,9 +97,6 @@ def cells_of_points(
     return cells if is_near else None
 
 
-MOST_EXPANSION = 132  # of LZF: two bytes of data copy at most 264 bytes
-
-
 def lzf_expanded(data: bytes, size: int) -> Bytes | None:
     if size > MOST_EXPANSION * len(data):
         return None
@@ -126,15 +137,6 @@ def _expand(data: bytes, to: memoryview) -> bool:
             to[filled : filled + part] = to[back : back + part]
             filled, run = filled + part, run - part
     return filled == len(to)
-
-
-Counts = NDArray[np.int32]
-DISTANCE_UNIT = 1 << 20  # one truncation in `measure_rays`: integer sums are exact
-# marks of `weigh_rays`: an observed cell, one hit, and the number up to which hits count
-OBSERVED, A_HIT, MOST_HITS = 1, 2, 3
-_PARTS_PER_THREAD = 2  # each part of the rows reads every beam once more
-_CELLS_TOGETHER = 1 << 20
-_RAYS_TOGETHER = 1 << 16
 
 
 class Odds(NamedTuple):
@@ -204,9 +206,6 @@ def measure_rays(
         units = (share * DISTANCE_UNIT + (DISTANCE_UNIT + 0.5)).astype(np.int64) - DISTANCE_UNIT
         np.add.at(flat, at[near], units)
         np.add.at(weights.reshape(-1), at[near], 1)
-
-
-_MOST_ROOM = 253  # cells that a ray may jump: bytes hold it above two marks, see rays.h
 
 
 def room_around(obstacles: Mask, opaque: Mask) -> Bytes:
@@ -347,9 +346,6 @@ def _add_in_order(
     values[at] = np.clip(values[at] + a, low, high)
 
 
-_MOST_STEPS = 1 << 20  # cells of rays that are computed together
-
-
 class CellRays(NamedTuple):
     """Rays in whole cells, which end `steps` cells from their start along the longer axis."""
 
@@ -373,12 +369,6 @@ class CellRays(NamedTuple):
                 moved = (longest // 2 + count * length) // longest
                 cells.append((start + np.where(delta > 0, moved, -moved))[is_reached])
             yield np.array(cells)
-
-
-# the lowest voxel of a column: bits 16 to 31 are marked, bits 0 to 15 marked or unknown
-VOXEL = np.uint32(1 << 16 | 1)
-_BITS = np.array([byte.bit_count() for byte in range(256)], dtype=np.uint8)
-_NO_COLUMNS = np.empty((0, 0), dtype=np.uint32)
 
 
 def clear_cells(rays: CellRays, costs: Bytes) -> None:

@@ -25,6 +25,7 @@ _STACK = 16 << 20  # bytes free before a thread starts: its stack, and some more
 _LONGEST_START = 2.0  # seconds
 _T = TypeVar("_T")
 _chosen: ContextVar[int | None] = ContextVar("threads", default=None)
+_claim: ContextVar[Callable[[int], object]] = ContextVar("claim", default=lambda _: None)
 
 
 def available_threads() -> int:
@@ -194,9 +195,6 @@ def _do(future: Future[Any], work: Callable[[], Any], caught: type[BaseException
         future.set_exception(error)
     else:
         future.set_result(result)
-
-
-_claim: ContextVar[Callable[[int], object]] = ContextVar("claim", default=lambda _: None)
 
 
 def tables_claimed(claim: Callable[[int], object]) -> AbstractContextManager[None]:

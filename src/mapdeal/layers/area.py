@@ -19,6 +19,15 @@ from mapdeal.kernels.sensing import CellRays
 
 Pose = tuple[float, float, float]
 Cells = tuple[NDArray[np.int64], NDArray[np.int64]]
+AREA_FIELDS = {
+    name: Parameter(name, default, kind, optional=False, conditions=conditions)
+    for name, kind, default, conditions in (
+        ("height", int, None, (ABOVE_0,)), ("width", int, None, (ABOVE_0,)),
+        ("resolution", float, None, (ABOVE_0,)), ("origin", tuple[float, float], (0.0, 0.0), ()),
+        ("is_rolling", bool, True, ()), ("size_margin", float, 0.0, ()),
+    )
+}  # fmt: skip
+_EXAMPLE = "{height: 60, width: 60, resolution: 0.05, is_rolling: yes, global_frame: odom}"
 
 
 @dataclass(frozen=True)
@@ -67,17 +76,6 @@ class CostmapArea:
         for _ in range(3):  # updates move by whole cells; rounding may defer a cell to the next one
             corner += int((goal - corner) / self.resolution) * self.resolution
         return corner
-
-
-AREA_FIELDS = {
-    name: Parameter(name, default, kind, optional=False, conditions=conditions)
-    for name, kind, default, conditions in (
-        ("height", int, None, (ABOVE_0,)), ("width", int, None, (ABOVE_0,)),
-        ("resolution", float, None, (ABOVE_0,)), ("origin", tuple[float, float], (0.0, 0.0), ()),
-        ("is_rolling", bool, True, ()), ("size_margin", float, 0.0, ()),
-    )
-}  # fmt: skip
-_EXAMPLE = "{height: 60, width: 60, resolution: 0.05, is_rolling: yes, global_frame: odom}"
 
 
 def accept_area(name: str, value: object) -> CostmapArea:

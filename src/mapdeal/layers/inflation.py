@@ -26,6 +26,10 @@ from mapdeal.layers.layer import CostmapLayer
 
 HIGHEST_GRADED = map_values.INSCRIBED_INFLATED_OBSTACLE - 1
 CostLookup = Literal["exact", "nav2"]  # "nav2" rounds distances to 1/100 cell
+_ASYMMETRIC_PARAMETERS = {
+    "cost_scaling_factor_left", "cost_scaling_factor_right", "goal_distance_threshold",
+    "plan_topic",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, repr=False)
@@ -206,12 +210,6 @@ class LiveInflation(base.LiveLayer):
             master.costs[window] = costs[base.within(window, around)]
         else:  # ROS 1 also raises the cells around the window
             master.costs[around] = costs
-
-
-_ASYMMETRIC_PARAMETERS = {
-    "cost_scaling_factor_left", "cost_scaling_factor_right", "goal_distance_threshold",
-    "plan_topic",
-}  # fmt: skip
 
 
 def _custom_inscribed_radius(values: base.Nav2Values, name: str, inscribed_radius: float) -> float:

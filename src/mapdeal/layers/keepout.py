@@ -19,6 +19,9 @@ from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.threads import for_rows
 from mapdeal.layers.layer import CostmapLayer, MasterGrid, Nav2Values, PluginEntry
 
+CellsAt = Callable[[slice], tuple[NDArray[np.int64], NDArray[np.int64]]]
+"""Function that returns the mask's row and column below each cell in rows of a costmap."""
+
 
 @dataclass(frozen=True, repr=False)
 class KeepoutFilter(CostmapLayer):
@@ -50,10 +53,6 @@ class KeepoutFilter(CostmapLayer):
     @classmethod
     def from_nav2(cls, values: Nav2Values, entry: PluginEntry) -> KeepoutFilter:
         return cls(entry.name)
-
-
-CellsAt = Callable[[slice], tuple[NDArray[np.int64], NDArray[np.int64]]]
-"""Function that returns the mask's row and column below each cell in rows of a costmap."""
 
 
 class MaskCosts:

@@ -23,6 +23,7 @@ from mapdeal.kernels.threads import for_rows
 Costs = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 Window = tuple[slice, slice]  # rows and columns of a grid
+TYPES = {bool: "bool", int: "integer", float: "double", str: "string"}
 
 
 def grown(window: Window, cells: int) -> Window:
@@ -185,9 +186,6 @@ class PluginEntry:
     name: str
     plugin: str
     inscribed_radius: float
-
-
-TYPES = {bool: "bool", int: "integer", float: "double", str: "string"}
 
 
 @dataclass(frozen=True, repr=False)

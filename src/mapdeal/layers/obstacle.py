@@ -25,6 +25,9 @@ from mapdeal.layers import layer as base
 from mapdeal.layers.layer import CostmapLayer, Costs, Mask
 
 OVERWRITE, MAXIMUM, KEEP_UNKNOWN = range(3)  # combination methods
+_MOST_VOXELS = 16
+_UNKNOWN_COLUMN = 0x0000FFFF
+_WORLD_EPSILON = 1e-5
 
 
 @dataclass(frozen=True)
@@ -538,8 +541,3 @@ class VoxelGrid(ObstacleGrid):
                 unknown_threshold=self._unknown_threshold,
             )  # fmt: skip
             self._touch_rays(observation, found[1], bounds)
-
-
-_MOST_VOXELS = 16
-_UNKNOWN_COLUMN = 0x0000FFFF
-_WORLD_EPSILON = 1e-5

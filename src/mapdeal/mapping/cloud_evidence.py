@@ -25,6 +25,32 @@ _HINT = (
     "--floor Z gives the height of a floor that was filtered out; --up -z or --up y turns a cloud "
     "whose z does not point up"
 )
+_LEAST_STANDING = 0.15  # m2
+_STANDING_PER_SIDE = 0.05  # m2 for each metre of a square as large as the level
+_SHARE_BELOW, _SHARE_TOUCHING, _SHARE_OF_STANDING = 0.4, 0.2, 0.5
+_SHARE_ABOVE = 0.4  # of a level, below which there are points
+_TILES_CLOSED = 1.5
+_SHARE_INNER, _SHARE_INNER_BARE = 0.6, 0.9  # the latter of a yard, on which nothing stands
+_LARGEST_SCAN, _LARGEST_OF_SCAN = 8.0, 2.5  # m2 of single scans, whose floors are scattered
+_SHARE_ALONE = 0.8  # of a place without anything on it
+_SHARE_OF_AREA, _SHARE_OF_ELSEWHERE, _SHARE_OF_SMALL = 0.12, 0.08, 0.035
+_SHARE_SUNKEN, _SHARE_OF_FLOOR = 0.4, 0.75  # the latter of the area: mirroring floors cover more
+_LEAST_HANGING, _TIMES_RESTING = 0.2, 0.6  # m2, and times what rests: in rooms it is 0.2
+_NEAR, _FEET = 0.05, 0.25  # metres above the clearance: of noise, and of feet that touch
+_BESIDE = 0.5  # metres from a level within which things stand on it
+_LEVEL_SLOPE = 0.05  # rise over run, against most of a level
+_LEAST_VOXELS = 3  # of a tile; fewer are noise
+_SAMPLED = 1 << 19  # voxels
+_MOST_LEVELS = 6  # levels that are tested
+_SHARE_OF_CHOSEN, _STOREY = 0.3, 2.0  # of the chosen level's area; metres
+_SHARE_BESIDE, _SHARE_OVER = 0.1, 0.5  # of a level, below which there are points
+_SHARE_USED = 0.05  # of a level, on which things stand
+_LARGE = 0.1  # of the area of the largest level
+_OVER_OTHERS = 0.1  # share of a level that may lie above another level
+_TILES_AROUND = 4
+_ABOVE = 0.3  # metres of the floor above a pose, which may be that of the robot's base
+_BELOW = 3.0  # largest height of a sensor above its floor, metres
+_LOWEST_CEILING = 1.5  # metres
 
 
 class Floor(NamedTuple):
@@ -97,25 +123,6 @@ class Evidence(NamedTuple):
         return None
 
 
-_LEAST_STANDING = 0.15  # m2
-_STANDING_PER_SIDE = 0.05  # m2 for each metre of a square as large as the level
-_SHARE_BELOW, _SHARE_TOUCHING, _SHARE_OF_STANDING = 0.4, 0.2, 0.5
-_SHARE_ABOVE = 0.4  # of a level, below which there are points
-_TILES_CLOSED = 1.5
-_SHARE_INNER, _SHARE_INNER_BARE = 0.6, 0.9  # the latter of a yard, on which nothing stands
-_LARGEST_SCAN, _LARGEST_OF_SCAN = 8.0, 2.5  # m2 of single scans, whose floors are scattered
-_SHARE_ALONE = 0.8  # of a place without anything on it
-_SHARE_OF_AREA, _SHARE_OF_ELSEWHERE, _SHARE_OF_SMALL = 0.12, 0.08, 0.035
-_SHARE_SUNKEN, _SHARE_OF_FLOOR = 0.4, 0.75  # the latter of the area: mirroring floors cover more
-_LEAST_HANGING, _TIMES_RESTING = 0.2, 0.6  # m2, and times what rests: in rooms it is 0.2
-_NEAR, _FEET = 0.05, 0.25  # metres above the clearance: of noise, and of feet that touch
-_BESIDE = 0.5  # metres from a level within which things stand on it
-_LEVEL_SLOPE = 0.05  # rise over run, against most of a level
-_LEAST_VOXELS = 3  # of a tile; fewer are noise
-_SAMPLED = 1 << 19  # voxels
-_MOST_LEVELS = 6  # levels that are tested
-
-
 def floor_in(
     columns: Columns, tile: int, limits: Limits, places: Floats, at: Floats | None, claim: Claim
 ) -> Floor:
@@ -175,11 +182,6 @@ def _other_floors(
             yield evidence.height
 
 
-_SHARE_OF_CHOSEN, _STOREY = 0.3, 2.0  # of the chosen level's area; metres
-_SHARE_BESIDE, _SHARE_OVER = 0.1, 0.5  # of a level, below which there are points
-_SHARE_USED = 0.05  # of a level, on which things stand
-
-
 def stated_floor(columns: Columns, tile: int, height: float, claim: Claim) -> Floor:
     row, col = columns.row // tile, columns.col // tile
     shape = int(row.max() - row.min()) + 1, int(col.max() - col.min()) + 1
@@ -205,10 +207,6 @@ def _in_order(levels: Levels, named: int | None) -> Iterator[int]:
     yield from (level for level in order[:_MOST_LEVELS] if level != named)
 
 
-_LARGE = 0.1  # of the area of the largest level
-_OVER_OTHERS = 0.1  # share of a level that may lie above another level
-
-
 def _level_under(levels: Levels, places: Floats) -> int | None:
     patches, area, votes = levels.patches, levels.area(), np.zeros(len(levels.label))
     for x, y, z in places.tolist():
@@ -220,11 +218,6 @@ def _level_under(levels: Levels, places: Floats) -> int | None:
             under = under[area[levels.label[under]] >= _LARGE * area[levels.label[under]].max()]
             votes[levels.label[under[patches.z[under].argmax()]]] += 1
     return int(votes.argmax()) if votes.any() else None
-
-
-_TILES_AROUND = 4
-_ABOVE = 0.3  # metres of the floor above a pose, which may be that of the robot's base
-_BELOW = 3.0  # largest height of a sensor above its floor, metres
 
 
 def _evidence_of(
@@ -304,6 +297,3 @@ def _hanging(
         return np.asarray(near & (count_in((opposite > low) & (opposite <= room / 2)) == 0))
 
     return touches_alone(down, heights), touches_alone(heights, down)
-
-
-_LOWEST_CEILING = 1.5  # metres

@@ -25,6 +25,20 @@ TILE = 0.25  # metres: side of a tile, about
 _SHARE_OF_MOST = 0.2  # least cells of a patch, relative to the largest patch of its tile
 _FAR = 1.0  # largest gap in metres between connected patches
 _REACH = 3.0  # metres around the floor up to which its height is extrapolated
+_SHARE_DENSE = 0.1  # least share of layers with enough points for a typical spread
+_FEW = 5  # points or cells for a meaningful spread
+_LEAST_THIN, _TIMES_TYPICAL = 0.02, 2.5
+Storeys = tuple[float, tuple[float, ...]]  # area below others, square metres, and their heights
+_WIDTH = 1 << 32
+_MOST_AT_A_RIM = 4  # of the 8 tiles around
+_MOST_STOREYS = 16
+_LEAST_STOREY = 0.1  # of the patches of the floor
+_LEAST_SPLIT = 0.02  # least size of a level to split, relative to the largest level
+_ROUNDS = 5
+_SAME_PLANE = 0.03  # metres
+_LEAST_SPREAD = 1e-3  # least determinant relative to the squared trace: below it is a line
+_LEDGE = 1.5  # times the gap between levels: a lower rise is noise or an obstacle
+_CONTINUED = 0.5  # metres
 
 
 class Limits(NamedTuple):
@@ -159,11 +173,6 @@ def _thin(spreads: Floats, steps: float) -> float:
     return max(0.6 * steps, min(_THIN, max(_LEAST_THIN, _TIMES_TYPICAL * typical)))
 
 
-_SHARE_DENSE = 0.1  # least share of layers with enough points for a typical spread
-_FEW = 5  # points or cells for a meaningful spread
-_LEAST_THIN, _TIMES_TYPICAL = 0.02, 2.5
-
-
 def _links_of(patches: Patches, side: float, climb: float) -> tuple[Integers, Integers]:
     far = max(1, round(_FAR / side))
     width = int(patches.col.max() - patches.col.min()) + 1 + 2 * far
@@ -218,11 +227,6 @@ def _lacks_room(patches: Patches, limits: Limits) -> Mask:
         for neighbour in (key + step, key - step):
             beside += covered[np.searchsorted(covered, neighbour)] == neighbour
     return np.asarray(is_below & (beside >= _MOST_AT_A_RIM))
-
-
-Storeys = tuple[float, tuple[float, ...]]  # area below others, square metres, and their heights
-_WIDTH = 1 << 32
-_MOST_AT_A_RIM = 4  # of the 8 tiles around
 
 
 class Levels:
@@ -328,12 +332,6 @@ class Levels:
         return tiles, patches.chosen(main), (overlaid, storeys)
 
 
-_MOST_STOREYS = 16
-_LEAST_STOREY = 0.1  # of the patches of the floor
-_LEAST_SPLIT = 0.02  # least size of a level to split, relative to the largest level
-_ROUNDS = 5
-
-
 class Tiles(NamedTuple):
     """The floor as a plane for each tile of a box; nan where it is unknown."""
 
@@ -378,10 +376,6 @@ def tilt_of(patches: Patches, side: float) -> float:
         if count > best:
             best, tilt = count, math.atan(math.hypot(along_x, along_y))
     return tilt
-
-
-_SAME_PLANE = 0.03  # metres
-_LEAST_SPREAD = 1e-3  # least determinant relative to the squared trace: below it is a line
 
 
 def _above(own: Patches, along_x: float, along_y: float, side: float) -> Floats:
@@ -440,10 +434,6 @@ def _nearest(known: Mask, reach: int) -> tuple[Floats, Integers, Integers]:
         np.copyto(near_c[:, first:last], np.arange(first, last) + across, where=is_nearer)
     away = np.where(least <= reach * reach, np.sqrt(least), np.inf)
     return away, np.where(least <= reach * reach, in_column[rows, near_c], 0), near_c
-
-
-_LEDGE = 1.5  # times the gap between levels: a lower rise is noise or an obstacle
-_CONTINUED = 0.5  # metres
 
 
 def _around(layers: Floats, side: float) -> tuple[Floats, Floats]:

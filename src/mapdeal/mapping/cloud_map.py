@@ -34,6 +34,26 @@ Drops = Literal["occupied", "unknown"]
 Up = Literal["z", "-z", "y", "-y", "x", "-x"]
 DEGREES = command.Unit("degrees", "DEGREES")
 _SLOPE = command.Condition("above 0 and below 60", lambda value: 0 < value < 60)
+_MOST_FAR = 0.4  # of the points
+_SEEDS = 200  # most places of the robot below which the floor is searched
+_SLAB = 0.2  # metres of height that beams clear as one
+_LOW = 0.4  # metres; everything that moves has points below this height
+_SHORTEST = 2.0  # cells: shorter beams clear nothing
+_LEVEL = 1e-6
+_CELLS_AT_ONCE = 1 << 16  # of a row
+_PER_CELL = 80
+_PER_SLAB = 24
+_PASSES = 10  # clouds whose beams pass a place per cloud with points there, to clear it
+_SPARSE = 1.5  # cells between points from which a floor has gaps everywhere
+_GAP_OF_SPARSE = 2.5  # times the distance between points: wider is one random gap of 500
+_ANY_GAP = 1.8  # times that: wider is one of 10^8
+_LONE = 4  # cells
+_SHARE_OF_FLOOR = 0.02
+_SHARE_OF_NEXT, _DENSE = 0.12, 30  # points
+_SHARE_OF_EDGE = 0.1
+_ENCLOSED = 5  # occupied neighbours of 8 that make a cell occupied
+MARGIN = 2  # cells around the known cells, within the frame
+_NEAR_FLOOR, _BINS = 0.15, 300
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,17 +201,6 @@ class CellContents:
     column: float  # points in one cell of a thinned wall; inf for dense clouds
     is_stated: bool
     is_above_others: bool
-
-
-_MOST_FAR = 0.4  # of the points
-_SEEDS = 200  # most places of the robot below which the floor is searched
-_SLAB = 0.2  # metres of height that beams clear as one
-_LOW = 0.4  # metres; everything that moves has points below this height
-_SHORTEST = 2.0  # cells: shorter beams clear nothing
-_LEVEL = 1e-6
-_CELLS_AT_ONCE = 1 << 16  # of a row
-_PER_CELL = 80
-_PER_SLAB = 24
 
 
 class CloudMapper:
@@ -488,9 +497,6 @@ class CloudMapper:
         )  # fmt: skip
 
 
-_PASSES = 10  # clouds whose beams pass a place per cloud with points there, to clear it
-
-
 def _states(
     contents: CellContents, counts: NDArray[np.int32], passed: Mask, options: CloudOptions
 ) -> tuple[Mask, Mask]:
@@ -533,11 +539,6 @@ def _gap_of_sparse(contents: CellContents) -> float:
     return _GAP_OF_SPARSE * contents.spacing / contents.frame.resolution
 
 
-_SPARSE = 1.5  # cells between points from which a floor has gaps everywhere
-_GAP_OF_SPARSE = 2.5  # times the distance between points: wider is one random gap of 500
-_ANY_GAP = 1.8  # times that: wider is one of 10^8
-
-
 def _drop_lone(
     occupied: Mask, counts: NDArray[np.int32], on_floor: NDArray[np.int32], least: int, most: float
 ) -> None:
@@ -552,13 +553,6 @@ def _drop_lone(
     point_count = np.bincount(whose, counts[at])
     around = np.bincount(whose, _around(on_floor)[at] / 9)
     occupied[at] = ~(lone & (point_count < np.maximum(least, around).clip(max=most)))[whose]
-
-
-_LONE = 4  # cells
-_SHARE_OF_FLOOR = 0.02
-_SHARE_OF_NEXT, _DENSE = 0.12, 30  # points
-_SHARE_OF_EDGE = 0.1
-_ENCLOSED = 5  # occupied neighbours of 8 that make a cell occupied
 
 
 def _around(counts: NDArray[np.int32], join: np.ufunc = np.add) -> NDArray[np.int32]:
@@ -604,9 +598,6 @@ def box_of(known: Mask) -> Region:
     return region
 
 
-MARGIN = 2  # cells around the known cells, within the frame
-
-
 def _noise(columns: Columns, floor: Floats, robot_height: float) -> float:
     found = np.zeros(_BINS + 1)
     for which, part in columns.parts():
@@ -622,9 +613,6 @@ def _noise(columns: Columns, floor: Floats, robot_height: float) -> float:
     below = np.cumsum(found)
     median = float(np.searchsorted(below, below[-1] / 2) + 0.5) * _NEAR_FLOOR / _BINS
     return median * 1.4826  # of a normal distribution
-
-
-_NEAR_FLOOR, _BINS = 0.15, 300
 
 
 def cloud_map(

@@ -28,6 +28,28 @@ from mapdeal.kernels.rotations import rotated
 _LEVEL = 1e-6  # radians: of 30 m, 30 micrometres
 MOST_LEANING = math.radians(10)
 """Largest lean of a sensor, radians: beyond, its hits are too far from the robot's height."""
+FARTHEST_POSE = FARTHEST / 10  # metres; beams may reach farther
+_BEAMS_AT_ONCE = 1 << 18
+OFTEN = sensing.MOST_HITS  # least hits of a cell that count: fewer may be noise
+LEAST_CELLS = 3  # least cells of a group: fewer may be passers-by
+NEAR = 2
+"""Cells along both axes within which an occupied cell accounts for a hit."""
+Layers = dict[str, NDArray[Any]]
+_UNIT = 1 << 16
+"""Fixed-point value of an evidence of 1: integer sums are exact in any order."""
+_EVEN, _FAR = 50, 1000
+_PASSED = Condition("below 0, at least -100", lambda v: -100 * _UNIT <= _fixed_point(v) < 0)
+_HIT = Condition("above 0, at most 100", lambda v: 0 < _fixed_point(v) <= 100 * _UNIT)
+_LEAST = Condition("at least 0, below 50", lambda v: 0 <= _fixed_point(v) < _EVEN * _UNIT)
+_MOST = Condition("above 50, at most 100", lambda v: 50 < _fixed_point(v) / _UNIT <= 100)
+_COUNT_UNIT = 1_000_000
+_SHARE = Condition("at least 0, below 1", lambda value: 0 <= value < 1)
+_Slices = tuple[slice, slice]
+_RING = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
+"""The neighbours of a cell, in order around it."""
+_FARTHEST = 1000.0  # largest truncation distance, and reach of beams behind hits, in cells
+_TRUNCATION = Condition(f"1 to {_FARTHEST:g}", lambda value: 1 <= value <= _FARTHEST)
+_Truncation = Annotated[float, _TRUNCATION, CELLS]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +74,6 @@ def beams_in_plane(quaternions: Floats, angles: Floats) -> tuple[Floats, Floats]
     turned = rotated(quaternions, beams)
     shares = np.minimum(np.hypot(turned[:, 0], turned[:, 1]), 1.0)
     return np.arctan2(turned[:, 1], turned[:, 0]), shares
-
-
-FARTHEST_POSE = FARTHEST / 10  # metres; beams may reach farther
-_BEAMS_AT_ONCE = 1 << 18
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -213,12 +231,6 @@ def beams_of(scans: Scans, limits: BeamLimits) -> Beams:
     return Beams(sensors, directions, reach, hit, counts)
 
 
-OFTEN = sensing.MOST_HITS  # least hits of a cell that count: fewer may be noise
-LEAST_CELLS = 3  # least cells of a group: fewer may be passers-by
-NEAR = 2
-"""Cells along both axes within which an occupied cell accounts for a hit."""
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class HitGroups(OneLineRepr):
     """Groups of touching cells, the largest first."""
@@ -279,9 +291,6 @@ def _largest_groups(cells: Integers, groups: Integers) -> HitGroups:
     return HitGroups(cells[order], sizes[numbers])
 
 
-Layers = dict[str, NDArray[Any]]
-
-
 class Evidence(ABC):
     """Evidence for and against obstacles, gathered cell by cell."""
 
@@ -333,19 +342,8 @@ class Evidence(ABC):
         return beams.chosen(is_near), starts[is_near], ends[is_near]
 
 
-_UNIT = 1 << 16
-"""Fixed-point value of an evidence of 1: integer sums are exact in any order."""
-_EVEN, _FAR = 50, 1000
-
-
 def _fixed_point(value: float) -> int:
     return round(max(-_FAR, min(value, _FAR)) * _UNIT)
-
-
-_PASSED = Condition("below 0, at least -100", lambda v: -100 * _UNIT <= _fixed_point(v) < 0)
-_HIT = Condition("above 0, at most 100", lambda v: 0 < _fixed_point(v) <= 100 * _UNIT)
-_LEAST = Condition("at least 0, below 50", lambda v: 0 <= _fixed_point(v) < _EVEN * _UNIT)
-_MOST = Condition("above 50, at most 100", lambda v: 50 < _fixed_point(v) / _UNIT <= 100)
 
 
 class LogOdds(Evidence):
@@ -413,10 +411,6 @@ class LogOdds(Evidence):
         return {"log_odds": np.where(self._beam_marks > 0, self._values / _UNIT, np.nan)}
 
 
-_COUNT_UNIT = 1_000_000
-_SHARE = Condition("at least 0, below 1", lambda value: 0 <= value < 1)
-
-
 class Counting(Evidence):
     """Evidence as counts of hits and passes of each cell.
 
@@ -464,9 +458,6 @@ class Counting(Evidence):
 
     def layers(self) -> Layers:
         return {"hits": self._hits, "misses": self._misses}
-
-
-_Slices = tuple[slice, slice]
 
 
 class Crossings(NamedTuple):
@@ -551,10 +542,6 @@ def thin_blocks(chosen: Mask, size: Floats) -> None:
             padded[row + 1, col + 1] = chosen[row, col] = False
 
 
-_RING = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
-"""The neighbours of a cell, in order around it."""
-
-
 def _partners_of(crossings: Crossings, row: int, col: int) -> list[tuple[int, int]]:
     found = []
     for changes, down, right in ((crossings.along_rows, 0, 1), (crossings.along_cols, 1, 0)):
@@ -564,11 +551,6 @@ def _partners_of(crossings: Crossings, row: int, col: int) -> list[tuple[int, in
         if row >= down and col >= right and changes[row - down, col - right]:
             found.append((row - down, col - right))
     return found
-
-
-_FARTHEST = 1000.0  # largest truncation distance, and reach of beams behind hits, in cells
-_TRUNCATION = Condition(f"1 to {_FARTHEST:g}", lambda value: 1 <= value <= _FARTHEST)
-_Truncation = Annotated[float, _TRUNCATION, CELLS]
 
 
 class Tsdf(Counting):

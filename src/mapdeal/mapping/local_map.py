@@ -22,6 +22,8 @@ from mapdeal.kernels.sensing import Odds, mark_cloud, weigh_rays
 from mapdeal.mapping.transforms import CoveredAngles, Pose, check_pose, wrapped
 
 Unknown = Literal["keep", "free"]
+_FARTHEST_KEY = 1 << 31
+"""In cells: of cells that are nearer, row and column together are one number of 64 bits."""
 
 
 @dataclass(frozen=True)
@@ -102,10 +104,6 @@ class LocalOptions:
     def reach(self) -> float | None:
         """Distance from the robot up to which beams clear cells, metres; None if unlimited."""
         return self.max_range if self.raytrace_range is None else self.raytrace_range
-
-
-_FARTHEST_KEY = 1 << 31
-"""In cells: of cells that are nearer, row and column together are one number of 64 bits."""
 
 
 @dataclass(frozen=True)

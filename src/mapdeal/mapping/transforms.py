@@ -24,6 +24,14 @@ from mapdeal.kernels.sensing import cover_angles
 Pose = tuple[float, float, float]
 _TURN = 2 * math.pi
 _BINS = 1 << 14  # of CoveredAngles
+Topics = Annotated[Sequence[str], Words("TOPIC", name="topic")]
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Rigid = tuple[Vector, Quaternion]
+_Link = tuple[str, str]  # parent and child
+_MOST_NAMED = 12
+_TIME_TOLERANCE = 1000
+"""Nanoseconds: times converted from float64 seconds are off by up to 250."""
 
 
 def wrapped(angle: float) -> float:
@@ -40,9 +48,6 @@ def check_pose(pose: Sequence[float], name: str = "pose") -> Pose:
     require(are_near((x, y, yaw)), rule, name, got=(x, y, yaw))
     warn_of_degrees(yaw, name)
     return x, y, wrapped(yaw)
-
-
-Topics = Annotated[Sequence[str], Words("TOPIC", name="topic")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,15 +98,6 @@ class CoveredAngles:
         gaps[0] += _TURN
         start = int(np.argmax(gaps))
         return float(first[start]), float(last[start - 1]) + (_TURN if start else 0.0)
-
-
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
-Rigid = tuple[Vector, Quaternion]
-_Link = tuple[str, str]  # parent and child
-_MOST_NAMED = 12
-_TIME_TOLERANCE = 1000
-"""Nanoseconds: times converted from float64 seconds are off by up to 250."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,6 +26,31 @@ _FARTHEST_INDEX = 1 << 22  # cells
 _HIGHEST_INDEX = 1 << (_Z_BITS - 1)
 _FARTHEST_ANCHOR = 1 << 53
 _PER_VOXEL = 64  # most bytes while voxels are merged
+_TALLEST = 200.0  # largest height of a cloud, metres
+_WIDEST = 20_000.0
+_SMALLEST = 1.0
+_SAMPLED, _COARSE = 1 << 17, 0.25  # most voxels that are tested, and their side in metres
+_LARGER, _ROOM = 1.3, 1.9  # least ratio of areas, least height of a room in metres
+_FILLED = 0.45  # share of the cells of a surface that have points
+_STOREY, _CUTS = 1.0, 10  # height of a slab in metres, possible cuts
+_FITTED_TO = 1 << 17  # most voxels that are tested
+_FULL = 0.9  # share of cells with points, of a surface without gaps
+_WIDENED, _TOLERANCE = 1.1, 0.45  # corrects pairs of points; cells
+_LEVELS = 4  # least heights of a lattice
+_LARGEST_STEP = 0.6  # metres
+_REFINEMENTS, _SAME_LEVEL, _LEAST_PLACES = 8, 0.15, 10
+_MOST_SAMPLED = 400_000
+_WINDOWS = (40.0, 20.0, 10.0, 5.0, 3.0, 2.0)  # degrees around the best direction so far
+_CLEAN = 0.01  # metres of noise up to which a plane has full weight
+_FLAT = 0.05  # largest standard deviation from a plane, metres
+_SAMPLE_VOXEL, _CUBE, _LEAST_IN_CUBE = 0.05, 0.5, 8
+_FARTHEST_SAMPLE = 1e5
+_AXES = {
+    "z": ((0, 1, 2), (1, 1, 1)), "-z": ((0, 1, 2), (1, -1, -1)),
+    "y": ((0, 2, 1), (1, -1, 1)), "-y": ((0, 2, 1), (1, 1, -1)),
+    "x": ((2, 1, 0), (-1, 1, 1)), "-x": ((2, 1, 0), (1, 1, -1)),
+}  # fmt: skip
+"""By the axis that points up: the axes that become x, y and z, and their signs."""
 
 
 class Voxels:
@@ -220,11 +245,6 @@ def starts_of(keys: NDArray[Any]) -> Integers:
     return np.flatnonzero(is_new)
 
 
-_TALLEST = 200.0  # largest height of a cloud, metres
-_WIDEST = 20_000.0
-_SMALLEST = 1.0
-
-
 def check_extent(columns: Columns) -> None:
     order = np.sort(columns.heights)
     if order[0] == order[-1]:
@@ -243,10 +263,6 @@ def check_extent(columns: Columns) -> None:
         raise MalformedInputError(rule, hint="they must be metres")
     if max(sides) < _SMALLEST:
         raise MalformedInputError(f"extends over {size} only: are its coordinates in metres?")
-
-
-_SAMPLED, _COARSE = 1 << 17, 0.25  # most voxels that are tested, and their side in metres
-_LARGER, _ROOM = 1.3, 1.9  # least ratio of areas, least height of a room in metres
 
 
 def check_upright(columns: Columns) -> None:
@@ -287,11 +303,6 @@ def _lowest_level(voxels: Integers) -> int:
         beside = np.minimum(np.searchsorted(key, key + step), len(key) - 1)
         is_level &= (key[beside] == key + step) & (np.abs(lowest[beside] - lowest) <= 1)
     return int(is_level.sum())
-
-
-_FILLED = 0.45  # share of the cells of a surface that have points
-_STOREY, _CUTS = 1.0, 10  # height of a slab in metres, possible cuts
-_FITTED_TO = 1 << 17  # most voxels that are tested
 
 
 def fitting(columns: Columns) -> Columns:
@@ -338,10 +349,6 @@ def _spacing(keys: Integers, coarser: Integers, times: int) -> float:
     return times / math.sqrt(share) if share and share < _FULL else 0.0
 
 
-_FULL = 0.9  # share of cells with points, of a surface without gaps
-_WIDENED, _TOLERANCE = 1.1, 0.45  # corrects pairs of points; cells
-
-
 def steps_of(columns: Columns) -> float:
     heights = np.sort(columns.heights)
     levels = heights[starts_of(heights)]
@@ -353,10 +360,6 @@ def median(values: Floats) -> float:
     # numpy.median imports masked arrays, which takes a tenth of the start-up time
     middle = np.sort(values)[(len(values) - 1) // 2 : len(values) // 2 + 1]
     return float(middle.mean())
-
-
-_LEVELS = 4  # least heights of a lattice
-_LARGEST_STEP = 0.6  # metres
 
 
 class Tilt:
@@ -436,23 +439,6 @@ def _refined(up: Floats, places: Floats, weights: Floats) -> Floats:
         normal = np.array([[-a, -b, 1.0]]) / math.sqrt(a * a + b * b + 1)
         up = levelled(normal, up * np.array([-1.0, -1.0, 1.0]))[0]  # turned back
     return up
-
-
-_REFINEMENTS, _SAME_LEVEL, _LEAST_PLACES = 8, 0.15, 10
-_MOST_SAMPLED = 400_000
-_WINDOWS = (40.0, 20.0, 10.0, 5.0, 3.0, 2.0)  # degrees around the best direction so far
-_CLEAN = 0.01  # metres of noise up to which a plane has full weight
-_FLAT = 0.05  # largest standard deviation from a plane, metres
-_SAMPLE_VOXEL, _CUBE, _LEAST_IN_CUBE = 0.05, 0.5, 8
-_FARTHEST_SAMPLE = 1e5
-
-
-_AXES = {
-    "z": ((0, 1, 2), (1, 1, 1)), "-z": ((0, 1, 2), (1, -1, -1)),
-    "y": ((0, 2, 1), (1, -1, 1)), "-y": ((0, 2, 1), (1, 1, -1)),
-    "x": ((2, 1, 0), (-1, 1, 1)), "-x": ((2, 1, 0), (1, 1, -1)),
-}  # fmt: skip
-"""By the axis that points up: the axes that become x, y and z, and their signs."""
 
 
 def upright(points: Floats, up: str | None) -> Floats:

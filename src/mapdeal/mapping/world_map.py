@@ -31,6 +31,8 @@ _LONGEST = 64.0  # cells: longer triangles are split, and those outside of the m
 _POINTS_AT_ONCE = 1 << 19
 _SLAB = 0.1  # metres between sections of solids that a robot would hit
 _SHARE_ENCLOSED = 0.1  # least area of an enclosed space relative to that around everything
+_PER_CELL, _PER_CROSSING = 40, 100  # bytes
+_OUTWARDS, _DOWN = 0.3, 0.1  # cells, and the vertical part of a normal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -260,9 +262,6 @@ def map_of_world(
     return OccupancyGrid(values, frame.resolution, frame.origin), elsewhere_m2
 
 
-_PER_CELL, _PER_CROSSING = 40, 100  # bytes
-
-
 def _at_height(
     triangles: Floats, solids: Integers, height: float, resolution: float, frame: Frame | None,
     claim: Claim,
@@ -383,9 +382,6 @@ def _equal(keys: Integers, searched: Integers) -> tuple[Integers, Integers]:
     """Return the pairs of places in two arrays, the first of them sorted, with equal keys."""
     first = np.searchsorted(keys, searched, side="left")
     return enumerated(first, np.searchsorted(keys, searched, side="right"))
-
-
-_OUTWARDS, _DOWN = 0.3, 0.1  # cells, and the vertical part of a normal
 
 
 def _columns_of(triangles: Floats, solids: Integers, shape: tuple[int, int]) -> _Columns:

@@ -26,6 +26,7 @@ Reason = Literal[  # the exceptions with which Nav2's planners fail
     "StartOccupied", "GoalOccupied", "StartOutsideMapBounds", "GoalOutsideMapBounds",
     "NoValidPathCouldBeFound", "PlannerTimedOut", "PlannerException",
 ]  # fmt: skip
+_NO_POSES = np.empty((0, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +48,6 @@ class PlannerGrid:
         """Return x and y in cells."""
         west, south = self.origin
         return (point[0] - west) / self.resolution, (point[1] - south) / self.resolution
-
-
-_NO_POSES = np.empty((0, 3))
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,8 @@ from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, INSCRIBED_PUBLISHED, L
 from mapdeal.kernels.blocks import made_by_rows, swept
 from mapdeal.layers.keepout import MaskCosts, cells_at_centres
 
+ObstacleSource = OccupancyGrid | DistanceField
+
 
 def cost_model(
     name: str, *, advice: Callable[[Parameters, int], str], when_closed: str, **more: Any
@@ -57,9 +59,6 @@ mapdeal cost examples/maps/office.yaml -o out/rings.npz --model rings""",
         remark=remark,
         **more,
     )
-
-
-ObstacleSource = OccupancyGrid | DistanceField
 
 
 def check_lethal_threshold(source: ObstacleSource, lethal_threshold: int | None) -> int:

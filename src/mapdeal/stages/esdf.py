@@ -24,6 +24,8 @@ Mask = NDArray[np.bool_]
 LARGER_MAX_DISTANCE = "make the field with a larger max_distance, or none"  # a hint
 _LARGEST_TABLE = 1 << 22
 _CLIP_TOLERANCE = 2.0**-23  # relative: distances are float32, the clip is not
+# from view values and their distances in metres to costs
+CostOfView = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 
 
 def squares_in(field: DistanceField, obstacles: Mask, rows: slice = slice(None)) -> Floats:
@@ -96,10 +98,6 @@ def _shifts(convention: map_values.Convention, resolution: float) -> tuple[float
     shifts = {"fast-planner": (0.0, 1.0), "center": (0.0, 0.0), "border": (-0.5, 0.5)}
     outside, inside = shifts[convention]
     return outside * resolution, inside * resolution
-
-
-# from view values and their distances in metres to costs
-CostOfView = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 
 
 @command.checked
