@@ -134,8 +134,7 @@ def _ros1_source(server: base.Ros1Values, source: str, below: tuple[str, ...]) -
             if server.find(*place[:depth], parameter) is not None:
                 return server.double(default, *place[:depth], parameter)
         found: Any = (server.search(parameter) or (None, None))[1]
-        is_number = getattr(found, "kind", "") in ("int", "double")
-        return float(found.value) if is_number else default
+        return float(found.value) if getattr(found, "kind", "") in ("int", "double") else default
 
     return ObservationSource(
         source, text("topic", source), text("data_type", "PointCloud"),

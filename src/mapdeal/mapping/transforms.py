@@ -284,8 +284,7 @@ class TransformTree:
     ) -> None:  # fmt: skip
         parent, child = parent.lstrip("/"), child.lstrip("/")
         length = math.hypot(*quaternion)
-        is_valid = are_near(translation) and math.isfinite(length) and length > 0
-        if not is_valid or parent == child:
+        if not (are_near(translation) and math.isfinite(length) and length > 0) or parent == child:
             self.bad += 1
             return
         if not self._is_exact:

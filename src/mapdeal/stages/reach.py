@@ -148,13 +148,7 @@ def reach(
     ground = Ground(occupancy, source.frame, through_unknown, closed)
     robot, named = _shape_of({"footprint": shape, "radius": radius}), accept_goals("goals", goals)
     return reach_on(
-        ground,
-        robot,
-        start=start,
-        goals=named,
-        headings=headings,
-        margin=margin,
-        min_area=min_area,
+        ground, robot, start=start, goals=named, headings=headings, margin=margin, min_area=min_area
     )
 
 
