@@ -161,12 +161,8 @@ def widest_metres(
 
 def clearance_metres(squared: SquaredDistances, resolution: float, metres: Metres) -> None:
     """Fill in the metres of squares; `metres` may share the memory of `squared`."""
-    narrow = _narrow(squared)
-
-    def fill(rows: slice) -> None:
-        _clearance_tree.paint(narrow[rows], None, None, resolution, metres[rows].view(np.uint8))
-
-    for_rows(fill, squared.shape)
+    narrow, paint, bytes_ = _narrow(squared), _clearance_tree.paint, metres.view(np.uint8)
+    for_rows(lambda rows: paint(narrow[rows], None, None, resolution, bytes_[rows]), squared.shape)
 
 
 def basin_areas(basins: Basins, squared: SquaredDistances, above: int, count: int) -> Integers:
@@ -232,11 +228,8 @@ class OpenPoses:
         words = height * -(-width // _WORD) * self._count
         claim_tables(8 * words - self._count * height * width // 8)  # the last words of all rows
         planes = np.empty((height, -(-width // _WORD), self._count), dtype=np.uint64)
-
-        def make(rows: slice) -> None:
-            self._maker.make(rows.start, rows.stop, planes, numbers)
-
-        for_rows(make, (height, width * self._count), _BAND_ROWS)
+        make, shape = self._maker.make, (height, width * self._count)
+        for_rows(lambda rows: make(rows.start, rows.stop, planes, numbers), shape, _BAND_ROWS)
         if self._closed is not None:
             bits = np.zeros((height, planes.shape[1] * _WORD), dtype=np.bool_)
             bits[:, :width] = self._closed
@@ -249,8 +242,7 @@ class OpenPoses:
 
 def _bits_at(planes: Words, row: int, col: int) -> Mask:
     word, bit = divmod(col, _WORD)
-    bits: Mask = (planes[row, word] >> np.uint64(bit) & np.uint64(1)).astype(np.bool_)
-    return bits
+    return np.asarray(planes[row, word] >> np.uint64(bit) & np.uint64(1), dtype=np.bool_)
 
 
 def _packed(blocked: Layer) -> Bytes:

@@ -290,8 +290,7 @@ def _simplify_rings(rings: _Rings, chosen: Integers, tolerances: Floats) -> tupl
 
 def _firsts_of(ring_of: Integers, chosen: Mask) -> Integers:
     at = np.flatnonzero(chosen)
-    firsts: Integers = at[np.diff(ring_of[at], prepend=-1) != 0]
-    return firsts
+    return np.asarray(at[np.diff(ring_of[at], prepend=-1) != 0])
 
 
 def _straighten(corners: Floats, chains: Integers, tolerances: Floats, stays_at: Mask) -> None:

@@ -186,5 +186,4 @@ def open_poses(
     blocked: Layer, footprints: Sequence[Spans], closed: Mask | None = None
 ) -> OpenPoses:
     """Return the poses of a footprint in up to 255 headings, none centred on a closed cell."""
-    poses: OpenPoses = _engine().OpenPoses(blocked, footprints, closed)
-    return poses
+    return _engine().OpenPoses(blocked, footprints, closed)  # type: ignore[no-any-return]

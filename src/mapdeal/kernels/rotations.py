@@ -140,8 +140,7 @@ def _spread_out(points: Floats) -> Floats:
     # then seem to have more walls.
     if len(points) > _MOST_POINTS:
         points = points[np.arange(_MOST_POINTS) * len(points) // _MOST_POINTS]
-    spread: Floats = points + (np.arange(len(points))[:, None] * np.array(_SPREAD)) % 1.0 - 0.5
-    return spread
+    return np.asarray(points + (np.arange(len(points))[:, None] * np.array(_SPREAD)) % 1.0 - 0.5)
 
 
 def _along_or_across(points: Floats, angles: Floats) -> Floats:

@@ -142,8 +142,7 @@ def _squares_to(marked: Mask) -> SquaredDistances:
     rows *= rows
     cols *= cols
     rows += cols
-    squared: SquaredDistances = rows
-    return squared
+    return np.asarray(rows)
 
 
 def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> ClearanceTree:
@@ -332,8 +331,8 @@ class OpenPoses:
 
 def _open_cells(dilated: list[Mask], spans: Spans) -> Mask:
     """Return the cells around which no cell of spans is blocked."""
-    # Item e of `dilated` tells in column j whether any of the columns j .. j + 2^e - 1 is blocked;
-    # items are added as they are needed.
+    # Item e of `dilated` is set in column j if any of the columns j .. j + 2^e - 1 is blocked; more
+    # items are added when they are needed.
     height, width = dilated[0].shape
     rows, cols = spans.places((height, width))
     opened = np.zeros((height, width), dtype=np.bool_)

@@ -381,8 +381,8 @@ def inflation_curve(
     if not layers:
         return CostCurve(resolution, np.sqrt(squares), cost)
     farthest, last = layers[int(np.argmax(reaches))], layers[-1]
-    others = (layer for layer in layers if layer is not farthest)
-    marks = ((f"inflation radius of {layer.name}", layer.inflation_radius) for layer in others)
+    marked = (layer for layer in layers if layer is not farthest)
+    marks = ((f"inflation radius of {layer.name}", layer.inflation_radius) for layer in marked)
     at_circumscribed = None if circumscribed_radius is None else last.cost_at(circumscribed_radius)
     return CostCurve(
         resolution,

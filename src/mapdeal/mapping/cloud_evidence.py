@@ -149,9 +149,9 @@ def floor_in(
         if reason is None:
             tilt, (overlaid, storeys) = cloud_floor.tilt_of(own, levels.side), above
             height = evidence.height
-            others = _other_floors(levels, level, sample, every, tile, limits, claim, height)
+            floors = _other_floors(levels, level, sample, every, tile, limits, claim, height)
             return Floor(
-                tiles, spacing, tilt, overlaid, (*storeys, *others), evidence.may_be_ceiling,
+                tiles, spacing, tilt, overlaid, (*storeys, *floors), evidence.may_be_ceiling,
                 evidence.is_above_others,
             )  # fmt: skip
         size = decimal_text(evidence.level, 3)

@@ -213,9 +213,8 @@ def copied(
 ) -> G:
     if not isinstance(grid, (frames.ValueGrid, DistanceField)):
         raise ParameterError("takes a map, a costmap or a distance field", source="window")
-    known = frames.Region(0, 0, *grid.shape)
-    if isinstance(grid, DistanceField) and grid.region is not None:
-        known = grid.region
+    box = grid.region if isinstance(grid, DistanceField) else None
+    known = box or frames.Region(0, 0, *grid.shape)
     row, col = max(region.row, known.row), max(region.col, known.col)
     top = min(region.row + region.height, known.row + known.height)
     right = min(region.col + region.width, known.col + known.width)
