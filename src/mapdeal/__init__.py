@@ -59,8 +59,10 @@ def _draw(drawable: object) -> bytes | None:
 
 def __getattr__(name: str) -> object:
     from importlib import import_module
+    from importlib.util import find_spec
 
-    module_name = None if name.startswith("__") else _module_of(name)
+    is_special = name.startswith("__") or find_spec(f"{__name__}.{name}")  # Python imports modules
+    module_name = None if is_special else _module_of(name)
     if module_name is None:
         raise AttributeError(f"module 'mapdeal' has no attribute {name!r}")
     value = getattr(import_module(module_name), name)

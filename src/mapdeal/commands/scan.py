@@ -261,7 +261,7 @@ def scan(
     BeamLimits(range_min, range_max)
     mount = check_pose(sensor_at, "sensor_at")
     scanner = Scanner(range_min, range_max, fov, beams, noise, dropout, mount)
-    files = [Path(file) for file in (poses, route) if isinstance(file, str | Path)]
+    files = [Path(file) for file in (poses, route) if isinstance(file, (str, PathLike))]
     also = [*files, *(robot.paths if robot else ())]
     (source,) = inputs.open_inputs(map, names=("map",), also=also, **reading)
     inputs.claim_cells(source, _PER_CELL, measures=True, **reading)
