@@ -9,15 +9,12 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.grid.frame import Point
 from mapdeal.grid.reach import Method, Route
+from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.eikonal import Place, is_line_clear, lengths_to, opens
 from mapdeal.planning.routes import Terrain
-
-Mask = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 # in cells
 _BEND_OFFSET = 1e-3  # from corners to bends, so that rounded points stay in open cells

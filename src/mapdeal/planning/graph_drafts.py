@@ -30,6 +30,8 @@ LaneSide = Literal["right"]
 
 Place = tuple[float, float]  # continuous row and column
 Places = NDArray[np.float64]
+_Line = tuple[list[int], bool, float, float, float]
+"""Numbers of both ends, whether it leads back, length, clearance and width of a door in metres."""
 
 _COARSEST = 0.15  # metres: cells of the skeleton
 _DECIMALS = 4  # of positions: a tenth of a millimetre
@@ -109,16 +111,15 @@ class Area(NamedTuple):
 
     @classmethod
     def of(cls, reach: Reach) -> Area:
-        frame = reach.frame
+        frame, robot = reach.frame, reach.robot
         ground = Ground(reach.occupancy, frame, reach.through_unknown)
-        robot = reach.robot
         radius = reach_radius(robot) / frame.resolution
         turning = radius if robot is None else robot.circumscribed_radius / frame.resolution
         is_open = reach.reachable > 0
-        open_rows, open_cols = (np.flatnonzero(is_open.any(axis=axis)) for axis in (1, 0))
         margin = math.ceil(turning) + 3
-        low = [max(int(cells[0]) - margin, 0) for cells in (open_rows, open_cols)]
-        high = [int(cells[-1]) + margin + 1 for cells in (open_rows, open_cols)]
+        open_cells = [np.flatnonzero(is_open.any(axis=axis)) for axis in (1, 0)]
+        low = [max(int(cells[0]) - margin, 0) for cells in open_cells]
+        high = [int(cells[-1]) + margin + 1 for cells in open_cells]
         window = slice(low[0], high[0]), slice(low[1], high[1])
         squared = np.ascontiguousarray(squares_to(ground.blocked)[window])
         np.copyto(squared, -1, where=~is_open[window])
@@ -132,16 +133,6 @@ class Area(NamedTuple):
             robot=robot,
         )
         return cls(sweeps, radius, turning, float(np.count_nonzero(is_open)) * reach.cell_area)
-
-
-class _Line(NamedTuple):
-    """An undirected edge or a lane between two numbered nodes; lengths in metres."""
-
-    ends: list[int]
-    leads_back: bool
-    length: float
-    clearance: float
-    door_width: float  # infinite without a door
 
 
 @dataclass(eq=False)
@@ -170,8 +161,6 @@ class Draft:
         self.has_corners = sweeps.robot is not None and bool(sweeps.robot.vertices)
         self.step = coarse_step(self.area.radius * self.cell, self.cell)
         self.coarse = largest_of_blocks(self.squares, self.step)
-
-    # nodes and edges
 
     def add_node(self, place: Place, kind: Kind) -> int:
         self.places.append(place)
@@ -218,8 +207,7 @@ class Draft:
         self, start: int, end: int, limit: float, avoided: int | None = None
     ) -> float:
         """Return the length of the shortest path that avoids a node; infinite above the limit."""
-        best: dict[int | None, float] = {start: 0.0}
-        best[avoided] = 0.0  # length 0 keeps the search from entering it
+        best = {start: 0.0, avoided: 0.0}  # length 0 keeps the search from entering `avoided`
         places, goal = self.places, self.places[end]
         heap = [(0.0, 0.0, start)]
         while heap:
@@ -257,8 +245,7 @@ class Draft:
         lines = [(target, end) for _, target, ends in moves for end in ends]
         starts, ends = self.at(line[0] for line in lines), self.at(line[1] for line in lines)
         is_clear, clearances = self.area.sweeps.along(starts, ends)
-        begin = 0
-        has_moved = []
+        begin, has_moved = 0, []
         for gone, target, new_ends in moves:
             of_move = slice(begin, begin := begin + len(new_ends))
             old_clearances = [self.edges[min(gone, end), max(gone, end)] for end in new_ends]
@@ -279,20 +266,19 @@ class Draft:
         used = np.array(self.nodes())
         order = used[np.lexsort(points[used].T)]
         points = points[order]
+        places_xy = zip(order.tolist(), points.tolist(), strict=True)
         nodes = tuple(
             RouteNode(number, x, y, metadata=self._metadata(node))
-            for number, (node, (x, y)) in enumerate(
-                zip(order.tolist(), points.tolist(), strict=True), start=1
-            )
+            for number, (node, (x, y)) in enumerate(places_xy, start=1)
         )
         ends, leads_back = self._numbered_ends(order)
         starts, stops = points[ends[:, 0] - 1], points[ends[:, 1] - 1]
         places = frame.continuous_rowcol_from_xy(starts), frame.continuous_rowcol_from_xy(stops)
         is_clear, least = sweeps.along(*places)
         door_widths = np.array([self.widths.get(node, math.inf) for node in order.tolist()])
-        lines = map(
-            _Line, ends.tolist(), leads_back.tolist(), np.hypot(*(stops - starts).T).tolist(),
-            (least * self.cell).tolist(), door_widths[ends - 1].min(axis=1).tolist(),
+        lines = zip(
+            ends.tolist(), leads_back.tolist(), np.hypot(*(stops - starts).T).tolist(),
+            (least * self.cell).tolist(), door_widths[ends - 1].min(axis=1).tolist(), strict=True,
         )  # fmt: skip
         missing = float(np.count_nonzero(self.missing)) * self.cell**2
         touches, from_unknown = self._distances_of_lines(*places, least)
@@ -319,17 +305,17 @@ class Draft:
 
     def _directed_edges(self, lines: Iterable[_Line], first_number: int) -> tuple[RouteEdge, ...]:
         edges: list[RouteEdge] = []
-        for line in lines:
-            length = round(line.length, 3)
-            metadata: dict[str, Any] = {"length": length, "min_clearance": round(line.clearance, 3)}
-            if line.door_width < math.inf:
-                metadata["door_width"] = round(line.door_width, 3)
-            if self.options.slow_below is not None:
-                metadata["speed_limit"] = _speed(line.clearance, self.options.slow_below)
-            directions = (line.ends, line.ends[::-1]) if line.leads_back else (line.ends,)
-            for start, end in directions:
+        slow_below = self.options.slow_below
+        for ends, leads_back, length, clearance, door_width in lines:
+            metadata = {"length": round(length, 3), "min_clearance": round(clearance, 3)}
+            if door_width < math.inf:
+                metadata["door_width"] = round(door_width, 3)
+            if slow_below is not None:
+                speed = min(100.0, max(_SLOWEST, 100.0 * clearance / slow_below))
+                metadata["speed_limit"] = round(speed, 1)
+            for start, end in (ends, ends[::-1]) if leads_back else (ends,):
                 number = first_number + len(edges)
-                edges.append(RouteEdge(number, start, end, length, metadata=metadata))
+                edges.append(RouteEdge(number, start, end, metadata["length"], metadata=metadata))
         return tuple(edges)
 
     def _distances_of_lines(
@@ -347,20 +333,13 @@ class Draft:
 
     def _metadata(self, node: int) -> dict[str, Any]:
         metadata: dict[str, Any] = {"kind": self.kinds[node]}
-        if node in self.names:
-            metadata["name"] = self.names[node]
-        if node in self.widths:
-            metadata["width"] = round(self.widths[node], 3)
+        metadata |= {"name": self.names[node]} if node in self.names else {}
+        metadata |= {"width": round(self.widths[node], 3)} if node in self.widths else {}
         return metadata
 
 
-def _speed(clearance: float, slow_below: float) -> float:
-    return round(min(100.0, max(_SLOWEST, 100.0 * clearance / slow_below)), 1)
-
-
 def check_options(options: GraphOptions, resolution: float) -> None:
+    rule = f"must be at least four cells, {4 * resolution:g} m"
     for name in _LENGTHS:
-        value = getattr(options, name)
-        if value < 4 * resolution:
-            rule = f"must be at least four cells, {4 * resolution:g} m"
+        if (value := getattr(options, name)) < 4 * resolution:
             raise ParameterError(rule, place=name, got=value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 from statistics import median
 from typing import Any, NamedTuple
 
@@ -37,20 +37,18 @@ def lattices_in(
     axes = np.array([[sin, cos], [cos, -sin]])  # both directions, as steps in rows and columns
     order = np.argsort(halls, kind="stable")
     bounds = [*np.flatnonzero(np.diff(halls[order], prepend=-1)).tolist(), len(order)]
-    places: list[Place] = []
-    hall_of_places: list[int] = []
-    for hall, (first, stop) in enumerate(pairwise(bounds)):
-        places_in_hall = _lattice_in(points[order[first:stop]], axes, spacing, step, is_usable)
-        places += places_in_hall
-        hall_of_places += [hall] * len(places_in_hall)
+    by_hall = [
+        _lattice_in(points[order[first:stop]], axes, spacing, step, is_usable)
+        for first, stop in pairwise(bounds)
+    ]
+    places = list(chain.from_iterable(by_hall))
     if len(places) < 2:
         return places, np.zeros((0, 2), dtype=np.int64)
     from scipy.spatial import cKDTree
 
     near = cKDTree(np.array(places)).query_pairs(1.5 * spacing, output_type="ndarray")
-    hall_of = np.array(hall_of_places)
-    near = near[hall_of[near[:, 0]] == hall_of[near[:, 1]]]
-    pairs = np.sort(near, axis=1).astype(np.int64)
+    hall_of = np.repeat(np.arange(len(by_hall)), list(map(len, by_hall)))
+    pairs = np.sort(near[hall_of[near[:, 0]] == hall_of[near[:, 1]]], axis=1).astype(np.int64)
     return places, pairs[np.lexsort(pairs.T[::-1])]
 
 
@@ -60,10 +58,8 @@ def _lattice_in(
 ) -> list[Place]:  # fmt: skip
     # Parts that are wide in both directions share one lattice for the hall, so that a pillar only
     # removes places. Parts that are narrow in one direction, such as aisles, are divided evenly.
-    ticks = []
-    for axis in axes:
-        values = hall[:, 0] * axis[0] + hall[:, 1] * axis[1]
-        ticks.append(_ticks(float(values.min()), float(values.max()), spacing))
+    along_axes = (hall[:, 0] * axis[0] + hall[:, 1] * axis[1] for axis in axes)
+    ticks = [_ticks(float(along.min()), float(along.max()), spacing) for along in along_axes]
     is_small = all(len(values) <= _MOST_ACROSS_NARROW for values in ticks)
     candidates: list[_Candidate] = []
     for k in (0, 1):
@@ -71,9 +67,10 @@ def _lattice_in(
         across = ticks[1 - k][:, np.newaxis, np.newaxis] * axes[1 - k]
         places = line[:, np.newaxis] * axes[k] + across
         usable = is_usable(places.reshape(-1, 2)).reshape(places.shape[:2])
+        edges = np.argwhere(np.diff(usable.view(np.int8), prepend=0, append=0, axis=1)).tolist()
         runs = [
             _Run(float(ticks[1 - k][row]), float(line[first]), float(line[stop - 1]))
-            for row, first, stop in _runs(usable)
+            for (row, first), (_, stop) in zip(edges[::2], edges[1::2], strict=True)
         ]
         for run, middle in _with_shared_middles(runs, spacing):
             count = len(_ticks(run.low, run.high, spacing))
@@ -83,10 +80,7 @@ def _lattice_in(
                 positions = np.clip(positions, run.low, run.high)
             else:
                 positions = ticks[k][(ticks[k] >= run.low) & (ticks[k] <= run.high)]
-            candidates += [
-                _Candidate(not is_narrow, position, run.tick, axis=k)
-                for position in positions.tolist()
-            ]
+            candidates += [_Candidate(not is_narrow, x, run.tick, k) for x in positions.tolist()]
     return _select_places(candidates, axes, spacing)
 
 
@@ -142,9 +136,3 @@ def _with_shared_middles(runs: Sequence[_Run], spacing: float) -> Iterator[tuple
         middle = median((run.low + run.high) / 2 for run in group)
         for run in group:
             yield run, middle
-
-
-def _runs(marked: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
-    edges = np.argwhere(np.diff(marked.view(np.int8), prepend=0, append=0, axis=1))
-    return list(zip(edges[::2, 0].tolist(), edges[::2, 1].tolist(), edges[1::2, 1].tolist(),
-                    strict=True))  # fmt: skip

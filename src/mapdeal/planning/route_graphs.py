@@ -98,8 +98,6 @@ def route_graph_of(reach: Reach, options: graph_drafts.GraphOptions) -> graph_dr
 
 @dataclass(eq=False)
 class _CompleteDraft(graph_drafts.Draft):
-    # halls
-
     def add_halls(self) -> None:
         """Add a lattice to each wide place, parallel to most walls."""
         half = self.options.hall / 2 / self.cell
@@ -120,31 +118,19 @@ class _CompleteDraft(graph_drafts.Draft):
         )  # fmt: skip
         for place in places:
             self.add_node(place, "hall")
-        self.add_lines(pairs)
+        is_clear, least = self.area.sweeps.along(self.at(pairs[:, 0]), self.at(pairs[:, 1]))
+        clear_pairs, clearances = pairs[is_clear].tolist(), least[is_clear].tolist()
+        for (start, end), clearance in zip(clear_pairs, clearances, strict=True):
+            self.add_edge(start, end, clearance)
 
     def _is_usable(self, places: graph_drafts.Places, margin: float) -> NDArray[np.bool_]:
         """Return which places lie in a hall with at least a margin of clearance."""
-        rows, cols = np.floor(places.T).astype(np.int64)
-        height, width = self.is_open.shape
-        chosen = np.flatnonzero((rows >= 0) & (rows < height) & (cols >= 0) & (cols < width))
-        chosen = chosen[self.is_hall[rows[chosen] // self.step, cols[chosen] // self.step]]
-        squares = self.squares[rows[chosen], cols[chosen]]
-        is_usable = np.zeros(len(places), dtype=np.bool_)
-        is_usable[chosen[squares >= margin * margin]] = True
+        cells = np.floor(places).astype(np.int64)
+        is_usable = np.asarray(((cells >= 0) & (cells < self.is_open.shape)).all(axis=1))
+        rows, cols = cells[is_usable].T
+        is_in_hall = self.is_hall[rows // self.step, cols // self.step]
+        is_usable[is_usable] = is_in_hall & (self.squares[rows, cols] >= margin * margin)
         return is_usable
-
-    def add_lines(self, pairs: Cells) -> NDArray[np.bool_]:
-        """Add the edges that the robot can follow to pairs of nodes, shape (N, 2); return which."""
-        if not len(pairs):
-            return np.zeros(0, dtype=np.bool_)
-        is_clear, least = self.area.sweeps.along(self.at(pairs[:, 0]), self.at(pairs[:, 1]))
-        for (start, end), clearance in zip(
-            pairs[is_clear].tolist(), least[is_clear].tolist(), strict=True
-        ):
-            self.add_edge(start, end, clearance)
-        return is_clear
-
-    # corridors
 
     def add_skeleton(self) -> None:
         from scipy import ndimage
@@ -160,20 +146,17 @@ class _CompleteDraft(graph_drafts.Draft):
         nodes: dict[int, int] = {}
         for number, chain in tracing.chains.items():
             cells = tracing.fine[np.array(chain.cells)]
-            ends = []
+            ends, beyond = [], []
             for end in (chain.start, chain.end):
+                is_mouth = end in tracing.mouths
                 if end not in nodes:
                     degree = len(tracing.chains_of[end])
                     kind: graph_drafts.Kind = "crossing" if degree > 2 else "end"
-                    kind = "way" if degree == 2 or end in tracing.mouths else kind
-                    row, col = tracing.fine[end].tolist()
-                    nodes[end] = self.add_node((row + 0.5, col + 0.5), kind)
+                    kind = "way" if degree == 2 or is_mouth else kind
+                    nodes[end] = self.add_node(tuple((tracing.fine[end] + 0.5).tolist()), kind)
                 ends.append(nodes[end])
-            beyond = [
-                math.inf if end in tracing.mouths
-                else tracing.width_around(end, number, self.spacing)
-                for end in (chain.start, chain.end)
-            ]  # fmt: skip
+                width = math.inf if is_mouth else tracing.width_around(end, number, self.spacing)
+                beyond.append(width)
             paths.append(_Path(cells + 0.5, *ends, *beyond))
         self.add_paths(paths, with_doors=True)
         self.join_to_halls([nodes[end] for end in sorted(tracing.mouths) if end in nodes])
@@ -184,24 +167,19 @@ class _CompleteDraft(graph_drafts.Draft):
             return
         from scipy.spatial import cKDTree
 
-        tree = cKDTree(self.at(halls))
         reach = 1.5 * self.spacing + self.options.hall / 2 / self.cell
+        near_mouths = cKDTree(self.at(halls)).query_ball_point(self.at(mouths), reach)
         pairs = [
-            (mouth, halls[k])
-            for mouth, near in zip(
-                mouths, tree.query_ball_point(self.at(mouths), reach), strict=True
-            )
+            (mouth, halls[k]) for mouth, near in zip(mouths, near_mouths, strict=True)
             for k in sorted(near, key=lambda k: self.length(mouth, halls[k]))[: 2 * _BESIDE_HALL]
         ]  # fmt: skip
         tried = np.array(pairs, dtype=np.int64).reshape(-1, 2)
         is_clear, least = self.area.sweeps.along(self.at(tried[:, 0]), self.at(tried[:, 1]))
         joins: defaultdict[int, list[int]] = defaultdict(list)
         for (mouth, node), fits, clearance in zip(pairs, is_clear, least, strict=True):
-            joined = joins[mouth]
-            if not fits or len(joined) >= _BESIDE_HALL:
-                continue
-            if all(self._is_apart(mouth, node, earlier) for earlier in joined):
-                joined.append(node)
+            has_room = fits and len(joins[mouth]) < _BESIDE_HALL
+            if has_room and all(self._is_apart(mouth, node, joined) for joined in joins[mouth]):
+                joins[mouth].append(node)
                 self.add_edge(mouth, node, float(clearance))
 
     def _is_apart(self, node: int, far: int, near: int) -> bool:
@@ -223,8 +201,7 @@ class _CompleteDraft(graph_drafts.Draft):
             clearances = of_cells[first:stop]
             marks = [(0, path.start), (len(clearances) - 1, path.end)]
             for door in self._doors(clearances, path) if with_doors else ():
-                row, col = path.places[door].tolist()
-                node = self.add_node((row, col), "narrow")
+                node = self.add_node(tuple(path.places[door].tolist()), "narrow")
                 self.widths[node] = 2 * float(clearances[door]) * self.cell
                 bottlenecks.append(node)
                 marks.append((door, node))
@@ -245,8 +222,7 @@ class _CompleteDraft(graph_drafts.Draft):
         needed = graph_drafts.SHARE * np.array(lows)
         is_loop = np.array([piece.start == piece.end for piece in pieces])
         fits = is_clear & (least >= needed - 0.5) & ~is_loop
-        halves: list[_Piece] = []
-        steps: list[_Piece] = []
+        halves, steps = list[_Piece](), list[_Piece]()
         for piece, is_fit, clearance in zip(pieces, fits.tolist(), least.tolist(), strict=True):
             if is_fit:
                 self._add_line(piece.start, piece.end, clearance)
@@ -255,10 +231,8 @@ class _CompleteDraft(graph_drafts.Draft):
             elif piece.start != piece.end:
                 steps.append(piece)
         # single steps: a round robot may pass although its outline touches an obstacle
-        starts, ends = (
-            self.at(piece.start for piece in steps),
-            self.at(piece.end for piece in steps),
-        )
+        starts = self.at(piece.start for piece in steps)
+        ends = self.at(piece.end for piece in steps)
         is_clear, least = self.area.sweeps.along(starts, ends, touches=False)
         for piece, is_fit, clearance in zip(steps, is_clear.tolist(), least.tolist(), strict=True):
             if is_fit or self.has_corners:
@@ -267,31 +241,25 @@ class _CompleteDraft(graph_drafts.Draft):
 
     def _add_line(self, start: int, end: int, clearance: float) -> None:
         count = max(1, math.ceil(self.length(start, end) / self.spacing - (_LONGEST - 1)))
-        nodes = [start]
-        for k in range(1, count):
-            share = k / count
-            ends = zip(self.places[start], self.places[end], strict=True)
-            row, col = (a + share * (b - a) for a, b in ends)
-            nodes.append(self.add_node((row, col), "way"))
-        for first, second in pairwise([*nodes, end]):
-            self.add_edge(first, second, clearance)
+        (row, col), (last_row, last_col) = self.places[start], self.places[end]
+        shares = (k / count for k in range(1, count))
+        places = [(row + s * (last_row - row), col + s * (last_col - col)) for s in shares]
+        for ends in pairwise([start, *(self.add_node(place, "way") for place in places), end]):
+            self.add_edge(*ends, clearance)
 
     def _halves(self, piece: _Piece) -> Iterator[_Piece]:
         """Yield both parts of a piece, divided at its farthest cell from the straight line."""
         places = piece.places[piece.first : piece.last + 1]
-        start, end = np.array(self.places[piece.start]), np.array(self.places[piece.end])
-        along = end - start
+        start, end = self.at((piece.start, piece.end))
+        along, away = end - start, places - start
         length = float(np.hypot(*along))
-        away = places - start
+        off = np.hypot(*away.T)
         if length > 1:
             off = np.abs(away[:, 0] * along[1] - away[:, 1] * along[0]) / length
-        else:
-            off = np.hypot(*away.T)
         cut = int(np.argmax(off[1:-1])) + 1
         if off[cut] < 1:
             cut = len(places) // 2
-        row, col = places[cut].tolist()
-        middle = self.add_node((row, col), "way")
+        middle = self.add_node(tuple(places[cut].tolist()), "way")
         cut += piece.first
         yield piece._replace(last=cut, end=middle)
         yield piece._replace(first=cut, start=middle)
@@ -308,8 +276,7 @@ class _CompleteDraft(graph_drafts.Draft):
                 continue
             part = clearances[first:stop]
             least = int(part.argmin())
-            narrow = float(part[least])
-            if narrow > widest:
+            if (narrow := float(part[least])) > widest:
                 continue
             wide = _PROMINENCE * narrow
             before, after = (float(side.max(initial=0)) for side in (part[:least], part[least:]))
@@ -330,11 +297,8 @@ class _CompleteDraft(graph_drafts.Draft):
             else:
                 waiting.append((first, first + least))
 
-    # missing nodes and edges
-
     def add_goal(self, point: graph_drafts.Place, name: str) -> None:
-        row, col = self.places_of([point])[0].tolist()
-        node = self.add_node((row, col), "goal")
+        node = self.add_node(tuple(self.places_of([point])[0].tolist()), "goal")
         self.names[node] = name
         near = sorted(range(node), key=lambda near: (self.length(node, near), near))[:6]
         is_clear, least = self.area.sweeps.along(self.at([node] * len(near)), self.at(near))
@@ -346,23 +310,20 @@ class _CompleteDraft(graph_drafts.Draft):
         if not self.places:
             row, col = np.unravel_index(np.argmax(self.squares), self.squares.shape)
             self.add_node((float(row) + 0.5, float(col) + 0.5), "end")
-        is_open = self.coarse >= 0
         cells = self.cells_of(self.nodes(), self.step)
-        lengths, origin = nearest_from(is_open, cells)
+        lengths, origin = nearest_from(self.coarse >= 0, cells)
         neighbours = neighbouring(lengths, origin, cells)
         if not len(neighbours.lengths):
             return
         order = np.lexsort((neighbours.firsts, neighbours.lengths))
         parts = self.parts()
-        scale = self.step / STRAIGHT
+        lengths_in_cells = neighbours.lengths * (self.step / STRAIGHT)
         missing = []
-        for start, end, length in zip(
-            neighbours.firsts[order].tolist(), neighbours.seconds[order].tolist(),
-            (neighbours.lengths[order] * scale).tolist(), strict=True,
-        ):  # fmt: skip
+        for k in order.tolist():
+            start, end = int(neighbours.firsts[k]), int(neighbours.seconds[k])
             if parts[start] != parts[end]:
                 parts = np.where(parts == parts[end], parts[start], parts)
-            elif not self._is_detour(start, end, length):
+            elif not self._is_detour(start, end, float(lengths_in_cells[k])):
                 continue
             missing.append((start, end))
             self.add_edge(start, end, 0.0)  # later pairs may use it
@@ -397,8 +358,7 @@ class _CompleteDraft(graph_drafts.Draft):
                 lengths = np.hypot(*np.diff(cells, axis=0).T)[::-1].cumsum()
                 back = int(np.searchsorted(lengths, min(short, lengths[-1] / 2)))
                 cells = cells[: len(cells) - back]
-                row, col = cells[-1].tolist()
-                self.places[end] = (row + 0.5, col + 0.5)
+                self.places[end] = tuple((cells[-1] + 0.5).tolist())
             paths.append(_Path(np.asarray(cells + 0.5), start, end))
         self.add_paths(paths, with_doors=bool(len(shorts)))
 
@@ -478,8 +438,6 @@ class _CompleteDraft(graph_drafts.Draft):
             if len(nearest) == len(cells) - len(remaining):  # no progress: search farther
                 limit *= 8
         return [nearest.get(k) for k in range(len(cells))]
-
-    # superfluous nodes and edges
 
     def tidy(self) -> None:
         self._merge(_MERGED * self.spacing, len(self.places))
@@ -774,23 +732,18 @@ class _CompleteDraft(graph_drafts.Draft):
                 self._add_lanes(chain, aside)
 
     def _line_from(self, node: int, following: int, is_inner: set[int]) -> list[int]:
-        line = [following]
-        previous = node
+        line = [node, following]
         while line[-1] in is_inner and line[-1] != node:
-            (onward,) = self.beside[line[-1]].keys() - {previous}
-            previous = line[-1]
-            line.append(onward)
-        return line
+            line += self.beside[line[-1]].keys() - {line[-2]}  # the only other end
+        return line[1:]
 
     def _add_lanes(self, chain: Sequence[int], aside: float) -> None:
         places = self.at(chain)
         along = places[2:] - places[:-2]
         along /= np.maximum(np.hypot(*along.T), 1e-9)[:, np.newaxis]
         right = along[:, ::-1] * [-1.0, 1.0]  # rows lead north, columns east
-        lanes = [
-            self.rounded(np.concatenate([places[:1], places[1:-1] + side * right, places[-1:]]))
-            for side in (aside, -aside)
-        ]
+        shift = np.pad(aside * right, [(1, 1), (0, 0)])
+        lanes = [self.rounded(places + shift), self.rounded(places - shift)]
         starts, ends = (np.concatenate([lane[part] for lane in lanes])
                         for part in (slice(None, -1), slice(1, None)))  # fmt: skip
         is_clear, _ = self.area.sweeps.along(starts, ends, step=_FINE_STEP)
@@ -811,9 +764,7 @@ _HALF_CELL, _FINE_STEP = 0.5, 0.125
 _APART = 0.2  # metres between robots on adjacent lanes, and between robots and walls
 _ASIDE = 1.0  # metres: largest distance of a lane from the middle
 _ON_WALLS = {"door", "crossing"}, {"narrow", "crossing"}
-_RANKS: tuple[graph_drafts.Kind, ...] = (
-    "goal", "door", "narrow", "crossing", "hall", "end", "way",
-)  # fmt: skip
+_RANKS: tuple[graph_drafts.Kind, ...] = ("goal", "door", "narrow", "crossing", "hall", "end", "way")
 """Of two merged nodes the one of the earlier kind remains."""
 
 

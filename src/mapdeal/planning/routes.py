@@ -135,17 +135,11 @@ class Terrain:
         is_between = (np.abs(places - cells - 0.5) > _AT_CENTRE).any(axis=1)
         for index in np.flatnonzero(is_between & np.isfinite(at_centre)).tolist():
             reach = math.ceil(at_centre[index] + 1.0)
-            distances[index] = self._nearest_lethal(places[index], cells[index], reach)
+            first, stop = np.maximum(cells[index] - reach, 0), cells[index] + reach + 1
+            near = self.field.occupancy[first[0] : stop[0], first[1] : stop[1]]
+            centres = np.argwhere(near == OCCUPIED) + first + 0.5
+            distances[index] = np.hypot(*(centres - places[index]).T).min()
         return distances * resolution
-
-    def _nearest_lethal(
-        self, place: NDArray[np.float64], cell: NDArray[np.int64], reach: int
-    ) -> float:
-        """Return the distance in cells of a place to a lethal cell's centre, within a reach."""
-        first = np.maximum(cell - reach, 0)
-        rows, cols = (slice(a, b) for a, b in zip(first, cell + reach + 1, strict=True))
-        centres = np.argwhere(self.field.occupancy[rows, cols] == OCCUPIED) + first + 0.5
-        return float(np.hypot(*(centres - place).T).min())
 
 
 def check_factor(name: str, value: float) -> float:
@@ -214,42 +208,36 @@ def descend_on(
     frame = terrain.costmap.frame
     terrain.open_cell_of(start, "start")
     terrain.open_cell_of(goal, "goal")
-    first, last = frame.continuous_rowcol_from_xy([start, goal]).tolist()
-    slope = _Slope(surface, terrain)
-    places, ending = _follow_slope(slope, tuple(first), tuple(last))
+    ends = map(tuple, frame.continuous_rowcol_from_xy([start, goal]).tolist())
+    places, ending = _Slope(surface, terrain).follow(*ends)
     points = frame.xy_from_continuous_rowcol(places)
     points[0] = start
-    minimum = None
-    if ending == "arrived":
+    minimum = tuple(points[-1].tolist()) if ending == "minimum" else None
+    if has_arrived := ending == "arrived":
         points = np.vstack([points, [goal]])
-    elif ending == "minimum":
-        minimum = (float(points[-1, 0]), float(points[-1, 1]))
     measures = terrain.measure_route(points)
-    has_arrived = ending == "arrived"
     return Route("descent", has_arrived, start, goal, points, **measures, local_minimum=minimum)
-
-
-def _follow_slope(slope: _Slope, start: Place, goal: Place) -> tuple[list[Place], Ending]:
-    places = [start]
-    max_steps = _STEPS_PER_CELL_OF_SIDE * sum(slope.shape)
-    while len(places) <= max_steps:
-        if slope.leads_to(places[-1], goal):
-            return places, "arrived"
-        following = slope.step_down(places[-1])
-        if following is None:
-            return places, "minimum"
-        places.append(following)
-    return places, "abandoned"
 
 
 class _Slope:
     """Surface over the centres of cells, in cells, and the steps allowed on it."""
 
     def __init__(self, surface: NDArray[np.float64], terrain: Terrain) -> None:
-        self.shape = surface.shape
         self._height, self._width = surface.shape
         self._values = surface.reshape(-1).data
         self._terrain = terrain
+
+    def follow(self, start: Place, goal: Place) -> tuple[list[Place], Ending]:
+        places = [start]
+        while len(places) <= _STEPS_PER_CELL_OF_SIDE * (self._height + self._width):
+            is_near = math.dist(places[-1], goal) <= 1.0 or _cell_of(places[-1]) == _cell_of(goal)
+            if is_near and self._terrain.is_clear(places[-1], goal):
+                return places, "arrived"
+            following = self.step_down(places[-1])
+            if following is None:
+                return places, "minimum"
+            places.append(following)
+        return places, "abandoned"
 
     def step_down(self, place: Place) -> Place | None:
         """Return the next place downhill, or None in a local minimum."""
@@ -266,14 +254,8 @@ class _Slope:
 
     def _may_step(self, place: Place, following: Place) -> bool:
         # open cells, and not the edge of a closed one: rounding would put it on either side
-        corners = ((following[0] + row, following[1] + col) for row in _OFF for col in _OFF)
-        return self._terrain.is_clear(place, following) and all(
-            self._terrain.is_open(_cell_of(corner)) for corner in corners
-        )
-
-    def leads_to(self, place: Place, goal: Place) -> bool:
-        is_near = math.dist(place, goal) <= 1.0 or _cell_of(place) == _cell_of(goal)
-        return is_near and self._terrain.is_clear(place, goal)
+        cells = (_cell_of((following[0] + row, following[1] + col)) for row in _OFF for col in _OFF)
+        return self._terrain.is_clear(place, following) and all(map(self._terrain.is_open, cells))
 
     def value_at(self, place: Place) -> float:
         row, col = math.floor(place[0] - 0.5), math.floor(place[1] - 0.5)
@@ -390,14 +372,11 @@ def cost_of_edge(edge: RouteEdge, length: float) -> float:
 
 def cheapest_nodes(graph: RouteGraph, first: int, last: int) -> tuple[list[int], int]:
     following: list[list[tuple[int, float]]] = [[] for _ in graph.nodes]
-    for edge, ends, length in zip(
-        graph.edges, graph.ends.tolist(), graph.lengths.tolist(), strict=True
-    ):
-        following[ends[0]].append((ends[1], cost_of_edge(edge, length)))
-    best = {first: 0.0}
-    previous = {first: first}
-    heap = [(0.0, first)]
-    expanded = 0
+    lengths = graph.lengths.tolist()
+    for edge, (start, end), length in zip(graph.edges, graph.ends.tolist(), lengths, strict=True):
+        following[start].append((end, cost_of_edge(edge, length)))
+    best, previous = {first: 0.0}, {first: first}
+    heap, expanded = [(0.0, first)], 0
     while heap:
         cost, node = heapq.heappop(heap)
         if cost > best[node]:

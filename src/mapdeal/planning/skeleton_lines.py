@@ -209,15 +209,11 @@ class Tracing:
         gone, link = (ends[1], chain.cells) if is_start else (ends[0], chain.cells[::-1])
         self.drop(number)
         for moved_number in list(self.chains_of[gone]):
-            if moved_number not in self.chains:
-                continue
-            moved = self.drop(moved_number)
-            cells = moved.cells
-            if moved.start == gone:
-                cells = [*link[:-1], *cells]
-            if moved.end == gone:
-                cells = [*cells, *link[-2::-1]]
-            self.add(cells)
+            if moved_number in self.chains:  # a loop is listed twice
+                moved = self.drop(moved_number)
+                head = link[:-1] if moved.start == gone else []
+                tail = link[-2::-1] if moved.end == gone else []
+                self.add([*head, *moved.cells, *tail])
 
 
 def _best_in_blocks(squares: NDArray[Any], step: int, blocks: Cells) -> Cells:
