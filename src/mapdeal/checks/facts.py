@@ -40,7 +40,7 @@ from mapdeal.grid.frame import Frame, Point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal, Passage, Reach
 from mapdeal.grid.values import FREE, OCCUPIED
-from mapdeal.kernels.arrays import Integers
+from mapdeal.kernels.arrays import Integers, Mask
 from mapdeal.kernels.blocks import Layer, blocks_of
 from mapdeal.kernels.components import MOST_PLACES, Components
 from mapdeal.kernels.engine import engine_name
@@ -89,7 +89,7 @@ class CellTallies:
 
     def __init__(
         self, shape: tuple[int, int], *, from_north: bool = False,
-        byte_counts: NDArray[np.int64] | None = None,
+        byte_counts: Integers | None = None,
     ) -> None:  # fmt: skip
         height, width = self.shape = shape
         self.size, self._rows = height * width, 0
@@ -142,7 +142,7 @@ class CellTallies:
         return cell_states(self._byte_counts)
 
     @cached_property
-    def pooled(self) -> NDArray[np.bool_]:
+    def pooled(self) -> Mask:
         """Which blocks of `pooling` cells a side hold an obstacle, and are mostly free."""
         walls, free = self._pooled[0] > 0, self._pooled[1] > self.pooling**2 / 2
         known = walls | free
@@ -309,7 +309,7 @@ class PixelTallies:
                 self.freed_greys = [map_server.MAP_SAVER_UNKNOWN]
 
 
-def cell_states(counts: NDArray[np.int64]) -> dict[str, int]:
+def cell_states(counts: Integers) -> dict[str, int]:
     """Return the number of cells in each state, from the number of cells of each byte."""
     occupied, free, unknown = int(counts[OCCUPIED]), int(counts[FREE]), int(counts[128:].sum())
     between = int(counts.sum()) - occupied - free - unknown
@@ -414,7 +414,7 @@ class MaskFacts:
     info: FilterInfo
     grid: OccupancyGrid
     map_name: str
-    closed: NDArray[np.bool_]
+    closed: Mask
     """Which cells of the map the mask forbids."""
 
     covered: float
@@ -441,7 +441,7 @@ class MaskFacts:
         if self.info.kind != "keepout" or self.start_is_closed or not self.closed.any():
             return None
 
-        def reach(start: Sequence[float] | None, keepout: NDArray[np.bool_] | None) -> Reach:
+        def reach(start: Sequence[float] | None, keepout: Mask | None) -> Reach:
             ground = Ground(np.asarray(self.grid.occupancy), self.grid.frame, False, keepout)
             numbers: Any = {"headings": 72, "margin": 0.0, "min_area": 1.0}
             return reach_on(ground, self.robot, start=start, goals=self.goals, **numbers)

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.checks.findings import CHECKS, Finding, error_finding, places_of
 from mapdeal.errors import FileAccessError, MalformedInputError
@@ -17,6 +16,7 @@ from mapdeal.grid.reach import reach_radius
 from mapdeal.grid.reaching import largest_closed_square, nearest_marked, squares_to
 from mapdeal.grid.route_graph import RouteGraph, Sweeps, closed_costs
 from mapdeal.grid.values import OCCUPIED, UNKNOWN, count_text
+from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.components import joined
 from mapdeal.maps.route_graphs import FRAME, read_graph_file
 
@@ -121,7 +121,7 @@ class _GraphFacts:
         x, y = (self.frame.xy_from_rowcol([nearest])[0].round(3) + 0.0).tolist()
         return f"node {number} lies {position}; the nearest open cell is at {x:.10g},{y:.10g}"
 
-    def _blocked(self, is_closed: NDArray[np.bool_]) -> Iterator[Finding]:
+    def _blocked(self, is_closed: Mask) -> Iterator[Finding]:
         graph = self.graph
         ends = graph.ends
         candidates = np.flatnonzero(~is_closed[ends].any(axis=1))
@@ -145,7 +145,7 @@ class _GraphFacts:
             text += "put a node beside it and lead the edge around, or remove it"
             yield self.finding("edge-blocked", text, [(x, y)])
 
-    def _reason(self, place: NDArray[np.float64]) -> str:
+    def _reason(self, place: Floats) -> str:
         row, col = np.clip(np.floor(place).astype(np.int64), 0, np.array(self.frame.shape) - 1)
         if self.occupied[row, col]:
             return " (an obstacle)"

@@ -16,6 +16,7 @@ from mapdeal.grid.canvas import region_on_lattice, sampled
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask
 from mapdeal.kernels.components import labelled
 from mapdeal.kernels.distance import within_distance
 from mapdeal.kernels.lookup import look_up
@@ -115,11 +116,11 @@ class Change:
     area: float
     x: float
     y: float
-    cells: NDArray[np.int64] = field(repr=False, compare=False)
+    cells: Integers = field(repr=False, compare=False)
 
     @classmethod
     def largest(
-        cls, kind: ChangeKind, marked: NDArray[np.bool_], frame: Frame, most: int
+        cls, kind: ChangeKind, marked: Mask, frame: Frame, most: int
     ) -> tuple[list[Change], int]:
         """Return the largest regions of cells that touch, corners included, and how many exist."""
         cells = np.flatnonzero(marked)
@@ -153,8 +154,8 @@ class Difference:
     symmetry: str | None
     tolerance: float
     frame: Frame
-    changes: NDArray[np.uint8]
-    beyond: NDArray[np.bool_]
+    changes: Bytes
+    beyond: Mask
 
     def largest_changes(self, most: int) -> tuple[list[Change], int]:
         """Return the largest regions of obstacles of one map alone, and the number of others."""
@@ -241,7 +242,7 @@ def geometry_pairs(first: Frame, second: Frame) -> dict[str, tuple[Any, Any]]:
     return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
-def states_of(values: NDArray[np.int8]) -> NDArray[np.uint8]:
+def states_of(values: NDArray[np.int8]) -> Bytes:
     table = np.full(256, STATES.index("between"), dtype=np.uint8)
     table[codes.OCCUPIED] = STATES.index("occupied")
     table[0] = STATES.index("free")
@@ -249,7 +250,7 @@ def states_of(values: NDArray[np.int8]) -> NDArray[np.uint8]:
     return table[values.view(np.uint8)]
 
 
-def confusion_of(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.int64]:
+def confusion_of(first: Bytes, second: Bytes) -> Integers:
     """Return the number of cells by state in one map (rows) and in the other, shape (4, 4)."""
     pairs = first.ravel().astype(np.int64) * len(STATES) + second.ravel()
     return np.bincount(pairs, minlength=len(STATES) ** 2).reshape(len(STATES), -1)
@@ -267,9 +268,7 @@ def frame_around(first: Frame, second: Frame) -> Frame:
     return Region(row, col, height, width).frame_in(first)
 
 
-def _is_beyond(
-    first: NDArray[np.uint8], second: NDArray[np.uint8], both: NDArray[np.bool_], square: int
-) -> NDArray[np.bool_]:
+def _is_beyond(first: Bytes, second: Bytes, both: Mask, square: int) -> Mask:
     """Return cells of which one of the maps has no like within a distance in the other."""
     beyond = np.zeros(both.shape, dtype=np.bool_)
     for state in range(len(STATES)):
@@ -293,9 +292,7 @@ def _better_symmetry(first: NDArray[np.int8], second: NDArray[np.int8]) -> str |
     return best
 
 
-def _shift(
-    walls: NDArray[np.float64], opposite_walls: NDArray[np.float64], apart: NDArray[np.bool_]
-) -> WallShift | None:
+def _shift(walls: Floats, opposite_walls: Floats, apart: Mask) -> WallShift | None:
     """Return how far walls are from the opposite ones; those not `apart` share a cell."""
     if not len(walls) or not len(opposite_walls):
         return None
@@ -308,9 +305,7 @@ def _shift(
     return WallShift(float(clean.max()), float(np.percentile(clean, 95)), float(clean.mean()))
 
 
-def changes_of(
-    first: NDArray[np.uint8], second: NDArray[np.uint8], both: NDArray[np.bool_]
-) -> NDArray[np.uint8]:
+def changes_of(first: Bytes, second: Bytes, both: Mask) -> Bytes:
     """Return what each cell shows, `OUTSIDE` to `ADDED`, given its states and if both have it."""
     occupied, unknown = STATES.index("occupied"), STATES.index("unknown")
     changes = np.where(first == second, np.uint8(BOTH_FREE), np.uint8(CHANGED))
@@ -323,7 +318,6 @@ def changes_of(
 
 
 Costs = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 SIZES = ((1, 9), (10, 49), (50, 127), (128, 254))
 """Smallest and largest change of the cost in each bin of `CostChange.by_size`."""

@@ -16,7 +16,7 @@ from mapdeal.grid.field import FieldView
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLineRepr, count_text
-from mapdeal.kernels.arrays import unreachable
+from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask, unreachable
 from mapdeal.kernels.components import thickness_of
 from mapdeal.kernels.distance import squared_distance, within_distance
 from mapdeal.kernels.lookup import look_up
@@ -36,7 +36,6 @@ NOTHING, _IS_FREE, _IS_OCCUPIED, BETWEEN = range(4)
 
 States = NDArray[np.uint8]
 Numbers = NDArray[np.uint16]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, repr=False)
@@ -211,7 +210,7 @@ def chosen_layers(layers: Layers, shape: tuple[int, int]) -> ChosenLayers:
 def evidence_of(
     lattice: Frame, states: Sequence[States], frames: Sequence[Frame],
     layers: Sequence[ChosenLayers],
-) -> NDArray[np.int64]:  # fmt: skip
+) -> Integers:  # fmt: skip
     total = np.zeros(lattice.shape, dtype=np.int64)
     for state, frame, own in zip(states, frames, layers, strict=True):
         if own:
@@ -222,9 +221,7 @@ def evidence_of(
     return total
 
 
-def _add_layers(
-    total: NDArray[np.int64], lattice: Frame, layers: ChosenLayers, source: Frame
-) -> None:
+def _add_layers(total: Integers, lattice: Frame, layers: ChosenLayers, source: Frame) -> None:
     def add(part: slice) -> None:
         numbers = np.arange(part.start, part.stop)
         cells = np.stack(np.meshgrid(numbers, np.arange(lattice.width), indexing="ij"), axis=-1)
@@ -237,7 +234,7 @@ def _add_layers(
     for_rows(add, lattice.shape)
 
 
-def _weighed(values: ChosenLayers) -> NDArray[np.int64]:
+def _weighed(values: ChosenLayers) -> Integers:
     if _LOG_ODDS in values:
         units = np.rint((values[_LOG_ODDS].astype(np.float64) - EVEN) * _PASS)
         return np.where(np.isnan(units), 0.0, units).astype(np.int64)
@@ -296,10 +293,10 @@ class OneMap:
     """The result of a merge, without its inputs; see `Merged`."""
 
     grid: OccupancyGrid
-    conflicts: NDArray[np.uint8]
+    conflicts: Bytes
     maps: tuple[MapCounts, ...]
     common: int
-    log_odds: NDArray[np.float64] | None
+    log_odds: Floats | None
     thickness: float | None
     kept: int
 
@@ -410,7 +407,7 @@ def _resampled(lattice: Frame, grid: OccupancyGrid, frame: Frame) -> tuple[Value
     return safe, resampled(placed, lattice, rule="nearest").occupancy
 
 
-def _corners_of_known(occupancy: Values) -> NDArray[np.int64]:
+def _corners_of_known(occupancy: Values) -> Integers:
     """Return corners of cells, shape (N, 2), whose hull contains all known cells."""
     height, width = occupancy.shape
     ends = []

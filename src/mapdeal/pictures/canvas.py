@@ -10,9 +10,10 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mapdeal.grid.frame import Frame, Region
+from mapdeal.kernels.arrays import Bytes
 from mapdeal.kernels.engine import check_room
 from mapdeal.kernels.lookup import histogram
 from mapdeal.pictures.colours import ColourBar, Colours, LayerStyle, Swatch
@@ -85,7 +86,7 @@ def capital_height(size: int) -> int:
 class Image:
     """A palette image: indices, shape (H, W), row 0 at the top, and colours, shape (256, 3)."""
 
-    indices: NDArray[np.uint8]
+    indices: Bytes
     palette: Colours
 
 
@@ -145,7 +146,7 @@ class Pen:
 
     def legend(
         self, x: int, y: int, height: int, bar: ColourBar | None, swatches: Sequence[Swatch]
-    ) -> list[tuple[tuple[int, int], NDArray[np.uint8]]]:
+    ) -> list[tuple[tuple[int, int], Bytes]]:
         boxes = []
         size = self.size
         if bar is not None:
@@ -222,7 +223,7 @@ _X_AXIS, _Y_AXIS = "x [m]", "y [m]"
 
 
 def sheet(
-    pixels: NDArray[np.uint8], colours: Colours, *, title: str, subtitle: str,
+    pixels: Bytes, colours: Colours, *, title: str, subtitle: str,
     metres_per_pixel: float, corner_xy: tuple[float, float] | None = None,
     bar: ColourBar | None = None, swatches: Sequence[Swatch] = (),
 ) -> Image:  # fmt: skip
@@ -269,7 +270,7 @@ def sheet(
 
 
 def on_sheet(
-    pixels: NDArray[np.uint8], style: LayerStyle, frame: Frame, raster: Raster, *, title: str,
+    pixels: Bytes, style: LayerStyle, frame: Frame, raster: Raster, *, title: str,
     swatches: Sequence[Swatch] | None = None, before: str = "", more: str = "",
     overlay: Overlay | None = None,
 ) -> Image:  # fmt: skip
@@ -294,7 +295,7 @@ def text_size_of(shape: tuple[int, ...]) -> int:
     return int(min(40, max(14, max(shape) / 55)))
 
 
-def swatches_in(pixels: NDArray[np.uint8], swatches: Sequence[Swatch]) -> list[Swatch]:
+def swatches_in(pixels: Bytes, swatches: Sequence[Swatch]) -> list[Swatch]:
     occurs = histogram(pixels) > 0
     return [swatch for swatch in swatches if occurs[swatch.index]]
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mapdeal.kernels.arrays import Bytes, Floats
 from mapdeal.kernels.rotations import inverse_matrices
 
 Colours = NDArray[np.uint8]
@@ -101,18 +102,18 @@ def interpolated(anchors: list[tuple[int, int, int]], levels: int) -> Colours:
     return np.rint(np.clip(rgb, 0, 1) * 255).astype(np.uint8)
 
 
-def _oklab_from_rgb(rgb: NDArray[np.float64]) -> NDArray[np.float64]:
+def _oklab_from_rgb(rgb: Floats) -> Floats:
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
     return _product(_LAB_FROM_LMS, np.cbrt(_product(_LMS_FROM_RGB, linear)))
 
 
-def _rgb_from_oklab(lab: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rgb_from_oklab(lab: Floats) -> Floats:
     lms = _product(inverse_matrices(_LAB_FROM_LMS), lab) ** 3
     linear = np.clip(_product(inverse_matrices(_LMS_FROM_RGB), lms), 0, None)
     return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
-def _product(matrix: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def _product(matrix: Floats, vectors: Floats) -> Floats:
     return np.asarray((vectors[:, np.newaxis] * matrix).sum(axis=-1))
 
 
@@ -146,9 +147,9 @@ class Scale:
     def factor(self) -> float:
         return self.levels / (self.high - self.low)
 
-    def indices(self, values: NDArray[np.floating]) -> NDArray[np.uint8]:
+    def indices(self, values: NDArray[np.floating]) -> Bytes:
         steps = (values - np.float32(self.low)) * np.float32(self.factor)
-        indices: NDArray[np.uint8] = np.clip(steps, 0, self.levels - 1).astype(np.uint8)
+        indices: Bytes = np.clip(steps, 0, self.levels - 1).astype(np.uint8)
         indices += np.uint8(self.first)
         return indices
 
@@ -158,7 +159,7 @@ class LayerStyle:
     """Mapping of a layer's values to colours, with its legend."""
 
     colours: Colours
-    by_value: NDArray[np.uint8] | None = None
+    by_value: Bytes | None = None
     scale: Scale | None = None
     swatches: tuple[Swatch, ...] = ()
     bar: ColourBar | None = None

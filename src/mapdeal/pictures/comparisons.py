@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED
+from mapdeal.kernels.arrays import Bytes
 from mapdeal.pictures import canvas, colours
 from mapdeal.pictures.canvas import Image, Pen
 from mapdeal.pictures.colours import ColourBar, LayerStyle, Swatch, interpolated, palette_of
@@ -24,7 +25,7 @@ _SMALL_SIDE = 1200  # pixels; enlarges small maps until single cells are visible
 
 
 def difference_image(
-    changes: NDArray[np.uint8], frame: Frame, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
+    changes: Bytes, frame: Frame, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "all", only_in: tuple[str, str] | None = None,
     style: LayerStyle | None = None, before: str = "",
 ) -> Image:  # fmt: skip
@@ -48,7 +49,7 @@ _ANY_CONFLICT = 3  # the only kind of conflict with more than two maps
 
 
 def merge_image(
-    grid: OccupancyGrid, conflicts: NDArray[np.uint8], *, names: Sequence[str],
+    grid: OccupancyGrid, conflicts: Bytes, *, names: Sequence[str],
     title: str | None = None, image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "known",
 ) -> Image:  # fmt: skip
@@ -107,8 +108,8 @@ _ROUNDING = 1e-9
 @dataclass(frozen=True, eq=False)
 class ScoredWalls:
     frame: Frame
-    estimate: NDArray[np.uint8]
-    truth: NDArray[np.uint8]
+    estimate: Bytes
+    truth: Bytes
     distances: NDArray[np.floating[Any]]
     missed: NDArray[np.floating[Any]]
 
@@ -139,7 +140,7 @@ def score_image(
     return _with_histogram(map_sheet, walls, canvas.text_size_of(pixels.shape))
 
 
-def codes_of(walls: ScoredWalls) -> NDArray[np.uint8]:
+def codes_of(walls: ScoredWalls) -> Bytes:
     known, true_known = walls.estimate != 0, walls.truth != 0
     codes = np.zeros(walls.frame.shape, dtype=np.uint8)
     codes[known & ~true_known] = KNOWN_BY_MAP
@@ -151,9 +152,9 @@ def codes_of(walls: ScoredWalls) -> NDArray[np.uint8]:
     return codes
 
 
-def _index_of(metres: NDArray[np.floating[Any]], top: float) -> NDArray[np.uint8]:
+def _index_of(metres: NDArray[np.floating[Any]], top: float) -> Bytes:
     steps = np.minimum(metres / top, 1.0) * (_LEVELS - 1)
-    indices: NDArray[np.uint8] = np.rint(steps).astype(np.uint8)
+    indices: Bytes = np.rint(steps).astype(np.uint8)
     indices += np.uint8(_FIRST_LEVEL)
     return indices
 

@@ -8,11 +8,12 @@ from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.frame import RADIUS_TOLERANCE
 from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE
+from mapdeal.kernels.arrays import Floats
 from mapdeal.pictures import canvas, colours
 from mapdeal.pictures.canvas import Image, Pen
 from mapdeal.pictures.overlay import Brush
@@ -168,7 +169,7 @@ class _Drawing:
         self.bottom = self.top + self.palette.lethal_cost * self.per_cost
         self.right = self.left_x + _WIDTH
 
-    def formula(self, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    def formula(self, count: int) -> tuple[Floats, Floats] | None:
         """Return `count` distances and their costs by the formula, if it can be drawn."""
         if self.curve.formula is None or self.curve.reach <= self.half:
             return None
@@ -199,10 +200,10 @@ class _Drawing:
         return pen.image(np.vstack([self.palette.colours, zones, [_TINT]]))
 
     @property
-    def _metres(self) -> NDArray[np.float64]:
+    def _metres(self) -> Floats:
         return (np.arange(_WIDTH) + 0.5) / _WIDTH * (self.end + self.half) - self.half
 
-    def _places(self, metres: ArrayLike, costs: ArrayLike) -> NDArray[np.float64]:
+    def _places(self, metres: ArrayLike, costs: ArrayLike) -> Floats:
         share = (np.asarray(metres) + self.half) / (self.end + self.half)
         rows = self.bottom - np.asarray(costs, dtype=np.float64) * self.per_cost
         return np.stack([self.left_x + _WIDTH * share, rows], axis=-1)
@@ -243,7 +244,7 @@ class _Drawing:
             brush.dot(place, canvas.WHITE, radius=_DOT + 1.2)
             brush.dot(place, canvas.BLACK, radius=_DOT)
 
-    def _draw_contour_dot(self, place: NDArray[np.float64]) -> None:
+    def _draw_contour_dot(self, place: Floats) -> None:
         brush = Brush(self.pen.sheet)
         brush.dot(place, canvas.BLACK, radius=8.0)
         brush.dot(place, self.palette.contour, radius=6.0)

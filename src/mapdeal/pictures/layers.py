@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import Any, NamedTuple, TypedDict, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.compatibility import Unpack
 from mapdeal.grid.costmap import Costmap
@@ -18,6 +17,7 @@ from mapdeal.grid.field import DistanceField, PotentialField
 from mapdeal.grid.filters import FilterInfo
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
+from mapdeal.kernels.arrays import Bytes, Floats, Mask
 from mapdeal.kernels.blocks import Layer, looked_up, swept
 from mapdeal.kernels.lookup import histogram, level_rows, look_up, set_where
 from mapdeal.pictures import colours as palette, overlay as overlays, styles
@@ -73,7 +73,7 @@ class Drawing(ABC):
         return self.image(title)
 
     def _on_sheet(
-        self, pixels: NDArray[np.uint8], style: LayerStyle, title: str, *, more: str = "",
+        self, pixels: Bytes, style: LayerStyle, title: str, *, more: str = "",
         swatches: Sequence[Swatch] | None = None,
     ) -> Image:  # fmt: skip
         return on_sheet(
@@ -90,7 +90,7 @@ class OccupancyDrawing(Drawing):
 
     def image(self, title: str) -> Image:
         style, values = styles.occupancy_style(), self._values.pixels
-        pixels = look_up(values, cast("NDArray[np.uint8]", style.by_value))
+        pixels = look_up(values, cast("Bytes", style.by_value))
         if not histogram(values)[1:OCCUPIED].any():  # black and white need no scale
             style = replace(style, bar=None)
         return self._on_sheet(self._raster.enlarged(pixels), style, title)
@@ -125,7 +125,7 @@ class FieldDrawing(Drawing):
         swatches = _field_swatches(style, pixels, faded)
         return self._on_sheet(pixels, style, title, more=more, swatches=swatches)
 
-    def _pixels(self, scale: Scale) -> tuple[NDArray[np.uint8], int | None]:
+    def _pixels(self, scale: Scale) -> tuple[Bytes, int | None]:
         # Palette: levels inside obstacles, levels outside, both again faded for unknown cells, the
         # outline of obstacles, and cells without a distance.
         obstacles, unknown = self._obstacles.pixels, self._unknown.pixels
@@ -153,9 +153,7 @@ def field_image(field: DistanceField, *, title: str, **options: Unpack[PictureOp
     return FieldDrawing(field, **options).draw(title)
 
 
-def _field_swatches(
-    style: LayerStyle, pixels: NDArray[np.uint8], faded: int | None
-) -> list[Swatch]:
+def _field_swatches(style: LayerStyle, pixels: Bytes, faded: int | None) -> list[Swatch]:
     swatches = []
     for swatch in style.swatches:
         index: int | None = swatch.index
@@ -184,7 +182,7 @@ class CostDrawing(Drawing):
     def image(self, title: str) -> Image:
         costmap, raster, ranks = self._grid, self._raster, self._ranks.pixels
         style = styles.cost_style(costmap)
-        pixels = look_up(ranks, np.roll(cast("NDArray[np.uint8]", style.by_value), 1))
+        pixels = look_up(ranks, np.roll(cast("Bytes", style.by_value), 1))
         pixels = raster.enlarged(pixels)
         if styles.bounds_circumscribed(costmap):
             above = raster.enlarged(ranks > costmap.circumscribed_cost)
@@ -247,9 +245,7 @@ def potential_image(
     )  # fmt: skip
 
 
-def _draw_isolines(
-    pixels: NDArray[np.uint8], lengths: NDArray[np.float64], raster: overlays.Raster
-) -> bool:  # fmt: skip
+def _draw_isolines(pixels: Bytes, lengths: Floats, raster: overlays.Raster) -> bool:
     bands = np.floor(lengths / styles.length_between_lines(lengths))
     bands = raster.enlarged(raster.smallest(np.where(np.isfinite(bands), bands, -1)))
     lines = np.zeros(bands.shape, np.bool_)
@@ -301,7 +297,7 @@ _MOST_LIMITS = 12  # colours of limits; further limits share them
 class _ColouredCells(NamedTuple):
     """The cells of a speed limit or of another filter, with their colour."""
 
-    cells: NDArray[np.bool_]
+    cells: Mask
     colour: palette.Colour
     label: str
 

@@ -19,6 +19,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame, Region, turned, xy_ahead
 from mapdeal.grid.reach import Route
 from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
+from mapdeal.kernels.arrays import Bytes, Floats, Mask
 from mapdeal.kernels.blocks import Layer, blocks_of, gathered, made_by_rows
 from mapdeal.kernels.distance import beside
 from mapdeal.kernels.lookup import histogram, pooled
@@ -124,7 +125,7 @@ class Pooling:
         for_rows(pool, (math.ceil(len(full_rows) / self._step), full_rows.shape[1]))
 
 
-def inner_outline(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def inner_outline(mask: Mask) -> Mask:
     """Return the pixels of `mask` with a straight neighbour outside of it."""
     return beside(~mask) & mask
 
@@ -137,7 +138,7 @@ _MOST_PIXELS = 1 << 24  # that are copied for drawing, unless one shape needs mo
 class Surface:
     """Palette indices of a map to draw on, row 0 in the south, with their frame."""
 
-    pixels: NDArray[np.uint8]
+    pixels: Bytes
     frame: Frame
     raster: Raster
 
@@ -145,7 +146,7 @@ class Surface:
     def side(self) -> int:
         return int(max(self.pixels.shape))
 
-    def places(self, points_xy: ArrayLike) -> NDArray[np.float64]:
+    def places(self, points_xy: ArrayLike) -> Floats:
         places = self.frame.continuous_rowcol_from_xy(points_xy)[:, ::-1]
         return places * (self.raster.enlarge / self.raster.reduce)
 
@@ -162,7 +163,7 @@ class Overlay(Protocol):
         return ""
 
     @property
-    def places_xy(self) -> NDArray[np.float64]:
+    def places_xy(self) -> Floats:
         """Points that the picture must show, shape (N, 2), metres in the map frame."""
         return np.empty((0, 2))
 
@@ -183,7 +184,7 @@ class Overlays(Overlay):
         return "; ".join(overlay.text for overlay in self.overlays if overlay.text)
 
     @property
-    def places_xy(self) -> NDArray[np.float64]:
+    def places_xy(self) -> Floats:
         return np.concatenate([np.reshape(overlay.places_xy, (-1, 2)) for overlay in self.overlays])
 
     def draw(self, on: Surface, first_index: int) -> list[Swatch]:
@@ -197,17 +198,14 @@ class Overlays(Overlay):
 class Brush:
     """Draws on pixels with row 0 in the south; coordinates are pixels, (column, row)."""
 
-    def __init__(self, pixels: NDArray[np.uint8]) -> None:
+    def __init__(self, pixels: Bytes) -> None:
         self._pixels = pixels
 
-    def polyline(self, points: NDArray[np.float64], index: int, *, thickness: int) -> None:
+    def polyline(self, points: Floats, index: int, *, thickness: int) -> None:
         if len(points) > 1:
             self._lines(np.stack([points[:-1], points[1:]], axis=1), points, index, thickness)
 
-    def segments(
-        self, starts: NDArray[np.float64], ends: NDArray[np.float64], index: int, *,
-        thickness: int,
-    ) -> None:  # fmt: skip
+    def segments(self, starts: Floats, ends: Floats, index: int, *, thickness: int) -> None:
         points = np.unique(np.concatenate([starts, ends]), axis=0)
         self._lines(np.stack([starts, ends], axis=1), points, index, thickness)
 
@@ -216,30 +214,24 @@ class Brush:
         if thickness > 2:
             self._draw(index, points[:, np.newaxis], radius=thickness / 2)
 
-    def dot(self, centre: NDArray[np.float64], index: int, *, radius: float) -> None:
+    def dot(self, centre: Floats, index: int, *, radius: float) -> None:
         self._draw(index, centre[np.newaxis, np.newaxis], radius=radius)
 
     def arrows(
-        self, centres: NDArray[np.float64], directions: NDArray[np.float64], index: int, *,
-        length: float, thickness: int,
-    ) -> None:  # fmt: skip
+        self, centres: Floats, directions: Floats, index: int, *, length: float, thickness: int
+    ) -> None:
         along, across = directions * length, _left_of(directions) * length
         tip, tail, neck = centres + along / 2, centres - along / 2, centres + along * 0.1
         self._draw(index, np.stack([tail, neck], axis=1), thickness=thickness)
         self._draw(index, np.stack([tip, neck + across * 0.22, neck - across * 0.22], axis=1))
 
-    def dart(
-        self, centre: NDArray[np.float64], direction: NDArray[np.float64], index: int, *,
-        length: float,
-    ) -> None:  # fmt: skip
+    def dart(self, centre: Floats, direction: Floats, index: int, *, length: float) -> None:
         along, across = direction * length, _left_of(direction) * length
         tip, notch = centre + along * 0.6, centre - along * 0.2
         left_wing, right_wing = (centre - along * 0.4 + side * across * 0.35 for side in (1, -1))
         self._draw(index, np.array([[tip, left_wing, notch, right_wing]]))
 
-    def _draw(
-        self, index: int, shapes: NDArray[np.float64], *, thickness: int = 0, radius: float = 0.0
-    ) -> None:
+    def _draw(self, index: int, shapes: Floats, *, thickness: int = 0, radius: float = 0.0) -> None:
         """Draw shapes with K points each, shape (N, K, 2): discs, lines, or filled polygons."""
         from PIL import Image, ImageDraw
 
@@ -271,15 +263,15 @@ class Brush:
         under[:] = np.asarray(image)
 
 
-def _edge(places: NDArray[np.float64]) -> NDArray[np.float64]:
+def _edge(places: Floats) -> Floats:
     return np.floor(places + 0.5)  # half a pixel always rounds up
 
 
-def _left_of(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+def _left_of(direction: Floats) -> Floats:
     return np.stack([-direction[..., 1], direction[..., 0]], axis=-1)
 
 
-def circle(radius: float, corners: int) -> NDArray[np.float64]:
+def circle(radius: float, corners: int) -> Floats:
     """Return a closed circle around (0, 0), shape (corners + 1, 2)."""
     turns = np.linspace(0, 2 * math.pi, corners + 1)
     return radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
@@ -287,7 +279,7 @@ def circle(radius: float, corners: int) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class RingOverlay:
-    places_xy: NDArray[np.float64]
+    places_xy: Floats
     label: str
     text: str
 
@@ -314,7 +306,7 @@ class PoseOverlay(Overlay):
         return f"robot at {x:.10g}, {y:.10g}, yaw {yaw:.4g}"
 
     @property
-    def places_xy(self) -> NDArray[np.float64]:
+    def places_xy(self) -> Floats:
         return np.array([self.pose[:2]])
 
     def draw(self, on: Surface, first_index: int) -> list[Swatch]:
@@ -343,7 +335,7 @@ class RouteOverlay(Overlay):
         return text if route.reached else f"stopped after {text}"
 
     @property
-    def places_xy(self) -> NDArray[np.float64]:
+    def places_xy(self) -> Floats:
         return np.concatenate([self.route.points_xy, [self.route.start, self.route.goal]])
 
     def draw(self, on: Surface, first_index: int) -> list[Swatch]:
@@ -366,7 +358,7 @@ class RouteOverlay(Overlay):
 class PlanOverlay(Overlay):
     """Paths of a planner from one start, goals without a path, and places that a change clears."""
 
-    paths_xy: Sequence[NDArray[np.float64]]
+    paths_xy: Sequence[Floats]
     start: tuple[float, float]
     goals: Sequence[tuple[float, float]]
     missed: Sequence[tuple[float, float]]
@@ -383,7 +375,7 @@ class PlanOverlay(Overlay):
         return f"{len(self.paths_xy)} of {len(self.goals) + len(self.missed)} goals have a path"
 
     @property
-    def places_xy(self) -> NDArray[np.float64]:
+    def places_xy(self) -> Floats:
         return np.concatenate([*self.paths_xy, [self.start, *self.goals, *self.missed]])
 
     def draw(self, on: Surface, first_index: int) -> list[Swatch]:
@@ -413,12 +405,12 @@ class PlanOverlay(Overlay):
 
 @dataclass(frozen=True)
 class TrajectoriesOverlay(Overlay):
-    lines_xy: Sequence[NDArray[np.float64]]
+    lines_xy: Sequence[Floats]
 
     colours = (palette.ROUTE,)
 
     @property
-    def places_xy(self) -> NDArray[np.float64]:
+    def places_xy(self) -> Floats:
         return np.concatenate(self.lines_xy)
 
     def draw(self, on: Surface, first_index: int) -> list[Swatch]:
@@ -432,12 +424,12 @@ class StepsOverlay(Overlay):
     """The routes planned at each pose of a path to a goal, and the path through all poses."""
 
     routes: Sequence[Route]
-    driven_xy: NDArray[np.float64]
+    driven_xy: Floats
 
     colours = (palette.ROUTE, palette.ROBOT, palette.START, palette.GOAL)
 
     @property
-    def places_xy(self) -> NDArray[np.float64]:
+    def places_xy(self) -> Floats:
         return np.concatenate([self.driven_xy, *(route.points_xy for route in self.routes)])
 
     def draw(self, on: Surface, first_index: int) -> list[Swatch]:
@@ -456,9 +448,7 @@ _EDGE_DISTANCE = 10  # pixels between the shape and the edges
 _LEAST_SIZE, _LARGEST_SHARE = 4, 0.4  # pixels of a drawn shape, and of the picture's sides
 
 
-def outline_of(
-    robot: Footprint, pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
-) -> NDArray[np.float64]:
+def outline_of(robot: Footprint, pose: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Floats:
     """Return the closed outline of a robot at a pose, shape (N, 2), in the frame of the pose."""
     closed = [*robot.vertices, *robot.vertices[:1]]
     corners = np.array(closed) if closed else circle(robot.radius, 48)
@@ -507,7 +497,7 @@ class KeepoutOverlay(Overlay):
         """Create the overlay from the costs without and with a mask."""
         lethal = LETHAL_OBSTACLE if after.scale == "costmap2d" else OCCUPIED
 
-        def closed(rows: slice) -> NDArray[np.bool_]:
+        def closed(rows: slice) -> Mask:
             return np.asarray((after.cost[rows] == lethal) & (before.cost[rows] != lethal))
 
         return cls(made_by_rows(after.cost, bool, closed))
@@ -526,7 +516,7 @@ DEFAULT_EXTENT: ImageExtent = "known"
 
 _MARGIN, _LEAST_MARGIN = 0.05, 10  # around the known cells: share of their longer side, and cells
 _LARGEST_CROP = 0.95  # largest share of a side of the map to which a picture is cut
-IsKnown = Callable[[NDArray[Any]], NDArray[np.bool_]]
+IsKnown = Callable[[NDArray[Any]], Mask]
 
 
 @dataclass(frozen=True)
@@ -535,7 +525,7 @@ class OtherThan:
 
     value: int
 
-    def __call__(self, values: NDArray[Any]) -> NDArray[np.bool_]:
+    def __call__(self, values: NDArray[Any]) -> Mask:
         return np.asarray(values != self.value)
 
 
@@ -548,7 +538,7 @@ class KnownLines:
 
     is_known: IsKnown
 
-    def __call__(self, values: NDArray[Any]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def __call__(self, values: NDArray[Any]) -> tuple[Mask, Mask]:
         known = self.is_known(values)
         return np.asarray(known.any(axis=1)), np.asarray(known.any(axis=0))
 

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.grid.reach import GoalReach, Passage, Reach
 from mapdeal.grid.route_graph import RouteGraph
 from mapdeal.grid.values import count_text
+from mapdeal.kernels.arrays import Bytes, Floats
 from mapdeal.pictures import canvas, overlay as overlays, styles
 from mapdeal.pictures.colours import GOAL, MINIMUM, ROUTE, RVIZ_FREE, Colour, Swatch
 
@@ -24,14 +24,14 @@ Box = tuple[int, int, int, int]  # first column and row, and those after the las
 class Captions:
     """Writer of texts on the pixels of a map, in boxes that do not overlap."""
 
-    def __init__(self, pixels: NDArray[np.uint8], size: int) -> None:
+    def __init__(self, pixels: Bytes, size: int) -> None:
         self._pixels = pixels
         self._size = size
         self._occupied = np.zeros_like(pixels)
         self.kept_free = overlays.Brush(self._occupied)  # marks pixels for which texts make room
 
     def write(
-        self, text: str, place: NDArray[np.float64], index: int, *, away: float,
+        self, text: str, place: Floats, index: int, *, away: float,
         towards: Sequence[float] = (1.0, 0.0),
     ) -> bool:  # fmt: skip
         letters = self._letters(text)
@@ -49,7 +49,7 @@ class Captions:
         self._occupied[bottom:top, left_x:right] = 1
         return True
 
-    def _letters(self, text: str) -> NDArray[np.uint8]:
+    def _letters(self, text: str) -> Bytes:
         pad = max(2, self._size // 5)
         capitals = canvas.capital_height(self._size)
         pen = canvas.Pen(self._size)
@@ -61,9 +61,8 @@ class Captions:
         return pen.sheet
 
     def _free_box(
-        self, place: NDArray[np.float64], width: int, height: int, away: float,
-        towards: Sequence[float],
-    ) -> tuple[Box, int] | None:  # fmt: skip
+        self, place: Floats, width: int, height: int, away: float, towards: Sequence[float]
+    ) -> tuple[Box, int] | None:
         first = math.atan2(towards[1], towards[0])
         turns = [(k + 1) // 2 * (-1) ** k for k in range(_DIRECTIONS)]  # alternating sides
         angles = [first + 2 * math.pi * turn / _DIRECTIONS for turn in turns]
@@ -156,7 +155,7 @@ class _Marks:
         ]
         return swatches + [Swatch(index, label) for is_there, index, label in legend if is_there]
 
-    def _place(self, point: Sequence[float]) -> NDArray[np.float64]:
+    def _place(self, point: Sequence[float]) -> Floats:
         return np.asarray(self._on.places([point])[0])
 
     def _bars(self, passages: Sequence[Passage]) -> None:
@@ -185,7 +184,7 @@ class _Marks:
         text, away = f"{100 * passage.width:.0f} cm", 2 * self._thickness + 2
         self._captions.write(text, ends.mean(axis=0), index, away=away, towards=towards)
 
-    def _ringed_dot(self, place: NDArray[np.float64], index: int) -> None:
+    def _ringed_dot(self, place: Floats, index: int) -> None:
         self._brush.dot(place, canvas.WHITE, radius=self._dot + 2)
         self._brush.dot(place, index, radius=self._dot)
         self._captions.kept_free.dot(place, 1, radius=self._dot + 3)
@@ -241,7 +240,7 @@ class GraphOverlay(overlays.Overlay):
         return f"{nodes}, {edges}"
 
     @property
-    def places_xy(self) -> NDArray[np.float64]:
+    def places_xy(self) -> Floats:
         return self.graph.points_xy
 
     def draw(self, on: overlays.Surface, first_index: int) -> list[Swatch]:
@@ -277,7 +276,7 @@ class GraphOverlay(overlays.Overlay):
         return [Swatch(index, label) for is_there, index, label in legend if is_there]
 
     def _draw_arrows(
-        self, brush: overlays.Brush, places: NDArray[np.float64], index: int, *, length: float
+        self, brush: overlays.Brush, places: Floats, index: int, *, length: float
     ) -> None:
         arcs = {(start, end) for start, end in self.graph.ends.tolist()}
         single_arcs = [ends for ends in arcs if ends[::-1] not in arcs]

@@ -9,12 +9,12 @@ from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.grid import values
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField, PotentialField
 from mapdeal.grid.reach import Reach
+from mapdeal.kernels.arrays import Bytes, Floats, Mask
 from mapdeal.kernels.blocks import blocks_of
 from mapdeal.kernels.components import labelled
 from mapdeal.kernels.lookup import histogram
@@ -28,7 +28,7 @@ COST_LEVELS = 200  # colours of graded costs, the first of a palette
 
 @dataclass(frozen=True, eq=False)
 class CostPalette:
-    by_value: NDArray[np.uint8]
+    by_value: Bytes
     colours: Colours
     highest_graded: int
     lethal_cost: int
@@ -137,7 +137,7 @@ def potential_style(field: PotentialField) -> LayerStyle:
     )  # fmt: skip
 
 
-def length_between_lines(lengths: NDArray[np.float64]) -> float:
+def length_between_lines(lengths: Floats) -> float:
     """Return a round distance between lines, about a twentieth of the longest finite length."""
     longest = float(lengths.max(where=np.isfinite(lengths), initial=0.0))
     return round_length(longest / _ABOUT_LINES) if longest > 0 else 1.0
@@ -172,9 +172,8 @@ _KINDS_OF_COST_CHANGES = (
 
 
 def cost_change_codes(
-    first: NDArray[np.uint8], second: NDArray[np.uint8], is_common: NDArray[np.bool_],
-    masks: Mapping[Any, NDArray[np.bool_]],
-) -> NDArray[np.uint8]:  # fmt: skip
+    first: Bytes, second: Bytes, is_common: Mask, masks: Mapping[Any, Mask]
+) -> Bytes:
     """Return the palette index of each cell of two costmaps; a larger change has a larger one."""
     rise = second.astype(np.int16) - first
     levels = (np.abs(rise) - 1) * _CHANGE_LEVELS // _LARGEST_CHANGE
@@ -232,7 +231,7 @@ def _style_of_kinds(kinds: Sequence[tuple[str, Colour]]) -> LayerStyle:
     )  # fmt: skip
 
 
-def _codes_below(count: int) -> NDArray[np.uint8]:
+def _codes_below(count: int) -> Bytes:
     """Return each byte below a count as its own palette index, and 0 for all others."""
     return np.where(np.arange(256) < count, np.arange(256), 0).astype(np.uint8)
 
@@ -402,7 +401,7 @@ _COLOURS = [
 ]  # fmt: skip
 
 
-def reach_codes(reach: Reach) -> tuple[NDArray[np.uint8], LayerStyle]:
+def reach_codes(reach: Reach) -> tuple[Bytes, LayerStyle]:
     codes = _codes(reach)
     areas = _colour_areas(codes)
     counts = histogram(codes)
@@ -421,7 +420,7 @@ def area_text(area: float) -> str:
     return f"{area:.3g} m2" if area < 999.5 else f"{area:.0f} m2"
 
 
-def _codes(reach: Reach) -> NDArray[np.uint8]:
+def _codes(reach: Reach) -> Bytes:
     code_of_byte = np.full(256, _NARROW, dtype=np.uint8)
     code_of_byte[values.OCCUPIED], code_of_byte[values.UNKNOWN] = _OBSTACLE, _UNKNOWN
     codes = np.empty(reach.shape, dtype=np.uint8)
@@ -442,7 +441,7 @@ def _codes(reach: Reach) -> NDArray[np.uint8]:
     return codes
 
 
-def _colour_areas(codes: NDArray[np.uint8]) -> int:
+def _colour_areas(codes: Bytes) -> int:
     """Assign codes to the largest cut-off areas, in place; return their number."""
     counts = histogram(codes)
     if not counts[_CUT_OFF]:

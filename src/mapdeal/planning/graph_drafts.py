@@ -19,7 +19,7 @@ from mapdeal.grid.reach import Reach, reach_radius
 from mapdeal.grid.reaching import Ground, squares_to
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode, Sweeps, closed_costs
 from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, NO_INFORMATION, OCCUPIED, UNKNOWN
-from mapdeal.kernels.arrays import Mask
+from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.components import joined
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.skeleton import STRAIGHT, far_from, flat_cells, largest_of_blocks
@@ -150,7 +150,7 @@ class Draft:
     gone: set[int] = field(default_factory=set)  # removed nodes
     share: float = SHARE
     lanes: list[tuple[int, int]] = field(default_factory=list)  # directed edges
-    missing: NDArray[np.bool_] = field(init=False)  # reached cells far from all nodes
+    missing: Mask = field(init=False)  # reached cells far from all nodes
 
     def __post_init__(self) -> None:
         sweeps = self.area.sweeps
@@ -191,7 +191,7 @@ class Draft:
     def at(self, indices: Iterable[int]) -> Places:
         return np.array([self.places[index] for index in indices]).reshape(-1, 2)
 
-    def clearance_at(self, cells: Cells) -> NDArray[np.float64]:
+    def clearance_at(self, cells: Cells) -> Floats:
         squares = np.maximum(self.squares[cells[:, 0], cells[:, 1]], 0)
         return np.asarray(np.sqrt(squares), dtype=np.float64)
 
@@ -235,7 +235,7 @@ class Draft:
     def cells_of(self, nodes: Sequence[int], step: int = 1) -> Cells:
         return flat_cells(self.at(nodes), self.is_open.shape, step)
 
-    def uncovered(self, nodes: Sequence[int], step: int = 1) -> NDArray[np.bool_]:
+    def uncovered(self, nodes: Sequence[int], step: int = 1) -> Mask:
         """Return the reached cells, or blocks of cells, farther than `cover` from all the nodes."""
         is_open = self.is_open if step == 1 else self.coarse >= 0
         return far_from(is_open, self.at(nodes) / step, self.limit // step)
@@ -293,7 +293,7 @@ class Draft:
             from_unknown=float(from_unknown.min(initial=math.inf)) * self.cell,
         )
 
-    def _numbered_ends(self, order: NDArray[np.int64]) -> tuple[NDArray[np.int64], Mask]:
+    def _numbered_ends(self, order: Integers) -> tuple[Integers, Mask]:
         """Return the node numbers of edges and lanes, sorted, and which of them lead back."""
         number_of = np.zeros(len(self.places), dtype=np.int64)
         number_of[order] = np.arange(1, len(order) + 1)
@@ -319,8 +319,8 @@ class Draft:
         return tuple(edges)
 
     def _distances_of_lines(
-        self, starts: Places, ends: Places, least: NDArray[np.float64]
-    ) -> tuple[Mask, NDArray[np.float64]]:
+        self, starts: Places, ends: Places, least: Floats
+    ) -> tuple[Mask, Floats]:
         """Return on which lines a round robot touches obstacles, and distances to unknown cells."""
         # Lines that are certainly far from both have an infinite distance.
         radius = self.area.radius

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels.arrays import Floats, Integers, Mask
+
 Place = tuple[float, float]  # continuous row and column
 Places = NDArray[np.float64]
 
@@ -30,8 +32,8 @@ class _Candidate(NamedTuple):
 
 def lattices_in(
     points: Places, halls: NDArray[np.integer[Any]], direction: float, spacing: float, step: float,
-    is_usable: Callable[[Places], NDArray[np.bool_]],
-) -> tuple[list[Place], NDArray[np.int64]]:  # fmt: skip
+    is_usable: Callable[[Places], Mask],
+) -> tuple[list[Place], Integers]:  # fmt: skip
     """Return places in the halls of some points, and the pairs of neighbours in one hall."""
     cos, sin = math.cos(direction), math.sin(direction)
     axes = np.array([[sin, cos], [cos, -sin]])  # both directions, as steps in rows and columns
@@ -53,9 +55,8 @@ def lattices_in(
 
 
 def _lattice_in(
-    hall: Places, axes: Places, spacing: float, step: float,
-    is_usable: Callable[[Places], NDArray[np.bool_]],
-) -> list[Place]:  # fmt: skip
+    hall: Places, axes: Places, spacing: float, step: float, is_usable: Callable[[Places], Mask]
+) -> list[Place]:
     # Parts that are wide in both directions share one lattice for the hall, so that a pillar only
     # removes places. Parts that are narrow in one direction, such as aisles, are divided evenly.
     along_axes = (hall[:, 0] * axis[0] + hall[:, 1] * axis[1] for axis in axes)
@@ -101,7 +102,7 @@ def _select_places(candidates: Sequence[_Candidate], axes: Places, spacing: floa
     return selected
 
 
-def _ticks(low: float, high: float, spacing: float) -> NDArray[np.float64]:
+def _ticks(low: float, high: float, spacing: float) -> Floats:
     """Return evenly spaced numbers, centred between two limits."""
     count = int((high - low) / spacing) + 1
     first = (low + high - (count - 1) * spacing) / 2

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.reaching import nearest_marked
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE
+from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.components import labelled
 from mapdeal.kernels.distance import dilate_square, squared_distance
 from mapdeal.kernels.paths import cheapest_path
@@ -123,7 +124,7 @@ class _CompleteDraft(graph_drafts.Draft):
         for (start, end), clearance in zip(clear_pairs, clearances, strict=True):
             self.add_edge(start, end, clearance)
 
-    def _is_usable(self, places: graph_drafts.Places, margin: float) -> NDArray[np.bool_]:
+    def _is_usable(self, places: graph_drafts.Places, margin: float) -> Mask:
         """Return which places lie in a hall with at least a margin of clearance."""
         cells = np.floor(places).astype(np.int64)
         is_usable = np.asarray(((cells >= 0) & (cells < self.is_open.shape)).all(axis=1))
@@ -264,7 +265,7 @@ class _CompleteDraft(graph_drafts.Draft):
         yield piece._replace(last=cut, end=middle)
         yield piece._replace(first=cut, start=middle)
 
-    def _doors(self, clearances: NDArray[np.float64], path: _Path) -> Iterator[int]:
+    def _doors(self, clearances: Floats, path: _Path) -> Iterator[int]:
         """Yield the indices of narrow places of a path."""
         widest = _WIDEST_DOOR / 2 / self.cell
         waiting = [(0, len(clearances))]
@@ -621,7 +622,7 @@ class _CompleteDraft(graph_drafts.Draft):
         return np.zeros((0, 2)), False
 
     @cached_property
-    def _pieces(self) -> tuple[NDArray[Any], NDArray[np.float64]]:
+    def _pieces(self) -> tuple[NDArray[Any], Floats]:
         """Return labels of pieces of walls up to four cells apart, and their extents in metres."""
         from scipy import ndimage
 
@@ -782,7 +783,7 @@ class _Piece(NamedTuple):
     """A part of a path between two nodes."""
 
     places: graph_drafts.Places
-    clearances: NDArray[np.float64]
+    clearances: Floats
     first: int
     start: int
     last: int

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap, travel_weights
@@ -18,6 +17,7 @@ from mapdeal.grid.reach import Route
 from mapdeal.grid.reaching import Cell, cell_of_point, nearest_open_text
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph
 from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED
+from mapdeal.kernels.arrays import Floats
 from mapdeal.kernels.distance import signed_distance
 from mapdeal.kernels.eikonal import Place, is_line_clear, lengths_to, weighted_lengths_to
 from mapdeal.kernels.paths import cheapest_path
@@ -40,9 +40,9 @@ class Terrain:
     """A costmap as routes see it."""
 
     costmap: Costmap
-    weights: NDArray[np.float64]
+    weights: Floats
     field: DistanceField
-    weights_by_cost: NDArray[np.float64]
+    weights_by_cost: Floats
 
     @classmethod
     def of(
@@ -65,7 +65,7 @@ class Terrain:
         terrain = cls(costmap, by_cost[costmap.cost.view(np.uint8)], field, by_cost)
         return replace(terrain, weights=terrain.weights_near_obstacles(field_weight))
 
-    def weights_near_obstacles(self, field_weight: float) -> NDArray[np.float64]:
+    def weights_near_obstacles(self, field_weight: float) -> Floats:
         if check_factor("field_weight", field_weight) == 0:
             return self.weights
         weights = self.nearness()
@@ -74,13 +74,13 @@ class Terrain:
         weights[self.weights <= 0] = 0
         return weights
 
-    def nearness(self) -> NDArray[np.float64]:
+    def nearness(self) -> Floats:
         """Return how near each cell is to an obstacle, shape (H, W): 1 at it, 0 from 2 m on."""
-        near: NDArray[np.float64] = self.field.distance / np.float64(FIELD_RANGE)
+        near: Floats = self.field.distance / np.float64(FIELD_RANGE)
         np.clip(near, 0, 1, out=near)
         return np.subtract(1, near, out=near)
 
-    def costs_to(self, point: Point, *, by_length: bool) -> NDArray[np.float64]:
+    def costs_to(self, point: Point, *, by_length: bool) -> Floats:
         place = self.costmap.frame.place_in_cell(point)
         if place is None:
             return np.full(self.weights.shape, math.inf)
@@ -109,7 +109,7 @@ class Terrain:
             raise ParameterError(rule, place=name, got=point, hint=hint)
         return cell
 
-    def measure_route(self, points_xy: NDArray[np.float64]) -> dict[str, Any]:
+    def measure_route(self, points_xy: Floats) -> dict[str, Any]:
         """Return the length, cost and clearances of a route by their names in `Route`."""
         pieces = np.hypot(*np.diff(points_xy, axis=0).T)
         cells = self.costmap.frame.clamped_rowcol_from_xy(points_xy)[1:]
@@ -122,7 +122,7 @@ class Terrain:
         least = float(clearances.min())
         return {"length": length, "cost": cost, "min_clearance": least, "mean_clearance": mean}
 
-    def clearances_of(self, points_xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    def clearances_of(self, points_xy: Floats) -> Floats:
         """Return the distances of points in open cells to the nearest centre of a lethal cell."""
         # Exact, metres, shape (N,); +inf if there is no lethal cell. At cell centres the distance
         # field is exact; elsewhere it bounds the search radius.
@@ -149,9 +149,7 @@ def check_factor(name: str, value: float) -> float:
     return value
 
 
-def surcharges_near_obstacles(
-    terrain: Terrain, heuristic_weight: float
-) -> NDArray[np.float64] | None:  # fmt: skip
+def surcharges_near_obstacles(terrain: Terrain, heuristic_weight: float) -> Floats | None:
     # The unit is that of the search: cells of length and weight 1.
     if check_factor("heuristic_weight", heuristic_weight) == 0:
         return None
@@ -165,8 +163,8 @@ def route_over(
     start: Point,
     goal: Point,
     *,
-    weights: NDArray[np.float64] | None = None,
-    surcharges: NDArray[np.float64] | None = None,
+    weights: Floats | None = None,
+    surcharges: Floats | None = None,
 ) -> Route:
     first = terrain.open_cell_of(start, "start")
     last = terrain.open_cell_of(goal, "goal")
@@ -195,9 +193,7 @@ _STEPS_PER_CELL_OF_SIDE = 20
 """Limits the number of steps: a path of ten times the length of both sides of the map."""
 
 
-def descend_on(
-    terrain: Terrain, surface: NDArray[np.float64], start: Point, goal: Point
-) -> Route:  # fmt: skip
+def descend_on(terrain: Terrain, surface: Floats, start: Point, goal: Point) -> Route:
     """Follow the negative gradient of a surface over the centres of cells to a goal.
 
     Steps are half a cell long, or shorter where the surface, interpolated between the centres of
@@ -222,7 +218,7 @@ def descend_on(
 class _Slope:
     """Surface over the centres of cells, in cells, and the steps allowed on it."""
 
-    def __init__(self, surface: NDArray[np.float64], terrain: Terrain) -> None:
+    def __init__(self, surface: Floats, terrain: Terrain) -> None:
         self._height, self._width = surface.shape
         self._values = surface.reshape(-1).data
         self._terrain = terrain
@@ -343,15 +339,13 @@ def _nearest_nodes(terrain: Terrain, graph: RouteGraph, point: Point) -> list[in
     return sorted(nearest, key=lambda node: not _is_visible(terrain, point, graph.points_xy[node]))
 
 
-def _is_visible(terrain: Terrain, point: Point, node: NDArray[np.float64]) -> bool:
+def _is_visible(terrain: Terrain, point: Point, node: Floats) -> bool:
     ends = np.array([point, node])
     places, inside = terrain.costmap.frame.bounded_continuous_rowcol_from_xy(ends)
     return bool(inside.all()) and terrain.is_clear(*map(tuple, places.tolist()))
 
 
-def _path_to(
-    terrain: Terrain, point: Point, graph: RouteGraph, node: int
-) -> NDArray[np.float64] | None:
+def _path_to(terrain: Terrain, point: Point, graph: RouteGraph, node: int) -> Floats | None:
     end = graph.points_xy[node]
     if _is_visible(terrain, point, end):
         return np.array([point])

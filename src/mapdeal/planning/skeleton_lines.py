@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels.arrays import Mask
 from mapdeal.kernels.distance import dilate_square
 
 Cells = NDArray[np.int64]
@@ -30,9 +31,7 @@ class Tracing:
     # Nodes and cells are indices into `cells`, which are blocks of `step` x `step` cells of a
     # map; `mouths` are ends at which a hall begins. Squares of closed cells are negative.
 
-    def __init__(
-        self, squares: NDArray[Any], step: int, lines: NDArray[np.bool_], halls: NDArray[np.bool_]
-    ) -> None:
+    def __init__(self, squares: NDArray[Any], step: int, lines: Mask, halls: Mask) -> None:
         self.cells = np.argwhere(lines)
         self.fine = _best_in_blocks(squares, step, self.cells)
         clearances = np.sqrt(squares[self.fine[:, 0], self.fine[:, 1]])
@@ -49,7 +48,7 @@ class Tracing:
             self.mouths = set(np.flatnonzero(at_hall).tolist())
         self._trace()
 
-    def _adjacent(self, lines: NDArray[np.bool_]) -> list[list[int]]:
+    def _adjacent(self, lines: Mask) -> list[list[int]]:
         """Return the neighbours of each cell; diagonal ones only without straight steps."""
         height, width = lines.shape
         index = np.full((height + 2, width + 2), -1)

@@ -7,11 +7,10 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.route_graph import RouteGraph
-from mapdeal.kernels.arrays import Floats, Integers
+from mapdeal.kernels.arrays import Floats, Integers, Mask
 
 _STEP = 0.02  # metres between places at which headings are computed
 _AHEAD = 0.25  # metres before and behind the robot; its heading is the direction between both
@@ -24,7 +23,7 @@ class Tour(NamedTuple):
     """A closed line of points, shape (N, 2), and which of them are viewpoints."""
 
     points_xy: Floats
-    is_viewpoint: NDArray[np.bool_]
+    is_viewpoint: Mask
 
 
 def tour_of(graph: RouteGraph, in_sight: Sequence[Integers], cells: int) -> Tour:
@@ -77,9 +76,8 @@ def _shorten_tour(order: Integers, lengths: Floats) -> Integers:
 
 
 def driven(
-    points_xy: Floats, is_viewpoint: NDArray[np.bool_], *, speed: float, rate: float,
-    turn: float = 0.0,
-) -> Floats:  # fmt: skip
+    points_xy: Floats, is_viewpoint: Mask, *, speed: float, rate: float, turn: float = 0.0
+) -> Floats:
     """Return poses, shape (N, 3), of a robot that follows a line and turns at viewpoints."""
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(points_xy, axis=0).T)))
     places = np.linspace(0.0, along[-1], int(np.ceil(along[-1] / _STEP)) + 1)
