@@ -15,6 +15,7 @@ import numpy as np
 
 from mapdeal.checks.facts import FilterFacts, MaskFacts, check
 from mapdeal.checks.findings import Remark, places_of
+from mapdeal.compare.difference import middle_xy
 from mapdeal.grid.filters import limits_in
 from mapdeal.grid.frame import Frame, Point
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, count_text, decimal_text
@@ -217,8 +218,8 @@ def closes(facts: MaskFacts) -> Iterator[Remark]:
             break
         cells = parts.cells == number
         blocking = _blocking(facts, zones, cells, reachable, kept_reachable)
-        places = [_middle(facts.grid.frame, zones.cells == zone) for zone in blocking]
-        x, y = _middle(facts.grid.frame, cells)
+        places = [middle_xy(facts.grid.frame, np.argwhere(zones.cells == z)) for z in blocking]
+        x, y = middle_xy(facts.grid.frame, np.argwhere(cells))
         zone_texts = (f"{facts.name_of(xy) or 'the zone'} at {_text_of(xy)}" for xy in places[:3])
         zones_text = " and ".join(zone_texts) + (" cuts" if len(places) == 1 else " together cut")
         text = f"{zones_text} off {decimal_text(areas[number])} m2 around {_text_of((x, y))}; "
@@ -241,19 +242,12 @@ def _blocking(
     return neighbours
 
 
-def _middle(frame: Frame, cells: Mask) -> tuple[float, float]:
-    cells_rowcol = np.argwhere(cells)
-    off = np.square(cells_rowcol - cells_rowcol.mean(axis=0)).sum(axis=1)
-    x, y = frame.xy_from_rowcol([cells_rowcol[int(off.argmin())]])[0].tolist()
-    return x, y
-
-
 def _text_of(xy: tuple[float, float]) -> str:
     return ",".join(f"{round(v, 3) + 0.0:g}" for v in xy)
 
 
 def _places(frame: Frame, cells: Mask) -> tuple[Point, ...]:
-    return places_of([_middle(frame, cells)])
+    return places_of([middle_xy(frame, np.argwhere(cells))])
 
 
 @check("params.filter-topic", "warning")

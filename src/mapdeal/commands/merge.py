@@ -291,7 +291,7 @@ def merge(
         claim(sources[0].name, needed, what=size)
     parts = merging.merged_on(lattice, grids, frames, rule, layers, same_wall)
     from_first = tuple(transform or Transform() for transform in placed)
-    merged = Merged(**vars(parts), inputs=tuple(sources), rule=rule, transforms=from_first)
+    merged = Merged(**parts, inputs=tuple(sources), rule=rule, transforms=from_first)
     advice = _warn_of_frames(sources) if transforms is None else ""
     for text in _remarks_on(merged, [not layer for layer in layers], advice):
         emit_warning(text)

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,8 +60,7 @@ def yaws_by_walls(first: WallMap, second: WallMap) -> Floats:
     correlation = np.fft.irfft(np.conj(spectra[0]) * spectra[1], _DIRECTIONS)
     before, after = np.roll(correlation, 1), np.roll(correlation, -1)
     smooth = (before + 2 * correlation + after) / 4
-    is_peak = (smooth >= np.roll(smooth, 1)) & (smooth > np.roll(smooth, -1))
-    peaks = np.flatnonzero(is_peak)
+    peaks = np.flatnonzero((smooth >= np.roll(smooth, 1)) & (smooth > np.roll(smooth, -1)))
     peaks = peaks[np.argsort(-smooth[peaks], kind="stable")][:_MOST_PEAKS]
     # each place of a peak is that of the vertex of a parabola through its neighbours
     before, at, after = (smooth[(peaks + step) % _DIRECTIONS] for step in (-1, 0, 1))
@@ -75,9 +75,8 @@ def _spectrum(walls: WallMap, width: float) -> Floats:
     angles = np.arange(_DIRECTIONS, dtype=np.float64) * (math.pi / _DIRECTIONS)
     faces = walls.some_faces(_MOST_COUNTED)[0].astype(np.float64)
     spectrum = hough_spectrum(faces, angles, width)
-    above: Floats = np.maximum(spectrum - np.median(spectrum), 0)
-    above -= above.mean()
-    return above
+    above = np.maximum(spectrum - np.median(spectrum), 0)
+    return np.asarray(above - above.mean())
 
 
 _SCORINGS = ((0.5, 0.12), (2.0, 0.05))
@@ -171,8 +170,7 @@ class _Correlation:
         base = half - turned(self._middle[np.newaxis], yaw)[0]
         tables = []
         for for_walls, for_free in self._spectra:
-            product = spectra[0] * for_walls + spectra[1] * for_free
-            scores = np.fft.irfft2(product, s=self._shape)
+            scores = np.fft.irfft2(spectra[0] * for_walls + spectra[1] * for_free, s=self._shape)
             if area is not None:
                 scores = np.where(self._is_inside(yaw, base, area), scores, -np.inf)
             row, col, best = _best_of_blocks(scores, most)
@@ -192,13 +190,16 @@ class _Correlation:
         unshifted = moved(np.array([[yaw, *base]]), self._middle[None])[0, 0]
         row, col = np.indices(self._shape).reshape(2, -1)
         offset = self._wrapped(row, col) * self.cell + (unshifted - expected)
-        is_inside: Mask = np.hypot(offset[:, 0], offset[:, 1]) <= area.radius + self.cell
-        return is_inside.reshape(self._shape)
+        return np.asarray(np.hypot(*offset.T) <= area.radius + self.cell).reshape(self._shape)
 
     def _points(self, walls: WallMap) -> Iterator[tuple[Floats, Floats | float]]:
         """Yield the points of walls with their weights, then those of free space."""
         yield walls.faces_xy, walls.resolution / self.cell
-        yield _free_blocks(walls, self.cell)
+        # blocks of at most half a cell leave no gaps when they are turned
+        factor = max(1, int(self.cell / 2 / walls.resolution))
+        counts = pooled(walls.free, factor)
+        centres = (np.argwhere(counts)[:, ::-1] + 0.5) * (factor * walls.resolution)
+        yield centres, counts[counts > 0] * (walls.resolution / self.cell) ** 2
 
     def _splat(self, places: Floats, weights: Floats | float) -> Floats:
         col, row = places.astype(np.int32).T
@@ -211,15 +212,6 @@ class _Correlation:
 def _fft_of(cells: Floats) -> NDArray[np.complexfloating[Any, Any]]:
     # Without norm="ortho" numpy computes in double precision, which takes four times as long.
     return np.fft.rfft2(cells, norm="ortho")
-
-
-def _free_blocks(walls: WallMap, cell: float) -> tuple[Floats, Floats]:
-    # blocks of at most half a cell leave no gaps when they are turned
-    factor = max(1, int(cell / 2 / walls.resolution))
-    counts = pooled(walls.free, factor)
-    cells = np.argwhere(counts)
-    centres = (cells[:, ::-1] + 0.5) * (factor * walls.resolution)
-    return centres, counts[counts > 0] * (walls.resolution / cell) ** 2
 
 
 def _best_of_blocks(
@@ -243,24 +235,26 @@ def _distinct(poses: Poses, middle_xy: Floats, distance: float, most: int) -> li
     middles = moved(poses, middle_xy[None])[:, 0]
     while len(poses) and len(distinct) < most:
         distinct.append(poses[0])
-        offset = middles - middles[0]
-        is_apart = np.hypot(offset[:, 0], offset[:, 1]) >= distance
+        is_apart = np.hypot(*(middles - middles[0]).T) >= distance
         is_apart |= _turns(poses[:, 0] - poses[0, 0]) >= _SAME_TURN
         poses, middles = poses[is_apart], middles[is_apart]
     return distinct
 
 
 def _turns(angles: Floats) -> NDArray[np.float64]:
-    turns: NDArray[np.float64] = np.abs(np.mod(angles + math.pi, 2 * math.pi) - math.pi)
-    return turns
+    return np.asarray(np.abs(np.mod(angles + math.pi, 2 * math.pi) - math.pi))
+
+
+def _shifts(first: WallMap, poses: Poses, pose: Poses) -> NDArray[np.float64]:
+    """Return how far the first map's middle at each pose is from that at another pose."""
+    middle = first.middle_xy[None]
+    return np.asarray(np.hypot(*(moved(poses, middle) - moved(pose[None], middle))[:, 0].T))
 
 
 def _quick_size(least: int) -> int:
     """Return the next size whose only prime factors are 2, 3 and 5."""
-    size = least
-    while 30**32 % size:  # a multiple of all such numbers that have 32 bits
-        size += 1
-    return size
+    # 30**32 is a multiple of all such numbers that have 32 bits
+    return next(size for size in count(least) if 30**32 % size == 0)
 
 
 _DAMPING = 1e-3
@@ -275,8 +269,7 @@ def refined(
     poses = poses.copy()
     first_faces, second_faces = first.some_faces(most)[0], second.some_faces(most)[0]
     for scale in scales:
-        normal = np.zeros((len(poses), 3, 3))
-        right = np.zeros((len(poses), 3))
+        normal, right = np.zeros((len(poses), 3, 3)), np.zeros((len(poses), 3))
         cos, sin = np.cos(poses[:, :1]), np.sin(poses[:, :1])
         points = moved(poses, first_faces)
         distance, x, y = slopes(second, points)
@@ -353,17 +346,18 @@ class Agreement:
         total = counted.sum(axis=0)
         agreeing = (counted * self.shares[is_wrong]).sum(axis=0)
         mean = np.divide(agreeing, total, where=total > 0, out=total * 0)
-        chance: Floats = np.maximum(mean, _BY_CHANCE)
-        return chance
+        return np.asarray(np.maximum(mean, _BY_CHANCE))
 
     def evidence(self, chance: Floats) -> Floats:
         """Return the evidence against agreement by chance, shape (K,)."""
-        # The divergence of the agreeing share from the share by chance, times the pieces of wall,
-        # averaged over the tolerances. Small overlaps count less: a few walls agree somewhere.
+        # The Kullback-Leibler divergence of the agreeing share from a lower share by chance, times
+        # the pieces of wall, averaged over the tolerances. Small overlaps count less: a few walls
+        # agree somewhere.
         pieces = (self.agreeing + self.contradicting) / self.piece
-        evidence: Floats = (pieces * _divergence(self.shares, chance)).mean(axis=1)
-        evidence *= np.minimum(self.overlap / _FULL_OVERLAP, 1)
-        return evidence
+        p, q = np.clip(self.shares, 1e-9, 1 - 1e-9), np.clip(chance, 0.02, 0.98)
+        divergence = p * np.log(p / q) + (1 - p) * np.log((1 - p) / (1 - q))
+        evidence = (pieces * np.where(self.shares > chance, divergence, 0.0)).mean(axis=1)
+        return np.asarray(evidence * np.minimum(self.overlap / _FULL_OVERLAP, 1))
 
 
 def agreement_at(
@@ -371,8 +365,7 @@ def agreement_at(
     weights: tuple[Singles, Singles] | None = None,
 ) -> Agreement:  # fmt: skip
     bend = bend or Bend.none(first, len(poses))
-    agreeing = np.zeros((len(poses), len(TOLERANCES)))
-    contradicting = np.zeros_like(agreeing)
+    agreeing, contradicting = np.zeros((2, len(poses), len(TOLERANCES)))
     known = np.zeros(len(poses))
     cell = max(first.resolution, second.resolution)
     size = min(math.hypot(*walls.frame.size_xy) for walls in (first, second))
@@ -400,16 +393,8 @@ def agreement_at(
             shared = target.padded_known.take(cells_at(target, move(poses, points))).mean(axis=1)
             known += shared * own.free_area / 2
     longest = max(first.wall_length, second.wall_length)
-    smaller = max(min(first.free_area, second.free_area), 1e-12)
-    overlap = np.minimum(known / smaller, 1)
+    overlap = np.minimum(known / max(min(first.free_area, second.free_area), 1e-12), 1)
     return Agreement(agreeing, contradicting, overlap, min(_PIECE, _SHARE_OF_PIECE * longest))
-
-
-def _divergence(share: Floats, chance: Floats) -> Floats:
-    """Return the Kullback-Leibler divergence of shares above those by chance; 0 for the others."""
-    p, q = np.clip(share, 1e-9, 1 - 1e-9), np.clip(chance, 0.02, 0.98)
-    divergence = p * np.log(p / q) + (1 - p) * np.log((1 - p) / (1 - q))
-    return np.where(share > chance, divergence, 0.0)
 
 
 _PER_CELL = 6  # bytes for each cell of the larger map while it is pooled
@@ -574,9 +559,7 @@ def _candidates(
     if yaws is not None:
         allowed &= _turns(poses[:, :1] - yaws[None]).min(axis=1) <= _ROTATION_ERROR
     if area is not None:
-        middle = first.middle_xy[None]
-        shift = moved(poses, middle)[:, 0] - moved(area.pose[None], middle)[:, 0]
-        allowed &= np.hypot(shift[:, 0], shift[:, 1]) <= _REFINED_LIMIT * area.radius
+        allowed &= _shifts(first, poses, area.pose) <= _REFINED_LIMIT * area.radius
         allowed &= _turns(poses[:, 0] - area.pose[0]) <= _REFINED_LIMIT * _PRIOR_TURN
     return poses[allowed]
 
@@ -584,24 +567,16 @@ def _candidates(
 def _search_area(first: WallMap, second: WallMap, prior: Transform) -> SearchArea:
     diagonals = [math.hypot(*walls.frame.size_xy) for walls in (first, second)]
     along = second.map_from_cells().inverse().after(prior).after(first.map_from_cells())
-    pose = np.array([along.yaw, along.x, along.y])
-    return SearchArea(pose, max(_PRIOR_SHIFT, min(diagonals) / 10))
-
-
-def _prior_costs(first: WallMap, poses: Poses, area: SearchArea) -> Floats:
-    """Return the negative log-likelihood of poses under a Gaussian prior."""
-    middle = first.middle_xy[None]
-    offset = moved(poses, middle)[:, 0] - moved(area.pose[None], middle)[:, 0]
-    return (_PRIOR_DEVIATIONS * np.hypot(offset[:, 0], offset[:, 1]) / area.radius) ** 2 / 2
+    return SearchArea(
+        np.array([along.yaw, along.x, along.y]), max(_PRIOR_SHIFT, min(diagonals) / 10)
+    )
 
 
 def _judged(
     first: WallMap, second: WallMap, poses: Poses, area: SearchArea | None = None
 ) -> Placement:
     axes = _axes(second)
-    weights = None
-    if area is None:
-        weights = _weights(first, _axes(first)), _weights(second, axes)
+    weights = (_weights(first, _axes(first)), _weights(second, axes)) if area is None else None
     found = agreement_at(first, second, poses, _MOST_CHECKED, weights=weights)
     likeliest = int(found.evidence(found.by_chance()).argmax())
     evidence = found.evidence(found.by_chance(_is_elsewhere(first, poses, likeliest)))
@@ -612,7 +587,10 @@ def _judged(
     chance = found.by_chance()
     if weights is not None:
         chance = np.maximum(chance, _shares_beside(first, second, poses, bend, axes, weights))
-    costs = bend.costs if area is None else bend.costs + _prior_costs(first, poses, area)
+    costs = bend.costs
+    if area is not None:  # the negative log-likelihood under a Gaussian prior
+        deviations = _PRIOR_DEVIATIONS * _shifts(first, poses, area.pose) / area.radius
+        costs = costs + deviations**2 / 2
     scores = np.maximum(found.evidence(chance) - costs, 0)
     best = int(scores.argmax())
     elsewhere = np.flatnonzero(_are_elsewhere(first, poses, bend, best))
@@ -696,15 +674,13 @@ def _slid(first: WallMap, second: WallMap, pose: Poses, axes: Floats) -> Poses:
         slid = np.repeat(pose[None], len(shifts), axis=0)
         slid[:, 1:] += shifts[:, None] * axis
         agreeing = np.zeros(len(shifts))
-        both = (first, second, moved), (second, first, moved_back)
-        for own, target, move in both:
+        for own, target, move in (first, second, moved), (second, first, moved_back):
             faces = own.some_faces(_MOST_SLID)[0]
             distance = target.padded_distance.take(cells_at(target, move(slid, faces)))
             agreeing += (distance <= step).mean(axis=1) * own.wall_length
         order = np.argsort(-agreeing, kind="stable")
-        best = order[0]
-        next_best = order[np.abs(shifts[order] - shifts[best]) > _SAME_PLACE][:1]
-        found += [slid[best], *slid[next_best]]
+        next_best = order[np.abs(shifts[order] - shifts[order[0]]) > _SAME_PLACE][:1]
+        found += [slid[order[0]], *slid[next_best]]
     narrow = _narrow(first, second)
     return refined(first, second, np.array(found), [2 * narrow] * 2 + [narrow] * 3, _MOST_FACES)
 
@@ -730,9 +706,8 @@ def _shares_beside(
     shifted = np.repeat(poses, len(shifts), axis=0)
     shifted[:, 1:] += np.tile(shifts, (len(poses), 1))
     bends = bend.repeated(len(shifts))
-    found = agreement_at(first, second, shifted, _MOST_SHIFTED, bends, weights)
-    shares = found.shares.reshape(len(poses), 2, len(steps), -1).mean(axis=2).max(axis=1)
-    return np.asarray(shares)
+    shares = agreement_at(first, second, shifted, _MOST_SHIFTED, bends, weights).shares
+    return np.asarray(shares.reshape(len(poses), 2, len(steps), -1).mean(axis=2).max(axis=1))
 
 
 def _polished(
@@ -741,10 +716,9 @@ def _polished(
     """Return the best pose after a last refinement, with the largest bend and its place."""
     # Faces of a wall lie up to a cell apart: at a smaller scale only some of them would pull.
     least = _LEAST_SCALE * max(first.resolution, second.resolution)
-    narrow = _narrow(first, second)
     # the scale grows with the bend, so that all walls pull
     bent = _most_bent(first, second, poses, _bends(first, second, poses, piece))[0]
-    wide = max(narrow, least, 2 * bent)
+    wide = max(_narrow(first, second), least, 2 * bent)
     scales = [wide] * 3 + [max(wide / 2, least)] * 5
     poses = refined(first, second, poses, scales, _MOST_POLISHED)
     return poses[0], *_most_bent(first, second, poses, _bends(first, second, poses, piece))
@@ -787,8 +761,7 @@ def _most_bent(
     displacement = np.hypot(*bend.at(bend.terms(faces))[0].T)[meets]
     largest = float(np.percentile(displacement, 95))
     point = points[meets][displacement >= largest].mean(axis=0, dtype=np.float64)
-    x, y = second.map_from_cells().points(point[None])[0]
-    return largest, (float(x), float(y))
+    return largest, tuple(second.map_from_cells().points(point[None])[0].tolist())
 
 
 def _reason(score: float, rival: float | None, overlap: float, least: float) -> str | None:
@@ -809,11 +782,8 @@ def _rounded_down(score: float) -> str:
 
 def _is_elsewhere(first: WallMap, poses: Poses, best: int) -> Mask:
     """Return which poses differ from the best one by more than drift."""
-    middles = moved(poses, first.middle_xy[None])[:, 0]
-    offset = middles - middles[best]
-    elsewhere: Mask = np.hypot(offset[:, 0], offset[:, 1]) > _SAME_PLACE
-    elsewhere |= _turns(poses[:, 0] - poses[best, 0]) > _SAME_TURN
-    return elsewhere
+    is_turned = _turns(poses[:, 0] - poses[best, 0]) > _SAME_TURN
+    return (_shifts(first, poses, poses[best]) > _SAME_PLACE) | is_turned
 
 
 def _are_elsewhere(first: WallMap, poses: Poses, bend: Bend, best: int) -> Mask:
@@ -821,8 +791,7 @@ def _are_elsewhere(first: WallMap, poses: Poses, bend: Bend, best: int) -> Mask:
     points = bend.moved(poses, first.some_faces(_MOST_SLID)[0])
     offset = points - points[best]
     least = min(_SAME_PLACE / 2, _SAME_SHARE * math.hypot(*first.frame.size_xy))
-    elsewhere: Mask = np.median(np.hypot(offset[..., 0], offset[..., 1]), axis=1) > least
-    return elsewhere
+    return np.asarray(np.median(np.hypot(*np.moveaxis(offset, -1, 0)), axis=1) > least)
 
 
 def _narrow(first: WallMap, second: WallMap) -> float:

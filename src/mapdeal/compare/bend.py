@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -45,11 +45,10 @@ class Bend:
     @property
     def costs(self) -> Floats:
         """The negative logarithm of the likelihood of each bend, relative to no bend."""
-        costs: Floats = (self.coefficients**2).sum(axis=(1, 2)) / (2 * self.expected**2)
-        return costs
+        return np.asarray((self.coefficients**2).sum(axis=(1, 2)) / (2 * self.expected**2))
 
     def repeated(self, times: int) -> Bend:
-        return Bend(self.middle_xy, self.reach, np.repeat(self.coefficients, times, axis=0))
+        return replace(self, coefficients=np.repeat(self.coefficients, times, axis=0))
 
     def terms(self, points_xy: Floats) -> Floats:
         """Return the terms of the polynomial at points, shape (..., N, M)."""
@@ -68,8 +67,7 @@ class Bend:
 
     def at(self, terms: Floats) -> Floats:
         axes = "nm,kcm->knc" if terms.ndim == 2 else "knm,kcm->knc"
-        displacement: Floats = np.einsum(axes, terms, self.coefficients.astype(terms.dtype))
-        return displacement
+        return np.asarray(np.einsum(axes, terms, self.coefficients.astype(terms.dtype)))
 
     def moved(self, poses: Poses, points_xy: Floats) -> Floats:
         if not self.coefficients.any():
@@ -104,6 +102,7 @@ def fitted(
     )
     cos, sin = np.cos(poses[:, :1]), np.sin(poses[:, :1])
     terms = bend.terms(first_faces)
+    stiffness = 1 / bend.expected**2
     for scale in scales:
         distance, x, y = slopes(second, bend.moved(poses, first_faces))
         normal, right = _equations(terms, (x, y), distance, scale, first_share)
@@ -111,7 +110,10 @@ def fitted(
         distance, x, y = slopes(first, points)
         turned_back = (sin * y - cos * x, -sin * x - cos * y)
         reverse = _equations(bend.terms(points), turned_back, distance, scale, second_share)
-        bend = _stepped(bend, normal + reverse[0], right + reverse[1])
+        flat = bend.coefficients.reshape(len(poses), -1)
+        normal = normal + reverse[0] + stiffness * np.eye(flat.shape[1])
+        flat = flat - _solved(normal, right + reverse[1] + stiffness * flat)
+        bend = replace(bend, coefficients=flat.reshape(bend.coefficients.shape))
     return bend
 
 
@@ -124,25 +126,14 @@ def _equations(
     weight = counts / (1 + (distance / scale) ** 2) ** 2 * (share / scale**2)
     terms = np.broadcast_to(terms, (len(distance), *terms.shape[-2:]))
     count, unknowns = len(distance), terms.shape[-1]
-    normal = np.empty((count, 2, unknowns, 2, unknowns))
-    right = np.empty((count, 2, unknowns))
+    normal, right = np.empty((count, 2, unknowns, 2, unknowns)), np.empty((count, 2, unknowns))
     for i, slope in enumerate(slopes_xy):
         weighted = (weight * slope)[..., None] * terms
         right[:, i] = np.einsum("knm,kn->km", weighted, distance)
         for j, earlier in enumerate(slopes_xy[: i + 1]):
             block = np.einsum("knm,knl->kml", weighted * earlier[..., None], terms)
-            normal[:, i, :, j] = block
-            normal[:, j, :, i] = block.transpose(0, 2, 1)
+            normal[:, i, :, j], normal[:, j, :, i] = block, block.transpose(0, 2, 1)
     return normal.reshape(count, 2 * unknowns, -1), right.reshape(count, -1)
-
-
-def _stepped(bend: Bend, normal: Floats, right: Floats) -> Bend:
-    stiffness = 1 / bend.expected**2
-    flat = bend.coefficients.reshape(len(right), -1)
-    diagonal = np.arange(flat.shape[1])
-    normal[:, diagonal, diagonal] += stiffness
-    step = _solved(normal, right + stiffness * flat)
-    return Bend(bend.middle_xy, bend.reach, (flat - step).reshape(bend.coefficients.shape))
 
 
 def _solved(matrices: Floats, right: Floats) -> Floats:

@@ -108,6 +108,13 @@ class Bound:
 ChangeKind = Literal["added", "removed", "closed", "opened", "unknown", "known", "rose", "fell"]
 
 
+def middle_xy(frame: Frame, cells: Integers) -> tuple[float, float]:
+    """Return the centre of the cell that is nearest to the mean place of cells, shape (N, 2)."""
+    away = np.square(cells - cells.mean(axis=0)).sum(axis=1)
+    x, y = frame.xy_from_rowcol(cells[[away.argmin()]])[0].tolist()
+    return x, y
+
+
 @dataclass(frozen=True)
 class Change:
     """Cells that touch and have changed in the same way; x and y are those of a middle cell."""
@@ -129,9 +136,8 @@ class Change:
         changes = []
         for region in np.argsort(-sizes, kind="stable")[:most] + 1:
             own = np.stack(np.divmod(cells[regions == region], marked.shape[1]), axis=1)
-            away = np.square(own - own.mean(axis=0)).sum(axis=1)
-            x, y = frame.xy_from_rowcol(own[[away.argmin()]])[0].tolist()
-            changes.append(cls(kind, len(own) * frame.resolution**2, x, y, own))
+            area = len(own) * frame.resolution**2
+            changes.append(cls(kind, area, *middle_xy(frame, own), own))
         return changes, len(sizes)
 
     @property
@@ -178,10 +184,8 @@ class Difference:
         in_first = sum(self.confusion["occupied"].values())
         in_second = sum(row["occupied"] for row in self.confusion.values())
         shifts = (in_first, self.first_to_second), (in_second, self.second_to_first)
-        return max(
-            0.0 if not count else math.inf if shift is None else shift.largest
-            for count, shift in shifts
-        )
+        found = [shift for count, shift in shifts if count]
+        return max((math.inf if shift is None else shift.largest for shift in found), default=0.0)
 
     def bounds_of(self, max_shift: float | None, max_differing: float | None) -> tuple[Bound, ...]:
         """Return the bounds that are given; only the common area is judged."""
@@ -244,8 +248,7 @@ def geometry_pairs(first: Frame, second: Frame) -> dict[str, tuple[Any, Any]]:
 
 def states_of(values: NDArray[np.int8]) -> Bytes:
     table = np.full(256, STATES.index("between"), dtype=np.uint8)
-    table[codes.OCCUPIED] = STATES.index("occupied")
-    table[0] = STATES.index("free")
+    table[[codes.OCCUPIED, codes.FREE]] = STATES.index("occupied"), STATES.index("free")
     table[128:] = STATES.index("unknown")
     return table[values.view(np.uint8)]
 

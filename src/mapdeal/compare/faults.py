@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mapdeal.compare.align import bend_between
+from mapdeal.compare.difference import middle_xy
 from mapdeal.compare.score import FREE, LEAST_PIECE, OCCUPIED, UNKNOWN, States
 from mapdeal.compare.walls import Mask, pooled
 from mapdeal.grid import values as map_values
@@ -143,10 +144,7 @@ def _most_of(cells: Mask, frame: Frame) -> tuple[float, float]:
     in_part = np.zeros(counts.shape, dtype=np.bool_)
     in_part[tuple(blocks[groups == sizes.argmax()].T)] = True
     cluster = np.argwhere(cells)
-    cluster = cluster[in_part[tuple(cluster.T // factor)]]
-    away = np.square(cluster - cluster.mean(axis=0)).sum(axis=1)
-    x, y = frame.xy_from_rowcol(cluster[[away.argmin()]])[0].tolist()
-    return x, y
+    return middle_xy(frame, cluster[in_part[tuple(cluster.T // factor)]])
 
 
 def document_of(faults: tuple[Fault, ...]) -> list[dict[str, Any]]:

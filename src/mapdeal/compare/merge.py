@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
@@ -16,7 +17,7 @@ from mapdeal.grid.field import FieldView
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLineRepr, count_text
-from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask, unreachable
+from mapdeal.kernels.arrays import Integers, Mask, unreachable
 from mapdeal.kernels.components import thickness_of
 from mapdeal.kernels.distance import squared_distance, within_distance
 from mapdeal.kernels.lookup import look_up
@@ -155,8 +156,7 @@ def _counts(
     for cells in states:
         own_known, own_occupied = cells != NOTHING, cells == _IS_OCCUPIED
         own_free = _clear(cells, reach)
-        shared = own_known & (known > own_known)
-        other_occupied = occupied > own_occupied
+        shared, other_occupied = own_known & (known > own_known), occupied > own_occupied
         walls = own_occupied & shared
         yield MapCounts(
             known=_count(own_known),
@@ -280,31 +280,18 @@ def lattice_around(maps: Sequence[OccupancyGrid], frames: Sequence[Frame]) -> Fr
             places = first.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(corners))
             low = np.minimum(low, np.floor(places.min(axis=0) + _TOUCHING))
             high = np.maximum(high, np.ceil(places.max(axis=0) - _TOUCHING))
-    row, col = (int(edge) for edge in low)
-    height, width = (int(edge) for edge in high - low)
+    row, col, height, width = map(int, [*low, *(high - low)])
     if height * width > MOST_CELLS:
         rule = f"the maps lie too far apart: {width} x {height} cells hold them all"
         raise ParameterError(rule, place="origin")
     return Region(row, col, height, width).frame_in(first)
 
 
-@dataclass(frozen=True, eq=False)
-class OneMap:
-    """The result of a merge, without its inputs; see `Merged`."""
-
-    grid: OccupancyGrid
-    conflicts: Bytes
-    maps: tuple[MapCounts, ...]
-    common: int
-    log_odds: Floats | None
-    thickness: float | None
-    kept: int
-
-
 def merged_on(
     lattice: Frame, maps: Sequence[OccupancyGrid], frames: Sequence[Frame], rule: Rule,
     evidence: Sequence[ChosenLayers], same_wall: float | None,
-) -> OneMap:  # fmt: skip
+) -> dict[str, Any]:  # fmt: skip
+    """Return the result of a merge, without its inputs: the fields of `Merged` by name."""
     values = np.full(lattice.shape, UNKNOWN, dtype=np.int8)
     states: list[States] = []
     apart = [0.0]  # cells within which walls of a map and of earlier ones count as one
@@ -343,8 +330,9 @@ def merged_on(
             count, same_wall=reach * lattice.resolution, within_cell=near, within_same_wall=nearest,
             thickness=thickness(source),
         ))  # fmt: skip
-    kept_count = _count((states[-1] == NOTHING) & (values != UNKNOWN))
-    return OneMap(grid, conflicts, tuple(map_counts), common, log_odds, thickness(grid), kept_count)
+    fields = {"grid": grid, "conflicts": conflicts, "maps": tuple(map_counts), "common": common}
+    kept = _count((states[-1] == NOTHING) & (values != UNKNOWN))
+    return fields | {"log_odds": log_odds, "thickness": thickness(grid), "kept": kept}
 
 
 def _same_wall_cells(
@@ -369,8 +357,7 @@ def _drop_doubled(earlier: Values, later: Values, reach: float, *, keeps_new: bo
     if reach <= 0:
         return
     base, reduced = (later, earlier) if keeps_new else (earlier, later)
-    own = reduced >= OCCUPIED_FROM
-    walls = base >= OCCUPIED_FROM
+    own, walls = reduced >= OCCUPIED_FROM, base >= OCCUPIED_FROM
     doubled = own & within_distance(walls, int(reach * reach))
     # an obstacle that stands out from the walls of the base, such as a closed door, stays whole
     stands_out = own & ~within_distance(walls, int(4 * reach * reach))
@@ -416,7 +403,6 @@ def _corners_of_known(occupancy: Values) -> Integers:
         rows = np.flatnonzero(known.any(axis=1))
         first = known[rows].argmax(axis=1)
         last = width - known[rows, ::-1].argmax(axis=1)
-        ends += [
-            np.stack([start + rows + up, col], axis=1) for up in (0, 1) for col in (first, last)
-        ]
+        sides = product((start + rows, start + rows + 1), (first, last))
+        ends += [np.stack(side, axis=1) for side in sides]
     return np.concatenate(ends)

@@ -15,7 +15,7 @@ from mapdeal.grid import values as map_values
 from mapdeal.grid.canvas import sampled
 from mapdeal.grid.frame import Frame, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.kernels.arrays import unreachable
+from mapdeal.kernels.arrays import Mask, unreachable
 from mapdeal.kernels.components import labelled, thickness_of, touching_groups
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.lookup import histogram, look_up
@@ -34,8 +34,6 @@ def states_of(values: NDArray[np.int8]) -> States:
     table[[map_values.FREE, map_values.OCCUPIED]] = FREE, OCCUPIED
     return look_up(values, table)
 
-
-_Mask = NDArray[np.bool_]
 
 _NEAR = 0.1  # metres within which a wall counts as found
 _ROUNDING = 1e-9
@@ -199,9 +197,7 @@ def _mean_similarity(
 
 def _similarity(moments: _Moments, correction: float) -> _Floats:
     mean_x, mean_y, mean_xy, mean_squares = moments
-    product = mean_x * mean_y
-    squares = mean_x * mean_x
-    squares += mean_y * mean_y
+    product, squares = mean_x * mean_y, mean_x * mean_x + mean_y * mean_y
     covariance = (mean_xy - product) * correction
     variances = (mean_squares - squares) * correction
     result: _Floats = (2 * product + _C1) * (2 * covariance + _C2)
@@ -210,16 +206,10 @@ def _similarity(moments: _Moments, correction: float) -> _Floats:
 
 
 def _uniform_moments(a: States, b: States) -> _Moments:
-    def mean(sums: NDArray[Any], part: float) -> _Floats:
-        return sums * (part / _UNIFORM**2)
-
-    squares = _window_sums(a * a).astype(np.float64)
-    squares += _window_sums(b * b)
-    products = _window_sums(a * b)
-    return (
-        mean(_window_sums(a), 0.5), mean(_window_sums(b), 0.5), mean(products, 0.25),
-        mean(squares, 0.25),
-    )  # fmt: skip
+    share_of_one, share_of_two = 0.5 / _UNIFORM**2, 0.25 / _UNIFORM**2  # values are halves
+    mean_x, mean_y = (_window_sums(halves) * share_of_one for halves in (a, b))
+    squares = _window_sums(a * a).astype(np.float64) + _window_sums(b * b)
+    return mean_x, mean_y, _window_sums(a * b) * share_of_two, squares * share_of_two
 
 
 def _window_sums(values: States) -> States:
@@ -335,7 +325,7 @@ _HALO = 20
 """Cells that a response depends on, 6 + 1 + 10, and those of cells up to 3 away."""
 
 
-def corners_of(walls: _Mask) -> _Mask:
+def corners_of(walls: Mask) -> Mask:
     # Harris's detector: M is the mean of g g^T around a cell, g the gradient of smoothed walls. A
     # corner is where det M - 0.1 (tr M)^2 is above 0, so that g has two directions, the weaker at
     # least an eighth of the stronger, and is the largest within 3 cells. No threshold depends on
@@ -362,7 +352,7 @@ def corners_of(walls: _Mask) -> _Mask:
     return found
 
 
-def _corners_in(walls: _Mask) -> _Mask:
+def _corners_in(walls: Mask) -> Mask:
     core = (slice(_HALO, -_HALO),) * 2
     inner = np.zeros(walls.shape, dtype=np.bool_)
     if not walls.any():
@@ -380,7 +370,7 @@ def _corners_in(walls: _Mask) -> _Mask:
     return inner[core]
 
 
-def _response(walls: _Mask) -> tuple[_Floats, _Floats]:
+def _response(walls: Mask) -> tuple[_Floats, _Floats]:
     """Return Harris's response, and the trace of M."""
     from scipy.ndimage import gaussian_filter
 

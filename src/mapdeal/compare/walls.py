@@ -120,8 +120,7 @@ def pooled(cells: Mask, factor: int) -> NDArray[np.int64]:
     height, width = -(-cells.shape[0] // rows), -(-cells.shape[1] // cols)
     padded = np.zeros((height * rows, width * cols), dtype=cells.dtype)
     padded[: cells.shape[0], : cells.shape[1]] = cells
-    counts: NDArray[np.int64] = padded.reshape(height, rows, width, cols).sum(axis=(1, 3))
-    return counts
+    return np.asarray(padded.reshape(height, rows, width, cols).sum(axis=(1, 3)))
 
 
 def _faces(occupied: Mask, free: Mask) -> Mask:
@@ -163,8 +162,7 @@ def moved_back(poses: Poses, points_xy: Floats) -> Floats:
     cos, sin = np.cos(poses[:, :1]), np.sin(poses[:, :1])
     x, y = points_xy[:, 0] - poses[:, 1:2], points_xy[:, 1] - poses[:, 2:3]
     result = np.empty((2, *x.shape), dtype=points_xy.dtype)
-    result[0] = cos * x + sin * y
-    result[1] = cos * y - sin * x
+    result[0], result[1] = cos * x + sin * y, cos * y - sin * x
     return np.moveaxis(result, 0, -1)
 
 
