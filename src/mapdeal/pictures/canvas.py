@@ -10,7 +10,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from mapdeal.grid.frame import Frame, Region
 from mapdeal.kernels.arrays import Bytes
@@ -139,10 +138,9 @@ class Pen:
 
     def frame(self, x: int, y: int, width: int, height: int) -> None:
         """Draw a thin dark line around a rectangle, outside of it."""
-        self.sheet[y - 1, x - 1 : x + width + 1] = GREY
-        self.sheet[y + height, x - 1 : x + width + 1] = GREY
-        self.sheet[y - 1 : y + height + 1, x - 1] = GREY
-        self.sheet[y - 1 : y + height + 1, x + width] = GREY
+        box = self.sheet[y - 1 : y + height + 1, x - 1 : x + width + 1]
+        box[[0, -1]] = GREY
+        box[:, [0, -1]] = GREY
 
     def legend(
         self, x: int, y: int, height: int, bar: ColourBar | None, swatches: Sequence[Swatch]
@@ -184,11 +182,6 @@ class Pen:
             self.fill(left_x - mark, y, left_x, y)
             self.label(left_x - 1.5 * mark - text_width(label, self.size), y, label)
 
-    def above(self, left_x: int, right: int, top: int, name: str) -> None:
-        """Write the axis name above the labels on the left of a map, which end at `right`."""
-        x = max(left_x, right - text_width(name, self.size) - self.size // 2)
-        self.write(x, top - int(0.55 * self.size), name, self.size)
-
     def scale_bar(self, x: int, y: int, width: int, metres_per_pixel: float) -> int:
         """Draw a bar of a round length; return the x coordinate behind it."""
         length = round_length(width * metres_per_pixel * 0.4)
@@ -201,10 +194,9 @@ class Pen:
         self.label(x + pixels + self.size, y, label)
         return x + pixels + 2 * self.size + text_width(label, self.size)
 
-    def image(self, colours: ArrayLike) -> Image:
-        given_colours = np.asarray(colours, dtype=np.uint8)
+    def image(self, colours: Colours) -> Image:
         palette = np.zeros((256, 3), dtype=np.uint8)
-        palette[: len(given_colours)] = given_colours
+        palette[: len(colours)] = colours
         palette[MOST_COLOURS:] = np.linspace(0, 255, _SHADES).astype(np.uint8)[:, np.newaxis]
         return Image(self.sheet, palette)
 
@@ -229,8 +221,7 @@ def sheet(
 ) -> Image:  # fmt: skip
     height, width = pixels.shape
     text_size = text_size_of(pixels.shape)
-    pen = Pen(text_size)
-    pad = text_size
+    pen, pad = Pen(text_size), text_size
     labels = [swatch.label for swatch in swatches]
     if bar is not None:
         labels += [label for _, label in bar.ticks] + [bar.unit]
@@ -257,8 +248,9 @@ def sheet(
     pen.coordinates(left_x, top + height, across, along)
     scale_top = top + height + below + int(0.9 * text_size)
     end = pen.scale_bar(left_x, scale_top, map_width, metres_per_pixel)
-    if along:
-        pen.above(pad, left_x, top, _Y_AXIS)
+    if along:  # above the labels
+        x = max(pad, left_x - text_width(_Y_AXIS, text_size) - text_size // 2)
+        pen.write(x, top - int(0.55 * text_size), _Y_AXIS, text_size)
     if across:
         pen.label(max(end, left_x + width - text_width(_X_AXIS, text_size)), scale_top, _X_AXIS)
     boxes = pen.legend(left_x + map_width + pad, top, legend_height, bar, swatches)
@@ -277,27 +269,26 @@ def on_sheet(
     """Return the picture of a layer on a sheet; by default with the swatches that occur."""
     texts = [before, frame_text(frame, raster.part), more]
     shown, palette = raster.frame_of(frame), style.colours
-    legend = list(swatches_in(pixels, style.swatches) if swatches is None else swatches)
+    if swatches is None:
+        occurs = histogram(pixels) > 0
+        swatches = [swatch for swatch in style.swatches if occurs[swatch.index]]
+    legend = list(swatches)
     if overlay is not None:
         if not pixels.flags.writeable:  # a view of the layer itself
             pixels = np.array(pixels)
         legend += overlay.draw(Surface(pixels, shown, raster), len(palette))
         palette = np.vstack([palette, overlay.colours])
         texts.append(overlay.text)
+    x, y, yaw = shown.origin
     return sheet(
         pixels, palette.astype(np.uint8), title=title, subtitle="; ".join(filter(None, texts)),
-        metres_per_pixel=raster.metres_per_pixel(frame.resolution), corner_xy=corner_of(shown),
-        bar=style.bar, swatches=legend,
+        metres_per_pixel=raster.metres_per_pixel(frame.resolution), swatches=legend,
+        corner_xy=None if yaw else (x, y), bar=style.bar,
     )  # fmt: skip
 
 
 def text_size_of(shape: tuple[int, ...]) -> int:
     return int(min(40, max(14, max(shape) / 55)))
-
-
-def swatches_in(pixels: Bytes, swatches: Sequence[Swatch]) -> list[Swatch]:
-    occurs = histogram(pixels) > 0
-    return [swatch for swatch in swatches if occurs[swatch.index]]
 
 
 def frame_text(frame: Frame, part: Region | None = None) -> str:
@@ -311,18 +302,14 @@ def frame_text(frame: Frame, part: Region | None = None) -> str:
     return text if part is None else f"{text}; shown: {part.width} x {part.height} cells"
 
 
-def corner_of(frame: Frame) -> tuple[float, float] | None:
-    x, y, yaw = frame.origin
-    return None if yaw else (x, y)
-
-
 def ticks_between(
     start: float, pixels: int, metres_per_pixel: float, text_size: int
 ) -> list[tuple[int, str]]:  # fmt: skip
     """Return round coordinates along an edge with their pixels, as many as fit."""
     widest = max(len(f"{value:.0f}") for value in (start, start + pixels * metres_per_pixel))
-    room = text_size * max(4.0, 0.7 * widest + 2)  # pixels
-    step = round_step(room * metres_per_pixel)
+    least = text_size * max(4.0, 0.7 * widest + 2) * metres_per_pixel
+    steps = (factor * 10.0**power for power in range(-12, 20) for factor in (1, 2, 5))
+    step = next(step for step in steps if step >= least)
     decimals = max(0, -math.floor(math.log10(step) + 1e-9))
     first = math.ceil(start / step - 1e-6)
     last = math.floor((start + pixels * metres_per_pixel) / step + 1e-6)
@@ -330,12 +317,6 @@ def ticks_between(
         (round((k * step - start) / metres_per_pixel), f"{k * step + 0.0:.{decimals}f}")
         for k in range(first, last + 1)
     ]
-
-
-def round_step(least: float) -> float:
-    """Return the smallest of 1, 2, 5 times a power of ten that is at least `least`."""
-    steps = (factor * 10.0**power for power in range(-12, 20) for factor in (1, 2, 5))
-    return next(step for step in steps if step >= least)
 
 
 def round_length(length: float) -> float:

@@ -149,9 +149,8 @@ class Scale:
 
     def indices(self, values: NDArray[np.floating]) -> Bytes:
         steps = (values - np.float32(self.low)) * np.float32(self.factor)
-        indices: Bytes = np.clip(steps, 0, self.levels - 1).astype(np.uint8)
-        indices += np.uint8(self.first)
-        return indices
+        indices = np.clip(steps, 0, self.levels - 1).astype(np.uint8)
+        return np.asarray(indices + np.uint8(self.first))
 
 
 @dataclass(frozen=True, eq=False)

@@ -124,7 +124,14 @@ def score_image(
 ) -> Image:  # fmt: skip
     # True walls without a wall of the map within 0.1 m are marked. In each pixel, the wall with the
     # largest distance is drawn.
-    codes = codes_of(walls)
+    known, true_known = walls.estimate != 0, walls.truth != 0
+    codes = np.zeros(walls.frame.shape, dtype=np.uint8)
+    codes[known & ~true_known] = KNOWN_BY_MAP
+    codes[true_known] = FREE
+    codes[true_known & ~known] = UNCOVERED
+    is_missed = walls.missed > _NEAR * (1 + _ROUNDING)
+    codes[walls.truth == 2] = np.where(is_missed, MISSED, FOUND)
+    codes[walls.estimate == 2] = _index_of(walls.distances, walls.top)
     part = shown_part(codes, walls.frame, image_extent, is_known=lambda cells: cells != UNKNOWN)
     raster = Raster.fitting(walls.frame.shape, image_max, part=part)
     pixels = raster.enlarged(raster.largest(codes))
@@ -140,23 +147,9 @@ def score_image(
     return _with_histogram(map_sheet, walls, canvas.text_size_of(pixels.shape))
 
 
-def codes_of(walls: ScoredWalls) -> Bytes:
-    known, true_known = walls.estimate != 0, walls.truth != 0
-    codes = np.zeros(walls.frame.shape, dtype=np.uint8)
-    codes[known & ~true_known] = KNOWN_BY_MAP
-    codes[true_known] = FREE
-    codes[true_known & ~known] = UNCOVERED
-    is_missed = walls.missed > _NEAR * (1 + _ROUNDING)
-    codes[walls.truth == 2] = np.where(is_missed, MISSED, FOUND)
-    codes[walls.estimate == 2] = _index_of(walls.distances, walls.top)
-    return codes
-
-
 def _index_of(metres: NDArray[np.floating[Any]], top: float) -> Bytes:
     steps = np.minimum(metres / top, 1.0) * (_LEVELS - 1)
-    indices: Bytes = np.rint(steps).astype(np.uint8)
-    indices += np.uint8(_FIRST_LEVEL)
-    return indices
+    return np.asarray(np.rint(steps).astype(np.uint8) + np.uint8(_FIRST_LEVEL))
 
 
 def bins_of(
@@ -176,69 +169,45 @@ def _with_histogram(above: Image, walls: ScoredWalls, size: int) -> Image:
     bins = bins_of(walls.distances, walls.frame.resolution, walls.top)
     left_x = canvas.text_width("100 %", size) + 2 * size
     sheet_width = max(width, left_x + 34 * size)
-    top_margin = 4 * size
     plot_height = 12 * size
-    bottom = height + top_margin + plot_height
+    bottom = height + 4 * size + plot_height
     pen.open(sheet_width, bottom + 4 * size)
     pen.sheet[:height, :width] = above.indices
     bar_width = max(2, min(4 * size, (sheet_width - left_x - 3 * size) // len(bins)))
+    end = left_x + bar_width * len(bins)
     pen.label(size, height + int(0.8 * size), _summary(walls))
-    histogram = _Histogram(pen, bins, left_x, bottom, plot_height, bar_width)
-    histogram.draw_scale()
-    histogram.draw_bars(walls.top)
-    histogram.draw_labels()
+    largest_share = max(share for _, share in bins)
+    end_of_scale = max(0.1, math.ceil(10 * largest_share - _ROUNDING) / 10)
+    step = 0.2 if end_of_scale > 0.4 else 0.1
+    for k in range(math.floor(end_of_scale / step + _ROUNDING) + 1):
+        y = bottom - round(plot_height * k * step / end_of_scale)
+        label = f"{100 * k * step:.0f} %"
+        pen.label(left_x - size - canvas.text_width(label, size), y, label)
+        row = pen.sheet[y, left_x:end]
+        row[row == canvas.WHITE] = canvas.WHITE - 2
+    for k, (middle, share) in enumerate(bins):
+        x, y = left_x + k * bar_width, bottom - round(plot_height * share / end_of_scale)
+        pen.sheet[y:bottom, x + 1 : x + bar_width] = _index_of(np.array([middle]), walls.top)
+    _label_bars(pen, [middle for middle, _ in bins], left_x, bottom, bar_width)
     return Image(pen.sheet, above.palette)
 
 
-@dataclass(frozen=True, eq=False)
-class _Histogram:
-    """A histogram of distances on a sheet; lengths and positions are in pixels."""
-
-    pen: Pen
-    bins: list[tuple[float, float]]
-    left_x: int
-    bottom: int
-    height: int  # of a bar of the share `end_of_scale`
-    bar_width: int
-
-    @property
-    def end_of_scale(self) -> float:
-        largest_share = max(share for _, share in self.bins)
-        return max(0.1, math.ceil(10 * largest_share - _ROUNDING) / 10)
-
-    def draw_scale(self) -> None:
-        size = self.pen.size
-        step = 0.2 if self.end_of_scale > 0.4 else 0.1
-        for k in range(math.floor(self.end_of_scale / step + _ROUNDING) + 1):
-            y = self.bottom - round(self.height * k * step / self.end_of_scale)
-            label = f"{100 * k * step:.0f} %"
-            self.pen.label(self.left_x - size - canvas.text_width(label, size), y, label)
-            row = self.pen.sheet[y, self.left_x : self.left_x + self.bar_width * len(self.bins)]
-            row[row == canvas.WHITE] = canvas.WHITE - 2
-
-    def draw_bars(self, top: float) -> None:
-        for k, (middle, share) in enumerate(self.bins):
-            x = self.left_x + k * self.bar_width
-            y = self.bottom - round(self.height * share / self.end_of_scale)
-            index = int(_index_of(np.array([middle]), top)[0])
-            self.pen.sheet[y : self.bottom, x + 1 : x + self.bar_width] = index
-
-    def draw_labels(self) -> None:
-        """Draw the axis and as many of its labels as there is room for, with that of the end."""
-        size = self.pen.size
-        end = self.left_x + self.bar_width * len(self.bins)
-        names = ["farther" if math.isinf(middle) else f"{middle:g}" for middle, _ in self.bins]
-        widths = [canvas.text_width(name, size) for name in names]
-        bars_per_label = max(1, math.ceil((max(widths[:-1]) + size) / self.bar_width))
-        last_free = end - (self.bar_width + widths[-1]) // 2 - size // 2
-        for k, (name, width) in enumerate(zip(names, widths, strict=True)):
-            x = max(self.left_x, self.left_x + k * self.bar_width + (self.bar_width - width) // 2)
-            has_room = k % bars_per_label == 0 and x + width <= last_free
-            if has_room or k == len(names) - 1:
-                self.pen.label(x, self.bottom + int(0.9 * size), name)
-        self.pen.sheet[self.bottom, self.left_x - size // 3 : end] = canvas.GREY
-        title = "distance to the nearest true wall [m]"
-        self.pen.label(self.left_x, self.bottom + int(2.4 * size), title)
+def _label_bars(
+    pen: Pen, middles: Sequence[float], left_x: int, bottom: int, bar_width: int
+) -> None:
+    """Draw the axis and as many of its labels as there is room for, with that of the end."""
+    size, end = pen.size, left_x + bar_width * len(middles)
+    names = ["farther" if math.isinf(middle) else f"{middle:g}" for middle in middles]
+    widths = [canvas.text_width(name, size) for name in names]
+    bars_per_label = max(1, math.ceil((max(widths[:-1]) + size) / bar_width))
+    last_free = end - (bar_width + widths[-1]) // 2 - size // 2
+    for k, (name, width) in enumerate(zip(names, widths, strict=True)):
+        x = max(left_x, left_x + k * bar_width + (bar_width - width) // 2)
+        has_room = k % bars_per_label == 0 and x + width <= last_free
+        if has_room or k == len(names) - 1:
+            pen.label(x, bottom + int(0.9 * size), name)
+    pen.sheet[bottom, left_x - size // 3 : end] = canvas.GREY
+    pen.label(left_x, bottom + int(2.4 * size), "distance to the nearest true wall [m]")
 
 
 def _summary(walls: ScoredWalls) -> str:

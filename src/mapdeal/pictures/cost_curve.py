@@ -84,11 +84,6 @@ def _costs_between(curve: CostCurve, start: float, end: float) -> tuple[int, int
     return (int(inside.max()), int(inside.min())) if len(inside) else None
 
 
-class Mark(NamedTuple):
-    distance: float
-    label: str
-
-
 def described(zone: Zone, end: float) -> str:
     if zone.kind is ZoneKind.OBSTACLE:
         return f"cost {zone.costs[0]}" if zone.costs else ""
@@ -108,7 +103,8 @@ def end_of(curve: CostCurve) -> float:
     return 1.18 * min(far if far <= _FAR * near else near, _FARTHEST) + curve.resolution / 2
 
 
-def marks_of(curve: CostCurve) -> list[Mark]:
+def marks_of(curve: CostCurve) -> list[tuple[float, str]]:
+    """Return distances with their labels, the nearest first."""
     inscribed, circumscribed = curve.inscribed_radius, curve.circumscribed_radius
     named = list(curve.marks)
     if inscribed and circumscribed is not None and math.isclose(inscribed, circumscribed):
@@ -121,17 +117,11 @@ def marks_of(curve: CostCurve) -> list[Mark]:
         name = "inflation radius"
     elif inflation is not None:
         named.append(("inflation radius", inflation))
-    marks = [Mark(metres, f"{name}: {metres:.4g} m") for name, metres in named]
-    marks.append(Mark(curve.reach, f"{name}: {_reach(curve)}"))
-    return sorted(marks, key=lambda mark: mark.distance)
-
-
-def _reach(curve: CostCurve) -> str:
-    if not curve.reach_cells:
-        return "0 m, no cost spreads"
+    marks = [(metres, f"{label}: {metres:.4g} m") for label, metres in named]
     cells = "1 cell" if curve.reach_cells == 1 else f"{curve.reach_cells:.6g} cells"
     then = f", cost {curve.cost_at_reach}, then 0" if curve.cost_at_reach else ""
-    return f"{curve.reach:.4g} m, {cells}{then}"
+    reach = f"{curve.reach:.4g} m, {cells}{then}" if curve.reach_cells else "0 m, no cost spreads"
+    return sorted([*marks, (curve.reach, f"{name}: {reach}")], key=lambda mark: mark[0])
 
 
 _SIZE = 16  # pixels per em of the text
@@ -180,15 +170,14 @@ class _Drawing:
         pen = self.pen
         legend = self._legend_lines()
         legend_width = int(1.9 * _SIZE) + max(canvas.text_width(line, _SIZE) for _, line in legend)
-        height = max(
-            self.bottom + int(4.4 * _SIZE), self.band_top + len(legend) * _LINE + 4 * _SIZE
-        )
-        pen.open(self.right + 2 * _SIZE + legend_width + _SIZE, height)
-        limit = pen.sheet.shape[1] - 2 * _SIZE
+        end_of_legend = self.band_top + len(legend) * _LINE + 4 * _SIZE
+        width = self.right + 3 * _SIZE + legend_width
+        pen.open(width, max(self.bottom + int(4.4 * _SIZE), end_of_legend))
+        limit = width - 2 * _SIZE
         pen.text(_SIZE, _SIZE, title, limit=limit, large=True)
+        note = f"; {self.curve.note}" if self.curve.note else ""
         text = "cost over the distance from the nearest obstacle, on cells of "
-        text += f"{self.curve.resolution:.6g} m"
-        text += f"; {self.curve.note}" if self.curve.note else ""
+        text += f"{self.curve.resolution:.6g} m{note}"
         pen.text(_SIZE, _SIZE + int(1.55 * _SIZE), text, limit=limit)
         self._draw_costs()
         self._draw_marks()
@@ -232,13 +221,12 @@ class _Drawing:
     def _draw_curve(self) -> None:
         """Draw the formula, and dots for the costs of cells along a row."""
         brush = Brush(self.pen.sheet)
-        line = self.formula(2 * _WIDTH)
-        if line is not None:
+        if (line := self.formula(2 * _WIDTH)) is not None:
             brush.polyline(self._places(*line), canvas.BLACK, thickness=2)
         curve = self.curve
         if curve.circumscribed_radius is not None and curve.circumscribed_cost:
-            place = self._places(curve.circumscribed_radius, curve.circumscribed_cost)
-            self._draw_contour_dot(place)
+            at = self._places(curve.circumscribed_radius, curve.circumscribed_cost)
+            self._draw_contour_dot(at)
         dots = self.has_dots & (curve.distance <= self.end) & (curve.cells == np.floor(curve.cells))
         for place in self._places(curve.distance[dots], curve.cost[dots]):
             brush.dot(place, canvas.WHITE, radius=_DOT + 1.2)
@@ -251,17 +239,16 @@ class _Drawing:
 
     def _draw_marks(self) -> None:
         sheet = self.pen.sheet
-        for row, mark in enumerate(self.marks):
+        for row, (distance, text) in enumerate(self.marks):
             middle = self.band_top + _BAND + 1 + int(0.9 * _SIZE) + row * _ROW
-            is_beyond = mark.distance > self.end
-            label = canvas.fitting(mark.label, _WIDTH - 2 * _SIZE, _SIZE) + " >" * is_beyond
+            is_beyond = distance > self.end
+            label = canvas.fitting(text, _WIDTH - 2 * _SIZE, _SIZE) + " >" * is_beyond
             last = self.right - canvas.text_width(label, _SIZE) - 4
             if is_beyond:
                 self._boxed(last, middle, label)
                 continue
-            x = self._column(mark.distance)
-            dashes = np.arange(middle - _SIZE // 2, self.bottom)
-            dashes = dashes[dashes % 8 < 5]
+            x, rows = self._column(distance), np.arange(middle - _SIZE // 2, self.bottom)
+            dashes = rows[rows % 8 < 5]
             is_cost = sheet[dashes, x] < len(self.palette.colours)
             sheet[dashes, x] = np.where(is_cost, canvas.WHITE, canvas.GREY)
             self._boxed(min(x + 6, last), middle, label)
@@ -283,8 +270,7 @@ class _Drawing:
         x = self.left_x - 10 - canvas.text_width("cost", _SIZE)
         pen.label(x, self.top - int(1.4 * _SIZE), "cost")
         scale = (self.end + self.half) / _WIDTH
-        ticks = canvas.ticks_between(-self.half, _WIDTH, scale, _SIZE)
-        for pixel, label in ticks:
+        for pixel, label in canvas.ticks_between(-self.half, _WIDTH, scale, _SIZE):
             if not label.startswith("-"):
                 x = self.left_x + pixel
                 pen.fill(x, self.bottom + 1, x, self.bottom + 6)
@@ -313,22 +299,19 @@ class _Drawing:
     def _legend_lines(self) -> list[tuple[int | str | None, str]]:
         lines: list[tuple[int | str | None, str]] = []
         for zone in self.zones:
-            lines.append((self._index_of(zone), zone.kind.text))
-            lines.append((None, described(zone, self.end)))
-        lines.append((None, ""))
+            lines += [(self._index_of(zone), zone.kind.text), (None, described(zone, self.end))]
+        lines += [(None, "")]
         lines += [("dot", "distances along a row")] if self.has_dots else []
-        if self.formula(2) is not None:
-            lines.append(("line", "the formula"))
-        if self.curve.circumscribed_cost:
-            lines.append(("contour", f"circumscribed cost {self.curve.circumscribed_cost}"))
-        return lines
+        lines += [("line", "the formula")] if self.formula(2) is not None else []
+        cost = self.curve.circumscribed_cost
+        return [*lines, ("contour", f"circumscribed cost {cost}")] if cost else lines
 
     def _legend(self, x: int, lines: Sequence[tuple[int | str | None, str]]) -> None:
         y = self.band_top
         brush = Brush(self.pen.sheet)
+        side = int(1.2 * _SIZE)
         for sign, text in lines:
             middle = y + int(0.6 * _SIZE)
-            side = int(1.2 * _SIZE)
             if isinstance(sign, int):
                 y += 4
                 middle += 4
@@ -347,7 +330,7 @@ class _Drawing:
 def curve_text(curve: CostCurve) -> str:
     end = end_of(curve)
     zones = "; ".join(f"{zone.kind.text} {described(zone, end)}" for zone in zones_of(curve, end))
-    marks = "; ".join(mark.label for mark in marks_of(curve))
+    marks = "; ".join(label for _, label in marks_of(curve))
     return f"Cost over the distance from the nearest obstacle. {zones}. {marks}."
 
 

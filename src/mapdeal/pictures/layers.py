@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, TypedDict, cast
+from typing import Any, TypedDict, cast
 
 import numpy as np
 
@@ -134,7 +134,7 @@ class FieldDrawing(Drawing):
         if nowhere is not None:
             distance = np.where(nowhere, np.float32(0), distance)
             unknown = unknown & ~nowhere
-        below = styles.steps_below_zero(scale)
+        below = round(-scale.low / (scale.high - scale.low) * scale.levels)  # steps below zero
         # Obstacles are red even if rounding or a distance of 0 would put them outside.
         levels = level_rows(
             distance, obstacles, unknown, low=scale.low, factor=scale.factor, levels=scale.levels,
@@ -215,9 +215,8 @@ def potential_image(
     obstacles = raster.largest(field.obstacles())
     normalised = raster.largest(field.normalised)
     nowhere = np.isnan(normalised)
-    levels = np.minimum(
-        np.where(nowhere, 0, normalised) / 10 * styles.POTENTIAL_LEVELS, styles.POTENTIAL_LEVELS - 1
-    ).astype(np.uint8)
+    steps = np.where(nowhere, 0, normalised) / 10 * styles.POTENTIAL_LEVELS
+    levels = np.minimum(steps, styles.POTENTIAL_LEVELS - 1).astype(np.uint8)
     unknown = raster.smallest(field.occupancy == UNKNOWN) & ~nowhere
     levels[unknown] += styles.POTENTIAL_LEVELS
     levels[obstacles] = styles.POTENTIAL_OBSTACLE
@@ -225,15 +224,14 @@ def potential_image(
     pixels = raster.enlarged(levels).copy()
     has_lines = field.cost_to_go is not None and _draw_isolines(pixels, field.cost_to_go, raster)
     on = overlays.Surface(pixels, frame, raster)
-    arrows = _draw_arrows(on, field)
-    has_goal = False
-    if field.goal is not None and frame.contains([field.goal])[0]:
-        has_goal = True
-        place = on.places([field.goal])[0]
+    has_arrows = _draw_arrows(on, field)
+    has_goal = bool(goal) and frame.contains([goal])[0]
+    if has_goal:
+        place = on.places([goal])[0]
         overlays.Brush(pixels).dot(place, styles.POTENTIAL_GOAL, radius=max(6.0, on.side / 80))
     occurs = {
         styles.POTENTIAL_OBSTACLE: obstacles.any(),
-        styles.POTENTIAL_ARROW: arrows,
+        styles.POTENTIAL_ARROW: has_arrows,
         styles.POTENTIAL_GOAL: has_goal,
         styles.POTENTIAL_NOWHERE: nowhere.any(),
         styles.POTENTIAL_LINE: has_lines,
@@ -265,14 +263,12 @@ def _range_text(field: PotentialField) -> str:
     return f"potential {low:.4g} .. {high:.4g}, {gains}"
 
 
-def _draw_arrows(on: overlays.Surface, field: PotentialField) -> int:
+def _draw_arrows(on: overlays.Surface, field: PotentialField) -> bool:
     scale = on.raster.enlarge / on.raster.reduce  # pixels per cell
     step = max(1, math.ceil(max(_ARROW_SPACING, on.side / 36) / scale))
     row, col, *size = on.raster.part or (0, 0, *field.shape)
-    rows, cols = (
-        row + np.arange(step // 2, size[0], step),
-        col + np.arange(step // 2, size[1], step),
-    )
+    rows = row + np.arange(step // 2, size[0], step)
+    cols = col + np.arange(step // 2, size[1], step)
     # turned to columns and rows, the axes of the picture
     x, y = field.downhill()
     cos, sin = math.cos(field.origin[2]), math.sin(field.origin[2])
@@ -286,7 +282,7 @@ def _draw_arrows(on: overlays.Surface, field: PotentialField) -> int:
     overlays.Brush(on.pixels).arrows(
         centres, directions[:, i, j].T, styles.POTENTIAL_ARROW, length=length, thickness=thickness
     )
-    return len(centres)
+    return bool(len(centres))
 
 
 _BINARY = (140, 92, 200)
@@ -294,12 +290,8 @@ _SLOW_TO_FAST = [palette.CLOSED_PASSAGE, palette.TIGHT_PASSAGE, palette.CHANGED]
 _MOST_LIMITS = 12  # colours of limits; further limits share them
 
 
-class _ColouredCells(NamedTuple):
-    """The cells of a speed limit or of another filter, with their colour."""
-
-    cells: Mask
-    colour: palette.Colour
-    label: str
+_ColouredCells = tuple[Mask, palette.Colour, str]
+"""The cells of a speed limit or of another filter, with their colour and label."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,8 +306,8 @@ class ZonesOverlay(overlays.Overlay):
     @property
     def colours(self) -> list[palette.Colour]:
         colours: list[palette.Colour] = []
-        for zone in self._coloured_cells:
-            colour = np.array([zone.colour])
+        for _, zone_colour, _ in self._coloured_cells:
+            colour = np.array([zone_colour])
             free = palette.mixed(colour, (255, 255, 255), 0.55)
             unknown = palette.mixed(colour, palette.RVIZ_UNKNOWN, 0.6)
             colours += [tuple(map(int, each[0])) for each in (free, unknown, colour)]  # type: ignore[misc]
@@ -326,13 +318,13 @@ class ZonesOverlay(overlays.Overlay):
         free = on.raster.enlarged(on.raster.largest(values) <= FREE)
         unknown = on.raster.enlarged(on.raster.largest(values) == UNKNOWN)
         swatches = []
-        for number, zone in enumerate(self._coloured_cells):
+        for number, (zone_cells, _, label) in enumerate(self._coloured_cells):
             index = first_index + 3 * number
-            cells = on.raster.enlarged(on.raster.largest(zone.cells))
+            cells = on.raster.enlarged(on.raster.largest(zone_cells))
             on.pixels[cells & free] = index
             on.pixels[cells & unknown] = index + 1
             on.pixels[overlays.inner_outline(cells)] = index + 2
-            swatches.append(Swatch(index, zone.label))
+            swatches.append(Swatch(index, label))
         return swatches
 
 
@@ -340,7 +332,7 @@ def _coloured_cells_in(grid: OccupancyGrid, info: FilterInfo) -> Iterator[_Colou
     values = np.asarray(grid.occupancy)
     if info.kind != "speed":
         colour = palette.KEEPOUT if info.kind == "keepout" else _BINARY
-        yield _ColouredCells(values > FREE, colour, info.kind)
+        yield values > FREE, colour, info.kind
         return
     found = np.flatnonzero(histogram(values)[FREE + 1 : OCCUPIED + 1]) + 1
     limits = sorted((info.limit_of(v) or 0.0, v) for v in found.tolist())
@@ -348,7 +340,7 @@ def _coloured_cells_in(grid: OccupancyGrid, info: FilterInfo) -> Iterator[_Colou
     for number, (limit, value) in enumerate(limits):
         colour = scale[number * (len(scale) - 1) // max(len(limits) - 1, 1)].tolist()
         label = f"{limit:.4g} {info.sign}" if limit else "no limit"
-        yield _ColouredCells(values == value, (colour[0], colour[1], colour[2]), label)
+        yield values == value, tuple(colour), label
 
 
 def zones_image(

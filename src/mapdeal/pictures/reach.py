@@ -25,8 +25,7 @@ class Captions:
     """Writer of texts on the pixels of a map, in boxes that do not overlap."""
 
     def __init__(self, pixels: Bytes, size: int) -> None:
-        self._pixels = pixels
-        self._size = size
+        self._pixels, self._size = pixels, size
         self._occupied = np.zeros_like(pixels)
         self.kept_free = overlays.Brush(self._occupied)  # marks pixels for which texts make room
 
@@ -39,8 +38,7 @@ class Captions:
         placed = self._free_box(place, width, height, away, towards)
         if placed is None:
             return False
-        box, distance = placed
-        left_x, bottom, right, top = box
+        (left_x, bottom, right, top), distance = placed
         if distance >= _FIRST_WITH_A_LINE:
             nearest = np.clip(place, (left_x, bottom), (right, top))
             overlays.Brush(self._pixels).polyline(np.array([place, nearest]), index, thickness=2)
@@ -80,9 +78,8 @@ class Captions:
     def _is_free(self, box: Box) -> bool:
         left_x, bottom, right, top = box
         height, width = self._pixels.shape
-        if left_x < 0 or bottom < 0 or right > width or top > height:
-            return False
-        return not self._occupied[bottom:top, left_x:right].any()
+        is_inside = left_x >= 0 and bottom >= 0 and right <= width and top <= height
+        return is_inside and not self._occupied[bottom:top, left_x:right].any()
 
 
 _MOST_WIDTHS = 300  # most passages with a written width: those that cut off most
@@ -229,9 +226,8 @@ class GraphOverlay(overlays.Overlay):
 
     @property
     def colours(self) -> tuple[Colour, ...]:
-        if self.is_below:
-            return (_BELOW, _BELOW, _BELOW, _BELOW, RVIZ_FREE)
-        return (ROUTE, _NODE, MINIMUM, GOAL, RVIZ_FREE)
+        marks = (_BELOW,) * 4 if self.is_below else (ROUTE, _NODE, MINIMUM, GOAL)
+        return (*marks, RVIZ_FREE)
 
     @property
     def text(self) -> str:
@@ -247,8 +243,7 @@ class GraphOverlay(overlays.Overlay):
         line, node, door, goal, paper = (first_index + k for k in range(5))
         brush, graph = overlays.Brush(on.pixels), self.graph
         places = on.places(graph.points_xy)
-        thickness = max(2, round(on.side / 700))
-        ends = graph.ends
+        thickness, ends = max(2, round(on.side / 700)), graph.ends
         brush.segments(places[ends[:, 0]], places[ends[:, 1]], line, thickness=thickness)
         self._draw_arrows(brush, places, line, length=max(10.0, 6.0 * thickness))
         radius = max(3.0, on.side / 320)

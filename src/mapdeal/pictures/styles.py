@@ -102,7 +102,9 @@ def cost_style(costmap: Costmap) -> LayerStyle:
     if bounds_circumscribed(costmap):
         swatches.append(Swatch(palette.contour, f"circumscribed {costmap.circumscribed_cost}"))
     top = palette.highest_graded
-    ticks = [(value / top, f"{value:g}") for value in (1, *round_values(top, 5), top)]
+    step = round_length(top / 5 * 1.5)  # no label is close to the end
+    labelled = [step * k for k in range(1, math.ceil(top / step)) if top - step * k > 0.35 * step]
+    ticks = [(value / top, f"{value:g}") for value in (1, *labelled, top)]
     return LayerStyle(
         palette.colours, palette.by_value, swatches=tuple(swatches),
         bar=ColourBar(range(COST_LEVELS), ticks, "cost"), labels=labels,
@@ -152,9 +154,8 @@ def difference_style(only_in: tuple[str, str] | None = None) -> LayerStyle:
 
 def _differences(*names: str) -> list[tuple[str, Colour]]:
     """Return the kinds of a difference with other names for all but the first three."""
-    kinds = list(_KINDS_OF_DIFFERENCE)
-    kinds[3:] = [(name, colour) for name, (_, colour) in zip(names, kinds[3:], strict=True)]
-    return kinds
+    same, renamed = _KINDS_OF_DIFFERENCE[:3], _KINDS_OF_DIFFERENCE[3:]
+    return [*same, *((name, colour) for name, (_, colour) in zip(names, renamed, strict=True))]
 
 
 _CHANGE_LEVELS = 100  # colours for lower costs, and as many for higher costs
@@ -192,15 +193,14 @@ def cost_change_style() -> LayerStyle:
     kinds = [*enumerate(_KINDS_OF_COSTS), *enumerate(_KINDS_OF_COST_CHANGES, _FIRST_KIND)]
     labels = {code: name for code, (name, _) in kinds}
     ends = [-(-level * _LARGEST_CHANGE // _CHANGE_LEVELS) for level in range(_CHANGE_LEVELS + 1)]
-    for level, (below, most) in enumerate(pairwise(ends)):
-        code = _FIRST_CHANGE + 2 * level
+    codes = range(_FIRST_CHANGE, _FIRST_KIND, 2)
+    for code, (below, most) in zip(codes, pairwise(ends), strict=True):
         by = f"by {below + 1} to {most}"
         labels |= {code: f"fell {by}", code + 1: f"rose {by}"}
     indices = [*range(_FIRST_KIND - 2, 2, -2), 2, *range(_FIRST_CHANGE + 1, _FIRST_KIND, 2)]
     ticks = [(0.5 + share / 2, f"{share * _LARGEST_CHANGE:+.0f}") for share in (-1, -0.5, 0.5, 1)]
     graded = np.stack([fell, rose], axis=1).reshape(-1, 3)
-    groups = (_KINDS_OF_COSTS, _KINDS_OF_COST_CHANGES)
-    equal, changed = ([colour for _, colour in group] for group in groups)
+    equal, changed = (list(dict(k).values()) for k in (_KINDS_OF_COSTS, _KINDS_OF_COST_CHANGES))
     palette = colours.palette_of(equal, graded, changed)
     return LayerStyle(
         palette, by_value=np.minimum(np.arange(256), len(palette) - 1).astype(np.uint8),
@@ -254,12 +254,6 @@ def ticks_of(low: float, high: float, about: int) -> list[float]:
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     decimals = max(0, -math.floor(math.log10(step)))
     return [round(k * step, decimals) + 0.0 for k in range(first, last + 1)]
-
-
-def round_values(end: float, about: int) -> list[float]:
-    """Return round numbers between 0 and `end`, both excluded, none close to the end."""
-    step = round_length(end / about * 1.5)
-    return [step * k for k in range(1, math.ceil(end / step)) if end - step * k > 0.35 * step]
 
 
 FIELD_LEVELS = 119  # colours of known cells; unknown cells have as many faded colours
@@ -319,22 +313,22 @@ class EndsByRows:
 def field_style(field: DistanceField, ends: FieldEnds) -> LayerStyle:
     # A step of colour has the same length on both sides of zero, which lies between two steps. Each
     # side uses all its shades even if it is short, so thin walls stay red.
-    scale, below = _scale(ends)
+    step = (ends.far + ends.deep) / (FIELD_LEVELS - 1) or 1.0
+    below = min(max(1, math.ceil(ends.deep / step - 1e-9)), FIELD_LEVELS - 1)
+    scale = Scale(-below * step, (FIELD_LEVELS - below) * step, 0, FIELD_LEVELS)
     # The palest shade is left out, so that a side with one step is not white.
     known = np.vstack([
         colours.interpolated(colours.OBSTACLE_ANCHORS, below + 1)[:0:-1],
         colours.interpolated(colours.FREE_ANCHORS, FIELD_LEVELS - below + 1)[1:],
     ])  # fmt: skip
     special = [colours.LINE, colours.RVIZ_UNKNOWN]
-    swatches = [Swatch(LINE, "obstacle edge")]
-    bar = None
+    swatches, bar = [Swatch(LINE, "obstacle edge")], None
     if math.isfinite(ends.highest) and math.isfinite(ends.lowest):
         bar, more = _bar(scale, ends)
         swatches += [*more, Swatch(faded_index(below, outside=True), "unknown: faded")]
     else:
-        is_free = ends.highest > 0
-        label = "+inf: no obstacle" if is_free else "-inf: nothing free"
-        swatches.append(Swatch(FIELD_LEVELS - 1 if is_free else 0, label))
+        free, closed = (FIELD_LEVELS - 1, "+inf: no obstacle"), (0, "-inf: nothing free")
+        swatches.append(Swatch(*(free if ends.highest > 0 else closed)))
     if field.region is not None:
         swatches.append(Swatch(NOWHERE, "no distance"))
     return LayerStyle(
@@ -344,20 +338,9 @@ def field_style(field: DistanceField, ends: FieldEnds) -> LayerStyle:
     )  # fmt: skip
 
 
-def steps_below_zero(scale: Scale) -> int:
-    return round(-scale.low / (scale.high - scale.low) * scale.levels)
-
-
 def faded_index(below: int, *, outside: bool) -> int:
     """Return a typical index of unknown cells, outside or inside obstacles."""
-    typical = below + (FIELD_LEVELS - below) // 3 if outside else below // 2
-    return FIELD_LEVELS + typical
-
-
-def _scale(ends: FieldEnds) -> tuple[Scale, int]:
-    step = (ends.far + ends.deep) / (FIELD_LEVELS - 1) or 1.0
-    below = min(max(1, math.ceil(ends.deep / step - 1e-9)), FIELD_LEVELS - 1)
-    return Scale(-below * step, (FIELD_LEVELS - below) * step, 0, FIELD_LEVELS), below
+    return FIELD_LEVELS + (below + (FIELD_LEVELS - below) // 3 if outside else below // 2)
 
 
 def _bar(scale: Scale, ends: FieldEnds) -> tuple[ColourBar, list[Swatch]]:
@@ -403,8 +386,7 @@ _COLOURS = [
 
 def reach_codes(reach: Reach) -> tuple[Bytes, LayerStyle]:
     codes = _codes(reach)
-    areas = _colour_areas(codes)
-    counts = histogram(codes)
+    areas, counts = _colour_areas(codes), histogram(codes)
     swatches, labels = [], {}
     for code, name, is_area in _names(areas, turns=bool(counts[_NO_TURN])):
         if counts[code]:
@@ -427,8 +409,7 @@ def _codes(reach: Reach) -> Bytes:
     occupancies = reach.occupancy.view(np.uint8)
 
     def fill(rows: slice) -> None:
-        occupancy, headings = occupancies[rows], reach.headings[rows]
-        part = codes[rows]
+        occupancy, headings, part = occupancies[rows], reach.headings[rows], codes[rows]
         np.take(code_of_byte, occupancy, out=part)
         is_reached = reach.reachable[rows] != 0
         part[(headings != 0) & ~is_reached] = _CUT_OFF
