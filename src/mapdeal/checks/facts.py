@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -63,7 +62,7 @@ from mapdeal.maps.picture import Picture, Strips, opaque_greys
 from mapdeal.maps.reading import as_occupancy, open_map
 from mapdeal.ros.filters import FilterServers
 from mapdeal.ros.names import Name, label_of
-from mapdeal.ros.robot import CostmapName, Flavour, ParameterValue, RobotParameters
+from mapdeal.ros.robot import Flavour, ParameterValue, RobotParameters
 
 Counts = NDArray[np.int64]
 
@@ -321,7 +320,6 @@ class ParameterFacts:
     """The values in one costmap's section of the files, without interpretation."""
 
     flavour: Flavour
-    costmap: CostmapName
     values: Mapping[Name, ParameterValue]
     plugins: tuple[tuple[str, str], ...]
 
@@ -490,23 +488,22 @@ def gather(
     path: Path, *, max_cells: int | None = None
 ) -> tuple[PairFacts | None, GridFacts | None, list[Finding]]:
     """Return the facts to check and the findings made while reading a map."""
-    findings: list[Finding] = []
     entries: dict[str, Entry] = {}
-    pair: PairFacts | None = None
-    cells: GridFacts | None = None
-    try:
-        named, path = path, format_of(path).header(path)
-        with _warnings_as_findings(findings, path, entries):
+    pair, cells = None, None
+    texts: list[tuple[str, str]] = []  # names of checks, and messages
+    with capture_warnings() as warnings:
+        try:
+            named, path = path, format_of(path).header(path)
             if format_of(path).is_yaml:
                 bits = named if named != path else None
                 pair, cells = _gather_pair(path, max_cells, bits, entries)
             else:
                 cells = _gather_grid(path, max_cells)
-    except (FileAccessError, MalformedInputError) as error:
-        name = "file.access" if isinstance(error, FileAccessError) else "file.malformed"
-        text = str(error) + (f" ({error.hint})" if error.hint else "")
-        findings.append(_finding(name, path, text, entries))
-    return pair, cells, findings
+        except (FileAccessError, MalformedInputError) as error:
+            name = "file.access" if isinstance(error, FileAccessError) else "file.malformed"
+            texts = [(name, str(error) + (f" ({error.hint})" if error.hint else ""))]
+    texts = [*((str(warning.check), str(warning)) for warning in warnings), *texts]
+    return pair, cells, [_finding(name, path, text, entries) for name, text in texts]
 
 
 def gather_rooms(path: Path, radius: float, *, max_cells: int | None = None) -> RoomFacts:
@@ -586,18 +583,6 @@ def _count_pixels(
     pixels.finish()
     alpha = None if strip.alpha is None else strip.alpha[:0]
     return replace(strip, samples=strip.samples[:0], alpha=alpha), pixels, cells
-
-
-@contextmanager
-def _warnings_as_findings(
-    findings: list[Finding], path: Path, entries: Mapping[str, Entry]
-) -> Iterator[None]:
-    """Turn mapdeal's warnings in the block into findings."""
-    with capture_warnings() as warnings:
-        try:
-            yield
-        finally:
-            findings += [_finding(str(w.check), path, str(w), entries) for w in warnings]
 
 
 def _finding(name: str, path: Path, text: str, entries: Mapping[str, Entry]) -> Finding:

@@ -351,10 +351,8 @@ def read_lint_config(path: Path) -> LintConfig | None:
     if "lint" not in own_table:
         return None
     _check_table(own_table["lint"], tuple(_KEYS), path, f"{table}.")
-    values = {
-        key.replace("-", "_"): _KEYS[key](value, path, f"{table}.{key}")
-        for key, value in own_table["lint"].items()
-    }
+    settings = own_table["lint"].items()
+    values = {key: _KEYS[key](value, path, f"{table}.{key}") for key, value in settings}
     return LintConfig(path, table, **values)
 
 
@@ -392,11 +390,7 @@ def _flag(value: Any, path: Path, place: str) -> bool:
     return value
 
 
-_KEYS: dict[str, Callable[[Any, Path, str], Any]] = {
-    "select": _names,
-    "ignore": _names,
-    "strict": _flag,
-}
+_KEYS: dict[str, Callable[..., Any]] = {"select": _names, "ignore": _names, "strict": _flag}
 """Reader of the value of each key."""
 
 

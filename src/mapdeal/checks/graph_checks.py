@@ -28,13 +28,9 @@ def check_graph(path: Path, grid: OccupancyGrid, robot: Footprint | None) -> lis
         file = read_graph_file(path)
     except (MalformedInputError, FileAccessError) as error:
         return [error_finding(error, path)]
-    findings = [
-        CHECKS[f"graph.{problem.check}"].finding(
-            path, problem.text, places=places_of([problem.point] if problem.point else [])
-        )
-        for problem in file.problems
-    ]
-    findings += _GraphFacts(path, file.graph, grid, robot).findings()
+    facts = _GraphFacts(path, file.graph, grid, robot)
+    findings = [facts.finding(p.check, p.text, [p.point] if p.point else []) for p in file.problems]
+    findings += facts.findings()
     by_check = ([found for found in findings if found.check == name] for name in CHECKS)
     return [finding for group in by_check for finding in _shortened(group)]
 
@@ -68,11 +64,9 @@ class _GraphFacts:
     def findings(self) -> Iterator[Finding]:
         if not len(self.graph.nodes):
             return
-        frames = sorted({node.frame for node in self.graph.nodes} - {FRAME})
+        frames = ", ".join(sorted({node.frame for node in self.graph.nodes} - {FRAME}))
         if frames:
-            text = (
-                f"nodes have the frame {', '.join(frames)}: the server transforms them to {FRAME}"
-            )
+            text = f"nodes have the frame {frames}: the server transforms them to {FRAME}"
             yield self.finding("other-frame", text, ())
         outside = int(np.count_nonzero(~self.inside))
         if 2 * outside > len(self.inside):  # other findings would repeat this for each node
@@ -122,8 +116,7 @@ class _GraphFacts:
         return f"node {number} lies {position}; the nearest open cell is at {x:.10g},{y:.10g}"
 
     def _blocked(self, is_closed: Mask) -> Iterator[Finding]:
-        graph = self.graph
-        ends = graph.ends
+        graph, ends = self.graph, self.graph.ends
         candidates = np.flatnonzero(~is_closed[ends].any(axis=1))
         ends_rowcol = self.frame.continuous_rowcol_from_xy(graph.points_xy)
         starts, stops = ends_rowcol[ends[candidates, 0]], ends_rowcol[ends[candidates, 1]]
@@ -160,8 +153,7 @@ class _GraphFacts:
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-        graph, count = self.graph, len(self.graph.nodes)
-        ends = graph.ends
+        ends, count = self.graph.ends, len(self.graph.nodes)
         weak = joined(count, ends[:, 0], ends[:, 1])[0]
         sizes = np.bincount(weak, minlength=count)
         largest = int(sizes.argmax())

@@ -112,9 +112,8 @@ def check_parameters(
     paths: Sequence[Path], costmap: CostmapName | None, namespace: str | None,
     map_frames: Sequence[tuple[str, Frame]],
 ) -> dict[Path, Findings]:  # fmt: skip
-    options: Any = {"costmap": costmap, "namespace": namespace, "map_frames": map_frames}
     try:
-        by_file = lint_parameters(paths, **options)
+        by_file = lint_parameters(paths, costmap, namespace, map_frames)
     except FileAccessError as error:
         faulty = Path(error.source) if error.source is not None else paths[-1]
         by_file = {path: [error_finding(error, faulty)] if path == faulty else [] for path in paths}
@@ -420,8 +419,7 @@ def _sarif_lines(report: LintReport) -> list[str]:
 
 
 def _rule(name: str) -> dict[str, Any]:
-    check = CHECKS[name]
-    texts = check.explanation
+    check, texts = CHECKS[name], CHECKS[name].explanation
     return {
         "id": name,
         "shortDescription": {"text": texts.about},
@@ -432,12 +430,8 @@ def _rule(name: str) -> dict[str, Any]:
 
 
 def _result(finding: Finding, index: int, report: MapReport) -> dict[str, Any]:
-    location = {
-        "artifactLocation": _location(finding.file, is_folder=report.is_folder),
-        "region": {"startLine": finding.line or 1},
-    }
-    if report.is_folder:
-        del location["region"]
+    location: Any = {"artifactLocation": _location(finding.file, is_folder=report.is_folder)}
+    location |= {} if report.is_folder else {"region": {"startLine": finding.line or 1}}
     places = list(map(point_document, finding.places))
     return {
         "ruleId": finding.check,
@@ -478,7 +472,7 @@ def _text_lines(report: LintReport) -> list[str]:
 
 def _explanation_lines(check: Check) -> Iterator[str]:
     texts = check.explanation
-    yield f"{check.name} ({severity_text(check)})"
+    yield f"{check.name} ({check.severity}{', on request' if check.on_request else ''})"
     for text in (texts.about, texts.why, f"Example: {texts.example}", f"Fix: {texts.fix}"):
         yield from _FILLED.wrap(text)
     yield ""
@@ -487,10 +481,6 @@ def _explanation_lines(check: Check) -> Iterator[str]:
 _FILLED = TextWrapper(
     88, initial_indent="  ", subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
 )
-
-
-def severity_text(check: Check) -> str:
-    return f"{check.severity}, on request" if check.on_request else check.severity
 
 
 REPORTS: dict[ReportForm, Callable[[LintReport], list[str]]] = {

@@ -629,9 +629,7 @@ _ABSENT = ("params.namespace", "params.no-node", _ONE_LEVEL)
 _OTHER_KIND = "params.other-kind"
 _OTHER_COSTMAP = "params.other-costmap"
 """Omitted if both costmaps are checked: the file belongs to the other one."""
-_OF_LENGTHS = {
-    "params.inflation-below-circumscribed", "params.cost-cliff", "params.cost-ends-early"
-}  # fmt: skip
+_LENGTHS = {"params.inflation-below-circumscribed", "params.cost-cliff", "params.cost-ends-early"}
 """Omitted if the unit of a length is doubtful."""
 _ABOUT_FILES = ("params.syntax", _OTHER_KIND, *_ABSENT)
 """Findings about a whole file, or with the costmap's node in their text."""
@@ -654,7 +652,7 @@ class _Costmap:
 
 
 def lint_parameters(
-    paths: Sequence[Path], *, costmap: CostmapName | None = None, namespace: str | None = None,
+    paths: Sequence[Path], costmap: CostmapName | None = None, namespace: str | None = None,
     map_frames: Sequence[tuple[str, Frame]] = (),
 ) -> dict[Path, list[Finding]]:  # fmt: skip
     flavour = flavour_of(paths)
@@ -727,14 +725,13 @@ def _check(
     node = node_of(costmap.robot, costmap.name, namespace)
     values = costmap_values(paths, flavour, costmap.name, node, namespace)
     plugins = listed_plugins(flavour, values, costmap.robot)
-    parameters = ParameterFacts(flavour, costmap.name, values, plugins)
+    parameters = ParameterFacts(flavour, values, plugins)
     facts: dict[type, Any] = {ParameterFacts: parameters}
     if costmap.robot is not None and not costmap.is_absent:
-        robot = facts[RobotFacts] = RobotFacts(
-            costmap.robot, parameters, sibling, tuple(map_frames)
-        )
+        robot = RobotFacts(costmap.robot, parameters, sibling, tuple(map_frames))
+        facts[RobotFacts] = robot
         if flavour == "nav2":
             facts[FilterFacts] = FilterFacts(robot, filter_servers(read_ros2(paths)))
     for finding in findings_on(facts, str(paths[-1])):
-        if not (costmap.has("params.units") and finding.check in _OF_LENGTHS):
+        if not (costmap.has("params.units") and finding.check in _LENGTHS):
             yield finding

@@ -73,9 +73,8 @@ def marks_beyond_rays(facts: RobotFacts) -> Iterator[Remark]:
     clearing: true, obstacle_max_range: 5.0, raytrace_max_range: 3.0}}`.
     Fix: Set raytrace_max_range above obstacle_max_range.
     """
-    names = "obstacle_max_range", "raytrace_max_range"
-    if facts.robot.flavour == "ros1":
-        names = "obstacle_range", "raytrace_range"
+    prefix = "" if facts.robot.flavour == "ros1" else "max_"
+    names = f"obstacle_{prefix}range", f"raytrace_{prefix}range"
     for listed, sensing in _sensing_layers(facts):
         rays = [source.raytrace_max_range for source in sensing.sources if source.clearing]
         for source in sensing.sources:
@@ -256,15 +255,13 @@ def planner_without_effect(facts: PlannerFacts) -> Iterator[Remark]:
     plugins = plugins_in(facts.values)
     of_any_planner = {"plugin"}.union(*PLANNER_PARAMETERS.values())
     are_known = PLANNER_PARAMETERS.keys() >= set(map(full_name, plugins.values()))
-    misplaced = [
-        name for name in facts.values
-        if name in of_any_planner and name.partition(".")[0] not in plugins
-    ]  # fmt: skip
+    names = [name for name in facts.values if name.partition(".")[0] not in plugins]
+    misplaced = [name for name in names if name in of_any_planner]
     if misplaced and are_known:
         more = f" and {len(misplaced) - 1} more lines have" if misplaced[1:] else " has"
         text = f"{misplaced[0]}{more} no effect here: planners read them below their names"
-        names = f", such as {next(iter(plugins))}" if plugins else ""
-        yield Remark(text + names, at=facts.values[misplaced[0]])
+        text += f", such as {next(iter(plugins))}" if plugins else ""
+        yield Remark(text, at=facts.values[misplaced[0]])
     for name, owner, closest in _undeclared_names(facts):
         parameter = name.partition(".")[2]
         if closest or not (parameter or (are_known and name not in of_any_planner)):
@@ -300,10 +297,8 @@ def planner_turning_radius(facts: PlannerFacts) -> Iterator[Remark]:
     Fix: Write metres, or set motion_model_for_search to REEDS_SHEPP.
     """
     for section, plugin in plugins_in(facts.values).items():
-        radius, model = (
-            facts.values.get(f"{section}.{name}")
-            for name in ("minimum_turning_radius", "motion_model_for_search")
-        )
+        radius = facts.values.get(f"{section}.minimum_turning_radius")
+        model = facts.values.get(f"{section}.motion_model_for_search")
         if class_name(plugin) != "SmacPlannerHybrid" or radius is None or radius.kind != "double":
             continue
         for name, frame in facts.map_frames if model is None or model.value == "DUBIN" else ():

@@ -136,9 +136,7 @@ class _Correlation:
         width, height = np.maximum(sides, _BLOCK).astype(int)
         self._shape = _quick_size(int(height)), _quick_size(int(width))
         self._middle = first.middle_xy
-        walls, free = (
-            self._splat(points / self.cell, weights) for points, weights in self._points(second)
-        )
+        walls, free = (self._splat(xy / self.cell, weights) for xy, weights in self._points(second))
         # single precision, and all x before all y: many points are turned many times
         self._turning = [
             (np.asfortranarray((points - self._middle) / self.cell, dtype=np.float32), weights)
@@ -159,10 +157,8 @@ class _Correlation:
     def best(self, yaw: float, most: int, area: SearchArea | None) -> list[list[list[float]]]:
         """Return the best shifts at a yaw for each scoring, as rows of score, yaw, x, y."""
         half = self._diagonal / 2 + self.cell
-        walls, free = (
-            self._splat(turned(points, yaw) + half / self.cell, weights)
-            for points, weights in self._turning
-        )
+        cells = half / self.cell
+        walls, free = (self._splat(turned(xy, yaw) + cells, w) for xy, w in self._turning)
         walls = np.minimum(walls, np.float32(_MOST_WALL))
         free = np.maximum(free - walls, 0)
         spectra = np.conj(_fft_of(walls)), np.conj(_fft_of(free))
@@ -567,9 +563,8 @@ def _candidates(
 def _search_area(first: WallMap, second: WallMap, prior: Transform) -> SearchArea:
     diagonals = [math.hypot(*walls.frame.size_xy) for walls in (first, second)]
     along = second.map_from_cells().inverse().after(prior).after(first.map_from_cells())
-    return SearchArea(
-        np.array([along.yaw, along.x, along.y]), max(_PRIOR_SHIFT, min(diagonals) / 10)
-    )
+    pose = np.array([along.yaw, along.x, along.y])
+    return SearchArea(pose, max(_PRIOR_SHIFT, min(diagonals) / 10))
 
 
 def _judged(

@@ -171,9 +171,8 @@ def judged(
     bounds: list[tuple[str, Side, float]], values: Mapping[str, Any]
 ) -> tuple[ScoreBound, ...]:
     """Return the bounds with their figures; maps without a common known cell have none."""
-    found = [
-        None if _is_not_compared(name, values) else figure_in(values, name) for name, *_ in bounds
-    ]
+    names = [name for name, *_ in bounds]
+    found = [None if _is_not_compared(name, values) else figure_in(values, name) for name in names]
     return tuple(ScoreBound(*bound, value) for bound, value in zip(bounds, found, strict=True))
 
 

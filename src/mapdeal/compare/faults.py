@@ -42,9 +42,7 @@ def place_text(grid: OccupancyGrid, point_xy: tuple[float, float]) -> str:
 
 NO_FAULT = "no fault found"
 
-_LEAST = {
-    "ghost walls": 0.05, "missing area": 0.05, "faded walls": 0.1, "noisy": 0.03, "bent": 1.0
-}  # fmt: skip
+_LEAST = {"ghost walls": 0.05, "missing area": 0.05, "faded walls": 0.1, "noisy": 0.03, "bent": 1.0}
 """Least share that is a fault: of walls, known area, true walls, and walls; for bends a multiple of
 `_LEAST_BEND`. The fault that exceeds its least share most names the verdict."""
 

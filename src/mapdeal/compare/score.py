@@ -379,10 +379,8 @@ def _response(walls: Mask) -> tuple[_Floats, _Floats]:
     np.subtract(smooth[2:], smooth[:-2], out=down[1:-1])
     np.subtract(smooth[:, 2:], smooth[:, :-2], out=across[:, 1:-1])
     down, across = down / 2, across / 2
-    both, rows, cols = (
-        gaussian_filter(product, _ALONE_AROUND, mode="constant")
-        for product in (down * across, down * down, across * across)
-    )
+    products = down * across, down * down, across * across
+    both, rows, cols = (gaussian_filter(p, _ALONE_AROUND, mode="constant") for p in products)
     trace = rows + cols
     return rows * cols - both * both - _SENSITIVITY * trace * trace, trace
 

@@ -313,10 +313,8 @@ def ticks_between(
     decimals = max(0, -math.floor(math.log10(step) + 1e-9))
     first = math.ceil(start / step - 1e-6)
     last = math.floor((start + pixels * metres_per_pixel) / step + 1e-6)
-    return [
-        (round((k * step - start) / metres_per_pixel), f"{k * step + 0.0:.{decimals}f}")
-        for k in range(first, last + 1)
-    ]
+    ticks = (k * step for k in range(first, last + 1))
+    return [(round((x - start) / metres_per_pixel), f"{x + 0.0:.{decimals}f}") for x in ticks]
 
 
 def round_length(length: float) -> float:

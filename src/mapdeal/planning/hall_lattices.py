@@ -39,10 +39,8 @@ def lattices_in(
     axes = np.array([[sin, cos], [cos, -sin]])  # both directions, as steps in rows and columns
     order = np.argsort(halls, kind="stable")
     bounds = [*np.flatnonzero(np.diff(halls[order], prepend=-1)).tolist(), len(order)]
-    by_hall = [
-        _lattice_in(points[order[first:stop]], axes, spacing, step, is_usable)
-        for first, stop in pairwise(bounds)
-    ]
+    parts = [points[order[first:stop]] for first, stop in pairwise(bounds)]
+    by_hall = [_lattice_in(part, axes, spacing, step, is_usable) for part in parts]
     places = list(chain.from_iterable(by_hall))
     if len(places) < 2:
         return places, np.zeros((0, 2), dtype=np.int64)

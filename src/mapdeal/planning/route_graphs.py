@@ -207,10 +207,7 @@ class _CompleteDraft(graph_drafts.Draft):
                 bottlenecks.append(node)
                 marks.append((door, node))
             marks.sort()
-            pieces += [
-                _Piece(path.places, clearances, first, start, last, end)
-                for (first, start), (last, end) in pairwise(marks)
-            ]
+            pieces += [_Piece(path.places, clearances, *a, *b) for a, b in pairwise(marks)]
         self._name_doors(bottlenecks)
         while pieces:
             pieces = self._add_lines_of(pieces)
@@ -564,9 +561,7 @@ class _CompleteDraft(graph_drafts.Draft):
         """Remove nodes of some kinds that only divide lines."""
         waiting = [node for node, beside in self.beside.items()
                    if len(beside) == 2 and self.kinds[node] in kinds]  # fmt: skip
-        waiting.sort(key=lambda node: (
-            -self.widths.get(node, 0.0), sum(self.beside[node].values()), node
-        ))  # fmt: skip
+        waiting.sort(key=lambda k: (-self.widths.get(k, 0.0), sum(self.beside[k].values()), k))
         for node in waiting:
             if not self.is_crowded:
                 return
