@@ -12,23 +12,9 @@ from typing import Any, TypeVar, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.checks.findings import (
-    CHECKS,
-    Check,
-    Finding,
-    Remark,
-    Severity,
-    add_check,
-    parse_explanation,
-    places_of,
-)
-from mapdeal.errors import (
-    FileAccessError,
-    MalformedInputError,
-    MapdealWarning,
-    capture_warnings,
-    emit_warning,
-)
+from mapdeal import errors
+from mapdeal.checks.findings import CHECKS, Finding, Remark, Severity, add_check
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.files.source import bytes_of_lines, claim, claimed
 from mapdeal.files.yaml_text import Entry, parse_mapping, read_mapping
 from mapdeal.grid.costmap import Costmap, figures_of_costs
@@ -44,16 +30,8 @@ from mapdeal.kernels.blocks import Layer, blocks_of
 from mapdeal.kernels.components import MOST_PLACES, Components
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.lookup import histogram
-from mapdeal.maps import map_server
-from mapdeal.maps.dialects import (
-    DIALECTS,
-    Dialect,
-    MapMetadata,
-    cells_of,
-    metadata_of,
-    reader_of,
-    yaml_of,
-)
+from mapdeal.maps import dialects, map_server
+from mapdeal.maps.dialects import DIALECTS, Dialect, MapMetadata, cells_of, metadata_of
 from mapdeal.maps.formats import format_of
 from mapdeal.maps.images import IMAGE_FORMATS, open_for_one_pass
 from mapdeal.maps.kinds import MAP, recognised
@@ -348,10 +326,13 @@ class RobotFacts:
     def value(self, *name: str) -> ParameterValue | None:
         return self.parameters.values.get(name)
 
-    def of_layer(self, layer: str, parameter: str) -> ParameterValue | None:
-        """Return a layer's parameter; in ROS 1 the costmap's own value has precedence."""
-        costmap_value = self.value(parameter) if self.robot.flavour == "ros1" else None
-        return costmap_value or self.value(layer, parameter)
+    def of_layer(self, layer: str, *parameters: str) -> ParameterValue | None:
+        """Return a layer's first parameter that is set; in ROS 1 the costmap's own goes before."""
+        for parameter in parameters:
+            costmap_value = self.value(parameter) if self.robot.flavour == "ros1" else None
+            if (value := costmap_value or self.value(layer, parameter)) is not None:
+                return value
+        return None
 
 
 _HEAD = 1 << 16
@@ -378,9 +359,10 @@ class GridFacts:
         """Return the facts of a map, which is in memory or read by rows."""
         return cls(grid.frame, tallies_of(grid.occupancy))
 
-    def places(self, cells_rowcol: Sequence[tuple[float, float]]) -> tuple[Point, ...]:
+    def places(self, cells_rowcol: Sequence[tuple[float, float]]) -> list[Point]:
         """Return the centres of cells in the map frame, metres."""
-        return places_of(self.frame.xy_from_rowcol(cells_rowcol).tolist())
+        places: list[Point] = self.frame.xy_from_rowcol(cells_rowcol).tolist()
+        return places
 
     @property
     def other_components(self) -> tuple[Integers, Integers]:
@@ -475,13 +457,14 @@ class PairFacts:
     frame: Frame
     comments: list[str] = field(default_factory=list)
 
-    def places_of_greys(self, greys: Iterable[int]) -> tuple[Point, ...]:
+    def places_of_greys(self, greys: Iterable[int]) -> list[Point]:
         """Return the positions of the first pixel of each grey in the map frame, metres."""
         height, width = self.frame.shape
         firsts = [self.pixels.firsts[grey] for grey in greys if grey in self.pixels.firsts]
         pixels = [divmod(first, width) for first in firsts[:MOST_PLACES]]
         cells = [(height - 1 - row, col) for row, col in pixels]  # pixels come from the north
-        return places_of(self.frame.xy_from_rowcol(cells).tolist())
+        places: list[Point] = self.frame.xy_from_rowcol(cells).tolist()
+        return places
 
 
 def gather(
@@ -491,7 +474,7 @@ def gather(
     entries: dict[str, Entry] = {}
     pair, cells = None, None
     texts: list[tuple[str, str]] = []  # names of checks, and messages
-    with capture_warnings() as warnings:
+    with errors.capture_warnings() as warnings:
         try:
             named, path = path, format_of(path).header(path)
             if format_of(path).is_yaml:
@@ -508,7 +491,7 @@ def gather(
 
 def gather_rooms(path: Path, radius: float, *, max_cells: int | None = None) -> RoomFacts:
     """Return facts of a map's rooms, for which all its cells are read; `gather` has checked it."""
-    with capture_warnings(), open_map(path, max_cells=max_cells) as file:
+    with errors.capture_warnings(), open_map(path, max_cells=max_cells) as file:
         height, width = file.shape()
         needed = file.memory_to_read() + _ROOM_BYTES[engine_name()] * height * width
         needed += bytes_of_lines((height, width), _LINE_BYTES)
@@ -537,7 +520,8 @@ def _gather_pair(
     # `entries` gets the keys as soon as they are read, so that later findings can name their lines.
     bare = None if bits is not None else map_server.bare_image(path)
     with recognised(path, "a map", MAP):
-        entries.update(read_mapping(path) if bare is None else parse_mapping(path, yaml_of(bare)))
+        keys = read_mapping(path) if bare is None else parse_mapping(path, dialects.yaml_of(bare))
+        entries.update(keys)
         metadata = metadata_of(entries, path, mend=True)
     image = map_server.image_of(path, metadata, bits)
     with open_for_one_pass(image, max_cells=max_cells) as (strips, head):
@@ -545,7 +529,7 @@ def _gather_pair(
         kind, pixels, cells = _count_pixels(strips, metadata, image)
     if pixels.lost:
         text = f"{image}: {map_server.remark_on_lost(pixels.lost)}"
-        emit_warning(MapdealWarning(text, "image.raw-values"))
+        errors.emit_warning(MapdealWarning(text, "image.raw-values"))
     comments = IMAGE_FORMATS[kind.file_format].comments(head[:_HEAD])
     frame = Frame(*strips.shape, metadata.resolution, metadata.origin)
     pair = PairFacts(path, entries, metadata, image, kind, pixels, frame, comments)
@@ -560,7 +544,7 @@ def _gather_pair(
 
 def _warn_of_view(path: Path, scale: ViewScale) -> None:
     text = f"{path}: is the 0..100 view of a distance field ({scale.described()}), not a map"
-    emit_warning(MapdealWarning(text, "map.view"))
+    errors.emit_warning(MapdealWarning(text, "map.view"))
 
 
 def _count_pixels(
@@ -573,7 +557,7 @@ def _count_pixels(
         byte_counts = pixels.byte_counts["nav2"]
         cells = CellTallies(strips.shape, from_north=True, byte_counts=byte_counts)
     for strip in strips.pictures():
-        read = None if cells is None else reader_of(strip, metadata, "nav2")
+        read = None if cells is None else dialects.reader_of(strip, metadata, "nav2")
         for part in strip.bands(_PIXELS_PER_BAND):
             pixels.add(part)
             if read is None or cells is None:
@@ -621,8 +605,8 @@ def check(
         if len(facts) != 1 or facts[0] not in _FACTS:
             known = " or ".join(kind.__name__ for kind in _FACTS)
             raise TypeError(f"check {name} must have one parameter, annotated {known}, got {facts}")
-        explanation = parse_explanation(function.__doc__ or "")
-        add_check(Check(name, severity, explanation, function, facts[0], on_request))
+        text = function.__doc__ or ""
+        add_check(name, severity, text, run=function, facts=facts[0], on_request=on_request)
         return function
 
     return register

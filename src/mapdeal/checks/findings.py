@@ -62,7 +62,7 @@ class Remark:
     message: str
     key: str | None = None
     at: ParameterValue | None = None
-    places: tuple[Point, ...] = ()
+    places: Iterable[Sequence[float]] = ()
 
 
 @dataclass(frozen=True)
@@ -92,15 +92,16 @@ class Check:
     name: str
     severity: Severity
     explanation: Explanation
-    run: Callable[[Any], Iterable[Remark | str]] = lambda _: ()
-    facts: type | None = None
-    on_request: bool = False
+    run: Callable[[Any], Iterable[Remark | str]]
+    facts: type | None
+    on_request: bool
 
     def finding(
         self, file: Path | str, message: str, line: int | None = None,
-        places: tuple[Point, ...] = (),
+        places: Iterable[Sequence[float]] = (),
     ) -> Finding:  # fmt: skip
-        return Finding(self.name, self.severity, str(file), message, line, places)
+        points = tuple((round(x, _DECIMALS) + 0.0, round(y, _DECIMALS) + 0.0) for x, y in places)
+        return Finding(self.name, self.severity, str(file), message, line, points)
 
 
 def error_finding(error: FileAccessError | MalformedInputError, path: Path) -> Finding:
@@ -109,17 +110,16 @@ def error_finding(error: FileAccessError | MalformedInputError, path: Path) -> F
     return CHECKS[name].finding(path, str(error).removeprefix(f"{path}: "))
 
 
-def places_of(points_xy: Iterable[Sequence[float]]) -> tuple[Point, ...]:
-    return tuple((round(x, _DECIMALS) + 0.0, round(y, _DECIMALS) + 0.0) for x, y in points_xy)
-
-
 CHECKS: dict[str, Check] = {}  # all checks by name, in the order in which they run
 
 
-def add_check(check: Check) -> None:
-    if check.name in CHECKS:
-        raise ValueError(f"two checks are called {check.name}")
-    CHECKS[check.name] = check
+def add_check(
+    name: str, severity: Severity, explanation: str, *, on_request: bool,
+    run: Callable[[Any], Iterable[Remark | str]] = lambda _: (), facts: type | None = None,
+) -> None:  # fmt: skip
+    if name in CHECKS:
+        raise ValueError(f"two checks are called {name}")
+    CHECKS[name] = Check(name, severity, parse_explanation(explanation), run, facts, on_request)
 
 
 def findings_on(
@@ -143,8 +143,7 @@ def declare_checks(text: str) -> None:
     """Add checks of readers: a name and a severity, above an explanation that begins a line."""
     _, *parts = _DECLARATION.split(cleandoc(text))
     for name, severity, request, explanation in zip(*[iter(parts)] * 4, strict=True):
-        texts = parse_explanation(explanation)
-        add_check(Check(name, severity, texts, on_request=bool(request)))
+        add_check(name, severity, explanation, on_request=bool(request))
 
 
 declare_checks(
@@ -340,7 +339,14 @@ def find_lint_config(folder: Path) -> LintConfig | None:
 
 
 def read_lint_config(path: Path) -> LintConfig | None:
-    document = _document_of(path)
+    data = read_file(path, limit=_LARGEST)
+    try:
+        document = parse_toml(data.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise MalformedInputError("not UTF-8", source=path, place=f"byte {error.start}") from None
+    except (RecursionError, ValueError) as error:  # or numbers of many thousand digits
+        why = "nested too deeply" if isinstance(error, RecursionError) else error
+        raise MalformedInputError(f"not valid TOML: {why}", source=path) from None
     if path.name == PYPROJECT:
         tool = document.get("tool", {})
         own_table = tool.get("mapdeal", {}) if isinstance(tool, dict) else {}
@@ -354,17 +360,6 @@ def read_lint_config(path: Path) -> LintConfig | None:
     settings = own_table["lint"].items()
     values = {key: _KEYS[key](value, path, f"{table}.{key}") for key, value in settings}
     return LintConfig(path, table, **values)
-
-
-def _document_of(path: Path) -> dict[str, Any]:
-    data = read_file(path, limit=_LARGEST)
-    try:
-        return parse_toml(data.decode("utf-8"))
-    except UnicodeDecodeError as error:
-        raise MalformedInputError("not UTF-8", source=path, place=f"byte {error.start}") from None
-    except (RecursionError, ValueError) as error:  # or numbers of many thousand digits
-        why = "nested too deeply" if isinstance(error, RecursionError) else error
-        raise MalformedInputError(f"not valid TOML: {why}", source=path) from None
 
 
 def _check_table(table: Any, known: Sequence[str], path: Path, prefix: str) -> None:

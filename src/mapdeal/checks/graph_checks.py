@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mapdeal.checks.findings import CHECKS, Finding, error_finding, places_of
+from mapdeal.checks.findings import CHECKS, Finding, error_finding
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Point
@@ -59,7 +59,7 @@ class _GraphFacts:
         self.cells, self.inside = grid.frame.bounded_rowcol_from_xy(graph.points_xy)
 
     def finding(self, check: str, text: str, points: Iterable[Sequence[float]]) -> Finding:
-        return CHECKS[f"graph.{check}"].finding(self.path, text, places=places_of(points))
+        return CHECKS[f"graph.{check}"].finding(self.path, text, places=points)
 
     def findings(self) -> Iterator[Finding]:
         if not len(self.graph.nodes):

@@ -19,6 +19,7 @@ from textwrap import TextWrapper
 from typing import Any, Literal, overload
 from urllib.parse import quote_from_bytes
 
+from mapdeal import errors as mapdeal_errors
 from mapdeal.checks.facts import MaskFacts, RoomFacts, gather, gather_rooms
 from mapdeal.checks.findings import (
     CHECKS,
@@ -34,14 +35,7 @@ from mapdeal.checks.map_checks import lint_run
 from mapdeal.checks.mask_checks import filter_topic as _  # noqa: F401 - adds its checks
 from mapdeal.checks.parameter_checks import lint_parameters
 from mapdeal.command import Result
-from mapdeal.errors import (
-    FileAccessError,
-    MalformedInputError,
-    MapdealError,
-    ParameterError,
-    one_line,
-    refusal_of_the_system,
-)
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError, ParameterError
 from mapdeal.files.json_values import point_document
 from mapdeal.files.source import absolute_path, is_folder, normal_path
 from mapdeal.grid.frame import Frame
@@ -99,7 +93,7 @@ def check_map(path: Path, max_cells: int | None, radius: float | None = None) ->
         return not_checked(path, str(error))
     except Exception as error:  # noqa: BLE001 - a bug must not stop the checks of other maps
         text = f"internal error: {type(error).__name__}: {error}; this is a bug in mapdeal"
-        return not_checked(path, str(refusal_of_the_system(error) or text))
+        return not_checked(path, str(mapdeal_errors.refusal_of_the_system(error) or text))
     has_comments = not is_folder(path) and format_of(path).is_yaml
     return Findings(tuple(findings), read_ignored_names(path) if has_comments else ())
 
@@ -355,7 +349,8 @@ def _escaped(text: str, *, is_property: bool = False) -> str:
 
 
 def repair_lines(report: LintReport) -> list[str]:
-    return [one_line(f"{m.file}: repaired: {repair}") for m in report.maps for repair in m.repairs]
+    lines = (f"{m.file}: repaired: {repair}" for m in report.maps for repair in m.repairs)
+    return list(map(mapdeal_errors.one_line, lines))
 
 
 def _junit_lines(report: LintReport) -> list[str]:
@@ -397,7 +392,7 @@ def _joined(findings: Iterable[Finding]) -> str:
 
 
 def _attribute(text: str) -> str:
-    return f'"{escape(one_line(text))}"'
+    return f'"{escape(mapdeal_errors.one_line(text))}"'
 
 
 _SCHEMA = (
@@ -437,7 +432,7 @@ def _result(finding: Finding, index: int, report: MapReport) -> dict[str, Any]:
         "ruleId": finding.check,
         "ruleIndex": index,
         "level": finding.severity,
-        "message": {"text": one_line(finding.message)},
+        "message": {"text": mapdeal_errors.one_line(finding.message)},
         "locations": [{"physicalLocation": location}],
         **({"properties": {"places": places}} if places else {}),
     }

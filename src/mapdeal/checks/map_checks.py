@@ -12,14 +12,7 @@ from typing import Any
 import numpy as np
 
 from mapdeal.checks.facts import GridFacts, PairFacts, RoomFacts, check, without_rounding_noise
-from mapdeal.checks.findings import (
-    CHECKS,
-    Finding,
-    Remark,
-    declare_checks,
-    error_finding,
-    places_of,
-)
+from mapdeal.checks.findings import CHECKS, Finding, Remark, declare_checks, error_finding
 from mapdeal.errors import FileAccessError, one_line
 from mapdeal.files.json_values import SUMMARY as BATCH, document_kind, read_json
 from mapdeal.files.source import contents_of, exists, holds, normal_path
@@ -418,12 +411,12 @@ def disconnected(facts: RoomFacts) -> Iterator[Remark]:
         text = f"{decimal_text(p.cut_off)} m2 are cut off from the largest area by a passage of "
         text += f"{p.width:.3g} m at {x:.10g}, {y:.10g}; the robot's inscribed circle needs more "
         text += f"than {2 * facts.radius:.3g} m"
-        yield Remark(text, places=places_of([(p.x, p.y)]))
+        yield Remark(text, places=[(p.x, p.y)])
     omitted = passages[_MOST_PASSAGES:]
     if omitted:
         most = decimal_text(omitted[0].cut_off)
         text = f"{len(omitted)} more passages cut off {most} m2 or less each"
-        yield Remark(text, places=places_of((p.x, p.y) for p in omitted[:_MOST_PLACES]))
+        yield Remark(text, places=[(p.x, p.y) for p in omitted[:_MOST_PLACES]])
 
 
 _KNOWN_KEYS = ("image", "resolution", "origin", "mode", "negate", "occupied_thresh", "free_thresh")

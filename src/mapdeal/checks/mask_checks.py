@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from mapdeal.checks.facts import FilterFacts, MaskFacts, check
-from mapdeal.checks.findings import Remark, places_of
+from mapdeal.checks.findings import Remark
 from mapdeal.compare.difference import middle_xy
 from mapdeal.grid.filters import limits_in
 from mapdeal.grid.frame import Frame, Point
@@ -177,7 +177,7 @@ def start(facts: MaskFacts) -> Iterator[Remark]:
     """
     if facts.start_is_closed and facts.start is not None:
         x, y = facts.start[:2]
-        yield Remark(f"the start {x:g},{y:g} lies in a keepout zone", places=places_of([(x, y)]))
+        yield Remark(f"the start {x:g},{y:g} lies in a keepout zone", places=[(x, y)])
 
 
 @check("mask.goal", "error")
@@ -196,7 +196,7 @@ def goal(facts: MaskFacts) -> Iterator[Remark]:
         xy = (masked.goal.x, masked.goal.y)
         row, col = facts.grid.frame.unbounded_rowcol_from_xy([xy])[0].tolist()
         why = "lies in a keepout zone" if facts.closed[row, col] else "is cut off by keepout zones"
-        yield Remark(f"{masked.goal.label} {why}", places=places_of([xy]))
+        yield Remark(f"{masked.goal.label} {why}", places=[xy])
 
 
 @check("mask.closes", "warning")
@@ -225,7 +225,7 @@ def closes(facts: MaskFacts) -> Iterator[Remark]:
         text = f"{zones_text} off {decimal_text(areas[number])} m2 around {_text_of((x, y))}; "
         text += f"reachable are {decimal_text(before.reachable_area)} m2 without the mask, "
         text += f"{decimal_text(after.reachable_area)} m2 "
-        yield Remark(f"{text}with it", places=places_of([*places, (x, y)]))
+        yield Remark(f"{text}with it", places=[*places, (x, y)])
 
 
 def _blocking(
@@ -246,8 +246,8 @@ def _text_of(xy: tuple[float, float]) -> str:
     return ",".join(f"{round(v, 3) + 0.0:g}" for v in xy)
 
 
-def _places(frame: Frame, cells: Mask) -> tuple[Point, ...]:
-    return places_of([middle_xy(frame, np.argwhere(cells))])
+def _places(frame: Frame, cells: Mask) -> list[Point]:
+    return [middle_xy(frame, np.argwhere(cells))]
 
 
 @check("params.filter-topic", "warning")

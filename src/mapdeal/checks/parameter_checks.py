@@ -31,14 +31,7 @@ from mapdeal.ros.filters import filter_servers
 from mapdeal.ros.load import costmap_values, costmaps_in, flavour_of, load_robot, node_of
 from mapdeal.ros.names import closest_name, listed_plugins
 from mapdeal.ros.planners import planners_of
-from mapdeal.ros.robot import (
-    INJECTED,
-    CostmapName,
-    Flavour,
-    ParameterValue,
-    Problem,
-    RobotParameters,
-)
+from mapdeal.ros.robot import INJECTED, CostmapName, Flavour, Problem, RobotParameters
 from mapdeal.ros.ros2_files import read_ros2
 
 INFLATION_PARAMETERS = {"inflation_radius", "cost_scaling_factor", "inflate_unknown"}
@@ -425,11 +418,7 @@ _INSCRIBED_COST = 252
 _LEAST_FADING_SHARE = 0.5
 _LEAST_CLIFF_COST = 128
 _SAME_RADIUS = 1e-6
-
-
-def _scaling_of(facts: RobotFacts, layer: InflationLayer) -> ParameterValue | None:
-    names = ("cost_scaling_factor", "inflation_radius")
-    return next(filter(None, (facts.of_layer(layer.name, name) for name in names)), None)
+_SCALING = ("cost_scaling_factor", "inflation_radius")
 
 
 def _widest_inflation(facts: RobotFacts) -> InflationLayer | None:
@@ -503,7 +492,7 @@ def cost_cliff(facts: RobotFacts) -> Iterator[Remark]:
             radius = layer.inscribed_radius + decay / layer.cost_scaling_factor
             advice += f" or inflation_radius to {_rounded_up(radius):g} m"
         text = f"costs drop from {cost} to 0 at {_reach(layer)}, and paths run along that line"
-        yield Remark(f"{text}; raise {advice}", at=_scaling_of(facts, layer))
+        yield Remark(f"{text}; raise {advice}", at=facts.of_layer(layer.name, *_SCALING))
 
 
 @check("params.cost-ends-early", "note")
@@ -522,7 +511,7 @@ def cost_ends_early(facts: RobotFacts) -> Iterator[Remark]:
         factor = f"cost_scaling_factor {layer.cost_scaling_factor:g}"
         text = f"costs are 0 beyond {layer.inscribed_radius + width:.3g} m: with {factor}, the "
         text += f"rest of {_reach(layer)} has no effect; lower one of the two"
-        yield Remark(text, at=_scaling_of(facts, layer))
+        yield Remark(text, at=facts.of_layer(layer.name, *_SCALING))
 
 
 @check("params.radius-and-footprint", "warning")

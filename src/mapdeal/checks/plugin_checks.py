@@ -17,15 +17,8 @@ from mapdeal.checks.findings import Remark
 from mapdeal.grid.frame import Frame
 from mapdeal.layers.catalogue import class_name
 from mapdeal.layers.obstacle import ObservationSource, Sensing, VoxelLayer
+from mapdeal.ros import planners
 from mapdeal.ros.names import MOST_NAMES, closest_name
-from mapdeal.ros.planners import (
-    OTHER_NAMES,
-    PLANNER_PARAMETERS,
-    PLANNER_SERVER,
-    SERVER_PARAMETERS,
-    full_name,
-    plugins_in,
-)
 from mapdeal.ros.robot import ListedLayer, ParameterValue
 from mapdeal.ros.ros2_files import Ros2Parameters
 
@@ -196,9 +189,9 @@ def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
         if closest:
             text = f"no parameter is called {name}: did you mean {closest}?"
             yield Remark(text, at=facts.values[name])
-    plugins = plugins_in(facts.values)
+    plugins = planners.plugins_in(facts.values)
     for section, kind in plugins.items():
-        if closest := closest_name(full_name(kind), PLANNER_PARAMETERS):
+        if closest := closest_name(planners.full_name(kind), planners.PLANNER_PARAMETERS):
             text = f"no planner of Nav2 is called {kind}: did you mean {closest}?"
             yield Remark(text, at=facts.values[f"{section}.plugin"])
     first_values = reversed([*islice(facts.values.items(), MOST_NAMES)])
@@ -210,16 +203,16 @@ def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
 
 def _undeclared_names(facts: PlannerFacts) -> Iterator[tuple[str, str, str | None]]:
     """Yield names that Nav2 ignores, the planner's class or the node, and the name meant."""
-    plugins = plugins_in(facts.values)
-    of_any_planner = set().union(*PLANNER_PARAMETERS.values())
+    plugins = planners.plugins_in(facts.values)
+    of_any_planner = set().union(*planners.PLANNER_PARAMETERS.values())
     for name in islice(facts.values, MOST_NAMES):
         section, dot, parameter = name.partition(".")
         if dot and section not in plugins:
             continue
-        owner = full_name(plugins[section]) if dot else PLANNER_SERVER
-        declared = PLANNER_PARAMETERS.get(owner, {}) if dot else SERVER_PARAMETERS
+        owner = planners.full_name(plugins[section]) if dot else planners.PLANNER_SERVER
+        declared = planners.PLANNER_PARAMETERS.get(owner, {}) if dot else planners.SERVER_PARAMETERS
         parameter = parameter or name
-        if parameter in {"plugin", *declared, *OTHER_NAMES.get(owner, ())}:
+        if parameter in {"plugin", *declared, *planners.OTHER_NAMES.get(owner, ())}:
             continue
         parent, _, last = parameter.rpartition(".")
         paths = [path.rpartition(".") for path in ("plugin", *declared)]
@@ -238,9 +231,10 @@ def planner_slash(facts: PlannerFacts) -> Iterator[Remark]:
     "nav2_navfn_planner/NavfnPlanner"}}}`.
     Fix: Write :: in place of the slash for Jazzy and later.
     """
-    for section, kind in plugins_in(facts.values).items():
-        if "/" in kind and full_name(kind) in PLANNER_PARAMETERS:
-            text = f"{kind} is a class of Nav2 up to Iron; since Jazzy it is {full_name(kind)} only"
+    for section, kind in planners.plugins_in(facts.values).items():
+        name = planners.full_name(kind)
+        if "/" in kind and name in planners.PLANNER_PARAMETERS:
+            text = f"{kind} is a class of Nav2 up to Iron; since Jazzy it is {name} only"
             yield Remark(text, at=facts.values[f"{section}.plugin"])
 
 
@@ -252,9 +246,9 @@ def planner_without_effect(facts: PlannerFacts) -> Iterator[Remark]:
     "nav2_navfn_planner::NavfnPlanner", minimum_turning_radius: 0.4}}}`.
     Fix: Remove the line, indent it, or choose a planner that declares it.
     """
-    plugins = plugins_in(facts.values)
-    of_any_planner = {"plugin"}.union(*PLANNER_PARAMETERS.values())
-    are_known = PLANNER_PARAMETERS.keys() >= set(map(full_name, plugins.values()))
+    plugins = planners.plugins_in(facts.values)
+    of_any_planner = {"plugin"}.union(*planners.PLANNER_PARAMETERS.values())
+    are_known = planners.PLANNER_PARAMETERS.keys() >= set(map(planners.full_name, plugins.values()))
     names = [name for name in facts.values if name.partition(".")[0] not in plugins]
     misplaced = [name for name in names if name in of_any_planner]
     if misplaced and are_known:
@@ -266,7 +260,8 @@ def planner_without_effect(facts: PlannerFacts) -> Iterator[Remark]:
         parameter = name.partition(".")[2]
         if closest or not (parameter or (are_known and name not in of_any_planner)):
             continue
-        readers = [kind for kind, names in PLANNER_PARAMETERS.items() if parameter in names]
+        declared = planners.PLANNER_PARAMETERS.items()
+        readers = [kind for kind, names in declared if parameter in names]
         text = f"{class_name(owner)} does not declare {parameter or name}: it has no effect"
         would = f"; {' and '.join(map(class_name, readers))} would read it" if readers else ""
         yield Remark(text + would, at=facts.values[name])
@@ -281,7 +276,7 @@ def planner_tolerance(facts: PlannerFacts) -> Iterator[Remark]:
     Fix: Write at least the side of a cell, or 0.0.
     """
     cell = max((frame.resolution for _, frame in facts.map_frames), default=_USUAL_RESOLUTION)
-    for section in plugins_in(facts.values):
+    for section in planners.plugins_in(facts.values):
         value = facts.values.get(f"{section}.tolerance")
         if value is not None and value.kind == "double" and 0 < value.value < cell:
             text = f"less than a cell of {cell:g} m: hardly any place but the goal's cell is tried"
@@ -296,7 +291,7 @@ def planner_turning_radius(facts: PlannerFacts) -> Iterator[Remark]:
     Example: `minimum_turning_radius: 40.0` with a map of 20 m by 20 m.
     Fix: Write metres, or set motion_model_for_search to REEDS_SHEPP.
     """
-    for section, plugin in plugins_in(facts.values).items():
+    for section, plugin in planners.plugins_in(facts.values).items():
         radius = facts.values.get(f"{section}.minimum_turning_radius")
         model = facts.values.get(f"{section}.motion_model_for_search")
         if class_name(plugin) != "SmacPlannerHybrid" or radius is None or radius.kind != "double":
@@ -312,5 +307,5 @@ def planner_facts(
     parameters: Ros2Parameters, map_frames: Sequence[tuple[str, Frame]]
 ) -> Iterator[PlannerFacts]:
     for node in parameters.nodes:
-        if node.name.rpartition("/")[2] == PLANNER_SERVER:
+        if node.name.rpartition("/")[2] == planners.PLANNER_SERVER:
             yield PlannerFacts(parameters.for_node(node.name), map_frames)

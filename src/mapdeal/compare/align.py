@@ -16,23 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.compare import walls as wall_maps
 from mapdeal.compare.bend import Bend, fitted
-from mapdeal.compare.walls import (
-    FAR,
-    MOST_CELLS_A_SIDE,
-    Floats,
-    Mask,
-    Poses,
-    Singles,
-    WallMap,
-    cells_at,
-    moved,
-    moved_back,
-    pooled,
-    slopes,
-    some_of,
-    walls_of,
-)
+from mapdeal.compare.walls import Floats, Mask, Poses, Singles, WallMap, moved, moved_back, walls_of
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import FARTHEST, Transform, turned
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -193,7 +179,7 @@ class _Correlation:
         yield walls.faces_xy, walls.resolution / self.cell
         # blocks of at most half a cell leave no gaps when they are turned
         factor = max(1, int(self.cell / 2 / walls.resolution))
-        counts = pooled(walls.free, factor)
+        counts = wall_maps.pooled(walls.free, factor)
         centres = (np.argwhere(counts)[:, ::-1] + 0.5) * (factor * walls.resolution)
         yield centres, counts[counts > 0] * (walls.resolution / self.cell) ** 2
 
@@ -268,11 +254,11 @@ def refined(
         normal, right = np.zeros((len(poses), 3, 3)), np.zeros((len(poses), 3))
         cos, sin = np.cos(poses[:, :1]), np.sin(poses[:, :1])
         points = moved(poses, first_faces)
-        distance, x, y = slopes(second, points)
+        distance, x, y = wall_maps.slopes(second, points)
         arm = points - poses[:, None, 1:]
         _add(normal, right, (x, y, y * arm[..., 0] - x * arm[..., 1]), distance, scale)
         points = moved_back(poses, second_faces)
-        distance, x, y = slopes(first, points)
+        distance, x, y = wall_maps.slopes(first, points)
         turn = x * points[..., 1] - y * points[..., 0]
         _add(normal, right, (y * sin - x * cos, -x * sin - y * cos, turn), distance, scale)
         diagonal = np.arange(3)
@@ -287,7 +273,7 @@ def _add(
     normal: Floats, right: Floats, columns: Sequence[Floats], distance: Floats, scale: float
 ) -> None:
     """Add the normal equations of distances; `columns` are their derivatives by x, y and yaw."""
-    counts = distance < FAR * scale
+    counts = distance < wall_maps.FAR * scale
     distance = distance * counts
     weight = counts / (1 + (distance / scale) ** 2) ** 2
     for i, column in enumerate(columns):
@@ -373,28 +359,28 @@ def agreement_at(
         faces, normals = own.some_faces(most)
         metres = np.full(len(faces), own.wall_length / len(faces) / 2)
         if weights is not None:
-            metres *= some_of(weights[number], most)
-        at = cells_at(target, move(poses, faces))
+            metres *= wall_maps.some_of(weights[number], most)
+        at = wall_maps.cells_at(target, move(poses, faces))
         distance, is_free = target.padded_distance.take(at), target.padded_free.take(at)
         is_thin = ~normals.any(axis=1)
         for k, tolerance in enumerate(tolerances):
             in_front = faces + normals * np.float32(tolerance + cell)
-            at = cells_at(target, move(poses, in_front))
+            at = wall_maps.cells_at(target, move(poses, in_front))
             faces_free = target.padded_free.take(at) | is_thin
             agreeing[:, k] += (((distance <= tolerance) & faces_free) * metres).sum(axis=1)
             contradicting[:, k] += (((distance > tolerance) & is_free) * metres).sum(axis=1)
-        row, col = np.divmod(some_of(np.flatnonzero(own.free), most), own.frame.width)
+        row, col = np.divmod(wall_maps.some_of(np.flatnonzero(own.free), most), own.frame.width)
         points = ((np.stack([col, row], axis=-1) + 0.5) * own.resolution).astype(np.float32)
         if len(points):
-            shared = target.padded_known.take(cells_at(target, move(poses, points))).mean(axis=1)
-            known += shared * own.free_area / 2
+            at = wall_maps.cells_at(target, move(poses, points))
+            known += target.padded_known.take(at).mean(axis=1) * own.free_area / 2
     longest = max(first.wall_length, second.wall_length)
     overlap = np.minimum(known / max(min(first.free_area, second.free_area), 1e-12), 1)
     return Agreement(agreeing, contradicting, overlap, min(_PIECE, _SHARE_OF_PIECE * longest))
 
 
 _PER_CELL = 6  # bytes for each cell of the larger map while it is pooled
-_PER_POOLED, _MOST_POOLED = 40, 2 * MOST_CELLS_A_SIDE**2
+_PER_POOLED, _MOST_POOLED = 40, 2 * wall_maps.MOST_CELLS_A_SIDE**2
 """Bytes for each pooled cell, and the largest number of them in both maps."""
 
 
@@ -671,7 +657,7 @@ def _slid(first: WallMap, second: WallMap, pose: Poses, axes: Floats) -> Poses:
         agreeing = np.zeros(len(shifts))
         for own, target, move in (first, second, moved), (second, first, moved_back):
             faces = own.some_faces(_MOST_SLID)[0]
-            distance = target.padded_distance.take(cells_at(target, move(slid, faces)))
+            distance = target.padded_distance.take(wall_maps.cells_at(target, move(slid, faces)))
             agreeing += (distance <= step).mean(axis=1) * own.wall_length
         order = np.argsort(-agreeing, kind="stable")
         next_best = order[np.abs(shifts[order] - shifts[order[0]]) > _SAME_PLACE][:1]
@@ -750,7 +736,7 @@ def _most_bent(
     faces = first.some_faces(_MOST_POLISHED)[0]
     points = bend.moved(poses, faces)[0]
     near = 2 * max(_narrow(first, second), _LEAST_SCALE * max(first.resolution, second.resolution))
-    meets = second.padded_distance.take(cells_at(second, points)) <= near
+    meets = second.padded_distance.take(wall_maps.cells_at(second, points)) <= near
     if not meets.any():
         return 0.0, None
     displacement = np.hypot(*bend.at(bend.terms(faces))[0].T)[meets]
