@@ -316,8 +316,6 @@ class ParameterFacts:
 
 @dataclass(frozen=True, eq=False)
 class RobotFacts:
-    """Effective parameters of one costmap."""
-
     robot: RobotParameters
     parameters: ParameterFacts
     sibling: RobotParameters | None = None
@@ -356,7 +354,6 @@ class GridFacts:
 
     @classmethod
     def of(cls, grid: OccupancyGrid) -> GridFacts:
-        """Return the facts of a map, which is in memory or read by rows."""
         return cls(grid.frame, tallies_of(grid.occupancy))
 
     def places(self, cells_rowcol: Sequence[tuple[float, float]]) -> list[Point]:
@@ -432,8 +429,6 @@ class MaskFacts:
 
 @dataclass(frozen=True, eq=False)
 class FilterFacts:
-    """The filters of a robot's costmap, and the servers for them in the same files."""
-
     robot: RobotFacts
     servers: FilterServers
 

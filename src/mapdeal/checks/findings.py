@@ -105,7 +105,6 @@ class Check:
 
 
 def error_finding(error: FileAccessError | MalformedInputError, path: Path) -> Finding:
-    """Return the finding about a file that cannot be read, or is malformed."""
     name = "file.access" if isinstance(error, FileAccessError) else "file.malformed"
     return CHECKS[name].finding(path, str(error).removeprefix(f"{path}: "))
 
@@ -390,7 +389,6 @@ _KEYS: dict[str, Callable[..., Any]] = {"select": _names, "ignore": _names, "str
 
 
 def read_ignored_names(path: Path, limit: int = OF_MAPS.bytes) -> Names:
-    """Return the names of checks in a file's ignore comments."""
     # The search needs no YAML parser, so comments count in malformed files, too. They start at the
     # beginning of a line or after white space.
     try:
@@ -398,17 +396,13 @@ def read_ignored_names(path: Path, limit: int = OF_MAPS.bytes) -> Names:
     except (FileAccessError, MalformedInputError):
         return ()
     lines = data.decode("utf-8-sig", "replace").splitlines()
-    found = ((line, _IGNORE.search(line)) for line in lines)
-    return tuple(name for line, m in found if m for name in _names_in(line[m.end() :]))
-
-
-def _names_in(text: str) -> Names:
     names = []
-    for part in text.split(","):
-        name = _NAME.match(part)
-        names += [name[1]] if name else []
-        if not name or name.end() < len(part):
-            break
+    for comment in filter(None, map(_IGNORE.search, lines)):
+        for part in comment.string[comment.end() :].split(","):
+            name = _NAME.match(part)
+            names += [name[1]] if name else []
+            if not name or name.end() < len(part):
+                break
     return tuple(names)
 
 

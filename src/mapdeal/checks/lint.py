@@ -454,8 +454,15 @@ def _location(name: str, *, is_folder: bool) -> dict[str, str]:
 
 
 def _text_lines(report: LintReport) -> list[str]:
+    lines = []
+    for check in report.explained:
+        texts = check.explanation
+        lines.append(f"{check.name} ({check.severity}{', on request' if check.on_request else ''})")
+        for text in (texts.about, texts.why, f"Example: {texts.example}", f"Fix: {texts.fix}"):
+            lines += _FILLED.wrap(text)
+        lines.append("")
     if report.explained:
-        return [line for check in report.explained for line in _explanation_lines(check)]
+        return lines
     if not report.only_counts:
         return [*repair_lines(report), *map(str, report.findings)]
     width = max(map(len, report.statistics), default=0)
@@ -463,14 +470,6 @@ def _text_lines(report: LintReport) -> list[str]:
         f"{count:6}  {name:{width}}  {CHECKS[name].severity:7}  {CHECKS[name].explanation.about}"
         for name, count in report.statistics.items()
     ]
-
-
-def _explanation_lines(check: Check) -> Iterator[str]:
-    texts = check.explanation
-    yield f"{check.name} ({check.severity}{', on request' if check.on_request else ''})"
-    for text in (texts.about, texts.why, f"Example: {texts.example}", f"Fix: {texts.fix}"):
-        yield from _FILLED.wrap(text)
-    yield ""
 
 
 _FILLED = TextWrapper(

@@ -605,7 +605,6 @@ def resolution(facts: RobotFacts) -> Iterator[Remark]:
 
 
 def _rounded_up(value: float) -> float:
-    """Return a value rounded up to two decimals."""
     return math.ceil(100 * value - _SAME_RADIUS) / 100
 
 

@@ -42,8 +42,12 @@ def yaws_by_walls(first: WallMap, second: WallMap) -> Floats:
     # S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 25,
     # 2008: yaws are the peaks of the circular correlation of two Hough spectra.
     width = max(_LEAST_STRIP, first.resolution, second.resolution)
-    spectra = [np.fft.rfft(_spectrum(walls, width)) for walls in (first, second)]
-    correlation = np.fft.irfft(np.conj(spectra[0]) * spectra[1], _DIRECTIONS)
+    angles = np.arange(_DIRECTIONS, dtype=np.float64) * (math.pi / _DIRECTIONS)
+    faces = [walls.some_faces(_MOST_COUNTED)[0].astype(np.float64) for walls in (first, second)]
+    spectra = [hough_spectrum(faces_xy, angles, width) for faces_xy in faces]
+    above = [np.maximum(spectrum - np.median(spectrum), 0) for spectrum in spectra]
+    transforms = [np.fft.rfft(spectrum - spectrum.mean()) for spectrum in above]
+    correlation = np.fft.irfft(np.conj(transforms[0]) * transforms[1], _DIRECTIONS)
     before, after = np.roll(correlation, 1), np.roll(correlation, -1)
     smooth = (before + 2 * correlation + after) / 4
     peaks = np.flatnonzero((smooth >= np.roll(smooth, 1)) & (smooth > np.roll(smooth, -1)))
@@ -54,15 +58,6 @@ def yaws_by_walls(first: WallMap, second: WallMap) -> Floats:
     widened = yaws[:_WIDENED_PEAKS]
     yaws = np.concatenate([yaws, widened - _PEAK_ERROR, widened + _PEAK_ERROR])
     return np.stack([yaws, yaws + math.pi], axis=-1).ravel()
-
-
-def _spectrum(walls: WallMap, width: float) -> Floats:
-    """Return the Hough spectrum of walls, above its median and with mean 0."""
-    angles = np.arange(_DIRECTIONS, dtype=np.float64) * (math.pi / _DIRECTIONS)
-    faces = walls.some_faces(_MOST_COUNTED)[0].astype(np.float64)
-    spectrum = hough_spectrum(faces, angles, width)
-    above = np.maximum(spectrum - np.median(spectrum), 0)
-    return np.asarray(above - above.mean())
 
 
 _SCORINGS = ((0.5, 0.12), (2.0, 0.05))
@@ -501,7 +496,13 @@ def placed(
     if first_walls is None or second_walls is None:
         which = "first" if first_walls is None else "second"
         return _unplaced(f"the {which} map has no obstacle", prior)
-    area = None if prior is None else _search_area(first_walls, second_walls, prior)
+    area = None
+    if prior is not None:
+        diagonals = [math.hypot(*walls.frame.size_xy) for walls in (first_walls, second_walls)]
+        along = second_walls.map_from_cells().inverse().after(prior)
+        along = along.after(first_walls.map_from_cells())
+        pose = np.array([along.yaw, along.x, along.y])
+        area = SearchArea(pose, max(_PRIOR_SHIFT, min(diagonals) / 10))
     poses = _candidates(first_walls, second_walls, area, rotations)
     if not len(poses):
         return _unplaced("no place within the given limits", prior)
@@ -544,13 +545,6 @@ def _candidates(
         allowed &= _shifts(first, poses, area.pose) <= _REFINED_LIMIT * area.radius
         allowed &= _turns(poses[:, 0] - area.pose[0]) <= _REFINED_LIMIT * _PRIOR_TURN
     return poses[allowed]
-
-
-def _search_area(first: WallMap, second: WallMap, prior: Transform) -> SearchArea:
-    diagonals = [math.hypot(*walls.frame.size_xy) for walls in (first, second)]
-    along = second.map_from_cells().inverse().after(prior).after(first.map_from_cells())
-    pose = np.array([along.yaw, along.x, along.y])
-    return SearchArea(pose, max(_PRIOR_SHIFT, min(diagonals) / 10))
 
 
 def _judged(

@@ -229,17 +229,14 @@ def _add_layers(total: Integers, lattice: Frame, layers: ChosenLayers, source: F
         at, inside = source.bounded_rowcol_from_xy(centres)
         row, col = at[inside].T
         rows = total[part].reshape(-1)  # a view, since rows are contiguous
-        rows[inside] += _weighed({name: layer[row, col] for name, layer in layers.items()})
+        if _LOG_ODDS in layers:
+            units = np.rint((layers[_LOG_ODDS][row, col].astype(np.float64) - EVEN) * _PASS)
+            rows[inside] += np.where(np.isnan(units), 0.0, units).astype(np.int64)
+        else:
+            hits, misses = (layers[name][row, col].astype(np.int64) for name in (_HITS, _MISSES))
+            rows[inside] += hits * _HIT - misses * _PASS
 
     for_rows(add, lattice.shape)
-
-
-def _weighed(values: ChosenLayers) -> Integers:
-    if _LOG_ODDS in values:
-        units = np.rint((values[_LOG_ODDS].astype(np.float64) - EVEN) * _PASS)
-        return np.where(np.isnan(units), 0.0, units).astype(np.int64)
-    hits, misses = (values[name].astype(np.int64) for name in (_HITS, _MISSES))
-    return hits * _HIT - misses * _PASS
 
 
 Rule = Literal["occupied", "newest", "evidence"]

@@ -73,7 +73,6 @@ def text_width(text: str, size: int) -> int:
 
 
 def ascent(size: int) -> int:
-    """Return the height of a line above its baseline in pixels."""
     return int(_font(size).getmetrics()[0])
 
 

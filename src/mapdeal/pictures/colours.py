@@ -155,8 +155,6 @@ class Scale:
 
 @dataclass(frozen=True, eq=False)
 class LayerStyle:
-    """Mapping of a layer's values to colours, with its legend."""
-
     colours: Colours
     by_value: Bytes | None = None
     scale: Scale | None = None

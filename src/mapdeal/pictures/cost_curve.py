@@ -145,12 +145,9 @@ class _Drawing:
     def __init__(self, curve: CostCurve) -> None:
         self.curve, self.half = curve, curve.resolution / 2
         self.palette = CostPalette.of(curve.scale)
-        self.end = end_of(curve)
-        self.marks = marks_of(curve)
+        self.end, self.marks = end_of(curve), marks_of(curve)
         self.zones = zones_of(curve, self.end)
-        self.ticks = _TICKS[curve.scale]
-        self.axis = _AXES[curve.metric]
-        self.per_cost = _PER_COST[curve.scale]
+        self.ticks, self.per_cost = _TICKS[curve.scale], _PER_COST[curve.scale]
         self.has_dots = _WIDTH * curve.resolution / (self.end + self.half) >= _ROOM
         self.pen = Pen(_SIZE)
         self.left_x = _SIZE + canvas.text_width("254", _SIZE) + int(1.6 * _SIZE)
@@ -276,7 +273,7 @@ class _Drawing:
                 pen.fill(x, self.bottom + 1, x, self.bottom + 6)
                 x -= canvas.text_width(label, _SIZE) // 2
                 pen.label(x, self.bottom + 6 + int(0.8 * _SIZE), label)
-        text = f"{self.axis}, metres"
+        text = f"{_AXES[self.curve.metric]}, metres"
         x = self.left_x + (_WIDTH - canvas.text_width(text, _SIZE)) // 2
         pen.label(x, self.bottom + int(2.8 * _SIZE), text)
 

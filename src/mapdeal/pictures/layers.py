@@ -237,9 +237,12 @@ def potential_image(
         styles.POTENTIAL_LINE: has_lines,
     }
     swatches = [swatch for swatch in style.swatches if occurs.get(swatch.index, unknown.any())]
+    potential = field.cropped.potential
+    more = f"{float(potential.min()):.4g} .. {float(potential.max()):.4g}"
+    gains = f"gains {field.attractive_gain:g} and {field.repulsive_gain:g}"
     return on_sheet(
-        pixels, style, field.frame, raster, title=title, more=_range_text(field),
-        swatches=swatches, overlay=overlay,
+        pixels, style, field.frame, raster, title=title, swatches=swatches, overlay=overlay,
+        more=f"potential {more}, {gains}" if goal else f"repulsion {more}",
     )  # fmt: skip
 
 
@@ -252,15 +255,6 @@ def _draw_isolines(pixels: Bytes, lengths: Floats, raster: overlays.Raster) -> b
         lines[farther] |= differs & (np.minimum(bands[nearer], bands[farther]) >= 0)
     pixels[lines] = styles.POTENTIAL_LINE
     return bool(lines.any())
-
-
-def _range_text(field: PotentialField) -> str:
-    potential = field.cropped.potential
-    low, high = float(potential.min()), float(potential.max())
-    if field.goal is None:
-        return f"repulsion {low:.4g} .. {high:.4g}"
-    gains = f"gains {field.attractive_gain:g} and {field.repulsive_gain:g}"
-    return f"potential {low:.4g} .. {high:.4g}, {gains}"
 
 
 def _draw_arrows(on: overlays.Surface, field: PotentialField) -> bool:

@@ -99,7 +99,6 @@ class Pooling:
         return self._pixels
 
     def take(self, rows: slice) -> None:
-        """Process the next rows of the map."""
         height = self._layer.shape[0]
         first, end = (min(max(row - self._first, 0), height) for row in (rows.start, rows.stop))
         if first == end:
@@ -494,7 +493,6 @@ class KeepoutOverlay(Overlay):
 
     @classmethod
     def of(cls, before: Costmap, after: Costmap) -> KeepoutOverlay:
-        """Create the overlay from the costs without and with a mask."""
         lethal = LETHAL_OBSTACLE if after.scale == "costmap2d" else OCCUPIED
 
         def closed(rows: slice) -> Mask:

@@ -281,8 +281,6 @@ class FieldEnds:
 
 
 class EndsByRows:
-    """Collects the extremes of a field, band by band."""
-
     def __init__(self, field: DistanceField) -> None:
         self._field = field
         self._known: list[tuple[float, float]] = []
@@ -388,11 +386,18 @@ def reach_codes(reach: Reach) -> tuple[Bytes, LayerStyle]:
     codes = _codes(reach)
     areas, counts = _colour_areas(codes), histogram(codes)
     swatches, labels = [], {}
-    for code, name, is_area in _names(areas, turns=bool(counts[_NO_TURN])):
+    names = [
+        (_REACHED, f"reachable{', room to turn' if counts[_NO_TURN] else ''}"),
+        (_NO_TURN, "reachable, no room to turn"), (_REACHED_UNKNOWN, "reachable, unknown"),
+        *((code, "cut off") for code in _AREAS[:areas]),
+        (_CUT_OFF, f"{'smaller' if areas else 'small'} cut-off areas"),
+        (_NARROW, "no room for the robot"), (_OBSTACLE, "obstacle"), (_UNKNOWN, "unknown"),
+    ]  # fmt: skip
+    for code, name in names:
         if counts[code]:
             labels[code] = name
-            area = f" {area_text(int(counts[code]) * reach.cell_area)}" if is_area else ""
-            swatches.append(Swatch(code, f"{name}{area}"))
+            area = f" {area_text(int(counts[code]) * reach.cell_area)}"
+            swatches.append(Swatch(code, name + area * (code not in (_OBSTACLE, _UNKNOWN))))
     palette, by_value = colours.palette_of(_COLOURS), _codes_below(len(_COLOURS))
     return codes, LayerStyle(palette, by_value, swatches=tuple(swatches), labels=labels)
 
@@ -441,15 +446,3 @@ def _colour_areas(codes: Bytes) -> int:
 
     for_rows(colour, codes.shape)
     return len(largest)
-
-
-def _names(areas: int, *, turns: bool) -> list[tuple[int, str, bool]]:
-    return [
-        (_REACHED, f"reachable{', room to turn' if turns else ''}", True),
-        (_NO_TURN, "reachable, no room to turn", True),
-        (_REACHED_UNKNOWN, "reachable, unknown", True),
-        *((code, "cut off", True) for code in _AREAS[:areas]),
-        (_CUT_OFF, f"{'smaller' if areas else 'small'} cut-off areas", True),
-        (_NARROW, "no room for the robot", True), (_OBSTACLE, "obstacle", False),
-        (_UNKNOWN, "unknown", False),
-    ]  # fmt: skip

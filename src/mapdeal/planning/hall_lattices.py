@@ -21,15 +21,6 @@ _MOST_ACROSS_NARROW = 2  # places across a narrow part of a hall
 _LEAST_DISTANCE = 0.7  # of places, as a share of the spacing
 
 
-class _Candidate(NamedTuple):
-    """A place for a node: its positions along and across one of the two axes."""
-
-    is_regular: bool  # on the lattice of its hall
-    along: float
-    across: float
-    axis: int
-
-
 def lattices_in(
     points: Places, halls: NDArray[np.integer[Any]], direction: float, spacing: float, step: float,
     is_usable: Callable[[Places], Mask],
@@ -60,7 +51,7 @@ def _lattice_in(
     along_axes = (hall[:, 0] * axis[0] + hall[:, 1] * axis[1] for axis in axes)
     ticks = [_ticks(float(along.min()), float(along.max()), spacing) for along in along_axes]
     is_small = all(len(values) <= _MOST_ACROSS_NARROW for values in ticks)
-    candidates: list[_Candidate] = []
+    narrow, regular = list[Floats](), list[Floats]()
     for k in (0, 1):
         line = np.arange(ticks[k][0] - spacing, ticks[k][-1] + spacing, step)
         across = ticks[1 - k][:, np.newaxis, np.newaxis] * axes[1 - k]
@@ -79,18 +70,16 @@ def _lattice_in(
                 positions = np.clip(positions, run.low, run.high)
             else:
                 positions = ticks[k][(ticks[k] >= run.low) & (ticks[k] <= run.high)]
-            candidates += [_Candidate(not is_narrow, x, run.tick, k) for x in positions.tolist()]
-    return _select_places(candidates, axes, spacing)
+            places = positions[:, np.newaxis] * axes[k] + run.tick * axes[1 - k]
+            (narrow if is_narrow else regular).append(places)
+    return _select_places(np.concatenate([np.empty((0, 2)), *narrow, *regular]), spacing)
 
 
-def _select_places(candidates: Sequence[_Candidate], axes: Places, spacing: float) -> list[Place]:
+def _select_places(candidates: Places, spacing: float) -> list[Place]:
     """Return the places of the candidates, skipping those too close to an earlier one."""
-    # Those of narrow parts come first.
     selected: list[Place] = []
     by_square: defaultdict[tuple[int, int], list[Place]] = defaultdict(list)
-    for candidate in sorted(candidates, key=lambda candidate: candidate.is_regular):
-        along, across = axes[candidate.axis], axes[1 - candidate.axis]
-        row, col = (candidate.along * along + candidate.across * across).tolist()
+    for row, col in candidates.tolist():
         up, right = int(row // spacing), int(col // spacing)
         squares = ((up + u, right + v) for u in (-1, 0, 1) for v in (-1, 0, 1))
         near = (place for square in squares for place in by_square[square])

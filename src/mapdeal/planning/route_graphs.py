@@ -775,8 +775,6 @@ class _Path(NamedTuple):
 
 
 class _Piece(NamedTuple):
-    """A part of a path between two nodes."""
-
     places: graph_drafts.Places
     clearances: Floats
     first: int

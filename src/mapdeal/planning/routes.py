@@ -37,8 +37,6 @@ _CANDIDATES = 10  # candidates for the first and for the last node of a route
 
 @dataclass(frozen=True, eq=False)
 class Terrain:
-    """A costmap as routes see it."""
-
     costmap: Costmap
     weights: Floats
     field: DistanceField
