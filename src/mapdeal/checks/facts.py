@@ -218,8 +218,7 @@ class PixelTallies:
         if grey.dtype == np.uint8:
             counts = histogram(opaque)
             for value in set(np.flatnonzero(counts).tolist()) - self.firsts.keys():
-                is_first = ((grey == value) & ~is_other).argmax()
-                self.firsts[value] = self._pixel_count + int(is_first)
+                self.firsts[value] = self._pixel_count + int(((grey == value) & ~is_other).argmax())
         else:
             counts = np.bincount(opaque.reshape(-1), minlength=256)
         self._pixel_count += grey.size

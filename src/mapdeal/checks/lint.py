@@ -359,12 +359,11 @@ def _junit_lines(report: LintReport) -> list[str]:
     # bytes.
     failing = sum(bool(map_report.failures) for map_report in report.maps)
     counts = f'tests="{len(report.maps)}" failures="{failing}" errors="0"'
-    cases = [line for map_report in report.maps for line in _test_case(map_report)]
     return [
         '<?xml version="1.0" encoding="UTF-8"?>',
         f'<testsuites name="mapdeal lint" {counts}>',
         f'  <testsuite name="mapdeal lint" {counts} skipped="0">',
-        *cases,
+        *[line for map_report in report.maps for line in _test_case(map_report)],
         "  </testsuite>",
         "</testsuites>",
     ]
@@ -409,8 +408,7 @@ def _sarif_lines(report: LintReport) -> list[str]:
     rules = list(map(_rule, sorted(CHECKS)))
     driver = {"name": "mapdeal lint", "semanticVersion": report.version, "rules": rules}
     run = {"tool": {"driver": driver}, "columnKind": "unicodeCodePoints", "results": results}
-    document = {"$schema": _SCHEMA, "version": "2.1.0", "runs": [run]}
-    return [json.dumps(document, indent=2)]
+    return [json.dumps({"$schema": _SCHEMA, "version": "2.1.0", "runs": [run]}, indent=2)]
 
 
 def _rule(name: str) -> dict[str, Any]:

@@ -87,8 +87,7 @@ def nothing(facts: MaskFacts) -> Iterator[Remark]:
     Example: Zones of grey 100 with `occupied_thresh: 0.65`.
     Fix: Paint zones black, or use mode: scale.
     """
-    counts = histogram(facts.mask.occupancy)
-    if counts[FREE + 1 : OCCUPIED + 1].any():
+    if histogram(facts.mask.occupancy)[FREE + 1 : OCCUPIED + 1].any():
         return
     if facts.pair is None:
         yield Remark(f"the {facts.info.kind} mask has no zone on the map")

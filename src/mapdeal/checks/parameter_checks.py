@@ -712,8 +712,7 @@ def _check(
         return
     node = node_of(costmap.robot, costmap.name, namespace)
     values = costmap_values(paths, flavour, costmap.name, node, namespace)
-    plugins = listed_plugins(flavour, values, costmap.robot)
-    parameters = ParameterFacts(flavour, values, plugins)
+    parameters = ParameterFacts(flavour, values, listed_plugins(flavour, values, costmap.robot))
     facts: dict[type, Any] = {ParameterFacts: parameters}
     if costmap.robot is not None and not costmap.is_absent:
         robot = RobotFacts(costmap.robot, parameters, sibling, tuple(map_frames))

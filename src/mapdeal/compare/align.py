@@ -320,8 +320,7 @@ class Agreement:
             return np.array(_BY_CHANCE)
         seen = (self.agreeing + self.contradicting)[is_wrong]
         counted = np.where(seen >= _LARGE * seen.max(axis=0), seen, 0)
-        total = counted.sum(axis=0)
-        agreeing = (counted * self.shares[is_wrong]).sum(axis=0)
+        total, agreeing = counted.sum(axis=0), (counted * self.shares[is_wrong]).sum(axis=0)
         mean = np.divide(agreeing, total, where=total > 0, out=total * 0)
         return np.asarray(np.maximum(mean, _BY_CHANCE))
 
@@ -535,8 +534,7 @@ def _candidates(
     if not len(poses):
         return poses
     wide, narrow = max(coarse.cell, 0.3), _narrow(first, second)
-    scales = [wide] * 4 + [wide / 2] * 4 + [narrow] * 4
-    poses = refined(first, second, poses, scales, _MOST_FACES)
+    poses = refined(first, second, poses, [wide] * 4 + [wide / 2] * 4 + [narrow] * 4, _MOST_FACES)
     # refinement may have moved poses out of the limits
     allowed: Mask = np.all(np.isfinite(poses), axis=1)
     if yaws is not None:
@@ -694,8 +692,7 @@ def _polished(
     # the scale grows with the bend, so that all walls pull
     bent = _most_bent(first, second, poses, _bends(first, second, poses, piece))[0]
     wide = max(_narrow(first, second), least, 2 * bent)
-    scales = [wide] * 3 + [max(wide / 2, least)] * 5
-    poses = refined(first, second, poses, scales, _MOST_POLISHED)
+    poses = refined(first, second, poses, [wide] * 3 + [max(wide / 2, least)] * 5, _MOST_POLISHED)
     return poses[0], *_most_bent(first, second, poses, _bends(first, second, poses, piece))
 
 

@@ -130,14 +130,12 @@ class Change:
         cls, kind: ChangeKind, marked: Mask, frame: Frame, most: int
     ) -> tuple[list[Change], int]:
         """Return the largest regions of cells that touch, corners included, and how many exist."""
-        cells = np.flatnonzero(marked)
-        labels = labelled(marked, corners=True)
+        cells, labels = np.flatnonzero(marked), labelled(marked, corners=True)
         regions, sizes = labels.cells.ravel()[cells], labels.sizes[1:]
         changes = []
         for region in np.argsort(-sizes, kind="stable")[:most] + 1:
             own = np.stack(np.divmod(cells[regions == region], marked.shape[1]), axis=1)
-            area = len(own) * frame.resolution**2
-            changes.append(cls(kind, area, *middle_xy(frame, own), own))
+            changes.append(cls(kind, len(own) * frame.resolution**2, *middle_xy(frame, own), own))
         return changes, len(sizes)
 
     @property

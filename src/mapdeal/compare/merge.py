@@ -225,8 +225,7 @@ def _add_layers(total: Integers, lattice: Frame, layers: ChosenLayers, source: F
     def add(part: slice) -> None:
         numbers = np.arange(part.start, part.stop)
         cells = np.stack(np.meshgrid(numbers, np.arange(lattice.width), indexing="ij"), axis=-1)
-        centres = lattice.xy_from_rowcol(cells.reshape(-1, 2))
-        at, inside = source.bounded_rowcol_from_xy(centres)
+        at, inside = source.bounded_rowcol_from_xy(lattice.xy_from_rowcol(cells.reshape(-1, 2)))
         row, col = at[inside].T
         rows = total[part].reshape(-1)  # a view, since rows are contiguous
         if _LOG_ODDS in layers:
@@ -398,8 +397,7 @@ def _corners_of_known(occupancy: Values) -> Integers:
     for start in range(0, height, _ROWS_AT_ONCE):  # the masks of all rows are as large as the map
         known = occupancy[start : start + _ROWS_AT_ONCE] != UNKNOWN
         rows = np.flatnonzero(known.any(axis=1))
-        first = known[rows].argmax(axis=1)
-        last = width - known[rows, ::-1].argmax(axis=1)
+        first, last = known[rows].argmax(axis=1), width - known[rows, ::-1].argmax(axis=1)
         sides = product((start + rows, start + rows + 1), (first, last))
         ends += [np.stack(side, axis=1) for side in sides]
     return np.concatenate(ends)

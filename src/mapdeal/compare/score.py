@@ -188,8 +188,7 @@ def _mean_similarity(
         for start, first in product(range(part.start, part.stop, step), range(0, cols, _ACROSS)):
             stop, end = min(start + step, part.stop), min(first + _ACROSS, cols)
             under = slice(start, stop + window - 1), slice(first, end + window - 1)
-            means = moments_of(a[under], b[under])
-            sums[start:stop] += _similarity(means, correction).sum(axis=1)
+            sums[start:stop] += _similarity(moments_of(a[under], b[under]), correction).sum(axis=1)
 
     for_rows(band, (rows, cols))
     return float(sums.sum() / (rows * cols))
@@ -359,8 +358,7 @@ def _corners_in(walls: Mask) -> Mask:
         return inner[core]
     response, trace = _response(walls)
     inner[core] = (response[core] > 0) & (trace[core] > _LEAST_TRACE)
-    at = np.flatnonzero(inner)
-    flat = response.ravel()
+    at, flat = np.flatnonzero(inner), response.ravel()
     strongest = flat[at]
     reach = range(-_APART, _APART + 1)
     for row, col in product(reach, reach):
@@ -393,8 +391,7 @@ def score_alone(states: States, frame: Frame) -> Values:
     # (arXiv:1708.02354): shares of cells, corners and enclosed areas.
     unknown, free, occupied = histogram(states)[: OCCUPIED + 1].tolist()
     walls = states == OCCUPIED
-    thick = thickness_of(walls)
-    pieces = labelled(walls, corners=True)
+    thick, pieces = thickness_of(walls), labelled(walls, corners=True)
     walls &= pieces.cells_of(pieces.sizes >= LEAST_PIECE)
     sizes = pieces.sizes[1:]
     del pieces  # which takes as much memory as what follows

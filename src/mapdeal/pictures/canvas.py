@@ -102,8 +102,7 @@ class Pen:
 
     def __init__(self, size: int) -> None:
         check_room(_FREETYPE)
-        self.size = size
-        self.title_size = round(1.25 * size)
+        self.size, self.title_size = size, round(1.25 * size)
         self.sheet = np.empty((0, 0), dtype=np.uint8)
 
     def open(self, width: int, height: int) -> None:
@@ -184,8 +183,7 @@ class Pen:
     def scale_bar(self, x: int, y: int, width: int, metres_per_pixel: float) -> int:
         """Draw a bar of a round length; return the x coordinate behind it."""
         length = round_length(width * metres_per_pixel * 0.4)
-        pixels = round(length / metres_per_pixel)
-        thick = max(2, self.size // 6)
+        pixels, thick = round(length / metres_per_pixel), max(2, self.size // 6)
         self.fill(x, y, x + pixels, y + thick)
         for end in (x, x + pixels):
             self.fill(end, y - 2 * thick, end + thick // 2, y + thick)

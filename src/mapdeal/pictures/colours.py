@@ -98,8 +98,7 @@ def interpolated(anchors: list[tuple[int, int, int]], levels: int) -> Colours:
     lab = _oklab_from_rgb(np.array(anchors, dtype=np.float64) / 255)
     steps = np.linspace(0, len(anchors) - 1, levels)
     columns = [np.interp(steps, np.arange(len(anchors)), lab[:, c]) for c in range(3)]
-    rgb = _rgb_from_oklab(np.stack(columns, axis=1))
-    return np.rint(np.clip(rgb, 0, 1) * 255).astype(np.uint8)
+    return np.rint(np.clip(_rgb_from_oklab(np.stack(columns, axis=1)), 0, 1) * 255).astype(np.uint8)
 
 
 def _oklab_from_rgb(rgb: Floats) -> Floats:

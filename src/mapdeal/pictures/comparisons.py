@@ -129,8 +129,7 @@ def score_image(
     codes[known & ~true_known] = KNOWN_BY_MAP
     codes[true_known] = FREE
     codes[true_known & ~known] = UNCOVERED
-    is_missed = walls.missed > _NEAR * (1 + _ROUNDING)
-    codes[walls.truth == 2] = np.where(is_missed, MISSED, FOUND)
+    codes[walls.truth == 2] = np.where(walls.missed > _NEAR * (1 + _ROUNDING), MISSED, FOUND)
     codes[walls.estimate == 2] = _index_of(walls.distances, walls.top)
     part = shown_part(codes, walls.frame, image_extent, is_known=lambda cells: cells != UNKNOWN)
     raster = Raster.fitting(walls.frame.shape, image_max, part=part)
@@ -165,11 +164,9 @@ def bins_of(
 
 def _with_histogram(above: Image, walls: ScoredWalls, size: int) -> Image:
     height, width = above.indices.shape
-    pen = Pen(size)
-    bins = bins_of(walls.distances, walls.frame.resolution, walls.top)
+    pen, bins = Pen(size), bins_of(walls.distances, walls.frame.resolution, walls.top)
     left_x = canvas.text_width("100 %", size) + 2 * size
-    sheet_width = max(width, left_x + 34 * size)
-    plot_height = 12 * size
+    sheet_width, plot_height = max(width, left_x + 34 * size), 12 * size
     bottom = height + 4 * size + plot_height
     pen.open(sheet_width, bottom + 4 * size)
     pen.sheet[:height, :width] = above.indices

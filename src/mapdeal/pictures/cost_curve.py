@@ -164,8 +164,7 @@ class _Drawing:
         return metres, np.minimum(self.curve.formula(metres), self.palette.lethal_cost - 1.0)
 
     def image(self, title: str) -> Image:
-        pen = self.pen
-        legend = self._legend_lines()
+        pen, legend = self.pen, self._legend_lines()
         legend_width = int(1.9 * _SIZE) + max(canvas.text_width(line, _SIZE) for _, line in legend)
         end_of_legend = self.band_top + len(legend) * _LINE + 4 * _SIZE
         width = self.right + 3 * _SIZE + legend_width
@@ -251,14 +250,12 @@ class _Drawing:
             self._boxed(min(x + 6, last), middle, label)
 
     def _boxed(self, x: int, middle: int, label: str) -> None:
-        half = int(0.6 * _SIZE)
-        width = canvas.text_width(label, _SIZE)
+        half, width = int(0.6 * _SIZE), canvas.text_width(label, _SIZE)
         self.pen.sheet[middle - half : middle + half, x - 2 : x + width + 2] = canvas.WHITE
         self.pen.label(x, middle, label)
 
     def _axes(self) -> None:
-        pen = self.pen
-        under_band = self.band_top + _BAND + 1
+        pen, under_band = self.pen, self.band_top + _BAND + 1
         pen.frame(self.left_x, under_band, _WIDTH, self.bottom - under_band)
         for cost in self.ticks:
             y = self.bottom - cost * self.per_cost
@@ -304,8 +301,7 @@ class _Drawing:
         return [*lines, ("contour", f"circumscribed cost {cost}")] if cost else lines
 
     def _legend(self, x: int, lines: Sequence[tuple[int | str | None, str]]) -> None:
-        y = self.band_top
-        brush = Brush(self.pen.sheet)
+        y, brush = self.band_top, Brush(self.pen.sheet)
         side = int(1.2 * _SIZE)
         for sign, text in lines:
             middle = y + int(0.6 * _SIZE)

@@ -210,8 +210,7 @@ def potential_image(
         field.occupancy, field.frame, image_extent, overlay=overlay, places_xy=goal
     )
     raster = overlays.Raster.fitting(field.shape, image_max, part=part)
-    frame = raster.frame_of(field.frame)
-    style = styles.potential_style(field)
+    frame, style = raster.frame_of(field.frame), styles.potential_style(field)
     obstacles = raster.largest(field.obstacles())
     normalised = raster.largest(field.normalised)
     nowhere = np.isnan(normalised)
@@ -224,8 +223,7 @@ def potential_image(
     pixels = raster.enlarged(levels).copy()
     has_lines = field.cost_to_go is not None and _draw_isolines(pixels, field.cost_to_go, raster)
     on = overlays.Surface(pixels, frame, raster)
-    has_arrows = _draw_arrows(on, field)
-    has_goal = bool(goal) and frame.contains([goal])[0]
+    has_arrows, has_goal = _draw_arrows(on, field), bool(goal) and frame.contains([goal])[0]
     if has_goal:
         place = on.places([goal])[0]
         overlays.Brush(pixels).dot(place, styles.POTENTIAL_GOAL, radius=max(6.0, on.side / 80))
@@ -266,10 +264,8 @@ def _draw_arrows(on: overlays.Surface, field: PotentialField) -> bool:
     # turned to columns and rows, the axes of the picture
     x, y = field.downhill()
     cos, sin = math.cos(field.origin[2]), math.sin(field.origin[2])
-    along = np.stack([x * cos + y * sin, y * cos - x * sin])
-    directions = along[:, rows[:, np.newaxis], cols]
-    drawn = directions.any(axis=0) & ~field.obstacles()[rows[:, np.newaxis], cols]
-    i, j = np.nonzero(drawn)
+    directions = np.stack([x * cos + y * sin, y * cos - x * sin])[:, rows[:, np.newaxis], cols]
+    i, j = np.nonzero(directions.any(axis=0) & ~field.obstacles()[rows[:, np.newaxis], cols])
     centres = (np.stack([cols[j] - col, rows[i] - row], axis=1) + 0.5) * np.float64(scale)
     length = 0.55 * step * scale
     thickness = max(1, round(length / 18))

@@ -48,10 +48,8 @@ class Captions:
         return True
 
     def _letters(self, text: str) -> Bytes:
-        pad = max(2, self._size // 5)
-        capitals = canvas.capital_height(self._size)
-        pen = canvas.Pen(self._size)
-        line = canvas.printable(text)
+        pad, capitals = max(2, self._size // 5), canvas.capital_height(self._size)
+        pen, line = canvas.Pen(self._size), canvas.printable(text)
         descends = not set("gjpqy,;()[]|/").isdisjoint(line)
         below = max(pad, canvas.ascent(self._size) // 4) if descends else pad
         pen.open(canvas.text_width(line, self._size) + 2 * pad + 1, capitals + pad + below + 2)
@@ -125,14 +123,12 @@ def _goals_on(reach: Reach) -> list[GoalReach]:
 class _Marks:
     def __init__(self, on: overlays.Surface) -> None:
         self._on, self._brush = on, overlays.Brush(on.pixels)
-        self._thickness = max(3, round(on.side / 350))
-        self._dot = max(5.0, on.side / 130)
+        self._thickness, self._dot = max(3, round(on.side / 350)), max(5.0, on.side / 130)
         self._captions = Captions(on.pixels, int(min(32, max(12, on.side / 62))))
 
     def draw(self, reach: Reach) -> list[Swatch]:
         self._bars(reach.passages)
-        swatches = self._robot(reach)
-        goals = _goals_on(reach)
+        swatches, goals = self._robot(reach), _goals_on(reach)
         for goal in goals:
             self._goal(goal)
         for goal in goals:

@@ -414,13 +414,11 @@ class _CompleteDraft(graph_drafts.Draft):
                     shorts.append(max(0.8 * self.options.cover / self.cell - size, 0.0))
             self.add_shortest_paths(pairs, shorts)
             new = self.cells_of(range(first, len(self.places)))
-            lengths = lengths_from(self.is_open, new, limit=self.limit)
-            self.missing &= lengths < 0
+            self.missing &= lengths_from(self.is_open, new, limit=self.limit) < 0
 
     def _nearest(self, cells: Sequence[Sequence[int]]) -> list[int | None]:
         """Return the node with the shortest path to each cell, or None if unconnected."""
-        nodes = self.nodes()
-        is_open = self.coarse >= 0
+        nodes, is_open = self.nodes(), self.coarse >= 0
         node_cells = self.cells_of(nodes, self.step)
         nearest: dict[int, int] = {}
         limit = 2 * self.limit // self.step
@@ -589,8 +587,7 @@ class _CompleteDraft(graph_drafts.Draft):
         if not is_beside_walls and (min(runs) < _PIECE or sum(runs) < _PIECES):
             return False
         widths = sorted(self._width_seen(place, across, turn) for turn in (1, -1))
-        wider = _PROMINENCE if min(runs) >= _STUB else _WIDER
-        widest = _WIDER * gap
+        wider, widest = _PROMINENCE if min(runs) >= _STUB else _WIDER, _WIDER * gap
         if width > _WIDE_DOOR:
             widest = min(_WIDE_RATIO * gap, _WIDE_SPACE / self.cell)
         return widths[0] >= wider * gap and widths[1] >= widest

@@ -142,8 +142,7 @@ class Terrain:
 
 def check_factor(name: str, value: float) -> float:
     if not 0 <= value <= _LARGEST_FACTOR:
-        rule = f"must lie between 0 and {_LARGEST_FACTOR:g}"
-        raise ParameterError(rule, place=name, got=value)
+        raise ParameterError(f"must lie between 0 and {_LARGEST_FACTOR:g}", place=name, got=value)
     return value
 
 
@@ -164,8 +163,7 @@ def route_over(
     weights: Floats | None = None,
     surcharges: Floats | None = None,
 ) -> Route:
-    first = terrain.open_cell_of(start, "start")
-    last = terrain.open_cell_of(goal, "goal")
+    first, last = terrain.open_cell_of(start, "start"), terrain.open_cell_of(goal, "goal")
     searched = terrain.weights if weights is None else weights
     path = cheapest_path(searched, first, last, surcharges=surcharges)
     search: dict[str, Any] = {"expanded": path.expanded, "optimal": surcharges is None}

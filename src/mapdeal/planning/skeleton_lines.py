@@ -54,8 +54,7 @@ class Tracing:
         index = np.full((height + 2, width + 2), -1)
         rows, cols = self.cells[:, 0] + 1, self.cells[:, 1] + 1
         index[rows, cols] = np.arange(len(self.cells))
-        straight = ((0, 1), (1, 0), (0, -1), (-1, 0))
-        columns = [index[rows + row, cols + col] for row, col in straight]
+        columns = [index[rows + row, cols + col] for row, col in ((0, 1), (1, 0), (0, -1), (-1, 0))]
         for row, col in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
             there = index[rows + row, cols + col]
             is_connected = (index[rows + row, cols] >= 0) | (index[rows, cols + col] >= 0)
@@ -125,8 +124,7 @@ class Tracing:
         return largest
 
     def prune(self, shortest: float, loop: float) -> None:
-        order = sorted(self.chains, key=lambda k: (len(self.chains[k].cells), k))
-        for number in order:
+        for number in sorted(self.chains, key=lambda k: (len(self.chains[k].cells), k)):
             if number in self.chains:
                 self._contract(number)
         self._open_loops(loop)
@@ -221,8 +219,7 @@ def _best_in_blocks(squares: NDArray[Any], step: int, blocks: Cells) -> Cells:
         return blocks
     offsets = np.array([(row, col) for row in range(step) for col in range(step)])
     away = ((offsets - (step - 1) / 2) ** 2).sum(axis=1)
-    best = np.full(len(blocks), -1, dtype=np.int64)
-    best_cells = np.zeros_like(blocks)
+    best, best_cells = np.full(len(blocks), -1, dtype=np.int64), np.zeros_like(blocks)
     for offset in offsets[np.argsort(away, kind="stable")]:
         cells = blocks * step + offset
         inside = (cells < squares.shape).all(axis=1)
