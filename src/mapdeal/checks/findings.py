@@ -326,8 +326,7 @@ class LintConfig:
 
 
 def find_lint_config(folder: Path) -> LintConfig | None:
-    # A ``mapdeal.toml`` has precedence over a ``pyproject.toml`` beside it. A ``pyproject.toml``
-    # without the table ``[tool.mapdeal.lint]`` is skipped.
+    # A mapdeal.toml goes before a pyproject.toml, which is skipped without [tool.mapdeal.lint].
     start = normal_path(folder)
     for place in (start, *start.parents):
         if exists(place / OWN_FILE):
@@ -389,8 +388,7 @@ _KEYS: dict[str, Callable[..., Any]] = {"select": _names, "ignore": _names, "str
 
 
 def read_ignored_names(path: Path, limit: int = OF_MAPS.bytes) -> Names:
-    # The search needs no YAML parser, so comments count in malformed files, too. They start at the
-    # beginning of a line or after white space.
+    # No YAML parser: comments count in malformed files, too. They begin a line or follow a space.
     try:
         data = read_file(path, limit=limit)
     except (FileAccessError, MalformedInputError):
@@ -432,10 +430,8 @@ def selection_of(
     checks = frozenset(name for name, check in CHECKS.items() if not check.on_request)
     config = config or LintConfig(Path(), "")
     source, table = config.source, config.table
-    selected, ignored = (
-        _ranks(names or (), source, f"{table}.{key}")
-        for key, names in (("select", config.select), ("ignore", config.ignore))
-    )
+    selected = _ranks(config.select or (), source, f"{table}.select")
+    ignored = _ranks(config.ignore or (), source, f"{table}.ignore")
     checks = _refine(checks, selected, ignored, selects=config.select is not None)
     selected, ignored = _ranks(select, "--select"), _ranks(ignore, "--ignore")
     checks = _refine(checks, selected, ignored, selects=bool(select))

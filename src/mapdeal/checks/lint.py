@@ -354,9 +354,8 @@ def repair_lines(report: LintReport) -> list[str]:
 
 
 def _junit_lines(report: LintReport) -> list[str]:
-    # A failing map has a single failure that lists all failing findings, because some readers show
-    # only the first failure; other findings are its output. Without times, equal maps produce equal
-    # bytes.
+    # A failing map has one failure with all failing findings, since some readers show only the
+    # first; other findings are its output. Without times, equal maps produce equal bytes.
     failing = sum(bool(map_report.failures) for map_report in report.maps)
     counts = f'tests="{len(report.maps)}" failures="{failing}" errors="0"'
     return [

@@ -160,12 +160,10 @@ def greys(facts: PairFacts) -> Iterator[Remark]:
     if facts.metadata.mode != "trinary":
         return
     usual = _TRINARY | {_CARTOGRAPHER_UNKNOWN} if _unknown_of_cartographer(facts) else _TRINARY
-    unusual = {
-        grey: count
-        for grey, count in facts.pixels.greys.items()
-        if grey not in usual
-        and facts.metadata.free_thresh <= _shade(grey, facts) <= facts.metadata.occupied_thresh
-    }
+    low, high = facts.metadata.free_thresh, facts.metadata.occupied_thresh
+    counts = facts.pixels.greys.items()
+    unusual = {grey: n for grey, n in counts if low <= _shade(grey, facts) <= high}
+    unusual = {grey: n for grey, n in unusual.items() if grey not in usual}
     if unusual:
         common = sorted(unusual.items(), key=lambda item: -item[1])[:5]
         shown = ", ".join(f"{grey}: {count}" for grey, count in common)

@@ -149,8 +149,7 @@ def unused_section(facts: ParameterFacts) -> Iterator[Remark]:
     scan}`.
     Fix: Add its name to plugins, or remove the section.
     """
-    # ROS 1 files that both costmaps load contain the layers of both. Many Nav2 files have an unused
-    # static layer in the local costmap, as Nav2's example has.
+    # ROS 1 files may hold layers of both costmaps; Nav2's example has an unused local static layer.
     listed_names = {name for name, _ in facts.plugins} | set(_nested_names(facts))
     for name, section in facts.sections.items():
         names = {path[1] for path in section}

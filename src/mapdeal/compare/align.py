@@ -327,8 +327,8 @@ class Agreement:
     def evidence(self, chance: Floats) -> Floats:
         """Return the evidence against agreement by chance, shape (K,)."""
         # The Kullback-Leibler divergence of the agreeing share from a lower share by chance, times
-        # the pieces of wall, averaged over the tolerances. Small overlaps count less: a few walls
-        # agree somewhere.
+        # the pieces of wall, averaged over tolerances; less in small overlaps, as few walls fit
+        # anywhere.
         pieces = (self.agreeing + self.contradicting) / self.piece
         p, q = np.clip(self.shares, 1e-9, 1 - 1e-9), np.clip(chance, 0.02, 0.98)
         divergence = p * np.log(p / q) + (1 - p) * np.log((1 - p) / (1 - q))
@@ -618,8 +618,7 @@ def _axes(second: WallMap) -> Floats:
 
 
 def _weights(walls: WallMap, axes: Floats) -> Singles:
-    # Two straight walls that coincide at one place do so along their whole length, so a long line
-    # counts no more than `_MOST_LINE`.
+    # Straight walls that coincide once do so all along: long ones count no more than `_MOST_LINE`.
     weights = np.ones(len(walls.faces_xy), dtype=np.float32)
     width = max(_LINE_WIDTH, walls.resolution)
     for across in axes:

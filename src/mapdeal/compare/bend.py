@@ -96,10 +96,8 @@ def fitted(
     # is one observation of a distance that is normally distributed with the scale.
     bend = Bend.none(first, len(poses))
     first_faces, second_faces = first.some_faces(most)[0], second.some_faces(most)[0]
-    first_share, second_share = (  # observations per face
-        walls.wall_length / len(faces) / piece / 2
-        for walls, faces in ((first, first_faces), (second, second_faces))
-    )
+    first_share = first.wall_length / len(first_faces) / piece / 2  # observations per face
+    second_share = second.wall_length / len(second_faces) / piece / 2
     cos, sin = np.cos(poses[:, :1]), np.sin(poses[:, :1])
     terms = bend.terms(first_faces)
     stiffness = 1 / bend.expected**2

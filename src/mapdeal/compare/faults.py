@@ -50,8 +50,7 @@ _NEAR, _NEAR_CELLS = 0.15, 1.5
 """Distance within which walls are the same: metres, at least so many cells."""
 
 _LEAST_BEND, _LEAST_GAIN = 0.1, 0.08
-"""Least bend that is a fault, metres, at least two cells; and the least gain in the share of walls
-that coincide once the map is bent back."""
+"""Least bend that is a fault, metres (at least two cells), and gain in walls that then coincide."""
 
 _MAPPED = 2.0  # cells from free space within which a map should show a wall
 
@@ -144,11 +143,8 @@ def _most_of(cells: Mask, frame: Frame) -> tuple[float, float]:
 
 
 def document_of(faults: tuple[Fault, ...]) -> list[dict[str, Any]]:
-    return [
-        {"kind": fault.kind, "amount": fault.amount, "unit": fault.unit, "share": fault.share,
-         "x": fault.x, "y": fault.y}
-        for fault in faults
-    ]  # fmt: skip
+    keys = ("kind", "amount", "unit", "share", "x", "y")
+    return [{key: getattr(fault, key) for key in keys} for fault in faults]
 
 
 def lines_of(faults: tuple[Fault, ...]) -> Iterator[str]:

@@ -175,8 +175,7 @@ Layers = Mapping[str, ArrayLike]  # by the names that `build_map` gives them
 ChosenLayers = Mapping[str, NDArray[Any]]  # layers with evidence about hits, checked
 EVEN = 50.0  # of ``log_odds``: evidence for and against an obstacle is equal
 _PASS, _HIT = 3 << 16, 7 << 16
-"""Evidence of passing and of hitting beams: a cell is occupied above 30 % of hits.
-Integers make sums exact in any order."""
+"""Evidence of passing and of hitting beams: occupied above 30 % of hits. Integers sum exactly."""
 
 _MOST = 1e9  # largest value of a layer, so that sums of many fit 64 bits
 _LOG_ODDS, _HITS, _MISSES = "log_odds", "hits", "misses"

@@ -40,8 +40,7 @@ _ROUNDING = 1e-9
 
 
 def _wall_distances(squares: NDArray[np.signedinteger], resolution: float) -> Values:
-    # Squares are compared with (0.1 / resolution) squared, so that two cells of 0.05 m are exactly
-    # 0.1 m.
+    # Squares are compared, so that two cells of 0.05 m are exactly 0.1 m.
     count = len(squares)
     if count and int(squares[0]) == unreachable(squares):
         squares = squares[:0]

@@ -89,8 +89,7 @@ def some_of(values: NDArray[Scalar], most: int) -> NDArray[Scalar]:
 
 
 def walls_of(grid: OccupancyGrid, most: int = MOST_CELLS_A_SIDE) -> WallMap | None:
-    # A map with hardly any free space, such as a drawing, shows only walls: there, all other cells
-    # count as free.
+    # In a map with hardly any free space, such as a drawing, all cells but walls count as free.
     occupied, values = grid.occupied(), grid.occupancy
     free = (values > UNKNOWN) & (values < _MOST_FREE)
     rows, cols = (np.flatnonzero((occupied | free).any(axis=axis)) for axis in (1, 0))

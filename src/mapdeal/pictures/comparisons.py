@@ -71,10 +71,9 @@ def merge_image(
     value_colours = occupancy_style().colours
     unknown_colours, known_colours = value_colours[OCCUPIED + 1 :], value_colours[: OCCUPIED + 1]
     conflict_colours = [colours.REMOVED, colours.ADDED, colours.REMOVED]
-    style = LayerStyle(
-        palette_of(unknown_colours, known_colours, conflict_colours),
-        swatches=tuple(Swatch(kind, text) for kind, text in legend.items()),
-    )
+    swatches = tuple(Swatch(kind, text) for kind, text in legend.items())
+    palette = palette_of(unknown_colours, known_colours, conflict_colours)
+    style = LayerStyle(palette, swatches=swatches)
     title = title or f"{', '.join(names[:-1])} and {names[-1]}, merged"
     pixels = raster.enlarged(raster.largest(kinds))
     return canvas.on_sheet(pixels, style, frame, raster, title=title)
@@ -122,8 +121,7 @@ def score_image(
     walls: ScoredWalls, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "all",
 ) -> Image:  # fmt: skip
-    # True walls without a wall of the map within 0.1 m are marked. In each pixel, the wall with the
-    # largest distance is drawn.
+    # True walls without a wall of the map within 0.1 m are marked; in a pixel the farthest shows.
     known, true_known = walls.estimate != 0, walls.truth != 0
     codes = np.zeros(walls.frame.shape, dtype=np.uint8)
     codes[known & ~true_known] = KNOWN_BY_MAP

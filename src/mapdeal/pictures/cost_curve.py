@@ -95,10 +95,9 @@ def described(zone: Zone, end: float) -> str:
 
 
 def end_of(curve: CostCurve) -> float:
-    near = max(
-        curve.end, curve.inscribed_radius or 0.0, curve.circumscribed_radius or 0.0,
-        2 * curve.resolution, *(metres for _, metres in curve.marks),
-    )  # fmt: skip
+    radii = curve.inscribed_radius or 0.0, curve.circumscribed_radius or 0.0
+    marks = (metres for _, metres in curve.marks)
+    near = max(curve.end, *radii, 2 * curve.resolution, *marks)
     far = max(near, curve.reach, curve.inflation_radius or 0.0)
     return 1.18 * min(far if far <= _FAR * near else near, _FARTHEST) + curve.resolution / 2
 

@@ -67,10 +67,12 @@ class Drawing(ABC):
     def image(self, title: str) -> Image:
         """Return the picture, after all rows were collected."""
 
-    def draw(self, title: str) -> Image:
-        for rows in swept(self._grid.layer):
-            self.take(rows)
-        return self.image(title)
+    @classmethod
+    def draw(cls, grid: Any, *, title: str, **options: Unpack[PictureOptions]) -> Image:
+        drawing = cls(grid, **options)
+        for rows in swept(grid.layer):
+            drawing.take(rows)
+        return drawing.image(title)
 
     def _on_sheet(
         self, pixels: Bytes, style: LayerStyle, title: str, *, more: str = "",
@@ -96,9 +98,7 @@ class OccupancyDrawing(Drawing):
         return self._on_sheet(self._raster.enlarged(pixels), style, title)
 
 
-def occupancy_image(grid: OccupancyGrid, *, title: str, **options: Unpack[PictureOptions]) -> Image:
-    # Of several cells in a pixel the most occupied one shows.
-    return OccupancyDrawing(grid, **options).draw(title)
+occupancy_image = OccupancyDrawing.draw  # of several cells in a pixel the most occupied one shows
 
 
 class FieldDrawing(Drawing):
@@ -126,8 +126,7 @@ class FieldDrawing(Drawing):
         return self._on_sheet(pixels, style, title, more=more, swatches=swatches)
 
     def _pixels(self, scale: Scale) -> tuple[Bytes, int | None]:
-        # Palette: levels inside obstacles, levels outside, both again faded for unknown cells, the
-        # outline of obstacles, and cells without a distance.
+        # Palette: inside obstacles, outside, both faded for unknown cells, outlines, no distance.
         obstacles, unknown = self._obstacles.pixels, self._unknown.pixels
         distance = self._distance.pixels
         nowhere = np.isnan(distance) if self._grid.region is not None else None
@@ -148,9 +147,7 @@ class FieldDrawing(Drawing):
         return pixels, styles.faded_index(below, outside=outside) if unknown.any() else None
 
 
-def field_image(field: DistanceField, *, title: str, **options: Unpack[PictureOptions]) -> Image:
-    # Of several cells in a pixel the smallest distance shows.
-    return FieldDrawing(field, **options).draw(title)
+field_image = FieldDrawing.draw  # of several cells in a pixel the smallest distance shows
 
 
 def _field_swatches(style: LayerStyle, pixels: Bytes, faded: int | None) -> list[Swatch]:
@@ -192,9 +189,7 @@ class CostDrawing(Drawing):
         return self._on_sheet(pixels, style, title)
 
 
-def cost_image(costmap: Costmap, *, title: str, **options: Unpack[PictureOptions]) -> Image:
-    # Of several cells in a pixel the highest cost shows.
-    return CostDrawing(costmap, **options).draw(title)
+cost_image = CostDrawing.draw  # of several cells in a pixel the highest cost shows
 
 
 _ARROW_SPACING = 34.0  # pixels

@@ -45,8 +45,7 @@ class Raster:
         part: Region | None = None,
     ) -> Raster:  # fmt: skip
         """Return the raster for a map or a part of it with at most `image_max` pixels per side."""
-        # An `image_max` of 0 means one pixel per cell. The long side of a small map is enlarged to
-        # `small_side` pixels or slightly more.
+        # With 0, a pixel per cell. Small maps are enlarged to `small_side` pixels or slightly more.
         side = max(shape if part is None else (part.height, part.width))
         if image_max == 0:
             return cls(part=part)
@@ -557,10 +556,8 @@ def shown_part(
     if box is None:
         return None
     low, high = np.array(box[:2]), np.array(box[:2]) + box[2:]
-    points = np.concatenate([
-        np.reshape(places_xy, (-1, 2)).astype(np.float64),
-        np.empty((0, 2)) if overlay is None else np.reshape(overlay.places_xy, (-1, 2)),
-    ])  # fmt: skip
+    both = places_xy, () if overlay is None else overlay.places_xy
+    points = np.concatenate([np.reshape(np.asarray(xy, np.float64), (-1, 2)) for xy in both])
     points = points[np.isfinite(points).all(axis=1)]
     if len(points):
         places = frame.continuous_rowcol_from_xy(points)

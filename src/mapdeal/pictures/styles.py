@@ -315,10 +315,9 @@ def field_style(field: DistanceField, ends: FieldEnds) -> LayerStyle:
     below = min(max(1, math.ceil(ends.deep / step - 1e-9)), FIELD_LEVELS - 1)
     scale = Scale(-below * step, (FIELD_LEVELS - below) * step, 0, FIELD_LEVELS)
     # The palest shade is left out, so that a side with one step is not white.
-    known = np.vstack([
-        colours.interpolated(colours.OBSTACLE_ANCHORS, below + 1)[:0:-1],
-        colours.interpolated(colours.FREE_ANCHORS, FIELD_LEVELS - below + 1)[1:],
-    ])  # fmt: skip
+    inside = colours.interpolated(colours.OBSTACLE_ANCHORS, below + 1)[:0:-1]
+    outside = colours.interpolated(colours.FREE_ANCHORS, FIELD_LEVELS - below + 1)[1:]
+    known = np.vstack([inside, outside])
     special = [colours.LINE, colours.RVIZ_UNKNOWN]
     swatches, bar = [Swatch(LINE, "obstacle edge")], None
     if math.isfinite(ends.highest) and math.isfinite(ends.lowest):

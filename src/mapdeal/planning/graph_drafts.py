@@ -125,13 +125,9 @@ class Area(NamedTuple):
         np.copyto(squared, -1, where=~is_open[window])
         occupancy = reach.occupancy[window]
         unknown = (occupancy == UNKNOWN) & (not reach.through_unknown)
-        sweeps = Sweeps(
-            is_open=is_open[window].copy(),
-            closed=closed_costs(occupancy == OCCUPIED, unknown),
-            squared=squared,
-            frame=frame.window(*low, *squared.shape),
-            robot=robot,
-        )
+        closed = closed_costs(occupancy == OCCUPIED, unknown)
+        frame_of_window = frame.window(*low, *squared.shape)
+        sweeps = Sweeps(is_open[window].copy(), closed, squared, frame_of_window, robot)
         return cls(sweeps, radius, turning, float(np.count_nonzero(is_open)) * reach.cell_area)
 
 
@@ -175,6 +171,11 @@ class Draft:
     def drop_edge(self, start: int, end: int) -> float:
         del self.beside[start][end], self.beside[end][start]
         return self.edges.pop((min(start, end), max(start, end)))
+
+    def drop_node(self, node: int) -> None:
+        for end in list(self.beside[node]):
+            self.drop_edge(node, end)
+        self.gone.add(node)
 
     def length(self, start: int, end: int) -> float:
         return math.dist(self.places[start], self.places[end])
@@ -253,11 +254,9 @@ class Draft:
             fits = bool(is_clear[of_move].all() and is_wide.all())
             has_moved.append(fits)
             if fits:
-                for end in list(self.beside[gone]):
-                    self.drop_edge(gone, end)
+                self.drop_node(gone)
                 for end, clearance in zip(new_ends, clearances[of_move].tolist(), strict=True):
                     self.add_edge(target, end, clearance)
-                self.gone.add(gone)
         return has_moved
 
     def result(self) -> GraphResult:

@@ -146,9 +146,9 @@ class _CompleteDraft(graph_drafts.Draft):
         paths = []
         nodes: dict[int, int] = {}
         for number, chain in tracing.chains.items():
-            cells = tracing.fine[np.array(chain.cells)]
+            cells = tracing.fine[np.array(chain)]
             ends, beyond = [], []
-            for end in (chain.start, chain.end):
+            for end in (chain[0], chain[-1]):
                 is_mouth = end in tracing.mouths
                 if end not in nodes:
                     degree = len(tracing.chains_of[end])
@@ -522,9 +522,7 @@ class _CompleteDraft(graph_drafts.Draft):
             needed = set(nearest[missing].tolist())
             free = [node for k, node in enumerate(ends) if k not in needed]
             for node in free[: self.excess]:
-                for before in list(self.beside[node]):
-                    self.drop_edge(node, before)
-                self.gone.add(node)
+                self.drop_node(node)
             if not free:
                 return
 
@@ -542,8 +540,7 @@ class _CompleteDraft(graph_drafts.Draft):
             if self.kinds[node] not in ("way", "crossing"):
                 return
             (before,) = self.beside[node]
-            self.drop_edge(node, before)
-            self.gone.add(node)
+            self.drop_node(node)
             node = before
         self._straighten(node)
 
@@ -674,10 +671,9 @@ class _CompleteDraft(graph_drafts.Draft):
             self.places = [(row, col) for row, col in self.rounded(self.places).tolist()]
             self._leave_edges()
             ends = np.array(sorted(self.edges), dtype=np.int64).reshape(-1, 2)
-            is_clear, _ = self.area.sweeps.along(
-                self.at(ends[:, 0]), self.at(ends[:, 1]), touches=self.has_corners,
-                step=_FINE_STEP if self.has_corners else _HALF_CELL,
-            )  # fmt: skip
+            starts, stops = self.at(ends[:, 0]), self.at(ends[:, 1])
+            step = _FINE_STEP if self.has_corners else _HALF_CELL
+            is_clear, _ = self.area.sweeps.along(starts, stops, touches=self.has_corners, step=step)
             blocked = ends[~is_clear].tolist()
             if not blocked:
                 return
@@ -690,9 +686,7 @@ class _CompleteDraft(graph_drafts.Draft):
         largest = np.bincount(parts[nodes]).argmax()
         for node in nodes:
             if parts[node] != largest:
-                for end in list(self.beside[node]):
-                    self.drop_edge(node, end)
-                self.gone.add(node)
+                self.drop_node(node)
         self.lanes = [ends for ends in self.lanes if self.gone.isdisjoint(ends)]
         self.missing = self.uncovered(self.nodes())
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import heapq
 import math
 from collections import defaultdict
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -16,13 +15,7 @@ from mapdeal.kernels.arrays import Mask
 from mapdeal.kernels.distance import dilate_square
 
 Cells = NDArray[np.int64]
-
-
-@dataclass
-class Chain:
-    start: int
-    end: int
-    cells: list[int]  # from start to end, both included
+Chain = list[int]  # cells from start to end, both included
 
 
 class Tracing:
@@ -98,18 +91,18 @@ class Tracing:
 
     def add(self, cells: list[int]) -> None:
         self._count += 1
-        self.chains[self._count] = Chain(cells[0], cells[-1], cells)
+        self.chains[self._count] = cells
         self.chains_of[cells[0]].append(self._count)
         self.chains_of[cells[-1]].append(self._count)
 
     def drop(self, number: int) -> Chain:
         chain = self.chains.pop(number)
-        self.chains_of[chain.start].remove(number)
-        self.chains_of[chain.end].remove(number)
+        self.chains_of[chain[0]].remove(number)
+        self.chains_of[chain[-1]].remove(number)
         return chain
 
     def length(self, chain: Chain) -> float:
-        places = [self._places[cell] for cell in chain.cells]
+        places = [self._places[cell] for cell in chain]
         return sum(map(math.dist, places, places[1:])) * self.step
 
     def width_around(self, node: int, besides: int, reach: float) -> float:
@@ -118,13 +111,13 @@ class Tracing:
         largest = 0.0
         for number in self.chains_of[node]:
             if number != besides:
-                cells = self.chains[number].cells
+                cells = self.chains[number]
                 near = cells[:count] if cells[0] == node else cells[-count:]
                 largest = max(largest, *(self.clearances[cell] for cell in near))
         return largest
 
     def prune(self, shortest: float, loop: float) -> None:
-        for number in sorted(self.chains, key=lambda k: (len(self.chains[k].cells), k)):
+        for number in sorted(self.chains, key=lambda k: (len(self.chains[k]), k)):
             if number in self.chains:
                 self._contract(number)
         self._open_loops(loop)
@@ -135,7 +128,7 @@ class Tracing:
             if number not in self.chains:
                 continue
             chain = self.chains[number]
-            for end, base in ((chain.start, chain.end), (chain.end, chain.start)):
+            for end, base in ((chain[0], chain[-1]), (chain[-1], chain[0])):
                 is_dead = len(self.chains_of[end]) == 1 and end not in self.mouths
                 if not is_dead or base == end or len(self.chains_of[base]) < 2:
                     continue
@@ -150,12 +143,12 @@ class Tracing:
     def _open_loops(self, max_length: float) -> None:
         """Drop the narrower of two chains around an obstacle if both are short."""
         lengths = {number: self.length(chain) for number, chain in self.chains.items()}
-        narrowest = {number: min(self.clearances[cell] for cell in chain.cells)
+        narrowest = {number: min(self.clearances[cell] for cell in chain)
                      for number, chain in self.chains.items()}  # fmt: skip
         for number in sorted(self.chains, key=lambda k: (narrowest[k], k)):
             chain = self.chains[number]
-            if chain.start == chain.end:
-                if lengths[number] <= 2 * max_length and len(self.chains_of[chain.start]) > 2:
+            if chain[0] == chain[-1]:
+                if lengths[number] <= 2 * max_length and len(self.chains_of[chain[0]]) > 2:
                     self.drop(number)
             elif lengths[number] <= max_length and self._has_detour(number, lengths, max_length):
                 self.drop(number)
@@ -164,15 +157,15 @@ class Tracing:
 
     def _has_detour(self, number: int, lengths: dict[int, float], max_length: float) -> bool:
         chain = self.chains[number]
-        best, heap = {chain.start: 0.0}, [(0.0, chain.start)]
+        best, heap = {chain[0]: 0.0}, [(0.0, chain[0])]
         while heap:
             length, node = heapq.heappop(heap)
-            if node == chain.end:
+            if node == chain[-1]:
                 return True
             for beside in self.chains_of[node]:
                 total = length + lengths[beside]
                 link = self.chains[beside]
-                following = link.end if link.start == node else link.start
+                following = link[-1] if link[0] == node else link[0]
                 is_short = total <= max_length and total < best.get(following, math.inf)
                 if beside != number and is_short:
                     best[following] = total
@@ -184,33 +177,33 @@ class Tracing:
         if len(numbers) != 2 or numbers[0] == numbers[1] or node in self.mouths:
             return None
         first, second = (self.drop(number) for number in list(numbers))
-        head = first.cells if first.end == node else first.cells[::-1]
-        tail = second.cells if second.start == node else second.cells[::-1]
+        head = first if first[-1] == node else first[::-1]
+        tail = second if second[0] == node else second[::-1]
         self.add([*head, *tail[1:]])
         return self._count
 
     def _contract(self, number: int) -> None:
         """Merge the crossings at both ends of a chain if it is within half their clearance."""
         chain = self.chains[number]
-        ends = chain.start, chain.end
-        if chain.start == chain.end or not self.mouths.isdisjoint(ends):
+        ends = chain[0], chain[-1]
+        if chain[0] == chain[-1] or not self.mouths.isdisjoint(ends):
             return
         if min(len(self.chains_of[end]) for end in ends) < 3:
             return
         clearance = max(self.clearances[end] for end in ends)
         if self.length(chain) > max(2 * self.step, 0.5 * clearance):
             return
-        if min(self.clearances[cell] for cell in chain.cells) < 0.8 * clearance:
+        if min(self.clearances[cell] for cell in chain) < 0.8 * clearance:
             return  # a narrow place lies between them
-        is_start = self.clearances[chain.start] >= self.clearances[chain.end]  # the wider crossing
-        gone, link = (ends[1], chain.cells) if is_start else (ends[0], chain.cells[::-1])
+        is_start = self.clearances[chain[0]] >= self.clearances[chain[-1]]  # the wider crossing
+        gone, link = (ends[1], chain) if is_start else (ends[0], chain[::-1])
         self.drop(number)
         for moved_number in list(self.chains_of[gone]):
             if moved_number in self.chains:  # a loop is listed twice
                 moved = self.drop(moved_number)
-                head = link[:-1] if moved.start == gone else []
-                tail = link[-2::-1] if moved.end == gone else []
-                self.add([*head, *moved.cells, *tail])
+                head = link[:-1] if moved[0] == gone else []
+                tail = link[-2::-1] if moved[-1] == gone else []
+                self.add([*head, *moved, *tail])
 
 
 def _best_in_blocks(squares: NDArray[Any], step: int, blocks: Cells) -> Cells:

@@ -28,8 +28,7 @@ class Tour(NamedTuple):
 
 def tour_of(graph: RouteGraph, in_sight: Sequence[Integers], cells: int) -> Tour:
     """Return a tour of a graph that sees all cells in sight of nodes of the largest part."""
-    # Viewpoints are chosen greedily, by the cells that each adds. They are visited in the order of
-    # a minimum spanning tree, then the tour is shortened.
+    # Viewpoints are chosen greedily by the cells they add, and ordered by a minimum spanning tree.
     from scipy.sparse import csgraph, csr_matrix
 
     count = len(graph.nodes)
