@@ -43,7 +43,6 @@ from mapdeal.ros.names import Name, label_of
 from mapdeal.ros.robot import Flavour, ParameterValue, RobotParameters
 
 Counts = NDArray[np.int64]
-
 _PIXELS_PER_BAND = 1 << 18
 """Colours are widened to 64 bits when they become cells, so only few are converted at once."""
 
@@ -333,13 +332,10 @@ class RobotFacts:
 
 
 _HEAD = 1 << 16
-
 _LEAST_CUT_OFF = 4.0
 """Least area for a warning, m2 of positions of the robot's centre; smaller ones are niches."""
-
 _LINE_BYTES = 120  # of runs, per row and column: a band has at least one row
 _BAND_BYTES = 10_000_000  # of runs in a band, and of the checks' modules
-
 _ROOM_BYTES = {"compiled": 22, "scipy": 106}
 """Peak memory of the search for passages, bytes per cell, by engine."""
 

@@ -305,14 +305,10 @@ declare_checks(
     """
 )
 
-
 OWN_FILE, PYPROJECT = "mapdeal.toml", "pyproject.toml"
-
 _LARGEST = 1 << 20
-
 _IGNORE = re.compile(r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?")
 _NAME = re.compile(r"[ \t]*([\w.-]+)[ \t]*")
-
 Names = tuple[str, ...]
 
 

@@ -44,7 +44,6 @@ from mapdeal.maps.formats import format_of
 from mapdeal.ros.robot import CostmapName
 
 LEFT_OUT = "lint.left-out"
-
 _LARGEST_PARAMETERS = 1 << 20  # bytes of a robot's parameter file
 
 
@@ -472,7 +471,6 @@ def _text_lines(report: LintReport) -> list[str]:
 _FILLED = TextWrapper(
     88, initial_indent="  ", subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
 )
-
 
 REPORTS: dict[ReportForm, Callable[[LintReport], list[str]]] = {
     "text": _text_lines,

@@ -36,14 +36,11 @@ from mapdeal.ros.ros2_files import read_ros2
 
 INFLATION_PARAMETERS = {"inflation_radius", "cost_scaling_factor", "inflate_unknown"}
 """Parameters of inflation layers; Nav2's layers do not inherit them from the costmap."""
-
 _OF_MAP_LAYERS = {"enabled", "plugin", "map_subscribe_transient_local", "map_topic"}
 LAYER_PARAMETERS = INFLATION_PARAMETERS | _OF_MAP_LAYERS | {"observation_sources"}
 """Parameters that identify a section as a layer."""
-
 IDLE_LAYER_PARAMETERS = _OF_MAP_LAYERS | {"subscribe_to_updates"}
 """Parameters of a layer that may be unlisted without a finding, because it would do nothing."""
-
 _CLASSES = tuple(map(class_name, NAV2_PLUGINS))
 _MODELLED = tuple(name for name in _CLASSES if name.endswith(("StaticLayer", "InflationLayer")))
 _SHAPE_PARAMETERS = dict.fromkeys(("footprint", "robot_radius", "footprint_padding"), _MODELLED)
@@ -57,10 +54,7 @@ COSTMAP_ONLY: dict[Flavour, dict[str, tuple[str, ...]]] = {
     },
 }
 """Parameters of a costmap that have no effect below layers of these classes."""
-
 OLD_PARAMETERS = ("static_map", "map_type")  # ROS 1 reads them only without a list of plugins
-
-
 _OTHER_MARKING = ("NonPersistentVoxelLayer", "SpatioTemporalVoxelLayer")
 """Layer classes that write lethal cells and that mapdeal does not model."""
 

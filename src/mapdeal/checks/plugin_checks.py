@@ -26,7 +26,6 @@ _RENAMED = {
     "obstacle_range": ("obstacle_max_range", 2.5), "raytrace_range": ("raytrace_max_range", 3.0)
 }  # fmt: skip
 """Renamed parameters of Nav2: the old names, the new ones and their defaults, metres."""
-
 _OBSTACLE_LAYERS = ("ObstacleLayer", "VoxelLayer")
 _USUAL_RESOLUTION = 0.05  # metres; used without a map
 

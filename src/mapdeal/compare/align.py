@@ -29,10 +29,8 @@ from mapdeal.kernels.threads import in_parallel
 _DIRECTIONS = 360  # of a Hough spectrum, over half a turn
 _MOST_PEAKS, _WIDENED_PEAKS = 3, 2
 """Peaks of the correlation that are tried; the first two also with `_PEAK_ERROR` on both sides."""
-
 _PEAK_ERROR = math.radians(1.2)
 """Error of a peak if the overlap is small; a candidate one degree off cannot be refined."""
-
 _LEAST_STRIP = 0.1  # metres: least width of the strips in which a Hough spectrum counts walls
 _MOST_COUNTED = 4000  # faces
 
@@ -63,7 +61,6 @@ def yaws_by_walls(first: WallMap, second: WallMap) -> Floats:
 _SCORINGS = ((0.5, 0.12), (2.0, 0.05))
 """Penalty of a wall in free space, and reward of free space on free space; a wall on a wall scores
 its length in cells. The first scoring suits bent or changed maps, the second small overlaps."""
-
 _MOST_WALL = 1.2  # wall that counts in a cell, in cell sides: more is clutter
 _BLOCK = 6  # cells: of each block of shifts with this side, only the best is a candidate
 
@@ -282,20 +279,15 @@ def _add(
 
 TOLERANCES = (0.06, 0.12, 0.25, 0.5)
 """Metres within which walls coincide, at least a cell: for exact maps, and for bent ones."""
-
 _SMALL_MAP, _LARGE_MAP = 20.0, 60.0
 """Metres: tolerances shrink with a smaller diagonal, to 3/4, and grow with a larger, to double."""
-
 _BY_CHANCE = (0.28, 0.36, 0.5, 0.66)
 """Share of walls that agree at the best pose of maps of different places, for each tolerance."""
-
 _PIECE, _SHARE_OF_PIECE = 2.0, 0.015
 """Length of wall that counts as one piece of evidence: metres, or a share of all walls if that is
 less, since small maps have fewer poses to choose from."""
-
 _FULL_OVERLAP = 0.2  # evidence shrinks in proportion below this overlap
 _LARGE = 0.25  # least common walls, of the most, at wrong poses that show the share by chance
-
 Moves = tuple[WallMap, WallMap, Any]
 
 
@@ -385,7 +377,6 @@ def bytes_to_align(cells: Sequence[int]) -> int:
 LEAST_SCORE = 4.5
 """Least score, and least lead over the runner-up. In about 350 pairs of maps of different places,
 half of them with corridors or rows of equal rooms, the largest lead without a rival was 3.2."""
-
 LEAST_SCORE_IF_SHARED = 2.2
 _SHARED_OVERLAP, _SHARED_AGREEMENT, _SHARED_WALLS, _SHARED_LENGTH = 0.66, 0.75, 0.45, 25.0
 """Least score and lead of maps that mostly show the same space, since drift lowers their scores;
@@ -393,31 +384,22 @@ and how such maps are recognised: least overlap, share of walls that agree, shar
 map's walls that are compared, and their length, metres. Of 170 pairs of different places none met
 these limits with a lead above 0.3; of 113 mirrored maps, with rooms of the same sizes, the largest
 lead was 1.7."""
-
 LEAST_OVERLAP = 0.1
 MOST_RUNNER_UP = 0.62  # of the score: a pose that fits nearly as well may be the right one
-
 LEAST_SCORE_NEAR_PRIOR, LEAST_AGREEMENT_NEAR_PRIOR = 5.8, 0.75
 """Least score, and least share of walls that agree, if the user gives an approximate pose."""
-
 _MOST_JUDGED, _MOST_BENT = 5, 500
 """Candidates that are bent before the final score, and faces of walls that determine a bend."""
-
 _SHIFTS, _MOST_SHIFTED = (1.0, 1.8, 3.0), 400
 """Shifts along the walls, metres, at which agreement by chance is measured, and faces used."""
-
 _MOST_LINE, _LINE_WIDTH, _FACING = 4.0, 0.1, 0.9
 """Metres that a straight line of walls counts at most, its width, and the least cosine between its
 normal and those of its faces."""
-
 _SLIDE, _SLIDE_STEP, _MOST_SLID = 12.0, 0.2, 200
 """Metres along the walls within which rivals of the best pose are searched, step, and faces."""
-
 _WIDEST, _SHARE_OF_DIAGONAL = 1.0, 0.012
 """Largest scale at which maps are bent: metres, and as a share of the smaller diagonal."""
-
 _SHOWN = TOLERANCES.index(0.25)
-
 _PRIOR_TURN = math.radians(30)
 _PRIOR_SHIFT = 5.0
 _PRIOR_DEVIATIONS = 2.5  # the radius of the search area in standard deviations
@@ -425,19 +407,13 @@ _ROTATION_ERROR = math.radians(3)  # tolerance of a rotation that the user gives
 _TURNS_AROUND = 100  # yaws that are tried on coarse cells, whatever the directions of the walls
 _COARSE, _FINE = 200, 500
 """Cells per side of a correlation: at all yaws, and at those that the walls suggest."""
-
 _MOST_FACES, _MOST_CHECKED, _MOST_POLISHED = 400, 2000, 4000
 """Faces that refine each candidate, that score it, and that refine the best one at the end."""
-
 _LEAST_SCALE = 1.5  # cells: the smallest scale at which the best candidate is refined
 _SAME_TURN, _SAME_PLACE = math.radians(5), 1.2
 """Radians and metres within which two candidates are the same: drift bends maps by as much."""
-
 _SAME_SHARE = 0.05  # the same as a share of a small map's diagonal
-
 _REFINED_LIMIT = 1.2  # of a prior's limits: refinement may move candidates out of them slightly
-
-
 _MOST_CANDIDATES = 3
 
 

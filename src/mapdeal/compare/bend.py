@@ -18,9 +18,7 @@ from mapdeal.compare.walls import FAR, Floats, Poses, WallMap, moved, moved_back
 _DEGREE = 3
 _POWERS = tuple(p for p in product(range(_DEGREE + 1), repeat=2) if sum(p) <= _DEGREE)
 """Exponents of x and y: both coordinates of the displacement are polynomials of the place."""
-
 _STIFFNESS = 0.005  # prior standard deviation of a coefficient, as a share of the diagonal
-
 _INVERSE_STEPS = 2  # fixed-point steps that invert a bend: enough, since its slope is small
 
 

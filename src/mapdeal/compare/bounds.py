@@ -13,7 +13,6 @@ from mapdeal.errors import ParameterError, as_known, nearest
 from mapdeal.grid.values import decimal_text
 
 METRES, SHARE, COUNT, NUMBER, AREA = "m", "share", "count", "number", "m2"
-
 _OF_DISTANCES = {
     "n": (COUNT, "wall cells measured"),
     "mean": (METRES, "mean"),
@@ -40,7 +39,6 @@ DISTANCES: dict[str, str] = {
     "dist_truth_to_est_where_est_known_m": "... where the map is known",
 }
 """Groups of figures of distances, in the order in which they are printed."""
-
 CONFUSIONS: dict[str, str] = {
     "confusion_known_in_both": "cells that are known in both",
     "confusion_whole_lattice": "all cells of the true map",
@@ -111,9 +109,7 @@ def figure_text(value: float | None, unit: str) -> str:
 
 NOTHING_COMPARED = "the maps have no known cell in common"
 _OF_OVERLAP = ("known_in_both", "coverage", "coverage_free")
-
 Side = Literal["min", "max"]
-
 _ROUNDING = 1e-9  # of figures: six cells of 0.05 m are 0.30000000000000004 m
 
 

@@ -24,8 +24,6 @@ from mapdeal.kernels.threads import claim_tables
 
 STATES = ("occupied", "free", "unknown", "between")
 """States of a cell; ``between`` stands for the values 1..99."""
-
-
 SYMMETRIES: dict[str, Callable[[NDArray[np.int8]], NDArray[np.int8]]] = {
     "mirrored upside down": np.flipud,
     "mirrored left to right": np.fliplr,
@@ -40,8 +38,6 @@ SYMMETRIES: dict[str, Callable[[NDArray[np.int8]], NDArray[np.int8]]] = {
 
 # What a cell of the comparison shows; where cells share a pixel the largest does.
 OUTSIDE, BOTH_UNKNOWN, BOTH_FREE, CHANGED, COMMON, REMOVED, ADDED = range(7)
-
-
 _MOST_TOLERANCE = 1000.0
 
 
@@ -317,10 +313,8 @@ def changes_of(first: Bytes, second: Bytes, both: Mask) -> Bytes:
 
 
 Costs = NDArray[np.uint8]
-
 SIZES = ((1, 9), (10, 49), (50, 127), (128, 254))
 """Smallest and largest change of the cost in each bin of `CostChange.by_size`."""
-
 MOST_REGIONS = 20
 
 

@@ -25,16 +25,12 @@ from mapdeal.kernels.threads import for_rows
 
 NO_CONFLICT, BY_FIRST, BY_OTHERS, AMONG_OTHERS = range(4)
 """No conflict; the first map is occupied; it is free; it is neither, and the others differ."""
-
 OCCUPIED_FROM, FREE_UP_TO = 65, 25
 """Values at which Nav2's map_saver by default calls a cell occupied, and free."""
-
 _NEAR = 2  # cells within which obstacles of two maps may be the same
 _ROWS_AT_ONCE = 256
 _MANY = 0.01  # share of common cells: aligned maps have fewer conflicts
-
 NOTHING, _IS_FREE, _IS_OCCUPIED, BETWEEN = range(4)
-
 States = NDArray[np.uint8]
 Numbers = NDArray[np.uint16]
 
@@ -176,7 +172,6 @@ ChosenLayers = Mapping[str, NDArray[Any]]  # layers with evidence about hits, ch
 EVEN = 50.0  # of ``log_odds``: evidence for and against an obstacle is equal
 _PASS, _HIT = 3 << 16, 7 << 16
 """Evidence of passing and of hitting beams: occupied above 30 % of hits. Integers sum exactly."""
-
 _MOST = 1e9  # largest value of a layer, so that sums of many fit 64 bits
 _LOG_ODDS, _HITS, _MISSES = "log_odds", "hits", "misses"
 
@@ -238,17 +233,13 @@ def _add_layers(total: Integers, lattice: Frame, layers: ChosenLayers, source: F
 
 
 Rule = Literal["occupied", "newest", "evidence"]
-
 FEWEST = 2  # maps that can be merged
 _TOUCHING = 1e-6  # cells: borders that differ by less are equal
 _SNAPPED = 0.1  # cells: a map whose corners are off by less is moved onto the first map's cells
-
 _PERCENT_PAIRED, _LEAST_APART, _MOST_APART = 85, 1.5, 0.3
 """Walls of two maps count as one within the distance that 85 % of them have, plus a cell; at least
 1.5 cells, at most 0.3 m."""
-
 _PAIRING_REACH = 0.5  # metres, at least three cells: walls farther apart are not paired
-
 Values = NDArray[np.int8]
 
 

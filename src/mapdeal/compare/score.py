@@ -23,7 +23,6 @@ from mapdeal.kernels.threads import CELLS_WORTH_A_THREAD, for_rows, in_parallel,
 
 States = NDArray[np.uint8]  # `UNKNOWN`, `FREE` or `OCCUPIED`, shape (H, W)
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
-
 Values = dict[str, Any]
 """Figures by name: numbers, None where there is nothing to measure, or more of such."""
 
@@ -112,12 +111,10 @@ _LIBRARIES = 28_000_000  # scipy.ndimage and its imports
 _PER_CELL, _PER_WALL = 13.5, 12
 _OF_BAND, _AROUND = 90, 10
 """Bytes for each cell and each wall cell of both maps, and each cell of a band; rows around it."""
-
 _PER_CELL_ALONE, _PER_WALL_ALONE = 7.2, 52
 _OF_BAND_ALONE, _AROUND_ALONE = 60, 40  # the same for a map on its own
 LEAST_ROWS_ALONE = 64
 """Least rows of a band for a map on its own: in fewer, most work would be the rows around."""
-
 _PER_WALL_DRAWN = 40
 
 
@@ -146,7 +143,6 @@ def _bytes(
 _Floats = NDArray[np.floating[Any]]
 _Moments = tuple[_Floats, _Floats, _Floats, _Floats]
 """Of the windows: both means, the mean of x * y, and that of x * x + y * y."""
-
 _C1, _C2 = 0.01**2, 0.03**2
 _UNIFORM = 7
 _SIGMA, _TRUNCATE, _GAUSSIAN = 1.5, 3.5, 11
@@ -282,7 +278,6 @@ def compare_states(estimate: States, truth: States, frame: Frame) -> Comparison:
 
 LEAST_AREA = 0.25
 """Square metres of free cells below which an enclosed space is a pocket instead of an area."""
-
 _TOGETHER = 1 << 20  # cells that numpy converts to 64 bits at once
 
 
@@ -314,7 +309,6 @@ def enclosed_areas(states: States, resolution: float) -> tuple[int, int, float]:
 
 _SMOOTHING, _ALONE_AROUND = 1.5, 2.5
 """Standard deviations, cells, of the filters for walls and for the surroundings of a cell."""
-
 _SENSITIVITY = 0.1  # Harris's k
 _APART = 3  # cells: of two corners this close, only the stronger one counts
 _LEAST_TRACE = 1e-4  # a fifteenth of that at the end of a slanted line one cell wide

@@ -19,22 +19,17 @@ from mapdeal.pictures.colours import ColourBar, Colours, LayerStyle, Swatch
 from mapdeal.pictures.overlay import Overlay, Raster, Surface
 
 _SHADES = 16
-
 MOST_COLOURS = 256 - _SHADES  # of a picture; the others are the greys of the text
 BLACK, WHITE = MOST_COLOURS, 255
 GREY = MOST_COLOURS + _SHADES // 3
-
 _INK = [WHITE - round(covered * (_SHADES - 1) / 255) for covered in range(256)]
 """Palette index of each coverage of a pixel, 0..255."""
-
 _FREETYPE = 16 << 20  # bytes; more than FreeType needs, which crashes without memory
-
 _REPLACEMENTS = str.maketrans({
     "\u00d7": "x", "\u2010": "-", "\u2011": "-", "\u2012": "-", "\u2013": "-", "\u2014": "-",
     "\u2212": "-", "\u00df": "ss", "\u00b5": "u", "\u00f8": "o", "\u00d8": "O",
 })  # fmt: skip
 """Replacements of characters that Pillow's font lacks even after accents are removed."""
-
 _NO_CHARACTER = "\ufffd"  # drawn as a box
 
 

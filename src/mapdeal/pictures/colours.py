@@ -23,7 +23,6 @@ Colour = tuple[int, int, int]
 RVIZ_FREE = (255, 255, 255)
 RVIZ_OCCUPIED = (0, 0, 0)
 RVIZ_UNKNOWN = (112, 137, 134)
-
 INSCRIBED = (0, 190, 200)  # cyan, as in RViz's scheme "costmap"
 LETHAL = (16, 16, 20)
 LINE = (0, 0, 0)
@@ -71,7 +70,6 @@ POTENTIAL_ANCHORS = [
 ]  # fmt: skip
 FREE_ANCHORS = [(247, 247, 245), (171, 210, 232), (72, 147, 198), (24, 79, 140), (8, 36, 84)]
 OBSTACLE_ANCHORS = [(252, 219, 199), (228, 130, 104), (178, 34, 48), (96, 6, 30)]
-
 _LMS_FROM_RGB = np.array([
     [0.4122214708, 0.5363325363, 0.0514459929],
     [0.2119034982, 0.6806995451, 0.1073969566],

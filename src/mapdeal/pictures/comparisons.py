@@ -44,7 +44,6 @@ _NOT_KNOWN = 0
 _FREE = 1
 _OCCUPIED = 101
 _CONFLICT_BASE = _OCCUPIED
-
 _ANY_CONFLICT = 3  # the only kind of conflict with more than two maps
 
 
@@ -83,7 +82,6 @@ def merge_image(
 # their distance to the nearest true wall.
 UNKNOWN, KNOWN_BY_MAP, FREE, UNCOVERED, FOUND, MISSED = range(6)
 _FIRST_LEVEL, _LEVELS = 6, 100
-
 _LABELS = {
     MISSED: "true wall, no wall of the map within 0.1 m",
     FOUND: "true wall, with a wall of the map",
@@ -96,8 +94,8 @@ _COLOURS = [
     colours.RVIZ_UNKNOWN, (176, 188, 186), colours.RVIZ_FREE, (208, 222, 240), (150, 150, 150),
     colours.ADDED,
 ]  # fmt: skip
-_ANCHORS = [(12, 12, 30), (95, 20, 115), (190, 35, 85), (240, 95, 30), (255, 170, 0)]
 
+_ANCHORS = [(12, 12, 30), (95, 20, 115), (190, 35, 85), (240, 95, 30), (255, 170, 0)]
 _NEAR = 0.1  # metres: farther true walls are missed
 _TOP, _LEAST_CELLS = 0.5, 5  # end of the scale of distances, metres, and at least in cells
 _TICKS = 5

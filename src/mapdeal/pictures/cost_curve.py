@@ -129,8 +129,6 @@ _PER_COST = {"costmap2d": 2, "occupancy": 5}  # pixels of its height
 _LINE, _ROW = int(1.45 * _SIZE), int(1.6 * _SIZE)
 _BAND = 10
 _TINT = (255, 228, 232)
-
-
 _DOT = 4.0  # pixels, radius
 _ROOM = 7.0  # least pixels per cell at which dots are drawn
 _TICKS = {"costmap2d": (0, 50, 100, 150, 200, 254), "occupancy": (0, 20, 40, 60, 80, 100)}

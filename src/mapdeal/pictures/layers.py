@@ -190,8 +190,6 @@ class CostDrawing(Drawing):
 
 
 cost_image = CostDrawing.draw  # of several cells in a pixel the highest cost shows
-
-
 _ARROW_SPACING = 34.0  # pixels
 
 

@@ -508,9 +508,7 @@ class KeepoutOverlay(Overlay):
 
 
 ImageExtent = Literal["known", "all"]
-
 DEFAULT_EXTENT: ImageExtent = "known"
-
 _MARGIN, _LEAST_MARGIN = 0.05, 10  # around the known cells: share of their longer side, and cells
 _LARGEST_CROP = 0.95  # largest share of a side of the map to which a picture is cut
 IsKnown = Callable[[NDArray[Any]], Mask]

@@ -56,7 +56,6 @@ class CostPalette:
 
 
 _NUMBER_LEVELS = 200
-
 POTENTIAL_LEVELS = 100
 _ABOUT_LINES = 20  # of equal length to the goal
 _HIGHEST_NORMALISED = 10.0
@@ -372,7 +371,6 @@ _AREAS = range(_CUT_OFF + 1, _CUT_OFF + 1 + _MOST_AREAS)
 _OBSTACLE = _AREAS.stop
 CLOSED, TIGHT, START, ROBOT, GOAL, MISSED = range(_OBSTACLE + 1, _OBSTACLE + 7)
 """Palette indices of marks over the cells."""
-
 _COLOURS = [
     colours.RVIZ_UNKNOWN, colours.TOO_NARROW, colours.REACHABLE, colours.NO_TURN,
     colours.REACHABLE_UNKNOWN, colours.CUT_OFF, *colours.CUT_OFF_AREAS, colours.RVIZ_OCCUPIED,

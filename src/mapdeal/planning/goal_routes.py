@@ -22,7 +22,6 @@ _BEHIND_OFFSET = 1e-6  # from bends to the places behind them: more than roundin
 _INSIDE = 2 * _BEND_OFFSET
 _ROUNDING = 1e-9
 _LONGEST_STEP = 0.5
-
 _MOST_PARTS, _MOST_PARTS_OF_SIDE = 1 << 21, 16
 _STEP_LENGTHS = np.hypot(*np.ogrid[-1:2, -1:2]) + np.diag([0.0, 1.0, 0.0])
 """Lengths of steps to the cells around a cell; 1 for the cell itself."""

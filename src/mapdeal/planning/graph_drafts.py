@@ -27,12 +27,10 @@ from mapdeal.planning.skeleton_lines import Cells
 
 Kind = Literal["way", "crossing", "door", "narrow", "end", "hall", "goal"]
 LaneSide = Literal["right"]
-
 Place = tuple[float, float]  # continuous row and column
 Places = NDArray[np.float64]
 _Line = tuple[list[int], bool, float, float, float]
 """Numbers of both ends, whether it leads back, length, clearance and width of a door in metres."""
-
 _COARSEST = 0.15  # metres: cells of the skeleton
 _DECIMALS = 4  # of positions: a tenth of a millimetre
 _SLOWEST = 10.0  # percent

@@ -16,7 +16,6 @@ from mapdeal.kernels.arrays import Floats, Integers, Mask
 
 Place = tuple[float, float]  # continuous row and column
 Places = NDArray[np.float64]
-
 _MOST_ACROSS_NARROW = 2  # places across a narrow part of a hall
 _LEAST_DISTANCE = 0.7  # of places, as a share of the spacing
 

@@ -24,14 +24,10 @@ from mapdeal.kernels.paths import cheapest_path
 
 FIELD_RANGE = 2.0
 """Metres from obstacles at which the field no longer weighs: the range of its metric view."""
-
 _LARGEST_FACTOR = 1e6
-
 _AT_CENTRE = 1e-6  # in cells: larger than rounding errors of a centre
 _LARGEST_EXACT_SQUARE = 1 << 20
 """Squares of cells up to which float32 distances distinguish neighbouring squares."""
-
-
 _CANDIDATES = 10  # candidates for the first and for the last node of a route
 
 
@@ -181,9 +177,7 @@ def route_over(
 
 _STEPS = (0.5, 0.25, 0.125)
 """In cells, the longest first; a shorter one is tried where the longer one does not lead down."""
-
 Ending = Literal["arrived", "minimum", "abandoned"]
-
 _OFF = (-1e-6, 1e-6)  # in cells: larger than rounding errors of a place
 _STEPS_PER_CELL_OF_SIDE = 20
 """Limits the number of steps: a path of ten times the length of both sides of the map."""
