@@ -151,23 +151,23 @@ def test_the_right_shift_at_the_right_turn_is_best_and_places_are_apart(turn):
     first, second = two_maps(place=place)
     true = pose_between(first, second, place)
     yaws = true[0] + np.arange(8) * math.pi / 4
-    found = candidates_at(first, second, yaws, side=200, most_per_yaw=4, most=5)
-    assert off_by(found.poses[0], true, first) < 1.5 * found.cell
-    assert found.cell >= 0.25
-    middles = middles_of(found.poses[:5], first)
+    poses, cell = candidates_at(first, second, yaws, side=200, most_per_yaw=4, most=5)
+    assert off_by(poses[0], true, first) < 1.5 * cell
+    assert cell >= 0.25
+    middles = middles_of(poses[:5], first)
     for i, k in itertools.combinations(range(5), 2):
-        is_near = np.hypot(*(middles[i] - middles[k])) < 2 * found.cell
-        assert not (is_near and found.poses[i, 0] == found.poses[k, 0])
+        assert poses[i, 0] != poses[k, 0] or np.hypot(*(middles[i] - middles[k])) >= 2 * cell
 
 
 @pytest.mark.parametrize(("x", "is_any"), [(6.0, True), (900.0, False)])
 def test_only_places_near_a_given_one_are_found(x, is_any):
     first, second = two_maps(place=PLACE)
     area = SearchArea(pose_between(first, second, Transform(x, -3.0, TURN)), 2.0)
-    found = candidates_at(first, second, area.pose[:1], side=200, most_per_yaw=6, most=6, area=area)
-    assert (len(found.poses) > 0) == is_any
-    off = middles_of(found.poses, first) - middles_of(area.pose, first)
-    assert np.hypot(*off.T).max(initial=0) <= 2.0 + 2 * found.cell
+    yaws, most = area.pose[:1], {"most_per_yaw": 6, "most": 6}
+    poses, cell = candidates_at(first, second, yaws, side=200, area=area, **most)
+    assert (len(poses) > 0) == is_any
+    off = middles_of(poses, first) - middles_of(area.pose, first)
+    assert np.hypot(*off.T).max(initial=0) <= 2.0 + 2 * cell
 
 
 def test_turns_by_walls_are_the_right_one_and_its_quarters():

@@ -265,22 +265,17 @@ class PixelTallies:
                 self.differing[name] += int(counts[cells[0] != readings["nav2"][0]].sum())
             if not is_raw:
                 self.freed[name].add(pixels, cells, counts[np.newaxis])
-        if pixels.samples.dtype == np.uint8 and readings:
-            self._record_greys(pixels, readings, counts)
-
-    def _record_greys(
-        self, pixels: Picture, readings: dict[Dialect, NDArray[np.int8]], counts: Counts
-    ) -> None:
-        """Record the greys of opaque pixels whose places are reported."""
-        grey, is_other = pixels.greys_and_exceptions()
+        if pixels.samples.dtype != np.uint8 or not readings:
+            return
+        grey, is_other = pixels.greys_and_exceptions()  # places of opaque greys are reported
         order = np.flatnonzero(~is_other[0])
         order = order[np.argsort(-counts[order], kind="stable")]
+        is_saved = palette is None and pixels.maxval == 255 and not is_raw
         for name, cells in readings.items():
             differs = cells[0, order] != readings["nav2"][0, order]
             self.differing_greys[name] += grey[0, order[differs]].tolist()
             is_freed = (grey[0, order] == map_server.MAP_SAVER_UNKNOWN) & (cells[0, order] == FREE)
-            is_saved = pixels.palette is None and pixels.maxval == 255
-            if is_saved and self._metadata.mode != "raw" and is_freed.any():
+            if is_saved and is_freed.any():
                 self.freed_greys = [map_server.MAP_SAVER_UNKNOWN]
 
 

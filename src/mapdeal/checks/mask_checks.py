@@ -17,7 +17,6 @@ from mapdeal.checks.facts import FilterFacts, MaskFacts, check
 from mapdeal.checks.findings import Remark
 from mapdeal.compare.difference import middle_xy
 from mapdeal.grid.filters import limits_in
-from mapdeal.grid.frame import Frame, Point
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, count_text, decimal_text
 from mapdeal.kernels.arrays import Mask
 from mapdeal.kernels.components import Labels, labelled
@@ -131,8 +130,8 @@ def no_limit(facts: MaskFacts) -> Iterator[Remark]:
         if limit is None:
             speed = facts.info.base + value * facts.info.multiplier
             text = f"{count_text(cells, 'cell')} of value {value}: {speed:g} {facts.info.sign} "
-            places = _places(facts.mask.frame, occupancy == value)
-            yield Remark(f"{text}is no limit to Nav2", places=places)
+            place = middle_xy(facts.mask.frame, np.argwhere(occupancy == value))
+            yield Remark(f"{text}is no limit to Nav2", places=[place])
 
 
 @check("mask.unknown", "warning")
@@ -146,7 +145,7 @@ def unknown_in_mask(facts: MaskFacts) -> Iterator[Remark]:
     count = int(np.count_nonzero(unknown))
     if facts.info.kind == "speed" and count:
         text = f"{count_text(count, 'cell')} are unknown: there the last limit stays, with an error"
-        yield Remark(text, places=_places(facts.mask.frame, unknown))
+        yield Remark(text, places=[middle_xy(facts.mask.frame, np.argwhere(unknown))])
 
 
 @check("mask.frees-unknown", "warning")
@@ -163,8 +162,8 @@ def frees_unknown(facts: MaskFacts) -> Iterator[Remark]:
     count = int(np.count_nonzero(freed))
     if count:
         text = f"{count_text(count, 'cell')} of 0 are unknown in the map: the filter makes them "
-        places = _places(facts.grid.frame, freed)
-        yield Remark(f"{text}free; unknown cells of a mask change nothing", places=places)
+        place = middle_xy(facts.grid.frame, np.argwhere(freed))
+        yield Remark(f"{text}free; unknown cells of a mask change nothing", places=[place])
 
 
 @check("mask.start", "error")
@@ -243,10 +242,6 @@ def _blocking(
 
 def _text_of(xy: tuple[float, float]) -> str:
     return ",".join(f"{round(v, 3) + 0.0:g}" for v in xy)
-
-
-def _places(frame: Frame, cells: Mask) -> list[Point]:
-    return [middle_xy(frame, np.argwhere(cells))]
 
 
 @check("params.filter-topic", "warning")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
 from typing import Any, NamedTuple
@@ -72,17 +72,11 @@ class SearchArea(NamedTuple):
     radius: float  # metres between the middles of the first map at both poses
 
 
-class Candidates(NamedTuple):
-    """Poses of a first map in a second, by scoring, the best first; and their accuracy, metres."""
-
-    poses: Poses
-    cell: float
-
-
 def candidates_at(
     first: WallMap, second: WallMap, yaws: Floats, *, side: int, most_per_yaw: int, most: int,
     area: SearchArea | None = None,
-) -> Candidates:  # fmt: skip
+) -> tuple[Poses, float]:  # fmt: skip
+    """Return poses of a first map in a second, by scoring, best first, and their accuracy."""
     # A shift's score is a sum over cells: walls on walls raise it, walls of one map in free space
     # of the other lower it. So it is the correlation of the first map's walls, plus that of its
     # free space, with weighted sums of the second map's. Both use FFT.
@@ -99,7 +93,7 @@ def candidates_at(
         rows = np.array([row for tables in scored for row in tables[scoring]]).reshape(-1, 4)
         ordered = rows[np.argsort(-rows[:, 0], kind="stable"), 1:]
         poses += _distinct(ordered, first.middle_xy, 2 * correlation.cell, most)
-    return Candidates(np.array(poses).reshape(-1, 3), correlation.cell)
+    return np.array(poses).reshape(-1, 3), correlation.cell
 
 
 class _Correlation:
@@ -503,13 +497,14 @@ def _candidates(
         by_walls = by_walls[_turns(by_walls - area.pose[0]) <= _PRIOR_TURN]
         if yaws is None and not len(by_walls):
             by_walls = area.pose[:1]
-    fine = candidates_at(first, second, by_walls, side=_FINE, most_per_yaw=8, most=16, area=area)
-    coarse = candidates_at(first, second, around, side=_COARSE, most_per_yaw=4, most=16, area=area)
+    options: Any = {"most": 16, "area": area}
+    fine, _ = candidates_at(first, second, by_walls, side=_FINE, most_per_yaw=8, **options)
+    coarse, cell = candidates_at(first, second, around, side=_COARSE, most_per_yaw=4, **options)
     expected = np.zeros((0, 3)) if area is None else area.pose[None]
-    poses = np.concatenate([fine.poses, coarse.poses, expected])
+    poses = np.concatenate([fine, coarse, expected])
     if not len(poses):
         return poses
-    wide, narrow = max(coarse.cell, 0.3), _narrow(first, second)
+    wide, narrow = max(cell, 0.3), _narrow(first, second)
     poses = refined(first, second, poses, [wide] * 4 + [wide / 2] * 4 + [narrow] * 4, _MOST_FACES)
     # refinement may have moved poses out of the limits
     allowed: Mask = np.all(np.isfinite(poses), axis=1)
@@ -653,7 +648,7 @@ def _shares_beside(
     shifts = np.stack([steps[:, None] * along, steps[:, None] * across]).reshape(-1, 2)
     shifted = np.repeat(poses, len(shifts), axis=0)
     shifted[:, 1:] += np.tile(shifts, (len(poses), 1))
-    bends = bend.repeated(len(shifts))
+    bends = replace(bend, coefficients=np.repeat(bend.coefficients, len(shifts), axis=0))
     shares = agreement_at(first, second, shifted, _MOST_SHIFTED, bends, weights).shares
     return np.asarray(shares.reshape(len(poses), 2, len(steps), -1).mean(axis=2).max(axis=1))
 

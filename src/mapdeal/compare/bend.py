@@ -45,9 +45,6 @@ class Bend:
         """The negative logarithm of the likelihood of each bend, relative to no bend."""
         return np.asarray((self.coefficients**2).sum(axis=(1, 2)) / (2 * self.expected**2))
 
-    def repeated(self, times: int) -> Bend:
-        return replace(self, coefficients=np.repeat(self.coefficients, times, axis=0))
-
     def terms(self, points_xy: Floats) -> Floats:
         """Return the terms of the polynomial at points, shape (..., N, M)."""
         # outside the map, the bend is that of the nearest border

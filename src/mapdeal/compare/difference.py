@@ -170,22 +170,16 @@ class Difference:
         """Whether the maps have the same geometry and cells, within the tolerance."""
         return not self.geometry and self.beyond_tolerance == 0
 
-    @property
-    def largest_shift(self) -> float:
-        """Largest distance of an obstacle from those of the other map, metres; nan if unknown."""
-        if not self.common_cells:
-            return math.nan
-        in_first = sum(self.confusion["occupied"].values())
-        in_second = sum(row["occupied"] for row in self.confusion.values())
-        shifts = (in_first, self.first_to_second), (in_second, self.second_to_first)
-        found = [shift for count, shift in shifts if count]
-        return max((math.inf if shift is None else shift.largest for shift in found), default=0.0)
-
     def bounds_of(self, max_shift: float | None, max_differing: float | None) -> tuple[Bound, ...]:
         """Return the bounds that are given; only the common area is judged."""
         found = []
         if max_shift is not None:
-            found.append(Bound("max-shift", "m", max_shift, self.largest_shift))
+            in_first = sum(self.confusion["occupied"].values())
+            in_second = sum(row["occupied"] for row in self.confusion.values())
+            pairs = (in_first, self.first_to_second), (in_second, self.second_to_first)
+            shifts = [math.inf if shift is None else shift.largest for n, shift in pairs if n]
+            largest = max(shifts, default=0.0) if self.common_cells else math.nan
+            found.append(Bound("max-shift", "m", max_shift, largest))
         if max_differing is not None:
             found.append(Bound.on_share(max_differing, self.beyond_tolerance, self.common_cells))
         return tuple(found)

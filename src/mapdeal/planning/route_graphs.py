@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -93,7 +92,6 @@ def route_graph_of(reach: Reach, options: graph_drafts.GraphOptions) -> graph_dr
     return draft.result()
 
 
-@dataclass(eq=False)
 class _CompleteDraft(graph_drafts.Draft):
     def add_halls(self) -> None:
         """Add a lattice to each wide place, parallel to most walls."""
