@@ -71,8 +71,7 @@ class CellTallies:
         self.size, self._rows = height * width, 0
         self._counts_bytes = byte_counts is None
         self._byte_counts = np.zeros(256, dtype=np.int64) if byte_counts is None else byte_counts
-        self._known_rows = np.zeros(height, dtype=np.bool_)
-        self._known_cols = np.zeros(width, dtype=np.bool_)
+        self._known_rows, self._known_cols = (np.zeros(side, dtype=np.bool_) for side in shape)
         self._free = Components(last_row=height - 1 if from_north else None)
         self._from_north = from_north
         self._free_rows = np.zeros((2, width), dtype=np.bool_)
@@ -135,8 +134,7 @@ class CellTallies:
 
     @property
     def border(self) -> int:
-        height, width = self.shape
-        return self.size - max(height - 2, 0) * max(width - 2, 0)
+        return self.size - math.prod(max(side - 2, 0) for side in self.shape)
 
     @property
     def free_on_border(self) -> int:

@@ -138,8 +138,7 @@ class Pen:
     def legend(
         self, x: int, y: int, height: int, bar: ColourBar | None, swatches: Sequence[Swatch]
     ) -> list[tuple[tuple[int, int], Bytes]]:
-        boxes = []
-        size = self.size
+        boxes, size = [], self.size
         if bar is not None:
             top = y + int(1.5 * size)
             bar_height = min(height - int(size * (1.6 * len(swatches) + 3)), 30 * size)

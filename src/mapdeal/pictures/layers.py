@@ -105,9 +105,7 @@ class FieldDrawing(Drawing):
     _grid: DistanceField
 
     def _begin(self) -> None:
-        field = self._grid
-        is_unknown = np.zeros(256, dtype=np.bool_)
-        is_unknown[UNKNOWN] = True
+        field, is_unknown = self._grid, np.arange(256) == UNKNOWN % 256
         # of a field with a box, only the box is scanned
         self._ends = styles.EndsByRows(field) if field.region is None else None
         self._collectors += [] if self._ends is None else [self._ends]
@@ -120,8 +118,8 @@ class FieldDrawing(Drawing):
         ends = styles.FieldEnds.of(field) if self._ends is None else self._ends.found()
         style = styles.field_style(field, ends)
         pixels, faded = self._pixels(cast("Scale", style.scale))
-        strength = "" if field.strength == 1.0 else f", strength {field.strength:g}"
-        more = f"convention {field.convention}{strength}"
+        more = f"convention {field.convention}"
+        more += "" if field.strength == 1.0 else f", strength {field.strength:g}"
         swatches = _field_swatches(style, pixels, faded)
         return self._on_sheet(pixels, style, title, more=more, swatches=swatches)
 
@@ -131,8 +129,7 @@ class FieldDrawing(Drawing):
         distance = self._distance.pixels
         nowhere = np.isnan(distance) if self._grid.region is not None else None
         if nowhere is not None:
-            distance = np.where(nowhere, np.float32(0), distance)
-            unknown = unknown & ~nowhere
+            distance, unknown = np.where(nowhere, np.float32(0), distance), unknown & ~nowhere
         below = round(-scale.low / (scale.high - scale.low) * scale.levels)  # steps below zero
         # Obstacles are red even if rounding or a distance of 0 would put them outside.
         levels = level_rows(

@@ -82,20 +82,13 @@ class Pooling:
         self._first = 0 if raster.part is None else raster.part.row
         self._layer = layer if raster.part is None else cut_out(layer, raster.part)
         self._choose = choose
-        self._pixels: NDArray[Any] | None = None
+        self.pixels: NDArray[Any]  # before enlarging, once all rows have been taken in order
 
     def all(self) -> NDArray[Any]:
         """Process all rows of the layer; return the pixels."""
         for rows in blocks_of(self._layer):
             self.take(slice(rows.start + self._first, rows.stop + self._first))
         return self.pixels
-
-    @property
-    def pixels(self) -> NDArray[Any]:
-        """Value of each pixel before enlarging, once all rows have been processed."""
-        if self._pixels is None:
-            raise ValueError("no rows were processed")
-        return self._pixels
 
     def take(self, rows: slice) -> None:
         height = self._layer.shape[0]
@@ -104,16 +97,16 @@ class Pooling:
             return
         cells = self._layer[first:end]
         if self._step == 1 and len(cells) == height:
-            self._pixels = cells
+            self.pixels = cells
             return
-        if self._pixels is None:
+        if first == 0:
             size = (math.ceil(length / self._step) for length in self._layer.shape)
-            self._pixels = np.empty(tuple(size), dtype=self._layer.dtype)
+            self.pixels = np.empty(tuple(size), dtype=self._layer.dtype)
         under_last = min(-first % self._step, len(cells))
         if under_last:  # remaining cells of the last row of pixels
-            row = self._pixels[first // self._step]
+            row = self.pixels[first // self._step]
             self._choose(row, pooled(cells[:under_last], self._step, self._choose)[0], out=row)
-        full_rows, pixels = cells[under_last:], self._pixels[-(-first // self._step) :]
+        full_rows, pixels = cells[under_last:], self.pixels[-(-first // self._step) :]
 
         def pool(rows: slice) -> None:
             under = full_rows[rows.start * self._step : rows.stop * self._step]
@@ -471,13 +464,9 @@ class RobotOverlay(Overlay):
             return []
         cols, rows = size.astype(int).tolist()
         corners = [(left_x, low) for low in (0, height - rows) for left_x in (width - cols, 0)]
-
-        def evenness(corner: tuple[int, int]) -> int:
-            left_x, low = corner
-            under = on.pixels[low : low + rows, left_x : left_x + cols]
-            return int(histogram(np.ascontiguousarray(under)).max())
-
-        left_x, low = max(corners, key=evenness)
+        parts = (on.pixels[low : low + rows, left_x : left_x + cols] for left_x, low in corners)
+        evenness = [int(histogram(np.ascontiguousarray(part)).max()) for part in parts]
+        left_x, low = corners[evenness.index(max(evenness))]
         outline += np.array([left_x, low]) + _EDGE_DISTANCE
         for index, thickness in ((first_index + 1, 4), (first_index, 2)):
             Brush(on.pixels).polyline(outline, index, thickness=thickness)

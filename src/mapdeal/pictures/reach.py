@@ -136,8 +136,7 @@ class _Marks:
                 index = styles.GOAL if goal.reachable else styles.MISSED
                 place = self._place((goal.goal.x, goal.goal.y))
                 self._captions.write(goal.goal.name, place, index, away=1.4 * self._dot)
-        by_loss = sorted(reach.passages, key=lambda passage: (passage.is_open, -passage.cut_off))
-        for passage in by_loss[:_MOST_WIDTHS]:
+        for passage in sorted(reach.passages, key=lambda p: (p.is_open, -p.cut_off))[:_MOST_WIDTHS]:
             self._width(passage)
         closed = [passage for passage in reach.passages if not passage.is_open]
         legend = [
@@ -185,11 +184,10 @@ class _Marks:
     def _goal(self, goal: GoalReach) -> None:
         place = self._place((goal.goal.x, goal.goal.y))
         self._ringed_dot(place, styles.GOAL if goal.reachable else styles.MISSED)
-        if not goal.reachable:
-            arm = 0.5 * self._dot
-            for across in ((arm, arm), (arm, -arm)):
-                cross = np.array([place - across, place + across])
-                self._brush.polyline(cross, canvas.WHITE, thickness=max(2, round(self._dot / 3)))
+        arm, thickness = 0.5 * self._dot, max(2, round(self._dot / 3))
+        for across in () if goal.reachable else ((arm, arm), (arm, -arm)):
+            cross = np.array([place - across, place + across])
+            self._brush.polyline(cross, canvas.WHITE, thickness=thickness)
 
     def _robot(self, reach: Reach) -> list[Swatch]:
         x, y = reach.start[:2]
