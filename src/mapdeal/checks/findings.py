@@ -389,8 +389,7 @@ def read_ignored_names(path: Path, limit: int = OF_MAPS.bytes) -> Names:
         data = read_file(path, limit=limit)
     except (FileAccessError, MalformedInputError):
         return ()
-    lines = data.decode("utf-8-sig", "replace").splitlines()
-    names = []
+    lines, names = data.decode("utf-8-sig", "replace").splitlines(), []
     for comment in filter(None, map(_IGNORE.search, lines)):
         for part in comment.string[comment.end() :].split(","):
             name = _NAME.match(part)

@@ -70,7 +70,16 @@ class _GraphFacts:
             yield self.finding("other-frame", text, ())
         outside = int(np.count_nonzero(~self.inside))
         if 2 * outside > len(self.inside):  # other findings would repeat this for each node
-            yield self.finding("other-frame", self._outside_text(outside), ())
+            low, high = self.graph.points_xy.min(axis=0), self.graph.points_xy.max(axis=0)
+            rows, cols = self.frame.shape
+            ends = [[0, 0], [0, cols], [rows, 0], [rows, cols]]
+            corners = self.frame.xy_from_continuous_rowcol(ends)
+            first, last = corners.min(axis=0), corners.max(axis=0)
+            extent = f"x {low[0]:.4g} .. {high[0]:.4g}, y {low[1]:.4g} .. {high[1]:.4g}"
+            limits = f"x {first[0]:.4g} .. {last[0]:.4g}, y {first[1]:.4g} .. {last[1]:.4g}"
+            text = f"{outside} of {len(self.inside)} nodes lie outside of the map: they cover "
+            text += f"{extent}, the map {limits}; coordinates must be metres in the frame {FRAME}, "
+            yield self.finding("other-frame", f"{text}whatever crs says", ())
             return
         row, col = self.cells.T
         is_closed = ~(self.inside & self.sweeps.is_open[row, col])
@@ -82,18 +91,6 @@ class _GraphFacts:
     def _point(self, node: int) -> Point:
         x, y = self.graph.points_xy[node].tolist()
         return x, y
-
-    def _outside_text(self, outside: int) -> str:
-        low, high = self.graph.points_xy.min(axis=0), self.graph.points_xy.max(axis=0)
-        rows, cols = self.frame.shape
-        corners = self.frame.xy_from_continuous_rowcol([[0, 0], [0, cols], [rows, 0], [rows, cols]])
-        first, last = corners.min(axis=0), corners.max(axis=0)
-        extent = f"x {low[0]:.4g} .. {high[0]:.4g}, y {low[1]:.4g} .. {high[1]:.4g}"
-        limits = f"x {first[0]:.4g} .. {last[0]:.4g}, y {first[1]:.4g} .. {last[1]:.4g}"
-        return (
-            f"{outside} of {len(self.inside)} nodes lie outside of the map: they cover {extent}, "
-            f"the map {limits}; coordinates must be metres in the frame {FRAME}, whatever crs says"
-        )
 
     def _closed_text(self, node: int) -> str:
         number = self.graph.nodes[node].id

@@ -611,8 +611,7 @@ def _slid(first: WallMap, second: WallMap, pose: Poses, axes: Floats) -> Poses:
     """Return the best poses shifted along the walls: in a row of equal rooms, other rooms."""
     step = max(_SLIDE_STEP, first.resolution, second.resolution)
     shifts = np.arange(_SAME_PLACE, _SLIDE, step)
-    shifts = np.concatenate([-shifts[::-1], shifts])
-    found = []
+    shifts, found = np.concatenate([-shifts[::-1], shifts]), []
     for axis in axes:
         slid = np.repeat(pose[None], len(shifts), axis=0)
         slid[:, 1:] += shifts[:, None] * axis

@@ -176,8 +176,7 @@ def _mean_similarity(
     halves = np.zeros(3, dtype=np.uint8)  # of a pixel's value
     halves[[OCCUPIED, UNKNOWN, FREE]] = 0, 1, 2
     a, b = halves[first], halves[second]
-    sums = np.zeros(rows)
-    step = max(1, TOGETHER // (min(width, _ACROSS) + _AROUND))
+    sums, step = np.zeros(rows), max(1, TOGETHER // (min(width, _ACROSS) + _AROUND))
 
     def band(part: slice) -> None:
         for start, first in product(range(part.start, part.stop, step), range(0, cols, _ACROSS)):
@@ -345,15 +344,13 @@ def corners_of(walls: Mask) -> Mask:
 
 
 def _corners_in(walls: Mask) -> Mask:
-    core = (slice(_HALO, -_HALO),) * 2
-    inner = np.zeros(walls.shape, dtype=np.bool_)
+    core, inner = (slice(_HALO, -_HALO),) * 2, np.zeros(walls.shape, dtype=np.bool_)
     if not walls.any():
         return inner[core]
     response, trace = _response(walls)
     inner[core] = (response[core] > 0) & (trace[core] > _LEAST_TRACE)
     at, flat = np.flatnonzero(inner), response.ravel()
-    strongest = flat[at]
-    reach = range(-_APART, _APART + 1)
+    strongest, reach = flat[at], range(-_APART, _APART + 1)
     for row, col in product(reach, reach):
         if row * row + col * col <= _APART * _APART:
             np.maximum(strongest, flat[at + (row * walls.shape[1] + col)], out=strongest)

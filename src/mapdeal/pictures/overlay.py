@@ -229,8 +229,7 @@ class Brush:
         if not len(shapes):
             return
         height, width = self._pixels.shape
-        shapes = np.clip(shapes, -_FARTHEST, _FARTHEST)
-        reach = radius + thickness + 1
+        shapes, reach = np.clip(shapes, -_FARTHEST, _FARTHEST), radius + thickness + 1
         low = np.clip(shapes.min(axis=(0, 1)) - reach, 0, (width, height)).astype(int)
         high = np.clip(shapes.max(axis=(0, 1)) + reach, 0, (width, height)).astype(int)
         under = self._pixels[low[1] : high[1], low[0] : high[0]]

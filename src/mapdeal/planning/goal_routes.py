@@ -174,8 +174,7 @@ def _pull_taut(is_open: Mask, line: Floats) -> Floats:
             hull.append(place)
         return hull[1:-1]
 
-    taut = list(map(tuple, line.tolist()))
-    previous_length = math.inf
+    taut, previous_length = list(map(tuple, line.tolist())), math.inf
     while (length := _length(np.array(taut))) < previous_length - _ROUNDING:
         previous_length = length
         for parity in (1, 0):  # move every other bend, while its neighbours stay

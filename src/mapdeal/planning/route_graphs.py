@@ -244,8 +244,7 @@ class _CompleteDraft(graph_drafts.Draft):
         places = piece.places[piece.first : piece.last + 1]
         start, end = self.at((piece.start, piece.end))
         along, away = end - start, places - start
-        length = float(np.hypot(*along))
-        off = np.hypot(*away.T)
+        length, off = float(np.hypot(*along)), np.hypot(*away.T)
         if length > 1:
             off = np.abs(away[:, 0] * along[1] - away[:, 1] * along[0]) / length
         cut = int(np.argmax(off[1:-1])) + 1
@@ -258,8 +257,7 @@ class _CompleteDraft(graph_drafts.Draft):
 
     def _doors(self, clearances: Floats, path: _Path) -> Iterator[int]:
         """Yield the indices of narrow places of a path."""
-        widest = _WIDEST_DOOR / 2 / self.cell
-        waiting = [(0, len(clearances))]
+        widest, waiting = _WIDEST_DOOR / 2 / self.cell, [(0, len(clearances))]
         while waiting:
             first, stop = waiting.pop()
             is_whole = first == 0 and stop == len(clearances)
@@ -307,8 +305,7 @@ class _CompleteDraft(graph_drafts.Draft):
         neighbours = neighbouring(lengths, origin, cells)
         if not len(neighbours.lengths):
             return
-        order = np.lexsort((neighbours.firsts, neighbours.lengths))
-        parts = self.parts()
+        order, parts = np.lexsort((neighbours.firsts, neighbours.lengths)), self.parts()
         lengths_in_cells = neighbours.lengths * (self.step / STRAIGHT)
         missing = []
         for k in order.tolist():

@@ -107,8 +107,7 @@ class Tracing:
 
     def width_around(self, node: int, besides: int, reach: float) -> float:
         """Return the largest clearance on the chains at a node, except one, within a reach."""
-        count = max(1, int(reach / self.step))
-        largest = 0.0
+        count, largest = max(1, int(reach / self.step)), 0.0
         for number in self.chains_of[node]:
             if number != besides:
                 cells = self.chains[number]
