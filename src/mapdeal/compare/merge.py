@@ -317,8 +317,8 @@ def merged_on(
             thickness=thickness(source),
         ))  # fmt: skip
     fields = {"grid": grid, "conflicts": conflicts, "maps": tuple(map_counts), "common": common}
-    kept = _count((states[-1] == NOTHING) & (values != UNKNOWN))
-    return fields | {"log_odds": log_odds, "thickness": thickness(grid), "kept": kept}
+    kept_count = _count((states[-1] == NOTHING) & (values != UNKNOWN))
+    return fields | {"log_odds": log_odds, "thickness": thickness(grid), "kept": kept_count}
 
 
 def _same_wall_cells(
