@@ -19,7 +19,6 @@ import types
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence as AbcSequence
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass, field, is_dataclass, replace
 from functools import partial
 from numbers import Real
 from os import PathLike
@@ -57,6 +56,7 @@ from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, Drawn
 from mapdeal.kernels.blocks import holds_everywhere
+from mapdeal.records import dataclass, field, is_dataclass, replace
 
 
 @dataclass(frozen=True)

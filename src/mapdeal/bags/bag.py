@@ -7,7 +7,6 @@ import re
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -19,6 +18,7 @@ from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError,
 from mapdeal.files import source as sources
 from mapdeal.files.transaction import PREFIX
 from mapdeal.kernels.arrays import Integers, Mask
+from mapdeal.records import dataclass
 
 BAG_OUTPUTS = (".bag", ".mcap", ".db3")  # suffixes of bags
 _TOPIC_PART = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")

@@ -19,7 +19,6 @@ from array import array
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 from zlib import crc32
@@ -29,6 +28,7 @@ import numpy as np
 from mapdeal.bags.bag import Bag, Connection, Encoding, MessageIndex, Place, decompress
 from mapdeal.files.source import access_to, claim, status_of
 from mapdeal.kernels.arrays import Integers
+from mapdeal.records import dataclass, field
 
 _MOST_CACHED_BYTES = 1 << 25
 _MOST_CACHED = 8

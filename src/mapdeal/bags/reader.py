@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 import numpy as np
@@ -18,6 +17,7 @@ from mapdeal.files.transaction import temporary_folder
 from mapdeal.files.yaml_text import Entry, YamlLimits, read_mapping
 from mapdeal.grid.values import few_text
 from mapdeal.maps.listing import natural_key
+from mapdeal.records import replace
 
 _TOP_KEY = "rosbag2_bagfile_information"
 _ZSTD_SUFFIXES = (".zstd", ".zst")

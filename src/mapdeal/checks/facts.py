@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
@@ -38,6 +37,7 @@ from mapdeal.maps.kinds import MAP, recognised
 from mapdeal.maps.map_file import warn_of_cost_figures
 from mapdeal.maps.picture import Picture, Strips, opaque_greys
 from mapdeal.maps.reading import as_occupancy, open_map
+from mapdeal.records import dataclass, field, replace
 from mapdeal.ros.filters import FilterServers
 from mapdeal.ros.names import Name, label_of
 from mapdeal.ros.robot import Flavour, ParameterValue, RobotParameters

@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from inspect import cleandoc
 from pathlib import Path
@@ -16,6 +15,7 @@ from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError,
 from mapdeal.files.source import exists, is_folder, normal_path, read_file
 from mapdeal.files.yaml_text import OF_MAPS
 from mapdeal.grid.frame import Point
+from mapdeal.records import dataclass
 from mapdeal.ros.robot import ParameterValue
 
 Severity = Literal["error", "warning", "note"]

@@ -11,7 +11,6 @@ import json
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
 from functools import cached_property
 from html import escape
 from pathlib import Path, PurePath
@@ -41,6 +40,7 @@ from mapdeal.files.source import absolute_path, is_folder, normal_path
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import OneLineRepr, count_text
 from mapdeal.maps.formats import format_of
+from mapdeal.records import asdict, dataclass
 from mapdeal.ros.robot import CostmapName
 
 LEFT_OUT = "lint.left-out"

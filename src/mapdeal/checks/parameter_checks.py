@@ -13,7 +13,6 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import NO_INFORMATION, few_text
 from mapdeal.layers.catalogue import NAV2_PLUGINS, class_name, layer_named
 from mapdeal.layers.inflation import InflationLayer
+from mapdeal.records import dataclass, replace
 from mapdeal.ros.filters import filter_servers
 from mapdeal.ros.load import costmap_values, costmaps_in, flavour_of, load_robot, node_of
 from mapdeal.ros.names import closest_name, listed_plugins

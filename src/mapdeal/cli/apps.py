@@ -6,7 +6,6 @@ import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from functools import cached_property, partial
 from inspect import Parameter as Argument
 from pathlib import Path
@@ -33,6 +32,7 @@ from mapdeal.pipeline.recipe import RecipeName, load_recipe, step_for, step_of_r
 from mapdeal.pipeline.run import SingleResult, apply_to_file
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step, make_step
+from mapdeal.records import dataclass, field
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.catalogue import models_of
 

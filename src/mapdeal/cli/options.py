@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields, replace
 from enum import Enum
 from functools import partial, wraps
 from inspect import Parameter as Argument, Signature
@@ -26,6 +25,7 @@ from mapdeal.maps.images import IMAGE_SUFFIXES
 from mapdeal.pictures.overlay import ImageExtent
 from mapdeal.pipeline.inputs import numbers_of, used_mask
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import fields, replace
 from mapdeal.ros.robot import INJECTED, CostmapName, RobotParameters
 
 OR_STDIN = "Or - for an .npz on stdin."

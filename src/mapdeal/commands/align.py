@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -22,6 +21,7 @@ from mapdeal.pictures.canvas import Image, beside_each_other
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.styles import alignment_style
 from mapdeal.pipeline import inputs
+from mapdeal.records import dataclass
 from mapdeal.sensors.points import transform_document
 
 _PER_CELL_OF_PICTURE = 16  # bytes for each cell of both maps

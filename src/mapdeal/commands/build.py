@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import combinations
 from os import PathLike
@@ -43,6 +42,7 @@ from mapdeal.pictures.overlay import RingOverlay
 from mapdeal.pipeline.folder import write_picture
 from mapdeal.pipeline.inputs import InShell, Work, errors_named, need_folder, pop_parameters, refuse
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import asdict, dataclass
 from mapdeal.sensors.scans import DEFAULT_MAX_BAD, ScanSource, ScanTexts, open_log
 from mapdeal.sensors.worlds import World, read_world
 from mapdeal.version import __version__

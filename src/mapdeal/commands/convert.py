@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
@@ -35,6 +34,7 @@ from mapdeal.maps.world import WORLD_ENDINGS, mesh_of, obj_parts, sdf_parts, stl
 from mapdeal.pictures.overlay import TrajectoriesOverlay
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.recipe import planned_shape
+from mapdeal.records import dataclass
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.esdf import field_view
 from mapdeal.stages.reach import reach

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
@@ -27,6 +26,7 @@ from mapdeal.maps.kinds import PARAMETERS, readable_kind
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pipeline import inputs
+from mapdeal.records import asdict, dataclass
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import transform_document
 

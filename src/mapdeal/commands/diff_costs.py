@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -31,6 +30,7 @@ from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import format_value, passage_document, reach_document, rounded
 from mapdeal.pipeline.recipe import planned_shape, step_for
 from mapdeal.pipeline.step import make_step
+from mapdeal.records import dataclass
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import transform_document
 from mapdeal.stages.structured import Goals

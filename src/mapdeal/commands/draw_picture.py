@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -32,6 +31,7 @@ from mapdeal.pictures import overlay
 from mapdeal.pictures.cost_curve import cost_curve_image
 from mapdeal.pipeline.folder import PICTURE, files_of, together
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import dataclass
 
 Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | Merged | Score | CostCurve
 

@@ -6,7 +6,6 @@ Points are in metres in the map frame; the yaw of the map is honoured.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -26,6 +25,7 @@ from mapdeal.maps.reading import output_paths
 from mapdeal.maps.shapes import read_shapes
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.inputs import InShell, Work, numbers_of, refuse
+from mapdeal.records import dataclass
 
 _PER_CELL = 6.0  # bytes: 5 for each cell of costs, and one more while they are written
 _FOR_POINTS = "needs --point: the shapes of a file have their own"

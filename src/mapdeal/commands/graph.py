@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -27,6 +26,7 @@ from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.pipeline.step import make_step
 from mapdeal.planning import graph_drafts
 from mapdeal.planning.route_graphs import route_graph_of
+from mapdeal.records import dataclass
 from mapdeal.ros.robot import RobotParameters
 
 _PER_CELL, _PER_COARSE_CELL = 46.0, 70.0  # bytes besides those of the reach, and of the skeleton

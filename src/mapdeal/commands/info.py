@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from itertools import chain
 from os import PathLike
@@ -29,6 +28,7 @@ from mapdeal.pictures.overlay import OtherThan, known_box
 from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, stages_behind, summary_of
 from mapdeal.pipeline.inputs import InShell, Work, claim_work
 from mapdeal.pipeline.settings import ProgressCallback, Settings
+from mapdeal.records import dataclass, field
 from mapdeal.ros.load import by_robot, read_robot
 from mapdeal.ros.planners import has_server, planners_of
 from mapdeal.ros.robot import CostmapName, effect_of, on_map

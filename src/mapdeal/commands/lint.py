@@ -5,7 +5,6 @@ from __future__ import annotations
 from codecs import BOM_UTF8
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -45,6 +44,7 @@ from mapdeal.pipeline import inputs
 from mapdeal.pipeline.batch import Job, Outcome, attempt, dispatch, jobs_at_once
 from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
+from mapdeal.records import dataclass, replace
 from mapdeal.ros.load import by_robot, flavour_of_file
 from mapdeal.ros.robot import CostmapName, RobotParameters
 from mapdeal.version import __version__

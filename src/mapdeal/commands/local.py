@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
@@ -35,6 +34,7 @@ from mapdeal.pipeline.run import LOCAL_RECIPE, RunReport
 from mapdeal.pipeline.settings import adding_warnings
 from mapdeal.planning.goal_routes import route_in_window, shortest_over
 from mapdeal.planning.routes import Terrain
+from mapdeal.records import dataclass
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import has_times
 

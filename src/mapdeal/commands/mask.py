@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -28,6 +27,7 @@ from mapdeal.pictures.canvas import Image
 from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.inputs import InShell, KeepoutMask, MapInput, refuse
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import dataclass
 from mapdeal.ros.filters import filter_launch, filter_parameters
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.cost import closed_by

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
 from itertools import compress
 from os import PathLike
 from pathlib import Path
@@ -27,6 +26,7 @@ from mapdeal.maps.formats import format_of
 from mapdeal.maps.reading import open_map, output_paths, write_grid
 from mapdeal.pictures import canvas, comparisons
 from mapdeal.pipeline import folder, inputs
+from mapdeal.records import asdict, dataclass
 from mapdeal.sensors.points import transform_document
 
 _BYTES_PER_CELL = 26  # of the result; one more for each map

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from mapdeal.maps.reading import write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.overlay import Overlay
 from mapdeal.pipeline import folder, inputs
+from mapdeal.records import dataclass, field
 
 PER_CELL = 3.0  # bytes for each cell of a bit map: mask, cells and output
 

@@ -6,7 +6,6 @@ import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from numbers import Real
 from os import PathLike
 from pathlib import Path
@@ -32,6 +31,7 @@ from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import Spread, rounded, rounded_place, spread_json
 from mapdeal.pipeline.recipe import read_robot_parameters
 from mapdeal.planners.planner import Plan, Pose, no_plan
+from mapdeal.records import dataclass, field, replace
 from mapdeal.ros.load import error_of
 from mapdeal.ros.planners import PLANNER_SERVER, ListedPlanner, has_server, planners_of
 from mapdeal.ros.robot import RobotParameters

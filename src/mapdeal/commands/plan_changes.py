@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from typing import Any, cast
 
@@ -27,6 +26,7 @@ from mapdeal.pipeline.folder import rounded_place
 from mapdeal.pipeline.inputs import KeepoutMask, MapInput
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.planners.planner import Plan, Planner, PlannerGrid, Pose, no_plan
+from mapdeal.records import dataclass, replace
 from mapdeal.ros.nav2 import robot_in
 from mapdeal.ros.planners import ListedPlanner
 from mapdeal.ros.robot import ParameterValue, RobotParameters, corners_of_string

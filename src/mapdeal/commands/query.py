@@ -6,7 +6,6 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -25,6 +24,7 @@ from mapdeal.grid.footprint import Footprint, FootprintRule, sample_poses
 from mapdeal.kernels.lookup import look_up
 from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.step import make_step
+from mapdeal.records import dataclass, field
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import NumberLines, read_points, read_pose_lines
 from mapdeal.stages.esdf import esdf

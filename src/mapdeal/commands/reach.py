@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -26,6 +25,7 @@ from mapdeal.pictures.overlay import KeepoutOverlay
 from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.folder import Spread, reach_document, spread_json, summary_of
 from mapdeal.pipeline.step import Step, make_step
+from mapdeal.records import dataclass
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.cost import closed_by
 from mapdeal.stages.reach import reach

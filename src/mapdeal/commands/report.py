@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from contextvars import copy_context
-from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from itertools import islice, tee
 from os import PathLike
@@ -37,6 +36,7 @@ from mapdeal.pipeline.folder import MANIFEST, reach_document
 from mapdeal.pipeline.inputs import KeepoutMask, Work, map_input, mask_of, read_input
 from mapdeal.pipeline.settings import Settings, adding_warnings
 from mapdeal.pipeline.step import Step, make_step
+from mapdeal.records import asdict, dataclass, field, replace
 from mapdeal.report.document import Claim, Report, State, Table, Verdict, page_layers, worst_of
 from mapdeal.report.page import page_of
 from mapdeal.report.verdict import most_urgent, portable_command, verdicts_of

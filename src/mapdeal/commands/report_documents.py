@@ -11,7 +11,6 @@ import math
 import os
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from itertools import count, islice
 from pathlib import Path
 from typing import Any, cast, get_args
@@ -36,6 +35,7 @@ from mapdeal.grid.values import CostScale, count_text, decimal_text, place_text
 from mapdeal.maps.kinds import SHAPES, recognised
 from mapdeal.maps.route_graphs import parsed_graph
 from mapdeal.maps.shapes import geojson_shapes, read_shapes
+from mapdeal.records import dataclass, field, replace
 from mapdeal.report.document import About, Claim, Item, State, Table, Tone, Zone, outlines_of
 from mapdeal.report.verdict import GEOMETRY, MOST_CLAIMS, on_findings, on_goals
 from mapdeal.ros.robot import CostmapName

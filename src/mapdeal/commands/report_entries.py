@@ -6,7 +6,6 @@ import re
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
-from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path, PurePath
@@ -37,6 +36,7 @@ from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, product
 from mapdeal.pipeline.inputs import Reading, bytes_of, map_input, mask_of, read_together
 from mapdeal.pipeline.settings import Settings, adding_warnings, portable
 from mapdeal.pipeline.step import Step, make_step
+from mapdeal.records import dataclass, field, replace
 from mapdeal.report import tiles, verdict
 from mapdeal.report.document import MAP, Claim, Entry, Item, PageLayer, Table, kinds_of, page_layers
 from mapdeal.ros.load import read_robot

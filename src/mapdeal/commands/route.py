@@ -6,7 +6,6 @@ import json
 import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -32,6 +31,7 @@ from mapdeal.pipeline.recipe import Recipe, load_recipe, planned_shape
 from mapdeal.planning import routes
 from mapdeal.planning.goal_routes import route_in_window, shortest_over
 from mapdeal.planning.routes import route_on_graph
+from mapdeal.records import dataclass, field, replace
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import PairLine, read_pairs
 from mapdeal.stages.potential import CAP, GAIN, potential

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from os import PathLike
@@ -26,6 +25,7 @@ from mapdeal.pipeline import batch, recipe as recipes, run as pipeline
 from mapdeal.pipeline.folder import differences_from_golden, step_line, store_golden
 from mapdeal.pipeline.inputs import InShell, Reading, Terminal, need_folder, refuse
 from mapdeal.pipeline.settings import Canvas, Settings
+from mapdeal.records import dataclass, replace
 from mapdeal.ros.robot import RobotParameters
 
 if TYPE_CHECKING:

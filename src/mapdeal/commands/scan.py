@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from contextvars import copy_context
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -35,6 +34,7 @@ from mapdeal.pictures.overlay import RouteOverlay
 from mapdeal.pipeline import batch, inputs
 from mapdeal.planning.graph_drafts import GraphOptions
 from mapdeal.planning.tours import driven, tour_of
+from mapdeal.records import dataclass
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import read_poses
 from mapdeal.sensors.scans import ScanArrays, carmen_lines

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -24,6 +23,7 @@ from mapdeal.kernels.lookup import histogram
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import ScoredWalls, score_image
 from mapdeal.pipeline import inputs
+from mapdeal.records import asdict, dataclass
 from mapdeal.sensors.points import transform_document
 
 # How the maps were placed: by their files, by a transform, or by aligning them.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import webbrowser
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,6 +13,7 @@ from mapdeal.commands.report import ENDINGS, WrittenReport, write_report
 from mapdeal.files.source import absolute_path, is_folder, status_of
 from mapdeal.files.transaction import lasting_folder
 from mapdeal.pipeline.inputs import InShell
+from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True, repr=False)

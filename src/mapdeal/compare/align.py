@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
 from typing import Any, NamedTuple
@@ -25,6 +24,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OneLineRepr
 from mapdeal.kernels.rotations import hough_spectrum, inverse_matrices, main_direction
 from mapdeal.kernels.threads import in_parallel
+from mapdeal.records import dataclass, replace
 
 _DIRECTIONS = 360  # of a Hough spectrum, over half a turn
 _MOST_PEAKS, _WIDENED_PEAKS = 3, 2

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
 from mapdeal.compare.walls import FAR, Floats, Poses, WallMap, moved, moved_back, slopes
+from mapdeal.records import dataclass, replace
 
 _DEGREE = 3
 _POWERS = tuple(p for p in product(range(_DEGREE + 1), repeat=2) if sum(p) <= _DEGREE)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import product
 from numbers import Real
 from typing import Any, Literal
 
 from mapdeal.errors import ParameterError, as_known, nearest
 from mapdeal.grid.values import decimal_text
+from mapdeal.records import dataclass
 
 METRES, SHARE, COUNT, NUMBER, AREA = "m", "share", "count", "number", "m2"
 _OF_DISTANCES = {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -21,6 +20,7 @@ from mapdeal.kernels.components import labelled
 from mapdeal.kernels.distance import within_distance
 from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.threads import claim_tables
+from mapdeal.records import dataclass, field
 
 STATES = ("occupied", "free", "unknown", "between")
 """States of a cell; ``between`` stands for the values 1..99."""

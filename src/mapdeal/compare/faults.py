@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import decimal_text
 from mapdeal.kernels.components import drop_small_groups, touching_groups
 from mapdeal.kernels.distance import within_distance
+from mapdeal.records import dataclass
 
 _MIDDLE = 1 / 3  # of the way from the centre to the border: still called the middle
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, Literal
 
@@ -22,6 +21,7 @@ from mapdeal.kernels.components import thickness_of
 from mapdeal.kernels.distance import squared_distance, within_distance
 from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.threads import for_rows
+from mapdeal.records import dataclass, replace
 
 NO_CONFLICT, BY_FIRST, BY_OTHERS, AMONG_OTHERS = range(4)
 """No conflict; the first map is occupied; it is free; it is neither, and the others differ."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -20,6 +19,7 @@ from mapdeal.kernels.components import labelled, thickness_of, touching_groups
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.lookup import histogram, look_up
 from mapdeal.kernels.threads import CELLS_WORTH_A_THREAD, for_rows, in_parallel, thread_count
+from mapdeal.records import dataclass
 
 States = NDArray[np.uint8]  # `UNKNOWN`, `FREE` or `OCCUPIED`, shape (H, W)
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from typing import Any, TypeVar
@@ -15,6 +14,7 @@ from mapdeal.grid.frame import Frame, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.distance import beside, dilate_square, squared_distance
+from mapdeal.records import dataclass
 
 Floats = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]

@@ -6,7 +6,6 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.files.source import OF_JSON, claim, read_file
 from mapdeal.grid.frame import FARTHEST, Point
+from mapdeal.records import dataclass
 
 T = TypeVar("T")
 _LARGEST_FILE = 1 << 22  # a manifest has some kilobytes

@@ -17,13 +17,13 @@ import stat
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from mapdeal.compatibility import file_digest
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
 from mapdeal.kernels.threads import set_within, tables_claimed
+from mapdeal.records import dataclass, replace
 
 YAML, BIT_MAP = (".yaml", ".yml"), ".pbm"
 LFS_POINTER = b"version https://git-lfs"

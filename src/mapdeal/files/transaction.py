@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
 from contextvars import copy_context
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -26,6 +25,7 @@ from mapdeal.errors import FileAccessError, ParameterError, refuse_warnings
 from mapdeal.files.source import access_to, holds, is_same_file, real_path
 from mapdeal.kernels.blocks import Layer, activity, swept
 from mapdeal.kernels.threads import ThreadPool, thread_count
+from mapdeal.records import dataclass
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer

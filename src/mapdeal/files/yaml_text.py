@@ -11,7 +11,6 @@ import re
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,6 +18,7 @@ import yaml
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.files.source import read_file
+from mapdeal.records import dataclass
 
 N = TypeVar("N", bound=yaml.Node)
 _DEEPEST = 20

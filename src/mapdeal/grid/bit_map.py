@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any, TypeVar, cast
 
@@ -19,6 +18,7 @@ from mapdeal.grid.shapes import Circle, Line, PlainPolygons, Shape
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, OverlayType, check_choice
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.polygons import Spans, paint
+from mapdeal.records import dataclass, replace
 
 
 @dataclass(frozen=True, eq=False, repr=False)

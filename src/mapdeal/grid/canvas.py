@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cached_property
 from typing import Any, Literal, TypeVar, cast
 
@@ -21,6 +20,7 @@ from mapdeal.kernels.arrays import Array
 from mapdeal.kernels.blocks import Layer, is_lazy, made_by_rows
 from mapdeal.kernels.lookup import TOUCHING, Lattice, largest_under, nearest_under
 from mapdeal.kernels.threads import for_rows
+from mapdeal.records import replace
 
 ResamplingRule = Literal["area", "nearest"]  # largest under the cell's area, or at its centre
 Mask = NDArray[np.bool_]

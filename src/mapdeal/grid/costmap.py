@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -18,6 +17,7 @@ from mapdeal.kernels.arrays import Floats
 from mapdeal.kernels.blocks import counts_of, is_lazy
 from mapdeal.kernels.distance import squares_between_cells
 from mapdeal.kernels.lookup import look_up
+from mapdeal.records import dataclass, field, replace
 
 UNIFORM_SHARE = 0.98  # of the open cells with one cost, above which a costmap is uniform
 _NAMED_COSTS: dict[map_values.CostScale, dict[str, int]] = {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -20,6 +19,7 @@ from mapdeal.kernels.arrays import Floats
 from mapdeal.kernels.blocks import mapped, swept
 from mapdeal.kernels.lookup import interpolate
 from mapdeal.kernels.threads import in_parallel
+from mapdeal.records import dataclass, replace
 
 _POINTS_AT_ONCE = 1 << 13  # their arrays stay in the processor's cache
 View = Literal["metric", "per-map"]

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -20,6 +19,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, decimal_text
 from mapdeal.kernels.lookup import histogram
+from mapdeal.records import dataclass
 
 FilterKind = Literal["keepout", "speed", "binary"]
 SpeedUnit = Literal["percent", "m/s"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise, starmap
 from numbers import Real
 from typing import TYPE_CHECKING, Literal, cast
@@ -19,6 +18,7 @@ from mapdeal.grid.frame import FARTHEST, Frame, Point, are_near, as_float32, as_
 from mapdeal.grid.values import OneLineRepr, check_choice, points_text
 from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.polygons import Lattice, Spans, costs_at_poses, edges_of_rings, stacked_spans
+from mapdeal.records import dataclass
 
 _FEW = 16  # edges up to which plain Python is faster than numpy
 _LARGEST_COORDINATE = 1000.0

@@ -6,7 +6,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
 from importlib import import_module
 from numbers import Real
 from typing import Any, ClassVar, Literal, NamedTuple, TypeVar, cast
@@ -22,6 +21,7 @@ from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
 from mapdeal.kernels.polygons import Spans, paint
 from mapdeal.kernels.sensing import cells_of_points
+from mapdeal.records import dataclass
 
 CELL_TOLERANCE = 1e-9  # cells: a length divided by the resolution may be off by 1e-16 of itself
 RADIUS_TOLERANCE = 1e-9  # metres: 6 * 0.05 and 0.3 differ in their last bits

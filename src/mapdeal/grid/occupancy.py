@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -14,6 +13,7 @@ from mapdeal.grid.frame import Figures, Origin, ValueGrid, as_layer, library
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import counts_of, is_lazy, mapped
 from mapdeal.kernels.lookup import look_up
+from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True, eq=False, repr=False)

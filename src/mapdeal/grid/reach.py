@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any, Literal
 
@@ -16,6 +15,7 @@ from mapdeal.grid.footprint import Footprint, contains_centre
 from mapdeal.grid.frame import Figures, Framed, Origin, Point, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.values import UNKNOWN, OneLineRepr, count_text, decimal_text, numbers_text
+from mapdeal.records import dataclass, field
 
 PlaceOfLimit = Literal["passage", "start", "goal"]
 Method = Literal["astar", "descent", "geodesic", "graph"]

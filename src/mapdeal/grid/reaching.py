@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from threading import Lock
 from typing import NamedTuple
 
@@ -24,6 +23,7 @@ from mapdeal.kernels.components import ClearanceTree, RootedTree, joined
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.polygons import Pose
 from mapdeal.kernels.threads import for_rows
+from mapdeal.records import dataclass, field
 
 Cell = tuple[int, int]
 DEFAULT_HEADINGS = 72

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -17,6 +16,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION, OneLineRepr, count_text
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.lookup import least_along, places_along
+from mapdeal.records import dataclass, field
 
 _SAMPLES = 1 << 17  # positions that are checked at once; their arrays stay in the cache
 _STEP = 0.5  # of a cell

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from itertools import chain, pairwise
 from typing import ClassVar
 
@@ -16,6 +15,7 @@ from mapdeal.grid.frame import CELL_TOLERANCE, FARTHEST, Frame, Point
 from mapdeal.grid.values import OneLineRepr, count_text, points_text
 from mapdeal.kernels import polygons
 from mapdeal.kernels.arrays import Integers
+from mapdeal.records import dataclass, field
 
 _MOST_VERTICES = 10_000
 _ROWS_TOGETHER = 1 << 14  # of polygons: larger arrays leave the cache

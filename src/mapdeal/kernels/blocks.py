@@ -12,7 +12,6 @@ from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
 from threading import Lock
 from typing import Any, NoReturn, cast
 
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 from mapdeal.kernels.arrays import Integers, Mask
 from mapdeal.kernels.lookup import histogram, look_up
 from mapdeal.kernels.threads import set_within, thread_count
+from mapdeal.records import dataclass
 
 Layer = NDArray[Any]  # an array of shape (H, W), or a `LazyLayer`, which stands for one
 Runs = NDArray[np.uint32]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from mapdeal.kernels.arrays import Array, Basins, Floats, Integers, Mask, SquaredDistances
 from mapdeal.kernels.polygons import Cell, enumerated
 from mapdeal.kernels.threads import for_rows
+from mapdeal.records import dataclass
 
 _LABELS_TOGETHER = 1 << 20
 MOST_PLACES = 20  # components of a size that are recorded by a cell

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
@@ -20,6 +19,7 @@ from mapdeal.kernels.blocks import Halo, Runs
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.lookup import set_where
 from mapdeal.kernels.threads import for_rows
+from mapdeal.records import dataclass
 
 with suppress(ImportError):  # then `engine_name` is never compiled
     from mapdeal.kernels import _dilation, _updates

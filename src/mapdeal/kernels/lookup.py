@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask, Metres
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.threads import for_rows, thread_count
+from mapdeal.records import dataclass
 
 with suppress(ImportError):  # then `engine_name` is never compiled
     from mapdeal.kernels import _compiled

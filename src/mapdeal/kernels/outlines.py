@@ -8,7 +8,6 @@ anticlockwise, holes clockwise. Marked cells that share only a corner are separa
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from mapdeal.kernels.components import labelled
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.polygons import enumerated
+from mapdeal.records import dataclass
 
 _E, _N, _W, _S = range(4)
 # Keys are sums of the marked cells around a corner (south-west 1, south-east 2, north-west 4,

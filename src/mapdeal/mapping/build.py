@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -16,6 +15,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import Drawn, check_choice, count_text
 from mapdeal.mapping import evidence
 from mapdeal.mapping.evidence import Evidence
+from mapdeal.records import dataclass
 
 Method = Literal["log-odds", "counting", "tsdf"]
 EvidenceMaker = Callable[..., Evidence]

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -29,6 +28,7 @@ from mapdeal.mapping import voxels as cloud_voxels
 from mapdeal.mapping.cloud_evidence import Floor, floor_in, stated_floor
 from mapdeal.mapping.cloud_floor import TILE, Limits, heights_of, slopes_of, uppers_of
 from mapdeal.mapping.voxels import FINEST, Claim, Columns, Tilt, Voxels, levelled, upright
+from mapdeal.records import dataclass
 
 Drops = Literal["occupied", "unknown"]
 Up = Literal["z", "-z", "y", "-y", "x", "-x"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import astuple, dataclass
 from itertools import product
 from operator import add
 from typing import Annotated, Any, NamedTuple
@@ -24,6 +23,7 @@ from mapdeal.kernels.components import touching_groups
 from mapdeal.kernels.distance import dilate_square
 from mapdeal.kernels.polygons import FARTHEST_CELL
 from mapdeal.kernels.rotations import rotated
+from mapdeal.records import astuple, dataclass
 
 _LEVEL = 1e-6  # radians: of 30 m, 30 micrometres
 MOST_LEANING = math.radians(10)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -20,6 +19,7 @@ from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.polygons import FARTHEST_CELL
 from mapdeal.kernels.sensing import Odds, mark_cloud, weigh_rays
 from mapdeal.mapping.transforms import CoveredAngles, Pose, check_pose, wrapped
+from mapdeal.records import dataclass, replace
 
 Unknown = Literal["keep", "free"]
 _FARTHEST_KEY = 1 << 31

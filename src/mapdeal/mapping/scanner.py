@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +15,7 @@ from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.sensing import cast_rays, room_around
 from mapdeal.mapping.evidence import Scans
+from mapdeal.records import dataclass
 
 _INSIDE = 1e-7  # metres that beams go into the cell that they hit, or rounding may end them before
 _BEAMS_TOGETHER = 1 << 18

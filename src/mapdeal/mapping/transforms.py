@@ -6,7 +6,6 @@ import math
 from array import array
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
@@ -20,6 +19,7 @@ from mapdeal.grid.values import few_text
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.rotations import composed, normalised, slerp, undone
 from mapdeal.kernels.sensing import cover_angles
+from mapdeal.records import dataclass
 
 Pose = tuple[float, float, float]
 _TURN = 2 * math.pi

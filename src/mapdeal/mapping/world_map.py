@@ -7,7 +7,6 @@ the edges of a solid wind around its centre. Free space is known where a robot c
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -22,6 +21,7 @@ from mapdeal.kernels.components import labelled
 from mapdeal.kernels.polygons import enumerated
 from mapdeal.mapping.cloud_map import MARGIN, CloudMapper, CloudOptions, box_of, ledges
 from mapdeal.mapping.voxels import Claim
+from mapdeal.records import dataclass, replace
 
 _EPSILON = float(np.finfo(np.float32).eps)
 _INWARDS = 0.01  # cells that points on surfaces move into solids

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, get_args
@@ -28,6 +27,7 @@ from mapdeal.grid.frame import Origin, check_origin, check_resolution
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale
 from mapdeal.kernels.arrays import Bytes, Floats
 from mapdeal.maps.picture import Picture, Samples, by_sample, opaque_greys, to_16_bit
+from mapdeal.records import dataclass, field, replace
 
 Mode = Literal["trinary", "scale", "raw"]
 Dialect = Literal["nav2", "humble", "ros1"]

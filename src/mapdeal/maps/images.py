@@ -20,7 +20,6 @@ import warnings
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -33,6 +32,7 @@ from mapdeal.files import source as sources
 from mapdeal.kernels.blocks import Layer
 from mapdeal.maps import picture as pictures
 from mapdeal.maps.picture import ImageFormat, OpenFile, OpenImage, Picture, Samples, Strips, warn_of
+from mapdeal.records import dataclass, replace
 
 _NOT_AN_IMAGE = "is not an image in a supported format: pgm, pbm, ppm, png, bmp, tiff"
 _COMMENT_OR_WORD = re.compile(rb"#[^\n\r]*|[^ \t\n\v\f\r#]+")

@@ -11,7 +11,6 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from mapdeal.grid.values import join_words
 from mapdeal.maps.formats import FORMATS, MAP_ENDINGS
 from mapdeal.maps.images import read_image_size, recognised_format
 from mapdeal.maps.npz import NPZ, NpzReader
+from mapdeal.records import dataclass, replace
 
 MAP, CLOUD, SCANS, POSES, NUMBERS = "map", "point cloud", "laser scans", "poses", "numbers"
 IMAGE, RECIPE, SHAPES, BAG, POINTER = "image", "recipe", "shapes", "bag", "Git LFS pointer"

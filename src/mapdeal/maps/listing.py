@@ -7,7 +7,6 @@ import heapq
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from glob import has_magic
 from itertools import takewhile
 from pathlib import Path
@@ -18,6 +17,7 @@ from mapdeal.files import source as sources
 from mapdeal.files.json_values import MANIFEST, document_kind, read_json
 from mapdeal.maps.formats import FORMATS, MAP_ENDINGS, format_of
 from mapdeal.maps.kinds import kind_of, other_kind
+from mapdeal.records import dataclass
 
 _ANY_FOLDERS = "**"
 

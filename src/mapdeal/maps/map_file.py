@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -23,6 +22,7 @@ from mapdeal.grid.reach import Reach
 from mapdeal.kernels import blocks
 from mapdeal.maps.dialects import Dialect, MapMetadata
 from mapdeal.maps.picture import warn_of
+from mapdeal.records import dataclass, field
 
 Grid = OccupancyGrid | Costmap | DistanceField | PotentialField | Reach
 G = TypeVar("G", bound=Grid)

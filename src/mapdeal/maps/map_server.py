@@ -10,7 +10,6 @@ import os
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack, suppress
 from contextvars import ContextVar
-from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path, PureWindowsPath
 from typing import Any, Literal
@@ -38,6 +37,7 @@ from mapdeal.maps.images import IMAGE_SUFFIXES, PnmImage, begin_pgm, open_image,
 from mapdeal.maps.map_file import MapFile, MapFormat, Painting
 from mapdeal.maps.picture import OpenImage, Picture, Strips, by_sample, opened, warn_of
 from mapdeal.maps.png import write_png
+from mapdeal.records import replace
 
 _HEAD = 1 << 20
 MAP_SAVER_UNKNOWN = 205  # the grey that map_saver writes for unknown cells

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from html import escape
 from itertools import islice, pairwise
@@ -24,6 +23,7 @@ from mapdeal.files.text import decimal_without_zeros
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.outlines import Polygons, outlines
+from mapdeal.records import dataclass
 
 Area = Literal["free", "obstacles"]
 _Rings = list[list[list[float]]]

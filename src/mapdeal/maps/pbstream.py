@@ -11,7 +11,6 @@ import struct
 import zlib
 from collections.abc import Container, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -30,6 +29,7 @@ from mapdeal.maps.map_file import Grid, MapFile, MapFormat, Painting
 from mapdeal.maps.map_server import chosen_geometry
 from mapdeal.maps.picture import LARGEST_CELLS, Picture, check_size
 from mapdeal.maps.submaps import UNKNOWN_GREY, Slice, canvas_of, paint
+from mapdeal.records import dataclass
 
 _MAGIC = (0x7B1D1F7B5BF501DB).to_bytes(8, "little")
 _RESOLUTION = 0.05  # Cartographer's default

@@ -9,7 +9,6 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, emit_warning
 from mapdeal.files import source as sources
 from mapdeal.kernels.lookup import look_up
+from mapdeal.records import dataclass, field, replace
 
 Samples = NDArray[np.unsignedinteger[Any]]
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from mapdeal.files.json_values import ROUTE_GRAPH, JsonValue, is_route_graph, re
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
 from mapdeal.maps.kinds import recognised
+from mapdeal.records import dataclass, field
 
 _MOST_ID = (1 << 32) - 1  # the server's ids are unsigned int
 FRAME = "map"  # the server's route_frame, and the default frame of nodes

@@ -11,7 +11,6 @@ SDFormat 1.7, which Gazebo 11 and all releases of Gazebo since read.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -23,6 +22,7 @@ from mapdeal.files.text import decimal_without_zeros
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.solids import Rectangles, Surface
+from mapdeal.records import dataclass
 
 WORLD_ENDINGS = (".sdf", ".stl", ".obj")
 

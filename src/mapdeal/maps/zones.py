@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ from mapdeal.grid.shapes import Shape
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 from mapdeal.maps.kinds import SHAPES, recognised
 from mapdeal.maps.shapes import geojson_features
+from mapdeal.records import dataclass, replace
 
 
 @dataclass(frozen=True)

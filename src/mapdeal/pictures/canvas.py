@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import unicodedata
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -17,6 +16,7 @@ from mapdeal.kernels.engine import check_room
 from mapdeal.kernels.lookup import histogram
 from mapdeal.pictures.colours import ColourBar, Colours, LayerStyle, Swatch
 from mapdeal.pictures.overlay import Overlay, Raster, Surface
+from mapdeal.records import dataclass
 
 _SHADES = 16
 MOST_COLOURS = 256 - _SHADES  # of a picture; the others are the greys of the text

@@ -8,13 +8,13 @@ Bjoern Ottosson, "A perceptual color space for image processing", 2020: the matr
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.kernels.arrays import Bytes, Floats
 from mapdeal.kernels.rotations import inverse_matrices
+from mapdeal.records import dataclass, field
 
 Colours = NDArray[np.uint8]
 Colour = tuple[int, int, int]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from mapdeal.pictures.canvas import Image, Pen
 from mapdeal.pictures.colours import ColourBar, LayerStyle, Swatch, interpolated, palette_of
 from mapdeal.pictures.overlay import DEFAULT_IMAGE_MAX, ImageExtent, Raster, shown_part
 from mapdeal.pictures.styles import difference_style, occupancy_style
+from mapdeal.records import dataclass
 
 _UNKNOWN = 1  # the largest kind of cells that are unknown in both maps
 _SMALL_SIDE = 1200  # pixels; enlarges small maps until single cells are visible

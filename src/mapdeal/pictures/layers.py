@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypedDict, cast
 
@@ -23,6 +22,7 @@ from mapdeal.kernels.lookup import histogram, level_rows, look_up, set_where
 from mapdeal.pictures import colours as palette, overlay as overlays, styles
 from mapdeal.pictures.canvas import Image, on_sheet
 from mapdeal.pictures.colours import LayerStyle, Scale, Swatch
+from mapdeal.records import dataclass, replace
 
 
 class PictureOptions(TypedDict, total=False):

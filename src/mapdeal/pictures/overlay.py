@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -26,6 +25,7 @@ from mapdeal.kernels.lookup import histogram, pooled
 from mapdeal.kernels.threads import for_rows
 from mapdeal.pictures import colours as palette
 from mapdeal.pictures.colours import Colour, Swatch
+from mapdeal.records import dataclass
 
 _SMALL_SIDE = 600  # approximate long side of enlarged small maps, pixels
 DEFAULT_IMAGE_MAX = 2048

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from mapdeal.grid.values import count_text
 from mapdeal.kernels.arrays import Bytes, Floats
 from mapdeal.pictures import canvas, overlay as overlays, styles
 from mapdeal.pictures.colours import GOAL, MINIMUM, ROUTE, RVIZ_FREE, Colour, Swatch
+from mapdeal.records import dataclass
 
 _DIRECTIONS = 16
 _DISTANCES = (1.0, 1.7, 2.8, 4.5)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, cast
 
@@ -22,6 +21,7 @@ from mapdeal.kernels.threads import for_rows
 from mapdeal.pictures import colours
 from mapdeal.pictures.canvas import round_length
 from mapdeal.pictures.colours import Colour, ColourBar, Colours, LayerStyle, Scale, Swatch
+from mapdeal.records import dataclass
 
 COST_LEVELS = 200  # colours of graded costs, the first of a palette
 

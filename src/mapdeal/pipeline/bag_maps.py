@@ -6,7 +6,6 @@ import shlex
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from functools import cached_property, reduce
 from itertools import compress, groupby, islice
 from os import PathLike
@@ -37,6 +36,7 @@ from mapdeal.mapping.transforms import FrameOptions, Pose, Posed, TransformTree
 from mapdeal.pipeline import local
 from mapdeal.pipeline.inputs import errors_named
 from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
+from mapdeal.records import dataclass
 from mapdeal.sensors.points import read_trajectory
 from mapdeal.sensors.scans import ScanArrays, ScanSource
 

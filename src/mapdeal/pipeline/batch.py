@@ -8,7 +8,6 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, TypeVar
@@ -26,6 +25,7 @@ from mapdeal.pipeline.inputs import MemoryPlan, Terminal, memory_budget, need_of
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.run import LocalOfRun, RunReport, cells_text, output_folder, run_map
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import dataclass, replace
 
 SUMMARY = "summary.json"
 _MOST_PER_PROCESSOR, _LEAST_CAP = 4, 8

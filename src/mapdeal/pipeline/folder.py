@@ -9,7 +9,6 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, TypeGuard
 
@@ -42,6 +41,7 @@ from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.overlay import KnownLines, OtherThan, Overlay, Overlays, RobotOverlay
 from mapdeal.pipeline.settings import Settings, collected_from, passes_reported, portable, renamed
 from mapdeal.pipeline.step import Step
+from mapdeal.records import dataclass, field
 from mapdeal.stages.catalogue import models_of
 from mapdeal.version import __version__
 

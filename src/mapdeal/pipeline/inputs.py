@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -35,6 +34,7 @@ from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import MapFile, Source, as_occupancy, open_map
 from mapdeal.pipeline.settings import Canvas, ProgressCallback, Settings
 from mapdeal.pipeline.step import Step
+from mapdeal.records import dataclass, field, replace
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.cost import apply_keepout_mask
 

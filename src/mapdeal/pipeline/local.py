@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -33,6 +32,7 @@ from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.run import RunReport, around_in, fill, products_of
 from mapdeal.pipeline.settings import Settings, adding_warnings
 from mapdeal.pipeline.step import Step
+from mapdeal.records import asdict, dataclass, replace
 from mapdeal.sensors.clouds import CLOUD_SUFFIXES, cloud_chunks
 from mapdeal.sensors.points import read_poses
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from numbers import Real
 from os import PathLike
 from pathlib import Path
@@ -29,6 +28,7 @@ from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.kinds import RECIPE, kind_of, other_kind, recognised
 from mapdeal.maps.npz import Grid
 from mapdeal.pipeline.step import Step, make_step
+from mapdeal.records import dataclass
 from mapdeal.ros.robot import CostmapName, RobotParameters
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
 from mapdeal.stages.structured import layers_with

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Any
@@ -36,6 +35,7 @@ from mapdeal.pipeline.local import GlobalMap
 from mapdeal.pipeline.run import RunReport, fill
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step
+from mapdeal.records import dataclass
 from mapdeal.ros.robot import INJECTED, RobotParameters
 
 Points = NDArray[np.float32]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -38,6 +37,7 @@ from mapdeal.pipeline.settings import (
     passes_reported,
 )
 from mapdeal.pipeline.step import Step, grid_of
+from mapdeal.records import dataclass, replace
 from mapdeal.ros.robot import CostmapName, RobotParameters
 
 _LEAST_COLUMN = 8

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
 from threading import Lock
@@ -18,6 +17,7 @@ from mapdeal.kernels.blocks import rows_reported
 from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.map_server import bare_images
 from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExtent
+from mapdeal.records import dataclass
 
 Canvas = Literal["crop", "full"]
 Advance = Callable[[int], object]  # called with the number of steps since the last call

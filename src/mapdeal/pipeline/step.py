@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from mapdeal.kernels.blocks import activity
 from mapdeal.layers.area import CostmapArea
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import as_occupancy
+from mapdeal.records import asdict, dataclass, field
 from mapdeal.stages.catalogue import STAGE_NAMES, models_of
 from mapdeal.stages.esdf import field_view
 from mapdeal.stages.structured import described_goals

@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, wait as wait_for
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from functools import partial
 from multiprocessing import resource_tracker, util
 from multiprocessing.connection import Connection, wait
@@ -31,6 +30,7 @@ from mapdeal.files.transaction import signals_deferred
 from mapdeal.kernels.engine import VARIABLE
 from mapdeal.kernels.threads import ThreadPool, Worker, use_threads
 from mapdeal.pipeline.batch import TOO_LARGE, Job, Outcome, Submit, Work, WorkerDiedError
+from mapdeal.records import dataclass
 from mapdeal.version import __version__
 
 _T = TypeVar("_T")

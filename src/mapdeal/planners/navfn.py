@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -22,6 +21,7 @@ from mapdeal.grid.values import LETHAL_OBSTACLE
 from mapdeal.kernels.arrays import Metres
 from mapdeal.kernels.navfn import UNREACHED, Cell, potentials, traced_path
 from mapdeal.planners.planner import Default, Plan, Planner, PlannerGrid, Pose, no_plan
+from mapdeal.records import replace
 
 _MOST_CYCLES = 1000  # max_cycles_factor: by then the trace goes in circles
 _MOST_STEPS = 100_000  # of a tolerance

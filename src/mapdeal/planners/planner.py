@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal import planners
+from mapdeal.records import dataclass, field
 
 # of a parameter, and its type: ROS 2 refuses values of another one
 Default = bool | int | float | str | tuple[str, ...]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from itertools import chain
 from typing import Any
 
@@ -15,6 +14,7 @@ from mapdeal.grid.reach import Method, Route
 from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.eikonal import Place, is_line_clear, lengths_to, opens
 from mapdeal.planning.routes import Terrain
+from mapdeal.records import replace
 
 # in cells
 _BEND_OFFSET = 1e-3  # from corners to bends, so that rounded points stay in open cells

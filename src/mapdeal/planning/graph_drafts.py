@@ -6,7 +6,6 @@ import heapq
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
@@ -24,6 +23,7 @@ from mapdeal.kernels.components import joined
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.skeleton import STRAIGHT, far_from, flat_cells, largest_of_blocks
 from mapdeal.planning.skeleton_lines import Cells
+from mapdeal.records import dataclass, field, replace
 
 Kind = Literal["way", "crossing", "door", "narrow", "end", "hall", "goal"]
 LaneSide = Literal["right"]

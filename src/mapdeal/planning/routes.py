@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import heapq
 import math
-from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -21,6 +20,7 @@ from mapdeal.kernels.arrays import Floats
 from mapdeal.kernels.distance import signed_distance
 from mapdeal.kernels.eikonal import Place, is_line_clear, lengths_to, weighted_lengths_to
 from mapdeal.kernels.paths import cheapest_path
+from mapdeal.records import dataclass, replace
 
 FIELD_RANGE = 2.0
 """Metres from obstacles at which the field no longer weighs: the range of its metric view."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -19,6 +18,7 @@ from mapdeal.kernels.blocks import Layer, counts_of, mapped
 from mapdeal.kernels.outlines import outlines
 from mapdeal.pictures import colours, styles
 from mapdeal.pictures.styles import FieldEnds
+from mapdeal.records import dataclass, field, replace
 
 Points = NDArray[np.float64]
 

@@ -13,7 +13,6 @@ import json
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
 from string import Template
 from typing import Any, get_args
 
@@ -27,6 +26,7 @@ from mapdeal.grid.values import count_text, place_text
 from mapdeal.maps.png import write_png
 from mapdeal.pictures.colours import ColourBar, LayerStyle
 from mapdeal.pictures.cost_curve import cost_curve_image, curve_text
+from mapdeal.records import asdict, dataclass
 from mapdeal.report import verdict as verdicts
 from mapdeal.report.document import Claim, Entry, Item, PageLayer, Report, State, Table
 from mapdeal.report.tiles import TILE, encoded

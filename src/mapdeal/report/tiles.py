@@ -14,7 +14,6 @@ from base64 import b64encode
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import accumulate
 from typing import Any
@@ -25,6 +24,7 @@ from numpy.typing import NDArray
 from mapdeal.kernels.lookup import look_up, pooled
 from mapdeal.kernels.threads import ThreadPool, thread_count
 from mapdeal.pictures.overlay import OtherThan, known_box
+from mapdeal.records import asdict, dataclass, field, replace
 from mapdeal.report.document import Item, PageLayer
 
 _MARGIN = 0.04  # width of the border around the known cells, as a share of the longer side

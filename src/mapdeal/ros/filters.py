@@ -7,9 +7,9 @@ that publishes the mask's type and scale, and a lifecycle manager that activates
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from mapdeal.grid.filters import FilterInfo, FilterKind
+from mapdeal.records import dataclass
 from mapdeal.ros.robot import ParameterValue
 from mapdeal.ros.ros2_files import Ros2Parameters
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 from typing import TypeVar
 
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning
 from mapdeal.files.source import exists, is_folder, read_file
+from mapdeal.records import replace
 from mapdeal.ros import ros1
 from mapdeal.ros.names import Name, listed_plugins, misspelt_names, unusual_lengths
 from mapdeal.ros.nav2 import nav2_robot

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from mapdeal.grid.values import few_text
 from mapdeal.layers.area import CostmapArea
 from mapdeal.layers.catalogue import NAV2_PLUGINS
 from mapdeal.layers.layer import PluginEntry
+from mapdeal.records import replace
 from mapdeal.ros import robot
 from mapdeal.ros.robot import CostmapName, Level, ListedLayer, ParameterValue, Problem
 from mapdeal.ros.ros2_files import Ros2Node, Ros2Parameters, matches, read_ros2

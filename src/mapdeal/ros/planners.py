@@ -11,11 +11,11 @@ navigation2, branches humble to main: nav2_planner, nav2_navfn_planner, nav2_sma
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 from mapdeal.planners.planner import Default, Planner, planner_classes
 from mapdeal.planners.smac_2d import SMAC
+from mapdeal.records import dataclass, field
 from mapdeal.ros.nav2 import Nav2Values
 from mapdeal.ros.robot import ParameterValue, Problem, RobotParameters
 from mapdeal.ros.ros2_files import Ros2Parameters, read_ros2

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
 from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -29,6 +28,7 @@ from mapdeal.layers.keepout import KeepoutFilter
 from mapdeal.layers.layer import CostmapLayer
 from mapdeal.layers.stack import CostmapLayers
 from mapdeal.layers.static import StaticLayer
+from mapdeal.records import asdict, dataclass, replace
 
 Level = Literal["refused", "warning", "note"]
 Flavour = Literal["nav2", "ros1"]

@@ -17,7 +17,6 @@ import hashlib
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -31,6 +30,7 @@ from mapdeal.files.source import read_file
 from mapdeal.layers.area import CostmapArea
 from mapdeal.layers.catalogue import ROS1_PLUGINS
 from mapdeal.layers.layer import PluginEntry
+from mapdeal.records import dataclass, field, replace
 from mapdeal.ros import robot
 from mapdeal.ros.robot import CostmapName, Level, ListedLayer, ParameterValue, Problem
 from mapdeal.ros.ros2_files import line_of

@@ -20,7 +20,6 @@ import re
 from bisect import insort
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,6 +28,7 @@ import yaml
 
 from mapdeal.files import yaml_text
 from mapdeal.files.source import read_file
+from mapdeal.records import dataclass, field, replace
 from mapdeal.ros.robot import ParameterFile, ParameterFileError, ParameterValue, hint_on_launch
 
 _TRUE = ["Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"]

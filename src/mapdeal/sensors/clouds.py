@@ -11,7 +11,6 @@ import itertools
 import os
 import struct
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -24,6 +23,7 @@ from mapdeal.files.text import coordinate_name, delimiter_of, first_line, is_num
 from mapdeal.kernels.sensing import lzf_expanded
 from mapdeal.maps.kinds import CLOUD, NUMBERS, recognised
 from mapdeal.maps.npz import NpyHeader, NpzReader, read_npy_header
+from mapdeal.records import dataclass, field
 from mapdeal.sensors.kitti import kitti_points
 from mapdeal.sensors.octomap import octree_points, read_octree_header
 

@@ -7,7 +7,6 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, TypeVar
@@ -21,6 +20,7 @@ from mapdeal.files.json_values import JsonValue, read_document
 from mapdeal.files.text import delimiter_of, first_line, is_number, read_rows
 from mapdeal.grid.frame import FARTHEST, Point, Transform
 from mapdeal.maps.kinds import NUMBERS, POSES, recognised
+from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from itertools import repeat, takewhile
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -28,6 +27,7 @@ from mapdeal.files.text import LONGEST_LINE, delimiter_of, first_line, read_rows
 from mapdeal.grid.frame import FARTHEST
 from mapdeal.maps.kinds import SCANS, recognised
 from mapdeal.maps.npz import NpzReader
+from mapdeal.records import dataclass, field
 from mapdeal.sensors.points import read_poses, read_table
 
 Floats = NDArray[np.float64]

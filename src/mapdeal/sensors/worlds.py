@@ -12,7 +12,6 @@ import math
 import os
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element
@@ -25,6 +24,7 @@ from mapdeal.grid.frame import FARTHEST
 from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.rotations import product, rotated
 from mapdeal.maps.kinds import WORLD, recognised
+from mapdeal.records import dataclass, field
 from mapdeal.sensors import meshes
 from mapdeal.sensors.meshes import MESH_ENDINGS, Part, malformed, matrix_of, numbers_in
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -16,6 +15,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLineRepr, count_text
 from mapdeal.kernels.components import labelled
 from mapdeal.kernels.distance import beside, dilate_square
+from mapdeal.records import dataclass, field
 
 Mask = NDArray[np.bool_]
 Values = NDArray[np.int8]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Annotated, Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from mapdeal.kernels.blocks import counts_of, made_by_rows, made_by_windows
 from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.layers import inflation as inflation_layer
 from mapdeal.layers.stack import CostmapLayers
+from mapdeal.records import fields
 from mapdeal.stages.cost import ObstacleSource, check_lethal_threshold, cost_model, warn_of_strength
 from mapdeal.stages.esdf import LARGER_MAX_DISTANCE, bytes_in, furthest_kept
 

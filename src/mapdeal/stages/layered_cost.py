@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Annotated
 
@@ -28,6 +27,7 @@ from mapdeal.layers.keepout import KeepoutFilter, MaskCosts, cells_at_centres
 from mapdeal.layers.layer import MasterGrid
 from mapdeal.layers.stack import CostmapLayers
 from mapdeal.layers.static import StaticLayer
+from mapdeal.records import replace
 from mapdeal.stages.cost import ObstacleSource, cost_model, refuse_view, warn_of_strength
 from mapdeal.stages.structured import LayerList
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Annotated, Generic, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -18,6 +17,7 @@ from mapdeal.grid.canvas import ResamplingRule, check_values, resampled
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, check_choice
 from mapdeal.kernels.distance import beside
+from mapdeal.records import dataclass
 
 _QUARTER = math.pi / 2
 _TOLERANCE = 2e-5  # radians; makes 1.5708 and 4.7124 quarter turns, and is 2 mm over 100 m

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from mapdeal import command
@@ -21,6 +20,7 @@ from mapdeal.errors import ParameterError, require
 from mapdeal.grid.footprint import is_number
 from mapdeal.grid.reach import Goal
 from mapdeal.layers.layer import CostmapLayer
+from mapdeal.records import replace
 
 _GOALS_EXAMPLE = "{kitchen: [7.1, 3.2], ...} or [[7.1, 3.2], ...]"
 
