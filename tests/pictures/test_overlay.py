@@ -47,8 +47,8 @@ def test_a_line_is_the_pixels_that_are_near_it(path, thickness):
     y, x = np.indices(pixels.shape) + 0.5
     distance = np.min([to_segment(*ends, x, y) for ends in pairwise(path)], 0)
     assert set(np.unique(pixels)) <= {0, 7}
-    assert (pixels[distance > thickness / 2 + 1.5] == 0).all()
-    assert (pixels[distance < thickness / 2 - 1.75] == 7).all()
+    assert (pixels[distance > thickness / 2 + 1.75] == 0).all()
+    assert (pixels[distance < thickness / 2 - 2] == 7).all()
 
 
 @given(points, st.integers(8, 40).map(lambda k: k / 4))
