@@ -9,9 +9,9 @@ import pytest
 from mapdeal import records
 
 
-def define(dataclass):
+def behaviour(dataclass):
     @dataclass(frozen=True)
-    class Base:
+    class Box:
         width: float
         name: str = dataclasses.field(default="a", compare=False)
 
@@ -20,7 +20,7 @@ def define(dataclass):
             return self.width / 2
 
     @dataclass(frozen=True)
-    class Derived(Base):
+    class Stack(Box):
         heights: list[int] = dataclasses.field(default_factory=list, repr=False)
         area: float = dataclasses.field(init=False)
 
@@ -31,37 +31,29 @@ def define(dataclass):
             return abs(self.area - other.area) < 1
 
     @dataclass(frozen=True, eq=False, repr=False)
-    class Plain(Base):
+    class Unshown(Box):
         pass
 
-    @dataclass(frozen=True)
-    class Empty:
-        pass
-
-    return Base, Derived, Plain, Empty
-
-
-def behaviour(dataclass):
-    Base, Derived, Plain, Empty = define(dataclass)  # noqa: N806
-    a, b, c = Base(1.5), Base(1.5, "b"), Base(2)
-    yield a == b, a == c, a != c, a == 1.5, hash(a) == hash(b), len({a, b, c}), a.half
-    yield repr(a).rpartition(".")[2], repr(Derived(2, heights=[3])).rpartition(".")[2]
-    yield Derived(1, heights=[2]) == Derived(2.0, heights=[1]), Derived(1).area
+    box, named, wide = Box(1.5), Box(1.5, "b"), Box(2)
     yield (
-        Plain(1) == Plain(1),
-        hash(Plain(1)) == hash(Base(1)),
-        Empty() == Empty(),
-        {Empty(): 1}[Empty()],
+        box == named,
+        box != wide,
+        box == 1.5,
+        hash(box) == hash(named),
+        len({box, wide}),
+        box.half,
     )
-    yield dataclasses.replace(a, width=3).half, dataclasses.asdict(b), copy.copy(b) == b
-    yield Base.__match_args__, [field.name for field in dataclasses.fields(Derived)]
-    for change in (setattr, delattr):
+    yield [repr(item).rpartition(".")[2] for item in (box, Stack(2, heights=[3]))]
+    yield Stack(1, heights=[2]) == Stack(2.0, heights=[1]), Stack(1).area, Unshown(1) == Unshown(1)
+    yield dataclasses.replace(box, width=3).half, dataclasses.asdict(named), copy.copy(box) == box
+    yield Box.__match_args__, [field.name for field in dataclasses.fields(Stack)]
+    for change, *value in [(setattr, 1), (delattr,)]:
         for name in ("width", "unknown"):
             with pytest.raises(dataclasses.FrozenInstanceError) as caught:
-                change(a, name, *[1] * (change is setattr))
-            yield str(caught.value), vars(a) == {"width": 1.5, "name": "a", "half": 0.75}
+                change(box, name, *value)
+            yield str(caught.value), vars(box) == {"width": 1.5, "name": "a", "half": 0.75}
     with pytest.raises(TypeError, match="unhashable"):
-        hash(Derived(1, heights=[]))
+        hash(Stack(1, heights=[]))
 
 
 def test_classes_behave_as_those_of_the_standard_library():
