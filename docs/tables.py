@@ -25,7 +25,6 @@ from typing import Any, get_args
 
 import typer
 
-from mapdeal.checks import lint
 from mapdeal.checks.findings import CHECKS
 from mapdeal.cli.help_pages import in_groups
 from mapdeal.cli.main import app
@@ -145,10 +144,10 @@ def shared_options(names: str) -> str:
 
 def checks(_: str) -> str:
     """Return the table of all checks of ``lint``."""
-    rows = [
-        (f"`{name}`", lint.severity_text(check), check.explanation.about)
-        for name, check in sorted(CHECKS.items())
-    ]
+    rows = []
+    for name, check in sorted(CHECKS.items()):
+        severity = f"{check.severity}, on request" if check.on_request else check.severity
+        rows.append((f"`{name}`", severity, check.explanation.about))
     return markdown_table(["check", "severity", "finds"], rows)
 
 

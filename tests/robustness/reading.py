@@ -112,15 +112,15 @@ def _refused_alike(read, path):
 def read_by_rows(path, data):
     """Read an image at once and by rows: both give the same pixels, or neither any."""
     with images.open_image(path) as image:
-        pixels = image.rows() if isinstance(image, images.PnmImage) else None
-        if pixels is None:
+        part = image.rows() if isinstance(image, images.PnmImage) else None
+        if part is None:
             return read_image(path)
-        height, width = pixels.shape
+        height, width = image.shape
         if height * width > MEMORY:
             return None
         with _refused_alike(read_image, path):
-            strips = list(pixels.strips().pictures())
-        rows = [joined(pixels.part(slice(k, min(k + 4, height)))) for k in range(0, height, 4)]
+            strips = list(part(slice(0, height)).pictures())
+        rows = [joined(part(slice(k, min(k + 4, height)))) for k in range(0, height, 4)]
     image = read_image(path)
     for parts in (strips, rows[::-1]):
         assert np.array_equal(np.concatenate([part.samples for part in parts]), image.samples)

@@ -217,9 +217,15 @@ def sync_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
+def folder_for_sockets() -> Path:
+    import tempfile  # few commands need it
+
+    return Path(tempfile.gettempdir())
+
+
 def lasting_folder() -> Path:
     """Return a new private folder for temporary files, which is not removed at the end."""
-    import tempfile  # few commands need it
+    import tempfile
 
     try:
         return Path(tempfile.mkdtemp(prefix="mapdeal-"))

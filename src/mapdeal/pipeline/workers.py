@@ -26,7 +26,7 @@ from typing import Any, NoReturn, TypeVar
 
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError
 from mapdeal.files.source import exists
-from mapdeal.files.transaction import signals_deferred
+from mapdeal.files.transaction import folder_for_sockets, signals_deferred
 from mapdeal.kernels.engine import VARIABLE
 from mapdeal.kernels.threads import ThreadPool, Worker, use_threads
 from mapdeal.pipeline.batch import TOO_LARGE, Job, Outcome, Submit, Work, WorkerDiedError
@@ -161,7 +161,6 @@ def _context() -> BaseContext:
     # Workers are never forked from this process: a fork copies locks that its threads hold. If the
     # temporary folder cannot hold the server's socket, each worker is a new interpreter ("spawn").
     if "forkserver" in multiprocessing.get_all_start_methods():
-        import tempfile
         from multiprocessing import forkserver
 
         # A terminal sends Ctrl-C to all its processes, but only this one responds. Workers inherit
@@ -172,7 +171,7 @@ def _context() -> BaseContext:
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(list(_PRELOADED))
         try:
-            if len(os.fsencode(tempfile.gettempdir())) > _LONGEST_FOLDER:
+            if len(os.fsencode(folder_for_sockets())) > _LONGEST_FOLDER:
                 raise OSError("AF_UNIX path too long")  # before multiprocessing creates a folder
             with _terminal_blocked():
                 forkserver.ensure_running()
