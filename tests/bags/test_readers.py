@@ -240,6 +240,16 @@ def test_a_damaged_chunk_is_an_error(maker, tmp_path, form, change, rule):
         scans_of(bag)
 
 
+def test_the_messages_before_a_damaged_page_of_sqlite_are_read(maker, tmp_path):
+    folder = maker.write(tmp_path, "sqlite3")
+    with (folder / "bag.db3").open("r+b") as file:
+        file.seek(-4096, 2)
+        file.write(b"\xff" * 4096)
+    warned = pytest.warns(MapdealWarning, match="is damaged, or cut; the messages before that")
+    with warned, open_bag(folder) as bag:
+        assert 20 < len(scans_of(bag)) < 40
+
+
 @pytest.mark.parametrize("compression", IN_MCAP.values())
 @pytest.mark.parametrize("options", [
     {"use_summary_offsets": False, "use_statistics": False, "repeat_channels": False,

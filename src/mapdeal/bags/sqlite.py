@@ -77,11 +77,12 @@ class SqliteBag(Bag):
         time, row_id = _INTEGER.format("timestamp"), _INTEGER.format("id")
         query = f"SELECT topic_id, {time}, {row_id}, {length} FROM messages"  # noqa: S608
         try:
-            cursor = self._select(f"{query} WHERE topic_id IN ({selected})")
-            while rows := list(_until_damage(cursor, self._is_cut)):
+            for rows in _batches(self._select(f"{query} WHERE topic_id IN ({selected})")):
                 topics, times, ids, _ = np.array(rows, dtype=np.int64).T
                 yield MessageIndex(topics, times, ids, np.zeros(len(ids), np.int64))
         except sqlite3.DatabaseError as error:
+            if _TOO_LONG not in str(error) and self._is_cut:
+                return
             if _TOO_LONG in str(error) or _TOO_BIG in str(error):
                 raise self._error(error) from None
             self.warn_once(f"{_describe(error)}; the messages before that place are read")
@@ -237,13 +238,19 @@ def _surplus_bytes(path: Path) -> int:
     return sources.status_of(path).st_size % size if size >= _SMALLEST_PAGE else 0
 
 
-def _until_damage(cursor: sqlite3.Cursor, is_cut: bool) -> Iterator[tuple[Any, ...]]:
-    """Yield the next rows; in a truncated file, stop at the damage."""
-    try:
-        yield from islice(cursor, _ROWS_TOGETHER)
-    except sqlite3.DatabaseError as error:
-        if not is_cut or _TOO_LONG in str(error):
+def _batches(cursor: sqlite3.Cursor) -> Iterator[list[tuple[Any, ...]]]:
+    """Yield rows some at a time; before an error is raised, those that precede the damage."""
+    while True:
+        rows: list[tuple[Any, ...]] = []
+        try:
+            rows.extend(islice(cursor, _ROWS_TOGETHER))
+        except sqlite3.DatabaseError:
+            if rows:
+                yield rows
             raise
+        if not rows:
+            return
+        yield rows
 
 
 def _describe(error: sqlite3.Error) -> str:
