@@ -9,12 +9,10 @@ import zipfile
 
 import numpy as np
 import pytest
-from hypothesis import example, given, strategies as st
+from hypothesis import given, strategies as st
 
-from clouds import lzf_compressed, pcd, pcd_header, ply
-from engines import ENGINES
+from clouds import pcd, pcd_header, ply
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning, read_cloud
-from mapdeal.kernels.sensing import lzf_expanded
 from mapdeal.sensors import clouds as arrays
 from mapdeal.sensors.clouds import cloud_chunks
 
@@ -59,34 +57,6 @@ def test_more_than_padding_behind_the_points_is_warned_of(read):
     for data in ("ascii", "binary"):
         with pytest.warns(MapdealWarning, match="after the points"):
             assert len(read("c.pcd", pcd(XYZ, [[[1.0]] * 3], data, padding=b"4 5 6\n"))) == 1
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-@given(
-    data=st.lists(st.sampled_from([b"a", b"bc", b"abcabcabd", bytes(300), bytes(range(40))]))
-    .map(b"".join)
-    .filter(lambda text: len(text) < 1200)
-)
-def test_lzf_expands_to_what_was_compressed(engine, data):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MAPDEAL_KERNELS", engine)
-        packed = lzf_compressed(data)
-        assert lzf_expanded(packed, len(data)).tobytes() == data
-        assert lzf_expanded(packed, len(data) + 1) is None
-        assert lzf_expanded(packed[:-1], len(data)) is None or not data
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-@given(data=st.binary(max_size=60), size=st.integers(0, 400))
-@example(data=b"\x00a\x20\x05", size=4)  # looks back before its start
-def test_lzf_of_anything_ends(engine, data, size):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MAPDEAL_KERNELS", engine)
-        found = lzf_expanded(data, size)
-        patch.setenv("MAPDEAL_KERNELS", "scipy")
-        twin = lzf_expanded(data, size)
-    assert (found is None) == (twin is None)
-    assert found is None or found.tobytes() == twin.tobytes()
 
 
 def saved(save, *args, **kwargs):

@@ -8,7 +8,6 @@ from hypothesis import assume, given, strategies as st
 
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.grid.frame import Frame
-from mapdeal.kernels.sensing import decimals_in
 from mapdeal.mapping.world_map import inside_runs, section_at, surface_cells
 from mapdeal.sensors.meshes import read_mesh, strips_of
 from mapdeal.sensors.worlds import read_world
@@ -226,25 +225,6 @@ def test_obj_in_pieces_equals_a_reader_of_lines(tmp_path_factory, random, length
         patch.setattr("mapdeal.sensors.meshes._PIECE", 100)
         found = [(names, sorted(triangles.tolist())) for names, triangles in read_mesh(path)]
     assert found == [part for part in obj_by_lines("\n".join(lines)) if part[1]]
-
-
-DECIMALS = "-1.25 +.5 7. 1e-7 3.061617e-17 -0.0 v 12345678901234567890 1E5 nan 2e+22 4e-23 1e400"
-DECIMALS += " 0.1234567890123456789 9007199254740993 5e+300"
-WORDS = [st.sampled_from(DECIMALS.split()), st.decimals(-9999, 9999, places=6), st.floats()]
-
-
-@pytest.mark.parametrize("engine", ["compiled", "scipy"])
-@given(st.lists(st.one_of(WORDS).map(str)))
-def test_decimals_are_those_of_python(engine, words):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MAPDEAL_KERNELS", engine)
-        expected = [float(word.replace("v", "nan")) for word in words]
-        assert np.array_equal(decimals_in(" \n".join(words).encode()), expected, equal_nan=True)
-        text = "\t".join(word + "/7/v" for word in words).encode()
-        assert np.array_equal(decimals_in(text, with_slashes=True), expected, equal_nan=True)
-        for fault in ("1-2", "1.2.3", "1_0", "0x10", "e5", "-", "1e", "1/2", "/2", "x"):
-            with pytest.raises(ValueError, match=r"number|convert"):
-                decimals_in(" ".join([*words, fault]).encode())
 
 
 def test_a_concave_face_leaves_its_notch_open(tmp_path):
