@@ -6,8 +6,8 @@ import numpy as np
 
 from mapdeal import Frame
 
-KINDS = {"f4": ("F", 4, "f"), "f8": ("F", 8, "d"), "i2": ("I", 2, "h"), "u1": ("U", 1, "B"),
-         "i4": ("I", 4, "i"), "u8": ("U", 8, "Q")}  # fmt: skip
+CODES = {"f4": "f", "f8": "d", "i1": "b", "i2": "h", "i4": "i", "i8": "q",
+         "u1": "B", "u2": "H", "u4": "I", "u8": "Q"}  # fmt: skip
 PLY_TYPES = {"f4": "float", "f8": "double", "i2": "short", "u1": "uchar", "i4": "int32"}
 
 
@@ -48,13 +48,12 @@ def lzf_compressed(data):
 
 def pcd_header(fields, count, data, *, width=None):
     """Return a header; `fields` are (name, kind, count)."""
-    kinds = [KINDS[kind] for _, kind, _ in fields]
     lines = [
         "# .PCD v.7 - Point Cloud Data file format",
         "VERSION .7",
         "FIELDS " + " ".join(name for name, _, _ in fields),
-        "SIZE " + " ".join(str(size) for _, size, _ in kinds),
-        "TYPE " + " ".join(letter for letter, _, _ in kinds),
+        "SIZE " + " ".join(kind[1:] for _, kind, _ in fields),
+        "TYPE " + " ".join(kind[0].upper() for _, kind, _ in fields),
         "COUNT " + " ".join(str(n) for _, _, n in fields),
         f"WIDTH {count if width is None else width}",
         "HEIGHT 1",
@@ -75,7 +74,7 @@ def pcd(fields, rows, data="binary", *, padding=b""):
     if data == "ascii":
         lines = [" ".join(repr(v) for values in row for v in values) for row in rows]
         return head + "".join(f"{line}\n" for line in lines).encode() + padding
-    codes = [KINDS[kind][2] for _, kind, _ in fields]
+    codes = [CODES[kind] for _, kind, _ in fields]
     if data == "binary":
         body = b"".join(b"".join(map(_packed, codes, row)) for row in rows)
         return head + body + padding
@@ -95,7 +94,7 @@ def ply(fields, rows, encoding, *, before=b"", before_head="", after=b"", after_
         body = "".join(" ".join(repr(v) for v in row) + "\n" for row in rows).encode()
     else:
         order = "<" if "little" in encoding else ">"
-        codes = order + "".join(KINDS[kind][2] for _, kind in fields)
+        codes = order + "".join(CODES[kind] for _, kind in fields)
         body = b"".join(struct.pack(codes, *row) for row in rows)
     return head + before + body + after
 

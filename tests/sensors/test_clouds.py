@@ -114,6 +114,8 @@ GOOD = [
       for form in PCD],
     *[(f"none-{form}.pcd", pcd(XYZ, [], form), np.zeros((0, 3))) for form in PCD],
     ("flat.pcd", FLAT, [[-2.0, 0.1], [4.0, math.nan]]),
+    *[(f"{kind}.pcd", pcd([("x", kind, 1), ("y", kind, 1)], [[[1], [2]]]), [[1.0, 2.0]])
+      for kind in ("i1", "i4", "i8", "u2", "u4")],
     ("old-name.pcd", pcd(XYZ, [[[1.0], [2.0], [3.0]]]).replace(b"FIELDS", b"COLUMNS"),
      [[1.0, 2.0, 3.0]]),
     ("windows.pcd", DOS.replace(b"ascii\r\n", b"ascii\r\n# the first\r\n\r\n"), [[1.5, 2.5, 3.5]]),
