@@ -152,7 +152,7 @@ UNUSUAL, OFF_LATTICE = "yaml.resolution-unusual", "yaml.origin-off-lattice"
     (OFF_LATTICE, [0], {"origin": "[-1.5, 2.001, 0]"}, ANY),
     (OFF_LATTICE, [0], {"origin": "[-1.5, 2.0, 0.7]"}, None),
     # where 32-bit floats are coarser than a tenth of a cell: steps of 2^-8 and 2^-7 m
-    ("yaml.origin-far", [0], {"origin": "[40000, 0, 0]"}, None),
+    ("yaml.origin-far", [0], {"origin": "[40000, 0, 70000]"}, None),
     ("yaml.origin-far", [0], {"origin": "[0, -70000, 0]"},
      "32-bit floats have steps of 0.0078125 m there; move the origin near 0"),
     ("image.colour", [*[[9, 9, 9], [9, 9, 8]] * 2, [9, 9, 9], [0, 0, 255]], {"name": "m.png"},

@@ -55,6 +55,7 @@ CASES = [
     ("graph.node-closed", {**CELLS, 0: (1.5, 1.5)}, ROUND, {"robot": 0.3}, "too near"),
     ("graph.edge-blocked", CELLS, both((0, 1), (1, 2), (2, 3), (0, 2)), {}, "cannot pass"),
     ("graph.parts", CELLS, both((0, 1), (2, 3)), {}, "2 nodes (2, 3) not connected"),
+    ("graph.missing-end", CELLS, [*ROUND, (2, 9)], {}, "edge 106 ends at node 9, which does not"),
     ("graph.one-way", CELLS, [*both((0, 1), (1, 2)), (2, 3)], {}, "(3) can be entered"),
     ("graph.one-way", CELLS, [*both((0, 1), (1, 2)), (3, 2)], {}, "(3) can be left"),
     ("graph.other-frame", CELLS, ROUND, {"shift": 900.0},
@@ -79,7 +80,7 @@ def test_a_good_graph_has_no_finding(linted):
 
 
 def test_every_check_of_graphs_has_a_case():
-    of_files = {"refused", "missing-end", "double-id", "shared-id", "whole-number", "mixed-limits"}
+    of_files = {"refused", "double-id", "shared-id", "whole-number", "mixed-limits"}
     covered = {case[0] for case in CASES} | {f"graph.{name}" for name in of_files}
     assert covered == {name for name in CHECKS if name.startswith("graph.")}
 
