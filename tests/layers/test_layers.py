@@ -196,12 +196,15 @@ DRAWING = "\n".join(["#...", "....", "..??", ".#.."])
 
 def test_a_window_holds_the_cells_around_the_robot(cost):
     """Cells of 0.25 m over a map of 0.1 m: the value is that below each centre."""
-    found, _ = cost(window(global_frame="map"), *POSE, "1.3,-1.8,0", drawing=DRAWING)
-    assert found.resolution == 0.25
-    # the corner is at 0.8, -2.3, and has moved from 0 by whole cells
-    assert found.origin == (0.75, -2.25, 0.0)
-    # centres at 0.875, 1.125, 1.375, 1.625 and -2.125, -1.875, -1.625, -1.375
-    assert found.cost.tolist() == [[255] * 4, [255, 0, 255, 255], [255, 0, 0, 255], [255] * 4]
+    text = window(global_frame="map")
+    for origin, step in (((1.0, -2.0, 0.0), 1), ((1.5, -1.5, np.pi), -1)):
+        found, _ = cost(text, *POSE, "1.3,-1.8,0", drawing=DRAWING, origin=origin)
+        assert found.resolution == 0.25
+        # the corner is at 0.8, -2.3, and has moved from 0 by whole cells
+        assert found.origin == (0.75, -2.25, 0.0)
+        # centres at 0.875, 1.125, 1.375, 1.625 and -2.125, -1.875, -1.625, -1.375
+        expected = [[255] * 4, [255, 0, 255, 255], [255, 0, 0, 255], [255] * 4]
+        assert found.cost[::step, ::step].tolist() == expected
 
 
 def test_sizes_of_older_windows_end_in_the_middle_of_the_last_cell(cost):
