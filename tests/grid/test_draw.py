@@ -155,7 +155,7 @@ def replaced(shape):
 def test_edges_that_cross_are_refused_however_many_there_are(count):
     angles = 2 * np.pi * np.arange(count) / count
     points = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    assert Polygon(points.tolist()).has_extent()
+    assert Polygon(np.add(points, [1e3, 3e6]).tolist()).has_extent()  # however far away
     points[[2, 3]] = points[[3, 2]]
     with pytest.raises(mapdeal.ParameterError, match="crosses the one that starts at vertex 4"):
         Polygon(points.tolist())

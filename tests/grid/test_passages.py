@@ -120,7 +120,7 @@ def test_a_robot_that_turns_is_through_with_half_of_what_lies_behind():
     behind = np.argwhere(is_open & (np.arange(grid.shape[1]) > 21))
     half, many = len(behind) // 2, len(behind) - 25
     for reached, cells_needed, is_through in (
-        (half + 1, many, True), (half - 1, many, False), (50, 50, True), (49, 50, False)
+        (half, many, True), (half - 1, many, False), (50, 50, True), (49, 50, False)
     ):  # fmt: skip
         is_reached = is_open.copy()
         is_reached[tuple(behind[reached:].T)] = False
