@@ -18,8 +18,8 @@ from mapdeal.grid.frame import RADIUS_TOLERANCE
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal, GoalReach, Reach, reach_radius
 from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN, decimal_text
-from mapdeal.maps.npz import Grid, check_ends_in_npz
-from mapdeal.maps.reading import as_occupancy, write_grid
+from mapdeal.maps.npz import check_ends_in_npz
+from mapdeal.maps.reading import write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.overlay import KeepoutOverlay
 from mapdeal.pipeline import inputs, recipe
@@ -277,20 +277,20 @@ def reach_on_input(
             inputs.warn_of_values(map_read)
             if robot is not None:
                 grid = lethal_costs(robot, map_read)
-                if mask is not None and robot.inflates_keepout and isinstance(grid, Costmap):
+                if mask is not None and robot.inflates_keepout:
                     grid, mask = mask.over(grid), None
         found = step.apply(grid, map_read.path, mask=None if mask is None else mask.grid)
     return cast("Reach", found)
 
 
-def lethal_costs(robot: RobotParameters, map_read: inputs.MapInput) -> Grid:
+def lethal_costs(robot: RobotParameters, map_read: inputs.MapInput) -> Costmap:
     """Return a map with only its lethal and unknown cells, as the robot's costmap has them."""
     # Inscribed costs would cover unknown cells.
     grid = map_read.grid
     for step in recipe.load_recipe(None, robot=robot.without_inflation()).steps:
         grid = step.apply(grid, map_read.path)
     if not isinstance(grid, Costmap):
-        return grid
+        raise TypeError("the recipe of a robot must make a Costmap")
     is_unknown = grid.cost == grid.unknown_value
     layers = (layer for layer in robot.inflation_layers if layer.inflation_radius > 0)
     if not any(layer.inflate_around_unknown for layer in layers):
@@ -301,8 +301,6 @@ def lethal_costs(robot: RobotParameters, map_read: inputs.MapInput) -> Grid:
 def lethal_cells(robot: RobotParameters, map_read: inputs.MapInput) -> OccupancyGrid:
     """Return the map as a robot has it: occupied where it is lethal, unknown where that is kept."""
     grid = lethal_costs(robot, map_read)
-    if not isinstance(grid, Costmap):
-        return as_occupancy(grid, map_read.name)
     free = np.where(grid.cost == grid.unknown_value, np.int8(UNKNOWN), np.int8(FREE))
     cells = np.where(grid.cost == LETHAL_OBSTACLE, np.int8(OCCUPIED), free)
     return OccupancyGrid(cells, grid.resolution, grid.origin)
