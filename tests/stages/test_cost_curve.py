@@ -116,9 +116,9 @@ def test_marks_are_the_last_distances_before_a_threshold():
     curve = mapdeal.cost_curve(0.05, model="threshold", **options)
     # the largest sums of two squares below 20^2 and 10^2 cells
     assert dict(curve.marks) == {"down, 1 m": 0.05 * 397**0.5, "up, 0.5 m": 0.05 * 98**0.5}
-    marks = dict(mapdeal.cost_curve(0.05, model="threshold", down=50, up=75).marks)
-    # the view is at least 51 and 76 up to there: 2 (1 - 0.51) and 2 (1 - 0.76) metres
-    assert 0.97 < marks["down, view 50"] <= 0.98
+    marks = dict(mapdeal.cost_curve(0.05, model="threshold", down=0, up=75).marks)
+    # the view is at least 1 and 76 up to there: 2 (1 - 0.01) and 2 (1 - 0.76) metres
+    assert 1.97 < marks["down, view 0"] <= 1.98
     assert 0.47 < marks["up, view 75"] <= 0.48
 
 
