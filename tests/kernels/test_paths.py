@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 import oracles
 from engines import needs_compiled
 from kernels.conftest import by_each_engine
-from mapdeal.kernels.eikonal import costs_to_go
+from mapdeal.kernels.eikonal import costs_to_go, lengths_to
 from mapdeal.kernels.paths import cheapest_path
 from strategies import examples
 
@@ -53,6 +53,8 @@ def test_far_away_costs_are_lengths_and_exact_along_eight_directions(each_engine
     straight = (rows == 0) | (cols == 0) | (abs(rows) == abs(cols))
     assert found[straight] == pytest.approx(away[straight])
     assert ((found >= away * (1 - 1e-12)) & (found <= away * 1.01 + 0.25)).all()
+    near = (abs(rows) <= 10) & (abs(cols) <= 10)
+    assert lengths_to(cells == 1, (100.5, 80.5))[near] == pytest.approx(away[near])
 
 
 def _cost_of(weights, cells):
