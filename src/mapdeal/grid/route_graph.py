@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from functools import cached_property
+from itertools import pairwise, starmap
 from typing import Any
 
 import numpy as np
@@ -210,12 +211,10 @@ class Sweeps:
 
 
 def _parts(counts: NDArray[np.int64]) -> Iterator[slice]:
-    """Yield slices of lines, each with at most `_SAMPLES` places unless it is one line."""
-    bounds = np.append(0, np.cumsum(counts))
-    first = 0
-    while first < len(counts):
-        stop = int(np.searchsorted(bounds, bounds[first] + _SAMPLES, side="right")) - 1
-        yield slice(first, first := max(stop, first + 1))
+    """Yield slices of lines, each of about `_SAMPLES` places or one longer line."""
+    groups = np.cumsum(counts) // _SAMPLES
+    bounds = [*np.flatnonzero(np.diff(groups, prepend=-1)).tolist(), len(counts)]
+    yield from starmap(slice, pairwise(bounds))
 
 
 def closed_costs(occupied: NDArray[np.bool_], unknown: NDArray[np.bool_]) -> NDArray[np.uint8]:
