@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from mapdeal import FileAccessError, MalformedInputError, ParameterError
-from mapdeal.maps.listing import list_maps
+from mapdeal.maps.listing import ListedFolders, list_maps
+from odd_names import private
 
 MAP = "image: m.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"
 
@@ -111,6 +112,16 @@ def test_what_is_named_twice_is_one_map_at_its_first_place_and_other_yaml_is_lef
     assert [entry.place.as_posix() for entry in found.maps] == ["c", "a", "b9", "b10"]
     assert [path.name for path in found.repeated] == ["c.yaml", "a.yaml", "b10.yaml"]
     assert [path.name for path in found.left_out] == ["params.yaml", "recipe.yaml"]
+
+
+def test_folders_of_runs_and_unreadable_ones_are_listed_themselves_on_request(folder, monkeypatch):
+    for name in ("run/mark", "run/part/p.yaml", "run/other/o.yaml", "batch/sum", "batch/q.yaml"):
+        write(folder / "maps" / name, MAP)
+    private(folder / "maps" / "deep", monkeypatch)
+    exempt = ListedFolders("mark", lambda _: True, "sum", lambda _: True, ("part",))
+    found = list_maps(["maps", "maps/run/mark"], None, list, exempt=exempt).maps
+    names = " ".join(entry.path.relative_to("maps").as_posix() for entry in found)
+    assert names == "a.yaml b9.yml b10.yaml batch/q.yaml run/other/o.yaml batch deep run"
 
 
 def test_links_in_circles_end_and_give_each_map_once(folder):
