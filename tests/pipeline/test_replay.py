@@ -156,6 +156,13 @@ def test_a_replay_needs_the_parameters_of_a_robot(command, tmp_path):
     assert (code, "applies to the replay of a bag" in err) == (2, True)
 
 
+def test_a_local_map_of_a_cloud_without_points_is_warned_of(command, tmp_path):
+    (tmp_path / "a.csv").write_text("x,y,z\n")
+    words = ["--pose", "0,0,0", "--no-images", "-o", tmp_path / "out"]
+    code, _, err = command("local", "--cloud", tmp_path / "a.csv", *words)
+    assert (code, "a.csv: no point marks a cell: it holds no points" in err) == (0, True)
+
+
 def test_messages_are_numbered_from_either_end():
     assert [_number_in(range(3), number, "/map") for number in (-3, -1, 0, 2)] == [0, 2, 0, 2]
     for number in (-4, 3):
