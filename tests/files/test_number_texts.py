@@ -2,9 +2,11 @@ import json
 import math
 
 import numpy as np
+import pytest
 from hypothesis import example, given, strategies as st
 
-from mapdeal.files.json_values import read_json
+from mapdeal import MalformedInputError
+from mapdeal.files.json_values import JsonValue, document_kind, read_json
 from mapdeal.files.text import Form, Kind, row_texts
 
 LINE = [Form(("", "\n"), (0,))]
@@ -61,6 +63,25 @@ def test_rows_have_the_form_that_is_chosen(rows):
     expected = [({"k": 0, "x": x}, {"k": 1, "n": n, "x": x}, {"k": 2, "%s": "{}", "n": n})[k]
                 for x, n, k in rows]  # fmt: skip
     assert text.splitlines() == [json.dumps(row) for row in expected]
+
+
+def test_keys_of_json_are_read_or_named_as_missing(tmp_path):
+    assert JsonValue(tmp_path, {"a": 2})["a"].number() == 2.0
+    with pytest.raises(MalformedInputError, match="a: must have a key b"):
+        JsonValue(tmp_path, {"a": {}})["a"]["b"]
+
+
+def test_the_kind_of_a_document_follows_from_its_keys():
+    documents = {
+        "manifest": {"outputs": {}, "stages": []}, "summary": {"maps": [{"status": "done"}]},
+        "lint": {"maps": [{}], "errors": 0, "suppressed": 0}, "shapes": {"type": "Polygon"},
+        "route": {"reached": True, "points": []}, "reach": {"reachable_m2": 1, "passages": []},
+        "diff": {"confusion": {}, "walls": {}}, "plan": {"format": "mapdeal-plan/1"},
+    }  # fmt: skip
+    for kind, document in documents.items():
+        assert document_kind(document) == kind
+        for key in document:
+            assert document_kind({name: document[name] for name in document if name != key}) is None
 
 
 def test_a_json_file_of_more_than_4_mib_is_not_read(tmp_path):
