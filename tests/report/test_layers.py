@@ -96,6 +96,8 @@ def test_legends_have_the_colours_of_the_style():
     ends = [layer.style.colours[layer.style.bar.indices[place]] for place in (0, -1)]
     assert [stops[0], stops[-1]] == ["#" + bytes(end).hex() for end in ends]
     assert stops[0] != stops[-1]
+    for x, anchor, label in ((0, "start", "0"), (144, "middle", "50"), (288, "end", "100")):
+        assert f'<text x="{x}" y="27" text-anchor="{anchor}">{label}</text>' in text
 
 
 def test_an_item_with_a_line_alone_can_be_gone_to():
