@@ -90,7 +90,7 @@ def test_the_side_of_a_cell_is_the_float32_of_a_map_message():
     # edges at x = 0.4, -0.2 and y = +-0.25; the farthest corner is (0.4, 0.25)
     (Footprint.polygon([[0.4, 0.25], [0.4, 0.25], [0.4, -0.25], [-0.2, -0.25], [-0.2, 0.25]]),
      0.2, math.hypot(0.4, 0.25)),
-    (Footprint.circle(0.25).padded(0.05), 0.3, 0.3),
+    (Footprint.circle(0.25).padded(0.05).padded(0.0), 0.3, 0.3),
     (Footprint.sixteen_gon(0.5), 0.5 * math.cos(math.pi / 16), 0.5),
 ])  # fmt: skip
 def test_radii_by_hand(shape, inscribed, circumscribed):
