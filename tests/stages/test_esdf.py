@@ -4,7 +4,7 @@ from hypothesis import given, strategies as st
 
 import oracles
 from mapdeal import DistanceField, OccupancyGrid, ViewScale, esdf, field_view
-from mapdeal.stages.esdf import squares_in
+from mapdeal.stages.esdf import bytes_in, squares_in
 from strategies import RESOLUTIONS, occupancies
 
 CONVENTIONS = ["fast-planner", "center", "border"]
@@ -41,7 +41,7 @@ def test_squared_distances_are_recovered_exactly_below_2048_cells(resolution, co
     assert np.array_equal(squares_in(field, field.obstacles()), squares)
 
 
-@pytest.mark.parametrize("largest_table", [1 << 22, 0])
+@pytest.mark.parametrize("largest_table", [1 << 22, 4, 0])
 @given(
     occupancies(), RESOLUTIONS, st.sampled_from([0.4, 1.0, 2.0]),
     st.sampled_from(CONVENTIONS), st.sampled_from([0.3, 1.0, 1.5, 7.0]),
@@ -50,10 +50,14 @@ def test_views_equal_brute_force_whatever_the_convention(
     largest_table, occupancy, resolution, view_range, convention, strength
 ):
     field = esdf(OccupancyGrid(occupancy, resolution), convention=convention, strength=strength)
+    lengths = [0]
     with pytest.MonkeyPatch.context() as patch:  # by table, or computed
         patch.setattr("mapdeal.stages.esdf._LARGEST_TABLE", largest_table)
+        patch.setattr("mapdeal.stages.esdf.bytes_in",
+                      lambda *given: lengths.append(len(given[2])) or bytes_in(*given))  # fmt: skip
         views = [field_view(field, view_range=view_range), field_view(field, view="per-map")]
         found = [np.array(view.occupancy) for view in views]
+    assert max(lengths) <= largest_table + 2
     assert views[0].scale == ViewScale("metric", view_range)
     cells = occupancy, occupancy >= 100, resolution
     assert np.array_equal(found[0], oracles.metric_view(*cells, view_range, strength))
