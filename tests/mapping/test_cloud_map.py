@@ -153,11 +153,14 @@ def test_neighbours_may_bend_but_over_a_gap_slopes_are_equal(tiles, slopes, rise
     assert [(int(a), int(b)) for a, b in zip(*found, strict=True)] == links
 
 
-@pytest.mark.parametrize(("every", "expected"), [(1, 0.0), (2, math.sqrt(2)), (4, 2.0)])
+@pytest.mark.parametrize(
+    ("every", "expected"), [(1, 0.0), (2, math.sqrt(2)), (4, 2.0), (1.2, math.sqrt(1.2))]
+)
 def test_the_spacing_of_points_is_that_of_their_share_of_cells(every, expected):
     row, col = np.indices((16, 16)).reshape(2, -1)
-    chosen = {1: row >= 0, 2: (row + col) % 2 == 0, 4: (row % 2 == 0) & (col % 2 == 0)}[every]
-    cells = np.stack([row, col, 0 * row])[:, chosen]
+    chosen = {1: row >= 0, 2: (row + col) % 2 == 0, 4: (row % 2 == 0) & (col % 2 == 0)}
+    chosen[1.2] = chosen[2] | ~np.isin(col, (2, 3, 12, 13))  # next to the rim
+    cells = np.stack([row, col, 0 * row])[:, chosen[every]]
     found = _spacing(_cell_keys(cells, 1), _cell_keys(cells, 2), 1)
     assert found == pytest.approx(expected)
 
