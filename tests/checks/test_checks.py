@@ -163,6 +163,7 @@ UNUSUAL, OFF_LATTICE = "yaml.resolution-unusual", "yaml.origin-off-lattice"
      "2 pixels (66.7 %) are not opaque: unknown to Nav2, grey to ROS 1; make them opaque"),
     ("image.alpha", [[9, 9, 9, 255]], {"name": "m.png"}, None),
     ("image.absolute-path", [0], {}, None),
+    ("image.maxval", pgm(ROOM // 254, maxval=1), {}, None),
 ], ids=lambda value: str(value)[:30])  # fmt: skip
 def test_messages_of_checks_of_pairs(tmp_path, check, row, changes, expected):
     if not isinstance(row, bytes):
