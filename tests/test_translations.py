@@ -120,13 +120,10 @@ def test_links_lead_to_the_same_pages_in_chinese_where_there_are_such(pair):
     assert sorted(chinese, key=str) == sorted(map(in_chinese, english), key=str)
 
 
-def test_no_english_sentence_is_left(pair):
+def test_no_english_sentence_is_left_and_a_paragraph_is_one_line(pair):
     lines, _ = read(pair[1])
     assert [line for line in lines if untranslated(line)] == []
-
-
-def test_a_paragraph_is_one_line(pair):
-    """A line break between Chinese characters would be shown as a space."""
+    # a line break between Chinese characters would be shown as a space
     lines, _ = parts(pair[1].read_text("utf-8"))
     assert re.findall(r"(?m)^[^#|\s!<].*\n(?!- |\d+\. )[^#|\s!<].*", "\n".join(lines)) == []
 

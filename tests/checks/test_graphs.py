@@ -75,17 +75,14 @@ def test_a_mistake_is_found_where_it_is(linted, check, cells, edges, options, te
     assert bool(finding.places) is (check != "graph.other-frame")
 
 
-def test_a_good_graph_has_no_finding(linted):
-    assert list(linted(CELLS, ROUND)) == []
-
-
 def test_every_check_of_graphs_has_a_case():
     of_files = {"refused", "double-id", "shared-id", "whole-number", "mixed-limits"}
     covered = {case[0] for case in CASES} | {f"graph.{name}" for name in of_files}
     assert covered == {name for name in CHECKS if name.startswith("graph.")}
 
 
-def test_many_findings_of_a_check_are_summarised(linted):
+def test_a_good_graph_has_no_finding_and_many_of_a_check_are_summarised(linted):
+    assert list(linted(CELLS, ROUND)) == []
     found = list(linted({number: (0.5, 1 + number / 4) for number in range(60)}, both((0, 1))))
     closed = [finding for finding in found if finding.check == "graph.node-closed"]
     assert len(closed) == 21

@@ -33,12 +33,15 @@ def test_walls_on_walls_agree_and_walls_in_free_space_contradict():
     assert found.piece == pytest.approx(0.015 * 10.0)
 
 
-def test_a_wall_within_the_tolerance_agrees_and_beyond_does_not():
+def test_a_wall_agrees_within_the_tolerance_not_beyond_and_maps_apart_share_none():
     for shift, agrees in [(0.0, 1), (0.5, 1), (1.0, 0)]:  # each tolerance is a cell, 0.5 m
         np.testing.assert_allclose(agreement(strip([20]), strip([20]), shift).shares[0], agrees)
     fine = strip([200], 600, 0.05)
     shares = agreement(fine, fine, 0.2).shares[0]
     np.testing.assert_allclose(shares, [tolerance > 0.2 for tolerance in TOLERANCES])
+    found = agreement(strip([20]), strip([20]), 900.0)
+    assert found.agreeing.max() == found.contradicting.max() == found.overlap[0] == 0
+    assert found.evidence(found.by_chance()).tolist() == [0.0]
 
 
 def test_a_wall_with_free_space_on_the_other_side_does_not_agree():
@@ -48,12 +51,6 @@ def test_a_wall_with_free_space_on_the_other_side_does_not_agree():
     # the wall of the first map comes to lie on that of the second, back to back
     np.testing.assert_allclose(agreement(west, east, -5.5).agreeing, 0.0)
     assert agreement(west, west).agreeing[0, 0] == pytest.approx(5.0)
-
-
-def test_maps_that_lie_beside_each_other_have_nothing_in_common():
-    found = agreement(strip([20]), strip([20]), 900.0)
-    assert found.agreeing.max() == found.contradicting.max() == found.overlap[0] == 0
-    assert found.evidence(found.by_chance()).tolist() == [0.0]
 
 
 def test_evidence_is_the_divergence_from_chance_times_the_pieces_of_wall():

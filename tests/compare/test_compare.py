@@ -279,7 +279,7 @@ def test_which_way_is_north_changes_no_count(seed, threshold):
         assert {**scored(np.ascontiguousarray(turned)), "cells": 0} == {**found, "cells": 0}
 
 
-def test_shares_walls_and_their_thickness_are_counted():
+def test_shares_walls_and_their_thickness_are_counted_if_there_are_any():
     states = np.full((4, 10), UNKNOWN, np.uint8)
     states[:, :5] = FREE
     states[0:2, 0:4] = OCCUPIED  # 8 cells, 2 thick
@@ -294,9 +294,6 @@ def test_shares_walls_and_their_thickness_are_counted():
     assert values["wall_thickness_m"] == {
         "mean": pytest.approx(sum(thick) / 9), "median": 0.5, "p95": 0.5, "max": 0.5,
     }  # fmt: skip
-
-
-def test_a_map_without_walls_has_no_thickness():
     values = scored(np.full((3, 4), UNKNOWN, np.uint8))
     assert values["share_occupied_of_known"] is None
     assert values["wall_thickness_m"] == dict.fromkeys(("mean", "median", "p95", "max"))

@@ -521,13 +521,10 @@ def test_thinned_blocks_are_as_connected_as_before(seed, density):
     assert rooms[0] == rooms[1]
 
 
-def test_a_block_of_four_loses_the_cells_farthest_from_zero():
+def test_spare_cells_are_left_out_the_farthest_from_zero_on_any_side_of_its_partners():
     block = np.ones((2, 2), bool)
     evidence.thin_blocks(block, np.array([[0.1, 0.4], [0.2, 0.3]]))
     assert block.tolist() == [[True, False], [True, True]]
-
-
-def test_a_spare_cell_is_left_out_on_any_side_of_its_partners():
     row = np.array([[0.1, -0.2, 0.3]])
     for field in (row, row[:, ::-1], row.T, row.T[::-1]):
         found = evidence.thin_surface(field, evidence.crossings_of(field))

@@ -109,10 +109,14 @@ def row_of(*clouds, length=3, keep=None, add="add", **options):
     return mapper.result().grid.occupancy[0].tolist()
 
 
-def test_a_cloud_that_is_skipped_counts_as_one_of_the_last():
+def test_a_cloud_that_is_skipped_or_comes_in_parts_counts_as_one():
     with pytest.raises(ParameterError, match="no cloud"):
         row_of([[0.7, 0.0]], None, None, keep=2)
     assert row_of([[0.7, 0.0]], None, [[-0.7, 0.0]], keep=2) == [-1, -1, 100, 0, -1, -1]
+    # a beam of a later part does not clear what an earlier part has marked
+    expected = [-1, -1, -1, 0, 100, 100]
+    assert row_of([[0.7, 0.1], [1.0, 0.1]]) == expected
+    assert row_of([[[0.7, 0.1]], [[1.0, 0.1]]], add="add_in_parts") == expected
 
 
 def test_a_cloud_that_breaks_off_adds_nothing():
@@ -126,13 +130,6 @@ def test_a_cloud_that_breaks_off_adds_nothing():
     mapper.skip()
     mapper.add(np.empty((0, 2)))
     assert (mapper.result().grid.occupancy == -1).all()
-
-
-def test_parts_of_a_cloud_are_one_cloud():
-    """A beam of a later part does not clear what an earlier part has marked."""
-    expected = [-1, -1, -1, 0, 100, 100]
-    assert row_of([[0.7, 0.1], [1.0, 0.1]]) == expected
-    assert row_of([[[0.7, 0.1]], [[1.0, 0.1]]], add="add_in_parts") == expected
 
 
 def test_points_far_away_clear_inside_and_those_beyond_the_height_limits_nothing():

@@ -170,9 +170,7 @@ def test_a_frame_with_two_parents_keeps_the_one_that_comes_most_often():
     assert tree.leads("odom", "base")
     assert not tree.leads("odom2", "base")
     assert tree.root_of("base") == "odom"
-
-
-def test_a_circle_ends():
+    # a circle ends
     tree = tree_of(*((parent, child, 0, 1, True) for parent, child in ("ab", "bc", "ca")))
     assert tree.root_of("a") in "abc"
     xs(tree, "a", "b", [0])

@@ -135,12 +135,9 @@ def test_between_start_and_goal_are_centres_without_a_hook_at_the_ends():
     assert route.min_clearance == math.inf
 
 
-def test_where_the_straight_way_would_cut_a_closed_cell_the_centre_stays():
+def test_the_way_is_straight_within_a_cell_and_cuts_no_closed_one():
     _, places = route_between([[0, 254], [0, 0]], (0.1, 0.9), (1.1, 1.9))
     assert places == pytest.approx(np.array([[0.1, 0.9], [0.5, 0.5], [1.5, 1.5], [1.1, 1.9]]))
-
-
-def test_within_a_cell_the_way_is_straight():
     route, _ = route_between(np.zeros((2, 3)), (0.5, 1.2), (0.5, 1.9), 1.0)
     assert (len(route.points_xy), route.reached) == (2, True)
     assert route.length == pytest.approx(0.7)

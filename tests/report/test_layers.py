@@ -347,13 +347,15 @@ def test_costs(manifest, state, words):
     assert claim is None or words in claim.text
 
 
-def test_three_claims_are_left_of_those_about_the_same_the_worst():
+def test_three_claims_are_left_of_those_about_the_same_the_worst_and_one_of_a_failure():
     claims = [
         Claim("goals", "good", "g"), Claim("map", "good", "m"), Claim("map", "error", "e"),
         Claim("cells", "warning", "c"), Claim("costmap", "unknown", "u"),
         Claim("map", "warning", "w"),
     ]  # fmt: skip
     assert [claim.text for claim in settled(claims)] == ["e", "u", "g"]
+    failure = on_failure("the image does not exist")
+    assert settled([Claim("map", "error", "the image does not exist"), failure]) == (failure,)
 
 
 def test_the_claim_about_a_mirrored_map_names_what_undoes_it():
@@ -361,11 +363,6 @@ def test_the_claim_about_a_mirrored_map_names_what_undoes_it():
     text = "The second map would be much more like the first if mirrored upside down"
     claim = Claim("geometry", "error", text, "What differs")
     assert verdict.on_difference(found, [], 0)[-1] == claim
-
-
-def test_a_failed_run_has_one_claim():
-    failure = on_failure("the image does not exist")
-    assert settled([Claim("map", "error", "the image does not exist"), failure]) == (failure,)
 
 
 def test_the_next_command_is_that_of_the_worst_verdict_that_has_one():

@@ -265,16 +265,10 @@ def test_what_is_written_is_utf_8_without_markup(text):
     escaped(text).encode("utf-8")
 
 
-def test_characters_that_cannot_be_seen_are_spelled_out():
+def test_markup_is_what_it_is_written_to_be():
     assert escaped("a\u202eb\x00c\ud800") == "a\\u202eb\\x00c\\ud800"
-
-
-def test_pieces_are_joined_as_they_are_and_text_is_not():
     assert joined([element("b", "1"), "<", element("br")]).text == "<b>1</b>&lt;<br>"
     assert element("a", href="#a").text == '<a href="#a"></a>'  # links lead to the page itself
-
-
-def test_attributes_may_be_names_alone_or_left_out():
     markup = element("input", checked=True, hidden=False, value=None, max=0.5, aria_label="x")
     assert markup == Markup('<input checked max="0.5" aria-label="x">')
 

@@ -104,10 +104,13 @@ def test_dropped_scans_give_a_warning(read, lines, warning, expected):
     assert ranges == expected
 
 
-def test_a_log_without_a_pose_for_half_of_its_scans_is_refused(read):
+def test_a_log_without_poses_for_half_of_its_scans_or_of_bad_lines_is_refused(read):
     line = rawlaser([1.0])
     with pytest.raises(MalformedInputError, match="2 of 3"):
         read(line, line, odom(1, 2, 3), rawlaser([2.0], time=8))
+    line = flaser(HALF).removesuffix(" 7.0")
+    with pytest.raises(MalformedInputError, match=r"line 2: .*words.*\(and 2 more bad lines\)"):
+        read("# log", *[line] * 3, max_bad=10)
 
 
 def test_a_long_log_comes_in_parts_of_few_readings(read):
@@ -126,12 +129,6 @@ def test_leading_blanks_and_long_unknown_lines_are_ignored(read):
         ((poses, _, _),) = read(before + first, *noise, second)
         noise = []
         assert len(poses) == 2
-
-
-def test_a_log_whose_lines_are_all_bad_names_the_first(read):
-    line = flaser(HALF).removesuffix(" 7.0")
-    with pytest.raises(MalformedInputError, match=r"line 2: .*words.*\(and 2 more bad lines\)"):
-        read("# log", *[line] * 3, max_bad=10)
 
 
 @pytest.mark.parametrize("time", [0, 0.0, 7.5])

@@ -74,10 +74,12 @@ def test_a_map_is_cleaned_as_floods_clean_it(values, limits):
     assert (cleaned.grid.resolution, cleaned.grid.origin) == (0.05, (1.5, -2.0, 0.4))
 
 
-def test_the_defaults_leave_the_leg_of_a_table():
+def test_the_defaults_leave_the_leg_of_a_table_and_any_whole_number_will_do():
     found = clean(grid_from_text("......\n.##...\n......\n.###..\n......"))
     assert found.counts.specks == (1, 2)
     assert found.grid.occupancy[1].tolist() == [0, 100, 100, 100, 0, 0]
+    found = clean(grid_from_text("...#."), min_free=10**30, min_hole=np.int16(3))
+    assert found.grid.occupancy.tolist() == [[0, 0, 0, 100, -1]]
 
 
 def test_a_map_that_is_clean_is_warned_of():
@@ -88,11 +90,6 @@ def test_a_map_that_is_clean_is_warned_of():
     assert found.grid.occupancy.tolist() == grid.occupancy.tolist()
     with pytest.warns(MapdealWarning, match="nothing has changed$"):
         clean(grid_from_text("...#"), **OFF)
-
-
-def test_any_whole_number_will_do():
-    found = clean(grid_from_text("...#."), min_free=10**30, min_hole=np.int16(3))
-    assert found.grid.occupancy.tolist() == [[0, 0, 0, 100, -1]]
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")
