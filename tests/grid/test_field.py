@@ -119,18 +119,6 @@ def test_a_cost_curve_ends_at_its_reach_and_rounds_to_the_nearest_distance():
 GRID = mapdeal.OccupancyGrid([[100, 0, 0, 0, 0, -1], [-1, 0, 0, 30, 0, 100]], 0.25, (1.0, 2.0, 0.3))
 METRIC = mapdeal.field_view(mapdeal.esdf(GRID), view_range=0.7)
 PER_MAP = mapdeal.field_view(mapdeal.esdf(GRID, strength=1.3), view="per-map")
-STEPS = mapdeal.field_view(mapdeal.esdf(grid_from_text("#...\n....", 5.0)), view_range=1.0)
-"""Obstacles and free cells alone, which is written raw all the same."""
-
-
-@pytest.mark.parametrize("ending", [".yaml", ".npz"])
-@pytest.mark.parametrize("view", [METRIC, PER_MAP, STEPS])
-def test_a_view_comes_back_from_its_files(tmp_path, ending, view):
-    mapdeal.write_map(tmp_path / f"v{ending}", view)
-    back = mapdeal.read_map(tmp_path / f"v{ending}")
-    assert isinstance(back, mapdeal.FieldView)
-    assert np.array_equal(back.occupancy, view.occupancy)
-    assert (back.scale, back.origin, back.resolution) == (view.scale, view.origin, view.resolution)
 
 
 def test_the_yaml_says_what_the_values_are(tmp_path):

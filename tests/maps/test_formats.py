@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+import mapdeal
 import states
 from drawn import grid_from_text
-from mapdeal import BitMap, ParameterError, read_map, write_bit_map, write_map
+from mapdeal import BitMap, FieldView, ParameterError, read_map, write_bit_map, write_map
 from mapdeal.maps.formats import FORMATS
 from mapdeal.maps.map_server import BITS
 from mapdeal.maps.pbstream import PBSTREAM
@@ -45,6 +46,21 @@ def test_what_is_written_is_read_again(saved):
     if path.suffix not in PBSTREAM.endings:
         assert (read_map(path).frame, read_map(path).kind) == (grid.frame, grid.kind)
         assert np.array_equal(read_map(path).occupancy, grid.occupancy)
+
+
+@pytest.mark.parametrize("ending", [".yaml", ".npz"])
+@pytest.mark.parametrize(("drawing", "strength", "scale"), [
+    ("#....?\n?..+.#", 1.0, {"view_range": 0.7}), ("#....?\n?..+.#", 1.3, {"view": "per-map"}),
+    ("#...\n....", 1.0, {}),  # obstacles and free cells alone, raw all the same
+])  # fmt: skip
+def test_a_view_comes_back_from_its_files(tmp_path, ending, drawing, strength, scale):
+    field = mapdeal.esdf(grid_from_text(drawing), strength=strength)
+    view = mapdeal.field_view(field, **scale)
+    write_map(tmp_path / f"v{ending}", view)
+    back = read_map(tmp_path / f"v{ending}")
+    assert isinstance(back, FieldView)
+    assert np.array_equal(back.occupancy, view.occupancy)
+    assert (back.scale, back.frame) == (view.scale, view.frame)
 
 
 @pytest.mark.parametrize("damage", DAMAGE)
