@@ -52,3 +52,13 @@ def test_a_path_joins_the_centres_of_cells_by_points_a_cell_apart():
 def test_the_last_pose_has_the_goals_yaw_or_that_of_the_approach(approaches, goal, yaw):
     planner = ThetaStarPlanner({"use_final_approach_orientation": approaches})
     assert planner.plan(GRID, (0.02, 3.02, 1), goal).poses[-1, 2] == pytest.approx(yaw)
+
+
+@pytest.mark.parametrize(("corners", "is_found"), [(4, False), (8, True)])
+@pytest.mark.parametrize(("start", "goal"), [((1, 1, 0), (7, 7, 0)), ((1, 7, 0), (7, 1, 0))])
+def test_four_corners_lead_between_no_obstacles_that_touch(corners, is_found, start, goal):
+    wall = np.where(np.eye(9), 254, 0).astype(np.uint8)
+    grid = PlannerGrid(wall if start[1] == 7 else wall[::-1].copy(), 1.0, (0.0, 0.0))
+    for ends in ((start, goal), (goal, start)):
+        plan = ThetaStarPlanner({"how_many_corners": corners}).plan(grid, *ends)
+        assert plan.found == is_found
