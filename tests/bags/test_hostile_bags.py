@@ -213,9 +213,9 @@ def mcap(path, *records):
     return path
 
 
-def chunk(data, compression, size):
+def chunk(data, compression, size, lacking=0):
     head = struct.pack("<QQQI", 0, 1, size, 0) + word(compression)
-    return record(6, head + struct.pack("<Q", len(data)) + data)
+    return record(6, head + struct.pack("<Q", len(data) + lacking) + data)
 
 
 def schema(number, name, text):
@@ -251,6 +251,8 @@ def test_a_chunk_that_expands_to_too_much_is_refused(tmp_path, compression):
     data = PACKED[compression](20)
     for size, rule in (100_000_000, "bytes of a chunk need"), (1000, "must expand to 1000 bytes"):
         refused(mcap(tmp_path / "a.mcap", chunk(data, compression, size)), rule)
+    short = chunk(data, compression, 20_000_000, lacking=1)
+    refused(mcap(tmp_path / "a.mcap", short), "the head of a chunk is damaged")
 
 
 def test_zeros_are_not_read_as_records(tmp_path):
