@@ -5,6 +5,7 @@ import pytest
 import yaml
 
 import mapdeal
+import states
 from drawn import cells, grid_from_text
 from mapdeal import BitMap, Costmap, exponential_cost, read_map, write_map
 
@@ -157,6 +158,13 @@ def test_costs_as_ros_publishes_them_and_as_amcl_sees_them(sh):
     assert read_map("b.npz").cost.tolist() == [[0, 3, 127, 251, 254, 255]]
     sh.ok("convert c.npz -o d.npz --encoding costmap2d")  # as they are
     assert read_map("d.npz").cost.tolist() == stored.cost.tolist()
+
+
+def test_the_trajectory_of_a_state_is_converted_to_poses(sh):
+    graph = states.pose_graph({(0, 0): (0, 0, 0)}, [(0, 0.5, 1, 2, 0), (0, 1.5, 1, 3, 0)])
+    Path("s.pbstream").write_bytes(states.state(graph, states.submap(states.random_cells(4, 5))))
+    assert sh("convert s.pbstream -o p.txt")[:2] == (0, "p.txt: 2 poses of s.pbstream\n")
+    assert np.loadtxt("p.txt")[:, 1:3].tolist() == [[1, 2], [1, 3]]
 
 
 def test_a_round_robot_as_costmap_2d_has_it(sh):
