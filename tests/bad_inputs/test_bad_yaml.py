@@ -98,13 +98,10 @@ def test_limits_are_the_callers(tmp_path, text, place):
             read_mapping(path, LIMITS_OF_MAPS)
 
 
-def test_a_yaml_file_of_200_megabytes_is_refused_before_it_is_read(folder, refused):
+def test_a_yaml_of_200_megabytes_is_refused_unread_and_a_pgm_with_its_yaml_named(folder, refused):
     os.truncate(folder / "m.yaml", 200_000_000)
     with memory_below(16_000_000):
         refused(["info", "m.yaml"], 3, "m.yaml", "bytes")
-
-
-def test_a_pgm_passed_as_the_map_is_refused_with_its_yaml_named(refused):
     refused(["info", "m.pgm"], 3, "m.pgm", hint="m.yaml")
 
 

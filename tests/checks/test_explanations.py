@@ -110,9 +110,14 @@ def test_examples_of_map_checks_are_found(name, tmp_path):
     assert name in [finding.check for finding in lint_file(folder / "m.yaml")]
 
 
-def test_the_example_of_islands_is_found(tmp_path):
+def test_islands_are_found_and_the_bases_of_the_examples_have_no_finding(tmp_path):
     write_map(tmp_path / "m.npz", grid_from_text(snippet_of("map.islands"), 1.0))
     assert "map.islands" in [finding.check for finding in lint_file(tmp_path / "m.npz")]
+    path = tmp_path / "robot.yaml"
+    for document in (yaml.safe_load(ROS1), costmap_of(yaml.safe_load(NAV2))):
+        path.write_text(yaml.safe_dump(document, sort_keys=False))
+        assert lint_parameters([path]) == {path: []}
+    assert len(MAPS) + len(PARAMETERS) > 40  # examples that are run
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
@@ -129,14 +134,6 @@ def test_examples_of_parameter_checks_are_found(name, tmp_path):
     lines = yaml.safe_dump(document, sort_keys=False)
     path.write_text(f"{lines}{snippet}\n" if name == "params.empty" else lines)
     assert name in [finding.check for finding in lint_parameters([path])[path]]
-
-
-def test_the_bases_of_the_examples_have_no_finding(tmp_path):
-    path = tmp_path / "robot.yaml"
-    for document in (yaml.safe_load(ROS1), costmap_of(yaml.safe_load(NAV2))):
-        path.write_text(yaml.safe_dump(document, sort_keys=False))
-        assert lint_parameters([path]) == {path: []}
-    assert len(MAPS) + len(PARAMETERS) > 40  # examples that are run
 
 
 CASES = Path(__file__).with_name("cases")

@@ -102,12 +102,6 @@ def test_sparse_floors_are_found_below_dense_ceilings(seed, density):
     assert abs(np.nanmedian(result.layers["floor_height"])) < 0.02
 
 
-def test_floors_of_hardly_any_points_are_refused():
-    room = SampledRoom(1, floor_density=2, density=1500)
-    with pytest.raises(MalformedInputError, match="no floor found"):
-        cloud_map(room.points())
-
-
 @settings(max_examples=4)
 @given(SEEDS, st.sampled_from(["z", "-z", "y", "-y", "x", "-x"]))
 def test_turned_clouds_make_the_map_of_upright_ones(seed, up):
@@ -188,7 +182,9 @@ def test_a_floor_beside_the_mapped_one_is_named(tmp_path, build, rise):
     assert float(others) in (pytest.approx(rise, abs=0.03), pytest.approx(0.0, abs=0.03))
 
 
-def test_a_place_without_a_storey_is_refused():
+def test_floors_of_hardly_any_points_and_places_without_a_storey_are_refused():
+    with pytest.raises(MalformedInputError, match="no floor found"):
+        cloud_map(SampledRoom(1, floor_density=2, density=1500).points())
     with pytest.raises(MalformedInputError, match="no level is at or below -7 m there"):
         cloud_map(SampledRoom(1).points(), at=(1.0, 1.0, -7.0))
     with pytest.raises(ParameterError, match="cannot be given together with floor"):

@@ -298,9 +298,7 @@ def test_what_is_too_large_gets_coarser_cells_where_that_saves_most():
     smaller = encoded(layers, size=sum(map(len, result.data)) - 1)
     assert _reduces(smaller) == [[4, 1], [8, 2], [8, 2], [2]]
     assert smaller.encoded[3].levels[-1].reduce == 2
-
-
-def test_there_is_an_end_to_how_coarse_cells_become():
+    # there is an end to how coarse cells become
     result = encoded([_noise(600, 1), _noise(256, 2), _noise(257, 3)], size=0)
     assert _reduces(result) == [[8], [1], [4]]
 

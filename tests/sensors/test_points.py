@@ -293,13 +293,10 @@ def written(folder, value):
     return path
 
 
-def test_a_transform_written_by_hand(tmp_path):
+def test_a_transform_is_written_by_hand_or_by_align_which_says_between_which_maps(tmp_path):
     found = read_transform(written(tmp_path, {"x": 1.5, "y": -2, "yaw": 0.25}))
     assert found.transform.pose == (1.5, -2.0, 0.25)
     assert (found.first, found.second) == ({}, {})
-
-
-def test_a_document_of_align_says_between_which_maps(tmp_path):
     document = {
         "transform": points.transform_document(Transform(1.25, 2.5, math.pi / 3)),
         "first": {"file": "a.yaml", "sha256": {"a.pgm": "0" * 64}},
