@@ -37,6 +37,7 @@ def test_a_speed_that_a_mask_cannot_hold_is_rounded_down_or_refused():
     assert (percent.base, percent.multiplier) == (100.0, -1.0)
     assert percent.value_of(33.3) == (67, False)
     assert metres.multiplier == 7.0
+    assert info_for("speed", [1.25, 0.2], unit="m/s").multiplier == 0.05  # by 0.02, 1.25 is not
     for info, speed in ((percent, 0.5), (percent, 120.0), (metres, 0.5)):
         with pytest.raises(ParameterError, match="must be"):
             info.value_of(speed)
