@@ -114,7 +114,7 @@ def test_a_zone_in_a_door_is_named(tmp_path, command):
     assert code == 1
 
 
-def test_info_and_report_show_the_limits(folder, tmp_path, command):
+def test_info_report_and_lint_know_the_filter_and_its_limits(folder, tmp_path, command):
     path, _ = folder
     _, out, _ = command("info", path / "speed_mask.yaml")
     assert "limit 20 %  6.253 m2" in out
@@ -124,6 +124,8 @@ def test_info_and_report_show_the_limits(folder, tmp_path, command):
     assert '<th scope="row">limit 20 %</th><td>6.253 m2</td>' in (tmp_path / "r.html").read_text()
     _, out, _ = command("lint", path / "speed_mask.yaml", "--select", "yaml")
     assert "unknown" not in out
+    _, _, err = command("lint", OFFICE, "--from", "0,0.9", "--mask", path / "binary_mask.yaml")
+    assert "applies to keepout masks, not to binary" in err
 
 
 def test_lint_ends_with_4_without_its_mask_and_with_3_without_an_image(tmp_path, command):
