@@ -351,6 +351,7 @@ def without_costs(manifest, folder):
 @pytest.mark.parametrize(("change", "layers", "count", "expected"), [
     *[(lambda document, _, value=value: document.update(warnings=value), STAGES, 0, [])
       for value in (5, True, "text", {"a": 1}, None)],
+    (lambda document, _: document["stages"][-1]["cost"].update(inscribed_radius=-1), STAGES, 0, []),
     (lambda document, _: document["outputs"].update({f"f{k}": "0" for k in range(300)}), STAGES, 21,
      ["f19: is missing, though the manifest lists it",
       "manifest.json: 280 more of the files that it lists are missing, or are others"]),
