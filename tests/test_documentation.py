@@ -117,12 +117,9 @@ def test_every_python_example_of_a_page_runs(page, project, capsys):
         assert [line for line in capsys.readouterr().out.splitlines() if line in shown] == shown
 
 
-def test_python_page_shows_a_grid_as_it_is(project):
+def test_readme_leads_to_every_page_and_that_of_python_shows_a_grid_as_it_is(project):
     shown = repr(mapdeal.read_map("examples/maps/office.yaml"))
     assert f"```\n{shown}\n```" in (ROOT / "docs" / "python.md").read_text()
-
-
-def test_readme_leads_to_every_page():
     text = (ROOT / "README.md").read_text()
     linked = set(re.findall(r"\]\((docs/[a-z0-9_/]+\.md)\)", text))
     assert linked == {_name(page) for page in PAGES[1:]}

@@ -209,6 +209,7 @@ def other_server(reply):
     (bytes(1000), "does not answer as a dask scheduler"),
 ])  # fmt: skip
 def test_servers_of_other_programs_are_refused_in_time(sh, maps, monkeypatch, reply, message):
+    assert cluster._TIMEOUT + cluster._SECONDS_TO_ANSWER == 10
     monkeypatch.setattr(cluster, "_TIMEOUT", 0.5)
     with other_server(reply) as port:
         begin = time.monotonic()
@@ -217,10 +218,6 @@ def test_servers_of_other_programs_are_refused_in_time(sh, maps, monkeypatch, re
     assert (code, out, err.count("\n")) == (4, "", 1)
     assert err.startswith(f"error: tcp://127.0.0.1:{port}: {message}")
     assert not (maps / "o").exists()
-
-
-def test_default_timeout_for_a_reply_is_ten_seconds():
-    assert cluster._TIMEOUT + cluster._SECONDS_TO_ANSWER == 10
 
 
 @pytest.mark.parametrize(

@@ -128,9 +128,7 @@ def test_info_as_text_and_as_json(sh, room):
     assert report["kind"] == "distance field"
     assert (report["max_distance"], report["unknown"]) == (0.5, "occupied")
     assert "max_distance 0.5 m" in sh.ok("info e.npz")
-
-
-def test_info_gives_row_column_height_and_width_of_what_is_known(sh):
+    # row, column, height and width of what is known
     walls = "?????\n?.???\n???#?\n?????\n?????"
     for drawing, box in ((walls, [2, 1, 2, 3]), ("??\n??", None), ("?+", [0, 1, 1, 1])):
         write_map("m.npz", grid_from_text(drawing), force=True)

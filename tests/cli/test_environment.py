@@ -75,15 +75,13 @@ def test_help_for_terminals_of_any_width(sh, monkeypatch, value):
         assert "Usage:mapdeal" in "".join(out.split())
 
 
-def test_a_run_without_threads_writes_the_same(folder, sh, scarce_threads):
+def test_without_threads_a_run_writes_the_same_and_a_batch_tells_how_far_it_is(
+    folder, sh, scarce_threads
+):
     sh(f"run m.yaml -o threads --threads 3 {QUIETLY}")
     scarce_threads(0)
     assert sh.err(f"run m.yaml -o none --threads 3 {QUIETLY}") == ""
     assert tree(folder / "none") == tree(folder / "threads")
-
-
-def test_a_batch_tells_how_far_it_is_without_a_thread_for_that(sh, scarce_threads):
-    scarce_threads(0)
     assert "1 map: 1 done" in sh.ok(f"run . -o out -j 1 {QUIETLY}")
 
 

@@ -67,7 +67,7 @@ def test_a_bent_building_is_found_and_its_bend_measured(amount):
     assert 0.15 * amount < found.bend < amount
 
 
-def test_the_bend_between_maps_of_one_frame():
+def test_the_bend_between_maps_of_one_frame_and_none_that_makes_another_building_the_same():
     first = drawn(WALLS, 0.1)
     still = bend_between(first, first)
     assert still.metres < 0.02
@@ -77,9 +77,6 @@ def test_the_bend_between_maps_of_one_frame():
     x = found.point_xy[0]
     assert 0.25 < (x - first.origin[0]) / first.frame.size_xy[0] < 0.75  # the sine's middle
     assert found.share_bent > found.share + 0.2
-
-
-def test_no_bend_makes_another_building_the_same():
     assert not placed(drawn(WALLS, 0.2), bent(drawn(OTHER_WALLS, 0.2), 0.3)).same_place
 
 

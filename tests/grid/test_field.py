@@ -86,7 +86,7 @@ def test_at_centres_rounding_does_not_choose_the_side_of_the_gradient(origin):
     assert along.reshape(grid.shape) == pytest.approx(np.tile(expected, (5, 1)), abs=1e-6)
 
 
-def test_figures_of_a_field_are_its_range_and_its_obstacles():
+def test_figures_of_a_field_are_its_range_and_obstacles_those_of_a_map_every_kind_of_cell():
     distance = np.array([[-0.5, -0.25, 1.5], [0.75, 2.25, 0.5]], np.float32)
     occupancy = np.array([[100, 100, 0], [-1, 0, 50]], np.int8)
     field = DistanceField(distance, occupancy, 0.25, (1.5, -2.0, 0.4), convention="border")
@@ -99,9 +99,6 @@ def test_figures_of_a_field_are_its_range_and_its_obstacles():
     for endless in (np.inf, -np.inf):
         figures = replace(field, distance=np.where(distance == 0.75, endless, distance)).figures()
         assert (figures["lowest_distance"], figures["highest_distance"]) == (None, None)
-
-
-def test_figures_of_a_map_count_every_kind_of_cell():
     figures = OccupancyGrid([[100, 100, 100, 0, 0], [-1, 1, 99, 50, 98]], 0.25).figures()
     names = ("occupied", "free", "unknown", "between", "width", "height")
     assert [figures[name] for name in names] == [3, 2, 1, 4, 5, 2]
