@@ -82,6 +82,8 @@ def test_a_prior_decides_where_a_hall_looks_the_same_from_both_ends():
     for true in (there, there.after(Transform(20.0, 9.0, math.pi))):
         prior = Transform(true.x + 0.9, true.y - 0.4, true.yaw - 0.2)
         assert is_found(align(first, second, prior=prior), true, first)
+    near, far = (align(first, second, prior=Transform(x, 1.0, 0.5)).score for x in (3.0, 5.0))
+    assert near - far == pytest.approx(0.5, abs=0.01)  # (2.5 * 2 m / 5 m) ** 2 / 2
 
 
 def test_only_turns_that_were_given_are_looked_for():
