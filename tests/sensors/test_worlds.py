@@ -135,7 +135,7 @@ NESTED = """\
 <model name="outer"><static>1</static><pose relative_to="f">0.1 0 0 0 0 0.3</pose>
 <model name="m" placement_frame="l"><pose>0.2 0.1 0 0 0 -0.4</pose><link name="l">
 <pose>5 5 0 0 0 1</pose><collision name="c"><pose rotation_format="quat_xyzw">\
-0.1 0 0 0 0 0.479425538604203 0.8775825618903728</pose><geometry>{}</geometry></collision>
+0.1 0 0 0 0 0.958851077208406 1.7551651237807455</pose><geometry>{}</geometry></collision>
 </link>
 <joint name="l" type="fixed"><parent>world</parent><child>l</child></joint></model></model>"""
 
