@@ -2,6 +2,7 @@
 
 import math
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from mapdeal import Costmap, Footprint, Goal, OccupancyGrid, footprint_costs, re
 from mapdeal.errors import MalformedInputError
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode
 from mapdeal.maps.route_graphs import graph_text
+from mapdeal.planning import route_graphs
 from mapdeal.planning.graph_drafts import GraphOptions, band_around_unknown
 from mapdeal.planning.hall_lattices import lattices_in
 from mapdeal.planning.route_graphs import AREA_PER_NODE, MOST_EDGES, route_graph_of
@@ -420,3 +422,10 @@ def test_without_obstacles_every_method_goes_straight(tmp_path, method):
     found = mapdeal.route(free, start=tuple(start), goal=tuple(goal), method=method, **options)
     assert (found.method, found.reached) == (method, True)
     assert found.length == pytest.approx(18 * 0.25)
+
+
+@pytest.mark.parametrize(("before", "doors"), [(math.inf, [1]), (0.0, [])])
+def test_a_path_of_two_cells_has_a_door_between_halls_alone(before, doors):
+    draft, path = SimpleNamespace(cell=0.1), route_graphs._Path((), 0, 0, before, math.inf)
+    found = route_graphs._CompleteDraft._doors(draft, np.array([2.0, 1.0]), path)
+    assert list(found) == doors
