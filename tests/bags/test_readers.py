@@ -292,12 +292,9 @@ def test_the_only_matching_topic_is_chosen_and_others_are_named(maker, tmp_path)
             assert hint in caught.value.hint
 
 
-def test_topics_and_files_of_a_bag_have_the_names_that_readers_accept(tmp_path):
+def test_names_are_those_that_readers_accept_and_the_first_among_equals_stays_first(tmp_path):
     assert normalised_topic("//a//b/") == normalised_topic("a/b") == "/a/b"
     assert [name_inside(tmp_path / name) for name in ("a b.db3", "a%41.db3")] == ["a b", "bag"]
-
-
-def test_an_index_keeps_what_was_recorded_first_among_equals():
     index = MessageIndex.of([Place(1, 5, 0, 0), Place(2, 3, 0, 7), Place(3, 5, 1, 2)])
     assert [place.connection for place in index.sorted_by_time()] == [2, 1, 3]
 

@@ -133,13 +133,10 @@ def test_rooms_of_a_part_of_the_map_that_no_way_leads_to_are_found():
     assert "by a passage of 1 m" in text
 
 
-def test_a_comment_suppresses_passages(room):
+def test_a_comment_suppresses_passages_and_costs_have_none(room):
     room.write_text(room.read_text() + "# mapdeal: ignore map.disconnected\n")
     stopped = mapdeal.lint(room, **RULES, footprint=CLOSED)
     assert (checks_of(stopped), stopped.maps[0].suppressed) == ([], 1)
-
-
-def test_costs_and_runs_have_no_rooms(room, tmp_path):
     write_map("c.npz", mapdeal.exponential_cost(TWO_ROOMS))
     assert "map.disconnected" not in checks_of(lint_file(Path("c.npz"), radius=0.5))
 

@@ -118,13 +118,10 @@ def test_every_command_whose_result_can_fail_is_tried_here():
     assert can_fail - {"info", "scan"} <= {line.split()[0] for line in LINES}
 
 
-def test_a_batch_with_failures_still_ends_with_5(sh):
+def test_a_batch_with_failures_ends_with_5_and_pages_that_exist_are_viewed_with_0(sh):
     line = f"run m.yaml broken.yaml -o out -j 1 --report {GOAL}"
     assert sh(line)[0] == 5
     assert sh(f"{line} --force -q")[0] == 5
-
-
-def test_pages_without_an_error_and_those_that_exist_are_viewed_with_0(sh):
     assert sh("view m.yaml --no-browser")[0] == 0
     assert sh(f"reach m.yaml {GOAL} -o reach.json")[0] == 1
     assert sh("report m.yaml reach.json -o page.html")[0] == 1

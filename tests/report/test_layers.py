@@ -48,14 +48,11 @@ def test_every_type_of_grid_that_is_written_becomes_layers(grid_type):
         assert layer.states in (None, *(page_layer.name for page_layer in layers))
 
 
-def test_unknown_cells_give_way_where_cells_share_a_pixel():
+def test_unknown_cells_give_way_in_a_pixel_and_a_scale_is_shown_where_it_is_needed():
     for grid_type in (mapdeal.OccupancyGrid, mapdeal.Costmap):
         rank = page_layers(GRIDS[grid_type], "name", "Title")[-1].rank
         assert rank[255] == 0
         assert (np.diff(rank[:255].astype(int)) == 1).all()
-
-
-def test_a_scale_is_shown_where_it_is_needed():
     black_and_white = mapdeal.inflate(GRID, radius=0.0, lethal_threshold=50)
     for grid, is_needed in ((GRID, True), (black_and_white, False)):
         (layer,) = page_layers(grid, "name", "Title")
