@@ -75,9 +75,7 @@ def test_help_for_terminals_of_any_width(sh, monkeypatch, value):
         assert "Usage:mapdeal" in "".join(out.split())
 
 
-def test_without_threads_a_run_writes_the_same_and_a_batch_tells_how_far_it_is(
-    folder, sh, scarce_threads
-):
+def test_without_threads_runs_write_the_same_and_batches_count(folder, sh, scarce_threads):
     sh(f"run m.yaml -o threads --threads 3 {QUIETLY}")
     scarce_threads(0)
     assert sh.err(f"run m.yaml -o none --threads 3 {QUIETLY}") == ""
