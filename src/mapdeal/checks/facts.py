@@ -78,7 +78,7 @@ class CellTallies:
         self._free_cols = np.zeros((height, 2), dtype=np.bool_)
         self._last_free = np.zeros(width, dtype=np.bool_)
         self._free_pairs = 0  # of free cells that share an edge
-        self.pooling = max(1, math.ceil(max(shape) / _COARSE))
+        self.pooling = math.ceil(max(shape) / _COARSE)
         pooled_shape = (math.ceil(side / self.pooling) for side in shape)
         self._pooled = np.zeros((2, *pooled_shape), dtype=np.int32)  # of obstacles, and free
 
