@@ -79,6 +79,7 @@ def test_sarif_is_valid():
 
 
 def test_sarif_names_the_rules_and_the_places():
+    assert report_text("sarif").startswith('{\n  "$schema": "https://')
     run = json.loads(report_text("sarif").encode())["runs"][0]
     rules = run["tool"]["driver"]["rules"]
     assert {rule["id"] for rule in rules} == set(CHECKS)
