@@ -683,13 +683,14 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
     """Wrap a function to check and convert its keyword arguments by its signature."""
     # With `is_cropped`, the function receives only the box of a field that has numbers in one box
     # of cells, and its result is extended to the field's frame.
-    known, signature = parameters_of(function, of_stage=True), inspect.signature(function)
-    # evaluated late, because types are slow to import
+    # evaluated on first use, since a run uses few stages
+    signature = functools.cache(partial(inspect.signature, function))
+    parameters = functools.cache(partial(parameters_of, function, of_stage=True))
     accepted_types = functools.cache(partial(input_types_of, function))
 
     @functools.wraps(function)
     def with_checks(*args: P.args, **kwargs: P.kwargs) -> Any:
-        bound = _bound(function.__name__, signature, args, kwargs)
+        bound, known = _bound(function.__name__, signature(), args, kwargs), parameters()
         accepted: dict[str, Any] = {
             name: known[name].accept(value) if name in known else value
             for name, value in kwargs.items()

@@ -20,7 +20,6 @@ from mapdeal.grid.values import OneLineRepr, OverlayType, numbers_text
 from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
 from mapdeal.kernels.polygons import Spans, paint
-from mapdeal.kernels.sensing import cells_of_points
 from mapdeal.records import dataclass
 
 CELL_TOLERANCE = 1e-9  # cells: a length divided by the resolution may be off by 1e-16 of itself
@@ -217,6 +216,8 @@ class Frame:
         >>> frame.unbounded_rowcol_from_xy([[0.05, 0.35], [-0.3, 0.2]]).tolist()
         [[1, 2], [0, -1]]
         """
+        from mapdeal.kernels.sensing import cells_of_points  # slow to import
+
         points = np.asarray(points_xy, dtype=np.float64).reshape(-1, 2)
         cells = cells_of_points(points, self.origin, self.resolution, _PRECISION)
         if cells is None:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from decimal import Decimal
 from typing import Any, Final, Literal, get_args
 
 import numpy as np
@@ -151,4 +150,6 @@ def few_text(names: Sequence[str], most: int) -> str:
 
 def decimal_text(number: float, digits: int = 4) -> str:
     """Return a number with a few digits and without an exponent, such as 275,800 or 0.00125."""
+    from decimal import Decimal  # slow to import
+
     return f"{Decimal(f'{number:.{digits}g}'):,f}" if math.isfinite(number) else f"{number}"

@@ -17,7 +17,6 @@ from mapdeal.grid.frame import Point, check_point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import reach_radius, robot_text
 from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED
-from mapdeal.kernels.eikonal import lengths_to, weighted_lengths_to
 from mapdeal.kernels.lookup import sum_of_inverse_distances
 from mapdeal.stages.cost import obstacles_of
 
@@ -183,6 +182,7 @@ def _costs_to(
 ) -> NDArray[np.float64]:
     """Return the least cost of a way from each cell to a goal, in metres; inf if none."""
     from mapdeal.grid.reaching import cells_open_to
+    from mapdeal.kernels.eikonal import lengths_to, weighted_lengths_to
 
     place = ground.frame.place_in_cell(goal)
     if place is None:
