@@ -102,7 +102,6 @@ class BitMap(Framed):
         return cls.from_mask(grid.occupied(lethal_threshold), grid.resolution, grid.origin)
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
-        """Return the bits as `to_mask` does."""
         return np.asarray(self.to_mask(), dtype=dtype)
 
     def to_mask(self) -> NDArray[np.bool_]:

@@ -67,7 +67,7 @@ def obstacles_in(frame: Frame, obstacles: Mask, source: Frame) -> Mask:
 def contained_in(frame: Frame, cells: Mask, source: Frame) -> Mask:
     if region_on_lattice(source, frame) is not None:
         return obstacles_in(frame, cells, source)
-    return _inside(frame, source) & ~obstacles_in(frame, ~cells, source)
+    return _wholly_inside(frame, source) & ~obstacles_in(frame, ~cells, source)
 
 
 def sampled(frame: Frame, values: NDArray[np.int8], source: Frame) -> tuple[NDArray[np.int8], Mask]:
@@ -111,7 +111,6 @@ def frames_overlap(first: Frame, second: Frame) -> bool:
 
 
 def rows_and_cols_under(frame: Frame, source: Frame) -> tuple[slice, slice]:
-    """Return the rows and columns of a grid that contain all its cells under a frame."""
     places = _corners_on(source, frame)
     first = np.clip(np.floor(places.min(axis=0)) - 1, 0, source.shape).astype(int)
     last = np.clip(np.ceil(places.max(axis=0)) + 1, 0, source.shape).astype(int)
@@ -147,8 +146,7 @@ def _quartered(frame: Frame, quarters: int) -> Frame:
     return Frame(*shape, frame.resolution, (x, y, frame.origin[2] + quarters * math.pi / 2))
 
 
-def _inside(frame: Frame, source: Frame) -> Mask:
-    """Return which cells of a frame lie in a grid with all corners."""
+def _wholly_inside(frame: Frame, source: Frame) -> Mask:
     result = np.zeros(frame.shape, dtype=np.bool_)
 
     def test_rows(part: slice) -> None:

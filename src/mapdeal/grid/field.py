@@ -48,7 +48,6 @@ class FieldSamples(NamedTuple):
     inside: NDArray[np.bool_]
 
     def __repr__(self) -> str:
-        """Return one line: the sample of a single point, or the range of many."""
         points = count_text(len(self.distance), "point")
         text = f"{points}, {np.count_nonzero(self.inside)} inside"
         known = self.distance[~np.isnan(self.distance)]

@@ -94,7 +94,6 @@ def check_origin(origin: Sequence[float]) -> Origin:
 
 
 def check_point(point: Sequence[float], name: str) -> Point:
-    """Return `point` as two finite floats x, y; errors refer to it as `name`."""
     values = as_numbers(point)
     require(len(values) == 2, "must be two numbers x, y", name, got=point)
     require(are_near(values), _POINT_RULE, name, got=values)
@@ -455,7 +454,6 @@ class Region(NamedTuple):
         return _overlap(self.row, self.height, shape[0]), _overlap(self.col, self.width, shape[1])
 
     def holds(self, cells_rowcol: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return whether each cell, shape (N, 2), lies in the region."""
         from_first = cells_rowcol - (self.row, self.col)
         inside: NDArray[np.bool_] = (from_first >= 0) & (from_first < (self.height, self.width))
         return inside[:, 0] & inside[:, 1]
@@ -556,8 +554,7 @@ class Framed(map_values.Drawn, ABC):
         return {"width": width, "height": height, **place}
 
     @abstractmethod
-    def _own_figures(self) -> Figures:
-        """Return the figures that only this type of grid has."""
+    def _own_figures(self) -> Figures: ...
 
     def _repr_parts(self) -> Iterator[str]:
         height, width = self.shape
@@ -572,8 +569,7 @@ class Framed(map_values.Drawn, ABC):
         yield from ()
 
     @abstractmethod
-    def _repr_values(self) -> Iterator[str]:
-        """Yield the parts of the repr about the values."""
+    def _repr_values(self) -> Iterator[str]: ...
 
     def entries(self) -> dict[str, Any]:
         """Return the entries of an npz besides the geometry: layers and parameters by key."""

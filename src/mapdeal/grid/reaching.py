@@ -115,11 +115,9 @@ class PassageTree:
         return (x + other_x) / 2, (y + other_y) / 2
 
     def is_open(self, closed_up_to: int) -> NDArray[np.bool_]:
-        """Return the cells of all basins whose square is above a limit, shape (H, W)."""
         return self.cells_of(np.ones(len(self.tree.peaks), dtype=np.bool_), closed_up_to)
 
     def in_largest_area(self, closed_up_to: int) -> NDArray[np.bool_] | None:
-        """Return the cells of the largest area with squares above a limit, if there is one."""
         # Areas are connected by the four straight neighbours. Of areas of equal size, the one whose
         # first basin comes first is returned.
         tree = self.tree
@@ -149,8 +147,6 @@ class PassageTree:
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """The map that a robot moves on."""
-
     occupancy: NDArray[np.int8]
     frame: Frame
     through_unknown: bool
@@ -191,8 +187,6 @@ class Ground:
 
 @dataclass(frozen=True, eq=False)
 class RootedPassageTree:
-    """A passage tree seen from a start, as a robot reaches the cells from there."""
-
     passage_tree: PassageTree
     start: Cell
     rooted: RootedTree | None
@@ -386,7 +380,6 @@ def _sides_of(
 
 
 def _components_without(tree: ClearanceTree, edges: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the component label of each basin after removing some edges."""
     is_left = np.ones(len(tree.firsts), dtype=np.bool_)
     is_left[edges] = False
     return joined(len(tree.peaks), tree.firsts[is_left], tree.seconds[is_left])[0]
@@ -438,7 +431,6 @@ def reach_on(
     ground: Ground, robot: Footprint | None, *, start: Sequence[float] | None,
     goals: Sequence[Goal], headings: int, margin: float, min_area: float,
 ) -> Reach:  # fmt: skip
-    """Compute where a robot can go; see the stage ``reach``."""
     if start is not None and len(start) not in (2, 3):
         raise ParameterError("must be x,y or x,y,yaw", place="start", got=tuple(start))
     pose = None if start is None else tuple(start)

@@ -218,7 +218,6 @@ def _parts(counts: NDArray[np.int64]) -> Iterator[slice]:
 
 
 def closed_costs(occupied: NDArray[np.bool_], unknown: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return costs of obstacles and unknown cells, without inflation, for footprint tests."""
     costs = np.full(occupied.shape, FREE_SPACE, dtype=np.uint8)
     costs[unknown] = NO_INFORMATION
     costs[occupied] = LETHAL_OBSTACLE

@@ -88,13 +88,10 @@ def draw_with(drawer: Drawer) -> None:
 
 
 class OneLineRepr:
-    """Base class of objects whose repr is one line even if they contain arrays."""
-
     __slots__ = ()
 
     @abstractmethod
-    def _repr_parts(self) -> Iterator[str]:
-        """Yield the parts of the repr."""
+    def _repr_parts(self) -> Iterator[str]: ...
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(self._repr_parts())})"
@@ -106,7 +103,6 @@ class Drawn(OneLineRepr):
     __slots__ = ()
 
     def _repr_png_(self) -> bytes | None:
-        """Return the picture for IPython and Jupyter, if there is one."""
         return _drawers[0](self) if _drawers else None
 
 
@@ -119,14 +115,12 @@ def place_text(place: Iterable[float]) -> str:
 
 
 def points_text(points: Sequence[Sequence[float]]) -> str:
-    """Return a few points in brackets, or the number of many and the first one."""
     if len(points) > _MOST_LISTED:
         return f"{len(points)} points from {numbers_text(points[0])}"
     return f"[{', '.join(map(numbers_text, points))}]"
 
 
 def table_lines(rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Yield the lines of a table, its columns two blanks apart."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         yield "  ".join(map(str.ljust, row, widths)).rstrip()
@@ -138,12 +132,10 @@ def join_words(words: Iterable[str], conjunction: str = "or") -> str:
 
 
 def count_text(count: int, noun: str) -> str:
-    """Return a count with its noun, in the plural unless the count is 1."""
     return f"{count} {noun}{'s' * (count != 1)}"
 
 
 def few_text(names: Sequence[str], most: int) -> str:
-    """Return the first names of a list, and how many more there are."""
     remaining = len(names) - most
     return ", ".join(names[:most]) + (f" and {remaining} more" if remaining > 0 else "")
 
