@@ -25,5 +25,4 @@ def unreachable(squared: SquaredDistances) -> int:
 
 
 def dtype_of_squares(shape: tuple[int, ...]) -> type[np.int32] | type[np.int64]:
-    """Return int32 for sides of up to 32,767 cells, else int64."""
     return np.int32 if max(shape) <= _LONGEST_SIDE_IN_32_BITS else np.int64

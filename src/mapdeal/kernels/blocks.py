@@ -50,7 +50,6 @@ class CacheBudget:
         self._lock = Lock()
 
     def take(self, size: int) -> bool:
-        """Reserve `size` bytes if so many are available; return whether they were."""
         with self._lock:
             if size > self._available:
                 return False
@@ -230,7 +229,6 @@ def made_by_windows(source: Layer, dtype: Any, change: MakeRows, *, halo: int) -
 
 
 def mapped(layer: Layer, dtype: Any, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Layer:
-    """Return a layer of the rows that `change` computes from the same rows of a layer."""
     return made_by_rows(layer, dtype, lambda rows: change(layer[rows]))
 
 

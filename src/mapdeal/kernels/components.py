@@ -457,8 +457,6 @@ class ClearanceTree:
 
 @dataclass(frozen=True, eq=False)
 class RootedTree:
-    """A clearance tree seen from one basin."""
-
     order: Basins
     parent_edges: Basins
     bottlenecks: Integers

@@ -56,7 +56,6 @@ class BlockRuns:
 
 
 def runs_of(marked: Mask) -> BlockRuns:
-    """Return the runs at both borders of a block of cells, shape (rows, W)."""
     first, last = marked[0].copy(), marked[-1].copy()
     return BlockRuns(len(marked), first, last, _run(marked), _run(marked[::-1]))
 
@@ -131,7 +130,7 @@ def _engine(marked: Mask, height: int = 0) -> ModuleType:
 
 
 def dilate_square(marked: Mask, reach: int) -> Mask:
-    if _is_drawn(marked, reach):
+    if _can_draw(marked, reach):
         return _covered(marked, reach, None)
     return _widened(_widened(marked, reach).T, reach).T
 
@@ -148,7 +147,7 @@ def beside(cells: Mask) -> Mask:
 
 def within_distance(marked: Mask, square: int) -> Mask:
     reach = math.isqrt(square)
-    if _is_drawn(marked, reach):
+    if _can_draw(marked, reach):
         return _covered(marked, reach, square)
     if square > _LARGEST_TABLE:
         squared = squared_distance(marked, limit=square)
@@ -164,7 +163,7 @@ def inflated(
 ) -> NDArray[np.int8]:  # fmt: skip
     protected = value if protected is None else protected  # writing `value` over it has no effect
     reach = math.isqrt(square) if square is not None else reach
-    if _is_drawn(values, reach):
+    if _can_draw(values, reach):
         cells, found = np.ascontiguousarray(values), np.empty(values.shape, np.int8)
         _draw(
             _dilation.put, values.shape, reach, cells, threshold, _half_widths(reach, square),
@@ -186,7 +185,7 @@ def ringed(values: NDArray[np.int8], marked: Mask, costs: Sequence[int]) -> NDAr
     """Return values with the cells around marked ones replaced by the cost of their ring."""
     reach = len(costs) - 1
     found = np.empty(values.shape, np.int8)
-    if _is_drawn(marked, reach):
+    if _can_draw(marked, reach):
         cells, table = np.ascontiguousarray(values), np.array(costs, np.int8)
         bytes_, halves = _bytes_of(marked), _half_widths(reach, None)
         _draw(_dilation.ring, marked.shape, reach, bytes_, halves, table, cells, found)
@@ -201,8 +200,7 @@ def ringed(values: NDArray[np.int8], marked: Mask, costs: Sequence[int]) -> NDAr
     return found
 
 
-def _is_drawn(cells: NDArray[np.generic], reach: int) -> bool:
-    """Return whether the compiled engine can draw shapes of this reach."""
+def _can_draw(cells: NDArray[np.generic], reach: int) -> bool:
     if engine_name() != "compiled" or cells.size == 0 or reach < 0:
         return False
     return reach <= _dilation.most_reach

@@ -72,7 +72,6 @@ class _MemoryGuard:
 
     @staticmethod
     def find_spec(name: str, *_: object) -> ModuleSpec | None:
-        """Raise an OSError if memory is too short for the library; find nothing."""
         is_part = name.startswith("scipy") and name.count(".") <= 1
         if name == "numpy" or (is_part and _LOADERS.isdisjoint(sys.modules)):
             check_room(_OPENBLAS)

@@ -405,7 +405,6 @@ def _gather(found: Bytes, values: Bytes, lattice: Lattice) -> None:
 
 
 def _largest_around(values: Bytes, reach: int) -> Bytes:
-    """Return the largest value within `reach` cells of each cell along both axes."""
     for _ in range(2):  # across the columns, then across the rows
         values, before = values.T.copy(), values.T
         for step in range(1, reach + 1):

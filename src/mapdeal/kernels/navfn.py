@@ -28,7 +28,6 @@ _NEUTRAL, _CLOSED, _ROOM = 50, 254, 10_000
 
 
 def cost_table(allow_unknown: bool) -> Bytes:
-    """Return NavFn's cost of each byte of a costmap, shape (256,)."""
     table: Bytes = np.minimum(_NEUTRAL + 0.8 * np.arange(256), _CLOSED - 1).astype(np.uint8)
     table[253:] = _CLOSED, _CLOSED, _CLOSED - allow_unknown
     return table

@@ -111,7 +111,7 @@ def _rings(marked: Mask, labels: NDArray[np.int32]) -> _Rings:
     # to the same side there, as at the end of a wall; and where another outline passes. All others
     # are steps of slanted lines.
     nodes = _corners(marked)
-    order, ends = _traced(_joined(nodes), nodes.partner)
+    order, ends = _traced(_next_turns(nodes), nodes.partner)
     before, after = _neighbours(ends)
     corners = np.stack([nodes.row[order], nodes.col[order]], axis=1).astype(np.float64)
     ahead = corners[after] - corners
@@ -206,8 +206,7 @@ def _corners(marked: Mask) -> _Corners:
     return _Corners(row, col, arrives, leaves, row + row_offset, col + col_offset, partner)
 
 
-def _joined(nodes: _Corners) -> Integers:
-    """Return for each turn the next turn of its ring."""
+def _next_turns(nodes: _Corners) -> Integers:
     # Edges of one direction never overlap in a row or column, so the n-th start in order belongs to
     # the n-th end.
     follows = np.empty(len(nodes.row), dtype=np.int64)

@@ -55,7 +55,6 @@ class Spans(NamedTuple):
         return found
 
     def clipped(self, width: int) -> Spans:
-        """Return the runs cut off to columns 0 .. `width` - 1, without empty ones."""
         starts, stops = np.clip(self.starts, 0, width), np.clip(self.stops, 0, width)
         has_cells = starts < stops
         return Spans(self.rows[has_cells], starts[has_cells], stops[has_cells])

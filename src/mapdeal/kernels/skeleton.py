@@ -42,7 +42,6 @@ def _tables() -> tuple[Mask, NDArray[np.uint8]]:
 
 
 def skeleton(levels: Integers, stays: Mask, is_end: Mask) -> Mask:
-    """Return the thin lines in an area, shape (H, W)."""
     # Cells of the area have a level of at least 0 and are removed by rising level. Cells of `stays`
     # remain, and cells of `is_end` where a line ends in them.
     height, width = levels.shape
@@ -143,8 +142,7 @@ def _flooded(
         _compiled.flood(flat.view(np.uint8), wide, cells, starts, most, lengths, origin)
     else:
         _flood(flat, wide, cells, starts, most, lengths, origin)
-    shape = height + 2, wide
-    return lengths.view(np.int32).reshape(shape)[1:-1, 1:-1], origin  # _FAR reads as -1
+    return lengths.view(np.int32).reshape(height + 2, wide)[1:-1, 1:-1], origin  # _FAR reads as -1
 
 
 def _flood(

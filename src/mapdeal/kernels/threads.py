@@ -29,7 +29,6 @@ _claim: ContextVar[Callable[[int], object]] = ContextVar("claim", default=lambda
 
 
 def available_threads() -> int:
-    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -76,7 +75,6 @@ class Worker:
         return starting.acquire(timeout=_LONGEST_START) or not self._decided.acquire(False)
 
     def join(self) -> None:
-        """Wait until a thread that has begun ends."""
         with self._ended:
             pass
 
