@@ -23,8 +23,6 @@ _ANY_SIZE = 1 << 62  # more cells than a map can have
 
 
 class Patches(NamedTuple):
-    """Number of connected components, and their total number of cells."""
-
     components: int
     cells: int
 

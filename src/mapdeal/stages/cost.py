@@ -25,11 +25,9 @@ ObstacleSource = OccupancyGrid | DistanceField
 def cost_model(
     name: str, *, advice: Callable[[Parameters, int], str], when_closed: str, **more: Any
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Turn a function into a cost model; see `mapdeal.command.Stage`."""
     # `advice` returns which parameters to change, given the most common cost.
 
     def remark(parameters: Parameters, figures: Figures) -> str | None:
-        """Return a remark on costs that are nearly uniform or lack obstacles, else None."""
         common = figures["most_common"]
         if common is None:
             if figures["unknown"] == figures["width"] * figures["height"]:
@@ -130,8 +128,7 @@ def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
     >>> apply_keepout_mask(costmap, mask).cost.tolist()
     [[127, 200, 254, 127]]
     """
-    cells_at = partial(cells_at_centres, costmap.frame, mask.frame)
-    keepout = MaskCosts(mask, cells_at, costmap.scale)
+    keepout = MaskCosts(mask, partial(cells_at_centres, costmap.frame, mask.frame), costmap.scale)
 
     def raised(rows: slice) -> NDArray[Any]:
         cost = costmap.cost[rows].copy()

@@ -39,7 +39,6 @@ def _memory_of_headings(parameters: command.Parameters) -> float:
 
 
 def _remark(_: command.Parameters, figures: Figures) -> str | None:
-    """Return a remark on the goals that are unreachable, if there are any, with the reasons."""
     missed = [name for name, is_reached in figures["goals"].items() if not is_reached]
     if not missed:
         return None
