@@ -89,7 +89,6 @@ class MaskCosts:
         for_rows(lay_over_part, costs.shape)
 
     def warn(self) -> None:
-        """Warn if the mask covered no cell, or freed unknown cells."""
         if not sum(self._covered):
             emit_warning("the mask covers no cell of the costs: it has no known cell there")
         if sum(self._freed):

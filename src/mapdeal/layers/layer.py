@@ -138,7 +138,6 @@ class LiveLayer:
         """Enlarge the bounds of an update to the cells that the layer changes."""
 
     def update_costs(self, master: MasterGrid, window: Window) -> None:
-        """Change the costs within the window of an update, in place."""
         part = master.part(window)
         self.layer.apply(part)
         master.costs[window] = part.costs
