@@ -134,7 +134,6 @@ def _with_end(path_xy: NDArray[np.float64], end: Point) -> NDArray[np.float64]:
 
 
 def _failure(grid: PlannerGrid, points: Metres, outcome: str, turns: int) -> str:
-    """Describe why no path was traced although the search reached the goal."""
     text = "the search reached the goal, but "
     x, y = np.array(grid.origin) + points[-1].astype(np.float64) * grid.resolution
     is_circle = (points[:-1] == points[-1]).all(axis=1).any()

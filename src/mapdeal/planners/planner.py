@@ -52,8 +52,6 @@ class PlannerGrid:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A planner's answer for one start and goal."""
-
     found: bool
     reason: Reason | None = None  # name of Nav2's exception if there is no plan
     poses: NDArray[np.float64] = field(default_factory=lambda: _NO_POSES)  # x, y, yaw: (N, 3)
@@ -68,7 +66,6 @@ class Plan:
 
     @property
     def length(self) -> float:
-        """Sum of the distances between neighbouring poses, metres."""
         steps = np.diff(self.poses[:, :2], axis=0)
         return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
 
@@ -106,7 +103,6 @@ class Planner(ABC):
         return bool(self.values[name])
 
     def with_value(self, name: str, value: Default) -> Planner:
-        """Return the planner with another value of one parameter."""
         return type(self)({**self.values, name: value})
 
     @abstractmethod
@@ -116,7 +112,6 @@ class Planner(ABC):
 
 @cache
 def planner_classes() -> dict[str, type[Planner]]:
-    """Return the classes of all modules of this package by their plugins' names."""
     for module in iter_modules(planners.__path__):
         import_module(f"{planners.__name__}.{module.name}")
     return {name: planner for planner in Planner.__subclasses__() for name in planner.plugin_names}
