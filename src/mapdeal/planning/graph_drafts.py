@@ -42,8 +42,6 @@ SHARE = 0.85
 
 @dataclass(frozen=True)
 class GraphOptions:
-    """Options of a route graph; lengths are in metres."""
-
     spacing: Annotated[float, ABOVE_0] = 2.0
     hall: Annotated[float, ABOVE_0] = 4.0
     cover: Annotated[float, ABOVE_0] = 3.0

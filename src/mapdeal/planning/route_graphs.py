@@ -474,14 +474,14 @@ class _CompleteDraft(graph_drafts.Draft):
 
     def thin_out(self) -> None:
         """Remove the least useful nodes and edges until the area has few enough nodes."""
-        self._shorten(("way",))
+        self._drop_dividing_nodes(("way",))
         for detour, self.share in _THINNER:
             self._drop_dead_ends()
-            self._shorten(("way", "crossing"))
+            self._drop_dividing_nodes(("way", "crossing"))
             self._merge(0.4 * detour * self.spacing, self.excess)
             self._drop_edges(detour * self.spacing)
-            self._shorten(("way", "crossing"))
-            self._shorten(("narrow",))
+            self._drop_dividing_nodes(("way", "crossing"))
+            self._drop_dividing_nodes(("narrow",))
             self.cover_all()
             if not self.is_crowded:
                 return
@@ -543,8 +543,7 @@ class _CompleteDraft(graph_drafts.Draft):
         if is_short and end not in self.beside[start]:
             self.move_all([(node, start, [end])])
 
-    def _shorten(self, kinds: Sequence[graph_drafts.Kind]) -> None:
-        """Remove nodes of some kinds that only divide lines."""
+    def _drop_dividing_nodes(self, kinds: Sequence[graph_drafts.Kind]) -> None:
         waiting = [node for node, beside in self.beside.items()
                    if len(beside) == 2 and self.kinds[node] in kinds]  # fmt: skip
         waiting.sort(key=lambda k: (-self.widths.get(k, 0.0), sum(self.beside[k].values()), k))
@@ -660,7 +659,7 @@ class _CompleteDraft(graph_drafts.Draft):
         # robot with corners may pass a place only sideways or while turning: without an edge.
         for _ in range(_ROUNDS):
             self.places = [(row, col) for row, col in self.rounded(self.places).tolist()]
-            self._leave_edges()
+            self._move_off_closed_edges()
             ends = np.array(sorted(self.edges), dtype=np.int64).reshape(-1, 2)
             starts, stops = self.at(ends[:, 0]), self.at(ends[:, 1])
             step = _FINE_STEP if self.has_corners else _HALF_CELL
@@ -681,8 +680,7 @@ class _CompleteDraft(graph_drafts.Draft):
         self.lanes = [ends for ends in self.lanes if self.gone.isdisjoint(ends)]
         self.missing = self.uncovered(self.nodes())
 
-    def _leave_edges(self) -> None:
-        """Move nodes that lie on the edges of closed cells to open cells."""
+    def _move_off_closed_edges(self) -> None:
         nodes = [node for node in self.nodes() if self.kinds[node] != "goal"]
         is_clear, _ = self.area.sweeps.along(self.at(nodes), self.at(nodes), touches=False)
         for node in np.array(nodes)[~is_clear].tolist():

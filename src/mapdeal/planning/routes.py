@@ -89,7 +89,6 @@ class Terrain:
         return self.costmap.frame.holds(cell) and bool(self.weights[cell] > 0)
 
     def is_clear(self, start: Place, end: Place) -> bool:
-        """Return whether a straight line stays in open cells and passes no closed corner."""
         return is_line_clear(self.is_open, start, end)
 
     def open_cell_of(self, point: Point, name: str) -> Cell:
