@@ -71,7 +71,6 @@ class Extent:
 def frame_of(
     size: Sequence[float] | None, origin: Sequence[float] | None, resolution: float
 ) -> frames.Frame | None:
-    """Return the frame of a size and a corner in metres, if they are set."""
     if size is None and origin is None:
         return None
     if size is None or origin is None:
@@ -154,8 +153,7 @@ class MapBuilder:
         """Return the map of all scans so far; `BuiltMap.layers` is empty without `with_layers`."""
         grid = self._evidence.grid()
         vanished = self._evidence.vanished_from(grid)
-        layers = self._evidence.layers() if with_layers else {}
-        return BuiltMap(grid, layers, self.counts, vanished)
+        return BuiltMap(grid, self._evidence.layers() if with_layers else {}, self.counts, vanished)
 
     @property
     def bytes_per_cell(self) -> int:

@@ -79,12 +79,10 @@ class Evidence(NamedTuple):
 
     @property
     def may_be_ceiling(self) -> bool:
-        """Whether too much hangs from the ceiling, compared with things on the floor."""
         return self.hanging > max(_LEAST_HANGING, _TIMES_RESTING * self.resting)
 
     @property
     def is_above_others(self) -> bool:
-        """Whether another storey lies below the level."""
         return self.below > _SHARE_ABOVE * self.level
 
     def contradiction(self, area: float) -> str | None:

@@ -292,8 +292,6 @@ def _largest_groups(cells: Integers, groups: Integers) -> HitGroups:
 
 
 class Evidence(ABC):
-    """Evidence for and against obstacles, gathered cell by cell."""
-
     reach_behind = 0.0  # distance behind hits up to which beams have an effect, cells
 
     def __init__(self, frame: Frame) -> None:

@@ -103,7 +103,6 @@ class Scanner:
         return np.asarray(self.first_angle + self.step * np.arange(self.beams), dtype=np.float64)
 
     def poses_of(self, robot_poses: Floats) -> Floats:
-        """Return the poses of the scanner at poses of its robot, shape (N, 3)."""
         x, y, yaw = self.mount
         moves = (x + 1j * y) * np.exp(1j * robot_poses[:, 2])
         turns = np.full(len(moves), yaw)
