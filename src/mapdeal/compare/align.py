@@ -66,8 +66,6 @@ _BLOCK = 6  # cells: of each block of shifts with this side, only the best is a 
 
 
 class SearchArea(NamedTuple):
-    """Area around an expected pose in which candidates are searched."""
-
     pose: Poses
     radius: float  # metres between the middles of the first map at both poses
 
@@ -106,7 +104,7 @@ class _Correlation:
         self.cell = max((self._diagonal + float(self._size.max())) / side, finest)
         sides = (self._diagonal + self._size) / self.cell + 4
         width, height = np.maximum(sides, _BLOCK).astype(int)
-        self._shape = _quick_size(int(height)), _quick_size(int(width))
+        self._shape = _next_5_smooth(int(height)), _next_5_smooth(int(width))
         self._middle = first.middle_xy
         walls, free = (self._splat(xy / self.cell, weights) for xy, weights in self._points(second))
         # single precision, and all x before all y: many points are turned many times
@@ -219,9 +217,8 @@ def _shifts(first: WallMap, poses: Poses, pose: Poses) -> NDArray[np.float64]:
     return np.asarray(np.hypot(*(moved(poses, middle) - moved(pose[None], middle))[:, 0].T))
 
 
-def _quick_size(least: int) -> int:
-    """Return the next size whose only prime factors are 2, 3 and 5."""
-    # 30**32 is a multiple of all such numbers that have 32 bits
+def _next_5_smooth(least: int) -> int:
+    # 30**32 is a multiple of all 5-smooth numbers of up to 32 bits
     return next(size for size in count(least) if 30**32 % size == 0)
 
 

@@ -36,14 +36,13 @@ class Bend:
         return cls(first.middle_xy, reach, np.zeros((count, 2, len(_POWERS))))
 
     @property
-    def expected(self) -> float:
-        """The standard deviation of a coefficient, metres."""
+    def deviation(self) -> float:
         return 2 * _STIFFNESS * self.reach
 
     @property
     def costs(self) -> Floats:
         """The negative logarithm of the likelihood of each bend, relative to no bend."""
-        return np.asarray((self.coefficients**2).sum(axis=(1, 2)) / (2 * self.expected**2))
+        return np.asarray((self.coefficients**2).sum(axis=(1, 2)) / (2 * self.deviation**2))
 
     def terms(self, points_xy: Floats) -> Floats:
         """Return the terms of the polynomial at points, shape (..., N, M)."""
@@ -94,7 +93,7 @@ def fitted(
     first_share = first.wall_length / len(first_faces) / piece / 2  # observations per face
     second_share = second.wall_length / len(second_faces) / piece / 2
     cos, sin = np.cos(poses[:, :1]), np.sin(poses[:, :1])
-    terms, stiffness = bend.terms(first_faces), 1 / bend.expected**2
+    terms, stiffness = bend.terms(first_faces), 1 / bend.deviation**2
     for scale in scales:
         distance, x, y = slopes(second, bend.moved(poses, first_faces))
         normal, right = _equations(terms, (x, y), distance, scale, first_share)

@@ -102,7 +102,6 @@ class MapCounts(OneLineRepr):
 
 
 def states_of(values: NDArray[np.int8]) -> States:
-    """Return whether cells are `NOTHING` (unknown), `FREE`, `OCCUPIED` or `BETWEEN`."""
     table = np.full(256, BETWEEN, dtype=np.uint8)
     table[: FREE_UP_TO + 1] = _IS_FREE
     table[OCCUPIED_FROM:] = _IS_OCCUPIED
@@ -334,8 +333,7 @@ def _same_wall_cells(
     squares = squared_distance(walls, limit=int(reach * reach))[state == _IS_OCCUPIED]
     squares = squares[squares != unreachable(squares)]
     paired = math.sqrt(np.percentile(squares, _PERCENT_PAIRED)) if len(squares) else 0.0
-    most = max(_MOST_APART / resolution, _LEAST_APART)
-    return min(max(paired + 1, _LEAST_APART), most)
+    return min(max(paired + 1, _LEAST_APART), max(_MOST_APART / resolution, _LEAST_APART))
 
 
 def _drop_doubled(earlier: Values, later: Values, reach: float, *, keeps_new: bool) -> None:

@@ -61,7 +61,6 @@ class WallMap:
         return np.array(self.frame.size_xy) / 2
 
     def some_faces(self, most: int) -> tuple[Singles, Singles]:
-        """Return at most `most` faces, evenly spaced in the list, and their normals."""
         return some_of(self.faces_xy, most), some_of(self.normals_xy, most)
 
     @cached_property
