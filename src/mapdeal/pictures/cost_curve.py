@@ -24,8 +24,6 @@ _FARTHEST = 1e9  # metres; largest distance in a picture
 
 
 class ZoneKind(Enum):
-    """Meaning of a range of distances, and its colour."""
-
     OBSTACLE = "obstacle", colours.LETHAL
     COLLISION = "collision at any heading", colours.INSCRIBED
     HEADING = "collision at some headings", (249, 190, 110)

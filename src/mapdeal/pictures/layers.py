@@ -51,8 +51,7 @@ class Drawing(ABC):
         return grid.occupancy, UNKNOWN
 
     @abstractmethod
-    def _begin(self) -> None:
-        """Prepare the collection of rows."""
+    def _begin(self) -> None: ...
 
     def _pooling(self, layer: Layer, choose: np.ufunc) -> overlays.Pooling:
         pooling = overlays.Pooling(self._raster, layer, choose)

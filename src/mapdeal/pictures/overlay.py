@@ -85,7 +85,6 @@ class Pooling:
         self.pixels: NDArray[Any]  # before enlarging, once all rows have been taken in order
 
     def all(self) -> NDArray[Any]:
-        """Process all rows of the layer; return the pixels."""
         for rows in blocks_of(self._layer):
             self.take(slice(rows.start + self._first, rows.stop + self._first))
         return self.pixels
@@ -117,7 +116,6 @@ class Pooling:
 
 
 def inner_outline(mask: Mask) -> Mask:
-    """Return the pixels of `mask` with a straight neighbour outside of it."""
     return beside(~mask) & mask
 
 
@@ -143,8 +141,6 @@ class Surface:
 
 
 class Overlay(Protocol):
-    """Protocol of drawings over the picture of a layer."""
-
     @property
     def colours(self) -> Sequence[Colour]:
         """Colours that the palette needs, in order."""
@@ -308,8 +304,6 @@ class PoseOverlay(Overlay):
 
 @dataclass(frozen=True)
 class RouteOverlay(Overlay):
-    """A route with its ends, and the local minimum in which it stopped, if any."""
-
     route: Route
 
     colours = (palette.ROUTE, palette.START, palette.GOAL, palette.MINIMUM)
@@ -504,8 +498,6 @@ IsKnown = Callable[[NDArray[Any]], Mask]
 
 @dataclass(frozen=True)
 class OtherThan:
-    """Predicate: values other than that of unknown cells."""
-
     value: int
 
     def __call__(self, values: NDArray[Any]) -> Mask:

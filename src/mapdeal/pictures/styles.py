@@ -400,7 +400,6 @@ def reach_codes(reach: Reach) -> tuple[Bytes, LayerStyle]:
 
 
 def area_text(area: float) -> str:
-    """Return square metres with three digits, or all digits before the decimal point."""
     return f"{area:.3g} m2" if area < 999.5 else f"{area:.0f} m2"
 
 
