@@ -113,7 +113,7 @@ class PnmImage(OpenImage):
             return read(slice(0, self.height))
         data = self.file.read_all()
         self._claim(self.memory())
-        samples = _plain(data, self._header, self.file.path)
+        samples = _plain_samples(data, self._header, self.file.path)
         if self._header.is_bits:
             samples = np.where(samples, np.uint8(0), np.uint8(255))
         return pictures.strips_of(self._header.picture(samples))
@@ -129,7 +129,7 @@ class PnmImage(OpenImage):
         self.check_limit()
         self._claim(self._memory_of_text())
         if header.is_text:
-            return np.packbits(_plain(data, header, path), axis=1)
+            return np.packbits(_plain_samples(data, header, path), axis=1)
         count = header.row_bytes * self.height
         packed = np.frombuffer(data, dtype=np.uint8, count=count, offset=self._start())
         return packed.reshape(self.height, -1)
@@ -220,7 +220,6 @@ def _read_header(data: bytes, source: Path) -> _Header:
 
 
 def pnm_comments(head: bytes) -> list[str]:
-    r"""Return the comments of a picture's header, given its first bytes."""
     found: list[str] = []
     words = 0  # of type, width, height and maxval; the pixels follow
     for line in head.split(b"\n"):
@@ -262,8 +261,7 @@ def _start_of_data(data: bytes, size: int, header: _Header, expected: int, sourc
     raise MalformedInputError(rule, source=source, place="pixels", got=length)
 
 
-def _plain(data: bytes, header: _Header, source: Path) -> Samples:
-    """Return the samples of a P1, P2 or P3 file, written as text."""
+def _plain_samples(data: bytes, header: _Header, source: Path) -> Samples:
     count = header.width * header.height * header.channels
     body = data[header.end :]
     if b"#" in body:

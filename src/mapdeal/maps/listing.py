@@ -133,7 +133,6 @@ def sorted_naturally(files: Iterable[Path]) -> list[Path]:
 
 
 def natural_key(text: str) -> tuple[list[str | int], str]:
-    """Return the sort key of a name, by which numbers within names are in order."""
     parts = re.split(r"([0-9]+)", text)  # words and numbers alternate
     return [int(part) if k % 2 else part for k, part in enumerate(parts)], text
 

@@ -45,7 +45,6 @@ class Outlines:  # of the areas of a set of cells
 
     @property
     def area(self) -> float:
-        """Area of the polygons, square metres."""
         return float(self.polygons.areas.sum()) * self.frame.resolution**2
 
     def points(

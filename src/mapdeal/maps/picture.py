@@ -99,7 +99,6 @@ def opaque_greys(kind: Picture) -> Picture:
 
 
 def check_size(source: object, width: int, height: int, limit: int = sys.maxsize) -> None:
-    """Refuse pictures without cells or with more cells than `limit`."""
     place = "image size"
     if width <= 0 or height <= 0:
         rule = "width and height must be above 0"

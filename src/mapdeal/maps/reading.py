@@ -129,7 +129,6 @@ def read_map(
 
 
 def output_paths(output: Path, more: Sequence[str] = ()) -> tuple[Path, ...]:
-    """Return the files that a map becomes; errors also list `more` endings of the command."""
     return output_format(output, more).paths(output)
 
 

@@ -113,7 +113,7 @@ class _Reader:
         for kind_name, found in (("node", self.nodes), ("edge", self.edges)):
             if not found:
                 self._report("refused", f"the graph has no {kind_name}")
-        self._keys()
+        self._check_scorer_metadata()
         graph = RouteGraph(tuple(self.nodes.values()), tuple(self.edges))
         return GraphFile(graph, tuple(self.problems))
 
@@ -136,7 +136,6 @@ class _Reader:
         return int(value)
 
     def _note_id(self, number: int, kind: str, point: tuple[float, float] | None) -> None:
-        """Record an id; report one that is used twice."""
         kinds = self._kinds_by_id.setdefault(number, set())
         if kind in kinds:
             self._report("double-id", f"two {kind}s have the id {number}", point)
@@ -178,8 +177,7 @@ class _Reader:
             True if overridable is None else overridable.flag(), _metadata(properties),
         ))  # fmt: skip
 
-    def _keys(self) -> None:
-        """Check the metadata that edge scorers read."""
+    def _check_scorer_metadata(self) -> None:
         index = {node.id: (node.x, node.y) for node in self.nodes.values()}
         for edge in self.edges:
             for key in FLOATS:
@@ -232,7 +230,6 @@ def write_graph(transaction: Transaction, output: Path, graph: RouteGraph) -> No
 
 
 def graph_text(graph: RouteGraph) -> Iterator[str]:
-    """Yield the lines of a graph's file, one per feature."""
     last = len(graph.nodes) + len(graph.edges)
     yield '{"type": "FeatureCollection", "name": "route_graph", "features": ['
     for number, (properties, kind, coordinates) in enumerate(_features(graph), start=1):

@@ -120,7 +120,6 @@ def _value_of(zone: Zone, info: FilterInfo) -> int:
 
 
 def name_at(zones: Sequence[Zone], grid: OccupancyGrid, xy: Point) -> str | None:
-    """Return the name of the first zone that covers the cell of a point."""
     row, col = grid.frame.unbounded_rowcol_from_xy([xy])[0].tolist()
     for zone in zones:
         with errors.capture_warnings():  # drawing the mask has already emitted these
