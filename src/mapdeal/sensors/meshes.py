@@ -141,7 +141,7 @@ def _stl_parts(path: Path) -> list[Part]:
         claim(path, 2 * len(data))
         data = data if b"vertex" in data else data.lower()
         try:
-            rows = map(_VERTEX.findall, _pieces_of(data))
+            rows = map(_VERTEX.findall, _pieces_of_whole_lines(data))
             numbers = np.concatenate([_points(b" v ".join([b"", *row]), len(row)) for row in rows])
         except ValueError:
             raise malformed(path, "must be 3 finite numbers", "vertex") from None
@@ -153,8 +153,7 @@ def _stl_parts(path: Path) -> list[Part]:
     return [Part((), numbers.reshape(-1, 3, 3))]
 
 
-def _pieces_of(data: bytes) -> Iterator[bytes]:
-    """Yield text in pieces of whole lines."""
+def _pieces_of_whole_lines(data: bytes) -> Iterator[bytes]:
     first = 0
     while first < len(data):
         end = data.rfind(b"\n", first, first + _PIECE) + 1
@@ -211,7 +210,7 @@ def _obj_parts(path: Path) -> list[Part]:
     corner_count = line_count = 0
     pieces: list[tuple[NDArray[Any], ...]] = [_obj_lines(b"", 0)[:4]]
     names: list[tuple[str, ...]] = [()]  # faces before the first name have none
-    for text in _pieces_of(data):
+    for text in _pieces_of_whole_lines(data):
         try:
             lines = _obj_lines(text, corner_count)
         except ValueError:

@@ -505,6 +505,5 @@ class ScanNpz(ScanSource):
 
 
 def open_log(path: Path, *, max_bad: int = DEFAULT_MAX_BAD) -> ScanSource:
-    """Return the scans of an ``.npz``, or of a CARMEN log under any other name."""
     with recognised(path, "a log of laser scans", SCANS):
         return ScanNpz(path) if path.suffix.lower() == ".npz" else CarmenLog(path, max_bad=max_bad)

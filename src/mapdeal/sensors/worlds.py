@@ -500,8 +500,7 @@ def _holds(ring: Floats, point: Floats) -> bool:
     return bool((begin[:, 0] + share * (end[:, 0] - begin[:, 0]) > point[0]).sum() % 2)
 
 
-def _sides(radius: float) -> int:
-    """Return the number of chords of a circle that stay close to it."""
+def _chord_count(radius: float) -> int:
     return 4 * min(256, max(4, math.ceil(math.pi / 4 * math.sqrt(radius) / math.sqrt(2 * _CHORD))))
 
 
@@ -522,11 +521,11 @@ def _revolved(profile: Sequence[tuple[float, float]], sides: int) -> Floats:
 
 def _ball(radius: float, length: float = 0.0) -> Floats:
     """Return a ball, or a capsule whose cylinder has a length."""
-    angles = np.linspace(0.0, math.pi / 2, _sides(radius) // 4 + 1)
+    angles = np.linspace(0.0, math.pi / 2, _chord_count(radius) // 4 + 1)
     radii, heights = radius * np.cos(angles), radius * np.sin(angles) + length / 2
     radii[-1] = 0.0
     lower, upper = zip(radii[::-1], -heights[::-1], strict=True), zip(radii, heights, strict=True)
-    return _revolved([*lower, *upper], _sides(radius))
+    return _revolved([*lower, *upper], _chord_count(radius))
 
 
 _FACES = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
@@ -539,7 +538,7 @@ def _box(size: Floats) -> Floats:
 
 def _cone(radius: float, length: float, upper: float = 0.0) -> Floats:
     rows = [(0, -length / 2), (radius, -length / 2), (upper, length / 2), (0, length / 2)]
-    return _revolved(rows, _sides(radius))
+    return _revolved(rows, _chord_count(radius))
 
 
 _SHAPES: dict[str, tuple[dict[str, int], Callable[..., Floats]]] = {
