@@ -128,8 +128,7 @@ def exponential_cost(
     reach = math.ceil(inflation_radius / resolution - tolerance)
     if reach == 0:
         return old.copy()
-    seeds = (old == 254) | (around_unknown & (old == 255))
-    squared = squared_distance(seeds)
+    squared = squared_distance((old == 254) | (around_unknown & (old == 255)))
     result = old.copy()
     for index in np.ndindex(old.shape):
         s = squared[index]

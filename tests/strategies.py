@@ -20,8 +20,7 @@ def masks(draw, longest=12):
     """Boolean grids of any density, 1 x 1 up to longest x longest."""
     height, width = draw(st.integers(1, longest)), draw(st.integers(1, longest))
     density = draw(st.sampled_from([0.0, 0.03, 0.2, 0.5, 0.9, 1.0]))
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    return rng.random((height, width)) < density
+    return np.random.default_rng(draw(st.integers(0, 2**32 - 1))).random((height, width)) < density
 
 
 @st.composite

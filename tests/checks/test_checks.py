@@ -175,7 +175,6 @@ CUT_OFF = "area{} of free space, {} m2, cannot be reached from the largest, 1.5 
 CUT_OFF += "fail; is a doorway closed?"
 SPECKS = "{} of free space below 1 m2, {} cells: goals there fail; mapdeal clean --min-free 4 "
 SPECKS += "removes them"
-ACROSS_CORNERS = "..##\n..##\n##..\n##.."
 BORDER = "{} of 10 cells on the border are free: paths can lead off the map; is it cut off?"
 SMALL = "all that is known lies in {}: the rest takes memory and time; try mapdeal active"
 
@@ -189,7 +188,7 @@ SMALL = "all that is known lies in {}: the rest takes memory and time; try mapde
     ("specks", "......\n......", None),
     ("islands", "....#..", None),
     ("specks", "....", None),
-    ("islands", ACROSS_CORNERS, None),
+    ("islands", "..##\n..##\n##..\n##..", None),
     ("specks", ".#\n#.", None),
     ("specks", ".#.\n###\n#..", SPECKS.format("2 specks", 2)),
     ("open-border", "....\n....\n....", BORDER.format(10)),

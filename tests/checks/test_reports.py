@@ -18,7 +18,6 @@ def finding(check, file, message="told", line=None):
     return Finding(check, CHECKS[check].severity, file, message, line)
 
 
-ODD = "a b/é,<&>\"'%#?\n\x01\udcff.yaml"
 MESSAGE = "value '<&>\"]]>' \x00 \x1b[31m \ufffe \ud800 of 100 %"
 
 
@@ -37,7 +36,7 @@ REPORT = LintReport(
         ),
         map_report("maps/turned.yaml", ("yaml.origin-yaw", "yaw 1", 4)),
         map_report("strict.yaml", ("yaml.origin-yaw", "yaw 1", 4), strict=True),
-        map_report(ODD, ("file.malformed", MESSAGE, 2)),
+        map_report("a b/é,<&>\"'%#?\n\x01\udcff.yaml", ("file.malformed", MESSAGE, 2)),
         map_report("out/office", ("run.missing-file", "esdf.pgm is gone"), is_folder=True),
         map_report("/elsewhere/m.yaml", ("image.greys", "odd")),
     ),

@@ -158,7 +158,6 @@ def windows(values, shape):
 
 BELL = np.exp(-(np.arange(-5, 6) ** 2) / (2 * 1.5**2))
 BELL = np.outer(BELL, BELL) / BELL.sum() ** 2
-EVEN = np.full((7, 7), 1 / 49)
 
 
 @examples(15)
@@ -168,7 +167,7 @@ def test_both_are_the_formula_over_all_windows(height, width, seed):
     first = rng.integers(0, 3, (height, width), dtype=np.uint8)
     noise = rng.integers(0, 3, first.shape, dtype=np.uint8)
     second = np.where(rng.random(first.shape) < 0.3, noise, first)
-    expected = by_windows(first, second, EVEN, 49 / 48)
+    expected = by_windows(first, second, np.full((7, 7), 1 / 49), 49 / 48)
     assert uniform_similarity(first, second) == pytest.approx(expected, abs=1e-12)
     expected = by_windows(first, second, BELL, 1.0)
     assert score.gaussian_similarity(first, second) == pytest.approx(expected, abs=1e-12)

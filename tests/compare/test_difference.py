@@ -332,8 +332,7 @@ def regions_of(cells):
 def test_costs_are_compared_where_both_costmaps_have_some(a, b, shift, yaw):
     """Costmaps on one lattice, `b` so many rows and columns away."""
     first = Costmap(a, RES, (1.0, -2.0, yaw))
-    second = Costmap(b, RES, first.frame.window(*shift, *b.shape).origin)
-    result = compare_costmaps(first, second)
+    result = compare_costmaps(first, Costmap(b, RES, first.frame.window(*shift, *b.shape).origin))
     pairs = {
         (r, c): (int(a[r, c]), int(b[r - shift[0], c - shift[1]]))
         for r, c in np.ndindex(a.shape)

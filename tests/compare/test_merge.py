@@ -147,8 +147,7 @@ def test_counts_rules_and_conflicts_on_one_lattice_by_hand(arrays, data):
         if 100 in values and 0 in values:
             kinds[cell] = {100: 1, 0: 2}.get(values[0], 3)
     conflicts = OccupancyGrid(merged.conflicts, 0.07, merged.grid.origin)
-    found = {cell: kind for cell, kind in known_places(conflicts, lattice).items() if kind}
-    assert found == kinds
+    assert {cell: kind for cell, kind in known_places(conflicts, lattice).items() if kind} == kinds
     for number, counts in enumerate(merged.maps):
         own = {cell: (v[number], v[:number] + v[number + 1 :]) for cell, v in by_cell.items()}
         common = [cell for cell, (_, elsewhere) in own.items() if max(elsewhere) >= 0]

@@ -76,8 +76,7 @@ def test_polygons_by_the_cells_of_their_corners_on_the_turned_map(corners, hole_
     u, v = hole_from
     hole = [(u, v), (u + side, v), (u, v + side)]
     solid, hollow = (oracles.ring_fill([cells_of(ring)], 7, 5) for ring in (corners, hole))
-    shape = Polygon(turned(grid, corners), [turned(grid, hole)])
-    drawn = draw(grid, shape, value=100)
+    drawn = draw(grid, Polygon(turned(grid, corners), [turned(grid, hole)]), value=100)
     assert (drawn.resolution, drawn.origin) == (grid.resolution, grid.origin)
     cells = {(x, y) for y, x in np.argwhere(drawn.occupancy).tolist()}
     assert cells == solid - (hollow - set(oracles.outline(cells_of(hole))))

@@ -77,8 +77,7 @@ def test_many_points_in_threads_are_the_same_points():
 def test_at_centres_rounding_does_not_choose_the_side_of_the_gradient(origin):
     grid = OccupancyGrid([[0, 0, 0, 100, 0, 0, 0]] * 5, 0.1, origin)
     field = esdf(grid)
-    cells = np.argwhere(np.ones(grid.shape))
-    distance, gradient, _ = field.query(grid.frame.xy_from_rowcol(cells))
+    distance, gradient, _ = field.query(grid.frame.xy_from_rowcol(np.argwhere(np.ones(grid.shape))))
     assert np.array_equal(distance.astype(np.float32), field.distance.ravel())
     along = gradient @ [math.cos(origin[2]), math.sin(origin[2])]
     # towards the next column, which the last one has not
@@ -94,8 +93,7 @@ def test_figures_of_a_field_are_its_range_and_obstacles_those_of_a_map_every_kin
         "width": 3, "height": 2, "resolution": 0.25, "origin": [1.5, -2.0, 0.4],
         "convention": "border", "obstacles": 2, "lowest_distance": -0.5, "highest_distance": 2.25,
     }  # fmt: skip
-    counted = replace(field, lethal_threshold=50, unknown="occupied")
-    assert counted.figures()["obstacles"] == 4
+    assert replace(field, lethal_threshold=50, unknown="occupied").figures()["obstacles"] == 4
     for endless in (np.inf, -np.inf):
         figures = replace(field, distance=np.where(distance == 0.75, endless, distance)).figures()
         assert (figures["lowest_distance"], figures["highest_distance"]) == (None, None)

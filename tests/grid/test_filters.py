@@ -41,8 +41,7 @@ def test_a_speed_that_a_mask_cannot_hold_is_rounded_down_or_refused():
     for info, speed in ((percent, 0.5), (percent, 120.0), (metres, 0.5)):
         with pytest.raises(ParameterError, match="must be"):
             info.value_of(speed)
-    chosen = info_for("speed", [1.2], unit="m/s", base=1.0, multiplier=0.1)
-    assert chosen.value_of(1.2) == (2, True)
+    assert info_for("speed", [1.2], unit="m/s", base=1.0, multiplier=0.1).value_of(1.2) == (2, True)
 
 
 @pytest.mark.parametrize("info", [FilterInfo("keepout"), FilterInfo("speed", "m/s", 0.5, 0.25)])

@@ -193,10 +193,8 @@ def test_figures_count_each_cell_once():
         "cost_scale": "costmap2d", "free": 3, "lethal": 1, "inscribed": 2, "unknown": 1,
         "circumscribed_cost": 61, "graded": 3, "most_common": {"cost": 0, "share": 0.5},
     }  # fmt: skip
-    published = Costmap([[0, 0, 0, 1, 99], [100, 100, 98, -1, 7]], 0.5, scale="occupancy")
-    figures = published.figures()
-    names = ("free", "lethal", "unknown", "graded")
-    assert [figures[name] for name in names] == [3, 2, 1, 4]
+    figures = Costmap([[0, 0, 0, 1, 99], [100, 100, 98, -1, 7]], 0.5, scale="occupancy").figures()
+    assert [figures[name] for name in ("free", "lethal", "unknown", "graded")] == [3, 2, 1, 4]
     assert "inscribed" not in figures
 
 

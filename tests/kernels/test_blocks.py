@@ -67,8 +67,7 @@ def test_a_block_that_two_threads_ask_for_is_made_once():
 
 
 def test_an_error_is_raised_to_each_caller_and_not_cached():
-    outcomes = mock.Mock(side_effect=[OSError("gone"), ALL_ROWS])
-    layer = lazy(23, keep=1, make=outcomes)
+    layer = lazy(23, keep=1, make=mock.Mock(side_effect=[OSError("gone"), ALL_ROWS]))
     with pytest.raises(OSError, match="gone"):
         layer[0:3]
     assert np.array_equal(layer[0:3], ALL_ROWS[0:3])
@@ -150,8 +149,7 @@ def test_slerp_turns_at_constant_speed(axis, angle, share):
         quats = start.as_quat()[None], sign * end.as_quat()[None]
         found = rotations.slerp(*quats, np.array([share]))[0]
         assert np.linalg.norm(found) == pytest.approx(1, abs=1e-15)
-        error = (Rotation.from_quat(found) * expected.inv()).magnitude()
-        assert error < 1e-11
+        assert (Rotation.from_quat(found) * expected.inv()).magnitude() < 1e-11
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (2, 3)])

@@ -110,8 +110,7 @@ def test_a_rooted_tree_leads_from_each_basin_to_the_root(each_engine, grid, choi
     depths = {root: 0}
     for basin in rooted.order[1:].tolist():
         edge = rooted.parent_edges[basin]
-        ends = {int(tree.firsts[edge]), int(tree.seconds[edge])}
-        (parent,) = ends - {basin}
+        (parent,) = {int(tree.firsts[edge]), int(tree.seconds[edge])} - {basin}
         assert rooted.bottlenecks[basin] == min(rooted.bottlenecks[parent], tree.squares[edge])
         depths[basin] = depths[parent] + 1
     assert list(depths.values()) == sorted(depths.values())

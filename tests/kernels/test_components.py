@@ -74,8 +74,7 @@ def test_components_are_those_of_a_flood(marked, neighbours, corners, together):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(components, "_CELLS_TOGETHER", together)  # counted in bands of rows
         found = labelled(marked, corners=corners)
-        chosen = np.arange(len(found.sizes)) % 2 == 1
-        cells = found.cells_of(chosen)
+        cells = found.cells_of(np.arange(len(found.sizes)) % 2 == 1)
     expected = oracles.groups(marked, oracles.AROUND if corners else oracles.EDGES)
     labels = range(len(found.sizes))
     groups = [frozenset(map(tuple, np.argwhere(found.cells == k).tolist())) for k in labels]

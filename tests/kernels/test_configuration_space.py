@@ -54,8 +54,7 @@ def spaces(draw, longest):
     footprint = st.lists(run, min_size=1, max_size=draw(st.sampled_from([1, 5])))
     footprints = draw(st.lists(footprint, min_size=1, max_size=9))
     row, col = st.integers(0, height - 1), st.integers(0, width - 1)
-    heading = st.integers(0, len(footprints) - 1)
-    seeds = draw(st.lists(st.tuples(heading, row, col), max_size=4))
+    seeds = draw(st.lists(st.tuples(st.integers(0, len(footprints) - 1), row, col), max_size=4))
     return blocked, footprints, seeds, draw(st.lists(st.tuples(row, col), max_size=3))
 
 

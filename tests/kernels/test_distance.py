@@ -73,8 +73,7 @@ def test_bytes_are_those_of_the_squares(marked, entries, random):
 
 @given(masks(), st.integers(0, 30) | st.just(1 << 21))
 def test_within_a_distance_is_a_threshold_on_squares(marked, square):
-    squares = oracles.squared_distance(marked)
-    expected = [s is not None and s <= square for s in squares.flat]
+    expected = [s is not None and s <= square for s in oracles.squared_distance(marked).flat]
     assert within_distance(marked, square).ravel().tolist() == expected
 
 
@@ -109,8 +108,7 @@ def test_long_distances_equal_an_independent_transform(marked):
         with use_threads(threads):
             assert np.array_equal(squared_distance(marked), expected)
             metres = np.sqrt(np.where(expected == unreachable(expected), math.inf, expected))
-            found = np.maximum(signed_distance(marked), 0)
-            assert np.array_equal(found, metres.astype(np.float32))
+            assert np.array_equal(np.maximum(signed_distance(marked), 0), metres.astype(np.float32))
 
 
 @pytest.mark.parametrize("width", [31, 32, 33, 63, 64, 65, 95, 97, 127, 129, 193])
@@ -158,8 +156,7 @@ def test_a_table_s_last_square_is_one_of_it_and_the_next_is_beyond(reach):
     marked[0, 0] = True
     table = np.full(reach * reach + 2, 7, np.uint8)
     table[-2], table[-1] = 8, 9
-    found = bytes_by_distance(marked, table)[0].tolist()
-    assert found == [7] * reach + [8] + [9] * (449 - reach)
+    assert bytes_by_distance(marked, table)[0].tolist() == [7] * reach + [8] + [9] * (449 - reach)
 
 
 @st.composite
@@ -171,8 +168,7 @@ def cut_masks(draw, longest):
 
 def by_blocks(marked, blocks, **measure):
     parts = [marked[block] for block in blocks]
-    halos = halos_of([runs_of(part) for part in parts])
-    pairs = zip(parts, halos, strict=True)
+    pairs = zip(parts, halos_of([runs_of(part) for part in parts]), strict=True)
     return np.vstack([signed_distance(part, **measure, halo=halo) for part, halo in pairs])
 
 

@@ -24,8 +24,7 @@ def tables(draw):
     """A table of any entries, or of few runs of equal ones."""
     if draw(st.booleans()):
         return draw(st.binary(min_size=256, max_size=256))
-    starts = draw(st.lists(st.integers(1, 255), max_size=12, unique=True))
-    edges = [0, *sorted(starts), 256]
+    edges = [0, *sorted(draw(st.lists(st.integers(1, 255), max_size=12, unique=True))), 256]
     entries = draw(st.binary(min_size=len(edges), max_size=len(edges)))
     return b"".join(entries[k : k + 1] * (b - a) for k, (a, b) in enumerate(pairwise(edges)))
 
@@ -115,16 +114,14 @@ def test_a_distance_at_the_clip_has_the_last_entry_however_long_the_table(each_e
 SHAPES = arrays.array_shapes(min_dims=2, max_dims=2, max_side=6)
 VALUES = arrays.arrays(np.float32, SHAPES, elements=st.floats(-100, 100, width=32))
 ANY_VALUES = arrays.arrays(np.float32, (3, 4), elements=st.floats(width=32, allow_nan=False))
-SHARES = arrays.arrays(np.float64, (7, 2), elements=st.floats(0, 1))
 
 
-@given(VALUES, SHARES)
+@given(VALUES, arrays.arrays(np.float64, (7, 2), elements=st.floats(0, 1)))
 def test_values_and_slopes_are_those_of_the_formula(each_engine, values, shares):
     places = shares * values.shape
     between, slopes = lookup.interpolate(values, places)
     for place, value, slope in zip(places.tolist(), between, slopes, strict=True):
-        expected = oracles.bilinear(values, *place)
-        assert (value, *slope) == pytest.approx(expected, abs=1e-10)
+        assert (value, *slope) == pytest.approx(oracles.bilinear(values, *place), abs=1e-10)
 
 
 def test_near_an_infinite_value_the_nearest_cell_counts_without_a_slope(each_engine):

@@ -75,8 +75,7 @@ def test_simpler_outlines_stay_near_valid_and_as_large(mask, tolerance):
         assert shapely.is_ccw(shape.exterior)
     if polygons:
         exact = union_of_cells(mask).boundary
-        distance = shapely.hausdorff_distance(together.boundary, exact, densify=0.1)
-        assert distance <= tolerance + 1e-9
+        assert shapely.hausdorff_distance(together.boundary, exact, densify=0.1) <= tolerance + 1e-9
 
 
 def test_slanted_lines_become_straight_and_rooms_keep_their_corners(each_engine):
@@ -95,8 +94,7 @@ def test_slanted_lines_become_straight_and_rooms_keep_their_corners(each_engine)
 
 
 def test_a_ring_that_touches_itself_is_an_outline_and_a_hole():
-    mask = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 0]], bool)
-    (outline,) = outlines(mask)
+    (outline,) = outlines(np.array([[1, 1, 1], [1, 0, 1], [1, 1, 0]], bool))
     assert [len(ring) for ring in outline.rings] == [6, 4]
     assert polygon(outline).is_valid
     assert outlines(np.zeros((3, 4), bool), 0.5) == []

@@ -82,8 +82,7 @@ def test_all_work_is_done_whatever_threads_there_are(scarce_threads, available, 
         futures = [pool.submit(square, k) for k in range(50)]
         assert [future.result(timeout=60) for future in futures] == [k**2 for k in range(50)]
     assert len(names) <= max(1, min(size, available))
-    here = threading.current_thread().name
-    assert (here in names) == (min(size, available) == 0)
+    assert (threading.current_thread().name in names) == (min(size, available) == 0)
 
 
 @pytest.mark.parametrize("available", [0, 1])

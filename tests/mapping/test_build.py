@@ -100,8 +100,7 @@ def test_log_odds_are_added_and_clamped_beam_by_beam(each_engine, run, limits, o
     exact = np.round(values, 3)
     expected = np.where(exact < 50, 0, np.where(exact > 50, 100, -1))
     np.testing.assert_array_equal(built.grid.occupancy, np.where(is_known, expected, -1))
-    off = np.abs(as_values.grid.occupancy - np.where(is_known, values, -1))
-    assert off.max() <= 0.501
+    assert np.abs(as_values.grid.occupancy - np.where(is_known, values, -1)).max() <= 0.501
 
 
 @given(run=runs(), limits=LIMITS, numbers=BEHIND)
@@ -208,8 +207,7 @@ BOX, PILLAR = (0.03, 0.02, 6.02, 5.01), (4, 2.5)
 
 
 def room(count):
-    rng = np.random.default_rng(2)
-    poses = rng.uniform((1, 1, -3), (2.4, 3.5, 3), (count, 3))
+    poses = np.random.default_rng(2).uniform((1, 1, -3), (2.4, 3.5, 3), (count, 3))
     return scanned(poses, np.radians(np.arange(-135, 135.5, 0.5)), BOX, PILLAR, 0.5)
 
 

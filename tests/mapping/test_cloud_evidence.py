@@ -23,8 +23,7 @@ def map_in_frame(room, points, **options):
 
 
 def near(marked):
-    padded = np.pad(marked, 1)
-    return np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).any(axis=(2, 3))
+    return np.lib.stride_tricks.sliding_window_view(np.pad(marked, 1), (3, 3)).any(axis=(2, 3))
 
 
 def check_walls(values, truth):
@@ -175,8 +174,7 @@ def test_one_storey_of_a_car_park_is_mapped(is_open):
 def test_a_floor_beside_the_mapped_one_is_named(tmp_path, build, rise):
     room = SampledRoom(1)
     move = np.array([room.width + 1.0, 0.0, rise])
-    points = np.concatenate([room.points(), room.points() + move])
-    np.save(tmp_path / "beside.npy", points)
+    np.save(tmp_path / "beside.npy", np.concatenate([room.points(), room.points() + move]))
     _, _, err = build(tmp_path / "beside.npy")
     others = re.search(r"other floors are not on the map: .* at (-?[0-9.]+) m", err)[1]
     assert float(others) in (pytest.approx(rise, abs=0.03), pytest.approx(0.0, abs=0.03))
@@ -208,8 +206,7 @@ def test_levels_lie_above_each_place_once(seed, room):
         own = levels.label == label
         for tile in np.unique(levels.tile[own]):
             assert np.ptp(levels.patches.z[own & (levels.tile == tile)]) <= room + 1e-9
-    largest = np.bincount(levels.label).max()
-    assert largest > 0.25 * len(levels.label)
+    assert np.bincount(levels.label).max() > 0.25 * len(levels.label)
 
 
 @pytest.mark.parametrize(("leaf", "has_ceiling"), [(0.15, True), (0.5, False)])
@@ -234,8 +231,7 @@ def test_coarse_voxels_show_posts_and_aisles(leaf):
     boxes = [(x - half, x + half, y - half, y + half, 0, 1.5) for x, y, half in posts]
     boxes += [(2, 10, y, y + 2, 0, 1.5) for y in (2, 4 + 2.5 * leaf)]
     points = np.concatenate([floor, *(box_points(random, 600, box) for box in boxes)])
-    voxels = (np.unique(np.floor(points / leaf), axis=0) + 0.5) * leaf
-    result = cloud_map(voxels)
+    result = cloud_map((np.unique(np.floor(points / leaf), axis=0) + 0.5) * leaf)
     assert result.grid.resolution == pytest.approx(resolution, rel=0.15)
     frame, values = result.grid.frame, result.grid.occupancy
     for row, col in frame.unbounded_rowcol_from_xy([post[:2] for post in posts]).tolist():

@@ -149,8 +149,7 @@ def test_floors_under_a_slab_lack_room_but_at_its_corners(rise, lacking):
 def test_neighbours_may_bend_but_over_a_gap_slopes_are_equal(tiles, slopes, rise, links):
     patches = Patches(np.zeros(2, int), np.array([5, 5 + tiles]), np.array([-2.0, rise - 2.0]),
                       np.array(slopes), *np.zeros((2, 2)))  # fmt: skip
-    found = _links_of(patches, 0.25, 0.06)
-    assert [(int(a), int(b)) for a, b in zip(*found, strict=True)] == links
+    assert [(int(a), int(b)) for a, b in zip(*_links_of(patches, 0.25, 0.06), strict=True)] == links
 
 
 @pytest.mark.parametrize(
@@ -161,8 +160,7 @@ def test_the_spacing_of_points_is_that_of_their_share_of_cells(every, expected):
     chosen = {1: row >= 0, 2: (row + col) % 2 == 0, 4: (row % 2 == 0) & (col % 2 == 0)}
     chosen[1.2] = chosen[2] | ~np.isin(col, (2, 3, 12, 13))  # next to the rim
     cells = np.stack([row, col, 0 * row])[:, chosen[every]]
-    found = _spacing(_cell_keys(cells, 1), _cell_keys(cells, 2), 1)
-    assert found == pytest.approx(expected)
+    assert _spacing(_cell_keys(cells, 1), _cell_keys(cells, 2), 1) == pytest.approx(expected)
 
 
 @cache
@@ -253,8 +251,7 @@ def test_voxels_are_counted_as_one_by_one(piece, cell, is_shifted):
     counted = Voxels(cell, 0.025, corner=(0.0, 0.0))
     for first in range(0, len(points), piece):
         counted.add(points[first : first + piece])
-    good = np.delete(points, 7, axis=0)
-    keys = np.floor(good / [cell, cell, 0.025] + 1e-9).astype(int)
+    keys = np.floor(np.delete(points, 7, axis=0) / [cell, cell, 0.025] + 1e-9).astype(int)
     finest = counted.columns()
     for columns, times in ((finest, 1), (finest.coarser(3), 3)):
         places = keys[:, [1, 0, 2]] // [times, times, 1]
@@ -289,8 +286,7 @@ MARKED = st.tuples(st.integers(1, 20), st.integers(1, 20)).flatmap(
 @examples(100)
 @given(MARKED, st.integers(1, 25))
 def test_gaps_are_closed_as_scipy_does(marked, wide):
-    padded = np.pad(marked, wide)
-    expected = ndimage.binary_closing(padded, np.ones((wide + 1, wide + 1)))
+    expected = ndimage.binary_closing(np.pad(marked, wide), np.ones((wide + 1, wide + 1)))
     assert np.array_equal(_closed(marked, wide), expected[wide:-wide, wide:-wide])
 
 
@@ -386,8 +382,7 @@ def test_the_command_makes_the_map_of_python(tmp_path, build):
     assert code == 0, err
     document = json.loads(text)
     result = mapdeal.build_map_from_clouds(RAMP)
-    found = mapdeal.read_map(tmp_path / "map.yaml").occupancy
-    assert np.array_equal(found, result.grid.occupancy)
+    assert np.array_equal(mapdeal.read_map(tmp_path / "map.yaml").occupancy, result.grid.occupancy)
     assert document["points"] == 21444
     shares = [document[f"{state}_share"] for state in ("floor", "obstacle", "unknown")]
     assert sum(shares) == pytest.approx(1.0, abs=1e-5)
@@ -446,8 +441,7 @@ def test_two_levels_and_a_ramp_between_them_are_no_tilt(split):
     x, y = draw.uniform(0, 20, 40000), draw.uniform(0, 10, 40000)
     floor = np.clip((x - split) / 3, 0, 1) * 0.3 + draw.normal(0, 0.005, len(x))
     wall = np.column_stack([x, np.zeros(len(x)), floor + draw.uniform(0, 2, len(x))])[::10]
-    result = cloud_map(np.concatenate([np.column_stack([x, y, floor]), wall]))
-    assert result.tilt < 0.5
+    assert cloud_map(np.concatenate([np.column_stack([x, y, floor]), wall])).tilt < 0.5
 
 
 def test_a_cloud_of_which_few_planes_are_level_is_levelled_as_well_as_may_be():

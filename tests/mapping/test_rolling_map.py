@@ -45,8 +45,7 @@ def sequences(draw):
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     count = draw(st.integers(1, 6))
     poses = rng.uniform((-2, -1, -3), (3, 1, 3), (count, 3))
-    clouds = [rng.uniform(-3, 3, (draw(st.integers(0, 8)), 2)) for _ in range(count)]
-    return clouds, poses.tolist()
+    return [rng.uniform(-3, 3, (draw(st.integers(0, 8)), 2)) for _ in range(count)], poses.tolist()
 
 
 LIMITS = st.sampled_from(
@@ -202,8 +201,7 @@ def test_walls_are_faced_up_to_an_angle():
     corridor = OccupancyGrid(np.pad(np.zeros((20, 400), np.int8), 1, constant_values=100), 0.05)
     ((_, facing),) = Surroundings(corridor).sights(np.array([[10.05, 0.55]]), 30.0)
     cols = facing[facing < 402] % 402  # of the lower wall, half a metre away
-    farthest = np.abs((cols + 0.5) * 0.05 - 10.05).max()
-    assert farthest == pytest.approx(0.5 / math.tan(0.25), abs=0.2)
+    assert np.abs((cols + 0.5) * 0.05 - 10.05).max() == pytest.approx(0.5 / math.tan(0.25), abs=0.2)
 
 
 @pytest.mark.parametrize(("fov", "beams", "last"), [
@@ -220,8 +218,7 @@ def test_noise_dropouts_and_limits():
     exact = scanner().scans(around, poses).ranges
     noisy, again = (scanner(noise=0.05, dropout=0.25).scans(around, poses).ranges for _ in range(2))
     assert noisy.tobytes() == again.tobytes()
-    lost = np.isinf(noisy) & (noisy > 0)
-    assert lost.mean() == pytest.approx(0.25, abs=0.01)
+    assert (np.isinf(noisy) & (noisy > 0)).mean() == pytest.approx(0.25, abs=0.01)
     errors = (noisy - exact)[np.isfinite(noisy) & (exact > 0.3)]
     assert (errors.mean(), errors.std()) == pytest.approx((0, 0.05), abs=0.002)
     limited = scanner(range_min=0.4, range_max=0.9).scans(around, poses).ranges
@@ -243,8 +240,7 @@ def test_frames_odometry_and_mount_compose_to_the_true_poses(seed, noise):
     odometry, frames = noisy_odometry(poses, noise)
     np.testing.assert_allclose(matrices(frames) @ matrices(odometry), matrices(poses), atol=1e-9)
     assert (odometry[0] == 0).all()
-    is_fixed = np.allclose(matrices(frames), matrices(poses[:1]), atol=1e-9)
-    assert is_fixed == (noise == 0)
+    assert np.allclose(matrices(frames), matrices(poses[:1]), atol=1e-9) == (noise == 0)
     mount = np.array([[0.3, -0.2, 1.0]])
     posed = matrices(scanner(mount=tuple(mount[0])).poses_of(poses))
     np.testing.assert_allclose(posed, matrices(poses) @ matrices(mount), atol=1e-12)

@@ -78,8 +78,7 @@ def at(samples, time):
             middle = np.array(move) + share * (np.array(next_move) - np.array(move))
             if abs(turn @ back) > 1 - 1e-12:
                 return matrix(middle, turn)
-            rotation = Slerp([0, 1], Rotation.from_quat([turn, back]))(share)
-            return matrix(middle, rotation.as_quat())
+            return matrix(middle, Slerp([0, 1], Rotation.from_quat([turn, back]))(share).as_quat())
     return matrix(*samples[0][1:])
 
 

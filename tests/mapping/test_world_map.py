@@ -80,8 +80,7 @@ PLACES = {
 def test_cells_of_the_storage_room(options, values):
     grid = build_map_from_world(STORAGE, **options)
     expected = dict(entry.split("=") for entry in values.split(", "))
-    found = {name: str(grid.query([PLACES[name]]).values[0]) for name in expected}
-    assert found == expected
+    assert {name: str(grid.query([PLACES[name]]).values[0]) for name in expected} == expected
 
 
 def test_origin_yaw_and_size_only_move_the_cells():

@@ -129,8 +129,7 @@ def test_single_pixels(tmp_path, kind, pixel, expected):
     modes = ("trinary", 0.65, 0.196), ("scale", 1.0, 0.0), ("raw", 0.65, 0.196)
     for (mode, high, low), values in zip(modes, expected, strict=True):
         path = _write_yaml(tmp_path / "map.yaml", "pixel.png", mode, high, low)
-        found = tuple(int(read_map(path, dialect=d).occupancy[0, 0]) for d in DIALECTS)
-        assert found == values
+        assert tuple(int(read_map(path, dialect=d).occupancy[0, 0]) for d in DIALECTS) == values
 
 
 GREYS = np.array([[0, 205, 254], [254, 0, 205]], dtype=np.uint8)

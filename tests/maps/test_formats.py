@@ -54,8 +54,7 @@ def test_what_is_written_is_read_again(saved):
     ("#...\n....", 1.0, {}),  # obstacles and free cells alone, raw all the same
 ])  # fmt: skip
 def test_a_view_comes_back_from_its_files(tmp_path, ending, drawing, strength, scale):
-    field = mapdeal.esdf(grid_from_text(drawing), strength=strength)
-    view = mapdeal.field_view(field, **scale)
+    view = mapdeal.field_view(mapdeal.esdf(grid_from_text(drawing), strength=strength), **scale)
     write_map(tmp_path / f"v{ending}", view)
     back = read_map(tmp_path / f"v{ending}")
     assert isinstance(back, FieldView)

@@ -193,8 +193,7 @@ def test_marks_large_numbers_and_many_bytes_change_no_kind(tmp_path, change, nam
 
 
 def test_figures_too_large_for_a_number_are_shown_as_they_are(tmp_path, command):
-    document = FILES["reach.json"][0].replace(b"8.5", b"-1e400")
-    (tmp_path / "reach.json").write_bytes(document)
+    (tmp_path / "reach.json").write_bytes(FILES["reach.json"][0].replace(b"8.5", b"-1e400"))
     code, out, _ = command("info", tmp_path / "reach.json", "--json")
     assert (code, json.loads(out)["figures"]["reachable_m2"]) == (0, "-1e400")
 

@@ -22,12 +22,11 @@ from mapdeal.maps.picture import HEAD, opened
 from mapdeal.maps.reading import MapFile, open_map, read_source
 from strategies import occupancies
 
-IN_A_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 ENDINGS = st.sampled_from([".yaml", ".pgm", ".png", ".npz"])
 ORIGINS = st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(-3.2, 3.2))
 
 
-@IN_A_FOLDER
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(occupancies(), st.floats(1e-3, 10), ORIGINS, ENDINGS, st.sampled_from(list(DIALECTS)))
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_round_trips_change_nothing(tmp_path, occupancy, resolution, origin, ending, dialect):
@@ -68,8 +67,7 @@ def test_mode_scale_keeps_every_value_in_rounded_pixels(tmp_path):
     write_map(tmp_path / "map.png", OccupancyGrid(values, 0.25), mode="scale")
     for dialect in ("nav2", "humble"):
         assert np.array_equal(read_map(tmp_path / "map.yaml", dialect=dialect).occupancy, values)
-    grid = OccupancyGrid([[0, 1, 2, 5, 98, 99, 100]], 0.05)
-    write_map(tmp_path / "m.pgm", grid, mode="scale")
+    write_map(tmp_path / "m.pgm", OccupancyGrid([[0, 1, 2, 5, 98, 99, 100]], 0.05), mode="scale")
     # (100 - v) * 2.55: 255, 252.45, 249.9, 242.25, 5.1, 2.55, 0
     assert list((tmp_path / "m.pgm").read_bytes()[-7:]) == [255, 252, 250, 242, 5, 3, 0]
     with pytest.raises(mapdeal.ParameterError, match="transparent"):

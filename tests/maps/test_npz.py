@@ -261,8 +261,7 @@ def test_the_answers_are_summed_up_in_a_line():
     names = ["kitchen", "hall", None, "lift", "stairs"]
     goals = [mapdeal.Goal(k, 0.5, name) for k, name in enumerate(names)]
     goals = [mapdeal.GoalReach(goal, goal.x == 0, goal.x == 0, 0.4) for goal in goals]
-    summary = summary_of(reach(goals=tuple(goals), passages=(passage,)).figures())
-    area, *counts = summary.split("; ")
+    area, *counts = summary_of(reach(goals=tuple(goals), passages=(passage,)).figures()).split("; ")
     assert area == "from 1.5, -2 the robot reaches 0.125 of 0.25 m2 open to it"
     assert counts == ["1 of 5 goals (not hall, 2,0.5, lift and 1 more)", "1 passage, 1 closed"]
 

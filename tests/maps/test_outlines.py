@@ -69,8 +69,7 @@ def test_polygons_rasterised_again_are_the_cells(converted, of):
 @pytest.mark.parametrize("of", OF)
 @pytest.mark.parametrize("name", REAL)
 def test_polygons_of_real_maps(real_maps, converted, of, name, mapdeal_warnings):
-    grid = read_map(real_maps / name)
-    exact = exact_polygons(converted, real_maps / name, grid, of)
+    exact = exact_polygons(converted, real_maps / name, read_map(real_maps / name), of)
     simple = polygons_in(converted(real_maps / name, "b.geojson", "--of", of))
     area = sum(polygon.area for polygon in exact)
     assert sum(polygon.area for polygon in simple) == pytest.approx(area, rel=0.01)
@@ -92,8 +91,7 @@ def test_shapes_of_polygons_are_drawn_again_by_edit(converted, tmp_path, command
     words = ("edit", "polygon", tmp_path / "map.yaml", "--blank", "--value", "100")
     code, _, err = command(*words, "--file", tmp_path / "a.geojson", "-o", tmp_path / "again.yaml")
     assert code == 0, err
-    again = read_map(tmp_path / "again.yaml")
-    assert (again.occupancy[GRID.occupancy == 100] == 100).all()
+    assert (read_map(tmp_path / "again.yaml").occupancy[GRID.occupancy == 100] == 100).all()
 
 
 def test_drawings_are_to_scale(converted):

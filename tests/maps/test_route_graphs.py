@@ -19,8 +19,7 @@ ROOMS = "\n".join(["#" * 70, *["#" + "." * 33 + "#" + "." * 34 + "#"] * 12,
 
 def loaded(text):
     """Return nodes and edges of a file as the loader of nav2_route reads them."""
-    document = json.loads(text)
-    features = document["features"]
+    features = json.loads(text)["features"]
     nodes, edges = {}, {}
     for item in features:
         properties, geometry = item["properties"], item["geometry"]

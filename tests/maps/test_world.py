@@ -120,8 +120,7 @@ def test_maps_in_utm_coordinates_become_obj_but_not_stl(tmp_path, command, conve
 
 
 def test_whole_metres_of_distant_maps_are_exact_in_stl(converted):
-    grid = grid_from_text(TEXT, 1.0, (500000.0, 5400000.0, 0.0))
-    data = converted(grid, "m.stl").read_bytes()
+    data = converted(grid_from_text(TEXT, 1.0, (500000.0, 5400000.0, 0.0)), "m.stl").read_bytes()
     corners = np.frombuffer(data[84:], TRIANGLE)["corners"]
     assert corners.min(axis=(0, 1)).tolist() == [500000, 5400000, 0]
     assert corners.max(axis=(0, 1)).tolist() == [500008, 5400004, 2]

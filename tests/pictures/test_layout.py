@@ -181,8 +181,7 @@ def test_a_histogram_has_a_bar_for_each_cell_of_distance_and_all_beyond():
     metres = np.array([0, 0.05 * math.sqrt(2), 0.05, 0.1, 0.5, 0.55, 3, math.inf])
     bins = bins_of(metres, 0.05, 0.5)
     assert [middle for middle, _ in bins] == [*(k / 20 for k in range(11)), math.inf]
-    counts = [round(share * len(metres)) for _, share in bins]
-    assert counts == [1, 2, 1, *[0] * 7, 1, 3]
+    assert [round(share * len(metres)) for _, share in bins] == [1, 2, 1, *[0] * 7, 1, 3]
     assert bins_of(np.array([]), 0.05, 0.5)[0] == (0.0, 0.0)
 
 

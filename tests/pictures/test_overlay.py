@@ -189,8 +189,7 @@ def test_cells_that_a_mask_alone_has_closed(scale, kind, lethal, is_lazy):
     surface = Surface(pixels, maps[0].frame, Raster(enlarge=2))
     assert [(swatch.index, swatch.label) for swatch in overlay.draw(surface, 9)] == [(9, "keepout")]
     assert (pixels[::2, ::2] == 9).tolist() == [[False, True, False], [False, False, True]]
-    small = Surface(np.zeros((2, 3), np.uint8), maps[0].frame, Raster())
-    assert overlay.draw(small, 9)
+    assert overlay.draw(Surface(np.zeros((2, 3), np.uint8), maps[0].frame, Raster()), 9)
     assert KeepoutOverlay.of(maps[1], maps[1]).draw(surface, 9) == []
 
 

@@ -45,8 +45,7 @@ def test_a_field_s_scale_goes_evenly_through_zero(far, deep):
 def test_a_field_s_labels_stand_beside_their_colours_and_apart(far, deep):
     style = field_style(esdf(GRID), FieldEnds(far, deep, far, -deep))
     scale, bar = style.scale, style.bar
-    places = [place for place, _ in bar.ticks]
-    assert all(b - a >= 0.079 for a, b in itertools.pairwise(places))
+    assert all(b - a >= 0.079 for a, b in itertools.pairwise([place for place, _ in bar.ticks]))
     assert "0" in [label for _, label in bar.ticks]
     for place, label in bar.ticks:
         shown = bar.indices[min(int(place * len(bar.indices)), len(bar.indices) - 1)]
@@ -64,8 +63,7 @@ def test_a_scale_counts_even_steps_and_ends_where_it_ends(low, length, values):
     found = scale.indices(np.float32(values)).tolist()
     expected = [level_of(scale, value) for value in values]
     assert all(abs(a - b) <= 1 for a, b in zip(found, expected, strict=True))
-    ends = scale.indices(np.float32([-np.inf, np.inf]))
-    assert ends.tolist() == [7, 106]
+    assert scale.indices(np.float32([-np.inf, np.inf])).tolist() == [7, 106]
 
 
 @pytest.mark.parametrize(("low", "high", "expected"), [

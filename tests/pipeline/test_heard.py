@@ -22,8 +22,7 @@ NO_NEGATE = "missing: negate (ROS requires it); assuming 0"
 
 
 def make_map(folder, name, more=""):
-    pixels = bytes([254] * 9 + [0] + [205] * 2)
-    (folder / f"{name}.pgm").write_bytes(b"P5\n4 3\n255\n" + pixels)
+    (folder / f"{name}.pgm").write_bytes(b"P5\n4 3\n255\n" + bytes([254] * 9 + [0] + [205] * 2))
     (folder / f"{name}.yaml").write_text(f"image: {name}.pgm\n{KEYS}{more}")
     return folder / f"{name}.yaml"
 

@@ -133,8 +133,7 @@ def test_a_shape_goes_into_inflate_with_its_radius_or_else_into_cost():
     circle = described("design-real", footprint=Footprint.circle(0.25))["inflate"]
     assert (circle["radius"], circle["footprint"]) == (0.25, {"radius": 0.25})
     plain = described("nav2", footprint=SHAPE)["cost"]
-    radii = plain["inscribed_radius"], plain["circumscribed_radius"]
-    assert radii == pytest.approx((0.3, 0.5))
+    assert (plain["inscribed_radius"], plain["circumscribed_radius"]) == pytest.approx((0.3, 0.5))
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -164,8 +164,7 @@ def test_a_run_on_the_whole_canvas_is_the_run_without_padded_by_hand(room, tmp_p
         elif path.suffix == ".yaml":
             old, new = (yaml.safe_load(image.read_text()) for image in (path, full_path))
             assert new == {**old, "origin": list(origin)}
-    endings = {".npz", ".pgm", ".yaml", ".png", ".json"}
-    assert {path.suffix for path in crop.iterdir()} == endings
+    assert {path.suffix for path in crop.iterdir()} == {".npz", ".pgm", ".yaml", ".png", ".json"}
 
 
 EMPTY, POST = "#" + "." * 23 + "#", "#" + "." * 11 + "#" + "." * 11 + "#"

@@ -60,5 +60,4 @@ def test_four_corners_lead_between_no_obstacles_that_touch(corners, is_found, st
     wall = np.where(np.eye(9), 254, 0).astype(np.uint8)
     grid = PlannerGrid(wall if start[1] == 7 else wall[::-1].copy(), 1.0, (0.0, 0.0))
     for ends in ((start, goal), (goal, start)):
-        plan = ThetaStarPlanner({"how_many_corners": corners}).plan(grid, *ends)
-        assert plan.found == is_found
+        assert ThetaStarPlanner({"how_many_corners": corners}).plan(grid, *ends).found == is_found

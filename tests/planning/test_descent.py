@@ -131,8 +131,7 @@ def test_steps_lead_down_and_nothing_is_lower_at_the_end(seed, density, gain, th
     row, col = (int(n) for n in np.floor(places[-1] + 1e-9))
     for r in range(max(row - 1, 0), min(row + 2, height)):
         for c in range(max(col - 1, 0), min(col + 2, width)):
-            centre = (r + 0.5, c + 0.5)
-            if is_open[r, c] and _is_wide_open(is_open, places[-1], centre):
+            if is_open[r, c] and _is_wide_open(is_open, places[-1], (r + 0.5, c + 0.5)):
                 assert surface[r, c] >= heights[-1] - 1e-9
 
 

@@ -427,5 +427,4 @@ def test_without_obstacles_every_method_goes_straight(tmp_path, method):
 @pytest.mark.parametrize(("before", "doors"), [(math.inf, [1]), (0.0, [])])
 def test_a_path_of_two_cells_has_a_door_between_halls_alone(before, doors):
     draft, path = SimpleNamespace(cell=0.1), route_graphs._Path((), 0, 0, before, math.inf)
-    found = route_graphs._CompleteDraft._doors(draft, np.array([2.0, 1.0]), path)
-    assert list(found) == doors
+    assert list(route_graphs._CompleteDraft._doors(draft, np.array([2.0, 1.0]), path)) == doors

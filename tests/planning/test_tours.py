@@ -74,8 +74,7 @@ def test_a_robot_looks_ahead_turns_at_viewpoints_and_at_dead_ends():
     assert np.ptp(near[1.0]) < 1e-9
     assert np.ptp(near[2.0]) == pytest.approx(1.5, abs=0.1)
     assert np.ptp(near[3.0]) == pytest.approx(math.pi)
-    duration = 6.0 + 2 * 1.5 + math.pi
-    assert len(poses) / 20 == pytest.approx(duration, abs=0.2)
+    assert len(poses) / 20 == pytest.approx(6.0 + 2 * 1.5 + math.pi, abs=0.2)
 
 
 def test_too_many_poses_are_refused():

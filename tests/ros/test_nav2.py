@@ -33,8 +33,7 @@ def of_node(resolve):
     """Return a function that resolves parameter lines of the global costmap or another node."""
 
     def resolve_lines(text, head=HEAD, **options):
-        lines = "".join(f"      {line}\n" for line in text.splitlines())
-        return resolve(head + lines, **options)
+        return resolve(head + "".join(f"      {line}\n" for line in text.splitlines()), **options)
 
     return resolve_lines
 
@@ -183,8 +182,7 @@ def test_asymmetric_inflation_makes_the_recorded_costs_of_inflation(real_maps, t
     cases = [case for case in cases if case["costmap"] == "global_costmap"]
     assert len(cases) == 3
     for case in cases:
-        grid = mapdeal.read_map(real_maps / case["map"])
-        cost = mapdeal.apply_recipe(grid, robot)["cost"].cost
+        cost = mapdeal.apply_recipe(mapdeal.read_map(real_maps / case["map"]), robot)["cost"].cost
         assert sum_of(cost) == case["distance_transform"]["sha256"]
 
 

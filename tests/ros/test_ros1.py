@@ -200,8 +200,7 @@ def test_the_first_reason_to_refuse_is_an_error_with_file_and_line(tmp_path):
     path = _file(tmp_path, ROS1 + "  - {name: inflation}\n")
     with pytest.raises(MalformedInputError) as caught:
         read_robot([path])
-    text = str(caught.value)
-    assert text.startswith(f"{path}: plugins (line 3): entry 2 has no type")
+    assert str(caught.value).startswith(f"{path}: plugins (line 3): entry 2 has no type")
     assert "costmap_2d::StaticLayer" in caught.value.hint
 
 
@@ -236,7 +235,6 @@ def test_files_of_other_kinds_are_not_taken_for_a_costmap_of_defaults(tmp_path, 
 def test_a_costmaps_file_beside_one_of_another_node_is_enough(tmp_path):
     paths = [_file(tmp_path, ROS1, "costmap.yaml"), _file(tmp_path, "max_vel_x: 0.5\n", "dwa.yaml")]
     assert read_robot(paths).robot_radius == 0.3
-    layered = "inflation: {inflation_radius: 1.0}\n"
-    robot, problems = load_robot([_file(tmp_path, layered)])
+    robot, problems = load_robot([_file(tmp_path, "inflation: {inflation_radius: 1.0}\n")])
     assert robot is not None
     assert "params.namespace" not in {problem.check for problem in problems}

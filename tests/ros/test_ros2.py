@@ -21,8 +21,7 @@ a: {b: {ros__parameters: {x: 1, y: 1}}}
 /c: {ros__parameters: {y: 4}}
 """
     parameters = read(text)
-    values = parameters.for_node("/a/b")
-    assert {name: value.value for name, value in values.items()} == {
+    assert {name: value.value for name, value in parameters.for_node("/a/b").items()} == {
         "x": 2.0, "y": 1, "e": None, "z": 3,
     }  # fmt: skip
     assert [name for name, _ in parameters.unset_for("/a/b")] == ["e"]
@@ -63,16 +62,14 @@ a:\t# behind a colon
 
 @pytest.mark.skipif(not yaml.__with_libyaml__, reason="PyYAML comes without libyaml here")
 def test_tabs_are_those_of_libyaml(read):
-    values = read(TABS).for_node("/a")
-    assert {name: value.value for name, value in values.items()} == {
+    assert {name: value.value for name, value in read(TABS).for_node("/a").items()} == {
         "x": 0.22, "y": 1, "z": "two\twords", "v": (1, 2, 3), "w": "several lines more",
     }  # fmt: skip
 
 
 @pytest.mark.skipif(not yaml.__with_libyaml__, reason="PyYAML comes without libyaml here")
 def test_a_byte_order_mark_within_a_file_is_as_wide_as_a_blank(read):
-    text = "\ufeffa:\n  ros__parameters:\n    x: \ufeff1\n\ufeff   y: 2\n"
-    values = read(text).for_node("/a")
+    values = read("\ufeffa:\n  ros__parameters:\n    x: \ufeff1\n\ufeff   y: 2\n").for_node("/a")
     assert [value.value for value in values.values()] == ["\ufeff1", 2]
     with pytest.raises(MalformedInputError, match="line 3: not valid YAML"):
         read("a:\n  ros__parameters: {x: 1}\n\ufeffb:\n  ros__parameters: {x: 2}\n")

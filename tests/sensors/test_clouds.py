@@ -209,9 +209,7 @@ def ply_head(*lines):
 
 
 XY = ("property float x", "property float y")
-OBJECTS = saved(np.save, np.array([[None, 1]]), allow_pickle=True)
 OBJECT_RECORDS = np.zeros(2, dtype=[("x", "f4"), ("y", "f4"), ("o", "O")])
-OBJECT_FIELD = saved(np.save, OBJECT_RECORDS, allow_pickle=True)
 
 
 def deflated(shape, size, dtype="<f8", order=False):
@@ -271,13 +269,13 @@ BAD = [
     ("words.xyz", b"1 2 3\n4 five 6\n", "line 2"),
     ("fewer.csv", b"x,y,z\n1,2,3\n1,2\n", "line 3"),
     ("names.csv", b"lat,lon\n1,2\n", "x and y"),
-    ("objects.npy", OBJECTS, "npy"),
+    ("objects.npy", saved(np.save, np.array([[None, 1]]), allow_pickle=True), "npy"),
     ("flat.npy", saved(np.save, np.arange(6.0)), "(6,)"),
     ("complex.npy", saved(np.save, np.ones((2, 2), complex)), "numbers"),
     ("no-x.npy", saved(np.save, np.zeros(3, dtype=[("a", "f4"), ("y", "f4")])), "x and y"),
     ("cut.npy", saved(np.save, TABLE)[:-8], "npy"),
     ("long-header.npy", b"\x93NUMPY\2\0" + struct.pack("<I", 4 * 10**9) + b"{}", "4000000000"),
-    ("object-field.npy", OBJECT_FIELD, "must be numbers"),
+    ("object-field.npy", saved(np.save, OBJECT_RECORDS, allow_pickle=True), "must be numbers"),
     ("two.npz", saved(np.savez, a=TABLE, b=TABLE), "a, b"),
     ("claims-rows.npz", deflated((10**12, 3), 1000), "size"),
     ("claims-columns.npz", deflated((3, 10**12), 1000), "size"),

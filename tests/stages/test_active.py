@@ -85,8 +85,7 @@ def test_every_cell_of_a_window_keeps_its_place_and_value(yaw, x, y, size_x, siz
 
     size = (size_x, size_y)
     part = mapdeal.window(source, corner_xy=(x, y), size_xy=size)
-    shape = tuple(max(1, math.ceil(size / 0.5 - 1e-9)) for size in (size_y, size_x))
-    assert part.shape == shape
+    assert part.shape == tuple(max(1, math.ceil(size / 0.5 - 1e-9)) for size in (size_y, size_x))
     assert part.frame.bounded_rowcol_from_xy([[x, y]])[0].tolist() == [[0, 0]]
     assert np.array_equal(part.layer, expected_on(part.frame, unknown))
     # a shift is the window that is as large as the map

@@ -7,8 +7,6 @@ from mapdeal import MapdealWarning, OccupancyGrid, clean, read_map
 from oracles import AROUND, EDGES, groups
 from strategies import examples, occupancies
 
-OFF = {"min_obstacle": 0, "min_hole": 0, "min_free": 0}
-
 
 def around(values, group, steps=AROUND):
     """The values of the cells around a component, -1 beyond the edges of the map."""
@@ -65,8 +63,7 @@ def rooms(draw):
 @given(st.one_of(rooms(), occupancies()), limits_drawn)
 @examples(120)
 def test_a_map_is_cleaned_as_floods_clean_it(values, limits):
-    grid = OccupancyGrid(values, 0.05, (1.5, -2.0, 0.4))
-    cleaned = clean(grid, **limits)
+    cleaned = clean(OccupancyGrid(values, 0.05, (1.5, -2.0, 0.4)), **limits)
     expected, counts = cleaned_by_floods(values, **limits)
     assert np.array_equal(cleaned.grid.occupancy, expected)
     assert {name: tuple(step) for name, step in cleaned.counts.steps().items()} == counts
@@ -89,7 +86,7 @@ def test_a_map_that_is_clean_is_warned_of():
     assert caught[0].filename == __file__
     assert found.grid.occupancy.tolist() == grid.occupancy.tolist()
     with pytest.warns(MapdealWarning, match="nothing has changed$"):
-        clean(grid_from_text("...#"), **OFF)
+        clean(grid_from_text("...#"), min_obstacle=0, min_hole=0, min_free=0)
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")

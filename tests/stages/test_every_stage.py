@@ -78,8 +78,7 @@ def test_every_stage_of_the_folder_is_listed():
     declared = re.compile(r"^@(command\.)?(stage|cost_model)\(", re.MULTILINE)
     paths = Path(catalogue.__file__).parent.glob("*.py")
     in_folder = {path.stem for path in paths if declared.search(path.read_text())}
-    listed = {stage.function.__module__.rpartition(".")[2] for stage in catalogue.STAGES}
-    assert in_folder == listed
+    assert in_folder == {stage.function.__module__.rpartition(".")[2] for stage in catalogue.STAGES}
 
 
 @pytest.mark.parametrize("stage", [stage for stage in catalogue.STAGES if stage.edits],

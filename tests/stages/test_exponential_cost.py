@@ -124,8 +124,7 @@ def test_a_cell_at_exactly_the_inscribed_radius_is_inscribed(resolution):
         cost = mapdeal.exponential_cost(grid, inscribed_radius=radius, inflation_radius=4.0).cost[0]
         assert (cost[1 : cells + 1] == 253).all()
         assert cost[cells + 1] < 253
-        inflated = mapdeal.inflate(grid, radius=radius).occupancy[0]
-        assert np.array_equal(inflated == 100, cost >= 253)
+        assert np.array_equal(mapdeal.inflate(grid, radius=radius).occupancy[0] == 100, cost >= 253)
 
 
 @pytest.mark.parametrize(("inscribed", "circumscribed", "cost", "warned"), [

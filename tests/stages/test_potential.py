@@ -154,8 +154,7 @@ def test_gradients_of_lengths_lead_away_from_the_goal_in_the_map_frame():
     length = np.hypot(*away.T)
     is_far = length > 1.0
     expected = away[is_far] / length[is_far, np.newaxis]
-    found = field.cost_to_go_gradient.reshape(2, -1).T[is_far]
-    assert found == pytest.approx(expected, abs=0.12)
+    assert field.cost_to_go_gradient.reshape(2, -1).T[is_far] == pytest.approx(expected, abs=0.12)
     assert field.cost_to_go[20, 17] == pytest.approx(0.5)
     assert mapdeal.potential(grid).cost_to_go is None
 

@@ -174,8 +174,7 @@ def test_a_long_robot_gets_through_a_door_but_cannot_turn_in_it():
     middle = centre(grid, 8, 22)
     with pytest.raises(mapdeal.ParameterError, match="in this heading, only in"):
         mapdeal.reach(grid, start=(*middle, math.pi / 6 + math.pi / 2), footprint=robot)
-    along = mapdeal.reach(grid, start=(*middle, math.pi / 6), footprint=robot)
-    assert along.reachable[8, 36]
+    assert mapdeal.reach(grid, start=(*middle, math.pi / 6), footprint=robot).reachable[8, 36]
 
 
 def test_goals_that_are_not_reached_do_not_affect_the_others():
@@ -219,15 +218,13 @@ def test_no_part_of_a_robot_is_outside_of_the_map():
     walls[1:-1, 1:-1] = 0
     walls[8:12, 14] = 100
     walled = mapdeal.OccupancyGrid(walls, 0.1, (1.0, 2.0, 0.3))
-    origin = walled.frame.window(1, 1, 22, 29).origin
-    cut = mapdeal.OccupancyGrid(walls[1:-1, 1:-1], 0.1, origin)
+    cut = mapdeal.OccupancyGrid(walls[1:-1, 1:-1], 0.1, walled.frame.window(1, 1, 22, 29).origin)
     corners = mapdeal.Footprint.polygon([[0.4, 0.2], [0.4, -0.2], [-0.4, -0.2], [-0.4, 0.2]])
     for robot in (mapdeal.Footprint.circle(0.4), corners):
         expected = mapdeal.reach(walled, footprint=robot, start=centre(walled, 15, 20))
         found = mapdeal.reach(cut, footprint=robot, start=centre(cut, 14, 19))
         for name in ("reachable", "headings", "clearance", "widest"):
-            layer = getattr(expected, name)[1:-1, 1:-1]
-            assert np.array_equal(layer, getattr(found, name)), name
+            assert np.array_equal(getattr(expected, name)[1:-1, 1:-1], getattr(found, name)), name
     rule = r"0\.1 m from the map's edge, the robot's rad"
     with pytest.raises(mapdeal.ParameterError, match=rule):
         mapdeal.reach(cut, radius=0.4, start=centre(cut, 0, 12))
@@ -282,8 +279,7 @@ def test_reachable_cells_of_real_maps_equal_those_below_inscribed_cost(real_maps
         largest = int(np.argmax(np.bincount(groups.ravel())[1:])) + 1
         for group in {1, count, largest}:
             cells = np.argwhere(groups == group)
-            start = centre(grid, *cells[len(cells) // 2])
-            found = mapdeal.reach(grid, start=start, radius=radius)
+            found = mapdeal.reach(grid, start=centre(grid, *cells[len(cells) // 2]), radius=radius)
             assert np.array_equal(found.reachable, groups == group)
             checked += 1
     assert checked > 4
