@@ -85,8 +85,7 @@ def test_a_wheel_has_all_kernels_and_the_package_alone(script, tmp_path):
     flaws_of = script(".ci/check-packages").flaws_of_wheel
     assert flaws_of(wheel(tmp_path / "a.whl", good)) == []
     assert flaws_of(wheel(tmp_path / "a.whl", [*good, "tests/a.py"])) == ["contains tests/"]
-    bad = [*good[:-1], "mapdeal/kernels/lanes.h"]
-    assert flaws_of(wheel(tmp_path / "a.whl", bad)) == [
+    assert flaws_of(wheel(tmp_path / "a.whl", [*good[:-1], "mapdeal/kernels/lanes.h"])) == [
         "contains mapdeal/kernels/lanes.h", f"lacks the compiled kernel {kernels[-1]}",
     ]  # fmt: skip
 
@@ -96,8 +95,7 @@ def test_a_source_distribution_has_every_file(script, sources, tmp_path):
         for name in sources.project_files(ROOT):
             if name != "tests/drawn.py":
                 file.addfile(tarfile.TarInfo(f"mapdeal-0.1.0/{name}"), io.BytesIO())
-    missing = script(".ci/check-packages").missing_sources(tmp_path / "a.tar.gz")
-    assert missing == {"tests/drawn.py"}
+    assert script(".ci/check-packages").missing_sources(tmp_path / "a.tar.gz") == {"tests/drawn.py"}
 
 
 @pytest.mark.thorough
@@ -127,8 +125,7 @@ def test_colcon_installs_into_a_ros_2_workspace(sources, tmp_path, monkeypatch):
 def test_headers_of_a_kernel_are_named_where_it_is_built():
     modules = PROJECT["tool"]["setuptools"]["ext-modules"]
     folder = ROOT / "src/mapdeal/kernels"
-    sources = {ROOT / module["sources"][0] for module in modules}
-    assert sources == set(folder.glob("*.pyx"))
+    assert {ROOT / module["sources"][0] for module in modules} == set(folder.glob("*.pyx"))
     assert all(module["optional"] for module in modules)
 
     def included(path):
@@ -193,10 +190,8 @@ def test_a_workflow_has_few_rights_and_actions_of_known_versions(path):
 
 
 def test_ci_runs_the_two_commands_of_readme_on_every_python():
-    workflow = yaml.safe_load((GITHUB / "workflows" / "test.yml").read_text("utf-8"))
-    job = workflow["jobs"]["linux"]
-    readme = (ROOT / "README.md").read_text("utf-8")
-    blocks = re.findall(r"(?m)^(python3 -m venv .*)$", readme)
+    job = yaml.safe_load((GITHUB / "workflows" / "test.yml").read_text("utf-8"))["jobs"]["linux"]
+    blocks = re.findall(r"(?m)^(python3 -m venv .*)$", (ROOT / "README.md").read_text("utf-8"))
     assert len(blocks) == 2
     script = (ROOT / ".ci" / "run").read_text("utf-8").splitlines()
     for runs in ([step.get("run") for step in job["steps"]], script):

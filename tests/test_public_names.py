@@ -13,8 +13,7 @@ NAMES = [name for name in dir(mapdeal) if name != "__version__"]
 
 
 def test_help_fits_on_two_screens_and_names_exist_and_have_docstrings():
-    text = pydoc.render_doc(mapdeal, renderer=pydoc.plaintext)
-    assert text.count("\n") < 70
+    assert pydoc.render_doc(mapdeal, renderer=pydoc.plaintext).count("\n") < 70
     named = re.findall(r"`(\w+)`", mapdeal.__doc__)
     assert len(named) > 30
     assert set(named) <= set(dir(mapdeal))

@@ -188,8 +188,7 @@ def test_paths_of_the_action_are_lines_and_never_commands(maps):
 def test_the_action_installs_the_copy_that_it_lies_in(maps):
     (maps / "python").write_text('#!/bin/sh\nfor word; do echo "$word"; done\n')
     (maps / "python").chmod(0o755)
-    completed = run_step("Install mapdeal", maps, python=str(maps / "python"))
-    words = completed.stdout.splitlines()
+    words = run_step("Install mapdeal", maps, python=str(maps / "python")).stdout.splitlines()
     assert words[:3] == ["-m", "pip", "install"]
     assert words[-1] == f"{ACTION.parent}/../../.."
     assert (ACTION.parent / "../../..").resolve() == ROOT

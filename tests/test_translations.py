@@ -8,7 +8,6 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-CHINESE = sorted(DOCS.rglob("*.zh.md"))
 GLOSSARY = "术语对照"
 
 CJK = "[一-鿿]"
@@ -54,8 +53,7 @@ def tables(lines):
 
 def spans(row):
     """The code in the first column of a row, and all of its code, whatever their order."""
-    first = re.split(r"(?<!\\)\|", row)[1]
-    return sorted(SPAN.findall(first)), sorted(SPAN.findall(row))
+    return sorted(SPAN.findall(re.split(r"(?<!\\)\|", row)[1])), sorted(SPAN.findall(row))
 
 
 def resolved(page, target):
@@ -84,7 +82,7 @@ def untranslated(line):
     return text if re.search(r"[A-Za-z]", text) else ""
 
 
-@pytest.fixture(params=CHINESE, ids=lambda page: page.name)
+@pytest.fixture(params=sorted(DOCS.rglob("*.zh.md")), ids=lambda page: page.name)
 def pair(request):
     """The English page of a Chinese one, and that page."""
     page = request.param

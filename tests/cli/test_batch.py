@@ -19,7 +19,6 @@ from mapdeal.pipeline.settings import Settings
 
 pytestmark = pytest.mark.slow
 
-needs_proc = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="needs Linux's /proc")
 RUN = [sys.executable, "-m", "mapdeal", "run"]
 
 
@@ -225,12 +224,11 @@ def wait_for_end_of(group):
     assert not list(members(group))
 
 
-@needs_proc
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="needs Linux's /proc")
 def test_workers_whose_parent_is_gone_clean_up_and_end(large_maps):
     process = start(large_maps)
     process.kill()
     process.communicate(timeout=120)
     assert process.returncode == -signal.SIGKILL
     wait_for_end_of(process.pid)
-    left = [*temporary_files(large_maps), *(large_maps / "temporary").iterdir()]
-    assert left == []
+    assert [*temporary_files(large_maps), *(large_maps / "temporary").iterdir()] == []

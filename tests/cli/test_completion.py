@@ -20,8 +20,6 @@ from mapdeal.commands.run import run_maps
 from mapdeal.pipeline.recipe import BUILT_IN
 from mapdeal.stages.catalogue import STAGES
 
-SHELLS = ["bash", "zsh", "fish", "powershell"]
-
 # Words of a command line, the last of them to be completed, with their completions. Where there
 # are none, the shell offers files.
 CASES = [
@@ -84,8 +82,7 @@ def test_every_option_in_the_help_is_offered(offered, command):
         completions = offered(*name.split(), "-")
         help_text = command(*name.split(), "--help")[1]
         listed = " ".join(re.findall(r"(?m)^  (-.*?)(?:  |$)", help_text))
-        expected = set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]*", listed))
-        assert expected <= completions, name
+        assert set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]*", listed)) <= completions, name
         assert completions - {"-h"} <= set(re.findall(r"--?[\w-]+", help_text)), name
 
 
@@ -173,7 +170,7 @@ def read_until(terminal, pattern, seconds=60):
     raise AssertionError(shown)
 
 
-@pytest.mark.parametrize("shell", SHELLS)
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish", "powershell"])
 def test_scripts_ask_mapdeal(sh, shell):
     script = sh.ok(f"completion {shell}")
     assert "_MAPDEAL_COMPLETE" in script

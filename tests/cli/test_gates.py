@@ -79,8 +79,7 @@ def write_files():
         "type": "Feature", "properties": {"kind": "keepout"},
         "geometry": {"type": "Polygon", "coordinates": [corners]},
     }  # fmt: skip
-    document = {"type": "FeatureCollection", "features": [zone]}
-    Path("zones.geojson").write_text(json.dumps(document))
+    Path("zones.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [zone]}))
 
 
 QUIET = pytest.param(" -q", marks=pytest.mark.thorough)

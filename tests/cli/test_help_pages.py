@@ -13,7 +13,6 @@ from mapdeal.cli.help_pages import GROUPS
 from mapdeal.cli.main import command_names
 from mapdeal.stages.catalogue import STAGE_NAMES
 
-EXAMPLE_FILES = Path(__file__).parents[2] / "examples"
 COMMANDS = dict(every_command())
 
 
@@ -41,7 +40,7 @@ def test_a_stage_may_only_have_the_name_of_the_command_that_shows_it():
 @pytest.mark.usefixtures("one_core")
 @pytest.mark.parametrize("name", COMMANDS)
 def test_examples_run_and_are_printed_as_they_are(name, command, here):
-    shutil.copytree(EXAMPLE_FILES, "examples")
+    shutil.copytree(Path(__file__).parents[2] / "examples", "examples")
     example = COMMANDS[name].epilog.splitlines()
     assert all(len(line) <= 80 for line in example)
     lines = [shlex.split(line) for line in "\n".join(example).replace("\\\n", " ").splitlines()]

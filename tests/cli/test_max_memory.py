@@ -43,9 +43,6 @@ def contents(folder):
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
-IN_BLOCKS = "processed in blocks of rows\n"
-
-
 @pytest.fixture
 def twice(command, building, tmp_path):
     def run(words, output="", memory=LITTLE, *, source=building):
@@ -57,7 +54,7 @@ def twice(command, building, tmp_path):
             line += ["-o", folder / output, "--threads", 2, "--max-memory", size, "-v"]
             code, _, err = command(line[0], source, *line[1:])
             assert code == 0, err
-            assert (IN_BLOCKS in err) == (name == "blocks")
+            assert ("processed in blocks of rows\n" in err) == (name == "blocks")
             lines = err.replace(str(folder), "").splitlines()
             warnings.append([line for line in lines if line.startswith("warning: ")])
         assert warnings[0] == warnings[1]

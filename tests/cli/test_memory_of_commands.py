@@ -55,8 +55,7 @@ LARGE_TILE = [
 
 
 def scans(path, poses):
-    angles = np.zeros(3)
-    np.savez(path, poses=poses, angles=angles, ranges=np.ones((len(poses), 3)))
+    np.savez(path, poses=poses, angles=np.zeros(3), ranges=np.ones((len(poses), 3)))
 
 
 @pytest.fixture(scope="module")
@@ -128,8 +127,7 @@ def test_what_would_take_too_much_is_refused_before(bombs, line):
     code, err, peak = measured(bombs, line, f"{MOST}MB")
     assert code == 3, err
     first, hint = err.splitlines()
-    pattern = rf"error: .*needs? ([0-9.]+) [MG]B of memory, {MOST} MB may be used"
-    assert re.fullmatch(pattern, first)
+    assert re.fullmatch(rf"error: .*needs? ([0-9.]+) [MG]B of memory, {MOST} MB may be used", first)
     assert "--max-memory" in hint
     assert peak < ENOUGH
     assert sorted(path.name for path in bombs.iterdir()) == before

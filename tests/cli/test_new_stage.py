@@ -55,8 +55,7 @@ def flat_cost(
     beyond : float
         Nothing lies so far away, metres. This sentence is not for the help.
     """
-    cost = np.full(source.shape, int(beyond), np.uint8)
-    return Costmap(cost, source.resolution, source.origin)
+    return Costmap(np.full(source.shape, int(beyond), np.uint8), source.resolution, source.origin)
 
 
 @pytest.fixture(autouse=True)
@@ -147,8 +146,7 @@ OFFICE = Path(__file__).parents[2] / "examples" / "maps" / "office.yaml"
 @pytest.fixture
 def stats(monkeypatch, tmp_path):
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
-    code = next(block for block in blocks if "stats" in block)
-    (tmp_path / "stats.py").write_text(code)
+    (tmp_path / "stats.py").write_text(next(block for block in blocks if "stats" in block))
     monkeypatch.setattr(commands, "__path__", [*commands.__path__, str(tmp_path)])
     yield import_module("mapdeal.commands.stats").stats
     del sys.modules["mapdeal.commands.stats"], commands.stats
@@ -161,8 +159,7 @@ def test_it_measures_a_map_in_the_shell_as_in_python(stats, sh):
     assert 0.5 < found.corridor_width < 3
     lines = sh.ok(f"stats {OFFICE}").splitlines()
     assert lines == [line.replace("the map", str(OFFICE)) for line in found.lines()]
-    document = json.loads(sh.ok(f"stats {OFFICE} --json"))
-    assert document == {**found.document(), "name": str(OFFICE)}
+    assert json.loads(sh.ok(f"stats {OFFICE} --json")) == {**found.document(), "name": str(OFFICE)}
 
 
 def test_its_parameters_are_checked_and_its_help_is_complete(stats, sh):

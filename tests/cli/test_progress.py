@@ -44,8 +44,7 @@ class Screen:
             assert self._grew.wait_for(lambda: text in self.shown, PATIENCE), self.shown
 
     def lines(self):
-        lines = self.shown.decode().split("\r\n")
-        return [line.rpartition("\r\x1b[K")[2] for line in lines]
+        return [line.rpartition("\r\x1b[K")[2] for line in self.shown.decode().split("\r\n")]
 
 
 @pytest.fixture

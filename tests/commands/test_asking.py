@@ -48,8 +48,7 @@ def test_query_answers_what_the_library_does(sh, answers_to, room, source):
         assert [answer["inside"], answer["x"], answer["y"]] == [True, *points[index].tolist()]
         assert answer["distance"] == pytest.approx(samples.distance[index], rel=1e-8)
         assert answer["gradient"] == pytest.approx(samples.gradient[index].tolist(), rel=1e-8)
-        own = field.distance[answer["row"], answer["col"]]
-        assert np.float32(answer["cell_distance"]) == own
+        assert np.float32(answer["cell_distance"]) == field.distance[answer["row"], answer["col"]]
     nothing = {**dict.fromkeys(KEYS), "inside": False}
     assert outside == {**nothing, "x": points[3, 0], "y": points[3, 1]}
 
@@ -117,11 +116,7 @@ def test_query_of_points_has_a_status_for_every_line_and_is_strict_on_demand(sh,
     assert "4 of 6 points" in sh.err(f"{line} --strict", 1)
     assert answers_to(f"{line} --strict") == answers
     sh.ok(f"query room.yaml --at {x},{y} --strict")
-
-
-def test_strict_counts_the_points_of_all_sources(sh, room):
-    x, y = room.frame.xy_from_rowcol([[0, 0]])[0]
-    Path("in.csv").write_text(f"{x},{y}\n")
+    Path("in.csv").write_text(f"{x},{y}\n")  # the points of all sources count
     line = "query room.yaml --at 99,99 98,98 --points in.csv"
     assert "2 of 3 points are not inside of the map" in sh.err(f"{line} --strict", 1)
     assert sh.err(f"{line} -v") == "3 points, 2 of them outside of the map\n"
@@ -154,8 +149,7 @@ def test_standard_input_is_answered_at_once(words, lines, key, message):
 
 def test_query_without_standard_input(sh, room, monkeypatch):
     monkeypatch.setattr(sys, "stdin", None)  # as Python has it where it is closed
-    message = "error: standard input: is closed\n"
-    assert sh("query room.yaml --points -") == (2, "", message)
+    assert sh("query room.yaml --points -") == (2, "", "error: standard input: is closed\n")
 
 
 def test_query_ends_quietly_with_its_reader_though_points_go_on(room):

@@ -129,8 +129,7 @@ def test_the_page_shows_costs_and_never_says_that_obstacles_are_the_same(save_ou
     labels = difference.style.labels
     now_closed = next(code for code, label in labels.items() if label == "now closed")
     assert (difference.values[:] == now_closed).sum() == result.changes["closed"].cells
-    same = save_output("same.json", "diff", pair[0], "A/cost.yaml", "--json")
-    (entry,) = entries_of(same)
+    (entry,) = entries_of(save_output("same.json", "diff", pair[0], "A/cost.yaml", "--json"))
     assert {claim.state for claim in entry.claims} == {"good"}
     missed = save_output("missed.json", "diff", *pair, "--json", "--max-differing", 1)
     (claim,) = (claim for claim in entries_of(missed)[0].claims if claim.state == "error")

@@ -143,8 +143,7 @@ def test_a_file_that_nav2_refuses_ends_with_1(sh, here):
     assert second.endswith("; did you mean nav2_costmap_2d::StaticLayer?")
     assert (code, total) == (1, "1 parameter file: 2 errors, 0 warnings, 0 notes")
     for own in ("MyStaticLayer", "SimpleStaticLayer"):  # other packages' in the namespace
-        text = Path("nav2.yaml").read_text().replace("StaticLayr", own)
-        Path("own.yaml").write_text(text)
+        Path("own.yaml").write_text(Path("nav2.yaml").read_text().replace("StaticLayr", own))
         assert "params.plugins" not in sh("lint --params-file own.yaml")[1]
 
 

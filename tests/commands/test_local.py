@@ -112,8 +112,7 @@ def test_parameters_and_the_robot_s_shape_reach_the_stages(sh, points):
     assert sh(f"{LOCAL} -o o --robot-radius 0.12 --set cost.values=80,40")[0] == 0
     inflated = inflate(expected_map(points), radius=0.12)
     assert np.array_equal(read_map("o/inflated.yaml").occupancy, inflated.occupancy)
-    rings = ring_cost(inflated, values=(80, 40))
-    assert np.array_equal(read_map("o/cost.npz").cost, rings.cost)
+    assert np.array_equal(read_map("o/cost.npz").cost, ring_cost(inflated, values=(80, 40)).cost)
 
 
 def test_points_on_the_robot_itself_give_a_warning(sh):

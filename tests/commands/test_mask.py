@@ -87,8 +87,7 @@ def test_the_launch_file_starts_all_nodes_of_the_parameters(folder, monkeypatch)
     description = runpy.run_path(str(path / "filters.launch.py"))["generate_launch_description"]()
     nodes = {entity.name: entity for entity in description if hasattr(entity, "executable")}
     parameters = yaml.safe_load((path / "filters.yaml").read_text())
-    servers = {name for name in parameters if not name.endswith("_costmap")}
-    assert set(nodes) == servers
+    assert set(nodes) == {name for name in parameters if not name.endswith("_costmap")}
     for name, node in nodes.items():
         assert node.parameters[0] == str(path / "filters.yaml")
         assert (node.executable == "map_server") == (len(node.parameters) == 3)

@@ -259,8 +259,7 @@ def test_layers_and_the_picture_are_written(command, files):
 
 
 def test_other_parameters_are_planned_with_as_well(command, files, tmp_path):
-    text = PARAMETERS.format(**DEFAULTS | {"shape": "robot_radius: 0.9"})
-    Path("wide.yaml").write_text(text)
+    Path("wide.yaml").write_text(PARAMETERS.format(**DEFAULTS | {"shape": "robot_radius: 0.9"}))
     slim = "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.1}}}"
     Path("overlay.yaml").write_text(slim)
     words = ("--to", "5,2", "--against", "wide.yaml", "--against", "wide.yaml,overlay.yaml")

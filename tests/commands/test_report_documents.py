@@ -150,8 +150,7 @@ def test_a_diff_shows_both_maps_and_what_differs(save_output, rooms, shut, tmp_p
     corners = frame.xy_from_continuous_rowcol(cell + np.array([(0, 0), (0, 1), (1, 0), (1, 1)]))
     line = np.unique(item.lines[0].round(9), axis=0)
     assert line == pytest.approx(np.unique(corners.round(9), axis=0))
-    claims = {claim.about: (claim.state, claim.evidence) for claim in entry.claims}
-    assert claims == {
+    assert {claim.about: (claim.state, claim.evidence) for claim in entry.claims} == {
         "obstacles": ("warning", "added"), "cells": ("warning", "What differs"),
         "geometry": ("good", ""),
     }  # fmt: skip

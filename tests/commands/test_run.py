@@ -91,8 +91,7 @@ def test_a_recipe_warns_of_costs_that_say_nothing():
 
 
 def test_info_is_what_the_command_says(command):
-    out = command("info", "room.yaml", "--json")[1]
-    assert mapdeal.info("room.yaml") == json.loads(out)
+    assert mapdeal.info("room.yaml") == json.loads(command("info", "room.yaml", "--json")[1])
     assert mapdeal.info(Path("room.yaml"))["occupied"] == 2
     assert mapdeal.info("room.yaml", dialect="humble")["dialect"] == "humble"
 

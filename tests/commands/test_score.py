@@ -146,8 +146,7 @@ def test_bounds_decide_the_exit_code_and_are_printed(sh, words, code, message):
     ("fine", "truth", "fine.yaml: has cells of 0.125 m, truth.yaml of 0.25 m"),
 ])  # fmt: skip
 def test_what_says_little_is_warned_of(answer, own, truth, message):
-    line = f"{own}.yaml --truth {truth}.yaml --max dist_est_to_truth_m.mean=0.5"
-    code, found, err = answer(line)
+    code, found, err = answer(f"{own}.yaml --truth {truth}.yaml --max dist_est_to_truth_m.mean=0.5")
     assert message in err
     assert (found["verdict"] is None) == (own == "far" or truth == "unknown")
     mean = found["values"]["dist_est_to_truth_m"]["mean"]

@@ -264,9 +264,8 @@ def test_costs_have_the_colours_of_their_pictures(values, is_published):
 
 
 ROBOT = mapdeal.Footprint.circle(0.3)
-DOOR = Bottleneck(1.0, 2.0, 0.5)
 THERE = GoalReach(Goal(1, 2, "lab"), True, 1, 0.4, Bottleneck(0, 0, 0.8))
-STOPPED = GoalReach(Goal(3, 4, "store"), False, 0, 0.25, DOOR)
+STOPPED = GoalReach(Goal(3, 4, "store"), False, 0, 0.25, Bottleneck(1.0, 2.0, 0.5))
 CORNERED = GoalReach(Goal(3, 4, "store"), False, 0, 0.35, Bottleneck(1.0, 2.0, 0.7))
 WALLED = GoalReach(Goal(5, 6), False, 0, 0.0)
 IN_WALL = GoalReach(Goal(5, 6), False, 0, 0.0, reason="an obstacle")

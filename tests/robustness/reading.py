@@ -239,8 +239,7 @@ def read_bag(path, data):
         has_scans, has_clouds = (bool(bag.of_types(kind)) for kind in kinds)
     if has_scans:
         area = {"size": (8, 8), "origin": (-4, -4), "resolution": 0.5}
-        built = mapdeal.build_map_from_log(path, **area, deskew=True)
-        assert built.grid.shape == (16, 16)
+        assert mapdeal.build_map_from_log(path, **area, deskew=True).grid.shape == (16, 16)
     for has_poses in (False, True) if has_clouds else ():
         with from_bag(path, BagClouds, ["/points"], FrameOptions(), has_poses=has_poses) as clouds:
             clouds.prepare()
@@ -327,8 +326,7 @@ def _resolve(resolve, path, data):
 def read_ros2_parameters(path, data):
     """Read a file of ROS 2; each value has a place in it, and the type that it is said to have."""
     kinds = {"bool": bool, "integer": int, "double": float, "string": str, "byte_array": bytes}
-    parameters = read_ros2([path])
-    for node in parameters.nodes:
+    for node in read_ros2([path]).nodes:
         assert node.name.startswith("/")
         for _, entry in node.entries:
             assert 1 <= entry.line <= last_line_of(data)

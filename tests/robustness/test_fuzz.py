@@ -28,10 +28,8 @@ LONGEST = 60.0
 TELLING = ("lint", "lines")
 """First words of messages about damage in the results of readers."""
 
-every_reader = pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
 
-
-@every_reader
+@pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
 @pytest.mark.parametrize("most", [FEW, pytest.param(MUTANTS, marks=pytest.mark.thorough)])
 def test_mutants_are_read_or_refused(reader, most, tmp_path, capfd):
     descriptors = len(os.listdir("/dev/fd"))  # noqa: PTH208 - they are no files

@@ -19,7 +19,6 @@ from mapdeal.pipeline import inputs as memory
 pytestmark = pytest.mark.slow
 
 FEW, MOMENTS = 9, 50
-_CALLS = ("open", "pread", "read", "stat", "fstat", "lstat", "scandir")
 ROWS = 7  # of a block
 
 
@@ -91,7 +90,7 @@ def moments(monkeypatch):
 
         return counting
 
-    for name in _CALLS:
+    for name in ("open", "pread", "read", "stat", "fstat", "lstat", "scandir"):
         monkeypatch.setattr(os, name, counted(getattr(os, name)))
     return state
 
