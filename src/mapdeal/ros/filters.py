@@ -24,7 +24,6 @@ MANAGER = "lifecycle_manager_costmap_filters"
 
 
 def servers_of(kind: FilterKind) -> tuple[str, str]:
-    """Return the names of the map_server of a mask and of its info server."""
     return f"{kind}_filter_mask_server", f"{kind}_costmap_filter_info_server"
 
 

@@ -34,8 +34,6 @@ _ARTICLES = {
 
 
 class Nav2Values:
-    """The parameters that a node gets, and all problems that were found in them."""
-
     def __init__(
         self, parameters: Mapping[str, ParameterValue], node: str, source: Path, *,
         up_to_kilted: bool,
@@ -196,8 +194,7 @@ def _class_of(values: Nav2Values, name: str, default: str | None) -> str | None:
         plain_name = name.replace("_", "").lower()[: robot.LONGEST_CLASS_NAME]
         guess = classes[robot.most_alike(plain_name, list(classes), least=0.0) or ""]
         hint = f'write {name}: {{plugin: "{guess}"}}, or take it out of the list'
-        is_filter = name in values.get("filters", "string_array", ())
-        place = "filters" if is_filter else "plugins"
+        place = "filters" if name in values.get("filters", "string_array", ()) else "plugins"
         values.problem("params.plugins", "refused", text, place, hint)
     if kind is None:
         return None
@@ -267,7 +264,6 @@ def robot_in(
     parameters: Ros2Parameters, *, costmap: CostmapName = "global", namespace: str | None = None,
     up_to_kilted: bool = False, overrides: Mapping[str, ParameterValue] | None = None,
 ) -> tuple[robot.RobotParameters | None, tuple[Problem, ...]]:  # fmt: skip
-    """Return the robot in parameters that were read, some with other values, and the problems."""
     node, problems = _node_of(parameters, costmap, namespace)
     if node is None:
         return None, problems

@@ -102,7 +102,6 @@ def has_server(parameters: Ros2Parameters) -> bool:
 def planners_of(
     robot: RobotParameters, parameters: Ros2Parameters | None = None
 ) -> tuple[tuple[ListedPlanner, ...], tuple[Problem, ...]]:
-    """Return the planners of a robot's planner server in order, and the problems found."""
     parameters = parameters or read_ros2(robot.paths)
     node = f"{robot.node.removesuffix('/global_costmap/global_costmap')}/{PLANNER_SERVER}"
     values = Nav2Values(parameters.for_node(node), node, robot.paths[-1], up_to_kilted=False)

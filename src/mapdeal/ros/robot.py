@@ -202,8 +202,6 @@ INJECTED = "injected_static"  # the static layer that mapdeal adds to a local co
 
 @dataclass(frozen=True)
 class ListedLayer:
-    """Layer or filter in a robot's list, and its effect on a map file."""
-
     name: str
     plugin: str
     layer: CostmapLayer | None
@@ -220,8 +218,6 @@ class ListedLayer:
 
 @dataclass(frozen=True)
 class ParameterFile:
-    """Parameter file that was read, with the SHA-256 of its bytes."""
-
     path: Path
     sha256: str
 
@@ -483,7 +479,6 @@ def hint_on_class(kind: str, prefix: str) -> str | None:
 
 
 def most_alike(word: str, names: Sequence[str], *, least: float = _MISSPELT) -> str | None:
-    """Return the name most similar to a word; None if the similarity is below `least`."""
     likeness = {name: SequenceMatcher(None, name, word).ratio() for name in names}
     nearest = max(names, key=likeness.__getitem__)
     return nearest if likeness[nearest] >= least else None

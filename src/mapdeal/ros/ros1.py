@@ -127,7 +127,6 @@ class Ros1Namespace:
         self.below(path[:-1], value.source, value.line).members[path[-1]] = value
 
     def merge(self, prefix: _Path, namespace: Ros1Namespace) -> None:
-        """Set all parameters of a namespace below a path, in their order."""
         for path, value in namespace.values():
             self.set((*prefix, *path), value)
         for path, nested in namespace.namespaces():  # lint reports empty namespaces, too
@@ -230,8 +229,6 @@ _Value = TypeVar("_Value", bool, int, float, str)
 
 @dataclass
 class Ros1Server:
-    """The parameters of one robot, and the problems found while reading them."""
-
     node: _Path
     costmap: CostmapName
     files: tuple[Ros1File, ...] = ()
@@ -240,7 +237,6 @@ class Ros1Server:
 
     @property
     def path(self) -> _Path:
-        """The costmap's own namespace."""
         return (*self.node, f"{self.costmap}_costmap")
 
     def find(self, *below: str) -> ParameterValue | None:
@@ -416,7 +412,6 @@ def _nodes_in(namespace: Ros1Namespace) -> list[_Path]:
 
 
 def _select_node(paths: Sequence[_Path], namespace: str | None) -> tuple[_Path, Problem | None]:
-    """Return the path of the node that has the costmaps, and a problem if it is ambiguous."""
     relative_paths = {tuple(name for name in path if name != _ROOT) for path in paths}
     nodes = [path for path in sorted(relative_paths) if not _is_suffix(path, relative_paths)]
     requested = tuple(part for part in (namespace or "").split("/") if part)
@@ -652,8 +647,7 @@ def _area(server: Ros1Server, *, is_rolling: bool) -> CostmapArea | None:
 def _old_plugins(server: Ros1Server) -> list[tuple[str, str]]:
     """Return the layers of a costmap without a list of plugins, as ``loadOldParameters``."""
     static = [("static_layer", _STATIC)] if server.boolean(False, "static_map") else []
-    is_voxel = server.text("", "map_type") == "voxel"
-    obstacle = ("obstacle_layer", _VOXEL if is_voxel else _OBSTACLE)
+    obstacle = ("obstacle_layer", _VOXEL if server.text("", "map_type") == "voxel" else _OBSTACLE)
     return [*static, obstacle, ("inflation_layer", _INFLATION)]
 
 

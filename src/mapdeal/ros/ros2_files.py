@@ -258,7 +258,7 @@ class FileReader:
         if self._is_sequence:
             self._handle_item(event, kind, value)
         else:
-            self._set(self._value_of(value, kind, event, _between(event, event)))
+            self._set(self._value_of(value, kind, event, _excerpt(event, event)))
             self._is_key = True
 
     def _misplaced(self, event: yaml.ScalarEvent, *, is_missing: bool) -> ParameterFileError:
@@ -289,7 +289,7 @@ class FileReader:
             raise self._error(rule, event, got=f"{_short(event.value)} ({kind})", hint=hint)
         self._items.append(value)
         first = self._sequence or event
-        self._set(self._value_of(self._items, f"{kind}_array", first, _between(first, event) + "]"))
+        self._set(self._value_of(self._items, f"{kind}_array", first, _excerpt(first, event) + "]"))
 
     def _set(self, value: ParameterValue) -> None:
         if (slot := self._slot()) is not None:
@@ -351,7 +351,6 @@ def refusal(
 
 
 def name_fault(name: str) -> str | None:
-    """Return why a node's full name is invalid; None if it is valid."""
     *spaces, last = name.removeprefix("/").split("/")
     if not all(spaces):
         return "it has two slashes in a row"
@@ -371,8 +370,7 @@ def line_of(event: yaml.Event | yaml.Node) -> int:
     return int(event.start_mark.line) + 1 if event.start_mark else 1
 
 
-def _between(first: yaml.Event, last: yaml.Event) -> str:
-    """Return the text from one event to another, on one line, shortened."""
+def _excerpt(first: yaml.Event, last: yaml.Event) -> str:
     return " ".join(yaml_text.source_text(first, last, _LONGEST_TEXT).split())
 
 
@@ -406,7 +404,6 @@ class Ros2Parameters:
 
 
 def matches(pattern: str, node: str) -> bool:
-    """Return whether a name with wildcards matches the full name of a node."""
     parts = node.split("/")[1:]
     counts = {0}  # numbers of the node's parts that the pattern's parts so far can match
     for pattern_part in pattern.split("/")[1:]:
