@@ -20,7 +20,7 @@ from mapdeal.files.transaction import PREFIX
 from mapdeal.kernels.arrays import Integers, Mask
 from mapdeal.records import dataclass
 
-BAG_OUTPUTS = (".bag", ".mcap", ".db3")  # suffixes of bags
+BAG_OUTPUTS = (".bag", ".mcap", ".db3")
 _TOPIC_PART = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _LONGEST_TOPIC = 247
 _PLAIN_NAME = re.compile(r"[A-Za-z0-9_. +-]+")
@@ -189,7 +189,6 @@ class Bag(ABC):
         return spans
 
     def warn_once(self, text: str) -> None:
-        """Warn of a fault of the bag, unless the same warning was emitted before."""
         if text not in self._warnings:
             self._warnings.append(text)
             emit_warning(f"{self.path}: {text}")
@@ -221,7 +220,7 @@ def normalised_type(name: str) -> str:
 
 
 _ROWS_AT_ONCE = 1 << 14
-_PLACE_BYTES = 32  # bytes of a place
+_PLACE_BYTES = 32
 
 
 def decompress(

@@ -212,7 +212,6 @@ class ChunkedBag(Bag):
         self._chunks[-1].is_indexed = True
 
     def _note_memory(self, count: int) -> None:
-        """Claim memory for entries of the index; refuse the file if there is too little."""
         self._noted += count
         claim(self.path, self._noted, what="its connections and chunks")
 

@@ -454,7 +454,6 @@ class SimulatedRun:
 
 
 def write_run(transaction: Transaction, output: Path, run: SimulatedRun) -> None:
-    """Write a bag of ROS 2 with the map, transforms, odometry and scans of a run."""
     with _scratch(transaction, output) as bag:
         _write_ros2(bag, output.suffix, run.records, {MAP_TOPIC})
 

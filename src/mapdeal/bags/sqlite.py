@@ -139,7 +139,7 @@ class SqliteBag(Bag):
 
     def _read_all_connections(self) -> list[Connection]:
         try:
-            if _surplus_bytes(self.path):
+            if _bytes_after_last_page(self.path):
                 raise sqlite3.DatabaseError
             return list(self._read_connections())
         except sqlite3.DatabaseError:
@@ -219,7 +219,7 @@ class SqliteBag(Bag):
 @contextmanager
 def _whole_pages(path: Path) -> Iterator[Path]:
     """Yield a file without an incomplete last page, which SQLite would fill with zeros."""
-    if not (surplus := _surplus_bytes(path)):
+    if not (surplus := _bytes_after_last_page(path)):
         yield path
         return
     with temporary_folder() as folder:
@@ -231,8 +231,7 @@ def _whole_pages(path: Path) -> Iterator[Path]:
         yield file
 
 
-def _surplus_bytes(path: Path) -> int:
-    """Return the number of bytes after the last complete page, 0 in an intact file."""
+def _bytes_after_last_page(path: Path) -> int:
     size = int.from_bytes(sources.head_of(path, 18)[16:18], "big")
     size = 1 << 16 if size == 1 else size
     return sources.status_of(path).st_size % size if size >= _SMALLEST_PAGE else 0
