@@ -94,7 +94,6 @@ class JsonValue:
         return None if value is None else value.or_none(read)
 
     def items_of(self, key: str) -> list[JsonValue]:
-        """Return the items of the list of a key; none if it is missing or null."""
         return self.optional(key, JsonValue.items) or []
 
     def fields(self) -> dict[str, JsonValue]:

@@ -93,7 +93,6 @@ def is_regular(path: Path) -> bool:
 
 
 def identity_of(path: Path) -> tuple[int, int] | None:
-    """Return device and inode of a file or folder, None if it is missing."""
     status = _status_or_none(path)
     return None if status is None else (status.st_dev, status.st_ino)
 
@@ -149,7 +148,6 @@ _SIMILAR = 0.8  # smallest difflib ratio of similar names, such as office1.yaml 
 
 
 def similar_file_hint(name: str, endings: Iterable[str]) -> str | None:
-    """Return a hint that suggests the most similar file in the folder, if there is one."""
     # For a name without an ending, the map of that name with one of `endings` is suggested.
     import difflib  # only mistakes need it
 
@@ -386,8 +384,7 @@ def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> No
     available, budget = room(), _budget()
     if available is None or budget.limit is None or count <= available:
         return
-    needed = INTERPRETER + budget.used + count
-    size = size_text(needed)
+    size = size_text(INTERPRETER + budget.used + count)
     amounts = f"{size} of memory, {size_text(budget.limit)} may be used{budget.origin}"
     rule = f"{what} need {amounts}" if what else f"needs {amounts}"
     more = f"--max-memory {size.replace(' ', '')} allows more, if that much is available"

@@ -184,7 +184,6 @@ def locked(folders: Iterable[Path]) -> Iterator[bool]:
 
 @contextmanager
 def signals_deferred() -> Iterator[None]:
-    """Delay signals that end the process until the end of the block."""
     # Python handles signals in the main thread only: in other threads there is nothing to delay.
     # The effect of a signal, an exception or the end of the process, follows the block.
     if threading.get_ident() != threading.main_thread().ident:
@@ -341,8 +340,7 @@ class Transaction:
         return temporary
 
     def _finish(self, temporary: Temporary, writer: Writer) -> None:
-        run = copy_context().run
-        future = self._pool.submit(run, temporary.fill, writer, self._with_checksums)
+        future = self._pool.submit(copy_context().run, temporary.fill, writer, self._with_checksums)
         self._pending.append((temporary, future))
 
     def write_bytes(self, path: Path, data: bytes) -> None:
