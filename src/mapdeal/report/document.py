@@ -140,7 +140,7 @@ class LayerKind:
 
     def of(self, grid: Any, name: str, title: str) -> PageLayer:
         about = self.about(grid)
-        about["style"] = _of_cells(about["style"])  # pages do not draw over them
+        about["style"] = _without_unused_swatches(about["style"])  # pages do not draw over them
         made_of = isinstance(grid, (DistanceField, PotentialField)) and self.ending != MAP
         states = f"{name}-{MAP}" if made_of else None
         if self.ending:
@@ -156,8 +156,7 @@ def page_layers(grid: Any, name: str, title: str) -> list[PageLayer]:
     return [kind.of(grid, name, title) for kind in kinds_of(grid)]
 
 
-def _of_cells(style: colours.LayerStyle) -> colours.LayerStyle:
-    """Return a style without the swatches of colours that no value takes."""
+def _without_unused_swatches(style: colours.LayerStyle) -> colours.LayerStyle:
     used: set[int | None] = set() if style.by_value is None else set(style.by_value.tolist())
     if style.scale is not None:
         levels = range(style.scale.first, style.scale.first + style.scale.levels)
