@@ -224,7 +224,6 @@ class PixelTallies:
         self._greys[: len(counts)] += counts
 
     def finish(self) -> None:
-        """Complete the counts after the last row."""
         row = opaque_greys(self._kind)
         is_used = np.zeros(row.shape, dtype=np.bool_)
         is_used[0, : len(self._greys)] = self._greys[: row.shape[1]] > 0
@@ -238,7 +237,6 @@ class PixelTallies:
 
     @cached_property
     def counts(self) -> dict[Dialect, dict[str, int]]:
-        """Number of occupied, free, unknown and other cells for each reader."""
         return {name: cell_states(values) for name, values in self.byte_counts.items()}
 
     def _tally(self, pixels: Picture, counts: Counts) -> None:
@@ -372,8 +370,6 @@ class RoomFacts:
 
 @dataclass(frozen=True, eq=False)
 class MaskFacts:
-    """The mask of a costmap filter, its map, and the robot that drives there."""
-
     pair: PairFacts | None  # None until the mask is written
     mask: OccupancyGrid
     info: FilterInfo
@@ -453,7 +449,6 @@ class PairFacts:
 def gather(
     path: Path, *, max_cells: int | None = None
 ) -> tuple[PairFacts | None, GridFacts | None, list[Finding]]:
-    """Return the facts to check and the findings made while reading a map."""
     entries: dict[str, Entry] = {}
     pair, cells = None, None
     texts: list[tuple[str, str]] = []  # names of checks, and messages
@@ -537,8 +532,7 @@ def _count_pixels(
     pixels = PixelTallies(metadata)
     cells = None
     if metadata.cost_scale is None:  # share the counts of cell bytes, which follow from the pixels
-        byte_counts = pixels.byte_counts["nav2"]
-        cells = CellTallies(strips.shape, from_north=True, byte_counts=byte_counts)
+        cells = CellTallies(strips.shape, from_north=True, byte_counts=pixels.byte_counts["nav2"])
     for strip in strips.pictures():
         read = None if cells is None else dialects.reader_of(strip, metadata, "nav2")
         for part in strip.bands(_PIXELS_PER_BAND):

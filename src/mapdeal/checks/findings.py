@@ -67,8 +67,6 @@ class Remark:
 
 @dataclass(frozen=True)
 class Explanation:
-    """What a check finds, what that means for a robot, an example, and what to do."""
-
     about: str
     why: str
     example: str
@@ -434,8 +432,6 @@ def selection_of(
 
 
 class Selections:
-    """The selection for each map; `config` is as for `mapdeal.lint`."""
-
     def __init__(
         self, select: Sequence[str], ignore: Sequence[str], *, strict: bool, config: bool
     ) -> None:

@@ -466,8 +466,7 @@ def image_unquoted(facts: PairFacts) -> Iterator[Remark]:
     Example: `image: 2024-01-01`.
     Fix: Put the name in quotes.
     """
-    node = facts.entries["image"].node
-    if node.tag != _STRING:
+    if facts.entries["image"].node.tag != _STRING:
         yield Remark(f"{facts.metadata.image} is not text in YAML; put it in quotes", "image")
 
 
@@ -574,8 +573,7 @@ def is_run(folder: Path) -> bool:
     return manifest is None or (isinstance(manifest, dict) and "outputs" in manifest)
 
 
-def _failed_maps(folder: Path) -> list[str]:
-    """Return a line for each map that a batch lists as failed."""
+def _lines_on_failed_maps(folder: Path) -> list[str]:
     summary = read_json(folder / SUMMARY)
     maps = summary["maps"] if document_kind(summary) == BATCH else ()
     failed = [entry for entry in maps if entry["status"] == "failed"]
@@ -584,7 +582,7 @@ def _failed_maps(folder: Path) -> list[str]:
 
 SUMMARY = "summary.json"
 RUN_FOLDERS = ListedFolders(
-    MANIFEST, is_run, SUMMARY, lambda folder: bool(_failed_maps(folder)), (LOCAL_FOLDER,)
+    MANIFEST, is_run, SUMMARY, lambda folder: bool(_lines_on_failed_maps(folder)), (LOCAL_FOLDER,)
 )
 """Rule that distinguishes folders of runs from folders of maps."""
 
@@ -628,7 +626,7 @@ def lint_run(folder: Path) -> list[Finding]:
     manifest = read_json(folder / MANIFEST)
     outputs = manifest.get("outputs") if isinstance(manifest, dict) else None
     if not isinstance(outputs, dict) or not outputs:
-        if failed := _failed_maps(folder):
+        if failed := _lines_on_failed_maps(folder):
             return [CHECKS["run.failed-map"].finding(folder, text) for text in failed]
         kind = kind_of(folder)
         if kind is not None:
