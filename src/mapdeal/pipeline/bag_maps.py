@@ -84,7 +84,6 @@ class GridTopic:
 def from_bag(
     path: Path, reader: Callable[Concatenate[Bag, P], T], *args: P.args, **options: P.kwargs
 ) -> Iterator[T]:
-    """Open a bag for a reader, such as `GridTopic`, within a ``with`` block."""
     with open_bag(path) as bag:
         yield reader(bag, *args, **options)
 

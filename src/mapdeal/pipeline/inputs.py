@@ -293,7 +293,7 @@ def read_together(paths: Sequence[Path], settings: Settings) -> list[Source]:
 
 
 _ENDINGS_OF_FILES = (".yaml", ".yml", ".npz", ".pgm", ".pbm", ".png", ".html", ".json")
-Map = str | PathLike[str] | Grid  # A map's file, or the map itself
+Map = str | PathLike[str] | Grid
 
 
 class Reading(TypedDict, total=False):
@@ -366,7 +366,6 @@ InShell = Annotated[Work, OnlyInPython]  # which the shell passes to commands
 
 
 def settings_of(**reading: Unpack[Reading]) -> Settings:
-    """Return the settings of the command in progress in the shell, or else those given."""
     work = Work.current.get()
     return Settings(**reading) if work is None else work.settings
 
@@ -379,7 +378,6 @@ def need_ending(ending: str) -> None:
 
 
 def need_folder(output: Path) -> None:
-    """Refuse a folder for outputs that is named like a file, unless it exists."""
     if output.suffix.lower() in _ENDINGS_OF_FILES and not sources.exists(output):
         rule, hint = "must be a folder, not a file", f"such as {output.with_suffix('')}"
         raise ParameterError(rule, source="--output", got=str(output), hint=hint)
@@ -473,7 +471,6 @@ def refuse(rule: str, hint: str | None = None, /, **values: object) -> None:
 
 
 def pop_parameters(values: dict[str, Any], kind: Any) -> dict[str, Any]:
-    """Remove the parameters of a function or class from keyword arguments, and return them."""
     return {name: values.pop(name) for name in parameters_of(kind) if name in values}
 
 

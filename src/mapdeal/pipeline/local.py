@@ -214,7 +214,7 @@ def _products(
     yield Product(first, local.grid, _figures_of(local, job, common))
     for product in products_of(common.recipe, local.grid, source):
         if product.step.stage.robot is not None and isinstance(product.grid, OccupancyGrid):
-            _check_robot(product.grid, local, source)
+            _warn_of_occupied_robot_cell(product.grid, local, source)
         yield product
 
 
@@ -235,8 +235,7 @@ def _check_points(local: LocalMap, cloud: Path, *, required: bool) -> None:
     errors.emit_warning(f"{cloud}: no point marks a cell: {why}")
 
 
-def _check_robot(inflated: OccupancyGrid, local: LocalMap, cloud: Path) -> None:
-    """Warn if the robot's own cell is an obstacle: all of its routes are closed then."""
+def _warn_of_occupied_robot_cell(inflated: OccupancyGrid, local: LocalMap, cloud: Path) -> None:
     (cell,), (inside,) = inflated.frame.bounded_rowcol_from_xy([local.pose[:2]])
     if inside and inflated.occupied()[tuple(cell)]:
         hint = "; a larger min_range drops points of the robot itself" * bool(local.counts.marking)
@@ -331,8 +330,7 @@ class RollingRun:
             source, most = jobs[0].source(common), self._mapper.remembered
             check_window(source, common)
             cells, hint = f"{most.width} x {most.height} cells", "a smaller --keep takes less"
-            count = _PER_CELL * most.cells
-            sources.claim(source, count, what=f"{cells} to remember", hint=hint)
+            sources.claim(source, _PER_CELL * most.cells, what=f"{cells} to remember", hint=hint)
         self._summed: list[SummedCloud | None] = []
 
     def __call__(self, index: int) -> RunReport:

@@ -72,7 +72,6 @@ class Settings:
 
     @property
     def picture_size(self) -> int | None:
-        """`image_max`, or None if pictures are off."""
         return self.image_max if self.images else None
 
     @property

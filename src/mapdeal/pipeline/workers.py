@@ -61,7 +61,7 @@ class ProcessWorkers:
     def started(self, size: int, work: Work) -> Iterator[Submit]:
         """Run processes within a ``with`` block; an exception in it stops them early."""
         with ExitStack() as stack:
-            with _start_errors():
+            with _start_errors_converted():
                 context = _context()
                 lifeline, writing_end = multiprocessing.Pipe(duplex=False)
                 stack.callback(lifeline.close)
@@ -88,7 +88,7 @@ class ProcessWorkers:
                 return future
 
             try:
-                with _start_errors():
+                with _start_errors_converted():
                     _wait_for_first(executor)
                 yield submit
             except BaseException:
@@ -101,8 +101,7 @@ class ProcessWorkers:
 
 
 @contextmanager
-def _start_errors() -> Iterator[None]:
-    """Convert errors while processes start to one error of mapdeal."""
+def _start_errors_converted() -> Iterator[None]:
     try:
         yield
     except (OSError, EOFError, RuntimeError, ImportError, NotImplementedError) as error:
@@ -115,7 +114,7 @@ def _start_errors() -> Iterator[None]:
 
 def _submit(executor: ProcessPoolExecutor, function: Callable[..., _T], *values: Any) -> Future[_T]:
     """Submit work to a pool, which may start a process; Ctrl-C must not interrupt that."""
-    with signals_deferred(), _terminal_blocked():
+    with signals_deferred(), _terminal_signals_blocked():
         return executor.submit(function, *values)
 
 
@@ -143,8 +142,7 @@ def _wait_for_first(executor: ProcessPoolExecutor) -> None:
         threading.excepthook = before
 
 
-def _end_helpers() -> None:
-    """End multiprocessing's fork server and resource tracker."""
+def _end_fork_server_and_tracker() -> None:
     server: Any = getattr(sys.modules.get("multiprocessing.forkserver"), "_forkserver", None)
     tracker: Any = resource_tracker._resource_tracker  # noqa: SLF001
     with suppress(ProcessLookupError, ChildProcessError):  # already ended
@@ -157,7 +155,7 @@ def _end_helpers() -> None:
 def _context() -> BaseContext:
     # By themselves, helper processes notice late that this process has ended. With priority -101
     # they are ended last, after multiprocessing has removed the server's socket.
-    util.Finalize(None, _end_helpers, exitpriority=-101)
+    util.Finalize(None, _end_fork_server_and_tracker, exitpriority=-101)
     # Workers are never forked from this process: a fork copies locks that its threads hold. If the
     # temporary folder cannot hold the server's socket, each worker is a new interpreter ("spawn").
     if "forkserver" in multiprocessing.get_all_start_methods():
@@ -166,14 +164,14 @@ def _context() -> BaseContext:
         # A terminal sends Ctrl-C to all its processes, but only this one responds. Workers inherit
         # the blocked signal; otherwise a starting worker would print a traceback. The tracker
         # starts first because its start unblocks the signal; it ignores all signals except SIGHUP.
-        with _terminal_blocked():
+        with _terminal_signals_blocked():
             resource_tracker.ensure_running()
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(list(_PRELOADED))
         try:
             if len(os.fsencode(folder_for_sockets())) > _LONGEST_FOLDER:
                 raise OSError("AF_UNIX path too long")  # before multiprocessing creates a folder
-            with _terminal_blocked():
+            with _terminal_signals_blocked():
                 forkserver.ensure_running()
         except OSError as error:
             if error.errno in (errno.EAGAIN, errno.EMFILE, errno.ENFILE, errno.ENOMEM):
@@ -184,8 +182,7 @@ def _context() -> BaseContext:
 
 
 @contextmanager
-def _terminal_blocked() -> Iterator[None]:
-    """Block a terminal's signals, here and in processes started in the block."""
+def _terminal_signals_blocked() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -353,7 +350,6 @@ def _client(address: str) -> Any:
 
 
 def _within_timeout(request: Callable[..., _T], *arguments: Any, **options: Any) -> _T:
-    """Return the cluster's reply to a request, or raise a TimeoutError."""
     seconds = _TIMEOUT + _SECONDS_TO_ANSWER
     thread = ThreadPool(1)
     reply = thread.submit(request, *arguments, **options)
