@@ -34,8 +34,6 @@ def command_names() -> list[str]:
 
 
 class _LazyGroup(TyperGroup):
-    """Group of commands, each imported when it is first used."""
-
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - click's signature
         return command_names()
 

@@ -152,8 +152,7 @@ class SharedOption(NamedTuple):
         flag += ["-" + name[0]] if name in ("quiet", "verbose") else []
         text = text or self.text
         declare = partial(typer.Option, *flag, metavar=self.metavar, min=self.least, help=text)
-        is_of_robot = self.group in (_ROBOT, _AGAINST) or self.marks
-        panel = "Robot" if is_of_robot else "Common options"
+        panel = "Robot" if self.group in (_ROBOT, _AGAINST) or self.marks else "Common options"
         option = declare(show_default="[default: " not in text, rich_help_panel=panel)
         kind: Any = Annotated[(self.kind, option, *self.marks)]
         return Argument(name, Argument.KEYWORD_ONLY, default=self.default, annotation=kind)

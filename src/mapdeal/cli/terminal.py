@@ -35,7 +35,6 @@ _warned: set[str] = set()
 
 
 def configure(*, quiet: bool, verbose: bool, strict: bool = False) -> None:
-    """Set the amount of output; a strict command fails on warnings."""
     global _quiet, _verbose, _strict, _stdout_dropped, _is_for_data
     _quiet, _verbose, _strict = quiet, verbose, strict
     _stdout_dropped = _is_for_data = False
