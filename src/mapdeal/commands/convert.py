@@ -242,7 +242,7 @@ def convert(
         As for `Costmap.from_static_layer`, `convert_area` and `convert_world`.
     """
     if output.suffix == ".txt" and not takes_all:
-        return _convert_poses(source, output, work)
+        return _convert_poses_to_tum(source, output, work)
     areas = inputs.pop_parameters(more, convert_area)
     worlds = inputs.pop_parameters(more, convert_world)
     layer, ending = more, "" if takes_all else output.suffix.lower()
@@ -258,8 +258,7 @@ def convert(
     not_with_all = "cannot be given together with --all"
     if takes_all:
         inputs.need_folder(output)
-        image = work.settings.image
-        inputs.refuse(not_with_all, mode=mode, static_layer=static_layer, image=image)
+        inputs.refuse(not_with_all, mode=mode, static_layer=static_layer, image=work.settings.image)
         inputs.refuse(not_with_all, encoding=encoding == "amcl")
     reads_bag, writes_bag = is_bag(source), output.suffix in BAG_OUTPUTS and not takes_all
     if writes_bag:
@@ -323,8 +322,7 @@ def convert(
     return GridResult(grid, source.stem, overlay=overlay)
 
 
-def _convert_poses(source: Path, output: Path, work: inputs.Work) -> Written:
-    """Write each trajectory of a state to a file in TUM's format."""
+def _convert_poses_to_tum(source: Path, output: Path, work: inputs.Work) -> Written:
     with inputs.opened_input(source, work.settings) as file:
         trajectories = file.trajectories()
         if not trajectories:

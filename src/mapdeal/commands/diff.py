@@ -131,7 +131,7 @@ class DiffReport(Difference, Result):
             cells += f", {self.beyond_tolerance} beyond a tolerance of {self.tolerance:g} cells"
         yield f"{cells}; rows: A, columns: B" if self.differing else cells
         if self.differing:
-            yield from self._matrix()
+            yield from self._confusion_matrix()
         if self.symmetry is not None:
             yield f"  symmetry  B is much more like A if it is {self.symmetry}"
         if self.transform is not None:
@@ -156,8 +156,7 @@ class DiffReport(Difference, Result):
         if self.bounds:
             yield "within the bounds" if self.passes else "beyond the bounds"
 
-    def _matrix(self) -> Iterator[str]:
-        """Yield the confusion matrix, without states that neither map has."""
+    def _confusion_matrix(self) -> Iterator[str]:
         table = self.confusion
         shown = {
             state: "1..99" if state == "between" else state

@@ -151,7 +151,6 @@ class PlannerOnMap:
 
 
 def grid_of(costs: Costmap, robot: RobotParameters) -> PlannerGrid:
-    """Return a costmap as planners see it."""
     cells: Any = np.ascontiguousarray(costs.cost)
     vertices = np.array(robot.footprint.vertices, dtype=np.float64)
     shape = vertices if robot.robot_radius is None else None
@@ -188,13 +187,11 @@ def _regions(listed: ListedPlanner, grid: PlannerGrid, start: Pose) -> Labels:
 
 
 def _reached_cells(listed: ListedPlanner, grid: PlannerGrid, start: Pose) -> Mask:
-    """Return the cells that open cells connect with the start."""
     regions = _regions(listed, grid, start)
     return np.asarray(regions == regions[grid.cell_of(start)])
 
 
 def is_cut_off(listed: ListedPlanner, grid: PlannerGrid, start: Pose, goal: Pose) -> bool:
-    """Return whether closed cells separate start and goal, so that no search gets there."""
     if grid.cell_of(start) is None or grid.cell_of(goal) is None:
         return True
     near = _cells_near(listed.settings, grid, goal)

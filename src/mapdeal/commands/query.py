@@ -218,8 +218,7 @@ def query(
     if footprint is None:
         answer = partial(_answers_of, _field_of(map_read))
     else:
-        mask = inputs.mask_of(settings.mask, settings, map_read.grid)
-        costs = _costs_of(map_read, robot, mask)
+        costs = _costs_of(map_read, robot, inputs.mask_of(settings.mask, settings, map_read.grid))
         answer = partial(_answers_at, costs, footprint, rule or "outline")
     questions = chain([first] if at else [], read(chunks, asked_in))
     return Answers(map_read, cast("Any", unit), questions, asked_in, answer, settings.strict)

@@ -61,8 +61,6 @@ class GoalAnswer:
 
 @dataclass(frozen=True)
 class RunChecks:
-    """The robot, start and goals to check on the maps of a run, as for `reach`."""
-
     settings: Settings
     footprint: Footprint | None = None
     robot: RobotParameters | None = None

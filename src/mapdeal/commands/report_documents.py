@@ -136,7 +136,6 @@ def read_results(path: Path) -> Results:
 
 
 def results_of(document: JsonValue) -> Results:
-    """Return what a document says that a command has written, or would write."""
     try:
         return _READERS[json_values.document_kind(document.value)](document)
     except RecursionError:  # a value that is shown, or kept as it is
@@ -214,8 +213,7 @@ def _reach(document: JsonValue) -> Results:
         subjects.append(robot_subject(text, robot.inscribed_radius, outer))
     costmap = document.get("costmap")
     if costmap is not None and not costmap.is_null:
-        files = _named_files(costmap, "name")
-        subjects.append(costmap_subject(costmap["costmap"].text(), files))
+        subjects.append(costmap_subject(costmap["costmap"].text(), _named_files(costmap, "name")))
     share_of_open = min(areas[0] / areas[1], 1.0) if areas[1] else 1.0
     start_pose = place if yaw is None else (*place, yaw)
     return Results(
@@ -243,7 +241,6 @@ def _robot(robot: JsonValue) -> Footprint | None:
 
 
 def checked_shape(corners: Sequence[Any]) -> Footprint:
-    """Return the shape with the corners in a document; refuse those of no robot."""
     most = _MOST_CORNERS
     return Footprint(checked_corners(corners, "footprint", within=_WIDEST, least=3, most=most))
 
@@ -737,7 +734,6 @@ def _shortened(items: Iterable[Item], noun: str) -> list[Item]:
 
 
 def short(text: str) -> str:
-    """Return a text that may come from anywhere as one short line."""
     line = one_line(text)
     return line if len(line) <= _LONGEST else f"{line[:_LONGEST]}..."
 

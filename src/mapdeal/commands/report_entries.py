@@ -170,7 +170,6 @@ def folder_of(name: str) -> str | None:
 
 
 def without_folders(text: str, folders: Collection[str]) -> str:
-    """Return a text without the `folders` that names of files in it begin with."""
     shown, copied_to = "", 0
     for start in (match.start() for match in _ABSOLUTE.finditer(text)):
         separators = islice(_SEPARATOR.finditer(text, start + 1), _MOST_SEPARATORS)
@@ -315,7 +314,7 @@ def runs_in(folder: Path) -> list[Draft] | None:
         local = (name for name in contents_of(folder)[0] if exists(folder / name / MANIFEST))
         drafts = [Draft(f"{folder.name}/{name}", folder / name) for name in local]
         return [Draft(folder.name or str(folder), folder), *drafts]
-    entries = _within(read_json(folder / SUMMARY), "maps")
+    entries = _nested_value(read_json(folder / SUMMARY), "maps")
     if isinstance(entries, list) and entries and all(isinstance(row, dict) for row in entries):
         drafts = [draft for record in entries for draft in _drafts_of_batch(folder, record)]
         paths = tuple(draft.path for draft in drafts)
@@ -349,15 +348,14 @@ def _drafts_of_batch(folder: Path, record: Mapping[str, Any]) -> Iterator[Draft]
         yield Draft(f"{place}/local", folder / place / "local", status=status)
 
 
-def _within(value: Any, *keys: str) -> Any:
-    """Return the value of nested keys in a document of unknown origin, or None."""
+def _nested_value(value: Any, *keys: str) -> Any:
     for key in keys:
         value = value.get(key) if isinstance(value, dict) else None
     return value
 
 
 def _time_of_replay(folder: Path) -> float | None:
-    time = _within(read_json(folder / MANIFEST), "figures", "replay", "time")
+    time = _nested_value(read_json(folder / MANIFEST), "figures", "replay", "time")
     return time if isinstance(time, float) else None
 
 
@@ -403,11 +401,10 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
         figures = manifest["figures"].get(name)
         draft.tables.append(Table(f"{name}: parameters", rows_of(parameters)))
         draft.tables.append(Table(f"{name}: figures", rows_of(figures)))
-        resolution = _within(figures, "resolution")
+        resolution = _nested_value(figures, "resolution")
         with suppress(errors.MapdealError):
             if step is not None and _is_figure(resolution):
-                curve = step.curve_on(OccupancyGrid(_UNKNOWN_MAP, resolution))
-                draft.curve = curve or draft.curve
+                draft.curve = step.curve_on(OccupancyGrid(_UNKNOWN_MAP, resolution)) or draft.curve
     version = ("mapdeal", format_value(manifest.get("version")))
     draft.tables += [
         Table("Run", (version, *rows_of(manifest.get("options")))),
@@ -427,9 +424,9 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
 def _subjects_of_run(manifest: Mapping[str, Any]) -> Iterator[Subject]:
     robot = manifest.get("robot")
     stages = {name: values for stage in manifest["stages"] for name, values in stage.items()}
-    shapes = (_within(values, "footprint") for values in stages.values())
+    shapes = (_nested_value(values, "footprint") for values in stages.values())
     shape = next((shape for shape in shapes if isinstance(shape, dict) or shape), None)
-    inner, outer = _within(stages, "cost", "inscribed_radius"), None
+    inner, outer = _nested_value(stages, "cost", "inscribed_radius"), None
     if isinstance(robot, dict):
         files = robot.get("files")
         if isinstance(files, list) and all(isinstance(file, dict) for file in files):
@@ -439,7 +436,7 @@ def _subjects_of_run(manifest: Mapping[str, Any]) -> Iterator[Subject]:
         if robot.get("robot_radius") is None:
             outer = robot.get("circumscribed_radius")
     elif shape is not None:
-        inner = _within(shape, "radius")
+        inner = _nested_value(shape, "radius")
         if isinstance(shape, list):
             with suppress(errors.MapdealError):
                 footprint = documents.checked_shape(shape)
@@ -532,16 +529,15 @@ def _is_figure(value: object) -> TypeGuard[int | float]:
 
 def rows_of(values: object) -> tuple[tuple[str, str], ...]:
     pairs = values.items() if isinstance(values, dict) else ()
-    texts = {str(name): format_value(_as_written(value)) for name, value in pairs}
+    texts = {str(name): format_value(_with_rounded_numbers(value)) for name, value in pairs}
     return tuple((name, errors.one_line(text)) for name, text in texts.items())
 
 
-def _as_written(value: object) -> object:
-    """Return a value of a manifest with its numbers rounded as people would write them."""
+def _with_rounded_numbers(value: object) -> object:
     if isinstance(value, dict):
-        return {key: _as_written(item) for key, item in value.items()}
+        return {key: _with_rounded_numbers(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [_as_written(item) for item in value]
+        return [_with_rounded_numbers(item) for item in value]
     if isinstance(value, float) and abs(value) < _LARGEST_ROUNDED:
         return float(f"{value:.{_DIGITS}g}")
     return value

@@ -312,8 +312,6 @@ def scan(
 
 @dataclass(frozen=True)
 class _ScanRun(batch.BatchWork):
-    """Scans of a map of a batch, written to its place in the folder of outputs."""
-
     log_format: LogFormat
     parameters: Mapping[str, Any]
 

@@ -88,7 +88,6 @@ def moved_line(transform: Transform) -> str:
 def warn_of_uncovered(
     maps: Sequence[inputs.MapInput], bounds: Sequence[Bound], not_compared: int
 ) -> None:
-    """Warn that bounds ignore known cells of the first map outside the second."""
     if bounds and not_compared:
         text = f"does not cover {not_compared} known cells of {maps[0].name}"
         emit_warning(f"{maps[1].name}: {text}, which are not compared")
