@@ -273,7 +273,6 @@ def accept_parameters(
 
 
 def accepted_by(function: Callable[..., Any], values: Mapping[str, object]) -> dict[str, Any]:
-    """Return all keyword-only arguments of a function: the checked values, and defaults."""
     return accept_parameters(parameters_of(function), values, function.__name__)
 
 
@@ -301,7 +300,6 @@ def _is_supported(kind: Any) -> bool:
 
 
 def split_optional(hint: Any) -> tuple[Any, bool]:
-    """Return a type with None removed, and whether it was optional."""
     if get_origin(hint) not in (Union, types.UnionType):
         return hint, False
     arms = [arm for arm in get_args(hint) if arm is not type(None)]
