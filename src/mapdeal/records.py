@@ -27,10 +27,10 @@ def _refuse_to_delete(_: Any, name: str) -> None:
     raise dataclasses.FrozenInstanceError(f"cannot delete field {name!r}")
 
 
-def _is_equal(self: Any, other: Any) -> Any:
-    if other.__class__ is not self.__class__:
+def _is_equal(self: Any, value: Any) -> Any:
+    if value.__class__ is not self.__class__:
         return NotImplemented
-    return self._compared(self) == self._compared(other)
+    return self._compared(self) == self._compared(value)
 
 
 def _hash(self: Any) -> int:
