@@ -22,7 +22,7 @@ _SHADES = 16
 MOST_COLOURS = 256 - _SHADES  # of a picture; the others are the greys of the text
 BLACK, WHITE = MOST_COLOURS, 255
 GREY = MOST_COLOURS + _SHADES // 3
-_INK = [WHITE - round(covered * (_SHADES - 1) / 255) for covered in range(256)]
+_INK = bytes(WHITE - round(covered * (_SHADES - 1) / 255) for covered in range(256))
 """Palette index of each coverage of a pixel, 0..255."""
 _FREETYPE = 16 << 20  # bytes; more than FreeType needs, which crashes without memory
 _REPLACEMENTS = str.maketrans({
@@ -121,8 +121,9 @@ class Pen:
         ImageDraw.Draw(line).text(at, text, fill=255, font=_font(size), anchor="ls")
         left_x, top = x - at[0], baseline - at[1]
         under = self.sheet[max(top, 0) : top + line.height, max(left_x, 0) : left_x + line.width]
-        # numpy crashes without memory for a type conversion, so Pillow converts shades to indices
-        ink = np.asarray(line.point(_INK))[max(-top, 0) :, max(-left_x, 0) :]
+        # numpy crashes without memory for a type conversion, so `translate` makes indices of shades
+        ink = np.frombuffer(line.tobytes().translate(_INK), np.uint8).reshape(line.size[::-1])
+        ink = ink[max(-top, 0) :, max(-left_x, 0) :]
         np.minimum(under, ink[: len(under), : under.shape[1]], out=under)
 
     def fill(self, left_x: float, top: float, right: float, bottom: float) -> None:
