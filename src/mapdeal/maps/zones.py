@@ -15,7 +15,7 @@ from mapdeal.grid.bit_map import blank, draw
 from mapdeal.grid.filters import KINDS, FilterInfo, FilterKind, SpeedUnit, info_for
 from mapdeal.grid.frame import Point
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.shapes import Shape
+from mapdeal.grid.shapes import Circle, Line, Shape
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 from mapdeal.maps.kinds import SHAPES, recognised
 from mapdeal.maps.shapes import geojson_features
@@ -36,6 +36,17 @@ class Zone:
         """Return the shapes with a value; shapes of keepout zones may have a cost of their own."""
         own = self.kind == "keepout"
         return [s if own and s.value else replace(s, value=value) for s in self.shapes]
+
+    def is_near(self, xy: Point, margin: float) -> bool:
+        """Return whether a point lies in the box of a shape, or within a margin in metres of it."""
+        for shape in self.shapes:
+            points = [shape.center_xy] if isinstance(shape, Circle) else shape.points_xy
+            wide = shape.radius if isinstance(shape, Circle) else 0.0
+            wide = margin + (shape.thickness if isinstance(shape, Line) else wide)
+            sides = zip(zip(*points, strict=True), xy, strict=True)
+            if all(min(side) - wide <= place <= max(side) + wide for side, place in sides):
+                return True
+        return False
 
 
 def read_zones(path: Path, kind: FilterKind | None = None) -> list[Zone]:
@@ -121,7 +132,8 @@ def _value_of(zone: Zone, info: FilterInfo) -> int:
 
 def name_at(zones: Sequence[Zone], grid: OccupancyGrid, xy: Point) -> str | None:
     row, col = grid.frame.unbounded_rowcol_from_xy([xy])[0].tolist()
-    for zone in zones:
+    margin = 3 * grid.resolution  # a drawn cell may lie beyond the shape by its own diagonal
+    for zone in (zone for zone in zones if zone.is_near(xy, margin)):
         with errors.capture_warnings():  # drawing the mask has already emitted these
             drawn = draw(blank(grid, FREE), zone.shapes_with(OCCUPIED)).occupancy
         if drawn[row, col]:
