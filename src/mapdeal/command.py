@@ -243,7 +243,9 @@ def parameters_of(function: Any, *, of_stage: bool = False) -> dict[str, Paramet
         if words is None and not _is_supported(kind):
             rule = f"{function.__name__}: a parameter cannot be of this type"
             raise TypeError(f"{rule}: {name}: {hints[name]}")
-        default, unit, of_robot = argument.default, _mark_in(marks, Unit), FromRobot in marks
+        default = argument.default
+        unit = _mark_in(marks, Unit)
+        of_robot = FromRobot in marks
         conditions = tuple(mark for mark in marks if isinstance(mark, Condition))
         found[name] = Parameter(name, default, kind, optional, conditions, unit, of_robot, words)
     return found
@@ -688,7 +690,8 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
 
     @functools.wraps(function)
     def with_checks(*args: P.args, **kwargs: P.kwargs) -> Any:
-        bound, known = _bound(function.__name__, signature(), args, kwargs), parameters()
+        bound = _bound(function.__name__, signature(), args, kwargs)
+        known = parameters()
         accepted: dict[str, Any] = {
             name: known[name].accept(value) if name in known else value
             for name, value in kwargs.items()

@@ -587,7 +587,8 @@ def add_checksums(path: Path) -> None:
 
 
 def _mcap_records(file: IO[bytes]) -> Iterator[tuple[int, int, int]]:
-    position, opcode = _MCAP_MAGIC, 0
+    position = _MCAP_MAGIC
+    opcode = 0
     while opcode != _FOOTER:
         file.seek(position)
         opcode, length = struct.unpack("<BQ", file.read(9))

@@ -387,7 +387,8 @@ def read_ignored_names(path: Path, limit: int = OF_MAPS.bytes) -> Names:
         data = read_file(path, limit=limit)
     except (FileAccessError, MalformedInputError):
         return ()
-    lines, names = data.decode("utf-8-sig", "replace").splitlines(), []
+    lines = data.decode("utf-8-sig", "replace").splitlines()
+    names = []
     for comment in filter(None, map(_IGNORE.search, lines)):
         for part in comment.string[comment.end() :].split(","):
             name = _NAME.match(part)

@@ -113,7 +113,8 @@ class _GraphFacts:
         return f"node {number} lies {position}; the nearest open cell is at {x:.10g},{y:.10g}"
 
     def _blocked(self, is_closed: Mask) -> Iterator[Finding]:
-        graph, ends = self.graph, self.graph.ends
+        graph = self.graph
+        ends = self.graph.ends
         candidates = np.flatnonzero(~is_closed[ends].any(axis=1))
         ends_rowcol = self.frame.continuous_rowcol_from_xy(graph.points_xy)
         starts, stops = ends_rowcol[ends[candidates, 0]], ends_rowcol[ends[candidates, 1]]
@@ -150,7 +151,8 @@ class _GraphFacts:
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-        ends, count = self.graph.ends, len(self.graph.nodes)
+        ends = self.graph.ends
+        count = len(self.graph.nodes)
         weak = joined(count, ends[:, 0], ends[:, 1])[0]
         sizes = np.bincount(weak, minlength=count)
         largest = int(sizes.argmax())

@@ -310,7 +310,8 @@ def inside_out(facts: GridFacts) -> Iterator[str]:
     if not occupied > free > 0 or cells.size < _LEAST_CELLS:
         return
     sizes, counts = cells.free_components
-    pieces, is_thin = int(counts.sum()), cells.mean_free_width < _WIDTH_OF_WALLS
+    pieces = int(counts.sum())
+    is_thin = cells.mean_free_width < _WIDTH_OF_WALLS
     is_scattered = pieces >= _PIECES_OF_WALLS and sizes[-1] < _LARGEST_PIECE * free
     if pieces > 1 and (is_thin or is_scattered):
         text = f"{occupied} cells are occupied, and the {free} free ones form {pieces} pieces "

@@ -206,7 +206,8 @@ def counted(steps: int, noun: str | None = None) -> Iterator[Callable[..., objec
 
     def advance(count: int = 1, *, failed: bool = False) -> None:
         nonlocal steps_done, failures, printed_at
-        steps_done, failures = steps_done + count, failures + failed
+        steps_done += count
+        failures += failed
         if bar is not None:
             with contextlib.suppress(OSError):
                 bar.update(count)

@@ -65,7 +65,8 @@ def _with_lenient_spelling(kind: Any) -> Any:
     kind = copy(kind)  # click has one for all numbers
     convert = kind.convert
     choices = [str(choice) for choice in getattr(kind, "choices", ())]
-    is_number, is_path = kind.name.startswith(_NUMBERS), hasattr(kind, "file_okay")
+    is_number = kind.name.startswith(_NUMBERS)
+    is_path = hasattr(kind, "file_okay")
 
     def converted(value: Any, parameter: Any, context: Any) -> Any:
         from mapdeal.command import is_plain

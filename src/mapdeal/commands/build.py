@@ -611,11 +611,13 @@ def _draw_changes(first: States, second: States, frame: Frame, look: Any, file: 
 def _method_figures(built: mapping.BuiltMap, bytes_per_cell: int) -> Figures:
     grid, vanished = built.grid, built.vanished
     middles = vanished.middles_xy(grid.frame)[:_MOST_VANISHED].tolist()
-    counts, thickness = grid.figures(), thickness_of(grid.occupancy == OCCUPIED)
+    counts = grid.figures()
+    thickness = thickness_of(grid.occupancy == OCCUPIED)
     one_wide = int(np.count_nonzero(thickness == 1))
     share = mean = mean_m = None
     if len(thickness):
-        share, mean = round(one_wide / len(thickness), 6), float(thickness.mean())
+        share = round(one_wide / len(thickness), 6)
+        mean = float(thickness.mean())
         mean, mean_m = round(mean, 6), round(mean * grid.resolution, 6)
     figures: Figures = {state: counts[state] for state in _STATES}
     figures |= {"one_cell_wide": one_wide, "one_cell_wide_share": share}

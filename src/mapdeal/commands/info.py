@@ -223,7 +223,9 @@ def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> Report
     with sums_of_reads() as sums, open_map(path, dialect=dialect, max_cells=max_cells) as file:
         if (reach := file.layers_of(Reach)) is not None:
             return _describe_reach(path, reach)
-        source, described, named = file.read(), file.described(), file.sums_by_name(sums)
+        source = file.read()
+        described = file.described()
+        named = file.sums_by_name(sums)
     grid = source.grid
     claim_work(path, grid, _OF_POTENTIAL if isinstance(grid, PotentialField) else _OF_OTHERS)
     report: Report = {"file": str(path), "kind": grid.kind}

@@ -132,7 +132,8 @@ class WindowPlanner:
         lows = np.array([window.origin[:2] for window in costs])
         shapes = np.array([window.shape for window in costs])
         places = np.rint((lows - lows.min(axis=0)) / side).astype(int)[:, ::-1]
-        extent, kind = (places + shapes).max(axis=0), costs[0].cost.dtype
+        extent = (places + shapes).max(axis=0)
+        kind = costs[0].cost.dtype
         values: Any = np.full(extent, costs[0].unknown_value, kind)
         for window, (row, col), (height, width) in zip(costs, places, shapes, strict=True):
             values[row : row + height, col : col + width] = window.cost
@@ -341,7 +342,8 @@ def _single(
 ) -> RunReport:
     report = local_maps.make_local(job, common)
     if planner is not None:
-        route, path = planner.plan(job), job.folder / ROUTE
+        route = planner.plan(job)
+        path = job.folder / ROUTE
         if not (route.reached or route.beyond_window):
             raise FindingError("no route leads to the goal, nor to the border", source=path)
         ending = "to the goal" if route.reached else "to the border, the goal is beyond it"

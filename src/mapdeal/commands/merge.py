@@ -331,7 +331,8 @@ def _evidence_of(
     if layers_given is not None and rule != "evidence":
         raise ParameterError("is for rule evidence alone", place="evidence")
     if layers_given is not None:
-        text, count = f"must be {len(maps)}, one for each map", len(layers_given)
+        text = f"must be {len(maps)}, one for each map"
+        count = len(layers_given)
         require(count == len(maps), text, "evidence", got=count)
     chosen: list[merging.ChosenLayers] = []
     for source, layers in zip(maps, layers_given or [None] * len(maps), strict=True):

@@ -670,6 +670,7 @@ def _differences_of(report: PlanReport, document: JsonValue) -> Iterator[str]:
             before = stored[key].or_none(read)
             if before != now[key]:
                 yield f"{label}: {key} {now[key]}, expected {before}"
-        before, length = stored["length_m"].or_none(JsonValue.number), now["length_m"]
+        before = stored["length_m"].or_none(JsonValue.number)
+        length = now["length_m"]
         if before is not None and length is not None and abs(before - length) > _SAME:
             yield f"{label}: {length:.6g} m, expected {before:.6g} m"

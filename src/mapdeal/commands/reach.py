@@ -147,7 +147,8 @@ def chosen_goals(goals: Sequence[Goal | str], points: Path | None) -> list[Goal]
     if unknown:
         rule, hint = "must be [NAME=]X,Y", "a name alone is that of a point in --points FILE"
         if points is not None:
-            rule, known = f"{points} has no such name", ", ".join(by_name) or "no point"
+            rule = f"{points} has no such name"
+            known = ", ".join(by_name) or "no point"
             hint = errors.nearest_hint(unknown[0], by_name) or f"it names {known}"
         raise errors.ParameterError(rule, place="goals", got=unknown[0], hint=hint)
     chosen = [by_name[goal] if isinstance(goal, str) else goal for goal in goals]

@@ -127,7 +127,8 @@ class RunChecks:
             return None
         source = map_input(read_input(path, self.settings), path)
         check_map(source)
-        mask, up_to_kilted = self._mask, self.settings.dialect != "nav2"
+        mask = self._mask
+        up_to_kilted = self.settings.dialect != "nav2"
         work = PlannerOnMap(source, self.robot, *planner_of(self.robot, None), mask, up_to_kilted)
         goals = [PlanGoal(goal.x, goal.y, name=goal.name) for goal in self.goals]
         plans = report_on(work, pose_of(self.start, "start"), goals, has_changes=False)
@@ -465,7 +466,8 @@ class _Gathering:
     def add_input(self, opened: Opened) -> list[Draft]:
         runs = [run for run in self.runs if opened.sums and run.sums >= {*opened.sums.values()}]
         for run in runs:
-            name, above = run.free_name("input"), run.layers
+            name = run.free_name("input")
+            above = run.layers
             run.layers = self._grids.layers(opened.path, name, "Map as read")
             entries.add_layers(run, above)
             of_map = entries.columns_of({name: self._grids.grid(opened.path).figures()})

@@ -170,7 +170,8 @@ def _part_of_lint(document: JsonValue) -> Results:
     for number, repair in enumerate(document.items_of("repairs"), start=1):
         rows.append((f"repair {number}", short(repair.text())))
     items = _shortened((item for found in findings for item in _items_of(found)), "finding")
-    tables, claims = [Table("Lint", tuple(rows))], (on_findings(texts),)
+    tables = [Table("Lint", tuple(rows))]
+    claims = (on_findings(texts),)
     return Results(json_values.LINT, items, tables, claims=claims, name=file)
 
 
@@ -433,7 +434,8 @@ def _route_graph(document: JsonValue) -> Results:
 
 def _node_item(node: route_graph.RouteNode) -> Item:
     metadata = ", ".join(f"{key} {value}" for key, value in node.metadata.items())
-    place, label = (node.x, node.y), short(str(node.metadata.get("name") or ""))
+    place = (node.x, node.y)
+    label = short(str(node.metadata.get("name") or ""))
     text = ": ".join(filter(None, (f"node {node.id} at {place_text(place)}", metadata)))
     return Item("graph", short(text), "note", place, label=label)
 
@@ -511,7 +513,8 @@ def _alignment(document: JsonValue) -> Results:
         ("walls in common that agree", f"{100 * shares[1]:.0f} %"),
         *map(_candidate_row, count(1), document.items_of("candidates")),
     )
-    tables, maps = [Table("Alignment", rows)], _maps(document, "first", "second")
+    tables = [Table("Alignment", rows)]
+    maps = _maps(document, "first", "second")
     words = f"The two maps overlap by {100 * shares[0]:.0f} %, "
     words += f"and {100 * shares[1]:.0f} % of their common walls agree"
     if not is_same:
@@ -577,7 +580,8 @@ def _robot_diff(document: JsonValue) -> Results:
 
 def _named_robot(robot: JsonValue) -> NamedRobot:
     costmap = cast("CostmapName", robot["costmap"].word(*get_args(CostmapName)))
-    files, namespace = _named_files(robot, "file"), robot["namespace"].or_none(JsonValue.text)
+    files = _named_files(robot, "file")
+    namespace = robot["namespace"].or_none(JsonValue.text)
     return NamedRobot(files, costmap, namespace)
 
 
@@ -642,7 +646,8 @@ def change_items(changes: Sequence[Change], unlisted: int, frame: Frame) -> list
         lines = lines if count <= room else []  # of a map that has nothing in common with the other
         room -= count if lines else 0
         at = place_text([round(change.x, 2), round(change.y, 2)])
-        text, place = f"{number}. {decimal_text(change.area, 3)} m2 at {at}", (change.x, change.y)
+        text = f"{number}. {decimal_text(change.area, 3)} m2 at {at}"
+        place = (change.x, change.y)
         items.append(Item(change.kind, text, "plain", place, tuple(lines), str(number)))
     if unlisted:
         items.append(Item(changes[-1].kind, f"{count_text(unlisted, 'smaller change')} not listed"))
@@ -676,7 +681,8 @@ def _method(name: str, document: JsonValue) -> Results:
         count, group = count_text(place["cells"].integer(), "cell"), short(f"{name}: hits vanished")
         text = short(f"{name}: {count} with hits vanished")
         items.append(Item("finding", text, "note", _place(place), group=group))
-    listed, table = _shortened(items, "group of hits"), Table(short(f"Method {name}"), tuple(rows))
+    listed = _shortened(items, "group of hits")
+    table = Table(short(f"Method {name}"), tuple(rows))
     return Results(json_values.COMPARISON, listed, [table], name=name)
 
 

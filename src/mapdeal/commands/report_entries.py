@@ -426,7 +426,8 @@ def _subjects_of_run(manifest: Mapping[str, Any]) -> Iterator[Subject]:
     stages = {name: values for stage in manifest["stages"] for name, values in stage.items()}
     shapes = (_nested_value(values, "footprint") for values in stages.values())
     shape = next((shape for shape in shapes if isinstance(shape, dict) or shape), None)
-    inner, outer = _nested_value(stages, "cost", "inscribed_radius"), None
+    inner = _nested_value(stages, "cost", "inscribed_radius")
+    outer = None
     if isinstance(robot, dict):
         files = robot.get("files")
         if isinstance(files, list) and all(isinstance(file, dict) for file in files):

@@ -114,7 +114,8 @@ class PlannedRoute(Route, Spread):
         """Raise FindingError if the goal is not reached, nor the border on the way to it."""
         if self.passes:
             return
-        goal, hint = f"{self.goal[0]:.10g}, {self.goal[1]:.10g}", None
+        goal = f"{self.goal[0]:.10g}, {self.goal[1]:.10g}"
+        hint = None
         if self.local_minimum is not None:
             x, y = (round(value, 3) + 0.0 for value in self.local_minimum)
             rule = f"stopped at {x:.10g}, {y:.10g}, in a local minimum of the potential over "

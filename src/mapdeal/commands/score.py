@@ -343,7 +343,8 @@ def _claim(maps: Sequence[inputs.MapInput], reading: inputs.Reading, *, aligns: 
     grids = [source.occupancy for source in maps]
     shape = grids[-1].shape
     walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
-    needed, of_picture = scoring.bytes_alone(shape, walls), 0
+    needed = scoring.bytes_alone(shape, walls)
+    of_picture = 0
     if len(grids) > 1:
         needed = scoring.bytes_to_compare(shape, walls)
         of_picture = scoring.bytes_to_compare(shape, walls, is_drawn=True)

@@ -129,7 +129,8 @@ def warn_of_frames(maps: Sequence[inputs.MapInput], advice: str) -> bool:
 
 def _meeting(first: OccupancyGrid, second: OccupancyGrid, transform: Transform) -> float | None:
     """Return the share of the first map's walls on walls of the second, if both have walls."""
-    walls, there = np.flatnonzero(first.occupied()), second.occupied()
+    walls = np.flatnonzero(first.occupied())
+    there = second.occupied()
     if not len(walls) or not there.any():
         return None
     walls = walls[:: -(-len(walls) // _MOST_WALLS)]

@@ -303,7 +303,8 @@ class Agreement:
             return np.array(_BY_CHANCE)
         seen = (self.agreeing + self.contradicting)[is_wrong]
         counted = np.where(seen >= _LARGE * seen.max(axis=0), seen, 0)
-        total, agreeing = counted.sum(axis=0), (counted * self.shares[is_wrong]).sum(axis=0)
+        total = counted.sum(axis=0)
+        agreeing = (counted * self.shares[is_wrong]).sum(axis=0)
         mean = np.divide(agreeing, total, where=total > 0, out=total * 0)
         return np.asarray(np.maximum(mean, _BY_CHANCE))
 
@@ -501,7 +502,8 @@ def _candidates(
     poses = np.concatenate([fine, coarse, expected])
     if not len(poses):
         return poses
-    wide, narrow = max(cell, 0.3), _narrow(first, second)
+    wide = max(cell, 0.3)
+    narrow = _narrow(first, second)
     poses = refined(first, second, poses, [wide] * 4 + [wide / 2] * 4 + [narrow] * 4, _MOST_FACES)
     # refinement may have moved poses out of the limits
     allowed: Mask = np.all(np.isfinite(poses), axis=1)
@@ -608,7 +610,8 @@ def _slid(first: WallMap, second: WallMap, pose: Poses, axes: Floats) -> Poses:
     """Return the best poses shifted along the walls: in a row of equal rooms, other rooms."""
     step = max(_SLIDE_STEP, first.resolution, second.resolution)
     shifts = np.arange(_SAME_PLACE, _SLIDE, step)
-    shifts, found = np.concatenate([-shifts[::-1], shifts]), []
+    shifts = np.concatenate([-shifts[::-1], shifts])
+    found = []
     for axis in axes:
         slid = np.repeat(pose[None], len(shifts), axis=0)
         slid[:, 1:] += shifts[:, None] * axis

@@ -93,7 +93,8 @@ def fitted(
     first_share = first.wall_length / len(first_faces) / piece / 2  # observations per face
     second_share = second.wall_length / len(second_faces) / piece / 2
     cos, sin = np.cos(poses[:, :1]), np.sin(poses[:, :1])
-    terms, stiffness = bend.terms(first_faces), 1 / bend.deviation**2
+    terms = bend.terms(first_faces)
+    stiffness = 1 / bend.deviation**2
     for scale in scales:
         distance, x, y = slopes(second, bend.moved(poses, first_faces))
         normal, right = _equations(terms, (x, y), distance, scale, first_share)

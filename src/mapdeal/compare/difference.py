@@ -126,7 +126,8 @@ class Change:
         cls, kind: ChangeKind, marked: Mask, frame: Frame, most: int
     ) -> tuple[list[Change], int]:
         """Return the largest regions of cells that touch, corners included, and how many exist."""
-        cells, labels = np.flatnonzero(marked), labelled(marked, corners=True)
+        cells = np.flatnonzero(marked)
+        labels = labelled(marked, corners=True)
         regions, sizes = labels.cells.ravel()[cells], labels.sizes[1:]
         changes = []
         for region in np.argsort(-sizes, kind="stable")[:most] + 1:

@@ -98,13 +98,15 @@ def _faults_in(estimate: States, truth: States, frame: Frame) -> Iterator[Fault]
     def fault(kind: str, cells: Mask, amount: float, unit: str, total: Mask) -> Iterator[Fault]:
         share = float(cells.sum() / max(1, total.sum()))
         if share >= _LEAST[kind]:
-            place, severity = _most_of(cells, frame), share / _LEAST[kind]
+            place = _most_of(cells, frame)
+            severity = share / _LEAST[kind]
             yield Fault(kind, amount, unit, share, *place, place_text(maps[1], place), severity)
 
     bend = bend_between(*maps)
     least = max(_LEAST_BEND, 2 * cell)
     if bend.metres >= least and bend.share_bent - bend.share >= _LEAST_GAIN:
-        place, severity = place_text(maps[1], bend.point_xy), bend.metres / least
+        place = place_text(maps[1], bend.point_xy)
+        severity = bend.metres / least
         yield Fault("bent", bend.metres, "m", None, *bend.point_xy, place, severity)
         near += bend.metres
     walls, true_walls = estimate == OCCUPIED, truth == OCCUPIED

@@ -176,7 +176,8 @@ def _mean_similarity(
     halves = np.zeros(3, dtype=np.uint8)  # of a pixel's value
     halves[[OCCUPIED, UNKNOWN, FREE]] = 0, 1, 2
     a, b = halves[first], halves[second]
-    sums, step = np.zeros(rows), max(1, TOGETHER // (min(width, _ACROSS) + _AROUND))
+    sums = np.zeros(rows)
+    step = max(1, TOGETHER // (min(width, _ACROSS) + _AROUND))
 
     def band(part: slice) -> None:
         for start, first in product(range(part.start, part.stop, step), range(0, cols, _ACROSS)):
@@ -344,13 +345,16 @@ def corners_of(walls: Mask) -> Mask:
 
 
 def _corners_in(walls: Mask) -> Mask:
-    core, inner = (slice(_HALO, -_HALO),) * 2, np.zeros(walls.shape, dtype=np.bool_)
+    core = (slice(_HALO, -_HALO),) * 2
+    inner = np.zeros(walls.shape, dtype=np.bool_)
     if not walls.any():
         return inner[core]
     response, trace = _response(walls)
     inner[core] = (response[core] > 0) & (trace[core] > _LEAST_TRACE)
-    at, flat = np.flatnonzero(inner), response.ravel()
-    strongest, reach = flat[at], range(-_APART, _APART + 1)
+    at = np.flatnonzero(inner)
+    flat = response.ravel()
+    strongest = flat[at]
+    reach = range(-_APART, _APART + 1)
     for row, col in product(reach, reach):
         if row * row + col * col <= _APART * _APART:
             np.maximum(strongest, flat[at + (row * walls.shape[1] + col)], out=strongest)
@@ -381,7 +385,8 @@ def score_alone(states: States, frame: Frame) -> Values:
     # (arXiv:1708.02354): shares of cells, corners and enclosed areas.
     unknown, free, occupied = histogram(states)[: OCCUPIED + 1].tolist()
     walls = states == OCCUPIED
-    thick, pieces = thickness_of(walls), labelled(walls, corners=True)
+    thick = thickness_of(walls)
+    pieces = labelled(walls, corners=True)
     walls &= pieces.cells_of(pieces.sizes >= LEAST_PIECE)
     sizes = pieces.sizes[1:]
     del pieces  # which takes as much memory as what follows

@@ -126,7 +126,8 @@ def _faces(occupied: Mask, free: Mask) -> Mask:
 
 
 def _normals(cells: NDArray[np.int64], free: Mask) -> Singles:
-    padded, total = np.pad(free, _REACH), np.zeros((len(cells), 2), dtype=np.float32)
+    padded = np.pad(free, _REACH)
+    total = np.zeros((len(cells), 2), dtype=np.float32)
     around = range(-_REACH, _REACH + 1)
     for row, col in product(around, around):
         if row or col:

@@ -374,7 +374,8 @@ def memory_limit() -> tuple[int | None, str]:
 def room() -> int | None:
     """Return the most bytes that `claim` grants now; None for unlimited."""
     budget = _budget()
-    limit, used = budget.limit, INTERPRETER + budget.used
+    limit = budget.limit
+    used = INTERPRETER + budget.used
     return None if limit is None else max(limit - used, _LITTLE)
 
 

@@ -65,7 +65,8 @@ def read_rows(
 
 def first_line(file: BinaryIO) -> tuple[int, int, str]:
     # The text is empty if the file has no such line.
-    number, start = 0, file.tell()
+    number = 0
+    start = file.tell()
     while raw := file.readline(LONGEST_LINE):
         number += 1
         if number == 1 and raw.startswith(BYTE_ORDER_MARK):

@@ -161,7 +161,9 @@ def widest_metres(
 
 def clearance_metres(squared: SquaredDistances, resolution: float, metres: Metres) -> None:
     """Fill in the metres of squares; `metres` may share the memory of `squared`."""
-    narrow, paint, bytes_ = _narrow(squared), _clearance_tree.paint, metres.view(np.uint8)
+    narrow = _narrow(squared)
+    paint = _clearance_tree.paint
+    bytes_ = metres.view(np.uint8)
     for_rows(lambda rows: paint(narrow[rows], None, None, resolution, bytes_[rows]), squared.shape)
 
 
@@ -228,7 +230,8 @@ class OpenPoses:
         words = height * -(-width // _WORD) * self._count
         claim_tables(8 * words - self._count * height * width // 8)  # the last words of all rows
         planes = np.empty((height, -(-width // _WORD), self._count), dtype=np.uint64)
-        make, shape = self._maker.make, (height, width * self._count)
+        make = self._maker.make
+        shape = (height, width * self._count)
         for_rows(lambda rows: make(rows.start, rows.stop, planes, numbers), shape, _BAND_ROWS)
         if self._closed is not None:
             bits = np.zeros((height, planes.shape[1] * _WORD), dtype=np.bool_)

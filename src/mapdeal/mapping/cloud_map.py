@@ -477,7 +477,8 @@ class CloudMapper:
         occupied, floor = _states(contents, counts, passed, options)
         values = np.full(contents.frame.shape, UNKNOWN, np.int8)
         values[floor], values[occupied] = FREE, OCCUPIED
-        known, everything = values != UNKNOWN, Region(0, 0, *contents.frame.shape)
+        known = values != UNKNOWN
+        everything = Region(0, 0, *contents.frame.shape)
         box = box_of(known) if self._frame is None else everything
         part, frame = box.shared_with(contents.frame.shape), box.frame_in(contents.frame)
         grid = OccupancyGrid(values[part].copy(), frame.resolution, frame.origin)

@@ -587,7 +587,8 @@ class Tsdf(Counting):
         super().__init__(frame)
         self._truncation, self._behind = truncation, truncation_behind
         self.reach_behind = truncation * truncation_behind
-        least, most = 1 / truncation, _FARTHEST / truncation
+        least = 1 / truncation
+        most = _FARTHEST / truncation
         rule = f"must be {least:.6g} to {most:.6g} truncations: 1 to {_FARTHEST:g} cells"
         is_cells = 1 <= self.reach_behind <= _FARTHEST
         require(is_cells, rule, "truncation_behind", got=truncation_behind)

@@ -460,7 +460,8 @@ def cells_of(
         return out
     # colours and opacities become wide numbers, so only some rows are converted at once
     cells = np.empty(picture.shape, dtype=np.int8) if out is None else out
-    read, first = reader_of(picture, metadata, dialect), 0
+    read = reader_of(picture, metadata, dialect)
+    first = 0
     for band in picture.bands(_PIXELS_AT_ONCE):
         cells[first : first + band.shape[0]] = read(band)
         first += band.shape[0]

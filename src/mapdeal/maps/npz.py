@@ -461,7 +461,8 @@ def _read_field(reader: NpzReader, resolution: float, origin: Any) -> DistanceFi
 
 def _read_potential(reader: NpzReader, resolution: float, origin: Any) -> PotentialField:
     # The attractive layer and the sums are computed again instead of read.
-    names, weight = reader.names(), "cost_travel_multiplier"
+    names = reader.names()
+    weight = "cost_travel_multiplier"
     goal = reader.small("goal", np.float64, (2,)).tolist() if "goal" in names else None
     has_lengths = "cost_to_go" in reader.names()
     return PotentialField(

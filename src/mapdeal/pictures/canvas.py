@@ -139,7 +139,8 @@ class Pen:
     def legend(
         self, x: int, y: int, height: int, bar: ColourBar | None, swatches: Sequence[Swatch]
     ) -> list[tuple[tuple[int, int], Bytes]]:
-        boxes, size = [], self.size
+        boxes = []
+        size = self.size
         if bar is not None:
             top = y + int(1.5 * size)
             bar_height = min(height - int(size * (1.6 * len(swatches) + 3)), 30 * size)
@@ -178,7 +179,8 @@ class Pen:
     def scale_bar(self, x: int, y: int, width: int, metres_per_pixel: float) -> int:
         """Draw a bar of a round length; return the x coordinate behind it."""
         length = round_length(width * metres_per_pixel * 0.4)
-        pixels, thick = round(length / metres_per_pixel), max(2, self.size // 6)
+        pixels = round(length / metres_per_pixel)
+        thick = max(2, self.size // 6)
         self.fill(x, y, x + pixels, y + thick)
         for end in (x, x + pixels):
             self.fill(end, y - 2 * thick, end + thick // 2, y + thick)
@@ -213,7 +215,8 @@ def sheet(
 ) -> Image:  # fmt: skip
     height, width = pixels.shape
     text_size = text_size_of(pixels.shape)
-    pen, pad = Pen(text_size), text_size
+    pen = Pen(text_size)
+    pad = text_size
     labels = [swatch.label for swatch in swatches]
     if bar is not None:
         labels += [label for _, label in bar.ticks] + [bar.unit]

@@ -160,9 +160,11 @@ def bins_of(
 
 def _with_histogram(above: Image, walls: ScoredWalls, size: int) -> Image:
     height, width = above.indices.shape
-    pen, bins = Pen(size), bins_of(walls.distances, walls.frame.resolution, walls.top)
+    pen = Pen(size)
+    bins = bins_of(walls.distances, walls.frame.resolution, walls.top)
     left_x = canvas.text_width("100 %", size) + 2 * size
-    sheet_width, plot_height = max(width, left_x + 34 * size), 12 * size
+    sheet_width = max(width, left_x + 34 * size)
+    plot_height = 12 * size
     bottom = height + 4 * size + plot_height
     pen.open(sheet_width, bottom + 4 * size)
     pen.sheet[:height, :width] = above.indices
@@ -189,7 +191,8 @@ def _label_bars(
     pen: Pen, middles: Sequence[float], left_x: int, bottom: int, bar_width: int
 ) -> None:
     """Draw the axis and as many of its labels as there is room for, with that of the end."""
-    size, end = pen.size, left_x + bar_width * len(middles)
+    size = pen.size
+    end = left_x + bar_width * len(middles)
     names = ["farther" if math.isinf(middle) else f"{middle:g}" for middle in middles]
     widths = [canvas.text_width(name, size) for name in names]
     bars_per_label = max(1, math.ceil((max(widths[:-1]) + size) / bar_width))

@@ -516,7 +516,8 @@ class BagClouds:
         return time or place.time, frame
 
     def _mount(self, sensor: str, time: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        times, base = np.array([time], np.int64), self._base or sensor
+        times = np.array([time], np.int64)
+        base = self._base or sensor
         with errors_named(self.bag.path):
             posed = self._frames.tree.lookup(base, sensor, times)
         if not posed.known.all():
