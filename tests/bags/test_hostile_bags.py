@@ -2,6 +2,7 @@
 """Bags that compute, expand or refer elsewhere: an error soon, and no memory beyond the limit."""
 
 import bz2
+import contextlib
 import os
 import shutil
 import sqlite3
@@ -14,11 +15,12 @@ import pytest
 
 from bags.making import START, Maker, occupancy, ros2_store, scan, tf
 from cli.test_memory_of_commands import measured
-from mapdeal import FileAccessError, MalformedInputError
+from mapdeal import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.bags.bag import zstd_module
 from mapdeal.bags.chunked import ChunkCache
 from mapdeal.bags.messages import Decoder
 from mapdeal.bags.reader import open_bag
+from mapdeal.bags.sqlite import SqliteBag
 from mapdeal.files.source import use_memory
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("mapdeal_warnings")]
@@ -335,3 +337,17 @@ def test_hostile_bags_take_no_more_than_the_limit(changed, tmp_path):
             code, output, peak = measured(tmp_path, f"{command} {path} {out}", str(MEMORY))
             assert code in (0, 3), output
             assert peak < MEMORY + 20_000_000, (command, path.name, peak)
+
+
+def test_a_row_that_is_too_long_is_refused_in_a_cut_file_as_well(tmp_path):
+    path = tmp_path / "cut.db3"
+    with contextlib.closing(sqlite3.connect(path)) as db:
+        db.execute("CREATE TABLE topics (id INTEGER PRIMARY KEY, name, type, serialization_format)")
+        db.execute("CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id, timestamp, data BLOB)")
+        db.execute("INSERT INTO topics VALUES (1, '/scan', 'sensor_msgs/msg/LaserScan', 'cdr')")
+        db.execute("INSERT INTO messages VALUES (1, 1, 0, ?)", (bytes(6_000_000),))
+        db.commit()
+    os.truncate(path, path.stat().st_size - 2048)
+    with pytest.warns(MapdealWarning, match="cut"), use_memory(60_000_000, is_chosen=True):
+        with SqliteBag(path) as bag, pytest.raises(MalformedInputError, match="more memory"):
+            list(bag.pieces([1]))

@@ -77,12 +77,11 @@ class SqliteBag(Bag):
         time, row_id = _INTEGER.format("timestamp"), _INTEGER.format("id")
         query = f"SELECT topic_id, {time}, {row_id}, {length} FROM messages"  # noqa: S608
         try:
-            for rows in _batches(self._select(f"{query} WHERE topic_id IN ({selected})")):
+            cursor = self._select(f"{query} WHERE topic_id IN ({selected})")
+            for rows in _batches(cursor, self._is_cut):
                 topics, times, ids, _ = np.array(rows, dtype=np.int64).T
                 yield MessageIndex(topics, times, ids, np.zeros(len(ids), np.int64))
         except sqlite3.DatabaseError as error:
-            if _TOO_LONG not in str(error) and self._is_cut:
-                return
             if _TOO_LONG in str(error) or _TOO_BIG in str(error):
                 raise self._error(error) from None
             self.warn_once(f"{_describe(error)}; the messages before that place are read")
@@ -237,15 +236,17 @@ def _bytes_after_last_page(path: Path) -> int:
     return sources.status_of(path).st_size % size if size >= _SMALLEST_PAGE else 0
 
 
-def _batches(cursor: sqlite3.Cursor) -> Iterator[list[tuple[Any, ...]]]:
-    """Yield rows some at a time; before an error is raised, those that precede the damage."""
+def _batches(cursor: sqlite3.Cursor, is_cut: bool) -> Iterator[list[tuple[Any, ...]]]:
+    """Yield rows some at a time, all that precede a damage; a truncated file ends there."""
     while True:
         rows: list[tuple[Any, ...]] = []
         try:
             rows.extend(islice(cursor, _ROWS_TOGETHER))
-        except sqlite3.DatabaseError:
+        except sqlite3.DatabaseError as error:
             if rows:
                 yield rows
+            if is_cut and _TOO_LONG not in str(error):
+                return
             raise
         if not rows:
             return
