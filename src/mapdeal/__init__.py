@@ -61,8 +61,9 @@ def __getattr__(name: str) -> object:
     from importlib import import_module
     from importlib.util import find_spec
 
-    is_special = name.startswith("__") or find_spec(f"{__name__}.{name}")  # Python imports modules
-    module_name = None if is_special else _module_of(name)
+    # Python imports modules itself, and looks for special names
+    is_other = name.startswith("__") or "." in name or find_spec(f"{__name__}.{name}")
+    module_name = None if is_other else _module_of(name)
     if module_name is None:
         raise AttributeError(f"module 'mapdeal' has no attribute {name!r}")
     value = getattr(import_module(module_name), name)
