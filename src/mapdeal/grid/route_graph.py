@@ -19,7 +19,7 @@ from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.lookup import least_along, places_along
 from mapdeal.records import dataclass, field
 
-_SAMPLES = 1 << 17  # positions that are checked at once; their arrays stay in the cache
+_SAMPLES = 1 << 16  # positions that are checked at once; arrays of twice as many fit in the cache
 _STEP = 0.5  # of a cell
 _NEAR_EDGE = 2.5e-3  # of a cell: more than the rounding of coordinates
 _ROUNDING = 1e-6  # metres
@@ -211,7 +211,7 @@ class Sweeps:
 
 
 def _parts(counts: NDArray[np.int64]) -> Iterator[slice]:
-    """Yield slices of lines, each of about `_SAMPLES` places or one longer line."""
+    """Yield slices of lines, each of fewer than `_SAMPLES` places besides its first line."""
     groups = np.cumsum(counts) // _SAMPLES
     bounds = [*np.flatnonzero(np.diff(groups, prepend=-1)).tolist(), len(counts)]
     yield from starmap(slice, pairwise(bounds))

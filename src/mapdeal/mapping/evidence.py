@@ -168,6 +168,7 @@ class BeamLimits:
                 raise ParameterError("must be a number", place=name, got=value) from None
             if not 0 <= value <= FARTHEST_POSE:  # refuses nan too
                 raise ParameterError("must be a finite number, at least 0", place=name, got=value)
+            object.__setattr__(self, name, value)
         rule = f"must be above range_min, {self.range_min:g}"
         require(self.range_max > self.range_min, rule, "range_max", got=self.range_max)
 
@@ -531,8 +532,8 @@ def thin_blocks(chosen: Mask, size: Floats) -> None:
     cells = np.argwhere(blocks[1:, 1:] | blocks[1:, :-1] | blocks[:-1, 1:] | blocks[:-1, :-1])
     for index in np.argsort(-size[tuple(cells.T)], kind="stable").tolist():
         row, col = cells[index].tolist()
-        # Its neighbours stay 8-connected without it if Yokoi's connectivity number is 1. It is in a
-        # block if three consecutive neighbours, the middle one diagonal, are set.
+        # A cell's neighbours stay 8-connected without it if Yokoi's connectivity number is 1. The
+        # cell is in a block if three consecutive neighbours, the middle one diagonal, are set.
         ring = [bool(padded[row + 1 + y, col + 1 + x]) for y, x in _RING]
         corners = [(ring[k], ring[k + 1], ring[(k + 2) % 8]) for k in (0, 2, 4, 6)]
         number = sum(not first and (middle or last) for first, middle, last in corners)

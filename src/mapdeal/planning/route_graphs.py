@@ -244,7 +244,8 @@ class _CompleteDraft(graph_drafts.Draft):
         places = piece.places[piece.first : piece.last + 1]
         start, end = self.at((piece.start, piece.end))
         along, away = end - start, places - start
-        length, off = float(np.hypot(*along)), np.hypot(*away.T)
+        length = float(np.hypot(*along))
+        off = np.hypot(*away.T)
         if length > 1:
             off = np.abs(away[:, 0] * along[1] - away[:, 1] * along[0]) / length
         cut = int(np.argmax(off[1:-1])) + 1
@@ -257,7 +258,8 @@ class _CompleteDraft(graph_drafts.Draft):
 
     def _doors(self, clearances: Floats, path: _Path) -> Iterator[int]:
         """Yield the indices of narrow places of a path."""
-        widest, waiting = _WIDEST_DOOR / 2 / self.cell, [(0, len(clearances))]
+        widest = _WIDEST_DOOR / 2 / self.cell
+        waiting = [(0, len(clearances))]
         while waiting:
             first, stop = waiting.pop()
             is_whole = first == 0 and stop == len(clearances)
@@ -710,7 +712,8 @@ class _CompleteDraft(graph_drafts.Draft):
     def _line_from(self, node: int, following: int, is_inner: set[int]) -> list[int]:
         line = [node, following]
         while line[-1] in is_inner and line[-1] != node:
-            line += self.beside[line[-1]].keys() - {line[-2]}  # the only other end
+            (onward,) = self.beside[line[-1]].keys() - {line[-2]}
+            line.append(onward)
         return line[1:]
 
     def _add_lanes(self, chain: Sequence[int], aside: float) -> None:

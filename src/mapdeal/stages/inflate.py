@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mapdeal import command
 from mapdeal.command import AT_LEAST_0, METRES, InPlaceOf, LethalThreshold, RobotShape
 from mapdeal.errors import emit_warning
-from mapdeal.grid.footprint import Footprint, FootprintLike
+from mapdeal.grid.footprint import FootprintLike, shape_of
 from mapdeal.grid.frame import RADIUS_TOLERANCE, cells_to_cover, largest_square_within
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, UNKNOWN
@@ -81,8 +81,8 @@ def inflate(
     >>> inflate(grid, radius=0.2).occupancy.tolist()
     [[0, 0, 100, 100, 100]]
     """
-    if isinstance(footprint, Footprint):
-        radius = footprint.circumscribed_radius
+    if (shape := shape_of(footprint)) is not None:
+        radius = shape.circumscribed_radius
     side = grid.resolution
     write = partial(inflated, value=OCCUPIED, protected=None if inflate_unknown else UNKNOWN)
     if kernel == "disc" and 0 < radius < side - RADIUS_TOLERANCE:

@@ -182,7 +182,9 @@ def layered_cost(
         frame = source.frame
         cell_size, cells_of = as_float32(frame.resolution), partial(cells_at_centres, frame)
     keepout = None if mask is None else MaskCosts(mask, partial(cells_of, mask.frame))
-    under_robot = covered_cells(footprint, pose, frame, cell_size) if footprint and pose else None
+    under_robot = None
+    if footprint is not None and pose is not None:
+        under_robot = covered_cells(footprint, pose, frame, cell_size)
     applied = stack.effective if pose is None and not has_own_area else stack.layers
     if mask is not None and not stack.has_keepout:
         applied = (*applied, KeepoutFilter())

@@ -145,10 +145,10 @@ def reach(
     occupancy = _occupancy_of(source, lethal_threshold)
     closed = None if mask is None else closed_by(mask, source.frame)
     ground = Ground(occupancy, source.frame, through_unknown, closed)
-    robot, named = _shape_of({"footprint": shape, "radius": radius}), accept_goals("goals", goals)
     return reach_on(
-        ground, robot, start=start, goals=named, headings=headings, margin=margin, min_area=min_area
-    )
+        ground, _shape_of({"footprint": shape, "radius": radius}), start=start,
+        goals=accept_goals("goals", goals), headings=headings, margin=margin, min_area=min_area,
+    )  # fmt: skip
 
 
 def _occupancy_of(
