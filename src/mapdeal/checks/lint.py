@@ -422,7 +422,8 @@ def _rule(name: str) -> dict[str, Any]:
 
 def _result(finding: Finding, index: int, report: MapReport) -> dict[str, Any]:
     location: Any = {"artifactLocation": _location(finding.file, is_folder=report.is_folder)}
-    location |= {} if report.is_folder else {"region": {"startLine": finding.line or 1}}
+    if not report.is_folder:
+        location["region"] = {"startLine": finding.line or 1}
     places = list(map(point_document, finding.places))
     return {
         "ruleId": finding.check,
@@ -450,14 +451,14 @@ def _location(name: str, *, is_folder: bool) -> dict[str, str]:
 
 
 def _text_lines(report: LintReport) -> list[str]:
-    lines = []
+    lines: list[str] = []
     for check in report.explained:
         texts = check.explanation
         lines.append(f"{check.name} ({check.severity}{', on request' if check.on_request else ''})")
         for text in (texts.about, texts.why, f"Example: {texts.example}", f"Fix: {texts.fix}"):
             lines += _FILLED.wrap(text)
         lines.append("")
-    if report.explained:
+    if lines:
         return lines
     if not report.only_counts:
         return [*repair_lines(report), *map(str, report.findings)]

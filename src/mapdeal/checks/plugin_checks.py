@@ -65,8 +65,9 @@ def marks_beyond_rays(facts: RobotFacts) -> Iterator[Remark]:
     clearing: true, obstacle_max_range: 5.0, raytrace_max_range: 3.0}}`.
     Fix: Set raytrace_max_range above obstacle_max_range.
     """
-    prefix = "" if facts.robot.flavour == "ros1" else "max_"
-    names = f"obstacle_{prefix}range", f"raytrace_{prefix}range"
+    names = "obstacle_max_range", "raytrace_max_range"
+    if facts.robot.flavour == "ros1":
+        names = "obstacle_range", "raytrace_range"
     for listed, sensing in _sensing_layers(facts):
         rays = [source.raytrace_max_range for source in sensing.sources if source.clearing]
         for source in sensing.sources:

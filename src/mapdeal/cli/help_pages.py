@@ -70,8 +70,9 @@ def sections_of(command: Any, context: Any) -> dict[str, list[tuple[str, str]]]:
     sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
     for parameter in parameters:
         if record := parameter.get_help_record(context):
-            title, text = _placed(parameter, record[1], parameters)
-            sections.setdefault(title, []).append((record[0], text))
+            names, text = record
+            title, text = _placed(parameter, text, parameters)
+            sections.setdefault(title, []).append((names, text))
     ordered = sorted(sections, key=lambda title: title in _LAST)  # others keep their order
     return {title: sections[title] for title in ordered if sections[title]}
 

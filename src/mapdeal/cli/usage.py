@@ -182,8 +182,8 @@ def usage_error(error: Any) -> ParameterError:
     is_surplus = message.startswith("got unexpected extra")
     if hint is None and path.endswith(" local") and ("--cloud" in message or is_surplus):
         hint = "clouds are given with --cloud FILE, repeated, or as a pattern in quotes"
-    is_number = any(map(_NUMBER.fullmatch, message.split()))
-    if hint is None and is_number and (is_surplus or message.startswith("no such option")):
+    has_number = any(map(_NUMBER.fullmatch, message.split()))
+    if hint is None and has_number and (is_surplus or message.startswith("no such option")):
         hint = "points and sizes are written X,Y, without a space"
     return ParameterError(message, hint=hint or f"run {path} --help for usage")
 

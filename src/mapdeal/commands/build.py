@@ -617,8 +617,8 @@ def _method_figures(built: mapping.BuiltMap, bytes_per_cell: int) -> Figures:
     share = mean = mean_m = None
     if len(thickness):
         share = round(one_wide / len(thickness), 6)
-        mean = float(thickness.mean())
-        mean, mean_m = round(mean, 6), round(mean * grid.resolution, 6)
+        exact = float(thickness.mean())
+        mean, mean_m = round(exact, 6), round(exact * grid.resolution, 6)
     figures: Figures = {state: counts[state] for state in _STATES}
     figures |= {"one_cell_wide": one_wide, "one_cell_wide_share": share}
     figures |= {"mean_thickness_cells": mean, "mean_thickness_m": mean_m}

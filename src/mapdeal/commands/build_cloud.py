@@ -76,7 +76,7 @@ def _of_files(names: Sequence[str], poses: Path | None) -> _Clouds:
         paths = [path for path in paths if not is_same_file(path, poses)]
     if not paths:
         raise MalformedInputError("there are no clouds", source=names[0])
-    sensors: list[tuple[Any, Any]] = [(None, None)] * len(paths)
+    sensors: list[tuple[Any, Any]] = [(None, None)] * len(paths)  # moves and turns of clouds
     places = None
     if poses is not None:
         if has_times(poses):

@@ -41,7 +41,7 @@ _NOTHING_OVER = {DiffReport: "a comparison", Merged: "merged maps", Score: "a sc
 # Pixels along the longest side: a notebook keeps its pictures, and shows few more. Maps of up to
 # so many cells look as those of commands do.
 _IN_NOTEBOOKS = 1200
-# Of what notebooks draw unasked: about a second's work, and less than 1 GB.
+# Most cells that notebooks draw unasked: about a second's work, and less than 1 GB.
 _MOST_CELLS, _MOST_CELLS_OF_POTENTIAL = 100_000_000, 4_000_000
 
 

@@ -273,9 +273,11 @@ def _describe_run(path: Path) -> Report:
 
 def _lines_of(report: Report) -> Iterator[str]:
     rows = _ROWS.get(report["kind"], _rows_of_file if "use" in report else _rows_of_map)
-    files = report["files"] if rows is _rows_of_robot else ()
-    yield ", ".join(file["name"] for file in files) if len(files) > 1 else str(report["file"])
-    yield from (f"  {key:<{13 if files else 11}} {value}" for key, value in rows(report))
+    is_robot = rows is _rows_of_robot
+    names = [file["name"] for file in report["files"]] if is_robot else []
+    yield ", ".join(names) if len(names) > 1 else str(report["file"])
+    width = 13 if is_robot else 11
+    yield from (f"  {key:<{width}} {value}" for key, value in rows(report))
 
 
 def _rows_of_run(report: Report) -> Iterator[Row]:

@@ -376,7 +376,9 @@ def _by_walls(
                 else:
                     reasons.setdefault(number, str(alignment.reason))  # that of the first map
         bases = [number for number in from_first if number not in known]
-    for number in (number for number in reasons if number not in from_first):
+    unplaced = [number for number in reasons if number not in from_first]
+    if unplaced:
+        number = unplaced[0]
         first, name = maps[0].name, maps[number].name
         elsewhere = " or on another" if len(from_first) > 1 else ""
         rule = f"its placement on {first}{elsewhere} is uncertain: {reasons[number]}"

@@ -473,7 +473,8 @@ mapdeal plan examples/maps/office.yaml \\
 def plan(
     map: Annotated[  # noqa: A002 - what it is
         inputs.Map | Sequence[inputs.Map], Words("MAP...", typed=list[Path], streams=True)
-    ], *, robot: Annotated[Robot | None, Words()] = None,
+    ],
+    *, robot: Annotated[Robot | None, Words()] = None,
     start: Annotated[Sequence[float] | None, POSE, Words("X,Y[,YAW]", start_of, "from")] = None,
     goals: Annotated[
         Sequence[PlanGoal | Sequence[float]] | Mapping[str, Sequence[float]],
@@ -485,7 +486,8 @@ def plan(
     against: Annotated[
         Sequence[Robot],
         Words("FILE", lambda sets: [[*map(Path, t.split(","))] for t in sets], is_repeated=True),
-    ] = (), mask: Annotated[inputs.Map | None, Words()] = None, **reading: Unpack[inputs.Reading],
+    ] = (),
+    mask: Annotated[inputs.Map | None, Words()] = None, **reading: Unpack[inputs.Reading],
 ) -> PlanReport | PlanTable | PairedPlans:  # fmt: skip
     """Show whether the robot's own planner finds a path, or the smallest change that lets it.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from typing import Any, cast
 
 import numpy as np
@@ -384,8 +384,8 @@ def _wider_passage(
     """Yield the narrowest passage with which the planner finds a path, at the first bottleneck."""
     if (limit := _bottleneck(work, start, goal)) is None:
         return
-    height, width = work.grid.costs.shape
-    x, y = _centres(work, np.arange(height)[:, np.newaxis], np.arange(width))
+    rows, cols = map(np.arange, work.grid.costs.shape)
+    x, y = _centres(work, rows[:, np.newaxis], cols)
     # Moved a little, so that hardly any centre of a cell lies on a circle of whole centimetres.
     place = rounded_place(limit.x + 0.0031, limit.y + 0.0017)
     squares = (x - place["x"]) ** 2 + (y - place["y"]) ** 2
@@ -457,8 +457,10 @@ def _obstacles_between(work: PlannerOnMap, start: Pose, goal: Pose, labels: Labe
     grid = work.grid
     regions = _regions(work.listed, grid, start)
     near_goal = _cells_near(work.planner.values, grid, goal)
-    nearest = partial(ndimage.distance_transform_edt, return_distances=False, return_indices=True)
-    nearest_label = labels[tuple(nearest(labels == 0))]
+    nearest = ndimage.distance_transform_edt(
+        labels == 0, return_distances=False, return_indices=True
+    )
+    nearest_label = labels[tuple(nearest)]
 
     def labels_beside(region: Mask) -> set[int]:
         is_beside = ndimage.binary_dilation(region, _EIGHT_NEIGHBOURS) & (regions == 0)

@@ -379,7 +379,8 @@ class RunAnswer(Result):
     def lines(self) -> Iterator[str]:
         lines = [self.assumed, self.outcome.lines()]  # the last line of a batch counts its maps
         yield from chain.from_iterable(lines if self.job is None else reversed(lines))
-        yield from () if self.page is None else self.page.lines()
+        if self.page is not None:
+            yield from self.page.lines()
         yield from chain.from_iterable(answer.lines for answer in self.goals)
         yield from self.stored
         if self.golden is not None and not self.differing:

@@ -268,8 +268,10 @@ def scan(
     around = Surroundings(source.occupancy, through_unknown)
     is_hit, is_visible = np.zeros((2, around.cells), dtype=np.bool_)
     if poses is not None:
-        scanned = None if files else Scans(poses, np.empty(0), np.empty((len(poses), 0)))
-        robot_poses = read_poses(files[0]) if scanned is None else scanned.poses.copy()
+        if files:
+            robot_poses = read_poses(files[0])
+        else:
+            robot_poses = Scans(poses, np.empty(0), np.empty((len(poses), 0))).poses.copy()
         robot_poses[:, 2] = np.unwrap(robot_poses[:, 2])
     elif tour:
         planned = graph_of(
@@ -422,5 +424,6 @@ def scan_maps(
         from mapdeal.pipeline.workers import ProcessWorkers  # slow to import
 
         workers = ProcessWorkers(size)
-    place = output, scan_run, ScanLogs, work.terminal
-    return batch.run_and_report(scan_jobs, *place, workers=workers)
+    return batch.run_and_report(
+        scan_jobs, output, scan_run, ScanLogs, work.terminal, workers=workers
+    )

@@ -335,8 +335,8 @@ def score(
         _warn_of_overlap(comparison, maps)
     values, frame = comparison.values, comparison.frame
     faults = finding.faults_of(comparison.estimate, comparison.truth, frame)
-    found = tuple(maps), move.pose, placement, comparison, faults
-    return Score(values, score_bounds.judged(limits, values), frame, *found)
+    judged = score_bounds.judged(limits, values)
+    return Score(values, judged, frame, tuple(maps), move.pose, placement, comparison, faults)
 
 
 def _claim(maps: Sequence[inputs.MapInput], reading: inputs.Reading, *, aligns: bool) -> None:

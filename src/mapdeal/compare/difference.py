@@ -203,9 +203,10 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
     walls = [grid.frame.xy_from_rowcol(np.argwhere(grid.occupied())) for grid in (first, second)]
     in_both = [(cells == codes.OCCUPIED) & both for cells in (a, b)]
     in_common = [frame.xy_from_rowcol(np.argwhere(cells)) for cells in in_both]
-    apart = [~in_both[1 - k][in_both[k]] for k in (0, 1)]
     if region_on_lattice(frame, second.frame) is None:  # other cells
         apart = [np.ones(len(walls_xy), np.bool_) for walls_xy in in_common]
+    else:
+        apart = [~in_both[1 - k][in_both[k]] for k in (0, 1)]
     rows = [dict(zip(STATES, row, strict=True)) for row in counts]
     return Difference(
         geometry=geometry_pairs(first.frame, second.frame), common_cells=int(both.sum()),

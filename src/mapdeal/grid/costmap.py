@@ -21,8 +21,12 @@ from mapdeal.records import dataclass, field, replace
 
 UNIFORM_SHARE = 0.98  # of the open cells with one cost, above which a costmap is uniform
 _NAMED_COSTS: dict[map_values.CostScale, dict[str, int]] = {
-    "costmap2d": {"lethal": 254, "inscribed": 253, "unknown": 255},
-    "occupancy": {"lethal": 100, "unknown": -1},
+    "costmap2d": {
+        "lethal": map_values.LETHAL_OBSTACLE,
+        "inscribed": map_values.INSCRIBED_INFLATED_OBSTACLE,
+        "unknown": map_values.NO_INFORMATION,
+    },
+    "occupancy": {"lethal": map_values.OCCUPIED, "unknown": map_values.UNKNOWN},
 }
 Metric = Literal["euclidean", "chebyshev"]  # straight, or along the longer axis
 Formula = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # metres to costs

@@ -269,8 +269,9 @@ def passages(
     for level_edges in edges_of_levels:
         level = slice(begin, begin := begin + len(level_edges))
         if stops[level].any():
-            ends = basins_beyond[level], open_beyond[level]
-            further = _further_doors(passage_tree, level_edges, *ends)
+            further = _further_doors(
+                passage_tree, level_edges, basins_beyond[level], open_beyond[level]
+            )
             doors += [(cell, level.start + i) for cell, i in further if stops[level][i]]
     found = []
     for cell, index in doors:

@@ -224,9 +224,11 @@ def _bytes_of(marked: Mask) -> Bytes:
     return np.ascontiguousarray(marked).view(np.uint8)
 
 
-def _draw(work: Callable[..., None], shape: tuple[int, ...], reach: int, *values: object) -> None:
+def _draw(
+    work: Callable[..., None], shape: tuple[int, ...], reach: int, *arguments: object
+) -> None:
     step = max(_BAND_ROWS, _HALOS_OF_A_BAND * reach)
-    for_rows(lambda rows: work(*values, rows.start, rows.stop), shape, step)
+    for_rows(lambda rows: work(*arguments, rows.start, rows.stop), shape, step)
 
 
 def _widened(marked: Mask, reach: int) -> Mask:

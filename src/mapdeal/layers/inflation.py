@@ -144,9 +144,9 @@ class InflationLayer(CostmapLayer):
             values.problem("params.inflation-radius", "warning", text, parameter, hint)
         takes_unknown = values.flag(f"{name}.inflate_unknown")
         around_unknown = values.flag(f"{name}.inflate_around_unknown")
-        numbers = max(radius, 0.0), factor
         lookup: CostLookup = "exact" if is_legacy else "nav2"
-        return cls(name, inscribed_radius, *numbers, takes_unknown, around_unknown, lookup)
+        radius = max(radius, 0.0)
+        return cls(name, inscribed_radius, radius, factor, takes_unknown, around_unknown, lookup)
 
     @classmethod
     def from_ros1(cls, server: base.Ros1Values, entry: base.PluginEntry) -> InflationLayer:

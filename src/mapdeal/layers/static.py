@@ -176,9 +176,12 @@ class StaticLayer(CostmapLayer):
         use_maximum = server.boolean(False, name, "use_maximum")
         tracks = server.boolean(True, *server.place(name, "track_unknown_space"))
         trinary = server.boolean(True, name, "trinary_costmap")
-        values = tracks, int(lethal), trinary, server.integer(-1, *unknown) % 256
+        unknown_cost = server.integer(-1, *unknown) % 256
         is_highest = use_maximum and server.boolean(False, "rolling_window")
-        return cls(name, *values, use_maximum=use_maximum, unknown_is_highest=is_highest)
+        return cls(
+            name, tracks, int(lethal), trinary, unknown_cost, use_maximum=use_maximum,
+            unknown_is_highest=is_highest,
+        )  # fmt: skip
 
     def _repr_parts(self) -> Iterator[str]:
         yield self.name

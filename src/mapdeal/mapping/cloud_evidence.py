@@ -136,7 +136,8 @@ def floor_in(
     area = len(tiles_with_points) * every * levels.side**2
     named = _level_under(levels, places if at is None else at[np.newaxis])
     if at is not None and named is None:
-        rule, got = f"no level is at or below {at[2]:g} m there", ",".join(f"{x:g}" for x in at)
+        rule = f"no level is at or below {at[2]:g} m there"
+        got = ",".join(f"{number:g}" for number in at)
         raise MalformedInputError(rule, place="--at", got=got)
     refusals = []
     for level in _in_order(levels, named):
@@ -145,7 +146,8 @@ def floor_in(
         known = evidence._replace(below=0.0) if at is not None or level == named else evidence
         reason = None if at is not None else known.contradiction(area)
         if reason is None:
-            tilt, (overlaid, storeys) = cloud_floor.tilt_of(own, levels.side), above
+            tilt = cloud_floor.tilt_of(own, levels.side)
+            overlaid, storeys = above
             height = evidence.height
             floors = _other_floors(levels, level, sample, every, tile, limits, claim, height)
             return Floor(

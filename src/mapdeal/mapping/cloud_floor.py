@@ -138,8 +138,12 @@ def _most(counts: Floats, groups: Integers) -> Floats:
 def _ordered(*keys: Integers) -> Integers:
     """Return the result of `numpy.lexsort` for keys of at least 0."""
     # numpy sorts 16-bit words by counting, which is fast
-    shifts = [(key, range(0, max(1, int(key.max()).bit_length()), 16)) for key in keys]
-    return np.lexsort([(key >> shift).astype(np.uint16) for key, of in shifts for shift in of])
+    words = [
+        (key >> shift).astype(np.uint16)
+        for key in keys
+        for shift in range(0, max(1, int(key.max()).bit_length()), 16)
+    ]
+    return np.lexsort(words)
 
 
 def _thin_layers(columns: Columns, limits: Limits) -> tuple[Integers, Integers, Floats]:

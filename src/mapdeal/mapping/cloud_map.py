@@ -350,10 +350,9 @@ class CloudMapper:
         whose = columns.of_voxels()
         at_ledge = np.flatnonzero(np.isfinite(upper)[whose])
         owners, counts = whose[at_ledge], columns.counts[at_ledge]
-        on_top, on_foot = (
-            np.bincount(owners, counts * (np.abs(gap_to) <= options.climb), len(floor))
-            for gap_to in (columns.heights[at_ledge] - level[owners] for level in (upper, floor))
-        )
+        heights = columns.heights[at_ledge]
+        near = (np.abs(heights - level[owners]) <= options.climb for level in (upper, floor))
+        on_top, on_foot = (np.bincount(owners, counts * is_near, len(floor)) for is_near in near)
         # in a cell with both, at the edge, points on top stand on the lower floor
         is_upper = (on_top > 0) & (on_foot <= _SHARE_OF_EDGE * on_top)
         floor[is_upper] = upper[is_upper]

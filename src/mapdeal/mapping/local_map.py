@@ -416,7 +416,7 @@ def _joined(
     *,
     keeps_unknown: bool,
 ) -> tuple[OccupancyGrid, int]:
-    """Add the evidence of clouds to a global map; also return the number of its obstacle cells."""
+    """Add a global map to the values of clouds; also return the number of its obstacle cells."""
     # The larger value wins, as when costmap_2d combines its layers: obstacles win over free space,
     # and free space over unknown.
     from_map = 0

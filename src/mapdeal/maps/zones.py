@@ -41,10 +41,10 @@ class Zone:
         """Return whether a point lies in the box of a shape, or within a margin in metres of it."""
         for shape in self.shapes:
             points = [shape.center_xy] if isinstance(shape, Circle) else shape.points_xy
-            wide = shape.radius if isinstance(shape, Circle) else 0.0
-            wide = margin + (shape.thickness if isinstance(shape, Line) else wide)
+            radius = shape.radius if isinstance(shape, Circle) else 0.0
+            reach = margin + (shape.thickness if isinstance(shape, Line) else radius)
             sides = zip(zip(*points, strict=True), xy, strict=True)
-            if all(min(side) - wide <= place <= max(side) + wide for side, place in sides):
+            if all(min(side) - reach <= place <= max(side) + reach for side, place in sides):
                 return True
         return False
 

@@ -120,13 +120,7 @@ def score_image(
     image_extent: ImageExtent = "all",
 ) -> Image:  # fmt: skip
     # True walls without a wall of the map within 0.1 m are marked; in a pixel the farthest shows.
-    known, true_known = walls.estimate != 0, walls.truth != 0
-    codes = np.zeros(walls.frame.shape, dtype=np.uint8)
-    codes[known & ~true_known] = KNOWN_BY_MAP
-    codes[true_known] = FREE
-    codes[true_known & ~known] = UNCOVERED
-    codes[walls.truth == 2] = np.where(walls.missed > _NEAR * (1 + _ROUNDING), MISSED, FOUND)
-    codes[walls.estimate == 2] = _index_of(walls.distances, walls.top)
+    codes = _codes_of(walls)
     part = shown_part(codes, walls.frame, image_extent, is_known=lambda cells: cells != UNKNOWN)
     raster = Raster.fitting(walls.frame.shape, image_max, part=part)
     pixels = raster.enlarged(raster.largest(codes))
@@ -140,6 +134,17 @@ def score_image(
     )
     map_sheet = canvas.on_sheet(pixels, style, walls.frame, raster, title=title)
     return _with_histogram(map_sheet, walls, canvas.text_size_of(pixels.shape))
+
+
+def _codes_of(walls: ScoredWalls) -> NDArray[np.uint8]:
+    known, true_known = walls.estimate != 0, walls.truth != 0
+    codes = np.zeros(walls.frame.shape, dtype=np.uint8)
+    codes[known & ~true_known] = KNOWN_BY_MAP
+    codes[true_known] = FREE
+    codes[true_known & ~known] = UNCOVERED
+    codes[walls.truth == 2] = np.where(walls.missed > _NEAR * (1 + _ROUNDING), MISSED, FOUND)
+    codes[walls.estimate == 2] = _index_of(walls.distances, walls.top)
+    return codes
 
 
 def _index_of(metres: NDArray[np.floating[Any]], top: float) -> Bytes:

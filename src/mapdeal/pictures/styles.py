@@ -102,8 +102,8 @@ def cost_style(costmap: Costmap) -> LayerStyle:
         swatches.append(Swatch(palette.contour, f"circumscribed {costmap.circumscribed_cost}"))
     top = palette.highest_graded
     step = round_length(top / 5 * 1.5)  # no label is close to the end
-    labelled = [step * k for k in range(1, math.ceil(top / step)) if top - step * k > 0.35 * step]
-    ticks = [(value / top, f"{value:g}") for value in (1, *labelled, top)]
+    marked = [step * k for k in range(1, math.ceil(top / step)) if top - step * k > 0.35 * step]
+    ticks = [(value / top, f"{value:g}") for value in (1, *marked, top)]
     return LayerStyle(
         palette.colours, palette.by_value, swatches=tuple(swatches),
         bar=ColourBar(range(COST_LEVELS), ticks, "cost"), labels=labels,
@@ -199,7 +199,8 @@ def cost_change_style() -> LayerStyle:
     indices = [*range(_FIRST_KIND - 2, 2, -2), 2, *range(_FIRST_CHANGE + 1, _FIRST_KIND, 2)]
     ticks = [(0.5 + share / 2, f"{share * _LARGEST_CHANGE:+.0f}") for share in (-1, -0.5, 0.5, 1)]
     graded = np.stack([fell, rose], axis=1).reshape(-1, 3)
-    equal, changed = (list(dict(k).values()) for k in (_KINDS_OF_COSTS, _KINDS_OF_COST_CHANGES))
+    equal = [colour for _, colour in _KINDS_OF_COSTS]
+    changed = [colour for _, colour in _KINDS_OF_COST_CHANGES]
     palette = colours.palette_of(equal, graded, changed)
     return LayerStyle(
         palette, by_value=np.minimum(np.arange(256), len(palette) - 1).astype(np.uint8),
@@ -318,13 +319,14 @@ def field_style(field: DistanceField, ends: FieldEnds) -> LayerStyle:
     outside = colours.interpolated(colours.FREE_ANCHORS, FIELD_LEVELS - below + 1)[1:]
     known = np.vstack([inside, outside])
     special = [colours.LINE, colours.RVIZ_UNKNOWN]
-    swatches, bar = [Swatch(LINE, "obstacle edge")], None
+    swatches = [Swatch(LINE, "obstacle edge")]
+    bar = None
     if math.isfinite(ends.highest) and math.isfinite(ends.lowest):
         bar, more = _bar(scale, ends)
         swatches += [*more, Swatch(faded_index(below, outside=True), "unknown: faded")]
     else:
-        free, closed = (FIELD_LEVELS - 1, "+inf: no obstacle"), (0, "-inf: nothing free")
-        swatches.append(Swatch(*(free if ends.highest > 0 else closed)))
+        free = Swatch(FIELD_LEVELS - 1, "+inf: no obstacle")
+        swatches.append(free if ends.highest > 0 else Swatch(0, "-inf: nothing free"))
     if field.region is not None:
         swatches.append(Swatch(NOWHERE, "no distance"))
     return LayerStyle(
@@ -356,7 +358,7 @@ def _bar(scale: Scale, ends: FieldEnds) -> tuple[ColourBar, list[Swatch]]:
         swatches.append(Swatch(FIELD_LEVELS - 1, f"free, to {highest} m"))
     for value in ticks_of(scale.low, scale.high, 6):
         place = (value - scale.low) / length
-        if all(abs(place - labelled) >= _LEAST_GAP for labelled, _ in ticks):
+        if all(abs(place - shown) >= _LEAST_GAP for shown, _ in ticks):
             ticks.append((place, f"{value:g}"))
     return ColourBar(range(FIELD_LEVELS), sorted(ticks), "distance, m"), swatches
 
@@ -381,7 +383,8 @@ _COLOURS = [
 
 def reach_codes(reach: Reach) -> tuple[Bytes, LayerStyle]:
     codes = _codes(reach)
-    areas, counts = _colour_areas(codes), histogram(codes)
+    areas = _colour_areas(codes)
+    counts = histogram(codes)  # after the areas have their own codes
     swatches, labels = [], {}
     names = [
         (_REACHED, f"reachable{', room to turn' if counts[_NO_TURN] else ''}"),

@@ -142,7 +142,8 @@ _COMMANDS: dict[str, tuple[str, ...]] = {
 def describe_bag(path: Path, *, progress: ProgressCallback | None = None) -> dict[str, Any]:
     with open_bag(path) as bag:
         spans, decoder = bag.summary(), Decoder(bag)
-        topics, edges = list(_topics(bag, spans, decoder)), list[dict[str, Any]]()
+        topics = list(_topics(bag, spans, decoder))
+        edges: list[dict[str, Any]] = []
         try:
             edges = _edges(bag, decoder, progress or report_nothing)
         except ParameterError as error:  # lz4 is not installed
@@ -618,7 +619,8 @@ class BagScans(ScanSource):
             yield from self._placed(together)
 
     def warn(self) -> None:
-        texts, fate = [], f"of {self.count} scans are left out"
+        texts = []
+        fate = f"of {self.count} scans are left out"
         for frame, count in sorted(self._outside.items()):
             span = self._frames.span_text(frame)
             texts.append(f"{count} {fate}: where {frame} was is known {span}")

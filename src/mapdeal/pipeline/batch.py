@@ -146,8 +146,8 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
             raise errors.ParameterError(rule, source=listed.path)
         if place in jobs:
             rule = f"would write into {output / place}, as {jobs[place].path} does"
-            hint = "maps of a folder, a quoted pattern or @LIST.txt keep their path"
-            hint = f"{hint} below the output"
+            sources = "maps of a folder, a quoted pattern or @LIST.txt"
+            hint = f"{sources} keep their path below the output"
             raise errors.ParameterError(rule, source=listed.path, hint=hint)
         jobs[place] = Job(listed.path, output / place, name, place.as_posix())
         in_order.append(jobs[place])
@@ -193,7 +193,8 @@ class Plan:
         document: dict[str, Any] = {"map": self.job.name, "folder": self.job.place}
         document |= {"status": self.status, "width": self.width, "height": self.height}
         if self.need is not None:
-            document["memory"], document["in_blocks"] = self.need.needed, bool(self.need.blocks)
+            document["memory"] = self.need.needed
+            document["in_blocks"] = self.need.blocks is not None
         document |= {"reads": list(map(str, self.reads)), "writes": list(map(str, self.writes))}
         if self.error is None:
             return document

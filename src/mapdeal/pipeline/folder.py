@@ -473,10 +473,12 @@ class OutputFolder:
         return passes_of_input + sum(map(passes_of, self.steps, endings))
 
     def hint(self) -> str:
-        cause = "; the run in this folder had other inputs, parameters, or was changed"
+        hint = "--force replaces it"
+        if not stored_manifest(self.path):
+            return hint
         if self.unchanged_figures() is not None:
-            cause = "; this folder holds the same already"
-        return f"--force replaces it{cause if stored_manifest(self.path) else ''}"
+            return f"{hint}; this folder holds the same already"
+        return f"{hint}; the run in this folder had other inputs, parameters, or was changed"
 
     def write(self, transaction: Transaction, filling: Filling) -> dict[str, Figures]:
         """Write all files within a transaction, the manifest last; return each step's figures."""

@@ -328,8 +328,10 @@ class Draft:
 
     def _metadata(self, node: int) -> dict[str, Any]:
         metadata: dict[str, Any] = {"kind": self.kinds[node]}
-        metadata |= {"name": self.names[node]} if node in self.names else {}
-        metadata |= {"width": round(self.widths[node], 3)} if node in self.widths else {}
+        if node in self.names:
+            metadata["name"] = self.names[node]
+        if node in self.widths:
+            metadata["width"] = round(self.widths[node], 3)
         return metadata
 
 

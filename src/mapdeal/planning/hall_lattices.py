@@ -69,8 +69,9 @@ def _lattice_in(
                 positions = np.clip(positions, run.low, run.high)
             else:
                 positions = ticks[k][(ticks[k] >= run.low) & (ticks[k] <= run.high)]
-            places = positions[:, np.newaxis] * axes[k] + run.tick * axes[1 - k]
-            (narrow if is_narrow else regular).append(places)
+            line_places = positions[:, np.newaxis] * axes[k] + run.tick * axes[1 - k]
+            (narrow if is_narrow else regular).append(line_places)
+    # those of narrow parts come first, and so are selected
     return _select_places(np.concatenate([np.empty((0, 2)), *narrow, *regular]), spacing)
 
 

@@ -245,8 +245,10 @@ def shared_by(entries: Sequence[Entry]) -> tuple[Claim, ...]:
 def state_of(entry: Entry, shared: Sequence[Claim] = ()) -> State:
     """Return what an entry comes to, leaving out what holds for all; by its items if without."""
     own = worst_of(claim.state for claim in entry.claims if claim not in shared)
-    if own is not None or (shared and entry.claims):
-        return own or "good"
+    if own is not None:
+        return own
+    if shared and entry.claims:
+        return "good"
     tones = {item.tone for item in entry.items}
     if "error" in tones:
         return "error"

@@ -155,10 +155,10 @@ class FilterServers:  # as parameter files list them
 
 def filter_servers(parameters: Ros2Parameters) -> FilterServers:
     names = [node.name for node in parameters.nodes if "*" not in node.name]
-    servers = [InfoServer(name, parameters.for_node(name)) for name in names]
-    info = tuple(server for server in servers if "mask_topic" in server.values)
-    topics = tuple(str(node.get("topic_name")) for node in servers if "topic_name" in node.values)
-    managed = [server.get("node_names") for server in servers]
+    nodes = [InfoServer(name, parameters.for_node(name)) for name in names]
+    info = tuple(node for node in nodes if "mask_topic" in node.values)
+    topics = tuple(str(node.get("topic_name")) for node in nodes if "topic_name" in node.values)
+    managed = [node.get("node_names") for node in nodes]
     managed_names = (name for names in managed if isinstance(names, tuple) for name in names)
     return FilterServers(info, topics, tuple(map(str, managed_names)))
 

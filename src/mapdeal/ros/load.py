@@ -147,7 +147,9 @@ def _without_key(path: Path) -> Problem | None:
             name = (match[1] or match[2]).decode()
             rule = f"has no key {_KEY.decode()}, without which Nav2 does not start"
             hint = "did you mean that key?" if match[1] else "each node's parameters lie below it"
-            return Problem("params.syntax", "refused", rule, "", path, number, name, hint)
+            return Problem(
+                "params.syntax", "refused", rule, source=path, line=number, got=name, hint=hint
+            )
     return None
 
 

@@ -270,8 +270,8 @@ def robot_in(
     own_values = {**parameters.for_node(node), **(overrides or {})}
     values = Nav2Values(own_values, node, parameters.files[-1].path, up_to_kilted=up_to_kilted)
     values.problems += (*problems, *_single_level_nodes(parameters, node, "warning"))
-    text = "ROS 2 does not support aliases"
-    text += "; nav2_bringup's launch files write the value in its place"
+    rule = "ROS 2 does not support aliases"
+    text = f"{rule}; nav2_bringup's launch files write the value in its place"
     hint = "other launch files need the value itself"
     values.problems += [
         Problem("params.alias", "warning", text, "", *alias, hint) for alias in parameters.aliases
@@ -297,7 +297,8 @@ def _warn_of_old_plugins(values: Nav2Values) -> None:
             continue
         form = f"{listed}, a list of mappings as in ROS 1" if mappings else " and ".join(pairs)
         found = values.parameters[(mappings or pairs)[0]]
-        text, place = f"Nav2 does not read {form}: {effect}", (found.source, found.line)
+        text = f"Nav2 does not read {form}: {effect}"
+        place = found.source, found.line
         hint = f'write {listed}: ["NAME", ...], and NAME: {{plugin: "CLASS"}} for each'
         values.problems.append(
             Problem("params.old-plugins", "warning", text, "", *place, hint=hint)

@@ -627,7 +627,8 @@ def _robot_from(server: Ros1Server) -> robot.RobotParameters | None:
 
 
 def _area(server: Ros1Server, *, is_rolling: bool) -> CostmapArea | None:
-    problem_count, area = len(server.problems), None
+    area = None
+    problem_count = len(server.problems)
     number = server.double(0.05, "resolution")
     resolution = server.clamp(number, 50.0, _RECONFIGURE, ("resolution",))
     if resolution > 0:
