@@ -348,6 +348,8 @@ def test_a_row_that_is_too_long_is_refused_in_a_cut_file_as_well(tmp_path):
         db.execute("INSERT INTO messages VALUES (1, 1, 0, ?)", (bytes(6_000_000),))
         db.commit()
     os.truncate(path, path.stat().st_size - 2048)
-    with pytest.warns(MapdealWarning, match="cut"), use_memory(60_000_000, is_chosen=True):
-        with SqliteBag(path) as bag, pytest.raises(MalformedInputError, match="more memory"):
-            list(bag.pieces([1]))
+    with (
+        pytest.warns(MapdealWarning, match="cut"), use_memory(60_000_000, is_chosen=True),
+        SqliteBag(path) as bag, pytest.raises(MalformedInputError, match="more memory"),
+    ):  # fmt: skip
+        list(bag.pieces([1]))
