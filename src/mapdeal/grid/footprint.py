@@ -265,8 +265,8 @@ def footprint_spans(footprint: Footprint, frame: Frame, heading_count: int) -> t
     turns = [2 * math.pi * k / heading_count - yaw for k in range(heading_count)]
     with np.errstate(over="ignore"):
         places = [0.5 + turned(vertices, turn)[:, ::-1] / frame.resolution for turn in turns]
-    whole = (np.floor(place + _ROUNDING).clip(-_FARTHEST, _FARTHEST) for place in places)
-    corners = [cells.astype(np.int64) for cells in whole]
+    rounded_down = (np.floor(place + _ROUNDING).clip(-_FARTHEST, _FARTHEST) for place in places)
+    corners = [cells.astype(np.int64) for cells in rounded_down]
     # a footprint larger than the grid fits nowhere
     fitting = [k for k, cells in enumerate(corners) if (np.ptp(cells, axis=0) < frame.shape).all()]
     spans = [Spans(cells[:, 0], cells[:, 1], cells[:, 1] + 1) for cells in corners]
