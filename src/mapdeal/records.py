@@ -63,7 +63,10 @@ else:
                 del cls.__hash__
         for name in shared.keys() - vars(cls).keys():
             setattr(cls, name, shared[name])
+        text = cls.__doc__
+        cls.__doc__ = text or cls.__name__  # the standard library would format the signature
         dataclasses.dataclass(cls, **options | {"frozen": False, "eq": False, "repr": False})
+        cls.__doc__ = text
         compared = [own.name for own in fields(cls) if own.compare]
         cls._compared = staticmethod(attrgetter(*compared) if compared else type)
         return cls

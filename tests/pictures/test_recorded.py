@@ -215,7 +215,9 @@ def texts(monkeypatch):
     monkeypatch.setattr(canvas, "_font", boxes)
     monkeypatch.setattr(canvas, "_has", str.isascii)
     monkeypatch.setattr(canvas.Pen, "write", write)
-    return written
+    canvas.text_width.cache_clear()
+    yield written
+    canvas.text_width.cache_clear()
 
 
 @pytest.mark.parametrize("name", PICTURES)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import unicodedata
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -62,6 +62,7 @@ def _font(size: int) -> Any:
     return font.font_variant(layout_engine=ImageFont.Layout.BASIC)
 
 
+@lru_cache(maxsize=512)  # FreeType takes longer than everything else of a small picture
 def text_width(text: str, size: int) -> int:
     length: float = _font(size).getlength(printable(text))
     return math.ceil(length)
@@ -73,6 +74,18 @@ def ascent(size: int) -> int:
 
 def capital_height(size: int) -> int:
     return int(-_font(size).getbbox("H", anchor="ls")[1])
+
+
+@lru_cache(maxsize=64)
+def _ink(text: str, size: int) -> Bytes:
+    """Return palette indices of a line of text that begins half a `size` from the left."""
+    from PIL import Image as Pillow, ImageDraw
+
+    line = Pillow.new("L", (text_width(text, size) + size, 2 * size))
+    at = (size // 2, ascent(size))  # a letter may extend to the left of its place
+    ImageDraw.Draw(line).text(at, text, fill=255, font=_font(size), anchor="ls")
+    # numpy crashes without memory for a type conversion, so `translate` makes indices of shades
+    return np.frombuffer(line.tobytes().translate(_INK), np.uint8).reshape(line.size[::-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,15 +127,10 @@ class Pen:
 
     def write(self, x: int, baseline: int, text: str, size: int) -> None:
         """Write `printable` text in any size from x on."""
-        from PIL import Image as Pillow, ImageDraw
-
-        line = Pillow.new("L", (text_width(text, size) + size, 2 * size))
-        at = (size // 2, ascent(size))  # a letter may extend to the left of its place
-        ImageDraw.Draw(line).text(at, text, fill=255, font=_font(size), anchor="ls")
-        left_x, top = x - at[0], baseline - at[1]
-        under = self.sheet[max(top, 0) : top + line.height, max(left_x, 0) : left_x + line.width]
-        # numpy crashes without memory for a type conversion, so `translate` makes indices of shades
-        ink = np.frombuffer(line.tobytes().translate(_INK), np.uint8).reshape(line.size[::-1])
+        ink = _ink(text, size)
+        height, width = ink.shape
+        left_x, top = x - size // 2, baseline - ascent(size)
+        under = self.sheet[max(top, 0) : top + height, max(left_x, 0) : left_x + width]
         ink = ink[max(-top, 0) :, max(-left_x, 0) :]
         np.minimum(under, ink[: len(under), : under.shape[1]], out=under)
 
