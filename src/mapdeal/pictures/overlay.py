@@ -71,7 +71,7 @@ class Raster:
     def enlarged(self, pixels: NDArray[Any]) -> NDArray[Any]:
         if self.enlarge == 1:
             return pixels
-        return np.repeat(np.repeat(pixels, self.enlarge, axis=0), self.enlarge, axis=1)
+        return np.repeat(np.repeat(pixels, self.enlarge, axis=1), self.enlarge, axis=0)
 
 
 class Pooling:
