@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import MOST_CELLS, Frame, Origin, as_float32, turned
 from mapdeal.kernels.arrays import Floats, Mask
-from mapdeal.kernels.sensing import CellRays
+from mapdeal.records import dataclass
 
 Pose = tuple[float, float, float]
 Cells = tuple[NDArray[np.int64], NDArray[np.int64]]
@@ -124,6 +123,8 @@ def _cells_of(x: Floats, y: Floats, origin: Origin, cell_size: float) -> Cells:
 
 def covered_cells(footprint: Footprint, pose: Pose, area: Frame, cell_size: float) -> Mask | None:
     """Return the cells of a costmap that a footprint covers; None if a corner lies outside."""
+    from mapdeal.kernels.sensing import CellRays  # slow to import
+
     # As transformFootprint in footprint.cpp, and setConvexPolygonCost in costmap_2d.cpp, which
     # fills each column from the lowest to the highest cell of the outline.
     x, y = (turned(footprint.corners, pose[2]) + pose[:2]).T

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OCCUPIED, UnknownPolicy
 from mapdeal.layers.area import CostmapArea
@@ -11,6 +9,7 @@ from mapdeal.layers.inflation import InflationLayer
 from mapdeal.layers.keepout import KeepoutFilter
 from mapdeal.layers.layer import CostmapLayer
 from mapdeal.layers.static import StaticLayer
+from mapdeal.records import dataclass, replace
 
 
 @dataclass(frozen=True)
