@@ -225,7 +225,7 @@ def parameters_of(function: Any, *, of_stage: bool = False) -> dict[str, Paramet
     """Return the keyword-only arguments of a function or class; of a stage all but the first."""
     function = inspect.unwrap(function)
     is_class = isinstance(function, type)
-    hints = get_type_hints(function.__init__ if is_class else function, include_extras=True)
+    hints = hints_of(function.__init__ if is_class else function, with_marks=True)
     found: dict[str, Parameter] = {}
     for number, (name, argument) in enumerate(inspect.signature(function).parameters.items()):
         is_named = argument.kind is argument.POSITIONAL_OR_KEYWORD and (
@@ -451,7 +451,7 @@ class Stage:
 
     @functools.cached_property
     def returns(self) -> Any:
-        if (returned := get_type_hints(inspect.unwrap(self.function)).get("return")) is None:
+        if (returned := hints_of(self.function).get("return")) is None:
             raise TypeError(f"stage {self.name}: the function must say what it returns")
         return returned
 
@@ -468,8 +468,7 @@ class Stage:
 
 
 def input_types_of(function: Callable[..., Any]) -> tuple[type[Any], ...]:
-    function = inspect.unwrap(function)
-    input_type = get_type_hints(function)[next(iter(inspect.signature(function).parameters))]
+    input_type = hints_of(function)[next(iter(inspect.signature(function).parameters))]
     return get_args(input_type) or (input_type,)
 
 
@@ -587,7 +586,7 @@ class Command:
 
     @property
     def may_have_picture(self) -> bool:
-        returned = get_type_hints(self.function).get("return")
+        returned = hints_of(self.function).get("return")
         kinds = (kind for kind in get_args(returned) or (returned,) if isinstance(kind, type))
         results = (kind for kind in kinds if issubclass(kind, Result))
         return any(kind is Result or kind.drawn is not Result.drawn for kind in results)
@@ -600,7 +599,7 @@ class Command:
 
     @functools.cached_property
     def inputs(self) -> dict[str, tuple[Any, Words, bool]]:
-        hints = get_type_hints(self.function, include_extras=True)
+        hints = hints_of(self.function, with_marks=True)
         found = {}
         for name, argument in inspect.signature(self.function).parameters.items():
             if argument.kind is argument.POSITIONAL_OR_KEYWORD:
@@ -753,8 +752,8 @@ def _types_checked(function: Callable[..., Any], bound: inspect.BoundArguments) 
 
 
 @functools.cache  # looked up late: types are slow to import
-def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
-    return get_type_hints(inspect.unwrap(function))
+def hints_of(function: Callable[..., Any], *, with_marks: bool = False) -> dict[str, Any]:
+    return get_type_hints(inspect.unwrap(function), include_extras=with_marks)
 
 
 _OPTION = re.compile(r"--([a-z][a-z-]*)(?: ([A-Z]\S*|-?[xyz]\b))?")
@@ -766,7 +765,7 @@ def _in_python(function: Callable[..., Any], text: str) -> str:
     if "--" not in text or "mapdeal " in text:  # which names a command
         return text
     parameters = {**_with_all_names(inspect.signature(function), hints_of(function)).parameters}
-    for name, hint in get_type_hints(function, include_extras=True).items():
+    for name, hint in hints_of(function, with_marks=True).items():
         words = _mark_in(_split_annotated(hint)[1], Words)
         if words is not None and words.name:
             parameters[words.name] = parameters[name]
