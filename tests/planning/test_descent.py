@@ -12,8 +12,7 @@ import oracles
 from drawn import cells, grid_from_text
 from mapdeal.kernels.eikonal import is_line_clear, lengths_to
 from mapdeal.planning import routes as descent
-from mapdeal.planning.goal_routes import shortest_over
-from mapdeal.planning.routes import Terrain
+from mapdeal.planning.routes import Terrain, shortest_over
 
 ORIGIN = (1.5, -2.0, 0.4)
 

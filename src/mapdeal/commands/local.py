@@ -32,8 +32,7 @@ from mapdeal.pipeline.local import LocalCommon, LocalJob
 from mapdeal.pipeline.recipe import Changes, RecipeName, load_recipe
 from mapdeal.pipeline.run import LOCAL_RECIPE, RunReport
 from mapdeal.pipeline.settings import adding_warnings
-from mapdeal.planning.goal_routes import route_in_window, shortest_over
-from mapdeal.planning.routes import Terrain
+from mapdeal.planning.routes import Terrain, route_in_window, shortest_over
 from mapdeal.records import dataclass
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import has_times

@@ -29,8 +29,6 @@ from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import Spread, rounded, rounded_place, spread_json
 from mapdeal.pipeline.recipe import Recipe, load_recipe, planned_shape
 from mapdeal.planning import routes
-from mapdeal.planning.goal_routes import route_in_window, shortest_over
-from mapdeal.planning.routes import route_on_graph
 from mapdeal.records import dataclass, field, replace
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import PairLine, read_pairs
@@ -425,12 +423,14 @@ def route(
     with inputs.errors_named(source.name):
         terrain = routes.Terrain.of(costs, **weights, **_without_none(field_weight=field_weight))
         if followed is not None:
-            found = route_on_graph(terrain, followed, start, goal)
+            found = routes.route_on_graph(terrain, followed, start, goal)
         else:
             name = "heuristic" if heuristic == "field" else method
             weight = _without_none(heuristic_weight=heuristic_weight)
             find, by_length = _search_by(name, terrain, gains, **weight), method != "astar"
-            found = route_in_window(terrain, find, start, goal, by_length=by_length, known=known)
+            found = routes.route_in_window(
+                terrain, find, start, goal, by_length=by_length, known=known
+            )
             warn_of_border(found, costs)
     has_robot = footprint is not None or robot is not None or isinstance(source.grid, Costmap)
     return PlannedRoute(**vars(found), map=source, costs=costs, graph=followed, has_robot=has_robot)
@@ -454,7 +454,7 @@ def _search_by(
     field_weight: float = _FIELD_WEIGHT, heuristic_weight: float = _HEURISTIC_WEIGHT,
 ) -> Callable[[Point, Point], Route]:  # fmt: skip
     if name == "geodesic":
-        return partial(shortest_over, terrain)
+        return partial(routes.shortest_over, terrain)
     if name == "descent":
         published = terrain.costmap.to_occupancy()
         lethal = published.with_values(published.occupied().astype("int8") * OCCUPIED)
