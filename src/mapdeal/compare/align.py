@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.compare import walls as wall_maps
-from mapdeal.compare.bend import Bend, fitted
-from mapdeal.compare.walls import Floats, Mask, Poses, Singles, WallMap, moved, moved_back, walls_of
+from mapdeal.compare.walls import Bend, Floats, Poses, Singles, WallMap, moved, moved_back, walls_of
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import FARTHEST, Transform, turned
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OneLineRepr
+from mapdeal.kernels.arrays import Mask
 from mapdeal.kernels.rotations import hough_spectrum, inverse_matrices, main_direction
 from mapdeal.kernels.threads import in_parallel
 from mapdeal.records import dataclass, replace
@@ -632,7 +632,7 @@ def _bends(first: WallMap, second: WallMap, poses: Poses, piece: float) -> Bend:
     narrow = _narrow(first, second)
     wide = max(narrow, min(_WIDEST, _SHARE_OF_DIAGONAL * diagonal))
     scales = [wide] * 3 + [(wide + narrow) / 2] * 2 + [narrow] * 3
-    return fitted(first, second, poses, scales=scales, piece=piece, most=_MOST_BENT)
+    return wall_maps.fitted(first, second, poses, scales=scales, piece=piece, most=_MOST_BENT)
 
 
 def _shares_beside(

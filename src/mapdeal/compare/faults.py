@@ -10,11 +10,12 @@ import numpy as np
 from mapdeal.compare.align import bend_between
 from mapdeal.compare.difference import middle_xy
 from mapdeal.compare.score import FREE, LEAST_PIECE, OCCUPIED, UNKNOWN, States
-from mapdeal.compare.walls import Mask, pooled
+from mapdeal.compare.walls import pooled
 from mapdeal.grid import values as map_values
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import decimal_text
+from mapdeal.kernels.arrays import Mask
 from mapdeal.kernels.components import drop_small_groups, touching_groups
 from mapdeal.kernels.distance import within_distance
 from mapdeal.records import dataclass
