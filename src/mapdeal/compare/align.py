@@ -89,9 +89,10 @@ def candidates_at(
     poses: list[Poses] = []
     for scoring in range(len(_SCORINGS)):
         rows = np.array([row for tables in scored for row in tables[scoring]]).reshape(-1, 4)
-        ordered = rows[np.argsort(-rows[:, 0], kind="stable"), 1:]
-        poses += _distinct(ordered, first.middle_xy, 2 * correlation.cell, most)
-    return np.array(poses).reshape(-1, 3), correlation.cell
+        candidates = rows[:, 1:]
+        is_elsewhere = partial(_is_elsewhere, first, candidates, distance=2 * correlation.cell)
+        poses.append(candidates[_best_places(rows[:, 0], most, is_elsewhere)])
+    return np.concatenate(poses), correlation.cell
 
 
 class _Correlation:
@@ -194,17 +195,6 @@ def _best_of_blocks(
     inside = blocks[down, :, right, :].reshape(len(top), _BLOCK * _BLOCK).argmax(axis=1)
     row, col = down * _BLOCK + inside // _BLOCK, right * _BLOCK + inside % _BLOCK
     return row, col, scores[row, col].tolist()
-
-
-def _distinct(poses: Poses, middle_xy: Floats, distance: float, most: int) -> list[Poses]:
-    distinct: list[Poses] = []
-    middles = moved(poses, middle_xy[None])[:, 0]
-    while len(poses) and len(distinct) < most:
-        distinct.append(poses[0])
-        is_apart = np.hypot(*(middles - middles[0]).T) >= distance
-        is_apart |= _turns(poses[:, 0] - poses[0, 0]) >= _SAME_TURN
-        poses, middles = poses[is_apart], middles[is_apart]
-    return distinct
 
 
 def _turns(angles: Floats) -> NDArray[np.float64]:
@@ -721,10 +711,10 @@ def _rounded_down(score: float) -> str:
     return f"{math.floor(100 * score) / 100:g}"
 
 
-def _is_elsewhere(first: WallMap, poses: Poses, best: int) -> Mask:
-    """Return which poses differ from the best one by more than drift."""
-    is_turned = _turns(poses[:, 0] - poses[best, 0]) > _SAME_TURN
-    return (_shifts(first, poses, poses[best]) > _SAME_PLACE) | is_turned
+def _is_elsewhere(first: WallMap, poses: Poses, best: int, distance: float = _SAME_PLACE) -> Mask:
+    """Return which poses differ from the best one by more than drift, or by a distance."""
+    is_turned = _turns(poses[:, 0] - poses[best, 0]) >= _SAME_TURN
+    return (_shifts(first, poses, poses[best]) >= distance) | is_turned
 
 
 def _are_elsewhere(first: WallMap, poses: Poses, bend: Bend, best: int) -> Mask:
