@@ -231,7 +231,7 @@ def test_the_box_of_known_cells(height, width, places, is_lazy):
     expected = None
     if places:
         expected = (rows.min(), cols.min(), np.ptp(rows) + 1, np.ptp(cols) + 1)
-    assert known_box(layer, lambda values: values != -1) == expected
+    assert known_box(layer, -1) == expected
 
 
 @pytest.mark.parametrize(("size", "box", "shown"), [

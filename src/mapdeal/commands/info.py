@@ -24,7 +24,7 @@ from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.kinds import BAG, IMAGE, MAP, POINTER, FileKind, kind_of
 from mapdeal.maps.listing import list_maps
 from mapdeal.maps.reading import open_map
-from mapdeal.pictures.overlay import OtherThan, known_box
+from mapdeal.pictures.overlay import known_box
 from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, stages_behind, summary_of
 from mapdeal.pipeline.inputs import InShell, Work, claim_work
 from mapdeal.pipeline.settings import ProgressCallback, Settings
@@ -256,7 +256,7 @@ def _origin_of(path: Path, grid: Any, sums: Mapping[str, str]) -> Report:
     """Return the extent of what a grid knows, its checksum, and the stages that have made it."""
     report: Report = {}
     if not isinstance(grid, Costmap):
-        box = known_box(grid.occupancy, OtherThan(UNKNOWN))  # row 0 is in the south
+        box = known_box(grid.occupancy, UNKNOWN)  # row 0 is in the south
         report["known_box"] = None if box is None else list(box)
     report["sha256"] = hashlib.sha256(grid.layer.data).hexdigest()
     stages = stages_behind(path.name, path.parent, sums)

@@ -27,11 +27,12 @@ _SMALL_SIDE = 1200  # pixels; enlarges small maps until single cells are visible
 def difference_image(
     changes: Bytes, frame: Frame, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "all", only_in: tuple[str, str] | None = None,
-    style: LayerStyle | None = None, before: str = "",
+    style: LayerStyle | None = None, before: str = "", unknown: int = _UNKNOWN,
 ) -> Image:  # fmt: skip
     shows_cells = only_in is not None or style is not None
     options = {"small_side": _SMALL_SIDE} if shows_cells else {}
-    part = shown_part(changes, frame, image_extent, is_known=lambda kinds: kinds > _UNKNOWN)
+    known = np.maximum(changes, unknown)
+    part = shown_part(known, frame, image_extent, unknown=unknown)
     raster = Raster.fitting(frame.shape, image_max, part=part, **options)
     pixels = raster.enlarged(raster.largest(changes))
     style = style or difference_style(only_in)
@@ -49,8 +50,7 @@ _ANY_CONFLICT = 3  # the only kind of conflict with more than two maps
 
 def merge_image(
     grid: OccupancyGrid, conflicts: Bytes, *, names: Sequence[str],
-    title: str | None = None, image_max: int = DEFAULT_IMAGE_MAX,
-    image_extent: ImageExtent = "known",
+    title: str | None = None, image_extent: ImageExtent = "known", **look: Any,
 ) -> Image:  # fmt: skip
     kinds = grid.occupancy.view(np.uint8) + np.uint8(1)  # unknown, 255, wraps to 0
     if len(names) > 2:
@@ -64,9 +64,6 @@ def merge_image(
         }
         np.add(conflicts, _CONFLICT_BASE, out=kinds, where=conflicts > 0)
     legend |= {_OCCUPIED: "occupied", _FREE: "free", _NOT_KNOWN: "unknown"}
-    frame = grid.frame
-    part = shown_part(kinds, frame, image_extent, is_known=lambda values: values > _NOT_KNOWN)
-    raster = Raster.fitting(frame.shape, image_max, part=part, small_side=_SMALL_SIDE)
     value_colours = occupancy_style().colours
     unknown_colours, known_colours = value_colours[OCCUPIED + 1 :], value_colours[: OCCUPIED + 1]
     conflict_colours = [colours.REMOVED, colours.ADDED, colours.REMOVED]
@@ -74,8 +71,10 @@ def merge_image(
     palette = palette_of(unknown_colours, known_colours, conflict_colours)
     style = LayerStyle(palette, swatches=swatches)
     title = title or f"{', '.join(names[:-1])} and {names[-1]}, merged"
-    pixels = raster.enlarged(raster.largest(kinds))
-    return canvas.on_sheet(pixels, style, frame, raster, title=title)
+    return difference_image(
+        kinds, grid.frame, title=title, style=style, unknown=_NOT_KNOWN,
+        image_extent=image_extent, **look,
+    )  # fmt: skip
 
 
 # Palette indices of a score; the largest index in a pixel is drawn. Walls of the map follow, by
@@ -121,7 +120,7 @@ def score_image(
 ) -> Image:  # fmt: skip
     # True walls without a wall of the map within 0.1 m are marked; in a pixel the farthest shows.
     codes = _codes_of(walls)
-    part = shown_part(codes, walls.frame, image_extent, is_known=lambda cells: cells != UNKNOWN)
+    part = shown_part(codes, walls.frame, image_extent, unknown=UNKNOWN)
     raster = Raster.fitting(walls.frame.shape, image_max, part=part)
     pixels = raster.enlarged(raster.largest(codes))
     ticks = [(k / _TICKS, f"{walls.top * k / _TICKS:g}") for k in range(_TICKS)]

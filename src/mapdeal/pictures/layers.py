@@ -40,7 +40,7 @@ class Drawing(ABC):
     ) -> None:  # fmt: skip
         layer, unknown = self._layer_and_unknown(grid)
         part = overlays.shown_part(
-            layer, grid.frame, image_extent, is_known=overlays.OtherThan(unknown), overlay=overlay
+            layer, grid.frame, image_extent, unknown=unknown, overlay=overlay
         )
         self._grid, self._overlay = grid, overlay
         self._raster = overlays.Raster.fitting(grid.shape, image_max, part=part)

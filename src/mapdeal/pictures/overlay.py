@@ -6,7 +6,7 @@ Cells are scaled to pixels by integer factors only, so edges stay sharp and no o
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -493,44 +493,32 @@ ImageExtent = Literal["known", "all"]
 DEFAULT_EXTENT: ImageExtent = "known"
 _MARGIN, _LEAST_MARGIN = 0.05, 10  # around the known cells: share of their longer side, and cells
 _LARGEST_CROP = 0.95  # largest share of a side of the map to which a picture is cut
-IsKnown = Callable[[NDArray[Any]], Mask]
-
-
-@dataclass(frozen=True)
-class OtherThan:
-    value: int
-
-    def __call__(self, values: NDArray[Any]) -> Mask:
-        return np.asarray(values != self.value)
-
-
-_IS_KNOWN = OtherThan(UNKNOWN)  # of occupancy
 
 
 @dataclass(frozen=True)
 class KnownLines:
     """Function for `known_box`: which rows and which columns have a known cell."""
 
-    is_known: IsKnown
+    unknown: int
 
     def __call__(self, values: NDArray[Any]) -> tuple[Mask, Mask]:
-        known = self.is_known(values)
+        known = values != self.unknown
         return np.asarray(known.any(axis=1)), np.asarray(known.any(axis=0))
 
 
-def known_box(layer: Layer, is_known: IsKnown) -> Region | None:
+def known_box(layer: Layer, unknown: int) -> Region | None:
     # Each row of a lazy layer is computed once, in order.
-    (parts,) = gathered(layer, KnownLines(is_known))
+    (parts,) = gathered(layer, KnownLines(unknown))
     in_rows = np.concatenate([in_rows for in_rows, _ in parts])
     return Region.spanning(in_rows, np.logical_or.reduce([in_cols for _, in_cols in parts]))
 
 
 def shown_part(
-    layer: Layer, frame: Frame, extent: ImageExtent, *, is_known: IsKnown = _IS_KNOWN,
+    layer: Layer, frame: Frame, extent: ImageExtent, *, unknown: int = UNKNOWN,
     overlay: Overlay | None = None, places_xy: ArrayLike = (),
 ) -> Region | None:  # fmt: skip
     """Return the part of a map that a picture shows: known cells and places; None for all."""
-    box = None if extent == "all" else known_box(layer, is_known)
+    box = None if extent == "all" else known_box(layer, unknown)
     if box is None:
         return None
     low, high = np.array(box[:2]), np.array(box[:2]) + box[2:]

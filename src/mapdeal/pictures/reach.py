@@ -91,10 +91,10 @@ def reach_image(
     codes, style = styles.reach_codes(reach)
     goals = [answer.goal for answer in _goals_on(reach)]
     places = [reach.start[:2], *((goal.x, goal.y) for goal in goals)]
-    is_known = overlays.OtherThan(styles.UNKNOWN_CODE)
     part = overlays.shown_part(
-        codes, reach.frame, image_extent, is_known=is_known, overlay=overlay, places_xy=places
-    )
+        codes, reach.frame, image_extent, unknown=styles.UNKNOWN_CODE, overlay=overlay,
+        places_xy=places,
+    )  # fmt: skip
     raster = overlays.Raster.fitting(reach.shape, image_max, part=part)
     pixels = np.array(raster.enlarged(raster.largest(codes)))
     marks = _Marks(overlays.Surface(pixels, raster.frame_of(reach.frame), raster))

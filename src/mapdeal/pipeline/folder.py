@@ -38,7 +38,7 @@ from mapdeal.maps.png import write_png
 from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pictures import layers
 from mapdeal.pictures.canvas import Image
-from mapdeal.pictures.overlay import KnownLines, OtherThan, Overlay, Overlays, RobotOverlay
+from mapdeal.pictures.overlay import KnownLines, Overlay, Overlays, RobotOverlay
 from mapdeal.pipeline.settings import Settings, collected_from, passes_reported, portable, renamed
 from mapdeal.pipeline.step import Step
 from mapdeal.records import dataclass, field
@@ -494,7 +494,7 @@ class OutputFolder:
             step, grid = product.step, product.grid
             if shows_known and isinstance(grid, (OccupancyGrid, Costmap)) and grid.is_lazy:
                 # one pass finds the box of known cells and the counts of the figures
-                gathered(grid.layer, histogram, KnownLines(OtherThan(grid.unknown_value)))
+                gathered(grid.layer, histogram, KnownLines(grid.unknown_value))
             figures[step.name] = {**grid.figures(), **product.figures}
             if remark := remark_on(step, figures[step.name], self.steps):
                 texts.append(f"{filling.subject}: {remark}")

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from mapdeal.kernels.lookup import look_up, pooled
 from mapdeal.kernels.threads import ThreadPool, thread_count
-from mapdeal.pictures.overlay import OtherThan, known_box
+from mapdeal.pictures.overlay import known_box
 from mapdeal.records import asdict, dataclass, field, replace
 from mapdeal.report.document import Item, PageLayer
 
@@ -56,7 +56,7 @@ def extent_of(
     own = [layer for layer in layers if layer.style.labels.get(_UNKNOWN) == "unknown"]
     by_frame = {layer.frame: layer for layer in reversed(own)}  # the first of each
     for frame, layer in by_frame.items():
-        if (box := known_box(layer.values, OtherThan(_UNKNOWN))) is not None:
+        if (box := known_box(layer.values, _UNKNOWN)) is not None:
             rows, cols = (box.row, box.row + box.height), (box.col, box.col + box.width)
             corners = [(row, col) for row in rows for col in cols]
             points.append(frame.xy_from_continuous_rowcol(corners))
