@@ -31,8 +31,8 @@ def difference_image(
 ) -> Image:  # fmt: skip
     shows_cells = only_in is not None or style is not None
     options = {"small_side": _SMALL_SIDE} if shows_cells else {}
-    known = np.maximum(changes, unknown)
-    part = shown_part(known, frame, image_extent, unknown=unknown)
+    cells = np.maximum(changes, unknown)  # those of one map alone count as unknown
+    part = shown_part(cells, frame, image_extent, unknown=unknown)
     raster = Raster.fitting(frame.shape, image_max, part=part, **options)
     pixels = raster.enlarged(raster.largest(changes))
     style = style or difference_style(only_in)

@@ -6,7 +6,7 @@ import heapq
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from mapdeal.kernels.components import joined
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.skeleton import STRAIGHT, far_from, flat_cells, largest_of_blocks
 from mapdeal.planning.skeleton_lines import Cells
-from mapdeal.records import dataclass, field, replace
+from mapdeal.records import dataclass, replace
 
 Kind = Literal["way", "crossing", "door", "narrow", "end", "hall", "goal"]
 LaneSide = Literal["right"]
@@ -97,62 +97,33 @@ def band_around_unknown(grid: Any, width: float) -> OccupancyGrid:
     return OccupancyGrid(values.astype(np.int8), grid.resolution, grid.origin)
 
 
-class Area(NamedTuple):
-    """The part of a map around all reached cells; places and lengths are in its cells."""
-
-    sweeps: Sweeps
-    radius: float
-    turning: float
-    reachable: float
-
-    @classmethod
-    def of(cls, reach: Reach) -> Area:
-        frame, robot = reach.frame, reach.robot
-        ground = Ground(reach.occupancy, frame, reach.through_unknown)
-        radius = reach_radius(robot) / frame.resolution
-        turning = radius if robot is None else robot.circumscribed_radius / frame.resolution
-        is_open = reach.reachable > 0
-        margin = math.ceil(turning) + 3
-        open_cells = [np.flatnonzero(is_open.any(axis=axis)) for axis in (1, 0)]
-        low = [max(int(cells[0]) - margin, 0) for cells in open_cells]
-        high = [int(cells[-1]) + margin + 1 for cells in open_cells]
-        window = slice(low[0], high[0]), slice(low[1], high[1])
-        squared = np.ascontiguousarray(squares_to(ground.blocked)[window])
-        np.copyto(squared, -1, where=~is_open[window])
-        occupancy = reach.occupancy[window]
-        unknown = (occupancy == UNKNOWN) & (not reach.through_unknown)
-        closed = closed_costs(occupancy == OCCUPIED, unknown)
-        frame_of_window = frame.window(*low, *squared.shape)
-        sweeps = Sweeps(is_open[window].copy(), closed, squared, frame_of_window, robot)
-        return cls(sweeps, radius, turning, float(np.count_nonzero(is_open)) * reach.cell_area)
-
-
-@dataclass(eq=False)
 class Draft:
-    """An unfinished graph: undirected, with nodes by index."""
+    """An unfinished graph: undirected, with nodes by index. Places and lengths are in cells."""
 
-    area: Area
-    options: GraphOptions
-    places: list[Place] = field(default_factory=list)
-    kinds: list[Kind] = field(default_factory=list)
-    names: dict[int, str] = field(default_factory=dict)
-    widths: dict[int, float] = field(default_factory=dict)
-    edges: dict[tuple[int, int], float] = field(default_factory=dict)  # least clearances
-    beside: defaultdict[int, dict[int, float]] = field(default_factory=lambda: defaultdict(dict))
-    gone: set[int] = field(default_factory=set)  # removed nodes
-    share: float = SHARE
-    lanes: list[tuple[int, int]] = field(default_factory=list)  # directed edges
-    missing: Mask = field(init=False)  # reached cells far from all nodes
+    missing: Mask  # reached cells far from all nodes
 
-    def __post_init__(self) -> None:
-        sweeps = self.area.sweeps
-        self.cell = sweeps.frame.resolution
-        self.options = self.options.bounded(sweeps.is_open.size, self.cell)
+    def __init__(self, reach: Reach, options: GraphOptions) -> None:
+        robot, self.cell = reach.robot, reach.resolution
+        self.radius = reach_radius(robot) / self.cell
+        self.turning = self.radius if robot is None else robot.circumscribed_radius / self.cell
+        self.has_corners = robot is not None and bool(robot.vertices)
+        self.reachable = reach.reachable_area
+        self.sweeps = _sweeps_around(reach, math.ceil(self.turning) + 3)
+        self.frame = self.sweeps.frame
+        self.is_open, self.squares = self.sweeps.is_open, self.sweeps.squared  # -1 in closed cells
+        self.options = options.bounded(self.is_open.size, self.cell)
         self.spacing = self.options.spacing / self.cell
-        self.is_open, self.squares = sweeps.is_open, sweeps.squared  # -1 in closed cells
-        self.has_corners = sweeps.robot is not None and bool(sweeps.robot.vertices)
-        self.step = coarse_step(self.area.radius * self.cell, self.cell)
+        self.step = coarse_step(self.radius * self.cell, self.cell)
         self.coarse = largest_of_blocks(self.squares, self.step)
+        self.places: list[Place] = []
+        self.kinds: list[Kind] = []
+        self.names: dict[int, str] = {}
+        self.widths: dict[int, float] = {}
+        self.edges: dict[tuple[int, int], float] = {}  # least clearances
+        self.beside: defaultdict[int, dict[int, float]] = defaultdict(dict)
+        self.gone: set[int] = set()  # removed nodes
+        self.share = SHARE
+        self.lanes: list[tuple[int, int]] = []  # directed edges
 
     def add_node(self, place: Place, kind: Kind) -> int:
         self.places.append(place)
@@ -177,13 +148,11 @@ class Draft:
         return math.dist(self.places[start], self.places[end])
 
     def rounded(self, places: Any) -> Places:
-        frame = self.area.sweeps.frame
-        return self.places_of(frame.xy_from_continuous_rowcol(places).round(_DECIMALS))
+        return self.places_of(self.frame.xy_from_continuous_rowcol(places).round(_DECIMALS))
 
     def places_of(self, points_xy: Any) -> Places:
-        frame = self.area.sweeps.frame
-        places = frame.continuous_rowcol_from_xy(points_xy)
-        return np.maximum(places, frame.unbounded_rowcol_from_xy(points_xy))
+        places = self.frame.continuous_rowcol_from_xy(points_xy)
+        return np.maximum(places, self.frame.unbounded_rowcol_from_xy(points_xy))
 
     def at(self, indices: Iterable[int]) -> Places:
         return np.array([self.places[index] for index in indices]).reshape(-1, 2)
@@ -241,7 +210,7 @@ class Draft:
         """Merge nodes into their replacements where the robot can follow the new edges."""
         lines = [(target, end) for _, target, ends in moves for end in ends]
         starts, ends = self.at(line[0] for line in lines), self.at(line[1] for line in lines)
-        is_clear, clearances = self.area.sweeps.along(starts, ends)
+        is_clear, clearances = self.sweeps.along(starts, ends)
         begin, has_moved = 0, []
         for gone, target, new_ends in moves:
             of_move = slice(begin, begin := begin + len(new_ends))
@@ -256,8 +225,7 @@ class Draft:
         return has_moved
 
     def result(self) -> GraphResult:
-        frame, sweeps = self.area.sweeps.frame, self.area.sweeps
-        points = frame.xy_from_continuous_rowcol(self.places).round(_DECIMALS) + 0.0
+        points = self.frame.xy_from_continuous_rowcol(self.places).round(_DECIMALS) + 0.0
         used = np.array(self.nodes())
         order = used[np.lexsort(points[used].T)]
         points = points[order]
@@ -267,24 +235,25 @@ class Draft:
             for number, (node, (x, y)) in enumerate(places_xy, start=1)
         )
         ends, leads_back = self._numbered_ends(order)
-        starts, stops = points[ends[:, 0] - 1], points[ends[:, 1] - 1]
-        places = frame.continuous_rowcol_from_xy(starts), frame.continuous_rowcol_from_xy(stops)
-        is_clear, least = sweeps.along(*places)
+        starts_xy, stops_xy = points[ends[:, 0] - 1], points[ends[:, 1] - 1]
+        starts = self.frame.continuous_rowcol_from_xy(starts_xy)
+        stops = self.frame.continuous_rowcol_from_xy(stops_xy)
+        is_clear, least = self.sweeps.along(starts, stops)
         door_widths = np.array([self.widths.get(node, math.inf) for node in order.tolist()])
         lines = zip(
-            ends.tolist(), leads_back.tolist(), np.hypot(*(stops - starts).T).tolist(),
+            ends.tolist(), leads_back.tolist(), np.hypot(*(stops_xy - starts_xy).T).tolist(),
             (least * self.cell).tolist(), door_widths[ends - 1].min(axis=1).tolist(), strict=True,
         )  # fmt: skip
         missing = float(np.count_nonzero(self.missing)) * self.cell**2
-        touches, from_unknown = self._distances_of_lines(*places, least)
+        touches, from_unknown = self._distances_of_lines(starts, stops, least)
         return GraphResult(
             graph=RouteGraph(nodes, self._directed_edges(lines, len(nodes) + 1)),
-            reachable=self.area.reachable,
-            covered=self.area.reachable - missing,
+            reachable=self.reachable,
+            covered=self.reachable - missing,
             parts=len(np.unique(self.parts()[used])),
             tight=int((touches | ~is_clear).sum()),
             missed=tuple(name for node, name in self.names.items() if node in self.gone),
-            near_unknown=int((from_unknown < self.area.radius - _TOUCHING).sum()),
+            near_unknown=int((from_unknown < self.radius - _TOUCHING).sum()),
             from_unknown=float(from_unknown.min(initial=math.inf)) * self.cell,
         )
 
@@ -318,12 +287,12 @@ class Draft:
     ) -> tuple[Mask, Floats]:
         """Return on which lines a round robot touches obstacles, and distances to unknown cells."""
         # Lines that are certainly far from both have an infinite distance.
-        radius = self.area.radius
+        radius = self.radius
         touches, from_unknown = np.zeros(len(least), dtype=np.bool_), np.full(len(least), math.inf)
         for k in () if self.has_corners else np.flatnonzero(least < radius + _BETWEEN_CENTRES):
             line = starts[k], ends[k], radius
-            touches[k] = self.area.sweeps.distance_to(LETHAL_OBSTACLE, *line) < radius - _TOUCHING
-            from_unknown[k] = self.area.sweeps.distance_to(NO_INFORMATION, *line)
+            touches[k] = self.sweeps.distance_to(LETHAL_OBSTACLE, *line) < radius - _TOUCHING
+            from_unknown[k] = self.sweeps.distance_to(NO_INFORMATION, *line)
         return touches, from_unknown
 
     def _metadata(self, node: int) -> dict[str, Any]:
@@ -333,6 +302,22 @@ class Draft:
         if node in self.widths:
             metadata["width"] = round(self.widths[node], 3)
         return metadata
+
+
+def _sweeps_around(reach: Reach, margin: int) -> Sweeps:
+    is_open = reach.reachable > 0
+    open_cells = [np.flatnonzero(is_open.any(axis=axis)) for axis in (1, 0)]
+    low = [max(int(cells[0]) - margin, 0) for cells in open_cells]
+    high = [int(cells[-1]) + margin + 1 for cells in open_cells]
+    window = slice(low[0], high[0]), slice(low[1], high[1])
+    ground = Ground(reach.occupancy, reach.frame, reach.through_unknown)
+    squared = np.ascontiguousarray(squares_to(ground.blocked)[window])
+    np.copyto(squared, -1, where=~is_open[window])
+    occupancy = reach.occupancy[window]
+    unknown = (occupancy == UNKNOWN) & (not reach.through_unknown)
+    closed = closed_costs(occupancy == OCCUPIED, unknown)
+    frame = reach.frame.window(*low, *squared.shape)
+    return Sweeps(is_open[window].copy(), closed, squared, frame, reach.robot)
 
 
 def check_options(options: GraphOptions, resolution: float) -> None:

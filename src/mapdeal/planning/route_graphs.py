@@ -71,7 +71,7 @@ _SLIVER = 1.05
 
 
 def route_graph_of(reach: Reach, options: graph_drafts.GraphOptions) -> graph_drafts.GraphResult:
-    draft = _CompleteDraft(graph_drafts.Area.of(reach), options)
+    draft = _CompleteDraft(reach, options)
     draft.add_halls()
     draft.add_skeleton()
     for reached in reach.goals:
@@ -102,18 +102,18 @@ class _CompleteDraft(graph_drafts.Draft):
             return
         reach = _WITHIN_HALL * half / self.step
         self.is_hall = (squared_distance(core) <= reach * reach) & (self.coarse >= 0)
-        margin = max(self.area.turning + 2, half / 2)
+        margin = max(self.turning + 2, half / 2)
         labels = labelled(self.is_hall, corners=True).cells
         usable = np.argwhere(self.is_hall & (self.coarse >= margin * margin))
         places, pairs = lattices_in(
             np.asarray((usable + 0.5) * self.step, dtype=np.float64),
             labels[usable[:, 0], usable[:, 1]],
-            main_direction(self.area.sweeps.closed > 0) or 0.0, self.spacing, float(self.step),
+            main_direction(self.sweeps.closed > 0) or 0.0, self.spacing, float(self.step),
             lambda places: self._is_usable(places, margin),
         )  # fmt: skip
         for place in places:
             self.add_node(place, "hall")
-        is_clear, least = self.area.sweeps.along(self.at(pairs[:, 0]), self.at(pairs[:, 1]))
+        is_clear, least = self.sweeps.along(self.at(pairs[:, 0]), self.at(pairs[:, 1]))
         clear_pairs, clearances = pairs[is_clear].tolist(), least[is_clear].tolist()
         for (start, end), clearance in zip(clear_pairs, clearances, strict=True):
             self.add_edge(start, end, clearance)
@@ -169,7 +169,7 @@ class _CompleteDraft(graph_drafts.Draft):
             for k in sorted(near, key=lambda k: self.length(mouth, halls[k]))[: 2 * _BESIDE_HALL]
         ]  # fmt: skip
         tried = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-        is_clear, least = self.area.sweeps.along(self.at(tried[:, 0]), self.at(tried[:, 1]))
+        is_clear, least = self.sweeps.along(self.at(tried[:, 0]), self.at(tried[:, 1]))
         joins: defaultdict[int, list[int]] = defaultdict(list)
         for (mouth, node), fits, clearance in zip(pairs, is_clear, least, strict=True):
             has_room = fits and len(joins[mouth]) < _BESIDE_HALL
@@ -209,7 +209,7 @@ class _CompleteDraft(graph_drafts.Draft):
     def _add_lines_of(self, pieces: Sequence[_Piece]) -> list[_Piece]:
         """Add edges for pieces that a robot can follow straight; return halves of the others."""
         starts = self.at(piece.start for piece in pieces)
-        is_clear, least = self.area.sweeps.along(starts, self.at(piece.end for piece in pieces))
+        is_clear, least = self.sweeps.along(starts, self.at(piece.end for piece in pieces))
         lows = [float(piece.clearances[piece.first : piece.last + 1].min()) for piece in pieces]
         needed = graph_drafts.SHARE * np.array(lows)
         is_loop = np.array([piece.start == piece.end for piece in pieces])
@@ -225,7 +225,7 @@ class _CompleteDraft(graph_drafts.Draft):
         # single steps: a round robot may pass although its outline touches an obstacle
         starts = self.at(piece.start for piece in steps)
         ends = self.at(piece.end for piece in steps)
-        is_clear, least = self.area.sweeps.along(starts, ends, touches=False)
+        is_clear, least = self.sweeps.along(starts, ends, touches=False)
         for piece, is_fit, clearance in zip(steps, is_clear.tolist(), least.tolist(), strict=True):
             if is_fit or self.has_corners:
                 self.add_edge(piece.start, piece.end, clearance)
@@ -293,7 +293,7 @@ class _CompleteDraft(graph_drafts.Draft):
         node = self.add_node(tuple(self.places_of([point])[0].tolist()), "goal")
         self.names[node] = name
         near = sorted(range(node), key=lambda near: (self.length(node, near), near))[:6]
-        is_clear, least = self.area.sweeps.along(self.at([node] * len(near)), self.at(near))
+        is_clear, least = self.sweeps.along(self.at([node] * len(near)), self.at(near))
         for k in np.flatnonzero(is_clear)[:2].tolist():
             self.add_edge(node, near[k], float(least[k]))
 
@@ -333,7 +333,7 @@ class _CompleteDraft(graph_drafts.Draft):
     ) -> None:
         """Connect pairs of nodes along free space, and move the second back by `shorts`."""
         starts, ends = (self.at(pair[k] for pair in pairs) for k in (0, 1))
-        is_clear, least = self.area.sweeps.along(starts, ends)
+        is_clear, least = self.sweeps.along(starts, ends)
         rooms = (self.clearance_at(np.floor(places).astype(np.int64)) for places in (starts, ends))
         is_straight = is_clear & (least >= graph_drafts.SHARE * np.minimum(*rooms) - 0.5)
         paths = []
@@ -521,7 +521,7 @@ class _CompleteDraft(graph_drafts.Draft):
 
     @property
     def excess(self) -> int:
-        return len(self.places) - len(self.gone) - int(self.area.reachable / AREA_PER_NODE)
+        return len(self.places) - len(self.gone) - int(self.reachable / AREA_PER_NODE)
 
     @property
     def is_crowded(self) -> bool:
@@ -607,7 +607,7 @@ class _CompleteDraft(graph_drafts.Draft):
         """Return labels of pieces of walls up to four cells apart, and their extents in metres."""
         from scipy import ndimage
 
-        closed = self.area.sweeps.closed != FREE_SPACE
+        closed = self.sweeps.closed != FREE_SPACE
         labels, _ = ndimage.label(dilate_square(closed, 2), np.ones((3, 3)))
         labels[~closed] = 0
         boxes = ndimage.find_objects(labels)
@@ -616,7 +616,7 @@ class _CompleteDraft(graph_drafts.Draft):
 
     def _wall_beside(self, jamb: graph_drafts.Places, along: graph_drafts.Places) -> float:
         """Return the length of the walls in line with a door on one side, in metres."""
-        closed = self.area.sweeps.closed
+        closed = self.sweeps.closed
         directions = complex(*along) * np.exp(1j * _TURNS)
         step = max(1.0, _FINEST / self.cell)
         steps = np.arange(0, _LINE / self.cell, step)[:, np.newaxis, np.newaxis]
@@ -665,7 +665,7 @@ class _CompleteDraft(graph_drafts.Draft):
             ends = np.array(sorted(self.edges), dtype=np.int64).reshape(-1, 2)
             starts, stops = self.at(ends[:, 0]), self.at(ends[:, 1])
             step = _FINE_STEP if self.has_corners else _HALF_CELL
-            is_clear, _ = self.area.sweeps.along(starts, stops, touches=self.has_corners, step=step)
+            is_clear, _ = self.sweeps.along(starts, stops, touches=self.has_corners, step=step)
             blocked = ends[~is_clear].tolist()
             if not blocked:
                 return
@@ -684,7 +684,7 @@ class _CompleteDraft(graph_drafts.Draft):
 
     def _move_off_closed_edges(self) -> None:
         nodes = [node for node in self.nodes() if self.kinds[node] != "goal"]
-        is_clear, _ = self.area.sweeps.along(self.at(nodes), self.at(nodes), touches=False)
+        is_clear, _ = self.sweeps.along(self.at(nodes), self.at(nodes), touches=False)
         for node in np.array(nodes)[~is_clear].tolist():
             row, col = map(int, self.places[node])
             if (cell := nearest_marked(self.is_open, (row, col))) is not None:
@@ -702,7 +702,7 @@ class _CompleteDraft(graph_drafts.Draft):
                 traced.update(chain[1:-1])
                 if chain[0] not in is_inner and chain[0] != chain[-1]:
                     chains.append(chain)
-        apart = self.area.turning + _APART / 2 / self.cell
+        apart = self.turning + _APART / 2 / self.cell
         for chain in chains:
             clearance = min(self.edges[min(ends), max(ends)] for ends in pairwise(chain))
             aside = min(clearance / 2, _ASIDE / self.cell)
@@ -725,7 +725,7 @@ class _CompleteDraft(graph_drafts.Draft):
         lanes = [self.rounded(places + shift), self.rounded(places - shift)]
         starts, ends = (np.concatenate([lane[part] for lane in lanes])
                         for part in (slice(None, -1), slice(1, None)))  # fmt: skip
-        is_clear, _ = self.area.sweeps.along(starts, ends, step=_FINE_STEP)
+        is_clear, _ = self.sweeps.along(starts, ends, step=_FINE_STEP)
         if not is_clear.all():
             return
         for start, end in pairwise(chain):
