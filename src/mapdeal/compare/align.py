@@ -29,8 +29,7 @@ from mapdeal.records import dataclass, replace
 _DIRECTIONS = 360  # of a Hough spectrum, over half a turn
 _MOST_PEAKS, _WIDENED_PEAKS = 3, 2
 """Peaks of the correlation that are tried; the first two also with `_PEAK_ERROR` on both sides."""
-_PEAK_ERROR = math.radians(1.2)
-"""Error of a peak if the overlap is small; a candidate one degree off cannot be refined."""
+_PEAK_ERROR = math.radians(1.2)  # of small overlaps; candidates one degree off cannot be refined
 _LEAST_STRIP = 0.1  # metres: least width of the strips in which a Hough spectrum counts walls
 _MOST_COUNTED = 4000  # faces
 
@@ -387,8 +386,7 @@ _PRIOR_SHIFT = 5.0
 _PRIOR_DEVIATIONS = 2.5  # the radius of the search area in standard deviations
 _ROTATION_ERROR = math.radians(3)  # tolerance of a rotation that the user gives
 _TURNS_AROUND = 100  # yaws that are tried on coarse cells, whatever the directions of the walls
-_COARSE, _FINE = 200, 500
-"""Cells per side of a correlation: at all yaws, and at those that the walls suggest."""
+_COARSE, _FINE = 200, 500  # cells per side of a correlation: at all yaws, at those of the walls
 _MOST_FACES, _MOST_CHECKED, _MOST_POLISHED = 400, 2000, 4000
 """Faces that refine each candidate, that score it, and that refine the best one at the end."""
 _LEAST_SCALE = 1.5  # cells: the smallest scale at which the best candidate is refined

@@ -22,8 +22,7 @@ from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.threads import claim_tables
 from mapdeal.records import dataclass, field
 
-STATES = ("occupied", "free", "unknown", "between")
-"""States of a cell; ``between`` stands for the values 1..99."""
+STATES = ("occupied", "free", "unknown", "between")  # of cells; "between" are the values 1..99
 SYMMETRIES: dict[str, Callable[[NDArray[np.int8]], NDArray[np.int8]]] = {
     "mirrored upside down": np.flipud,
     "mirrored left to right": np.fliplr,
@@ -309,8 +308,7 @@ def changes_of(first: Bytes, second: Bytes, both: Mask) -> Bytes:
 
 
 Costs = NDArray[np.uint8]
-SIZES = ((1, 9), (10, 49), (50, 127), (128, 254))
-"""Smallest and largest change of the cost in each bin of `CostChange.by_size`."""
+SIZES = ((1, 9), (10, 49), (50, 127), (128, 254))  # changes of the cost in `CostChange.by_size`
 MOST_REGIONS = 20
 
 

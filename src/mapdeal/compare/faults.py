@@ -45,8 +45,7 @@ NO_FAULT = "no fault found"
 _LEAST = {"ghost walls": 0.05, "missing area": 0.05, "faded walls": 0.1, "noisy": 0.03, "bent": 1.0}
 """Least share that is a fault: of walls, known area, true walls, and walls; for bends a multiple of
 `_LEAST_BEND`. The fault that exceeds its least share most names the verdict."""
-_NEAR, _NEAR_CELLS = 0.15, 1.5
-"""Distance within which walls are the same: metres, at least so many cells."""
+_NEAR, _NEAR_CELLS = 0.15, 1.5  # distance within which walls are the same: metres, least in cells
 _LEAST_BEND, _LEAST_GAIN = 0.1, 0.08
 """Least bend that is a fault, metres (at least two cells), and gain in walls that then coincide."""
 _MAPPED = 2.0  # cells from free space within which a map should show a wall

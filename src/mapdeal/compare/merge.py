@@ -25,8 +25,7 @@ from mapdeal.records import dataclass, replace
 
 NO_CONFLICT, BY_FIRST, BY_OTHERS, AMONG_OTHERS = range(4)
 """No conflict; the first map is occupied; it is free; it is neither, and the others differ."""
-OCCUPIED_FROM, FREE_UP_TO = 65, 25
-"""Values at which Nav2's map_saver by default calls a cell occupied, and free."""
+OCCUPIED_FROM, FREE_UP_TO = 65, 25  # defaults of Nav2's map_saver for occupied and free cells
 _NEAR = 2  # cells within which obstacles of two maps may be the same
 _ROWS_AT_ONCE = 256
 _MANY = 0.01  # share of common cells: aligned maps have fewer conflicts

@@ -23,8 +23,7 @@ from mapdeal.records import dataclass
 
 States = NDArray[np.uint8]  # `UNKNOWN`, `FREE` or `OCCUPIED`, shape (H, W)
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
-Values = dict[str, Any]
-"""Figures by name: numbers, None where there is nothing to measure, or more of such."""
+Values = dict[str, Any]  # numbers by name, None where there is nothing to measure, or more of such
 
 
 def states_of(values: NDArray[np.int8]) -> States:
@@ -113,8 +112,7 @@ _OF_BAND, _AROUND = 90, 10
 """Bytes for each cell and each wall cell of both maps, and each cell of a band; rows around it."""
 _PER_CELL_ALONE, _PER_WALL_ALONE = 7.2, 52
 _OF_BAND_ALONE, _AROUND_ALONE = 60, 40  # the same for a map on its own
-LEAST_ROWS_ALONE = 64
-"""Least rows of a band for a map on its own: in fewer, most work would be the rows around."""
+LEAST_ROWS_ALONE = 64  # least rows of a band; in fewer, most work would be the rows around
 _PER_WALL_DRAWN = 40
 
 
@@ -276,8 +274,7 @@ def compare_states(estimate: States, truth: States, frame: Frame) -> Comparison:
     return Comparison(frame, estimate, truth, values, to_truth, to_estimate)
 
 
-LEAST_AREA = 0.25
-"""Square metres of free cells below which an enclosed space is a pocket instead of an area."""
+LEAST_AREA = 0.25  # square metres of free cells below which an enclosed space is a pocket
 _TOGETHER = 1 << 20  # cells that numpy converts to 64 bits at once
 
 
@@ -313,8 +310,7 @@ _SENSITIVITY = 0.1  # Harris's k
 _APART = 3  # cells: of two corners this close, only the stronger one counts
 _LEAST_TRACE = 1e-4  # a fifteenth of that at the end of a slanted line one cell wide
 _SAME = 1e-5  # relative tolerance of responses in 32 bits
-_HALO = 20
-"""Cells that a response depends on, 6 + 1 + 10, and those of cells up to 3 away."""
+_HALO = 20  # cells that a response depends on, 6 + 1 + 10, and those of cells up to 3 away
 
 
 def corners_of(walls: Mask) -> Mask:

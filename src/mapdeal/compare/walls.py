@@ -26,16 +26,12 @@ Floats = NDArray[np.floating[Any]]
 Poses = NDArray[np.float64]  # each yaw, x, y along the cells of both maps, shape (K, 3) or (3,)
 Singles = NDArray[np.float32]
 Scalar = TypeVar("Scalar", bound=np.generic)
-MOST_CELLS_A_SIDE = 1000
-"""Larger maps are aligned on coarser cells: walls are found to a fraction of a cell anyway."""
-_MOST_FREE = 25
-"""Occupancy up to which a cell counts as free: map_server's default threshold of 0.25."""
+MOST_CELLS_A_SIDE = 1000  # larger maps are pooled: walls are found to a fraction of a cell anyway
+_MOST_FREE = 25  # occupancy up to which a cell is free: map_server's default threshold of 0.25
 _LEAST_FREE = 0.1  # free cells per obstacle cell; maps with fewer show walls only
 _REACH = 2  # cells within which free space determines the normal of a wall
-_BEYOND = np.float32(1e9)
-"""Metres to a wall from outside the map; finite, because arithmetic is faster than masks."""
-_FEWEST_FACING = 0.25
-"""Share of the walls that must face free space; otherwise all edges of walls count."""
+_BEYOND = np.float32(1e9)  # metres to walls from outside; finite, as that is faster than masks
+_FEWEST_FACING = 0.25  # share of walls that must face free space; otherwise all edges count
 
 
 @dataclass(frozen=True, eq=False)

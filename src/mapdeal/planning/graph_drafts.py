@@ -36,8 +36,7 @@ _DECIMALS = 4  # of positions: a tenth of a millimetre
 _SLOWEST = 10.0  # percent
 _TOUCHING = 1e-4  # in cells: more than the rounding of places
 _BETWEEN_CENTRES = 1.67  # cells by which centres may be farther apart than a line and a square
-SHARE = 0.85
-"""Least clearance of a straight line, as a share of that of the path which it replaces."""
+SHARE = 0.85  # least clearance of a straight line, relative to that of the path it replaces
 
 
 @dataclass(frozen=True)

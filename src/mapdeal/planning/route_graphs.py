@@ -33,8 +33,7 @@ from mapdeal.planning.skeleton_lines import Cells, Tracing
 MOST_EDGES = 8  # of a node, both directions counted once
 AREA_PER_NODE = 1.5  # square metres of reachable area, at least
 _NARROWEST_DOOR, _WIDEST_DOOR, _DOORS_APART = 0.6, 2.1, 1.0  # metres
-_PROMINENCE = 1.3
-"""Least ratio of the clearance on both sides of a door, and of the widths, to that in the door."""
+_PROMINENCE = 1.3  # least ratio of the clearance and width on both sides of a door to those in it
 _NEAR_JAMB = 1.3  # farthest jamb of a door, as a share of the distance of the nearest obstacle
 _OPPOSITE = -0.7  # cosine between the directions of both jambs
 _WALL = 2.0  # metres: least extent of an obstacle that is a wall by itself
@@ -56,8 +55,7 @@ space must be so wide; with less wall beside a jamb, which may be the side of a 
 _WIDE_DOOR, _WIDE_RATIO, _WIDE_SPACE = 1.0, 3.0, 5.5
 """Doors wider than this, metres, need a space so many times as wide, or of this width."""
 _LONGEST = 1.25  # of the spacing: longer lines get a node
-_SHORT_CUT = 1.5
-"""Largest ratio of the path on the graph to the shortest path between neighbours."""
+_SHORT_CUT = 1.5  # largest ratio of the path on the graph to the shortest path between neighbours
 _WITHIN_HALL = 0.75
 """Extent of a hall around its core, as a share of half the least hall width: far enough for
 corners, but short of walls and doors."""
@@ -66,8 +64,7 @@ _MERGED = 0.35  # of the spacing: nodes closer than this are merged
 _THINNER = ((1.5, 0.85), (2.0, 0.7), (2.0, 0.5), (2.0, 0.0), (2.0, 0.0), (3.0, 0.0), (4.0, 0.0))
 """Steps to thin out crowded graphs: the longest detour, in spacings, that replaces an edge, and the
 least clearance of a new straight edge as a share of that of the old edges."""
-_SLIVER = 1.05
-"""Largest ratio of the length of two edges to that of the edge that they replace."""
+_SLIVER = 1.05  # largest ratio of the length of two edges to that of the edge that they replace
 
 
 def route_graph_of(reach: Reach, options: graph_drafts.GraphOptions) -> graph_drafts.GraphResult:

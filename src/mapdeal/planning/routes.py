@@ -24,12 +24,10 @@ from mapdeal.kernels.eikonal import Place, is_line_clear, lengths_to, opens, wei
 from mapdeal.kernels.paths import cheapest_path
 from mapdeal.records import dataclass, replace
 
-FIELD_RANGE = 2.0
-"""Metres from obstacles at which the field no longer weighs: the range of its metric view."""
+FIELD_RANGE = 2.0  # metres from obstacles within which the field weighs, as in its metric view
 _LARGEST_FACTOR = 1e6
 _AT_CENTRE = 1e-6  # in cells: larger than rounding errors of a centre
-_LARGEST_EXACT_SQUARE = 1 << 20
-"""Squares of cells up to which float32 distances distinguish neighbouring squares."""
+_LARGEST_EXACT_SQUARE = 1 << 20  # squares up to which float32 distances distinguish neighbours
 _CANDIDATES = 10  # candidates for the first and for the last node of a route
 
 
@@ -213,8 +211,7 @@ def route_in_window(
 _STEPS = (0.5, 0.25, 0.125)
 """In cells, the longest first; a shorter one is tried where the longer one does not lead down."""
 _OFF = (-1e-6, 1e-6)  # in cells: larger than rounding errors of a place
-_STEPS_PER_CELL_OF_SIDE = 20
-"""Limits the number of steps: a path of ten times the length of both sides of the map."""
+_STEPS_PER_CELL_OF_SIDE = 20  # at most: a path of ten times the length of both sides of the map
 
 
 def descend_on(terrain: Terrain, surface: Floats, start: Point, goal: Point) -> Route:
