@@ -22,13 +22,11 @@ from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.components import joined
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.skeleton import STRAIGHT, far_from, flat_cells, largest_of_blocks
-from mapdeal.planning.skeleton_lines import Cells
+from mapdeal.planning.graph_layouts import Cells, Place
 from mapdeal.records import dataclass, replace
 
 Kind = Literal["way", "crossing", "door", "narrow", "end", "hall", "goal"]
 LaneSide = Literal["right"]
-Place = tuple[float, float]  # continuous row and column
-Places = NDArray[np.float64]
 _Line = tuple[list[int], bool, float, float, float]
 """Numbers of both ends, whether it leads back, length, clearance and width of a door in metres."""
 _COARSEST = 0.15  # metres: cells of the skeleton
@@ -112,6 +110,7 @@ class Draft:
         self.is_open, self.squares = self.sweeps.is_open, self.sweeps.squared  # -1 in closed cells
         self.options = options.bounded(self.is_open.size, self.cell)
         self.spacing = self.options.spacing / self.cell
+        self.limit = int(self.options.cover / self.cell * STRAIGHT)  # of paths to a node
         self.step = coarse_step(self.radius * self.cell, self.cell)
         self.coarse = largest_of_blocks(self.squares, self.step)
         self.places: list[Place] = []
@@ -146,14 +145,14 @@ class Draft:
     def length(self, start: int, end: int) -> float:
         return math.dist(self.places[start], self.places[end])
 
-    def rounded(self, places: Any) -> Places:
+    def rounded(self, places: Any) -> Floats:
         return self.places_of(self.frame.xy_from_continuous_rowcol(places).round(_DECIMALS))
 
-    def places_of(self, points_xy: Any) -> Places:
+    def places_of(self, points_xy: Any) -> Floats:
         places = self.frame.continuous_rowcol_from_xy(points_xy)
         return np.maximum(places, self.frame.unbounded_rowcol_from_xy(points_xy))
 
-    def at(self, indices: Iterable[int]) -> Places:
+    def at(self, indices: Iterable[int]) -> Floats:
         return np.array([self.places[index] for index in indices]).reshape(-1, 2)
 
     def clearance_at(self, cells: Cells) -> Floats:
@@ -189,10 +188,6 @@ class Draft:
                     if estimate <= limit:
                         heapq.heappush(heap, (estimate, total, following))
         return math.inf
-
-    @property
-    def limit(self) -> int:
-        return int(self.options.cover / self.cell * STRAIGHT)
 
     def nodes(self) -> list[int]:
         return [node for node in range(len(self.places)) if node not in self.gone]
@@ -282,7 +277,7 @@ class Draft:
         return tuple(edges)
 
     def _distances_of_lines(
-        self, starts: Places, ends: Places, least: Floats
+        self, starts: Floats, ends: Floats, least: Floats
     ) -> tuple[Mask, Floats]:
         """Return on which lines a round robot touches obstacles, and distances to unknown cells."""
         # Lines that are certainly far from both have an infinite distance.

@@ -27,8 +27,7 @@ from mapdeal.kernels.paths import cheapest_path
 from mapdeal.kernels.rotations import main_direction
 from mapdeal.kernels.skeleton import STRAIGHT, lengths_from, nearest_from, neighbouring, skeleton
 from mapdeal.planning import graph_drafts
-from mapdeal.planning.hall_lattices import lattices_in
-from mapdeal.planning.skeleton_lines import Cells, Tracing
+from mapdeal.planning.graph_layouts import Cells, Place, Tracing, lattices_in
 
 MOST_EDGES = 8  # of a node, both directions counted once
 AREA_PER_NODE = 1.5  # square metres of reachable area, at least
@@ -115,7 +114,7 @@ class _CompleteDraft(graph_drafts.Draft):
         for (start, end), clearance in zip(clear_pairs, clearances, strict=True):
             self.add_edge(start, end, clearance)
 
-    def _is_usable(self, places: graph_drafts.Places, margin: float) -> Mask:
+    def _is_usable(self, places: Floats, margin: float) -> Mask:
         """Return which places lie in a hall with at least a margin of clearance."""
         cells = np.floor(places).astype(np.int64)
         is_usable = np.asarray(((cells >= 0) & (cells < self.is_open.shape)).all(axis=1))
@@ -286,7 +285,7 @@ class _CompleteDraft(graph_drafts.Draft):
             else:
                 waiting.append((first, first + least))
 
-    def add_goal(self, point: graph_drafts.Place, name: str) -> None:
+    def add_goal(self, point: Place, name: str) -> None:
         node = self.add_node(tuple(self.places_of([point])[0].tolist()), "goal")
         self.names[node] = name
         near = sorted(range(node), key=lambda near: (self.length(node, near), near))[:6]
@@ -578,7 +577,7 @@ class _CompleteDraft(graph_drafts.Draft):
             widest = min(_WIDE_RATIO * gap, _WIDE_SPACE / self.cell)
         return widths[0] >= wider * gap and widths[1] >= widest
 
-    def _jambs(self, place: graph_drafts.Places, width: float) -> tuple[graph_drafts.Places, bool]:
+    def _jambs(self, place: Floats, width: float) -> tuple[Floats, bool]:
         """Return the nearest obstacles on opposite sides, and whether both are walls."""
         labels, extents = self._pieces
         reach = _NEAR_JAMB * width / 2 + 2
@@ -611,7 +610,7 @@ class _CompleteDraft(graph_drafts.Draft):
         sides = [max(side.stop - side.start for side in box) for box in boxes]
         return labels, self.cell * np.array([0, *sides])
 
-    def _wall_beside(self, jamb: graph_drafts.Places, along: graph_drafts.Places) -> float:
+    def _wall_beside(self, jamb: Floats, along: Floats) -> float:
         """Return the length of the walls in line with a door on one side, in metres."""
         closed = self.sweeps.closed
         directions = complex(*along) * np.exp(1j * _TURNS)
@@ -626,9 +625,7 @@ class _CompleteDraft(graph_drafts.Draft):
         is_wall = ((values == LETHAL_OBSTACLE) & is_inside).any(axis=1)
         return float(is_wall.sum(axis=0).max()) * step * self.cell
 
-    def _width_seen(
-        self, place: graph_drafts.Places, across: graph_drafts.Places, turn: int
-    ) -> float:
+    def _width_seen(self, place: Floats, across: Floats, turn: int) -> float:
         """Return the free width across a path over some length within a short way, in cells."""
         labels, _ = self._pieces
         ahead = turn * np.array([across[1], -across[0]])
@@ -747,7 +744,7 @@ _RANKS: tuple[graph_drafts.Kind, ...] = ("goal", "door", "narrow", "crossing", "
 class _Path(NamedTuple):
     """Neighbouring cells, by their centres, between two nodes."""
 
-    places: graph_drafts.Places
+    places: Floats
     start: int
     end: int
     before: float = 0.0  # clearance beyond both ends
@@ -755,7 +752,7 @@ class _Path(NamedTuple):
 
 
 class _Piece(NamedTuple):
-    places: graph_drafts.Places
+    places: Floats
     clearances: Floats
     first: int
     start: int

@@ -16,7 +16,7 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.frame import Point
 from mapdeal.grid.reach import Method, Route
 from mapdeal.grid.reaching import Cell, cell_of_point, nearest_open_text
-from mapdeal.grid.route_graph import RouteEdge, RouteGraph
+from mapdeal.grid.route_graph import RouteGraph
 from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED
 from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.distance import signed_distance
@@ -516,18 +516,14 @@ def _path_to(terrain: Terrain, point: Point, graph: RouteGraph, node: int) -> Fl
     return route.points_xy[:-1] if route.reached else None
 
 
-def cost_of_edge(edge: RouteEdge, length: float) -> float:
-    if not edge.overridable:
-        return edge.cost
-    limit = edge.metadata.get("speed_limit")
-    return length / limit if isinstance(limit, int | float) and limit > 0 else length
-
-
 def cheapest_nodes(graph: RouteGraph, first: int, last: int) -> tuple[list[int], int]:
     following: list[list[tuple[int, float]]] = [[] for _ in graph.nodes]
     lengths = graph.lengths.tolist()
     for edge, (start, end), length in zip(graph.edges, graph.ends.tolist(), lengths, strict=True):
-        following[start].append((end, cost_of_edge(edge, length)))
+        limit = edge.metadata.get("speed_limit")
+        has_limit = isinstance(limit, int | float) and limit > 0
+        cost = length / limit if has_limit else length
+        following[start].append((end, cost if edge.overridable else edge.cost))
     best, previous = {first: 0.0}, {first: first}
     heap, expanded = [(0.0, first)], 0
     while heap:
