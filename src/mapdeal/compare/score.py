@@ -18,7 +18,7 @@ from mapdeal.kernels.arrays import Mask, unreachable
 from mapdeal.kernels.components import labelled, thickness_of, touching_groups
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.lookup import histogram, look_up
-from mapdeal.kernels.threads import CELLS_WORTH_A_THREAD, for_rows, in_parallel, thread_count
+from mapdeal.kernels.threads import for_rows, thread_count
 from mapdeal.records import dataclass
 
 States = NDArray[np.uint8]  # `UNKNOWN`, `FREE` or `OCCUPIED`, shape (H, W)
@@ -178,12 +178,12 @@ def _mean_similarity(
     step = max(1, TOGETHER // (min(width, _ACROSS) + _AROUND))
 
     def band(part: slice) -> None:
-        for start, first in product(range(part.start, part.stop, step), range(0, cols, _ACROSS)):
-            stop, end = min(start + step, part.stop), min(first + _ACROSS, cols)
-            under = slice(start, stop + window - 1), slice(first, end + window - 1)
-            sums[start:stop] += _similarity(moments_of(a[under], b[under]), correction).sum(axis=1)
+        for first in range(0, cols, _ACROSS):
+            end = min(first + _ACROSS, cols)
+            under = slice(part.start, part.stop + window - 1), slice(first, end + window - 1)
+            sums[part] += _similarity(moments_of(a[under], b[under]), correction).sum(axis=1)
 
-    for_rows(band, (rows, cols))
+    for_rows(band, (rows, cols), step)
     return float(sums.sum() / (rows * cols))
 
 
@@ -322,21 +322,16 @@ def corners_of(walls: Mask) -> Mask:
     # Chen and Molodan, "2D SLAM quality evaluation methods", 2017 (arXiv:1708.02354): the number of
     # corners, which doubled walls raise.
     found, padded = np.zeros(walls.shape, dtype=np.bool_), np.pad(walls, _HALO)
-    height, width = walls.shape
+    width = walls.shape[1]
     step = max(LEAST_ROWS_ALONE, TOGETHER // (min(width, ACROSS_ALONE) + 2 * _HALO))
-    bands = -(-height // step)
 
-    def some(first: int, end: int) -> None:
-        rows = range(first * step, min(end * step, height), step)
-        for row, col in product(rows, range(0, width, ACROSS_ALONE)):
-            tile = found[row : row + step, col : col + ACROSS_ALONE]
-            last_row, last_col = row + len(tile) + 2 * _HALO, col + tile.shape[1] + 2 * _HALO
-            tile[:] = _corners_in(padded[row:last_row, col:last_col])
+    def mark(rows: slice) -> None:
+        for col in range(0, width, ACROSS_ALONE):
+            end = min(col + ACROSS_ALONE, width)
+            around = padded[rows.start : rows.stop + 2 * _HALO, col : end + 2 * _HALO]
+            found[rows, col:end] = _corners_in(around)
 
-    if walls.size < CELLS_WORTH_A_THREAD:
-        some(0, bands)
-    else:
-        in_parallel(some, bands)
+    for_rows(mark, walls.shape, step)
     return found
 
 
