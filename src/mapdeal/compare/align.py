@@ -21,7 +21,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import FARTHEST, Transform, turned
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OneLineRepr
-from mapdeal.kernels.arrays import Mask
+from mapdeal.kernels.arrays import Integers, Mask
 from mapdeal.kernels.rotations import hough_spectrum, inverse_matrices, main_direction
 from mapdeal.kernels.threads import in_parallel
 from mapdeal.records import dataclass, replace
@@ -144,7 +144,7 @@ class _Correlation:
             tables.append([[score, yaw, x, y] for score, (x, y) in zip(best, shifts, strict=True)])
         return tables
 
-    def _wrapped(self, row: NDArray[np.int64], col: NDArray[np.int64]) -> Floats:
+    def _wrapped(self, row: Integers, col: Integers) -> Floats:
         width, height = self._size / self.cell
         x = np.where(col <= width, col, col - self._shape[1])
         y = np.where(row <= height, row, row - self._shape[0])
@@ -180,9 +180,7 @@ def _fft_of(cells: Floats) -> NDArray[np.complexfloating[Any, Any]]:
     return np.fft.rfft2(cells, norm="ortho")
 
 
-def _best_of_blocks(
-    scores: Floats, most: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], list[float]]:
+def _best_of_blocks(scores: Floats, most: int) -> tuple[Integers, Integers, list[float]]:
     height, width = (side // _BLOCK for side in scores.shape)
     full = scores[: height * _BLOCK, : width * _BLOCK]
     blocks = full.reshape(height, _BLOCK, width, _BLOCK)
@@ -268,7 +266,6 @@ _PIECE, _SHARE_OF_PIECE = 2.0, 0.015
 less, since small maps have fewer poses to choose from."""
 _FULL_OVERLAP = 0.2  # evidence shrinks in proportion below this overlap
 _LARGE = 0.25  # least common walls, of the most, at wrong poses that show the share by chance
-Moves = tuple[WallMap, WallMap, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,7 +318,7 @@ def agreement_at(
     factor = min(max(size / _SMALL_MAP, 0.75), 1.0) * min(max(size / _LARGE_MAP, 1.0), 2.0)
     # 1 % more than a cell allows for rounding
     tolerances = [max(tolerance * factor, 1.01 * cell) for tolerance in TOLERANCES]
-    both: tuple[Moves, Moves] = (first, second, bend.moved), (second, first, bend.moved_back)
+    both = (first, second, bend.moved), (second, first, bend.moved_back)
     for number, (own, target, move) in enumerate(both):
         faces, normals = own.some_faces(most)
         metres = np.full(len(faces), own.wall_length / len(faces) / 2)

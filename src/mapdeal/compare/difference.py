@@ -307,7 +307,6 @@ def changes_of(first: Bytes, second: Bytes, both: Mask) -> Bytes:
     return changes
 
 
-Costs = NDArray[np.uint8]
 SIZES = ((1, 9), (10, 49), (50, 127), (128, 254))  # changes of the cost in `CostChange.by_size`
 MOST_REGIONS = 20
 
@@ -378,8 +377,8 @@ class CostDifference(codes.OneLineRepr):
     not_compared: int
     changes: dict[ChangeKind, CostChange]
     frame: Frame
-    first_costs: Costs
-    second_costs: Costs
+    first_costs: Bytes
+    second_costs: Bytes
     is_common: Mask
     masks: dict[ChangeKind, Mask]
 
@@ -440,7 +439,7 @@ def compare_costmaps(first: Costmap, second: Costmap) -> CostDifference:
     )  # fmt: skip
 
 
-def _masks_of_changes(first: Costs, second: Costs, is_common: Mask) -> dict[ChangeKind, Mask]:
+def _masks_of_changes(first: Bytes, second: Bytes, is_common: Mask) -> dict[ChangeKind, Mask]:
     unknown = [costs == codes.NO_INFORMATION for costs in (first, second)]
     least = codes.INSCRIBED_INFLATED_OBSTACLE
     closed = [(costs >= least) & (costs != codes.NO_INFORMATION) for costs in (first, second)]
@@ -455,7 +454,7 @@ def _masks_of_changes(first: Costs, second: Costs, is_common: Mask) -> dict[Chan
     }
 
 
-def _costs_on(frame: Frame, costmap: Costmap, scale: codes.CostScale) -> tuple[Costs, Mask]:
+def _costs_on(frame: Frame, costmap: Costmap, scale: codes.CostScale) -> tuple[Bytes, Mask]:
     """Return costs at the centres of a frame's cells on costmap_2d's scale, and where there are."""
     costs = np.asarray(costmap.cost)
     if scale == "occupancy":  # of one costmap at least: both as ROS publishes them
@@ -467,7 +466,7 @@ def _costs_on(frame: Frame, costmap: Costmap, scale: codes.CostScale) -> tuple[C
 
 
 def _change(
-    kind: ChangeKind, marked: Mask, first: Costs, second: Costs, frame: Frame
+    kind: ChangeKind, marked: Mask, first: Bytes, second: Bytes, frame: Frame
 ) -> CostChange:
     by_size = {}
     if kind in ("rose", "fell"):
