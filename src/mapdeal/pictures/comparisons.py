@@ -7,12 +7,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED
-from mapdeal.kernels.arrays import Bytes
+from mapdeal.kernels.arrays import Bytes, Floats
 from mapdeal.pictures import canvas, colours
 from mapdeal.pictures.canvas import Image, Pen
 from mapdeal.pictures.colours import ColourBar, LayerStyle, Swatch, interpolated, palette_of
@@ -106,8 +105,8 @@ class ScoredWalls:
     frame: Frame
     estimate: Bytes
     truth: Bytes
-    distances: NDArray[np.floating[Any]]
-    missed: NDArray[np.floating[Any]]
+    distances: Floats
+    missed: Floats
 
     @property
     def top(self) -> float:
@@ -135,7 +134,7 @@ def score_image(
     return _with_histogram(map_sheet, walls, canvas.text_size_of(pixels.shape))
 
 
-def _codes_of(walls: ScoredWalls) -> NDArray[np.uint8]:
+def _codes_of(walls: ScoredWalls) -> Bytes:
     known, true_known = walls.estimate != 0, walls.truth != 0
     codes = np.zeros(walls.frame.shape, dtype=np.uint8)
     codes[known & ~true_known] = KNOWN_BY_MAP
@@ -146,14 +145,12 @@ def _codes_of(walls: ScoredWalls) -> NDArray[np.uint8]:
     return codes
 
 
-def _index_of(metres: NDArray[np.floating[Any]], top: float) -> Bytes:
+def _index_of(metres: Floats, top: float) -> Bytes:
     steps = np.minimum(metres / top, 1.0) * (_LEVELS - 1)
     return np.asarray(np.rint(steps).astype(np.uint8) + np.uint8(_FIRST_LEVEL))
 
 
-def bins_of(
-    metres: NDArray[np.floating[Any]], resolution: float, top: float
-) -> list[tuple[float, float]]:  # fmt: skip
+def bins_of(metres: Floats, resolution: float, top: float) -> list[tuple[float, float]]:
     # The last bin has all distances above `top`; its middle is infinite.
     count = math.floor(top / resolution + _ROUNDING) + 1
     places = np.minimum(np.floor(metres / resolution + 0.5), count).astype(np.int64)

@@ -179,10 +179,6 @@ class _Drawing:
         zones = [kind.colour for kind in ZoneKind]
         return pen.image(np.vstack([self.palette.colours, zones, [_TINT]]))
 
-    @property
-    def _metres(self) -> Floats:
-        return (np.arange(_WIDTH) + 0.5) / _WIDTH * (self.end + self.half) - self.half
-
     def _places(self, metres: ArrayLike, costs: ArrayLike) -> Floats:
         share = (np.asarray(metres) + self.half) / (self.end + self.half)
         rows = self.bottom - np.asarray(costs, dtype=np.float64) * self.per_cost
@@ -194,9 +190,10 @@ class _Drawing:
     def _draw_costs(self) -> None:
         """Draw bars of costs, and tint distances at which the robot may collide at no cost."""
         curve, sheet = self.curve, self.pen.sheet
-        costs = curve.cost_near(np.maximum(self._metres / curve.resolution, 0.0))
+        metres = (np.arange(_WIDTH) + 0.5) / _WIDTH * (self.end + self.half) - self.half
+        costs = curve.cost_near(np.maximum(metres / curve.resolution, 0.0))
         if curve.metric == "euclidean":
-            costs[self._metres > max(curve.reach, self.half)] = 0
+            costs[metres > max(curve.reach, self.half)] = 0
         for column, cost in enumerate(costs.tolist()):
             top = self.bottom - cost * self.per_cost
             sheet[top : self.bottom, self.left_x + column] = self.palette.by_value[cost]

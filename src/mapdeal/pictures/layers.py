@@ -6,11 +6,10 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from typing import Any, TypedDict, cast
+from typing import Any, cast
 
 import numpy as np
 
-from mapdeal.compatibility import Unpack
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField, PotentialField
 from mapdeal.grid.filters import FilterInfo
@@ -23,12 +22,6 @@ from mapdeal.pictures import colours as palette, overlay as overlays, styles
 from mapdeal.pictures.canvas import Image, on_sheet
 from mapdeal.pictures.colours import LayerStyle, Scale, Swatch
 from mapdeal.records import dataclass, replace
-
-
-class PictureOptions(TypedDict, total=False):
-    image_max: int
-    image_extent: overlays.ImageExtent
-    overlay: overlays.Overlay | None
 
 
 class Drawing(ABC):
@@ -67,8 +60,8 @@ class Drawing(ABC):
         """Return the picture, after all rows were collected."""
 
     @classmethod
-    def draw(cls, grid: Any, *, title: str, **options: Unpack[PictureOptions]) -> Image:
-        drawing = cls(grid, **options)
+    def draw(cls, grid: Any, *, title: str, **look: Any) -> Image:
+        drawing = cls(grid, **look)
         for rows in swept(grid.layer):
             drawing.take(rows)
         return drawing.image(title)

@@ -367,8 +367,7 @@ _MOST_AREAS = 6  # cut-off areas that have a colour of their own
 _LEAST_SHARE = 0.001  # of the open cells that such an area must have
 
 # In order of precedence among the cells of a pixel.
-_UNKNOWN, _NARROW, _REACHED, _NO_TURN, _REACHED_UNKNOWN, _CUT_OFF = range(6)
-UNKNOWN_CODE = _UNKNOWN
+UNKNOWN_CODE, _NARROW, _REACHED, _NO_TURN, _REACHED_UNKNOWN, _CUT_OFF = range(6)
 _AREAS = range(_CUT_OFF + 1, _CUT_OFF + 1 + _MOST_AREAS)
 _OBSTACLE = _AREAS.stop
 CLOSED, TIGHT, START, ROBOT, GOAL, MISSED = range(_OBSTACLE + 1, _OBSTACLE + 7)
@@ -391,13 +390,13 @@ def reach_codes(reach: Reach) -> tuple[Bytes, LayerStyle]:
         (_NO_TURN, "reachable, no room to turn"), (_REACHED_UNKNOWN, "reachable, unknown"),
         *((code, "cut off") for code in _AREAS[:areas]),
         (_CUT_OFF, f"{'smaller' if areas else 'small'} cut-off areas"),
-        (_NARROW, "no room for the robot"), (_OBSTACLE, "obstacle"), (_UNKNOWN, "unknown"),
+        (_NARROW, "no room for the robot"), (_OBSTACLE, "obstacle"), (UNKNOWN_CODE, "unknown"),
     ]  # fmt: skip
     for code, name in names:
         if counts[code]:
             labels[code] = name
             area = f" {area_text(int(counts[code]) * reach.cell_area)}"
-            swatches.append(Swatch(code, name + area * (code not in (_OBSTACLE, _UNKNOWN))))
+            swatches.append(Swatch(code, name + area * (code not in (_OBSTACLE, UNKNOWN_CODE))))
     palette, by_value = colours.palette_of(_COLOURS), _codes_below(len(_COLOURS))
     return codes, LayerStyle(palette, by_value, swatches=tuple(swatches), labels=labels)
 
@@ -408,7 +407,7 @@ def area_text(area: float) -> str:
 
 def _codes(reach: Reach) -> Bytes:
     code_of_byte = np.full(256, _NARROW, dtype=np.uint8)
-    code_of_byte[values.OCCUPIED], code_of_byte[values.UNKNOWN] = _OBSTACLE, _UNKNOWN
+    code_of_byte[values.OCCUPIED], code_of_byte[values.UNKNOWN] = _OBSTACLE, UNKNOWN_CODE
     codes = np.empty(reach.shape, dtype=np.uint8)
     occupancies = reach.occupancy.view(np.uint8)
 
