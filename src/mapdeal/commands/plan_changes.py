@@ -407,7 +407,7 @@ def _bottleneck(work: PlannerOnMap, start: Pose, goal: Pose) -> Bottleneck | Non
     frame = Frame(height, width, grid.resolution, (*grid.origin, 0.0))  # planners ignore the yaw
     cells = np.where(costs == codes.NO_INFORMATION, np.int8(codes.UNKNOWN), np.int8(codes.FREE))
     cells[costs == codes.LETHAL_OBSTACLE] = codes.OCCUPIED
-    ground = Ground(cells, frame, work.planner.flag("allow_unknown"))
+    ground = Ground(cells, frame, work.planner.values["allow_unknown"])
     if ground.blocked[grid.cell_of(start)]:
         return None
     # Points on the map's border may lie outside by the last bit: the middles of their cells do not.

@@ -43,9 +43,9 @@ class NavfnPlanner(Planner):
             return no_plan("StartOutsideMapBounds")
         if goal_cell is None:
             return no_plan("GoalOutsideMapBounds")
-        if self.number("tolerance") == 0 and grid.costs[goal_cell] == LETHAL_OBSTACLE:
+        if self.values["tolerance"] == 0 and grid.costs[goal_cell] == LETHAL_OBSTACLE:
             return no_plan("GoalOccupied")
-        approaches = self.flag("use_final_approach_orientation")
+        approaches = self.values["use_final_approach_orientation"]
         if start[:2] == goal[:2]:
             return Plan(True, poses=np.array([[*start[:2], (start if approaches else goal)[2]]]))
         potential = self.potential(grid, start, goal)
@@ -54,7 +54,7 @@ class NavfnPlanner(Planner):
         end = self._reached_point(grid, potential, goal)
         if end is None:
             return no_plan("NoValidPathCouldBeFound")
-        turns = min(self.integer("max_cycles_factor"), _MOST_CYCLES) * max(grid.costs.shape)
+        turns = min(self.values["max_cycles_factor"], _MOST_CYCLES) * max(grid.costs.shape)
         if turns < 1:
             plan = no_plan("NoValidPathCouldBeFound", "max_cycles_factor leaves no turns")
             return replace(plan, is_reached=True)
@@ -80,7 +80,7 @@ class NavfnPlanner(Planner):
             return None
         return potentials(
             grid.costs, (x, y), _rounded(grid, goal[:2]),
-            allow_unknown=self.flag("allow_unknown"), is_astar=self.flag("use_astar"),
+            allow_unknown=self.values["allow_unknown"], is_astar=self.values["use_astar"],
         )  # fmt: skip
 
     def _reached_point(self, grid: PlannerGrid, potential: Metres, goal: Pose) -> Point | None:
@@ -106,7 +106,7 @@ class NavfnPlanner(Planner):
 
     def _steps(self, grid: PlannerGrid, middle: float, axis: int) -> list[float]:
         """Return the coordinates within the tolerance along an axis, those on the map."""
-        tolerance, first = self.number("tolerance"), grid.origin[axis]
+        tolerance, first = self.values["tolerance"], grid.origin[axis]
         rule = f"must be at most {_MOST_STEPS} cells; Nav2 tries all points within it"
         require(tolerance <= _MOST_STEPS * grid.resolution, rule, "tolerance", got=tolerance)
         steps = [middle - tolerance]

@@ -93,15 +93,6 @@ class Planner(ABC):
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
         self.values: dict[str, Any] = {**self.parameters, **(values or {})}
 
-    def number(self, name: str) -> float:
-        return float(self.values[name])
-
-    def integer(self, name: str) -> int:
-        return int(self.values[name])
-
-    def flag(self, name: str) -> bool:
-        return bool(self.values[name])
-
     def with_value(self, name: str, value: Default) -> Planner:
         return type(self)({**self.values, name: value})
 

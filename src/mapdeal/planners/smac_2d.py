@@ -45,7 +45,7 @@ class Smac2DPlanner(Planner):
     }  # fmt: skip
 
     def plan(self, grid: PlannerGrid, start: Pose, goal: Pose) -> Plan:
-        if self.flag("downsample_costmap") and self.integer("downsampling_factor") > 1:
+        if self.values["downsample_costmap"] and self.values["downsampling_factor"] > 1:
             rule = "paths on a downsampled costmap are not modelled"
             hint = "set downsample_costmap to false"
             raise ParameterError(rule, place="downsample_costmap", got=True, hint=hint)
@@ -54,18 +54,19 @@ class Smac2DPlanner(Planner):
             return no_plan("StartOutsideMapBounds")
         if goal_xy is None:
             return no_plan("GoalOutsideMapBounds")
-        approaches = self.flag("use_final_approach_orientation")
+        approaches = self.values["use_final_approach_orientation"]
         width = grid.costs.shape[1]
         first, last = (int(y) * width + int(x) for x, y in (start_xy, goal_xy))
         if first == last:
             return Plan(True, poses=np.array([[*goal[:2], (start if approaches else goal)[2]]]))
-        multiplier = self.number("cost_travel_multiplier")
-        step_costs = grid_step_costs(multiplier, allow_unknown=self.flag("allow_unknown"))
-        tolerance = float(np.float32(self.number("tolerance")) / np.float32(grid.resolution))
+        multiplier = self.values["cost_travel_multiplier"]
+        step_costs = grid_step_costs(multiplier, allow_unknown=self.values["allow_unknown"])
+        tolerance = float(np.float32(self.values["tolerance"]) / np.float32(grid.resolution))
         if not _is_zone_open(np.isfinite(step_costs[0]), grid, goal_xy, tolerance):
             return no_plan("GoalOccupied")
-        limit, most_near_goal = map(self.integer, ("max_iterations", "max_on_approach_iterations"))
-        limit, most_near_goal = (n if n > 0 else _ENDLESS for n in (limit, most_near_goal))
+        names = ("max_iterations", "max_on_approach_iterations")
+        limits = [self.values[name] for name in names]
+        limit, most_near_goal = (count if count > 0 else _ENDLESS for count in limits)
         cells, iterations = grid_path(
             grid.costs, step_costs, first, last, goal_xy, tolerance=tolerance,
             most_iterations=limit, most_near_goal=most_near_goal,
@@ -87,10 +88,10 @@ class Smac2DPlanner(Planner):
 
     def _smoothed(self, grid: PlannerGrid, path: Floats) -> Floats:
         """Return the smoothed poses, with the directions of their steps."""
-        limit = self.integer("smoother.max_iterations")
+        limit = self.values["smoother.max_iterations"]
         if limit == 0:
             return path
-        refinements = self.flag("smoother.do_refinement") * self.integer("smoother.refinement_num")
+        refinements = self.values["smoother.do_refinement"] * self.values["smoother.refinement_num"]
         for _ in range(1 + refinements if len(path) >= _FEWEST else 0):
             path, has_converged = self._smooth(grid, path, limit)
             if not has_converged:
@@ -99,14 +100,14 @@ class Smac2DPlanner(Planner):
 
     def _smooth(self, grid: PlannerGrid, raw: Floats, limit: int) -> tuple[Floats, bool]:
         """Return the path of the last sweep without a collision, and whether sweeps converged."""
-        weights = self.number("smoother.w_data"), self.number("smoother.w_smooth")
+        weights = self.values["smoother.w_data"], self.values["smoother.w_smooth"]
         path = raw.copy()
         for _ in range(limit - 1):
             before = path.copy()
             change = smooth_once(raw, path, *weights)
             if _is_blocked(grid, path):
                 return before, False
-            if change < self.number("smoother.tolerance"):
+            if change < self.values["smoother.tolerance"]:
                 return path, True
         return path, False
 

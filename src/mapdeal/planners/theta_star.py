@@ -35,7 +35,7 @@ class ThetaStarPlanner(Planner):
 
     def plan(self, grid: PlannerGrid, start: Pose, goal: Pose) -> Plan:
         for name in ("w_euc_cost", "w_traversal_cost"):
-            if not self.number(name) >= 0:  # also NaN
+            if not self.values[name] >= 0:  # also NaN
                 rule = "must be at least 0; Nav2's search would not end"
                 raise ParameterError(rule, place=name, got=self.values[name])
         start_cell, goal_cell = grid.cell_of(start), grid.cell_of(goal)
@@ -45,10 +45,10 @@ class ThetaStarPlanner(Planner):
             return no_plan("GoalOutsideMapBounds")
         if grid.costs[goal_cell] == LETHAL_OBSTACLE:
             return no_plan("GoalOccupied")
-        approaches = self.flag("use_final_approach_orientation")
+        approaches = self.values["use_final_approach_orientation"]
         if start_cell == goal_cell:
             return Plan(True, poses=np.array([[*start[:2], (start if approaches else goal)[2]]]))
-        weight, allow_unknown = self.number("w_traversal_cost"), self.flag("allow_unknown")
+        weight, allow_unknown = self.values["w_traversal_cost"], self.values["allow_unknown"]
         steps, sights = theta_costs(weight, allow_unknown=allow_unknown)
         if np.isinf([steps[grid.costs[cell]] for cell in (start_cell, goal_cell)]).any():
             return no_plan("PlannerException")
@@ -56,8 +56,8 @@ class ThetaStarPlanner(Planner):
         first, last = (row * width + column for row, column in (start_cell, goal_cell))
         cells = theta_path(
             grid.costs, (steps, sights), first, last,
-            corners=4 if self.integer("how_many_corners") == 4 else 8,
-            distance_weight=self.number("w_euc_cost"),
+            corners=4 if self.values["how_many_corners"] == 4 else 8,
+            distance_weight=self.values["w_euc_cost"],
         )  # fmt: skip
         if not cells:
             return no_plan("NoValidPathCouldBeFound")
