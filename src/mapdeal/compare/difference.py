@@ -15,11 +15,9 @@ from mapdeal.grid.canvas import region_on_lattice, sampled
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels import components, lookup, threads
 from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask
-from mapdeal.kernels.components import labelled
 from mapdeal.kernels.distance import within_distance
-from mapdeal.kernels.lookup import look_up
-from mapdeal.kernels.threads import claim_tables
 from mapdeal.records import dataclass, field
 
 STATES = ("occupied", "free", "unknown", "between")  # of cells; "between" are the values 1..99
@@ -126,7 +124,7 @@ class Change:
     ) -> tuple[list[Change], int]:
         """Return the largest regions of cells that touch, corners included, and how many exist."""
         cells = np.flatnonzero(marked)
-        labels = labelled(marked, corners=True)
+        labels = components.labelled(marked, corners=True)
         regions, sizes = labels.cells.ravel()[cells], labels.sizes[1:]
         changes = []
         for region in np.argsort(-sizes, kind="stable")[:most] + 1:
@@ -428,7 +426,7 @@ def compare_costmaps(first: Costmap, second: Costmap) -> CostDifference:
     b, in_second = _costs_on(frame, second, scale)
     is_common = in_first & in_second
     masks = _masks_of_changes(a, b, is_common)
-    claim_tables(_PER_CHANGE * sum(int(np.count_nonzero(mask)) for mask in masks.values()))
+    threads.claim_tables(_PER_CHANGE * sum(int(np.count_nonzero(mask)) for mask in masks.values()))
     return CostDifference(
         geometry=geometry_pairs(first.frame, second.frame), scale=scale,
         common_cells=int(np.count_nonzero(is_common)),
@@ -460,7 +458,7 @@ def _costs_on(frame: Frame, costmap: Costmap, scale: codes.CostScale) -> tuple[B
     if scale == "occupancy":  # of one costmap at least: both as ROS publishes them
         table = codes.cost_from_occupancy()
         table[codes.INSCRIBED_PUBLISHED] = codes.INSCRIBED_INFLATED_OBSTACLE
-        costs = look_up(np.asarray(costmap.to_occupancy().occupancy), table)
+        costs = lookup.look_up(np.asarray(costmap.to_occupancy().occupancy), table)
     values, is_inside = sampled(frame, costs.view(np.int8), costmap.frame)
     return values.view(np.uint8), is_inside
 

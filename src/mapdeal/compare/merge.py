@@ -16,11 +16,9 @@ from mapdeal.grid.field import FieldView
 from mapdeal.grid.frame import MOST_CELLS, Frame, Region
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLineRepr, count_text
+from mapdeal.kernels import components, lookup, threads
 from mapdeal.kernels.arrays import Integers, Mask, unreachable
-from mapdeal.kernels.components import thickness_of
 from mapdeal.kernels.distance import squared_distance, within_distance
-from mapdeal.kernels.lookup import look_up
-from mapdeal.kernels.threads import for_rows
 from mapdeal.records import dataclass, replace
 
 NO_CONFLICT, BY_FIRST, BY_OTHERS, AMONG_OTHERS = range(4)
@@ -105,7 +103,7 @@ def states_of(values: NDArray[np.int8]) -> States:
     table[: FREE_UP_TO + 1] = _IS_FREE
     table[OCCUPIED_FROM:] = _IS_OCCUPIED
     table[UNKNOWN] = NOTHING
-    return look_up(values, table)
+    return lookup.look_up(values, table)
 
 
 def compared(
@@ -227,7 +225,7 @@ def _add_layers(total: Integers, lattice: Frame, layers: ChosenLayers, source: F
             hits, misses = (layers[name][row, col].astype(np.int64) for name in (_HITS, _MISSES))
             rows[inside] += hits * _HIT - misses * _PASS
 
-    for_rows(add, lattice.shape)
+    threads.for_rows(add, lattice.shape)
 
 
 Rule = Literal["occupied", "newest", "evidence"]
@@ -356,7 +354,7 @@ def _share_within(own: Mask, walls: Mask, cells: float) -> float | None:
 
 
 def thickness(grid: OccupancyGrid) -> float | None:
-    cells = thickness_of(np.asarray(grid.occupancy) >= OCCUPIED_FROM)
+    cells = components.thickness_of(np.asarray(grid.occupancy) >= OCCUPIED_FROM)
     return float(cells.mean()) * grid.resolution if len(cells) else None
 
 

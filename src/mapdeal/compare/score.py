@@ -14,11 +14,9 @@ from mapdeal.grid import values as map_values
 from mapdeal.grid.canvas import sampled
 from mapdeal.grid.frame import Frame, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels import components, lookup, threads
 from mapdeal.kernels.arrays import Mask, unreachable
-from mapdeal.kernels.components import labelled, thickness_of, touching_groups
 from mapdeal.kernels.distance import squared_distance
-from mapdeal.kernels.lookup import histogram, look_up
-from mapdeal.kernels.threads import for_rows, thread_count
 from mapdeal.records import dataclass
 
 States = NDArray[np.uint8]  # `UNKNOWN`, `FREE` or `OCCUPIED`, shape (H, W)
@@ -30,7 +28,7 @@ def states_of(values: NDArray[np.int8]) -> States:
     """Return what cells are: of the values only 0 and 100 are known."""
     table = np.full(256, UNKNOWN, dtype=np.uint8)
     table[[map_values.FREE, map_values.OCCUPIED]] = FREE, OCCUPIED
-    return look_up(values, table)
+    return lookup.look_up(values, table)
 
 
 _NEAR = 0.1  # metres within which a wall counts as found
@@ -71,7 +69,7 @@ def metres_of(squares: NDArray[np.signedinteger], resolution: float) -> NDArray[
 def _agreement(estimate: States, truth: States) -> Values:
     pairs = truth * np.uint8(3)
     pairs += estimate
-    counts = histogram(pairs)[:9].reshape(3, 3).tolist()  # Python integers do not overflow
+    counts = lookup.histogram(pairs)[:9].reshape(3, 3).tolist()  # Python integers do not overflow
     in_truth = [sum(row) for row in counts]
     in_estimate = [sum(column) for column in zip(*counts, strict=True)]
     tp, free = counts[OCCUPIED][OCCUPIED], counts[FREE]
@@ -133,7 +131,7 @@ def _bytes(
 ) -> int:  # fmt: skip
     height, width = shape
     rows = max(least, TOGETHER // (min(width, across) + around))
-    workers = min(thread_count(), -(-height // rows))
+    workers = min(threads.thread_count(), -(-height // rows))
     band = of_band * (min(rows, height) + around) * (min(width, across) + around)
     return int(_LIBRARIES + per_cell * height * width + of_walls + workers * band)
 
@@ -183,7 +181,7 @@ def _mean_similarity(
             under = slice(part.start, part.stop + window - 1), slice(first, end + window - 1)
             sums[part] += _similarity(moments_of(a[under], b[under]), correction).sum(axis=1)
 
-    for_rows(band, (rows, cols), step)
+    threads.for_rows(band, (rows, cols), step)
     return float(sums.sum() / (rows * cols))
 
 
@@ -331,7 +329,7 @@ def corners_of(walls: Mask) -> Mask:
             around = padded[rows.start : rows.stop + 2 * _HALO, col : end + 2 * _HALO]
             found[rows, col:end] = _corners_in(around)
 
-    for_rows(mark, walls.shape, step)
+    threads.for_rows(mark, walls.shape, step)
     return found
 
 
@@ -374,14 +372,14 @@ LEAST_PIECE = 5  # cells below which a piece of wall is a speck
 def score_alone(states: States, frame: Frame) -> Values:
     # Filatov, Filatov, Krinkin, Chen and Molodan, "2D SLAM quality evaluation methods", 2017
     # (arXiv:1708.02354): shares of cells, corners and enclosed areas.
-    unknown, free, occupied = histogram(states)[: OCCUPIED + 1].tolist()
+    unknown, free, occupied = lookup.histogram(states)[: OCCUPIED + 1].tolist()
     walls = states == OCCUPIED
-    thick = thickness_of(walls)
-    pieces = labelled(walls, corners=True)
+    thick = components.thickness_of(walls)
+    pieces = components.labelled(walls, corners=True)
     walls &= pieces.cells_of(pieces.sizes >= LEAST_PIECE)
     sizes = pieces.sizes[1:]
     del pieces  # which takes as much memory as what follows
-    corners = touching_groups(corners_of(walls))[1]
+    corners = components.touching_groups(corners_of(walls))[1]
     areas, pockets, square_metres = enclosed_areas(states, frame.resolution)
     return {
         "cells": list(frame.shape),

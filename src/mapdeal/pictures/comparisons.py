@@ -13,7 +13,6 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.arrays import Bytes, Floats
 from mapdeal.pictures import canvas, colours
-from mapdeal.pictures.canvas import Image, Pen
 from mapdeal.pictures.colours import ColourBar, LayerStyle, Swatch, interpolated, palette_of
 from mapdeal.pictures.overlay import DEFAULT_IMAGE_MAX, ImageExtent, Raster, shown_part
 from mapdeal.pictures.styles import difference_style, occupancy_style
@@ -27,7 +26,7 @@ def difference_image(
     changes: Bytes, frame: Frame, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "all", only_in: tuple[str, str] | None = None,
     style: LayerStyle | None = None, before: str = "", unknown: int = _UNKNOWN,
-) -> Image:  # fmt: skip
+) -> canvas.Image:  # fmt: skip
     shows_cells = only_in is not None or style is not None
     options = {"small_side": _SMALL_SIDE} if shows_cells else {}
     cells = np.maximum(changes, unknown)  # those of one map alone count as unknown
@@ -50,7 +49,7 @@ _ANY_CONFLICT = 3  # the only kind of conflict with more than two maps
 def merge_image(
     grid: OccupancyGrid, conflicts: Bytes, *, names: Sequence[str],
     title: str | None = None, image_extent: ImageExtent = "known", **look: Any,
-) -> Image:  # fmt: skip
+) -> canvas.Image:  # fmt: skip
     kinds = grid.occupancy.view(np.uint8) + np.uint8(1)  # unknown, 255, wraps to 0
     if len(names) > 2:
         legend = {_CONFLICT_BASE + _ANY_CONFLICT: "occupied in one map, free in another"}
@@ -116,7 +115,7 @@ class ScoredWalls:
 def score_image(
     walls: ScoredWalls, *, title: str, image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "all",
-) -> Image:  # fmt: skip
+) -> canvas.Image:  # fmt: skip
     # True walls without a wall of the map within 0.1 m are marked; in a pixel the farthest shows.
     codes = _codes_of(walls)
     part = shown_part(codes, walls.frame, image_extent, unknown=UNKNOWN)
@@ -159,9 +158,9 @@ def bins_of(metres: Floats, resolution: float, top: float) -> list[tuple[float, 
     return list(zip([*middles, math.inf], shares.tolist(), strict=True))
 
 
-def _with_histogram(above: Image, walls: ScoredWalls, size: int) -> Image:
+def _with_histogram(above: canvas.Image, walls: ScoredWalls, size: int) -> canvas.Image:
     height, width = above.indices.shape
-    pen = Pen(size)
+    pen = canvas.Pen(size)
     bins = bins_of(walls.distances, walls.frame.resolution, walls.top)
     left_x = canvas.text_width("100 %", size) + 2 * size
     sheet_width = max(width, left_x + 34 * size)
@@ -185,11 +184,11 @@ def _with_histogram(above: Image, walls: ScoredWalls, size: int) -> Image:
         x, y = left_x + k * bar_width, bottom - round(plot_height * share / end_of_scale)
         pen.sheet[y:bottom, x + 1 : x + bar_width] = _index_of(np.array([middle]), walls.top)
     _label_bars(pen, [middle for middle, _ in bins], left_x, bottom, bar_width)
-    return Image(pen.sheet, above.palette)
+    return canvas.Image(pen.sheet, above.palette)
 
 
 def _label_bars(
-    pen: Pen, middles: Sequence[float], left_x: int, bottom: int, bar_width: int
+    pen: canvas.Pen, middles: Sequence[float], left_x: int, bottom: int, bar_width: int
 ) -> None:
     """Draw the axis and as many of its labels as there is room for, with that of the end."""
     size = pen.size

@@ -13,11 +13,8 @@ from mapdeal.grid import values
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField, PotentialField
 from mapdeal.grid.reach import Reach
+from mapdeal.kernels import blocks, components, lookup, threads
 from mapdeal.kernels.arrays import Bytes, Floats, Mask
-from mapdeal.kernels.blocks import blocks_of
-from mapdeal.kernels.components import labelled
-from mapdeal.kernels.lookup import histogram
-from mapdeal.kernels.threads import for_rows
 from mapdeal.pictures import colours
 from mapdeal.pictures.canvas import round_length
 from mapdeal.pictures.colours import Colour, ColourBar, Colours, LayerStyle, Scale, Swatch
@@ -275,7 +272,7 @@ class FieldEnds:
     def of(cls, field: DistanceField) -> FieldEnds:
         """Return the extremes of a field; without known cells, unknown cells count."""
         ends = EndsByRows(field.cropped)
-        for rows in blocks_of(field.cropped.distance):
+        for rows in blocks.blocks_of(field.cropped.distance):
             ends.take(rows)
         return ends.found()
 
@@ -297,7 +294,7 @@ class EndsByRows:
                 finite = np.where(is_known & np.isfinite(distance), distance, np.float32(0))
                 self._known.append((float(finite.max()), float(finite.min())))
 
-        for_rows(collect, distances.shape)
+        threads.for_rows(collect, distances.shape)
 
     def found(self) -> FieldEnds:
         known, all_cells = self._known, self._all_cells
@@ -383,7 +380,7 @@ _COLOURS = [
 def reach_codes(reach: Reach) -> tuple[Bytes, LayerStyle]:
     codes = _codes(reach)
     areas = _colour_areas(codes)
-    counts = histogram(codes)  # after the areas have their own codes
+    counts = lookup.histogram(codes)  # after the areas have their own codes
     swatches, labels = [], {}
     names = [
         (_REACHED, f"reachable{', room to turn' if counts[_NO_TURN] else ''}"),
@@ -421,16 +418,16 @@ def _codes(reach: Reach) -> Bytes:
         if reach.through_unknown:
             part[is_reached & (occupancy == code_of_byte.size + values.UNKNOWN)] = _REACHED_UNKNOWN
 
-    for_rows(fill, reach.shape)
+    threads.for_rows(fill, reach.shape)
     return codes
 
 
 def _colour_areas(codes: Bytes) -> int:
     """Assign codes to the largest cut-off areas, in place; return their number."""
-    counts = histogram(codes)
+    counts = lookup.histogram(codes)
     if not counts[_CUT_OFF]:
         return 0
-    areas = labelled(codes == _CUT_OFF, corners=False)
+    areas = components.labelled(codes == _CUT_OFF, corners=False)
     sizes = areas.sizes
     least = _LEAST_SHARE * counts[[_REACHED, _NO_TURN, _REACHED_UNKNOWN, _CUT_OFF]].sum()
     order = np.argsort(-sizes, kind="stable")[:_MOST_AREAS]
@@ -442,5 +439,5 @@ def _colour_areas(codes: Bytes) -> int:
         part = codes[rows]
         np.copyto(part, code_of[areas.cells[rows]], where=part == _CUT_OFF)
 
-    for_rows(colour, codes.shape)
+    threads.for_rows(colour, codes.shape)
     return len(largest)
