@@ -12,13 +12,12 @@ import numpy as np
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap, travel_weights
-from mapdeal.grid.field import DistanceField
 from mapdeal.grid.frame import Point
 from mapdeal.grid.reach import Method, Route
 from mapdeal.grid.reaching import Cell, cell_of_point, nearest_open_text
 from mapdeal.grid.route_graph import RouteGraph
 from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED
-from mapdeal.kernels.arrays import Floats, Mask
+from mapdeal.kernels.arrays import Floats, Mask, Metres
 from mapdeal.kernels.distance import signed_distance
 from mapdeal.kernels.eikonal import Place, is_line_clear, lengths_to, opens, weighted_lengths_to
 from mapdeal.kernels.paths import cheapest_path
@@ -35,7 +34,8 @@ _CANDIDATES = 10  # candidates for the first and for the last node of a route
 class Terrain:
     costmap: Costmap
     weights: Floats
-    field: DistanceField
+    distance: Metres  # to the nearest lethal cell, metres
+    lethal: Mask
     weights_by_cost: Floats
 
     @classmethod
@@ -49,13 +49,11 @@ class Terrain:
     ) -> Terrain:
         check_factor("cost_travel_multiplier", cost_travel_multiplier)
         lethal = LETHAL_OBSTACLE if costmap.scale == "costmap2d" else OCCUPIED
-        obstacles = costmap.cost == lethal
-        resolution, origin = costmap.resolution, costmap.origin
-        distance = signed_distance(obstacles, scale=resolution)
-        occupancy = np.where(obstacles, OCCUPIED, 0).astype(np.int8)
-        field = DistanceField(distance, occupancy, resolution, origin, convention="center")
+        is_lethal = costmap.cost == lethal
+        distance = signed_distance(is_lethal, scale=costmap.resolution)
         by_cost = travel_weights(costmap, cost_travel_multiplier, through_unknown=through_unknown)
-        terrain = cls(costmap, by_cost[costmap.cost.view(np.uint8)], field, by_cost)
+        weights = by_cost[costmap.cost.view(np.uint8)]
+        terrain = cls(costmap, weights, distance, is_lethal, by_cost)
         return replace(terrain, weights=terrain.weights_near_obstacles(field_weight))
 
     def weights_near_obstacles(self, field_weight: float) -> Floats:
@@ -69,7 +67,7 @@ class Terrain:
 
     def nearness(self) -> Floats:
         """Return how near each cell is to an obstacle, shape (H, W): 1 at it, 0 from 2 m on."""
-        near: Floats = self.field.distance / np.float64(FIELD_RANGE)
+        near: Floats = self.distance / np.float64(FIELD_RANGE)
         np.clip(near, 0, 1, out=near)
         return np.subtract(1, near, out=near)
 
@@ -121,15 +119,15 @@ class Terrain:
         frame, resolution = self.costmap.frame, self.costmap.resolution
         places = frame.continuous_rowcol_from_xy(points_xy)
         cells = frame.clamped_rowcol_from_xy(points_xy)
-        at_centre = self.field.distance[cells[:, 0], cells[:, 1]].astype(np.float64) / resolution
+        at_centre = self.distance[cells[:, 0], cells[:, 1]].astype(np.float64) / resolution
         squares = np.rint(at_centre**2)
         distances = np.where(squares < _LARGEST_EXACT_SQUARE, np.sqrt(squares), at_centre)
         is_between = (np.abs(places - cells - 0.5) > _AT_CENTRE).any(axis=1)
         for index in np.flatnonzero(is_between & np.isfinite(at_centre)).tolist():
             reach = math.ceil(at_centre[index] + 1.0)
             first, stop = np.maximum(cells[index] - reach, 0), cells[index] + reach + 1
-            near = self.field.occupancy[first[0] : stop[0], first[1] : stop[1]]
-            centres = np.argwhere(near == OCCUPIED) + first + 0.5
+            near = self.lethal[first[0] : stop[0], first[1] : stop[1]]
+            centres = np.argwhere(near) + first + 0.5
             distances[index] = np.hypot(*(centres - places[index]).T).min()
         return distances * resolution
 
