@@ -13,7 +13,6 @@ from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.compare import walls as wall_maps
 from mapdeal.compare.walls import Bend, Floats, Poses, Singles, WallMap, moved, moved_back, walls_of
@@ -21,7 +20,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import FARTHEST, Transform, turned
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OneLineRepr
-from mapdeal.kernels.arrays import Integers, Mask
+from mapdeal.kernels.arrays import Array, Integers, Mask
 from mapdeal.kernels.rotations import hough_spectrum, inverse_matrices, main_direction
 from mapdeal.kernels.threads import in_parallel
 from mapdeal.records import dataclass, replace
@@ -150,7 +149,7 @@ class _Correlation:
         y = np.where(row <= height, row, row - self._shape[0])
         return np.stack([x, y], axis=-1).astype(np.float64)
 
-    def _is_inside(self, yaw: float, base: Floats, area: SearchArea) -> NDArray[np.bool_]:
+    def _is_inside(self, yaw: float, base: Floats, area: SearchArea) -> Mask:
         """Return which shifts move the first map's middle into the search area."""
         expected = moved(area.pose[None], self._middle[None])[0, 0]
         unshifted = moved(np.array([[yaw, *base]]), self._middle[None])[0, 0]
@@ -175,7 +174,7 @@ class _Correlation:
         return cells.reshape(self._shape).astype(np.float32)
 
 
-def _fft_of(cells: Floats) -> NDArray[np.complexfloating[Any, Any]]:
+def _fft_of(cells: Floats) -> Array:
     # Without norm="ortho" numpy computes in double precision, which takes four times as long.
     return np.fft.rfft2(cells, norm="ortho")
 
@@ -194,11 +193,11 @@ def _best_of_blocks(scores: Floats, most: int) -> tuple[Integers, Integers, list
     return row, col, scores[row, col].tolist()
 
 
-def _turns(angles: Floats) -> NDArray[np.float64]:
+def _turns(angles: Floats) -> Floats:
     return np.asarray(np.abs(np.mod(angles + math.pi, 2 * math.pi) - math.pi))
 
 
-def _shifts(first: WallMap, poses: Poses, pose: Poses) -> NDArray[np.float64]:
+def _shifts(first: WallMap, poses: Poses, pose: Poses) -> Floats:
     """Return how far the first map's middle at each pose is from that at another pose."""
     middle = first.middle_xy[None]
     return np.asarray(np.hypot(*(moved(poses, middle) - moved(pose[None], middle))[:, 0].T))

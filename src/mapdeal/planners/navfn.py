@@ -13,12 +13,11 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.errors import require
 from mapdeal.grid.frame import Point
 from mapdeal.grid.values import LETHAL_OBSTACLE
-from mapdeal.kernels.arrays import Metres
+from mapdeal.kernels.arrays import Floats, Mask, Metres
 from mapdeal.kernels.navfn import UNREACHED, Cell, potentials, traced_path
 from mapdeal.planners.planner import Default, Plan, Planner, PlannerGrid, Pose, no_plan
 from mapdeal.records import replace
@@ -86,7 +85,7 @@ class NavfnPlanner(Planner):
     def _reached_point(self, grid: PlannerGrid, potential: Metres, goal: Pose) -> Point | None:
         """Return the goal, or else the nearest point within the tolerance that was reached."""
 
-        def are_reached(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
+        def are_reached(x: Floats, y: Floats) -> Mask:
             (west, south), (rows, columns) = grid.origin, potential.shape
             column, row = (np.floor((at - first) / grid.resolution + 0.5).astype(np.int64)
                            for at, first in ((x, west), (y, south)))  # fmt: skip
@@ -122,7 +121,7 @@ def _rounded(grid: PlannerGrid, point: Point) -> Cell:
     return math.floor(x + 0.5), math.floor(y + 0.5)
 
 
-def _with_end(path_xy: NDArray[np.float64], end: Point) -> NDArray[np.float64]:
+def _with_end(path_xy: Floats, end: Point) -> Floats:
     """Return the path to the goal: its last point is replaced if the goal is nearer, or near it."""
     if len(path_xy) >= 2:
         last, before = path_xy[-2:][::-1]

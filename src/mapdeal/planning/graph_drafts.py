@@ -9,7 +9,6 @@ from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.command import ABOVE_0, parameters_of
 from mapdeal.errors import ParameterError
@@ -18,7 +17,7 @@ from mapdeal.grid.reach import Reach, reach_radius
 from mapdeal.grid.reaching import Ground, squares_to
 from mapdeal.grid.route_graph import RouteEdge, RouteGraph, RouteNode, Sweeps, closed_costs
 from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, NO_INFORMATION, OCCUPIED, UNKNOWN
-from mapdeal.kernels.arrays import Floats, Integers, Mask
+from mapdeal.kernels.arrays import Array, Floats, Integers, Mask
 from mapdeal.kernels.components import joined
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.skeleton import STRAIGHT, far_from, flat_cells, largest_of_blocks
@@ -159,7 +158,7 @@ class Draft:
         squares = np.maximum(self.squares[cells[:, 0], cells[:, 1]], 0)
         return np.asarray(np.sqrt(squares), dtype=np.float64)
 
-    def parts(self) -> NDArray[np.intp]:
+    def parts(self) -> Array:
         ends = np.array([*self.edges, *self.lanes], dtype=np.int64).reshape(-1, 2)
         return joined(len(self.places), ends[:, 0], ends[:, 1])[0]
 

@@ -11,16 +11,15 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.reaching import nearest_marked
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE
-from mapdeal.kernels.arrays import Floats, Mask
+from mapdeal.kernels.arrays import Array, Floats, Mask
 from mapdeal.kernels.components import labelled
 from mapdeal.kernels.distance import dilate_square, squared_distance
 from mapdeal.kernels.paths import cheapest_path
@@ -599,7 +598,7 @@ class _CompleteDraft(graph_drafts.Draft):
         return np.zeros((0, 2)), False
 
     @cached_property
-    def _pieces(self) -> tuple[NDArray[Any], Floats]:
+    def _pieces(self) -> tuple[Array, Floats]:
         """Return labels of pieces of walls up to four cells apart, and their extents in metres."""
         from scipy import ndimage
 
