@@ -21,8 +21,8 @@ from mapdeal.command import Parameter, Stage
 from mapdeal.commands.score import Placement
 from mapdeal.compare.bounds import ScoreBound
 from mapdeal.compare.difference import ChangeKind, WallShift
-from mapdeal.compare.faults import Fault
 from mapdeal.compare.merge import MapCounts, Rule
+from mapdeal.compare.score import Fault
 from mapdeal.files import json_values as formats
 from mapdeal.grid.costmap import Metric
 from mapdeal.grid.filters import FilterKind, SpeedUnit

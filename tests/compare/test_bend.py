@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 from compare.buildings import OTHER_WALLS, WALLS, between, drawn, errors
 from mapdeal import OccupancyGrid, Transform
 from mapdeal.compare.align import bend_between, placed
-from mapdeal.compare.faults import place_text
+from mapdeal.compare.score import place_text
 from mapdeal.compare.walls import Bend, _solved, moved, walls_of
 from strategies import examples
 

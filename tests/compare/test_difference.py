@@ -16,8 +16,7 @@ from drawn import grid_from_text
 from mapdeal import Costmap, OccupancyGrid, diff, score, write_map
 from mapdeal.compare import difference
 from mapdeal.compare.difference import SIZES, STATES, SYMMETRIES, compare, compare_costmaps
-from mapdeal.compare.faults import NO_FAULT, faults_of, verdict
-from mapdeal.compare.score import states_of
+from mapdeal.compare.score import NO_FAULT, faults_of, states_of, verdict
 from mapdeal.grid.values import occupancy_from_cost
 from mapdeal.pictures.styles import cost_change_codes, cost_change_style
 from strategies import occupancies

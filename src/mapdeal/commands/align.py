@@ -11,7 +11,7 @@ import numpy as np
 from mapdeal.command import Output, Result, Words, command
 from mapdeal.compare.align import Placement, bytes_to_align, placed
 from mapdeal.compare.difference import frame_around
-from mapdeal.compare.faults import place_text
+from mapdeal.compare.score import place_text
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import ParameterError
 from mapdeal.files.json_values import ALIGNMENT_FORMAT

@@ -12,9 +12,8 @@ from mapdeal.command import AT_LEAST_0, CELLS, METRES, PERCENT, Result, Words, a
 from mapdeal.commands import two_maps
 from mapdeal.commands.diff_costs import compare_robots, costmaps_compared, robots_compared
 from mapdeal.commands.reach import goals_in, goals_of, start_of
-from mapdeal.compare import faults as finding
+from mapdeal.compare import score as scoring
 from mapdeal.compare.difference import STATES, Bound, Difference, WallShift, compare, frame_around
-from mapdeal.compare.score import states_of, states_on
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import MalformedInputError, ParameterError, one_line
 from mapdeal.files.source import bytes_of_lines
@@ -81,7 +80,7 @@ class DiffReport(Difference, Result):
     bounds: tuple[Bound, ...]
     maps: tuple[inputs.MapInput, inputs.MapInput]
     transform: Transform | None = None
-    faults: tuple[finding.Fault, ...] = ()
+    faults: tuple[scoring.Fault, ...] = ()
 
     @property
     def passes(self) -> bool:  # type: ignore[override]
@@ -113,7 +112,7 @@ class DiffReport(Difference, Result):
             "beyond_tolerance": self.beyond_tolerance, "tolerance": self.tolerance,
             "known_only_in_first": self.not_compared,
             "confusion": {state: dict(row) for state, row in self.confusion.items()},
-            "symmetry": self.symmetry, "faults": finding.document_of(self.faults),
+            "symmetry": self.symmetry, "faults": scoring.document_of(self.faults),
             "transform": self.transform and transform_document(self.transform),
             "changes": [{"kind": record.kind, "area_m2": record.area, "x": record.x, "y": record.y}
                         for record in self.largest_changes(_LISTED)[0]],
@@ -270,11 +269,11 @@ def _maps_compared(
     found = compared(maps, tolerance=limits["tolerance"], move=move, advice=advice, **reading)
     bounds = found.bounds_of(limits["max_shift"], limits["max_differing"])
     two_maps.warn_of_uncovered(maps, bounds, found.not_compared)
-    faults: tuple[finding.Fault, ...] = ()
+    faults: tuple[scoring.Fault, ...] = ()
     if not found.is_equal:
         truth = a.occupancy
-        estimate = states_on(truth.frame, b.occupancy, move and move.inverse())
-        faults = finding.faults_of(estimate, states_of(truth.occupancy), truth.frame)
+        estimate = scoring.states_on(truth.frame, b.occupancy, move and move.inverse())
+        faults = scoring.faults_of(estimate, scoring.states_of(truth.occupancy), truth.frame)
     return DiffReport(**vars(found), bounds=bounds, maps=(a, b), transform=move, faults=faults)
 
 

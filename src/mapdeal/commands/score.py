@@ -12,7 +12,7 @@ import numpy as np
 
 from mapdeal.command import Result, Words, command, is_plain
 from mapdeal.commands import two_maps
-from mapdeal.compare import bounds as score_bounds, faults as finding, score as scoring
+from mapdeal.compare import bounds as score_bounds, score as scoring
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import SCORE_FORMAT
@@ -76,7 +76,7 @@ class Score(Result):
     transform: tuple[float, float, float] | None = None
     placement: Placement = "frames"
     comparison: scoring.Comparison | None = None
-    faults: tuple[finding.Fault, ...] = ()
+    faults: tuple[scoring.Fault, ...] = ()
 
     @property
     def passes(self) -> bool:  # type: ignore[override]
@@ -100,8 +100,8 @@ class Score(Result):
             "truth": self.maps[1].document() if len(self.maps) > 1 else None,
             "transform": transform,
             "lattice": {**lattice, "origin": list(self.frame.origin)},
-            "verdict": finding.verdict(self.faults) if self.values.get("known_in_both") else None,
-            "faults": finding.document_of(self.faults),
+            "verdict": scoring.verdict(self.faults) if self.values.get("known_in_both") else None,
+            "faults": scoring.document_of(self.faults),
             "values": self.values,
             "bounds": [{**asdict(bound), "holds": bound.holds} for bound in self.bounds],
             "passes": self.passes,
@@ -114,7 +114,7 @@ class Score(Result):
         if self.transform is not None:
             yield f"  transform  {_transform_text(self.transform, self.placement)}"
             if self.values["known_in_both"]:
-                yield from finding.lines_of(self.faults)
+                yield from scoring.lines_of(self.faults)
             else:
                 yield f"  verdict   none: {score_bounds.NOTHING_COMPARED}"
             yield from self._distances()
@@ -334,7 +334,7 @@ def score(
         comparison = scoring.compare_to_truth(estimate, truths[0], move)
         _warn_of_overlap(comparison, maps)
     values, frame = comparison.values, comparison.frame
-    faults = finding.faults_of(comparison.estimate, comparison.truth, frame)
+    faults = scoring.faults_of(comparison.estimate, comparison.truth, frame)
     judged = score_bounds.judged(limits, values)
     return Score(values, judged, frame, tuple(maps), move.pose, placement, comparison, faults)
 
