@@ -66,14 +66,9 @@ class Drawing(ABC):
             drawing.take(rows)
         return drawing.image(title)
 
-    def _on_sheet(
-        self, pixels: Bytes, style: LayerStyle, title: str, *, more: str = "",
-        swatches: Sequence[Swatch] | None = None,
-    ) -> Image:  # fmt: skip
-        return on_sheet(
-            pixels, style, self._grid.frame, self._raster, title=title, more=more,
-            swatches=swatches, overlay=self._overlay,
-        )  # fmt: skip
+    def _on_sheet(self, pixels: Bytes, style: LayerStyle, **texts: Any) -> Image:
+        frame, overlay = self._grid.frame, self._overlay
+        return on_sheet(pixels, style, frame, self._raster, overlay=overlay, **texts)
 
 
 class OccupancyDrawing(Drawing):
@@ -87,7 +82,7 @@ class OccupancyDrawing(Drawing):
         pixels = look_up(values, cast("Bytes", style.by_value))
         if not histogram(values)[1:OCCUPIED].any():  # black and white need no scale
             style = replace(style, bar=None)
-        return self._on_sheet(self._raster.enlarged(pixels), style, title)
+        return self._on_sheet(self._raster.enlarged(pixels), style, title=title)
 
 
 occupancy_image = OccupancyDrawing.draw  # of several cells in a pixel the most occupied one shows
@@ -113,7 +108,7 @@ class FieldDrawing(Drawing):
         more = f"convention {field.convention}"
         more += "" if field.strength == 1.0 else f", strength {field.strength:g}"
         swatches = _field_swatches(style, pixels, faded)
-        return self._on_sheet(pixels, style, title, more=more, swatches=swatches)
+        return self._on_sheet(pixels, style, title=title, more=more, swatches=swatches)
 
     def _pixels(self, scale: Scale) -> tuple[Bytes, int | None]:
         # Palette: inside obstacles, outside, both faded for unknown cells, outlines, no distance.
@@ -175,7 +170,7 @@ class CostDrawing(Drawing):
             line = overlays.inner_outline(above)
             line |= overlays.inner_outline(above & ~line)
             pixels[line] = styles.CostPalette.contour
-        return self._on_sheet(pixels, style, title)
+        return self._on_sheet(pixels, style, title=title)
 
 
 cost_image = CostDrawing.draw  # of several cells in a pixel the highest cost shows
