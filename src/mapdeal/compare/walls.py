@@ -30,7 +30,7 @@ MOST_CELLS_A_SIDE = 1000  # larger maps are pooled: walls are found to a fractio
 _MOST_FREE = 25  # occupancy up to which a cell is free: map_server's default threshold of 0.25
 _LEAST_FREE = 0.1  # free cells per obstacle cell; maps with fewer show walls only
 _REACH = 2  # cells within which free space determines the normal of a wall
-_BEYOND = np.float32(1e9)  # metres to walls from outside; finite, as that is faster than masks
+_BEYOND = np.float32(1e9)  # metres to walls from outside; finite, because masks are slower
 _FEWEST_FACING = 0.25  # share of walls that must face free space; otherwise all edges count
 
 

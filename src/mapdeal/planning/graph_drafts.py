@@ -154,8 +154,9 @@ class Draft:
     def at(self, indices: Iterable[int]) -> Floats:
         return np.array([self.places[index] for index in indices]).reshape(-1, 2)
 
-    def clearance_at(self, cells: Cells) -> Floats:
-        squares = np.maximum(self.squares[cells[:, 0], cells[:, 1]], 0)
+    def clearances_at(self, places: Floats) -> Floats:
+        rows, cols = np.floor(places).astype(np.int64).T
+        squares = np.maximum(self.squares[rows, cols], 0)
         return np.asarray(np.sqrt(squares), dtype=np.float64)
 
     def parts(self) -> Array:

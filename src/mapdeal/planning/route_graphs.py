@@ -185,7 +185,7 @@ class _CompleteDraft(graph_drafts.Draft):
         pieces: list[_Piece] = []
         bottlenecks: list[int] = []
         places = np.concatenate([np.zeros((0, 2)), *(path.places for path in paths)])
-        of_cells = self.clearance_at(np.floor(places).astype(np.int64))
+        of_cells = self.clearances_at(places)
         bounds = np.cumsum([0, *(len(path.places) for path in paths)]).tolist()
         for path, (first, stop) in zip(paths, pairwise(bounds), strict=True):
             clearances = of_cells[first:stop]
@@ -329,8 +329,8 @@ class _CompleteDraft(graph_drafts.Draft):
         """Connect pairs of nodes along free space, and move the second back by `shorts`."""
         starts, ends = (self.at(pair[k] for pair in pairs) for k in (0, 1))
         is_clear, least = self.sweeps.along(starts, ends)
-        rooms = (self.clearance_at(np.floor(places).astype(np.int64)) for places in (starts, ends))
-        is_straight = is_clear & (least >= graph_drafts.SHARE * np.minimum(*rooms) - 0.5)
+        room = np.minimum(self.clearances_at(starts), self.clearances_at(ends))
+        is_straight = is_clear & (least >= graph_drafts.SHARE * room - 0.5)
         paths = []
         for number, (start, end) in enumerate(pairs):
             short = shorts[number] if len(shorts) else 0.0
