@@ -25,7 +25,7 @@ from mapdeal.records import dataclass
 
 States = NDArray[np.uint8]  # `UNKNOWN`, `FREE` or `OCCUPIED`, shape (H, W)
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
-Values = dict[str, Any]  # numbers by name, or groups of them; None if there is nothing to measure
+Values = dict[str, Any]  # numbers by name, or groups of them; None marks missing data
 
 
 def states_of(values: NDArray[np.int8]) -> States:

@@ -15,7 +15,6 @@ from mapdeal.grid.frame import RADIUS_TOLERANCE
 from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE
 from mapdeal.kernels.arrays import Floats
 from mapdeal.pictures import canvas, colours
-from mapdeal.pictures.canvas import Image, Pen
 from mapdeal.pictures.overlay import Brush
 from mapdeal.pictures.styles import CostPalette
 
@@ -144,7 +143,7 @@ class _Drawing:
         self.zones = zones_of(curve, self.end)
         self.ticks, self.per_cost = _TICKS[curve.scale], _PER_COST[curve.scale]
         self.has_dots = _WIDTH * curve.resolution / (self.end + self.half) >= _ROOM
-        self.pen = Pen(_SIZE)
+        self.pen = canvas.Pen(_SIZE)
         self.left_x = _SIZE + canvas.text_width("254", _SIZE) + int(1.6 * _SIZE)
         self.band_top = _SIZE + int(3.4 * _SIZE) + _LINE
         self.top = self.band_top + _BAND + 1 + int(_ROW * len(self.marks) + 0.4 * _SIZE)
@@ -158,7 +157,7 @@ class _Drawing:
         metres = np.linspace(self.half, min(self.curve.reach, self.end), count)
         return metres, np.minimum(self.curve.formula(metres), self.palette.lethal_cost - 1.0)
 
-    def image(self, title: str) -> Image:
+    def image(self, title: str) -> canvas.Image:
         pen, legend = self.pen, self._legend_lines()
         legend_width = int(1.9 * _SIZE) + max(canvas.text_width(line, _SIZE) for _, line in legend)
         end_of_legend = self.band_top + len(legend) * _LINE + 4 * _SIZE
@@ -319,5 +318,5 @@ def curve_text(curve: CostCurve) -> str:
     return f"Cost over the distance from the nearest obstacle. {zones}. {marks}."
 
 
-def cost_curve_image(curve: CostCurve, *, title: str) -> Image:
+def cost_curve_image(curve: CostCurve, *, title: str) -> canvas.Image:
     return _Drawing(curve).image(title)

@@ -18,8 +18,7 @@ from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.arrays import Bytes, Floats, Mask
 from mapdeal.kernels.blocks import Layer, looked_up, swept
 from mapdeal.kernels.lookup import histogram, level_rows, look_up, set_where
-from mapdeal.pictures import colours as palette, overlay as overlays, styles
-from mapdeal.pictures.canvas import Image, on_sheet
+from mapdeal.pictures import canvas, colours as palette, overlay as overlays, styles
 from mapdeal.pictures.colours import LayerStyle, Scale, Swatch
 from mapdeal.records import dataclass, replace
 
@@ -56,19 +55,19 @@ class Drawing(ABC):
             collector.take(rows)
 
     @abstractmethod
-    def image(self, title: str) -> Image:
+    def image(self, title: str) -> canvas.Image:
         """Return the picture, after all rows were collected."""
 
     @classmethod
-    def draw(cls, grid: Any, *, title: str, **look: Any) -> Image:
+    def draw(cls, grid: Any, *, title: str, **look: Any) -> canvas.Image:
         drawing = cls(grid, **look)
         for rows in swept(grid.layer):
             drawing.take(rows)
         return drawing.image(title)
 
-    def _on_sheet(self, pixels: Bytes, style: LayerStyle, **texts: Any) -> Image:
+    def _on_sheet(self, pixels: Bytes, style: LayerStyle, **texts: Any) -> canvas.Image:
         frame, overlay = self._grid.frame, self._overlay
-        return on_sheet(pixels, style, frame, self._raster, overlay=overlay, **texts)
+        return canvas.on_sheet(pixels, style, frame, self._raster, overlay=overlay, **texts)
 
 
 class OccupancyDrawing(Drawing):
@@ -77,7 +76,7 @@ class OccupancyDrawing(Drawing):
     def _begin(self) -> None:
         self._values = self._pooling(self._grid.occupancy, np.fmax)
 
-    def image(self, title: str) -> Image:
+    def image(self, title: str) -> canvas.Image:
         style, values = styles.occupancy_style(), self._values.pixels
         pixels = look_up(values, cast("Bytes", style.by_value))
         if not histogram(values)[1:OCCUPIED].any():  # black and white need no scale
@@ -100,7 +99,7 @@ class FieldDrawing(Drawing):
         self._distance = self._pooling(field.distance, np.fmin)
         self._unknown = self._pooling(looked_up(field.occupancy, is_unknown), np.fmin)
 
-    def image(self, title: str) -> Image:
+    def image(self, title: str) -> canvas.Image:
         field = self._grid
         ends = styles.FieldEnds.of(field) if self._ends is None else self._ends.found()
         style = styles.field_style(field, ends)
@@ -160,7 +159,7 @@ class CostDrawing(Drawing):
         shifted = (np.arange(256) + 1).astype(np.uint8)
         self._ranks = self._pooling(looked_up(self._grid.cost, shifted), np.fmax)
 
-    def image(self, title: str) -> Image:
+    def image(self, title: str) -> canvas.Image:
         costmap, raster, ranks = self._grid, self._raster, self._ranks.pixels
         style = styles.cost_style(costmap)
         pixels = look_up(ranks, np.roll(cast("Bytes", style.by_value), 1))
@@ -180,7 +179,7 @@ _ARROW_SPACING = 34.0  # pixels
 def potential_image(
     field: PotentialField, *, title: str, image_max: int = overlays.DEFAULT_IMAGE_MAX,
     image_extent: overlays.ImageExtent = "all", overlay: overlays.Overlay | None = None,
-) -> Image:  # fmt: skip
+) -> canvas.Image:  # fmt: skip
     # Of several cells in a pixel an obstacle shows, or else the highest potential.
     goal = () if field.goal is None else field.goal
     part = overlays.shown_part(
@@ -215,7 +214,7 @@ def potential_image(
     potential = field.cropped.potential
     more = f"{float(potential.min()):.4g} .. {float(potential.max()):.4g}"
     gains = f"gains {field.attractive_gain:g} and {field.repulsive_gain:g}"
-    return on_sheet(
+    return canvas.on_sheet(
         pixels, style, field.frame, raster, title=title, swatches=swatches, overlay=overlay,
         more=f"potential {more}, {gains}" if goal else f"repulsion {more}",
     )  # fmt: skip
@@ -313,5 +312,5 @@ def _coloured_cells_in(grid: OccupancyGrid, info: FilterInfo) -> Iterator[_Colou
 def zones_image(
     grid: OccupancyGrid, masks: Sequence[tuple[OccupancyGrid, FilterInfo]], *, title: str,
     **look: Any,
-) -> Image:  # fmt: skip
+) -> canvas.Image:  # fmt: skip
     return occupancy_image(grid, title=title, **look | {"overlay": ZonesOverlay(grid, masks)})
