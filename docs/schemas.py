@@ -19,10 +19,9 @@ from mapdeal.checks.findings import Explanation, Finding, Severity
 from mapdeal.cli.main import command_names
 from mapdeal.command import Parameter, Stage
 from mapdeal.commands.score import Placement
-from mapdeal.compare.bounds import ScoreBound
 from mapdeal.compare.difference import ChangeKind, WallShift
 from mapdeal.compare.merge import MapCounts, Rule
-from mapdeal.compare.score import Fault
+from mapdeal.compare.score import Fault, ScoreBound
 from mapdeal.files import json_values as formats
 from mapdeal.grid.costmap import Metric
 from mapdeal.grid.filters import FilterKind, SpeedUnit

@@ -38,7 +38,7 @@ from mapdeal.commands.scan import SimulatedScans as SimulatedScans
 from mapdeal.commands.scan import scan as scan
 from mapdeal.commands.score import Score as Score
 from mapdeal.commands.score import score as score
-from mapdeal.compare.bounds import ScoreBound as ScoreBound
+from mapdeal.compare.score import ScoreBound as ScoreBound
 from mapdeal.compare.difference import Bound as Bound
 from mapdeal.compare.difference import CostChange as CostChange
 from mapdeal.compare.difference import CostDifference as CostDifference

@@ -14,7 +14,6 @@ from PIL import Image
 import oracles
 from mapdeal import OccupancyGrid, ParameterError, ScoreBound, read_map
 from mapdeal.compare import score
-from mapdeal.compare.bounds import checked_bounds, figure_in, figures_named, judged
 from mapdeal.compare.score import FREE, OCCUPIED, UNKNOWN, compare_states, uniform_similarity
 from mapdeal.grid.frame import Frame, Transform
 from mapdeal.kernels.components import touching_groups
@@ -300,13 +299,13 @@ def test_shares_walls_and_their_thickness_are_counted_if_there_are_any():
 
 
 def test_every_figure_has_a_name_but_the_map_s_size():
-    values, names = scored(rooms()), figures_named(with_truth=False)
-    assert all(figure_in(values, name) is not None for name in names)
+    values, names = scored(rooms()), score.figures_named(with_truth=False)
+    assert all(score.figure_in(values, name) is not None for name in names)
     plain = {name for name, value in values.items() if not isinstance(value, dict)}
     assert plain - set(names) == {"cells", "resolution_m"}
     states = np.full((2, 3), 2, np.uint8)
     values = compare_states(states, states, Frame(2, 3, 0.3)).values
-    assert set(figures_named(with_truth=True)) == set(flat(values)) - {"cells"}
+    assert set(score.figures_named(with_truth=True)) == set(flat(values)) - {"cells"}
 
 
 @pytest.mark.parametrize(("side", "allowed", "found", "holds"), [
@@ -328,14 +327,15 @@ def test_a_bound_holds(side, allowed, found, holds):
 ])  # fmt: skip
 def test_what_cannot_be_a_bound_is_refused(minimum, maximum, with_truth, message, hint):
     with pytest.raises(ParameterError) as error:
-        checked_bounds(minimum, maximum, with_truth=with_truth)
+        score.checked_bounds(minimum, maximum, with_truth=with_truth)
     assert message in str(error.value)
     assert hint is None or hint in error.value.hint
 
 
 def test_names_lead_into_groups():
-    bounds = checked_bounds({"coverage": 0.5}, {"confusion-known-in-both.fp": 3}, with_truth=True)
-    found = judged(bounds, {"coverage": None, "confusion_known_in_both": {"fp": 4}})
+    least, most = {"coverage": 0.5}, {"confusion-known-in-both.fp": 3}
+    bounds = score.checked_bounds(least, most, with_truth=True)
+    found = score.judged(bounds, {"coverage": None, "confusion_known_in_both": {"fp": 4}})
     expected = {"coverage": None, "confusion_known_in_both.fp": 4.0}
     assert {bound.name: bound.found for bound in found} == expected
     assert not any(bound.holds for bound in found)

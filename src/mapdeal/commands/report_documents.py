@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from mapdeal.checks.findings import SEVERITIES, Finding, Severity
 from mapdeal.commands.diff_costs import passage_text
-from mapdeal.compare.bounds import figure_text, figures_named
 from mapdeal.compare.difference import Change, CostChange
+from mapdeal.compare.score import figure_text, figures_named
 from mapdeal.errors import MalformedInputError, ParameterError, one_line
 from mapdeal.files import json_values
 from mapdeal.files.json_values import JsonValue, NamedMap

@@ -12,7 +12,7 @@ import numpy as np
 
 from mapdeal.command import Result, Words, command, is_plain
 from mapdeal.commands import two_maps
-from mapdeal.compare import bounds as score_bounds, score as scoring
+from mapdeal.compare import score as scoring
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import SCORE_FORMAT
@@ -30,9 +30,9 @@ from mapdeal.sensors.points import transform_document
 Placement = Literal["frames", "transform", "align"]
 
 _COLUMNS = (
-    ("n", "n", score_bounds.COUNT, 9),
-    *((name, name, score_bounds.METRES, 13) for name in ("mean", "median", "p95", "max")),
-    ("within 0.1 m", "share_le_0p1", score_bounds.SHARE, 14),
+    ("n", "n", scoring.COUNT, 9),
+    *((name, name, scoring.METRES, 13) for name in ("mean", "median", "p95", "max")),
+    ("within 0.1 m", "share_le_0p1", scoring.SHARE, 14),
 )
 _AFTER_THICKNESS = (
     "share_one_cell_thick", "corners", "enclosed_areas", "enclosed_m2", "enclosed_pockets"
@@ -70,7 +70,7 @@ class Score(Result):
     """
 
     values: dict[str, Any]
-    bounds: tuple[score_bounds.ScoreBound, ...]
+    bounds: tuple[scoring.ScoreBound, ...]
     frame: Frame
     maps: tuple[inputs.MapInput, ...]
     transform: tuple[float, float, float] | None = None
@@ -116,7 +116,7 @@ class Score(Result):
             if self.values["known_in_both"]:
                 yield from scoring.lines_of(self.faults)
             else:
-                yield f"  verdict   none: {score_bounds.NOTHING_COMPARED}"
+                yield f"  verdict   none: {scoring.NOTHING_COMPARED}"
             yield from self._distances()
         yield from self._figures()
         for bound in self.bounds:
@@ -135,36 +135,36 @@ class Score(Result):
         return score_image(walls, title=title, **look)
 
     def _distances(self) -> Iterator[str]:
-        name_width = max(len(meaning) for meaning in score_bounds.DISTANCES.values())
+        name_width = max(len(meaning) for meaning in scoring.DISTANCES.values())
         head = f"  {'distance to the nearest wall':<{name_width}}"
         yield ""
         yield head + "".join(f"{title:>{width}}" for title, _, _, width in _COLUMNS)
-        for name, meaning in score_bounds.DISTANCES.items():
+        for name, meaning in scoring.DISTANCES.items():
             row = f"  {meaning:<{name_width}}"
             for _, key, unit, width in _COLUMNS:
-                row += score_bounds.figure_text(self.values[name][key], unit).rjust(width)
+                row += scoring.figure_text(self.values[name][key], unit).rjust(width)
             yield f"{row}  {name}"
         yield ""
 
     def _figures(self) -> Iterator[str]:
-        figures = score_bounds.figures_named(with_truth=self.is_drawn)
-        order = list(score_bounds.AGAINST_TRUTH)
+        figures = scoring.figures_named(with_truth=self.is_drawn)
+        order = list(scoring.AGAINST_TRUTH)
         if not self.is_drawn:
-            order = [name for name in score_bounds.ALONE if name not in _AFTER_THICKNESS]
-            order += [f"{score_bounds.THICKNESS}.{key}" for key in ("mean", "median", "p95")]
+            order = [name for name in scoring.ALONE if name not in _AFTER_THICKNESS]
+            order += [f"{scoring.THICKNESS}.{key}" for key in ("mean", "median", "p95")]
             order += _AFTER_THICKNESS
         name_width = max(len(figures[name][1]) for name in order)
         for name in order:
             unit, meaning = figures[name]
-            value = score_bounds.figure_text(score_bounds.figure_in(self.values, name), unit)
+            value = scoring.figure_text(scoring.figure_in(self.values, name), unit)
             yield f"  {meaning:<{name_width}}  {value:<10}  {name}"
 
-    def _bound_text(self, bound: score_bounds.ScoreBound) -> str:
-        unit = score_bounds.unit_of(bound.name, with_truth=self.is_drawn)
+    def _bound_text(self, bound: scoring.ScoreBound) -> str:
+        unit = scoring.unit_of(bound.name, with_truth=self.is_drawn)
         text = f"--{bound.side} {bound.name}={bound.allowed:g}{unit}: "
         text += "holds" if bound.holds else "missed"
         if bound.found is None:
-            return f"{text}, not measured: {score_bounds.why_missing(bound.name, self.values)}"
+            return f"{text}, not measured: {scoring.why_missing(bound.name, self.values)}"
         # 9 digits: a figure that is shown as the bound itself is within it
         return f"{text}, found {bound.found:.9g}{unit}"
 
@@ -306,7 +306,7 @@ def score(
         work, rule = inputs.Work.current.get(), "needs --truth, a map to compare with"
         image = {} if work is None else {"--image": work.settings.image}
         inputs.refuse(rule, align=align, transform=transform, **image)
-    limits = score_bounds.checked_bounds(minimum or {}, maximum or {}, with_truth=truth is not None)
+    limits = scoring.checked_bounds(minimum or {}, maximum or {}, with_truth=truth is not None)
     known, files = two_maps.given_transform(transform, place="transform")
     named = {"the map": map} if truth is None else {"the map": map, "the truth": truth}
     maps = inputs.open_inputs(*named.values(), names=list(named), also=files, **reading)
@@ -322,7 +322,7 @@ def score(
             values = scoring.score_alone(scoring.states_of(estimate.occupancy), estimate.frame)
             if not values["wall_cells"]:
                 emit_warning(f"{maps[0].name}: has no occupied cells")
-            return Score(values, score_bounds.judged(limits, values), estimate.frame, tuple(maps))
+            return Score(values, scoring.judged(limits, values), estimate.frame, tuple(maps))
         placement: Placement = "align" if align else "frames" if known is None else "transform"
         move = Transform()
         if known is not None:
@@ -335,7 +335,7 @@ def score(
         _warn_of_overlap(comparison, maps)
     values, frame = comparison.values, comparison.frame
     faults = scoring.faults_of(comparison.estimate, comparison.truth, frame)
-    judged = score_bounds.judged(limits, values)
+    judged = scoring.judged(limits, values)
     return Score(values, judged, frame, tuple(maps), move.pose, placement, comparison, faults)
 
 
