@@ -26,7 +26,6 @@ Reason = Literal[  # the exceptions with which Nav2's planners fail
     "StartOccupied", "GoalOccupied", "StartOutsideMapBounds", "GoalOutsideMapBounds",
     "NoValidPathCouldBeFound", "PlannerTimedOut", "PlannerException",
 ]  # fmt: skip
-_NO_POSES = np.empty((0, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +53,7 @@ class PlannerGrid:
 class Plan:
     found: bool
     reason: Reason | None = None  # name of Nav2's exception if there is no plan
-    poses: NDArray[np.float64] = field(default_factory=lambda: _NO_POSES)  # x, y, yaw: (N, 3)
+    poses: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 3)))  # x, y, yaw
     cost: float | None = None  # of the path before it was smoothed, where a planner computes it
     detail: str | None = None  # why the planner failed, where the name leaves that open
     is_reached: bool = False  # by the search, though no plan came of it
@@ -66,8 +65,7 @@ class Plan:
 
     @property
     def length(self) -> float:
-        steps = np.diff(self.poses[:, :2], axis=0)
-        return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+        return float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
 
 
 def no_plan(reason: Reason, detail: str | None = None) -> Plan:
