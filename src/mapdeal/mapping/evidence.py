@@ -44,7 +44,6 @@ _LEAST = Condition("at least 0, below 50", lambda v: 0 <= _fixed_point(v) < _EVE
 _MOST = Condition("above 50, at most 100", lambda v: 50 < _fixed_point(v) / _UNIT <= 100)
 _COUNT_UNIT = 1_000_000
 _SHARE = Condition("at least 0, below 1", lambda value: 0 <= value < 1)
-_Slices = tuple[slice, slice]
 _RING = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
 """The neighbours of a cell, in order around it."""
 _FARTHEST = 1000.0  # largest truncation distance, and reach of beams behind hits, in cells
@@ -460,38 +459,32 @@ class Counting(Evidence):
 
 
 class Crossings(NamedTuple):
-    """Pairs of neighbours with different signs, and cells that are exactly zero."""
+    """Neighbours with different signs, as flat indices, and cells that are exactly zero."""
 
-    along_rows: Mask
-    along_cols: Mask
+    first: Integers
+    second: Integers
     at_zero: Mask
     field: Floats
 
-    def sides(self) -> list[tuple[Mask, _Slices, _Slices]]:
-        """Return the sign changes along both axes, with slices of their first and second cells."""
-        along_cols = self.along_cols, np.s_[:-1, :], np.s_[1:, :]
-        return [(self.along_rows, np.s_[:, :-1], np.s_[:, 1:]), along_cols]
-
     def places(self) -> Floats:
         """Return the zeros of the field, linear between centres, as rows and columns, (N, 2)."""
-        parts = [np.argwhere(self.at_zero) + 0.5]
-        for axis, changes in ((1, self.along_rows), (0, self.along_cols)):
-            cells = np.argwhere(changes)
-            near = self.field[tuple(cells.T)]
-            cells[:, axis] += 1
-            far = self.field[tuple(cells.T)]
-            places = cells + 0.5
-            places[:, axis] += near / (near - far) - 1.0  # from the second cell's centre back
-            parts.append(places)
-        return np.concatenate(parts)
+        near, far = (self.field.reshape(-1)[cells] for cells in (self.first, self.second))
+        pairs = np.unravel_index([self.first, self.second], self.field.shape)
+        first, second = np.stack(pairs, axis=-1)
+        back = near / (near - far) - 1.0  # from the second cell's centre
+        between = second + 0.5 + (second - first) * back[:, np.newaxis]
+        return np.concatenate([np.argwhere(self.at_zero) + 0.5, between])
 
 
 def crossings_of(field: Floats) -> Crossings:
     with np.errstate(invalid="ignore"):
         positive, negative = field > 0, field < 0
-    along_rows = positive[:, :-1] & negative[:, 1:] | negative[:, :-1] & positive[:, 1:]
-    along_cols = positive[:-1] & negative[1:] | negative[:-1] & positive[1:]
-    return Crossings(along_rows, along_cols, field == 0, field)
+    cells, pairs = np.arange(field.size).reshape(field.shape), []
+    for first, second in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        changes = positive[first] & negative[second] | negative[first] & positive[second]
+        pairs.append([cells[first][changes], cells[second][changes]])
+    first_cells, second_cells = np.concatenate(pairs, axis=1)
+    return Crossings(first_cells, second_cells, field == 0, field)
 
 
 def thin_surface(field: Floats, crossings: Crossings) -> Mask:
@@ -499,27 +492,23 @@ def thin_surface(field: Floats, crossings: Crossings) -> Mask:
     # At each sign change at least one cell of the pair is chosen: the one nearer to zero. A cell is
     # spare if all its partners are chosen, too; spare cells are removed, the farthest from zero
     # first.
-    size = np.abs(field)
-    chosen = crossings.at_zero.copy()
-    for changes, first, second in crossings.sides():
-        # of equal cells the one behind the surface, so that free space stays
-        nearer = (size[first] < size[second]) | (size[first] == size[second]) & (field[first] < 0)
-        chosen[first] |= changes & nearer
-        chosen[second] |= changes & ~nearer
-    needed = np.zeros(field.shape, dtype=np.int64)  # partners that are not chosen
-    partners = np.zeros(field.shape, dtype=np.int64)
-    for changes, first, second in crossings.sides():
-        needed[first] += changes & ~chosen[second]
-        needed[second] += changes & ~chosen[first]
-        partners[first] += changes
-        partners[second] += changes
-    spare = np.argwhere(chosen & (needed == 0) & (partners > 0) & ~crossings.at_zero)
-    for index in np.argsort(-size[tuple(spare.T)], kind="stable").tolist():
-        row, col = spare[index].tolist()
-        if needed[row, col] == 0:
-            chosen[row, col] = False
-            for partner in _partners_of(crossings, row, col):
-                needed[partner] += 1
+    first, second = crossings.first, crossings.second
+    size, chosen = np.abs(field), crossings.at_zero.copy()
+    sizes, is_chosen = size.reshape(-1), chosen.reshape(-1)
+    # of equal cells the one behind the surface, so that free space stays
+    is_behind = (sizes[first] == sizes[second]) & (field.reshape(-1)[first] < 0)
+    is_chosen[np.where((sizes[first] < sizes[second]) | is_behind, first, second)] = True
+    cells, partners = np.append(first, second), np.append(second, first)
+    order = np.argsort(cells, kind="stable")
+    cells, partners = cells[order], partners[order]
+    needed = np.bincount(cells, ~is_chosen[partners], len(sizes))  # partners that are not chosen
+    spare = np.unique(cells[is_chosen[cells] & (needed[cells] == 0)])
+    spare = spare[np.argsort(-sizes[spare], kind="stable")]
+    begins, ends = (np.searchsorted(cells, spare, side).tolist() for side in ("left", "right"))
+    for cell, begin, end in zip(spare.tolist(), begins, ends, strict=True):
+        if needed[cell] == 0:
+            is_chosen[cell] = False
+            needed[partners[begin:end]] += 1
     thin_blocks(chosen, size)
     return chosen
 
@@ -539,17 +528,6 @@ def thin_blocks(chosen: Mask, size: Floats) -> None:
         number = sum(not first and (middle or last) for first, middle, last in corners)
         if number == 1 and any(map(all, corners)):
             padded[row + 1, col + 1] = chosen[row, col] = False
-
-
-def _partners_of(crossings: Crossings, row: int, col: int) -> list[tuple[int, int]]:
-    found = []
-    for changes, down, right in ((crossings.along_rows, 0, 1), (crossings.along_cols, 1, 0)):
-        height, width = changes.shape
-        if row < height and col < width and changes[row, col]:
-            found.append((row + down, col + right))
-        if row >= down and col >= right and changes[row - down, col - right]:
-            found.append((row - down, col - right))
-    return found
 
 
 class Tsdf(Counting):
