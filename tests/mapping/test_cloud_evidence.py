@@ -201,7 +201,7 @@ def test_levels_lie_above_each_place_once(seed, room):
     voxels = Voxels(0.05, 0.0125)
     voxels.add(points)
     limits = Limits(0.05, room, 40.0, 0.0)
-    levels = Levels(patches_of(voxels.columns(), 5, limits), 0.25, limits)
+    levels = Levels(patches_of(voxels.columns(), 5, limits), 5, 0.05, limits)
     for label in np.unique(levels.label):
         own = levels.label == label
         for tile in np.unique(levels.tile[own]):

@@ -18,7 +18,7 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.grid.values import decimal_text
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.mapping import cloud_floor
-from mapdeal.mapping.cloud_floor import Levels, Limits, Patches, Tiles, heights_of
+from mapdeal.mapping.cloud_floor import Levels, Limits, Patches, Tiles
 from mapdeal.mapping.voxels import Claim, Columns, median, starts_of
 
 _HINT = (
@@ -129,7 +129,7 @@ def floor_in(
         rule = "no floor found: no level surface has room above it"
         raise MalformedInputError(rule, hint=f"{_HINT}; --level turns a tilted one")
     claim(400 * len(patches.z), f"{len(patches.z)} patches of surfaces")
-    levels = Levels(patches, tile * columns.cell, limits)
+    levels = Levels(patches, tile, columns.cell, limits)
     every = math.ceil(len(columns.heights) / _SAMPLED)  # of rows of tiles
     sample = columns.chosen(columns.row // tile % every == 0)
     tiles_with_points = starts_of(np.sort((sample.row // tile << 32) + sample.col // tile))
@@ -142,14 +142,13 @@ def floor_in(
     refusals = []
     for level in _in_order(levels, named):
         tiles, own, above = levels.floor_from(level, claim)
-        evidence, spacing = _evidence_of(sample, every, tiles, own, tile, limits)
+        evidence, spacing = _evidence_of(sample, every, tiles, own, limits)
         known = evidence._replace(below=0.0) if at is not None or level == named else evidence
         reason = None if at is not None else known.contradiction(area)
         if reason is None:
             tilt = cloud_floor.tilt_of(own, levels.side)
             overlaid, storeys = above
-            height = evidence.height
-            floors = _other_floors(levels, level, sample, every, tile, limits, claim, height)
+            floors = _other_floors(levels, level, sample, every, claim, evidence.height)
             return Floor(
                 tiles, spacing, tilt, overlaid, (*storeys, *floors), evidence.may_be_ceiling,
                 evidence.is_above_others,
@@ -160,16 +159,15 @@ def floor_in(
 
 
 def _other_floors(
-    levels: Levels, chosen: int, sample: Columns, every: int, tile: int, limits: Limits,
-    claim: Claim, height: float,
-) -> Iterator[float]:  # fmt: skip
+    levels: Levels, chosen: int, sample: Columns, every: int, claim: Claim, height: float
+) -> Iterator[float]:
     """Yield the heights of large levels, not joined to the chosen one, that things stand on."""
     area = levels.area()
     for level in _in_order(levels, None):
         if area[level] < _SHARE_OF_CHOSEN * area[chosen] or levels.are_joined(level, chosen):
             continue
         tiles, own, _ = levels.floor_from(level, claim)
-        evidence, _ = _evidence_of(sample, every, tiles, own, tile, limits)
+        evidence, _ = _evidence_of(sample, every, tiles, own, levels.limits)
         if abs(evidence.height - height) > _STOREY:  # its own walls start on the storey below
             evidence = evidence._replace(sunken=0.0)
         is_beside = evidence.below < _SHARE_BESIDE * evidence.level
@@ -187,8 +185,8 @@ def stated_floor(columns: Columns, tile: int, height: float, claim: Claim) -> Fl
     shape = int(row.max() - row.min()) + 1, int(col.max() - col.min()) + 1
     claim(60 * shape[0] * shape[1], f"a floor of {shape[1]} x {shape[0]} tiles")
     level, unknown = np.zeros(shape), np.full(shape, np.nan)
-    tiles = Tiles(int(row.min()), int(col.min()), level + height, level, level, unknown, level)
-    return Floor(tiles, 0.0, is_stated=True)
+    at = tile, columns.cell, int(row.min()), int(col.min())
+    return Floor(Tiles(*at, level + height, level, level, unknown, level), 0.0, is_stated=True)
 
 
 def _in_order(levels: Levels, named: int | None) -> Iterator[int]:
@@ -221,14 +219,14 @@ def _level_under(levels: Levels, places: Floats) -> int | None:
 
 
 def _evidence_of(
-    sample: Columns, every: int, tiles: Tiles, own: Patches, tile: int, limits: Limits
+    sample: Columns, every: int, tiles: Tiles, own: Patches, limits: Limits
 ) -> tuple[Evidence, float]:
     """Measure a level, and the distance between points on it in metres."""
-    row, col, inside = cloud_floor.tile_of(tiles, tile, sample.row, sample.col)
-    sunken = _sunken(sample.chosen(inside), tiles, tile, limits)
+    row, col, inside = tiles.at(sample.row, sample.col)
+    sunken = _sunken(sample.chosen(inside), tiles, limits)
     near = inside & (tiles.away[row, col] <= _BESIDE)
     sample, whose = sample.chosen(near), (row * tiles.z.shape[1] + col)[near]
-    floor = heights_of(tiles, tile, sample.cell, sample.row, sample.col, limits.climb)
+    floor = tiles.heights(sample.row, sample.col, limits.climb)
     heights, count = sample.above(floor), tiles.z.size
 
     def count_in(chosen: Mask, weights: NDArray[np.int32] | None = None) -> Floats:
@@ -238,7 +236,7 @@ def _evidence_of(
         sums = np.add.reduceat(found, sample.starts, dtype=np.int64)
         return np.asarray(np.bincount(whose, sums, count), dtype=np.float64)
 
-    low, side = limits.gap + _NEAR, tile * sample.cell
+    low, side = limits.gap + _NEAR, tiles.side * tiles.cell
     is_high = (heights > low) & (heights <= limits.robot_height)
     standing = count_in(is_high) >= _LEAST_VOXELS
     touching = standing & (count_in(is_high & (heights <= low + _FEET + limits.steps)) > 0)
@@ -262,9 +260,9 @@ def _evidence_of(
     return Evidence(*measures), spacing
 
 
-def _sunken(columns: Columns, tiles: Tiles, tile: int, limits: Limits) -> float:
+def _sunken(columns: Columns, tiles: Tiles, limits: Limits) -> float:
     """Return the share of columns with things at a robot's height that start below the level."""
-    floor = heights_of(tiles, tile, columns.cell, columns.row, columns.col, limits.climb)
+    floor = tiles.heights(columns.row, columns.col, limits.climb)
     heights, low = columns.above(floor), limits.gap + _NEAR
     is_high = (heights > low) & (heights <= limits.robot_height)
     if not is_high.any():

@@ -234,11 +234,11 @@ def _lacks_room(patches: Patches, limits: Limits) -> Mask:
 
 
 class Levels:
-    def __init__(self, patches: Patches, side: float, limits: Limits) -> None:
+    def __init__(self, patches: Patches, tile: int, cell: float, limits: Limits) -> None:
         patches = patches.chosen(np.lexsort((patches.z, patches.col, patches.row)))
         self.patches = patches.chosen(~_lacks_room(patches, limits))
-        self.side, self.limits = side, limits
-        self._links = _links_of(self.patches, side, max(limits.climb, 0.7 * limits.steps))
+        self.tile_cells, self.cell, self.side, self.limits = tile, cell, tile * cell, limits
+        self._links = _links_of(self.patches, self.side, max(limits.climb, 0.7 * limits.steps))
         row, col, z = self.patches[:3]
         is_new = (np.diff(row, prepend=-1) != 0) | (np.diff(col, prepend=-1) != 0)
         is_new[0] = True
@@ -323,7 +323,8 @@ class Levels:
         apart = np.diff(heights, append=np.inf) > self.limits.robot_height  # a slab has two sides
         storeys = tuple(np.array(heights)[apart].tolist())
         for _ in range(_ROUNDS):
-            tiles = _raster(patches.chosen(main), self.side, self.limits, claim)
+            own = patches.chosen(main)
+            tiles = _raster(own, self.tile_cells, self.cell, self.limits, claim)
             at = patches.row - tiles.first_row, patches.col - tiles.first_col
             inside = ~main & (at[0] >= 0) & (at[1] >= 0)
             inside &= (at[0] < tiles.z.shape[0]) & (at[1] < tiles.z.shape[1])
@@ -339,6 +340,8 @@ class Levels:
 class Tiles(NamedTuple):
     """The floor as a plane for each tile of a box; nan where it is unknown."""
 
+    side: int  # of a tile, cells
+    cell: float  # metres
     first_row: int
     first_col: int
     z: Floats
@@ -347,11 +350,63 @@ class Tiles(NamedTuple):
     upper: Floats  # height of a second floor within the robot's height, at a ledge; else nan
     away: Floats  # metres to the nearest tile with a patch; inf beyond `_REACH`
 
-    def box(self, tile: int) -> tuple[int, int, int, int]:
+    def box(self) -> tuple[int, int, int, int]:
         """Return the first row and column of the cells, and the end row and column."""
         height, width = self.z.shape
-        row, col = self.first_row * tile, self.first_col * tile
-        return row, col, row + height * tile, col + width * tile
+        row, col = self.first_row * self.side, self.first_col * self.side
+        return row, col, row + height * self.side, col + width * self.side
+
+    def heights(self, rows: Integers, cols: Integers, climb: float) -> Floats:
+        height, width = self.z.shape
+        own_r, own_c, inside = self.at(rows, cols)
+        own = self._plane(rows, cols, own_r, own_c)
+        own[~inside] = np.nan
+        up, right = (
+            (cells - first * self.side) - own * self.side - (self.side - 1) / 2
+            for cells, first, own in ((rows, self.first_row, own_r), (cols, self.first_col, own_c))
+        )
+        down, across = np.where(up >= 0, 1, -1), np.where(right >= 0, 1, -1)
+        share_r, share_c = np.abs(up) / self.side, np.abs(right) / self.side
+        weights = (1 - share_r) * (1 - share_c)
+        total = own * (1 - share_r) * (1 - share_c)
+        for step_r, step_c, weight in (
+            (down, 0, share_r * (1 - share_c)),
+            (0, across, (1 - share_r) * share_c),
+            (down, across, share_r * share_c),
+        ):
+            r, c = np.clip(own_r + step_r, 0, height - 1), np.clip(own_c + step_c, 0, width - 1)
+            beside = self._plane(rows, cols, r, c)
+            agrees = np.abs(beside - own) <= climb
+            total += np.where(agrees, weight * beside, 0.0)
+            weights += np.where(agrees, weight, 0.0)
+        return np.asarray(total / weights)
+
+    def uppers(self, rows: Integers, cols: Integers) -> Floats:
+        """Return the height of the upper floor at ledges, nan elsewhere."""
+        r, c, inside = self.at(rows, cols)
+        upper = np.where(inside, self.upper[r, c], np.nan)
+        at = np.flatnonzero(np.isfinite(upper))
+        r, c = r[at], c[at]
+        upper[at] += self._plane(rows[at], cols[at], r, c)
+        upper[at] -= self.z[r, c]
+        return upper
+
+    def slopes(self, rows: Integers, cols: Integers) -> NDArray[np.float32]:
+        r, c, inside = self.at(rows, cols)
+        rise = np.hypot(self.along_x, self.along_y).astype(np.float32)
+        return np.where(inside, rise[r, c], np.float32(np.nan))
+
+    def at(self, rows: Integers, cols: Integers) -> tuple[Integers, Integers, Mask]:
+        r, c = rows // self.side - self.first_row, cols // self.side - self.first_col
+        height, width = self.z.shape
+        inside = (r >= 0) & (r < height) & (c >= 0) & (c < width)
+        return np.clip(r, 0, height - 1), np.clip(c, 0, width - 1), inside
+
+    def _plane(self, rows: Integers, cols: Integers, r: Integers, c: Integers) -> Floats:
+        middle = (self.side - 1) / 2
+        y = (rows - (r + self.first_row) * self.side - middle) * self.cell
+        x = (cols - (c + self.first_col) * self.side - middle) * self.cell
+        return np.asarray(self.z[r, c] + self.along_x[r, c] * x + self.along_y[r, c] * y)
 
 
 def tilt_of(patches: Patches, side: float) -> float:
@@ -386,7 +441,8 @@ def _above(own: Patches, along_x: float, along_y: float, side: float) -> Floats:
     return np.asarray(own.z - side * (along_x * own.col + along_y * own.row))
 
 
-def _raster(patches: Patches, side: float, limits: Limits, claim: Claim) -> Tiles:
+def _raster(patches: Patches, tile: int, cell: float, limits: Limits, claim: Claim) -> Tiles:
+    side = tile * cell
     margin = math.ceil(_REACH / side)
     first_row, first_col = int(patches.row.min()) - margin, int(patches.col.min()) - margin
     height = int(patches.row.max()) + margin + 1 - first_row
@@ -418,7 +474,7 @@ def _raster(patches: Patches, side: float, limits: Limits, claim: Claim) -> Tile
     with np.errstate(invalid="ignore"):
         is_ledge = (upper - z > _LEDGE * limits.gap) & (upper - z <= limits.robot_height)
     upper[~is_ledge] = np.nan
-    return Tiles(first_row, first_col, z, along_x, along_y, upper, away * side)
+    return Tiles(tile, cell, first_row, first_col, z, along_x, along_y, upper, away * side)
 
 
 def _nearest(known: Mask, reach: int) -> tuple[Floats, Integers, Integers]:
@@ -452,66 +508,3 @@ def _around(layers: Floats, side: float) -> tuple[Floats, Floats]:
             z = z - (along_x * across + along_y * down) * side
             lowest, highest = np.fmin(lowest, z), np.fmax(highest, z)
     return lowest, highest
-
-
-def heights_of(
-    tiles: Tiles, tile: int, cell: float, rows: Integers, cols: Integers, climb: float
-) -> Floats:
-    height, width = tiles.z.shape
-    own_r, own_c, inside = tile_of(tiles, tile, rows, cols)
-    own = _plane(tiles, tile, cell, rows, cols, own_r, own_c)
-    own[~inside] = np.nan
-    up, right = (
-        (cells - first * tile) - own * tile - (tile - 1) / 2
-        for cells, first, own in ((rows, tiles.first_row, own_r), (cols, tiles.first_col, own_c))
-    )
-    down, across = np.where(up >= 0, 1, -1), np.where(right >= 0, 1, -1)
-    share_r, share_c = np.abs(up) / tile, np.abs(right) / tile
-    weights = (1 - share_r) * (1 - share_c)
-    total = own * (1 - share_r) * (1 - share_c)
-    for step_r, step_c, weight in (
-        (down, 0, share_r * (1 - share_c)),
-        (0, across, (1 - share_r) * share_c),
-        (down, across, share_r * share_c),
-    ):
-        r, c = np.clip(own_r + step_r, 0, height - 1), np.clip(own_c + step_c, 0, width - 1)
-        beside = _plane(tiles, tile, cell, rows, cols, r, c)
-        agrees = np.abs(beside - own) <= climb
-        total += np.where(agrees, weight * beside, 0.0)
-        weights += np.where(agrees, weight, 0.0)
-    return np.asarray(total / weights)
-
-
-def uppers_of(tiles: Tiles, tile: int, cell: float, rows: Integers, cols: Integers) -> Floats:
-    """Return the height of the upper floor at ledges, nan elsewhere."""
-    r, c, inside = tile_of(tiles, tile, rows, cols)
-    upper = np.where(inside, tiles.upper[r, c], np.nan)
-    at = np.flatnonzero(np.isfinite(upper))
-    r, c = r[at], c[at]
-    upper[at] += _plane(tiles, tile, cell, rows[at], cols[at], r, c)
-    upper[at] -= tiles.z[r, c]
-    return upper
-
-
-def slopes_of(tiles: Tiles, tile: int, rows: Integers, cols: Integers) -> NDArray[np.float32]:
-    r, c, inside = tile_of(tiles, tile, rows, cols)
-    rise = np.hypot(tiles.along_x, tiles.along_y).astype(np.float32)
-    return np.where(inside, rise[r, c], np.float32(np.nan))
-
-
-def tile_of(
-    tiles: Tiles, tile: int, rows: Integers, cols: Integers
-) -> tuple[Integers, Integers, Mask]:
-    r, c = rows // tile - tiles.first_row, cols // tile - tiles.first_col
-    height, width = tiles.z.shape
-    inside = (r >= 0) & (r < height) & (c >= 0) & (c < width)
-    return np.clip(r, 0, height - 1), np.clip(c, 0, width - 1), inside
-
-
-def _plane(
-    tiles: Tiles, tile: int, cell: float, rows: Integers, cols: Integers, r: Integers, c: Integers
-) -> Floats:
-    middle = (tile - 1) / 2
-    y = (rows - (r + tiles.first_row) * tile - middle) * cell
-    x = (cols - (c + tiles.first_col) * tile - middle) * cell
-    return np.asarray(tiles.z[r, c] + tiles.along_x[r, c] * x + tiles.along_y[r, c] * y)

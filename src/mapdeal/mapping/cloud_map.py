@@ -26,7 +26,7 @@ from mapdeal.kernels.sensing import count_rays
 from mapdeal.kernels.threads import for_rows
 from mapdeal.mapping import voxels as cloud_voxels
 from mapdeal.mapping.cloud_evidence import Floor, floor_in, stated_floor
-from mapdeal.mapping.cloud_floor import TILE, Limits, heights_of, slopes_of, uppers_of
+from mapdeal.mapping.cloud_floor import TILE, Limits
 from mapdeal.mapping.voxels import FINEST, Claim, Columns, Tilt, Voxels, levelled, upright
 from mapdeal.records import dataclass
 
@@ -305,16 +305,15 @@ class CloudMapper:
             at = None if options.at is None else np.array(options.at) - corner
             floor = floor_in(columns, tile, limits, places, at, self._claim)
         self._floor = floor
-        return self._measure(columns, floor, tile, limits, follows_beams=follows_beams)
+        return self._measure(columns, floor, limits, follows_beams=follows_beams)
 
     def _measure(
-        self, columns: Columns, floor_found: Floor, tile: int, limits: Limits, *,
-        follows_beams: bool,
-    ) -> CellContents:  # fmt: skip
+        self, columns: Columns, floor_found: Floor, limits: Limits, *, follows_beams: bool
+    ) -> CellContents:
         options, cell = self.options, columns.cell
         tiles, gap = floor_found.tiles, limits.gap
         if self._frame is None:
-            row, col, last_row, last_col = tiles.box(tile)
+            row, col, last_row, last_col = tiles.box()
             row, col = max(row, int(columns.row.min())), max(col, int(columns.col.min()))
             last_row = min(last_row, int(columns.row.max()) + 1)
             last_col = min(last_col, int(columns.col.max()) + 1)
@@ -339,14 +338,13 @@ class CloudMapper:
             for first in range(0, width, _CELLS_AT_ONCE):  # rows may be very long
                 at = part, slice(first, first + _CELLS_AT_ONCE)
                 band_cols = all_cols[at[1]]
-                surface[at] = heights_of(tiles, tile, cell, band, band_cols, options.climb)
-                slope[at] = slopes_of(tiles, tile, band, band_cols)
+                surface[at] = tiles.heights(band, band_cols, options.climb)
+                slope[at] = tiles.slopes(band, band_cols)
 
         for_rows(fill, (height, width))
         floor, out = surface.ravel()[flat], np.flatnonzero(~inside)
-        beyond = columns.row[out], columns.col[out]
-        floor[out] = heights_of(tiles, tile, cell, *beyond, options.climb)
-        upper = uppers_of(tiles, tile, cell, columns.row, columns.col)
+        floor[out] = tiles.heights(columns.row[out], columns.col[out], options.climb)
+        upper = tiles.uppers(columns.row, columns.col)
         whose = columns.of_voxels()
         at_ledge = np.flatnonzero(np.isfinite(upper)[whose])
         owners, counts = whose[at_ledge], columns.counts[at_ledge]
