@@ -272,11 +272,8 @@ class CloudMapper:
         follows_beams : bool
             Whether `clear` will be called, which takes more memory.
         """
-        if self._contents is None:
-            self._contents = self._find_contents(follows_beams=follows_beams)
-        return self._contents
-
-    def _find_contents(self, *, follows_beams: bool) -> CellContents:
+        if self._contents is not None:
+            return self._contents
         voxels, options = self._voxels, self.options
         columns = voxels.columns()
         bad, far = voxels.not_finite, voxels.beyond
@@ -305,7 +302,8 @@ class CloudMapper:
             at = None if options.at is None else np.array(options.at) - corner
             floor = floor_in(columns, tile, limits, places, at, self._claim)
         self._floor = floor
-        return self._measure(columns, floor, limits, follows_beams=follows_beams)
+        self._contents = self._measure(columns, floor, limits, follows_beams=follows_beams)
+        return self._contents
 
     def _measure(
         self, columns: Columns, floor_found: Floor, limits: Limits, *, follows_beams: bool
@@ -577,14 +575,11 @@ def _closed(marked: Mask, wide: int) -> Mask:
 def ledges(floor: NDArray[np.float32], is_floor: Mask, climb: float) -> Mask:
     """Return the cells of the floor beside a drop of more than a robot climbs."""
     found = np.zeros(floor.shape, np.bool_)
-    for axis in (0, 1):
-        step = np.diff(floor, axis=axis)
-        first: tuple[slice, ...] = (slice(None, -1), slice(None))[:: 1 - 2 * axis]
-        second: tuple[slice, ...] = (slice(1, None), slice(None))[:: 1 - 2 * axis]
-        both = is_floor[first] & is_floor[second]
+    for z, known, marked in ((floor, is_floor, found), (floor.T, is_floor.T, found.T)):
+        step, both = np.diff(z, axis=0), known[:-1] & known[1:]
         with np.errstate(invalid="ignore"):
-            found[first] |= both & (step < -climb)
-            found[second] |= both & (step > climb)
+            marked[:-1] |= both & (step < -climb)
+            marked[1:] |= both & (step > climb)
     return found
 
 
