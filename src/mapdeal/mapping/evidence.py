@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mapdeal.command import CELLS, Condition, Words
 from mapdeal.errors import ParameterError, require
-from mapdeal.grid.frame import FARTHEST, Frame, Region
+from mapdeal.grid.frame import FARTHEST, Frame, Region, as_numbers
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLineRepr, count_text
 from mapdeal.kernels import sensing
@@ -160,14 +160,11 @@ class BeamLimits:
 
     def __post_init__(self) -> None:
         for name in ("range_min", "range_max", "clear_max"):
-            value = getattr(self, name)
-            try:
-                value = float(value)
-            except (TypeError, ValueError, OverflowError):
-                raise ParameterError("must be a number", place=name, got=value) from None
-            if not 0 <= value <= FARTHEST_POSE:  # refuses nan too
-                raise ParameterError("must be a finite number, at least 0", place=name, got=value)
-            object.__setattr__(self, name, value)
+            numbers = as_numbers([getattr(self, name)])
+            require(bool(numbers), "must be a number", name, got=getattr(self, name))
+            is_length = 0 <= numbers[0] <= FARTHEST_POSE  # refuses nan too
+            require(is_length, "must be a finite number, at least 0", name, got=numbers[0])
+            object.__setattr__(self, name, numbers[0])
         rule = f"must be above range_min, {self.range_min:g}"
         require(self.range_max > self.range_min, rule, "range_max", got=self.range_max)
 

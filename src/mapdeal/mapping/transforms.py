@@ -13,8 +13,8 @@ from typing import Annotated
 import numpy as np
 
 from mapdeal.command import Words
-from mapdeal.errors import MalformedInputError, ParameterError, require
-from mapdeal.grid.frame import FARTHEST, are_near, warn_of_degrees
+from mapdeal.errors import MalformedInputError, require
+from mapdeal.grid.frame import FARTHEST, are_near, as_numbers, warn_of_degrees
 from mapdeal.grid.values import few_text
 from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.rotations import composed, normalised, slerp, undone
@@ -40,12 +40,10 @@ def wrapped(angle: float) -> float:
 
 
 def check_pose(pose: Sequence[float], name: str = "pose") -> Pose:
-    try:
-        x, y, yaw = (float(value) for value in pose)
-    except (TypeError, ValueError):
-        raise ParameterError("must be three numbers x, y, yaw", place=name, got=pose) from None
-    rule = f"must be three numbers x, y, yaw within {FARTHEST:g}"
-    require(are_near((x, y, yaw)), rule, name, got=(x, y, yaw))
+    values, rule = as_numbers(pose), "must be three numbers x, y, yaw"
+    require(len(values) == 3, rule, name, got=pose)
+    require(are_near(values), f"{rule} within {FARTHEST:g}", name, got=values)
+    x, y, yaw = values
     warn_of_degrees(yaw, name)
     return x, y, wrapped(yaw)
 
