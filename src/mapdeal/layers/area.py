@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import ABOVE_0, Parameter, accept_parameters, structured
-from mapdeal.errors import ParameterError
+from mapdeal.command import ABOVE_0, accept_parameters, parameters_of, structured
+from mapdeal.errors import ParameterError, require
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import MOST_CELLS, Frame, Origin, as_float32, turned
 from mapdeal.kernels.arrays import Floats, Mask
@@ -18,14 +18,6 @@ from mapdeal.records import dataclass
 
 Pose = tuple[float, float, float]
 Cells = tuple[NDArray[np.int64], NDArray[np.int64]]
-AREA_FIELDS = {
-    name: Parameter(name, default, kind, optional=False, conditions=conditions)
-    for name, kind, default, conditions in (
-        ("height", int, None, (ABOVE_0,)), ("width", int, None, (ABOVE_0,)),
-        ("resolution", float, None, (ABOVE_0,)), ("origin", tuple[float, float], (0.0, 0.0), ()),
-        ("is_rolling", bool, True, ()), ("size_margin", float, 0.0, ()),
-    )
-}  # fmt: skip
 _EXAMPLE = "{height: 60, width: 60, resolution: 0.05, is_rolling: yes, global_frame: odom}"
 
 
@@ -50,9 +42,9 @@ class CostmapArea:
         Frame of reference of the costmap.
     """
 
-    height: int
-    width: int
-    resolution: float
+    height: Annotated[int, ABOVE_0]
+    width: Annotated[int, ABOVE_0]
+    resolution: Annotated[float, ABOVE_0]
     origin: tuple[float, float] = (0.0, 0.0)
     is_rolling: bool = True
     size_margin: float = 0.0
@@ -82,11 +74,12 @@ def accept_area(name: str, value: object) -> CostmapArea:
         return value
     if not isinstance(value, Mapping) or not {"height", "width", "resolution"} <= set(value):
         raise ParameterError(f"must look like {_EXAMPLE}", place=name, got=value)
-    values = dict(value)
+    values, known = dict(value), dict(parameters_of(CostmapArea))
+    del known["global_frame"]  # a text, unlike all others
     global_frame = values.pop("global_frame", "map")
-    if not isinstance(global_frame, str):
-        raise ParameterError("must be text", place=f"{name}.global_frame", got=global_frame)
-    accepted: dict[str, Any] = accept_parameters(AREA_FIELDS, values, name)
+    is_text = isinstance(global_frame, str)
+    require(is_text, "must be text", f"{name}.global_frame", got=global_frame)
+    accepted: dict[str, Any] = accept_parameters(known, values, name)
     if accepted["height"] * accepted["width"] > MOST_CELLS:
         raise ParameterError(f"must not have more than {MOST_CELLS} cells", place=name, got=value)
     return CostmapArea(**accepted, global_frame=global_frame)

@@ -66,10 +66,6 @@ class MasterGrid:
             in_map=in_map, under_robot=under_robot,
         )  # fmt: skip
 
-    def overwrite(self, costs: Costs, *, within: Mask | None = None) -> None:
-        """Replace costs, of the cells in a mask or all, as ``updateWithTrueOverwrite`` does."""
-        self.costs = costs if within is None else np.where(within, costs, self.costs)
-
     def raise_to(
         self, costs: Costs, *, within: Mask | None = None, unknown_is_highest: bool = False
     ) -> None:

@@ -103,10 +103,11 @@ class StaticLayer(CostmapLayer):
         costs: NDArray[np.uint8] = look_up(master.occupancy, self._costs_of_values())
         if self.footprint_clearing_enabled and master.under_robot is not None:
             set_where(costs, master.under_robot, FREE_SPACE)
+        in_map = master.in_map
         if self.use_maximum:
-            master.raise_to(costs, within=master.in_map, unknown_is_highest=self.unknown_is_highest)
-        else:
-            master.overwrite(costs, within=master.in_map)
+            master.raise_to(costs, within=in_map, unknown_is_highest=self.unknown_is_highest)
+        else:  # as ``updateWithTrueOverwrite``
+            master.costs = costs if in_map is None else np.where(in_map, costs, master.costs)
 
     def _costs_of_values(self) -> NDArray[np.uint8]:
         inscribed, unknown = self.inscribed_obstacle_cost_value, self.unknown_cost_value
