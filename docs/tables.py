@@ -36,7 +36,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.layers.catalogue import LAYERS, class_name
 from mapdeal.maps.formats import FORMATS
 from mapdeal.pipeline.folder import PICTURE, files_of
-from mapdeal.stages.catalogue import STAGES, stage_named
+from mapdeal.stages.catalogue import STAGES
 from mapdeal.stages.structured import LayerList
 
 DOCS = Path(__file__).parent
@@ -157,10 +157,11 @@ def _with_code(text: str) -> str:
 
 def parameters_of(words: str) -> str:
     """Return the table of a stage's parameters: of its name, and its model if it has several."""
-    try:
-        stage = stage_named(*words.split())
-    except KeyError:
-        raise ValueError(f"no stage {words!r}") from None
+    name, *models = words.split()
+    named = [stage for stage in STAGES if stage.name == name]
+    stage = next((stage for stage in named if not models or stage.model in models), None)
+    if stage is None:
+        raise ValueError(f"no stage {words!r}")
     return markdown_table(
         ["parameter", "default", "unit", "meaning"],
         [

@@ -11,7 +11,7 @@ import mapdeal
 from mapdeal.layers.inflation import InflationLayer
 from mapdeal.layers.stack import CostmapLayers
 from mapdeal.layers.static import StaticLayer
-from mapdeal.stages.catalogue import stage_named
+from mapdeal.stages.catalogue import models_of
 
 
 @dataclass(frozen=True)
@@ -74,5 +74,5 @@ def sum_of(cost):
 
 def exponential_parameters(layers, default_cost=0):
     """The parameters of model exponential that do what layers do, None if it cannot."""
-    from_layers = stage_named("cost", "exponential").parameters_from_layers
+    from_layers = models_of("cost")["exponential"].parameters_from_layers
     return from_layers(CostmapLayers(tuple(layers), default_cost))

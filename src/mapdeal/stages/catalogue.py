@@ -12,10 +12,3 @@ STAGE_NAMES: tuple[str, ...] = tuple(dict.fromkeys(stage.name for stage in STAGE
 def models_of(name: str) -> dict[str | None, Stage]:
     """Return the models of a stage by name, the default first; a single model has no name."""
     return {stage.model: stage for stage in STAGES if stage.name == name}
-
-
-def stage_named(name: str, model: str | None = None) -> Stage:
-    models = models_of(name)
-    if not models:
-        raise KeyError(name)
-    return next(iter(models.values())) if model is None else models[model]
