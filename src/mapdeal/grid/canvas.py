@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.compatibility import Self
 from mapdeal.errors import ParameterError
@@ -16,15 +15,13 @@ from mapdeal.grid.frame import Figures, Frame, Framed, Region, ValueGrid
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import UNKNOWN, check_choice
-from mapdeal.kernels.arrays import Array
+from mapdeal.kernels.arrays import Array, Bytes, Floats, Mask, SignedBytes
 from mapdeal.kernels.blocks import Layer, is_lazy, made_by_rows
 from mapdeal.kernels.lookup import TOUCHING, Lattice, largest_under, nearest_under
 from mapdeal.kernels.threads import for_rows
 from mapdeal.records import replace
 
 ResamplingRule = Literal["area", "nearest"]  # largest under the cell's area, or at its centre
-Mask = NDArray[np.bool_]
-Bytes = NDArray[np.uint8]
 V = TypeVar("V", bound=ValueGrid)
 _CELLS_AT_ONCE = 1 << 20
 
@@ -70,7 +67,7 @@ def contained_in(frame: Frame, cells: Mask, source: Frame) -> Mask:
     return _wholly_inside(frame, source) & ~obstacles_in(frame, ~cells, source)
 
 
-def sampled(frame: Frame, values: NDArray[np.int8], source: Frame) -> tuple[NDArray[np.int8], Mask]:
+def sampled(frame: Frame, values: SignedBytes, source: Frame) -> tuple[SignedBytes, Mask]:
     """Return the values of a grid at the centres of a frame's cells, and which are inside it."""
     part = _under(frame, values.view(np.uint8), source)
     if part is None:
@@ -117,7 +114,7 @@ def rows_and_cols_under(frame: Frame, source: Frame) -> tuple[slice, slice]:
     return slice(first[0], last[0]), slice(first[1], last[1])
 
 
-def _under(frame: Frame, values: NDArray[Any], source: Frame) -> tuple[Bytes, Lattice] | None:
+def _under(frame: Frame, values: Array, source: Frame) -> tuple[Bytes, Lattice] | None:
     """Return the cells under a frame, if any, turned by quarter turns towards its axes."""
     rows, cols = rows_and_cols_under(frame, source)
     if rows.start >= rows.stop or cols.start >= cols.stop:
@@ -161,7 +158,7 @@ def _wholly_inside(frame: Frame, source: Frame) -> Mask:
     return result
 
 
-def _corners_on(source: Frame, frame: Frame) -> NDArray[np.float64]:
+def _corners_on(source: Frame, frame: Frame) -> Floats:
     corners = [[row, col] for row in (0, frame.height) for col in (0, frame.width)]
     return source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(corners))
 
@@ -172,7 +169,7 @@ class FieldGrid(Framed):
     # The field was computed for the box and then extended: outside the box the numbers are nan and
     # the map is unknown. Derived layers are computed and extended in the same way.
 
-    occupancy: NDArray[np.int8]
+    occupancy: SignedBytes
     region: Region | None  # the box; None if it is all of the grid
 
     @property
@@ -228,7 +225,7 @@ class FieldGrid(Framed):
 G = TypeVar("G", bound=ValueGrid | FieldGrid | Reach)
 
 
-class layer_of_box(cached_property[NDArray[np.float64]]):  # noqa: N801 - a decorator
+class layer_of_box(cached_property[Floats]):  # noqa: N801 - a decorator
     """A cached, read-only layer of a field, shape (..., H, W), computed for its box only."""
 
     def __init__(self, function: Callable[[Any], Any]) -> None:
@@ -270,7 +267,7 @@ def on_canvas(grid: G, frame: Frame, *, fill: int | None = None) -> G:
 def cut_out(layer: Layer, region: Region) -> Layer:
     cols = slice(region.col, region.col + region.width)
 
-    def cut(rows: slice) -> NDArray[Any]:
+    def cut(rows: slice) -> Array:
         return layer[region.row + rows.start : region.row + rows.stop][:, cols]
 
     return made_by_rows(layer, layer.dtype, cut, shape=(region.height, region.width))
@@ -291,7 +288,7 @@ def replaced(grid: G, **changes: Any) -> G:
 def padded(layer: Layer, shape: tuple[int, int], place: Region, fill: float) -> Layer:
     cols = slice(place.col, place.col + place.width)
 
-    def make(rows: slice) -> NDArray[Any]:
+    def make(rows: slice) -> Array:
         values = np.full((rows.stop - rows.start, shape[1]), fill, dtype=layer.dtype)
         low, high = max(rows.start, place.row), min(rows.stop, place.row + place.height)
         if low < high:
@@ -302,7 +299,7 @@ def padded(layer: Layer, shape: tuple[int, int], place: Region, fill: float) -> 
     return made_by_rows(layer, layer.dtype, make, shape=shape)
 
 
-def _box_of_numbers(layer: NDArray[Any], occupancy: NDArray[np.int8], name: str) -> Region | None:
+def _box_of_numbers(layer: Array, occupancy: SignedBytes, name: str) -> Region | None:
     if not np.isnan(layer.min()):  # the minimum of values with a nan is nan
         return None
     has_number = [np.zeros(length, dtype=bool) for length in layer.shape]

@@ -13,10 +13,9 @@ from mapdeal.errors import ParameterError, require
 from mapdeal.grid import values as map_values
 from mapdeal.grid.frame import Figures, Origin, ValueGrid, as_layer, library
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels import blocks, lookup
 from mapdeal.kernels.arrays import Floats
-from mapdeal.kernels.blocks import counts_of, is_lazy
 from mapdeal.kernels.distance import squares_between_cells
-from mapdeal.kernels.lookup import look_up
 from mapdeal.records import dataclass, field, replace
 
 UNIFORM_SHARE = 0.98  # of the open cells with one cost, above which a costmap is uniform
@@ -74,13 +73,13 @@ class Costmap(ValueGrid):
         lethal = map_values.LETHAL_OBSTACLE if is_bytes else map_values.OCCUPIED
         cost = as_layer(self.cost, np.uint8 if is_bytes else np.int8, "cost", true=lethal)
         self._freeze(cost=cost)
-        if not is_lazy(cost) and not is_bytes:
+        if not blocks.is_lazy(cost) and not is_bytes:
             lowest, highest = ends = int(cost.min()), int(cost.max())
             is_on_scale = lowest >= map_values.UNKNOWN and highest <= map_values.OCCUPIED
             require(is_on_scale, "costs on the occupancy scale must lie in -1..100", got=ends)
 
     def _own_figures(self) -> Figures:
-        figures = figures_of_costs(counts_of(self.cost), self.scale)
+        figures = figures_of_costs(blocks.counts_of(self.cost), self.scale)
         if self.scale == "costmap2d":
             figures["circumscribed_cost"] = self.circumscribed_cost
         return figures
@@ -136,7 +135,7 @@ class Costmap(ValueGrid):
         """
         published: NDArray[Any] = self.cost
         if self.scale == "costmap2d":
-            published = look_up(self.cost, map_values.occupancy_from_cost())
+            published = lookup.look_up(self.cost, map_values.occupancy_from_cost())
         return OccupancyGrid(published, self.resolution, self.origin)
 
     @classmethod
@@ -202,7 +201,7 @@ class Costmap(ValueGrid):
     def _of_map(cls, grid: OccupancyGrid, table: NDArray[np.uint8]) -> Costmap:
         is_map = isinstance(grid, OccupancyGrid)
         require(is_map, "must be an OccupancyGrid, as read_map returns", "grid", got=grid)
-        return cls(look_up(grid.occupancy, table), grid.resolution, grid.origin)
+        return cls(lookup.look_up(grid.occupancy, table), grid.resolution, grid.origin)
 
 
 def travel_weights(costmap: Costmap, multiplier: float, *, through_unknown: bool = False) -> Floats:

@@ -15,10 +15,8 @@ from mapdeal.grid.canvas import FieldGrid, embedded, layer_of_box, padded
 from mapdeal.grid.frame import Figures, Origin, Point, Region, as_layer, as_points, check_point
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.values import OCCUPIED, UNKNOWN, count_text, numbers_text
+from mapdeal.kernels import blocks, lookup, threads
 from mapdeal.kernels.arrays import Floats
-from mapdeal.kernels.blocks import mapped, swept
-from mapdeal.kernels.lookup import interpolate
-from mapdeal.kernels.threads import in_parallel
 from mapdeal.records import dataclass, replace
 
 _POINTS_AT_ONCE = 1 << 13  # their arrays stay in the processor's cache
@@ -119,7 +117,7 @@ class DistanceField(FieldGrid):
     def _own_figures(self) -> Figures:
         mask = self.obstacles()
         obstacles, lowest, highest = 0, math.inf, -math.inf
-        for rows in swept(self.distance):
+        for rows in blocks.swept(self.distance):
             distance = self.distance[rows]
             obstacles += int(np.count_nonzero(mask[rows]))
             lowest = min(lowest, float(distance.min()))
@@ -204,7 +202,7 @@ class DistanceField(FieldGrid):
                 for array, values in zip(samples, self._query(points[part]), strict=True):
                     array[part] = values
 
-        in_parallel(sample, -(-count // _POINTS_AT_ONCE))
+        threads.in_parallel(sample, -(-count // _POINTS_AT_ONCE))
         return samples
 
     def _query(self, points: NDArray[np.float64]) -> FieldSamples:
@@ -212,7 +210,7 @@ class DistanceField(FieldGrid):
         places, inside = frame.bounded_continuous_rowcol_from_xy(points)
         if region is not None:
             places = places - (region.row, region.col)
-        distance, slopes = interpolate(self.cropped.distance, places)
+        distance, slopes = lookup.interpolate(self.cropped.distance, places)
         gradient = frame.xy_vectors_from_rowcol(slopes) / self.resolution
         outside = ~inside
         if region is not None:
@@ -232,7 +230,7 @@ def obstacles_in(
             occupied |= values == UNKNOWN
         return occupied
 
-    return mapped(occupancy, bool, are_obstacles)
+    return blocks.mapped(occupancy, bool, are_obstacles)
 
 
 def truncated(products: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Figures, Origin, ValueGrid, as_layer, library
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, FREE, OCCUPIED, UNKNOWN
-from mapdeal.kernels.blocks import counts_of, is_lazy, mapped
-from mapdeal.kernels.lookup import look_up
+from mapdeal.kernels import blocks, lookup
 from mapdeal.records import dataclass
 
 
@@ -58,10 +57,10 @@ class OccupancyGrid(ValueGrid):
         self._freeze(occupancy=as_occupancy_layer(self.occupancy))
 
     def _own_figures(self) -> Figures:
-        return occupancy_figures(counts_of(self.occupancy))
+        return occupancy_figures(blocks.counts_of(self.occupancy))
 
     def _repr_values(self) -> Iterator[str]:
-        figures = occupancy_figures(counts_of(self.occupancy))
+        figures = occupancy_figures(blocks.counts_of(self.occupancy))
         if figures["between"]:
             yield f"{figures['between']} in 1..99"
         yield from (f"{figures[name]} {name}" for name in ("occupied", "free", "unknown"))
@@ -97,21 +96,21 @@ class OccupancyGrid(ValueGrid):
         """
         table = np.zeros(256, dtype=np.int8)
         table[[FREE, OCCUPIED]] = -1, 1
-        return look_up(self.occupancy, table)
+        return lookup.look_up(self.occupancy, table)
 
     def as_amcl_sees_it(self) -> OccupancyGrid:
         """Return the map as amcl interprets it: 0 free, 100 occupied, all other values unknown."""
         table = np.full(256, UNKNOWN, dtype=np.int8)
         table[[FREE, OCCUPIED]] = FREE, OCCUPIED
-        return self.with_values(look_up(self.occupancy, table))
+        return self.with_values(lookup.look_up(self.occupancy, table))
 
     def occupied(self, lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD) -> NDArray[np.bool_]:
         """Return the mask of obstacle cells, those at or above `lethal_threshold`."""
-        return mapped(self.occupancy, bool, lambda values: values >= lethal_threshold)
+        return blocks.mapped(self.occupancy, bool, lambda values: values >= lethal_threshold)
 
     def unknown(self) -> NDArray[np.bool_]:
         """Return the mask of unknown cells."""
-        return mapped(self.occupancy, bool, lambda values: values == UNKNOWN)
+        return blocks.mapped(self.occupancy, bool, lambda values: values == UNKNOWN)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -139,7 +138,7 @@ def occupancy_figures(counts: NDArray[np.int64]) -> Figures:
 def as_occupancy_layer(values: ArrayLike) -> NDArray[np.int8]:
     rule = "occupancy must hold -1 (unknown), whole numbers from 0 to 100, or bool"
     occupancy = as_layer(values, np.int8, "occupancy", true=OCCUPIED, rule=rule)
-    if is_lazy(occupancy):
+    if blocks.is_lazy(occupancy):
         return occupancy
     if occupancy.size and (occupancy.min() < UNKNOWN or occupancy.max() > OCCUPIED):
         raise ParameterError(rule, got=(int(occupancy.min()), int(occupancy.max())))

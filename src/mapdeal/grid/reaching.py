@@ -17,12 +17,10 @@ from mapdeal.grid.frame import Frame, Point, check_point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage, Reach
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
-from mapdeal.kernels import components, paths
+from mapdeal.kernels import components, distance, paths, threads
 from mapdeal.kernels.arrays import Bytes, Floats, Mask, SquaredDistances
 from mapdeal.kernels.components import ClearanceTree, RootedTree, joined
-from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.polygons import Pose
-from mapdeal.kernels.threads import for_rows
 from mapdeal.records import dataclass, field
 
 Cell = tuple[int, int]
@@ -94,7 +92,7 @@ class PassageTree:
             with lock:
                 counts[first : first + len(in_basins)] += in_basins
 
-        for_rows(add, mask.shape)
+        threads.for_rows(add, mask.shape)
         return counts
 
     def min_count(self, area: float) -> float:
@@ -137,7 +135,7 @@ class PassageTree:
             np.greater(self.squared[rows], closed_up_to, out=cells[rows])
             cells[rows] &= by_basin[self.tree.basins[rows]]
 
-        for_rows(fill, cells.shape)
+        threads.for_rows(fill, cells.shape)
         return cells
 
     def rooted_at(self, start: Cell) -> RootedPassageTree:
@@ -175,7 +173,7 @@ class Ground:
             def close_unknown(rows: slice) -> None:
                 blocked[rows] |= self.occupancy[rows] == UNKNOWN
 
-            for_rows(close_unknown, blocked.shape)
+            threads.for_rows(close_unknown, blocked.shape)
         return blocked
 
     def passage_tree(self) -> PassageTree:
@@ -211,7 +209,7 @@ class RootedPassageTree:
 
 def squares_to(marked: NDArray[np.bool_]) -> SquaredDistances:
     """Return the squared distance of each cell to the nearest cell that is marked or outside."""
-    squared = squared_distance(marked)
+    squared = distance.squared_distance(marked)
     steps = (np.arange(1, length + 1, dtype=np.int64) for length in squared.shape)
     row_squares, col_squares = ((np.minimum(n, n[::-1]) ** 2).astype(squared.dtype) for n in steps)
 
@@ -219,7 +217,7 @@ def squares_to(marked: NDArray[np.bool_]) -> SquaredDistances:
         np.minimum(squared[rows], col_squares, out=squared[rows])
         np.minimum(squared[rows], row_squares[rows, np.newaxis], out=squared[rows])
 
-    for_rows(lower, squared.shape)
+    threads.for_rows(lower, squared.shape)
     return squared
 
 

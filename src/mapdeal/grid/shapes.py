@@ -7,14 +7,13 @@ from itertools import chain, pairwise
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError, require
 from mapdeal.grid.footprint import area_of, check_simple, checked_corners, is_number
 from mapdeal.grid.frame import CELL_TOLERANCE, FARTHEST, Frame, Point
 from mapdeal.grid.values import OneLineRepr, count_text, points_text
 from mapdeal.kernels import polygons
-from mapdeal.kernels.arrays import Integers
+from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.records import dataclass, field
 
 _MOST_VERTICES = 10_000
@@ -325,7 +324,7 @@ def _cells(frame: Frame, points: Sequence[Point], kind: str) -> list[polygons.Ce
 
 
 def _positions(frame: Frame, points: Sequence[Point]) -> list[tuple[float, float]]:
-    places: NDArray[np.float64] = frame.continuous_rowcol_from_xy(points)
+    places: Floats = frame.continuous_rowcol_from_xy(points)
     return [(row, col) for row, col in places.tolist()]
 
 

@@ -18,9 +18,8 @@ from typing import Any, NoReturn, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels import lookup, threads
 from mapdeal.kernels.arrays import Integers, Mask
-from mapdeal.kernels.lookup import histogram, look_up
-from mapdeal.kernels.threads import set_within, thread_count
 from mapdeal.records import dataclass
 
 Layer = NDArray[Any]  # an array of shape (H, W), or a `LazyLayer`, which stands for one
@@ -157,7 +156,7 @@ def blocks_of(layer: Layer) -> Iterator[slice]:
 
 
 def rows_reported(report: ReportRows) -> AbstractContextManager[None]:
-    return set_within(_reported_to, report)
+    return threads.set_within(_reported_to, report)
 
 
 @contextmanager
@@ -209,7 +208,7 @@ def made_by_rows(
     # All blocks are cached if the budget has room, else one for each thread and one more.
     keep = 0
     if is_cached:
-        keep = thread_count() + 1
+        keep = threads.thread_count() + 1
         if source.budget.take(shape[0] * shape[1] * np.dtype(dtype).itemsize):
             keep = max(keep, -(-shape[0] // source.block_height))
     height, budget = source.block_height, source.budget
@@ -233,11 +232,11 @@ def mapped(layer: Layer, dtype: Any, change: Callable[[NDArray[Any]], NDArray[An
 
 
 def looked_up(layer: Layer, table: NDArray[Any]) -> Layer:
-    return mapped(layer, table.dtype, lambda values: look_up(values, table))
+    return mapped(layer, table.dtype, lambda values: lookup.look_up(values, table))
 
 
 def counts_of(layer: Layer) -> Integers:
-    (parts,) = gathered(layer, histogram)
+    (parts,) = gathered(layer, lookup.histogram)
     return sum(parts, start=np.zeros(256, dtype=np.int64))
 
 

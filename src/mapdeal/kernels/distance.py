@@ -14,11 +14,9 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels import engine, lookup, threads
 from mapdeal.kernels.arrays import Bytes, Integers, Mask, Metres, SquaredDistances, unreachable
 from mapdeal.kernels.blocks import Halo, Runs
-from mapdeal.kernels.engine import engine_name
-from mapdeal.kernels.lookup import set_where
-from mapdeal.kernels.threads import for_rows
 from mapdeal.records import dataclass
 
 with suppress(ImportError):  # then `engine_name` is never compiled
@@ -114,7 +112,7 @@ def bytes_by_distance(marked: Mask, table: Bytes) -> Bytes:
 
 
 def _engine(marked: Mask, height: int = 0) -> ModuleType:
-    if engine_name() == "compiled" and marked.size > 0:
+    if engine.engine_name() == "compiled" and marked.size > 0:
         from mapdeal.kernels import compiled
 
         if max(*marked.shape, height) <= compiled.LONGEST_SIDE:
@@ -177,7 +175,7 @@ def inflated(
         covered = within_distance(occupied, square)
     covered &= (values != protected) | occupied
     found = values.copy()
-    set_where(found, covered, value)
+    lookup.set_where(found, covered, value)
     return found
 
 
@@ -201,7 +199,7 @@ def ringed(values: NDArray[np.int8], marked: Mask, costs: Sequence[int]) -> NDAr
 
 
 def _can_draw(cells: NDArray[np.generic], reach: int) -> bool:
-    if engine_name() != "compiled" or cells.size == 0 or reach < 0:
+    if engine.engine_name() != "compiled" or cells.size == 0 or reach < 0:
         return False
     return reach <= _dilation.most_reach
 
@@ -228,7 +226,7 @@ def _draw(
     work: Callable[..., None], shape: tuple[int, ...], reach: int, *arguments: object
 ) -> None:
     step = max(_BAND_ROWS, _HALOS_OF_A_BAND * reach)
-    for_rows(lambda rows: work(*arguments, rows.start, rows.stop), shape, step)
+    threads.for_rows(lambda rows: work(*arguments, rows.start, rows.stop), shape, step)
 
 
 def _widened(marked: Mask, reach: int) -> Mask:
@@ -249,7 +247,7 @@ def queued_squares(seeds: Mask, reach: int) -> NDArray[np.int32]:
     # updateCosts in inflation_layer.cpp of ROS 1 and legacy_inflation_layer.cpp of Nav2. Rarely,
     # this is not the nearest seed, because each cell passes on only its own.
     most = reach * reach
-    if engine_name() == "compiled":
+    if engine.engine_name() == "compiled":
         found = np.full(seeds.shape, most + 1, dtype=np.int32)
         ends = np.full((2, most + 1), -1, dtype=np.int32)
         queue = np.empty((5 * seeds.size, 3), dtype=np.int32)

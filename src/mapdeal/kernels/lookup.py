@@ -8,12 +8,10 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from itertools import product
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask, Metres
+from mapdeal.kernels.arrays import Array, Bytes, Floats, Integers, Mask, Metres, SignedBytes
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.threads import for_rows, thread_count
 from mapdeal.records import dataclass
@@ -21,13 +19,13 @@ from mapdeal.records import dataclass
 with suppress(ImportError):  # then `engine_name` is never compiled
     from mapdeal.kernels import _compiled
 
-EitherBytes = Bytes | NDArray[np.int8]
+EitherBytes = Bytes | SignedBytes
 TOUCHING = 1e-6  # in sides of the larger cell: exact borders coincide
 _LARGEST_GATHERED = 2.0  # up to this side each cell checks all that it may overlap
 _CELLS_TOGETHER = 1 << 16
 
 
-def look_up(values: EitherBytes, table: NDArray[Any]) -> NDArray[Any]:
+def look_up(values: EitherBytes, table: Array) -> Array:
     source, entries = values.view(np.uint8), np.ascontiguousarray(table).view(np.uint8)
     result = np.empty(values.shape, dtype=np.uint8)
     # numpy handles views with gaps within rows
@@ -111,12 +109,12 @@ def histogram(values: EitherBytes) -> Integers:
     return sum(parts, start=np.zeros(256, dtype=np.int64))
 
 
-def pooled(cells: NDArray[Any], step: int, choose: np.ufunc) -> NDArray[Any]:
+def pooled(cells: Array, step: int, choose: np.ufunc) -> Array:
     """Return one value per square of `step` x `step` cells; squares at the end may be smaller."""
     return _pooled_rows(_pooled_rows(cells, step, choose).T, step, choose).T
 
 
-def _pooled_rows(cells: NDArray[Any], step: int, choose: np.ufunc) -> NDArray[Any]:
+def _pooled_rows(cells: Array, step: int, choose: np.ufunc) -> Array:
     merged = cells[::step].copy(order="K")  # of a transposed array, too
     for k in range(1, step):
         more = cells[k::step]

@@ -11,13 +11,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mapdeal.kernels.arrays import Floats, Integers, Mask
+from mapdeal.kernels import engine, lookup, polygons
+from mapdeal.kernels.arrays import Bytes, Floats, Integers, Integers32, Mask
 from mapdeal.kernels.components import labelled
-from mapdeal.kernels.engine import engine_name
-from mapdeal.kernels.lookup import histogram
-from mapdeal.kernels.polygons import enumerated
 from mapdeal.records import dataclass
 
 _E, _N, _W, _S = range(4)
@@ -73,7 +70,7 @@ def _areas(corners: Floats, ends: Integers) -> Floats:
 
 
 def corner_count(marked: Mask) -> int:
-    counts = histogram(_codes(marked))
+    counts = lookup.histogram(_codes(marked))
     return int(counts[list(_TURNS)].sum() + 2 * counts[list(_CROSSINGS)].sum())
 
 
@@ -93,7 +90,7 @@ def outlines(marked: Mask, tolerance: float = 0.0) -> Polygons:
     places[rings.owners[shells[order]]] = np.arange(len(cells))
     ring_order = np.lexsort([~is_shell, places[rings.owners]])
     starts, stops = starts[ring_order], stops[ring_order]
-    corners = corners[enumerated(starts, stops)[1]]
+    corners = corners[polygons.enumerated(starts, stops)[1]]
     shells = np.flatnonzero(is_shell[ring_order])
     return Polygons(corners, np.cumsum(stops - starts), shells, cells[order])
 
@@ -106,7 +103,7 @@ class _Rings(NamedTuple):
     areas: Floats
 
 
-def _rings(marked: Mask, labels: NDArray[np.int32]) -> _Rings:
+def _rings(marked: Mask, labels: Integers32) -> _Rings:
     # Three kinds of corners stay: between two long edges; at both ends of an edge if the ring turns
     # to the same side there, as at the end of a wall; and where another outline passes. All others
     # are steps of slanted lines.
@@ -129,7 +126,7 @@ def _traced(follows: Integers, partner: Integers) -> tuple[Integers, Integers]:
     """Return the turns in the order of rings, and the end of each ring."""
     # A ring that passes a lattice point twice is split there.
     order, ends = np.empty_like(follows), np.empty_like(follows)
-    if engine_name() == "compiled":
+    if engine.engine_name() == "compiled":
         from mapdeal.kernels import _compiled
 
         stack, in_stack = np.empty_like(follows), np.full_like(follows, -2)
@@ -175,10 +172,10 @@ class _Corners(NamedTuple):
     partner: Integers  # the other turn at the same lattice point, -1 without one
 
 
-def _codes(marked: Mask) -> NDArray[np.uint8]:
+def _codes(marked: Mask) -> Bytes:
     """Return which of the four cells around each lattice point are marked, shape (H + 1, W + 1)."""
     cells = np.pad(marked, 1).view(np.uint8)
-    codes: NDArray[np.uint8] = cells[:-1, :-1].copy()
+    codes: Bytes = cells[:-1, :-1].copy()
     for weight, part in ((2, cells[:-1, 1:]), (4, cells[1:, :-1]), (8, cells[1:, 1:])):
         codes += part * np.uint8(weight)
     return codes
@@ -256,7 +253,7 @@ def _simplify_rings(rings: _Rings, chosen: Integers, tolerances: Floats) -> tupl
     """Return chosen rings with fewer corners: old ones, or midpoints of edges."""
     stops = rings.ends[chosen]
     begins = np.concatenate([[0], rings.ends])[chosen]
-    ring_of, at = enumerated(begins, stops)
+    ring_of, at = polygons.enumerated(begins, stops)
     stays = rings.stays[at]
     sizes = stops - begins
     offsets = np.cumsum(sizes) - sizes
@@ -270,7 +267,7 @@ def _simplify_rings(rings: _Rings, chosen: Integers, tolerances: Floats) -> tupl
         stays[_firsts_of(ring_of, is_farthest & has_none[ring_of])] = True
     # each ring starts and ends at its first corner that stays
     shifts = _firsts_of(ring_of, stays) - offsets
-    ring_of, number = enumerated(np.zeros_like(sizes), sizes + 1)
+    ring_of, number = polygons.enumerated(np.zeros_like(sizes), sizes + 1)
     order = (number + shifts[ring_of]) % sizes[ring_of] + offsets[ring_of]
     corners, bounds = rings.corners[at[order]], np.flatnonzero(stays[order])
     stays_at = np.zeros(2 * len(corners), dtype=np.bool_)
@@ -297,7 +294,7 @@ def _straighten(corners: Floats, chains: Integers, tolerances: Floats, stays_at:
     # The next place is the farthest one whose line passes all corners before it within the
     # tolerance: each corner narrows the range of angles. Midpoints are preferred, since
     # lines between them stay between the steps on both sides for longer.
-    if engine_name() == "compiled":
+    if engine.engine_name() == "compiled":
         from mapdeal.kernels import _compiled
 
         ends = np.ascontiguousarray(chains)

@@ -14,9 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mapdeal.kernels import engine, threads
 from mapdeal.kernels.arrays import Array, Bytes, Floats, Integers, Mask
-from mapdeal.kernels.engine import engine_name
-from mapdeal.kernels.threads import for_rows
 
 _SHORT = 8  # runs up to this length are painted together, longer ones one by one
 MOST_TOGETHER = 1 << 20  # at a time, so that a shape needs no more memory than its map
@@ -305,7 +304,7 @@ def costs_at_poses(
     results = np.empty(len(poses), dtype=np.uint8)
     inside = np.empty(len(poses), dtype=np.bool_)
     costs, corners, poses = map(np.ascontiguousarray, (costs, corners, poses))
-    compiled = engine_name() == "compiled"
+    compiled = engine.engine_name() == "compiled"
 
     def part(chosen: slice) -> None:
         if compiled:
@@ -322,7 +321,7 @@ def costs_at_poses(
     sides = np.abs(np.roll(corners, -1, axis=0) - corners).sum(axis=1)
     cells = int(min((sides / lattice.resolution).sum(), _CELLS_TOGETHER)) + 2 * len(corners)
     together = min(max(_CELLS_TOGETHER // cells, 1), _POSES_TOGETHER)
-    for_rows(part, (len(poses), cells), together)
+    threads.for_rows(part, (len(poses), cells), together)
     return results, inside
 
 

@@ -12,9 +12,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mapdeal.kernels import distance, threads
 from mapdeal.kernels.arrays import Floats, Integers, Mask
-from mapdeal.kernels.distance import beside
-from mapdeal.kernels.threads import in_parallel
 
 _NEARLY_EQUAL = 1.0 - 1e-9  # cosine of half an angle; above, slerp takes a straight line
 _STEPS = (math.radians(0.5), math.radians(0.1), math.radians(0.02))
@@ -107,7 +106,7 @@ def hough_spectrum(points_xy: Floats, angles: Floats, width: float) -> Floats:
             counts[1:] += beyond[:-1]
             found[k] = counts @ counts
 
-    in_parallel(count, len(angles))
+    threads.in_parallel(count, len(angles))
     return found
 
 
@@ -131,7 +130,7 @@ def main_direction(occupied: Mask) -> float | None:
 
 def edge_points(occupied: Mask) -> Floats:
     # The border cells continue beyond the grid.
-    return np.argwhere(occupied & beside(~occupied))[:, ::-1].astype(np.float64) + 0.5
+    return np.argwhere(occupied & distance.beside(~occupied))[:, ::-1].astype(np.float64) + 0.5
 
 
 def _spread_out(points: Floats) -> Floats:
@@ -151,7 +150,7 @@ def _along_or_across(points: Floats, angles: Floats) -> Floats:
 
 def _enlarged(cells: Mask, steps: int) -> Mask:
     for _ in range(steps):
-        cells = cells | beside(cells)
+        cells = cells | distance.beside(cells)
     return cells
 
 

@@ -7,14 +7,12 @@ from collections.abc import Sequence
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mapdeal.kernels import arrays
+from mapdeal.kernels import arrays, threads
 from mapdeal.kernels.arrays import Basins, Bytes, Floats, Integers, Mask, Metres, SquaredDistances
 from mapdeal.kernels.blocks import Halo, Layer, Runs
 from mapdeal.kernels.components import BYTES_OF_BASIN, ClearanceTree, RootedTree, least_joined
 from mapdeal.kernels.polygons import Cell, Pose, Spans, enumerated, halves
-from mapdeal.kernels.threads import claim_tables, for_rows
 
 _CELLS_TOGETHER = 1 << 18
 _NONE = np.iinfo(np.int64).max
@@ -157,7 +155,7 @@ def clearance_tree(squared: SquaredDistances, is_traversable: Mask) -> Clearance
     numbers = np.full(len(towards), -1, dtype=np.int32)
     numbers[peak_cells] = np.arange(len(peak_cells))
     basins: Basins = numbers[towards]
-    claim_tables(BYTES_OF_BASIN * len(peak_cells))
+    threads.claim_tables(BYTES_OF_BASIN * len(peak_cells))
     # edges by falling order of cells: the larger neighbour of a cell comes first
     narrower, wider = _pairs_of_basins(flat, basins, width)
     best = np.lexsort((narrower - wider, -narrower, -flat[narrower]))
@@ -248,7 +246,7 @@ def widest_metres(
         widest = np.minimum(squared[rows], limits[basins[rows] + 1])
         metres[rows] = _metres(widest, resolution, endless)
 
-    for_rows(fill, squared.shape)
+    threads.for_rows(fill, squared.shape)
 
 
 def clearance_metres(squared: SquaredDistances, resolution: float, metres: Metres) -> None:
@@ -257,7 +255,7 @@ def clearance_metres(squared: SquaredDistances, resolution: float, metres: Metre
     def fill(rows: slice) -> None:
         metres[rows] = _metres(squared[rows], resolution, endless)
 
-    for_rows(fill, squared.shape)
+    threads.for_rows(fill, squared.shape)
 
 
 def _metres(squared: SquaredDistances, resolution: float, endless: int) -> Floats:
@@ -308,7 +306,7 @@ class OpenPoses:
         width = self.shape[1]
         return np.unpackbits(self._planes[heading][rows], axis=1, count=width).view(np.bool_)
 
-    def _labels(self, heading: int) -> NDArray[np.int32]:
+    def _labels(self, heading: int) -> arrays.Integers32:
         """Return the component, from 1, of each open cell, 0 elsewhere; repeatable."""
         from scipy import ndimage
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask
+from mapdeal.kernels.arrays import Bytes, Floats, Integers, Integers32, Mask
 from mapdeal.kernels.distance import bytes_by_distance
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.polygons import Edges, enumerated, runs
@@ -28,7 +28,6 @@ with suppress(ImportError):  # then `engine_name` is never compiled
 
 _TURN = 2 * math.pi
 MOST_EXPANSION = 132  # of LZF: two bytes of data copy at most 264 bytes
-Counts = NDArray[np.int32]
 DISTANCE_UNIT = 1 << 20  # one truncation in `measure_rays`: integer sums are exact
 # marks of `weigh_rays`: an observed cell, one hit, and the number up to which hits count
 OBSERVED, A_HIT, MOST_HITS = 1, 2, 3
@@ -149,7 +148,7 @@ class Odds(NamedTuple):
 
 
 def count_rays(
-    starts: Integers, ends: Integers, is_hit: Mask, hits: Counts, misses: Counts
+    starts: Integers, ends: Integers, is_hit: Mask, hits: Integers32, misses: Integers32
 ) -> None:
     if engine_name() == "compiled":
         _by_rows(_rays.count, hits, starts, ends, is_hit.view(np.uint8), hits, misses)
@@ -160,7 +159,7 @@ def count_rays(
 
 
 def weigh_rays(
-    starts: Integers, ends: Integers, is_hit: Mask, odds: Odds, values: Counts, marks: Bytes
+    starts: Integers, ends: Integers, is_hit: Mask, odds: Odds, values: Integers32, marks: Bytes
 ) -> None:
     """Add the increment of each ray to the cells it passes or hits, in place; clamp each time."""
     if engine_name() == "compiled":
@@ -183,7 +182,7 @@ def weigh_rays(
 
 def measure_rays(
     starts: Integers, ends: Integers, sensors_rowcol: Floats, ranges: Floats, truncation: float,
-    behind: float, sums: Integers | Floats, weights: Counts, cell: float = 1.0,
+    behind: float, sums: Integers | Floats, weights: Integers32, cell: float = 1.0,
 ) -> None:  # fmt: skip
     """Add to cells, in place, their signed distances to the hits of rays."""
     if engine_name() == "compiled":
@@ -305,7 +304,7 @@ def _passed(
         yield whose, rows * width + cols, stop
 
 
-def _average_in_order(at: Integers, shares: Floats, means: Floats, weights: Counts) -> None:
+def _average_in_order(at: Integers, shares: Floats, means: Floats, weights: Integers32) -> None:
     """Update means with the shares of rays, first the first share of all cells, then the second."""
     order = np.argsort(at, kind="stable")
     at, shares = at[order], shares[order]
@@ -320,7 +319,7 @@ def _average_in_order(at: Integers, shares: Floats, means: Floats, weights: Coun
 
 
 def _add_in_order(
-    at: Integers, order: Integers, added: Integers, odds: Odds, values: Counts
+    at: Integers, order: Integers, added: Integers, odds: Odds, values: Integers32
 ) -> None:
     """Add to cells in order, clamping after each addition; many cells at a time."""
     # Adding and clamping, x -> min(max(x + a, low), high), is a function of three parameters, and

@@ -19,10 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels import distance, engine, lookup
 from mapdeal.kernels.arrays import Floats, Integers, Mask
-from mapdeal.kernels.distance import dilate_square
-from mapdeal.kernels.engine import engine_name
-from mapdeal.kernels.lookup import pooled
 
 RING = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
 """Steps to the neighbours of a cell, anticlockwise from the next column."""
@@ -136,7 +134,7 @@ def _flooded(
     if with_origin:
         origin[cells] = order
     most = _FAR - 1 if limit is None else limit
-    if engine_name() == "compiled":
+    if engine.engine_name() == "compiled":
         from mapdeal.kernels import _compiled
 
         _compiled.flood(flat.view(np.uint8), wide, cells, starts, most, lengths, origin)
@@ -182,7 +180,7 @@ def _flood(
 
 
 def largest_of_blocks(values: NDArray[Any], step: int) -> NDArray[Any]:
-    return values if step == 1 else np.ascontiguousarray(pooled(values, step, np.maximum))
+    return values if step == 1 else np.ascontiguousarray(lookup.pooled(values, step, np.maximum))
 
 
 def flat_cells(places: Floats, shape: tuple[int, ...], step: int = 1) -> Integers:
@@ -204,7 +202,7 @@ def far_from(is_open: Mask, places: Floats, limit: int) -> Mask:
     unproven = is_open & ~is_proven
     if not unproven.any():
         return unproven
-    around = dilate_square(unproven, 1) & is_open
+    around = distance.dilate_square(unproven, 1) & is_open
     rows, cols = np.nonzero(around & is_proven)
     sources = np.concatenate([flat_cells(places, is_open.shape), rows * width + cols])
     starts = np.concatenate([np.zeros(len(places), np.int64), most[rows // step, cols // step]])

@@ -10,9 +10,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mapdeal.kernels.arrays import Integers, Mask
+from mapdeal.kernels.arrays import Bytes, Integers, Mask
 from mapdeal.kernels.components import labelled
 from mapdeal.kernels.polygons import enumerated
 
@@ -67,7 +66,7 @@ class Surface(NamedTuple):
     """A closed surface of triangles between corners."""
 
     corners: Integers  # row and column in cells, shape (N, 2)
-    levels: NDArray[np.uint8]  # of corners, shape (N,): 0 is the floor, 2 the top, 1 half-way
+    levels: Bytes  # of corners, shape (N,): 0 is the floor, 2 the top, 1 half-way
     triangles: Integers  # shape (M, 3), anticlockwise seen from outside
 
 

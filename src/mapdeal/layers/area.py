@@ -7,17 +7,16 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.command import ABOVE_0, accept_parameters, parameters_of, structured
 from mapdeal.errors import ParameterError, require
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import MOST_CELLS, Frame, Origin, as_float32, turned
-from mapdeal.kernels.arrays import Floats, Mask
+from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.records import dataclass
 
 Pose = tuple[float, float, float]
-Cells = tuple[NDArray[np.int64], NDArray[np.int64]]
+Cells = tuple[Integers, Integers]
 _EXAMPLE = "{height: 60, width: 60, resolution: 0.05, is_rolling: yes, global_frame: odom}"
 
 

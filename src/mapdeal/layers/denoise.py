@@ -7,8 +7,7 @@ from typing import Annotated, ClassVar
 
 from mapdeal.command import AT_LEAST_0, Condition
 from mapdeal.grid.values import FREE_SPACE, INSCRIBED_INFLATED_OBSTACLE, NO_INFORMATION
-from mapdeal.kernels.components import drop_small_groups
-from mapdeal.kernels.lookup import set_where
+from mapdeal.kernels import components, lookup
 from mapdeal.layers.layer import CostmapLayer, MasterGrid, Nav2Values, PluginEntry
 
 _CONNECTIVITY = Condition("4 or 8", lambda value: value in (4, 8))
@@ -53,8 +52,8 @@ class DenoiseLayer(CostmapLayer):
         if master.default_cost == NO_INFORMATION:  # otherwise unknown cells belong to groups
             obstacles &= costs != NO_INFORMATION
         corners = self.group_connectivity_type == 8
-        large = drop_small_groups(obstacles, self.minimal_group_size, corners=corners)
-        set_where(costs, obstacles & ~large, FREE_SPACE)
+        large = components.drop_small_groups(obstacles, self.minimal_group_size, corners=corners)
+        lookup.set_where(costs, obstacles & ~large, FREE_SPACE)
 
     def effect(self) -> str:
         shared = "an edge or a corner" if self.group_connectivity_type == 8 else "an edge"

@@ -9,7 +9,6 @@ from functools import lru_cache, partial
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.command import AT_LEAST_0
 from mapdeal.errors import emit_warning
@@ -18,11 +17,10 @@ from mapdeal.grid.costmap import CostCurve, squares_up_to
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import RADIUS_TOLERANCE, as_float32, cells_to_cover
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION
-from mapdeal.kernels.arrays import Bytes, Floats, Integers
+from mapdeal.kernels.arrays import Bytes, Floats, Integers, Integers32
 from mapdeal.kernels.distance import bytes_by_distance, queued_squares
 from mapdeal.kernels.lookup import raise_bytes
 from mapdeal.layers import layer as base
-from mapdeal.layers.layer import CostmapLayer
 
 HIGHEST_GRADED = map_values.INSCRIBED_INFLATED_OBSTACLE - 1
 CostLookup = Literal["exact", "nav2"]  # "nav2" rounds distances to 1/100 cell
@@ -33,7 +31,7 @@ _ASYMMETRIC_PARAMETERS = {
 
 
 @dataclass(frozen=True, repr=False)
-class InflationLayer(CostmapLayer):
+class InflationLayer(base.CostmapLayer):
     """Settings of costmap_2d's inflation layer, which spreads costs around lethal cells.
 
     Parameters
@@ -282,16 +280,16 @@ class CostProfile:
     def cells(self) -> int:
         return math.isqrt(len(self.table) - 2)
 
-    def raise_around_seeds(self, cost: NDArray[np.uint8]) -> None:
+    def raise_around_seeds(self, cost: Bytes) -> None:
         if self.reach > 0:
             around_unknown = self.layer.inflate_around_unknown
             seeds = cost >= LETHAL_OBSTACLE if around_unknown else cost == LETHAL_OBSTACLE
             self.raise_costs(cost, bytes_by_distance(seeds, self.table))
 
-    def costs_of(self, squares: NDArray[np.int32]) -> NDArray[np.uint8]:
+    def costs_of(self, squares: Integers32) -> Bytes:
         return self.table[np.minimum(squares, len(self.table) - 1)]
 
-    def raise_costs(self, cost: NDArray[np.uint8], spread: NDArray[np.uint8]) -> None:
+    def raise_costs(self, cost: Bytes, spread: Bytes) -> None:
         """Raise costs, in place, to `spread`, the cost at the distance to the nearest seed."""
         least = 1 if self.layer.inflate_unknown else map_values.INSCRIBED_INFLATED_OBSTACLE
         raise_bytes(cost, spread, least=least, unknown=NO_INFORMATION)

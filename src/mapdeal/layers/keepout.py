@@ -5,21 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.errors import emit_warning
 from mapdeal.grid.frame import Frame, cells_at
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import NO_INFORMATION, UNKNOWN, CostScale, cost_from_occupancy
-from mapdeal.kernels.arrays import Integers
-from mapdeal.kernels.lookup import look_up
-from mapdeal.kernels.threads import for_rows
+from mapdeal.kernels import lookup, threads
+from mapdeal.kernels.arrays import Array, Integers
 from mapdeal.layers.layer import CostmapLayer, MasterGrid, Nav2Values, PluginEntry
 
-CellsAt = Callable[[slice], tuple[NDArray[np.int64], NDArray[np.int64]]]
+CellsAt = Callable[[slice], tuple[Integers, Integers]]
 """Function that returns the mask's row and column below each cell in rows of a costmap."""
 
 
@@ -65,13 +63,13 @@ class MaskCosts:
     ) -> None:
         self._shape, self._cells_at = mask.shape, cells_at
         self._unknown = NO_INFORMATION if scale == "costmap2d" else UNKNOWN
-        self._values: NDArray[Any] = mask.occupancy
+        self._values: Array = mask.occupancy
         if scale == "costmap2d":
-            self._values = look_up(mask.occupancy, cost_from_occupancy())
+            self._values = lookup.look_up(mask.occupancy, cost_from_occupancy())
         self._covered: list[int] = []
         self._freed: list[int] = []
 
-    def lay_over(self, costs: NDArray[Any], rows: slice) -> None:
+    def lay_over(self, costs: Array, rows: slice) -> None:
         """Raise the costs of some rows of the frame, in place; unknown costs are replaced."""
 
         def lay_over_part(part: slice) -> None:
@@ -86,7 +84,7 @@ class MaskCosts:
             self._freed.append(int(np.count_nonzero(changed & was_unknown & (values == 0))))
             np.copyto(costs[part], values, where=changed)
 
-        for_rows(lay_over_part, costs.shape)
+        threads.for_rows(lay_over_part, costs.shape)
 
     def warn(self) -> None:
         if not sum(self._covered):

@@ -12,16 +12,14 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, ClassVar, Protocol, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.command import split_optional
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OneLineRepr
+from mapdeal.kernels.arrays import Array, Bytes, Floats, Mask, SignedBytes
 from mapdeal.kernels.threads import for_rows
 
-Costs = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 Window = tuple[slice, slice]  # rows and columns of a grid
 TYPES = {bool: "bool", int: "integer", float: "double", str: "string"}
 
@@ -39,7 +37,7 @@ def within(window: Window, outer: Window) -> Window:
 
 
 class KeepoutCosts(Protocol):
-    def lay_over(self, costs: NDArray[Any], rows: slice) -> None:
+    def lay_over(self, costs: Array, rows: slice) -> None:
         """Raise the costs of some rows, in place, to those of the mask."""
 
 
@@ -47,12 +45,12 @@ class KeepoutCosts(Protocol):
 class MasterGrid:
     """Rows of a costmap while its layers are applied, and the inputs that layers read."""
 
-    costs: Costs  # on scale costmap2d, shape (H, W); layers change them in place
+    costs: Bytes  # on scale costmap2d, shape (H, W); layers change them in place
     rows: slice  # of the whole costmap
     shape: tuple[int, int]  # of the whole costmap
     cell_size: float  # metres, as the costmap has it: often the float32 of a map message
     default_cost: int  # of an empty costmap, 0 or 255
-    occupancy: NDArray[np.int8]  # of the map at each cell
+    occupancy: SignedBytes  # of the map at each cell
     in_map: Mask | None = None  # which cells lie in the map; None if all do
     keepout: KeepoutCosts | None = None
     under_robot: Mask | None = None  # cells below its footprint; None if it stands outside
@@ -67,7 +65,7 @@ class MasterGrid:
         )  # fmt: skip
 
     def raise_to(
-        self, costs: Costs, *, within: Mask | None = None, unknown_is_highest: bool = False
+        self, costs: Bytes, *, within: Mask | None = None, unknown_is_highest: bool = False
     ) -> None:
         """Raise costs, as ``updateWithMax`` does: unknown never wins, and any cost replaces it."""
         # rolling static layers of older releases compare bytes instead, of which 255 is the highest
@@ -94,7 +92,7 @@ class Bounds:
     def __init__(self) -> None:
         self.low, self.high = [1e30, 1e30], [-1e30, -1e30]
 
-    def touch(self, *coordinates: NDArray[np.float64]) -> None:
+    def touch(self, *coordinates: Floats) -> None:
         """Enlarge the rectangle to points, given by all x and all y."""
         for axis, values in enumerate(coordinates):
             if len(values):
@@ -107,7 +105,7 @@ class Update:
     """One update of a costmap: the time, nanoseconds, and the robot's footprint, metres."""
 
     time: int
-    footprint: tuple[NDArray[np.float64], NDArray[np.float64]]
+    footprint: tuple[Floats, Floats]
     bounds: Bounds
 
 

@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION
-from mapdeal.kernels.arrays import Array, Floats, Integers
+from mapdeal.kernels.arrays import Array, Bytes, Floats, Integers, Mask
 from mapdeal.kernels.sensing import VOXEL, CellRays, clear_cells, clear_voxels
 from mapdeal.layers import layer as base
-from mapdeal.layers.layer import CostmapLayer, Costs, Mask
 
 OVERWRITE, MAXIMUM, KEEP_UNKNOWN = range(3)  # combination methods
 _MOST_VOXELS = 16
@@ -150,7 +149,7 @@ def _ros1_source(server: base.Ros1Values, source: str, below: tuple[str, ...]) -
 
 
 @dataclass(frozen=True, repr=False)
-class ObstacleLayer(CostmapLayer):
+class ObstacleLayer(base.CostmapLayer):
     """Settings of costmap_2d's obstacle layer, without observations.
 
     Parameters
@@ -325,7 +324,7 @@ class ObstacleGrid(base.LiveLayer):
         super().__init__(layer, place)
         self.settings, self.sensing = layer, sensing
         self._default = NO_INFORMATION if layer.track_unknown_space else FREE_SPACE
-        self.costs: Costs = np.full(self.frame.shape, self._default, dtype=np.uint8)
+        self.costs: Bytes = np.full(self.frame.shape, self._default, dtype=np.uint8)
         self._buffers = [ObservationBuffer(s, is_ros1=place.is_ros1) for s in sensing.sources]
 
     def add(self, observation: Observation) -> None:

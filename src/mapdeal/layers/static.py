@@ -14,13 +14,12 @@ from mapdeal.grid import values as map_values
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OCCUPIED
 from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.layers import layer as base
-from mapdeal.layers.layer import CostmapLayer
 
 _BYTE = Condition("a byte, 0 to 255, or -1 for 255", lambda value: -1 <= value <= 255)
 
 
 @dataclass(frozen=True, repr=False)
-class StaticLayer(CostmapLayer):
+class StaticLayer(base.CostmapLayer):
     """Settings of costmap_2d's static layer, which converts map values to costs.
 
     Parameters

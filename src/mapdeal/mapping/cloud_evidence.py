@@ -12,13 +12,11 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.grid.values import decimal_text
-from mapdeal.kernels.arrays import Floats, Integers, Mask
-from mapdeal.mapping import cloud_floor
-from mapdeal.mapping.cloud_floor import Levels, Limits, Patches, Tiles
+from mapdeal.kernels.arrays import Floats, Integers, Integers32, Mask
+from mapdeal.mapping.cloud_floor import Levels, Limits, Patches, Tiles, patches_of, tilt_of
 from mapdeal.mapping.voxels import Claim, Columns, median, starts_of
 
 _HINT = (
@@ -124,7 +122,7 @@ class Evidence(NamedTuple):
 def floor_in(
     columns: Columns, tile: int, limits: Limits, places: Floats, at: Floats | None, claim: Claim
 ) -> Floor:
-    patches = cloud_floor.patches_of(columns, tile, limits)
+    patches = patches_of(columns, tile, limits)
     if not len(patches.z):
         rule = "no floor found: no level surface has room above it"
         raise MalformedInputError(rule, hint=f"{_HINT}; --level turns a tilted one")
@@ -146,7 +144,7 @@ def floor_in(
         known = evidence._replace(below=0.0) if at is not None or level == named else evidence
         reason = None if at is not None else known.contradiction(area)
         if reason is None:
-            tilt = cloud_floor.tilt_of(own, levels.side)
+            tilt = tilt_of(own, levels.side)
             overlaid, storeys = above
             floors = _other_floors(levels, level, sample, every, claim, evidence.height)
             return Floor(
@@ -229,7 +227,7 @@ def _evidence_of(
     floor = tiles.heights(sample.row, sample.col, limits.climb)
     heights, count = sample.above(floor), tiles.z.size
 
-    def count_in(chosen: Mask, weights: NDArray[np.int32] | None = None) -> Floats:
+    def count_in(chosen: Mask, weights: Integers32 | None = None) -> Floats:
         found = chosen if weights is None else chosen * weights
         if not len(sample.starts):
             return np.zeros(count)

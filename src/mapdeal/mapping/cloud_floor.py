@@ -14,9 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels import components, polygons
 from mapdeal.kernels.arrays import Floats, Integers, Mask
-from mapdeal.kernels.components import least_joined
-from mapdeal.kernels.polygons import enumerated
 from mapdeal.mapping.voxels import AT_ONCE, Claim, Columns, median
 
 _RUN_GAP = 0.12  # metres between voxels of a column that belong together
@@ -189,7 +188,7 @@ def _links_of(patches: Patches, side: float, climb: float) -> tuple[Integers, In
         pair_lists = np.minimum(np.searchsorted(tiles, neighbour_key), len(tiles) - 1)
         is_there = tiles[pair_lists] == neighbour_key
         of, pair_lists = of[is_there], pair_lists[is_there]
-        whose, second_patches = enumerated(firsts[pair_lists], stops[pair_lists])
+        whose, second_patches = polygons.enumerated(firsts[pair_lists], stops[pair_lists])
         first_patches = of[whose]
         first, second = (
             (patches.along_x[at] * across + patches.along_y[at] * down) * side
@@ -243,7 +242,7 @@ class Levels:
         is_new = (np.diff(row, prepend=-1) != 0) | (np.diff(col, prepend=-1) != 0)
         is_new[0] = True
         self.tile = np.cumsum(is_new) - 1
-        self._connected = least_joined(*self._links, len(z))
+        self._connected = components.least_joined(*self._links, len(z))
         self.label = self._connected.copy()
         self._split()
 
@@ -288,7 +287,7 @@ class Levels:
     def _joined(self, chosen: Mask) -> Integers:
         first, second = self._links
         both = chosen[first] & chosen[second]
-        return least_joined(first[both], second[both], len(chosen))
+        return components.least_joined(first[both], second[both], len(chosen))
 
     def _grown(self, seeds: Mask, allowed: Mask) -> Mask:
         """Return the patches that are connected to seeds, one level per tile."""
@@ -306,7 +305,7 @@ class Levels:
             edge = edge[np.abs(self.patches.z[edge] - claimed[self.tile[edge]]) <= self.limits.gap]
             grown[edge] = True
             starts, stops = (np.searchsorted(first, edge, side) for side in ("left", "right"))
-            edge = np.unique(second[enumerated(starts, stops)[1]])
+            edge = np.unique(second[polygons.enumerated(starts, stops)[1]])
             edge = edge[~grown[edge]]
         return grown
 

@@ -20,10 +20,8 @@ from mapdeal.errors import MalformedInputError, require
 from mapdeal.grid.frame import Figures, Frame, Region, check_resolution
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, Drawn
+from mapdeal.kernels import components, sensing, threads
 from mapdeal.kernels.arrays import Floats, Mask
-from mapdeal.kernels.components import labelled, touching_groups
-from mapdeal.kernels.sensing import count_rays
-from mapdeal.kernels.threads import for_rows
 from mapdeal.mapping import voxels as cloud_voxels
 from mapdeal.mapping.cloud_evidence import Floor, floor_in, stated_floor
 from mapdeal.mapping.cloud_floor import TILE, Limits
@@ -339,7 +337,7 @@ class CloudMapper:
                 surface[at] = tiles.heights(band, band_cols, options.climb)
                 slope[at] = tiles.slopes(band, band_cols)
 
-        for_rows(fill, (height, width))
+        threads.for_rows(fill, (height, width))
         floor, out = surface.ravel()[flat], np.flatnonzero(~inside)
         floor[out] = tiles.heights(columns.row[out], columns.col[out], options.climb)
         upper = tiles.uppers(columns.row, columns.col)
@@ -440,7 +438,7 @@ class CloudMapper:
                 for share in (enter, leave)
             )
             nothing, passed = np.zeros((2, *window), np.int32)
-            count_rays(first, last, np.zeros(len(passes), np.bool_), nothing, passed)
+            sensing.count_rays(first, last, np.zeros(len(passes), np.bool_), nothing, passed)
             hits[rows, cols] += is_hit
             misses[rows, cols] += (passed > 0) & ~is_hit
 
@@ -525,7 +523,7 @@ def _states(
     elif contents.spacing > _SPARSE * contents.frame.resolution:
         wide = math.ceil(_gap_of_sparse(contents))
         beside = _around(occupied.astype(np.int32)) > 0  # their points may be feet of walls
-        between = labelled(_closed(floor | occupied, wide) & may_be_floor, corners=False)
+        between = components.labelled(_closed(floor | occupied, wide) & may_be_floor, corners=False)
         floor |= between.cells_of(between.touched_by(floor & ~beside))
     return occupied, floor
 
@@ -543,7 +541,7 @@ def _drop_lone(
     loose = occupied & ~is_inner
     if not loose.any():
         return
-    cells, whose = touching_groups(loose)
+    cells, whose = components.touching_groups(loose)
     at = tuple(cells.T)
     lone = np.bincount(whose, 1 + _LONE * _around(is_inner.astype(np.int32))[at]) <= _LONE
     point_count = np.bincount(whose, counts[at])

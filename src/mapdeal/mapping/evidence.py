@@ -7,22 +7,18 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from itertools import product
 from operator import add
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.command import CELLS, Condition, Words
 from mapdeal.errors import ParameterError, require
 from mapdeal.grid.frame import FARTHEST, Frame, Region, as_numbers
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLineRepr, count_text
-from mapdeal.kernels import sensing
-from mapdeal.kernels.arrays import Floats, Integers, Mask
-from mapdeal.kernels.components import touching_groups
-from mapdeal.kernels.distance import dilate_square
+from mapdeal.kernels import components, distance, rotations, sensing
+from mapdeal.kernels.arrays import Array, Floats, Integers, Mask, SignedBytes
 from mapdeal.kernels.polygons import FARTHEST_CELL
-from mapdeal.kernels.rotations import rotated
 from mapdeal.records import astuple, dataclass
 
 _LEVEL = 1e-6  # radians: of 30 m, 30 micrometres
@@ -34,7 +30,7 @@ OFTEN = sensing.MOST_HITS  # least hits of a cell that count: fewer may be noise
 LEAST_CELLS = 3  # least cells of a group: fewer may be passers-by
 NEAR = 2
 """Cells along both axes within which an occupied cell accounts for a hit."""
-Layers = dict[str, NDArray[Any]]
+Layers = dict[str, Array]
 _UNIT = 1 << 16
 """Fixed-point value of an evidence of 1: integer sums are exact in any order."""
 _EVEN, _FAR = 50, 1000
@@ -60,8 +56,8 @@ class Stances:
 
 
 def stances(translations: Floats, quaternions: Floats) -> Stances:
-    ahead = rotated(quaternions, np.array([1.0, 0.0, 0.0]))
-    up = rotated(quaternions, np.array([0.0, 0.0, 1.0]))
+    ahead = rotations.rotated(quaternions, np.array([1.0, 0.0, 0.0]))
+    up = rotations.rotated(quaternions, np.array([0.0, 0.0, 1.0]))
     aside = np.hypot(up[:, 0], up[:, 1])
     poses = np.column_stack([translations[:, :2], np.arctan2(ahead[:, 1], ahead[:, 0])])
     return Stances(poses, up[:, 2] < 0, aside < _LEVEL, aside > math.sin(MOST_LEANING))
@@ -70,7 +66,7 @@ def stances(translations: Floats, quaternions: Floats) -> Stances:
 def beams_in_plane(quaternions: Floats, angles: Floats) -> tuple[Floats, Floats]:
     """Return the angles of beams in the plane, and the share of their length in it."""
     beams = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=-1)
-    turned = rotated(quaternions, beams)
+    turned = rotations.rotated(quaternions, beams)
     shares = np.minimum(np.hypot(turned[:, 0], turned[:, 1]), 1.0)
     return np.arctan2(turned[:, 1], turned[:, 0]), shares
 
@@ -246,7 +242,7 @@ class HitGroups(OneLineRepr):
     def starts(self) -> Integers:
         return np.cumsum(self.sizes) - self.sizes
 
-    def middles_xy(self, frame: Frame) -> NDArray[np.float64]:
+    def middles_xy(self, frame: Frame) -> Floats:
         """Return the mean cell centre of each group in the map frame, shape (M, 2), metres."""
         if not len(self):
             return np.empty((0, 2))
@@ -255,7 +251,7 @@ class HitGroups(OneLineRepr):
 
 
 def hit_groups(often_hit: Mask) -> HitGroups:
-    return _largest_groups(*touching_groups(often_hit))
+    return _largest_groups(*components.touching_groups(often_hit))
 
 
 def vanished_groups(often_hit: Mask, occupied: Mask) -> HitGroups:
@@ -264,7 +260,7 @@ def vanished_groups(often_hit: Mask, occupied: Mask) -> HitGroups:
     candidates = np.stack(np.divmod(candidates_flat, occupied.shape[1]), axis=1)
     lost = np.zeros(occupied.shape, dtype=np.bool_)
     lost.reshape(-1)[candidates_flat[~_has_within(occupied, candidates, NEAR)]] = True
-    cells, groups = touching_groups(lost)
+    cells, groups = components.touching_groups(lost)
     is_kept = np.zeros(len(cells), dtype=np.bool_)  # groups that continue in cells of the map
     is_kept[groups[_has_within(often_hit & ~lost, cells, 1)]] = True
     is_lost = ~is_kept[groups]
@@ -303,7 +299,7 @@ class Evidence(ABC):
         """Add the evidence of beams, in order; beams that leave the grid count inside it."""
 
     @abstractmethod
-    def occupancy(self) -> NDArray[np.int8]:
+    def occupancy(self) -> SignedBytes:
         """Return the map of the evidence so far, shape (H, W): -1, 0..100."""
 
     @abstractmethod
@@ -379,7 +375,7 @@ class LogOdds(Evidence):
         beams, starts, ends = self.cells_of(beams)
         sensing.weigh_rays(starts, ends, beams.is_hit, self._odds, self._values, self._beam_marks)
 
-    def occupancy(self) -> NDArray[np.int8]:
+    def occupancy(self) -> SignedBytes:
         if self._publish_values:
             rounded = np.rint(self._values / _UNIT).astype(np.int8)
         else:
@@ -429,7 +425,7 @@ class Counting(Evidence):
         beams, starts, ends = self.cells_of(beams)
         sensing.count_rays(starts, ends, beams.is_hit, self._hits, self._misses)
 
-    def occupancy(self) -> NDArray[np.int8]:
+    def occupancy(self) -> SignedBytes:
         values = np.where(self._is_mostly_hit(), np.int8(OCCUPIED), np.int8(FREE))
         values[self._hits + self._misses == 0] = UNKNOWN
         return values
@@ -568,7 +564,7 @@ class Tsdf(Counting):
         rule = f"must be {least:.6g} to {most:.6g} truncations: 1 to {_FARTHEST:g} cells"
         is_cells = 1 <= self.reach_behind <= _FARTHEST
         require(is_cells, rule, "truncation_behind", got=truncation_behind)
-        self._sums: NDArray[Any] = np.zeros(frame.shape, dtype=np.int64)
+        self._sums: Array = np.zeros(frame.shape, dtype=np.int64)
         self._weights = np.zeros(frame.shape, dtype=np.int32)
 
     def add(self, beams: Beams) -> None:
@@ -581,13 +577,13 @@ class Tsdf(Counting):
             starts, ends, sensors, ranges, self._truncation, self._behind, self._sums, self._weights
         )
 
-    def occupancy(self) -> NDArray[np.int8]:
+    def occupancy(self) -> SignedBytes:
         values = np.full(self.frame.shape, UNKNOWN, dtype=np.int8)
         values[self._sums > 0] = FREE
         field = self._field()
         surface = thin_surface(field, crossings_of(field))
         values[surface] = OCCUPIED
-        thin = (values == FREE) & self._is_mostly_hit() & ~dilate_square(surface, 1)
+        thin = (values == FREE) & self._is_mostly_hit() & ~distance.dilate_square(surface, 1)
         thin_blocks(thin, field)
         values[thin] = OCCUPIED
         return values
@@ -645,7 +641,7 @@ class TsdfAsWritten(Tsdf):
             self._sums, self._weights, resolution,
         )  # fmt: skip
 
-    def occupancy(self) -> NDArray[np.int8]:
+    def occupancy(self) -> SignedBytes:
         field, walls = self._sums, np.full(self.frame.shape, UNKNOWN, dtype=np.int8)
         pairs = [np.s_[1:, :], np.s_[:-1, :]], [np.s_[:1, 1:], np.s_[:1, :-1]]
         # the search returns to the first cell, which is unmarked, from the next cell of its row

@@ -7,14 +7,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mapdeal.command import AT_LEAST_0, METRES, RADIANS, Words, parameters_of
 from mapdeal.errors import ParameterError, require
-from mapdeal.grid import frame as frames, values as map_values
-from mapdeal.grid.canvas import contained_in, is_turned, obstacles_in, rows_and_cols_under
+from mapdeal.grid import canvas, frame as frames, values as map_values
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.kernels.arrays import Floats, Integers, Mask
+from mapdeal.kernels.arrays import Floats, Integers, Integers32, Mask, SignedBytes
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.polygons import FARTHEST_CELL
 from mapdeal.kernels.sensing import Odds, mark_cloud, weigh_rays
@@ -362,7 +361,7 @@ class Sightings:
         marks = marks[self._region.holds(marks)] - corner
         self._words[marks[:, 0], marks[:, 1]] = 2 * self._count + 1
 
-    def evidence(self, region: frames.Region) -> NDArray[np.int8]:
+    def evidence(self, region: frames.Region) -> SignedBytes:
         """Return the occupancy of a region by the remembered clouds: -1, 0 or 100."""
         words = self._words_in(region)
         values = np.full(words.shape, map_values.UNKNOWN, dtype=np.int8)
@@ -381,7 +380,7 @@ class Sightings:
     def _oldest(self) -> int:
         return 1 if self._keep is None else max(1, self._count - self._keep + 1)
 
-    def _words_in(self, region: frames.Region) -> NDArray[np.int32]:
+    def _words_in(self, region: frames.Region) -> Integers32:
         words = np.zeros((region.height, region.width), dtype=np.int32)
         place = self._place_of(region)
         rows, cols = place.shared_with(self._words.shape)
@@ -397,7 +396,7 @@ class Sightings:
 def lattice_of(options: LocalOptions, global_map: OccupancyGrid | None) -> frames.Frame:
     """Return the lattice of local maps, of one cell: the global map's, unless it is turned."""
     corner = (0.0, 0.0)
-    if global_map is not None and not is_turned(global_map.frame):
+    if global_map is not None and not canvas.is_turned(global_map.frame):
         corner = global_map.origin[:2]
     return frames.Frame(1, 1, options.resolution, (*corner, 0.0))
 
@@ -411,7 +410,7 @@ def window_around(pose: Pose, options: LocalOptions, lattice: frames.Frame) -> f
 def _joined(
     global_map: OccupancyGrid | None,
     lethal_threshold: int,
-    values: NDArray[np.int8],
+    values: SignedBytes,
     frame: frames.Frame,
     *,
     keeps_unknown: bool,
@@ -421,12 +420,12 @@ def _joined(
     # and free space over unknown.
     from_map = 0
     if global_map is not None:
-        rows, cols = rows_and_cols_under(frame, global_map.frame)
+        rows, cols = canvas.rows_and_cols_under(frame, global_map.frame)
         if rows.start < rows.stop and cols.start < cols.stop:
             known = np.asarray(global_map.occupancy[rows])[:, cols]
             part = global_map.frame.window(rows.start, cols.start, *known.shape)
-            obstacles = obstacles_in(frame, known >= lethal_threshold, part)
-            is_known = contained_in(frame, known != map_values.UNKNOWN, part)
+            obstacles = canvas.obstacles_in(frame, known >= lethal_threshold, part)
+            is_known = canvas.contained_in(frame, known != map_values.UNKNOWN, part)
             values[is_known & (values == map_values.UNKNOWN)] = map_values.FREE
             values[obstacles] = map_values.OCCUPIED
             from_map = int(np.count_nonzero(obstacles))

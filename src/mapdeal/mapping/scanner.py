@@ -7,12 +7,11 @@ from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.grid.frame import as_float32
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import UNKNOWN
-from mapdeal.kernels.arrays import Floats, Integers, Mask
+from mapdeal.kernels.arrays import Bytes, Floats, Integers, Mask
 from mapdeal.kernels.sensing import cast_rays, room_around
 from mapdeal.mapping.evidence import Scans
 from mapdeal.records import dataclass
@@ -31,7 +30,7 @@ class Surroundings:
     through_unknown: bool = False
 
     @cached_property
-    def _room(self) -> NDArray[np.uint8]:
+    def _room(self) -> Bytes:
         unknown = (self.grid.occupancy == UNKNOWN) & (not self.through_unknown)
         return room_around(self.grid.occupied(), unknown)
 
@@ -39,7 +38,7 @@ class Surroundings:
     def cells(self) -> int:
         return self.grid.occupancy.size
 
-    def is_open(self, poses: Floats) -> NDArray[np.bool_]:
+    def is_open(self, poses: Floats) -> Mask:
         cells, is_inside = self.grid.frame.bounded_rowcol_from_xy(poses[:, :2])
         return np.asarray(is_inside & (self._room[tuple(cells.T)] > 1))
 

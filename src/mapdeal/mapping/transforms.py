@@ -16,9 +16,8 @@ from mapdeal.command import Words
 from mapdeal.errors import MalformedInputError, require
 from mapdeal.grid.frame import FARTHEST, are_near, as_numbers, warn_of_degrees
 from mapdeal.grid.values import few_text
+from mapdeal.kernels import rotations, sensing
 from mapdeal.kernels.arrays import Floats, Integers, Mask
-from mapdeal.kernels.rotations import composed, normalised, slerp, undone
-from mapdeal.kernels.sensing import cover_angles
 from mapdeal.records import dataclass
 
 Pose = tuple[float, float, float]
@@ -83,7 +82,7 @@ class CoveredAngles:
         self._first, self._last = np.full(_BINS, np.inf), np.full(_BINS, -np.inf)
 
     def add(self, angles: Floats) -> None:
-        cover_angles(angles, self._first, self._last)
+        sensing.cover_angles(angles, self._first, self._last)
 
     def arc(self) -> tuple[float, float] | None:
         """Return the arc's ends, -pi < first <= pi, first <= last < first + 2 pi; None if empty."""
@@ -198,7 +197,7 @@ class _Samples:
         share = np.clip(np.where(known, share, 0.0), 0.0, 1.0)
         earlier, later = numbers[before], numbers[after]
         moves = earlier[:, :3] + share[:, np.newaxis] * (later[:, :3] - earlier[:, :3])
-        return moves, slerp(earlier[:, 3:], later[:, 3:], share), known
+        return moves, rotations.slerp(earlier[:, 3:], later[:, 3:], share), known
 
 
 # Products and slerp in the order of tf2's LinearMath: their last bits decide whether a ray clipped
@@ -351,12 +350,12 @@ class TransformTree:
             chain = np.zeros((len(times), 3)), np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1))
             for edge in part:
                 moves, turns, is_known = self._samples[edge].at(times)
-                chain = composed((moves, turns), chain)
+                chain = rotations.composed((moves, turns), chain)
                 known &= is_known
             chains.append(chain)
         down, up = chains
-        moves, turns = composed(undone(down), up) if links[0] else up
-        moves, turns = np.array(moves), normalised(turns)
+        moves, turns = rotations.composed(rotations.undone(down), up) if links[0] else up
+        moves, turns = np.array(moves), rotations.normalised(turns)
         moves[~known] = np.nan
         turns[~known] = np.nan
         return Posed(moves, turns, known)

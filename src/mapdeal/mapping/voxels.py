@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.grid.values import decimal_text
-from mapdeal.kernels.arrays import Floats, Integers
+from mapdeal.kernels.arrays import Array, Floats, Integers, Integers32, Mask
 
 Claim = Callable[[int, str], object]
 """Called with the bytes of an allocation and a description; it may raise an error."""
@@ -67,7 +66,7 @@ class Voxels:
         self._anchor: Integers | None = None
         self._waiting: list[Integers] = []
         self._count = 0
-        self._parts: list[tuple[Integers, NDArray[np.int32]]] = []
+        self._parts: list[tuple[Integers, Integers32]] = []
         self._claim = claim or (lambda *_: None)
 
     def add(self, points: Floats) -> None:
@@ -183,11 +182,11 @@ class Columns(NamedTuple):
     col: Integers
     starts: Integers  # of each column, the number of its first voxel
     heights: Floats
-    counts: NDArray[np.int32]
+    counts: Integers32
     cell: float
     corner: Floats
 
-    def chosen(self, mask: NDArray[np.bool_]) -> Columns:
+    def chosen(self, mask: Mask) -> Columns:
         if mask.all():
             return self
         lengths, voxels = self.lengths(), np.repeat(mask, self.lengths())
@@ -238,7 +237,7 @@ class Columns(NamedTuple):
         )  # fmt: skip
 
 
-def starts_of(keys: NDArray[Any]) -> Integers:
+def starts_of(keys: Array) -> Integers:
     """Return the index of each first occurrence in a sorted array."""
     is_new = np.ones(len(keys), np.bool_)
     np.not_equal(keys[1:], keys[:-1], out=is_new[1:])

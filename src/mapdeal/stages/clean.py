@@ -6,19 +6,17 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.command import AT_LEAST_0, CELLS, stage
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.field import FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLineRepr, count_text
+from mapdeal.kernels.arrays import Mask, SignedBytes
 from mapdeal.kernels.components import labelled
 from mapdeal.kernels.distance import beside, dilate_square
 from mapdeal.records import dataclass, field
 
-Mask = NDArray[np.bool_]
-Values = NDArray[np.int8]
 _ANY_SIZE = 1 << 62  # more cells than a map can have
 
 
@@ -178,7 +176,7 @@ def clean(
     return Cleaned(grid.with_values(values), counts, limits)
 
 
-def _forget_islands(values: Values, least: int) -> Patches:
+def _forget_islands(values: SignedBytes, least: int) -> Patches:
     areas = labelled(values == FREE, corners=False) if least > 1 else None
     if areas is None or len(areas.sizes) == 1:
         return Patches(0, 0)
@@ -189,7 +187,7 @@ def _forget_islands(values: Values, least: int) -> Patches:
     return _set(values, areas.cells_of(is_small), UNKNOWN, is_small)
 
 
-def _replace(values: Values, old: int, least: int, *, around: int, value: int) -> Patches:
+def _replace(values: SignedBytes, old: int, least: int, *, around: int, value: int) -> Patches:
     """Set small groups of old values, in place, if all cells around them equal `around`."""
     if least <= 1:
         return Patches(0, 0)
@@ -201,7 +199,7 @@ def _replace(values: Values, old: int, least: int, *, around: int, value: int) -
     return _set(values, groups.cells_of(is_small), value, is_small)
 
 
-def _set(values: Values, cells: Mask, value: int, chosen: Mask) -> Patches:
+def _set(values: SignedBytes, cells: Mask, value: int, chosen: Mask) -> Patches:
     values[cells] = value
     return Patches(int(np.count_nonzero(chosen)), int(np.count_nonzero(cells)))
 
@@ -214,5 +212,5 @@ def _near(stops: Mask) -> Mask:
     return near
 
 
-def _between(values: Values) -> Mask:
+def _between(values: SignedBytes) -> Mask:
     return (values > FREE) & (values < OCCUPIED)

@@ -7,25 +7,23 @@ from collections.abc import Callable
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal import command
 from mapdeal.grid import values as map_values
 from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, obstacles_in
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.kernels.arrays import Floats
+from mapdeal.kernels.arrays import Bytes, Floats, Mask, Metres, SignedBytes
 from mapdeal.kernels.blocks import Halo, blocks_of, holds_everywhere, made_by_rows, swept
 from mapdeal.kernels.distance import halos_of, runs_of, signed_distance
 from mapdeal.kernels.lookup import bytes_of_distances, squares_of_distances
 from mapdeal.kernels.threads import for_rows
 from mapdeal.layers.stack import CostmapLayers
 
-Mask = NDArray[np.bool_]
 LARGER_MAX_DISTANCE = "make the field with a larger max_distance, or none"  # a hint
 _LARGEST_TABLE = 1 << 22
 _CLIP_TOLERANCE = 2.0**-23  # relative: distances are float32, the clip is not
 # from view values and their distances in metres to costs
-CostOfView = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+CostOfView = Callable[[Floats, Floats], Floats]
 
 
 def squares_in(field: DistanceField, obstacles: Mask, rows: slice = slice(None)) -> Floats:
@@ -36,14 +34,14 @@ def squares_in(field: DistanceField, obstacles: Mask, rows: slice = slice(None))
     return squares_of_distances(field.distance[rows], obstacles[rows], **_measure(field))
 
 
-def bytes_in(field: DistanceField, obstacles: Mask, table: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def bytes_in(field: DistanceField, obstacles: Mask, table: Bytes) -> Bytes:
     """Return a table's entry for each cell's square, the last one for all beyond."""
     return bytes_of_distances(field.distance, obstacles, table, **_measure(field))
 
 
 def _bytes_of_metres(
     field: DistanceField, obstacles: Mask, value_of: Callable[[Floats], Floats], farthest: float
-) -> NDArray[np.int8]:
+) -> SignedBytes:
     """Return a function's values of each cell's distance, the same from the farthest on."""
     furthest = furthest_kept(field)
     cells = min(farthest, furthest) / field.resolution
@@ -155,16 +153,16 @@ class Viewer:
         farthest, deepest = (float(f"{metres:.15g}") for metres in (farthest, deepest))
         self.scale = ViewScale(view, view_range, farthest, deepest)
 
-    def values(self, cost_of: CostOfView | None = None) -> NDArray[np.int8]:
-        def values_of(rows: slice) -> NDArray[np.int8]:
+    def values(self, cost_of: CostOfView | None = None) -> SignedBytes:
+        def values_of(rows: slice) -> SignedBytes:
             return self._values_of_rows(self._field.part(rows), self._obstacles[rows], cost_of)
 
         return made_by_rows(self._field.distance, np.int8, values_of, is_cached=cost_of is not None)
 
     def _values_of_rows(
         self, field: DistanceField, obstacles: Mask, cost_of: CostOfView | None
-    ) -> NDArray[np.int8]:
-        def value_of(metres: NDArray[np.float64]) -> NDArray[np.float64]:
+    ) -> SignedBytes:
+        def value_of(metres: Floats) -> Floats:
             metres = field.strength * metres
             view = self.scale.values_of(metres, field.resolution)
             np.minimum(view, map_values.OCCUPIED - 1, out=view)
@@ -263,7 +261,7 @@ def esdf(
     by_start = {block.start: halo for block, halo in zip(blocks, halos, strict=True)}
     outside_shift, inside_shift = _shifts(convention, grid.resolution)
 
-    def distances(rows: slice) -> NDArray[np.float32]:
+    def distances(rows: slice) -> Metres:
         return signed_distance(
             obstacles[rows], scale=grid.resolution, outside_shift=outside_shift,
             inside_shift=inside_shift, clip=math.inf if max_distance is None else max_distance,

@@ -7,7 +7,6 @@ from functools import partial
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal import command
 from mapdeal.errors import ParameterError, emit_warning
@@ -17,7 +16,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Framed, as_float32, warn_of_degrees
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OCCUPIED, UNKNOWN
-from mapdeal.kernels.arrays import Bytes, Integers, Mask
+from mapdeal.kernels.arrays import Bytes, Integers, Mask, SignedBytes
 from mapdeal.kernels.blocks import Layer, made_by_windows
 from mapdeal.kernels.lookup import set_where
 from mapdeal.layers import inflation as inflation_layer
@@ -189,7 +188,7 @@ def layered_cost(
     if mask is not None and not stack.has_keepout:
         applied = (*applied, KeepoutFilter())
 
-    def costs(rows: slice, occupancy: NDArray[np.int8], in_map: Mask | None = None) -> Bytes:
+    def costs(rows: slice, occupancy: SignedBytes, in_map: Mask | None = None) -> Bytes:
         master = MasterGrid(
             np.full(occupancy.shape, default_cost, dtype=np.uint8), rows, frame.shape, cell_size,
             default_cost, occupancy, in_map, keepout,
@@ -235,7 +234,7 @@ def _check_transform(
         emit_warning(text)
 
 
-def _occupancy(source: ObstacleSource, rows: slice) -> NDArray[np.int8]:
+def _occupancy(source: ObstacleSource, rows: slice) -> SignedBytes:
     values = source.occupancy[rows]
     if isinstance(source, DistanceField) and source.unknown == "occupied":
         values = values.copy()
@@ -243,7 +242,7 @@ def _occupancy(source: ObstacleSource, rows: slice) -> NDArray[np.int8]:
     return values
 
 
-def _sampled(source: ObstacleSource, row: Integers, col: Integers) -> tuple[NDArray[np.int8], Mask]:
+def _sampled(source: ObstacleSource, row: Integers, col: Integers) -> tuple[SignedBytes, Mask]:
     """Return the map's values at cells, and which of the cells lie in the map."""
     height, width = source.shape
     in_map = (row >= 0) & (row < height) & (col >= 0) & (col < width)

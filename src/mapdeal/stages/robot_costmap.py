@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated, Any, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal import command
 from mapdeal.command import Parameters
@@ -14,13 +13,13 @@ from mapdeal.grid.costmap import CostCurve, Costmap, squares_up_to
 from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, truncated
 from mapdeal.grid.frame import Framed
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
+from mapdeal.kernels.arrays import Floats, Mask, SignedBytes
 from mapdeal.kernels.blocks import looked_up, made_by_windows, swept
 from mapdeal.kernels.distance import ringed
 from mapdeal.stages import cost as models
 from mapdeal.stages.cost import ObstacleSource, cost_model
 from mapdeal.stages.esdf import LARGER_MAX_DISTANCE, Viewer, esdf, furthest_kept
 
-Floats = NDArray[np.float64]
 _HIGHEST_BELOW_OBSTACLE = 99
 _TOLERANCE = 1e-9  # metres; rounding may put a cell this far below a threshold
 
@@ -199,12 +198,12 @@ class _Rule:
         self.down_distance, self.up_distance = down_distance, up_distance
         self.factors = limits["up_factor"], limits["down_factor"]
 
-    def is_beyond(self, view: Floats, metres: Floats) -> NDArray[np.bool_]:
+    def is_beyond(self, view: Floats, metres: Floats) -> Mask:
         if self.down_distance is None:
             return np.less_equal(view, self.down)
         return np.greater_equal(metres, self.down_distance - _TOLERANCE)
 
-    def is_near(self, view: Floats, metres: Floats) -> NDArray[np.bool_]:
+    def is_near(self, view: Floats, metres: Floats) -> Mask:
         """Return where `up_factor` applies, if the cell is not beyond `down`."""
         if self.up_distance is None:
             return np.greater(view, self.up)
@@ -216,7 +215,7 @@ class _Rule:
         products = np.where(self.is_near(view, metres), *factors) * view
         return np.where(self.is_beyond(view, metres), 0.0, np.minimum(truncated(products), highest))
 
-    def table(self) -> NDArray[np.int8]:
+    def table(self) -> SignedBytes:
         """Return the cost of each byte of a view, shape (256,); the last one is -1."""
         table = np.zeros(256, dtype=np.int8)
         view = np.arange(float(OCCUPIED))
@@ -353,7 +352,7 @@ def ring_cost(
     models.warn_of_strength(source, "rings")
     costs = (OCCUPIED, *values)
 
-    def rings(rows: slice) -> NDArray[np.int8]:
+    def rings(rows: slice) -> SignedBytes:
         return ringed(source.occupancy[rows], obstacles[rows], costs)
 
     cost = made_by_windows(source.occupancy, np.int8, rings, halo=len(values))

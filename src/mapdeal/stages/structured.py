@@ -14,8 +14,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from mapdeal import command
-from mapdeal.command import Parameter
+from mapdeal.command import Parameter, parameters_of, structured, unknown_name
 from mapdeal.errors import ParameterError, require
 from mapdeal.grid.footprint import is_number
 from mapdeal.grid.reach import Goal
@@ -82,7 +81,7 @@ if TYPE_CHECKING:  # what callers pass; a stage gets the goals made of it
     Goals = Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | Sequence[Goal]
 else:
     Goals = tuple[Goal, ...]
-    command.structured(Goals, accept_goals)
+    structured(Goals, accept_goals)
 
 
 _LAYERS_EXAMPLE = "[{static: {}}, {inflation: {inflation_radius: 0.55}}]"
@@ -128,7 +127,7 @@ def _layer(place: str, item: object) -> CostmapLayer:
     if not isinstance(item, str):
         raise ParameterError(f"must look like one of {_LAYERS_EXAMPLE}", place=place, got=item)
     if item not in KINDS:
-        raise command.unknown_name("kind of layer", item, KINDS, place=place)
+        raise unknown_name("kind of layer", item, KINDS, place=place)
     known = _parameters_of(KINDS[item])
     values: dict[str, Any] = {}
     for key, value in (settings or {}).items():
@@ -143,15 +142,15 @@ def _layer(place: str, item: object) -> CostmapLayer:
                 error.place = f"{place} {item}.{error.place}"
                 raise
         else:
-            raise command.unknown_name("parameter", key, known, place=f"{place} {item}")
+            raise unknown_name("parameter", key, known, place=f"{place} {item}")
     return KINDS[item](**values)
 
 
 def _parameters_of(kind: type[CostmapLayer]) -> dict[str, Parameter]:
     fields: Any = kind
-    parameters = dict(command.parameters_of(fields))
+    parameters = dict(parameters_of(fields))
     parameters.pop("name")
     return parameters
 
 
-command.structured(LayerList, accept_layers)
+structured(LayerList, accept_layers)

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal import command
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
@@ -16,12 +15,11 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import UNKNOWN
-from mapdeal.kernels.blocks import swept
-from mapdeal.kernels.components import drop_small_groups
+from mapdeal.kernels import blocks, components
+from mapdeal.kernels.arrays import Array, Mask
 
 G = TypeVar("G", bound=frames.ValueGrid | canvases.FieldGrid | Reach)
 V = TypeVar("V", bound=frames.ValueGrid)
-Mask = NDArray[np.bool_]
 
 
 @command.stage(
@@ -97,13 +95,13 @@ def active_region(
 def _known_lines(grid: OccupancyGrid, min_component: int) -> tuple[Mask, Mask]:
     """Return which rows and which columns have known cells of large enough groups."""
     if min_component > 1:
-        known = drop_small_groups(np.asarray(grid.occupancy) != UNKNOWN, min_component)
+        known = components.drop_small_groups(np.asarray(grid.occupancy) != UNKNOWN, min_component)
         if not known.any():
             rule = f"no active cells: no group of {min_component} known cells or more"
             raise MalformedInputError(rule)
         return np.asarray(known.any(axis=1)), np.asarray(known.any(axis=0))
     in_rows, in_cols = np.zeros(grid.shape[0], dtype=bool), np.zeros(grid.shape[1], dtype=bool)
-    for block in swept(grid.occupancy):
+    for block in blocks.swept(grid.occupancy):
         known = grid.occupancy[block] != UNKNOWN
         in_rows[block] = known.any(axis=1)
         in_cols |= known.any(axis=0)
@@ -224,7 +222,7 @@ def copied(
             raise ParameterError("no cell of it has a distance", place=stage_name)
         emit_warning(f"{stage_name}: lies outside the map, so no cell is kept")
         value = grid.unknown_value if fill is None else fill
-        values: NDArray[np.generic] = np.full(frame.shape, value, dtype=grid.values.dtype)
+        values: Array = np.full(frame.shape, value, dtype=grid.values.dtype)
         return grid.with_values(values, frame.origin)
     layers = {name: canvases.cut_out(getattr(grid, name), shared) for name in grid.layer_names}
     part = canvases.replaced(grid, origin=shared.frame_in(grid.frame).origin, **layers)
