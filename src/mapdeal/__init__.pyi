@@ -81,7 +81,7 @@ from mapdeal.grid.route_graph import RouteNode as RouteNode
 from mapdeal.grid.shapes import Circle as Circle
 from mapdeal.grid.shapes import Line as Line
 from mapdeal.grid.shapes import Polygon as Polygon
-from mapdeal.layers.area import CostmapArea as CostmapArea
+from mapdeal.layers.stack import CostmapArea as CostmapArea
 from mapdeal.layers.denoise import DenoiseLayer as DenoiseLayer
 from mapdeal.layers.inflation import InflationLayer as InflationLayer
 from mapdeal.layers.keepout import KeepoutFilter as KeepoutFilter

@@ -10,8 +10,7 @@ from hypothesis import given, strategies as st
 import oracles
 from engines import needs_compiled
 from kernels.conftest import by_each_engine
-from mapdeal.kernels.eikonal import costs_to_go, lengths_to
-from mapdeal.kernels.paths import cheapest_path
+from mapdeal.kernels.paths import cheapest_path, costs_to_go, lengths_to
 from strategies import examples
 
 

@@ -8,9 +8,8 @@ from scipy.sparse import csgraph
 
 from engines import needs_compiled
 from kernels.conftest import by_each_engine
-from mapdeal.kernels import smac
-from mapdeal.kernels.navfn import UNREACHED, cost_table, potentials, traced_path
-from mapdeal.kernels.smac import grid_path, grid_step_costs, smooth_once, theta_costs
+from mapdeal.kernels import searches as nav2_searches
+from mapdeal.kernels.searches import UNREACHED, cost_table, potentials, traced_path
 
 
 def blobs(draw, lengths):
@@ -83,9 +82,9 @@ def grid_searches(draw):
 
 def grid_searched(search, tolerance=0.0, most=2**31 - 1, near=2**31 - 1):
     costs, start, goal, allow_unknown = search
-    steps = grid_step_costs(1.0, allow_unknown=allow_unknown)
+    steps = nav2_searches.grid_step_costs(1.0, allow_unknown=allow_unknown)
     goal_xy = (float(np.float32(goal % costs.shape[1] + 0.4)), float(goal // costs.shape[1]))
-    return grid_path(
+    return nav2_searches.grid_path(
         costs, steps, start, goal, goal_xy, tolerance=tolerance, most_iterations=most,
         most_near_goal=near,
     )  # fmt: skip
@@ -93,8 +92,10 @@ def grid_searched(search, tolerance=0.0, most=2**31 - 1, near=2**31 - 1):
 
 def theta_searched(search, corners=8):
     costs, start, goal, allow_unknown = search
-    tables = theta_costs(2.0, allow_unknown=allow_unknown)
-    return smac.theta_path(costs, tables, start, goal, corners=corners, distance_weight=1.0)
+    tables = nav2_searches.theta_costs(2.0, allow_unknown=allow_unknown)
+    return nav2_searches.theta_path(
+        costs, tables, start, goal, corners=corners, distance_weight=1.0
+    )
 
 
 @needs_compiled
@@ -104,7 +105,7 @@ def test_both_engines_find_the_same_paths(search, tolerance, most, near):
     def results():
         cells, iterations = grid_searched(search, tolerance, most, near)
         path = np.random.default_rng(3).random((6, 2))
-        change = smooth_once(path.copy(), path, 0.2, 0.3)
+        change = nav2_searches.smooth_once(path.copy(), path, 0.2, 0.3)
         return (cells.tolist(), iterations, theta_searched(search), theta_searched(search, 4),
                 change, path.tolist())  # fmt: skip
 
@@ -133,7 +134,7 @@ def test_smac_finds_a_path_exactly_where_there_is_one_of_nearly_the_least_cost(e
     costs, start, goal, allow_unknown = search
     if start == goal:
         return
-    steps = grid_step_costs(1.0, allow_unknown=allow_unknown).astype(float)
+    steps = nav2_searches.grid_step_costs(1.0, allow_unknown=allow_unknown).astype(float)
     least = least_cost(costs, start, goal, steps)
     cells, _ = grid_searched(search)
     assert (len(cells) > 0) == np.isfinite(least)
@@ -149,7 +150,7 @@ def test_smac_finds_a_path_exactly_where_there_is_one_of_nearly_the_least_cost(e
 @given(grid_searches())
 def test_theta_star_finds_a_path_only_between_connected_cells(each_engine, search):
     costs, start, goal, allow_unknown = search
-    steps, _ = theta_costs(2.0, allow_unknown=allow_unknown)
+    steps, _ = nav2_searches.theta_costs(2.0, allow_unknown=allow_unknown)
     is_open = np.isfinite(steps)[costs]
     if start == goal or not (is_open.ravel()[start] and is_open.ravel()[goal]):
         return
@@ -164,5 +165,5 @@ def test_theta_star_finds_a_path_only_between_connected_cells(each_engine, searc
 def test_a_point_between_two_is_pulled_to_both():
     raw = np.array([[0.0, 0], [1, 1], [2, 0]])
     path = raw.copy()
-    assert smooth_once(raw, path, 0.2, 0.3) == pytest.approx(0.6)
+    assert nav2_searches.smooth_once(raw, path, 0.2, 0.3) == pytest.approx(0.6)
     assert path[1].tolist() == pytest.approx([1, 0.4])

@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 import mapdeal
 import oracles
 from drawn import cells, grid_from_text
-from mapdeal.kernels.eikonal import is_line_clear, lengths_to
+from mapdeal.kernels.paths import is_line_clear, lengths_to
 from mapdeal.planning import routes as descent
 from mapdeal.planning.routes import Terrain, shortest_over
 

@@ -21,7 +21,7 @@ from mapdeal.grid.frame import Frame, as_float32
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Bottleneck, Goal
 from mapdeal.grid.reaching import Ground, reach_on, squares_to
-from mapdeal.kernels.navfn import UNREACHED
+from mapdeal.kernels.searches import UNREACHED
 from mapdeal.pipeline.folder import rounded_place
 from mapdeal.pipeline.inputs import KeepoutMask, MapInput
 from mapdeal.pipeline.recipe import load_recipe

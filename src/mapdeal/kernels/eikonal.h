@@ -1,4 +1,4 @@
-/* The eikonal equation over the eight triangles around each cell. eikonal.py has the rules. */
+/* The eikonal equation over the eight triangles around each cell. paths.py has the rules. */
 
 #include <math.h>
 #include <stdint.h>

@@ -1,4 +1,4 @@
-/* NavFn's search and the trace of its path, bit for bit; kernels/navfn.py has the rules. */
+/* NavFn's search and the trace of its path, bit for bit; kernels/searches.py has the rules. */
 
 #include <limits.h>
 #include <math.h>

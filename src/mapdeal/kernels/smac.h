@@ -1,4 +1,4 @@
-/* Searches of Nav2's Smac and Theta* planners; kernels/smac.py has the rules. */
+/* Searches of Nav2's Smac and Theta* planners; kernels/searches.py has the rules. */
 
 #include <math.h>
 #include <stdint.h>

@@ -25,8 +25,8 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION, count_text
 from mapdeal.kernels.arrays import Floats
 from mapdeal.layers import obstacle
-from mapdeal.layers.area import cells_below, covered_cells
 from mapdeal.layers.layer import Bounds, LiveLayer, LivePlace, MasterGrid, Update, Window
+from mapdeal.layers.stack import cells_below, covered_cells
 from mapdeal.mapping.transforms import FrameOptions, Pose, Quaternion, Rigid
 from mapdeal.pipeline.bag_maps import SensorFrames
 from mapdeal.pipeline.folder import Filling, OutputFolder, Product

@@ -17,7 +17,7 @@ from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
 from mapdeal.kernels.blocks import activity
-from mapdeal.layers.area import CostmapArea
+from mapdeal.layers.stack import CostmapArea
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import as_occupancy
 from mapdeal.records import asdict, dataclass, field

@@ -18,7 +18,7 @@ from mapdeal.errors import require
 from mapdeal.grid.frame import Point
 from mapdeal.grid.values import LETHAL_OBSTACLE
 from mapdeal.kernels.arrays import Floats, Mask, Metres
-from mapdeal.kernels.navfn import UNREACHED, Cell, potentials, traced_path
+from mapdeal.kernels.searches import UNREACHED, Cell, potentials, traced_path
 from mapdeal.planners.planner import Default, Plan, Planner, PlannerGrid, Pose, no_plan
 from mapdeal.records import replace
 

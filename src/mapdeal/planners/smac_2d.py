@@ -18,7 +18,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Point
 from mapdeal.kernels.arrays import Floats, Mask
 from mapdeal.kernels.polygons import Lattice, costs_at_poses
-from mapdeal.kernels.smac import grid_path, grid_step_costs, smooth_once
+from mapdeal.kernels.searches import grid_path, grid_step_costs, smooth_once
 from mapdeal.planners.planner import Default, Plan, Planner, PlannerGrid, Pose, no_plan, poses_of
 
 _ENDLESS = 2**31 - 1  # iterations without a limit

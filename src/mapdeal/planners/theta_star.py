@@ -20,7 +20,7 @@ import numpy as np
 from mapdeal.errors import ParameterError
 from mapdeal.grid.values import LETHAL_OBSTACLE
 from mapdeal.kernels.arrays import Floats
-from mapdeal.kernels.smac import theta_costs, theta_path
+from mapdeal.kernels.searches import theta_costs, theta_path
 from mapdeal.planners.planner import Default, Plan, Planner, PlannerGrid, Pose, no_plan, poses_of
 
 

@@ -17,10 +17,10 @@ from mapdeal.grid.reach import Method, Route
 from mapdeal.grid.reaching import Cell, cell_of_point, nearest_open_text
 from mapdeal.grid.route_graph import RouteGraph
 from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED
+from mapdeal.kernels import paths
 from mapdeal.kernels.arrays import Floats, Mask, Metres
 from mapdeal.kernels.distance import signed_distance
-from mapdeal.kernels.eikonal import Place, is_line_clear, lengths_to, opens, weighted_lengths_to
-from mapdeal.kernels.paths import cheapest_path
+from mapdeal.kernels.paths import Place
 from mapdeal.records import dataclass, replace
 
 FIELD_RANGE = 2.0  # metres from obstacles within which the field weighs, as in its metric view
@@ -76,17 +76,17 @@ class Terrain:
         if place is None:
             return np.full(self.weights.shape, math.inf)
         if by_length:
-            costs = lengths_to(self.weights > 0, place)
+            costs = paths.lengths_to(self.weights > 0, place)
         else:
             classes = self.costmap.cost.view(np.uint8)
-            costs = weighted_lengths_to(classes, self.weights_by_cost, place)
+            costs = paths.weighted_lengths_to(classes, self.weights_by_cost, place)
         return costs * self.costmap.resolution
 
     def is_open(self, cell: Cell) -> bool:
         return self.costmap.frame.holds(cell) and bool(self.weights[cell] > 0)
 
     def is_clear(self, start: Place, end: Place) -> bool:
-        return is_line_clear(self.is_open, start, end)
+        return paths.is_line_clear(self.is_open, start, end)
 
     def open_cell_of(self, point: Point, name: str) -> Cell:
         frame = self.costmap.frame
@@ -157,7 +157,7 @@ def route_over(
 ) -> Route:
     first, last = terrain.open_cell_of(start, "start"), terrain.open_cell_of(goal, "goal")
     searched = terrain.weights if weights is None else weights
-    path = cheapest_path(searched, first, last, surcharges=surcharges)
+    path = paths.cheapest_path(searched, first, last, surcharges=surcharges)
     search: dict[str, Any] = {"expanded": path.expanded, "optimal": surcharges is None}
     if len(path.cells) == 0:
         return Route("astar", False, start, goal, **search)
@@ -374,7 +374,7 @@ def _taut_line(is_open: Mask, start: Floats, goal: Floats, parts: int = 1) -> Fl
     """Return a taut line, shape (N, 2), by lengths over parts of cells; empty if there is none."""
     finer = is_open.repeat(parts, axis=0).repeat(parts, axis=1) if parts > 1 else is_open
     row, col = (goal * parts).tolist()
-    lengths = lengths_to(finer, (row, col))
+    lengths = paths.lengths_to(finer, (row, col))
     first = np.floor(start * parts).astype(int)
     if math.isinf(lengths[tuple(first)]):
         return np.empty((0, 2))
@@ -385,7 +385,7 @@ def _taut_line(is_open: Mask, start: Floats, goal: Floats, parts: int = 1) -> Fl
     taut = _pull_taut(is_open, np.stack([ends[0], *centres, ends[1]]))
     for inner in (taut[1:-1], taut, centres):
         line = np.stack([start, *inner, goal])
-        if is_line_clear(opens(is_open), *map(tuple, line.tolist())):
+        if paths.is_line_clear(paths.opens(is_open), *map(tuple, line.tolist())):
             return line
     raise ArithmeticError("the descent of distances does not end in sight of the goal")
 

@@ -18,9 +18,9 @@ from typing import Any
 from mapdeal.errors import MalformedInputError
 from mapdeal.grid.frame import as_float32
 from mapdeal.grid.values import few_text
-from mapdeal.layers.area import CostmapArea
 from mapdeal.layers.catalogue import NAV2_PLUGINS
 from mapdeal.layers.layer import PluginEntry
+from mapdeal.layers.stack import CostmapArea
 from mapdeal.records import replace
 from mapdeal.ros import robot
 from mapdeal.ros.robot import CostmapName, Level, ListedLayer, ParameterValue, Problem

@@ -22,11 +22,10 @@ from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.grid.footprint import Footprint, check_simple, contains_centre
 from mapdeal.grid.frame import as_float32
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OneLineRepr
-from mapdeal.layers.area import CostmapArea
 from mapdeal.layers.inflation import InflationLayer
 from mapdeal.layers.keepout import KeepoutFilter
 from mapdeal.layers.layer import CostmapLayer
-from mapdeal.layers.stack import CostmapLayers
+from mapdeal.layers.stack import CostmapArea, CostmapLayers
 from mapdeal.layers.static import StaticLayer
 from mapdeal.records import asdict, dataclass, replace
 

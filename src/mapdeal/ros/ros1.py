@@ -27,9 +27,9 @@ import yaml
 from mapdeal.errors import MalformedInputError
 from mapdeal.files import yaml_text
 from mapdeal.files.source import read_file
-from mapdeal.layers.area import CostmapArea
 from mapdeal.layers.catalogue import ROS1_PLUGINS
 from mapdeal.layers.layer import PluginEntry
+from mapdeal.layers.stack import CostmapArea
 from mapdeal.records import dataclass, field, replace
 from mapdeal.ros import robot
 from mapdeal.ros.robot import CostmapName, Level, ListedLayer, ParameterValue, Problem

@@ -20,11 +20,10 @@ from mapdeal.kernels.arrays import Bytes, Integers, Mask, SignedBytes
 from mapdeal.kernels.blocks import Layer, made_by_windows
 from mapdeal.kernels.lookup import set_where
 from mapdeal.layers import inflation as inflation_layer
-from mapdeal.layers.area import CostmapArea, cells_below, covered_cells
 from mapdeal.layers.inflation import InflationLayer, advice_on, circumscribed_cost, inflation_curve
 from mapdeal.layers.keepout import KeepoutFilter, MaskCosts, cells_at_centres
 from mapdeal.layers.layer import MasterGrid
-from mapdeal.layers.stack import CostmapLayers
+from mapdeal.layers.stack import CostmapArea, CostmapLayers, cells_below, covered_cells
 from mapdeal.layers.static import StaticLayer
 from mapdeal.records import replace
 from mapdeal.stages.cost import ObstacleSource, cost_model, refuse_view, warn_of_strength

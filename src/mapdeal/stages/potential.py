@@ -182,7 +182,7 @@ def _costs_to(
 ) -> NDArray[np.float64]:
     """Return the least cost of a way from each cell to a goal, in metres; inf if none."""
     from mapdeal.grid.reaching import cells_open_to
-    from mapdeal.kernels.eikonal import lengths_to, weighted_lengths_to
+    from mapdeal.kernels.paths import lengths_to, weighted_lengths_to
 
     place = ground.frame.place_in_cell(goal)
     if place is None:
