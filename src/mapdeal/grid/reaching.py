@@ -17,10 +17,9 @@ from mapdeal.grid.frame import Frame, Point, check_point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage, Reach
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
-from mapdeal.kernels import components, distance, paths, threads
+from mapdeal.kernels import components, distance, paths, polygons, threads
 from mapdeal.kernels.arrays import Bytes, Floats, Mask, SquaredDistances
 from mapdeal.kernels.components import ClearanceTree, RootedTree, joined
-from mapdeal.kernels.polygons import Pose
 from mapdeal.records import dataclass, field
 
 Cell = tuple[int, int]
@@ -491,7 +490,7 @@ class _RoundPoses(paths.OpenPoses):
     def at(self, row: int, col: int) -> Mask:
         return np.full(self._heading_count, self.headings[row, col] > 0)
 
-    def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell]) -> tuple[Bytes, Mask]:
+    def reach(self, seeds: Sequence[polygons.Pose], cells: Sequence[Cell]) -> tuple[Bytes, Mask]:
         reachable = self._passage_tree.rooted_at(seeds[0][1:]).reachable(self._closed_up_to)
         is_reached = np.array([reachable[cell] > 0 for cell in cells], dtype=np.bool_)
         return reachable, np.repeat(is_reached[:, np.newaxis], self._heading_count, axis=1)

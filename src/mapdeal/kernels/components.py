@@ -14,9 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels import polygons, threads
 from mapdeal.kernels.arrays import Array, Basins, Floats, Integers, Mask, SquaredDistances
-from mapdeal.kernels.polygons import Cell, enumerated
-from mapdeal.kernels.threads import for_rows
 from mapdeal.records import dataclass
 
 _LABELS_TOGETHER = 1 << 20
@@ -102,7 +101,7 @@ def least_joined(first: Integers, second: Integers, count: int) -> Integers:
             least = nearer
 
 
-def _neighbour_pairs(flat: Integers, cells: Integers, step: Cell, width: int) -> Integers:
+def _neighbour_pairs(flat: Integers, cells: Integers, step: polygons.Cell, width: int) -> Integers:
     """Return pairs of marked cells a step apart, shape (2, M), as positions in the list."""
     col = cells[:, 1] + step[1]
     inside = np.flatnonzero((col >= 0) & (col < width))
@@ -177,7 +176,7 @@ class Components:
         # each run's range of runs in the row above that share an edge or a corner
         first = np.searchsorted(all_stops, all_starts + stride)
         behind = np.searchsorted(all_starts, all_stops + stride, side="right")
-        run, touching = enumerated(first, behind)
+        run, touching = polygons.enumerated(first, behind)
         least = least_joined(nodes[run], nodes[touching], live + len(starts))
         lengths = stops - starts
         cells = np.concatenate([front.sizes, lengths])
@@ -237,7 +236,7 @@ def _runs(marked: Mask) -> tuple[Integers, Integers]:
     return ends[::2], ends[1::2]
 
 
-def gap_at(squared: SquaredDistances, basins: Basins, cell: Cell) -> tuple[RowCol, RowCol]:
+def gap_at(squared: SquaredDistances, basins: Basins, cell: polygons.Cell) -> tuple[RowCol, RowCol]:
     # In a thick wall all cells in the middle of a door are equally narrow, and any of them may be
     # the saddle. They are the ridge, up to cells with a wider neighbour, where the rooms begin.
     square = int(squared[cell])
@@ -432,7 +431,7 @@ def _borders(basins: Basins, labels: Basins) -> tuple[Integers, Integers]:
             first = (row[are_regions] + rows.start) * width + col[are_regions]
             found.setdefault(rows.start, []).append(np.stack([first, first + step]))
 
-    for_rows(compare, basins.shape)
+    threads.for_rows(compare, basins.shape)
     pairs = np.concatenate([part for start in sorted(found) for part in found[start]], axis=1)
     return pairs[0], pairs[1]
 

@@ -12,10 +12,8 @@ import numpy as np
 
 from mapdeal.command import AT_LEAST_0
 from mapdeal.errors import emit_warning
-from mapdeal.grid import values as map_values
-from mapdeal.grid.costmap import CostCurve, squares_up_to
+from mapdeal.grid import costmap, frame, values as map_values
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.frame import RADIUS_TOLERANCE, as_float32, cells_to_cover
 from mapdeal.grid.values import FREE_SPACE, LETHAL_OBSTACLE, NO_INFORMATION
 from mapdeal.kernels.arrays import Bytes, Floats, Integers, Integers32
 from mapdeal.kernels.distance import bytes_by_distance, queued_squares
@@ -301,7 +299,7 @@ _MOST_CELLS = 2.0**52  # limit of a reach: floats represent all whole numbers up
 
 def reach_in_cells(radius: float, cell_size: float, *, is_tolerant: bool = False) -> int:
     radius = min(radius, _MOST_CELLS * cell_size)
-    return cells_to_cover(radius, cell_size) if is_tolerant else math.ceil(radius / cell_size)
+    return frame.cells_to_cover(radius, cell_size) if is_tolerant else math.ceil(radius / cell_size)
 
 
 def _costs_of_squares(
@@ -319,7 +317,7 @@ def _costs_of_squares(
         metres = np.sqrt(squares.astype(np.float64)) * cell_size
         beyond = np.maximum(metres - layer.inscribed_radius, 0.0)
         costs = (HIGHEST_GRADED * np.exp(-layer.cost_scaling_factor * beyond)).astype(np.uint8)
-        is_within = metres <= layer.inscribed_radius + RADIUS_TOLERANCE * is_tolerant
+        is_within = metres <= layer.inscribed_radius + frame.RADIUS_TOLERANCE * is_tolerant
         costs[is_within] = map_values.INSCRIBED_INFLATED_OBSTACLE
     costs[squares == 0] = LETHAL_OBSTACLE
     return costs
@@ -365,24 +363,24 @@ def advice_on(cost: int, layer: InflationLayer) -> str:
 def inflation_curve(
     layers: Sequence[InflationLayer], resolution: float, *,
     circumscribed_radius: float | None = None, float32_resolution: bool = True,
-) -> CostCurve:  # fmt: skip
-    cell_size = as_float32(resolution) if float32_resolution else resolution
+) -> costmap.CostCurve:  # fmt: skip
+    cell_size = frame.as_float32(resolution) if float32_resolution else resolution
     is_tolerant = not float32_resolution
     radii = [layer.inflation_radius for layer in layers]
     reaches = [reach_in_cells(radius, cell_size, is_tolerant=is_tolerant) for radius in radii]
-    squares = squares_up_to(max(reaches, default=0))
+    squares = costmap.squares_up_to(max(reaches, default=0))
     cost = np.where(squares == 0, LETHAL_OBSTACLE, FREE_SPACE).astype(np.uint8)
     for layer, reach in zip(layers, reaches, strict=True):
         with np.errstate(over="ignore"):  # the costs become 0 even if the exponent overflows
             spread = _costs_of_squares(squares, layer, cell_size, is_tolerant=is_tolerant)
         np.maximum(cost, spread, out=cost, where=squares <= float(reach) ** 2)
     if not layers:
-        return CostCurve(resolution, np.sqrt(squares), cost)
+        return costmap.CostCurve(resolution, np.sqrt(squares), cost)
     farthest, last = layers[int(np.argmax(reaches))], layers[-1]
     marked = (layer for layer in layers if layer is not farthest)
     marks = ((f"inflation radius of {layer.name}", layer.inflation_radius) for layer in marked)
     at_circumscribed = None if circumscribed_radius is None else last.cost_at(circumscribed_radius)
-    return CostCurve(
+    return costmap.CostCurve(
         resolution,
         np.sqrt(squares),
         cost,

@@ -16,9 +16,8 @@ from mapdeal.errors import ParameterError, require
 from mapdeal.grid.frame import FARTHEST, Frame, Region, as_numbers
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, OneLineRepr, count_text
-from mapdeal.kernels import components, distance, rotations, sensing
+from mapdeal.kernels import components, distance, polygons, rotations, sensing
 from mapdeal.kernels.arrays import Array, Floats, Integers, Mask, SignedBytes
-from mapdeal.kernels.polygons import FARTHEST_CELL
 from mapdeal.records import astuple, dataclass
 
 _LEVEL = 1e-6  # radians: of 30 m, 30 micrometres
@@ -326,7 +325,7 @@ class Evidence(ABC):
         # cannot reach it, and would overflow 64-bit integers.
         starts = self.frame.unbounded_rowcol_from_xy(beams.sensors_xy)
         ends = self.frame.unbounded_rowcol_from_xy(beams.ends_xy(beyond))
-        near = (np.abs(starts) <= FARTHEST_CELL) & (np.abs(ends) <= FARTHEST_CELL)
+        near = (np.abs(starts) <= polygons.FARTHEST_CELL) & (np.abs(ends) <= polygons.FARTHEST_CELL)
         is_near = near[:, 0] & near[:, 1]
         if is_near.all():
             return beams, starts, ends

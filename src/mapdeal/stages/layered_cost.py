@@ -16,9 +16,8 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Framed, as_float32, warn_of_degrees
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION, OCCUPIED, UNKNOWN
+from mapdeal.kernels import blocks, lookup
 from mapdeal.kernels.arrays import Bytes, Integers, Mask, SignedBytes
-from mapdeal.kernels.blocks import Layer, made_by_windows
-from mapdeal.kernels.lookup import set_where
 from mapdeal.layers import inflation as inflation_layer
 from mapdeal.layers.inflation import InflationLayer, advice_on, circumscribed_cost, inflation_curve
 from mapdeal.layers.keepout import KeepoutFilter, MaskCosts, cells_at_centres
@@ -197,12 +196,12 @@ def layered_cost(
             layer.apply(master)
         return master.costs
 
-    cost: Layer
+    cost: blocks.Layer
     if has_own_area:
         all_rows = slice(0, frame.height)
         cost = costs(all_rows, *_sampled(source, *cells_of(source.frame, all_rows)))
     else:
-        cost = made_by_windows(
+        cost = blocks.made_by_windows(
             source.occupancy, np.uint8, lambda rows: costs(rows, _occupancy(source, rows)),
             halo=sum(layer.halo(frame.shape, cell_size) for layer in applied),
         )  # fmt: skip
@@ -237,7 +236,7 @@ def _occupancy(source: ObstacleSource, rows: slice) -> SignedBytes:
     values = source.occupancy[rows]
     if isinstance(source, DistanceField) and source.unknown == "occupied":
         values = values.copy()
-        set_where(values, values == UNKNOWN, OCCUPIED)
+        lookup.set_where(values, values == UNKNOWN, OCCUPIED)
     return values
 
 

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from mapdeal.command import ABOVE_0, METRES, RADIANS, Parameters, stage
 from mapdeal.errors import ParameterError, emit_warning, require
-from mapdeal.grid import frame as frames
+from mapdeal.grid import costmap, frame as frames
 from mapdeal.grid.canvas import ResamplingRule, check_values, resampled
-from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, check_choice
 from mapdeal.kernels.distance import beside
 from mapdeal.records import dataclass
@@ -279,7 +278,7 @@ def _walls_of(grid: frames.ValueGrid) -> NDArray[np.bool_]:
     # A map that was turned before may be occupied around its old outline, which is not a wall.
     check_values(grid)
     obstacles: NDArray[np.bool_] = grid.values >= DEFAULT_LETHAL_THRESHOLD
-    if isinstance(grid, Costmap):
+    if isinstance(grid, costmap.Costmap):
         obstacles = grid.to_occupancy().occupied(OCCUPIED)
     near = ~obstacles & (grid.values != grid.unknown_value)
     for _ in range(_THICKEST_WALL):
