@@ -11,7 +11,7 @@ import numpy as np
 
 from mapdeal.compatibility import Self
 from mapdeal.errors import ParameterError
-from mapdeal.grid.frame import Figures, Frame, Framed, Region, ValueGrid
+from mapdeal.grid.frame import Figures, Frame, Framed, Region, ValueGrid, corners_of
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import UNKNOWN, check_choice
@@ -100,7 +100,7 @@ def _turn(frame: Frame, yaw: float) -> float:
 
 def frames_overlap(first: Frame, second: Frame) -> bool:
     for frame, source in ((first, second), (second, first)):
-        places = _corners_on(source, frame)
+        places = source.continuous_rowcol_from_xy(corners_of(frame))
         beyond = places.min(axis=0) >= np.subtract(source.shape, TOUCHING)
         if (places.max(axis=0) <= TOUCHING).any() or beyond.any():
             return False
@@ -108,7 +108,7 @@ def frames_overlap(first: Frame, second: Frame) -> bool:
 
 
 def rows_and_cols_under(frame: Frame, source: Frame) -> tuple[slice, slice]:
-    places = _corners_on(source, frame)
+    places = source.continuous_rowcol_from_xy(corners_of(frame))
     first = np.clip(np.floor(places.min(axis=0)) - 1, 0, source.shape).astype(int)
     last = np.clip(np.ceil(places.max(axis=0)) + 1, 0, source.shape).astype(int)
     return slice(first[0], last[0]), slice(first[1], last[1])
@@ -156,11 +156,6 @@ def _wholly_inside(frame: Frame, source: Frame) -> Mask:
 
     for_rows(test_rows, frame.shape)
     return result
-
-
-def _corners_on(source: Frame, frame: Frame) -> Floats:
-    corners = [[row, col] for row in (0, frame.height) for col in (0, frame.width)]
-    return source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(corners))
 
 
 class FieldGrid(Framed):

@@ -17,7 +17,7 @@ from mapdeal.compatibility import Self
 from mapdeal.errors import ParameterError, emit_warning, is_called_by_user, require
 from mapdeal.grid import values as map_values
 from mapdeal.grid.values import OneLineRepr, OverlayType, numbers_text
-from mapdeal.kernels.arrays import Floats, Mask
+from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
 from mapdeal.kernels.polygons import Spans, paint
 from mapdeal.records import dataclass
@@ -202,8 +202,6 @@ class Frame:
     def unbounded_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.int64]:
         """Convert points to cells, as if the grid were unbounded.
 
-        As costmap_2d's ``worldToMapNoBounds``, which truncates towards zero instead of down.
-
         References
         ----------
         costmap_2d's ``worldToMapNoBounds``, but with floor: costmap_2d truncates towards zero and
@@ -226,8 +224,6 @@ class Frame:
     def clamped_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.int64]:
         """Convert points to cells; points outside the grid go to the nearest border cell.
 
-        As costmap_2d's ``worldToMapEnforceBounds``; Nav2's goes one cell beyond on an upper edge.
-
         References
         ----------
         costmap_2d's ``worldToMapEnforceBounds``. Nav2's version returns a cell beyond the last
@@ -236,12 +232,8 @@ class Frame:
         last = np.array([self.height - 1, self.width - 1])
         return np.clip(self.unbounded_rowcol_from_xy(points_xy), 0, last)
 
-    def bounded_rowcol_from_xy(
-        self, points_xy: ArrayLike
-    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    def bounded_rowcol_from_xy(self, points_xy: ArrayLike) -> tuple[Integers, Mask]:
         """Convert points to cells, (-1, -1) outside, and return which are inside, bool (N,).
-
-        As costmap_2d's ``worldToMap``, whose return value is the second array.
 
         References
         ----------
@@ -250,9 +242,7 @@ class Frame:
         places, inside, tolerance = self._bounded(points_xy)
         return np.where(inside[:, np.newaxis], cells_at(places, tolerance), -1), inside
 
-    def bounded_continuous_rowcol_from_xy(
-        self, points_xy: ArrayLike
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def bounded_continuous_rowcol_from_xy(self, points_xy: ArrayLike) -> tuple[Floats, Mask]:
         """Convert points to places, and return which are inside the grid, bool (N,).
 
         Places are moved by rounding errors onto centre lines; those of nan and inf mean nothing.
@@ -487,9 +477,13 @@ def region_of(
     return Region(row, col, max(height, 1), max(width, 1))
 
 
+def corners_of(frame: Frame) -> Floats:
+    corners = [[row, col] for row in (0, frame.height) for col in (0, frame.width)]
+    return frame.xy_from_continuous_rowcol(corners)
+
+
 def region_around(frame: Frame, contents: Frame) -> Region:
-    corners = [[row, col] for row in (0, contents.height) for col in (0, contents.width)]
-    places = frame.continuous_rowcol_from_xy(contents.xy_from_continuous_rowcol(corners))
+    places = frame.continuous_rowcol_from_xy(corners_of(contents))
     row, col = np.floor(places.min(axis=0) + _TOUCHING).astype(int).tolist()
     top, right = np.ceil(places.max(axis=0) - _TOUCHING).astype(int).tolist()
     return Region(row, col, top - row, right - col)
@@ -627,8 +621,6 @@ class Framed(map_values.Drawn, ABC):
     @property
     def extent(self) -> tuple[float, float, float, float]:
         """Left, right, bottom and top, metres: what ``plt.imshow(grid, extent=...)`` takes.
-
-        A rotated grid has none, which raises `ParameterError`; `plot` draws it.
 
         Raises
         ------

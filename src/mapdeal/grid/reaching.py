@@ -31,8 +31,7 @@ _DECIMALS = 9
 def cell_of_point(frame: Frame, point: Point, name: str) -> Cell:
     cells, inside = frame.bounded_rowcol_from_xy([check_point(point, name)])
     if not inside[0]:
-        corners = [[row, col] for row in (0, frame.height) for col in (0, frame.width)]
-        corners_xy = frame.xy_from_continuous_rowcol(corners).round(6) + 0.0
+        corners_xy = frames.corners_of(frame).round(6) + 0.0
         (x, y), (right, top) = corners_xy.min(axis=0).tolist(), corners_xy.max(axis=0).tolist()
         hint = f"the map lies within x {x:.10g} .. {right:.10g}, y {y:.10g} .. {top:.10g}"
         raise ParameterError("lies outside of the map", place=name, got=point, hint=hint)
@@ -126,7 +125,6 @@ class PassageTree:
         return self.cells_of(labels == np.argmax(np.bincount(labels, weights=areas)), closed_up_to)
 
     def cells_of(self, is_chosen: NDArray[np.bool_], closed_up_to: int) -> NDArray[np.bool_]:
-        """Return the cells of the chosen basins whose square is above a limit, shape (H, W)."""
         by_basin = np.append(is_chosen, False)  # cells without a basin have -1, the last entry
         cells = np.empty(self.squared.shape, dtype=np.bool_)
 
@@ -189,7 +187,6 @@ class RootedPassageTree:
     rooted: RootedTree | None
 
     def reachable(self, closed_up_to: int) -> NDArray[np.uint8]:
-        """Return 1 for cells with a path whose squares are above a limit, else 0, shape (H, W)."""
         squared = self.passage_tree.squared
         if self.rooted is None or squared[self.start] <= closed_up_to:
             return np.zeros(squared.shape, dtype=np.uint8)
@@ -497,8 +494,6 @@ class _RoundPoses(paths.OpenPoses):
 
 
 class _StandingPoses(NamedTuple):
-    """Poses open to the robot, and those reachable from its start."""
-
     headings: Bytes
     start: tuple[float, ...]
     start_cell: Cell
