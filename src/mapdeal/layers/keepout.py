@@ -42,8 +42,8 @@ class KeepoutFilter(CostmapLayer):
     needs: ClassVar[str] = "mask"
 
     def apply(self, master: MasterGrid) -> None:
-        if master.keepout is not None:
-            master.keepout.lay_over(master.costs, master.rows)
+        if master.lay_mask_over is not None:
+            master.lay_mask_over(master.costs, master.rows)
 
     def effect(self) -> str:
         return "raises costs to those of a keepout mask (--mask)"

@@ -7,7 +7,7 @@ and recipes, parameter files, ``lint`` and ``info`` know it from then on.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, ClassVar, Protocol, get_type_hints
 
@@ -36,11 +36,6 @@ def within(window: Window, outer: Window) -> Window:
     return rows, cols
 
 
-class KeepoutCosts(Protocol):
-    def lay_over(self, costs: Array, rows: slice) -> None:
-        """Raise the costs of some rows, in place, to those of the mask."""
-
-
 @dataclass(eq=False)
 class MasterGrid:
     """Rows of a costmap while its layers are applied, and the inputs that layers read."""
@@ -52,7 +47,7 @@ class MasterGrid:
     default_cost: int  # of an empty costmap, 0 or 255
     occupancy: SignedBytes  # of the map at each cell
     in_map: Mask | None = None  # which cells lie in the map; None if all do
-    keepout: KeepoutCosts | None = None
+    lay_mask_over: Callable[[Array, slice], object] | None = None  # raises costs of some rows
     under_robot: Mask | None = None  # cells below its footprint; None if it stands outside
 
     def part(self, window: Window) -> MasterGrid:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import dropwhile
 from typing import Annotated, Any
 
 import numpy as np
@@ -191,9 +192,8 @@ class CostmapLayers:
     @property
     def inflates_keepout(self) -> bool:
         """Whether an inflation layer sees the lethal cells of a keepout mask."""
-        effective = self.effective
-        filters = [index for index, layer in enumerate(effective) if _is_keepout(layer)]
-        return bool(filters) and any(layer.spreads for layer in effective[filters[0] :])
+        above = dropwhile(lambda layer: not _is_keepout(layer), self.effective)
+        return any(layer.spreads for layer in above)
 
     @property
     def loses_keepout(self) -> bool:
@@ -203,11 +203,9 @@ class CostmapLayers:
     def with_mask_last(self) -> CostmapLayers:
         """Return the layers without keepout filters where it makes no difference."""
         # A mask over the finished costs has the same effect as filters after all layers.
-        layers = list(self.layers)
-        while layers and _is_keepout(layers[-1]):
-            layers.pop()
-        is_last = len(layers) < len(self.layers) and not any(map(_is_keepout, layers))
-        return replace(self, layers=tuple(layers)) if is_last else self
+        others = tuple(layer for layer in self.layers if not _is_keepout(layer))
+        is_last = self.layers[: len(others)] == others
+        return replace(self, layers=others) if is_last else self
 
     @property
     def static_and_inflation(self) -> tuple[StaticLayer, InflationLayer | None] | None:
@@ -222,12 +220,9 @@ class CostmapLayers:
 
     @property
     def inflations_above_map(self) -> tuple[InflationLayer, ...] | None:
-        effective = self.effective
-        statics = [k for k, layer in enumerate(effective) if isinstance(layer, StaticLayer)]
-        if not statics:
-            return None
-        above = effective[statics[0] :]
-        return tuple(layer for layer in above if isinstance(layer, InflationLayer))
+        above = tuple(dropwhile(lambda layer: not isinstance(layer, StaticLayer), self.effective))
+        inflations = tuple(layer for layer in above if isinstance(layer, InflationLayer))
+        return inflations if above else None
 
     @property
     def obstacle_rule(self) -> tuple[int, UnknownPolicy] | None:

@@ -178,8 +178,9 @@ def layered_cost(
     else:
         frame = source.frame
         cell_size, cells_of = as_float32(frame.resolution), partial(cells_at_centres, frame)
-    keepout = None if mask is None else MaskCosts(mask, partial(cells_of, mask.frame))
-    under_robot = None
+    lay_mask_over = under_robot = None
+    if mask is not None:
+        lay_mask_over = MaskCosts(mask, partial(cells_of, mask.frame)).lay_over
     if footprint is not None and pose is not None:
         under_robot = covered_cells(footprint, pose, frame, cell_size)
     applied = stack.effective if pose is None and not has_own_area else stack.layers
@@ -189,7 +190,7 @@ def layered_cost(
     def costs(rows: slice, occupancy: SignedBytes, in_map: Mask | None = None) -> Bytes:
         master = MasterGrid(
             np.full(occupancy.shape, default_cost, dtype=np.uint8), rows, frame.shape, cell_size,
-            default_cost, occupancy, in_map, keepout,
+            default_cost, occupancy, in_map, lay_mask_over,
             None if under_robot is None else under_robot[rows],
         )  # fmt: skip
         for layer in applied:
