@@ -110,7 +110,6 @@ def info_for(
 
 
 def mask_description(info: FilterInfo, grid: OccupancyGrid) -> dict[str, Any]:
-    """Return the encoding of a mask and the areas of its zones as a JSON-serialisable dict."""
     counts, area = histogram(grid.occupancy), grid.resolution**2
     description: dict[str, Any] = {"kind": info.kind, "type": info.type}
     description |= {"base": info.base, "multiplier": info.multiplier}

@@ -367,7 +367,6 @@ def sample_poses(
 
 
 def shape_of(shape: FootprintLike | None, robot_radius: float | None = None) -> Footprint | None:
-    """Return the shape of a robot from its footprint or its radius; refuse both."""
     if robot_radius is None:
         return cast("Footprint | None", shape)
     if shape is not None:

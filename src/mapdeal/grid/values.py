@@ -67,7 +67,6 @@ def static_layer_cost_from_occupancy(
     track_unknown: bool = True, inscribed_value: int | None = 99,
     unknown_value: int = NO_INFORMATION,
 ) -> NDArray[np.uint8]:  # fmt: skip
-    """Return the cost that costmap_2d's static layer assigns to each value."""
     # As ``interpretValue`` in ``static_layer.cpp``, which first casts the value to unsigned char.
     values, rule = range(OCCUPIED + 1), "must be a whole number from 0 to 100"
     require(lethal_threshold in values, rule, "lethal_threshold", got=lethal_threshold)

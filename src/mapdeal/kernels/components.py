@@ -44,7 +44,6 @@ class Labels:
     sizes: Integers
 
     def touched_by(self, marked: Mask) -> Mask:
-        """Return which components have a cell that is marked, shape (N + 1,)."""
         touched = np.zeros(len(self.sizes), dtype=np.bool_)
         touched[self.cells[marked]] = True
         touched[0] = False
@@ -339,10 +338,9 @@ def joined(
 
 def _join_over_first_edge(into: Integers, ends: Integers, moving: Integers, may_move: Mask) -> None:
     # Only nodes in `moving` may be joined to another; both arrays may repeat a node.
-    backwards = ends[::-1]
-    first, second = backwards[:, 1], backwards[:, 0]
     # Of several values numpy stores the last: in reverse order, that of the first edge.
-    into[backwards.ravel()] = np.stack([first, second], axis=1).ravel()
+    backwards = ends[::-1]
+    into[backwards.ravel()] = backwards[:, ::-1].ravel()
     staying = ends[~may_move[ends]]
     into[staying] = staying
     is_mutual = (into[into[moving]] == moving) & (moving < into[moving])

@@ -116,12 +116,11 @@ def row_minima(values: Integers, exists: Mask) -> Integers:
 def _lowest_in(
     cells: Integers, low: Integers, high: Integers, sites: Integers, added: Integers
 ) -> tuple[Integers, Integers]:
-    lengths = high - low + 1
-    starts = np.cumsum(lengths) - lengths
-    candidates = np.arange(lengths.sum()) + np.repeat(low - starts, lengths)
-    values = (np.repeat(cells, lengths) - sites[candidates]) ** 2 + added[candidates]
+    whose, candidates = enumerated(low, high + 1)
+    starts = np.cumsum(high - low + 1) - (high - low + 1)
+    values = (cells[whose] - sites[candidates]) ** 2 + added[candidates]
     lowest = np.minimum.reduceat(values, starts)
-    hits = np.flatnonzero(values == np.repeat(lowest, lengths))
+    hits = np.flatnonzero(values == lowest[whose])
     return candidates[hits[np.searchsorted(hits, starts)]], lowest
 
 

@@ -57,10 +57,8 @@ def skeleton(levels: Integers, stays: Mask, is_end: Mask) -> Mask:
         active = [True] * 4
         while any(active):
             for k, part in enumerate(parts):
-                if not active[k]:
-                    continue
-                active[k] = False
-                if not len(part):
+                is_active, active[k] = active[k], False
+                if not (is_active and len(part)):
                     continue
                 code = np.zeros(len(part), dtype=np.uint8)
                 for bit, offset in enumerate(offsets):

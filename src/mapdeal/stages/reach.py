@@ -16,7 +16,7 @@ from mapdeal.grid.footprint import Footprint, FootprintLike, shape_of
 from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach, reach_radius, robot_text
-from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
+from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN, few_text
 from mapdeal.stages.cost import check_lethal_threshold, closed_by, obstacles_of
 from mapdeal.stages.structured import Goals, accept_goals
 
@@ -43,10 +43,8 @@ def _remark(_: command.Parameters, figures: Figures) -> str | None:
     if not missed:
         return None
     stopped_by = figures["stopped_by"]
-    texts = [f"{name} ({stopped_by[name]})" if name in stopped_by else name
-             for name in missed[:_MOST_SHOWN]]  # fmt: skip
-    more = f" and {len(missed) - _MOST_SHOWN} more" if len(missed) > _MOST_SHOWN else ""
-    return f"not reachable: {', '.join(texts)}{more}"
+    texts = [f"{name} ({stopped_by[name]})" if name in stopped_by else name for name in missed]
+    return f"not reachable: {few_text(texts, _MOST_SHOWN)}"
 
 
 @command.stage(
