@@ -10,8 +10,7 @@ from scipy import ndimage
 
 from mapdeal.kernels import outlines as kernel
 from mapdeal.kernels.engine import VARIABLE
-from mapdeal.kernels.outlines import corner_count
-from mapdeal.kernels.solids import rectangles, run_count, surface
+from mapdeal.kernels.outlines import corner_count, rectangles, run_count, surface
 from strategies import masks
 
 shapely = pytest.importorskip("shapely")

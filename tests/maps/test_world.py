@@ -15,7 +15,7 @@ from drawn import grid_from_text
 from mapdeal import OccupancyGrid, ParameterError, read_map, write_map
 from mapdeal.errors import one_line
 from mapdeal.grid.frame import Frame
-from mapdeal.kernels.solids import surface
+from mapdeal.kernels.outlines import surface
 from mapdeal.maps.world import mesh_of, stl_parts
 
 trimesh = pytest.importorskip("trimesh")

@@ -20,8 +20,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, count_text, decimal_text
 from mapdeal.kernels.arrays import Mask
-from mapdeal.kernels.outlines import MOST_TOLERANCE, corner_count
-from mapdeal.kernels.solids import rectangles, run_count, surface
+from mapdeal.kernels.outlines import MOST_TOLERANCE, corner_count, rectangles, run_count, surface
 from mapdeal.maps import outlines
 from mapdeal.maps.dialects import Mode
 from mapdeal.maps.formats import or_other_formats, output_format

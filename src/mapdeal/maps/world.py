@@ -21,7 +21,7 @@ from mapdeal.errors import ParameterError, one_line
 from mapdeal.files.text import decimal_without_zeros
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.arrays import Floats, Integers
-from mapdeal.kernels.solids import Rectangles, Surface
+from mapdeal.kernels.outlines import Rectangles, Surface
 from mapdeal.records import dataclass
 
 WORLD_ENDINGS = (".sdf", ".stl", ".obj")
