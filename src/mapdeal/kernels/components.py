@@ -275,13 +275,11 @@ def _ridge(squared: SquaredDistances, basins: Basins, cell: tuple[int, int]) -> 
 
 
 def _around(layer: Array, middle: tuple[int, int], reach: float, *, beyond: int) -> Array:
-    half = math.ceil(reach)
-    around = np.full((2 * half + 1, 2 * half + 1), beyond, dtype=layer.dtype)
-    first_row, first_col = middle[0] - half, middle[1] - half
-    rows = slice(max(first_row, 0), first_row + len(around))
-    inside = layer[rows, max(first_col, 0) : first_col + len(around)]
-    row, col = max(-first_row, 0), max(-first_col, 0)
-    around[row : row + inside.shape[0], col : col + inside.shape[1]] = inside
+    half, (height, width) = math.ceil(reach), layer.shape
+    rows, cols = (index + np.arange(-half, half + 1) for index in middle)
+    around: Array = layer[np.ix_(rows.clip(0, height - 1), cols.clip(0, width - 1))]
+    around[(rows < 0) | (rows >= height)] = beyond
+    around[:, (cols < 0) | (cols >= width)] = beyond
     return around
 
 

@@ -103,10 +103,9 @@ def halves(spans: Spans) -> tuple[Integers, Integers, Integers]:
 
 def bands(starts: Integers, stops: Integers, height: int) -> Iterator[tuple[int, int]]:
     """Yield bands of rows that each hold about `MOST_TOGETHER` rows of all ranges together."""
-    change = np.zeros(height + 1, dtype=np.int64)
-    np.add.at(change, np.clip(starts, 0, height), 1)
-    np.add.at(change, np.clip(np.maximum(starts, stops), 0, height), -1)
-    in_row = np.cumsum(change[:-1])
+    ends = (np.clip(rows, 0, height) for rows in (starts, np.maximum(starts, stops)))
+    begun, ended = (np.bincount(rows, minlength=height + 1) for rows in ends)
+    in_row = np.cumsum((begun - ended)[:-1])
     used = np.flatnonzero(in_row)
     if used.size == 0:
         return

@@ -135,8 +135,7 @@ def floor_in(
     named = _level_under(levels, places if at is None else at[np.newaxis])
     if at is not None and named is None:
         rule = f"no level is at or below {at[2]:g} m there"
-        got = ",".join(f"{number:g}" for number in at)
-        raise MalformedInputError(rule, place="--at", got=got)
+        raise MalformedInputError(rule, place="--at", got=",".join(f"{number:g}" for number in at))
     refusals = []
     for level in _in_order(levels, named):
         tiles, own, above = levels.floor_from(level, claim)

@@ -471,8 +471,7 @@ class CloudMapper:
         values = np.full(contents.frame.shape, UNKNOWN, np.int8)
         values[floor], values[occupied] = FREE, OCCUPIED
         known = values != UNKNOWN
-        everything = Region(0, 0, *contents.frame.shape)
-        box = box_of(known) if self._frame is None else everything
+        box = box_of(known) if self._frame is None else Region(0, 0, *contents.frame.shape)
         part, frame = box.shared_with(contents.frame.shape), box.frame_in(contents.frame)
         grid = OccupancyGrid(values[part].copy(), frame.resolution, frame.origin)
         layers = {

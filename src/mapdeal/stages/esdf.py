@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -154,14 +155,12 @@ class Viewer:
         self.scale = ViewScale(view, view_range, farthest, deepest)
 
     def values(self, cost_of: CostOfView | None = None) -> SignedBytes:
-        def values_of(rows: slice) -> SignedBytes:
-            return self._values_of_rows(self._field.part(rows), self._obstacles[rows], cost_of)
+        make = partial(self._values_of_rows, cost_of)
+        return made_by_rows(self._field.distance, np.int8, make, is_cached=cost_of is not None)
 
-        return made_by_rows(self._field.distance, np.int8, values_of, is_cached=cost_of is not None)
+    def _values_of_rows(self, cost_of: CostOfView | None, rows: slice) -> SignedBytes:
+        field, obstacles = self._field.part(rows), self._obstacles[rows]
 
-    def _values_of_rows(
-        self, field: DistanceField, obstacles: Mask, cost_of: CostOfView | None
-    ) -> SignedBytes:
         def value_of(metres: Floats) -> Floats:
             metres = field.strength * metres
             view = self.scale.values_of(metres, field.resolution)
