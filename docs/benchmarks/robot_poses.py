@@ -27,14 +27,14 @@ LARGEST_OF_PEER = 1000
 
 
 def contenders(blocked: np.ndarray, spans: tuple[Spans, ...]) -> dict[str, Contender]:
-    space = open_poses(blocked, spans)
+    space = open_poses(blocked, spans, None)
     widest = np.argwhere(space.headings == space.headings.max())
     cell = tuple(widest[len(widest) // 2].tolist())
     seed = (int(space.at(*cell).argmax()), *cell)
     kernels = [kernel_of(one) for one in spans]
 
     def ours() -> np.ndarray:
-        return open_poses(blocked, spans).reach([seed], [])[0]
+        return open_poses(blocked, spans, None).reach([seed], [])[0]
 
     def peer() -> np.ndarray:
         free = 1 - blocked.view(np.uint8)
@@ -43,7 +43,7 @@ def contenders(blocked: np.ndarray, spans: tuple[Spans, ...]) -> dict[str, Conte
 
     listed: dict[str, Contender] = {
         "both": ours,
-        "poses": lambda: open_poses(blocked, spans),
+        "poses": lambda: open_poses(blocked, spans, None),
         "ways": lambda: space.reach([seed], [])[0],
     }
     if len(blocked) <= LARGEST_OF_PEER:

@@ -173,7 +173,7 @@ def test_ways_on_a_large_map_are_those_of_a_search_in_all_72_headings(seed):
     blocked[20, 9:17] = blocked[40, 30:38] = False
     corners = [(0.45, 0.16), (0.45, -0.16), (-0.35, -0.16), (-0.35, 0.16)]
     frame = Frame(*blocked.shape, 0.1, (1.5, -2.0, 0.4))
-    space = open_poses(blocked, footprint_spans(Footprint.polygon(corners), frame, 72))
+    space = open_poses(blocked, footprint_spans(Footprint.polygon(corners), frame, 72), None)
     turns = [2 * math.pi * k / 72 - 0.4 for k in range(72)]
     covered = [{(y, x) for x, y in cells_of(corners, turn, 0.1)} for turn in turns]
     opened = oracles.open_poses(blocked, covered)

@@ -40,8 +40,8 @@ def metres_of(squared, resolution):
     return np.array(listed, dtype=np.float32).reshape(squared.shape)
 
 
-@given(grids(), CHOICES, RESOLUTIONS, st.booleans())
-def test_widest_ways_are_those_of_floods(each_engine, grid, choice, resolution, in_place):
+@given(grids(), CHOICES, RESOLUTIONS)
+def test_widest_ways_are_those_of_floods(each_engine, grid, choice, resolution):
     squared, is_open = grid
     tree = paths.clearance_tree(squared, is_open)
     assert np.array_equal(tree.basins >= 0, is_open)
@@ -50,20 +50,20 @@ def test_widest_ways_are_those_of_floods(each_engine, grid, choice, resolution, 
         start = tuple(cells[choice % len(cells)])
         expected = oracles.widest_by_flooding(squared, is_open, start).astype(squared.dtype)
         rooted = paths.rooted(tree, int(tree.basins[start]))
-        metres = paths.widest_metres(tree, rooted, squared, start, resolution, in_place=in_place)
+        metres = paths.widest_metres(tree, rooted, squared, start, resolution)
         assert metres.dtype == np.float32
         assert np.array_equal(metres, metres_of(expected, resolution))
-        assert np.shares_memory(metres, tree.basins) == in_place
+        assert np.shares_memory(metres, tree.basins)
 
 
-@given(grids(), RESOLUTIONS, st.booleans())
-def test_metres_are_roots_of_squares_times_the_resolution(each_engine, grid, resolution, in_place):
+@given(grids(), RESOLUTIONS)
+def test_metres_are_roots_of_squares_times_the_resolution(each_engine, grid, resolution):
     squared, _ = grid
     expected = metres_of(squared, resolution)
-    metres = paths.clearance_metres(squared, resolution, in_place=in_place)
+    metres = paths.clearance_metres(squared, resolution)
     assert metres.dtype == np.float32
     assert np.array_equal(metres, expected)
-    assert np.shares_memory(metres, squared) == (in_place and squared.dtype == np.int32)
+    assert np.shares_memory(metres, squared) == (squared.dtype == np.int32)
 
 
 def test_metres_do_not_take_memory_that_is_not_theirs_alone(each_engine):
@@ -72,7 +72,7 @@ def test_metres_do_not_take_memory_that_is_not_theirs_alone(each_engine):
     locked.flags.writeable = False
     for part in (squared[:, ::2], locked):
         before = part.copy()
-        assert not np.shares_memory(paths.clearance_metres(part, 0.3, in_place=True), part)
+        assert not np.shares_memory(paths.clearance_metres(part, 0.3), part)
         assert np.array_equal(part, before)
 
 

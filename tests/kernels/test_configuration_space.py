@@ -26,7 +26,7 @@ def covered(runs):
 
 
 def check(blocked, footprints, seeds, cells):
-    space = open_poses(blocked, [as_spans(runs) for runs in footprints])
+    space = open_poses(blocked, [as_spans(runs) for runs in footprints], None)
     opened = oracles.open_poses(blocked, [covered(runs) for runs in footprints])
     reached = oracles.reached_poses(opened, seeds)
     np.testing.assert_array_equal(space.headings, opened.sum(axis=0))
@@ -75,7 +75,7 @@ NOWHERE = [[(0, 0, 71)], [(0, -FAR, 1 - FAR), (FAR, 0, 1)], [(0, 80, 90)], [(-3,
 
 @pytest.mark.parametrize("footprint", NOWHERE)
 def test_a_footprint_that_fits_nowhere_is_open_nowhere(each_engine, footprint):
-    space = open_poses(np.zeros((3, 70), dtype=bool), [as_spans(footprint)] * 2)
+    space = open_poses(np.zeros((3, 70), dtype=bool), [as_spans(footprint)] * 2, None)
     assert not space.headings.any()
     assert not space.reach([(0, 1, 1)], [(1, 1)])[0].any()
 
@@ -83,7 +83,7 @@ def test_a_footprint_that_fits_nowhere_is_open_nowhere(each_engine, footprint):
 @pytest.mark.parametrize("count", [1, 3, 255])
 def test_any_count_of_headings_up_to_a_byte(each_engine, count):
     blocked = np.random.default_rng(count).random((9, 80)) < 0.1
-    space = open_poses(blocked, [as_spans([(0, 0, 2)])] * count)
+    space = open_poses(blocked, [as_spans([(0, 0, 2)])] * count, None)
     np.testing.assert_array_equal(space.headings, count * (space.headings > 0))
     opened = oracles.open_poses(blocked, [{(0, 0), (0, 1)}])[0]
     np.testing.assert_array_equal(space.headings > 0, opened)
@@ -108,7 +108,7 @@ def test_both_engines_give_the_same_bytes_with_any_threads(shape):
     cells = [(row, col) for _, row, col in seeds]
 
     def contents():
-        space = open_poses(blocked, spans)
+        space = open_poses(blocked, spans, None)
         opened = np.array([space.at(*cell) for cell in cells])
         reachable, headings = space.reach(seeds, cells)
         assert 0 < reachable.sum() < reachable.size
@@ -139,10 +139,10 @@ def rounds(monkeypatch):
 @needs_compiled
 def test_what_finds_no_room_to_wait_is_not_lost(rounds, monkeypatch):
     blocked, spans, seeds = random_case(np.random.default_rng(5), (60, 1500))
-    compiled, _ = open_poses(blocked, spans).reach(seeds, [])
+    compiled, _ = open_poses(blocked, spans, None).reach(seeds, [])
     assert rounds[0] > 0
     monkeypatch.setenv("MAPDEAL_KERNELS", "scipy")
-    np.testing.assert_array_equal(compiled, open_poses(blocked, spans).reach(seeds, [])[0])
+    np.testing.assert_array_equal(compiled, open_poses(blocked, spans, None).reach(seeds, [])[0])
 
 
 @needs_compiled
@@ -152,6 +152,6 @@ def test_combs_are_reached_to_the_tips(rounds, along):
     teeth = blocked if along else blocked.T
     teeth[1::2, 1:] = True
     a_cell = Spans(*np.array([[0], [0], [1]]))
-    reachable, _ = open_poses(blocked, [a_cell] * 5).reach([(2, 0, 0)], [])
+    reachable, _ = open_poses(blocked, [a_cell] * 5, None).reach([(2, 0, 0)], [])
     np.testing.assert_array_equal(reachable, ~blocked)
     assert rounds[0] > 0

@@ -34,7 +34,7 @@ def test_each_free_cell_of_a_checkerboard_is_a_basin_and_a_corridor_is_one(close
 @pytest.mark.skipif(engine_name() != "compiled", reason="scipy's planes are of bytes")
 def test_poses_of_narrow_maps_are_claimed_in_words():
     point = Spans(np.array([0]), np.array([0]), np.array([1]))
-    sizes = claims_of(lambda: open_poses(np.zeros((50, 4), np.bool_), [point] * 8))
+    sizes = claims_of(lambda: open_poses(np.zeros((50, 4), np.bool_), [point] * 8, None))
     assert sizes == [50 * 8 * 8 - 8 * 50 * 4 // 8]  # words of 64 cells, less a bit for each cell
 
 

@@ -195,12 +195,11 @@ class RootedPassageTree:
 
     def widest(self) -> NDArray[np.float32]:
         """Return the least clearance on the widest path to each cell, metres, 0 without a path."""
-        # The result overwrites the basins.
         squared = self.passage_tree.squared
         if self.rooted is None:
             return np.zeros(squared.shape, dtype=np.float32)
         tree, side = self.passage_tree.tree, self.passage_tree.frame.resolution
-        return paths.widest_metres(tree, self.rooted, squared, self.start, side, in_place=True)
+        return paths.widest_metres(tree, self.rooted, squared, self.start, side)
 
 
 def squares_to(marked: NDArray[np.bool_]) -> SquaredDistances:
@@ -263,9 +262,8 @@ def passages(
     for level_edges in edges_of_levels:
         level = slice(begin, begin := begin + len(level_edges))
         if stops[level].any():
-            further = _further_doors(
-                passage_tree, level_edges, basins_beyond[level], open_beyond[level]
-            )
+            beyond_level = basins_beyond[level], open_beyond[level]
+            further = _further_doors(passage_tree, level_edges, *beyond_level)
             doors += [(cell, level.start + i) for cell, i in further if stops[level][i]]
     found = []
     for cell, index in doors:
@@ -454,7 +452,7 @@ def reach_on(
     del is_open
     resolution = ground.frame.resolution
     widest = from_start.widest()  # overwrites the basins, which are no longer needed
-    clearance = paths.clearance_metres(passage_tree.squared, resolution, in_place=True)
+    clearance = paths.clearance_metres(passage_tree.squared, resolution)
     return Reach(
         reachable=poses.reachable, headings=poses.headings, clearance=clearance, widest=widest,
         occupancy=ground.occupancy, resolution=resolution, origin=ground.frame.origin,
@@ -589,9 +587,8 @@ def _closed_text(ground: Ground, cell: Cell, square: int, robot: Footprint | Non
     height, width = ground.frame.shape
     to_edge = min(row + 1, height - row, col + 1, width - col)
     nearest = "the map's edge" if to_edge**2 == square else "an obstacle"
-    return (
-        f"{clearance:.4g} m from {nearest}, the robot's radius is {reach.reach_radius(robot):.4g} m"
-    )
+    radius = reach.reach_radius(robot)
+    return f"{clearance:.4g} m from {nearest}, the robot's radius is {radius:.4g} m"
 
 
 def _answer(

@@ -24,6 +24,7 @@ from mapdeal.records import dataclass
 
 Layer = NDArray[Any]  # an array of shape (H, W), or a `LazyLayer`, which stands for one
 Runs = NDArray[np.uint32]
+Border = tuple[Mask, Runs]  # a row of cells, and the lengths of the runs that end or start there
 MakeRows = Callable[[slice], NDArray[Any]]
 ReportRows = Callable[[int, int], object]  # rows processed, rows of the layer
 _reported_to: ContextVar[ReportRows | None] = ContextVar("reported_to", default=None)
@@ -37,8 +38,8 @@ class Halo:
     """Neighbouring rows of a block with the lengths of their runs; None at the grid's edge."""
 
     height: int
-    before: tuple[Mask, Runs] | None
-    after: tuple[Mask, Runs] | None
+    before: Border | None
+    after: Border | None
 
 
 class CacheBudget:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mapdeal.kernels import _clearance_tree, _compiled, arrays
 from mapdeal.kernels._configuration_space import PoseMaker, flood
 from mapdeal.kernels.arrays import Basins, Bytes, Integers, Mask, Metres, SquaredDistances
-from mapdeal.kernels.blocks import Halo, Layer, Runs
+from mapdeal.kernels.blocks import Border, Halo, Layer, Runs
 from mapdeal.kernels.components import BYTES_OF_BASIN, BYTES_OF_EDGE, ClearanceTree, RootedTree
 from mapdeal.kernels.polygons import Cell, Pose, Spans, halves
 from mapdeal.kernels.threads import claim_tables, for_rows, in_bands
@@ -65,7 +65,7 @@ def metres(
     return distance
 
 
-def _row_of(row: tuple[Mask, Runs] | None) -> tuple[Bytes, Runs] | None:
+def _row_of(row: Border | None) -> tuple[Bytes, Runs] | None:
     return None if row is None else (np.ascontiguousarray(row[0]).view(np.uint8), row[1])
 
 
@@ -189,9 +189,7 @@ def basin_areas(basins: Basins, squared: SquaredDistances, above: int, count: in
 class OpenPoses:
     """A bit for each heading of each cell; a word is 64 cells of a row."""
 
-    def __init__(
-        self, blocked: Layer, footprints: Sequence[Spans], closed: Mask | None = None
-    ) -> None:
+    def __init__(self, blocked: Layer, footprints: Sequence[Spans], closed: Mask | None) -> None:
         self.shape = blocked.shape
         self._count = len(footprints)
         self._closed = closed

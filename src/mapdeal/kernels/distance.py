@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mapdeal.kernels import engine, lookup, threads
 from mapdeal.kernels.arrays import Bytes, Integers, Mask, Metres, SquaredDistances, unreachable
-from mapdeal.kernels.blocks import Halo, Runs
+from mapdeal.kernels.blocks import Border, Halo, Runs
 from mapdeal.records import dataclass
 
 with suppress(ImportError):  # then `engine_name` is never compiled
@@ -78,9 +78,9 @@ def halos_of(blocks: Sequence[BlockRuns]) -> list[Halo]:
 
 def _reaching(
     blocks: Sequence[tuple[int, Mask, Mask, Runs]], reaching: Runs
-) -> list[tuple[Mask, Runs] | None]:
+) -> list[Border | None]:
     """Return the last row before each block, and the lengths of the runs that end there."""
-    found: list[tuple[Mask, Runs] | None] = [None]
+    found: list[Border | None] = [None]
     for rows, first, last, within in blocks[:-1]:
         through = within == rows
         if found[-1] is not None:

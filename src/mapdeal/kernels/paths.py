@@ -145,21 +145,20 @@ def rooted(tree: ClearanceTree, root: int) -> RootedTree:
 
 def widest_metres(
     tree: ClearanceTree, rooted_tree: RootedTree, squared: SquaredDistances, start: Cell,
-    resolution: float, *, in_place: bool = False,
+    resolution: float,
 ) -> Metres:  # fmt: skip
+    """Return the metres of the widest path to each cell, which overwrite the basins."""
     # The bottleneck from each basin's peak to the start, 0 without a path. The entry before them is
     # for cells outside of all basins (-1).
     limits = np.zeros(len(tree.peaks) + 1, dtype=np.int64)
     np.clip(rooted_tree.bottlenecks, 0, int(squared[start]), out=limits[1:])
-    metres = _floats_over(tree.basins, in_place=in_place)
+    metres = _floats_over(tree.basins)
     _engine(squared).widest_metres(tree.basins, squared, limits, resolution, metres)
     return metres
 
 
-def clearance_metres(
-    squared: SquaredDistances, resolution: float, *, in_place: bool = False
-) -> Metres:
-    metres = _floats_over(squared, in_place=in_place)
+def clearance_metres(squared: SquaredDistances, resolution: float) -> Metres:
+    metres = _floats_over(squared)
     _engine(squared).clearance_metres(squared, resolution, metres)
     return metres
 
@@ -169,8 +168,8 @@ def basin_areas(tree: ClearanceTree, squared: SquaredDistances, above: int = 0) 
     return _engine(squared).basin_areas(basins, squared, above, count)  # type: ignore[no-any-return]
 
 
-def _floats_over(cells: SquaredDistances, *, in_place: bool) -> Metres:
-    if in_place and cells.dtype == np.int32 and cells.flags.c_contiguous and cells.flags.writeable:
+def _floats_over(cells: SquaredDistances) -> Metres:
+    if cells.dtype == np.int32 and cells.flags.c_contiguous and cells.flags.writeable:
         return cells.view(np.float32)
     return np.empty(cells.shape, np.float32)
 
@@ -201,9 +200,7 @@ class OpenPoses(Protocol):
         """Return the cells reachable from poses, and the reachable headings of some cells."""
 
 
-def open_poses(
-    blocked: Layer, footprints: Sequence[Spans], closed: Mask | None = None
-) -> OpenPoses:
+def open_poses(blocked: Layer, footprints: Sequence[Spans], closed: Mask | None) -> OpenPoses:
     """Return the poses of a footprint in up to 255 headings, none centred on a closed cell."""
     return _engine().OpenPoses(blocked, footprints, closed)  # type: ignore[no-any-return]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from mapdeal.kernels import arrays, threads
 from mapdeal.kernels.arrays import Basins, Bytes, Floats, Integers, Mask, Metres, SquaredDistances
-from mapdeal.kernels.blocks import Halo, Layer, Runs
+from mapdeal.kernels.blocks import Border, Halo, Layer
 from mapdeal.kernels.components import BYTES_OF_BASIN, ClearanceTree, RootedTree, least_joined
 from mapdeal.kernels.polygons import Cell, Pose, Spans, enumerated, halves
 
@@ -68,7 +68,7 @@ def squares_of_block(marked: Mask, halo: Halo) -> Integers:
     return squares
 
 
-def _counts(marked: Mask, before: tuple[Mask, Runs] | None) -> Integers:
+def _counts(marked: Mask, before: Border | None) -> Integers:
     """Return the number of cells up the column to the nearest cell of the other kind."""
     counts = np.empty(marked.shape, dtype=np.int64)
     above_any_height = np.iinfo(np.uint32).max // 2
@@ -266,9 +266,7 @@ def basin_areas(basins: Basins, squared: SquaredDistances, above: int, count: in
 
 
 class OpenPoses:
-    def __init__(
-        self, blocked: Layer, footprints: Sequence[Spans], closed: Mask | None = None
-    ) -> None:
+    def __init__(self, blocked: Layer, footprints: Sequence[Spans], closed: Mask | None) -> None:
         self.shape = blocked.shape
         dilated = [np.asarray(blocked)]
         closed = np.zeros(self.shape, dtype=np.bool_) if closed is None else closed

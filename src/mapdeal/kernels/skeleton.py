@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels import distance, engine, lookup
-from mapdeal.kernels.arrays import Floats, Integers, Mask
+from mapdeal.kernels.arrays import Bytes, Floats, Integers, Integers32, Mask
 
 RING = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
 """Steps to the neighbours of a cell, anticlockwise from the next column."""
@@ -30,7 +30,7 @@ _FAR = (1 << 32) - 1
 
 
 @cache
-def _tables() -> tuple[Mask, NDArray[np.uint8]]:
+def _tables() -> tuple[Mask, Bytes]:
     """Return for each pattern of neighbours whether a cell can go, and the neighbour count."""
     bits = (np.arange(256)[:, np.newaxis] >> np.arange(8)) & 1
     off = 1 - bits
@@ -93,7 +93,7 @@ def skeleton(levels: Integers, stays: Mask, is_end: Mask) -> Mask:
 def lengths_from(
     is_open: Mask, sources: Integers,
     *, start_lengths: Integers | None = None, limit: int | None = None,
-) -> NDArray[np.int32]:  # fmt: skip
+) -> Integers32:  # fmt: skip
     """Return the length of the shortest path to each open cell, -1 without a path."""
     # Sources are flat indices. Paths start with the length of their source, 0 by default, and step
     # to eight neighbours, but not diagonally between two closed cells; see `STRAIGHT` for units.
@@ -103,7 +103,7 @@ def lengths_from(
 def nearest_from(
     is_open: Mask, sources: Integers,
     *, start_lengths: Integers | None = None, limit: int | None = None,
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:  # fmt: skip
+) -> tuple[Integers32, Integers32]:  # fmt: skip
     """Return the lengths of `lengths_from`, and the index of the nearest source or -1."""
     lengths, origin = _flooded(is_open, sources, start_lengths, limit, with_origin=True)
     return lengths, origin.reshape(is_open.shape[0] + 2, -1)[1:-1, 1:-1]
@@ -112,7 +112,7 @@ def nearest_from(
 def _flooded(
     is_open: Mask, sources: Integers, start_lengths: Integers | None, limit: int | None,
     *, with_origin: bool,
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:  # fmt: skip
+) -> tuple[Integers32, Integers32]:  # fmt: skip
     height, width = is_open.shape
     wide = width + 2
     openness = np.zeros((height + 2, wide), dtype=np.bool_)
@@ -143,7 +143,7 @@ def _flooded(
 
 def _flood(
     is_open: Mask, width: int, sources: Integers, starts: Integers, limit: int,
-    lengths: NDArray[np.uint32], origin: NDArray[np.int32],
+    lengths: NDArray[np.uint32], origin: Integers32,
 ) -> None:  # fmt: skip
     """Compute the same as flood.h, for all cells of a length at once."""
     latest = np.empty(len(lengths), dtype=np.int32)
@@ -213,9 +213,7 @@ class Neighbours(NamedTuple):
     lengths: Integers
 
 
-def neighbouring(
-    lengths: NDArray[np.int32], origin: NDArray[np.int32], cells: Integers
-) -> Neighbours:
+def neighbouring(lengths: Integers32, origin: Integers32, cells: Integers) -> Neighbours:
     """Return pairs of nodes with touching areas, and the shortest lengths over their borders."""
     # Of several nodes in a cell only the first has an area.
     order = np.argsort(cells, kind="stable")

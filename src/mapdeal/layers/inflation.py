@@ -23,8 +23,7 @@ from mapdeal.layers import layer as base
 HIGHEST_GRADED = map_values.INSCRIBED_INFLATED_OBSTACLE - 1
 CostLookup = Literal["exact", "nav2"]  # "nav2" rounds distances to 1/100 cell
 _ASYMMETRIC_PARAMETERS = {
-    "cost_scaling_factor_left", "cost_scaling_factor_right", "goal_distance_threshold",
-    "plan_topic",
+    "cost_scaling_factor_left", "cost_scaling_factor_right", "goal_distance_threshold", "plan_topic"
 }  # fmt: skip
 
 

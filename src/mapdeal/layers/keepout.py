@@ -58,9 +58,7 @@ class MaskCosts:
 
     # A value v of the mask is round(2.54 v) on scale ``costmap2d``.
 
-    def __init__(
-        self, mask: OccupancyGrid, cells_at: CellsAt, scale: CostScale = "costmap2d"
-    ) -> None:
+    def __init__(self, mask: OccupancyGrid, cells_at: CellsAt, scale: CostScale) -> None:
         self._shape, self._cells_at = mask.shape, cells_at
         self._unknown = NO_INFORMATION if scale == "costmap2d" else UNKNOWN
         self._values: Array = mask.occupancy

@@ -572,9 +572,8 @@ class Tsdf(Counting):
         near, starts, ends = self.cells_of(beams, self.reach_behind * self.frame.resolution)
         sensors = self.frame.continuous_rowcol_from_xy(near.sensors_xy)
         ranges = np.where(near.is_hit, near.ranges / self.frame.resolution, np.inf)
-        sensing.measure_rays(
-            starts, ends, sensors, ranges, self._truncation, self._behind, self._sums, self._weights
-        )
+        limits = self._truncation, self._behind
+        sensing.measure_rays(starts, ends, sensors, ranges, *limits, self._sums, self._weights)
 
     def occupancy(self) -> SignedBytes:
         values = np.full(self.frame.shape, UNKNOWN, dtype=np.int8)

@@ -231,10 +231,8 @@ class Columns(NamedTuple):
         heights, keys = levels[keys[at] & ((1 << _Z_BITS) - 1)], keys[at] >> _Z_BITS
         starts = starts_of(keys)
         row, col = keys[starts] >> _X_BITS, keys[starts] & ((1 << _X_BITS) - 1)
-        return Columns(
-            row + first_row, col + first_col, starts, heights, counts,
-            self.cell * times, self.corner,
-        )  # fmt: skip
+        places = row + first_row, col + first_col
+        return Columns(*places, starts, heights, counts, self.cell * times, self.corner)
 
 
 def starts_of(keys: Array) -> Integers:
@@ -397,9 +395,8 @@ class Tilt:
         sums = np.stack([np.bincount(whose, values) for values in points.T], axis=1)
         means = sums / n[:, np.newaxis]
         x, y, z = (points - means[whose]).T
-        xx, xy, yy, xz, yz, zz = (
-            np.bincount(whose, values) for values in (x * x, x * y, y * y, x * z, y * z, z * z)
-        )
+        products = (x * x, x * y, y * y, x * z, y * z, z * z)
+        xx, xy, yy, xz, yz, zz = (np.bincount(whose, values) for values in products)
         with np.errstate(divide="ignore", invalid="ignore"):
             determinant = xx * yy - xy * xy
             a, b = (xz * yy - yz * xy) / determinant, (yz * xx - xz * xy) / determinant

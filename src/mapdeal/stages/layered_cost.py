@@ -180,7 +180,7 @@ def layered_cost(
         cell_size, cells_of = as_float32(frame.resolution), partial(cells_at_centres, frame)
     lay_mask_over = under_robot = None
     if mask is not None:
-        lay_mask_over = MaskCosts(mask, partial(cells_of, mask.frame)).lay_over
+        lay_mask_over = MaskCosts(mask, partial(cells_of, mask.frame), "costmap2d").lay_over
     if footprint is not None and pose is not None:
         under_robot = covered_cells(footprint, pose, frame, cell_size)
     applied = stack.effective if pose is None and not has_own_area else stack.layers

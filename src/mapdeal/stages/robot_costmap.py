@@ -153,9 +153,8 @@ def threshold_cost(
     if isinstance(source, FieldView):
         scale = source.scale
         text = "the view was made with a threshold of its own"
-        require(
-            lethal_threshold in (None, OCCUPIED), text, "lethal_threshold", got=lethal_threshold
-        )
+        has_default = lethal_threshold in (None, OCCUPIED)
+        require(has_default, text, "lethal_threshold", got=lethal_threshold)
         if view != scale.view or (view == "metric" and ViewScale(view, view_range) != scale):
             text = f"cost: the input is a view already, {scale.described()}; it is used as it is"
             emit_warning(text)

@@ -194,7 +194,7 @@ def window(
     """
     fill = default_of(grid, default)
     region = frames.region_of(grid.frame, size_xy, corner_xy=corner_xy, center_xy=center_xy)
-    return copied(grid, region, region.frame_in(grid.frame), fill=fill, stage_name="window")
+    return copied(grid, region, region.frame_in(grid.frame), fill, "window")
 
 
 def default_of(grid: frames.Framed, value: int | None) -> int | None:
@@ -206,9 +206,7 @@ def default_of(grid: frames.Framed, value: int | None) -> int | None:
     return grid.accept_value(value, "default")
 
 
-def copied(
-    grid: G, region: frames.Region, frame: frames.Frame, *, fill: int | None, stage_name: str
-) -> G:
+def copied(grid: G, region: frames.Region, frame: frames.Frame, fill: int | None, name: str) -> G:
     if not isinstance(grid, (frames.ValueGrid, DistanceField)):
         raise ParameterError("takes a map, a costmap or a distance field", source="window")
     box = grid.region if isinstance(grid, DistanceField) else None
@@ -219,8 +217,8 @@ def copied(
     shared = frames.Region(row, col, top - row, right - col)
     if shared.height <= 0 or shared.width <= 0:
         if not isinstance(grid, frames.ValueGrid):
-            raise ParameterError("no cell of it has a distance", place=stage_name)
-        emit_warning(f"{stage_name}: lies outside the map, so no cell is kept")
+            raise ParameterError("no cell of it has a distance", place=name)
+        emit_warning(f"{name}: lies outside the map, so no cell is kept")
         value = grid.unknown_value if fill is None else fill
         values: Array = np.full(frame.shape, value, dtype=grid.values.dtype)
         return grid.with_values(values, frame.origin)
@@ -286,4 +284,4 @@ def shift_origin(
     corner = frames.check_point(origin_xy, "origin")
     region = frames.region_of(grid.frame, grid.frame.size_xy, corner_xy=corner)
     region = region._replace(height=grid.shape[0], width=grid.shape[1])
-    return copied(grid, region, region.frame_in(grid.frame), fill=fill, stage_name="origin")
+    return copied(grid, region, region.frame_in(grid.frame), fill, "origin")
