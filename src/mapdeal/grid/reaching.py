@@ -148,14 +148,15 @@ class Ground:
     keepout: NDArray[np.bool_] | None = None
     """Cells that the robot's centre must not enter; they are no obstacles to its shape."""
 
+    # The masks are computed on each access to save memory.
+
     @property
     def obstacles(self) -> NDArray[np.bool_]:
-        """Mask of obstacles, computed on each access to save memory."""
         return np.equal(self.occupancy, OCCUPIED)
 
     @property
     def blocked(self) -> NDArray[np.bool_]:
-        """Mask of cells that the robot's centre must not enter, computed on each access."""
+        """Mask of cells that the robot's centre must not enter."""
         blocked = self.untouchable
         if self.keepout is not None:
             blocked |= self.keepout
@@ -163,14 +164,10 @@ class Ground:
 
     @property
     def untouchable(self) -> NDArray[np.bool_]:
-        """Mask of cells that no part of the robot may touch, computed on each access."""
+        """Mask of cells that no part of the robot may touch."""
         blocked = self.obstacles
         if not self.through_unknown:
-
-            def close_unknown(rows: slice) -> None:
-                blocked[rows] |= self.occupancy[rows] == UNKNOWN
-
-            threads.for_rows(close_unknown, blocked.shape)
+            blocked |= self.occupancy == UNKNOWN
         return blocked
 
     def passage_tree(self) -> PassageTree:

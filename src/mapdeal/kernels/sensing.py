@@ -83,7 +83,6 @@ def cells_of_points(
     points_xy: Floats, origin: tuple[float, float, float], resolution: float,
     precision: tuple[float, float, float],
 ) -> Integers | None:  # fmt: skip
-    """Return row and column of points on an unbounded grid."""
     # `precision`: rounding, tolerance and farthest coordinate, as in clouds.h
     if engine_name() != "compiled":
         return None
@@ -139,8 +138,6 @@ def _expand(data: bytes, to: memoryview) -> bool:
 
 
 class Odds(NamedTuple):
-    """Increments of a cell's value for each beam, and the limits of the value."""
-
     on_miss: int
     on_hit: int
     lowest: int

@@ -150,13 +150,9 @@ class CloudMap(Drawn):
     cleared: int = 0
 
     def figures(self) -> Figures:
-        values = np.asarray(self.grid.occupancy)
-        area = self.grid.resolution**2
-        counts = {
-            "floor": int((values == FREE).sum()),
-            "obstacle": int((values == OCCUPIED).sum()),
-            "unknown": int((values == UNKNOWN).sum()),
-        }
+        values, area = np.asarray(self.grid.occupancy), self.grid.resolution**2
+        states = {"floor": FREE, "obstacle": OCCUPIED, "unknown": UNKNOWN}
+        counts = {name: int((values == value).sum()) for name, value in states.items()}
         floor = self.layers["floor_height"][values != UNKNOWN]
         least, most = (float(np.nanmin(floor)), float(np.nanmax(floor))) if floor.size else (0, 0)
         return {

@@ -62,7 +62,6 @@ def _radius_in(parameters: command.Parameters) -> tuple[str, float]:
 
 
 def _has_own_area(parameters: command.Parameters) -> bool:
-    """Return whether the costmap has other cells than the map."""
     area = parameters["area"]
     return area is not None and not (area.is_rolling and parameters["pose"] is None)
 
@@ -242,7 +241,6 @@ def _occupancy(source: ObstacleSource, rows: slice) -> SignedBytes:
 
 
 def _sampled(source: ObstacleSource, row: Integers, col: Integers) -> tuple[SignedBytes, Mask]:
-    """Return the map's values at cells, and which of the cells lie in the map."""
     height, width = source.shape
     in_map = (row >= 0) & (row < height) & (col >= 0) & (col < width)
     row, col = np.clip(row, 0, height - 1), np.clip(col, 0, width - 1)
