@@ -19,13 +19,16 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable
+from contextlib import suppress
 from heapq import heappop, heappush
 
 import numpy as np
 
 from mapdeal.kernels.arrays import Bytes, Floats, Integers, Metres
 from mapdeal.kernels.engine import engine_name
+
+with suppress(ImportError):  # then `engine_name` is never compiled
+    from mapdeal.kernels import _planners, _smac
 
 Cell = tuple[int, int]
 Point = tuple[float, float]
@@ -51,8 +54,6 @@ def potentials(
     table, costs = cost_table(allow_unknown), np.ascontiguousarray(costs)
     potential = np.empty(costs.shape, np.float32)
     if engine_name() == "compiled":
-        from mapdeal.kernels import _planners
-
         _planners.search(costs, table, start, target, is_astar, potential)
         return potential
     potential[:] = np.reshape(_potentials(table[costs], start, target, is_astar), costs.shape)
@@ -137,8 +138,6 @@ def traced_path(potential: Metres, start: Cell, goal: Cell, *, turns: int) -> tu
     # Each turn makes a step of half a cell down the gradient, or to the lowest neighbour near cells
     # that were not reached.
     if engine_name() == "compiled":
-        from mapdeal.kernels import _planners
-
         path = np.empty((turns, 2), np.float32)
         count, outcome = _planners.trace(potential, start, goal, path)
         return path[:count].copy(), _OUTCOMES[outcome]
@@ -243,9 +242,7 @@ def grid_path(
     # iterations follow. `goal_xy` is the goal in cells, rounded to float32.
     costs, width = np.ascontiguousarray(costs), costs.shape[1]
     moves = np.zeros(costs.size, np.uint8)
-    search: Callable[..., tuple[int, int]] = _search_grid
-    if engine_name() == "compiled":
-        from mapdeal.kernels._smac import grid as search
+    search = _smac.grid if engine_name() == "compiled" else _search_grid
     end, iterations = search(
         costs, step_costs, start, goal, *goal_xy, tolerance, most_iterations, most_near_goal, moves
     )
@@ -319,8 +316,6 @@ def smooth_once(raw: Floats, path: Floats, data_weight: float, smooth_weight: fl
     """Move the inner points of a path, in place, and return the sum of the moves."""
     # Each point is pulled to its raw point and to the middle of its neighbours.
     if engine_name() == "compiled":
-        from mapdeal.kernels import _smac
-
         return _smac.smooth(raw, path, data_weight, smooth_weight)
     values, change = path.ravel().tolist(), 0.0
     for i, origin in enumerate(raw.ravel().tolist()[2:-2], start=2):
@@ -351,9 +346,7 @@ def theta_path(
     costs = np.ascontiguousarray(costs)
     parents = np.zeros(costs.size, np.int64)
     weights = (distance_weight, min(1.0, distance_weight))
-    search: Callable[..., int] = _search_theta
-    if engine_name() == "compiled":
-        from mapdeal.kernels._smac import theta as search
+    search = _smac.theta if engine_name() == "compiled" else _search_theta
     cell = search(costs, *tables, start, goal, corners, *weights, parents)
     path = [cell] if cell >= 0 else []
     while path and path[-1] != start:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +13,12 @@ from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.costmap import Costmap, travel_weights
 from mapdeal.grid.field import LARGEST_GAIN, LARGEST_REPULSION, DistanceField, PotentialField
 from mapdeal.grid.footprint import Footprint, FootprintLike, shape_of
-from mapdeal.grid.frame import Point, check_point
+from mapdeal.grid.frame import Frame, Point, check_point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import reach_radius, robot_text
 from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED
 from mapdeal.kernels.lookup import sum_of_inverse_distances
 from mapdeal.stages.cost import obstacles_of
-
-if TYPE_CHECKING:
-    from mapdeal.grid.reaching import Ground
 
 GAIN = command.Condition(f"between 0 and {LARGEST_GAIN:g}", lambda v: 0 <= v <= LARGEST_GAIN)
 CAP = command.Condition(
@@ -159,10 +156,8 @@ def potential(
             raise ParameterError("lies in an obstacle", place="goal", got=goal)
         if with_cost_to_go:
             robot = shape_of(footprint) or (Footprint.circle(radius) if radius > 0 else None)
-            from mapdeal.grid.reaching import Ground  # slow to import
-
-            ground = Ground(occupancy, source.frame, through_unknown)
-            cost_to_go = _costs_to(goal, ground, robot, costs, cost_travel_multiplier)
+            ways = robot, costs, cost_travel_multiplier, through_unknown
+            cost_to_go = _costs_to(goal, occupancy, source.frame, *ways)
             cost_to_go_of = robot_text(robot)
             if inside[0] and np.isinf(cost_to_go[tuple(cells[0])]):
                 text = f"the goal {goal[0]:.10g}, {goal[1]:.10g} is closed to {cost_to_go_of}"
@@ -178,18 +173,20 @@ def potential(
 
 
 def _costs_to(
-    goal: Point, ground: Ground, robot: Footprint | None, costs: Costmap | None, weight: float
-) -> NDArray[np.float64]:
+    goal: Point, occupancy: NDArray[np.int8], frame: Frame, robot: Footprint | None,
+    costs: Costmap | None, weight: float, through_unknown: bool,
+) -> NDArray[np.float64]:  # fmt: skip
     """Return the least cost of a way from each cell to a goal, in metres; inf if none."""
-    from mapdeal.grid.reaching import cells_open_to
+    from mapdeal.grid.reaching import Ground, cells_open_to  # slow to import
     from mapdeal.kernels.paths import lengths_to, weighted_lengths_to
 
-    place = ground.frame.place_in_cell(goal)
+    place = frame.place_in_cell(goal)
     if place is None:
-        return np.full(ground.occupancy.shape, np.inf)
+        return np.full(occupancy.shape, np.inf)
+    ground = Ground(occupancy, frame, through_unknown)
     is_open = cells_open_to(ground, robot, (math.floor(place[0]), math.floor(place[1])))
     if costs is None:
-        return lengths_to(is_open, place) * ground.frame.resolution
-    weights = travel_weights(costs, weight, through_unknown=ground.through_unknown)
+        return lengths_to(is_open, place) * frame.resolution
+    weights = travel_weights(costs, weight, through_unknown=through_unknown)
     classes = np.where(is_open, costs.cost.view(np.uint8), np.uint8(LETHAL_OBSTACLE))
-    return weighted_lengths_to(classes, weights, place) * ground.frame.resolution
+    return weighted_lengths_to(classes, weights, place) * frame.resolution
