@@ -144,7 +144,7 @@ def test_layers_are_made_once_for_figures_and_once_for_all_files_and_then_releas
 
     in_blocks = memory.MemoryPlan(0, memory.BlockPlan(40, CacheBudget(room)))
     count("distances", esdf_module, "signed_distance", len)
-    count("costs", exponential.BaseCosts, "costs", lambda _, rows: rows.stop - rows.start)
+    count("costs", exponential, "base_costs", lambda _, __, rows: rows.stop - rows.start)
     monkeypatch.setattr(memory, "_plan_memory", lambda *_: in_blocks)
     settings = Settings(threads=1, images=False)
     gc.disable()

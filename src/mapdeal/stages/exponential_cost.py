@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal import command
 from mapdeal.errors import ParameterError
@@ -14,6 +13,7 @@ from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.frame import Framed, as_float32
 from mapdeal.grid.values import UNKNOWN
+from mapdeal.kernels.arrays import Bytes
 from mapdeal.kernels.blocks import counts_of, made_by_rows, made_by_windows
 from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.layers import inflation as inflation_layer
@@ -192,18 +192,17 @@ def exponential_cost(
     cell_size = as_float32(source.resolution) if is_float32 else source.resolution
     is_tolerant = not is_float32
     profile = inflation_layer.CostProfile(layer, source.shape, cell_size, is_tolerant=is_tolerant)
-    base = BaseCosts(
-        source, lethal_threshold=lethal_threshold, trinary_costmap=trinary_costmap,
-        track_unknown_space=track_unknown_space,
-        inscribed_obstacle_cost_value=inscribed_obstacle_cost_value,
+    table = map_values.static_layer_cost_from_occupancy(
+        lethal_threshold=check_lethal_threshold(source, lethal_threshold), trinary=trinary_costmap,
+        track_unknown=track_unknown_space, inscribed_value=inscribed_obstacle_cost_value,
     )  # fmt: skip
     field = None
     if isinstance(source, DistanceField) and profile.reach > 0:
-        has_same_obstacles = base.spread_from_obstacles(source, inflate_around_unknown)
+        has_same_obstacles = _spreads_from_obstacles(source, table, inflate_around_unknown)
         field = source if has_same_obstacles and _distinguishes(source, profile) else None
 
-    def costs(rows: slice) -> NDArray[np.uint8]:
-        cost = base.costs(rows)
+    def costs(rows: slice) -> Bytes:
+        cost = base_costs(source, table, rows)
         if field is None:
             profile.raise_around_seeds(cost)
         else:
@@ -218,33 +217,23 @@ def exponential_cost(
     return Costmap(cost, source.resolution, source.origin, circumscribed_cost=at_circumscribed)
 
 
-class BaseCosts:
-    """Costs before inflation, by the parameters of `exponential_cost` about the static layer."""
+def base_costs(source: ObstacleSource, table: Bytes, rows: slice) -> Bytes:
+    """Return the costs of rows before inflation, by the table of the static layer."""
+    occupancy = source.occupancy[rows]
+    cost: Bytes = look_up(occupancy, table)
+    if isinstance(source, DistanceField) and source.unknown == "occupied":
+        set_where(cost, occupancy == UNKNOWN, map_values.LETHAL_OBSTACLE)
+    return cost
 
-    def __init__(self, source: ObstacleSource, **parameters: Any) -> None:
-        self.source = source
-        self.table = map_values.static_layer_cost_from_occupancy(
-            lethal_threshold=check_lethal_threshold(source, parameters["lethal_threshold"]),
-            trinary=parameters["trinary_costmap"],
-            track_unknown=parameters["track_unknown_space"],
-            inscribed_value=parameters["inscribed_obstacle_cost_value"],
-        )
 
-    def costs(self, rows: slice) -> NDArray[np.uint8]:
-        occupancy = self.source.occupancy[rows]
-        cost: NDArray[np.uint8] = look_up(occupancy, self.table)
-        if isinstance(self.source, DistanceField) and self.source.unknown == "occupied":
-            set_where(cost, occupancy == UNKNOWN, map_values.LETHAL_OBSTACLE)
-        return cost
-
-    def spread_from_obstacles(self, field: DistanceField, around_unknown: bool) -> bool:
-        is_lethal = self.table == map_values.LETHAL_OBSTACLE
-        differs = np.zeros(256, dtype=np.bool_)
-        obstacles = np.arange(map_values.OCCUPIED + 1) >= field.lethal_threshold
-        differs[: map_values.OCCUPIED + 1] = is_lethal[: map_values.OCCUPIED + 1] != obstacles
-        if field.unknown == "free" and around_unknown:
-            differs[UNKNOWN] = self.table[UNKNOWN] == map_values.NO_INFORMATION
-        return not differs.any() or not counts_of(field.occupancy)[differs].any()
+def _spreads_from_obstacles(field: DistanceField, table: Bytes, around_unknown: bool) -> bool:
+    is_lethal = table == map_values.LETHAL_OBSTACLE
+    differs = np.zeros(256, dtype=np.bool_)
+    obstacles = np.arange(map_values.OCCUPIED + 1) >= field.lethal_threshold
+    differs[: map_values.OCCUPIED + 1] = is_lethal[: map_values.OCCUPIED + 1] != obstacles
+    if field.unknown == "free" and around_unknown:
+        differs[UNKNOWN] = table[UNKNOWN] == map_values.NO_INFORMATION
+    return not differs.any() or not counts_of(field.occupancy)[differs].any()
 
 
 def _distinguishes(field: DistanceField, profile: inflation_layer.CostProfile) -> bool:
@@ -260,7 +249,7 @@ def _distinguishes(field: DistanceField, profile: inflation_layer.CostProfile) -
 
 
 def _raise_from_field(
-    profile: inflation_layer.CostProfile, cost: NDArray[np.uint8], field: DistanceField
+    profile: inflation_layer.CostProfile, cost: Bytes, field: DistanceField
 ) -> None:
     height, width = cost.shape
     step = max(1, _CELLS_AT_ONCE // max(1, width))
