@@ -286,9 +286,8 @@ def draw(
 
 
 def _together(
-    plain: PlainPolygons, strokes: Sequence[tuple[Iterable[Spans] | None, int]],
-    overlay: OverlayType,
-) -> Iterator[tuple[Spans, int | NDArray[np.int64]]]:  # fmt: skip
+    plain: PlainPolygons, strokes: list[tuple[Iterable[Spans] | None, int]], overlay: OverlayType
+) -> Iterator[tuple[Spans, int | NDArray[np.int64]]]:
     values = np.array([value for _, value in strokes], dtype=np.int64)
     for is_plain, items in groupby(enumerate(strokes), lambda item: item[1][0] is None):
         some = list(items)

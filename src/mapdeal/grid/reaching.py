@@ -18,11 +18,12 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage, Reach
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels import components, distance, paths, polygons, threads
-from mapdeal.kernels.arrays import Bytes, Floats, Mask, SquaredDistances
+from mapdeal.kernels.arrays import Bytes, Floats, Mask, Metres, SquaredDistances
 from mapdeal.kernels.components import ClearanceTree, RootedTree, joined
 from mapdeal.records import dataclass, field
 
 Cell = tuple[int, int]
+Indices = NDArray[np.intp]
 DEFAULT_HEADINGS = 72
 _TURN = 2 * math.pi
 _DECIMALS = 9
@@ -39,7 +40,7 @@ def cell_of_point(frame: Frame, point: Point, name: str) -> Cell:
     return row, col
 
 
-def nearest_open_text(frame: Frame, is_open: NDArray[np.bool_], cell: Cell) -> str:
+def nearest_open_text(frame: Frame, is_open: Mask, cell: Cell) -> str:
     nearest = nearest_marked(is_open, cell)
     if nearest is None:
         return "no cell of the map is open"
@@ -48,7 +49,7 @@ def nearest_open_text(frame: Frame, is_open: NDArray[np.bool_], cell: Cell) -> s
     return f"the nearest open cell is {metres:.3g} m away, at {x + 0.0:.10g},{y + 0.0:.10g}"
 
 
-def nearest_marked(marked: NDArray[np.bool_], cell: Cell) -> Cell | None:
+def nearest_marked(marked: Mask, cell: Cell) -> Cell | None:
     """Return the marked cell nearest to a cell, if there is one; of several the first by rows."""
     # The cell may lie outside. Rows are searched from it on: a list of all marked cells would take
     # much memory.
@@ -77,7 +78,7 @@ class PassageTree:
     def cell_area(self) -> float:
         return self.frame.resolution * self.frame.resolution
 
-    def counts(self, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def counts(self, mask: Mask) -> Floats:
         counts, lock = np.zeros(len(self.tree.peaks)), Lock()
 
         def add(rows: slice) -> None:
@@ -110,10 +111,10 @@ class PassageTree:
         (x, y), (other_x, other_y) = self.gap(saddle)
         return (x + other_x) / 2, (y + other_y) / 2
 
-    def is_open(self, closed_up_to: int) -> NDArray[np.bool_]:
+    def is_open(self, closed_up_to: int) -> Mask:
         return self.cells_of(np.ones(len(self.tree.peaks), dtype=np.bool_), closed_up_to)
 
-    def in_largest_area(self, closed_up_to: int) -> NDArray[np.bool_] | None:
+    def in_largest_area(self, closed_up_to: int) -> Mask | None:
         # Areas are connected by the four straight neighbours. Of areas of equal size, the one whose
         # first basin comes first is returned.
         tree = self.tree
@@ -124,7 +125,7 @@ class PassageTree:
         labels, _ = joined(len(areas), tree.firsts[is_wider], tree.seconds[is_wider])
         return self.cells_of(labels == np.argmax(np.bincount(labels, weights=areas)), closed_up_to)
 
-    def cells_of(self, is_chosen: NDArray[np.bool_], closed_up_to: int) -> NDArray[np.bool_]:
+    def cells_of(self, is_chosen: Mask, closed_up_to: int) -> Mask:
         by_basin = np.append(is_chosen, False)  # cells without a basin have -1, the last entry
         cells = np.empty(self.squared.shape, dtype=np.bool_)
 
@@ -145,17 +146,17 @@ class Ground:
     occupancy: NDArray[np.int8]
     frame: Frame
     through_unknown: bool
-    keepout: NDArray[np.bool_] | None = None
+    keepout: Mask | None = None
     """Cells that the robot's centre must not enter; they are no obstacles to its shape."""
 
     # The masks are computed on each access to save memory.
 
     @property
-    def obstacles(self) -> NDArray[np.bool_]:
+    def obstacles(self) -> Mask:
         return np.equal(self.occupancy, OCCUPIED)
 
     @property
-    def blocked(self) -> NDArray[np.bool_]:
+    def blocked(self) -> Mask:
         """Mask of cells that the robot's centre must not enter."""
         blocked = self.untouchable
         if self.keepout is not None:
@@ -163,7 +164,7 @@ class Ground:
         return blocked
 
     @property
-    def untouchable(self) -> NDArray[np.bool_]:
+    def untouchable(self) -> Mask:
         """Mask of cells that no part of the robot may touch."""
         blocked = self.obstacles
         if not self.through_unknown:
@@ -183,14 +184,14 @@ class RootedPassageTree:
     start: Cell
     rooted: RootedTree | None
 
-    def reachable(self, closed_up_to: int) -> NDArray[np.uint8]:
+    def reachable(self, closed_up_to: int) -> Bytes:
         squared = self.passage_tree.squared
         if self.rooted is None or squared[self.start] <= closed_up_to:
             return np.zeros(squared.shape, dtype=np.uint8)
         is_reached = self.rooted.bottlenecks > closed_up_to
         return self.passage_tree.cells_of(is_reached, closed_up_to).view(np.uint8)
 
-    def widest(self) -> NDArray[np.float32]:
+    def widest(self) -> Metres:
         """Return the least clearance on the widest path to each cell, metres, 0 without a path."""
         squared = self.passage_tree.squared
         if self.rooted is None:
@@ -199,7 +200,7 @@ class RootedPassageTree:
         return paths.widest_metres(tree, self.rooted, squared, self.start, side)
 
 
-def squares_to(marked: NDArray[np.bool_]) -> SquaredDistances:
+def squares_to(marked: Mask) -> SquaredDistances:
     """Return the squared distance of each cell to the nearest cell that is marked or outside."""
     squared = distance.squared_distance(marked)
     steps = (np.arange(1, length + 1, dtype=np.int64) for length in squared.shape)
@@ -220,9 +221,8 @@ def largest_closed_square(radius: float, frame: Frame) -> int:
 
 
 def passages(
-    passage_tree: PassageTree, is_open: NDArray[np.bool_], start: Cell, *,
-    radius: float, min_area: float, margin: float = 0.0, circumscribed_radius: float | None = None,
-    is_reached: NDArray[np.bool_] | None = None,
+    passage_tree: PassageTree, is_open: Mask, start: Cell, *, radius: float, min_area: float,
+    margin: float = 0.0, circumscribed_radius: float | None = None, is_reached: Mask | None = None,
 ) -> tuple[Passage, ...]:  # fmt: skip
     """Return the passages that stop a robot, or a robot larger by a margin, and cut off an area."""
     tree = passage_tree.tree
@@ -317,7 +317,7 @@ def bottleneck_on_way(from_start: RootedPassageTree, goal: Cell) -> Bottleneck |
 
 def _meetings(
     tree: ClearanceTree, counts: Floats, root: int, upper: int, lower: int, min_count: float
-) -> NDArray[np.intp]:
+) -> Indices:
     """Return the edges at which large regions meet, of squares above `lower`, up to `upper`."""
     # A region is a set of basins connected by wider edges; that of the root may be small.
     begin, end = (_first_not_above(tree.squares, limit) for limit in (upper, lower))
@@ -336,8 +336,8 @@ def _meetings(
 
 
 def _closed_meetings(
-    ends: NDArray[np.intp], sizes: Floats, is_region: Mask, is_large: Mask, min_count: float
-) -> NDArray[np.intp]:
+    ends: Indices, sizes: Floats, is_region: Mask, is_large: Mask, min_count: float
+) -> Indices:
     # Adjacent small regions beyond a closed passage are counted as one region.
     count = len(sizes)
     regions, edges = joined(count, ends[0], ends[1], is_region)
@@ -354,8 +354,8 @@ def _closed_meetings(
 
 
 def _sides_of(
-    tree: ClearanceTree, edges: NDArray[np.intp], root: int, values: Floats
-) -> tuple[Floats, Floats, NDArray[np.intp]]:
+    tree: ClearanceTree, edges: Indices, root: int, values: Floats
+) -> tuple[Floats, Floats, Indices]:
     """Return the sums of values beyond each edge and in the component before it, from the root."""
     # Their shape is (edges, values). The third array has a basin of the component just beyond each
     # edge, or -1.
@@ -369,16 +369,15 @@ def _sides_of(
     return beyond, sums[near], np.where(far < 0, -1, used[far])
 
 
-def _components_without(tree: ClearanceTree, edges: NDArray[np.intp]) -> NDArray[np.intp]:
+def _components_without(tree: ClearanceTree, edges: Indices) -> Indices:
     is_left = np.ones(len(tree.firsts), dtype=np.bool_)
     is_left[edges] = False
     return joined(len(tree.peaks), tree.firsts[is_left], tree.seconds[is_left])[0]
 
 
 def _further_doors(
-    passage_tree: PassageTree, edges: NDArray[np.intp], basins_beyond: NDArray[np.intp],
-    open_beyond: Floats,
-) -> Iterator[tuple[int, int]]:  # fmt: skip
+    passage_tree: PassageTree, edges: Indices, basins_beyond: Indices, open_beyond: Floats
+) -> Iterator[tuple[int, int]]:
     """Yield the narrowest cells of further doors, flat, and the edge to the same area."""
     # Each edge is the widest door between its two areas. Doors less than half as wide as that edge
     # are skipped: walls seen by lasers are full of holes.
@@ -401,16 +400,14 @@ def _first_not_above(falling: NDArray[np.int64], limit: int) -> int:
     return int(np.searchsorted(-falling, -limit, side="left"))
 
 
-def _regions(
-    passage_tree: PassageTree, is_open: NDArray[np.bool_], radius: float
-) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+def _regions(passage_tree: PassageTree, is_open: Mask, radius: float) -> tuple[Floats, Indices]:
     """Return the open cells in the region of each basin, and the widest basin of each region."""
     # The regions with the most cells come first.
     tree = passage_tree.tree
     end = _first_not_above(tree.squares, largest_closed_square(radius, passage_tree.frame))
     labels, _ = joined(len(tree.peaks), tree.firsts[:end], tree.seconds[:end])
     sizes = np.bincount(labels, passage_tree.counts(is_open), len(labels))
-    counts: NDArray[np.float64] = sizes[labels].astype(np.float64)
+    counts: Floats = sizes[labels].astype(np.float64)
     order = np.lexsort((-tree.peaks, labels))
     widest = order[np.flatnonzero(np.diff(labels[order], prepend=-1))]
     widest = widest[counts[widest] > 0]
@@ -458,7 +455,7 @@ def reach_on(
     )  # fmt: skip
 
 
-def cells_open_to(ground: Ground, robot: Footprint | None, start: Cell) -> NDArray[np.bool_]:
+def cells_open_to(ground: Ground, robot: Footprint | None, start: Cell) -> Mask:
     # Those that are open to a round robot need not all be connected.
     if robot is None or not robot.vertices:
         closed_up_to = largest_closed_square(reach.reach_radius(robot), ground.frame)
@@ -590,7 +587,7 @@ def _closed_text(ground: Ground, cell: Cell, square: int, robot: Footprint | Non
 
 def _answer(
     goal: Goal, cell: Cell, heading_count: int, from_start: RootedPassageTree, ground: Ground,
-    robot: Footprint | None, is_open: NDArray[np.bool_],
+    robot: Footprint | None, is_open: Mask,
 ) -> GoalReach:  # fmt: skip
     frame = ground.frame
     widest, limited_by, square = 0.0, None, 0

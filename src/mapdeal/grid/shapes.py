@@ -289,11 +289,8 @@ class PlainPolygons:
             polygon_of, at = polygons.enumerated(self._firsts[numbers], self._ends[numbers])
             shifts = offsets - self._bottom[numbers]
             rows, cols = self._cells[:, 0], self._cells[:, 1]
-            ahead = self._after[at]
-            edges = polygons.Edges(
-                rows[at] + shifts[polygon_of], cols[at],
-                rows[ahead] + shifts[polygon_of], cols[ahead],
-            )  # fmt: skip
+            up, ahead = shifts[polygon_of], self._after[at]
+            edges = polygons.Edges(rows[at] + up, cols[at], rows[ahead] + up, cols[ahead])
             for spans in polygons.stacked_spans(edges, (int(heights.sum()), self._shape[1])):
                 polygon_of_run = np.searchsorted(offsets, spans.rows, side="right") - 1
                 rows_of_runs = spans.rows - shifts[polygon_of_run]

@@ -323,27 +323,22 @@ def joined(
     ends = np.stack([first, second], axis=1).astype(np.intp, copy=False)
     may_move = np.ones(count, dtype=np.bool_) if is_large is None else ~is_large
     while len(edges):
-        moving = ends[may_move[ends]]
+        moving = ends[may_move[ends]]  # may repeat a node
         if not len(moving):
             break
-        _join_over_first_edge(into, ends, moving, may_move)
+        # Of several values numpy stores the last: in reverse order, that of the first edge.
+        backwards = ends[::-1]
+        into[backwards.ravel()] = backwards[:, ::-1].ravel()
+        staying = ends[~may_move[ends]]
+        into[staying] = staying
+        is_mutual = (into[into[moving]] == moving) & (moving < into[moving])
+        into[moving[is_mutual]] = moving[is_mutual]
+        _follow(into, moving)
         ends = into[ends]
         apart = ends[:, 0] != ends[:, 1]
         edges, ends = edges[apart], ends[apart]
     _follow(into, np.arange(count))
     return into, edges
-
-
-def _join_over_first_edge(into: Integers, ends: Integers, moving: Integers, may_move: Mask) -> None:
-    # Only nodes in `moving` may be joined to another; both arrays may repeat a node.
-    # Of several values numpy stores the last: in reverse order, that of the first edge.
-    backwards = ends[::-1]
-    into[backwards.ravel()] = backwards[:, ::-1].ravel()
-    staying = ends[~may_move[ends]]
-    into[staying] = staying
-    is_mutual = (into[into[moving]] == moving) & (moving < into[moving])
-    into[moving[is_mutual]] = moving[is_mutual]
-    _follow(into, moving)
 
 
 def _follow(into: Integers, nodes: Integers) -> None:

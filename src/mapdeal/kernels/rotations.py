@@ -112,7 +112,8 @@ def hough_spectrum(points_xy: Floats, angles: Floats, width: float) -> Floats:
 
 def main_direction(occupied: Mask) -> float | None:
     """Return the direction along or across which most walls run, if one prevails."""
-    points = _spread_out(edge_points(occupied))
+    edges = occupied & distance.beside(~occupied)  # the border cells continue beyond the grid
+    points = _spread_out(np.argwhere(edges)[:, ::-1].astype(np.float64) + 0.5)
     if len(points) < 2:
         return None
     quarter = np.arange(-math.pi / 4, math.pi / 4, _STEPS[0])
@@ -126,11 +127,6 @@ def main_direction(occupied: Mask) -> float | None:
         best = float(around[_along_or_across(points, around).argmax()])
     best = math.remainder(best, math.pi / 2)
     return 0.0 if abs(best) * math.hypot(*occupied.shape) / 2 <= 1 else best
-
-
-def edge_points(occupied: Mask) -> Floats:
-    # The border cells continue beyond the grid.
-    return np.argwhere(occupied & distance.beside(~occupied))[:, ::-1].astype(np.float64) + 0.5
 
 
 def _spread_out(points: Floats) -> Floats:

@@ -99,16 +99,6 @@ class StaticLayer(base.CostmapLayer):
         return tracks or may_be_unknown if self.unknown_is_highest else tracks and may_be_unknown
 
     def apply(self, master: base.MasterGrid) -> None:
-        costs: NDArray[np.uint8] = look_up(master.occupancy, self._costs_of_values())
-        if self.footprint_clearing_enabled and master.under_robot is not None:
-            set_where(costs, master.under_robot, FREE_SPACE)
-        in_map = master.in_map
-        if self.use_maximum:
-            master.raise_to(costs, within=in_map, unknown_is_highest=self.unknown_is_highest)
-        else:  # as ``updateWithTrueOverwrite``
-            master.costs = costs if in_map is None else np.where(in_map, costs, master.costs)
-
-    def _costs_of_values(self) -> NDArray[np.uint8]:
         inscribed, unknown = self.inscribed_obstacle_cost_value, self.unknown_cost_value
         table = map_values.static_layer_cost_from_occupancy(
             lethal_threshold=self.lethal_cost_threshold,
@@ -119,7 +109,14 @@ class StaticLayer(base.CostmapLayer):
         )
         if inscribed == NO_INFORMATION != unknown:  # the byte of -1
             table[inscribed] = map_values.INSCRIBED_INFLATED_OBSTACLE
-        return table
+        costs: NDArray[np.uint8] = look_up(master.occupancy, table)
+        if self.footprint_clearing_enabled and master.under_robot is not None:
+            set_where(costs, master.under_robot, FREE_SPACE)
+        in_map = master.in_map
+        if self.use_maximum:
+            master.raise_to(costs, within=in_map, unknown_is_highest=self.unknown_is_highest)
+        else:  # as ``updateWithTrueOverwrite``
+            master.costs = costs if in_map is None else np.where(in_map, costs, master.costs)
 
     def live(self, place: base.LivePlace, sensing: None) -> LiveStatic:
         return LiveStatic(self, place)
