@@ -479,9 +479,8 @@ class CloudMapper:
         layers = {name: layer[part].copy() for name, layer in layers.items()}
         return CloudMap(
             grid, layers, voxels.points + self.at_sensor, voxels.not_finite, voxels.beyond,
-            math.degrees(tilt),
-            contents.noise, contents.clearance, floor_found.overlaid_m2, floor_found.storeys,
-            floor_found.may_be_ceiling and options.up is None,
+            math.degrees(tilt), contents.noise, contents.clearance, floor_found.overlaid_m2,
+            floor_found.storeys, floor_found.may_be_ceiling and options.up is None,
             self.at_sensor, cleared,
         )  # fmt: skip
 

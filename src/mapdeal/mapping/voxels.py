@@ -191,9 +191,8 @@ class Columns(NamedTuple):
             return self
         lengths, voxels = self.lengths(), np.repeat(mask, self.lengths())
         return self._replace(
-            row=self.row[mask], col=self.col[mask],
-            starts=np.cumsum(lengths[mask]) - lengths[mask],
-            heights=self.heights[voxels], counts=self.counts[voxels],
+            row=self.row[mask], col=self.col[mask], heights=self.heights[voxels],
+            starts=np.cumsum(lengths[mask]) - lengths[mask], counts=self.counts[voxels],
         )  # fmt: skip
 
     def parts(self) -> Iterator[tuple[slice, Columns]]:
