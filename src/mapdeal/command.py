@@ -660,6 +660,16 @@ def _has_obstacle(grid: object = None) -> bool:
     return occupancy is not None and not holds_everywhere(occupancy, lambda row: row < OCCUPIED)
 
 
+def check_one_of(parameters: Parameters, name: str, alternative: str) -> Parameters:
+    values = parameters[name], parameters[alternative]
+    count = sum(value is not None and value is not False for value in values)
+    if count == 0:
+        raise ParameterError("one of the two is required", place=f"{name}, {alternative}")
+    if count == 2:
+        raise ParameterError(f"cannot be given together with {alternative}", place=name)
+    return {}
+
+
 def remark_on_obstacles(_: Parameters, figures: Figures) -> str | None:
     names = ("obstacles", "occupied", "lethal", "inscribed")
     counts = [figures[name] for name in names if name in figures]

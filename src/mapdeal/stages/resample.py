@@ -10,8 +10,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.command import ABOVE_0, METRES, RADIANS, Parameters, stage
-from mapdeal.errors import ParameterError, emit_warning, require
+from mapdeal.command import ABOVE_0, METRES, RADIANS, Parameters, check_one_of, stage
+from mapdeal.errors import emit_warning, require
 from mapdeal.grid import costmap, frame as frames
 from mapdeal.grid.canvas import ResamplingRule, check_values, resampled
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, check_choice
@@ -50,14 +50,6 @@ def _angle_text(yaw: float) -> str:
     return f"{yaw:.10g} rad ({math.degrees(yaw):.6g} degrees)"
 
 
-def _check(parameters: Parameters) -> Parameters:
-    if parameters["straighten"] and parameters["yaw"] is not None:
-        raise ParameterError("cannot be given together with straighten", place="yaw")
-    if not parameters["straighten"] and parameters["yaw"] is None:
-        raise ParameterError("one of the two is required", place="yaw, straighten")
-    return {}
-
-
 def _cells_to_turn(grid: frames.ValueGrid, parameters: Parameters) -> Iterator[int]:
     yaw, count = parameters["yaw"], math.prod(grid.shape)
     if yaw is None:
@@ -85,7 +77,7 @@ mapdeal rotate out/turned.yaml -o out/straight.yaml --straighten""",
     is_whole=lambda _: True,
     edits=True,
     moves=lambda _: True,
-    derived=_check,
+    derived=lambda parameters: check_one_of(parameters, "yaw", "straighten"),
 )
 def turned(
     grid: V,

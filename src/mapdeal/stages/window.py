@@ -115,15 +115,6 @@ def _cells(grid: Any, parameters: command.Parameters) -> Iterator[int]:
         yield count + min(count, math.prod(grid.shape))
 
 
-def _check(parameters: command.Parameters) -> command.Parameters:
-    at, corner = parameters["at"], parameters["corner"]
-    if at is None and corner is None:
-        raise ParameterError("one of the two is required", place="at, corner")
-    if at is not None and corner is not None:
-        raise ParameterError("cannot be given together with corner", place="at")
-    return {}
-
-
 @command.stage(
     name="window",
     group="Changing a map",
@@ -137,7 +128,7 @@ def _check(parameters: command.Parameters) -> command.Parameters:
     cells=_cells,
     edits=True,
     moves=lambda _: True,
-    derived=_check,
+    derived=lambda parameters: command.check_one_of(parameters, "at", "corner"),
 )
 def window(
     grid: G,
