@@ -91,9 +91,8 @@ def skeleton(levels: Integers, stays: Mask, is_end: Mask) -> Mask:
 
 
 def lengths_from(
-    is_open: Mask, sources: Integers,
-    *, start_lengths: Integers | None = None, limit: int | None = None,
-) -> Integers32:  # fmt: skip
+    is_open: Mask, sources: Integers, *, start_lengths: Integers | None = None, limit: int | None
+) -> Integers32:
     """Return the length of the shortest path to each open cell, -1 without a path."""
     # Sources are flat indices. Paths start with the length of their source, 0 by default, and step
     # to eight neighbours, but not diagonally between two closed cells; see `STRAIGHT` for units.

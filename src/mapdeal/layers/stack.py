@@ -82,8 +82,7 @@ def accept_area(name: str, value: object) -> CostmapArea:
     values, known = dict(value), dict(parameters_of(CostmapArea))
     del known["global_frame"]  # a text, unlike all others
     global_frame = values.pop("global_frame", "map")
-    is_text = isinstance(global_frame, str)
-    require(is_text, "must be text", f"{name}.global_frame", got=global_frame)
+    require(isinstance(global_frame, str), "must be text", f"{name}.global_frame", got=global_frame)
     accepted: dict[str, Any] = accept_parameters(known, values, name)
     if accepted["height"] * accepted["width"] > MOST_CELLS:
         raise ParameterError(f"must not have more than {MOST_CELLS} cells", place=name, got=value)

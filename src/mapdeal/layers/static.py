@@ -174,10 +174,9 @@ class StaticLayer(base.CostmapLayer):
         tracks = server.boolean(True, *server.place(name, "track_unknown_space"))
         trinary = server.boolean(True, name, "trinary_costmap")
         unknown_cost = server.integer(-1, *unknown) % 256
-        is_highest = use_maximum and server.boolean(False, "rolling_window")
         return cls(
             name, tracks, int(lethal), trinary, unknown_cost, use_maximum=use_maximum,
-            unknown_is_highest=is_highest,
+            unknown_is_highest=use_maximum and server.boolean(False, "rolling_window"),
         )  # fmt: skip
 
     def _repr_parts(self) -> Iterator[str]:

@@ -112,8 +112,7 @@ class Evidence(NamedTuple):
             return f"things stand on {standing} m2 of it; {points} m2 have points in all"
         # a small level is a floor only if a large share of the other points stands on it
         of_small = 0.0 if is_scan else _SHARE_OF_SMALL * area / self.level
-        least_share = max(_SHARE_OF_ELSEWHERE, of_small)
-        if self.standing < least_share * (area - self.level):
+        if self.standing < max(_SHARE_OF_ELSEWHERE, of_small) * (area - self.level):
             elsewhere = decimal_text(area - self.level, 3)
             return f"only {standing} m2 of {elsewhere} m2 elsewhere stand on it"
         return None

@@ -322,8 +322,7 @@ class Levels:
         apart = np.diff(heights, append=np.inf) > self.limits.robot_height  # a slab has two sides
         storeys = tuple(np.array(heights)[apart].tolist())
         for _ in range(_ROUNDS):
-            own = patches.chosen(main)
-            tiles = _raster(own, self.tile_cells, self.cell, self.limits, claim)
+            tiles = _raster(patches.chosen(main), self.tile_cells, self.cell, self.limits, claim)
             at = patches.row - tiles.first_row, patches.col - tiles.first_col
             inside = ~main & (at[0] >= 0) & (at[1] >= 0)
             inside &= (at[0] < tiles.z.shape[0]) & (at[1] < tiles.z.shape[1])

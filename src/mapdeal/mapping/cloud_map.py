@@ -316,8 +316,7 @@ class CloudMapper:
             frame = self._frame
         height, width = frame.shape
         slabs = max(1, math.ceil((options.robot_height - gap) / _SLAB)) if follows_beams else 1
-        bytes_per_cell = _PER_CELL + _PER_SLAB * slabs
-        self._claim(bytes_per_cell * height * width, f"{width} x {height} cells")
+        self._claim((_PER_CELL + _PER_SLAB * slabs) * height * width, f"{width} x {height} cells")
         rows, cols = columns.row - row, columns.col - col
         inside = (rows >= 0) & (cols >= 0) & (rows < height) & (cols < width)
         flat = np.where(inside, rows * width + cols, 0)

@@ -196,8 +196,7 @@ class Columns(NamedTuple):
         )  # fmt: skip
 
     def parts(self) -> Iterator[tuple[slice, Columns]]:
-        voxels = np.arange(AT_ONCE, len(self.heights), AT_ONCE)
-        ends = np.searchsorted(self.starts, voxels).tolist()
+        ends = np.searchsorted(self.starts, np.arange(AT_ONCE, len(self.heights), AT_ONCE)).tolist()
         for first, end in pairwise([0, *ends, len(self.starts)]):
             if first < end:
                 which, starts = slice(first, end), self.starts[first:end]
