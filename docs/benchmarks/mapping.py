@@ -129,7 +129,7 @@ def speed(log: Path, runs: int) -> None:
     scans = [Scans(*arrays) for arrays in open_log(log).scans()]
     extent = Extent(BeamLimits(), 2 * RESOLUTION)
     for part in scans:
-        extent.add(part)
+        extent.add_beams(beams_of(part, BeamLimits()))
     beams = sum(part.ranges.size for part in scans)
     head("contender", "seconds", "million beams a second")
     with tempfile.TemporaryDirectory() as folder:

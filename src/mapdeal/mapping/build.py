@@ -34,10 +34,6 @@ class Extent:
         self._least, self._most = np.full(2, np.inf), np.full(2, -np.inf)
         self._counts = evidence.BeamCounts()
 
-    def add(self, scans: evidence.Scans) -> None:
-        for part in scans.parts():
-            self.add_beams(evidence.beams_of(part, self._limits))
-
     def add_beams(self, beams: evidence.Beams) -> None:
         self._counts += beams.counts
         if not len(beams.ranges):
@@ -250,7 +246,8 @@ def build_map(
     frame = frame_of(size, origin, resolution)
     if frame is None:
         extent = Extent(limits, reach_behind(method, resolution, parameters))
-        extent.add(scans)
+        for part in scans.parts():
+            extent.add_beams(evidence.beams_of(part, limits))
         frame = extent.frame(resolution)
     builder = MapBuilder(frame, method, limits, **parameters)
     builder.add(scans)
