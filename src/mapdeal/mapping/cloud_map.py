@@ -503,7 +503,7 @@ def _states(
     _drop_lone(lower, contents.below, on_floor, 3 * options.min_points, math.inf)
     gap = math.floor(min(options.fill / contents.frame.resolution + 1e-6, max(floor.shape)))
     if contents.is_above_others:  # the storey below shows through gaps between points
-        lower &= ~_closed(floor, max(gap, math.ceil(_ANY_GAP * _gap_of_sparse(contents))))
+        lower &= ~_closed(floor, max(gap, math.ceil(_ANY_GAP * _random_gap_cells(contents))))
     if options.drops == "occupied":
         occupied |= lower | (ledges(contents.floor, floor, contents.clearance) & floor)
         floor &= ~occupied
@@ -514,15 +514,14 @@ def _states(
     if contents.is_stated:
         floor |= passed & may_be_floor
     elif contents.spacing > _SPARSE * contents.frame.resolution:
-        wide = math.ceil(_gap_of_sparse(contents))
+        wide = math.ceil(_random_gap_cells(contents))
         beside = _around(occupied.astype(np.int32)) > 0  # their points may be feet of walls
         between = components.labelled(_closed(floor | occupied, wide) & may_be_floor, corners=False)
         floor |= between.cells_of(between.touched_by(floor & ~beside))
     return occupied, floor
 
 
-def _gap_of_sparse(contents: CellContents) -> float:
-    """Return the width of random gaps between points on the floor, in cells."""
+def _random_gap_cells(contents: CellContents) -> float:
     return _GAP_OF_SPARSE * contents.spacing / contents.frame.resolution
 
 

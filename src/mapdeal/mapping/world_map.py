@@ -359,13 +359,13 @@ class _Columns(NamedTuple):
         normal /= np.maximum(np.sqrt((normal**2).sum(axis=1)), 1e-12)[:, np.newaxis]
         beside = points + _OUTWARDS * normal
         at = self._cells(beside)
-        whose, run = _equal(self.cell, at)
+        whose, run = _pairs_with_equal_keys(self.cell, at)
         z = beside[whose, 2]
         hides = (self.bottom[run] < z) & (z < self.top[run]) & (self.solid[run] != solid[whose])
         visible = np.bincount(whose[hides], minlength=len(points)) == 0
         below = np.flatnonzero(visible & (normal[:, 2] < -_DOWN) & self.closed[solid])
         at = self._cells(points[below])
-        whose, run = _equal(self.upper_cell, at)
+        whose, run = _pairs_with_equal_keys(self.upper_cell, at)
         gap = points[below[whose], 2] - self.upper[run]
         least = np.full(len(below), np.inf)
         is_over = gap > -_OUTWARDS
@@ -378,10 +378,9 @@ class _Columns(NamedTuple):
         return np.asarray(row * self.shape[1] + col, dtype=np.int64)
 
 
-def _equal(keys: Integers, searched: Integers) -> tuple[Integers, Integers]:
-    """Return the pairs of places in two arrays, the first of them sorted, with equal keys."""
-    first = np.searchsorted(keys, searched, side="left")
-    return enumerated(first, np.searchsorted(keys, searched, side="right"))
+def _pairs_with_equal_keys(in_order: Integers, searched: Integers) -> tuple[Integers, Integers]:
+    first = np.searchsorted(in_order, searched, side="left")
+    return enumerated(first, np.searchsorted(in_order, searched, side="right"))
 
 
 def _columns_of(triangles: Floats, solids: Integers, shape: tuple[int, int]) -> _Columns:
