@@ -202,9 +202,9 @@ class CostmapLayers:
     def with_mask_last(self) -> CostmapLayers:
         """Return the layers without keepout filters where it makes no difference."""
         # A mask over the finished costs has the same effect as filters after all layers.
-        others = tuple(layer for layer in self.layers if not _is_keepout(layer))
-        is_last = self.layers[: len(others)] == others
-        return replace(self, layers=others) if is_last else self
+        without_filters = tuple(layer for layer in self.layers if not _is_keepout(layer))
+        is_last = self.layers[: len(without_filters)] == without_filters
+        return replace(self, layers=without_filters) if is_last else self
 
     @property
     def static_and_inflation(self) -> tuple[StaticLayer, InflationLayer | None] | None:

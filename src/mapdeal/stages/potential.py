@@ -156,8 +156,8 @@ def potential(
             raise ParameterError("lies in an obstacle", place="goal", got=goal)
         if with_cost_to_go:
             robot = shape_of(footprint) or (Footprint.circle(radius) if radius > 0 else None)
-            ways = robot, costs, cost_travel_multiplier, through_unknown
-            cost_to_go = _costs_to(goal, occupancy, source.frame, *ways)
+            options = robot, costs, cost_travel_multiplier, through_unknown
+            cost_to_go = _costs_to(goal, occupancy, source.frame, *options)
             cost_to_go_of = robot_text(robot)
             if inside[0] and np.isinf(cost_to_go[tuple(cells[0])]):
                 text = f"the goal {goal[0]:.10g}, {goal[1]:.10g} is closed to {cost_to_go_of}"
