@@ -39,7 +39,7 @@ from mapdeal.maps.picture import Picture, Strips, opaque_greys
 from mapdeal.maps.reading import as_occupancy, open_map
 from mapdeal.records import dataclass, field, replace
 from mapdeal.ros.filters import FilterServers
-from mapdeal.ros.names import Name, label_of
+from mapdeal.ros.load import Name, label_of
 from mapdeal.ros.robot import Flavour, ParameterValue, RobotParameters
 
 Counts = NDArray[np.int64]

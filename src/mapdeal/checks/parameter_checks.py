@@ -27,9 +27,8 @@ from mapdeal.grid.values import NO_INFORMATION, few_text
 from mapdeal.layers.catalogue import NAV2_PLUGINS, class_name, layer_named
 from mapdeal.layers.inflation import InflationLayer
 from mapdeal.records import dataclass, replace
+from mapdeal.ros import load
 from mapdeal.ros.filters import filter_servers
-from mapdeal.ros.load import costmap_values, costmaps_in, flavour_of, load_robot, node_of
-from mapdeal.ros.names import closest_name, listed_plugins
 from mapdeal.ros.planners import planners_of
 from mapdeal.ros.robot import INJECTED, CostmapName, Flavour, Problem, RobotParameters
 from mapdeal.ros.ros2_files import read_ros2
@@ -149,7 +148,7 @@ def unused_section(facts: ParameterFacts) -> Iterator[Remark]:
         names = {path[1] for path in section}
         if name in listed_names or names.isdisjoint(LAYER_PARAMETERS):
             continue
-        closest = closest_name(name, listed_names)
+        closest = load.closest_name(name, listed_names)
         if not closest and (facts.flavour == "ros1" or names <= IDLE_LAYER_PARAMETERS):
             continue
         text = f"{name} is not in the list of plugins: its parameters have no effect"
@@ -636,9 +635,9 @@ def lint_parameters(
     paths: Sequence[Path], costmap: CostmapName | None = None, namespace: str | None = None,
     map_frames: Sequence[tuple[str, Frame]] = (),
 ) -> dict[Path, list[Finding]]:  # fmt: skip
-    flavour = flavour_of(paths)
-    names = costmaps_in(paths, flavour, namespace) if costmap is None else (costmap,)
-    costmaps = [_Costmap(n, *load_robot(paths, costmap=n, namespace=namespace)) for n in names]
+    flavour = load.flavour_of(paths)
+    names = load.costmaps_in(paths, flavour, namespace) if costmap is None else (costmap,)
+    costmaps = [_Costmap(n, *load.load_robot(paths, costmap=n, namespace=namespace)) for n in names]
     present = [item for item in costmaps if not item.is_absent or item.has(_ONE_LEVEL)]
     present = present or costmaps[:1]
     by_costmap: dict[CostmapName, list[Finding]] = {}
@@ -691,7 +690,7 @@ def first_robot(
     names: Sequence[CostmapName] = ("global", "local") if costmap is None else (costmap,)
     for name in names:
         with suppress(MapdealError):
-            candidate = _Costmap(name, *load_robot(paths, costmap=name, namespace=namespace))
+            candidate = _Costmap(name, *load.load_robot(paths, costmap=name, namespace=namespace))
             if candidate.robot is not None and not candidate.is_absent:
                 return candidate.robot
     return None
@@ -703,9 +702,10 @@ def _check(
 ) -> Iterator[Finding]:  # fmt: skip
     if costmap.has(_OTHER_KIND):
         return
-    node = node_of(costmap.robot, costmap.name, namespace)
-    values = costmap_values(paths, flavour, costmap.name, node, namespace)
-    parameters = ParameterFacts(flavour, values, listed_plugins(flavour, values, costmap.robot))
+    node = load.node_of(costmap.robot, costmap.name, namespace)
+    values = load.costmap_values(paths, flavour, costmap.name, node, namespace)
+    plugins = load.listed_plugins(flavour, values, costmap.robot)
+    parameters = ParameterFacts(flavour, values, plugins)
     facts: dict[type, Any] = {ParameterFacts: parameters}
     if costmap.robot is not None and not costmap.is_absent:
         robot = RobotFacts(costmap.robot, parameters, sibling, tuple(map_frames))

@@ -18,7 +18,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.layers.catalogue import class_name
 from mapdeal.layers.obstacle import ObservationSource, Sensing, VoxelLayer
 from mapdeal.ros import planners
-from mapdeal.ros.names import MOST_NAMES, closest_name
+from mapdeal.ros.load import MOST_NAMES, closest_name
 from mapdeal.ros.robot import ListedLayer, ParameterValue
 from mapdeal.ros.ros2_files import Ros2Parameters
 
