@@ -105,7 +105,7 @@ def test_a_table_is_read_as_it_is_written(tmp_path, name, table):
     path = tmp_path / name
     path.write_text(f"[{table}]\n{BODY}")
     assert read_lint_config(path) == LintConfig(
-        path, table, ("image", "yaml.origin-yaw"), ("image.greys",), strict=True
+        path, table, ["image", "yaml.origin-yaw"], ["image.greys"], strict=True
     )
 
 

@@ -13,7 +13,7 @@ from typing import Any, Literal
 from mapdeal.compatibility import parse_toml
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, one_line
 from mapdeal.files.source import exists, is_folder, normal_path, read_file
-from mapdeal.files.yaml_text import OF_MAPS
+from mapdeal.files.yaml_text import OF_MAPS, Entry
 from mapdeal.grid.frame import Point
 from mapdeal.records import dataclass
 from mapdeal.ros.robot import ParameterValue
@@ -120,7 +120,7 @@ def add_check(
 
 
 def findings_on(
-    facts: Mapping[type, Any], file: Path | str, line_of_key: Mapping[str, int] = {}
+    facts: Mapping[type, Any], file: Path | str, entries: Mapping[str, Entry] = {}
 ) -> Iterator[Finding]:
     """Run the checks of the given facts, by their types."""
     for check in CHECKS.values():
@@ -129,7 +129,8 @@ def findings_on(
             if remark.at is not None:
                 yield check.finding(remark.at.source, remark.message, remark.at.line)
             else:
-                line = line_of_key.get(remark.key or "")
+                entry = entries.get(remark.key or "")
+                line = None if entry is None else entry.line
                 yield check.finding(file, remark.message, line, remark.places)
 
 
@@ -307,15 +308,15 @@ OWN_FILE, PYPROJECT = "mapdeal.toml", "pyproject.toml"
 _LARGEST = 1 << 20
 _IGNORE = re.compile(r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?")
 _NAME = re.compile(r"[ \t]*([\w.-]+)[ \t]*")
-Names = tuple[str, ...]
+_KEYS = ("select", "ignore", "strict")
 
 
 @dataclass(frozen=True)
 class LintConfig:
     source: Path
     table: str
-    select: Names | None = None
-    ignore: Names | None = None
+    select: Sequence[str] | None = None
+    ignore: Sequence[str] | None = None
     strict: bool = False
 
 
@@ -348,10 +349,13 @@ def read_lint_config(path: Path) -> LintConfig | None:
     _check_table(own_table, ("lint",), path, prefix)
     if "lint" not in own_table:
         return None
-    _check_table(own_table["lint"], tuple(_KEYS), path, f"{table}.")
-    settings = own_table["lint"].items()
-    values = {key: _KEYS[key](value, path, f"{table}.{key}") for key, value in settings}
-    return LintConfig(path, table, **values)
+    _check_table(own_table["lint"], _KEYS, path, f"{table}.")
+    for key, value in own_table["lint"].items():
+        is_names = isinstance(value, list) and all(isinstance(name, str) for name in value)
+        if not (isinstance(value, bool) if key == "strict" else is_names):
+            rule = f"must be {'true or false' if key == 'strict' else 'a list of names'}"
+            raise ParameterError(rule, source=path, place=f"{table}.{key}", got=value)
+    return LintConfig(path, table, **own_table["lint"])
 
 
 def _check_table(table: Any, known: Sequence[str], path: Path, prefix: str) -> None:
@@ -365,23 +369,7 @@ def _check_table(table: Any, known: Sequence[str], path: Path, prefix: str) -> N
         raise ParameterError("unknown key", source=path, place=f"{prefix}{key}", hint=hint)
 
 
-def _names(value: Any, path: Path, place: str) -> Names:
-    if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
-        raise ParameterError("must be a list of names", source=path, place=place, got=value)
-    return tuple(value)
-
-
-def _flag(value: Any, path: Path, place: str) -> bool:
-    if not isinstance(value, bool):
-        raise ParameterError("must be true or false", source=path, place=place, got=value)
-    return value
-
-
-_KEYS: dict[str, Callable[..., Any]] = {"select": _names, "ignore": _names, "strict": _flag}
-"""Reader of the value of each key."""
-
-
-def read_ignored_names(path: Path, limit: int = OF_MAPS.bytes) -> Names:
+def read_ignored_names(path: Path, limit: int = OF_MAPS.bytes) -> tuple[str, ...]:
     # No YAML parser: comments count in malformed files, too. They begin a line or follow a space.
     try:
         data = read_file(path, limit=limit)

@@ -61,16 +61,13 @@ def lint_file(
         except MalformedInputError as error:  # too little memory; other checks read by strips
             text = f"{', '.join(checks_of(RoomFacts))}: {error.rule}"
             findings.append(CHECKS[LEFT_OUT].finding(path, text.removeprefix(f"{path}: ")))
-    entries = {} if pair is None else pair.entries
-    lines = {key: entry.node.start_mark.line + 1 for key, entry in entries.items()}
-    findings += findings_on(facts_by_type, path, lines)
+    findings += findings_on(facts_by_type, path, {} if pair is None else pair.entries)
     return sorted(dict.fromkeys(findings), key=lambda finding: SEVERITIES.index(finding.severity))
 
 
 def lint_mask(path: Path, facts: MaskFacts) -> Iterator[Finding]:
     entries = {} if facts.pair is None else facts.pair.entries
-    lines = {key: entry.line for key, entry in entries.items()}
-    return findings_on({MaskFacts: facts}, path, lines)
+    return findings_on({MaskFacts: facts}, path, entries)
 
 
 def checks_of(facts: type) -> list[str]:
@@ -333,18 +330,16 @@ def counts_text(counts: Mapping[str, int], suppressed: int) -> str:
 _COMMANDS = {"error": "error", "warning": "warning", "note": "notice"}
 
 
+_ESCAPES = str.maketrans({"%": "%25", "\r": "%0D", "\n": "%0A"})
+_ESCAPES_OF_PROPERTIES = _ESCAPES | str.maketrans({":": "%3A", ",": "%2C"})
+
+
 def _annotation(finding: Finding) -> str:
-    place = f"file={_escaped(finding.file, is_property=True)}"
+    place = f"file={finding.file.translate(_ESCAPES_OF_PROPERTIES)}"
     if finding.line is not None:
         place += f",line={finding.line}"
-    title = _escaped(finding.check, is_property=True)
-    return f"::{_COMMANDS[finding.severity]} {place},title={title}::{_escaped(finding.message)}"
-
-
-def _escaped(text: str, *, is_property: bool = False) -> str:
-    for mark, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
-        text = text.replace(mark, code)
-    return text.replace(":", "%3A").replace(",", "%2C") if is_property else text
+    message = finding.message.translate(_ESCAPES)
+    return f"::{_COMMANDS[finding.severity]} {place},title={finding.check}::{message}"
 
 
 def repair_lines(report: LintReport) -> list[str]:
