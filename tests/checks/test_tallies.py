@@ -13,7 +13,7 @@ import oracles
 from checks.pairs import write_pair
 from mapdeal import OccupancyGrid, lint, read_map, write_map
 from mapdeal.checks import facts
-from mapdeal.checks.facts import CellTallies, PixelTallies, gather, tallies_of
+from mapdeal.checks.facts import CellTallies, GridFacts, PixelTallies, gather
 from mapdeal.errors import MalformedInputError
 from mapdeal.files.source import use_memory
 from mapdeal.maps.dialects import DIALECTS, MapMetadata, cells_of
@@ -112,7 +112,8 @@ def summary(found):
 def test_cells_are_counted_as_in_the_whole_whichever_side_comes_first(cells, rows):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(facts, "_CELLS_PER_BAND", 2 * cells.shape[1])
-        south, north = tallies_of(cells), CellTallies(cells.shape, from_north=True)
+        south = GridFacts.of(OccupancyGrid(cells, 1.0)).cells
+        north = CellTallies(cells.shape, from_north=True)
         for first in range(0, len(cells), rows):
             north.add(cells[::-1][first : first + rows])
     assert summary(south) == summary(north) == by_hand(cells)

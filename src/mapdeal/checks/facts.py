@@ -25,7 +25,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal, Passage, Reach
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.kernels.arrays import Integers, Mask
-from mapdeal.kernels.blocks import Layer, blocks_of
+from mapdeal.kernels.blocks import blocks_of
 from mapdeal.kernels.components import MOST_PLACES, Components
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.lookup import histogram
@@ -43,8 +43,7 @@ from mapdeal.ros.load import Name, label_of
 from mapdeal.ros.robot import Flavour, ParameterValue, RobotParameters
 
 Counts = NDArray[np.int64]
-_PIXELS_PER_BAND = 1 << 18
-"""Colours are widened to 64 bits when they become cells, so only few are converted at once."""
+_PIXELS_PER_BAND = 1 << 18  # as colours are widened to 64 bits when they become cells
 
 
 def without_rounding_noise(value: float) -> float | None:
@@ -169,13 +168,6 @@ class CellTallies:
         return [divmod(cell, self.shape[1]) for cell in fitting[:MOST_PLACES]]
 
 
-def tallies_of(occupancy: Layer) -> CellTallies:
-    tallies = CellTallies(occupancy.shape)
-    for block in blocks_of(occupancy):
-        tallies.add(occupancy[block])
-    return tallies
-
-
 class PixelTallies:
     """Counts of the pixels of a map's image, and of the cells that each reader gets from them."""
 
@@ -188,16 +180,13 @@ class PixelTallies:
         self.freed = {name: map_server.FreedCells(metadata, name) for name in readers}
         """Map_saver's unknown cells that are free, for each reader; none in mode raw."""
         self._metadata = metadata
-        self.grey_counts = np.zeros(256, dtype=np.int64)
-        """Number of pixels of each grey, for 8-bit grey images."""
+        self.grey_counts = np.zeros(256, dtype=np.int64)  # pixels of each grey, if it has 8 bits
         self.byte_counts = {name: np.zeros(256, dtype=np.int64) for name in readers}
         """Number of cells of each byte, by reader."""
-        self.differing = {name: 0 for name in readers if name != "nav2"}
-        """Number of cells in which each other reader differs from nav2."""
+        self.differing = {name: 0 for name in readers if name != "nav2"}  # cells read otherwise
         self.differing_greys: dict[Dialect, list[int]] = {name: [] for name in readers}
         """Greys that nav2 and each other reader read differently, the most frequent first."""
-        self.freed_greys: list[int] = []
-        """Map_saver's grey for unknown, if a reader reads it as free."""
+        self.freed_greys: list[int] = []  # map_saver's grey for unknown, if a reader frees it
         self.firsts: dict[int, int] = {}
         """The first pixel of each opaque 8-bit grey, or index of a palette: a number from north."""
         self._pixel_count = 0
@@ -323,12 +312,10 @@ class RobotFacts:
 
 
 _HEAD = 1 << 16
-_LEAST_CUT_OFF = 4.0
-"""Least area for a warning, m2 of positions of the robot's centre; smaller ones are niches."""
+_LEAST_CUT_OFF = 4.0  # m2 of positions of the robot's centre; smaller areas are niches
 _LINE_BYTES = 120  # of runs, per row and column: a band has at least one row
 _BAND_BYTES = 10_000_000  # of runs in a band, and of the checks' modules
-_ROOM_BYTES = {"compiled": 22, "scipy": 106}
-"""Peak memory of the search for passages, bytes per cell, by engine."""
+_ROOM_BYTES = {"compiled": 22, "scipy": 106}  # per cell, at the peak of the search for passages
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,7 +327,10 @@ class GridFacts:
 
     @classmethod
     def of(cls, grid: OccupancyGrid) -> GridFacts:
-        return cls(grid.frame, tallies_of(grid.occupancy))
+        tallies = CellTallies(grid.shape)
+        for block in blocks_of(grid.occupancy):
+            tallies.add(grid.occupancy[block])
+        return cls(grid.frame, tallies)
 
     def places(self, cells_rowcol: Sequence[tuple[float, float]]) -> list[Point]:
         """Return the centres of cells in the map frame, metres."""
@@ -375,17 +365,12 @@ class MaskFacts:
     info: FilterInfo
     grid: OccupancyGrid
     map_name: str
-    closed: Mask
-    """Which cells of the map the mask forbids."""
-
-    covered: float
-    """The share of the map's known cells that the mask covers, 0..1."""
-
+    closed: Mask  # which cells of the map the mask forbids
+    covered: float  # the share of the map's known cells that the mask covers, 0..1
     robot: Footprint | None = None
     start: tuple[float, ...] | None = None
     goals: tuple[Goal, ...] = ()
-    name_of: Callable[[Point], str | None] = lambda _: None
-    """Returns the name of the zone at a point, if it is known."""
+    name_of: Callable[[Point], str | None] = lambda _: None  # of the zone at a point, if known
 
     @property
     def start_is_closed(self) -> bool:

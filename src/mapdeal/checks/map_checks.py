@@ -241,8 +241,7 @@ def comment_resolution(facts: PairFacts) -> Iterator[Remark]:
             yield Remark(text, "resolution")
 
 
-_MIN_ISLAND_AREA = 1.0
-"""Square metres at or above which a component of free space is an island, not a speck."""
+_MIN_ISLAND_AREA = 1.0  # m2 from which a component of free space is an island, not a speck
 
 
 @check("map.no-obstacle", "warning")

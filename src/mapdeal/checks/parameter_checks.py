@@ -607,8 +607,7 @@ def _reach(layer: InflationLayer) -> str:
 _ONE_LEVEL = "params.one-level"
 _ABSENT = ("params.namespace", "params.no-node", _ONE_LEVEL)
 _OTHER_KIND = "params.other-kind"
-_OTHER_COSTMAP = "params.other-costmap"
-"""Omitted if both costmaps are checked: the file belongs to the other one."""
+_OTHER_COSTMAP = "params.other-costmap"  # omitted if both costmaps are checked
 _LENGTHS = {"params.inflation-below-circumscribed", "params.cost-cliff", "params.cost-ends-early"}
 """Omitted if the unit of a length is doubtful."""
 _ABOUT_FILES = ("params.syntax", _OTHER_KIND, *_ABSENT)
