@@ -604,13 +604,12 @@ def _reach(layer: InflationLayer) -> str:
     return f"inflation_radius {layer.inflation_radius:g} m"
 
 
-_ONE_LEVEL = "params.one-level"
-_ABSENT = ("params.namespace", "params.no-node", _ONE_LEVEL)
+_ABSENT = ("params.namespace", "params.no-node")
 _OTHER_KIND = "params.other-kind"
 _OTHER_COSTMAP = "params.other-costmap"  # omitted if both costmaps are checked
 _LENGTHS = {"params.inflation-below-circumscribed", "params.cost-cliff", "params.cost-ends-early"}
 """Omitted if the unit of a length is doubtful."""
-_ABOUT_FILES = ("params.syntax", _OTHER_KIND, *_ABSENT)
+_ABOUT_FILES = ("params.syntax", "params.one-level", _OTHER_KIND, *_ABSENT)
 """Findings about a whole file, or with the costmap's node in their text."""
 
 
@@ -637,8 +636,7 @@ def lint_parameters(
     flavour = load.flavour_of(paths)
     names = load.costmaps_in(paths, flavour, namespace) if costmap is None else (costmap,)
     costmaps = [_Costmap(n, *load.load_robot(paths, costmap=n, namespace=namespace)) for n in names]
-    present = [item for item in costmaps if not item.is_absent or item.has(_ONE_LEVEL)]
-    present = present or costmaps[:1]
+    present = [item for item in costmaps if not item.is_absent] or costmaps[:1]
     by_costmap: dict[CostmapName, list[Finding]] = {}
     default_file = str(paths[-1])
     for index, item in enumerate(present):
@@ -689,9 +687,9 @@ def first_robot(
     names: Sequence[CostmapName] = ("global", "local") if costmap is None else (costmap,)
     for name in names:
         with suppress(MapdealError):
-            candidate = _Costmap(name, *load.load_robot(paths, costmap=name, namespace=namespace))
-            if candidate.robot is not None and not candidate.is_absent:
-                return candidate.robot
+            robot, _ = load.load_robot(paths, costmap=name, namespace=namespace)
+            if robot is not None:
+                return robot
     return None
 
 
@@ -706,7 +704,7 @@ def _check(
     plugins = load.listed_plugins(flavour, values, costmap.robot)
     parameters = ParameterFacts(flavour, values, plugins)
     facts: dict[type, Any] = {ParameterFacts: parameters}
-    if costmap.robot is not None and not costmap.is_absent:
+    if costmap.robot is not None:
         robot = RobotFacts(costmap.robot, parameters, sibling, tuple(map_frames))
         facts[RobotFacts] = robot
         if flavour == "nav2":
