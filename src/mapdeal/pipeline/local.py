@@ -331,17 +331,16 @@ class RollingRun:
             check_window(source, common)
             cells, hint = f"{most.width} x {most.height} cells", "a smaller --keep takes less"
             sources.claim(source, _PER_CELL * most.cells, what=f"{cells} to remember", hint=hint)
-        self._summed: list[SummedCloud | None] = []
+        self._summed: dict[int, SummedCloud] = {}  # those that can be read
 
     def __call__(self, index: int) -> RunReport:
         """Make the map of a cloud; each is asked for after those before it, once."""
         job = self._jobs[index]
-        self._summed.append(None)  # unless it can be read
         if job.cloud is None:
             raise errors.ParameterError("must be given", place="cloud")
         summed = job.cloud.summed()
         first = 0 if self._keep is None else max(0, index + 1 - self._keep)
-        before = self._summed[first:index]
+        before = [self._summed.get(earlier) for earlier in range(first, index)]
         parts = [
             [*([None] if cloud is None else (*cloud.sums.values(), *cloud.options.values())), *pose]
             for cloud, pose in zip(before, self._mapper.poses[first:index], strict=True)
@@ -360,7 +359,7 @@ class RollingRun:
         while self._mapper.turn < index:  # those before it, if it or a later one needs them
             turn = self._mapper.turn
             is_forgotten = self._keep is not None and turn + self._keep <= index
-            if is_forgotten or self._summed[turn] is None:
+            if is_forgotten or turn not in self._summed:
                 self._mapper.skip()
             else:
                 self._add(turn)
@@ -371,13 +370,11 @@ class RollingRun:
         return self._mapper.result()
 
     def _add(self, turn: int) -> None:
-        if (known := self._summed[turn]) is None:
-            raise errors.ParameterError("was not read", source=self._cloud(turn))
         try:
             with errors_named(self._cloud(turn)):
-                self._mapper.add_in_parts(known.points())
+                self._mapper.add_in_parts(self._summed[turn].points())
         except errors.MapdealError:
-            self._summed[turn] = None
+            del self._summed[turn]
             self._mapper.skip()
             raise
 

@@ -157,16 +157,13 @@ class LiveCostmap:
             layer.update_costs(master, window)
 
     def _move(self, pose: Pose) -> None:
-        cell_size, margin = self.frame.resolution, self._place.size_margin
-        shifts, corner = [], []
-        sides = self.frame.shape[::-1]
-        for start, cells, robot in zip(self.frame.origin, sides, pose, strict=False):
-            goal = robot - (cells - margin) * cell_size / 2
-            shifts.append(int((goal - start) / cell_size))
-            corner.append(start + shifts[-1] * cell_size)
-        cols, rows = shifts
+        cell_size, corner = self.frame.resolution, np.array(self.frame.origin[:2])
+        sides = np.array(self.frame.shape[::-1]) - self._place.size_margin
+        goal = np.array(pose[:2]) - sides * cell_size / 2
+        cols, rows = map(int, (goal - corner) / cell_size)
         if rows or cols:
-            self.frame = Frame(*self.frame.shape, cell_size, (corner[0], corner[1], 0.0))
+            x, y = (corner + np.array([cols, rows]) * cell_size).tolist()
+            self.frame = Frame(*self.frame.shape, cell_size, (x, y, 0.0))
             self.costs = obstacle.shifted(self.costs, rows, cols, self._default_cost)
             for layer in self.layers:
                 layer.move(self.frame, rows, cols)
@@ -252,11 +249,11 @@ class BagReplay:
         occupancy = None if known is None else np.asarray(known.occupancy)
         layers = list(self.layers.values())
         self.costmap = LiveCostmap(self.place, layers, default, robot.footprint, occupancy)
-        self._sources = self._sources_by_topic()
-        self._types = {c.id: c for c in bag.connections if c.topic in self._sources}
+        self.sources = self._sources_by_topic()
+        self._types = {c.id: c for c in bag.connections if c.topic in self.sources}
         self._index = bag.index(list(self._types))
         if not len(self._index):
-            raise bag.malformed("holds no messages", ", ".join(self._sources))
+            raise bag.malformed("holds no messages", ", ".join(self.sources))
         self._decoder = Decoder(bag)
         self._frames = SensorFrames(bag, FrameOptions(), is_exact=True)
         self._projectors = {name: ScanProjector() for name in self.layers}
@@ -307,10 +304,6 @@ class BagReplay:
             hint = f"it has {known}" if known else None
             raise MalformedInputError(rule, source=self.bag.path, hint=hint)
         return found
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        return tuple(self._sources)
 
     def times(self) -> list[int]:
         """Return the stamps of all messages, nanoseconds."""
@@ -366,7 +359,7 @@ class BagReplay:
 
     def _delivered(self, topic: str, message: RawScan | RawCloud) -> Iterator[Delivery]:
         rigid = self._lookup(message.frame, message.time)
-        for name, source in self._sources[topic]:
+        for name, source in self.sources[topic]:
             frame, grid = source.sensor_frame, self.layers[name]
             sensor = self._lookup(frame, message.time) if frame else rigid
             if rigid is None or sensor is None or not isinstance(grid, obstacle.ObstacleGrid):
@@ -617,7 +610,7 @@ def write_replay(
     bag, robot = replay.bag, replay.robot
     sums = {path.name: sha256_of(path) for path in bag.files} | dict(known.sums if known else {})
     step = Step(_REPLAY, {"messages": messages})
-    options = {"topics": list(replay.topics), "dialect": settings.dialect}
+    options = {"topics": list(replay.sources), "dialect": settings.dialect}
     options |= settings.picture_options
     target = OutputFolder(folder, (step,), sums, options, settings, robot.described())
 
