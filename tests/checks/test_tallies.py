@@ -145,7 +145,7 @@ def test_memory_does_not_grow_with_the_number_of_rows(kind, tmp_path, monkeypatc
         def __exit__(self, *_):
             pass
 
-    monkeypatch.setattr(facts, "open_for_one_pass", Opened)
+    monkeypatch.setattr(facts.images, "open_for_one_pass", Opened)
     path = write_pair(tmp_path, b"P5 1 1 255\n0")
     tracemalloc.start()
     pair, cells, findings = gather(path)

@@ -24,19 +24,11 @@ from mapdeal.grid.frame import Frame, Point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal, Passage, Reach
 from mapdeal.grid.values import FREE, OCCUPIED
+from mapdeal.kernels import components, engine, lookup
 from mapdeal.kernels.arrays import Integers, Mask
 from mapdeal.kernels.blocks import blocks_of
-from mapdeal.kernels.components import MOST_PLACES, Components
-from mapdeal.kernels.engine import engine_name
-from mapdeal.kernels.lookup import histogram
-from mapdeal.maps import dialects, map_server
-from mapdeal.maps.dialects import DIALECTS, Dialect, MapMetadata, cells_of, metadata_of
-from mapdeal.maps.formats import format_of
-from mapdeal.maps.images import IMAGE_FORMATS, open_for_one_pass
-from mapdeal.maps.kinds import MAP, recognised
-from mapdeal.maps.map_file import warn_of_cost_figures
+from mapdeal.maps import dialects, formats, images, kinds, map_file, map_server, reading
 from mapdeal.maps.picture import Picture, Strips, opaque_greys
-from mapdeal.maps.reading import as_occupancy, open_map
 from mapdeal.records import dataclass, field, replace
 from mapdeal.ros.filters import FilterServers
 from mapdeal.ros.load import Name, label_of
@@ -71,7 +63,7 @@ class CellTallies:
         self._counts_bytes = byte_counts is None
         self._byte_counts = np.zeros(256, dtype=np.int64) if byte_counts is None else byte_counts
         self._known_rows, self._known_cols = (np.zeros(side, dtype=np.bool_) for side in shape)
-        self._free = Components(last_row=height - 1 if from_north else None)
+        self._free = components.Components(last_row=height - 1 if from_north else None)
         self._from_north = from_north
         self._free_rows = np.zeros((2, width), dtype=np.bool_)
         self._free_cols = np.zeros((height, 2), dtype=np.bool_)
@@ -91,7 +83,7 @@ class CellTallies:
         height, first = self.shape[0], self._rows
         stop = self._rows = first + len(band)
         if self._counts_bytes:
-            self._byte_counts += histogram(band)
+            self._byte_counts += lookup.histogram(band)
         free = band == FREE
         self._free.add(free)
         rows = (self._last_free, free[0]), (free[:-1], free[1:]), (free[:, :-1], free[:, 1:])
@@ -165,14 +157,15 @@ class CellTallies:
         groups = reversed(self._free.places().items())
         _, *cells = [(size, cell) for size, members in groups for cell in members] or [(0, 0)]
         fitting = [cell for size, cell in cells if least <= size <= most]
-        return [divmod(cell, self.shape[1]) for cell in fitting[:MOST_PLACES]]
+        return [divmod(cell, self.shape[1]) for cell in fitting[: components.MOST_PLACES]]
 
 
 class PixelTallies:
     """Counts of the pixels of a map's image, and of the cells that each reader gets from them."""
 
-    def __init__(self, metadata: MapMetadata) -> None:
-        readers: tuple[Dialect, ...] = () if metadata.cost_scale is not None else tuple(DIALECTS)
+    def __init__(self, metadata: dialects.MapMetadata) -> None:
+        has_costs = metadata.cost_scale is not None
+        readers: tuple[dialects.Dialect, ...] = () if has_costs else tuple(dialects.DIALECTS)
         self.size = 0  # pixels
         self.coloured = 0  # pixels other than grey
         self.not_opaque = 0
@@ -184,7 +177,7 @@ class PixelTallies:
         self.byte_counts = {name: np.zeros(256, dtype=np.int64) for name in readers}
         """Number of cells of each byte, by reader."""
         self.differing = {name: 0 for name in readers if name != "nav2"}  # cells read otherwise
-        self.differing_greys: dict[Dialect, list[int]] = {name: [] for name in readers}
+        self.differing_greys: dict[dialects.Dialect, list[int]] = {name: [] for name in readers}
         """Greys that nav2 and each other reader read differently, the most frequent first."""
         self.freed_greys: list[int] = []  # map_saver's grey for unknown, if a reader frees it
         self.firsts: dict[int, int] = {}
@@ -202,7 +195,7 @@ class PixelTallies:
             self._tally(exceptions, np.ones(exceptions.shape[1], dtype=np.int64))
             opaque = grey[~is_other][np.newaxis]
         if grey.dtype == np.uint8:
-            counts = histogram(opaque)
+            counts = lookup.histogram(opaque)
             for value in set(np.flatnonzero(counts).tolist()) - self.firsts.keys():
                 self.firsts[value] = self._pixel_count + int(((grey == value) & ~is_other).argmax())
         else:
@@ -225,7 +218,7 @@ class PixelTallies:
         return {grey: count for grey, count in enumerate(self.grey_counts.tolist()) if count}
 
     @cached_property
-    def counts(self) -> dict[Dialect, dict[str, int]]:
+    def counts(self) -> dict[dialects.Dialect, dict[str, int]]:
         return {name: cell_states(values) for name, values in self.byte_counts.items()}
 
     def _tally(self, pixels: Picture, counts: Counts) -> None:
@@ -243,7 +236,7 @@ class PixelTallies:
         is_raw = self._metadata.mode == "raw"
         if is_raw and self.freed:
             self.lost += map_server.count_of_lost(pixels, counts[np.newaxis])
-        readings = {name: cells_of(pixels, self._metadata, name) for name in self.freed}
+        readings = {name: dialects.cells_of(pixels, self._metadata, name) for name in self.freed}
         for name, cells in readings.items():
             np.add.at(self.byte_counts[name], cells[0].view(np.uint8), counts)
             if name != "nav2":
@@ -414,7 +407,7 @@ class PlannerFacts:
 class PairFacts:
     path: Path
     entries: dict[str, Entry]
-    metadata: MapMetadata
+    metadata: dialects.MapMetadata
     image_path: Path
     kind: Picture
     pixels: PixelTallies
@@ -425,7 +418,7 @@ class PairFacts:
         """Return the positions of the first pixel of each grey in the map frame, metres."""
         height, width = self.frame.shape
         firsts = [self.pixels.firsts[grey] for grey in greys if grey in self.pixels.firsts]
-        pixels = [divmod(first, width) for first in firsts[:MOST_PLACES]]
+        pixels = [divmod(first, width) for first in firsts[: components.MOST_PLACES]]
         cells = [(height - 1 - row, col) for row, col in pixels]  # pixels come from the north
         places: list[Point] = self.frame.xy_from_rowcol(cells).tolist()
         return places
@@ -439,8 +432,8 @@ def gather(
     texts: list[tuple[str, str]] = []  # names of checks, and messages
     with errors.capture_warnings() as warnings:
         try:
-            named, path = path, format_of(path).header(path)
-            if format_of(path).is_yaml:
+            named, path = path, formats.format_of(path).header(path)
+            if formats.format_of(path).is_yaml:
                 bits = named if named != path else None
                 pair, cells = _gather_pair(path, max_cells, bits, entries)
             else:
@@ -454,21 +447,21 @@ def gather(
 
 def gather_rooms(path: Path, radius: float, *, max_cells: int | None = None) -> RoomFacts:
     """Return facts of a map's rooms, for which all its cells are read; `gather` has checked it."""
-    with errors.capture_warnings(), open_map(path, max_cells=max_cells) as file:
+    with errors.capture_warnings(), reading.open_map(path, max_cells=max_cells) as file:
         height, width = file.shape()
-        needed = file.memory_to_read() + _ROOM_BYTES[engine_name()] * height * width
+        needed = file.memory_to_read() + _ROOM_BYTES[engine.engine_name()] * height * width
         needed += bytes_of_lines((height, width), _LINE_BYTES)
         with claimed(path, needed, what=f"{width} x {height} cells"):
-            return RoomFacts.of(as_occupancy(file.read().grid, path), radius)
+            return RoomFacts.of(reading.as_occupancy(file.read().grid, path), radius)
 
 
 def _gather_grid(path: Path, max_cells: int | None) -> GridFacts | None:
     """Return the facts of a map without a YAML file, None if it holds costs or a view."""
-    with open_map(path, max_cells=max_cells) as file:
+    with reading.open_map(path, max_cells=max_cells) as file:
         claim(path, _BAND_BYTES + bytes_of_lines(file.shape(), _LINE_BYTES))
         grid = file.cells()
     if isinstance(grid, Costmap):
-        warn_of_cost_figures(path, grid.figures())
+        map_file.warn_of_cost_figures(path, grid.figures())
     elif isinstance(grid, FieldView):
         _warn_of_view(path, grid.scale)
     else:
@@ -482,22 +475,22 @@ def _gather_pair(
     """Return the facts of a YAML file and its image; `bits` is the bit map it must name, if any."""
     # `entries` gets the keys as soon as they are read, so that later findings can name their lines.
     bare = None if bits is not None else map_server.bare_image(path)
-    with recognised(path, "a map", MAP):
+    with kinds.recognised(path, "a map", kinds.MAP):
         keys = read_mapping(path) if bare is None else parse_mapping(path, dialects.yaml_of(bare))
         entries.update(keys)
-        metadata = metadata_of(entries, path, mend=True)
+        metadata = dialects.metadata_of(entries, path, mend=True)
     image = map_server.image_of(path, metadata, bits)
-    with open_for_one_pass(image, max_cells=max_cells) as (strips, head):
+    with images.open_for_one_pass(image, max_cells=max_cells) as (strips, head):
         claim(path, _BAND_BYTES + bytes_of_lines(strips.shape, _LINE_BYTES))
         kind, pixels, cells = _count_pixels(strips, metadata, image)
     if pixels.lost:
         text = f"{image}: {map_server.remark_on_lost(pixels.lost)}"
         errors.emit_warning(MapdealWarning(text, "image.raw-values"))
-    comments = IMAGE_FORMATS[kind.file_format].comments(head[:_HEAD])
+    comments = images.IMAGE_FORMATS[kind.file_format].comments(head[:_HEAD])
     frame = Frame(*strips.shape, metadata.resolution, metadata.origin)
     pair = PairFacts(path, entries, metadata, image, kind, pixels, frame, comments)
     if cells is None:
-        warn_of_cost_figures(path, figures_of_costs(pixels.grey_counts, "costmap2d"))
+        map_file.warn_of_cost_figures(path, figures_of_costs(pixels.grey_counts, "costmap2d"))
     elif metadata.view is not None:
         _warn_of_view(path, metadata.view)
     else:
@@ -511,7 +504,7 @@ def _warn_of_view(path: Path, scale: ViewScale) -> None:
 
 
 def _count_pixels(
-    strips: Strips, metadata: MapMetadata, image: Path
+    strips: Strips, metadata: dialects.MapMetadata, image: Path
 ) -> tuple[Picture, PixelTallies, CellTallies | None]:
     """Return a picture's kind, the tallies of its pixels and, unless it has costs, of its cells."""
     pixels = PixelTallies(metadata)

@@ -14,16 +14,11 @@ import numpy as np
 from mapdeal.checks.facts import GridFacts, PairFacts, RoomFacts, check, without_rounding_noise
 from mapdeal.checks.findings import CHECKS, Finding, Remark, declare_checks, error_finding
 from mapdeal.errors import FileAccessError, one_line
-from mapdeal.files.json_values import SUMMARY as BATCH, document_kind, read_json
-from mapdeal.files.source import contents_of, exists, holds, normal_path
-from mapdeal.grid.costmap import UNIFORM_SHARE
-from mapdeal.grid.filters import FILTER_KEYS
+from mapdeal.files import json_values, source
+from mapdeal.grid import costmap, filters
 from mapdeal.grid.values import count_text, decimal_text
 from mapdeal.kernels.rotations import coincidences
-from mapdeal.maps.dialects import Dialect
-from mapdeal.maps.kinds import kind_of
-from mapdeal.maps.listing import ListedFolders
-from mapdeal.maps.map_file import NOTHING_KNOWN
+from mapdeal.maps import dialects, kinds, listing, map_file
 from mapdeal.maps.map_server import MAP_SAVER_UNKNOWN, percent, remark_on_freed
 
 _UNKNOWN_SHADE = 127 / 255  # of Cartographer's grey, the darkest one in use for unknown
@@ -76,7 +71,7 @@ def readers_differ(facts: PairFacts) -> Iterator[Remark]:
     Fix: Write the map anew with mapdeal convert.
     """
     pixels = facts.pixels
-    readers: dict[tuple[int, str], list[Dialect]] = {}  # those that agree share a finding
+    readers: dict[tuple[int, str], list[dialects.Dialect]] = {}  # those that agree share a finding
     for name, cells in pixels.differing.items():
         if cells:
             readers.setdefault((cells, _counts_text(pixels.counts[name])), []).append(name)
@@ -274,7 +269,7 @@ def all_unknown(facts: GridFacts) -> Iterator[str]:
     Fix: Check thresholds, mode and negate.
     """
     if facts.cells.counts["unknown"] == facts.cells.size:
-        yield NOTHING_KNOWN
+        yield map_file.NOTHING_KNOWN
 
 
 @check("map.mostly-unknown", "note")
@@ -428,7 +423,7 @@ def unknown_key(facts: PairFacts) -> Iterator[Remark]:
     Fix: Correct the spelling, or remove the key.
     """
     for key in facts.metadata.extra:
-        if key in FILTER_KEYS:  # mapdeal writes these into masks
+        if key in filters.FILTER_KEYS:  # mapdeal writes these into masks
             continue
         close = difflib.get_close_matches(key, _KNOWN_KEYS, n=1)
         suggestion = f"; did you mean {close[0]}?" if close else ""
@@ -545,7 +540,7 @@ def absolute_path(facts: PairFacts) -> Iterator[Remark]:
     name = facts.metadata.image
     if PurePosixPath(name).is_absolute() or PureWindowsPath(name).is_absolute():
         path = facts.image_path
-        is_beside = normal_path(path).parent == normal_path(facts.path).parent
+        is_beside = source.normal_path(path).parent == source.normal_path(facts.path).parent
         advice = f"write {path.name}" if is_beside else "move the image beside the YAML file"
         yield Remark(f"{name} is absolute; {advice}", "image")
 
@@ -569,19 +564,19 @@ LOCAL_FOLDER = "local"
 def is_run(folder: Path) -> bool:
     """Return whether the manifest in a folder is a run's, or is damaged."""
     # Other programs write a manifest.json, too; their folders may contain maps.
-    manifest = read_json(folder / MANIFEST)
+    manifest = json_values.read_json(folder / MANIFEST)
     return manifest is None or (isinstance(manifest, dict) and "outputs" in manifest)
 
 
 def _lines_on_failed_maps(folder: Path) -> list[str]:
-    summary = read_json(folder / SUMMARY)
-    maps = summary["maps"] if document_kind(summary) == BATCH else ()
+    summary = json_values.read_json(folder / SUMMARY)
+    maps = summary["maps"] if json_values.document_kind(summary) == json_values.SUMMARY else ()
     failed = [entry for entry in maps if entry["status"] == "failed"]
     return [one_line(str(entry.get("error") or entry.get("map") or "a map")) for entry in failed]
 
 
 SUMMARY = "summary.json"
-RUN_FOLDERS = ListedFolders(
+RUN_FOLDERS = listing.ListedFolders(
     MANIFEST, is_run, SUMMARY, lambda folder: bool(_lines_on_failed_maps(folder)), (LOCAL_FOLDER,)
 )
 """Rule that distinguishes folders of runs from folders of maps."""
@@ -620,15 +615,15 @@ declare_checks(
 def lint_run(folder: Path) -> list[Finding]:
     # Includes the local map, if the run has made one.
     try:
-        _, files = contents_of(folder)
+        _, files = source.contents_of(folder)
     except FileAccessError as error:
         return [error_finding(error, folder)]
-    manifest = read_json(folder / MANIFEST)
+    manifest = json_values.read_json(folder / MANIFEST)
     outputs = manifest.get("outputs") if isinstance(manifest, dict) else None
     if not isinstance(outputs, dict) or not outputs:
         if failed := _lines_on_failed_maps(folder):
             return [CHECKS["run.failed-map"].finding(folder, text) for text in failed]
-        kind = kind_of(folder)
+        kind = kinds.kind_of(folder)
         if kind is not None:
             text = f"is {kind.what}, not a folder of maps or of a run ({kind.use})"
             return [CHECKS["run.no-manifest"].finding(folder, text)]
@@ -638,7 +633,7 @@ def lint_run(folder: Path) -> list[Finding]:
             text = f"its {MANIFEST} is not that of a run"
         return [CHECKS["run.no-manifest"].finding(folder, text)]
     findings = [*_check_outputs(folder, outputs), *_check_costs(folder, manifest.get("figures"))]
-    if exists(folder / LOCAL_FOLDER / MANIFEST):
+    if source.exists(folder / LOCAL_FOLDER / MANIFEST):
         findings += lint_run(folder / LOCAL_FOLDER)
     return findings
 
@@ -646,9 +641,9 @@ def lint_run(folder: Path) -> list[Finding]:
 def _check_outputs(folder: Path, outputs: dict[str, Any]) -> Iterator[Finding]:
     for name, digest in outputs.items():
         path = folder / Path(name).name
-        if not exists(path):
+        if not source.exists(path):
             yield CHECKS["run.missing-file"].finding(folder, f"{path.name} is gone")
-        elif not holds(path, str(digest)):
+        elif not source.holds(path, str(digest)):
             text = f"{path.name} is not the file that the manifest lists"
             yield CHECKS["run.other-file"].finding(folder, text)
 
@@ -659,7 +654,7 @@ def _check_costs(folder: Path, figures: object) -> Iterator[Finding]:
         share = common.get("share") if isinstance(common, dict) else None
         if common is None:
             yield CHECKS["run.uniform-cost"].finding(folder, f"{stage}: no cell is open")
-        elif isinstance(share, float) and share > UNIFORM_SHARE:
+        elif isinstance(share, float) and share > costmap.UNIFORM_SHARE:
             text = f"{stage}: {100 * share:.4g} % of the open cells cost {common.get('cost')}; "
             text += "check the inflation radius"
             yield CHECKS["run.uniform-cost"].finding(folder, text)

@@ -18,10 +18,9 @@ from mapdeal.checks.findings import Remark
 from mapdeal.compare.difference import middle_xy
 from mapdeal.grid.filters import limits_in
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, count_text, decimal_text
+from mapdeal.kernels import distance, lookup
 from mapdeal.kernels.arrays import Mask
 from mapdeal.kernels.components import Labels, labelled
-from mapdeal.kernels.distance import dilate_square
-from mapdeal.kernels.lookup import histogram
 from mapdeal.ros.filters import topic_of
 from mapdeal.ros.robot import ListedLayer
 
@@ -86,7 +85,7 @@ def nothing(facts: MaskFacts) -> Iterator[Remark]:
     Example: Zones of grey 100 with `occupied_thresh: 0.65`.
     Fix: Paint zones black, or use mode: scale.
     """
-    if histogram(facts.mask.occupancy)[FREE + 1 : OCCUPIED + 1].any():
+    if lookup.histogram(facts.mask.occupancy)[FREE + 1 : OCCUPIED + 1].any():
         return
     if facts.pair is None:
         yield Remark(f"the {facts.info.kind} mask has no zone on the map")
@@ -126,7 +125,7 @@ def no_limit(facts: MaskFacts) -> Iterator[Remark]:
     if facts.info.kind != "speed":
         return
     occupancy = np.asarray(facts.mask.occupancy)
-    for value, limit, cells in limits_in(facts.info, histogram(occupancy)):
+    for value, limit, cells in limits_in(facts.info, lookup.histogram(occupancy)):
         if limit is None:
             speed = facts.info.base + value * facts.info.multiplier
             text = f"{count_text(cells, 'cell')} of value {value}: {speed:g} {facts.info.sign} "
@@ -229,7 +228,7 @@ def closes(facts: MaskFacts) -> Iterator[Remark]:
 def _blocking(
     facts: MaskFacts, zones: Labels, cells: Mask, reachable: Mask, still_reachable: Mask
 ) -> list[int]:
-    values = np.unique(zones.cells[dilate_square(cells, 1)])
+    values = np.unique(zones.cells[distance.dilate_square(cells, 1)])
     neighbours: list[int] = values[values > 0][:_MOST_ZONES].tolist()
     for zone in neighbours:
         without_zone = labelled(reachable & (~facts.closed | (zones.cells == zone)), corners=False)

@@ -27,11 +27,8 @@ from mapdeal.grid.values import NO_INFORMATION, few_text
 from mapdeal.layers.catalogue import NAV2_PLUGINS, class_name, layer_named
 from mapdeal.layers.inflation import InflationLayer
 from mapdeal.records import dataclass, replace
-from mapdeal.ros import load
-from mapdeal.ros.filters import filter_servers
-from mapdeal.ros.planners import planners_of
+from mapdeal.ros import filters, load, planners, ros2_files
 from mapdeal.ros.robot import INJECTED, CostmapName, Flavour, Problem, RobotParameters
-from mapdeal.ros.ros2_files import read_ros2
 
 INFLATION_PARAMETERS = {"inflation_radius", "cost_scaling_factor", "inflate_unknown"}
 """Parameters of inflation layers; Nav2's layers do not inherit them from the costmap."""
@@ -658,10 +655,10 @@ def _planner_findings(
     paths: Sequence[Path], robot: RobotParameters | None, map_frames: Sequence[tuple[str, Frame]]
 ) -> Iterator[Finding]:
     default_file = str(paths[-1])
-    for problem in planners_of(robot)[1] if robot is not None else ():
+    for problem in planners.planners_of(robot)[1] if robot is not None else ():
         yield finding_of(problem, default_file)
     with suppress(MalformedInputError):  # reported with the costmaps
-        for facts in planner_facts(read_ros2(paths), map_frames):
+        for facts in planner_facts(ros2_files.read_ros2(paths), map_frames):
             yield from findings_on({PlannerFacts: facts}, default_file)
 
 
@@ -708,7 +705,8 @@ def _check(
         robot = RobotFacts(costmap.robot, parameters, sibling, tuple(map_frames))
         facts[RobotFacts] = robot
         if flavour == "nav2":
-            facts[FilterFacts] = FilterFacts(robot, filter_servers(read_ros2(paths)))
+            servers = filters.filter_servers(ros2_files.read_ros2(paths))
+            facts[FilterFacts] = FilterFacts(robot, servers)
     for finding in findings_on(facts, str(paths[-1])):
         if not (costmap.has("params.units") and finding.check in _LENGTHS):
             yield finding

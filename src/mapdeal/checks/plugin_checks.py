@@ -17,10 +17,8 @@ from mapdeal.checks.findings import Remark
 from mapdeal.grid.frame import Frame
 from mapdeal.layers.catalogue import class_name
 from mapdeal.layers.obstacle import ObservationSource, Sensing, VoxelLayer
-from mapdeal.ros import planners
-from mapdeal.ros.load import MOST_NAMES, closest_name
+from mapdeal.ros import load, planners, ros2_files
 from mapdeal.ros.robot import ListedLayer, ParameterValue
-from mapdeal.ros.ros2_files import Ros2Parameters
 
 _RENAMED = {
     "obstacle_range": ("obstacle_max_range", 2.5), "raytrace_range": ("raytrace_max_range", 3.0)
@@ -191,13 +189,13 @@ def planner_misspelt(facts: PlannerFacts) -> Iterator[Remark]:
             yield Remark(text, at=facts.values[name])
     plugins = planners.plugins_in(facts.values)
     for section, kind in plugins.items():
-        if closest := closest_name(planners.full_name(kind), planners.PLANNER_PARAMETERS):
+        if closest := load.closest_name(planners.full_name(kind), planners.PLANNER_PARAMETERS):
             text = f"no planner of Nav2 is called {kind}: did you mean {closest}?"
             yield Remark(text, at=facts.values[f"{section}.plugin"])
-    first_values = reversed([*islice(facts.values.items(), MOST_NAMES)])
+    first_values = reversed([*islice(facts.values.items(), load.MOST_NAMES)])
     sections = {name.partition(".")[0]: value for name, value in first_values if "." in name}
     for section, value in reversed(sections.items()):
-        if closest := closest_name(section, plugins):
+        if closest := load.closest_name(section, plugins):
             yield Remark(f"no planner is called {section}: did you mean {closest}?", at=value)
 
 
@@ -205,7 +203,7 @@ def _undeclared_names(facts: PlannerFacts) -> Iterator[tuple[str, str, str | Non
     """Yield names that Nav2 ignores, the planner's class or the node, and the name meant."""
     plugins = planners.plugins_in(facts.values)
     of_any_planner = set().union(*planners.PLANNER_PARAMETERS.values())
-    for name in islice(facts.values, MOST_NAMES):
+    for name in islice(facts.values, load.MOST_NAMES):
         section, dot, parameter = name.partition(".")
         if dot and section not in plugins:
             continue
@@ -216,7 +214,7 @@ def _undeclared_names(facts: PlannerFacts) -> Iterator[tuple[str, str, str | Non
             continue
         parent, _, last = parameter.rpartition(".")
         paths = [path.rpartition(".") for path in ("plugin", *declared)]
-        closest = closest_name(last, {path[2] for path in paths if path[0] == parent})
+        closest = load.closest_name(last, {path[2] for path in paths if path[0] == parent})
         if parameter in of_any_planner or f"{name.removesuffix(last)}{closest}" in facts.values:
             closest = None
         if closest or declared:
@@ -304,7 +302,7 @@ def planner_turning_radius(facts: PlannerFacts) -> Iterator[Remark]:
 
 
 def planner_facts(
-    parameters: Ros2Parameters, map_frames: Sequence[tuple[str, Frame]]
+    parameters: ros2_files.Ros2Parameters, map_frames: Sequence[tuple[str, Frame]]
 ) -> Iterator[PlannerFacts]:
     for node in parameters.nodes:
         if node.name.rpartition("/")[2] == planners.PLANNER_SERVER:

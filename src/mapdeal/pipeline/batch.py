@@ -19,8 +19,7 @@ from mapdeal.files.source import exists, ignores_case, is_same_file, size_text, 
 from mapdeal.files.transaction import Transaction, make_folder
 from mapdeal.grid.values import count_text, table_lines
 from mapdeal.kernels.threads import available_threads
-from mapdeal.maps.listing import ListedMap
-from mapdeal.maps.reading import open_map
+from mapdeal.maps import listing, reading
 from mapdeal.pipeline.inputs import MemoryPlan, Terminal, memory_budget, need_of
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.run import LocalOfRun, RunReport, cells_text, output_folder, run_map
@@ -128,7 +127,7 @@ def internal_error(job: Job, problem: BaseException) -> errors.MapdealError:
     return errors.MapdealError(text, source=job.path, hint="this is a bug in mapdeal")
 
 
-def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -> list[Job]:
+def jobs_of(maps: Sequence[listing.ListedMap], output: Path, outputs: Collection[str]) -> list[Job]:
     jobs: dict[Path, Job] = {}
     in_order: list[Job] = []
     for listed in maps:
@@ -205,7 +204,7 @@ def plan_of(job: Job, run: MapRun) -> Plan:
     settings, size = run.settings, (0, 0)
     if job.error is not None:
         return Plan(job, "failed", *size, error=job.error)
-    opened = open_map(job.path, dialect=settings.dialect, max_cells=settings.max_cells)
+    opened = reading.open_map(job.path, dialect=settings.dialect, max_cells=settings.max_cells)
     try:  # without warnings, which the run itself gives
         with errors.capture_warnings(), sums_of_reads() as sums, opened as file:
             size, files = file.shape(), file.files

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from mapdeal import errors
 from mapdeal.command import NO_OBSTACLE, Result
-from mapdeal.files.json_values import read_json
+from mapdeal.files import json_values, yaml_text
 from mapdeal.files.source import YAML, access_to, exists, holds, is_same_file, real_path, status_of
 from mapdeal.files.transaction import OpenOutput, PutRows, RowsWriter, Transaction
-from mapdeal.files.yaml_text import yaml_document
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField, FieldView, PotentialField
 from mapdeal.grid.footprint import Footprint
@@ -30,12 +29,11 @@ from mapdeal.grid.reach import GoalReach, Passage, Reach
 from mapdeal.grid.values import count_text, decimal_text, few_text, join_words
 from mapdeal.kernels.blocks import blocks_of, gathered, made_by_rows, report_rows
 from mapdeal.kernels.lookup import histogram
+from mapdeal.maps import png, reading
 from mapdeal.maps.dialects import Mode
 from mapdeal.maps.formats import named, output_format, written_endings
 from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import NPZ, Grid, write_npy
-from mapdeal.maps.png import write_png
-from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pictures import layers
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.overlay import KnownLines, Overlay, Overlays, RobotOverlay
@@ -342,7 +340,7 @@ def output_of(step: Step, output: Path) -> list[Path]:
         raise errors.ParameterError(rule, source=output, hint=hint)
     if output.suffix == ".npy":
         return [output, output.with_suffix(".yaml")]
-    return list(output_paths(output))
+    return list(reading.output_paths(output))
 
 
 def write_product(
@@ -359,16 +357,16 @@ def write_product(
             "origin": list(grid.origin),
             **{name: getattr(grid, name) for name in names},
         }
-        transaction.write_bytes(output.with_suffix(".yaml"), yaml_document(document))
+        transaction.write_bytes(output.with_suffix(".yaml"), yaml_text.yaml_document(document))
     elif isinstance(grid, Reach) and output.suffix == ".json":
         text = spread_json(reach_document(grid), "goals", "passages")
         transaction.write_bytes(output, f"{text}\n".encode())
     elif isinstance(grid, DistanceField) and not output_format(output).can_hold(DistanceField):
         mode: Mode | None = "raw" if output_format(output).has_mode else None
-        write_grid(transaction, output, step.view_of(grid), mode=mode)
+        reading.write_grid(transaction, output, step.view_of(grid), mode=mode)
     else:
         written = pass_grid if output_format(output).requests_rows else grid
-        write_grid(transaction, output, written, encoding=encoding)
+        reading.write_grid(transaction, output, written, encoding=encoding)
 
 
 def write_picture(
@@ -394,7 +392,7 @@ def write_image(transaction: Transaction, path: Path, draw: Callable[[], Image])
 
 
 def _encode(file: BinaryIO, image: Image) -> None:
-    write_png(file, image.indices, image.palette)
+    png.write_png(file, image.indices, image.palette)
 
 
 def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:
@@ -585,7 +583,7 @@ def fill_together(fillings: Sequence[Filling]) -> list[dict[str, Figures]]:
 
 def stored_manifest(folder: Path) -> dict[str, Any]:
     """Return the manifest of a run, empty if there is none or it is damaged."""
-    manifest = read_json(folder / MANIFEST)
+    manifest = json_values.read_json(folder / MANIFEST)
     return manifest if _is_manifest(manifest) else {}
 
 

@@ -24,10 +24,9 @@ from mapdeal.grid.field import FieldView, PotentialField
 from mapdeal.grid.frame import Framed, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
-from mapdeal.kernels.arrays import dtype_of_squares
+from mapdeal.kernels import arrays, lookup
 from mapdeal.kernels.blocks import CacheBudget, counts_of, lazy_layer, swept
 from mapdeal.kernels.engine import engine_name
-from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import tables_claimed, thread_count, use_threads
 from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.npz import Grid
@@ -85,7 +84,7 @@ def bytes_to_read(reading_bytes: int) -> int:
 
 def _bytes_to_measure(shape: tuple[int, int]) -> int:
     """Return the additional bytes for measuring distances on a map with long sides."""
-    is_long = dtype_of_squares(shape) is np.int64
+    is_long = arrays.dtype_of_squares(shape) is np.int64
     squares = _BYTES_PER_LONG_SQUARE * shape[0] * shape[1] if is_long else 0
     return squares + sources.bytes_of_lines(shape, _BYTES_PER_MEASURED_LINE)
 
@@ -570,7 +569,7 @@ def warn_of_values(map_read: MapInput) -> None:
     grid, metadata = map_read.grid, map_read.metadata
     is_view = isinstance(grid, FieldView)  # views of fields are warned of or refused elsewhere
     if isinstance(grid, OccupancyGrid) and metadata and metadata.mode == "raw" and not is_view:
-        between = histogram(grid.occupancy)[FREE + 1 : OCCUPIED].sum()
+        between = lookup.histogram(grid.occupancy)[FREE + 1 : OCCUPIED].sum()
         if between:
             text = f"{map_read.name}: {between} cells of 1..99 are not obstacles"
             emit_warning(f"{text}; costs are read from an npz")

@@ -23,8 +23,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD
 from mapdeal.mapping.local_map import LocalMap, LocalMapper, LocalOptions, RollingMapper, local_map
 from mapdeal.mapping.transforms import Pose
-from mapdeal.maps.listing import list_files, numbered_folders
-from mapdeal.maps.reading import Source, as_occupancy, open_map
+from mapdeal.maps import listing, reading
 from mapdeal.pictures.overlay import PoseOverlay
 from mapdeal.pipeline.folder import Filling, OutputFolder, Product
 from mapdeal.pipeline.inputs import bytes_of, check_fits, errors_named
@@ -130,10 +129,10 @@ class LocalJob:
 
 def read_global_map(path: Path, settings: Settings) -> GlobalMap:
     texts: list[str] = []
-    opened = open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
+    opened = reading.open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
     with adding_warnings(texts), sources.sums_of_reads() as sums, opened as file:
         source = file.read()
-        grid, named = as_occupancy(source.grid, path), file.sums_by_name(sums)
+        grid, named = reading.as_occupancy(source.grid, path), file.sums_by_name(sums)
     return GlobalMap(grid, source.files, named, texts)
 
 
@@ -258,7 +257,7 @@ def _figures_of(local: LocalMap, job: LocalJob, common: LocalCommon) -> Figures:
 
 def other_folders(sequence: Sequence[LocalJob], output: Path) -> list[Path]:
     used = {job.folder for job in sequence}
-    return [folder for folder in numbered_folders(output) if folder not in used]
+    return [folder for folder in listing.numbered_folders(output) if folder not in used]
 
 
 def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[LocalJob]:
@@ -297,7 +296,7 @@ def numbered_jobs(
 
 def _clouds_of(names: Sequence[str]) -> list[Path]:
     # text files beside clouds are often their poses
-    return list_files(names, CLOUD_SUFFIXES, not_in_folders=(".txt",))
+    return listing.list_files(names, CLOUD_SUFFIXES, not_in_folders=(".txt",))
 
 
 def only_cloud(names: Sequence[str]) -> FileCloud:
@@ -391,10 +390,10 @@ class Around:
         return () if self.cloud is None else (self.cloud,)
 
     def filling(
-        self, folder: Path, source: Source, settings: Settings, warnings: Sequence[str]
+        self, folder: Path, source: reading.Source, settings: Settings, warnings: Sequence[str]
     ) -> Filling:
         # `warnings` are those of reading the map.
-        grid = as_occupancy(source.grid, source.files[0])
+        grid = reading.as_occupancy(source.grid, source.files[0])
         known = GlobalMap(grid, source.files, dict(source.sums), warnings)
         common = self._common(settings, known.grid.resolution, known)
         cloud = None if self.cloud is None else FileCloud.of(self.cloud)

@@ -23,10 +23,9 @@ from mapdeal.grid.frame import Figures, Frame, Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import count_text
 from mapdeal.kernels.threads import use_threads
-from mapdeal.maps.formats import output_format
+from mapdeal.maps import formats, reading
 from mapdeal.maps.map_server import Encoding
 from mapdeal.maps.npz import Grid
-from mapdeal.maps.reading import Source, output_paths, read_map, write_grid
 from mapdeal.pictures.overlay import KeepoutOverlay
 from mapdeal.pipeline import folder as folders, inputs, recipe as recipes
 from mapdeal.pipeline.settings import (
@@ -139,7 +138,7 @@ class LocalOfRun(Protocol):
     @property
     def files(self) -> tuple[Path, ...]: ...
     def filling(
-        self, folder: Path, source: Source, settings: Settings, warnings: Sequence[str]
+        self, folder: Path, source: reading.Source, settings: Settings, warnings: Sequence[str]
     ) -> folders.Filling: ...
     def folder(
         self, folder: Path, sums: Mapping[str, str], resolution: float, settings: Settings
@@ -286,7 +285,7 @@ def costmap(
     >>> int((costs.cost >= 253).sum())
     228233
     """
-    grid = read_map(map) if isinstance(map, str | PathLike) else map
+    grid = reading.read_map(map) if isinstance(map, str | PathLike) else map
     if not isinstance(grid, Grid):
         rule = "takes a grid or its file"
         raise ParameterError(rule, place="costmap", got=map, hint=grid_hint(map))
@@ -427,7 +426,7 @@ def apply_to_file(
     # is one. Files that were read for the parameters are no more replaced than the map is. A map,
     # not costs, goes through the steps `before` first.
     stage = step.stage
-    outputs = output_paths(output) if stage.edits else folders.output_of(step, output)
+    outputs = reading.output_paths(output) if stage.edits else folders.output_of(step, output)
     endings = [output.suffix, *([folders.PICTURE] if settings.image is not None else [])]
     image_max = None if settings.image is None else settings.image_max
     steps = [*before, step]
@@ -467,8 +466,8 @@ def apply_to_file(
                     as_bytes = metadata is not None and metadata.cost_scale is not None
                     scale: Encoding = "costmap2d" if as_bytes else "occupancy"
                     extra = dict(metadata.extra) if metadata else {}
-                    edited = pass_grid if output_format(output).requests_rows else grid
-                    write_grid(transaction, output, edited, encoding=scale, extra=extra)
+                    edited = pass_grid if formats.output_format(output).requests_rows else grid
+                    reading.write_grid(transaction, output, edited, encoding=scale, extra=extra)
                 else:
                     folders.write_product(
                         transaction, output, grid, step, pass_grid=pass_grid, encoding=encoding

@@ -14,8 +14,7 @@ from mapdeal.files.source import use_memory
 from mapdeal.grid.frame import Origin, check_origin, check_resolution
 from mapdeal.grid.values import check_choice
 from mapdeal.kernels.blocks import rows_reported
-from mapdeal.maps.dialects import Dialect
-from mapdeal.maps.map_server import bare_images
+from mapdeal.maps import dialects, map_server
 from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExtent
 from mapdeal.records import dataclass
 
@@ -31,7 +30,7 @@ def is_whole(value: object) -> bool:
 
 @dataclass(frozen=True)
 class Settings:
-    dialect: Dialect = "nav2"
+    dialect: dialects.Dialect = "nav2"
     max_cells: int | None = None
     resolution: float | None = None  # of an image that is read without its YAML file
     origin: Origin = (0.0, 0.0, 0.0)
@@ -49,7 +48,7 @@ class Settings:
     memory_is_chosen: bool = True
 
     def __post_init__(self) -> None:
-        check_choice(self.dialect, Dialect, "dialect")
+        check_choice(self.dialect, dialects.Dialect, "dialect")
         check_choice(self.canvas, Canvas, "canvas")
         check_choice(self.image_extent, ImageExtent, "image_extent")
         if self.resolution is not None:
@@ -66,7 +65,7 @@ class Settings:
         """Apply the memory limit and the resolution of images without a YAML file to readers."""
         images: AbstractContextManager[None] = nullcontext()
         if self.resolution is not None:
-            images = bare_images(self.resolution, self.origin)
+            images = map_server.bare_images(self.resolution, self.origin)
         with use_memory(self.max_memory, is_chosen=self.memory_is_chosen, anew=anew), images:
             yield
 

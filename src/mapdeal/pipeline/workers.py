@@ -25,8 +25,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError
-from mapdeal.files.source import exists
-from mapdeal.files.transaction import folder_for_sockets, signals_deferred
+from mapdeal.files import source, transaction
 from mapdeal.kernels.engine import VARIABLE
 from mapdeal.kernels.threads import ThreadPool, Worker, use_threads
 from mapdeal.pipeline.batch import TOO_LARGE, Job, Outcome, Submit, Work, WorkerDiedError
@@ -114,7 +113,7 @@ def _start_errors_converted() -> Iterator[None]:
 
 def _submit(executor: ProcessPoolExecutor, function: Callable[..., _T], *values: Any) -> Future[_T]:
     """Submit work to a pool, which may start a process; Ctrl-C must not interrupt that."""
-    with signals_deferred(), _terminal_signals_blocked():
+    with transaction.signals_deferred(), _terminal_signals_blocked():
         return executor.submit(function, *values)
 
 
@@ -169,7 +168,7 @@ def _context() -> BaseContext:
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(list(_PRELOADED))
         try:
-            if len(os.fsencode(folder_for_sockets())) > _LONGEST_FOLDER:
+            if len(os.fsencode(transaction.folder_for_sockets())) > _LONGEST_FOLDER:
                 raise OSError("AF_UNIX path too long")  # before multiprocessing creates a folder
             with _terminal_signals_blocked():
                 forkserver.ensure_running()
@@ -313,8 +312,8 @@ def connected(address: str, shared: Sequence[Path]) -> Iterator[Any]:
 
 
 def shared_folders(job: Job) -> list[Path]:
-    existing = next(folder for folder in job.folder.parents if exists(folder))
-    return [folder for folder in (job.path.parent, existing) if exists(folder)]
+    existing = next(folder for folder in job.folder.parents if source.exists(folder))
+    return [folder for folder in (job.path.parent, existing) if source.exists(folder)]
 
 
 def _client(address: str) -> Any:

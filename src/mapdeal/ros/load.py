@@ -15,10 +15,8 @@ from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, em
 from mapdeal.files.source import exists, is_folder, read_file
 from mapdeal.layers.catalogue import class_name, layer_named
 from mapdeal.records import replace
-from mapdeal.ros import ros1
-from mapdeal.ros.nav2 import DECLARED, nav2_robot
+from mapdeal.ros import nav2, ros1, ros2_files
 from mapdeal.ros.robot import CostmapName, Flavour, ParameterValue, Problem, RobotParameters
-from mapdeal.ros.ros2_files import read_ros2
 
 Name = tuple[str, ...]  # of a parameter in a costmap: ("inflation_layer", "inflation_radius")
 Values = Mapping[Name, ParameterValue]
@@ -69,7 +67,7 @@ def load_robot(
         raise ParameterError(rule, source=ros1_path, hint="pass the files of one robot")
     if ros2_paths:
         flavour: Flavour = "nav2"
-        robot, problems = nav2_robot(
+        robot, problems = nav2.nav2_robot(
             paths, costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted
         )
     elif unrelated := next(filter(None, map(_other_kind, paths)), None):
@@ -128,7 +126,7 @@ def by_robot(paths: Sequence[F]) -> Iterator[tuple[Flavour | None, list[F]]]:
 def _settings_of_robot(path: Path) -> set[Name]:
     with suppress(MalformedInputError):
         if is_ros2(path):
-            nodes = read_ros2([path]).nodes
+            nodes = ros2_files.read_ros2([path]).nodes
             return {(node.name,) for node in nodes if "plugins" in dict(node.entries)}
         return ros1.settings_of_robot(ros1.read_ros1_parameters(path))
     return set()
@@ -193,7 +191,7 @@ def costmap_values(
     # ROS 1 also searches the namespaces above the costmap for footprint and radius.
     if flavour == "nav2":
         try:
-            parameters = read_ros2(paths).for_node(node)
+            parameters = ros2_files.read_ros2(paths).for_node(node)
         except MalformedInputError:  # load_robot reports this error
             return {}
         return {tuple(name.split(".")): value for name, value in parameters.items()}
@@ -220,7 +218,7 @@ _COSTMAP: dict[Flavour, frozenset[str]] = {
         "subscribe_to_updates", "unknown_threshold", "use_maximum", "width", "z_resolution",
         "z_voxels",
     },
-    "nav2": frozenset(DECLARED) | {
+    "nav2": frozenset(nav2.DECLARED) | {
         "allow_parameter_qos_overrides", "always_reset_initial_pose", "autostart_node",
         "bond_heartbeat_period", "enable_stamped_cmd_vel", "footprint_topic", "introspection_mode",
         "node_namespace", "observation_sources", "odom_topic", "plugin_names", "plugin_types",
