@@ -225,14 +225,12 @@ def plan_of(job: Job, run: MapRun) -> Plan:
     existing = [path for target in new for path in target.existing()]
     outputs = tuple(path for target in new for path in target.outputs())
     inputs = [path for path in existing if any(is_same_file(path, file) for file in files)]
-    refusal = None
+    refused = partial(Plan, job, "refused", *size, reads=files)
     if inputs:
-        refusal = errors.FileAccessError("the output is the input", source=inputs[0])
-    elif existing and not settings.force:
-        hint = "--force replaces it"
-        refusal = errors.FileAccessError("the output exists", source=existing[0], hint=hint)
-    if refusal is not None:
-        return Plan(job, "refused", *size, reads=files, error=refusal)
+        return refused(error=errors.FileAccessError("the output is the input", source=inputs[0]))
+    if existing and not settings.force:
+        rule, hint = "the output exists", "--force replaces it"
+        return refused(error=errors.FileAccessError(rule, source=existing[0], hint=hint))
     return Plan(job, "replace" if existing else "new", *size, need, files, outputs)
 
 

@@ -212,8 +212,13 @@ def _products(
         errors.emit_warning(f"{known.files[0]}: the map does not reach into {window}")
     yield Product(first, local.grid, _figures_of(local, job, common))
     for product in products_of(common.recipe, local.grid, source):
-        if product.step.stage.robot is not None and isinstance(product.grid, OccupancyGrid):
-            _warn_of_occupied_robot_cell(product.grid, local, source)
+        grid = product.grid
+        if product.step.stage.robot is not None and isinstance(grid, OccupancyGrid):
+            (cell,), (inside,) = grid.frame.bounded_rowcol_from_xy([local.pose[:2]])
+            if inside and grid.occupied()[tuple(cell)]:
+                text = f"{source}: the robot's own cell is an obstacle once inflated"
+                hint = "; a larger min_range drops points of the robot itself"
+                errors.emit_warning(text + hint * bool(local.counts.marking))
         yield product
 
 
@@ -232,13 +237,6 @@ def _check_points(local: LocalMap, cloud: Path, *, required: bool) -> None:
     if required:
         raise errors.MalformedInputError(f"no point marks a cell: {why}", source=cloud)
     errors.emit_warning(f"{cloud}: no point marks a cell: {why}")
-
-
-def _warn_of_occupied_robot_cell(inflated: OccupancyGrid, local: LocalMap, cloud: Path) -> None:
-    (cell,), (inside,) = inflated.frame.bounded_rowcol_from_xy([local.pose[:2]])
-    if inside and inflated.occupied()[tuple(cell)]:
-        hint = "; a larger min_range drops points of the robot itself" * bool(local.counts.marking)
-        errors.emit_warning(f"{cloud}: the robot's own cell is an obstacle once inflated{hint}")
 
 
 def _figures_of(local: LocalMap, job: LocalJob, common: LocalCommon) -> Figures:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
-from itertools import groupby
+from itertools import chain, groupby
 from pathlib import Path
 from typing import TypeVar
 
@@ -40,11 +40,9 @@ def read_robot(
     robot, problems = load_robot(
         paths, costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted
     )
-    for problem in problems:
-        if problem.level == "refused":
-            raise error_of(problem, paths)
-    if robot is None:
-        raise MalformedInputError("holds no robot", source=paths[-1])
+    refused = [problem for problem in problems if problem.level == "refused"]
+    if refused or robot is None:
+        raise error_of(refused[0], paths)
     texts = tuple(
         _line_of(problem, paths) for problem in problems
         if problem.level == "warning" and not (shape_only and problem.check in _ABOUT_COSTS)
@@ -61,6 +59,7 @@ def load_robot(
     if not paths:
         raise ParameterError("takes at least one file", place="params_files")
     ros2_paths = [path for path in paths if is_ros2(path)]
+    faults = filter(None, chain(map(_other_kind, paths), map(_without_key, paths)))
     if ros2_paths and len(ros2_paths) < len(paths):
         ros1_path = next(path for path in paths if path not in ros2_paths)
         rule = f"contains no parameters of ROS 2, but {ros2_paths[0].name} does"
@@ -70,10 +69,8 @@ def load_robot(
         robot, problems = nav2.nav2_robot(
             paths, costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted
         )
-    elif unrelated := next(filter(None, map(_other_kind, paths)), None):
-        return None, (unrelated,)
-    elif without_key := next(filter(None, map(_without_key, paths)), None):
-        return None, (without_key,)
+    elif fault := next(faults, None):
+        return None, (fault,)
     else:
         flavour = "ros1"
         robot, problems = ros1.ros1_robot(paths, costmap=costmap, namespace=namespace)

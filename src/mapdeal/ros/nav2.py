@@ -239,13 +239,7 @@ DECLARED = {
     "subscribe_to_stamped_footprint": "bool",
 }  # fmt: skip
 # Parameters of costmaps that other nodes of Nav2 declare, too.
-_OF_ANY_NODE = (
-    "global_frame",
-    "map_topic",
-    "resolution",
-    "robot_base_frame",
-    "transform_tolerance",
-)
+_SHARED = ("global_frame", "map_topic", "resolution", "robot_base_frame", "transform_tolerance")
 _LONGEST_NAMESPACE = 245  # characters of a node's namespace in ROS 2, including the slash
 
 
@@ -469,7 +463,7 @@ def _is_meant_for(entry: Ros2Node, node: str) -> bool:
 def _is_costmap_parameter(name: str) -> bool:
     """Return whether a parameter below a wildcard can only be one of a costmap."""
     first, dot, _ = name.partition(".")
-    return first in _DEFAULTS if dot else name in DECLARED and name not in _OF_ANY_NODE
+    return first in _DEFAULTS if dot else name in DECLARED and name not in _SHARED
 
 
 def _namespaces(parameters: Ros2Parameters, costmap_node: str) -> list[str]:

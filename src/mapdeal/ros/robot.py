@@ -162,11 +162,8 @@ def sixteen_corners(radius: float) -> Corners:
 
 def padded_corners(corners: Corners, padding: float) -> Corners:
     """Return the corners moved outwards, each coordinate by its own sign, as ``padFootprint``."""
-
-    def pad(v: float) -> float:
-        return v + (-1.0 if v < 0 else 1.0 if v > 0 else 0.0) * padding
-
-    return tuple((pad(x), pad(y)) for x, y in corners)
+    padded = np.array(corners) + np.sign(corners) * padding
+    return tuple((x, y) for x, y in padded.tolist())
 
 
 def radii_of(corners: Corners) -> tuple[float, float]:
@@ -183,16 +180,6 @@ def radii_of(corners: Corners) -> tuple[float, float]:
         edge = corner if share < 0 else float(np.hypot(*nearest))
         least, most = min(least, edge, corner), max(most, edge, corner)
     return least, most
-
-
-def oddities_of(corners: Corners) -> Iterator[str]:
-    """Yield flaws of an outline that make its radii meaningless; costmap_2d accepts them."""
-    try:
-        check_simple(corners, "footprint")
-    except ParameterError as error:
-        yield f"the outline crosses itself ({error.place}: {error.rule})"
-    if not contains_centre(corners):
-        yield "the robot's centre (0, 0) lies outside of the outline"
 
 
 NOT_MODELLED = "not modelled"  # why a layer that sets costs is left out
@@ -371,12 +358,11 @@ class RobotParameters(OneLineRepr):
 
         Inflation layers get its inscribed radius, unless the file sets one for them.
         """
-        layers = []
-        for item in self.layers:
-            layer = item.layer and item.layer.with_inscribed_radius(
-                self.inscribed_radius, footprint
-            )
-            layers.append(replace(item, layer=layer))
+        inner = self.inscribed_radius
+        layers = [
+            replace(item, layer=item.layer and item.layer.with_inscribed_radius(inner, footprint))
+            for item in self.layers
+        ]
         return replace(
             self, footprint=footprint, footprint_padding=0.0,
             robot_radius=footprint.radius or None, layers=tuple(layers),
@@ -435,8 +421,16 @@ def shape_of(
         report("params.too-large", "refused", f"must not have more than {MOST_CORNERS} points")
         return None
     padded = padded_corners(corners, padding)
-    for text in oddities_of(padded) if radius is None else ():
-        report("params.outline", "warning", f"{text}; its radii are meaningless")
+    if radius is None:  # costmap_2d accepts outlines whose radii are meaningless
+        effect = "its radii are meaningless"
+        try:
+            check_simple(padded, "footprint")
+        except ParameterError as error:
+            text = f"the outline crosses itself ({error.place}: {error.rule})"
+            report("params.outline", "warning", f"{text}; {effect}")
+        if not contains_centre(padded):
+            text = "the robot's centre (0, 0) lies outside of the outline"
+            report("params.outline", "warning", f"{text}; {effect}")
     return Shape(Footprint(vertices=padded), padding, radius, *radii_of(padded))
 
 

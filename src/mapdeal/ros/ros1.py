@@ -683,12 +683,11 @@ def _layer(server: Ros1Server, name: str, kind: str, inscribed: float) -> Listed
         for parameter in layer_class.ros1_costmap_parameters:
             local, above = server.find(name, parameter), server.find(parameter)
             if local is not None and above is not None and local.value != above.value:
-                text = (
-                    f"has no effect: the costmap's own {parameter}, {above.text}, takes its place"
-                )
+                text = f"the costmap's own {parameter}, {above.text}, takes its place"
                 file = f" of {above.source.name}" if above.source != local.source else ""
                 advice = f"remove one of them; the other stands on line {above.line}{file}"
-                server.problem("params.overridden", "warning", text, (name, parameter), advice)
+                rule, place = f"has no effect: {text}", (name, parameter)
+                server.problem("params.overridden", "warning", rule, place, advice)
         layer = layer_class.from_ros1(server, PluginEntry(name, kind, inscribed))
         sensing = layer_class.sensing_from_ros1(server, name)
         return ListedLayer(name, kind, layer, is_enabled, sensing=sensing)
