@@ -85,14 +85,12 @@ def parse_explanation(text: str) -> Explanation:
 
 @dataclass(frozen=True)
 class Check:
-    """A check; one on request runs only if it is selected, as it has no effect on most robots."""
-
     name: str
     severity: Severity
     explanation: Explanation
     run: Callable[[Any], Iterable[Remark | str]]
     facts: type | None
-    on_request: bool
+    on_request: bool  # if it runs only when it is selected, as it has no effect on most robots
 
     def finding(
         self, file: Path | str, message: str, line: int | None = None,
@@ -122,7 +120,6 @@ def add_check(
 def findings_on(
     facts: Mapping[type, Any], file: Path | str, entries: Mapping[str, Entry] = {}
 ) -> Iterator[Finding]:
-    """Run the checks of the given facts, by their types."""
     for check in CHECKS.values():
         for text in check.run(facts[check.facts]) if check.facts and check.facts in facts else ():
             remark = text if isinstance(text, Remark) else Remark(text)

@@ -76,10 +76,8 @@ def checks_of(facts: type) -> list[str]:
 
 @dataclass(frozen=True)
 class Findings:
-    """Findings in a file and the names in its ignore comments, before a selection is applied."""
-
-    findings: tuple[Finding, ...]
-    ignored_names: tuple[str, ...] = ()
+    findings: tuple[Finding, ...]  # in a file, before a selection is applied
+    ignored_names: tuple[str, ...] = ()  # in its comments
 
 
 def check_map(path: Path, max_cells: int | None, radius: float | None = None) -> Findings:

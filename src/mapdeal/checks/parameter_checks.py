@@ -612,10 +612,8 @@ _ABOUT_FILES = ("params.syntax", "params.one-level", _OTHER_KIND, *_ABSENT)
 
 @dataclass(frozen=True)
 class _Costmap:
-    """One costmap of the files: the robot, None if unusable, and the problems found."""
-
     name: CostmapName
-    robot: RobotParameters | None
+    robot: RobotParameters | None  # None if the files are unusable
     problems: tuple[Problem, ...]
 
     @property

@@ -19,8 +19,8 @@ from mapdeal.files.source import exists, ignores_case, is_same_file, size_text, 
 from mapdeal.files.transaction import Transaction, make_folder
 from mapdeal.grid.values import count_text, table_lines
 from mapdeal.kernels.threads import available_threads
-from mapdeal.maps import listing, reading
-from mapdeal.pipeline.inputs import MemoryPlan, Terminal, memory_budget, need_of
+from mapdeal.maps.listing import ListedMap
+from mapdeal.pipeline.inputs import MemoryPlan, Terminal, memory_budget, need_of, opened_input
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.run import LocalOfRun, RunReport, cells_text, output_folder, run_map
 from mapdeal.pipeline.settings import Settings
@@ -102,7 +102,6 @@ class MapRun(BatchWork):
 
 
 def jobs_at_once(requested: int | None, maps: int, terminal: Terminal) -> int:
-    """Return how many jobs there are at the same time: not more than can be of use."""
     processors = available_threads()
     most = max(_LEAST_CAP, _MOST_PER_PROCESSOR * processors)
     if requested is not None and requested > most:
@@ -127,7 +126,7 @@ def internal_error(job: Job, problem: BaseException) -> errors.MapdealError:
     return errors.MapdealError(text, source=job.path, hint="this is a bug in mapdeal")
 
 
-def jobs_of(maps: Sequence[listing.ListedMap], output: Path, outputs: Collection[str]) -> list[Job]:
+def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -> list[Job]:
     jobs: dict[Path, Job] = {}
     in_order: list[Job] = []
     for listed in maps:
@@ -204,8 +203,8 @@ def plan_of(job: Job, run: MapRun) -> Plan:
     settings, size = run.settings, (0, 0)
     if job.error is not None:
         return Plan(job, "failed", *size, error=job.error)
-    opened = reading.open_map(job.path, dialect=settings.dialect, max_cells=settings.max_cells)
     try:  # without warnings, which the run itself gives
+        opened = opened_input(job.path, settings)
         with errors.capture_warnings(), sums_of_reads() as sums, opened as file:
             size, files = file.shape(), file.files
             named = {} if settings.force else file.sums_by_name(sums)

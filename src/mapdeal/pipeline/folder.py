@@ -479,7 +479,6 @@ class OutputFolder:
         return f"{hint}; the run in this folder had other inputs, parameters, or was changed"
 
     def write(self, transaction: Transaction, filling: Filling) -> dict[str, Figures]:
-        """Write all files within a transaction, the manifest last; return each step's figures."""
         before = stored_manifest(self.path).get("outputs", {})
         figures: dict[str, Figures] = {}
         texts, settings = list(filling.warnings), self.settings
@@ -582,7 +581,6 @@ def fill_together(fillings: Sequence[Filling]) -> list[dict[str, Figures]]:
 
 
 def stored_manifest(folder: Path) -> dict[str, Any]:
-    """Return the manifest of a run, empty if there is none or it is damaged."""
     manifest = json_values.read_json(folder / MANIFEST)
     return manifest if _is_manifest(manifest) else {}
 

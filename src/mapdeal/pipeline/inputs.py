@@ -47,11 +47,9 @@ _CANVAS_SHARE = 0.9  # memory to extend a product to the full canvas, as a share
 _BYTES_PER_CELL_READ = 1.0  # reading releases everything else before stages begin
 
 
-class _Demand(NamedTuple):
-    """Bytes that an engine needs: of the process, and per cell of whole maps and of blocks."""
-
-    base: int
-    per_cell: float
+class _Demand(NamedTuple):  # of an engine, bytes
+    base: int  # of the process
+    per_cell: float  # of whole maps
     per_block_cell: int
 
 
@@ -140,17 +138,13 @@ def _read(file: MapFile, steps: Sequence[Step], image_max: int | None, canvas: C
 
 
 class BlockPlan(NamedTuple):
-    """Rows of a block, and the memory that may cache the blocks of layers."""
-
-    height: int
-    cache: CacheBudget
+    height: int  # rows of a block
+    cache: CacheBudget  # for the blocks of layers
 
 
 class MemoryPlan(NamedTuple):
-    """Bytes that a map in memory needs, and its blocks if that exceeds the budget."""
-
-    needed: int
-    blocks: BlockPlan | None = None
+    needed: int  # bytes of a map in memory
+    blocks: BlockPlan | None = None  # if that exceeds the budget
 
 
 def _plan_memory(
@@ -213,7 +207,6 @@ def bytes_of(grid: Framed) -> int:
 
 
 def _bytes_of_box(grid: Framed) -> int:
-    """Return the bytes of a copy of a field's box; 0 if the field covers the whole grid."""
     if not isinstance(grid, FieldGrid) or grid.region is None:
         return 0
     return bytes_of(grid) * grid.region.cells // (grid.shape[0] * grid.shape[1])
@@ -305,10 +298,8 @@ class Reading(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class MapInput(Source):
-    """A map that a command works on; without files if it was given as a grid."""
-
     name: str = ""
-    path: Path | None = None
+    path: Path | None = None  # None if it was given as a grid
 
     @property
     def title(self) -> str:

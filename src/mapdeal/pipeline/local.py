@@ -26,7 +26,7 @@ from mapdeal.mapping.transforms import Pose
 from mapdeal.maps import listing, reading
 from mapdeal.pictures.overlay import PoseOverlay
 from mapdeal.pipeline.folder import Filling, OutputFolder, Product
-from mapdeal.pipeline.inputs import bytes_of, check_fits, errors_named
+from mapdeal.pipeline.inputs import bytes_of, check_fits, errors_named, read_input
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.run import RunReport, around_in, fill, products_of
 from mapdeal.pipeline.settings import Settings, adding_warnings
@@ -129,11 +129,10 @@ class LocalJob:
 
 def read_global_map(path: Path, settings: Settings) -> GlobalMap:
     texts: list[str] = []
-    opened = reading.open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
-    with adding_warnings(texts), sources.sums_of_reads() as sums, opened as file:
-        source = file.read()
-        grid, named = reading.as_occupancy(source.grid, path), file.sums_by_name(sums)
-    return GlobalMap(grid, source.files, named, texts)
+    with adding_warnings(texts):
+        source = read_input(path, settings, with_sums=True)
+        grid = reading.as_occupancy(source.grid, path)
+    return GlobalMap(grid, source.files, source.sums, texts)
 
 
 def make_local(job: LocalJob, common: LocalCommon, *, skip: bool = False) -> RunReport:

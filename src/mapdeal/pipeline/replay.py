@@ -215,17 +215,13 @@ class Delivery:
 
 @dataclass(frozen=True, eq=False)
 class ReplayStep:
-    """One update of the costmap: after which message, its time and topic, and its observations."""
-
-    number: int
+    number: int  # of the message after which the costmap was updated
     time: int
     topic: str
     deliveries: Sequence[Delivery]
 
 
 class BagReplay:
-    """A robot's costmap, updated with each message of its sensors in a bag that is open."""
-
     def __init__(self, bag: Bag, robot: RobotParameters, known: OccupancyGrid | None) -> None:
         self.bag, self.robot = bag, robot
         if robot.area is None:

@@ -114,7 +114,6 @@ def report_nothing(_: int) -> Iterator[Advance]:
 
 @contextmanager
 def adding_warnings(texts: list[str]) -> Iterator[None]:
-    """Add the texts of mapdeal's warnings in the block to a list when it ends."""
     with collect_warnings() as caught:
         try:
             yield

@@ -394,9 +394,7 @@ class RobotParameters(OneLineRepr):
 
 @dataclass(frozen=True)
 class Shape:
-    """Padded polygon, its radii, and the radius from which the polygon was made."""
-
-    footprint: Footprint
+    footprint: Footprint  # padded
     footprint_padding: float
     robot_radius: float | None
     inscribed_radius: float
