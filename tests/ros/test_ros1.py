@@ -235,6 +235,6 @@ def test_files_of_other_kinds_are_not_taken_for_a_costmap_of_defaults(tmp_path, 
 def test_a_costmaps_file_beside_one_of_another_node_is_enough(tmp_path):
     paths = [_file(tmp_path, ROS1, "costmap.yaml"), _file(tmp_path, "max_vel_x: 0.5\n", "dwa.yaml")]
     assert read_robot(paths).robot_radius == 0.3
-    robot, problems = load_robot([_file(tmp_path, "inflation: {inflation_radius: 1.0}\n")])
+    robot, problems, _ = load_robot([_file(tmp_path, "inflation: {inflation_radius: 1.0}\n")])
     assert robot is not None
     assert "params.namespace" not in {problem.check for problem in problems}

@@ -31,8 +31,8 @@ from mapdeal.maps import dialects, formats, images, kinds, map_file, map_server,
 from mapdeal.maps.picture import Picture, Strips, opaque_greys
 from mapdeal.records import dataclass, field, replace
 from mapdeal.ros.filters import FilterServers
-from mapdeal.ros.load import Name, label_of
-from mapdeal.ros.robot import Flavour, ParameterValue, RobotParameters
+from mapdeal.ros.load import ParameterFacts
+from mapdeal.ros.robot import ParameterValue, RobotParameters
 
 Counts = NDArray[np.int64]
 _PIXELS_PER_BAND = 1 << 18  # as colours are widened to 64 bits when they become cells
@@ -262,27 +262,6 @@ def cell_states(counts: Integers) -> dict[str, int]:
     occupied, free, unknown = int(counts[OCCUPIED]), int(counts[FREE]), int(counts[128:].sum())
     between = int(counts.sum()) - occupied - free - unknown
     return {"occupied": occupied, "free": free, "unknown": unknown, "between": between}
-
-
-@dataclass(frozen=True, eq=False)
-class ParameterFacts:
-    """The values in one costmap's section of the files, without interpretation."""
-
-    flavour: Flavour
-    values: Mapping[Name, ParameterValue]
-    plugins: tuple[tuple[str, str], ...]
-
-    def label(self, *name: str) -> str:
-        return label_of(self.flavour, name)
-
-    @cached_property
-    def sections(self) -> dict[str, dict[Name, ParameterValue]]:
-        """Values of each section directly below the costmap, such as a layer."""
-        sections: dict[str, dict[Name, ParameterValue]] = {}
-        for path, value in self.values.items():
-            if len(path) > 1:
-                sections.setdefault(path[0], {})[path] = value
-        return sections
 
 
 @dataclass(frozen=True, eq=False)

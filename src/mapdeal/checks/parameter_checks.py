@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from mapdeal.checks.facts import FilterFacts, ParameterFacts, PlannerFacts, RobotFacts, check
+from mapdeal.checks.facts import FilterFacts, PlannerFacts, RobotFacts, check
 from mapdeal.checks.findings import CHECKS, Finding, Remark, declare_checks, findings_on
 from mapdeal.checks.plugin_checks import planner_facts
 from mapdeal.errors import MalformedInputError, MapdealError
@@ -28,6 +28,7 @@ from mapdeal.layers.catalogue import NAV2_PLUGINS, class_name, layer_named
 from mapdeal.layers.inflation import InflationLayer
 from mapdeal.records import dataclass, replace
 from mapdeal.ros import filters, load, planners, ros2_files
+from mapdeal.ros.load import ParameterFacts
 from mapdeal.ros.robot import INJECTED, CostmapName, Flavour, Problem, RobotParameters
 
 INFLATION_PARAMETERS = {"inflation_radius", "cost_scaling_factor", "inflate_unknown"}
@@ -615,6 +616,7 @@ class _Costmap:
     name: CostmapName
     robot: RobotParameters | None  # None if the files are unusable
     problems: tuple[Problem, ...]
+    parameters: ParameterFacts
 
     @property
     def is_absent(self) -> bool:
@@ -638,7 +640,7 @@ def lint_parameters(
         sibling = present[1].robot if index == 0 and len(present) > 1 else None
         problems = [p for p in item.problems if len(present) == 1 or p.check != _OTHER_COSTMAP]
         by_costmap[item.name] = [finding_of(problem, default_file) for problem in problems]
-        by_costmap[item.name] += _check(paths, item, flavour, namespace, sibling, map_frames)
+        by_costmap[item.name] += _check(paths, item, sibling, map_frames)
     findings = list(_with_costmap_names(by_costmap))
     if flavour == "nav2":
         robot = next((item.robot for item in present if item.name == "global"), None)
@@ -682,27 +684,23 @@ def first_robot(
     names: Sequence[CostmapName] = ("global", "local") if costmap is None else (costmap,)
     for name in names:
         with suppress(MapdealError):
-            robot, _ = load.load_robot(paths, costmap=name, namespace=namespace)
+            robot, *_ = load.load_robot(paths, costmap=name, namespace=namespace)
             if robot is not None:
                 return robot
     return None
 
 
 def _check(
-    paths: Sequence[Path], costmap: _Costmap, flavour: Flavour, namespace: str | None,
-    sibling: RobotParameters | None, map_frames: Sequence[tuple[str, Frame]],
+    paths: Sequence[Path], costmap: _Costmap, sibling: RobotParameters | None,
+    map_frames: Sequence[tuple[str, Frame]],
 ) -> Iterator[Finding]:  # fmt: skip
     if costmap.has(_OTHER_KIND):
         return
-    node = load.node_of(costmap.robot, costmap.name, namespace)
-    values = load.costmap_values(paths, flavour, costmap.name, node, namespace)
-    plugins = load.listed_plugins(flavour, values, costmap.robot)
-    parameters = ParameterFacts(flavour, values, plugins)
-    facts: dict[type, Any] = {ParameterFacts: parameters}
+    facts: dict[type, Any] = {ParameterFacts: costmap.parameters}
     if costmap.robot is not None:
-        robot = RobotFacts(costmap.robot, parameters, sibling, tuple(map_frames))
+        robot = RobotFacts(costmap.robot, costmap.parameters, sibling, tuple(map_frames))
         facts[RobotFacts] = robot
-        if flavour == "nav2":
+        if robot.robot.flavour == "nav2":
             servers = filters.filter_servers(ros2_files.read_ros2(paths))
             facts[FilterFacts] = FilterFacts(robot, servers)
     for finding in findings_on(facts, str(paths[-1])):

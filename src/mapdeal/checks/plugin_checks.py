@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import islice
 
-from mapdeal.checks.facts import ParameterFacts, PlannerFacts, RobotFacts, check
+from mapdeal.checks.facts import PlannerFacts, RobotFacts, check
 from mapdeal.checks.findings import Remark
 from mapdeal.grid.frame import Frame
 from mapdeal.layers.catalogue import class_name
@@ -158,7 +158,7 @@ def source_section(facts: RobotFacts) -> Iterator[Remark]:
 
 
 @check("params.renamed", "warning")
-def renamed(facts: ParameterFacts) -> Iterator[Remark]:
+def renamed(facts: load.ParameterFacts) -> Iterator[Remark]:
     """A parameter that Nav2 has renamed.
     Nav2 ignores the old name and uses the default: the robot sees obstacles later or earlier than
     set.

@@ -298,8 +298,10 @@ class Reading(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class MapInput(Source):
+    """A map that a command works on; without files if it was given as a grid."""
+
     name: str = ""
-    path: Path | None = None  # None if it was given as a grid
+    path: Path | None = None
 
     @property
     def title(self) -> str:

@@ -7,6 +7,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
+from functools import cached_property
 from itertools import chain, groupby
 from pathlib import Path
 from typing import TypeVar
@@ -14,12 +15,11 @@ from typing import TypeVar
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning
 from mapdeal.files.source import exists, is_folder, read_file
 from mapdeal.layers.catalogue import class_name, layer_named
-from mapdeal.records import replace
+from mapdeal.records import dataclass, replace
 from mapdeal.ros import nav2, ros1, ros2_files
 from mapdeal.ros.robot import CostmapName, Flavour, ParameterValue, Problem, RobotParameters
 
 Name = tuple[str, ...]  # of a parameter in a costmap: ("inflation_layer", "inflation_radius")
-Values = Mapping[Name, ParameterValue]
 Plugins = tuple[tuple[str, str], ...]  # names and classes
 F = TypeVar("F", str, Path)
 
@@ -33,11 +33,32 @@ _ABOUT_COSTS = frozenset(
 """Checks whose warnings concern costs only; commands that need just the shape skip them."""
 
 
+@dataclass(frozen=True, eq=False)
+class ParameterFacts:
+    """The values in one costmap's section of the files, without interpretation."""
+
+    flavour: Flavour
+    values: Mapping[Name, ParameterValue]
+    plugins: Plugins
+
+    def label(self, *name: str) -> str:
+        return ("." if self.flavour == "nav2" else "/").join(name)
+
+    @cached_property
+    def sections(self) -> dict[str, dict[Name, ParameterValue]]:
+        """Values of each section directly below the costmap, such as a layer."""
+        sections: dict[str, dict[Name, ParameterValue]] = {}
+        for path, value in self.values.items():
+            if len(path) > 1:
+                sections.setdefault(path[0], {})[path] = value
+        return sections
+
+
 def read_robot(
     paths: Sequence[Path], *, costmap: CostmapName = "global", namespace: str | None = None,
     up_to_kilted: bool = False, shape_only: bool = False,
 ) -> RobotParameters:  # fmt: skip
-    robot, problems = load_robot(
+    robot, problems, _ = load_robot(
         paths, costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted
     )
     refused = [problem for problem in problems if problem.level == "refused"]
@@ -55,34 +76,36 @@ def read_robot(
 def load_robot(
     paths: Sequence[Path], *, costmap: CostmapName = "global", namespace: str | None = None,
     up_to_kilted: bool = False,
-) -> tuple[RobotParameters | None, tuple[Problem, ...]]:  # fmt: skip
+) -> tuple[RobotParameters | None, tuple[Problem, ...], ParameterFacts]:  # fmt: skip
     if not paths:
         raise ParameterError("takes at least one file", place="params_files")
     ros2_paths = [path for path in paths if is_ros2(path)]
-    faults = filter(None, chain(map(_other_kind, paths), map(_without_key, paths)))
     if ros2_paths and len(ros2_paths) < len(paths):
         ros1_path = next(path for path in paths if path not in ros2_paths)
         rule = f"contains no parameters of ROS 2, but {ros2_paths[0].name} does"
         raise ParameterError(rule, source=ros1_path, hint="pass the files of one robot")
+    flavour: Flavour = "nav2" if ros2_paths else "ros1"
+    faults = filter(None, chain(map(_other_kind, paths), map(_without_key, paths)))
+    fault = None if ros2_paths else next(faults, None)
+    robot: RobotParameters | None = None
+    problems: tuple[Problem, ...] = () if fault is None else (fault,)
     if ros2_paths:
-        flavour: Flavour = "nav2"
         robot, problems = nav2.nav2_robot(
             paths, costmap=costmap, namespace=namespace, up_to_kilted=up_to_kilted
         )
-    elif fault := next(faults, None):
-        return None, (fault,)
-    else:
-        flavour = "ros1"
+    elif fault is None:
         robot, problems = ros1.ros1_robot(paths, costmap=costmap, namespace=namespace)
-    values = costmap_values(paths, flavour, costmap, node_of(robot, costmap, namespace), namespace)
-    plugins = listed_plugins(flavour, values, robot)
-    lengths = tuple(unusual_lengths(flavour, values, robot))
+    values = _values_of(paths, flavour, costmap, _node_of(robot, costmap, namespace), namespace)
+    parameters = ParameterFacts(flavour, values, _listed_plugins(flavour, values, robot))
+    if fault is not None:
+        return robot, problems, parameters
+    lengths = tuple(_unusual_lengths(parameters, robot))
     if lengths:  # advice on the costs would be misleading
         problems = tuple(p for p in problems if p.check != "params.inflation-radius")
-    return robot, (*problems, *lengths, *misspelt_names(flavour, values, plugins))
+    return robot, (*problems, *lengths, *_misspelt_names(parameters)), parameters
 
 
-def node_of(robot: RobotParameters | None, costmap: CostmapName, namespace: str | None) -> str:
+def _node_of(robot: RobotParameters | None, costmap: CostmapName, namespace: str | None) -> str:
     if robot is not None:
         return robot.node
     name = f"{costmap}_costmap"
@@ -182,7 +205,7 @@ def costmaps_in(
     return ros1.costmaps_named(server.files) or ("global",)
 
 
-def costmap_values(
+def _values_of(
     paths: Sequence[Path], flavour: Flavour, costmap: CostmapName, node: str, namespace: str | None
 ) -> dict[Name, ParameterValue]:
     # ROS 1 also searches the namespaces above the costmap for footprint and radius.
@@ -226,7 +249,9 @@ _COSTMAP: dict[Flavour, frozenset[str]] = {
 """Parameters of costmaps, and of nodes beside them, that some release reads."""
 
 
-def listed_plugins(flavour: Flavour, values: Values, robot: RobotParameters | None) -> Plugins:
+def _listed_plugins(
+    flavour: Flavour, values: Mapping[Name, ParameterValue], robot: RobotParameters | None
+) -> Plugins:
     if robot is not None:
         return tuple((listed.name, listed.plugin) for listed in robot.layers)
     lists = [values[key,].value for key in ("plugins", "filters") if (key,) in values]
@@ -236,21 +261,15 @@ def listed_plugins(flavour: Flavour, values: Values, robot: RobotParameters | No
         return tuple((str(m.get("name", "")), str(m.get("type", ""))) for m in mappings)
     names = [entry for entry in entries if isinstance(entry, str)]
     classes = [values[name, "plugin"].value if (name, "plugin") in values else "" for name in names]
-    return tuple(
-        (name, kind if isinstance(kind, str) else "")
-        for name, kind in zip(names, classes, strict=True)
-    )
+    kinds = [kind if isinstance(kind, str) else "" for kind in classes]
+    return tuple(zip(names, kinds, strict=True))
 
 
-_UNUSUAL_LENGTHS = {
+_LENGTHS = {
     "robot_radius": 10.0, "footprint": 10.0, "inflation_radius": 10.0, "footprint_padding": 1.0,
     "resolution": 2.0,
 }  # fmt: skip
 """Parameters in metres, and the length from which the unit is doubtful."""
-
-
-def label_of(flavour: Flavour, name: Name) -> str:
-    return ("." if flavour == "nav2" else "/").join(name)
 
 
 def closest_name(name: str, known: Collection[str]) -> str | None:
@@ -259,35 +278,35 @@ def closest_name(name: str, known: Collection[str]) -> str | None:
     return next(iter(get_close_matches(name, known, n=1, cutoff=_LEAST_SIMILARITY)), None)
 
 
-def misspelt_names(flavour: Flavour, values: Values, plugins: Plugins) -> Iterator[Problem]:
+def _misspelt_names(parameters: ParameterFacts) -> Iterator[Problem]:
     """Yield misspelt parameters of a costmap, and of its layers that mapdeal computes."""
-    known_names: dict[Name, frozenset[str]] = {(): _COSTMAP[flavour]}
-    for name, plugin in plugins:
+    known_names: dict[Name, frozenset[str]] = {(): _COSTMAP[parameters.flavour]}
+    for name, plugin in parameters.plugins:
         if layer := layer_named(class_name(plugin)):
             known_names[name,] = layer.known_parameters(class_name(plugin))
     unknown = 0
-    for (*section, name), value in values.items():
+    for (*section, name), value in parameters.values.items():
         known = known_names.get(tuple(section), frozenset({name}))
         if name in known or (unknown := unknown + 1) > MOST_NAMES:
             continue
         closest = closest_name(name, known)
-        if closest and (*section, closest) not in values:
-            label = label_of(flavour, (*section, name))
+        if closest and (*section, closest) not in parameters.values:
+            label = parameters.label(*section, name)
             text = f"no parameter is called {label}: did you mean {closest}?"
             yield Problem("params.misspelt", "warning", text, "", value.source, value.line)
 
 
-def unusual_lengths(
-    flavour: Flavour, values: Values, robot: RobotParameters | None
+def _unusual_lengths(
+    parameters: ParameterFacts, robot: RobotParameters | None
 ) -> Iterator[Problem]:
     """Yield lengths of a costmap and its layers that are likely to have another unit."""
-    for path, value in values.items():
-        limit = _UNUSUAL_LENGTHS.get(path[-1], math.inf) if len(path) <= 2 else math.inf
+    for path, value in parameters.values.items():
+        limit = _LENGTHS.get(path[-1], math.inf) if len(path) <= 2 else math.inf
         length, part = value.value, ""
         if path == ("footprint",) and robot is not None and robot.robot_radius is None:
             length, part = robot.circumscribed_radius, " from the centre to a corner"
         if isinstance(length, int | float) and limit <= length < math.inf:
             unit = "centimetres" if length < 10 * limit else "millimetres"
             text = f"{length:.4g} m{part} is unusual; is it in {unit}?"
-            place = label_of(flavour, path), value.source, value.line
+            place = parameters.label(*path), value.source, value.line
             yield Problem("params.units", "warning", text, *place)

@@ -294,9 +294,8 @@ def _warn_of_old_plugins(values: Nav2Values) -> None:
         text = f"Nav2 does not read {form}: {effect}"
         place = found.source, found.line
         hint = f'write {listed}: ["NAME", ...], and NAME: {{plugin: "CLASS"}} for each'
-        values.problems.append(
-            Problem("params.old-plugins", "warning", text, "", *place, hint=hint)
-        )
+        problem = Problem("params.old-plugins", "warning", text, "", *place, hint=hint)
+        values.problems.append(problem)
 
 
 def _resolved(

@@ -107,10 +107,9 @@ def planners_of(
     values = Nav2Values(parameters.for_node(node), node, robot.paths[-1], up_to_kilted=False)
     for name, default in SERVER_PARAMETERS.items():
         values.get(name, _KINDS[type(default)], default)
-    return tuple(
-        _listed_planner(values, name, plugin)
-        for name, plugin in plugins_in(values.parameters).items()
-    ), tuple(values.problems)
+    plugins = plugins_in(values.parameters).items()
+    listed = tuple(_listed_planner(values, name, plugin) for name, plugin in plugins)
+    return listed, tuple(values.problems)
 
 
 def _listed_planner(values: Nav2Values, name: str, plugin: str) -> ListedPlanner:

@@ -627,8 +627,7 @@ def _robot_from(server: Ros1Server) -> robot.RobotParameters | None:
 
 
 def _area(server: Ros1Server, *, is_rolling: bool) -> CostmapArea | None:
-    area = None
-    problem_count = len(server.problems)
+    area, first = None, len(server.problems)
     number = server.double(0.05, "resolution")
     resolution = server.clamp(number, 50.0, _RECONFIGURE, ("resolution",))
     if resolution > 0:
@@ -639,9 +638,7 @@ def _area(server: Ros1Server, *, is_rolling: bool) -> CostmapArea | None:
             is_rolling=is_rolling, size_margin=0.5, global_frame=server.text("map", "global_frame"),
         )  # fmt: skip
     # If a map defines the size, these values have no effect: a note suffices.
-    server.problems[problem_count:] = [
-        replace(problem, level="note") for problem in server.problems[problem_count:]
-    ]
+    server.problems[first:] = [replace(p, level="note") for p in server.problems[first:]]
     return area
 
 
