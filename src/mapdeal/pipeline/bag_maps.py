@@ -578,6 +578,7 @@ class BagScans(ScanSource):
         self._outside: dict[str, int] = {}
         self._leaning = self._unstamped = 0
         self.files = (*bag.files, *self._frames.files)
+        self.preparation = self._frames.count
 
     @property
     def named(self) -> Path:
@@ -586,10 +587,6 @@ class BagScans(ScanSource):
     @property
     def count(self) -> int:
         return len(self._index)
-
-    @property
-    def preparation(self) -> int:
-        return self._frames.count
 
     def prepare(self, advance: Callable[[int], object] = lambda _: None) -> None:
         if not self._is_prepared:

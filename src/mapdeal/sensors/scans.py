@@ -48,11 +48,7 @@ class ScanSource(ABC):
     """Source of scans from files; it can be read more than once."""
 
     files: tuple[Path, ...]
-
-    @property
-    def preparation(self) -> int:
-        """Number of steps before the scans can be read, for a progress bar."""
-        return 0
+    preparation = 0  # number of steps before the scans can be read, for a progress bar
 
     def prepare(self, advance: Callable[[int], object] = lambda _: None) -> None:  # noqa: B027
         """Read data that all scans need, such as poses; call `advance` after each step."""
