@@ -303,7 +303,7 @@ def test_failures_of_a_cluster_are_outcomes_of_their_map():
 
 def test_a_worker_that_comes_later_with_another_version_does_no_job(tmp_path):
     job = Job(tmp_path / "m.yaml", tmp_path / "o", "m.yaml", "m")
-    outcome = cluster._OnWorker(batch_work.do, "0.0.1")(job)
+    outcome = cluster._work_on_cluster(batch_work.do, "0.0.1", job)
     assert outcome.status == "failed"
     assert "0.0.1" in str(outcome.result)
     assert not (tmp_path / "o").exists()

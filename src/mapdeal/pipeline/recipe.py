@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from numbers import Real
 from os import PathLike
 from pathlib import Path
@@ -15,7 +14,7 @@ import yaml
 
 from mapdeal.command import Stage, Words, unknown_name
 from mapdeal.errors import MalformedInputError, ParameterError, as_known, emit_warning
-from mapdeal.files.source import YAML, exists, is_folder
+from mapdeal.files.source import YAML, exists
 from mapdeal.files.yaml_text import OF_RECIPES, Entry, parse_value, read_mapping
 from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.field import View
@@ -415,23 +414,10 @@ def step_of_recipe(
     return step
 
 
-@contextmanager
-def _recipes() -> Iterator[Path]:
-    folder = Path(__file__).with_name("recipes")
-    if is_folder(folder):
-        yield folder
-        return
-    from importlib import resources  # slow to import; the package lies in an archive
-
-    with resources.as_file(resources.files("mapdeal.pipeline") / "recipes") as unpacked:
-        yield unpacked
-
-
 def _read_draft(name: str) -> Draft:
     if name in BUILT_IN:
-        with _recipes() as folder:
-            draft = read_recipe_file(folder / f"{name}.yaml", name)
-        return [(stage, StageValues(values)) for stage, values in draft]
+        built_in = Path(__file__).with_name("recipes") / f"{name}.yaml"
+        return [(stage, StageValues(values)) for stage, values in read_recipe_file(built_in, name)]
     path = Path(name)
     if path.suffix not in YAML and not exists(path):
         raise unknown_name("recipe", name, BUILT_IN)

@@ -29,7 +29,6 @@ from mapdeal.files import source, transaction
 from mapdeal.kernels.engine import VARIABLE
 from mapdeal.kernels.threads import ThreadPool, Worker, use_threads
 from mapdeal.pipeline.batch import TOO_LARGE, Job, Outcome, Submit, Work, WorkerDiedError
-from mapdeal.records import dataclass
 from mapdeal.version import __version__
 
 _T = TypeVar("_T")
@@ -270,7 +269,7 @@ class ClusterWorkers:
         """Yield a function that submits jobs; waiting jobs are dropped after the ``with`` block."""
         # pure=False: a job of a later batch must not reuse the result of an equal one
         executor = self._client.get_executor(pure=False)
-        on_worker = _OnWorker(work, __version__)
+        on_worker = partial(_work_on_cluster, work, __version__)
 
         def submit(job: Job) -> Future[Outcome]:
             self._wait_for_scheduler(job)
@@ -422,17 +421,12 @@ def _first_line(error: Exception) -> str:
 _warnings_lock = threading.Lock()
 
 
-@dataclass(frozen=True)
-class _OnWorker:
-    work: Work
-    version: str
+def _work_on_cluster(work: Work, version: str, job: Job) -> Outcome:
+    if version != __version__:
+        rule = f"a worker has mapdeal {__version__}, it was sent by {version}"
+        return Outcome(MapdealError(rule, source=job.path))
+    from distributed import get_worker
 
-    def __call__(self, job: Job) -> Outcome:
-        if self.version != __version__:
-            rule = f"a worker has mapdeal {__version__}, it was sent by {self.version}"
-            return Outcome(MapdealError(rule, source=job.path))
-        from distributed import get_worker
-
-        # The threads of a worker take turns, because Python's warnings belong to the process.
-        with _warnings_lock, use_threads(int(get_worker().state.nthreads)):
-            return self.work(job)
+    # The threads of a worker take turns, because Python's warnings belong to the process.
+    with _warnings_lock, use_threads(int(get_worker().state.nthreads)):
+        return work(job)
