@@ -34,7 +34,6 @@ from mapdeal.ros.filters import FilterServers
 from mapdeal.ros.load import ParameterFacts
 from mapdeal.ros.robot import ParameterValue, RobotParameters
 
-Counts = NDArray[np.int64]
 _PIXELS_PER_BAND = 1 << 18  # as colours are widened to 64 bits when they become cells
 
 
@@ -221,7 +220,7 @@ class PixelTallies:
     def counts(self) -> dict[dialects.Dialect, dict[str, int]]:
         return {name: cell_states(values) for name, values in self.byte_counts.items()}
 
-    def _tally(self, pixels: Picture, counts: Counts) -> None:
+    def _tally(self, pixels: Picture, counts: Integers) -> None:
         """Add a row of pixels, each as often as its count."""
         self.size += int(counts.sum())
         if pixels.colour == "grey" and pixels.maxval == 255:

@@ -435,8 +435,6 @@ def _location(name: str, *, is_folder: bool) -> dict[str, str]:
         path = normal_path(path).relative_to(absolute_path(Path()))
     except ValueError:
         path = normal_path(path)
-    except FileAccessError:  # the working directory is gone: use the name as it is
-        pass
     uri = quote_from_bytes(os.fsencode(path.as_posix())) + "/" * is_folder
     if path.is_absolute():
         return {"uri": f"file://{'' if uri.startswith('/') else '/'}{uri}"}

@@ -30,6 +30,7 @@ from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import FileState, claim, sha256_of, state_of
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels.arrays import Floats, Integers
 from mapdeal.kernels.rotations import from_yaw, rotated
 from mapdeal.mapping.evidence import FARTHEST_POSE, Stances, beams_in_plane, stances
 from mapdeal.mapping.transforms import FrameOptions, Pose, Posed, TransformTree
@@ -271,21 +272,17 @@ class SensorFrames:
         self.read_all(advance)
         self._take_mount([sensor])
 
-    def at(self, frame: str, times: NDArray[np.int64]) -> Posed:
-        found = self.tree.lookup(self._fixed, frame, times)
-        if (np.abs(found.translations[found.known]) > FARTHEST_POSE).any():
-            rule = f"{frame} is farther than {FARTHEST_POSE:g} m from {self._fixed}"
-            raise MalformedInputError(rule, source=self._bag.path)
-        return found
-
-    def at_each(self, frames: Sequence[str], times: Sequence[NDArray[np.int64]]) -> Posed:
+    def at_each(self, frames: Sequence[str], times: Sequence[Integers]) -> Posed:
         """Return where each frame was at its own times, one frame behind the other."""
         counts, every = [len(own) for own in times], np.concatenate(times)
         found = Posed(np.empty((len(every), 3)), np.empty((len(every), 4)), every < 0)
         for frame in dict.fromkeys(frames):  # each asked for its poses once
             ours = np.repeat([own == frame for own in frames], counts)
             with errors_named(self._bag.path):
-                posed = self.at(frame, every[ours])
+                posed = self.tree.lookup(self._fixed, frame, every[ours])
+                if (np.abs(posed.translations[posed.known]) > FARTHEST_POSE).any():
+                    rule = f"{frame} is farther than {FARTHEST_POSE:g} m from {self._fixed}"
+                    raise MalformedInputError(rule)
             found.translations[ours] = posed.translations
             found.quaternions[ours] = posed.quaternions
             found.known[ours] = posed.known
@@ -466,7 +463,7 @@ class BagClouds:
         path = Path(f"{self.bag.path}, message {number}")
         return BagCloud(path, f"{path.name} of {self.topic}", self.files, self, number)
 
-    def points(self, number: int) -> local.Points:
+    def points(self, number: int) -> Floats:
         place = self._index[number]
         connection = self._connections[place.connection]
         if connection.type in messages.LIVOX_TYPES:
@@ -483,7 +480,7 @@ class BagClouds:
         with np.errstate(invalid="ignore"):
             return np.asarray(rotated(turns, points) + moves)
 
-    def _points_of_livox(self, data: bytes, connection: Connection) -> local.Points:
+    def _points_of_livox(self, data: bytes, connection: Connection) -> Floats:
         claim(self.bag.path, 2 * len(data), what="the points of a cloud")
         try:
             return messages.points_of_livox(data, connection.encoding)
@@ -491,7 +488,7 @@ class BagClouds:
             error.place = error.place or connection.topic
             raise error.found_in(self.bag.path) from None
 
-    def _points_of(self, message: Any) -> local.Points:
+    def _points_of(self, message: Any) -> Floats:
         count = int(message.width) * int(message.height)
         claim(self.bag.path, _BYTES * count, what="the points of a cloud")
         return messages.points_of(message)
@@ -516,7 +513,7 @@ class BagClouds:
         time, frame = self._decoder.header(place)
         return time or place.time, frame
 
-    def _mount(self, sensor: str, time: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _mount(self, sensor: str, time: int) -> tuple[Floats, Floats]:
         times = np.array([time], np.int64)
         base = self._base or sensor
         with errors_named(self.bag.path):
@@ -527,7 +524,7 @@ class BagClouds:
         return posed.translations[0], posed.quaternions[0]
 
 
-def _points_of_scan(message: Any) -> local.Points:
+def _points_of_scan(message: Any) -> Floats:
     return messages.points_of_scan(messages.laser_scan_of(message))
 
 
@@ -540,7 +537,7 @@ class BagCloud(local.Cloud):
         options = {**self.source.topic_and_mount, "message": str(self.number)}
         return local.SummedCloud(self, self.source.sums, options, self.source.states)
 
-    def chunks(self) -> Iterator[local.Points]:
+    def chunks(self) -> Iterator[Floats]:
         points = self.source.points(self.number)
         for first in range(0, len(points), _POINTS_TOGETHER):
             yield points[first : first + _POINTS_TOGETHER]
@@ -639,7 +636,7 @@ class BagScans(ScanSource):
             yield from _as_arrays(*run)
 
     def _runs(
-        self, scans: list[LaserScan], times: list[NDArray[np.int64]]
+        self, scans: list[LaserScan], times: list[Integers]
     ) -> Iterator[tuple[list[LaserScan], Posed, Stances]]:
         """Yield scans of the same geometry that follow each other, without those left out."""
         # The poses are those of all times of a scan, one scan behind the other.

@@ -10,9 +10,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mapdeal import errors
 from mapdeal.command import Stage
 from mapdeal.files import source as sources
@@ -21,6 +18,7 @@ from mapdeal.grid.canvas import frames_overlap
 from mapdeal.grid.frame import MOST_CELLS, Figures, cells_to_cover
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD
+from mapdeal.kernels.arrays import Floats
 from mapdeal.mapping.local_map import LocalMap, LocalMapper, LocalOptions, RollingMapper, local_map
 from mapdeal.mapping.transforms import Pose
 from mapdeal.maps import listing, reading
@@ -35,8 +33,6 @@ from mapdeal.records import asdict, dataclass, replace
 from mapdeal.sensors.clouds import CLOUD_SUFFIXES, cloud_chunks
 from mapdeal.sensors.points import read_poses
 
-Points = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class SummedCloud:
@@ -45,7 +41,7 @@ class SummedCloud:
     options: Mapping[str, str]
     states: Mapping[Path, sources.FileState]
 
-    def points(self) -> Iterator[Points]:
+    def points(self) -> Iterator[Floats]:
         """Yield the points, some at a time; refuse files that were replaced meanwhile."""
         yield from self.cloud.chunks()
         for path, state in self.states.items():
@@ -62,7 +58,7 @@ class Cloud(ABC):
     def summed(self) -> SummedCloud: ...
 
     @abstractmethod
-    def chunks(self) -> Iterator[Points]:
+    def chunks(self) -> Iterator[Floats]:
         """Yield the points, shape (N, 2) or (N, 3), some at a time."""
 
 
@@ -75,7 +71,7 @@ class FileCloud(Cloud):
         states = {self.path: sources.state_of(self.path)}  # of what its sum is of, then its points
         return SummedCloud(self, {self.path.name: sources.sha256_of(self.path)}, {}, states)
 
-    def chunks(self) -> Iterator[Points]:
+    def chunks(self) -> Iterator[Floats]:
         return cloud_chunks(self.path)
 
 
