@@ -110,8 +110,7 @@ class CellTallies:
     def pooled(self) -> Mask:
         """Which blocks of `pooling` cells a side hold an obstacle, and are mostly free."""
         walls, free = self._pooled[0] > 0, self._pooled[1] > self.pooling**2 / 2
-        known = walls | free
-        rows, cols = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
+        rows, cols = (np.flatnonzero((walls | free).any(axis=axis)) for axis in (1, 0))
         box = (slice(int(k[0]), int(k[-1]) + 1) if len(k) else slice(0) for k in (rows, cols))
         return np.stack([walls, free])[(slice(None), *box)]
 
@@ -304,7 +303,6 @@ class GridFacts:
         return cls(grid.frame, tallies)
 
     def places(self, cells_rowcol: Sequence[tuple[float, float]]) -> list[Point]:
-        """Return the centres of cells in the map frame, metres."""
         places: list[Point] = self.frame.xy_from_rowcol(cells_rowcol).tolist()
         return places
 

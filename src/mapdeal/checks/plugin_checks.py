@@ -284,7 +284,6 @@ def planner_tolerance(facts: PlannerFacts) -> Iterator[Remark]:
 @check("params.planner-turning-radius", "warning")
 def planner_turning_radius(facts: PlannerFacts) -> Iterator[Remark]:
     """A turning radius with which a forward-only robot cannot turn round on the map.
-
     Turning round takes twice the radius: there is no path to most goals behind the robot.
     Example: `minimum_turning_radius: 40.0` with a map of 20 m by 20 m.
     Fix: Write metres, or set motion_model_for_search to REEDS_SHEPP.

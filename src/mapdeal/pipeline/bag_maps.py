@@ -309,7 +309,6 @@ class SensorFrames:
         self.tree.add(transform.parent, transform.child, *pose, is_static=is_static)
 
     def _take_mount(self, sensors: list[str]) -> None:
-        """Place sensors where the user says, on a robot whose frame is known or not yet."""
         if self._options.mount is None:
             return
         if len(sensors) > 1:
@@ -389,8 +388,6 @@ _BYTES = 80  # bytes for each point that are there at the same time, at most
 
 
 class BagClouds:
-    """The clouds of one topic of a bag that is open: point clouds, or laser scans."""
-
     def __init__(
         self, bag: Bag, topics: Sequence[str], options: FrameOptions, *,
         has_poses: bool, is_raw: bool = False,
@@ -495,7 +492,6 @@ class BagClouds:
 
     @cached_property
     def sums(self) -> dict[str, str]:
-        """The sha256 of all files: each is read once for all clouds."""
         return {path.name: sha256_of(path) for path in self.files}
 
     @cached_property

@@ -81,7 +81,6 @@ class BatchWork:
         return shared.within(memory_budget(self.settings.max_memory, jobs))
 
     def within(self, memory: int | None) -> Self:
-        """Return it with the memory that a job may take, unless somebody chose that."""
         if memory is None or self.settings.max_memory is not None:
             return self
         settings = replace(self.settings, max_memory=memory, memory_is_chosen=False)

@@ -467,8 +467,7 @@ class OutputFolder:
 
     def passes(self) -> int:
         endings = ([path.suffix for path in self._outputs_of(step)] for step in self.steps)
-        passes_of_input = 2 * len(self._input_picture())
-        return passes_of_input + sum(map(passes_of, self.steps, endings))
+        return 2 * len(self._input_picture()) + sum(map(passes_of, self.steps, endings))
 
     def hint(self) -> str:
         hint = "--force replaces it"

@@ -81,14 +81,12 @@ def bytes_to_read(reading_bytes: int) -> int:
 
 
 def _bytes_to_measure(shape: tuple[int, int]) -> int:
-    """Return the additional bytes for measuring distances on a map with long sides."""
     is_long = arrays.dtype_of_squares(shape) is np.int64
     squares = _BYTES_PER_LONG_SQUARE * shape[0] * shape[1] if is_long else 0
     return squares + sources.bytes_of_lines(shape, _BYTES_PER_MEASURED_LINE)
 
 
 def _base_bytes(shape: tuple[int, int], image_max: int | None) -> int:
-    """Return the bytes of the process and its pictures, whatever the stages need."""
     base = _DEMANDS[engine_name()].base + sources.bytes_of_lines(shape, _BYTES_PER_LINE)
     if image_max is None:
         return base
@@ -438,7 +436,6 @@ class KeepoutMask:
 
 
 def used_mask(mask: AnyMask, robot: RobotParameters | None) -> AnyMask | None:
-    """Return a keepout mask; warn and return None if a robot's layers ignore it."""
     if robot is None or mask is None or robot.why_mask_unused is None:
         return mask
     emit_warning(f"the keepout mask has no effect: {robot.why_mask_unused} (params.mask-unused)")
@@ -458,7 +455,6 @@ def mask_of(mask: Map | None, settings: Settings, *beside: Framed) -> KeepoutMas
 
 
 def refuse(rule: str, hint: str | None = None, /, **values: object) -> None:
-    """Raise ParameterError about the first of some parameters that is given."""
     for name, value in values.items():
         if value is not None and value is not False and value != ():
             raise ParameterError(rule, place=name, hint=hint)

@@ -276,7 +276,6 @@ class BagReplay:
         return LivePlace(frame, map_frame, area.is_rolling, area.size_margin, is_ros1)
 
     def _sources_by_topic(self) -> dict[str, list[tuple[str, obstacle.ObservationSource]]]:
-        """Return the topics in the bag that sources of layers read; warn of all others."""
         types = {connection.topic: connection.type for connection in self.bag.connections}
         # relative names are below the namespace of the robot
         node = self.robot.node.strip("/").split("/")

@@ -380,7 +380,6 @@ def output_folder(
 
 
 def used_mask(recipe: recipes.Recipe, mask: inputs.AnyMask) -> inputs.AnyMask | None:
-    """Return a keepout mask, or None if the recipe's robot ignores it; refuse it without costs."""
     makes_costs = (step.stage.product_type is Costmap or step.accepts_mask for step in recipe.steps)
     if mask is not None and not any(makes_costs):
         rule = "the recipe makes no costs, which alone a mask applies to"

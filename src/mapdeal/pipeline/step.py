@@ -93,7 +93,6 @@ class Step:
         return ParameterError(rule, source=" ".join(filter(None, [self.name, self.stage.model])))
 
     def input_of(self, grid: Grid, source: Path | None = None) -> Grid:
-        """Return the grid, or the map in it if the stage does not accept the grid itself."""
         kind = DistanceField if isinstance(grid, FieldView) else type(grid)
         return grid if kind in self.stage.takes else as_occupancy(grid, source or "the input")
 

@@ -285,7 +285,6 @@ class ClusterWorkers:
             executor.shutdown(wait=False)
 
     def _wait_for_scheduler(self, job: Job) -> None:
-        """Wait while the client reconnects to a lost scheduler."""
         end = time.monotonic() + 2 * _TIMEOUT
         while self._client.status == "connecting" and time.monotonic() < end:
             time.sleep(_POLL_INTERVAL)

@@ -46,7 +46,6 @@ class ParameterFacts:
 
     @cached_property
     def sections(self) -> dict[str, dict[Name, ParameterValue]]:
-        """Values of each section directly below the costmap, such as a layer."""
         sections: dict[str, dict[Name, ParameterValue]] = {}
         for path, value in self.values.items():
             if len(path) > 1:
@@ -279,7 +278,6 @@ def closest_name(name: str, known: Collection[str]) -> str | None:
 
 
 def _misspelt_names(parameters: ParameterFacts) -> Iterator[Problem]:
-    """Yield misspelt parameters of a costmap, and of its layers that mapdeal computes."""
     known_names: dict[Name, frozenset[str]] = {(): _COSTMAP[parameters.flavour]}
     for name, plugin in parameters.plugins:
         if layer := layer_named(class_name(plugin)):
@@ -299,7 +297,6 @@ def _misspelt_names(parameters: ParameterFacts) -> Iterator[Problem]:
 def _unusual_lengths(
     parameters: ParameterFacts, robot: RobotParameters | None
 ) -> Iterator[Problem]:
-    """Yield lengths of a costmap and its layers that are likely to have another unit."""
     for path, value in parameters.values.items():
         limit = _LENGTHS.get(path[-1], math.inf) if len(path) <= 2 else math.inf
         length, part = value.value, ""

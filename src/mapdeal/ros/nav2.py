@@ -280,7 +280,6 @@ def robot_in(
 
 
 def _warn_of_old_plugins(values: Nav2Values) -> None:
-    """Warn of layer lists in a form that Nav2 ignores, and name the layers that run instead."""
     for listed, effect in (
         ("plugins", f"the default layers run, {', '.join(_DEFAULTS)}"),
         ("filters", "no filter runs"),

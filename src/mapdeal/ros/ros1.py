@@ -288,7 +288,6 @@ class Ros1Server:
         self, number: float, upper: float, component: str, below: _Path, unit: str = "",
         value: ParameterValue | Ros1Namespace | None = None,
     ) -> float:  # fmt: skip
-        """Return a number clamped to 0 .. upper, and warn if it was outside."""
         clamped = max(min(number, upper), 0.0)
         if clamped != number:
             text = f"must be 0 .. {upper:g}{unit}; {component} clamps it to {clamped:g}"

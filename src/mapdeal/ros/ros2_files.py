@@ -277,7 +277,6 @@ class FileReader:
         return self._error(rule, event, got=got, hint=hint)
 
     def _handle_item(self, event: yaml.ScalarEvent, kind: str, value: Any) -> None:
-        """Append a value to a list; its first value determines the type."""
         if self._items_kind is None:
             self._items_kind, self._items = kind, []
         if kind != self._items_kind:
