@@ -21,9 +21,9 @@ def _one_demand(monkeypatch):
 
 
 class Step:
-    is_whole = False
     memory = 1.5
-    stage = SimpleNamespace(of_library=0)
+    parameters = None
+    stage = SimpleNamespace(of_library=0, is_whole=lambda _: False)
 
 
 def cut(available, *, base=500, threads=1, shape=(3000, 1000), steps=(Step,)):
@@ -60,7 +60,7 @@ def test_too_little_memory_says_how_much_would_do():
         cut(0.9 * needed)
 
     class InMemory(Step):
-        is_whole = True
+        stage = SimpleNamespace(of_library=0, is_whole=lambda _: True)
 
     with pytest.raises(MalformedInputError, match="need 1 GB of memory, 80 MB may be used"):
         cut(80_000_000, base=0, steps=(Step, InMemory))

@@ -343,7 +343,7 @@ def run_maps(
     runs = [(job.folder, job.place) for job in all_jobs]
     if around is not None:
         local = pipeline.LOCAL_RECIPE
-        runs += [(pipeline.around_in(folder), f"{place}/{local}") for folder, place in runs]
+        runs += [(folder / local, f"{place}/{local}") for folder, place in runs]
     if update_golden:
         stored = [f"{store_golden(folder, golden, place)}: stored" for folder, place in runs]
         return replace(answer, stored=stored)

@@ -232,7 +232,7 @@ def _block_plan(
     needed: int,
 ) -> BlockPlan:  # fmt: skip
     """Return blocks that fit the budget together with `base` and the layers cached of each."""
-    if any(step.is_whole for step in steps):
+    if any(step.stage.is_whole(step.parameters) for step in steps):
         raise _too_large(path, shape, needed, budget)
     height, width = shape
     per_row = _DEMANDS[engine_name()].per_block_cell * width * (thread_count() + 1)

@@ -26,7 +26,7 @@ from mapdeal.pictures.overlay import PoseOverlay
 from mapdeal.pipeline.folder import Filling, OutputFolder, Product
 from mapdeal.pipeline.inputs import bytes_of, check_fits, errors_named, read_input
 from mapdeal.pipeline.recipe import Recipe
-from mapdeal.pipeline.run import RunReport, around_in, fill, products_of
+from mapdeal.pipeline.run import LOCAL_RECIPE, RunReport, fill, products_of
 from mapdeal.pipeline.settings import Settings, adding_warnings
 from mapdeal.pipeline.step import Step
 from mapdeal.records import asdict, dataclass, replace
@@ -391,7 +391,7 @@ class Around:
         common = self._common(settings, known.grid.resolution, known)
         cloud = None if self.cloud is None else FileCloud.of(self.cloud)
         with holding_map(None if known.grid.is_lazy else known):
-            return local_filling(LocalJob(cloud, self.pose, around_in(folder)), common)
+            return local_filling(LocalJob(cloud, self.pose, folder / LOCAL_RECIPE), common)
 
     def folder(
         self, folder: Path, sums: Mapping[str, str], resolution: float, settings: Settings
@@ -399,7 +399,8 @@ class Around:
         cloud = {} if self.cloud is None else {self.cloud.name: sources.sha256_of(self.cloud)}
         common = self._common(settings, resolution)
         check_window(self.cloud or folder, common)
-        return local_folder(around_in(folder), self.pose, {**cloud, **sums}, common, has_map=True)
+        target = folder / LOCAL_RECIPE
+        return local_folder(target, self.pose, {**cloud, **sums}, common, has_map=True)
 
     def _common(
         self, settings: Settings, resolution: float, known: GlobalMap | None = None

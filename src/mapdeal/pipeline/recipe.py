@@ -77,7 +77,7 @@ class StageValues(dict[str, object]):
         return error
 
 
-Draft = list[tuple[str, StageValues]]
+Draft = dict[str, StageValues]
 
 
 def read_recipe_file(path: Path, name: str) -> Draft:
@@ -94,11 +94,11 @@ def read_recipe_file(path: Path, name: str) -> Draft:
         listed = entries["stages"]
         if not isinstance(listed.node, yaml.SequenceNode) or not listed.node.value:
             raise _at(listed, ParameterError(_NO_STAGES, hint=_LOOKS), name)
-        draft: Draft = []
+        draft: Draft = {}
         for item in listed.items():
             stage, values = _stage_of(item, name)
-            _check_place(item, stage, [name_before for name_before, _ in draft], name)
-            draft.append((stage, values))
+            _check_place(item, stage, [*draft], name)
+            draft[stage] = values
     except MalformedInputError as error:  # one of usage, with the line behind the file's name
         error.source = name
         if found := _LINE.fullmatch(error.place or ""):
@@ -161,12 +161,12 @@ def _at(entry: Entry, error: ParameterError, name: str) -> ParameterError:
 def draft_for(layers: CostmapLayers) -> Draft:
     # Each stage knows whether it has a part in that; of several models the first one that can do
     # all that the layers do is taken.
-    draft: Draft = []
+    draft: Draft = {}
     for name in STAGE_NAMES:
         for model, stage in models_of(name).items():
             if (values := stage.parameters_from_layers(layers)) is not None:
                 model_value = {} if model is None else {"model": model}
-                draft.append((name, StageValues({**model_value, **values})))
+                draft[name] = StageValues({**model_value, **values})
                 break
     return draft
 
@@ -202,7 +202,7 @@ def step_for(name: str, robot: RobotParameters, values: Mapping[str, object]) ->
 
 def _own_of(name: str, layers: CostmapLayers, model: object) -> StageValues | None:
     """Return the parameters of a stage for a robot's layers, if it, or its model, follows them."""
-    own = dict(draft_for(layers)).get(name)
+    own = draft_for(layers).get(name)
     if own is None or model is None or model == own.get("model"):
         return own
     stage = _model_of(name, model)
@@ -225,7 +225,7 @@ def put_map_rules(draft: Draft, robot: RobotParameters) -> None:
     of_map = {} if threshold == DEFAULT_LETHAL_THRESHOLD else {"lethal_threshold": threshold}
     of_all = {} if layers.keeps_unknown else {"through_unknown": True}
     works_on: type[Any] = OccupancyGrid
-    for name, values in draft:
+    for name, values in draft.items():
         stage = next(iter(models_of(name).values()))
         if stage.passes_output_on:
             works_on = stage.product_type
@@ -375,7 +375,7 @@ def load_recipe(
         if robot is not None:
             put_map_rules(draft, robot)
     if sim:
-        _adapt_to_sim(draft)
+        draft = _adapt_to_sim(draft)
     steps = _steps_of(draft, name, changes, footprint, robot)
     for text in _remarks_on(steps):
         emit_warning(text)
@@ -392,7 +392,7 @@ def _steps_of(
         _adapt_to_footprint(draft, footprint, planner_shape, name)
     _apply_changes(draft, changes, name, source)
     steps = []
-    for stage, values in draft:
+    for stage, values in draft.items():
         try:
             steps.append(make_step(stage, values))
         except ParameterError as error:
@@ -404,7 +404,7 @@ def step_of_recipe(
     recipe: str, name: str, values: Mapping[str, object], *, footprint: Footprint | None = None,
     robot: RobotParameters | None = None,
 ) -> Step:  # fmt: skip
-    draft = [item for item in _read_draft(recipe) if item[0] == name]
+    draft = {stage: own for stage, own in _read_draft(recipe).items() if stage == name}
     if not draft:
         raise ParameterError(f"has no stage {name}", source=f"recipe {recipe}")
     if footprint is None and robot is not None:
@@ -417,7 +417,8 @@ def step_of_recipe(
 def _read_draft(name: str) -> Draft:
     if name in BUILT_IN:
         built_in = Path(__file__).with_name("recipes") / f"{name}.yaml"
-        return [(stage, StageValues(values)) for stage, values in read_recipe_file(built_in, name)]
+        draft = read_recipe_file(built_in, name)
+        return {stage: StageValues(values) for stage, values in draft.items()}
     path = Path(name)
     if path.suffix not in YAML and not exists(path):
         raise unknown_name("recipe", name, BUILT_IN)
@@ -429,15 +430,14 @@ def _stage_in(name: str, values: StageValues) -> Stage:
     return _model_of(name, values.get("model")) or next(iter(models_of(name).values()))
 
 
-def _adapt_to_sim(draft: Draft) -> None:
+def _adapt_to_sim(draft: Draft) -> Draft:
     for stage in reversed(STAGES):
         rule = stage.in_simulation
-        values = dict(draft).get(stage.name)
-        if rule is not None and values is None and rule.is_added:
-            values = StageValues()
-            draft.insert(0, (stage.name, values))
-        if rule is not None and values is not None:
-            values.set_values(rule.parameters)
+        if rule is not None and rule.is_added and stage.name not in draft:
+            draft = {stage.name: StageValues(), **draft}
+        if rule is not None and stage.name in draft:
+            draft[stage.name].set_values(rule.parameters)
+    return draft
 
 
 def _adapt_to_footprint(
@@ -449,7 +449,7 @@ def _adapt_to_footprint(
     # get the shape `of_planner`: a circle if the robot's own files define it as round.
     shaped: Stage | None = None
     grown, is_used = False, False
-    for stage_name, values in draft:
+    for stage_name, values in draft.items():
         stage = _stage_in(stage_name, values)
         if stage.robot is None or grown or (stage.passes_output_on and shaped is not None):
             continue
@@ -502,11 +502,11 @@ def _apply_change(
     if not all(parts):
         rule = "must look like {'stage.parameter': value}"
         raise ParameterError(rule, source=option, got=target, hint=_hint_for(draft, target))
-    if (values := dict(draft).get(stage)) is None:
+    if (values := draft.get(stage)) is None:
         if not models_of(stage):
             raise unknown_name("stage", stage, STAGE_NAMES, place=option)
         rule = f"recipe {name} has no stage {stage}"
-        hint = f"its stages are {', '.join(stage_name for stage_name, _ in draft)}"
+        hint = f"its stages are {', '.join(draft)}"
         raise ParameterError(rule, source=option, got=setting, hint=hint)
     parameter = parameter.replace("-", "_")
     for by, replacement in _stage_in(stage, values).in_place_of.items():
@@ -518,7 +518,8 @@ def _apply_change(
 
 def _hint_for(draft: Draft, target: object) -> str | None:
     name = str(target).replace("-", "_")
-    found = [f"{stage}.{name}" for stage, own in draft if name in _stage_in(stage, own).parameters]
+    stages = (_stage_in(stage, own) for stage, own in draft.items())
+    found = [f"{stage.name}.{name}" for stage in stages if name in stage.parameters]
     return f"did you mean {' or '.join(found)}?" if found else None
 
 

@@ -44,10 +44,6 @@ _ALL_AROUND = 2 * math.pi - 0.1  # radians from which on a cloud counts as cover
 LOCAL_RECIPE = "local"  # the recipe for local maps, and the folder of the one that a run makes
 
 
-def around_in(folder: Path) -> Path:
-    return folder / LOCAL_RECIPE
-
-
 @dataclass(frozen=True, repr=False)
 class RunReport(Result):
     """Report of a run.
@@ -353,7 +349,7 @@ def fill(
         if old is not None:
             filling.folder.repeat_warnings(filling)
     if len(fillings) == 1 and new and new[0].folder.shows_input:
-        folder = around_in(new[0].folder.path)
+        folder = new[0].folder.path / LOCAL_RECIPE
         if any("local" in stage for stage in folders.stored_manifest(folder).get("stages", ())):
             emit_warning(f"{folder}: holds the local map of an earlier run, which is left as it is")
     with use_threads(settings.threads):

@@ -55,10 +55,6 @@ class Step:
     def accepts_mask(self) -> bool:
         return self.stage.accepts_mask(self.parameters)
 
-    @property
-    def is_whole(self) -> bool:
-        return self.stage.is_whole(self.parameters)
-
     def apply(self, grid: Grid, source: Path | None, *, mask: OccupancyGrid | None = None) -> Grid:
         return grid_of(self.result_of(self.input_of(grid, source), source, mask=mask))
 
