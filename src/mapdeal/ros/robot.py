@@ -168,18 +168,15 @@ def padded_corners(corners: Corners, padding: float) -> Corners:
 
 def radii_of(corners: Corners) -> tuple[float, float]:
     """Return inscribed and circumscribed radius, as ``calculateMinAndMaxDistances``."""
-    least, most = math.inf, 0.0
-    for (x0, y0), (x1, y1) in zip(corners, (*corners[1:], corners[0]), strict=True):
-        # the point of the edge that is nearest to (0, 0), as ``distanceToLine`` finds it
-        c, d = x1 - x0, y1 - y0
-        square = c * c + d * d
-        share = (-x0 * c + -y0 * d) / square if square else 0.0
-        nearest = (x1, y1) if share > 1 else (x0 + share * c, y0 + share * d)
-        # numpy's hypot is C's, as in costmap_2d; Python's math.hypot rounds differently
-        corner = float(np.hypot(x0, y0))
-        edge = corner if share < 0 else float(np.hypot(*nearest))
-        least, most = min(least, edge, corner), max(most, edge, corner)
-    return least, most
+    starts, ends = np.array(corners), np.roll(corners, -1, axis=0)
+    edges = ends - starts
+    squares = (edges * edges).sum(axis=1, keepdims=True)
+    # the point of each edge that is nearest to (0, 0), as ``distanceToLine`` finds it
+    shares = (-starts * edges).sum(axis=1, keepdims=True) / np.where(squares, squares, 1.0)
+    nearest = np.where(shares > 1, ends, np.where(shares < 0, starts, starts + shares * edges))
+    # numpy's hypot is C's, as in costmap_2d; Python's math.hypot rounds differently
+    distances = np.hypot(*np.concatenate([starts, nearest]).T)
+    return float(distances.min()), float(distances.max())
 
 
 NOT_MODELLED = "not modelled"  # why a layer that sets costs is left out
