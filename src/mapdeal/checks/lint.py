@@ -430,11 +430,8 @@ def _result(finding: Finding, index: int, report: MapReport) -> dict[str, Any]:
 
 def _location(name: str, *, is_folder: bool) -> dict[str, str]:
     """Return a file's URI, relative to the working directory if the file is below it."""
-    path = Path(name)
-    try:
-        path = normal_path(path).relative_to(absolute_path(Path()))
-    except ValueError:
-        path = normal_path(path)
+    path, folder = normal_path(Path(name)), absolute_path(Path())
+    path = path.relative_to(folder) if path.is_relative_to(folder) else path
     uri = quote_from_bytes(os.fsencode(path.as_posix())) + "/" * is_folder
     if path.is_absolute():
         return {"uri": f"file://{'' if uri.startswith('/') else '/'}{uri}"}
