@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from mapdeal import errors
 from mapdeal.checks.findings import CHECKS, Finding, Remark, Severity, add_check
-from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.files.source import bytes_of_lines, claim, claimed
 from mapdeal.files.yaml_text import Entry, parse_mapping, read_mapping
 from mapdeal.grid.costmap import Costmap, figures_of_costs
@@ -414,8 +413,8 @@ def gather(
                 pair, cells = _gather_pair(path, max_cells, bits, entries)
             else:
                 cells = _gather_grid(path, max_cells)
-        except (FileAccessError, MalformedInputError) as error:
-            name = "file.access" if isinstance(error, FileAccessError) else "file.malformed"
+        except (errors.FileAccessError, errors.MalformedInputError) as error:
+            name = "file.access" if isinstance(error, errors.FileAccessError) else "file.malformed"
             texts = [(name, str(error) + (f" ({error.hint})" if error.hint else ""))]
     texts = [*((str(warning.check), str(warning)) for warning in warnings), *texts]
     return pair, cells, [_finding(name, path, text, entries) for name, text in texts]
@@ -461,7 +460,7 @@ def _gather_pair(
         kind, pixels, cells = _count_pixels(strips, metadata, image)
     if pixels.lost:
         text = f"{image}: {map_server.remark_on_lost(pixels.lost)}"
-        errors.emit_warning(MapdealWarning(text, "image.raw-values"))
+        errors.emit_warning(errors.MapdealWarning(text, "image.raw-values"))
     comments = images.IMAGE_FORMATS[kind.file_format].comments(head[:_HEAD])
     frame = Frame(*strips.shape, metadata.resolution, metadata.origin)
     pair = PairFacts(path, entries, metadata, image, kind, pixels, frame, comments)
@@ -476,7 +475,7 @@ def _gather_pair(
 
 def _warn_of_view(path: Path, scale: ViewScale) -> None:
     text = f"{path}: is the 0..100 view of a distance field ({scale.described()}), not a map"
-    errors.emit_warning(MapdealWarning(text, "map.view"))
+    errors.emit_warning(errors.MapdealWarning(text, "map.view"))
 
 
 def _count_pixels(

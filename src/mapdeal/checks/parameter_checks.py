@@ -28,7 +28,6 @@ from mapdeal.layers.catalogue import NAV2_PLUGINS, class_name, layer_named
 from mapdeal.layers.inflation import InflationLayer
 from mapdeal.records import dataclass, replace
 from mapdeal.ros import filters, load, planners, ros2_files
-from mapdeal.ros.load import ParameterFacts
 from mapdeal.ros.robot import INJECTED, CostmapName, Flavour, Problem, RobotParameters
 
 INFLATION_PARAMETERS = {"inflation_radius", "cost_scaling_factor", "inflate_unknown"}
@@ -120,7 +119,7 @@ def mask_unused(facts: RobotFacts) -> Iterator[Remark]:
 
 
 @check("params.plugin-twice", "warning")
-def plugin_twice(facts: ParameterFacts) -> Iterator[Remark]:
+def plugin_twice(facts: load.ParameterFacts) -> Iterator[Remark]:
     """A layer that is listed twice.
     Nav2 or ROS 1 loads it twice or fails at the second; costs may count an obstacle twice.
     Example: `plugins: [static_layer, inflation_layer, inflation_layer]`.
@@ -133,7 +132,7 @@ def plugin_twice(facts: ParameterFacts) -> Iterator[Remark]:
 
 
 @check("params.unused-section", "note")
-def unused_section(facts: ParameterFacts) -> Iterator[Remark]:
+def unused_section(facts: load.ParameterFacts) -> Iterator[Remark]:
     """Parameters of a layer that the list of plugins does not name.
     The layer does not exist on the robot: its obstacles are not avoided.
     Example: `obstacle_layers: {plugin: "nav2_costmap_2d::ObstacleLayer", observation_sources:
@@ -154,7 +153,7 @@ def unused_section(facts: ParameterFacts) -> Iterator[Remark]:
         yield Remark(text + hint, at=next(iter(section.values())))
 
 
-def _nested_names(facts: ParameterFacts) -> Iterator[str]:
+def _nested_names(facts: load.ParameterFacts) -> Iterator[str]:
     """Yield the names in the lists of container layers and of observation sources."""
     for path, value in facts.values.items():
         if len(path) == 2 and path[1] in ("plugins", "observation_sources"):
@@ -165,7 +164,7 @@ def _nested_names(facts: ParameterFacts) -> Iterator[str]:
 
 
 @check("params.misplaced", "warning")
-def misplaced(facts: ParameterFacts) -> Iterator[Remark]:
+def misplaced(facts: load.ParameterFacts) -> Iterator[Remark]:
     """A parameter at a level where it has no effect.
     The default applies: an inflation radius at the wrong level leaves the robot with 0.55 m.
     Example: `inflation_radius: 0.9`.
@@ -184,7 +183,7 @@ def misplaced(facts: ParameterFacts) -> Iterator[Remark]:
 
 
 @check("params.without-effect", "note")
-def without_effect(facts: ParameterFacts) -> Iterator[Remark]:
+def without_effect(facts: load.ParameterFacts) -> Iterator[Remark]:
     """ROS 1 parameters without effect beside a list of plugins.
     The layers are those of plugins: `static_map: true` does not add the map to the costmap.
     Example: ROS 1: `static_map: true`.
@@ -616,7 +615,7 @@ class _Costmap:
     name: CostmapName
     robot: RobotParameters | None  # None if the files are unusable
     problems: tuple[Problem, ...]
-    parameters: ParameterFacts
+    parameters: load.ParameterFacts
 
     @property
     def is_absent(self) -> bool:
@@ -696,7 +695,7 @@ def _check(
 ) -> Iterator[Finding]:  # fmt: skip
     if costmap.has(_OTHER_KIND):
         return
-    facts: dict[type, Any] = {ParameterFacts: costmap.parameters}
+    facts: dict[type, Any] = {load.ParameterFacts: costmap.parameters}
     if costmap.robot is not None:
         robot = RobotFacts(costmap.robot, costmap.parameters, sibling, tuple(map_frames))
         facts[RobotFacts] = robot
