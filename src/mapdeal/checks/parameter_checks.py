@@ -621,9 +621,6 @@ class _Costmap:
     def is_absent(self) -> bool:
         return any(p.check in _ABSENT and p.level == "refused" for p in self.problems)
 
-    def has(self, check: str) -> bool:
-        return any(problem.check == check for problem in self.problems)
-
 
 def lint_parameters(
     paths: Sequence[Path], costmap: CostmapName | None = None, namespace: str | None = None,
@@ -693,7 +690,8 @@ def _check(
     paths: Sequence[Path], costmap: _Costmap, sibling: RobotParameters | None,
     map_frames: Sequence[tuple[str, Frame]],
 ) -> Iterator[Finding]:  # fmt: skip
-    if costmap.has(_OTHER_KIND):
+    checks = {problem.check for problem in costmap.problems}
+    if _OTHER_KIND in checks:
         return
     facts: dict[type, Any] = {load.ParameterFacts: costmap.parameters}
     if costmap.robot is not None:
@@ -703,5 +701,5 @@ def _check(
             servers = filters.filter_servers(ros2_files.read_ros2(paths))
             facts[FilterFacts] = FilterFacts(robot, servers)
     for finding in findings_on(facts, str(paths[-1])):
-        if not (costmap.has("params.units") and finding.check in _LENGTHS):
+        if not ("params.units" in checks and finding.check in _LENGTHS):
             yield finding
