@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.checks.findings import SEVERITIES, Finding, Severity
-from mapdeal.commands.diff_costs import passage_text
+from mapdeal.commands.diff import passage_text
 from mapdeal.compare.difference import Change, CostChange
 from mapdeal.compare.score import figure_text, figures_named
 from mapdeal.errors import MalformedInputError, ParameterError, one_line

@@ -14,9 +14,8 @@ from typing import Any, TypeGuard, TypeVar
 import numpy as np
 
 from mapdeal import errors
-from mapdeal.commands import diff_costs, report_documents as documents
+from mapdeal.commands import diff, report_documents as documents
 from mapdeal.commands.build import DOCUMENT
-from mapdeal.commands.diff import compared
 from mapdeal.commands.report_documents import ReachQuestion, Results, Subject, next_command
 from mapdeal.commands.two_maps import names_of_two
 from mapdeal.compare.difference import CostDifference
@@ -645,10 +644,10 @@ def _add_difference(draft: Draft, paths: Sequence[Path], grids: Grids, results: 
         reading: Reading = {"max_memory": settings.max_memory}
         if results.kind == DIFF:
             move, tolerance = results.transform, results.tolerance
-            difference = compared(maps, tolerance=tolerance, move=move, **reading)
+            difference = diff.compared(maps, tolerance=tolerance, move=move, **reading)
     if results.kind == COST_DIFF:
         try:
-            costs = diff_costs.costmaps_compared(maps, results.transform, None, **reading).costs
+            costs = diff.costmaps_compared(maps, results.transform, None, **reading).costs
             add_cost_changes(draft, costs)
             draft.items += documents.cost_change_items(costs.changes.values(), costs.frame)
             draft.claims += verdict.on_cost_difference(costs)
@@ -681,7 +680,7 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
         reading: Reading = {"max_memory": settings.max_memory}
         mask_path = None if named_mask is None else place_of(named_mask.file, path)
         mask = mask_of(mask_path, settings, source.grid)
-        comparison = diff_costs.robots_compared(
+        comparison = diff.robots_compared(
             map_input(source, place), (robots[0], robots[1]), results.start, results.goals, mask,
             **reading,
         )  # fmt: skip
@@ -699,7 +698,7 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
     named_costs = zip(("first", "second"), comparison.names, comparison.costmaps, strict=True)
     for name, shown, costmap in named_costs:
         draft.layers += page_layers(costmap, name, f"Costs of {shown}")
-    pairs = {name: " → ".join(map(diff_costs.value_text, pair))
+    pairs = {name: " → ".join(map(diff.value_text, pair))
              for name, pair in comparison.parameters.items()}  # fmt: skip
     draft.tables.append(Table("Parameters that differ", rows_of(pairs)))
     reach_rows = ("reached", comparison.reach_text()), *comparison.goal_rows()
@@ -718,8 +717,8 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
 
 
 def add_cost_changes(draft: Draft, costs: CostDifference) -> None:
-    codes, style = diff_costs.change_codes(costs), cost_change_style()
+    codes, style = diff.change_codes(costs), cost_change_style()
     draft.layers.append(PageLayer("difference", "Change of the cost", costs.frame, codes, style))
     changes = [change for change in costs.changes.values() if change.cells]
-    rows = tuple((change.kind, diff_costs.change_text(change)) for change in changes)
+    rows = tuple((change.kind, diff.change_text(change)) for change in changes)
     draft.tables.append(Table(verdict.COST_CHANGES, rows or (("changes", "none"),)))
