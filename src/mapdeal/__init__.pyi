@@ -7,13 +7,13 @@ from mapdeal.checks.lint import LintReport as LintReport
 from mapdeal.checks.lint import MapReport as MapReport
 from mapdeal.commands.align import Alignment as Alignment
 from mapdeal.commands.align import align as align
+from mapdeal.commands.build import build_map_from_clouds as build_map_from_clouds
 from mapdeal.commands.build import build_map_from_log as build_map_from_log
 from mapdeal.commands.build import build_map_from_world as build_map_from_world
-from mapdeal.commands.build_cloud import build_map_from_clouds as build_map_from_clouds
 from mapdeal.commands.diff import DiffReport as DiffReport
-from mapdeal.commands.diff import diff as diff
 from mapdeal.commands.diff import RobotDiff as RobotDiff
 from mapdeal.commands.diff import compare_robots as compare_robots
+from mapdeal.commands.diff import diff as diff
 from mapdeal.commands.draw_picture import Picture as Picture
 from mapdeal.commands.draw_picture import draw_picture as draw_picture
 from mapdeal.commands.draw_picture import write_picture as write_picture
