@@ -245,7 +245,7 @@ def align(
     a, b = inputs.open_inputs(first, second, names=("map A", "map B"), **reading)
     sizes = [math.prod(source.occupancy.shape) for source in (a, b)]
     text, of_picture = f"maps of {sizes[0]} and {sizes[1]} cells", _PER_CELL_OF_PICTURE * sum(sizes)
-    inputs.claim_for([a, b], bytes_to_align(sizes), text, of_picture=of_picture, **reading)
+    inputs.claim_for([a, b], bytes_to_align(sizes), text, of_picture=of_picture)
     with inputs.errors_named(b.name):
         found = placed(a.occupancy, b.occupancy, prior=approximate, rotations=rotations)
     if candidate is None:

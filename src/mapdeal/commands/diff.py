@@ -276,16 +276,15 @@ def diff(
     if two_maps.are_costs(maps):
         hint = "compare_costmaps compares costs"
         raise ParameterError("are both costs", place="first, second", hint=hint)
-    return _maps_compared(maps, move, limits, reading)
+    return _maps_compared(maps, move, limits)
 
 
 def _maps_compared(
-    maps: Sequence[inputs.MapInput], move: Transform | None, limits: Mapping[str, Any],
-    reading: inputs.Reading,
-) -> DiffReport:  # fmt: skip
+    maps: Sequence[inputs.MapInput], move: Transform | None, limits: Mapping[str, Any]
+) -> DiffReport:
     a, b = maps
     advice = "--align places the first map by its walls" if move is None else ""
-    found = compared(maps, tolerance=limits["tolerance"], move=move, advice=advice, **reading)
+    found = compared(maps, tolerance=limits["tolerance"], move=move, advice=advice)
     bounds = found.bounds_of(limits["max_shift"], limits["max_differing"])
     two_maps.warn_of_uncovered(maps, bounds, found.not_compared)
     faults: tuple[scoring.Fault, ...] = ()
@@ -385,9 +384,8 @@ class CostmapDiff(Result):
 
 
 def costmaps_compared(
-    maps: Sequence[inputs.MapInput], move: Transform | None, max_differing: float | None,
-    **reading: Any,
-) -> CostmapDiff:  # fmt: skip
+    maps: Sequence[inputs.MapInput], move: Transform | None, max_differing: float | None
+) -> CostmapDiff:
     for source in maps:
         if not isinstance(source.grid, Costmap):
             raise ParameterError("holds no costs", source=source.name)
@@ -404,7 +402,7 @@ def costmaps_compared(
         needed += bytes_of_lines(frame.shape, _PER_COST_LINE)
 
         def claim_with(changes: int) -> None:
-            inputs.claim_for(maps, needed + changes, size, **reading)
+            inputs.claim_for(maps, needed + changes, size)
 
         claim_with(0)
         with tables_claimed(claim_with):
@@ -586,17 +584,16 @@ def compare_robots(
     """
     (source,) = inputs.open_inputs(map, names=("the map",), **reading)
     keepout = inputs.mask_of(mask, inputs.settings_of(**reading), source.grid)
-    return robots_compared(source, (first, second), start, goals, keepout, **reading)
+    return robots_compared(source, (first, second), start, goals, keepout)
 
 
 def robots_compared(
     source: inputs.MapInput, robots: tuple[RobotParameters, RobotParameters],
     start: tuple[float, ...] | None, goals: Goals, mask: inputs.KeepoutMask | None,
-    **reading: Unpack[inputs.Reading],
 ) -> RobotDiff:  # fmt: skip
     if isinstance(source.grid, Costmap):
         raise ParameterError("holds costs; parameters are compared on a map", source=source.name)
-    inputs.claim_cells(source, COSTS_PER_CELL + _PER_CELL_OF_ROBOTS, **reading)
+    inputs.claim_cells(source, COSTS_PER_CELL + _PER_CELL_OF_ROBOTS)
     inputs.warn_of_robot(source.name, source.grid, *robots)
     masks = [inputs.used_mask(mask, robot) for robot in robots]
     steps = [step_for("cost", robot, {}) for robot in robots]
@@ -756,7 +753,7 @@ def differences(
             error.hint = f"mapdeal diff MAP --params-file {names[0]} --against {names[1]}"
         raise
     if not two_maps.are_costs(maps):
-        return _maps_compared(maps, move, limits, {})
+        return _maps_compared(maps, move, limits)
     of_maps = {"max_shift": limits["max_shift"], "tolerance": limits["tolerance"] or None}
     inputs.refuse("applies to maps, and both are costs", **of_maps)
     return costmaps_compared(maps, move, limits["max_differing"])
@@ -764,7 +761,7 @@ def differences(
 
 def compared(
     maps: Sequence[inputs.MapInput], *, tolerance: float = 0.0, move: Transform | None = None,
-    advice: str = "", **reading: Unpack[inputs.Reading],
+    advice: str = "",
 ) -> Difference:  # fmt: skip
     # With `advice`, maps that do not lie in one frame are warned of.
     grids = [source.occupancy for source in maps]
@@ -776,7 +773,7 @@ def compared(
         walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
         needed = _LIBRARIES + _PER_CELL * frame.height * frame.width + _PER_WALL * walls
         needed += bytes_of_lines(frame.shape, _PER_LINE)
-        inputs.claim_for(maps, needed, f"{frame.width} x {frame.height} cells", **reading)
+        inputs.claim_for(maps, needed, f"{frame.width} x {frame.height} cells")
         if advice:
             two_maps.warn_of_frames(maps, advice)
         return difference.compare(*grids, tolerance=tolerance)

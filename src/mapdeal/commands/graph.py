@@ -184,7 +184,7 @@ def graph(
     also = robot.paths if robot else ()
     (source,) = inputs.open_inputs(map, names=("map",), also=also, **reading)
     planned = graph_of(source, options, start=start, goals=goals, through_unknown=through_unknown,
-                       footprint=footprint, robot=robot, **reading)  # fmt: skip
+                       footprint=footprint, robot=robot)  # fmt: skip
     result = planned.result
     if result.near_unknown and keep_from_unknown is None:
         radius = decimal_text(reach_radius(planned.reach.robot), 4)
@@ -198,7 +198,7 @@ def graph_of(
     source: inputs.MapInput, options: graph_drafts.GraphOptions, *,
     start: tuple[float, ...] | None = None, goals: Sequence[Goal] = (),
     through_unknown: bool = False, footprint: FootprintLike | None = None,
-    robot: RobotParameters | None = None, **reading: Unpack[inputs.Reading],
+    robot: RobotParameters | None = None,
 ) -> PlannedGraph:  # fmt: skip
     if footprint is None and robot is None:
         text = "no robot is given, by --robot-radius, --footprint or --params-file: the graph is"
@@ -209,7 +209,7 @@ def graph_of(
     coarse = graph_drafts.coarse_step(reach_radius(shape), source.grid.resolution) ** 2
     per_cell = step.memory + _PER_CELL + _PER_COARSE_CELL / coarse
     with (
-        inputs.settings_of(**reading).reading(),
+        source.settings.reading(),
         inputs.claiming_work(source.name, source.grid, per_cell, besides=_LIBRARIES),
         inputs.errors_named(source.name),
     ):

@@ -301,7 +301,7 @@ def lint(
             reports += lint_maps(maps, advance)
         if filter_mask is not None:
             with errors.capture_warnings():  # the findings include them
-                map_read = inputs.map_input(inputs.read_input(maps[0], settings), maps[0])
+                map_read = inputs.map_input(inputs.read_input(maps[0], settings), maps[0], settings)
             mask = Path(filter_mask)
             reports.append(lint_maps.mask(mask, map_read, mask_kind, footprint, start, goals))
         problems = _repair_in_place(maps, reports, lint_maps) if in_place else []
@@ -401,7 +401,7 @@ def _graph_findings(
             height, width = file.shape()
             per_cell = _GRAPH_BYTES_PER_CELL + (0 if robot is None else COSTS_PER_CELL)
             source.claim(path, int(per_cell * height * width))
-            map_read = inputs.map_input(file.read(), path)
+            map_read = inputs.map_input(file.read(), path, settings)
             grid = map_read.occupancy if robot is None else lethal_cells(robot, map_read)
             return check_graph(graph, grid, shape)
     except errors.MapdealError as error:  # `check_graph` reports those of the graph

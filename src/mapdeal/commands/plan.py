@@ -446,14 +446,12 @@ def planner_of(robot: RobotParameters, planner: str | None) -> tuple[Ros2Paramet
     return parameters, chosen
 
 
-def check_map(
-    source: inputs.MapInput, *robots: RobotParameters, **reading: Unpack[inputs.Reading]
-) -> None:
+def check_map(source: inputs.MapInput, *robots: RobotParameters) -> None:
     """Refuse costs, and maps that take too much memory; warn of what planners ignore."""
     if isinstance(source.grid, Costmap):
         raise errors.ParameterError("holds costs; planners are tried on a map", source=source.name)
     inputs.warn_of_values(source)
-    inputs.claim_cells(source, _PER_CELL, measures=True, **reading)
+    inputs.claim_cells(source, _PER_CELL, measures=True)
     inputs.warn_of_robot(source.name, source.occupancy, *robots)
 
 
@@ -585,7 +583,7 @@ def plan(
 
     def works_on(source: inputs.Map) -> list[PlannerOnMap]:
         (opened,) = inputs.open_inputs(source, names=("map",), also=also, **reading)
-        check_map(opened, *robots, **reading)
+        check_map(opened, *robots)
         up_to_kilted, pairs = settings.dialect != "nav2", zip(robots, planners, strict=True)
         return [PlannerOnMap(opened, own, *chosen, over, up_to_kilted) for own, chosen in pairs]
 

@@ -269,7 +269,7 @@ def reach_on_input(
     """Return what the stage finds on a map, or on the costs that a robot's layers make of it."""
     per_cell = step.memory + COSTS_PER_CELL * (robot is not None)
     with (
-        inputs.settings_of().reading(),
+        map_read.settings.reading(),
         inputs.claiming_work(map_read.name, map_read.grid, per_cell),
         inputs.errors_named(map_read.name),
     ):

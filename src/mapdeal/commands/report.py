@@ -117,7 +117,7 @@ class RunChecks:
         return documents.results_of(JsonValue(Path("lint"), document))
 
     def reachability(self, path: Path) -> reach.Reachability:
-        source = map_input(read_input(path, self.settings), path)
+        source = map_input(read_input(path, self.settings), path, self.settings)
         found = reach.reach_on_input(source, self._step, self.robot, self._mask)
         return reach.Reachability(source, found, self._step.title)
 
@@ -125,7 +125,7 @@ class RunChecks:
         """Return the plans of the robot's own planner to each goal, if it is modelled."""
         if self.robot is None or self.start is None or not (self.goals and self._is_planned):
             return None
-        source = map_input(read_input(path, self.settings), path)
+        source = map_input(read_input(path, self.settings), path, self.settings)
         check_map(source)
         mask = self._mask
         up_to_kilted = self.settings.dialect != "nav2"

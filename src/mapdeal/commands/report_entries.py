@@ -32,7 +32,7 @@ from mapdeal.maps.reading import open_map
 from mapdeal.pictures.styles import cost_change_style, difference_style
 from mapdeal.pipeline.batch import SUMMARY
 from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, product_of, warnings_in
-from mapdeal.pipeline.inputs import Reading, bytes_of, map_input, mask_of, read_together
+from mapdeal.pipeline.inputs import bytes_of, map_input, mask_of, read_together
 from mapdeal.pipeline.settings import Settings, adding_warnings, portable
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.records import dataclass, field, replace
@@ -640,14 +640,13 @@ def _add_difference(draft: Draft, paths: Sequence[Path], grids: Grids, results: 
     settings = grids.settings
     with errors.capture_warnings():  # they were given when the maps were opened
         sources = zip(paths, read_together(paths, settings), strict=True)
-        maps = [map_input(grid, path) for path, grid in sources]
-        reading: Reading = {"max_memory": settings.max_memory}
+        maps = [map_input(grid, path, settings) for path, grid in sources]
         if results.kind == DIFF:
             move, tolerance = results.transform, results.tolerance
-            difference = diff.compared(maps, tolerance=tolerance, move=move, **reading)
+            difference = diff.compared(maps, tolerance=tolerance, move=move)
     if results.kind == COST_DIFF:
         try:
-            costs = diff.costmaps_compared(maps, results.transform, None, **reading).costs
+            costs = diff.costmaps_compared(maps, results.transform, None).costs
             add_cost_changes(draft, costs)
             draft.items += documents.cost_change_items(costs.changes.values(), costs.frame)
             draft.claims += verdict.on_cost_difference(costs)
@@ -677,12 +676,11 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
             for robot in results.robots
         ]  # fmt: skip
         (source,) = read_together([place], settings)
-        reading: Reading = {"max_memory": settings.max_memory}
         mask_path = None if named_mask is None else place_of(named_mask.file, path)
         mask = mask_of(mask_path, settings, source.grid)
         comparison = diff.robots_compared(
-            map_input(source, place), (robots[0], robots[1]), results.start, results.goals, mask,
-            **reading,
+            map_input(source, place, settings), (robots[0], robots[1]), results.start,
+            results.goals, mask,
         )  # fmt: skip
     sums = grids.open(place).sums
     draft.compare_sums(place, dict(sums), dict(named.sha256), f"{path.name} names")

@@ -482,7 +482,7 @@ def _costs_of(
     over = inputs.mask_of(mask, inputs.settings_of(**reading))
     also = [*(robot.paths if robot else ()), *files, *(over.files if over else ())]
     (source,) = inputs.open_inputs(map, names=("map",), also=also, **reading)
-    inputs.claim_cells(source, per_cell, measures=True, **reading)
+    inputs.claim_cells(source, per_cell, measures=True)
     grid = source.grid
     if isinstance(grid, Costmap):
         rule = "applies to maps: these costs are already computed"

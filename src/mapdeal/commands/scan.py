@@ -264,7 +264,7 @@ def scan(
     files = [Path(file) for file in (poses, route) if isinstance(file, (str, PathLike))]
     also = [*files, *(robot.paths if robot else ())]
     (source,) = inputs.open_inputs(map, names=("map",), also=also, **reading)
-    inputs.claim_cells(source, _PER_CELL, measures=True, **reading)
+    inputs.claim_cells(source, _PER_CELL, measures=True)
     around = Surroundings(source.occupancy, through_unknown)
     is_hit, is_visible = np.zeros((2, around.cells), dtype=np.bool_)
     if poses is not None:
@@ -276,7 +276,7 @@ def scan(
     elif tour:
         planned = graph_of(
             source, GraphOptions(cover=_COVER), start=start, through_unknown=through_unknown,
-            footprint=footprint, robot=robot, **reading,
+            footprint=footprint, robot=robot,
         )  # fmt: skip
         cells = around.cells
         # walls that beams only graze can be lost in a map: viewpoints also cover all the faces
@@ -297,7 +297,7 @@ def scan(
             raise MalformedInputError(rule, source=files[0] if files else "route", place="points")
         robot_poses = driven(line, np.zeros(len(line), np.bool_), speed=speed, rate=rate)
     count = len(robot_poses) * beams
-    with inputs.settings_of(**reading).reading():
+    with source.settings.reading():
         claim(source.name, _PER_READING * count, what=f"{count} readings of scans")
     blocked = np.flatnonzero(~around.is_open(scanner.poses_of(robot_poses)))
     if len(blocked):

@@ -310,7 +310,7 @@ def score(
     known, files = two_maps.given_transform(transform, place="transform")
     named = {"the map": map} if truth is None else {"the map": map, "the truth": truth}
     maps = inputs.open_inputs(*named.values(), names=list(named), also=files, **reading)
-    _claim(maps, reading, aligns=align)
+    _claim(maps, aligns=align)
     estimate, *truths = (source.occupancy for source in maps)
     with inputs.errors_named(maps[0].name):
         for source in maps:
@@ -339,7 +339,7 @@ def score(
     return Score(values, judged, frame, tuple(maps), move.pose, placement, comparison, faults)
 
 
-def _claim(maps: Sequence[inputs.MapInput], reading: inputs.Reading, *, aligns: bool) -> None:
+def _claim(maps: Sequence[inputs.MapInput], *, aligns: bool) -> None:
     grids = [source.occupancy for source in maps]
     shape = grids[-1].shape
     walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
@@ -351,7 +351,7 @@ def _claim(maps: Sequence[inputs.MapInput], reading: inputs.Reading, *, aligns: 
     lines = bytes_of_lines(shape, _BYTES_PER_LINE)
     needed = max(needed + lines, two_maps.bytes_to_place(maps) if aligns else 0)
     size = f"{shape[1]} x {shape[0]} cells"
-    inputs.claim_for(maps, needed, size, of_picture=of_picture + lines, **reading)
+    inputs.claim_for(maps, needed, size, of_picture=of_picture + lines)
 
 
 def _warn_of_overlap(comparison: scoring.Comparison, maps: Sequence[inputs.MapInput]) -> None:

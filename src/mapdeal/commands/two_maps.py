@@ -63,7 +63,7 @@ def opened_in_one_frame(
     transform, files = given_transform(by, place="by")
     maps = inputs.open_inputs(first, second, names=("map A", "map B"), also=files, **reading)
     if align:
-        inputs.claim_for(maps, bytes_to_place(maps), "maps that are aligned", **reading)
+        inputs.claim_for(maps, bytes_to_place(maps), "maps that are aligned")
         return maps, aligned(maps, hint="--by FILE uses a transform as it is")
     return maps, None if transform is None else transform_in(transform, files, maps)
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from contextvars import ContextVar
 from functools import cached_property
+from itertools import repeat
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Protocol, TypedDict, TypeVar, cast
@@ -31,7 +32,7 @@ from mapdeal.kernels.threads import tables_claimed, thread_count, use_threads
 from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import MapFile, Source, as_occupancy, open_map
-from mapdeal.pipeline.settings import Canvas, ProgressCallback, Settings
+from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Canvas, ProgressCallback, Settings
 from mapdeal.pipeline.step import Step
 from mapdeal.records import dataclass, field, replace
 from mapdeal.ros.robot import RobotParameters
@@ -300,6 +301,7 @@ class MapInput(Source):
 
     name: str = ""
     path: Path | None = None
+    settings: Settings = DEFAULT_SETTINGS
 
     @property
     def title(self) -> str:
@@ -313,8 +315,8 @@ class MapInput(Source):
         return None if self.path is None else {"file": str(self.path), "sha256": dict(self.sums)}
 
 
-def map_input(source: Source, path: Path) -> MapInput:
-    return MapInput(source.grid, source.files, source.metadata, source.sums, str(path), path)
+def map_input(source: Source, path: Path, settings: Settings) -> MapInput:
+    return MapInput(**vars(source), name=str(path), path=path, settings=settings)
 
 
 class Terminal(Protocol):
@@ -392,11 +394,11 @@ def open_inputs(
             hint = grid_hint(source)
             raise ParameterError("must be a file or a grid", place=name, got=source, hint=hint)
     paths = [Path(source) for source in maps if isinstance(source, str | PathLike)]
-    files_read = map(map_input, read_together(paths, settings), paths)
+    files_read = map(map_input, read_together(paths, settings), paths, repeat(settings))
     opened = [
-        next(files_read) if isinstance(source, str | PathLike) else MapInput(source, (), name=name)
-        for source, name in zip(maps, names, strict=True)
-    ]
+        MapInput(source, (), name=name, settings=settings) if isinstance(source, Grid)
+        else next(files_read) for source, name in zip(maps, names, strict=True)
+    ]  # fmt: skip
     if work is not None:
         work.begin([*(file for source in opened for file in source.files), *also])
     return opened
@@ -491,18 +493,13 @@ def numbers_of(
     return numbers
 
 
-def claim_cells(
-    map_read: MapInput, per_cell: float, *, measures: bool = False, **reading: Unpack[Reading]
-) -> None:
-    with settings_of(**reading).reading():
+def claim_cells(map_read: MapInput, per_cell: float, *, measures: bool = False) -> None:
+    with map_read.settings.reading():
         claim_work(map_read.name, map_read.grid, per_cell, measures=measures)
 
 
-def claim_for(
-    maps: Sequence[MapInput], count: int, purpose: str, *, of_picture: int = 0,
-    **reading: Unpack[Reading],
-) -> None:  # fmt: skip
-    settings = settings_of(**reading)
+def claim_for(maps: Sequence[MapInput], count: int, purpose: str, *, of_picture: int = 0) -> None:
+    settings = maps[0].settings
     if settings.image is not None:
         count = max(count, of_picture)
     held_bytes = sum(bytes_of(map_read.grid) for map_read in maps)
