@@ -306,20 +306,13 @@ def _names_image(values: Mapping[str, Any]) -> bool:
 def _spliced(
     definition: Command, own: Mapping[str, Argument], ordered: Sequence[str]
 ) -> list[Argument]:
-    command = definition.name
-    for name in ordered:
-        if name not in own and name not in SHARED_OPTIONS:
-            raise ValueError(f"{command}: no option or group {name!r}")
-        is_twice = name in own and name in SHARED_OPTIONS and name not in OF_IMAGES
-        if ordered.count(name) > 1 or is_twice:
-            raise ValueError(f"{command}: option {name!r} comes twice")
     texts = dict(definition.texts)
     parameters = {name: argument for name, argument in own.items() if name not in ordered}
     for name in ordered:
         text = None if name in own else texts.pop(name, None)
         parameters[name] = own.get(name) or SHARED_OPTIONS[name].parameter(name, text)
     if texts:
-        raise ValueError(f"{command}: no shared option {next(iter(texts))!r}")
+        raise ValueError(f"{definition.name}: no shared option {next(iter(texts))!r}")
     return [argument.replace(kind=Argument.KEYWORD_ONLY) for argument in parameters.values()]
 
 
