@@ -294,8 +294,9 @@ def convert(
         transaction = work.begin([*read.files, *(robot.paths if robot else ())])
         if ending in WORLD_ENDINGS:
             return convert_world(source, read, output, transaction, **worlds)
-        shape = planned_shape(robot) if footprint is None and robot is not None else footprint
-        return convert_area(source, read, output, transaction, footprint=shape, **areas)
+        return convert_area(
+            source, read, output, transaction, footprint=planned_shape(robot, footprint), **areas
+        )
     per_cell = 12.0 if mode == "scale" else 5.0
     if isinstance(read.grid, PotentialField):  # most of its layers are made when they are written
         per_cell = 76.0 if work.settings.image is None else 130.0

@@ -203,7 +203,7 @@ def graph_of(
     if footprint is None and robot is None:
         text = "no robot is given, by --robot-radius, --footprint or --params-file: the graph is"
         emit_warning(f"{text} that of a point")
-    shape = planned_shape(robot) if footprint is None and robot is not None else shape_of(footprint)
+    shape = planned_shape(robot, shape_of(footprint))
     parameters = {"footprint": shape, "through_unknown": through_unknown, "start": start}
     step = make_step("reach", {**parameters, "goals": goals})
     coarse = graph_drafts.coarse_step(reach_radius(shape), source.grid.resolution) ** 2

@@ -165,9 +165,8 @@ def mask(
     also = [file, *(robot.paths if robot else ())]
     (map_read,) = inputs.open_inputs(source, names=("the map",), also=also)
     inputs.claim_cells(map_read, PER_CELL)
-    shape = recipe.planned_shape(robot) if footprint is None and robot is not None else footprint
     options: Any = {"unit": speed_unit, "base": base, "multiplier": multiplier}
-    ends: Any = {"robot": shape, "start": start, "goals": goals}
+    ends: Any = {"robot": recipe.planned_shape(robot, footprint), "start": start, "goals": goals}
     masks, problems = [], []
     with inputs.errors_named(map_read.name):
         for kind, path in zip(kinds, paths, strict=True):

@@ -28,7 +28,7 @@ from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.layers import cost_image
 from mapdeal.pictures.overlay import PlanOverlay
 from mapdeal.pipeline import inputs
-from mapdeal.pipeline.folder import Spread, rounded, rounded_place, spread_json
+from mapdeal.pipeline.folder import Spread, rounded, rounded_place
 from mapdeal.pipeline.recipe import read_robot_parameters
 from mapdeal.planners.planner import Plan, Pose, no_plan
 from mapdeal.records import dataclass, field, replace
@@ -196,6 +196,7 @@ class PlanReport(Spread):
         Differences from an expected result, if one was given.
     """
 
+    spread = ("goals",)
     work: PlannerOnMap
     start: Pose
     goals: tuple[GoalPlan, ...]
@@ -223,9 +224,6 @@ class PlanReport(Spread):
             "goals": [goal.document() for goal in self.goals],
             **({} if self.differences is None else {"differences": list(self.differences)}),
         }  # fmt: skip
-
-    def parts(self) -> Iterator[str]:
-        yield spread_json(self.document(), "goals")
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
@@ -286,6 +284,7 @@ class PlanTable(Spread):
         Differences from an expected table, if one was given.
     """
 
+    spread = ("plans",)
     reports: Sequence[PlanReport | errors.MapdealError]
     differences: tuple[str, ...] | None = None
 
@@ -302,9 +301,6 @@ class PlanTable(Spread):
                  for report in self.reports]  # fmt: skip
         differs = {} if self.differences is None else {"differences": list(self.differences)}
         return {"plans": plans, **differs}
-
-    def parts(self) -> Iterator[str]:
-        yield spread_json(self.document(), "plans")
 
     def summary(self, output: Path) -> Iterator[str]:
         yield from (f"{output}:", *self.lines())

@@ -23,7 +23,7 @@ from mapdeal.maps.reading import write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.overlay import KeepoutOverlay
 from mapdeal.pipeline import inputs, recipe
-from mapdeal.pipeline.folder import Spread, reach_document, spread_json, summary_of
+from mapdeal.pipeline.folder import Spread, reach_document, summary_of
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.records import dataclass
 from mapdeal.ros.robot import RobotParameters
@@ -35,6 +35,7 @@ COSTS_PER_CELL = 8.0  # bytes for each cell that the costs of a robot's own laye
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reachability(Spread):
+    spread = ("goals", "passages")
     map: inputs.MapInput
     reach: Reach
     title: str
@@ -49,9 +50,6 @@ class Reachability(Spread):
         described = {} if self.robot is None else self.robot.described()
         costmap = {key: described[key] for key in ("costmap", "files") if described} or None
         return {"map": self.map.document(), "costmap": costmap, **reach_document(self.reach)}
-
-    def parts(self) -> Iterator[str]:
-        yield spread_json(self.document(), "goals", "passages")
 
     def summary(self, output: Path) -> Iterator[str]:
         yield f"{output}: {summary_of(self.reach.figures())}"
@@ -243,8 +241,8 @@ def reachability(
         check_ends_in_npz(layers)
         work.outputs.append(layers)
     parameters["goals"] = tuple(chosen_goals(parameters.get("goals", ()), points))
-    shape = recipe.planned_shape(robot) if footprint is None and robot is not None else footprint
-    step = make_step("reach", {**parameters, "footprint": shape})
+    parameters["footprint"] = recipe.planned_shape(robot, footprint)
+    step = make_step("reach", parameters)
     mask = inputs.mask_of(work.settings.mask, work.settings)
     also = [*(robot.paths if robot else ()), *([points] if points else ())]
     also += mask.files if mask else ()

@@ -71,9 +71,7 @@ class RunChecks:
 
     @property
     def _shape(self) -> Footprint | None:
-        if self.footprint is None and self.robot is not None:
-            return recipe.planned_shape(self.robot)
-        return self.footprint
+        return recipe.planned_shape(self.robot, self.footprint)
 
     @property
     def question(self) -> documents.ReachQuestion:

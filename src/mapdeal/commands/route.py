@@ -26,7 +26,7 @@ from mapdeal.pictures import canvas, layers
 from mapdeal.pictures.overlay import Overlays, RouteOverlay
 from mapdeal.pictures.reach import GraphOverlay
 from mapdeal.pipeline import inputs
-from mapdeal.pipeline.folder import Spread, rounded, rounded_place, spread_json
+from mapdeal.pipeline.folder import Spread, rounded, rounded_place
 from mapdeal.pipeline.recipe import Recipe, load_recipe, planned_shape
 from mapdeal.planning import routes
 from mapdeal.records import dataclass, field, replace
@@ -70,6 +70,7 @@ class PlannedRoute(Route, Spread):
         Whether the costs were given, or are those of a given robot.
     """
 
+    spread = ("points",)
     map: inputs.MapInput
     costs: Costmap
     graph: route_graph.RouteGraph | None = None
@@ -82,9 +83,6 @@ class PlannedRoute(Route, Spread):
 
     def document(self) -> dict[str, Any]:
         return route_document(self)
-
-    def parts(self) -> Iterator[str]:
-        yield spread_json(self.document(), "points")
 
     def lines(self) -> Iterator[str]:
         if not len(self.points_xy):
@@ -504,7 +502,7 @@ def _costs_of(
                 grid = step.apply(grid, source.path)
         if not isinstance(grid, Costmap):
             raise TypeError("the recipe of routes must end in costs")
-        shape = planned_shape(robot) if footprint is None and robot is not None else footprint
+        shape = planned_shape(robot, footprint)
         costs = grid if shape is None else _closed_to(shape, grid, obstacles=robot is None)
         return source, costs if over is None else over.over(costs)
 

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO, TypeGuard
+from typing import Any, BinaryIO, ClassVar, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -212,6 +212,11 @@ def spread_json(document: Mapping[str, Any], *spread: str) -> str:
 
 class Spread(Result):
     """A result whose document is written in parts, each as soon as it is computed."""
+
+    spread: ClassVar[Sequence[str]] = ()  # keys of lists with one item a line
+
+    def parts(self) -> Iterator[str]:
+        yield spread_json(self.document(), *self.spread)
 
     def summary(self, output: Path) -> Iterator[str]:
         yield f"{output}: {'; '.join(self.lines())}"

@@ -175,7 +175,12 @@ def _model_of(name: str, model: object) -> Stage | None:
     return models_of(name).get(model if isinstance(model, str) else None)
 
 
-def planned_shape(robot: RobotParameters) -> Footprint:
+def planned_shape(
+    robot: RobotParameters | None, footprint: Footprint | None = None
+) -> Footprint | None:
+    """Return a given footprint, or else the shape with which planners check a robot."""
+    if robot is None or footprint is not None:
+        return footprint
     if robot.robot_radius is None:
         return robot.footprint
     return Footprint.circle(robot.inscribed_radius)
