@@ -23,9 +23,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.values import join_words
-from mapdeal.maps.formats import FORMATS, or_other_formats
-from mapdeal.maps.map_server import Encoding
-from mapdeal.maps.png import write_png
+from mapdeal.maps import formats, map_server, png
 from mapdeal.pipeline.folder import files_of, step_line
 from mapdeal.pipeline.inputs import InShell, Map, Work, need_folder
 from mapdeal.pipeline.recipe import RecipeName, load_recipe, step_for, step_of_recipe
@@ -47,13 +45,13 @@ _MEMORY = (
 )
 _JSON = "Print one JSON document."
 _JSON_OF_COSTS = "Print one JSON document: parameters, figures, and the cost curve as a table."
-_EDITED = f"{or_other_formats('The result: .yaml or .pgm (a pgm pair), .png (a pair)')}."
+_EDITED = f"{formats.or_other_formats('The result: .yaml or .pgm (a pgm pair), .png (a pair)')}."
 
 
 def _apply_stage(
     models: Mapping[str | None, Stage], *, source: Path, output: Path, work: InShell,
     footprint: Footprint | None = None, robot: Annotated[RobotParameters | None, Words()] = None,
-    recipe: RecipeName = None, encoding: Encoding = "occupancy",
+    recipe: RecipeName = None, encoding: map_server.Encoding = "occupancy",
     curve: Annotated[Path | None, Words("FILE.png")] = None, **values: Any,
 ) -> SingleResult:  # fmt: skip
     """Apply a stage to a file.
@@ -124,7 +122,7 @@ class _StageCommand(Command):
         *before, last = ["", *(_INPUTS[kind][1] for kind in stage.takes if kind in _INPUTS)]
         source = f"{', '.join(['A map', *before[1:]])}, or {last}."
         if not last:
-            source = f"{join_words(entry.name for entry in FORMATS)}."
+            source = f"{join_words(entry.name for entry in formats.FORMATS)}."
             source = f"{source[:1].upper()}{source[1:]}"
         model = f"The rule of the {stage.name}s.  [default: {next(iter(self.models))}"
         model += "; with --params-file the robot's]" if stage.robot is not None else "]"
@@ -317,7 +315,7 @@ def _write(result: Result, work: Work, output: Path | None) -> None:
         result.write(transaction, output)
     if work.settings.image is not None:
         image = result.drawn(image_extent=work.settings.image_extent)
-        write = partial(write_png, pixels=image.indices, palette=image.palette)
+        write = partial(png.write_png, pixels=image.indices, palette=image.palette)
         transaction.write(work.settings.image, write)
 
 

@@ -7,8 +7,7 @@ import re
 import sys
 from typing import Annotated, Any, Literal
 
-from mapdeal.cli import terminal
-from mapdeal.cli.apps import command_app
+from mapdeal.cli import apps, terminal
 from mapdeal.command import Words, command
 
 VARIABLE = "_MAPDEAL_COMPLETE"  # set by the scripts when they request words
@@ -38,7 +37,7 @@ def completion(
     terminal.result(get_completion_script(prog_name="mapdeal", complete_var=VARIABLE, shell=shell))
 
 
-app = command_app("completion", sys.modules[__name__])
+app = apps.command_app("completion", sys.modules[__name__])
 
 
 def prepare_completion() -> None:

@@ -14,10 +14,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from mapdeal.cli import terminal
-from mapdeal.cli.help_pages import lay_out, overview, write_commands
-from mapdeal.cli.signals import begin_work, ending, release_reserve
-from mapdeal.cli.usage import accept_words, point_hint, usage_error
+from mapdeal.cli import help_pages, signals, terminal, usage
 from mapdeal.errors import FileAccessError, FindingError, MapdealError, refusal_of_the_system
 
 # New versions of typer contain a copy of click, old ones import the package. Both have the same
@@ -52,11 +49,11 @@ class _LazyGroup(TyperGroup):
             app = command_app(cmd_name)
         else:
             return None
-        begin_work()
+        signals.begin_work()
         command: Any = typer.main.get_command(app)
         for runnable in (command, *getattr(command, "commands", {}).values()):
-            accept_words(runnable, cmd_name)
-            lay_out(runnable)
+            usage.accept_words(runnable, cmd_name)
+            help_pages.lay_out(runnable)
         command.name = cmd_name
         summary = (command.help or "").partition("\n\n")[0]
         command.short_help = " ".join(summary.split())  # click would shorten it
@@ -65,7 +62,7 @@ class _LazyGroup(TyperGroup):
         return command
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        write_commands(self, ctx, formatter)
+        help_pages.write_commands(self, ctx, formatter)
 
 
 vars(typer.core)["rich"] = None  # typer before 0.12 would format help with it
@@ -117,7 +114,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if words:
                 group.invoke(context)
             else:
-                terminal.result(overview(group, context))
+                terminal.result(help_pages.overview(group, context))
         code = 0
     except typer.Exit as end:
         code = end.exit_code
@@ -129,18 +126,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from mapdeal.maps.formats import MAP_ENDINGS
 
             name = str(error.source)
-            error.hint = point_hint(name, words[0]) or similar_file_hint(name, MAP_ENDINGS)
+            error.hint = usage.point_hint(name, words[0]) or similar_file_hint(name, MAP_ENDINGS)
         return _report(error)
     except _ClickError as error:
-        return _report(usage_error(error))
+        return _report(usage.usage_error(error))
     except KeyboardInterrupt as interrupt:
-        cause, code = ending()
+        cause, code = signals.ending()
         _report(MapdealError("; ".join([cause, *interrupt.args])))
         return code
     except BrokenPipeError:  # the reader has closed the pipe
         return 0
     except Exception as error:  # noqa: BLE001 - reported as an internal error
-        release_reserve()
+        signals.release_reserve()
         refusal = refusal_of_the_system(error)
         if isinstance(error, OSError) and error.errno == errno.ENOSPC:  # of --help, by typer
             rule = f"cannot be written: {error.strerror}"

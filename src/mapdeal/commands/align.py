@@ -9,9 +9,8 @@ from typing import Annotated, Any
 import numpy as np
 
 from mapdeal.command import Output, Result, Words, command
+from mapdeal.compare import difference, score
 from mapdeal.compare.align import Placement, bytes_to_align, placed
-from mapdeal.compare.difference import frame_around
-from mapdeal.compare.score import place_text
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import ParameterError
 from mapdeal.files.json_values import ALIGNMENT_FORMAT
@@ -104,7 +103,7 @@ class Alignment(Placement, Result):
         yield f"  overlap    {100 * self.overlap:.0f} % of the free space of the smaller map"
         yield f"  walls      {100 * self.agreement:.0f} % of those in common agree within 0.25 m"
         if self.bend_xy is not None and self.bend >= _LEAST_BEND:
-            where = place_text(self.maps[1].occupancy, self.bend_xy)
+            where = score.place_text(self.maps[1].occupancy, self.bend_xy)
             yield f"  bend       walls disagree by up to {self.bend:.2g} m, {where}"
         for number, candidate in enumerate(self.candidates, start=1):
             mark = " (chosen)" if number == self.chosen else ""
@@ -127,7 +126,7 @@ class Alignment(Placement, Result):
     def _drawn_at(self, transform: Transform, title: str | None, **look: Any) -> Image:
         first, second = (source.occupancy for source in self.maps)
         moved = transform.frame(first.frame)
-        lattice = frame_around(second.frame, moved)
+        lattice = difference.frame_around(second.frame, moved)
         kinds = np.full(lattice.shape, _UNKNOWN, dtype=np.uint8)
         walls = np.zeros(lattice.shape, dtype=np.uint8)
         for k, (grid, frame) in enumerate(((first, moved), (second, second.frame))):

@@ -23,21 +23,16 @@ from mapdeal.files.source import check_state, claim, is_regular, is_same_file, s
 from mapdeal.grid.frame import Figures, Frame, Point, check_origin
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, count_text, decimal_text
+from mapdeal.kernels import components, rotations
 from mapdeal.kernels.arrays import Bytes, Floats
-from mapdeal.kernels.components import thickness_of
-from mapdeal.kernels.rotations import from_yaw, rotated
 from mapdeal.kernels.threads import use_threads
-from mapdeal.mapping import build as mapping
+from mapdeal.mapping import build as mapping, voxels
 from mapdeal.mapping.cloud_map import CloudMap, CloudMapper, CloudOptions
 from mapdeal.mapping.evidence import NEAR, OFTEN, BeamLimits, Beams, Scans, beams_of
 from mapdeal.mapping.transforms import FrameOptions, Topics, check_pose
-from mapdeal.mapping.voxels import FINEST, Tilt, away_from_sensor, upright
 from mapdeal.mapping.world_map import WorldOptions, map_of_world
-from mapdeal.maps.kinds import is_bag
-from mapdeal.maps.listing import list_files
+from mapdeal.maps import kinds, listing, png, reading
 from mapdeal.maps.npz import check_ends_in_npz, write_npz
-from mapdeal.maps.png import write_png
-from mapdeal.maps.reading import output_paths, write_grid
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.overlay import RingOverlay
 from mapdeal.pipeline.folder import write_picture
@@ -187,7 +182,7 @@ def _warn_if_unknown(grid: OccupancyGrid, path: Path) -> None:
 def _opened(
     log: Path, topics: Sequence[str], frames: Mapping[str, Any], *, deskew: bool, max_bad: int
 ) -> Iterator[ScanSource]:
-    if is_bag(log):
+    if kinds.is_bag(log):
         from mapdeal.pipeline.bag_maps import BagScans, from_bag  # only for bags
 
         with from_bag(log, BagScans, topics, FrameOptions(**frames), deskew=deskew) as scans:
@@ -316,7 +311,7 @@ def _map_of_world(
         world = read_world(path, model_path=model_path, floor=floor, visual=options.visual,
                            static_only=options.static_only)  # fmt: skip
         claim(path, 3 * world.triangles.nbytes, what=f"{len(world.triangles)} triangles")
-        triangles = upright(world.triangles.reshape(-1, 3), robot.up).reshape(-1, 3, 3)
+        triangles = voxels.upright(world.triangles.reshape(-1, 3), robot.up).reshape(-1, 3, 3)
         grid, enclosed_m2 = map_of_world(triangles, world.solids, robot, options, frame=frame,
                                          resolution=resolution, claim=claim_for_map)  # fmt: skip
     if enclosed_m2 >= _LEAST_ENCLOSED:
@@ -326,10 +321,10 @@ def _map_of_world(
 
 
 def build_from_world(path: Path, output: Path, work: Work, **settings: Any) -> GridResult:
-    work.outputs += output_paths(output)
+    work.outputs += reading.output_paths(output)
     transaction = work.begin([path])
     world, grid = _map_of_world(path, **settings)
-    write_grid(transaction, output, grid)
+    reading.write_grid(transaction, output, grid)
     figures = {"solids": world.solid_count, "triangles": len(world.triangles)}
     figures |= {"moving": world.moving, "files": len(world.files)}
     note = f"  {count_text(world.solid_count, 'solid')}, {len(world.triangles)} triangles"
@@ -399,10 +394,10 @@ class _Placed(NamedTuple):
         for chunk in self.chunks(advance):
             if chunk.shape[1] < 3:
                 raise MalformedInputError("the cloud has no heights: points need x, y and z")
-            points = away_from_sensor(chunk[:, :3], range_min)
+            points = voxels.away_from_sensor(chunk[:, :3], range_min)
             if self.move is not None and self.turn is not None:
                 with np.errstate(invalid="ignore", over="ignore"):
-                    points = rotated(self.turn, points) + self.move
+                    points = rotations.rotated(self.turn, points) + self.move
             yield points, len(chunk) - len(points)
 
 
@@ -416,7 +411,7 @@ class _Clouds(NamedTuple):
 
 
 def _of_files(names: Sequence[str], poses: Path | None) -> _Clouds:
-    paths = list_files(names, CLOUD_SUFFIXES, not_in_folders=(".txt",))
+    paths = listing.list_files(names, CLOUD_SUFFIXES, not_in_folders=(".txt",))
     if poses is not None:
         paths = [path for path in paths if not is_same_file(path, poses)]
     if not paths:
@@ -430,7 +425,7 @@ def _of_files(names: Sequence[str], poses: Path | None) -> _Clouds:
         else:
             planar = read_poses(poses)
             moves = np.column_stack([planar[:, :2], np.zeros(len(planar))])
-            turns = from_yaw(planar[:, 2])
+            turns = rotations.from_yaw(planar[:, 2])
         if len(paths) == 1:
             places = moves  # of the robot in a map
         elif len(moves) != len(paths):
@@ -491,7 +486,7 @@ def _mapped(
     clouds: _Clouds, options: CloudOptions, resolution: float | None,
     size: Point | None, origin: Sequence[float] | None, range_min: float, advance: Advance,
 ) -> CloudMap:  # fmt: skip
-    frame = mapping.frame_of(size, origin, FINEST if resolution is None else resolution)
+    frame = mapping.frame_of(size, origin, voxels.FINEST if resolution is None else resolution)
 
     def claim_for_map(count: int, text: str) -> None:
         claim(clouds.named, _LIBRARIES + count, what=text, hint="--size and --origin bound the map")
@@ -499,10 +494,10 @@ def _mapped(
     mapper = CloudMapper(options, resolution=resolution, frame=frame, claim=claim_for_map)
     with errors_named(clouds.named):
         if options.level:
-            tilt = Tilt()
+            tilt = voxels.Tilt()
             for cloud in clouds.placed():
                 for points, _ in cloud.points(range_min, advance):
-                    tilt.add(upright(points, options.up))
+                    tilt.add(voxels.upright(points, options.up))
             mapper.turn(tilt)
         for cloud in clouds.placed():
             mapper.add_place(cloud.move)
@@ -562,7 +557,7 @@ def _cloud_notes(figures: Figures) -> Iterator[str]:
 def _clouds_of(
     names: Sequence[str], topics: Sequence[str], frames: FrameOptions, stack: ExitStack
 ) -> _Clouds:
-    if len(names) == 1 and is_bag(Path(names[0])):
+    if len(names) == 1 and kinds.is_bag(Path(names[0])):
         return _of_bag(Path(names[0]), topics, frames, stack)
     return _of_files(names, frames.poses)
 
@@ -574,19 +569,19 @@ def build_from_clouds(
     frames: dict[str, Any],
 ) -> GridResult:  # fmt: skip
     mapping.frame_of(
-        size, origin, resolution or FINEST
+        size, origin, resolution or voxels.FINEST
     )  # checks the options before anything is read
     if layers is not None:
         check_ends_in_npz(layers)
-    if not (len(names) == 1 and is_bag(Path(names[0]))):
+    if not (len(names) == 1 and kinds.is_bag(Path(names[0]))):
         refuse("needs a bag for --cloud", topics=tuple(topics), **frames)
     with ExitStack() as stack:
         clouds = _clouds_of(names, topics, FrameOptions(poses=poses, **frames), stack)
-        work.outputs += [*output_paths(output), *([layers] if layers is not None else [])]
+        work.outputs += [*reading.output_paths(output), *([layers] if layers is not None else [])]
         transaction = work.begin(clouds.files)
         with work.counted((1 + options.level + clouds.has_places) * clouds.steps) as advance:
             cloud_map = _mapped(clouds, options, resolution, size, origin, range_min, advance)
-    write_grid(transaction, output, cloud_map.grid)
+    reading.write_grid(transaction, output, cloud_map.grid)
     if layers is not None:
         transaction.write(layers, partial(write_npz, grid=cloud_map.grid, more=cloud_map.layers))
     title, figures = f"{output.stem}: map of a cloud", cloud_map.figures()
@@ -781,7 +776,7 @@ def build(
     with ExitStack() as stack:
         if log is not None:
             texts = {"angles": angles, "ranges": ranges, "flip_y": flip_y}
-            if is_bag(log):
+            if kinds.is_bag(log):
                 refuse("does not apply to bags", **texts)
                 frames["poses"] = poses
             else:
@@ -800,10 +795,10 @@ def build(
             return _compared(source, output, building, work, advance)
         if layers is not None:
             check_ends_in_npz(layers)
-        work.outputs += [*output_paths(output), *([layers] if layers is not None else [])]
+        work.outputs += [*reading.output_paths(output), *([layers] if layers is not None else [])]
         transaction = work.begin(source.files)
         built = _built(source, building, with_layers=layers is not None, advance=advance)
-    write_grid(transaction, output, built.grid)
+    reading.write_grid(transaction, output, built.grid)
     if layers is not None:
         transaction.write(layers, lambda file: write_npz(file, built.grid, more=built.layers))
     (method,) = building.methods
@@ -819,7 +814,7 @@ def _compared(
     pairs = {(first, second): folder / f"{first}_{second}.png" for first, second in methods}
     maps = {method: folder / f"{method}.yaml" for method in building.methods}
     for path in maps.values():
-        work.outputs += [*output_paths(path), path.with_suffix(".png")]
+        work.outputs += [*reading.output_paths(path), path.with_suffix(".png")]
     work.outputs += [*pairs.values(), folder / DOCUMENT]
     transaction = work.begin(source.files)
     builders, seconds = _builders(source, building, _COMPARE_BYTES_PER_CELL, advance)
@@ -838,7 +833,7 @@ def _compared(
     _warn_if_unknown(grid, source.named)
     name = Path(source.named.name.removesuffix(".gz")).stem
     for method, built in results.items():
-        write_grid(transaction, maps[method], built.grid)
+        reading.write_grid(transaction, maps[method], built.grid)
         label = f"{count_text(len(built.vanished), 'group')} of hits vanished"
         rings = RingOverlay(built.vanished.middles_xy(grid.frame), "hits that vanished", label)
         path, title = maps[method].with_suffix(".png"), one_line(f"{name}: {method}")
@@ -875,14 +870,14 @@ def _compared(
 def _draw_changes(first: Bytes, second: Bytes, frame: Frame, look: Any, file: BinaryIO) -> None:
     changes = changes_of(first, second, np.ones(first.shape, dtype=np.bool_))
     image = difference_image(changes, frame, **look)
-    write_png(file, image.indices, image.palette)
+    png.write_png(file, image.indices, image.palette)
 
 
 def _method_figures(built: mapping.BuiltMap, bytes_per_cell: int) -> Figures:
     grid, vanished = built.grid, built.vanished
     middles = vanished.middles_xy(grid.frame)[:_MOST_VANISHED].tolist()
     counts = grid.figures()
-    thickness = thickness_of(grid.occupancy == OCCUPIED)
+    thickness = components.thickness_of(grid.occupancy == OCCUPIED)
     one_wide = int(np.count_nonzero(thickness == 1))
     share = mean = mean_m = None
     if len(thickness):

@@ -21,11 +21,9 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, count_text, decimal_text
 from mapdeal.kernels.arrays import Mask
 from mapdeal.kernels.outlines import MOST_TOLERANCE, corner_count, rectangles, run_count, surface
-from mapdeal.maps import outlines
+from mapdeal.maps import kinds, map_file, outlines
 from mapdeal.maps.dialects import Mode
 from mapdeal.maps.formats import or_other_formats, output_format
-from mapdeal.maps.kinds import is_bag
-from mapdeal.maps.map_file import warn_of_cost_figures, warn_of_nothing_known
 from mapdeal.maps.map_server import Encoding, in_trinary
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.reading import Source, as_occupancy, output_paths, write_grid
@@ -259,7 +257,7 @@ def convert(
         inputs.need_folder(output)
         inputs.refuse(not_with_all, mode=mode, static_layer=static_layer, image=work.settings.image)
         inputs.refuse(not_with_all, encoding=encoding == "amcl")
-    reads_bag, writes_bag = is_bag(source), output.suffix in BAG_OUTPUTS and not takes_all
+    reads_bag, writes_bag = kinds.is_bag(source), output.suffix in BAG_OUTPUTS and not takes_all
     if writes_bag:
         work.outputs += bag_paths(output)
     elif ending in SHAPE_ENDINGS:
@@ -366,9 +364,9 @@ def _read_bag(path: Path, topic: str | None, index: int, read_as: ReadAs | None)
     with from_bag(path, GridTopic, topic, read_as) as found:
         grid, files = found.read(index), found.files
     if isinstance(grid, Costmap):
-        warn_of_cost_figures(path, grid.figures())
+        map_file.warn_of_cost_figures(path, grid.figures())
     else:
-        warn_of_nothing_known(path, grid.occupancy, has_pixels=False)
+        map_file.warn_of_nothing_known(path, grid.occupancy, has_pixels=False)
     return Source(grid, files)
 
 

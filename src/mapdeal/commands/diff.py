@@ -27,15 +27,13 @@ from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import GoalReach, Passage, Reach, reach_radius
 from mapdeal.grid.values import OCCUPIED, count_text, decimal_text
-from mapdeal.kernels.lookup import histogram
-from mapdeal.kernels.threads import tables_claimed
+from mapdeal.kernels import lookup, threads
 from mapdeal.maps.kinds import PARAMETERS, readable_kind
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.styles import cost_change_codes, cost_change_style
-from mapdeal.pipeline import inputs
+from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.folder import format_value, passage_document, reach_document, rounded
-from mapdeal.pipeline.recipe import planned_shape, step_for
 from mapdeal.pipeline.step import make_step
 from mapdeal.records import asdict, dataclass
 from mapdeal.ros.robot import RobotParameters
@@ -405,7 +403,7 @@ def costmaps_compared(
             inputs.claim_for(maps, needed + changes, size)
 
         claim_with(0)
-        with tables_claimed(claim_with):
+        with threads.tables_claimed(claim_with):
             found = difference.compare_costmaps(first, second)
     bounds: tuple[Bound, ...] = ()
     if max_differing is not None:
@@ -596,7 +594,7 @@ def robots_compared(
     inputs.claim_cells(source, COSTS_PER_CELL + _PER_CELL_OF_ROBOTS)
     inputs.warn_of_robot(source.name, source.grid, *robots)
     masks = [inputs.used_mask(mask, robot) for robot in robots]
-    steps = [step_for("cost", robot, {}) for robot in robots]
+    steps = [recipe.step_for("cost", robot, {}) for robot in robots]
     costs = [keepout.costs_of(step, source.grid, source.path)[1] if keepout
              else cast("Costmap", step.apply(source.grid, source.path))
              for step, keepout in zip(steps, masks, strict=True)]  # fmt: skip
@@ -622,7 +620,7 @@ def _reaches(
     goals: Goals, masks: Sequence[inputs.KeepoutMask | None],
 ) -> tuple[Reach, Reach]:  # fmt: skip
     """Return where both robots get from one start; by default one that suits the wider robot."""
-    shapes = [planned_shape(robot) for robot in robots]
+    shapes = [recipe.planned_shape(robot) for robot in robots]
     wider = sorted((0, 1), key=lambda index: -reach_radius(shapes[index]))
 
     def reaches_in(order: Sequence[int]) -> dict[int, Reach]:
@@ -770,7 +768,7 @@ def compared(
         grids[1] = OccupancyGrid(grids[1].occupancy, frame.resolution, frame.origin)
     with inputs.errors_named(maps[1].name):
         frame = frame_around(*(grid.frame for grid in grids))
-        walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
+        walls = sum(int(lookup.histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
         needed = _LIBRARIES + _PER_CELL * frame.height * frame.width + _PER_WALL * walls
         needed += bytes_of_lines(frame.shape, _PER_LINE)
         inputs.claim_for(maps, needed, f"{frame.width} x {frame.height} cells")

@@ -27,8 +27,7 @@ from mapdeal.mapping.local_map import LocalMap
 from mapdeal.mapping.transforms import check_pose
 from mapdeal.maps.npz import Grid
 from mapdeal.maps.png import write_png
-from mapdeal.pictures import overlay
-from mapdeal.pictures.cost_curve import cost_curve_image
+from mapdeal.pictures import cost_curve, overlay
 from mapdeal.pipeline.folder import PICTURE, files_of, together
 from mapdeal.pipeline.settings import Settings
 from mapdeal.records import dataclass
@@ -151,7 +150,7 @@ def draw_picture(
     if isinstance(shown, DiffReport | Merged | Score):
         image = shown.drawn(title=title, **look)
     elif isinstance(shown, CostCurve):
-        image = cost_curve_image(shown, title=one_line(title or "cost curve"))
+        image = cost_curve.cost_curve_image(shown, title=one_line(title or "cost curve"))
     else:
         grid, name = _grid_in(shown)
         if pose is None and isinstance(shown, LocalMap):

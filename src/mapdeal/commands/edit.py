@@ -20,8 +20,7 @@ from mapdeal.grid.frame import Point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.grid.values import FREE, OCCUPIED, OverlayType
-from mapdeal.maps.map_server import Encoding, bit_map_paths
-from mapdeal.maps.reading import output_paths
+from mapdeal.maps import map_server, reading
 from mapdeal.maps.shapes import read_shapes
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.inputs import InShell, Work, numbers_of, refuse
@@ -52,15 +51,15 @@ class _OccupancyBits(BitMap):
 
 _edits = partial(command, group="Changing a map", output=Output(
     "OUT", "The result: .yaml or .pgm (a pgm pair), .png (a pair), .npz, or of a .pbm also .pbm.",
-    paths=lambda path: (bit_map_paths(path) if path.suffix == BIT_MAP
-                        else output_paths(path, (BIT_MAP,))),
+    paths=lambda path: (map_server.bit_map_paths(path) if path.suffix == BIT_MAP
+                        else reading.output_paths(path, (BIT_MAP,))),
 ))  # fmt: skip
 
 
 def _edited(
     source: Path, change: Callable[[Any], Any], title: str, work: Work, also: Sequence[Path] = ()
 ) -> GridResult:
-    encoding: Encoding = "occupancy"
+    encoding: map_server.Encoding = "occupancy"
     if any(path.suffix == BIT_MAP for path in work.outputs):
         if source.suffix.lower() != BIT_MAP:
             rule, hint = "only an edited .pbm can be written as one", "mapdeal pack makes a bit map"

@@ -17,15 +17,12 @@ from mapdeal.grid.reach import Goal, Reach, reach_radius
 from mapdeal.grid.route_graph import RouteGraph
 from mapdeal.grid.values import count_text, decimal_text
 from mapdeal.maps.route_graphs import write_graph
-from mapdeal.pictures.canvas import Image
-from mapdeal.pictures.layers import occupancy_image
+from mapdeal.pictures import canvas, layers
 from mapdeal.pictures.reach import GraphOverlay
-from mapdeal.pipeline import inputs
+from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.folder import rounded
-from mapdeal.pipeline.recipe import planned_shape
 from mapdeal.pipeline.step import make_step
-from mapdeal.planning import graph_drafts
-from mapdeal.planning.route_graphs import route_graph_of
+from mapdeal.planning import graph_drafts, route_graphs
 from mapdeal.records import dataclass
 from mapdeal.ros.robot import RobotParameters
 
@@ -83,11 +80,11 @@ class PlannedGraph(Result):
         text += f"covers {areas} within {self.cover:g} m, "
         yield f"{text}least clearance {self.min_clearance:.2f} m"
 
-    def drawn(self, *, title: str | None = None, **look: Any) -> Image:
+    def drawn(self, *, title: str | None = None, **look: Any) -> canvas.Image:
         """Return the graph over the map."""
         look = {"image_extent": "known", **look, "overlay": GraphOverlay(self.graph)}
         title = title or f"{self.map.title}: route graph"
-        return occupancy_image(self.reach.grid, title=title, **look)
+        return layers.occupancy_image(self.reach.grid, title=title, **look)
 
     def write(self, transaction: Any, output: Path) -> None:
         """Write the graph as GeoJSON."""
@@ -203,7 +200,7 @@ def graph_of(
     if footprint is None and robot is None:
         text = "no robot is given, by --robot-radius, --footprint or --params-file: the graph is"
         emit_warning(f"{text} that of a point")
-    shape = planned_shape(robot, shape_of(footprint))
+    shape = recipe.planned_shape(robot, shape_of(footprint))
     parameters = {"footprint": shape, "through_unknown": through_unknown, "start": start}
     step = make_step("reach", {**parameters, "goals": goals})
     coarse = graph_drafts.coarse_step(reach_radius(shape), source.grid.resolution) ** 2
@@ -228,7 +225,7 @@ def graph_of(
         if missed := next((goal for goal in found.goals if not goal.reachable), None):
             why = missed.stopped_by or "no way leads there"
             raise FindingError(f"goal {missed.goal.label} is not reachable: {why}")
-        result = route_graph_of(found, options)
+        result = route_graphs.route_graph_of(found, options)
     for text in _problems(result, options.cover, shape is not None and bool(shape.vertices)):
         emit_warning(f"{source.name}: {text}")
     return PlannedGraph(source, found, result, options.cover)

@@ -13,18 +13,15 @@ from typing import Annotated, Any
 import numpy as np
 
 from mapdeal import errors
-from mapdeal.checks import lint as checks
+from mapdeal.checks import lint as checks, map_checks, parameter_checks
 from mapdeal.checks.facts import PairFacts, RoomFacts, gather, without_rounding_noise
 from mapdeal.checks.findings import CHECKS, Finding, Selections, named_checks, read_ignored_names
 from mapdeal.checks.lint import LintReport, MapReport, ReportForm, repair_lines
-from mapdeal.checks.map_checks import RUN_FOLDERS
-from mapdeal.checks.parameter_checks import first_robot
 from mapdeal.command import AT_LEAST_1, Output, Words, command
 from mapdeal.commands.mask import info_of, mask_facts, read_mask
 from mapdeal.commands.reach import COSTS_PER_CELL, goals_of, lethal_cells, start_of
-from mapdeal.files import source
+from mapdeal.files import source, yaml_text
 from mapdeal.files.transaction import Transaction
-from mapdeal.files.yaml_text import parse_mapping, with_values
 from mapdeal.grid.canvas import is_turned, resampled
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.filters import FilterKind
@@ -34,15 +31,10 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal, reach_radius
 from mapdeal.grid.values import check_choice, count_text
 from mapdeal.kernels.threads import use_threads
-from mapdeal.maps import map_server
-from mapdeal.maps.dialects import Dialect, cells_of, metadata_of
-from mapdeal.maps.formats import or_other_formats
-from mapdeal.maps.images import open_strips
+from mapdeal.maps import dialects, formats, images, map_server
 from mapdeal.maps.listing import MapListing, list_maps
 from mapdeal.maps.reading import open_map, output_paths, write_grid
-from mapdeal.pipeline import inputs
-from mapdeal.pipeline.batch import Job, Outcome, attempt, dispatch, jobs_at_once
-from mapdeal.pipeline.recipe import planned_shape
+from mapdeal.pipeline import batch, inputs, recipe
 from mapdeal.pipeline.settings import ProgressCallback, Settings, report_nothing
 from mapdeal.records import dataclass, replace
 from mapdeal.ros.load import by_robot, flavour_of_file
@@ -91,7 +83,7 @@ Checks = Annotated[Names, Words("IDS", _split_names, is_repeated=True, completed
 @command(
     group="CI and reports",
     output=Output("OUT", is_required=False, about=(
-        f"{or_other_formats('Where to write the repaired copy: .yaml, .pgm, .png')}."
+        f"{formats.or_other_formats('Where to write the repaired copy: .yaml, .pgm, .png')}."
     )),
     shared=("footprint", "robot_radius", "footprint_padding", "robot_16_gon", "resolution",
             "origin", "max_cells", "force", "max_memory"),
@@ -260,7 +252,7 @@ def lint(
         raise errors.ParameterError("names no map: needs a MAP, or --params-file", source="lint")
     with settings.reading():
         chunks = _no_standard_input if work is None else work.terminal.input_chunks
-        listing = list_maps(names, None, chunks, exempt=RUN_FOLDERS)
+        listing = list_maps(names, None, chunks, exempt=map_checks.RUN_FOLDERS)
         in_folders = {} if fix else _parameters_in_folders(listing)
         maps = [entry.path for entry in listing.maps if entry.path not in in_folders]
         for paths_in_folder in in_folders.values():
@@ -282,14 +274,14 @@ def lint(
         counted: ProgressCallback = report_nothing
         if work is not None:
             listing.print_notes(work.terminal, "checked")
-            processes = jobs_at_once(jobs, len(maps), work.terminal)
+            processes = batch.jobs_at_once(jobs, len(maps), work.terminal)
             if len(maps) > 1:
                 counted = partial(work.terminal.counted, noun="map")
         robot, shape = None, footprint  # with which planners check collisions
         if len(robots) == 1 and maps:
-            robot = first_robot(robots[0], costmap=costmap, namespace=namespace)
+            robot = parameter_checks.first_robot(robots[0], costmap=costmap, namespace=namespace)
         if footprint is None and robot is not None:
-            footprint, shape = robot.footprint, planned_shape(robot)
+            footprint, shape = robot.footprint, recipe.planned_shape(robot)
         selections = Selections(_as_names(select), _as_names(ignore), strict=strict, config=config)
         radius = None if footprint is None or not maps else reach_radius(footprint)
         graph_and_robot = None if graph is None else (Path(graph), shape, robot)
@@ -315,7 +307,7 @@ def lint(
 
 def _parameters_in_folders(listing: MapListing) -> dict[Path, list[Path]]:
     """Return the parameter files in each folder that holds neither maps nor runs."""
-    marks = (RUN_FOLDERS.mark, RUN_FOLDERS.summary)
+    marks = (map_checks.RUN_FOLDERS.mark, map_checks.RUN_FOLDERS.summary)
     folders = [entry.path for entry in listing.maps if source.is_folder(entry.path)
                and not any(source.exists(entry.path / mark) for mark in marks)]  # fmt: skip
     files = [path for path in listing.left_out if flavour_of_file(path)] if folders else []
@@ -457,7 +449,7 @@ def _lint_in_processes(
 ) -> None:  # fmt: skip
     from mapdeal.pipeline.workers import ProcessWorkers  # slow to import
 
-    def collect(index: int, outcome: Outcome) -> None:
+    def collect(index: int, outcome: batch.Outcome) -> None:
         path, result = paths[index], outcome.result
         if not isinstance(result, checks.Findings):
             result = checks.not_checked(path, str(result))
@@ -468,12 +460,12 @@ def _lint_in_processes(
 
     memory = inputs.memory_budget(settings.max_memory, jobs)
     shared = replace(settings, max_memory=memory, memory_is_chosen=settings.max_memory is not None)
-    all_jobs = [Job(path, path, str(path), str(path)) for path in paths]
-    work = partial(attempt, partial(_check_job, shared, radii))
-    dispatch(len(paths), all_jobs.__getitem__, work, ProcessWorkers(jobs), collect)
+    all_jobs = [batch.Job(path, path, str(path), str(path)) for path in paths]
+    work = partial(batch.attempt, partial(_check_job, shared, radii))
+    batch.dispatch(len(paths), all_jobs.__getitem__, work, ProcessWorkers(jobs), collect)
 
 
-def _check_job(settings: Settings, radii: Mapping[Path, float], job: Job) -> checks.Findings:
+def _check_job(settings: Settings, radii: Mapping[Path, float], job: batch.Job) -> checks.Findings:
     with settings.reading(anew=True):
         return checks.check_map(job.path, settings.max_cells, radii.get(job.path))
 
@@ -514,17 +506,17 @@ def _map_of_pair(pair: PairFacts, max_cells: int | None, changes: list[str]) -> 
     if pair.metadata.cost_scale is not None:
         raise errors.MalformedInputError(_COSTS_RULE, source=pair.path)
     metadata = repaired_metadata = pair.metadata
-    freed: dict[Dialect, map_server.FreedCells] = {"nav2": pair.pixels.freed["nav2"]}
+    freed: dict[dialects.Dialect, map_server.FreedCells] = {"nav2": pair.pixels.freed["nav2"]}
     if map_server.remark_on_freed(freed, pair.pixels.size, metadata) is not None:
         free_thresh = min(map_server.USUAL_FREE_THRESH, metadata.free_thresh)
         repaired_metadata = replace(metadata, free_thresh=free_thresh)
     changed = 0
-    with open_strips(pair.image_path, max_cells=max_cells) as strips:
+    with images.open_strips(pair.image_path, max_cells=max_cells) as strips:
         occupancy = np.empty(strips.shape, dtype=np.int8)
         for rows, picture in strips.placed():
-            cells_of(picture, repaired_metadata, "nav2", out=occupancy[rows])
+            dialects.cells_of(picture, repaired_metadata, "nav2", out=occupancy[rows])
             if repaired_metadata is not metadata:
-                before = cells_of(picture, metadata, "nav2")
+                before = dialects.cells_of(picture, metadata, "nav2")
                 changed += int(np.count_nonzero(before != occupancy[rows]))
     if changed:
         cells = f"{count_text(changed, 'cell')} {'is' if changed == 1 else 'are'}"
@@ -646,10 +638,10 @@ def _repaired_in_place(path: Path, checks_found: Collection[str], settings: Sett
             }  # fmt: skip
             values |= {k: v for k, v in turned.items() if getattr(pair.metadata, k) != v}
         has_mark = source.head_of(pair.path, len(BOM_UTF8)) == BOM_UTF8
-        data = (BOM_UTF8 if has_mark else b"") + with_values(pair.entries, values)
+        data = (BOM_UTF8 if has_mark else b"") + yaml_text.with_values(pair.entries, values)
         edited = None
         with errors.capture_warnings(), suppress(errors.MalformedInputError):
-            edited = metadata_of(parse_mapping(pair.path, data), pair.path)
+            edited = dialects.metadata_of(yaml_text.parse_mapping(pair.path, data), pair.path)
         if edited != replace(pair.metadata, **values):
             rule = "its YAML is written in a way that cannot be edited"
             raise errors.MalformedInputError(rule, source=pair.path, hint=_COPY_HINT)

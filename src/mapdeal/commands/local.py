@@ -21,11 +21,9 @@ from mapdeal.grid.frame import Point, check_point
 from mapdeal.grid.reach import Route
 from mapdeal.mapping.local_map import LocalOptions
 from mapdeal.mapping.transforms import FrameOptions, Topics, check_pose
-from mapdeal.maps.kinds import is_bag
-from mapdeal.maps.reading import read_map
+from mapdeal.maps import kinds, reading
 from mapdeal.pictures.overlay import Overlay, RouteOverlay, StepsOverlay
-from mapdeal.pipeline import local as local_maps
-from mapdeal.pipeline.batch import Batch, Job, run_and_report
+from mapdeal.pipeline import batch, local as local_maps
 from mapdeal.pipeline.folder import rounded, rounded_place, step_line, write_picture
 from mapdeal.pipeline.inputs import InShell, Work, pop_parameters, refuse
 from mapdeal.pipeline.local import LocalCommon, LocalJob
@@ -40,7 +38,7 @@ from mapdeal.sensors.points import has_times
 ROUTE, PICTURE, STEPS = "route.json", "route.png", "routes.json"
 
 
-class LocalMaps(Batch):
+class LocalMaps(batch.Batch):
     noun = "cloud"
     is_brief = True
 
@@ -141,7 +139,7 @@ class WindowPlanner:
     def costs_in(self, folder: Path) -> Costmap:
         with adding_warnings([]):  # the run that wrote these costs has shown its warnings
             file = folder / f"{self.common.recipe.steps[-1].stage.product}.npz"
-            return cast("Costmap", read_map(file))
+            return cast("Costmap", reading.read_map(file))
 
     def write(
         self, files: tuple[Path, Path], document: Any, costs: Costmap, title: str, overlay: Overlay
@@ -248,7 +246,7 @@ def local(
                **more)  # fmt: skip
         return _replay(bag, output, robot, global_map, work, until=until, every=every, why=why)
     refuse("applies to the replay of a bag, BAG", until=until, every=every, why=why)
-    bag = Path(clouds[0]) if clouds and len(clouds) == 1 and is_bag(Path(clouds[0])) else None
+    bag = Path(clouds[0]) if clouds and len(clouds) == 1 and kinds.is_bag(Path(clouds[0])) else None
     is_sequence = poses is not None or (bag is not None and (takes_all or keep is not None))
     if bag is None:
         refuse("needs a bag for --cloud", topics=topics, **frames, index=index, takes_all=takes_all)
@@ -327,13 +325,13 @@ def _replay(
             with work.counted(counts[-1]) as replay.advance:
                 return write_replay(replay, output, counts[-1], known, settings)
         folders = {output / f"{k:04}": count for k, count in enumerate(counts)}
-        jobs = [Job(bag, path, f"message {k - 1}", path.name) for path, k in folders.items()]
+        jobs = [batch.Job(bag, path, f"message {k - 1}", path.name) for path, k in folders.items()]
 
-        def write(job: Job) -> RunReport:
+        def write(job: batch.Job) -> RunReport:
             with strict_warnings(settings.strict, bag):
                 return write_replay(replay, job.folder, folders[job.folder], known, settings)
 
-        return run_and_report(jobs, output, write, Costmaps, work.terminal)
+        return batch.run_and_report(jobs, output, write, Costmaps, work.terminal)
 
 
 def _single(
@@ -359,7 +357,7 @@ def _sequence(
     numbers = {job.folder: number for number, job in enumerate(sequence)}
     rolling = None if common.keep is None else local_maps.RollingRun(sequence, common)
 
-    def run_one(job: Job) -> RunReport:
+    def run_one(job: batch.Job) -> RunReport:
         number = numbers[job.folder]
         with strict_warnings(common.settings.strict, job.path):
             if rolling is not None:
@@ -369,8 +367,8 @@ def _sequence(
     jobs = []
     for number, job in enumerate(sequence):
         name = f"pose {number}" if job.cloud is None else job.cloud.name
-        jobs.append(Job(job.source(common), job.folder, name, job.folder.name))
-    report = run_and_report(jobs, output, run_one, LocalMaps, work.terminal)
+        jobs.append(batch.Job(job.source(common), job.folder, name, job.folder.name))
+    report = batch.run_and_report(jobs, output, run_one, LocalMaps, work.terminal)
     if planner is not None:
         report.check()
         work.terminal.summary([planner.plan_steps(sequence, output)])

@@ -20,16 +20,14 @@ from mapdeal.files.json_values import PLAN_FORMAT, JsonValue, read_document
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.values import OneLineRepr, count_text, table_lines
 from mapdeal.mapping.transforms import check_pose
-from mapdeal.maps.dialects import Dialect
+from mapdeal.maps import dialects, npz
 from mapdeal.maps.listing import list_maps
-from mapdeal.maps.npz import Grid, check_ends_in_npz
 from mapdeal.maps.reading import write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.layers import cost_image
 from mapdeal.pictures.overlay import PlanOverlay
-from mapdeal.pipeline import inputs
+from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.folder import Spread, rounded, rounded_place
-from mapdeal.pipeline.recipe import read_robot_parameters
 from mapdeal.planners.planner import Plan, Pose, no_plan
 from mapdeal.records import dataclass, field, replace
 from mapdeal.ros.load import error_of
@@ -393,10 +391,10 @@ def plan_on(work: PlannerOnMap, start: Pose, goal: Pose) -> Plan:
     return Plan(False, detail=f"{text}; mapdeal reach shows whether the footprint gets there")
 
 
-def _robot_of(robot: Robot, dialect: Dialect, namespace: str | None) -> RobotParameters:
+def _robot_of(robot: Robot, dialect: dialects.Dialect, namespace: str | None) -> RobotParameters:
     if isinstance(robot, RobotParameters):
         return robot
-    return read_robot_parameters(robot, dialect=dialect, namespace=namespace)
+    return recipe.read_robot_parameters(robot, dialect=dialect, namespace=namespace)
 
 
 def goals_of(texts: Sequence[str]) -> list[PlanGoal]:
@@ -553,7 +551,7 @@ def plan(
     first = pose_of((0.0, 0.0) if start is None else start, "start")
     places = _places_of(goals)
     work = inputs.Work.current.get()
-    maps: Sequence[Any] = [map] if isinstance(map, str | PathLike | Grid) else map
+    maps: Sequence[Any] = [map] if isinstance(map, str | PathLike | npz.Grid) else map
     if work is not None:
         listing = list_maps([str(path) for path in maps], None, work.terminal.input_chunks)
         listing.print_notes(work.terminal, "planned on")
@@ -569,7 +567,7 @@ def plan(
     files += [path for path in (pairs, expect) if path is not None and path != Path("-")]
     inputs.need_ending(".json" if pairs is None else ".jsonl")
     if layers is not None:
-        check_ends_in_npz(layers)
+        npz.check_ends_in_npz(layers)
         if work is None:
             raise errors.ParameterError("is written on the command line alone", place="layers")
         work.outputs.append(layers)

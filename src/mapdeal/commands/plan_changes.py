@@ -15,22 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import capture_warnings
-from mapdeal.grid import values as codes
+from mapdeal.grid import reaching, values as codes
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Frame, as_float32
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Bottleneck, Goal
-from mapdeal.grid.reaching import Ground, reach_on, squares_to
 from mapdeal.kernels.searches import UNREACHED
+from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.folder import rounded_place
-from mapdeal.pipeline.inputs import KeepoutMask, MapInput
-from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.planners.planner import Plan, Planner, PlannerGrid, Pose, no_plan
 from mapdeal.records import dataclass, replace
-from mapdeal.ros.nav2 import robot_in
+from mapdeal.ros import nav2, ros2_files
 from mapdeal.ros.planners import ListedPlanner
 from mapdeal.ros.robot import ParameterValue, RobotParameters, corners_of_string
-from mapdeal.ros.ros2_files import Ros2Parameters
 
 _STEP = 0.01  # between the values of a parameter that are tried, in its unit
 _LARGEST_VALUE = 1000.0
@@ -56,11 +53,11 @@ Labels = NDArray[np.int32]
 
 @dataclass(frozen=True, eq=False)
 class PlannerOnMap:
-    source: MapInput
+    source: inputs.MapInput
     robot: RobotParameters
-    parameters: Ros2Parameters
+    parameters: ros2_files.Ros2Parameters
     listed: ListedPlanner
-    mask: KeepoutMask | None = None
+    mask: inputs.KeepoutMask | None = None
     up_to_kilted: bool = False  # later releases have another inflation layer
 
     @property
@@ -74,7 +71,7 @@ class PlannerOnMap:
     def costmap_on(self, robot: RobotParameters, grid: OccupancyGrid) -> Costmap:
         mask = self.mask if robot.why_mask_unused is None else None
         costs: Any = grid
-        for step in load_recipe(None, robot=robot).steps:
+        for step in recipe.load_recipe(None, robot=robot).steps:
             if mask is not None and step.accepts_mask:
                 costs, mask = step.apply(costs, self.source.path, mask=mask.grid), None
             else:
@@ -94,7 +91,7 @@ class PlannerOnMap:
         name, kind, value = override
         values = {name: ParameterValue(value, kind, self.robot.paths[-1], 0, str(value))}
         with capture_warnings():
-            robot, problems = robot_in(
+            robot, problems = nav2.robot_in(
                 self.parameters, namespace=self.robot.namespace, up_to_kilted=self.up_to_kilted,
                 overrides=values)  # fmt: skip
             if robot is None or any(problem.level == "refused" for problem in problems):
@@ -108,7 +105,7 @@ class PlannerOnMap:
 
     @cached_property
     def _clearances(self) -> NDArray[np.float64]:
-        squares = squares_to(self.grid.costs == codes.LETHAL_OBSTACLE)
+        squares = reaching.squares_to(self.grid.costs == codes.LETHAL_OBSTACLE)
         return np.asarray(np.sqrt(squares) * self.grid.resolution)
 
     def least_clearance(self, plan: Plan) -> tuple[float, tuple[float, float]]:
@@ -407,13 +404,13 @@ def _bottleneck(work: PlannerOnMap, start: Pose, goal: Pose) -> Bottleneck | Non
     frame = Frame(height, width, grid.resolution, (*grid.origin, 0.0))  # planners ignore the yaw
     cells = np.where(costs == codes.NO_INFORMATION, np.int8(codes.UNKNOWN), np.int8(codes.FREE))
     cells[costs == codes.LETHAL_OBSTACLE] = codes.OCCUPIED
-    ground = Ground(cells, frame, work.planner.values["allow_unknown"])
+    ground = reaching.Ground(cells, frame, work.planner.values["allow_unknown"])
     if ground.blocked[grid.cell_of(start)]:
         return None
     # Points on the map's border may lie outside by the last bit: the middles of their cells do not.
     start_xy, goal_xy = (_centres(work, *(grid.cell_of(pose) or (0, 0))) for pose in (start, goal))
     with capture_warnings():
-        reach = reach_on(ground, None, start=start_xy, goals=[Goal(*goal_xy)], headings=4,
+        reach = reaching.reach_on(ground, None, start=start_xy, goals=[Goal(*goal_xy)], headings=4,
                          margin=0.0, min_area=math.inf)  # fmt: skip
     return reach.goals[0].limited_by
 

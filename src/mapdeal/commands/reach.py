@@ -18,8 +18,7 @@ from mapdeal.grid.frame import RADIUS_TOLERANCE
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal, GoalReach, Reach, reach_radius
 from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN, decimal_text
-from mapdeal.maps.npz import check_ends_in_npz
-from mapdeal.maps.reading import write_grid
+from mapdeal.maps import npz, reading
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.overlay import KeepoutOverlay
 from mapdeal.pipeline import inputs, recipe
@@ -238,7 +237,7 @@ def reachability(
         errors.emit_warning(text)
     inputs.need_ending(".json")
     if layers is not None:
-        check_ends_in_npz(layers)
+        npz.check_ends_in_npz(layers)
         work.outputs.append(layers)
     parameters["goals"] = tuple(chosen_goals(parameters.get("goals", ()), points))
     parameters["footprint"] = recipe.planned_shape(robot, footprint)
@@ -255,7 +254,7 @@ def reachability(
         text = f"no start is given: it is {at}, the widest place of the largest open area"
         errors.emit_warning(text)
     if layers is not None:
-        write_grid(work.begin(), layers, found)
+        reading.write_grid(work.begin(), layers, found)
     closed = None if mask is None else closed_by(mask.grid, found.frame)
     return Reachability(map_read, found, step.title, closed, robot)
 

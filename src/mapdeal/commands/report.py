@@ -24,11 +24,10 @@ from mapdeal.files import json_values, source
 from mapdeal.files.json_values import JsonValue, encode_json
 from mapdeal.files.source import exists, holding
 from mapdeal.files.transaction import Transaction
-from mapdeal.grid.filters import FilterInfo, mask_description, mask_rows
+from mapdeal.grid import filters, values
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
-from mapdeal.grid.values import count_text, few_text
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps import dialects, formats, kinds, map_server
 from mapdeal.pipeline import batch, recipe
@@ -213,7 +212,7 @@ class WrittenReport(Result):
 
     def _repr_parts(self) -> Iterator[str]:
         yield str(self.path)
-        yield count_text(self.maps, "map")
+        yield values.count_text(self.maps, "map")
         yield f"{self.size} bytes"
 
     def document(self) -> dict[str, Any]:
@@ -230,7 +229,7 @@ class WrittenReport(Result):
 
     def lines(self) -> Iterator[str]:
         """Yield what ``mapdeal report`` prints."""
-        yield f"{self.path}: {count_text(self.maps, 'map')}, {source.size_text(self.size)}"
+        yield f"{self.path}: {values.count_text(self.maps, 'map')}, {source.size_text(self.size)}"
         if command := most_urgent(self.verdicts):
             yield f"Next: {command}"
 
@@ -381,7 +380,7 @@ def gathered(paths: Sequence[Path], grids: Grids, checks: RunChecks | None = Non
     names = {*gathering.named, *map(str, files)}
     folders = {folder for name in names if (folder := entries.folder_of(name)) is not None}
     shown = tuple(draft.entry(grids.settings, folders) for draft in gathering.drafts)
-    title = shown[0].name if len(shown) == 1 else count_text(len(shown), "map")
+    title = shown[0].name if len(shown) == 1 else values.count_text(len(shown), "map")
     return Report(title, shown, __version__)
 
 
@@ -452,9 +451,9 @@ class _Gathering:
         draft.figures |= {**entries.columns_of({name: figures}), **draft.figures}
         if path.suffix in source.YAML and isinstance(grid, OccupancyGrid):
             with errors.capture_warnings():  # they were given when the map was read
-                info = FilterInfo.of(dialects.read_metadata(path).extra)
+                info = filters.FilterInfo.of(dialects.read_metadata(path).extra)
             if info is not None:
-                rows = tuple(mask_rows(mask_description(info, grid)))
+                rows = tuple(filters.mask_rows(filters.mask_description(info, grid)))
                 draft.tables.append(Table(f"{name}: zones", rows))
         draft.tables.append(Table(f"{name}: figures", entries.rows_of(figures)))
         draft.tables.append(Table(f"{name}: SHA-256", entries.rows_of(opened.sums)))
@@ -544,5 +543,5 @@ class _Gathering:
                 draft.add(part)
             lost += [errors.one_line(part.name)] if part.items and not drafts else []
         if lost:
-            rule = f"findings of {few_text(lost, 1)} are left out: the map is not shown here"
+            rule = f"findings of {values.few_text(lost, 1)} are left out: the map is not shown here"
             errors.emit_warning(f"{path}: {rule}")

@@ -23,9 +23,8 @@ from mapdeal.commands.diff import passage_text
 from mapdeal.compare.difference import Change, CostChange
 from mapdeal.compare.score import figure_text, figures_named
 from mapdeal.errors import MalformedInputError, ParameterError, one_line
-from mapdeal.files import json_values
+from mapdeal.files import json_values, source
 from mapdeal.files.json_values import JsonValue, NamedMap
-from mapdeal.files.source import absolute_path, head_of
 from mapdeal.grid import filters, reach, route_graph
 from mapdeal.grid.footprint import Footprint, checked_corners
 from mapdeal.grid.frame import FARTHEST, Frame, Point, Transform
@@ -123,7 +122,7 @@ class Results:
 
 
 def read_results(path: Path) -> Results:
-    if not head_of(path, 1 << 10).removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):
+    if not source.head_of(path, 1 << 10).removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):
         return Results(SHAPES, shape_items(read_shapes(path)))
     document = json_values.read_document(path)
     name = json_values.document_kind(document.value)
@@ -775,7 +774,7 @@ def robot_words(footprint: Footprint | None) -> tuple[str, ...]:
 
 def typed_path(path: Path) -> str:
     """Return the name of a file from the working folder, absolute if they share only the root."""
-    text, folder = str(path), absolute_path(Path())
+    text, folder = str(path), source.absolute_path(Path())
     if len({*path.parents} & {folder, *folder.parents}) > 1:
         text = os.path.relpath(path)
     return f"./{text}" if text.startswith("-") else text

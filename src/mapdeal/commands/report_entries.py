@@ -19,16 +19,14 @@ from mapdeal.commands.build import DOCUMENT
 from mapdeal.commands.report_documents import ReachQuestion, Results, Subject, next_command
 from mapdeal.commands.two_maps import names_of_two
 from mapdeal.compare.difference import CostDifference
-from mapdeal.files import source as file_source
-from mapdeal.files.json_values import COMPARISON, COST_DIFF, DIFF, read_json
+from mapdeal.files import json_values, source as file_source
 from mapdeal.files.source import claim, contents_of, exists, is_same_file, room, sums_of_reads
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.occupancy import CloudLayers, OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy, lazy_layer
-from mapdeal.maps import map_file, map_server
+from mapdeal.maps import map_file, map_server, reading
 from mapdeal.maps.listing import folders_below
-from mapdeal.maps.reading import open_map
 from mapdeal.pictures.styles import cost_change_style, difference_style
 from mapdeal.pipeline.batch import SUMMARY
 from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, product_of, warnings_in
@@ -267,7 +265,7 @@ class Grids(AbstractContextManager["Grids"]):
     def _read(self, path: Path) -> tuple[map_file.Grid, map_file.MapFile]:
         settings = self.settings
         with ExitStack() as stack:
-            opened = open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
+            opened = reading.open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
             file = stack.enter_context(opened)
             lines_bytes = file_source.bytes_of_lines(file.shape(), _BYTES_PER_LINE)
             claim(path, page_bytes := _BYTES_OF_PAGE + lines_bytes)
@@ -313,7 +311,7 @@ def runs_in(folder: Path) -> list[Draft] | None:
         local = (name for name in contents_of(folder)[0] if exists(folder / name / MANIFEST))
         drafts = [Draft(f"{folder.name}/{name}", folder / name) for name in local]
         return [Draft(folder.name or str(folder), folder), *drafts]
-    entries = _nested_value(read_json(folder / SUMMARY), "maps")
+    entries = _nested_value(json_values.read_json(folder / SUMMARY), "maps")
     if isinstance(entries, list) and entries and all(isinstance(row, dict) for row in entries):
         drafts = [draft for record in entries for draft in _drafts_of_batch(folder, record)]
         paths = tuple(draft.path for draft in drafts)
@@ -354,7 +352,7 @@ def _nested_value(value: Any, *keys: str) -> Any:
 
 
 def _time_of_replay(folder: Path) -> float | None:
-    time = _nested_value(read_json(folder / MANIFEST), "figures", "replay", "time")
+    time = _nested_value(json_values.read_json(folder / MANIFEST), "figures", "replay", "time")
     return time if isinstance(time, float) else None
 
 
@@ -581,7 +579,7 @@ def give_score(document: Path, results: Results, drafts: list[Draft], grids: Gri
 
 def methods_in(folder: Path, grids: Grids) -> Draft:
     results = documents.read_results(folder / DOCUMENT)
-    if results.kind != COMPARISON:
+    if results.kind != json_values.COMPARISON:
         raise errors.MalformedInputError("is not a comparison of methods", source=folder / DOCUMENT)
     draft = Draft(folder.name or str(folder), folder, tables=list(results.tables))
     for method in results.parts:
@@ -600,7 +598,7 @@ def methods_in(folder: Path, grids: Grids) -> Draft:
 def two_maps(path: Path, results: Results, grids: Grids) -> Draft:
     # The maps are read again. A map that is missing, or has changed since, is reported.
     first, second = results.maps
-    is_diff = results.kind in (DIFF, COST_DIFF)
+    is_diff = results.kind in (json_values.DIFF, json_values.COST_DIFF)
     if first is None or second is None:
         hint = "mapdeal diff A B --json also writes their names" if is_diff else None
         raise errors.MalformedInputError("does not name its two maps", source=path, hint=hint)
@@ -641,10 +639,10 @@ def _add_difference(draft: Draft, paths: Sequence[Path], grids: Grids, results: 
     with errors.capture_warnings():  # they were given when the maps were opened
         sources = zip(paths, read_together(paths, settings), strict=True)
         maps = [map_input(grid, path, settings) for path, grid in sources]
-        if results.kind == DIFF:
+        if results.kind == json_values.DIFF:
             move, tolerance = results.transform, results.tolerance
             difference = diff.compared(maps, tolerance=tolerance, move=move)
-    if results.kind == COST_DIFF:
+    if results.kind == json_values.COST_DIFF:
         try:
             costs = diff.costmaps_compared(maps, results.transform, None).costs
             add_cost_changes(draft, costs)

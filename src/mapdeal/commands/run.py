@@ -21,9 +21,8 @@ from mapdeal.grid.reach import Goal, robot_text
 from mapdeal.grid.values import count_text
 from mapdeal.maps.listing import list_maps
 from mapdeal.pictures.overlay import DEFAULT_EXTENT, DEFAULT_IMAGE_MAX, ImageExtent
-from mapdeal.pipeline import batch, recipe as recipes, run as pipeline
+from mapdeal.pipeline import batch, inputs, recipe as recipes, run as pipeline
 from mapdeal.pipeline.folder import differences_from_golden, step_line, store_golden
-from mapdeal.pipeline.inputs import InShell, Reading, Terminal, need_folder, refuse
 from mapdeal.pipeline.settings import Canvas, Settings
 from mapdeal.records import dataclass, replace
 from mapdeal.ros.robot import RobotParameters
@@ -51,7 +50,7 @@ def run(
     images: bool = True, image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = DEFAULT_EXTENT, force: bool = False, strict: bool = False,
     threads: int | None = None, mask: File | None = None, robot_radius: float | None = None,
-    **reading: Unpack[Reading],
+    **reading: Unpack[inputs.Reading],
 ) -> pipeline.RunReport | list[pipeline.RunReport]:  # fmt: skip
     """Run a recipe on a map and write the results to a folder, like ``mapdeal run MAP -o DIR``.
 
@@ -112,7 +111,7 @@ def run(
         if not isinstance(each, str | PathLike):
             hint = "apply_recipe takes a grid, write_map writes it to a file"
             raise errors.ParameterError("takes the path of a map", place="run", got=each, hint=hint)
-    need_folder(Path(output))
+    inputs.need_folder(Path(output))
     sources = list(map(Path, paths))
     if len({source.stem for source in sources}) < len(sources):
         raise errors.ParameterError("must have different names", place="path")
@@ -155,7 +154,7 @@ mapdeal run examples/maps/office.yaml -o out/robot \\
 def run_maps(
     sources: Annotated[list[str], Words("MAP...")],
     *,
-    work: InShell,
+    work: inputs.InShell,
     output: Path,
     recipe: recipes.RecipeName = None,
     sim: bool = False,
@@ -261,12 +260,12 @@ def run_maps(
     settings = replace(work.settings, canvas=canvas, progress=None)
     around = None
     if pose is None:
-        refuse("needs --pose", cloud=cloud, frame=frame, local_recipe=local_recipe)
+        inputs.refuse("needs --pose", cloud=cloud, frame=frame, local_recipe=local_recipe)
     else:
         shape = robot.footprint if footprint is None and robot is not None else footprint
         around = _around(pose, cloud, frame, local_recipe, shape)
     if scheduler is not None:
-        refuse("cannot be given together with --scheduler", pose=pose)
+        inputs.refuse("cannot be given together with --scheduler", pose=pose)
         output = absolute_path(output)
     listing = list_maps(sources, output, terminal.input_chunks, lists_empty=True)
     names = {path.name for path in pipeline.output_folder(output, {}, loaded, settings).outputs()}
@@ -430,7 +429,7 @@ def _around(
     from mapdeal.pipeline.local import Around, only_cloud  # of use to few runs
 
     if cloud is None:
-        refuse("needs --cloud", frame=frame)
+        inputs.refuse("needs --cloud", frame=frame)
     try:
         place = check_pose(pose, "--pose")
         name = pipeline.LOCAL_RECIPE if recipe is None else recipe
@@ -444,7 +443,7 @@ def _around(
 
 
 def _on_cluster(
-    job: batch.Job, run: batch.MapRun, workers: batch.Workers, terminal: Terminal
+    job: batch.Job, run: batch.MapRun, workers: batch.Workers, terminal: inputs.Terminal
 ) -> pipeline.RunReport:  # fmt: skip
     outcomes: dict[int, batch.Outcome] = {}
     batch.dispatch(1, lambda _: job, partial(batch.attempt, run), workers, outcomes.__setitem__)

@@ -23,13 +23,11 @@ from mapdeal.files.source import claim
 from mapdeal.grid.footprint import FootprintLike
 from mapdeal.grid.reach import Route
 from mapdeal.grid.values import count_text
-from mapdeal.mapping.evidence import BeamLimits, Scans
+from mapdeal.mapping import evidence, transforms
 from mapdeal.mapping.scanner import Scanner, Surroundings, noisy_odometry
-from mapdeal.mapping.transforms import check_pose
 from mapdeal.maps.listing import list_maps
 from mapdeal.maps.npz import write_arrays
-from mapdeal.pictures.canvas import Image
-from mapdeal.pictures.layers import occupancy_image
+from mapdeal.pictures import canvas, layers
 from mapdeal.pictures.overlay import RouteOverlay
 from mapdeal.pipeline import batch, inputs
 from mapdeal.planning.graph_drafts import GraphOptions
@@ -89,7 +87,7 @@ class SimulatedScans(definitions.Result):
     """
 
     map: inputs.MapInput
-    scans: Scans
+    scans: evidence.Scans
     robot_poses: NDArray[np.float64]
     scanner: Scanner
     rate: float
@@ -125,13 +123,13 @@ class SimulatedScans(definitions.Result):
         first, *more = self.lines()
         yield from (f"{output}: {first}", *more)
 
-    def drawn(self, *, title: str | None = None, **look: Any) -> Image:
+    def drawn(self, *, title: str | None = None, **look: Any) -> canvas.Image:
         """Return the robot's way over the map."""
         line = self.robot_poses[:, :2]
         start, goal = ((float(x), float(y)) for x, y in line[[0, -1]])
         overlay = RouteOverlay(Route("graph", True, start, goal, line, self.length))
         look |= {"title": title or f"{self.map.title}: simulated scans", "overlay": overlay}
-        return occupancy_image(self.map.occupancy, **look)
+        return layers.occupancy_image(self.map.occupancy, **look)
 
     def write(self, transaction: Any, output: Path) -> None:
         """Write the log: .npz, a CARMEN .log, or a bag of ROS 2."""
@@ -258,8 +256,8 @@ def scan(
     }  # fmt: skip
     for key, value in numbers.items():
         definitions.parameters_of(scan)[key].accept(value)
-    BeamLimits(range_min, range_max)
-    mount = check_pose(sensor_at, "sensor_at")
+    evidence.BeamLimits(range_min, range_max)
+    mount = transforms.check_pose(sensor_at, "sensor_at")
     scanner = Scanner(range_min, range_max, fov, beams, noise, dropout, mount)
     files = [Path(file) for file in (poses, route) if isinstance(file, (str, PathLike))]
     also = [*files, *(robot.paths if robot else ())]
@@ -271,7 +269,7 @@ def scan(
         if files:
             robot_poses = read_poses(files[0])
         else:
-            robot_poses = Scans(poses, np.empty(0), np.empty((len(poses), 0))).poses.copy()
+            robot_poses = evidence.Scans(poses, np.empty(0), np.empty((len(poses), 0))).poses.copy()
         robot_poses[:, 2] = np.unwrap(robot_poses[:, 2])
     elif tour:
         planned = graph_of(

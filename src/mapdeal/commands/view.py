@@ -10,8 +10,7 @@ from typing import Annotated, Any
 from mapdeal.command import Result, Words, command
 from mapdeal.commands.info import maps_in
 from mapdeal.commands.report import ENDINGS, WrittenReport, write_report
-from mapdeal.files.source import absolute_path, is_folder, status_of
-from mapdeal.files.transaction import lasting_folder
+from mapdeal.files import source, transaction
 from mapdeal.pipeline.inputs import InShell
 from mapdeal.records import dataclass
 
@@ -63,16 +62,16 @@ def view(
         Open the page; otherwise only its path is printed.
     """
     for path in sources:
-        status_of(path)
+        source.status_of(path)
     paths = [path for folder in sources for path in maps_in(folder, work)]
     report: WrittenReport | None = None
     # maps come first, then the JSON that belongs to them
     first, *following = sorted(paths, key=lambda path: path.suffix.lower() == ".json")
     if first.suffix.lower() in ENDINGS and not following:
-        page = absolute_path(first)
+        page = source.absolute_path(first)
     else:
-        name = first.name if is_folder(first) else first.stem
-        page = lasting_folder() / f"{name or 'report'}.html"
+        name = first.name if source.is_folder(first) else first.stem
+        page = transaction.lasting_folder() / f"{name or 'report'}.html"
         limits: Any = {key: getattr(work.settings, key) for key in ("dialect", "max_cells")}
         report = write_report(page, [first, *following], **limits)
     return Viewed(page, browser and webbrowser.open(page.as_uri()), browser, report)
