@@ -49,10 +49,8 @@ from mapdeal.errors import (
     nearest_hint,
     reworded,
 )
-from mapdeal.grid.canvas import FieldGrid, on_canvas
-from mapdeal.grid.costmap import CostCurve
+from mapdeal.grid import canvas, costmap, frame
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.frame import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, Drawn
 from mapdeal.kernels.blocks import holds_everywhere
@@ -417,8 +415,8 @@ class Stage:
     in_simulation: InSimulation | None = None
     in_place_of: Mapping[str, InPlaceOf] = field(default_factory=dict)
     derived: Callable[[Parameters], Parameters] = lambda _: {}
-    remark: Callable[[Parameters, Figures], str | None] = lambda *_: None
-    curve: Callable[[Any, Parameters], CostCurve | None] = lambda *_: None
+    remark: Callable[[Parameters, frame.Figures], str | None] = lambda *_: None
+    curve: Callable[[Any, Parameters], costmap.CostCurve | None] = lambda *_: None
     parameters_from_layers: Callable[[Any], dict[str, object] | None] = lambda _: None
     """Returns the parameters equivalent to a `CostmapLayers`, if there are any."""
 
@@ -670,7 +668,7 @@ def check_one_of(parameters: Parameters, name: str, alternative: str) -> Paramet
     return {}
 
 
-def remark_on_obstacles(_: Parameters, figures: Figures) -> str | None:
+def remark_on_obstacles(_: Parameters, figures: frame.Figures) -> str | None:
     names = ("obstacles", "occupied", "lethal", "inscribed")
     counts = [figures[name] for name in names if name in figures]
     return NO_OBSTACLE if counts and not any(counts) else None
@@ -716,10 +714,10 @@ def checked(function: Callable[P, R], *, is_cropped: bool = True) -> Callable[P,
             hint = "to_occupancy() makes a map of it" if is_costs else None
             raise error(rule, got=type(grid).__name__, hint=hint)
         make: Any = function
-        is_part = is_cropped and isinstance(grid, FieldGrid) and grid.region is not None
+        is_part = is_cropped and isinstance(grid, canvas.FieldGrid) and grid.region is not None
         with _types_checked(function, bound):
             product = make(grid.cropped if is_part else grid, *args[1:], **accepted)
-        return on_canvas(product, grid.frame) if is_part else product
+        return canvas.on_canvas(product, grid.frame) if is_part else product
 
     return with_checks
 

@@ -22,9 +22,8 @@ from mapdeal.compatibility import Unpack
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning, one_line
 from mapdeal.files.json_values import COST_DIFF_FORMAT, ROBOT_DIFF_FORMAT
 from mapdeal.files.source import bytes_of_lines
-from mapdeal.grid.costmap import Costmap
+from mapdeal.grid import costmap, occupancy
 from mapdeal.grid.frame import Transform
-from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import GoalReach, Passage, Reach, reach_radius
 from mapdeal.grid.values import OCCUPIED, count_text, decimal_text
 from mapdeal.kernels import lookup, threads
@@ -385,9 +384,9 @@ def costmaps_compared(
     maps: Sequence[inputs.MapInput], move: Transform | None, max_differing: float | None
 ) -> CostmapDiff:
     for source in maps:
-        if not isinstance(source.grid, Costmap):
+        if not isinstance(source.grid, costmap.Costmap):
             raise ParameterError("holds no costs", source=source.name)
-    first, second = (cast("Costmap", source.grid) for source in maps)
+    first, second = (cast("costmap.Costmap", source.grid) for source in maps)
     if move is not None:
         second = second.with_values(second.cost, move.inverse().frame(second.frame).origin)
     if first.scale != second.scale:
@@ -442,7 +441,7 @@ class RobotDiff(Result):
     robots: tuple[RobotParameters, RobotParameters]
     parameters: dict[str, Pair]
     costs: CostDifference
-    costmaps: tuple[Costmap, Costmap]
+    costmaps: tuple[costmap.Costmap, costmap.Costmap]
     reaches: tuple[Reach, Reach]
     closed: tuple[Passage, ...]
     opened: tuple[Passage, ...]
@@ -589,14 +588,14 @@ def robots_compared(
     source: inputs.MapInput, robots: tuple[RobotParameters, RobotParameters],
     start: tuple[float, ...] | None, goals: Goals, mask: inputs.KeepoutMask | None,
 ) -> RobotDiff:  # fmt: skip
-    if isinstance(source.grid, Costmap):
+    if isinstance(source.grid, costmap.Costmap):
         raise ParameterError("holds costs; parameters are compared on a map", source=source.name)
     inputs.claim_cells(source, COSTS_PER_CELL + _PER_CELL_OF_ROBOTS)
     inputs.warn_of_robot(source.name, source.grid, *robots)
     masks = [inputs.used_mask(mask, robot) for robot in robots]
     steps = [recipe.step_for("cost", robot, {}) for robot in robots]
     costs = [keepout.costs_of(step, source.grid, source.path)[1] if keepout
-             else cast("Costmap", step.apply(source.grid, source.path))
+             else cast("costmap.Costmap", step.apply(source.grid, source.path))
              for step, keepout in zip(steps, masks, strict=True)]  # fmt: skip
     before, after = _reaches(source, robots, start, goals, masks)
     pairs = list(zip(before.goals, after.goals, strict=True))
@@ -765,7 +764,7 @@ def compared(
     grids = [source.occupancy for source in maps]
     if move is not None:
         frame = move.inverse().frame(grids[1].frame)
-        grids[1] = OccupancyGrid(grids[1].occupancy, frame.resolution, frame.origin)
+        grids[1] = occupancy.OccupancyGrid(grids[1].occupancy, frame.resolution, frame.origin)
     with inputs.errors_named(maps[1].name):
         frame = frame_around(*(grid.frame for grid in grids))
         walls = sum(int(lookup.histogram(grid.occupancy)[OCCUPIED]) for grid in grids)

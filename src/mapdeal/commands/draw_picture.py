@@ -11,17 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from mapdeal.commands.diff import DiffReport
-from mapdeal.commands.merge import Merged
+from mapdeal.commands import diff, merge
 from mapdeal.commands.score import Score
 from mapdeal.errors import ParameterError, one_line
 from mapdeal.files.transaction import Transaction
+from mapdeal.grid import field, values
 from mapdeal.grid.bit_map import BitMap
 from mapdeal.grid.costmap import CostCurve
-from mapdeal.grid.field import PotentialField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Route
-from mapdeal.grid.values import OneLineRepr
 from mapdeal.mapping.build import BuiltMap
 from mapdeal.mapping.local_map import LocalMap
 from mapdeal.mapping.transforms import check_pose
@@ -32,9 +30,9 @@ from mapdeal.pipeline.folder import PICTURE, files_of, together
 from mapdeal.pipeline.settings import Settings
 from mapdeal.records import dataclass
 
-Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | Merged | Score | CostCurve
+Drawable = Grid | BitMap | LocalMap | BuiltMap | diff.DiffReport | merge.Merged | Score | CostCurve
 
-_NOTHING_OVER = {DiffReport: "a comparison", Merged: "merged maps", Score: "a score",
+_NOTHING_OVER = {diff.DiffReport: "a comparison", merge.Merged: "merged maps", Score: "a score",
                  CostCurve: "a cost curve"}  # fmt: skip
 
 # Pixels along the longest side: a notebook keeps its pictures, and shows few more. Maps of up to
@@ -45,7 +43,7 @@ _MOST_CELLS, _MOST_CELLS_OF_POTENTIAL = 100_000_000, 4_000_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Picture(OneLineRepr):
+class Picture(values.OneLineRepr):
     r"""A picture that notebooks display, and that can be written or converted to an array.
 
     Parameters
@@ -147,7 +145,7 @@ def draw_picture(
     for kind, name in _NOTHING_OVER.items():
         if isinstance(shown, kind) and (route is not None or pose is not None or robot is not None):
             raise ParameterError(f"nothing can be drawn over {name}", place="route, pose")
-    if isinstance(shown, DiffReport | Merged | Score):
+    if isinstance(shown, diff.DiffReport | merge.Merged | Score):
         image = shown.drawn(title=title, **look)
     elif isinstance(shown, CostCurve):
         image = cost_curve.cost_curve_image(shown, title=one_line(title or "cost curve"))
@@ -207,9 +205,9 @@ def png_of(shown: object) -> bytes | None:
     """Return the PNG that notebooks display, None if drawing it would take long."""
     if not isinstance(shown, Drawable) or (isinstance(shown, Score) and not shown.is_drawn):
         return None
-    if not isinstance(shown, DiffReport | Score | CostCurve):
-        grid = shown.grid if isinstance(shown, Merged) else _grid_in(shown)[0]
-        most = _MOST_CELLS_OF_POTENTIAL if isinstance(grid, PotentialField) else _MOST_CELLS
+    if not isinstance(shown, diff.DiffReport | Score | CostCurve):
+        grid = shown.grid if isinstance(shown, merge.Merged) else _grid_in(shown)[0]
+        most = _MOST_CELLS_OF_POTENTIAL if isinstance(grid, field.PotentialField) else _MOST_CELLS
         if grid.is_lazy or grid.shape[0] * grid.shape[1] > most:
             return None
     return draw_picture(shown, image_max=_IN_NOTEBOOKS).png()

@@ -14,10 +14,9 @@ from mapdeal.command import METRES, VALUE, Output, Words, command
 from mapdeal.commands.pack import GridResult, read_bits
 from mapdeal.errors import ParameterError
 from mapdeal.files.source import BIT_MAP
+from mapdeal.grid import costmap, occupancy
 from mapdeal.grid.bit_map import BitMap, blank as blank_of, draw, reset_region
-from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Point
-from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.grid.values import FREE, OCCUPIED, OverlayType
 from mapdeal.maps import map_server, reading
@@ -74,7 +73,7 @@ def _edited(
             extra = read.metadata.extra
             encoding = "occupancy" if read.metadata.cost_scale is None else "costmap2d"
     with inputs.errors_named(source):
-        if not isinstance(grid, OccupancyGrid | Costmap | BitMap):
+        if not isinstance(grid, occupancy.OccupancyGrid | costmap.Costmap | BitMap):
             rule = "is a field, which cannot be edited"
             raise ParameterError(rule, hint="edit the map, then run esdf or potential on it")
         return GridResult(change(grid), f"{source.stem}: {title}", extra, encoding)

@@ -11,10 +11,9 @@ from mapdeal.command import ABOVE_0, METRES, POSE, Output, Result, Words, comman
 from mapdeal.commands.reach import goals_of, lethal_costs, start_of
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import FindingError, ParameterError, emit_warning
-from mapdeal.grid.costmap import Costmap
+from mapdeal.grid import costmap, route_graph
 from mapdeal.grid.footprint import FootprintLike, shape_of
 from mapdeal.grid.reach import Goal, Reach, reach_radius
-from mapdeal.grid.route_graph import RouteGraph
 from mapdeal.grid.values import count_text, decimal_text
 from mapdeal.maps.route_graphs import write_graph
 from mapdeal.pictures import canvas, layers
@@ -53,7 +52,7 @@ class PlannedGraph(Result):
     cover: float
 
     @property
-    def graph(self) -> RouteGraph:
+    def graph(self) -> route_graph.RouteGraph:
         """The graph."""
         return self.result.graph
 
@@ -212,14 +211,14 @@ def graph_of(
     ):
         grid = source.grid
         graph_drafts.check_options(options, grid.resolution)
-        if not isinstance(grid, Costmap):
+        if not isinstance(grid, costmap.Costmap):
             inputs.warn_of_values(source)
             if robot is not None:
                 inputs.warn_of_robot(source.name, grid, robot)
                 grid = lethal_costs(robot, source)
         mask = None
         if options.keep_from_unknown is not None:
-            published = grid.to_occupancy() if isinstance(grid, Costmap) else grid
+            published = grid.to_occupancy() if isinstance(grid, costmap.Costmap) else grid
             mask = graph_drafts.band_around_unknown(published, options.keep_from_unknown)
         found = cast("Reach", step.apply(grid, source.path, mask=mask))
         if missed := next((goal for goal in found.goals if not goal.reachable), None):

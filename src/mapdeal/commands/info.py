@@ -14,10 +14,9 @@ from typing import Annotated, Any
 from mapdeal import errors
 from mapdeal.command import Result, Words, command
 from mapdeal.files.source import exists, is_folder, sha256_of, status_of, sums_of_reads
+from mapdeal.grid import filters, occupancy
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import PotentialField
-from mapdeal.grid.filters import FilterInfo, mask_description, mask_rows
-from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach, robot_text
 from mapdeal.grid.values import UNKNOWN, count_text, table_lines
 from mapdeal.maps.dialects import Dialect
@@ -234,9 +233,9 @@ def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> Report
     if source.metadata is not None:
         report["dialect"] = dialect
         report |= {key: getattr(source.metadata, key) for key in _SHOWN_KEYS}
-        info = FilterInfo.of(source.metadata.extra)
-        if info is not None and isinstance(grid, OccupancyGrid):
-            report["filter"] = mask_description(info, grid)
+        info = filters.FilterInfo.of(source.metadata.extra)
+        if info is not None and isinstance(grid, occupancy.OccupancyGrid):
+            report["filter"] = filters.mask_description(info, grid)
     return report | _origin_of(path, grid, named)
 
 
@@ -368,7 +367,7 @@ def _rows_of_map(report: Report) -> Iterator[Row]:
         covered = f"{path['length_m']:.6g} m in {path['duration_s']:.6g} s"
         yield "trajectory", f"{path['id']}: {count_text(path['poses'], 'pose')}, {covered}"
     if "filter" in report:
-        yield from mask_rows(report["filter"])
+        yield from filters.mask_rows(report["filter"])
     for name, parameters in chain.from_iterable(map(dict.items, report.get("made_by", ()))):
         yield "made by", f"{name}: {_listed(parameters)}"
     yield "sha256", report["sha256"]

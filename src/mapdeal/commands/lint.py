@@ -22,9 +22,8 @@ from mapdeal.commands.mask import info_of, mask_facts, read_mask
 from mapdeal.commands.reach import COSTS_PER_CELL, goals_of, lethal_cells, start_of
 from mapdeal.files import source, yaml_text
 from mapdeal.files.transaction import Transaction
-from mapdeal.grid.canvas import is_turned, resampled
+from mapdeal.grid import canvas, filters
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.filters import FilterKind
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -104,7 +103,7 @@ def lint(
     costmap: CostmapName | None = None, namespace: Annotated[str | None, Words("NS")] = None,
     graph: Annotated[str | PathLike[str] | None, Words("GRAPH.geojson", typed=Path)] = None,
     footprint: Footprint | None = None, filter_mask: MaskFile | None = None,
-    mask_kind: FilterKind | None = None,
+    mask_kind: filters.FilterKind | None = None,
     start: Annotated[tuple[float, ...] | None, Words("X,Y[,YAW]", start_of, "from")] = None,
     goals: Annotated[Sequence[Goal], Words("[NAME=]X,Y", goals_of, "to", is_repeated=True)] = (),
     select: Checks = (), ignore: Checks = (), strict: bool = False,
@@ -364,7 +363,7 @@ class _Lint:
         return reports
 
     def mask(
-        self, path: Path, map_read: inputs.MapInput, kind: FilterKind | None,
+        self, path: Path, map_read: inputs.MapInput, kind: filters.FilterKind | None,
         robot: Footprint | None, start: tuple[float, ...] | None, goals: Sequence[Goal],
     ) -> MapReport:  # fmt: skip
         mask, pair = read_mask(path, self.settings, map_read)
@@ -489,13 +488,13 @@ def repaired(
     if (resolution, (x, y, yaw)) != (grid.resolution, grid.origin):
         changes.append(f"resolution {resolution!r}, origin {x!r}, {y!r}, {yaw!r} without noise")
         grid = OccupancyGrid(grid.occupancy, resolution, (x, y, yaw))
-    if is_turned(grid.frame):
+    if canvas.is_turned(grid.frame):
         changes.append(f"yaw {yaw:g} rad is in the cells now")
         lattice = Frame(1, 1, resolution)
         region = region_around(lattice, grid.frame)
         needed = _TURNED_BYTES_PER_CELL * grid.occupancy.size + source.PIECES
         source.claim(path, needed + _RESAMPLED_BYTES_PER_CELL * region.cells)
-        grid = resampled(grid, region.frame_in(lattice))  # keeps every obstacle
+        grid = canvas.resampled(grid, region.frame_in(lattice))  # keeps every obstacle
     elif yaw:
         grid = OccupancyGrid(grid.occupancy, resolution, (x, y, 0.0))
     return grid, changes
@@ -546,7 +545,7 @@ def _yaml_repair(
         values["resolution"] = _plain(metadata.resolution)
     needs_cells, (x, y, yaw) = False, metadata.origin
     if "yaml.origin-yaw" in checks_found and frame is not None:
-        needs_cells = is_turned(frame)
+        needs_cells = canvas.is_turned(frame)
         yaw = yaw if needs_cells else 0.0
     if (x, y, yaw) != metadata.origin or "yaml.nan-yaw" in checks_found:
         values["origin"] = (x, y, yaw)

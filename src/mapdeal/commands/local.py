@@ -15,10 +15,9 @@ from mapdeal.command import POINT, Output, Words, command
 from mapdeal.commands.route import route_document, warn_of_border
 from mapdeal.errors import FindingError, ParameterError, emit_warning, strict_warnings
 from mapdeal.files.transaction import Transaction
+from mapdeal.grid import frame, reach
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.frame import Point, check_point
-from mapdeal.grid.reach import Route
 from mapdeal.mapping.local_map import LocalOptions
 from mapdeal.mapping.transforms import FrameOptions, Topics, check_pose
 from mapdeal.maps import kinds, reading
@@ -72,12 +71,12 @@ def _keep(text: str) -> local_maps.Keep:
 class WindowPlanner:
     """Plans the shortest route from a robot in its local map to a goal, in it or beyond it."""
 
-    goal: Point
+    goal: frame.Point
     common: LocalCommon
     known: Terrain | None
 
     @classmethod
-    def for_goal(cls, goal: Point, common: LocalCommon) -> WindowPlanner:
+    def for_goal(cls, goal: frame.Point, common: LocalCommon) -> WindowPlanner:
         steps, known = common.recipe.steps, None
         if not steps or steps[-1].stage.product_type is not Costmap:
             raise ParameterError("needs a recipe that ends in costs", place="route_to")
@@ -86,9 +85,9 @@ class WindowPlanner:
             for step in steps:
                 grid = step.apply(grid, common.global_map.files[0])
             known = Terrain.of(grid)
-        return cls(check_point(goal, "route_to"), common, known)
+        return cls(frame.check_point(goal, "route_to"), common, known)
 
-    def plan(self, job: LocalJob, number: int = 0, *, is_last: bool = True) -> Route:
+    def plan(self, job: LocalJob, number: int = 0, *, is_last: bool = True) -> reach.Route:
         """Plan on the costs in the job's folder, and write the route and its picture there."""
         folder, costs = job.folder, self.costs_in(job.folder)
         terrain, start, known = Terrain.of(costs), (job.pose[0], job.pose[1]), self.known

@@ -13,12 +13,11 @@ from mapdeal.checks.facts import MaskFacts, PairFacts, gather
 from mapdeal.checks.lint import lint_mask
 from mapdeal.command import Condition, Output, Result, Words, command
 from mapdeal.commands.reach import goals_of, start_of
-from mapdeal.grid import filters
+from mapdeal.grid import filters, values
 from mapdeal.grid.filters import FilterInfo, FilterKind, SpeedUnit
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
-from mapdeal.grid.values import OCCUPIED, UNKNOWN, count_text, decimal_text
 from mapdeal.kernels.lookup import histogram
 from mapdeal.maps import dialects, map_server
 from mapdeal.maps.reading import write_grid
@@ -52,7 +51,7 @@ class FilterMask:
     def mode(self) -> dialects.Mode:
         if self.kind == "speed":
             return "scale"  # greys that all readers take for 0..100, with thresholds 1 and 0
-        return "raw" if histogram(self.grid.occupancy)[1:OCCUPIED].any() else "trinary"
+        return "raw" if histogram(self.grid.occupancy)[1 : values.OCCUPIED].any() else "trinary"
 
     def document(self) -> dict[str, Any]:
         zones = [{"name": zone.name, **({} if zone.speed is None else {"speed": zone.speed})}
@@ -62,8 +61,8 @@ class FilterMask:
 
     def line(self) -> str:
         document = self.document()
-        text = f"{self.path.name}: {count_text(len(self.zones), f'{self.kind} zone')}, "
-        text += f"{decimal_text(document['area_m2'])} m2"
+        text = f"{self.path.name}: {values.count_text(len(self.zones), f'{self.kind} zone')}, "
+        text += f"{values.decimal_text(document['area_m2'])} m2"
         if self.kind == "speed":
             found = [limit["limit"] for limit in document["limits"]]
             limits = sorted(limit for limit in found if limit is not None)
@@ -220,10 +219,10 @@ def mask_facts(
 ) -> MaskFacts:  # fmt: skip
     grid = map_read.occupancy
     inputs.claim_work(map_read.name, grid, PER_CELL)
-    known = np.asarray(grid.occupancy) != UNKNOWN
+    known = np.asarray(grid.occupancy) != values.UNKNOWN
     with errors.capture_warnings():  # on costs, which do not exist here
         closed = closed_by(mask, grid.frame) if info.kind == "keepout" else np.zeros_like(known)
-        full = np.full(mask.shape, OCCUPIED, dtype=np.int8)
+        full = np.full(mask.shape, values.OCCUPIED, dtype=np.int8)
         inside = closed_by(mask.with_values(full), grid.frame)
     covered = int(np.count_nonzero(inside & known)) / max(int(np.count_nonzero(known)), 1)
     return MaskFacts(

@@ -18,9 +18,8 @@ from mapdeal.compare.align import bytes_to_align, placed as placed_on
 from mapdeal.compatibility import Unpack
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line, require
 from mapdeal.files.source import bytes_of_lines, claim, holding
+from mapdeal.grid import occupancy, values
 from mapdeal.grid.frame import Transform
-from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import OCCUPIED, check_choice, count_text
 from mapdeal.kernels.lookup import histogram
 from mapdeal.maps.formats import format_of
 from mapdeal.maps.reading import open_map, output_paths, write_grid
@@ -68,7 +67,7 @@ class Merged(Result):
         Number of cells of the result that the last map does not know.
     """
 
-    grid: OccupancyGrid
+    grid: occupancy.OccupancyGrid
     conflicts: NDArray[np.uint8]
     maps: tuple[merging.MapCounts, ...]
     common: int
@@ -81,7 +80,7 @@ class Merged(Result):
 
     def _repr_parts(self) -> Iterator[str]:
         height, width = self.grid.shape
-        conflicts = count_text(self.conflict_count, "conflict")
+        conflicts = values.count_text(self.conflict_count, "conflict")
         yield f"{len(self.maps)} maps, {width} x {height} cells, {conflicts}"
 
     @property
@@ -261,7 +260,7 @@ def merge(
     >>> merge([before, after], rule="newest").grid.occupancy.tolist()
     [[100, 0, 100, 100, 0]]
     """
-    check_choice(rule, merging.Rule, "rule")
+    values.check_choice(rule, merging.Rule, "rule")
     require(len(maps) >= merging.FEWEST, "takes two maps or more", "maps", got=len(maps))
     names = [f"map {number}" for number in range(1, len(maps) + 1)]
     named = () if transforms is None or isinstance(transforms, str) else transforms
@@ -283,7 +282,7 @@ def merge(
         lattice = merging.lattice_around(grids, frames)
     per_cell = _BYTES_PER_CELL + len(grids) + _EVIDENCE_BYTES_PER_CELL * (rule == "evidence")
     per_cell += _PICTURE_BYTES_PER_CELL * (settings.image is not None)
-    wall_cells = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
+    wall_cells = sum(int(histogram(grid.occupancy)[values.OCCUPIED]) for grid in grids)
     needed = sum(map(inputs.bytes_of, grids)) + _bytes_in(layers)
     needed += _BYTES_PER_WALL_CELL * wall_cells + per_cell * lattice.height * lattice.width
     with settings.reading():
@@ -355,7 +354,7 @@ def _bytes_in(layers: Sequence[merging.ChosenLayers]) -> int:
 
 
 def _by_walls(
-    grids: Sequence[OccupancyGrid], maps: Sequence[inputs.MapInput]
+    grids: Sequence[occupancy.OccupancyGrid], maps: Sequence[inputs.MapInput]
 ) -> list[Transform | None]:
     # A map that overlaps the first one too little is aligned with another map that is placed.
     cells = [grid.frame.height * grid.frame.width for grid in grids]

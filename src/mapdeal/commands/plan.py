@@ -17,8 +17,7 @@ from mapdeal.commands.plan_changes import Change, PlannerOnMap, changes_for, is_
 from mapdeal.commands.reach import start_of
 from mapdeal.compatibility import Unpack
 from mapdeal.files.json_values import PLAN_FORMAT, JsonValue, read_document
-from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.values import OneLineRepr, count_text, table_lines
+from mapdeal.grid import costmap, values
 from mapdeal.mapping.transforms import check_pose
 from mapdeal.maps import dialects, npz
 from mapdeal.maps.listing import list_maps
@@ -67,7 +66,7 @@ class PlanGoal:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GoalPlan(OneLineRepr):
+class GoalPlan(values.OneLineRepr):
     """The plan to a goal, and the changes that make one, or the margins before it is lost.
 
     Parameters
@@ -240,7 +239,7 @@ class PlanReport(Spread):
 
     def summary(self, output: Path) -> Iterator[str]:
         found = sum(goal.plan.found for goal in self.goals)
-        yield f"{output}: paths to {found} of {count_text(len(self.goals), 'goal')}"
+        yield f"{output}: paths to {found} of {values.count_text(len(self.goals), 'goal')}"
         yield from self.lines()
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
@@ -291,7 +290,7 @@ class PlanTable(Spread):
         return [report for report in self.reports if isinstance(report, errors.MapdealError)]
 
     def _repr_parts(self) -> Iterator[str]:
-        yield f"{count_text(len(self.reports), 'plan')}, {len(self.failed)} failed"
+        yield f"{values.count_text(len(self.reports), 'plan')}, {len(self.failed)} failed"
 
     def document(self) -> dict[str, Any]:
         plans = [report.document() if isinstance(report, PlanReport)
@@ -306,7 +305,7 @@ class PlanTable(Spread):
     def lines(self) -> Iterator[str]:
         found = [report.rows for report in self.reports if isinstance(report, PlanReport)]
         head = ("map", "parameters", "goal", "path", "a change that makes one")
-        yield from table_lines([head, *(row for rows in found for row in rows)])
+        yield from values.table_lines([head, *(row for rows in found for row in rows)])
         for error in self.failed:
             yield f"failed ({error.exit_code}): {errors.one_line(str(error))}"
         yield from (f"differs: {text}" for text in self.differences or ())
@@ -318,7 +317,7 @@ class PlanTable(Spread):
         reports = [report for report in self.reports if isinstance(report, PlanReport)]
         missed = sum(not goal.plan.found for report in reports for goal in report.goals)
         if missed and self.differences is None:
-            raise errors.FindingError(f"no path found to {count_text(missed, 'goal')}")
+            raise errors.FindingError(f"no path found to {values.count_text(missed, 'goal')}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -442,7 +441,7 @@ def planner_of(robot: RobotParameters, planner: str | None) -> tuple[Ros2Paramet
 
 def check_map(source: inputs.MapInput, *robots: RobotParameters) -> None:
     """Refuse costs, and maps that take too much memory; warn of what planners ignore."""
-    if isinstance(source.grid, Costmap):
+    if isinstance(source.grid, costmap.Costmap):
         raise errors.ParameterError("holds costs; planners are tried on a map", source=source.name)
     inputs.warn_of_values(source)
     inputs.claim_cells(source, _PER_CELL, measures=True)

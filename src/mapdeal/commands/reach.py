@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from mapdeal import errors
 from mapdeal.command import Output, Words, command
 from mapdeal.files.json_values import JsonValue, read_document
+from mapdeal.grid import frame, occupancy
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.frame import RADIUS_TOLERANCE
-from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal, GoalReach, Reach, reach_radius
 from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN, decimal_text
 from mapdeal.maps import npz, reading
@@ -105,7 +104,7 @@ def not_reachable_text(missed: GoalReach, found: Reach) -> str:
     if limit is None:
         return f"{text} by any robot, however small: no way leads there"
     needs = 2 * reach_radius(found.robot)
-    if limit.width <= needs + 2 * RADIUS_TOLERANCE:
+    if limit.width <= needs + 2 * frame.RADIUS_TOLERANCE:
         closed = sum(not passage.is_open for passage in found.passages)
         more = f", one of {closed} closed passages" if closed > 1 else ""
         return f"{text}: {limit.text}{more}; the robot needs more than {needs:.4g} m"
@@ -296,9 +295,9 @@ def lethal_costs(robot: RobotParameters, map_read: inputs.MapInput) -> Costmap:
     return grid.with_values(np.where(is_unknown, LETHAL_OBSTACLE, grid.cost).astype(np.uint8))
 
 
-def lethal_cells(robot: RobotParameters, map_read: inputs.MapInput) -> OccupancyGrid:
+def lethal_cells(robot: RobotParameters, map_read: inputs.MapInput) -> occupancy.OccupancyGrid:
     """Return the map as a robot has it: occupied where it is lethal, unknown where that is kept."""
     grid = lethal_costs(robot, map_read)
     free = np.where(grid.cost == grid.unknown_value, np.int8(UNKNOWN), np.int8(FREE))
     cells = np.where(grid.cost == LETHAL_OBSTACLE, np.int8(OCCUPIED), free)
-    return OccupancyGrid(cells, grid.resolution, grid.origin)
+    return occupancy.OccupancyGrid(cells, grid.resolution, grid.origin)

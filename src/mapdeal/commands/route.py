@@ -14,13 +14,12 @@ from typing import Annotated, Any, Literal, overload
 from mapdeal import errors
 from mapdeal.command import FACTOR, METRES, REPULSION, OnlyInPython, Output, Words, command
 from mapdeal.compatibility import Unpack
-from mapdeal.grid import reaching, route_graph
+from mapdeal.grid import reaching, route_graph, values
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint, FootprintLike, shape_of
 from mapdeal.grid.frame import Point
 from mapdeal.grid.reach import Method, Route, reach_radius
-from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE, OCCUPIED, count_text
 from mapdeal.maps.route_graphs import read_route_graph
 from mapdeal.pictures import canvas, layers
 from mapdeal.pictures.overlay import Overlays, RouteOverlay
@@ -193,7 +192,7 @@ class PairedRoutes(Spread):
         if not self.reached:
             return
         titles = (name.replace("_", " ") for name in _MEANS)
-        rows = [[f"means of {count_text(self.reached, 'pair')}", *titles]]
+        rows = [[f"means of {values.count_text(self.reached, 'pair')}", *titles]]
         for search in self.searches:
             means = {name: self.sums[search, name] / self.reached for name in _MEANS}
             texts = [_MEANS[name].format(mean) if math.isfinite(mean) else "-"
@@ -455,7 +454,7 @@ def _search_by(
         return partial(routes.shortest_over, terrain)
     if name == "descent":
         published = terrain.costmap.to_occupancy()
-        lethal = published.with_values(published.occupied().astype("int8") * OCCUPIED)
+        lethal = published.with_values(published.occupied().astype("int8") * values.OCCUPIED)
         repulsion = potential(lethal, **gains)
 
         def descend(start: Point, goal: Point) -> Route:
@@ -511,10 +510,10 @@ def _closed_to(robot: Footprint, costs: Costmap, *, obstacles: bool) -> Costmap:
     """Return costs with 253 at the edge, and around obstacles, wherever ``reach`` is closed."""
     # Without `obstacles` the costs have the last word around these, to the last bit.
     cost = costs.cost.copy()
-    is_lethal = cost == LETHAL_OBSTACLE
+    is_lethal = cost == values.LETHAL_OBSTACLE
     closed = reaching.largest_closed_square(reach_radius(robot), costs.frame)
     is_closed = reaching.squares_to(is_lethal & obstacles) <= closed
-    cost[is_closed & ~is_lethal] = INSCRIBED_INFLATED_OBSTACLE
+    cost[is_closed & ~is_lethal] = values.INSCRIBED_INFLATED_OBSTACLE
     return replace(costs, cost=cost)
 
 

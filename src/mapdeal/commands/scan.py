@@ -20,9 +20,8 @@ from mapdeal.compatibility import Unpack
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning, strict_warnings
 from mapdeal.files.json_values import read_document
 from mapdeal.files.source import claim
+from mapdeal.grid import reach, values
 from mapdeal.grid.footprint import FootprintLike
-from mapdeal.grid.reach import Route
-from mapdeal.grid.values import count_text
 from mapdeal.mapping import evidence, transforms
 from mapdeal.mapping.scanner import Scanner, Surroundings, noisy_odometry
 from mapdeal.maps.listing import list_maps
@@ -112,7 +111,7 @@ class SimulatedScans(definitions.Result):
 
     def lines(self) -> Iterator[str]:
         figures = self.document()
-        text = f"{count_text(figures['scans'], 'scan')} of {self.scanner.beams} beams along "
+        text = f"{values.count_text(figures['scans'], 'scan')} of {self.scanner.beams} beams along "
         text += f"{self.length:.2f} m in {figures['duration_s']:g} s: {figures['hits']} hits, "
         yield f"{text}{figures['no_return']} without return, {figures['too_near']} too near"
         if self.visible_count is not None:
@@ -127,7 +126,7 @@ class SimulatedScans(definitions.Result):
         """Return the robot's way over the map."""
         line = self.robot_poses[:, :2]
         start, goal = ((float(x), float(y)) for x, y in line[[0, -1]])
-        overlay = RouteOverlay(Route("graph", True, start, goal, line, self.length))
+        overlay = RouteOverlay(reach.Route("graph", True, start, goal, line, self.length))
         look |= {"title": title or f"{self.map.title}: simulated scans", "overlay": overlay}
         return layers.occupancy_image(self.map.occupancy, **look)
 
@@ -244,7 +243,7 @@ def scan(
     if sum(sources.values()) != 1:
         hint = "--tour drives past all visible walls"
         raise ParameterError("exactly one of these is needed", place=", ".join(sources), hint=hint)
-    kinds = {"poses": (poses, Sized, "poses"), "route": (route, Route, "a Route")}
+    kinds = {"poses": (poses, Sized, "poses"), "route": (route, reach.Route, "a Route")}
     for key, (value, kind, noun) in kinds.items():
         if value is not None and not isinstance(value, (str, PathLike, kind)):
             raise ParameterError(f"must be a file or {noun}", place=key, got=value)

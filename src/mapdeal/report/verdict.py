@@ -10,8 +10,7 @@ from pathlib import PurePath
 from typing import Any, get_args
 
 from mapdeal.compare.difference import Change, CostDifference, Difference
-from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.frame import RADIUS_TOLERANCE
+from mapdeal.grid import footprint, frame
 from mapdeal.grid.reach import GoalReach, Passage, reach_radius
 from mapdeal.grid.values import count_text, decimal_text, few_text
 from mapdeal.report.document import About, Claim, Entry, State, Verdict, worst_of
@@ -100,7 +99,7 @@ def _is_number(value: object) -> bool:
 
 
 def on_goals(
-    goals: Sequence[GoalReach], passages: Sequence[Passage], robot: Footprint | None, *,
+    goals: Sequence[GoalReach], passages: Sequence[Passage], robot: footprint.Footprint | None, *,
     share: float,
 ) -> Claim:  # fmt: skip
     # `share` is the part that it reaches of the area in which it can stand.
@@ -130,12 +129,12 @@ def on_goals(
     return Claim("goals", state, f"{text}; no goals were given", "start")
 
 
-def _named(answer: GoalReach, robot: Footprint | None) -> str:
+def _named(answer: GoalReach, robot: footprint.Footprint | None) -> str:
     name = answer.goal.label
     if answer.reason is not None or answer.limited_by is None:
         return f"{name} ({answer.stopped_by or 'no way leads there'})"
     needs = 2 * reach_radius(robot)
-    if answer.limited_by.width <= needs + 2 * RADIUS_TOLERANCE:
+    if answer.limited_by.width <= needs + 2 * frame.RADIUS_TOLERANCE:
         return f"{name} ({answer.limited_by.text}, the robot needs {needs:.4g} m)"
     return f"{name} (it cannot turn on the way)"
 
