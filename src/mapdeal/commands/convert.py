@@ -19,7 +19,7 @@ from mapdeal.grid.field import DistanceField, FieldView, PotentialField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, count_text, decimal_text
-from mapdeal.kernels.arrays import Mask
+from mapdeal.kernels import arrays
 from mapdeal.kernels.outlines import MOST_TOLERANCE, corner_count, rectangles, run_count, surface
 from mapdeal.maps import kinds, map_file, outlines
 from mapdeal.maps.dialects import Mode
@@ -97,7 +97,7 @@ def convert_area(
         inputs.refuse("applies to free space", footprint=footprint, start=start)
     inputs.claim_work(source, grid, _PER_CELL, besides=_OUTLINE_LIBRARIES)
     values = np.asarray(grid.occupancy)
-    areas: list[tuple[str, Mask, str]] = []
+    areas: list[tuple[str, arrays.Mask, str]] = []
     has_all = is_drawing and of is None
     if has_all:  # known cells in the colour of free ones; walls are drawn over them
         areas.append(("known", values != UNKNOWN, outlines.FREE_FILL))

@@ -19,8 +19,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import PotentialField
 from mapdeal.grid.reach import Reach, robot_text
 from mapdeal.grid.values import UNKNOWN, count_text, table_lines
-from mapdeal.maps.dialects import Dialect
-from mapdeal.maps.kinds import BAG, IMAGE, MAP, POINTER, FileKind, kind_of
+from mapdeal.maps import dialects, kinds
 from mapdeal.maps.listing import list_maps
 from mapdeal.maps.reading import open_map
 from mapdeal.pictures.overlay import known_box
@@ -48,7 +47,7 @@ _STACKS = {"nav2": "Nav2", "ros1": "ROS 1"}
 
 
 def info(
-    path: str | PathLike[str], *, dialect: Dialect = "nav2", max_cells: int | None = None,
+    path: str | PathLike[str], *, dialect: dialects.Dialect = "nav2", max_cells: int | None = None,
     max_memory: int | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Describe a map, distance field, costmap or run folder.
@@ -113,7 +112,7 @@ def describe(
     sources: Annotated[Sequence[Path], Words("MAP...", typed=list[Path], streams=True)], *,
     work: InShell, of_map: Annotated[Path | None, Words("MAP", name="map")] = None,
     costmap: CostmapName | None = None, namespace: Annotated[str | None, Words("NS")] = None,
-    dialect: Dialect = "nav2", max_cells: int | None = None,
+    dialect: dialects.Dialect = "nav2", max_cells: int | None = None,
 ) -> Descriptions:  # fmt: skip
     """Describe maps, runs, bags and a robot's parameter files.
 
@@ -163,13 +162,13 @@ def describe(
 
 
 def maps_in(path: Path, work: Work) -> list[Path]:
-    if not is_folder(path) or exists(path / MANIFEST) or kind_of(path) is not None:
+    if not is_folder(path) or exists(path / MANIFEST) or kinds.kind_of(path) is not None:
         return [path]
     return [entry.path for entry in list_maps([str(path)], None, work.terminal.input_chunks).maps]
 
 
 def _describe_robot(
-    paths: Sequence[Path], costmap: CostmapName, namespace: str | None, dialect: Dialect,
+    paths: Sequence[Path], costmap: CostmapName, namespace: str | None, dialect: dialects.Dialect,
     map_path: Path | None,
 ) -> Report:  # fmt: skip
     up_to_kilted = dialect != "nav2"
@@ -197,10 +196,10 @@ def _described(path: Path, settings: Settings, progress: ProgressCallback | None
         return _describe_map(path, settings.dialect, settings.max_cells)
     except (errors.MalformedInputError, errors.FileAccessError) as error:
         # an error about a file that a map names is not about what the map is
-        kind = kind_of(path) if str(error.source) == str(path) else None
-        if kind is None or kind.name in (MAP, IMAGE, POINTER):
+        kind = kinds.kind_of(path) if str(error.source) == str(path) else None
+        if kind is None or kind.name in (kinds.MAP, kinds.IMAGE, kinds.POINTER):
             raise error from None
-    if kind.name == BAG:
+    if kind.name == kinds.BAG:
         from mapdeal.pipeline.bag_maps import describe_bag  # not loaded for a map
 
         return describe_bag(path, progress=progress)
@@ -208,7 +207,7 @@ def _described(path: Path, settings: Settings, progress: ProgressCallback | None
     return report | {"figures": figures_of(path, kind), "use": kind.use}
 
 
-def figures_of(path: Path, kind: FileKind) -> Report:
+def figures_of(path: Path, kind: kinds.FileKind) -> Report:
     if not kind.form:
         return kind.figures()
     from mapdeal.sensors import clouds, scans  # not loaded for a map
@@ -218,7 +217,7 @@ def figures_of(path: Path, kind: FileKind) -> Report:
     return clouds.header_figures(path, kind.form)
 
 
-def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> Report:
+def _describe_map(path: Path, dialect: dialects.Dialect, max_cells: int | None) -> Report:
     with sums_of_reads() as sums, open_map(path, dialect=dialect, max_cells=max_cells) as file:
         if (reach := file.layers_of(Reach)) is not None:
             return _describe_reach(path, reach)

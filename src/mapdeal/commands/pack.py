@@ -15,9 +15,8 @@ from mapdeal.grid.field import DistanceField, PotentialField
 from mapdeal.grid.frame import Figures
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN
 from mapdeal.kernels.lookup import histogram
+from mapdeal.maps import npz, reading
 from mapdeal.maps.map_server import Encoding, bit_map_paths, read_bit_map_pair, write_bit_map_pair
-from mapdeal.maps.npz import Grid
-from mapdeal.maps.reading import write_grid
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.overlay import Overlay
 from mapdeal.pipeline import folder, inputs
@@ -30,7 +29,7 @@ PER_CELL = 3.0  # bytes for each cell of a bit map: mask, cells and output
 class GridResult(Result):
     """A grid or bit map to write, with further keys of its YAML and the scale of its values."""
 
-    grid: Grid | BitMap
+    grid: npz.Grid | BitMap
     title: str
     extra: Mapping[str, Any] = field(default_factory=dict)
     encoding: Encoding = "occupancy"
@@ -58,7 +57,7 @@ class GridResult(Result):
         if isinstance(self.grid, BitMap):
             write_bit_map_pair(transaction, output, self.grid, extra=extra)
         else:
-            write_grid(transaction, output, self.grid, encoding=self.encoding, extra=extra)
+            reading.write_grid(transaction, output, self.grid, encoding=self.encoding, extra=extra)
 
 
 def read_bits(

@@ -20,8 +20,7 @@ from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN, decima
 from mapdeal.maps import npz, reading
 from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.overlay import KeepoutOverlay
-from mapdeal.pipeline import inputs, recipe
-from mapdeal.pipeline.folder import Spread, reach_document, summary_of
+from mapdeal.pipeline import folder, inputs, recipe
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.records import dataclass
 from mapdeal.ros.robot import RobotParameters
@@ -32,7 +31,7 @@ COSTS_PER_CELL = 8.0  # bytes for each cell that the costs of a robot's own laye
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Reachability(Spread):
+class Reachability(folder.Spread):
     spread = ("goals", "passages")
     map: inputs.MapInput
     reach: Reach
@@ -47,13 +46,13 @@ class Reachability(Spread):
     def document(self) -> dict[str, Any]:
         described = {} if self.robot is None else self.robot.described()
         costmap = {key: described[key] for key in ("costmap", "files") if described} or None
-        return {"map": self.map.document(), "costmap": costmap, **reach_document(self.reach)}
+        return {"map": self.map.document(), "costmap": costmap, **folder.reach_document(self.reach)}
 
     def summary(self, output: Path) -> Iterator[str]:
-        yield f"{output}: {summary_of(self.reach.figures())}"
+        yield f"{output}: {folder.summary_of(self.reach.figures())}"
 
     def lines(self) -> Iterator[str]:
-        yield f"{self.map.name}, {self.title}: {summary_of(self.reach.figures())}"
+        yield f"{self.map.name}, {self.title}: {folder.summary_of(self.reach.figures())}"
         for result in self.reach.goals:
             goal, limit = result.goal, result.limited_by
             name = "goal" if goal.name is None else f"goal {goal.name}"
