@@ -240,10 +240,17 @@ def encoded(layers: Sequence[PageLayer], *, size: int) -> Encoded:
     sizes: dict[tuple[int, int], list[int]] = {}
     dropped: dict[tuple[int, int], int] = {}  # how many resolutions have only sizes
     encoded_layers: list[EncodedLayer] = []
+    waiting: deque[Future[bytes]] = deque()  # few, so that few of the cells are in memory
     with ThreadPool(threads if threads > 1 else 0) as pool:  # without threads submit does it
-        compressor = _Compressor(pool, 2 * threads)
+
+        def submit(cells: Cells, **options: Any) -> Future[bytes]:
+            while len(waiting) >= 2 * threads:
+                waiting.popleft().result()
+            waiting.append(pool.submit(_tile, cells, **options))
+            return waiting[-1]
+
         for layer in layers:
-            new, shape = _encoded_layer(layer, compressor), layer.frame.shape
+            new, shape = _encoded_layer(layer, submit), layer.frame.shape
             sums = sizes.setdefault(shape, [0] * len(new.levels))
             for left_out in range(len(sums)):
                 sums[left_out] += sum(level.size for level in _chain(new, left_out))
@@ -302,27 +309,12 @@ def _without_finest(layer: EncodedLayer, count: int) -> EncodedLayer:
     return replace(layer, levels=(*layer.levels[:first], *dropped))
 
 
-@dataclass(eq=False)
-class _Compressor:
-    """Compresses tiles in threads; holds only the cells on which they work."""
-
-    pool: ThreadPool
-    most_waiting: int
-    _waiting: deque[Future[bytes]] = field(default_factory=deque)
-
-    def submit(self, cells: Cells, codings: Sequence[Coding], compression: int) -> Future[bytes]:
-        while len(self._waiting) >= self.most_waiting:
-            self._waiting.popleft().result()
-        self._waiting.append(self.pool.submit(_tile, cells, codings, compression))
-        return self._waiting[-1]
-
-
 def _tile(cells: Cells, codings: Sequence[Coding], compression: int) -> bytes:
     data = packed(cells, codings) if codings else cells.tobytes()
     return b64encode(zlib.compress(data, compression))
 
 
-def _encoded_layer(layer: PageLayer, compressor: _Compressor) -> EncodedLayer:
+def _encoded_layer(layer: PageLayer, submit: Callable[..., Future[bytes]]) -> EncodedLayer:
     codings = () if layer.is_bytes else _codings_of(layer)
     headers = [{"kind": type(coding).__name__.lower(), **asdict(coding)} for coding in codings]
     header: dict[str, Any] = {"kind": "numbers", "ways": headers} if codings else {"kind": "bytes"}
@@ -333,17 +325,16 @@ def _encoded_layer(layer: PageLayer, compressor: _Compressor) -> EncodedLayer:
     if len(reduces) > 1:  # every second one, too, has a level as small as that
         reduces.append(2 * reduces[-1])
     compression = _COMPRESSION if max(shape) <= ALL_CELLS_SIDE else _COMPRESSION_OF_LARGE
-    submit = partial(compressor.submit, codings=codings, compression=compression)
+    submit_cells = partial(submit, codings=codings, compression=compression)
     maker: _LevelMaker | None = None
     makers = []
     for reduce in reversed(reduces):
         level_shape = -(-shape[0] // reduce), -(-shape[1] // reduce)
-        maker = _LevelMaker(reduce, level_shape, pooling, submit, maker)
+        maker = _LevelMaker(reduce, level_shape, pooling, submit_cells, maker)
         makers.append(maker)
-    finest = makers[-1]
-    for first in range(0, shape[0], TILE):  # a multiple of any `finest.reduce`
-        rows = np.asarray(layer.values[first : first + TILE])
-        finest.add(pooling.pooled(pooling.ranked(rows), finest.reduce))
+    for first in range(0, shape[0], TILE):  # a multiple of any `reduces[0]`
+        rows = pooling.ranked(np.asarray(layer.values[first : first + TILE]))
+        makers[-1].add(rows if reduces[0] == 1 else pooled(rows, reduces[0], pooling.choose))
     return EncodedLayer(header, tuple(maker.level() for maker in makers))
 
 
@@ -372,9 +363,6 @@ class _Pooling:
 
     def values(self, ranked: Cells) -> Cells:
         return ranked if self.order is None else look_up(ranked, self.order)
-
-    def pooled(self, cells: Cells, step: int) -> Cells:
-        return cells if step == 1 else pooled(cells, step, self.choose)
 
 
 @dataclass(eq=False)
@@ -405,7 +393,7 @@ class _LevelMaker:
         band, self._filled = self._band, 0
         self._rows_cut += len(band)
         if self.coarser is not None:
-            self.coarser.add(self.pooling.pooled(band, 2))
+            self.coarser.add(pooled(band, 2, self.pooling.choose))
         values = self.pooling.values(band)
         for first in range(0, values.shape[1], TILE):
             self._tiles.append(self.submit(np.ascontiguousarray(values[:, first : first + TILE])))
