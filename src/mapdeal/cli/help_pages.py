@@ -17,7 +17,7 @@ _COMMON = "Common options"
 _LAST = ("Robot", _COMMON)  # groups of options that many commands have, after a command's own
 
 
-def in_groups(group: Any, context: Any, names: Iterable[str] | None = None) -> dict[str, list[Any]]:
+def in_groups(group: Any, context: Any, names: Iterable[str] = ()) -> dict[str, list[Any]]:
     found: dict[str, list[Any]] = {title: [] for title in GROUPS}
     for name in names or group.list_commands(context):
         command = group.get_command(context, name)
@@ -54,9 +54,7 @@ def overview(group: Any, context: Any) -> str:
     return f"{formatter.getvalue()}\n{text}"
 
 
-def write_commands(
-    group: Any, context: Any, formatter: Any, *, names: Iterable[str] | None = None
-) -> None:
+def write_commands(group: Any, context: Any, formatter: Any, *, names: Iterable[str] = ()) -> None:
     groups = in_groups(group, context, names)
     longest = max(len(command.name) for members in groups.values() for command in members)
     for title, members in groups.items():

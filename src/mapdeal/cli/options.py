@@ -303,9 +303,7 @@ def _names_image(values: Mapping[str, Any]) -> bool:
     return has_image_suffix or any(format_of(path).takes_resolution for path in paths)
 
 
-def _spliced(
-    definition: Command, own: Mapping[str, Argument], ordered: Sequence[str]
-) -> list[Argument]:
+def _spliced(definition: Command, own: dict[str, Argument], ordered: list[str]) -> list[Argument]:
     texts = dict(definition.texts)
     parameters = {name: argument for name, argument in own.items() if name not in ordered}
     for name in ordered:

@@ -39,7 +39,6 @@ from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import transform_document
 from mapdeal.stages.structured import Goals
 
-File = str | PathLike[str]
 Pair = tuple[Any, Any]
 
 _LIBRARIES = 37_000_000  # bytes that parts of scipy take
@@ -208,7 +207,7 @@ def diff(
     tolerance: Annotated[float, AT_LEAST_0, CELLS] = 0.0,
     max_shift: Annotated[float | None, AT_LEAST_0, METRES] = None,
     max_differing: Annotated[float | None, PERCENT, Words("PERCENT")] = None, align: bool = False,
-    by: Annotated[File | Transform | Sequence[float] | None, Words("FILE", typed=Path)] = None,
+    by: Annotated[two_maps.TransformLike, Words("FILE", typed=Path)] = None,
     **reading: Unpack[inputs.Reading],
 ) -> DiffReport:  # fmt: skip
     """Compare two maps of one place.
@@ -366,9 +365,7 @@ class CostmapDiff(Result):
         if self.bounds:
             verdict += f", {'within' if self.passes else 'beyond'} the bounds"
         yield f"{self.maps[0].name}, {self.maps[1].name}: {verdict}"
-        yield from (
-            f"  geometry  {name} {a} -> {b}" for name, (a, b) in self.costs.geometry.items()
-        )
+        yield from (f"  geometry  {key} {a} -> {b}" for key, (a, b) in self.costs.geometry.items())
         yield from costs_lines(self.costs)
         if self.transform is not None:
             yield two_maps.moved_line(self.transform)
@@ -541,7 +538,8 @@ def value_text(value: Any) -> str:
 
 def compare_robots(
     map: inputs.Map, first: RobotParameters, second: RobotParameters, *,  # noqa: A002 - what it is
-    start: Annotated[tuple[float, ...], POSE] | None = None, goals: Goals = (),
+    start: Annotated[tuple[float, ...] | None, POSE, Words("X,Y[,YAW]", start_of, "from")] = None,
+    goals: Annotated[Goals, Words("[NAME=]X,Y", goals_of, "to", is_repeated=True)] = (),
     mask: Annotated[inputs.Map | None, Words()] = None, **reading: Unpack[inputs.Reading],
 ) -> RobotDiff:  # fmt: skip
     """Compare the costs and reach of two versions of a robot's parameters on a map.
@@ -681,10 +679,6 @@ def _parameters_of(robot: RobotParameters) -> dict[str, Any]:
     name="diff",
     also={"": diff, "With --against": compare_robots},
     shared=("params_file", "costmap", "namespace", "against", "mask", "files"),
-    words={
-        "start": Words("X,Y[,YAW]", start_of, "from"),
-        "goals": Words("[NAME=]X,Y", goals_of, "to", is_repeated=True),
-    },
     group="Two maps of one place",
     example="""\
 mapdeal edit line examples/maps/office.yaml -o out/new.yaml \\

@@ -454,10 +454,8 @@ def _obstacles_between(work: PlannerOnMap, start: Pose, goal: Pose, labels: Labe
     grid = work.grid
     regions = _regions(work.listed, grid, start)
     near_goal = _cells_near(work.planner.values, grid, goal)
-    nearest = ndimage.distance_transform_edt(
-        labels == 0, return_distances=False, return_indices=True
-    )
-    nearest_label = labels[tuple(nearest)]
+    cells = ndimage.distance_transform_edt(labels == 0, return_distances=False, return_indices=True)
+    nearest_label = labels[tuple(cells)]
 
     def labels_beside(region: Mask) -> set[int]:
         is_beside = ndimage.binary_dilation(region, _EIGHT_NEIGHBOURS) & (regions == 0)

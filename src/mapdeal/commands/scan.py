@@ -415,12 +415,10 @@ def scan_maps(
     listing.print_notes(work.terminal, "scanned")
     scan_jobs = batch.jobs_of(listing.maps, output, ())
     size = batch.jobs_at_once(jobs, len(scan_jobs), work.terminal)
-    scan_run = _ScanRun(work.settings, log_format or "npz", parameters).sharing(size)
+    run = _ScanRun(work.settings, log_format or "npz", parameters).sharing(size)
     workers: batch.Workers | None = None
     if size > 1:
         from mapdeal.pipeline.workers import ProcessWorkers  # slow to import
 
         workers = ProcessWorkers(size)
-    return batch.run_and_report(
-        scan_jobs, output, scan_run, ScanLogs, work.terminal, workers=workers
-    )
+    return batch.run_and_report(scan_jobs, output, run, ScanLogs, work.terminal, workers=workers)

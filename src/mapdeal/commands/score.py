@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -28,6 +27,7 @@ from mapdeal.sensors.points import transform_document
 
 # How the maps were placed: by their files, by a transform, or by aligning them.
 Placement = Literal["frames", "transform", "align"]
+Bounds = Mapping[str, float] | None
 
 _COLUMNS = (
     ("n", "n", scoring.COUNT, 9),
@@ -214,15 +214,9 @@ def score(
     truth: Annotated[inputs.Map | None, Words("MAP", name="truth")] = None,
     *,
     align: bool = False,
-    transform: Annotated[
-        str | PathLike[str] | Transform | Sequence[float] | None, Words("FILE.json", Path)
-    ] = None,
-    minimum: Annotated[
-        Mapping[str, float] | None, Words("NAME=VALUE", _bounds, "min", is_repeated=True)
-    ] = None,
-    maximum: Annotated[
-        Mapping[str, float] | None, Words("NAME=VALUE", _bounds, "max", is_repeated=True)
-    ] = None,
+    transform: Annotated[two_maps.TransformLike, Words("FILE.json", Path)] = None,
+    minimum: Annotated[Bounds, Words("NAME=VALUE", _bounds, "min", is_repeated=True)] = None,
+    maximum: Annotated[Bounds, Words("NAME=VALUE", _bounds, "max", is_repeated=True)] = None,
     **reading: Unpack[inputs.Reading],
 ) -> Score:
     """Score a map, on its own or against a true map.

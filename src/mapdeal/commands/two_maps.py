@@ -22,6 +22,8 @@ from mapdeal.kernels.distance import within_distance
 from mapdeal.pipeline import inputs
 from mapdeal.sensors.points import TransformFile, read_transform
 
+TransformLike = str | PathLike[str] | Transform | Sequence[float] | None
+
 _NEAR = 0.15  # metres, and 1.5 cells at least, within which walls of two maps count as one
 _MUCH_BETTER = 0.3  # of all walls: the share that must meet more than before
 _MOST_WALLS = 20_000
@@ -29,7 +31,7 @@ _MEET_ANYWAY = 0.7  # share of walls that meet where maps certainly lie in one f
 
 
 def given_transform(
-    by: str | PathLike[str] | Transform | Sequence[float] | None, *, place: str
+    by: TransformLike, *, place: str
 ) -> tuple[TransformFile | Transform | None, list[Path]]:
     if isinstance(by, str | PathLike):
         return read_transform(Path(by)), [Path(by)]
@@ -55,8 +57,8 @@ def transform_in(
 
 
 def opened_in_one_frame(
-    first: inputs.Map, second: inputs.Map, *, align: bool,
-    by: str | PathLike[str] | Transform | Sequence[float] | None, **reading: Unpack[inputs.Reading],
+    first: inputs.Map, second: inputs.Map, *, align: bool, by: TransformLike,
+    **reading: Unpack[inputs.Reading],
 ) -> tuple[list[inputs.MapInput], Transform | None]:  # fmt: skip
     if align and by is not None:
         raise ParameterError("cannot be given together with --by", place="align")
@@ -74,10 +76,9 @@ def are_costs(maps: Sequence[inputs.MapInput]) -> bool:
 
 def names_of_two(first: Path, second: Path) -> list[str]:
     """Return the names of two files without endings, with folders where the names are equal."""
-    parts = [path.with_suffix("").parts for path in (first, second)]
-    count = next((k for k in range(1, max(map(len, parts)) + 1)
-                  if parts[0][-k:] != parts[1][-k:]), 1)  # fmt: skip
-    return ["/".join(names[-count:]) for names in parts]
+    a, b = (path.with_suffix("").parts for path in (first, second))
+    count = next((k for k in range(1, max(len(a), len(b)) + 1) if a[-k:] != b[-k:]), 1)
+    return ["/".join(names[-count:]) for names in (a, b)]
 
 
 def moved_line(transform: Transform) -> str:
