@@ -72,16 +72,10 @@ class _Building:
     methods: Mapping[mapping.Method, Mapping[str, Any]]
     limits: BeamLimits
     resolution: float
-    size: Point | None
-    origin: Sequence[float] | None
+    frame: Frame | None  # None if it is to contain all beams
 
     def __post_init__(self) -> None:
         self.reach_behind()  # checks the parameters before anything is read
-        self.frame()
-
-    def frame(self) -> Frame | None:
-        """Return the frame that was set; None if it is to contain all beams."""
-        return mapping.frame_of(self.size, self.origin, self.resolution)
 
     def reach_behind(self) -> float:
         """Return the largest distance behind hits that a method changes, metres."""
@@ -117,8 +111,7 @@ def _builders(
         with errors_named(source.named):
             source.prepare(advance)
             parts: Iterable[_Part] | None = None
-            frame = building.frame()
-            if frame is None:
+            if (frame := building.frame) is None:
                 frame, parts = _extent(source, building, advance)
             size = f"{frame.width} x {frame.height} cells"
             hint = "a pose may be wrong; --size and --origin bound the map"
@@ -129,7 +122,7 @@ def _builders(
             }
             seconds = dict.fromkeys(builders, 0.0)
             if parts is None:
-                parts = _parts(source, building.limits, is_reported=building.size is None)
+                parts = _parts(source, building.limits, is_reported=building.frame is None)
             for beams, scans in parts:
                 for method, builder in builders.items():
                     started = time.perf_counter()
@@ -243,7 +236,8 @@ def build_map_from_log(
     if frames.get("mount") is not None:
         frames["mount"] = check_pose(frames["mount"], "mount")
     limits = BeamLimits(range_min, range_max, clear_max)
-    building = _Building({method: more}, limits, resolution, size, origin)
+    frame = mapping.frame_of(size, origin, resolution)
+    building = _Building({method: more}, limits, resolution, frame)
     opened = _opened(Path(path), topics, frames, deskew=deskew, max_bad=max_bad)
     with settings.reading(), use_threads(settings.threads), opened as source:
         return _built(source, building)
@@ -772,7 +766,7 @@ def build(
     if as_written:
         chosen["tsdf" if compare else next(iter(chosen))]["as_written"] = True
     limits = BeamLimits(range_min, range_max, clear_max)
-    building = _Building(chosen, limits, cell_size, size, origin)
+    building = _Building(chosen, limits, cell_size, mapping.frame_of(size, origin, cell_size))
     with ExitStack() as stack:
         if log is not None:
             texts = {"angles": angles, "ranges": ranges, "flip_y": flip_y}
