@@ -191,7 +191,11 @@ def _describe_robot(
 
 def _described(path: Path, settings: Settings, progress: ProgressCallback | None = None) -> Report:
     if path.name == MANIFEST or exists(path / MANIFEST):
-        return _describe_run(path)
+        folder = path if is_folder(path) else path.parent
+        status_of(folder / MANIFEST)
+        manifest = manifest_in(folder)
+        report = {"file": str(path), "kind": "run", **{key: manifest.get(key) for key in _OF_RUN}}
+        return report | ({"robot": manifest["robot"]} if "robot" in manifest else {})
     try:
         return _describe_map(path, settings.dialect, settings.max_cells)
     except (errors.MalformedInputError, errors.FileAccessError) as error:
@@ -259,14 +263,6 @@ def _origin_of(path: Path, grid: Any, sums: Mapping[str, str]) -> Report:
     report["sha256"] = hashlib.sha256(grid.layer.data).hexdigest()
     stages = stages_behind(path.name, path.parent, sums)
     return report if stages is None else report | {"made_by": stages}
-
-
-def _describe_run(path: Path) -> Report:
-    folder = path if is_folder(path) else path.parent
-    status_of(folder / MANIFEST)
-    manifest = manifest_in(folder)
-    report = {"file": str(path), "kind": "run", **{key: manifest.get(key) for key in _OF_RUN}}
-    return report | ({"robot": manifest["robot"]} if "robot" in manifest else {})
 
 
 def _lines_of(report: Report) -> Iterator[str]:
