@@ -20,7 +20,7 @@ from mapdeal.report import verdict
 from mapdeal.report.document import Claim, Entry, Item, Report, Verdict, outlines_of, page_layers
 from mapdeal.report.page import body_of, legend_of, page_of
 from mapdeal.report.tiles import extent_of
-from mapdeal.report.verdict import most_urgent, on_costs, on_failure, on_goals, settled
+from mapdeal.report.verdict import most_urgent, on_costs, on_goals, settled
 
 GRID = grid_from_text("?..##...\n..+##...\n........\n...##..?\n...##..?")
 ORIGIN = (1.5, -2.0, 0.4)
@@ -350,7 +350,7 @@ def test_three_claims_are_left_of_those_about_the_same_the_worst_and_one_of_a_fa
         Claim("map", "warning", "w"),
     ]  # fmt: skip
     assert [claim.text for claim in settled(claims)] == ["e", "u", "g"]
-    failure = on_failure("the image does not exist")
+    failure = Claim("run", "error", "Processing failed: the image does not exist", "finding")
     assert settled([Claim("map", "error", "the image does not exist"), failure]) == (failure,)
 
 

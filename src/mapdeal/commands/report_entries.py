@@ -339,7 +339,7 @@ def _drafts_of_batch(folder: Path, record: Mapping[str, Any]) -> Iterator[Draft]
         reason = str(record.get("error", status))
         draft.warn([reason])
         shown = documents.short(reason).removeprefix(f"{errors.one_line(name)}: ")
-        draft.claims.append(verdict.on_failure(shown))
+        draft.claims.append(Claim("run", "error", f"Processing failed: {shown}", "finding"))
     yield draft
     if "local" in record:
         yield Draft(f"{place}/local", folder / place / "local", status=status)

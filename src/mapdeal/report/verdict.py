@@ -39,10 +39,6 @@ def settled(claims: Iterable[Claim]) -> tuple[Claim, ...]:
     return tuple(chosen[about] for about in get_args(About) if about in chosen)[:MOST_CLAIMS]
 
 
-def on_failure(reason: str) -> Claim:
-    return Claim("run", "error", f"Processing failed: {reason}", "finding")
-
-
 def on_findings(messages: Mapping[str, Sequence[str]]) -> Claim:
     errors, warnings = messages.get("error", ()), messages.get("warning", ())
     if errors:
