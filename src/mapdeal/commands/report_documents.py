@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import count, islice
 from pathlib import Path
@@ -57,10 +56,6 @@ _COUNTS = {  # of a diff
     "common_cells": "common cells", "differing": "differing",
     "beyond_tolerance": "beyond the tolerance", "known_only_in_first": "known in the first alone",
 }  # fmt: skip
-_BY_URGENCY: tuple[About, ...] = ("run", "map", "goals")
-_OF_TWO_MAPS: set[About] = {"obstacles", "cells", "geometry"}
-_SHAPES = {"--robot-radius", "--footprint", "--params-file"}
-_NAV2_RADIUS = ("--robot-radius", "0.22")  # the default of Nav2
 
 
 @dataclass(frozen=True)
@@ -778,49 +773,3 @@ def typed_path(path: Path) -> str:
     if len({*path.parents} & {folder, *folder.parents}) > 1:
         text = os.path.relpath(path)
     return f"./{text}" if text.startswith("-") else text
-
-
-def next_command(
-    claims: Iterable[Claim], named: Path, map_path: Path | None, question: ReachQuestion | None,
-    options: Sequence[str], dialect: Sequence[str],
-) -> str:  # fmt: skip
-    """Return the command that follows from the claims about a map; empty if there is none."""
-    by_subject = {claim.about: claim for claim in claims}
-    if by_subject.keys() & _OF_TWO_MAPS:
-        return ""
-    about_map = [by_subject[about] for about in _BY_URGENCY if about in by_subject]
-    worst = min(about_map, key=lambda claim: get_args(State).index(claim.state), default=None)
-    goals, robot = by_subject.get("goals"), question.robot if question else ()
-    robot = robot if _SHAPES & {*robot} else (*_NAV2_RADIUS, *robot)
-    if map_path is None:
-        words = ["info", typed_path(named)]
-    elif worst is None or (worst is not goals and worst.state != "good"):
-        words = ["lint", typed_path(map_path), *options]
-    elif "costmap" in by_subject and (goals is None or goals.state == "unknown"):
-        words = ["run", typed_path(map_path), *options, *dialect, "-o", "nav2"]
-        words += ["--recipe", "nav2", *robot, "--report"]
-    else:
-        start, targets = (question.start, question.goals) if question else ((), ())
-        if goals is not None and not goals.evidence:  # reach refused the start
-            start = ()
-        has_ends, planner = bool(start and targets), question.planner if question else "reach"
-        if not (planner == "plan" and has_ends):
-            is_good = goals is not None and goals.state == "good" and has_ends
-            planner = "route" if is_good else "reach"
-        is_routed = planner == "route"
-        words = [planner, typed_path(map_path), *options, *dialect]
-        words += ["--from", _numbers(start[: 2 if is_routed else 3])] if start else []
-        texts = [_numbers((targets[0].x, targets[0].y))] if is_routed else map(_goal, targets)
-        words += ["--to", *texts] if targets else []
-        words += robot
-    line = shlex.join(["mapdeal", *words])
-    return line if line == one_line(line) else ""
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return ",".join(f"{value + 0.0:.9g}" for value in values)
-
-
-def _goal(goal: Goal) -> str:
-    name = "" if goal.name is None or "=" in goal.name else f"{goal.name}="
-    return f"{name}{_numbers((goal.x, goal.y))}"

@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
 from functools import partial
 from itertools import islice
 from pathlib import Path, PurePath
-from typing import Any, TypeGuard, TypeVar
+from typing import Any, TypeGuard, TypeVar, get_args
 
 import numpy as np
 
 from mapdeal import errors
 from mapdeal.commands import diff, report_documents as documents
 from mapdeal.commands.build import DOCUMENT
-from mapdeal.commands.report_documents import ReachQuestion, Results, Subject, next_command
+from mapdeal.commands.report_documents import ReachQuestion, Results, Subject
 from mapdeal.commands.two_maps import names_of_two
 from mapdeal.compare.difference import CostDifference
 from mapdeal.files import json_values, source as file_source
 from mapdeal.files.source import claim, contents_of, exists, is_same_file, room, sums_of_reads
 from mapdeal.grid.costmap import CostCurve
 from mapdeal.grid.occupancy import CloudLayers, OccupancyGrid
-from mapdeal.grid.reach import Reach
+from mapdeal.grid.reach import Goal, Reach
 from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy, lazy_layer
 from mapdeal.maps import map_file, map_server, reading
 from mapdeal.maps.listing import folders_below
@@ -34,8 +35,8 @@ from mapdeal.pipeline.inputs import bytes_of, map_input, mask_of, read_together
 from mapdeal.pipeline.settings import Settings, adding_warnings, portable
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.records import dataclass, field, replace
-from mapdeal.report import tiles, verdict
-from mapdeal.report.document import MAP, Claim, Entry, Item, PageLayer, Table, kinds_of, page_layers
+from mapdeal.report import document as contents, tiles, verdict
+from mapdeal.report.document import MAP, About, Claim, Entry, Item, PageLayer, State, Table
 from mapdeal.ros.load import read_robot
 
 Kind = TypeVar("Kind")
@@ -58,6 +59,10 @@ _FINISHED = ("done", "unchanged")
 _DIGITS = 6  # of numbers as people write them: ROS's float32 has 0.19 as 0.19000000692903996
 _LARGEST_ROUNDED = 1e6
 _MAP_COLUMNS = ("occupied %", "free %", "unknown %")
+_BY_URGENCY: tuple[About, ...] = ("run", "map", "goals")
+_OF_TWO_MAPS: set[About] = {"obstacles", "cells", "geometry"}
+_SHAPES = {"--robot-radius", "--footprint", "--params-file"}
+_NAV2_RADIUS = ("--robot-radius", "0.22")  # the default of Nav2
 _UNKNOWN_MAP = np.full((1, 1), -1, dtype=np.int8)
 
 
@@ -132,14 +137,45 @@ class Draft:
         return next(candidate for candidate in names if candidate not in used)
 
     def next_command(self, settings: Settings, claims: Iterable[Claim]) -> str:
-        named = next(path for path in (self.path, *self.path.parents) if exists(path))
+        """Return the command that follows from the claims about the map; empty if there is none."""
+        by_subject = {claim.about: claim for claim in claims}
+        if by_subject.keys() & _OF_TWO_MAPS:
+            return ""
+        about_map = [by_subject[about] for about in _BY_URGENCY if about in by_subject]
+        worst = min(about_map, key=lambda claim: get_args(State).index(claim.state), default=None)
+        goals, question = by_subject.get("goals"), self.question
+        robot = question.robot if question else ()
+        robot = robot if _SHAPES & {*robot} else (*_NAV2_RADIUS, *robot)
         options = [] if settings.max_cells is None else ["--max-cells", str(settings.max_cells)]
         if self.map_path is not None and map_server.is_bare_image(self.map_path) and self.layers:
             frame = self.layers[0].frame
             origin = ",".join(f"{value:.9g}" for value in frame.origin)
             options += ["--resolution", f"{frame.resolution:.9g}", "--origin", origin]
         dialect = [] if settings.dialect == "nav2" else ["--dialect", settings.dialect]
-        return next_command(claims, named, self.map_path, self.question, options, dialect)
+        if self.map_path is None:
+            named = next(path for path in (self.path, *self.path.parents) if exists(path))
+            words = ["info", documents.typed_path(named)]
+        elif worst is None or (worst is not goals and worst.state != "good"):
+            words = ["lint", documents.typed_path(self.map_path), *options]
+        elif "costmap" in by_subject and (goals is None or goals.state == "unknown"):
+            words = ["run", documents.typed_path(self.map_path), *options, *dialect, "-o", "nav2"]
+            words += ["--recipe", "nav2", *robot, "--report"]
+        else:
+            start, targets = (question.start, question.goals) if question else ((), ())
+            if goals is not None and not goals.evidence:  # reach refused the start
+                start = ()
+            has_ends, planner = bool(start and targets), question.planner if question else "reach"
+            if not (planner == "plan" and has_ends):
+                is_good = goals is not None and goals.state == "good" and has_ends
+                planner = "route" if is_good else "reach"
+            is_routed = planner == "route"
+            words = [planner, documents.typed_path(self.map_path), *options, *dialect]
+            words += ["--from", _numbers(start[: 2 if is_routed else 3])] if start else []
+            texts = [_numbers((targets[0].x, targets[0].y))] if is_routed else map(_goal, targets)
+            words += ["--to", *texts] if targets else []
+            words += robot
+        line = shlex.join(["mapdeal", *words])
+        return line if line == errors.one_line(line) else ""
 
     def entry(self, settings: Settings, folders: Collection[str] = ()) -> Entry:
         """Return the entry; lists of thousands of items, tables or rows are cut off."""
@@ -159,6 +195,15 @@ class Draft:
             tuple(replace(claim, text=shown(claim.text)) for claim in claims),
             self.opens_swiped, self.next_command(settings, claims), bool(self.replays),
         )  # fmt: skip
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return ",".join(f"{value + 0.0:.9g}" for value in values)
+
+
+def _goal(goal: Goal) -> str:
+    name = "" if goal.name is None or "=" in goal.name else f"{goal.name}="
+    return f"{name}{_numbers((goal.x, goal.y))}"
 
 
 def folder_of(name: str) -> str | None:
@@ -259,7 +304,7 @@ class Grids(AbstractContextManager["Grids"]):
 
     def layers(self, path: Path, name: str, title: str) -> list[PageLayer]:
         grid = self.grid(path)
-        kinds = enumerate(kinds_of(grid))
+        kinds = enumerate(contents.kinds_of(grid))
         return [self._reread(kind.of(grid, name, title), path, index) for index, kind in kinds]
 
     def _read(self, path: Path) -> tuple[map_file.Grid, map_file.MapFile]:
@@ -288,7 +333,7 @@ class Grids(AbstractContextManager["Grids"]):
         def read_rows(rows: slice) -> Any:
             if self._layer_read is None or self._layer_read[0] != (path, index):
                 grid = self.grid(path)
-                self._layer_read = (path, index), kinds_of(grid)[index].values(grid)
+                self._layer_read = (path, index), contents.kinds_of(grid)[index].values(grid)
             return self._layer_read[1][rows]
 
         dtype = layer.values.dtype
@@ -693,7 +738,7 @@ def two_robots(path: Path, results: Results, grids: Grids) -> Draft:
     draft.layers += grids.layers(place, "map", f"Map: {place.name}")[-1:]
     named_costs = zip(("first", "second"), comparison.names, comparison.costmaps, strict=True)
     for name, shown, costmap in named_costs:
-        draft.layers += page_layers(costmap, name, f"Costs of {shown}")
+        draft.layers += contents.page_layers(costmap, name, f"Costs of {shown}")
     pairs = {name: " → ".join(map(diff.value_text, pair))
              for name, pair in comparison.parameters.items()}  # fmt: skip
     draft.tables.append(Table("Parameters that differ", rows_of(pairs)))
