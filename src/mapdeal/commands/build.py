@@ -477,11 +477,9 @@ def _of_bag(path: Path, topics: Sequence[str], frames: FrameOptions, stack: Exit
 
 
 def _mapped(
-    clouds: _Clouds, options: CloudOptions, resolution: float | None,
-    size: Point | None, origin: Sequence[float] | None, range_min: float, advance: Advance,
+    clouds: _Clouds, options: CloudOptions, resolution: float | None, frame: Frame | None,
+    range_min: float, advance: Advance,
 ) -> CloudMap:  # fmt: skip
-    frame = mapping.frame_of(size, origin, voxels.FINEST if resolution is None else resolution)
-
     def claim_for_map(count: int, text: str) -> None:
         claim(clouds.named, _LIBRARIES + count, what=text, hint="--size and --origin bound the map")
 
@@ -562,9 +560,7 @@ def build_from_clouds(
     layers: Path | None, range_min: float, poses: Path | None, topics: Sequence[str],
     frames: dict[str, Any],
 ) -> GridResult:  # fmt: skip
-    mapping.frame_of(
-        size, origin, resolution or voxels.FINEST
-    )  # checks the options before anything is read
+    frame = mapping.frame_of(size, origin, voxels.FINEST if resolution is None else resolution)
     if layers is not None:
         check_ends_in_npz(layers)
     if not (len(names) == 1 and kinds.is_bag(Path(names[0]))):
@@ -574,7 +570,7 @@ def build_from_clouds(
         work.outputs += [*reading.output_paths(output), *([layers] if layers is not None else [])]
         transaction = work.begin(clouds.files)
         with work.counted((1 + options.level + clouds.has_places) * clouds.steps) as advance:
-            cloud_map = _mapped(clouds, options, resolution, size, origin, range_min, advance)
+            cloud_map = _mapped(clouds, options, resolution, frame, range_min, advance)
     reading.write_grid(transaction, output, cloud_map.grid)
     if layers is not None:
         transaction.write(layers, partial(write_npz, grid=cloud_map.grid, more=cloud_map.layers))
@@ -633,10 +629,11 @@ def build_map_from_clouds(
     if not names:
         raise ParameterError("names no cloud", place="paths", got=paths)
     settings = Settings(max_memory=max_memory, threads=threads)
+    frame = mapping.frame_of(size, origin, voxels.FINEST if resolution is None else resolution)
     pose_file = None if poses is None else Path(poses)
     with settings.reading(), use_threads(settings.threads), ExitStack() as stack:
         clouds = _clouds_of(names, topics, FrameOptions(poses=pose_file), stack)
-        return _mapped(clouds, cloud_options, resolution, size, origin, range_min, lambda _: None)
+        return _mapped(clouds, cloud_options, resolution, frame, range_min, lambda _: None)
 
 
 @command(
