@@ -7,7 +7,7 @@ import re
 import sys
 from typing import Annotated, Any, Literal
 
-from mapdeal.cli import apps, terminal
+from mapdeal.cli import terminal
 from mapdeal.command import Words, command
 
 VARIABLE = "_MAPDEAL_COMPLETE"  # set by the scripts when they request words
@@ -35,9 +35,6 @@ def completion(
     from typer._completion_shared import get_completion_script
 
     terminal.result(get_completion_script(prog_name="mapdeal", complete_var=VARIABLE, shell=shell))
-
-
-app = apps.command_app("completion", sys.modules[__name__])
 
 
 def prepare_completion() -> None:

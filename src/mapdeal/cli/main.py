@@ -37,18 +37,14 @@ class _LazyGroup(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002 - click's signature
         if cmd_name in self.commands:
             return self.commands[cmd_name]
-        if "_" not in cmd_name and (found := find_spec(f"mapdeal.commands.{cmd_name}")):
-            from mapdeal.cli.apps import command_app
-
-            app = command_app(cmd_name, import_module(found.name))
-        elif cmd_name == "completion":
-            from mapdeal.cli.completion import app
-        elif cmd_name in command_names():
-            from mapdeal.cli.apps import command_app
-
-            app = command_app(cmd_name)
-        else:
+        package = "cli" if cmd_name == "completion" else "commands"
+        found = None if "_" in cmd_name else find_spec(f"mapdeal.{package}.{cmd_name}")
+        if found is None and cmd_name not in command_names():
             return None
+        from mapdeal.cli.apps import command_app
+
+        module = None if found is None else import_module(found.name)  # stages have none
+        app = command_app(cmd_name, module)
         signals.begin_work()
         command: Any = typer.main.get_command(app)
         for runnable in (command, *getattr(command, "commands", {}).values()):
