@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import count, islice
 from pathlib import Path
 from typing import Any, cast, get_args
@@ -17,7 +17,7 @@ from typing import Any, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.checks.findings import SEVERITIES, Finding, Severity
+from mapdeal.checks.findings import SEVERITIES, Severity
 from mapdeal.commands.diff import passage_text
 from mapdeal.compare.difference import Change, CostChange
 from mapdeal.compare.score import figure_text, figures_named
@@ -146,37 +146,27 @@ def _lint(document: JsonValue) -> Results:
 
 
 def _part_of_lint(document: JsonValue) -> Results:
-    file = document["file"].text()
-    findings = [
-        Finding(
-            severity=cast("Severity", entry["severity"].word(*SEVERITIES)), file=file,
-            check=entry["check"].text(), message=entry["message"].text(),
-            line=entry["line"].or_none(JsonValue.integer),
-            places=tuple(place.point() for place in entry["places"].items()),
-        )
-        for entry in document["findings"].items()
-    ]  # fmt: skip
     texts: dict[str, list[str]] = {severity: [] for severity in SEVERITIES}
-    for found in findings:
-        texts[found.severity].append(short(found.message))
+    items: list[Item] = []
+    for finding in document["findings"].items():
+        severity = cast("Severity", finding["severity"].word(*SEVERITIES))
+        check, message = finding["check"].text(), finding["message"].text()
+        texts[severity].append(short(message))
+        line = finding["line"].or_none(JsonValue.integer)
+        message += f" (line {line})" if line is not None else ""
+        places = [place.point() for place in finding["places"].items()]
+        # Findings of one check share a line of the list, and so do the places of one finding.
+        group = short(f"{severity} {check}")
+        for index, place in enumerate(places or (None,), start=1):
+            words = f"place {index} of {len(places)}" if index > 1 else message
+            items.append(Item("finding", short(f"{check}: {words}"), severity, place, group=group))
     rows = [(f"{severity}s", str(len(messages))) for severity, messages in texts.items()]
     rows.append(("suppressed", str(document["suppressed"].integer())))
     for number, repair in enumerate(document.items_of("repairs"), start=1):
         rows.append((f"repair {number}", short(repair.text())))
-    items = _shortened((item for found in findings for item in _items_of(found)), "finding")
-    tables = [Table("Lint", tuple(rows))]
-    claims = (on_findings(texts),)
-    return Results(json_values.LINT, items, tables, claims=claims, name=file)
-
-
-def _items_of(finding: Finding) -> Iterator[Item]:
-    line = f" (line {finding.line})" if finding.line is not None else ""
-    # Findings of one check share a line of the list, and so do the places of one finding.
-    group = short(f"{finding.severity} {finding.check}")
-    for index, place in enumerate(finding.places or (None,), start=1):
-        words = f"place {index} of {len(finding.places)}" if index > 1 else finding.message + line
-        text = short(f"{finding.check}: {words}")
-        yield Item("finding", text, finding.severity, place, group=group)
+    tables, claims = [Table("Lint", tuple(rows))], (on_findings(texts),)
+    items, name = _shortened(items, "finding"), document["file"].text()
+    return Results(json_values.LINT, items, tables, claims=claims, name=name)
 
 
 def _reach(document: JsonValue) -> Results:
