@@ -197,18 +197,18 @@ def test_other_forms_tell_repairs_too(fixed):
     assert fixed("--format", "json")[2] == ""
 
 
-@pytest.mark.parametrize("when", ["gather", "with_values"])
-def test_a_map_that_changes_while_it_is_repaired_is_left(fixed, folder, monkeypatch, when):
+@pytest.mark.parametrize("place", [(repair, "gather"), (repair.yaml_text, "with_values")])
+def test_a_map_that_changes_while_it_is_repaired_is_left(fixed, folder, monkeypatch, place):
     write(yaml_text(free_thresh="0.25"))
     theirs = yaml_text(free_thresh="0.3") + "# a change by somebody else\n"
-    real = getattr(repair, when)
+    real = getattr(*place)
 
     def meanwhile(*arguments, **words):
         found = real(*arguments, **words)
         write(theirs)
         return found
 
-    monkeypatch.setattr(repair, when, meanwhile)
+    monkeypatch.setattr(*place, meanwhile)
     code, _, err = fixed()
     assert (code, "m.yaml: changed while it was read" in err) == (4, True)
     assert Path("m.yaml").read_text() == theirs
