@@ -577,8 +577,6 @@ def passage_change_items(passages: Iterable[Passage], word: str, tone: Tone) -> 
 
 def cost_change_items(changes: Iterable[CostChange], frame: Frame) -> list[Item]:
     listed = [region for change in changes for region in change.largest[:_MOST_OF_A_CHANGE]]
-    if not listed:
-        return []
     items = change_items(listed, sum(change.regions for change in changes) - len(listed), frame)
     return [replace(item, lines=()) if item.kind in ("rose", "fell") else item for item in items]
 

@@ -143,8 +143,8 @@ class Draft:
             return ""
         about_map = [by_subject[about] for about in _BY_URGENCY if about in by_subject]
         worst = min(about_map, key=lambda claim: get_args(State).index(claim.state), default=None)
-        goals, question = by_subject.get("goals"), self.question
-        robot = question.robot if question else ()
+        goals, question = by_subject.get("goals"), self.question or ReachQuestion((), (), ())
+        robot = question.robot
         robot = robot if _SHAPES & {*robot} else (*_NAV2_RADIUS, *robot)
         options = [] if settings.max_cells is None else ["--max-cells", str(settings.max_cells)]
         if self.map_path is not None and map_server.is_bare_image(self.map_path) and self.layers:
@@ -161,13 +161,12 @@ class Draft:
             words = ["run", documents.typed_path(self.map_path), *options, *dialect, "-o", "nav2"]
             words += ["--recipe", "nav2", *robot, "--report"]
         else:
-            start, targets = (question.start, question.goals) if question else ((), ())
+            start, targets, planner = question.start, question.goals, "reach"
             if goals is not None and not goals.evidence:  # reach refused the start
                 start = ()
-            has_ends, planner = bool(start and targets), question.planner if question else "reach"
-            if not (planner == "plan" and has_ends):
-                is_good = goals is not None and goals.state == "good" and has_ends
-                planner = "route" if is_good else "reach"
+            is_good = goals is not None and goals.state == "good"
+            if start and targets and (is_good or question.planner == "plan"):
+                planner = question.planner
             is_routed = planner == "route"
             words = [planner, documents.typed_path(self.map_path), *options, *dialect]
             words += ["--from", _numbers(start[: 2 if is_routed else 3])] if start else []
