@@ -327,11 +327,10 @@ def _evidence_of(
     maps: Sequence[inputs.MapInput], rule: merging.Rule,
     layers_given: Sequence[merging.Layers | None] | None, max_cells: int | None,
 ) -> list[merging.ChosenLayers]:  # fmt: skip
-    if layers_given is not None and rule != "evidence":
-        raise ParameterError("is for rule evidence alone", place="evidence")
     if layers_given is not None:
-        text = f"must be {len(maps)}, one for each map"
-        count = len(layers_given)
+        if rule != "evidence":
+            raise ParameterError("is for rule evidence alone", place="evidence")
+        text, count = f"must be {len(maps)}, one for each map", len(layers_given)
         require(count == len(maps), text, "evidence", got=count)
     chosen: list[merging.ChosenLayers] = []
     for source, layers in zip(maps, layers_given or [None] * len(maps), strict=True):

@@ -6,7 +6,7 @@ import re
 import shlex
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from functools import partial
 from itertools import islice
 from pathlib import Path, PurePath
@@ -267,11 +267,8 @@ class Grids(AbstractContextManager["Grids"]):
         """Read a file once, and store its warnings; `quietly` does not emit them."""
         if path not in self._opened:
             texts: list[str] = []
-            with ExitStack() as stack:
-                if quietly:
-                    stack.enter_context(errors.capture_warnings())
-                stack.enter_context(adding_warnings(texts))
-                read = stack.enter_context(sums_of_reads())
+            muted = errors.capture_warnings() if quietly else nullcontext()
+            with muted, adding_warnings(texts), sums_of_reads() as read:
                 grid, file = self._read(path)
                 sums = file.sums_by_name(read)
             self._keep(path, grid)
