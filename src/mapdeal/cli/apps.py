@@ -16,7 +16,7 @@ import typer
 
 from mapdeal import command as definitions
 from mapdeal.cli import options as opt, terminal
-from mapdeal.cli.terminal import DASH, FROM_STDIN, TO_STDOUT
+from mapdeal.cli.terminal import DASH
 from mapdeal.command import Command, Output, Parameter, Result, Stage, Words
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.costmap import Costmap
@@ -261,7 +261,7 @@ def _shell_function(definition: Command) -> Any:
     names = list(opt.expanded([*names, *definition.shared]))
     if "image" in names and not (is_stage or definition.may_have_picture):
         names = [name for name in names if name not in ("image", "image_extent")]
-    return opt.with_shared_options(run, own, names, definition)
+    return opt.with_shared_options(run, own, names, definition, _streams_of(definition))
 
 
 def _accept_values(definition: Command, values: dict[str, Any], work: Work) -> dict[str, Any]:
@@ -337,6 +337,16 @@ def _print(result: Result, definition: Command, output: Path | None, *, as_json:
         raise typer.Exit(1)
 
 
+def _streams_of(definition: Command) -> dict[str, bool]:
+    """Return which parameters accept ``-``, and whether that is the output."""
+    words = {name: own.words for name, own in definition.parameters.items() if own.words}
+    words |= {name: own for name, (_, own, _) in definition.inputs.items()}
+    maps = [name for name, (kind, _, _) in definition.inputs.items() if kind in _TYPES]
+    streams = dict.fromkeys([*maps, *(name for name, own in words.items() if own.streams)], False)
+    has_output = definition.output is not None and definition.output.streams
+    return {**streams, "output": True} if has_output else streams
+
+
 def _arguments(definition: Command) -> Iterator[Argument]:
     meanings, output = definition.meanings, definition.output
     for name, (kind, words, is_required) in definition.inputs.items():
@@ -349,29 +359,26 @@ def _arguments(definition: Command) -> Iterator[Argument]:
             declared = typer.Argument(metavar=words.metavar or "MAP", help=text)
         else:
             declared = typer.Option(f"--{words.name}", metavar=words.metavar, help=text)
-        marks = [FROM_STDIN] if is_map else []
         typed = words.typed or _TYPES.get(kind, kind)
         default = Argument.empty if is_required else None
-        yield _argument(name, Annotated[(typed, declared, *marks)], default)
+        yield _argument(name, Annotated[typed, declared], default)
     if output is not None:
         is_text = output.ending != ".npz" or definition.json == "default"
         stream = "Or - for stdout." if is_text else opt.OR_STDOUT
         is_streamed = output.streams or definition.json == "default"
         text = f"{output.about} {stream}" if is_streamed else output.about
         declared = typer.Option("--output", "-o", metavar=output.metavar, help=text)
-        marks = [TO_STDOUT] if output.streams else []
         kind, default = (Path, Argument.empty) if output.is_required else (Path | None, None)
-        yield _argument("output", Annotated[(kind, declared, *marks)], default)
+        yield _argument("output", Annotated[kind, declared], default)
     for name, parameter in definition.parameters.items():
         if name in {*_OF_SETTINGS, "output"} or parameter.from_robot or _is_of_robot(parameter):
             continue
         is_flag = parameter.default is False and not definition.flags_have_opposites
         option = opt.option_of(parameter, first_sentence(meanings[name]), is_flag=is_flag)
-        marks = [FROM_STDIN] if parameter.words is not None and parameter.words.streams else []
         is_required = parameter.is_required
         kind = opt.type_of(parameter) if is_required else opt.type_of(parameter) | None
         default = Argument.empty if is_required else None
-        yield _argument(name, Annotated[(kind, option, *marks)], default)
+        yield _argument(name, Annotated[kind, option], default)
     if definition.json != "never":
         option = typer.Option("--json", help=meanings.get("as_json", _JSON))
         yield _argument("as_json", Annotated[bool, option], False)

@@ -144,7 +144,6 @@ class SharedOption(NamedTuple):
     default: object = None
     group: str | None = "files"
     least: int | None = None
-    marks: tuple[Any, ...] = ()
 
     def parameter(self, name: str, text: str | None) -> Argument:
         has_one_form = self.kind is bool and name != "robot_16_gon"  # which has a --no-, too
@@ -152,9 +151,9 @@ class SharedOption(NamedTuple):
         flag += ["-" + name[0]] if name in ("quiet", "verbose") else []
         text = text or self.text
         declare = partial(typer.Option, *flag, metavar=self.metavar, min=self.least, help=text)
-        panel = "Robot" if self.group in (_ROBOT, _AGAINST) or self.marks else "Common options"
+        panel = "Robot" if self.group in (_ROBOT, _AGAINST) or name == "mask" else "Common options"
         option = declare(show_default="[default: " not in text, rich_help_panel=panel)
-        kind: Any = Annotated[(self.kind, option, *self.marks)]
+        kind: Any = Annotated[self.kind, option]
         return Argument(name, Argument.KEYWORD_ONLY, default=self.default, annotation=kind)
 
 
@@ -203,7 +202,7 @@ SHARED_OPTIONS = {
         Settings.image_max, group=None, least=0),
     "mask": SharedOption(Path | None,
         "Keepout mask, a map: lower bound of the costs; 100 keeps the robot's centre out.",
-        "MASK", group=None, marks=(terminal.FROM_STDIN,)),
+        "MASK", group=None),
     "no_images": SharedOption(bool, "Write no pictures.", default=False, group=None),
     "strict": _always("Exit with 1, and write nothing, if there is a warning."),
     "quiet": _always("Print only errors and requested results."),
@@ -224,8 +223,9 @@ def expanded(names: Iterable[str]) -> list[str]:
 
 
 def with_shared_options(
-    function: Any, own: Iterable[Argument], names: Sequence[str], definition: Command
-) -> Any:
+    function: Any, own: Iterable[Argument], names: Sequence[str], definition: Command,
+    streams: Mapping[str, bool],
+) -> Any:  # fmt: skip
     """Return a command that calls a function with `Settings`, the robot, and its own options."""
     makes_costs = definition.makes_costs
     ending = definition.output.ending if definition.output else ".npz"
@@ -233,10 +233,10 @@ def with_shared_options(
     ordered = expanded([*names, _ALWAYS])
     parameters = _spliced(definition, by_name, ordered)
     shared = [name for name in SHARED_OPTIONS if name in ordered and name not in by_name]
-    of_streams = [name for name in shared if SHARED_OPTIONS[name].marks]
+    of_streams = [name for name in shared if name == "mask"]
     shared = [name for name in shared if name not in of_streams]
     robot = [name for name in shared if SHARED_OPTIONS[name].group == _ROBOT]
-    marked = terminal.streamed(parameters)
+    streams = {**streams, **dict.fromkeys(of_streams, False)}
     defaults = {parameter.name: parameter.default for parameter in parameters}
 
     @wraps(function)
@@ -270,7 +270,7 @@ def with_shared_options(
                 endings = join_words((e.endings[0] for e in FORMATS if e.takes_resolution), "and")
                 rule = f"applies to images without their .yaml and to {endings}, and none is named"
                 raise ParameterError(rule, source="--resolution")
-            piped = terminal.piped(values, marked, ending=ending)
+            piped = terminal.piped(values, streams, ending=ending)
             with settings.reading(anew=True), use_threads(settings.threads), piped as piped_values:
                 read = {name: piped_values.pop(name) for name in of_streams}
                 if "mask" in read and makes_costs(values) and "against" not in shared:

@@ -13,7 +13,6 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from enum import Enum
 from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
@@ -331,30 +330,15 @@ def _has_colours(stream: TextIO) -> bool:
 DASH = Path("-")  # the word ``-``; the file of this name is ``./-``, which is made an absolute path
 
 
-class Streamed(Enum):
-    """Mark of a parameter that accepts ``-`` for a standard stream."""
-
-    INPUT, OUTPUT = False, True
-
-
-FROM_STDIN, TO_STDOUT = Streamed
-
-
-def streamed(parameters: Iterable[Any]) -> dict[str, bool]:
-    marks = [(parameter.name, mark) for parameter in parameters
-             for mark in getattr(parameter.annotation, "__metadata__", ())]  # fmt: skip
-    return {name: mark.value for name, mark in marks if isinstance(mark, Streamed)}
-
-
 @contextmanager
 def piped(
-    values: Mapping[str, Any], marked: Mapping[str, bool], *, ending: str = ".npz"
+    values: Mapping[str, Any], streams: Mapping[str, bool], *, ending: str = ".npz"
 ) -> Iterator[dict[str, Any]]:
     """Yield values with files in place of standard streams; at the end send the output's."""
     dashed = [name for name in values if name != "output" and _dashes(values[name])]
-    inputs = [name for name in dashed if not marked.get(name)]
-    streamed_inputs = [name for name in inputs if name in marked]
-    output = next((n for n, is_output in marked.items() if is_output and values[n] == DASH), None)
+    inputs = [name for name in dashed if not streams.get(name)]
+    streamed_inputs = [name for name in inputs if name in streams]
+    output = next((n for n, is_output in streams.items() if is_output and values[n] == DASH), None)
     if not streamed_inputs and output is None:
         yield dict(values)
         return
