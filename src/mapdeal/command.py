@@ -26,7 +26,6 @@ from pathlib import Path
 from typing import (
     Annotated,
     Any,
-    ClassVar,
     Literal,
     ParamSpec,
     TypeVar,
@@ -552,7 +551,6 @@ class Command:
 
     json: Literal["asked", "default", "never"] = "asked"
     makes_costs: Callable[[Mapping[str, Any]], bool] = lambda _: True
-    flags_have_opposites: ClassVar[bool] = False  # ``--no-x`` for each ``--x``
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", self.name or self.function.__name__)

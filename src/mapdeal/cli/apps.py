@@ -10,7 +10,7 @@ from functools import cached_property, partial
 from inspect import Parameter as Argument
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import typer
 
@@ -100,7 +100,6 @@ def _apply_stage(
 @dataclass(frozen=True, eq=False)
 class _StageCommand(Command):
     models: Mapping[str | None, Stage] = field(default_factory=dict)
-    flags_have_opposites: ClassVar[bool] = True
 
     @property
     def _first(self) -> Stage:
@@ -373,7 +372,7 @@ def _arguments(definition: Command) -> Iterator[Argument]:
     for name, parameter in definition.parameters.items():
         if name in {*_OF_SETTINGS, "output"} or parameter.from_robot or _is_of_robot(parameter):
             continue
-        is_flag = parameter.default is False and not definition.flags_have_opposites
+        is_flag = parameter.default is False and not isinstance(definition, _StageCommand)
         option = opt.option_of(parameter, first_sentence(meanings[name]), is_flag=is_flag)
         is_required = parameter.is_required
         kind = opt.type_of(parameter) if is_required else opt.type_of(parameter) | None
