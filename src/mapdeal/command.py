@@ -16,6 +16,7 @@ import json
 import math
 import re
 import types
+import typing
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence as AbcSequence
 from contextlib import contextmanager, nullcontext, suppress
@@ -23,31 +24,14 @@ from functools import partial
 from numbers import Real
 from os import PathLike
 from pathlib import Path
-from typing import (
-    Annotated,
-    Any,
-    Literal,
-    ParamSpec,
-    TypeVar,
-    Union,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Annotated, Any, Literal, ParamSpec, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mapdeal import errors
 from mapdeal.compatibility import Unpack
-from mapdeal.errors import (
-    MapdealError,
-    ParameterError,
-    as_known,
-    emit_warning,
-    is_called_by_user,
-    nearest_hint,
-    reworded,
-)
+from mapdeal.errors import MapdealError, ParameterError
 from mapdeal.grid import canvas, costmap, frame
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -165,11 +149,11 @@ class Parameter:
         if self.optional and (value is None or (isinstance(value, str) and value == "none")):
             return None
         if self.choices:
-            word = as_known(value, self.choices) if isinstance(value, str) else None
+            word = errors.as_known(value, self.choices) if isinstance(value, str) else None
             if word in self.choices:
                 return word
             error = self._error(f"one of {', '.join(self.choices)}", value)
-            error.hint = nearest_hint(str(value), self.choices)
+            error.hint = errors.nearest_hint(str(value), self.choices)
             raise error
         if self.kind in _STRUCTURED:
             return _STRUCTURED[self.kind](self.key, value)
@@ -284,7 +268,7 @@ def unknown_name(
     noun: str, name: object, known: Iterable[str], *, place: str | None = None
 ) -> ParameterError:
     names = list(known)
-    hint = nearest_hint(str(name), names) or f"known: {', '.join(names)}"
+    hint = errors.nearest_hint(str(name), names) or f"known: {', '.join(names)}"
     return ParameterError(f"no such {noun}", place=place, got=name, hint=hint)
 
 
@@ -299,10 +283,10 @@ def _is_supported(kind: Any) -> bool:
 
 
 def split_optional(hint: Any) -> tuple[Any, bool]:
-    if get_origin(hint) not in (Union, types.UnionType):
+    if get_origin(hint) not in (typing.Union, types.UnionType):
         return hint, False
     arms = [arm for arm in get_args(hint) if arm is not type(None)]
-    kind = arms[0] if len(arms) == 1 else Union[tuple(arms)]  # noqa: UP007 - decorate of a list
+    kind = arms[0] if len(arms) == 1 else typing.Union[tuple(arms)]  # noqa: UP007 - decorate of a list
     return kind, len(arms) < len(get_args(hint))
 
 
@@ -635,10 +619,10 @@ def stage(
         def wrapped(*args: P.args, **kwargs: P.kwargs) -> Any:
             product: Any = with_checks(*args, **kwargs)
             # Recipes and commands add the remark themselves.
-            if "remark" in more and is_called_by_user() and not _has_obstacle(*args[:1]):
+            if "remark" in more and errors.is_called_by_user() and not _has_obstacle(*args[:1]):
                 text = remark_on_obstacles({}, product.figures())
                 if text is not None:
-                    emit_warning(f"{name}: {text}")
+                    errors.emit_warning(f"{name}: {text}")
             return product
 
         _STAGES[wrapped] = Stage(wrapped, name, summary, title, memory, **more)
@@ -729,12 +713,12 @@ def with_plain_errors(function: Callable[P, R]) -> Callable[P, R]:
         bound = _bound(function.__name__, signature, args, kwargs)
         if bound.arguments.get("footprint") is not None:
             bound.arguments["footprint"] = _footprint("footprint", bound.arguments["footprint"])
-        is_by_user = is_called_by_user()
+        is_by_user = errors.is_called_by_user()
         for name, value in bound.arguments.items() if is_by_user else ():
             hint = hints_of(function).get(name) if isinstance(value, str) else None
             if get_origin(split_optional(_split_annotated(hint)[0])[0]) is Literal:
                 _check_type(value, hint, f"{function.__name__}()", name)
-        naming = reworded(partial(_in_python, function)) if is_by_user else nullcontext()
+        naming = errors.reworded(partial(_in_python, function)) if is_by_user else nullcontext()
         with naming, _types_checked(function, bound):
             return function(*bound.args, **bound.kwargs)
 
@@ -818,7 +802,7 @@ def _bound(name: str, signature: inspect.Signature, args: tuple[Any, ...],
     unknown, hint = [word for word in kwargs if word not in parameters], None
     if unknown:
         is_radius = unknown[0] in ("radius", "robot_radius") and "footprint" in parameters
-        hint = nearest_hint(unknown[0], parameters) or (_ROUND if is_radius else None)
+        hint = errors.nearest_hint(unknown[0], parameters) or (_ROUND if is_radius else None)
     elif len(args) > len(positional) and by_name:
         hint = f"further arguments are named, as {by_name[0]}=..."
         if "Sequence[" in str(positional[0].annotation):
@@ -865,7 +849,7 @@ def _check_type(value: object, hint: Any, function: str, name: str) -> None:
             raise error("must be a list of numbers" if is_list else "must be numbers", got=value)
     if get_origin(kind) is Literal and value is not None:
         Parameter(name, None, kind, optional=False, conditions=()).accept(value)
-    kinds = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
+    kinds = get_args(kind) if get_origin(kind) in (typing.Union, types.UnionType) else (kind,)
     words = [word for arm in kinds if get_origin(arm) is Literal for word in get_args(arm)]
     arms = [get_origin(arm) or arm for arm in kinds if get_origin(arm) is not Literal]
     if value is None or value in words or not (arms and all(map(_is_checked, arms))):
