@@ -12,7 +12,6 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
@@ -122,7 +121,7 @@ def warn(text: str) -> None:
         _print_message(f"warning: {one_line(text)}")
 
 
-@contextmanager
+@contextlib.contextmanager
 def few_warnings(hint: str) -> Iterator[Callable[[str], None]]:
     count = 0
 
@@ -153,7 +152,7 @@ def detail(text: str) -> None:
         _print_message(one_line(text))
 
 
-@contextmanager
+@contextlib.contextmanager
 def activity_shown(command: str) -> Iterator[None]:
     """Show the work under way and its duration in a line of the terminal, then erase it."""
     if _quiet or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
@@ -192,7 +191,7 @@ def _show_line(text: str) -> None:
             print(f"{_CLEAR}{text[: width - 1]}", end="", file=sys.stderr, flush=True)  # noqa: T201
 
 
-@contextmanager
+@contextlib.contextmanager
 def counted(steps: int, noun: str | None = None) -> Iterator[Callable[..., object]]:
     """Yield a function that shows progress: in a bar, or in lines about things with a noun."""
     global _has_bar
@@ -236,7 +235,7 @@ def counted(steps: int, noun: str | None = None) -> Iterator[Callable[..., objec
             bar.__exit__(None, None, None)
 
 
-@contextmanager
+@contextlib.contextmanager
 def blocks_done(steps: int) -> Iterator[Callable[[int], object]]:
     detail("processed in blocks of rows")
     with counted(steps) as advance:
@@ -330,7 +329,7 @@ def _has_colours(stream: TextIO) -> bool:
 DASH = Path("-")  # the word ``-``; the file of this name is ``./-``, which is made an absolute path
 
 
-@contextmanager
+@contextlib.contextmanager
 def piped(
     values: Mapping[str, Any], streams: Mapping[str, bool], *, ending: str = ".npz"
 ) -> Iterator[dict[str, Any]]:

@@ -12,7 +12,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
-from mapdeal import errors
+from mapdeal import errors, version
 from mapdeal.checks.lint import LintReport
 from mapdeal.command import Output, Result, Words, command
 from mapdeal.commands import build, reach, report_documents as documents, report_entries as entries
@@ -41,7 +41,6 @@ from mapdeal.report.page import page_of
 from mapdeal.report.verdict import most_urgent, portable_command, verdicts_of
 from mapdeal.ros import planners, ros2_files
 from mapdeal.ros.robot import RobotParameters
-from mapdeal.version import __version__
 
 File = str | PathLike[str]
 _LARGEST_PAGE = 25_000_000  # bytes: the limit of many e-mail servers
@@ -381,7 +380,7 @@ def gathered(paths: Sequence[Path], grids: Grids, checks: RunChecks | None = Non
     folders = {folder for name in names if (folder := entries.folder_of(name)) is not None}
     shown = tuple(draft.entry(grids.settings, folders) for draft in gathering.drafts)
     title = shown[0].name if len(shown) == 1 else values.count_text(len(shown), "map")
-    return Report(title, shown, __version__)
+    return Report(title, shown, version.__version__)
 
 
 def _entries_of(path: Path, grids: Grids, known: set[object]) -> list[Draft] | None:
