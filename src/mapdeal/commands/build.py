@@ -617,7 +617,7 @@ def build_map_from_clouds(
     ParameterError
         If an option is invalid.
     FileAccessError, MalformedInputError
-        If a cloud cannot be read, has no heights, or no floor is found in it.
+        If a cloud cannot be read, or lacks heights or a floor.
 
     Warns
     -----
