@@ -285,13 +285,12 @@ def lethal_costs(robot: RobotParameters, map_read: inputs.MapInput) -> Costmap:
     grid = map_read.grid
     for step in recipe.load_recipe(None, robot=robot.without_inflation()).steps:
         grid = step.apply(grid, map_read.path)
-    if not isinstance(grid, Costmap):
-        raise TypeError("the recipe of a robot must make a Costmap")
-    is_unknown = grid.cost == grid.unknown_value
+    costs = cast("Costmap", grid)
+    is_unknown = costs.cost == costs.unknown_value
     layers = (layer for layer in robot.inflation_layers if layer.inflation_radius > 0)
     if not any(layer.inflate_around_unknown for layer in layers):
-        return grid
-    return grid.with_values(np.where(is_unknown, LETHAL_OBSTACLE, grid.cost).astype(np.uint8))
+        return costs
+    return costs.with_values(np.where(is_unknown, LETHAL_OBSTACLE, costs.cost).astype(np.uint8))
 
 
 def lethal_cells(robot: RobotParameters, map_read: inputs.MapInput) -> occupancy.OccupancyGrid:

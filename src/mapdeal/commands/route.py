@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal, overload
+from typing import Annotated, Any, Literal, cast, overload
 
 from mapdeal import errors
 from mapdeal.command import FACTOR, METRES, REPULSION, OnlyInPython, Output, Words, command
@@ -499,10 +499,9 @@ def _costs_of(
                 grid, over = over.costs_of(step, grid, source.path)[1], None
             elif not (step.stage.product_type is DistanceField and isinstance(grid, DistanceField)):
                 grid = step.apply(grid, source.path)
-        if not isinstance(grid, Costmap):
-            raise TypeError("the recipe of routes must end in costs")
         shape = planned_shape(robot, footprint)
-        costs = grid if shape is None else _closed_to(shape, grid, obstacles=robot is None)
+        costs = cast("Costmap", grid)
+        costs = costs if shape is None else _closed_to(shape, costs, obstacles=robot is None)
         return source, costs if over is None else over.over(costs)
 
 

@@ -157,13 +157,12 @@ def _codings_of(layer: PageLayer) -> tuple[Coding, ...]:
 
 
 def packed(values: Numbers, codings: Sequence[Coding]) -> bytes:
-    for index, coding in enumerate(codings):
-        if (fit := _fit(values, coding)) is not None:
-            integers, top, exceptions = fit
-            planes = _planes(_folded(integers))
-            header = struct.pack("<4i", index, len(planes), top, len(exceptions))
-            return b"".join([header, exceptions.astype("<f4").tobytes(), *planes])
-    raise AssertionError("the last coding holds any number")
+    fits = (_fit(values, coding) for coding in codings)
+    # the last coding holds any number
+    index, (integers, top, exceptions) = next((k, fit) for k, fit in enumerate(fits) if fit)
+    planes = _planes(_folded(integers))
+    header = struct.pack("<4i", index, len(planes), top, len(exceptions))
+    return b"".join([header, exceptions.astype("<f4").tobytes(), *planes])
 
 
 def _fit(values: Numbers, coding: Coding) -> tuple[NDArray[np.int32], int, Numbers] | None:
