@@ -57,11 +57,11 @@ _STATES = STATES[:3]  # states of a cell; values 1..99 have none because only st
 _CLOUDS_ONLY = ("min_points", "fill", "level")
 _ROBOTS_ONLY = ("climb", "max_slope", "drops", "floor")
 _LEAST_ENCLOSED = 1.0  # m2 of free space behind walls that deserve a warning
-_TILTED = 1.0  # degrees of tilt that are worth a warning
+_TILTED = 1.0  # degrees of tilt of a cloud that are worth a warning
 _COARSE = 3.0  # times the climb: clearance that is worth a warning
 _KIB, _OF_POINT = 1024, 16  # bytes that a point has in most files: for the progress
 _OF_SCAN = 200  # bytes for each point of a cloud whose beams are followed
-_LIBRARIES = 8_000_000  # bytes of parts of scipy
+_LIBRARIES = 8_000_000  # bytes of parts of scipy, for clouds
 
 Advance = Callable[[int], object]
 _Part = tuple[Beams, int]  # beams, and the number of scans read so far
@@ -476,7 +476,7 @@ def _of_bag(path: Path, topics: Sequence[str], frames: FrameOptions, stack: Exit
     return _Clouds(path, bag.files, len(numbers), placed, has_places=True)
 
 
-def _mapped(
+def _map_clouds(
     clouds: _Clouds, options: CloudOptions, resolution: float | None, frame: Frame | None,
     range_min: float, advance: Advance,
 ) -> CloudMap:  # fmt: skip
@@ -570,7 +570,7 @@ def build_from_clouds(
         work.outputs += [*reading.output_paths(output), *([layers] if layers is not None else [])]
         transaction = work.begin(clouds.files)
         with work.counted((1 + options.level + clouds.has_places) * clouds.steps) as advance:
-            cloud_map = _mapped(clouds, options, resolution, frame, range_min, advance)
+            cloud_map = _map_clouds(clouds, options, resolution, frame, range_min, advance)
     reading.write_grid(transaction, output, cloud_map.grid)
     if layers is not None:
         transaction.write(layers, partial(write_npz, grid=cloud_map.grid, more=cloud_map.layers))
@@ -633,7 +633,7 @@ def build_map_from_clouds(
     pose_file = None if poses is None else Path(poses)
     with settings.reading(), use_threads(settings.threads), ExitStack() as stack:
         clouds = _clouds_of(names, topics, FrameOptions(poses=pose_file), stack)
-        return _mapped(clouds, cloud_options, resolution, frame, range_min, lambda _: None)
+        return _map_clouds(clouds, cloud_options, resolution, frame, range_min, lambda _: None)
 
 
 @command(
