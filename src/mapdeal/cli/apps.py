@@ -14,11 +14,10 @@ from typing import Annotated, Any
 
 import typer
 
-from mapdeal import command as definitions
+from mapdeal import command as definitions, errors, records
 from mapdeal.cli import options as opt, terminal
 from mapdeal.cli.terminal import DASH
 from mapdeal.command import Command, Output, Parameter, Result, Stage, Words
-from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
@@ -30,7 +29,6 @@ from mapdeal.pipeline.recipe import RecipeName, load_recipe, step_for, step_of_r
 from mapdeal.pipeline.run import SingleResult, apply_to_file
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step, make_step
-from mapdeal.records import dataclass, field
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.catalogue import models_of
 
@@ -76,7 +74,7 @@ def _apply_stage(
         model = step.stage
         if model.robot is None and model.parameters_from_layers(shaped.costmap_layers) is None:
             text = f"--params-file: model {model.model} takes no shape and no costs of it"
-            emit_warning(f"{text}, only which occupancy is lethal")
+            errors.emit_warning(f"{text}, only which occupancy is lethal")
         if stage.needs_costs(step.parameters):
             before = load_recipe(shaped).steps
     else:
@@ -84,7 +82,7 @@ def _apply_stage(
         shape = step.stage.robot if stage.product_type is Costmap and footprint is None else None
         if shape is not None and shape.replaces not in values:
             text = "no robot is given, by --robot-radius, --footprint, --params-file or --recipe"
-            emit_warning(f"{text}: the costs are those of a point")
+            errors.emit_warning(f"{text}: the costs are those of a point")
     terminal.detail(step_line(step))
     started = time.perf_counter()
     result = apply_to_file(
@@ -97,9 +95,9 @@ def _apply_stage(
     return result
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class _StageCommand(Command):
-    models: Mapping[str | None, Stage] = field(default_factory=dict)
+    models: Mapping[str | None, Stage] = records.field(default_factory=dict)
 
     @property
     def _first(self) -> Stage:
@@ -199,10 +197,10 @@ def _step_of(
     if (shape := stage.robot) is None:
         shaped = " and ".join(str(stage.model) for stage in models.values() if stage.robot)
         rule = f"only {name}s of model {shaped} depend on the robot's shape"
-        raise ParameterError(rule, source="--model", got=model)
+        raise errors.ParameterError(rule, source="--model", got=model)
     if shape.replaces in values:
         rule = "cannot be given together with a robot's shape"
-        raise ParameterError(rule, source=f"--{shape.replaces.replace('_', '-')}")
+        raise errors.ParameterError(rule, source=f"--{shape.replaces.replace('_', '-')}")
     return make_step(name, {**values, **shape.parameters(footprint)})
 
 
@@ -288,7 +286,7 @@ def _is_of_robot(parameter: Parameter) -> bool:
 def _call(definition: Command, values: dict[str, Any]) -> Any:
     try:
         return definition.function(**values)
-    except ParameterError as error:
+    except errors.ParameterError as error:
         names = str(error.place).removeprefix(f"{definition.name}.").split(", ")
         if error.source is None and {*definition.parameters, *opt.SHARED_OPTIONS}.issuperset(names):
             keys = {name: own.key for name, own in definition.parameters.items()}
@@ -303,7 +301,7 @@ def _accept(parameter: Parameter, value: Any) -> Any:
         if words is not None and words.read is not None:
             return words.read(value)
         return value if parameter.is_as_typed else parameter.accept(value)
-    except ParameterError as error:
+    except errors.ParameterError as error:
         error.source, error.place = opt.option_name(parameter), None
         raise
 

@@ -8,11 +8,11 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from mapdeal import errors, records
 from mapdeal.command import Output, Result, Words, command
 from mapdeal.compare import difference, score
 from mapdeal.compare.align import Placement, bytes_to_align, placed
 from mapdeal.compatibility import Unpack
-from mapdeal.errors import ParameterError
 from mapdeal.files.json_values import ALIGNMENT_FORMAT
 from mapdeal.grid.canvas import obstacles_in, sampled
 from mapdeal.grid.frame import Transform, warn_of_degrees
@@ -20,7 +20,6 @@ from mapdeal.pictures.canvas import Image, beside_each_other
 from mapdeal.pictures.comparisons import difference_image
 from mapdeal.pictures.styles import alignment_style
 from mapdeal.pipeline import inputs
-from mapdeal.records import dataclass
 from mapdeal.sensors.points import transform_document
 
 _PER_CELL_OF_PICTURE = 16  # bytes for each cell of both maps
@@ -28,7 +27,7 @@ _LEAST_BEND = 0.05  # metres: smaller bends are not printed
 _UNKNOWN, _FREE = 1, 2  # in a picture; 3 is a wall of the first map, 4 of the second, 5 of both
 
 
-@dataclass(frozen=True, repr=False)
+@records.dataclass(frozen=True, repr=False)
 class Alignment(Placement, Result):
     """Placement of a first map in the frame of a second.
 
@@ -151,9 +150,9 @@ def _rotations(text: str) -> list[float]:
     try:
         turns = [math.radians(float(part)) for part in text.split(",")]
     except ValueError:
-        raise ParameterError("must be degrees such as 0,90,180,270", got=text) from None
+        raise errors.ParameterError("must be degrees such as 0,90,180,270", got=text) from None
     if not all(map(math.isfinite, turns)):
-        raise ParameterError("must be finite", got=text)
+        raise errors.ParameterError("must be finite", got=text)
     return turns
 
 
@@ -253,7 +252,7 @@ def align(
         rule = f"must be from 1 to {len(found.candidates)}"
         if not found.candidates:
             rule = f"does not apply: {'the match is certain' if found.same_place else found.reason}"
-        raise ParameterError(rule, place="candidate", got=candidate)
+        raise errors.ParameterError(rule, place="candidate", got=candidate)
     figures = vars(found) | found.candidates[candidate - 1]._asdict()
     del figures["contradicting"]
     figures |= {"bend": 0.0, "bend_xy": None} if candidate > 1 else {}

@@ -12,7 +12,7 @@ from typing import Annotated, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal import command as definitions
+from mapdeal import command as definitions, records
 from mapdeal.command import AT_LEAST_0, CELLS, METRES, PERCENT, POSE, Result, Words
 from mapdeal.commands import two_maps
 from mapdeal.commands.reach import COSTS_PER_CELL, goals_in, goals_of, reach_on_input, start_of
@@ -34,7 +34,6 @@ from mapdeal.pictures.styles import cost_change_codes, cost_change_style
 from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.folder import format_value, passage_document, reach_document, rounded
 from mapdeal.pipeline.step import make_step
-from mapdeal.records import asdict, dataclass
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import transform_document
 from mapdeal.stages.structured import Goals
@@ -53,7 +52,7 @@ _WORDS = {"closed": "now 253 or more", "opened": "no longer 253 or more", "unkno
           "known": "no longer unknown", "rose": "cost more", "fell": "cost less"}  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class DiffReport(Difference, Result):
     """Differences between two maps, A and B.
 
@@ -131,7 +130,7 @@ class DiffReport(Difference, Result):
             "transform": self.transform and transform_document(self.transform),
             "changes": [{"kind": record.kind, "area_m2": record.area, "x": record.x, "y": record.y}
                         for record in self.largest_changes(_LISTED)[0]],
-            "walls": {name: shift and asdict(shift) for name, shift in shifts.items()},
+            "walls": {name: shift and records.asdict(shift) for name, shift in shifts.items()},
             "bounds": {bound.name.replace("-", "_"): bound.document() for bound in self.bounds},
             "passes": self.passes,
         }  # fmt: skip
@@ -338,7 +337,7 @@ def change_codes(found: CostDifference) -> Any:
     return cost_change_codes(found.first_costs, found.second_costs, found.is_common, found.masks)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class CostmapDiff(Result):
     costs: CostDifference
     bounds: tuple[Bound, ...]
@@ -408,7 +407,7 @@ def costmaps_compared(
     return CostmapDiff(found, bounds, maps, move)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class RobotDiff(Result):
     """What changes for a robot on one map between two versions of its parameters, A and B.
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from mapdeal import errors, records
 from mapdeal.commands import diff, merge
 from mapdeal.commands.score import Score
-from mapdeal.errors import ParameterError, one_line
 from mapdeal.files.transaction import Transaction
 from mapdeal.grid import field, values
 from mapdeal.grid.bit_map import BitMap
@@ -28,7 +28,6 @@ from mapdeal.maps.png import write_png
 from mapdeal.pictures import cost_curve, overlay
 from mapdeal.pipeline.folder import PICTURE, files_of, together
 from mapdeal.pipeline.settings import Settings
-from mapdeal.records import dataclass
 
 Drawable = Grid | BitMap | LocalMap | BuiltMap | diff.DiffReport | merge.Merged | Score | CostCurve
 
@@ -42,7 +41,7 @@ _IN_NOTEBOOKS = 1200
 _MOST_CELLS, _MOST_CELLS_OF_POTENTIAL = 100_000_000, 4_000_000
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class Picture(values.OneLineRepr):
     r"""A picture that notebooks display, and that can be written or converted to an array.
 
@@ -136,19 +135,19 @@ def draw_picture(
     settings = Settings(image_max=image_max, image_extent=image_extent)
     look: Any = {"image_max": settings.image_max, "image_extent": settings.image_extent}
     if title is not None and not isinstance(title, str):
-        raise ParameterError("must be a text", place="title", got=title)
+        raise errors.ParameterError("must be a text", place="title", got=title)
     if route is not None and not isinstance(route, Route):
         hint = "mapdeal.route returns one"
-        raise ParameterError("must be a Route", place="route", got=route, hint=hint)
+        raise errors.ParameterError("must be a Route", place="route", got=route, hint=hint)
     if robot is not None and not isinstance(robot, Footprint):
-        raise ParameterError("must be a Footprint", place="robot", got=robot)
+        raise errors.ParameterError("must be a Footprint", place="robot", got=robot)
     for kind, name in _NOTHING_OVER.items():
         if isinstance(shown, kind) and (route is not None or pose is not None or robot is not None):
-            raise ParameterError(f"nothing can be drawn over {name}", place="route, pose")
+            raise errors.ParameterError(f"nothing can be drawn over {name}", place="route, pose")
     if isinstance(shown, diff.DiffReport | merge.Merged | Score):
         image = shown.drawn(title=title, **look)
     elif isinstance(shown, CostCurve):
-        image = cost_curve.cost_curve_image(shown, title=one_line(title or "cost curve"))
+        image = cost_curve.cost_curve_image(shown, title=errors.one_line(title or "cost curve"))
     else:
         grid, name = _grid_in(shown)
         if pose is None and isinstance(shown, LocalMap):
@@ -157,7 +156,7 @@ def draw_picture(
         over += [] if pose is None else [overlay.PoseOverlay(check_pose(pose))]
         over += [] if robot is None else [overlay.RobotOverlay(robot)]
         look["overlay"] = together(over)
-        image = files_of(type(grid)).draw(grid, title=one_line(title or name), **look)
+        image = files_of(type(grid)).draw(grid, title=errors.one_line(title or name), **look)
     return Picture(image.indices, image.palette)
 
 
@@ -189,11 +188,11 @@ def write_picture(
     """
     output = Path(path)
     if output.suffix != PICTURE:
-        raise ParameterError("a picture must end in .png", source=output)
+        raise errors.ParameterError("a picture must end in .png", source=output)
     drawn: Any = {"title": title, "route": route, "pose": pose, "robot": robot}
     if isinstance(shown, Picture):
         if any(value is not None for value in drawn.values()):
-            raise ParameterError("is drawn already", place="shown", got=shown)
+            raise errors.ParameterError("is drawn already", place="shown", got=shown)
         picture = shown
     else:
         picture = draw_picture(shown, **drawn, image_max=image_max, image_extent=image_extent)
@@ -221,4 +220,4 @@ def _grid_in(shown: object) -> tuple[Grid, str]:
     if isinstance(shown, Grid):
         return shown, shown.kind
     rule = "must be a grid, a bit map, a local map, a map of scans, merged maps, a comparison, "
-    raise ParameterError(f"{rule}a score or a cost curve", place="shown", got=shown)
+    raise errors.ParameterError(f"{rule}a score or a cost curve", place="shown", got=shown)

@@ -10,9 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
+from mapdeal import errors, records
 from mapdeal.command import METRES, VALUE, Output, Words, command
 from mapdeal.commands.pack import GridResult, read_bits
-from mapdeal.errors import ParameterError
 from mapdeal.files.source import BIT_MAP
 from mapdeal.grid import costmap, occupancy
 from mapdeal.grid.bit_map import BitMap, blank as blank_of, draw, reset_region
@@ -23,7 +23,6 @@ from mapdeal.maps import map_server, reading
 from mapdeal.maps.shapes import read_shapes
 from mapdeal.pipeline import inputs
 from mapdeal.pipeline.inputs import InShell, Work, numbers_of, refuse
-from mapdeal.records import dataclass
 
 _PER_CELL = 6.0  # bytes: 5 for each cell of costs, and one more while they are written
 _FOR_POINTS = "needs --point: the shapes of a file have their own"
@@ -36,7 +35,7 @@ Points = Annotated[
 Pair = partial(Words, read=lambda text: numbers_of(text, "X,Y"))
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class _OccupancyBits(BitMap):
     """A bit map to draw on with the values of a map: 0 free, 100 occupied."""
 
@@ -44,7 +43,7 @@ class _OccupancyBits(BitMap):
         if value not in (FREE, OCCUPIED):
             rule = f"must be {FREE} or {OCCUPIED}: cells of a bit map are free or occupied"
             hint = "write to a .yaml or .npz for other values"
-            raise ParameterError(rule, place=name, got=value, hint=hint)
+            raise errors.ParameterError(rule, place=name, got=value, hint=hint)
         return int(value)
 
 
@@ -62,7 +61,7 @@ def _edited(
     if any(path.suffix == BIT_MAP for path in work.outputs):
         if source.suffix.lower() != BIT_MAP:
             rule, hint = "only an edited .pbm can be written as one", "mapdeal pack makes a bit map"
-            raise ParameterError(rule, source=work.outputs[0], hint=f"{hint} of a map")
+            raise errors.ParameterError(rule, source=work.outputs[0], hint=f"{hint} of a map")
         bits, extra = read_bits(source, work, also=also)
         grid: Any = _OccupancyBits(bits.packed, bits.width, bits.resolution, bits.origin)
     else:
@@ -75,13 +74,13 @@ def _edited(
     with inputs.errors_named(source):
         if not isinstance(grid, occupancy.OccupancyGrid | costmap.Costmap | BitMap):
             rule = "is a field, which cannot be edited"
-            raise ParameterError(rule, hint="edit the map, then run esdf or potential on it")
+            raise errors.ParameterError(rule, hint="edit the map, then run esdf or potential on it")
         return GridResult(change(grid), f"{source.stem}: {title}", extra, encoding)
 
 
 def _start(blank: bool, background: int | None) -> Callable[[Any], Any]:
     if background is not None and not blank:
-        raise ParameterError("needs --blank", place="background")
+        raise errors.ParameterError("needs --blank", place="background")
     return (lambda grid: blank_of(grid, background or 0)) if blank else lambda grid: grid
 
 
@@ -109,7 +108,7 @@ def _drawn(
         With --blank: start from V instead; -1 (unknown) has no effect outside the shapes of a mask.
     """
     if not shapes and file is None:
-        raise ParameterError("one of the two is required", place="point, file")
+        raise errors.ParameterError("one of the two is required", place="point, file")
     shapes = [*([] if file is None else read_shapes(file)), *shapes]
     start = _start(blank, background)
     for shape in shapes:
@@ -117,7 +116,7 @@ def _drawn(
         name = f"{shape.source}: {shape.kind}" if shape.source else shape.kind
         if number is None:
             hint = f"{name} has no value of its own" if shape.source else None
-            raise ParameterError("is needed to draw with", place="value", hint=hint)
+            raise errors.ParameterError("is needed to draw with", place="value", hint=hint)
         work.terminal.detail(f"{name}: value {number}")
     return _edited(source, lambda grid: draw(start(grid), shapes, value=value, overlay=overlay),
                    f"{', '.join(dict.fromkeys(shape.kind for shape in shapes))} drawn", work,
@@ -194,7 +193,7 @@ def circle(
     if not point:
         refuse(_FOR_POINTS, radius=radius)
     elif radius is None:
-        raise ParameterError("is needed for a circle", place="radius")
+        raise errors.ParameterError("is needed for a circle", place="radius")
     return _drawn(source, [Circle(center, radius or 0.0) for center in point], **drawing)
 
 
@@ -232,7 +231,7 @@ def reset(
     start = _start(blank, background)
     if (at is None) == (corner is None):
         rule = "one of the two is required" if at is None else "cannot be given together"
-        raise ParameterError(rule, place="at, corner")
+        raise errors.ParameterError(rule, place="at, corner")
 
     change = partial(reset_region, size_xy=size, center_xy=at, corner_xy=corner, value=value)
     return _edited(source, lambda grid: change(start(grid)), "region reset", work)

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, cast
 
+from mapdeal import errors, records
 from mapdeal.command import ABOVE_0, METRES, POSE, Output, Result, Words, command
 from mapdeal.commands.reach import goals_of, lethal_costs, start_of
 from mapdeal.compatibility import Unpack
-from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.grid import costmap, route_graph
 from mapdeal.grid.footprint import FootprintLike, shape_of
 from mapdeal.grid.reach import Goal, Reach, reach_radius
@@ -22,7 +22,6 @@ from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.folder import rounded
 from mapdeal.pipeline.step import make_step
 from mapdeal.planning import graph_drafts, route_graphs
-from mapdeal.records import dataclass
 from mapdeal.ros.robot import RobotParameters
 
 _PER_CELL, _PER_COARSE_CELL = 46.0, 70.0  # bytes besides those of the reach, and of the skeleton
@@ -30,7 +29,7 @@ _LIBRARIES = 55_000_000  # bytes that parts of scipy take
 _LITTLE = 1e-6  # of the area
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class PlannedGraph(Result):
     """A route graph of a map, and how much of the robot's reach it covers.
 
@@ -171,7 +170,7 @@ def graph(
     """
     if robot is not None and not isinstance(robot, RobotParameters):
         hint = "mapdeal.read_robot_parameters reads a robot's files"
-        raise ParameterError("must be RobotParameters", place="robot", got=robot, hint=hint)
+        raise errors.ParameterError("must be RobotParameters", place="robot", got=robot, hint=hint)
     lanes = slow_below, one_way, keep_from_unknown
     options = graph_drafts.GraphOptions(spacing, hall, cover, *lanes)
     if through_unknown:
@@ -186,7 +185,7 @@ def graph(
         radius = decimal_text(reach_radius(planned.reach.robot), 4)
         text = f"{result.near_unknown} ways pass unknown cells within the robot's radius, as near "
         text += f"as {result.from_unknown:.2f} m; --keep-from-unknown {radius} keeps away"
-        emit_warning(f"{source.name}: {text}")
+        errors.emit_warning(f"{source.name}: {text}")
     return planned
 
 
@@ -198,7 +197,7 @@ def graph_of(
 ) -> PlannedGraph:  # fmt: skip
     if footprint is None and robot is None:
         text = "no robot is given, by --robot-radius, --footprint or --params-file: the graph is"
-        emit_warning(f"{text} that of a point")
+        errors.emit_warning(f"{text} that of a point")
     shape = recipe.planned_shape(robot, shape_of(footprint))
     parameters = {"footprint": shape, "through_unknown": through_unknown, "start": start}
     step = make_step("reach", {**parameters, "goals": goals})
@@ -223,10 +222,10 @@ def graph_of(
         found = cast("Reach", step.apply(grid, source.path, mask=mask))
         if missed := next((goal for goal in found.goals if not goal.reachable), None):
             why = missed.stopped_by or "no way leads there"
-            raise FindingError(f"goal {missed.goal.label} is not reachable: {why}")
+            raise errors.FindingError(f"goal {missed.goal.label} is not reachable: {why}")
         result = route_graphs.route_graph_of(found, options)
     for text in _problems(result, options.cover, shape is not None and bool(shape.vertices)):
-        emit_warning(f"{source.name}: {text}")
+        errors.emit_warning(f"{source.name}: {text}")
     return PlannedGraph(source, found, result, options.cover)
 
 

@@ -11,7 +11,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
-from mapdeal import errors
+from mapdeal import errors, records
 from mapdeal.command import Result, Words, command
 from mapdeal.files.source import exists, is_folder, sha256_of, status_of, sums_of_reads
 from mapdeal.grid import filters, occupancy
@@ -26,7 +26,6 @@ from mapdeal.pictures.overlay import known_box
 from mapdeal.pipeline.folder import MANIFEST, format_value, manifest_in, stages_behind, summary_of
 from mapdeal.pipeline.inputs import InShell, Work, claim_work
 from mapdeal.pipeline.settings import ProgressCallback, Settings
-from mapdeal.records import dataclass, field
 from mapdeal.ros.load import by_robot, read_robot
 from mapdeal.ros.planners import has_server, planners_of
 from mapdeal.ros.robot import CostmapName, effect_of, on_map
@@ -75,10 +74,10 @@ def info(
         return _described(Path(path), settings)
 
 
-@dataclass(frozen=True, repr=False)
+@records.dataclass(frozen=True, repr=False)
 class Descriptions(Result):
     reports: Iterator[Report]
-    failed: list[errors.MapdealError] = field(default_factory=list)  # those met so far
+    failed: list[errors.MapdealError] = records.field(default_factory=list)  # those met so far
 
     def document(self) -> dict[str, Any]:
         return next(self.reports)

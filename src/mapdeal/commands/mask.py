@@ -8,7 +8,7 @@ from typing import Annotated, Any, cast
 
 import numpy as np
 
-from mapdeal import errors
+from mapdeal import errors, records
 from mapdeal.checks.facts import MaskFacts, PairFacts, gather
 from mapdeal.checks.lint import lint_mask
 from mapdeal.command import Condition, Output, Result, Words, command
@@ -26,7 +26,6 @@ from mapdeal.pictures.canvas import Image
 from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.inputs import InShell, KeepoutMask, MapInput, refuse
 from mapdeal.pipeline.settings import Settings
-from mapdeal.records import dataclass
 from mapdeal.ros.filters import filter_launch, filter_parameters
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.cost import closed_by
@@ -36,7 +35,7 @@ _PARAMETERS, _LAUNCH = "filters.yaml", "filters.launch.py"
 _NOT_0 = Condition("other than 0", lambda value: value != 0)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class FilterMask:
     grid: OccupancyGrid
     info: FilterInfo
@@ -71,7 +70,7 @@ class FilterMask:
         return text
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class FilterMasks(Result):
     map: MapInput
     masks: tuple[FilterMask, ...]

@@ -11,12 +11,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal import errors, records
 from mapdeal.command import AT_LEAST_0, METRES, OnlyInPython, Output, Result, Words, command
 from mapdeal.commands import two_maps
 from mapdeal.compare import merge as merging
 from mapdeal.compare.align import bytes_to_align, placed as placed_on
 from mapdeal.compatibility import Unpack
-from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line, require
 from mapdeal.files.source import bytes_of_lines, claim, holding
 from mapdeal.grid import occupancy, values
 from mapdeal.grid.frame import Transform
@@ -25,7 +25,6 @@ from mapdeal.maps.formats import format_of
 from mapdeal.maps.reading import open_map, output_paths, write_grid
 from mapdeal.pictures import canvas, comparisons
 from mapdeal.pipeline import folder, inputs
-from mapdeal.records import asdict, dataclass
 from mapdeal.sensors.points import transform_document
 
 _BYTES_PER_CELL = 26  # of the result; one more for each map
@@ -37,7 +36,7 @@ _BYTES_PER_ROW = 350  # for the corners of known cells
 Placing = Sequence[Transform | str | PathLike[str] | None]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class Merged(Result):
     """Result of `merge`: several maps combined into one.
 
@@ -92,7 +91,7 @@ class Merged(Result):
         merged = []
         for source, transform, cells in zip(self.inputs, self.transforms, self.maps, strict=True):
             named = source.document() or {"file": None, "sha256": None}
-            placed = {"transform": transform_document(transform), **asdict(cells)}
+            placed = {"transform": transform_document(transform), **records.asdict(cells)}
             conflicts = {"conflicts": cells.conflicts, "conflict_share": cells.conflict_share}
             merged.append({**named, **placed, **conflicts})
         counts = {"common": self.common, "conflicts": self.conflict_count}
@@ -137,7 +136,7 @@ class Merged(Result):
         names = [source.title for source in self.inputs]
         if len(set(names)) < len(names):
             names = [f"map {number}" for number in range(1, len(names) + 1)]
-        look["title"] = None if title is None else one_line(title)
+        look["title"] = None if title is None else errors.one_line(title)
         return comparisons.merge_image(self.grid, self.conflicts, names=names, **look)
 
     def write(self, transaction: Any, output: Path) -> None:
@@ -150,7 +149,7 @@ class Merged(Result):
 def _placing(words: list[str]) -> Literal["align"] | list[Path] | None:
     for word in ("frames", "align"):
         if word in words and len(words) > 1:
-            raise ParameterError(f"{word} cannot be given together with others", got=words)
+            raise errors.ParameterError(f"{word} cannot be given together with others", got=words)
     if words == ["frames"]:
         return None
     return "align" if words == ["align"] else [Path(word) for word in words]
@@ -261,7 +260,7 @@ def merge(
     [[100, 0, 100, 100, 0]]
     """
     values.check_choice(rule, merging.Rule, "rule")
-    require(len(maps) >= merging.FEWEST, "takes two maps or more", "maps", got=len(maps))
+    errors.require(len(maps) >= merging.FEWEST, "takes two maps or more", "maps", got=len(maps))
     names = [f"map {number}" for number in range(1, len(maps) + 1)]
     named = () if transforms is None or isinstance(transforms, str) else transforms
     files = [Path(file) for file in named if isinstance(file, str | PathLike)]
@@ -293,7 +292,7 @@ def merge(
     merged = Merged(**parts, inputs=tuple(sources), rule=rule, transforms=from_first)
     advice = _warn_of_frames(sources) if transforms is None else ""
     for text in _remarks_on(merged, [not layer for layer in layers], advice):
-        emit_warning(text)
+        errors.emit_warning(text)
     return merged
 
 
@@ -305,7 +304,7 @@ def _transforms_of(transforms: Any, maps: Sequence[inputs.MapInput]) -> list[Tra
     if (is_text := isinstance(transforms, str)) or len(transforms) != len(later):
         rule = f"must be {len(later)}, one for each map except the first{', or align' * is_text}"
         got = transforms if is_text else len(transforms)
-        raise ParameterError(rule, place="transforms", got=got)
+        raise errors.ParameterError(rule, place="transforms", got=got)
     found: list[Transform | None] = [None]
     for transform, source in zip(transforms, later, strict=True):
         known, files = two_maps.given_transform(transform, place="transforms")
@@ -329,9 +328,9 @@ def _evidence_of(
 ) -> list[merging.ChosenLayers]:  # fmt: skip
     if layers_given is not None:
         if rule != "evidence":
-            raise ParameterError("is for rule evidence alone", place="evidence")
+            raise errors.ParameterError("is for rule evidence alone", place="evidence")
         text, count = f"must be {len(maps)}, one for each map", len(layers_given)
-        require(count == len(maps), text, "evidence", got=count)
+        errors.require(count == len(maps), text, "evidence", got=count)
     chosen: list[merging.ChosenLayers] = []
     for source, layers in zip(maps, layers_given or [None] * len(maps), strict=True):
         path = source.path if layers_given is None and rule == "evidence" else None
@@ -343,7 +342,7 @@ def _evidence_of(
                     with open_map(path, max_cells=max_cells) as file:
                         found = file.evidence()
                 chosen.append(merging.chosen_layers(found or {}, source.grid.shape))
-        except ParameterError as error:
+        except errors.ParameterError as error:
             raise error.found_in(source.name) if path is None else error.in_file(path) from None
     return chosen
 
@@ -381,7 +380,7 @@ def _by_walls(
         elsewhere = " or on another" if len(from_first) > 1 else ""
         rule = f"its placement on {first}{elsewhere} is uncertain: {reasons[number]}"
         hint = f"mapdeal align {first} {name} shows the result; --by FILE.json uses it"
-        raise FindingError(rule, source=name, hint=hint)
+        raise errors.FindingError(rule, source=name, hint=hint)
     return [None, *(from_first[number] for number in range(1, len(grids)))]
 
 

@@ -14,7 +14,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import capture_warnings
+from mapdeal import errors, records
 from mapdeal.grid import reaching, values as codes
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Frame, as_float32
@@ -24,7 +24,6 @@ from mapdeal.kernels.searches import UNREACHED
 from mapdeal.pipeline import inputs, recipe
 from mapdeal.pipeline.folder import rounded_place
 from mapdeal.planners.planner import Plan, Planner, PlannerGrid, Pose, no_plan
-from mapdeal.records import dataclass, replace
 from mapdeal.ros import nav2, ros2_files
 from mapdeal.ros.planners import ListedPlanner
 from mapdeal.ros.robot import ParameterValue, RobotParameters, corners_of_string
@@ -51,7 +50,7 @@ Mask = NDArray[np.bool_]
 Labels = NDArray[np.int32]
 
 
-@dataclass(frozen=True, eq=False)
+@records.dataclass(frozen=True, eq=False)
 class PlannerOnMap:
     source: inputs.MapInput
     robot: RobotParameters
@@ -90,7 +89,7 @@ class PlannerOnMap:
     def _grid_with(self, override: Override) -> PlannerGrid | None:
         name, kind, value = override
         values = {name: ParameterValue(value, kind, self.robot.paths[-1], 0, str(value))}
-        with capture_warnings():
+        with errors.capture_warnings():
             robot, problems = nav2.robot_in(
                 self.parameters, namespace=self.robot.namespace, up_to_kilted=self.up_to_kilted,
                 overrides=values)  # fmt: skip
@@ -142,7 +141,7 @@ class PlannerOnMap:
     def plan_without(self, start: Pose, goal: Pose, cleared: Mask) -> Plan:
         grid = self.source.occupancy
         cells = np.where(cleared, np.int8(codes.FREE), np.asarray(grid.occupancy))
-        with capture_warnings():
+        with errors.capture_warnings():
             costs = self.costmap_on(self.robot, OccupancyGrid(cells, grid.resolution, grid.origin))
             return plan_quickly(self.listed, grid_of(costs, self.robot), start, goal)
 
@@ -202,7 +201,7 @@ def plan_quickly(listed: ListedPlanner, grid: PlannerGrid, start: Pose, goal: Po
     return listed.planner.plan(grid, start, goal)
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class Adjustment:
     """A parameter, its value, and the candidates to try instead, the nearest first."""
 
@@ -297,7 +296,7 @@ def _steps_up(value: float, largest: float) -> list[float]:
     return [k / 100 for k in range(first, math.floor(largest / _STEP + 1e-6) + 1)]
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class _Query:
     work: PlannerOnMap
     start: Pose
@@ -316,7 +315,7 @@ class _Query:
 
         def plan_with(candidate: Any) -> Plan:
             planner = work.planner.with_value(name, candidate)
-            listed = replace(work.listed, planner=planner, settings=planner.values)
+            listed = records.replace(work.listed, planner=planner, settings=planner.values)
             return plan_quickly(listed, work.grid, self.start, self.goal)
 
         value = work.planner.values[name]
@@ -409,7 +408,7 @@ def _bottleneck(work: PlannerOnMap, start: Pose, goal: Pose) -> Bottleneck | Non
         return None
     # Points on the map's border may lie outside by the last bit: the middles of their cells do not.
     start_xy, goal_xy = (_centres(work, *(grid.cell_of(pose) or (0, 0))) for pose in (start, goal))
-    with capture_warnings():
+    with errors.capture_warnings():
         reach = reaching.reach_on(ground, None, start=start_xy, goals=[Goal(*goal_xy)], headings=4,
                          margin=0.0, min_area=math.inf)  # fmt: skip
     return reach.goals[0].limited_by

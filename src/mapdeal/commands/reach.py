@@ -9,7 +9,7 @@ from typing import Annotated, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal import errors
+from mapdeal import errors, records
 from mapdeal.command import Output, Words, command
 from mapdeal.files.json_values import JsonValue, read_document
 from mapdeal.grid import frame, occupancy
@@ -22,7 +22,6 @@ from mapdeal.pictures.canvas import Image
 from mapdeal.pictures.overlay import KeepoutOverlay
 from mapdeal.pipeline import folder, inputs, recipe
 from mapdeal.pipeline.step import Step, make_step
-from mapdeal.records import dataclass
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.stages.cost import closed_by
 from mapdeal.stages.reach import reach
@@ -30,7 +29,7 @@ from mapdeal.stages.reach import reach
 COSTS_PER_CELL = 8.0  # bytes for each cell that the costs of a robot's own layers take
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class Reachability(folder.Spread):
     spread = ("goals", "passages")
     map: inputs.MapInput

@@ -12,7 +12,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
-from mapdeal import errors, version
+from mapdeal import errors, records, version
 from mapdeal.checks.lint import LintReport
 from mapdeal.command import Output, Result, Words, command
 from mapdeal.commands import build, reach, report_documents as documents, report_entries as entries
@@ -35,7 +35,6 @@ from mapdeal.pipeline.folder import MANIFEST, reach_document
 from mapdeal.pipeline.inputs import KeepoutMask, Work, map_input, mask_of, read_input
 from mapdeal.pipeline.settings import Settings, adding_warnings
 from mapdeal.pipeline.step import Step, make_step
-from mapdeal.records import asdict, dataclass, field, replace
 from mapdeal.report.document import Claim, Report, State, Table, Verdict, page_layers, worst_of
 from mapdeal.report.page import page_of
 from mapdeal.report.verdict import most_urgent, portable_command, verdicts_of
@@ -49,7 +48,7 @@ ENDINGS = (".html", ".htm")
 _GENERATOR, _HEAD = b'<meta name="generator" content="mapdeal', 1 << 12
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class GoalAnswer:
     path: Path
     lines: Sequence[str]
@@ -57,15 +56,15 @@ class GoalAnswer:
     problem: str | None = None
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class RunChecks:
     settings: Settings
     footprint: Footprint | None = None
     robot: RobotParameters | None = None
     start: tuple[float, ...] | None = None
-    goals: Sequence[Goal] = field(default=())
-    map_of_folder: Mapping[Path, Path] = field(default_factory=dict)
-    _answered: set[int] = field(default_factory=set)
+    goals: Sequence[Goal] = records.field(default=())
+    map_of_folder: Mapping[Path, Path] = records.field(default_factory=dict)
+    _answered: set[int] = records.field(default_factory=set)
 
     @property
     def _shape(self) -> Footprint | None:
@@ -130,7 +129,7 @@ class RunChecks:
         plans = report_on(work, pose_of(self.start, "start"), goals, has_changes=False)
         results = documents.results_of(JsonValue(path, plans.document()))
         items = [item for item in results.items if item.kind == "route" or item.tone == "error"]
-        return replace(results, items=items)
+        return records.replace(results, items=items)
 
     def answer(self, path: Path) -> GoalAnswer:
         answer = GoalAnswer(path, [], {})
@@ -140,7 +139,7 @@ class RunChecks:
             answer = GoalAnswer(path, list(with_goals), found.document())
             found.check()
         except errors.MapdealError as error:
-            answer = replace(answer, problem=str(error.found_in(path)))
+            answer = records.replace(answer, problem=str(error.found_in(path)))
         return answer
 
     def add_reach(self, draft: Draft, path: Path, *, with_layer: bool, grid_bytes: int) -> None:
@@ -174,14 +173,14 @@ class RunChecks:
             (table,) = plans.tables
             command = draft.next_command(self.settings, plans.claims)
             rows = *table.rows, ("Next", portable_command(command))
-            draft.add(replace(plans, tables=[replace(table, rows=rows)]))
+            draft.add(records.replace(plans, tables=[records.replace(table, rows=rows)]))
         if with_layer:
             title, name = self._step.title, draft.free_name("reach")
             # only reachable cells: distances would enlarge the page
             draft.layers += page_layers(found, name, title[:1].upper() + title[1:])[-1:]
 
 
-@dataclass(frozen=True, repr=False)
+@records.dataclass(frozen=True, repr=False)
 class WrittenReport(Result):
     """Result of `write_report`.
 
@@ -216,7 +215,7 @@ class WrittenReport(Result):
 
     def document(self) -> dict[str, Any]:
         """Return what ``--json`` prints: the page, and the verdict on each map."""
-        listed = [asdict(verdict) for verdict in self.verdicts]
+        listed = [records.asdict(verdict) for verdict in self.verdicts]
         for entry in listed:
             entry["next"] = portable_command(entry.pop("next_command"))
             for claim in entry["claims"]:

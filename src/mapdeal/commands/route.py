@@ -11,7 +11,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast, overload
 
-from mapdeal import errors
+from mapdeal import errors, records
 from mapdeal.command import FACTOR, METRES, REPULSION, OnlyInPython, Output, Words, command
 from mapdeal.compatibility import Unpack
 from mapdeal.grid import reaching, route_graph, values
@@ -28,7 +28,6 @@ from mapdeal.pipeline import inputs
 from mapdeal.pipeline.folder import Spread, rounded, rounded_place
 from mapdeal.pipeline.recipe import Recipe, load_recipe, planned_shape
 from mapdeal.planning import routes
-from mapdeal.records import dataclass, field, replace
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import PairLine, read_pairs
 from mapdeal.stages.potential import CAP, GAIN, potential
@@ -53,7 +52,7 @@ _MEANS = {  # columns of the table of means: attributes of routes, and how they 
 }
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@records.dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class PlannedRoute(Route, Spread):
     """A `Route` through a map, with the costs that it was planned on.
 
@@ -130,15 +129,15 @@ class PlannedRoute(Route, Spread):
         raise errors.FindingError(rule, source=self.map.name, hint=hint)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class PairedRoutes(Spread):
     """Routes of many pairs of points, found as these are read; `searches` finds one each way."""
 
     pairs: Iterable[PairLine]
     pairs_in: Path | str
     searches: Mapping[str, Callable[[Point, Point], Route]]
-    counts: Counter[str] = field(default_factory=Counter)
-    sums: dict[tuple[str, str], float] = field(default_factory=lambda: defaultdict(float))
+    counts: Counter[str] = records.field(default_factory=Counter)
+    sums: dict[tuple[str, str], float] = records.field(default_factory=lambda: defaultdict(float))
 
     def parts(self) -> Iterator[str]:
         for pair in self.pairs:
@@ -458,7 +457,7 @@ def _search_by(
         repulsion = potential(lethal, **gains)
 
         def descend(start: Point, goal: Point) -> Route:
-            surface = replace(repulsion, goal=goal).downhill_surface()
+            surface = records.replace(repulsion, goal=goal).downhill_surface()
             return routes.descend_on(terrain, surface, start, goal)
 
         return descend
@@ -513,7 +512,7 @@ def _closed_to(robot: Footprint, costs: Costmap, *, obstacles: bool) -> Costmap:
     closed = reaching.largest_closed_square(reach_radius(robot), costs.frame)
     is_closed = reaching.squares_to(is_lethal & obstacles) <= closed
     cost[is_closed & ~is_lethal] = values.INSCRIBED_INFLATED_OBSTACLE
-    return replace(costs, cost=cost)
+    return records.replace(costs, cost=cost)
 
 
 def _recipe_for(footprint: Footprint | None, robot: RobotParameters | None = None) -> Recipe:

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal import command as definitions
+from mapdeal import command as definitions, records
 from mapdeal.command import ABOVE_0, AT_LEAST_0, AT_LEAST_1, METRES, POSE, RADIANS, Condition, Words
 from mapdeal.commands.graph import graph_of
 from mapdeal.commands.reach import start_of
@@ -31,7 +31,6 @@ from mapdeal.pictures.overlay import RouteOverlay
 from mapdeal.pipeline import batch, inputs
 from mapdeal.planning.graph_drafts import GraphOptions
 from mapdeal.planning.tours import driven, tour_of
-from mapdeal.records import dataclass
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.sensors.points import read_poses
 from mapdeal.sensors.scans import ScanArrays, carmen_lines
@@ -63,7 +62,7 @@ def _paths(output: Path) -> Iterable[Path]:
     return [output]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@records.dataclass(frozen=True, eq=False, repr=False)
 class SimulatedScans(definitions.Result):
     """Scans of a simulated laser scanner on a map, and the run that they are from.
 
@@ -309,7 +308,7 @@ def scan(
     return SimulatedScans(source, scans, robot_poses, scanner, rate, odom_noise, *counts)
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class _ScanRun(batch.BatchWork):
     log_format: LogFormat
     parameters: Mapping[str, Any]
@@ -335,7 +334,7 @@ class _ScanRun(batch.BatchWork):
         return _Log(scans.document(), [*scans.summary(output)])
 
 
-@dataclass(frozen=True)
+@records.dataclass(frozen=True)
 class _Log(definitions.Result):
     figures: dict[str, Any]
     texts: list[str]
