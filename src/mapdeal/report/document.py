@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.grid.costmap import CostCurve, Costmap
 from mapdeal.grid.field import DistanceField, FieldView, PotentialField
@@ -14,13 +13,12 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import CloudLayers, OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import FREE, OCCUPIED, Convention
+from mapdeal.kernels.arrays import Bytes, Floats, Integers
 from mapdeal.kernels.blocks import Layer, counts_of, mapped
 from mapdeal.kernels.outlines import outlines
 from mapdeal.pictures import colours, styles
 from mapdeal.pictures.styles import FieldEnds
 from mapdeal.records import dataclass, field, replace
-
-Points = NDArray[np.float64]
 
 # Severity of an item: its colour on the page, never the only sign of it.
 Tone = Literal["error", "warning", "note", "good", "plain"]
@@ -59,7 +57,7 @@ class PageLayer:
     style: colours.LayerStyle
     unit: str = ""
     pooled: Literal["largest", "smallest"] = "largest"
-    rank: NDArray[np.uint8] | None = None
+    rank: Bytes | None = None
     states: str | None = None
     convention: Convention | None = None
     lethal_threshold: int = 100
@@ -86,7 +84,7 @@ class Item:
     text: str
     tone: Tone = "plain"
     place: tuple[float, float] | None = None
-    lines: tuple[Points, ...] = ()
+    lines: tuple[Floats, ...] = ()
     label: str = ""
     group: str = ""
     zone: Zone | None = None
@@ -237,7 +235,7 @@ _KINDS: dict[type[Any], tuple[LayerKind, ...]] = {
 }  # fmt: skip
 
 
-def outlines_of(cells: NDArray[np.int64], frame: Frame) -> list[NDArray[np.float64]]:
+def outlines_of(cells: Integers, frame: Frame) -> list[Floats]:
     """Return the borders of cells, shape (N, 2), each line closed, corners in metres."""
     low = cells.min(axis=0)
     marked = np.zeros(tuple(cells.max(axis=0) - low + 1), dtype=np.bool_)
