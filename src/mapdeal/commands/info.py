@@ -14,9 +14,8 @@ from typing import Annotated, Any
 from mapdeal import errors, records
 from mapdeal.command import Result, Words, command
 from mapdeal.files.source import exists, is_folder, sha256_of, status_of, sums_of_reads
-from mapdeal.grid import filters, occupancy
+from mapdeal.grid import field, filters, occupancy
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field import PotentialField
 from mapdeal.grid.reach import Reach, robot_text
 from mapdeal.grid.values import UNKNOWN, count_text, table_lines
 from mapdeal.maps import dialects, kinds
@@ -228,7 +227,7 @@ def _describe_map(path: Path, dialect: dialects.Dialect, max_cells: int | None) 
         described = file.described()
         named = file.sums_by_name(sums)
     grid = source.grid
-    claim_work(path, grid, _OF_POTENTIAL if isinstance(grid, PotentialField) else _OF_OTHERS)
+    claim_work(path, grid, _OF_POTENTIAL if isinstance(grid, field.PotentialField) else _OF_OTHERS)
     report: Report = {"file": str(path), "kind": grid.kind}
     report |= {name: getattr(grid, name) for name in grid.parameter_names}
     report |= grid.figures() | described

@@ -22,12 +22,11 @@ from mapdeal.mapping.local_map import LocalOptions
 from mapdeal.mapping.transforms import FrameOptions, Topics, check_pose
 from mapdeal.maps import kinds, reading
 from mapdeal.pictures.overlay import Overlay, RouteOverlay, StepsOverlay
-from mapdeal.pipeline import batch, local as local_maps
+from mapdeal.pipeline import batch, local as local_maps, run
 from mapdeal.pipeline.folder import rounded, rounded_place, step_line, write_picture
 from mapdeal.pipeline.inputs import InShell, Work, pop_parameters, refuse
 from mapdeal.pipeline.local import LocalCommon, LocalJob
 from mapdeal.pipeline.recipe import Changes, RecipeName, load_recipe
-from mapdeal.pipeline.run import LOCAL_RECIPE, RunReport
 from mapdeal.pipeline.settings import adding_warnings
 from mapdeal.planning.routes import Terrain, route_in_window, shortest_over
 from mapdeal.records import dataclass
@@ -172,13 +171,13 @@ def local(
     takes_all: Annotated[bool, Words(name="all")] = False,
     global_map: Annotated[Path | None, Words("GLOBAL", name="map")] = None,
     keep: Annotated[local_maps.Keep | None, Words("N|all", _keep)] = None,
-    require_points: bool = False, recipe: RecipeName = LOCAL_RECIPE, changes: Changes = None,
+    require_points: bool = False, recipe: RecipeName = run.LOCAL_RECIPE, changes: Changes = None,
     route_to: Annotated[tuple[float, float] | None, POINT] = None,
     until: Annotated[int | None, Words("T", _nanoseconds)] = None,
     every: Annotated[int | None, Words("S", _nanoseconds)] = None,
     why: Annotated[tuple[float, float] | None, POINT] = None, footprint: Footprint | None = None,
     robot: Annotated[RobotParameters | None, Words()] = None, **more: Any,
-) -> RunReport | LocalMaps:  # fmt: skip
+) -> run.RunReport | LocalMaps:  # fmt: skip
     """Make maps around a robot from point clouds, a global map, or both, or replay its costmap.
 
     With --cloud BAG, the last cloud is used, or with --all each; points are transformed to the
@@ -241,7 +240,7 @@ def local(
         rule = "applies to clouds, not to the replay of a bag"
         refuse(rule, clouds=clouds, pose=pose, poses=poses, topic=topics, **frames, index=index,
                all=takes_all, keep=keep, require_points=require_points, set=changes,
-               route_to=route_to, footprint=footprint, recipe=recipe != LOCAL_RECIPE,
+               route_to=route_to, footprint=footprint, recipe=recipe != run.LOCAL_RECIPE,
                **more)  # fmt: skip
         return _replay(bag, output, robot, global_map, work, until=until, every=every, why=why)
     refuse("applies to the replay of a bag, BAG", until=until, every=every, why=why)
@@ -306,7 +305,7 @@ def local(
 def _replay(
     bag: Path, output: Path, robot: RobotParameters | None, global_map: Path | None, work: Work, *,
     until: int | None, every: int | None, why: tuple[float, float] | None,
-) -> RunReport | LocalMaps:  # fmt: skip
+) -> run.RunReport | LocalMaps:  # fmt: skip
     if robot is None:
         raise ParameterError("is required to replay a bag", source="--params-file")
     if every is not None:
@@ -326,7 +325,7 @@ def _replay(
         folders = {output / f"{k:04}": count for k, count in enumerate(counts)}
         jobs = [batch.Job(bag, path, f"message {k - 1}", path.name) for path, k in folders.items()]
 
-        def write(job: batch.Job) -> RunReport:
+        def write(job: batch.Job) -> run.RunReport:
             with strict_warnings(settings.strict, bag):
                 return write_replay(replay, job.folder, folders[job.folder], known, settings)
 
@@ -335,7 +334,7 @@ def _replay(
 
 def _single(
     job: LocalJob, common: LocalCommon, work: Work, planner: WindowPlanner | None
-) -> RunReport:
+) -> run.RunReport:
     report = local_maps.make_local(job, common)
     if planner is not None:
         route = planner.plan(job)
@@ -356,7 +355,7 @@ def _sequence(
     numbers = {job.folder: number for number, job in enumerate(sequence)}
     rolling = None if common.keep is None else local_maps.RollingRun(sequence, common)
 
-    def run_one(job: batch.Job) -> RunReport:
+    def run_one(job: batch.Job) -> run.RunReport:
         number = numbers[job.folder]
         with strict_warnings(common.settings.strict, job.path):
             if rolling is not None:

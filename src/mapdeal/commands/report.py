@@ -24,9 +24,8 @@ from mapdeal.files import json_values, source
 from mapdeal.files.json_values import JsonValue, encode_json
 from mapdeal.files.source import exists, holding
 from mapdeal.files.transaction import Transaction
-from mapdeal.grid import filters, values
+from mapdeal.grid import filters, occupancy, values
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
 from mapdeal.kernels.threads import use_threads
 from mapdeal.maps import dialects, formats, kinds, map_server
@@ -436,10 +435,10 @@ class _Gathering:
             return
         grid, draft = self._grids.grid(path), self.drafts[-1] if self.drafts else None
         fits = draft is not None and any(layer.frame == grid.frame for layer in draft.layers)
-        if draft is None or opened.kind is OccupancyGrid or not fits:
+        if draft is None or opened.kind is occupancy.OccupancyGrid or not fits:
             draft = Draft(path.stem, path)
             self.drafts.append(draft)
-        if opened.kind is OccupancyGrid and draft.map_path is None:
+        if opened.kind is occupancy.OccupancyGrid and draft.map_path is None:
             draft.map_path = path
         name = draft.free_name(path.stem)
         entries.add_layers(draft, self._grids.layers(path, name, grid.kind.capitalize()))
@@ -447,7 +446,7 @@ class _Gathering:
         draft.sums |= set(opened.sums.values())
         figures = grid.figures()
         draft.figures |= {**entries.columns_of({name: figures}), **draft.figures}
-        if path.suffix in source.YAML and isinstance(grid, OccupancyGrid):
+        if path.suffix in source.YAML and isinstance(grid, occupancy.OccupancyGrid):
             with errors.capture_warnings():  # they were given when the map was read
                 info = filters.FilterInfo.of(dialects.read_metadata(path).extra)
             if info is not None:
