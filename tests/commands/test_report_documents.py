@@ -19,7 +19,7 @@ from mapdeal.files.transaction import Transaction
 from mapdeal.grid.frame import Transform
 from mapdeal.grid.reach import Route
 from mapdeal.planning.routes import Terrain, route_over
-from mapdeal.sensors.points import PairLine
+from mapdeal.sensors.points import NumberLines
 from pipeline.reported import ROOMS, changed, document, entries_of, layer_names, write_cells
 
 SHUT = ROOMS.replace("................", ".......#........", 1)
@@ -289,7 +289,7 @@ def test_lines_go_to_the_disk_as_they_come(tmp_path):
     def pairs():
         for line in range(1, 101):
             sizes.append(sum(file.stat().st_size for file in folder.iterdir()))
-            yield PairLine(line, error="x" * 10_000)
+            yield NumberLines(np.full((1, 4), np.nan), [line], {0: "x" * 10_000})
 
     terrain = Terrain.of(Costmap(np.zeros((3, 5), np.uint8), 0.5, (1.0, -2.0, 0.4)))
     routes = PairedRoutes(pairs(), "pairs", {"plain": partial(route_over, terrain)})

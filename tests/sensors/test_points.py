@@ -14,9 +14,7 @@ from mapdeal.sensors.points import read_pairs, read_points, read_pose_lines, rea
 def rows_of(read):
     def read_rows(chunks):
         for part in read(chunks, "p.csv"):
-            rows = zip(part.lines, part.numbers.tolist(), strict=True)
-            for index, (line, row) in enumerate(rows):
-                yield line, row, part.errors.get(index)
+            yield from part.rows()
 
     return read_rows
 
@@ -26,13 +24,8 @@ def named(chunks):
         yield parsed.line, parsed.point and [parsed.name, *parsed.point], parsed.error
 
 
-def pairs(chunks):
-    for parsed in read_pairs(chunks, "p.csv"):
-        yield parsed.line, parsed.start and [*parsed.start, *parsed.goal], parsed.error
-
-
-POINTS, POSES = rows_of(read_points), rows_of(read_pose_lines)
-READERS = {"points": POINTS, "named": named, "pairs": pairs, "poses": POSES}
+POINTS, PAIRS, POSES = map(rows_of, (read_points, read_pairs, read_pose_lines))
+READERS = {"points": POINTS, "named": named, "pairs": PAIRS, "poses": POSES}
 every_kind = pytest.mark.parametrize("kind", READERS)
 
 
@@ -170,8 +163,8 @@ def test_a_bad_line_is_an_error_with_its_number(kind, line, error):
 def test_a_mark_of_byte_order_and_a_header_are_passed_over(head):
     line = 1 + head.count(b"\n")
     assert good_rows(POINTS, head + b"1,2") == [(line, [1, 2])]
-    assert good_rows(pairs, head.replace(b"\n", b",c,d\n") + b"1,2,3,4") == [(line, [1, 2, 3, 4])]
-    assert len(errors_of(pairs, b"nan,inf,1,1\n", b"1,1,a,b")) == 2
+    assert good_rows(PAIRS, head.replace(b"\n", b",c,d\n") + b"1,2,3,4") == [(line, [1, 2, 3, 4])]
+    assert len(errors_of(PAIRS, b"nan,inf,1,1\n", b"1,1,a,b")) == 2
 
 
 def test_a_first_line_of_json_is_no_header():

@@ -6,6 +6,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from numbers import Real
 from os import PathLike
 from pathlib import Path
@@ -33,7 +34,7 @@ from mapdeal.ros.load import error_of
 from mapdeal.ros.planners import PLANNER_SERVER, ListedPlanner, has_server, planners_of
 from mapdeal.ros.robot import RobotParameters
 from mapdeal.ros.ros2_files import Ros2Parameters, read_ros2
-from mapdeal.sensors.points import read_pose_pairs
+from mapdeal.sensors.points import NumberLines, read_pose_pairs
 
 Robot = RobotParameters | str | PathLike[str] | Sequence[str | PathLike[str]]
 
@@ -325,31 +326,29 @@ class PairedPlans(Spread):
     """The plans of many pairs of poses, computed as the pairs are read."""
 
     work: PlannerOnMap
-    pairs: Iterable[Any]
+    pairs: Iterable[NumberLines]
     pairs_in: Path | str
     has_changes: bool
     counts: Counter[str] = field(default_factory=Counter)
 
     def entries(self) -> Iterator[dict[str, Any]]:
-        for block in self.pairs:
-            rows = zip(block.numbers.tolist(), block.lines, strict=True)
-            for row, (numbers, line) in enumerate(rows):
-                self.counts["pairs"] += 1
-                number = {"pair": self.counts["pairs"]}
-                try:
-                    if row in block.errors:
-                        raise errors.ParameterError(block.errors[row])
-                    start, goal = check_pose(numbers[:3], "start"), check_pose(numbers[3:], "goal")
-                except errors.ParameterError as error:
-                    self.counts["failed"] += 1
-                    yield {**number, "line": line, "error": str(error)}
-                    continue
-                plan = plan_on(self.work, start, goal)
-                self.counts["found"] += plan.found
-                entry = {**number, **plan_entries(plan), "poses": len(plan.poses)}
-                if self.has_changes and not plan.found and plan.is_known:
-                    entry["changes"] = changes_for(self.work, start, goal, plan)
-                yield entry
+        for line, numbers, problem in chain.from_iterable(map(NumberLines.rows, self.pairs)):
+            self.counts["pairs"] += 1
+            number = {"pair": self.counts["pairs"]}
+            try:
+                if problem is not None:
+                    raise errors.ParameterError(problem)
+                start, goal = check_pose(numbers[:3], "start"), check_pose(numbers[3:], "goal")
+            except errors.ParameterError as error:
+                self.counts["failed"] += 1
+                yield {**number, "line": line, "error": str(error)}
+                continue
+            plan = plan_on(self.work, start, goal)
+            self.counts["found"] += plan.found
+            entry = {**number, **plan_entries(plan), "poses": len(plan.poses)}
+            if self.has_changes and not plan.found and plan.is_known:
+                entry["changes"] = changes_for(self.work, start, goal, plan)
+            yield entry
         if not self.counts["pairs"]:
             raise errors.MalformedInputError("holds no pairs of poses", source=self.pairs_in)
 

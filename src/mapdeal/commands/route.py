@@ -7,6 +7,7 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import chain
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast, overload
@@ -29,7 +30,7 @@ from mapdeal.pipeline.folder import Spread, rounded, rounded_place
 from mapdeal.pipeline.recipe import Recipe, load_recipe, planned_shape
 from mapdeal.planning import routes
 from mapdeal.ros.robot import RobotParameters
-from mapdeal.sensors.points import PairLine, read_pairs
+from mapdeal.sensors.points import NumberLines, read_pairs
 from mapdeal.stages.potential import CAP, GAIN, potential
 
 Heuristic = Literal["octile", "field"]
@@ -133,20 +134,20 @@ class PlannedRoute(Route, Spread):
 class PairedRoutes(Spread):
     """Routes of many pairs of points, found as these are read; `searches` finds one each way."""
 
-    pairs: Iterable[PairLine]
+    pairs: Iterable[NumberLines]
     pairs_in: Path | str
     searches: Mapping[str, Callable[[Point, Point], Route]]
     counts: Counter[str] = records.field(default_factory=Counter)
     sums: dict[tuple[str, str], float] = records.field(default_factory=lambda: defaultdict(float))
 
     def parts(self) -> Iterator[str]:
-        for pair in self.pairs:
+        for line, places, error in chain.from_iterable(map(NumberLines.rows, self.pairs)):
             self.counts["pairs"] += 1
             number = self.counts["pairs"]
-            found, failure = self._found(pair)
+            found, failure = self._found(places, error)
             if failure:
                 self.counts["failed"] += 1
-                yield json.dumps({"pair": number, "line": pair.line, **failure})
+                yield json.dumps({"pair": number, "line": line, **failure})
                 continue
             is_reached = all(route.reached for route in found.values())
             self.counts["unreached"] += not is_reached
@@ -158,14 +159,17 @@ class PairedRoutes(Spread):
         if not self.counts["pairs"]:
             raise errors.MalformedInputError("holds no pairs of points", source=self.pairs_in)
 
-    def _found(self, pair: PairLine) -> tuple[dict[str, Route], dict[str, Any]]:
-        if pair.start is None or pair.goal is None:
-            return {}, {"error": pair.error}
+    def _found(
+        self, places: Sequence[float], error: str | None
+    ) -> tuple[dict[str, Route], dict[str, Any]]:
+        if error is not None:
+            return {}, {"error": error}
+        start, goal = (places[0], places[1]), (places[2], places[3])
         try:
-            return {name: find(pair.start, pair.goal) for name, find in self.searches.items()}, {}
-        except errors.ParameterError as error:
-            places = {"start": rounded_place(*pair.start), "goal": rounded_place(*pair.goal)}
-            return {}, {**places, "error": str(error), **_without_none(hint=error.hint)}
+            return {name: find(start, goal) for name, find in self.searches.items()}, {}
+        except errors.ParameterError as refusal:
+            ends = {"start": rounded_place(*start), "goal": rounded_place(*goal)}
+            return {}, {**ends, "error": str(refusal), **_without_none(hint=refusal.hint)}
 
     @property
     def reached(self) -> int:

@@ -9,16 +9,16 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple, TypeVar
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealError, emit_warning, shown
 from mapdeal.files import source as sources
 from mapdeal.files.json_values import JsonValue, read_document
 from mapdeal.files.text import delimiter_of, first_line, is_number, read_rows
 from mapdeal.grid.frame import FARTHEST, Point, Transform
+from mapdeal.kernels.arrays import Floats, Integers, Mask
 from mapdeal.maps.kinds import NUMBERS, POSES, recognised
 from mapdeal.records import dataclass
 
@@ -63,10 +63,8 @@ _LATEST = 9e9  # seconds; larger times are in other units
 _COPIES = 5  # peak memory, relative to the size of the numbers
 _TILTED = "a robot that leans by more than 10 degrees; does w come last?"
 
-Poses = NDArray[np.float64]
 
-
-def read_poses(path: Path | str) -> Poses:
+def read_poses(path: Path | str) -> Floats:
     """Read the poses in a text file.
 
     Parameters
@@ -107,9 +105,9 @@ def has_times(path: Path) -> bool:
 
 
 class Trajectory(NamedTuple):
-    times: NDArray[np.int64]
-    translations: Poses
-    quaternions: Poses
+    times: Integers
+    translations: Floats
+    quaternions: Floats
 
 
 def read_trajectory(path: Path | str) -> Trajectory:
@@ -144,7 +142,7 @@ def planar_pose(numbers: Sequence[float]) -> tuple[float, float, float]:
     return x, y, math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
 
 
-def _rows_in(path: Path) -> Poses:
+def _rows_in(path: Path) -> Floats:
     is_pipe = not sources.is_regular(path)  # which may be endless
     most = sources.LONGEST_STREAM if is_pipe else sources.LARGEST_FILE
     file = io.BytesIO(sources.joined(sources.chunks_of(path), limit=most, source=path))
@@ -166,7 +164,7 @@ def _rows_in(path: Path) -> Poses:
 
 def read_table(
     file: BinaryIO, path: Path, line: int, delimiter: str | None, width: int, *, total: int = 0
-) -> Poses | None:
+) -> Floats | None:
     parts = []
     for part in read_rows(
         file, range(width), path=path, first_line=line, delimiter=delimiter, width=width
@@ -177,7 +175,7 @@ def read_table(
     return np.concatenate(parts) if parts else None
 
 
-def _planar_poses(rows: Poses, path: Path) -> Poses:
+def _planar_poses(rows: Floats, path: Path) -> Floats:
     width = rows.shape[1]
     values = rows if width == _PLANAR else rows[:, 1:]  # times may be in nanoseconds
     is_good = (np.abs(values) <= FARTHEST).all(axis=1) & np.isfinite(rows[:, 0])  # refuses nan too
@@ -198,7 +196,7 @@ def _planar_poses(rows: Poses, path: Path) -> Poses:
     return np.column_stack([rows[:, 1:3], headings])
 
 
-def _headings(quaternions: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
+def _headings(quaternions: Floats, path: Path) -> Floats:
     lengths = np.linalg.norm(quaternions, axis=1)
     if not lengths.all():
         place = f"pose {int(np.argmin(lengths)) + 1}"
@@ -210,7 +208,7 @@ def _headings(quaternions: NDArray[np.float64], path: Path) -> NDArray[np.float6
     return np.asarray(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
 
 
-def _warn_of(mask: NDArray[np.bool_], fault: str, path: Path) -> None:
+def _warn_of(mask: Mask, fault: str, path: Path) -> None:
     if count := int(np.count_nonzero(mask)):
         which = f"{count} of {len(mask)} poses, the first of them pose {int(np.argmax(mask)) + 1}"
         emit_warning(f"{path}: {which}, have {fault}")
@@ -218,24 +216,19 @@ def _warn_of(mask: NDArray[np.bool_], fault: str, path: Path) -> None:
 
 _LONGEST_LINE = 1 << 16
 _LINE_FEED = ord("\n")
-_Line = TypeVar("_Line")
 
 
 @dataclass(frozen=True, eq=False)
 class NumberLines:
-    """Numbers in lines: shape (N, 2) for points, (N, 3) for poses, (N, 6) for pairs."""
+    """Numbers in lines: shape (N, 2) for points, (N, 3) for poses, (N, 4) or (N, 6) for pairs."""
 
-    numbers: NDArray[np.float64]
+    numbers: Floats
     lines: Sequence[int]
     errors: dict[int, str]
 
-
-@dataclass(frozen=True)
-class PairLine:
-    line: int
-    start: Point | None = None
-    goal: Point | None = None
-    error: str | None = None
+    def rows(self) -> Iterator[tuple[int, list[float], str | None]]:
+        for index, row in enumerate(self.numbers.tolist()):
+            yield self.lines[index], row, self.errors.get(index)
 
 
 @dataclass(frozen=True)
@@ -277,7 +270,6 @@ _PAIR = _LineFormat(
     ("x", "y", "x", "y"), "four numbers x,y,x,y",
     '{"start": {"x": x, "y": y}, "goal": {"x": x, "y": y}} or [[x, y], [x, y]]',
 )  # fmt: skip
-_PAIR_KEYS = (("start", "from"), ("goal", "to"))
 _POSE_PAIR = _LineFormat(
     ("x", "y", "yaw", "goal_x", "goal_y", "goal_yaw"), "six numbers x,y,yaw,x,y,yaw",
     "[x, y, yaw, x, y, yaw]",
@@ -298,17 +290,16 @@ def _read_numbers(
 
 read_points = partial(_read_numbers, _POINT)
 read_pose_lines = partial(_read_numbers, _POSE)
+read_pairs = partial(_read_numbers, _PAIR)
 read_pose_pairs = partial(_read_numbers, _POSE_PAIR)
 
 
-def _read_lines(
-    chunks: Iterable[bytes], source: Path | str, form: _LineFormat,
-    parse: Callable[[str], tuple[Any, ...]], make: Callable[..., _Line],
-) -> Iterator[_Line]:  # fmt: skip
+def read_named_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NamedPointLine]:
     for block, first in _complete_lines(chunks, source):
-        for number, text in _numbered(block, first, form):
-            parsed, error = _parse_line(text, parse, form)
-            yield make(number, *parsed) if error is None else make(number, error=error)
+        for number, text in _numbered(block, first, _NAMED_POINT):
+            parsed, error = _parse_line(text, _named_point_of, _NAMED_POINT)
+            point, name = parsed if error is None else (None, None)
+            yield NamedPointLine(number, point, name, error)
 
 
 def _numbered(text: bytes, first: int, form: _LineFormat) -> Iterator[tuple[int, str]]:
@@ -373,7 +364,7 @@ def _parse_lines(text: bytes, first: int, form: _LineFormat) -> NumberLines:
 
 def _parse_at_once(
     text: bytes, first: int, form: _LineFormat
-) -> tuple[NDArray[np.float64], Sequence[int]] | None:
+) -> tuple[Floats, Sequence[int]] | None:
     """Return numbers and line numbers if all lines are plain numbers, else None."""
     # numpy accepts more kinds of blanks, and warns of a text without numbers
     if text.translate(None, b"0123456789+-.eE, \t\r\n") or not text.strip():
@@ -416,15 +407,16 @@ def _row_of(text: str, form: _LineFormat) -> tuple[float, ...]:
 
 
 def _row_of_json(value: Any, form: _LineFormat) -> tuple[float, ...]:
+    if form is _PAIR:
+        if isinstance(value, dict):
+            keys = (("from", "start"), ("to", "goal"))
+            value = [value.get(old, value.get(key)) for old, key in keys]
+        start, goal = value
+        return *_row_of_json(start, _POINT), *_row_of_json(goal, _POINT)
     row = [value[name] for name in form.names] if isinstance(value, dict) else list(value)
     if len(row) != len(form.names) or any(type(number) not in (int, float) for number in row):
         raise ValueError  # bools are ints, too
     return tuple(map(float, row))
-
-
-def _point_of_json(value: Any) -> Point:
-    x, y = _row_of_json(value, _POINT)
-    return x, y
 
 
 def _numbers_of(text: str, delimiter: str | None = ",") -> list[float]:
@@ -433,27 +425,14 @@ def _numbers_of(text: str, delimiter: str | None = ",") -> list[float]:
     return [float(part) for part in text.split(delimiter)]
 
 
-def _pair_of(text: str) -> tuple[Point, Point]:
-    if _is_json(text):
-        value = json.loads(text)
-        if isinstance(value, dict):
-            value = [value[old if old in value else key] for key, old in _PAIR_KEYS]
-        start, goal = value
-        return _point_of_json(start), _point_of_json(goal)
-    start_x, start_y, goal_x, goal_y = _numbers_of(text)
-    return (start_x, start_y), (goal_x, goal_y)
-
-
-read_pairs = partial(_read_lines, form=_PAIR, parse=_pair_of, make=PairLine)
-
-
 def _named_point_of(text: str) -> tuple[Point, str | None]:
     if _is_json(text):
         value = json.loads(text)
         name = value.get("name") if isinstance(value, dict) else None
         if name is not None and not (isinstance(name, str) and name.strip()):
             raise ValueError
-        return _point_of_json(value), name
+        x, y = _row_of_json(value, _POINT)
+        return (x, y), name
     if "=" not in text and text.count(",") == 2 and not is_number(text.split(",")[0].strip()):
         text = text.replace(",", "=", 1)
     name, equals, place = text.rpartition("=")
@@ -461,8 +440,3 @@ def _named_point_of(text: str) -> tuple[Point, str | None]:
         raise ValueError
     x, y = _numbers_of(place)
     return (x, y), name.strip() or None
-
-
-read_named_points = partial(
-    _read_lines, form=_NAMED_POINT, parse=_named_point_of, make=NamedPointLine
-)
