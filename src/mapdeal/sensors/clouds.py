@@ -1,8 +1,9 @@
-"""Point clouds in PCD, PLY, text, npy and npz files; other formats have their own modules.
+"""Point clouds in PCD, PLY, KITTI, text, npy and npz files; octrees have their own module.
 
 References
 ----------
-The Point Cloud Library's "The PCD (Point Cloud Data) file format", version 0.7.
+The Point Cloud Library's "The PCD (Point Cloud Data) file format", version 0.7. The development
+kit of the KITTI odometry benchmark, ``readme.txt``: ``.bin`` has four float32 for each point.
 """
 
 from __future__ import annotations
@@ -15,19 +16,16 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError, emit_warning
 from mapdeal.files.source import PIECES, access_to, binary_file, check_readable, claim, use_memory
 from mapdeal.files.text import coordinate_name, delimiter_of, first_line, is_number, read_rows
+from mapdeal.kernels.arrays import Array, Floats
 from mapdeal.kernels.sensing import lzf_expanded
 from mapdeal.maps.kinds import CLOUD, NUMBERS, recognised
 from mapdeal.maps.npz import NpyHeader, NpzReader, read_npy_header
 from mapdeal.records import dataclass, field
-from mapdeal.sensors.kitti import kitti_points
 from mapdeal.sensors.octomap import octree_points, read_octree_header
-
-Points = NDArray[np.float64]
 
 _LONGEST_HEADER = 1 << 20
 _MOST_POINTS = 1 << 40
@@ -36,11 +34,11 @@ _BYTES_TOGETHER = 1 << 22
 _LONGEST_RECORD = 1 << 16  # bytes of a point, at most
 
 
-@dataclass(frozen=True)
+@dataclass
 class Record:
-    names: tuple[str, ...]
-    types: tuple[np.dtype[Any], ...]
-    counts: tuple[int, ...]
+    names: list[str] = field(default_factory=list)
+    types: list[np.dtype[Any]] = field(default_factory=list)
+    counts: list[int] = field(default_factory=list)
 
     @property
     def size(self) -> int:
@@ -64,7 +62,7 @@ class Record:
 
 def _binary_points(
     file: BinaryIO, record: Record, axes: tuple[int, ...], count: int
-) -> Iterator[Points]:
+) -> Iterator[Floats]:
     part_size = max(1, _BYTES_TOGETHER // max(record.size, 8 * len(axes)))
     for start in range(0, count, part_size):
         size = min(part_size, count - start)
@@ -82,7 +80,7 @@ def _binary_points(
 
 def _counted_points(
     file: BinaryIO, path: Path, columns: Sequence[int], lines: int, count: int, **form: Any
-) -> Iterator[Points]:
+) -> Iterator[Floats]:
     """Yield so many points behind the first lines; refuse a file that ends before."""
     found = 0
     for rows in read_rows(file, columns, path=path, first_line=lines + 1, most=count, **form):
@@ -114,7 +112,7 @@ _ARRAYS_BYTES_TOGETHER = 1 << 23
 _KEY = "points"
 
 
-def _npz_points(path: Path) -> Iterator[Points]:
+def _npz_points(path: Path) -> Iterator[Floats]:
     with NpzReader(path, _MOST_ELEMENTS) as reader:
         names = reader.names()
         if _KEY not in names and len(names) != 1:
@@ -123,7 +121,7 @@ def _npz_points(path: Path) -> Iterator[Points]:
         yield from reader.rows(_KEY if _KEY in names else names.pop(), 3)
 
 
-def _npy_points(file: BinaryIO, path: Path) -> Iterator[Points]:
+def _npy_points(file: BinaryIO, path: Path) -> Iterator[Floats]:
     # A memory map would crash the process if another program truncates the file.
     shape, is_fortran, dtype, start = header = _npy_header(file)
     axes = [name for name in ("x", "y", "z") if name in (dtype.names or ())]
@@ -142,7 +140,7 @@ def _npy_points(file: BinaryIO, path: Path) -> Iterator[Points]:
         numbers = f"{height} points of {width} numbers each"
         emit_warning(f"{path}: {numbers}; is the array transposed?")
 
-    def read(element: int, count: int) -> NDArray[Any]:
+    def read(element: int, count: int) -> Array:
         file.seek(start + element * dtype.itemsize)
         data = file.read(count * dtype.itemsize)
         if len(data) < count * dtype.itemsize:
@@ -177,7 +175,7 @@ _PCD_KEYS = ("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "
              "VIEWPOINT", "POINTS")  # fmt: skip
 
 
-def _pcd_points(file: BinaryIO, path: Path) -> Iterator[Points]:
+def _pcd_points(file: BinaryIO, path: Path) -> Iterator[Floats]:
     # Like the Point Cloud Library, this ignores the viewpoint.
     record, count, encoding, lines = _read_pcd_header(file)
     axes = record.axes("FIELDS")
@@ -234,7 +232,7 @@ def _record_of(entries: dict[str, list[str]]) -> Record:
             raise MalformedInputError(rule, place="SIZE", got=size)
         types.append(np.dtype(f"<{letter}{int(size)}"))
     counts = [_whole_number(word, "COUNT", most=_LONGEST_RECORD) for word in lists["COUNT"]]
-    record = Record(tuple(names), tuple(types), tuple(counts))
+    record = Record(names, types, counts)
     if not 0 < record.size <= _LONGEST_RECORD:
         rule = f"a point must have 1 to {_LONGEST_RECORD} bytes"
         raise MalformedInputError(rule, place="COUNT", got=record.size)
@@ -256,7 +254,7 @@ def _number_of_points(entries: dict[str, list[str]]) -> int:
 
 def _compressed_points(
     file: BinaryIO, record: Record, axes: tuple[int, ...], count: int, path: Path
-) -> Iterator[Points]:
+) -> Iterator[Floats]:
     sizes = file.read(8)
     if not sizes and count == 0:
         return
@@ -295,18 +293,14 @@ _MOST_PROPERTIES = 1 << 12
 class _Element:
     name: str
     count: int
-    names: list[str] = field(default_factory=list)
-    types: list[np.dtype[Any]] = field(default_factory=list)
+    record: Record = field(default_factory=Record)
     list_property: str | None = None
 
-    def record(self) -> Record:
-        return Record(tuple(self.names), tuple(self.types), (1,) * len(self.names))
 
-
-def _ply_points(file: BinaryIO, path: Path) -> Iterator[Points]:
+def _ply_points(file: BinaryIO, path: Path) -> Iterator[Floats]:
     encoding, elements, lines = _read_ply_header(file)
     for element in elements:
-        record, count, place = element.record(), element.count, f"element {element.name}"
+        record, count, place = element.record, element.count, f"element {element.name}"
         if element.list_property is not None:
             rule = f"the list property {element.list_property} cannot be read past"
             raise MalformedInputError(rule, place=place)
@@ -366,13 +360,33 @@ def _add_property(element: _Element, words: list[str], encoding: str, place: str
     if len(words) != 3 or words[1] not in _PLY_TYPES:
         rule = "a property must have a type and a name"
         raise MalformedInputError(rule, place=place, got=" ".join(words))
-    element.names.append(words[2])
-    element.types.append(np.dtype(f"{_PLY_ORDERS[encoding]}{_PLY_TYPES[words[1]]}"))
-    if len(element.names) > _MOST_PROPERTIES:
+    element.record.names.append(words[2])
+    element.record.types.append(np.dtype(f"{_PLY_ORDERS[encoding]}{_PLY_TYPES[words[1]]}"))
+    element.record.counts.append(1)
+    if len(element.record.names) > _MOST_PROPERTIES:
         raise MalformedInputError("too many properties", place=place)
 
 
-def _text_points(file: BinaryIO, path: Path) -> Iterator[Points]:
+_KITTI_RECORD = 16  # bytes: x, y, z and the reflectance
+_FARTHEST = 1e5  # metres; a KITTI file with larger coordinates does not contain points
+
+
+def _kitti_points(file: BinaryIO, _: Path) -> Iterator[Floats]:
+    size = os.fstat(file.fileno()).st_size
+    if size % _KITTI_RECORD:
+        rule = f"must have {_KITTI_RECORD} bytes for each point: x, y, z and reflectance as float32"
+        raise MalformedInputError(rule, got=f"{size} bytes")
+    while data := file.read(_KITTI_RECORD * _POINTS_TOGETHER):
+        singles = np.frombuffer(data, "<f4", len(data) // _KITTI_RECORD * 4).reshape(-1, 4)[:, :3]
+        with np.errstate(invalid="ignore"):  # conversion of a signalling nan
+            numbers = singles.astype(np.float64)
+        if (np.abs(numbers) > _FARTHEST).any():
+            rule = f"must be coordinates within {_FARTHEST:g} m, as float32"
+            raise MalformedInputError(rule, got=float(np.nanmax(np.abs(numbers))))
+        yield numbers
+
+
+def _text_points(file: BinaryIO, path: Path) -> Iterator[Floats]:
     # The first line of numbers shows the delimiter: white space, commas or semicolons. Columns are
     # x, y and z unless a line of names stands above. Lines that begin with # are skipped.
     number, start, line = first_line(file)
@@ -406,10 +420,10 @@ def _text_points(file: BinaryIO, path: Path) -> Iterator[Points]:
     yield from read_rows(file, columns, path=path, first_line=number, delimiter=delimiter)
 
 
-_READERS: dict[str, Callable[[BinaryIO, Path], Iterator[Points]]] = {
+_READERS: dict[str, Callable[[BinaryIO, Path], Iterator[Floats]]] = {
     ".pcd": _pcd_points, ".ply": _ply_points, ".xyz": _text_points, ".txt": _text_points,
     ".csv": _text_points, ".asc": _text_points, ".pts": _text_points, ".npy": _npy_points,
-    ".bt": octree_points, ".ot": octree_points, ".bin": kitti_points,
+    ".bt": octree_points, ".ot": octree_points, ".bin": _kitti_points,
 }  # fmt: skip
 
 CLOUD_SUFFIXES = (*_READERS, ".npz")  # suffixes of point clouds
@@ -430,11 +444,11 @@ def header_figures(path: Path, form: str) -> dict[str, Any]:
         encoding, elements, _ = _read_ply_header(file)
     vertices = [element for element in elements if element.name == "vertex"]
     count = sum(vertex.count for vertex in vertices)
-    fields = " ".join(name for vertex in vertices for name in vertex.names)
+    fields = " ".join(name for vertex in vertices for name in vertex.record.names)
     return {"encoding": encoding, "points": count, "fields": fields}
 
 
-def cloud_chunks(path: Path) -> Iterator[Points]:
+def cloud_chunks(path: Path) -> Iterator[Floats]:
     with recognised(path, "a point cloud", CLOUD, NUMBERS):
         check_readable(path)
         suffix = path.suffix.lower()
@@ -449,7 +463,7 @@ def cloud_chunks(path: Path) -> Iterator[Points]:
                 yield from _READERS[suffix](file, path)
 
 
-def read_cloud(path: Path | str, *, max_memory: int | None = None) -> Points:
+def read_cloud(path: Path | str, *, max_memory: int | None = None) -> Floats:
     """Read a point cloud.
 
     Parameters
