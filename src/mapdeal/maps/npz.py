@@ -21,7 +21,6 @@ from typing import IO, Any, BinaryIO, NamedTuple, cast, get_args
 
 import numpy as np
 from numpy.lib import format as npy_format
-from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError, emit_warning
 from mapdeal.files.source import PIECES, check_expansion, check_readable, claim
@@ -33,7 +32,7 @@ from mapdeal.grid.frame import Frame, Origin, check_origin, check_resolution
 from mapdeal.grid.occupancy import CloudLayers, OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import OCCUPIED, UNKNOWN, Convention
-from mapdeal.kernels.arrays import Floats
+from mapdeal.kernels.arrays import Array, Floats
 from mapdeal.kernels.blocks import CacheBudget, Layer, LazyLayer, is_lazy
 from mapdeal.maps.dialects import Dialect
 from mapdeal.maps.images import PROCESS_WIDE_LOCK
@@ -147,7 +146,7 @@ class NpzReader(ExitStack):
         row_size = width * header.dtype.itemsize
         lock = Lock()
 
-        def read(rows: slice) -> NDArray[Any]:
+        def read(rows: slice) -> Array:
             size = (rows.stop - rows.start) * row_size
             claim(self.path, size + min(PIECES, size))
             values = np.empty((rows.stop - rows.start, width), dtype=dtype)
@@ -164,7 +163,7 @@ class NpzReader(ExitStack):
         layer = LazyLayer((height, width), dtype, read, block_height=self._block_height)
         return cast("Layer", layer)
 
-    def small(self, name: str, dtype: type[np.generic], shape: tuple[int, ...]) -> NDArray[Any]:
+    def small(self, name: str, dtype: type[np.generic], shape: tuple[int, ...]) -> Array:
         header = self._checked(name, _LARGEST_SMALL_ARRAY, np.dtype(dtype), shape)
         return self._values(name, header.nbytes)
 
@@ -223,7 +222,7 @@ class NpzReader(ExitStack):
                     part = table[first : first + rows_at_once]
                 yield part[:, :columns].astype(np.float64)
 
-    def _single(self, name: str, kinds: str, description: str) -> NDArray[Any]:
+    def _single(self, name: str, kinds: str, description: str) -> Array:
         header = self._checked(name, _LARGEST_SMALL_ARRAY, shape=())
         if header.dtype.kind not in kinds or header.nbytes > _LARGEST_SMALL_ARRAY:
             raise self.error(name, f"must be {description}, is {header.dtype}")
@@ -244,7 +243,7 @@ class NpzReader(ExitStack):
     def error(self, name: str, rule: str, **details: Any) -> MalformedInputError:
         return MalformedInputError(rule, source=self.path, place=name, **details)
 
-    def _values(self, name: str, count: int) -> NDArray[Any]:
+    def _values(self, name: str, count: int) -> Array:
         with self._open_entry(name) as (file, header):
             stored = self._zip.getinfo(f"{name}.npy").compress_size
             check_expansion(self.path, stored, header.nbytes, place=name)
@@ -296,7 +295,7 @@ def _directory_size(path: Path) -> int:
     return max(wide, own if own < _SIZE_IS_IN_ZIP64 else 0)
 
 
-def _fill(array: NDArray[Any], file: IO[bytes]) -> None:
+def _fill(array: Array, file: IO[bytes]) -> None:
     """Fill a contiguous array from a file, which verifies its checksum at the end."""
     view = memoryview(array.reshape(-1).view(np.uint8).data) if array.size else memoryview(b"")
     for start in range(0, len(view), _CHUNK):
@@ -312,9 +311,7 @@ _EVIDENCE: dict[str, type[np.generic]] = {
 }  # fmt: skip
 
 
-def write_npz(
-    file: BinaryIO, grid: Grid, *, more: Mapping[str, NDArray[Any]] | None = None
-) -> None:
+def write_npz(file: BinaryIO, grid: Grid, *, more: Mapping[str, Array] | None = None) -> None:
     """Write a grid with all its layers and its geometry, and `more` layers that readers ignore."""
     entries: dict[str, Any] = {
         "format": FORMAT,
@@ -408,7 +405,7 @@ def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
         )  # fmt: skip
 
 
-def read_evidence(path: Path, *, max_cells: int | None = None) -> dict[str, NDArray[Any]]:
+def read_evidence(path: Path, *, max_cells: int | None = None) -> dict[str, Array]:
     with NpzReader(path, max_cells) as reader:
         names = reader.names()
         return {key: reader.layer(key, kind) for key, kind in _EVIDENCE.items() if key in names}
@@ -544,7 +541,7 @@ class NpzFile(MapFile):
                 slope=reader.layer("slope", np.float32), points=reader.layer("points", np.int32),
             )  # fmt: skip
 
-    def evidence(self) -> dict[str, NDArray[Any]]:
+    def evidence(self) -> dict[str, Array]:
         return read_evidence(self.path, max_cells=self._max_cells)
 
     def remark(self, grid: Grid) -> None:
@@ -555,7 +552,7 @@ class NpzFile(MapFile):
 
 def _write(
     transaction: Transaction, output: Path, grid: Grid, *,
-    more: Mapping[str, NDArray[Any]] | None = None, **_: Any,
+    more: Mapping[str, Array] | None = None, **_: Any,
 ) -> None:  # fmt: skip
     transaction.write(output, lambda file: write_npz(file, grid, more=more))
 

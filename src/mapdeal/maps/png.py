@@ -20,9 +20,8 @@ from functools import partial
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mapdeal.kernels.arrays import Bytes
+from mapdeal.kernels.arrays import Array, Bytes
 from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy
 from mapdeal.kernels.threads import ThreadPool, thread_count
 
@@ -71,7 +70,7 @@ def pieces(array: Layer) -> Iterator[Buffer]:
         yield view[start : start + PART]
 
 
-def _recut(arrays: Iterable[NDArray[Any]]) -> Iterator[Buffer]:
+def _recut(arrays: Iterable[Array]) -> Iterator[Buffer]:
     """Yield the concatenated bytes of arrays in parts of equal size."""
     remainder = b""
     for array in arrays:

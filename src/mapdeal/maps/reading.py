@@ -8,8 +8,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar, get_args, overload
 
-from numpy.typing import NDArray
-
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.files.source import status_of, use_memory
 from mapdeal.files.transaction import Transaction
@@ -18,6 +16,7 @@ from mapdeal.grid.field import DistanceField, FieldView, PotentialField
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import check_choice
+from mapdeal.kernels.arrays import Array
 from mapdeal.maps.dialects import Dialect, Mode
 from mapdeal.maps.formats import format_of, output_format
 from mapdeal.maps.kinds import MAP, recognised
@@ -135,7 +134,7 @@ def output_paths(output: Path, more: Sequence[str] = ()) -> tuple[Path, ...]:
 def write_grid(
     transaction: Transaction, output: Path, grid: Grid, *, mode: Mode | None = None,
     encoding: Encoding = "occupancy", extra: dict[str, Any] | None = None,
-    more: Mapping[str, NDArray[Any]] | None = None, painted: Painting | None = None,
+    more: Mapping[str, Array] | None = None, painted: Painting | None = None,
 ) -> None:  # fmt: skip
     """Write a grid in the format of the output's ending; fields and `more` layers need an npz."""
     # An image is `painted`, if the grid has been read from that.

@@ -17,11 +17,10 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.files.source import claim, read_file
-from mapdeal.kernels.arrays import Floats, Integers, Mask
+from mapdeal.kernels.arrays import Array, Floats, Integers, Mask
 from mapdeal.kernels.polygons import enumerated
 from mapdeal.kernels.rotations import product, rotated
 from mapdeal.kernels.sensing import decimals_in
@@ -94,7 +93,7 @@ def malformed(path: Path, rule: str, place: str, **details: Any) -> MalformedInp
 
 def numbers_in(
     text: str | None, path: Path, place: str, count: int | None = None, kind: type = float
-) -> NDArray[Any]:
+) -> Array:
     rule = f"must be {'' if count is None else f'{count} '}{'finite' if kind is float else 'whole'}"
     try:
         values = decimals_in((text or "").encode())
@@ -208,7 +207,7 @@ def _obj_parts(path: Path) -> list[Part]:
         data = data.replace(code, meaning)
     claim(path, 8 * len(data))
     corner_count = line_count = 0
-    pieces: list[tuple[NDArray[Any], ...]] = [_obj_lines(b"", 0)[:4]]
+    pieces: list[tuple[Array, ...]] = [_obj_lines(b"", 0)[:4]]
     names: list[tuple[str, ...]] = [()]  # faces before the first name have none
     for text in _pieces_of_whole_lines(data):
         try:

@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.files.source import claim
 from mapdeal.files.text import is_number
-from mapdeal.kernels.arrays import Integers
+from mapdeal.kernels.arrays import Array, Floats, Integers, Mask
 
 _DEPTH = 16  # levels of all of OctoMap's trees
 _MIDDLE = 1 << (_DEPTH - 1)  # key of the voxel whose lower corner is the origin
@@ -55,13 +54,13 @@ def read_octree_header(file: BinaryIO) -> tuple[bool, str, float]:
     return b"binary" in first, tree, float(side)
 
 
-def octree_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
+def octree_points(file: BinaryIO, path: Path) -> Iterator[Floats]:
     is_binary, tree, resolution = read_octree_header(file)
     record = np.dtype("<u2") if is_binary else _RECORDS[tree]
     size = os.fstat(file.fileno()).st_size - file.tell()
     claim(path, _BYTES_PER_NODE * (size // record.itemsize), what="the nodes of an octree")
     data = file.read(size)
-    nodes: NDArray[Any] = np.frombuffer(data, record, len(data) // record.itemsize)
+    nodes: Array = np.frombuffer(data, record, len(data) // record.itemsize)
     if not len(nodes):
         return
     leaves_by_height = list(_leaves_of_binary(nodes) if is_binary else _leaves_of_full(nodes))
@@ -77,7 +76,7 @@ def octree_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
             yield np.asarray(centres * resolution, dtype=np.float64)
 
 
-def _leaves_of_binary(nodes: NDArray[Any]) -> Iterator[tuple[int, Integers]]:
+def _leaves_of_binary(nodes: Array) -> Iterator[tuple[int, Integers]]:
     """Yield the height and the corners, in voxels, of the occupied leaves of each level.
 
     A ``.bt`` file has no nodes for leaves: two bits of the parent describe each child.
@@ -89,7 +88,7 @@ def _leaves_of_binary(nodes: NDArray[Any]) -> Iterator[tuple[int, Integers]]:
             yield height - 1, keys[parents] + (_CORNERS << height - 1)[slots]
 
 
-def _leaves_of_full(nodes: NDArray[Any]) -> Iterator[tuple[int, Integers]]:
+def _leaves_of_full(nodes: Array) -> Iterator[tuple[int, Integers]]:
     """Yield the same for a ``.ot`` file, in which each leaf has a node."""
     has_child = (nodes["children"][:, np.newaxis] >> _SLOTS) & 1 == 1
     is_occupied_leaf = ~has_child.any(axis=1) & (nodes["value"] >= 0)
@@ -97,7 +96,7 @@ def _leaves_of_full(nodes: NDArray[Any]) -> Iterator[tuple[int, Integers]]:
         yield height, keys[is_occupied_leaf[indices]]
 
 
-def _levels(has_child: NDArray[np.bool_]) -> Iterator[tuple[int, Integers, Integers]]:
+def _levels(has_child: Mask) -> Iterator[tuple[int, Integers, Integers]]:
     """Yield the height of each level, and the indices and the corners, in voxels, of its nodes.
 
     `has_child` marks the children of each node that have nodes of their own. Nodes are stored depth

@@ -19,18 +19,16 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, emit_warning
 from mapdeal.files.source import access_to, check_readable, status_of
 from mapdeal.files.text import LONGEST_LINE, delimiter_of, first_line, read_rows
 from mapdeal.grid.frame import FARTHEST
+from mapdeal.kernels.arrays import Floats
 from mapdeal.maps.kinds import SCANS, recognised
 from mapdeal.maps.npz import NpzReader
 from mapdeal.records import dataclass, field
 from mapdeal.sensors.points import read_poses, read_table
-
-Floats = NDArray[np.float64]
 
 DEFAULT_MAX_BAD = 10
 _MOST_NAMED = 3
